@@ -1,0 +1,2 @@
+def solve(system, wrench):
+    return None

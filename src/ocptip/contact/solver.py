@@ -1,0 +1,373 @@
+"""Contact states of a support: modes, forces and accelerations under given wrenches.
+
+`solve` takes one wrench, `solve_many` an array of them. Both run the automaton-governed Lemke kernel and
+return frozen results that carry their own evidence: the natural residual recomputed on the original
+data, the pivots, and a status with advice where there is no solution.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from ocptip.contact import pivoting, rational
+from ocptip.contact.support import Support
+from ocptip.errors import InputError, finite_array
+
+RESIDUAL_TOLERANCE = 1e-9
+"""Largest natural residual, relative to the largest right-hand side, of a state called solved."""
+
+REST_TOLERANCE = 1e-9
+"""Accelerations below this, relative to the free acceleration of the contacts, count as rest."""
+
+ATTEMPTS = 24
+_MAX_PIVOTS = 2000
+
+STATUS = {
+    pivoting.SOLVED: "solved",
+    pivoting.RAY: "no solution found: every path ended in a ray",
+    pivoting.PIVOT_LIMIT: "no solution found: pivot limit reached",
+    pivoting.SINGULAR: "no solution found: singular basis",
+    pivoting.INACCURATE: "no solution found: the residual stayed above the tolerance",
+}
+ADVICE = (
+    "Supports with clamps that cannot move along their normal need not have a solution; "
+    "`ocptip.contact.stability(support, wrench)` searches all modes. Otherwise check that positions, "
+    "inertia and friction are of plausible size."
+)
+
+
+@dataclass(frozen=True)
+class ContactStates:
+    """Solved states of one support, one per wrench.
+
+    Attributes:
+        support: the support.
+        wrenches: (N, 6) or planar (N, 3), N and N m about the centre of mass.
+        solved: (N,) True where a verified solution was found.
+        status_codes: (N,) kernel status, see `status`.
+        subsets: (N, n) admissible subset of each contact, -1 where not solved.
+        basic: (N, m) values of the basic variables, contact by contact in the subset's order, N
+            (accelerations are multiplied with the mass).
+        pivots: (N,) basis exchanges over all attempts.
+        attempts: (N,) which attempt succeeded: 0 warm, 1 cold, more: fallbacks; -1 exact arithmetic.
+        residual: (N,) natural residual relative to the largest right-hand side, on the original data.
+    """
+
+    support: Support
+    wrenches: np.ndarray
+    solved: np.ndarray
+    status_codes: np.ndarray
+    subsets: np.ndarray
+    basic: np.ndarray
+    pivots: np.ndarray
+    attempts: np.ndarray
+    residual: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.wrenches)
+
+    def __getitem__(self, index: int) -> ContactState:
+        return ContactState(self, range(len(self))[index])
+
+    def status(self, index: int) -> str:
+        """Status of one state as a sentence."""
+        return STATUS[int(self.status_codes[index])]
+
+    @cached_property
+    def pool_values(self) -> np.ndarray:
+        """(N, P) values of all pool variables, zero outside the active subsets."""
+        system = self.support.system
+        values = np.zeros((len(self), system.matrix.shape[1]))
+        columns = _active_columns(self.support, np.maximum(self.subsets, 0))
+        np.put_along_axis(values, columns, self.basic, axis=1)
+        return values
+
+    @cached_property
+    def contact_forces(self) -> np.ndarray:
+        """(N, n, d) forces on the base in contact axes (n, t1, t2), N."""
+        system, d = self.support.system, self.support.dimension
+        flat = self.pool_values @ system.force_matrix.T + system.force_offset
+        return flat.reshape(len(self), -1, d)
+
+    @cached_property
+    def forces(self) -> np.ndarray:
+        """(N, n, d) forces on the base in base axes, N."""
+        return np.einsum("kij,skj->ski", self.support.frames, self.contact_forces)
+
+    @cached_property
+    def contact_accelerations(self) -> np.ndarray:
+        """(N, n, d) accelerations of the contact points in contact axes (n, t1, t2), m/s^2."""
+        system, d = self.support.system, self.support.dimension
+        flat = self.pool_values @ system.acceleration_matrix.T / self.support.mass
+        return flat.reshape(len(self), -1, d)
+
+    @cached_property
+    def acceleration(self) -> np.ndarray:
+        """(N, 6) acceleration of the base: of its centre of mass (m/s^2) and angular (rad/s^2)."""
+        flat = self.contact_forces.reshape(len(self), -1)
+        support = self.support
+        return (self.wrenches + flat @ support.wrench_matrix.T) @ support.inverse_mass
+
+    @cached_property
+    def persistent(self) -> np.ndarray:
+        """(N,) True where no contact point accelerates: nothing slips, nothing lifts off."""
+        return self.solved & np.all(self._at_rest, axis=1)
+
+    @cached_property
+    def _scale(self) -> np.ndarray:
+        """(N,) largest right-hand side as an acceleration, m/s^2."""
+        rhs = self.support.system.rhs(self.wrenches)
+        return np.max(np.abs(rhs), axis=1) / self.support.mass
+
+    @cached_property
+    def _at_rest(self) -> np.ndarray:
+        largest = np.max(np.abs(self.contact_accelerations), axis=2)
+        return largest <= REST_TOLERANCE * self._scale[:, None]
+
+    def modes(self, index: int) -> list[str]:
+        """What each contact does in one state, by its accelerations: stick, slide, separate, yield."""
+        if not self.solved[index]:
+            return ["unknown"] * self.support.n_contacts
+        limit = REST_TOLERANCE * self._scale[index]
+        names = []
+        for k, contact in enumerate(self.support.contacts):
+            a = self.contact_accelerations[index, k]
+            if self._at_rest[index, k]:
+                names.append("stick")
+            elif abs(a[0]) <= limit:
+                names.append("slide")
+            else:
+                name = contact.automaton.names[self.subsets[index, k]]
+                names.append(name if name not in ("stick", "slide") else "separate")
+        return names
+
+    def force_maps(self) -> np.ndarray:
+        """Exact derivative of the contact forces with respect to the wrench in the active basis.
+
+        Returns:
+            (N, n, d, 6) in contact axes: change of force (N) per unit of wrench (N, N m). NaN where not
+            solved. Within one basis forces are affine in the wrench; where a basic variable is zero the
+            map is a one-sided derivative.
+        """
+        system, d = self.support.system, self.support.dimension
+        maps = self._basis_maps(system.force_matrix)
+        return maps.reshape(len(self), -1, d, self.support.wrench_size)
+
+    def acceleration_maps(self) -> np.ndarray:
+        """Exact derivative of the contact accelerations, (N, n, d, 6) in contact axes; as `force_maps`."""
+        system, d = self.support.system, self.support.dimension
+        maps = self._basis_maps(system.acceleration_matrix) / self.support.mass
+        return maps.reshape(len(self), -1, d, self.support.wrench_size)
+
+    def _basis_maps(self, quantity: np.ndarray) -> np.ndarray:
+        system = self.support.system
+        unique, which = self._unique_bases
+        out = np.full((len(unique), len(quantity), self.support.wrench_size), np.nan)
+        for i, subsets in enumerate(unique):
+            if subsets[0] >= 0:
+                columns = _active_columns(self.support, subsets[None])[0]
+                solution = np.linalg.solve(system.matrix[:, columns], system.rhs_matrix)
+                out[i] = quantity[:, columns] @ solution
+        return out[which]
+
+    @cached_property
+    def _unique_bases(self) -> tuple[np.ndarray, np.ndarray]:
+        unique, which = np.unique(self.subsets, axis=0, return_inverse=True)
+        return unique, which.reshape(-1)
+
+
+@dataclass(frozen=True)
+class ContactState:
+    """One solved (or honestly unsolved) state; see :class:`ContactStates` for shapes and units."""
+
+    states: ContactStates
+    index: int
+
+    @property
+    def support(self) -> Support:
+        return self.states.support
+
+    @property
+    def wrench(self) -> np.ndarray:
+        """(6,) the wrench, N and N m about the centre of mass."""
+        return self.states.wrenches[self.index]
+
+    @property
+    def solved(self) -> bool:
+        """True if a verified solution was found."""
+        return bool(self.states.solved[self.index])
+
+    @property
+    def status(self) -> str:
+        """Status as a sentence, with advice where there is no solution."""
+        text = self.states.status(self.index)
+        return text if self.solved else f"{text}. {ADVICE}"
+
+    @property
+    def persistent(self) -> bool:
+        """True if nothing slips and nothing lifts off in this solution."""
+        return bool(self.states.persistent[self.index])
+
+    @property
+    def modes(self) -> list[str]:
+        """What each contact does: stick, slide, separate or yield."""
+        return self.states.modes(self.index)
+
+    @property
+    def forces(self) -> np.ndarray:
+        """(n, d) contact forces on the base in base axes, N."""
+        return self.states.forces[self.index]
+
+    @property
+    def contact_forces(self) -> np.ndarray:
+        """(n, d) contact forces in contact axes (n, t1, t2), N."""
+        return self.states.contact_forces[self.index]
+
+    @property
+    def contact_accelerations(self) -> np.ndarray:
+        """(n, d) contact point accelerations in contact axes, m/s^2."""
+        return self.states.contact_accelerations[self.index]
+
+    @property
+    def acceleration(self) -> np.ndarray:
+        """(6,) acceleration of the base, m/s^2 and rad/s^2."""
+        return self.states.acceleration[self.index]
+
+    @property
+    def pivots(self) -> int:
+        """Basis exchanges."""
+        return int(self.states.pivots[self.index])
+
+    @property
+    def residual(self) -> float:
+        """Natural residual relative to the largest right-hand side."""
+        return float(self.states.residual[self.index])
+
+    def force_map(self) -> np.ndarray:
+        """(n, d, 6) exact derivative of `contact_forces` with respect to the wrench."""
+        return self._alone.force_maps()[0]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        return {
+            "solved": self.solved,
+            "status": self.status,
+            "persistent": self.persistent,
+            "modes": self.modes,
+            "forces": self.forces.tolist(),
+            "contact_forces": self.contact_forces.tolist(),
+            "contact_accelerations": self.contact_accelerations.tolist(),
+            "acceleration": self.acceleration.tolist(),
+            "pivots": self.pivots,
+            "residual": self.residual,
+        }
+
+    @property
+    def _alone(self) -> ContactStates:
+        return self.states if len(self.states) == 1 else take(self.states, [self.index])
+
+
+def take(states: ContactStates, indices: object) -> ContactStates:
+    """The selected states as a batch of their own."""
+    picked = {
+        name: getattr(states, name)[indices]
+        for name in (
+            "wrenches", "solved", "status_codes", "subsets", "basic", "pivots", "attempts", "residual"
+        )
+    }  # fmt: skip
+    return ContactStates(states.support, **picked)
+
+
+def solve(support: Support, wrench: object) -> ContactState:
+    """Solve the contact problem under one wrench.
+
+    Args:
+        support: the base on its contacts.
+        wrench: (6,) force (N) and moment about the centre of mass (N m) on the base, base axes, own
+            weight included (`support.wrench(loads)` adds it); (3,) for a planar support.
+
+    Raises:
+        InputError: wrong shape, NaN or infinity.
+    """
+    wrench = finite_array("wrench", wrench, (support.wrench_size,))
+    return solve_many(support, wrench[None])[0]
+
+
+def solve_many(
+    support: Support,
+    wrenches: object,
+    *,
+    warm_start: bool = True,
+    initial: ContactState | None = None,
+    exact_fallback: bool = True,
+) -> ContactStates:
+    """Solve the contact problem under many wrenches of one support.
+
+    Args:
+        support: the base on its contacts.
+        wrenches: (N, 6) or planar (N, 3), see `solve`.
+        warm_start: start each state from the basis of the one before (faster along a path; with more
+            than one solution the branch is then followed). False: every state from scratch, so that a
+            state does not depend on its neighbours.
+        initial: a solved state of the same support from whose basis the first one starts.
+        exact_fallback: solve a state on which all attempts in floating point fail in exact rational
+            arithmetic (slow, rarely needed).
+
+    Raises:
+        InputError: wrong shape, NaN or infinity, or an `initial` of another support.
+    """
+    wrenches = finite_array("wrenches", wrenches, (None, support.wrench_size))
+    system = support.system
+    count, n, m = len(wrenches), support.n_contacts, len(system.rhs_offset)
+    start = np.full(n, -1, dtype=np.int64)
+    if initial is not None:
+        if initial.support is not support:
+            raise InputError("initial: is a state of another support")
+        start = initial.states.subsets[initial.index].astype(np.int64)
+    subsets = np.full((count, n), -1, dtype=np.int64)
+    basic = np.full((count, m), np.nan)
+    status, pivots, attempts = (np.zeros(count, dtype=np.int64) for _ in range(3))
+    residual = np.full(count, np.inf)
+    force = wrenches @ system.rhs_matrix.T
+    pivoting.solve_batch(
+        system.columns_by_row, system.first_column, system.row_start,
+        system.subsets, system.subset_start, system.successor, system.entering,
+        system.start_count, system.start_first, system.start_subset, system.start_inverse,
+        force + system.rhs_offset, system.gauge, warm_start, start, _MAX_PIVOTS, ATTEMPTS,
+        system.plain_columns_by_row, force + system.plain_rhs_offset, RESIDUAL_TOLERANCE,
+        subsets, basic, status, pivots, attempts, residual,
+    )  # fmt: skip
+    if exact_fallback:
+        for i in np.flatnonzero(status != pivoting.SOLVED):
+            exact = rational.solve(system, wrenches[i])
+            if exact is not None:
+                subsets[i], basic[i], residual[i] = exact
+                if residual[i] <= RESIDUAL_TOLERANCE:
+                    status[i], attempts[i] = pivoting.SOLVED, -1
+                else:
+                    subsets[i], basic[i] = -1, np.nan
+    return ContactStates(
+        support=support,
+        wrenches=wrenches,
+        solved=status == pivoting.SOLVED,
+        status_codes=status,
+        subsets=subsets,
+        basic=basic,
+        pivots=pivots,
+        attempts=attempts,
+        residual=residual,
+    )
+
+
+def _active_columns(support: Support, subsets: np.ndarray) -> np.ndarray:
+    """(N, m) column index of every basic variable in canonical order."""
+    system = support.system
+    parts = [
+        contact.automaton.subsets[subsets[:, k]] + system.first_column[k]
+        for k, contact in enumerate(support.contacts)
+    ]
+    return np.hstack(parts)

@@ -1,0 +1,306 @@
+"""A base on its contacts: geometry, inertia and the linear system that the solver pivots on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ocptip.contact.binding import Binding
+from ocptip.errors import InputError, finite_array, positive_number
+
+STANDARD_GRAVITY = 9.81
+_RANK_TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True)
+class Load:
+    """A force and a moment on the base.
+
+    Attributes:
+        force: N, base axes, shape (3,) or (2,).
+        moment: N m, base axes, shape (3,), or a number in the plane.
+        point: where the force acts, m, base axes.
+    """
+
+    force: Sequence[float] = (0.0, 0.0, 0.0)
+    moment: Sequence[float] | float = (0.0, 0.0, 0.0)
+    point: Sequence[float] = (0.0, 0.0, 0.0)
+
+
+class Support:
+    """A rigid base that stands on contacts.
+
+    All vectors are in base axes. A wrench is the force on the base and its moment about the base's
+    centre of mass: 6 numbers (N, N m), or 3 (fx, fy, moment) for a planar support, whose axes are
+    (x, y) with positive moments from x to y.
+
+    Args:
+        contacts: the bindings, all spatial or all planar.
+        mass: of the base, kg.
+        center_of_mass: of the base, m; default the origin.
+        inertia: about the centre of mass, kg m^2: (3, 3), or three principal values, or one number in
+            the plane. It decides how a base moves that does not stand, not whether it stands. Default:
+            mass times the squared distance of the farthest contact.
+        gravity: m/s^2; default 9.81 against the last base axis.
+
+    Raises:
+        InputError: naming what is wrong.
+    """
+
+    def __init__(
+        self,
+        contacts: Sequence[Binding],
+        *,
+        mass: float = 1.0,
+        center_of_mass: Sequence[float] | None = None,
+        inertia: object = None,
+        gravity: Sequence[float] | None = None,
+    ) -> None:
+        self.contacts = tuple(contacts)
+        if not self.contacts:
+            raise InputError("contacts: a support needs at least one contact")
+        for i, contact in enumerate(self.contacts):
+            if not isinstance(contact, Binding):
+                raise InputError(f"contacts[{i}]: expected a Binding, got {type(contact).__name__}")
+            if contact.dimension != self.contacts[0].dimension:
+                raise InputError(f"contacts[{i}]: planar and spatial contacts cannot be mixed")
+        d = self.contacts[0].dimension
+        self.mass = positive_number("mass", mass)
+        if center_of_mass is None:
+            center_of_mass = np.zeros(d)
+        self.center_of_mass = finite_array("center_of_mass", center_of_mass, (d,))
+        if gravity is None:
+            gravity = [0.0] * (d - 1) + [-STANDARD_GRAVITY]
+        self.gravity = finite_array("gravity", gravity, (d,))
+        self.arms = np.array([c.position for c in self.contacts]) - self.center_of_mass
+        farthest = float(np.max(np.linalg.norm(self.arms, axis=1)))
+        self.length = farthest if farthest > 0 else 1.0
+        self.inertia = _inertia(inertia, self.mass * self.length**2, d)
+
+    @property
+    def dimension(self) -> int:
+        """3 in space, 2 in the plane."""
+        return self.contacts[0].dimension
+
+    @property
+    def wrench_size(self) -> int:
+        """6 in space, 3 in the plane."""
+        return 6 if self.dimension == 3 else 3
+
+    @property
+    def n_contacts(self) -> int:
+        """Number of contacts."""
+        return len(self.contacts)
+
+    @cached_property
+    def frames(self) -> np.ndarray:
+        """(n, d, d) contact frames, columns n, t1, t2 in base axes."""
+        return np.array([c.frame for c in self.contacts])
+
+    @cached_property
+    def wrench_matrix(self) -> np.ndarray:
+        """W: (6, 3 n) wrench about the centre of mass per contact force in contact axes; (3, 2 n) planar."""
+        d = self.dimension
+        blocks = []
+        for frame, arm in zip(self.frames, self.arms, strict=True):
+            blocks.append(np.vstack([frame, moments_of(arm, frame.T).T]))
+        return np.hstack(blocks)
+
+    @cached_property
+    def inverse_mass(self) -> np.ndarray:
+        """Inverse of M = diag(m 1, Theta), (6, 6) or (3, 3)."""
+        d = self.dimension
+        inverse = np.zeros((self.wrench_size, self.wrench_size))
+        inverse[:d, :d] = np.eye(d) / self.mass
+        inverse[d:, d:] = np.linalg.inv(self.inertia)
+        return inverse
+
+    @property
+    def weight(self) -> np.ndarray:
+        """Wrench of the base's own weight about its centre of mass."""
+        wrench = np.zeros(self.wrench_size)
+        wrench[: self.dimension] = self.mass * self.gravity
+        return wrench
+
+    def wrench(self, loads: Sequence[Load] = ()) -> np.ndarray:
+        """Wrench of the base's weight and of all loads about its centre of mass.
+
+        Raises:
+            InputError: a load with wrong shapes, NaN or infinity.
+        """
+        total = self.weight
+        d = self.dimension
+        for i, load in enumerate(loads):
+            force = finite_array(f"load[{i}].force", load.force, (d,))
+            point = finite_array(f"load[{i}].point", load.point, (d,))
+            moment = finite_array(f"load[{i}].moment", load.moment, (3,) if d == 3 else ())
+            total[:d] += force
+            total[d:] += moment + moments_of(point - self.center_of_mass, force[None])[0]
+        return total
+
+    @cached_property
+    def system(self) -> ContactSystem:
+        """The assembled linear system (3.18), built once."""
+        return ContactSystem(self)
+
+
+def moments_of(arm: np.ndarray, forces: np.ndarray) -> np.ndarray:
+    """Moments arm x force of forces (N, d), shape (N, 3), or (N, 1) in the plane (from x to y)."""
+    if len(arm) == 3:
+        return np.cross(arm, forces)
+    return (arm[0] * forces[:, 1] - arm[1] * forces[:, 0])[:, None]
+
+
+def _inertia(value: object, default: float, dimension: int) -> np.ndarray:
+    size = 3 if dimension == 3 else 1
+    if value is None:
+        return np.eye(size) * default
+    array = np.asarray(value, dtype=object)
+    if array.ndim == 0:
+        return np.eye(size) * positive_number("inertia", value)
+    if array.ndim == 1 and size == 3:
+        matrix = np.diag(finite_array("inertia", value, (3,)))
+    else:
+        matrix = finite_array("inertia", value, (size, size))
+    if not np.allclose(matrix, matrix.T, rtol=1e-9, atol=0) or np.linalg.eigvalsh(matrix)[0] <= 0:
+        raise InputError(f"inertia: must be symmetric and positive definite, got {value!r}")
+    return matrix
+
+
+class ContactSystem:
+    """The equations of all contacts in the form `matrix x = rhs(wrench)`, x >= 0.
+
+    Everything is scaled so that all quantities are forces: lengths by `length` (of the support), mass 1;
+    an acceleration variable is stored as mass times acceleration (N).
+
+    Rows: contact by contact, first the motion rows (n, t1, t2), then the binding's auxiliary rows.
+
+    Where no contact variable accelerates in some direction (clamps without normal motion), more than
+    three such contacts make the rows linearly dependent, and every basis singular. The equations then
+    leave the distribution of some forces open. `gauge` holds the free directions; adding `gauge gauge'`
+    times the force to the dependent rows turns "0 = 0" into "no force in the free directions" and
+    changes no other equation.
+
+    Attributes:
+        matrix: (m, P) the system with the gauge rows.
+        plain_matrix: (m, P) the system itself.
+        rhs_matrix: (m, 6) and rhs_offset (m,): rhs = rhs_matrix @ wrench + rhs_offset, N.
+        gauge: (m, c) orthonormal directions left open, in rows.
+        force_matrix: (d n, P) contact forces in contact axes, N, per unit of x; plus force_offset (d n,).
+        acceleration_matrix: (d n, P) mass times contact acceleration per unit of x.
+        first_column (n,), row_start (n + 1,): where each contact's columns and rows begin.
+    """
+
+    def __init__(self, support: Support) -> None:
+        self.support = support
+        d, n = support.dimension, support.n_contacts
+        columns = [c.columns for c in support.contacts]
+        sizes = [c.auxiliary.shape[0] + d for c in columns]
+        counts = [len(c.names) for c in columns]
+        self.row_start = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+        starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+        self.first_column = starts[:-1]
+        m, p = int(self.row_start[-1]), int(starts[-1])
+
+        scaling = np.ones(support.wrench_size)
+        scaling[d:] = 1.0 / support.length
+        W = scaling[:, None] * support.wrench_matrix
+        inverse_mass = support.mass * support.inverse_mass / np.outer(scaling, scaling)
+        delassus = W.T @ inverse_mass @ W
+        self.motion_rows = np.concatenate([np.arange(r, r + d) for r in self.row_start[:-1]])
+
+        self.force_matrix = np.zeros((d * n, p))
+        self.acceleration_matrix = np.zeros((d * n, p))
+        self.force_offset = np.concatenate([c.force_offset() for c in support.contacts])
+        auxiliary = np.zeros((m, p))
+        self.rhs_offset = np.zeros(m)
+        for k, (contact, c) in enumerate(zip(support.contacts, columns, strict=True)):
+            cols = slice(starts[k], starts[k + 1])
+            self.force_matrix[d * k : d * k + d, cols] = c.force
+            self.acceleration_matrix[d * k : d * k + d, cols] = c.acceleration
+            auxiliary[self.row_start[k] + d : self.row_start[k + 1], cols] = c.auxiliary
+            self.rhs_offset[self.row_start[k] + d : self.row_start[k + 1]] = contact.auxiliary_rhs()
+
+        self.plain_matrix = auxiliary
+        self.plain_matrix[self.motion_rows] = self.acceleration_matrix - delassus @ self.force_matrix
+        self.rhs_matrix = np.zeros((m, support.wrench_size))
+        self.rhs_matrix[self.motion_rows] = W.T @ inverse_mass * scaling
+        self.rhs_offset[self.motion_rows] += delassus @ self.force_offset
+        self.plain_rhs_offset = self.rhs_offset.copy()
+        self.matrix, self.gauge = self._with_gauge(columns, W, delassus)
+        self._flatten_automata()
+        self._find_start_candidates()
+
+    def rhs(self, wrenches: np.ndarray) -> np.ndarray:
+        """Right-hand sides (N, m) of wrenches (N, 6)."""
+        return wrenches @ self.rhs_matrix.T + self.rhs_offset
+
+    def _with_gauge(self, columns, W, delassus):
+        d, n = self.support.dimension, self.support.n_contacts
+        dead = []  # directions (in stacked contact axes) in which a contact cannot accelerate
+        for k, c in enumerate(columns):
+            u, s, _ = np.linalg.svd(c.acceleration)
+            for direction in u[:, int(np.sum(s > _RANK_TOLERANCE)) :].T:
+                column = np.zeros(d * n)
+                column[d * k : d * k + d] = direction
+                dead.append(column)
+        rows = len(self.rhs_offset)
+        if not dead:
+            return self.plain_matrix, np.zeros((rows, 0))
+        D = np.array(dead).T
+        u, s, _ = np.linalg.svd((W @ D).T)
+        rank = int(np.sum(s > _RANK_TOLERANCE * max(1.0, s[0])))
+        free = D @ u[:, rank:]
+        gauge = np.zeros((rows, free.shape[1]))
+        gauge[self.motion_rows] = free
+        stiffness = np.trace(delassus) / len(delassus)
+        matrix = self.plain_matrix - stiffness * gauge @ (free.T @ self.force_matrix)
+        self.rhs_offset += stiffness * gauge @ (free.T @ self.force_offset)
+        return matrix, gauge
+
+    def _flatten_automata(self) -> None:
+        automata = [c.automaton for c in self.support.contacts]
+        self.subsets = np.concatenate([a.subsets.ravel() for a in automata])
+        self.successor = np.concatenate([a.successor.ravel() for a in automata])
+        self.entering = np.concatenate([a.entering.ravel() for a in automata])
+        sizes = [a.subsets.size for a in automata]
+        self.subset_start = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64)
+
+    def _find_start_candidates(self) -> None:
+        """Per contact the modes with the most accelerations whose local block is regular."""
+        largest = int(np.max(np.diff(self.row_start)))
+        subset_ids, inverses, first, count = [], [], [], []
+        for k, contact in enumerate(self.support.contacts):
+            automaton = contact.automaton
+            moving = contact.columns.is_acceleration[automaton.subsets].sum(axis=1)
+            moving[automaton.redundant] = -1
+            rows = slice(self.row_start[k], self.row_start[k + 1])
+            size = self.row_start[k + 1] - self.row_start[k]
+            first.append(len(subset_ids))
+            for s in np.flatnonzero(moving == moving.max()):
+                block = self.matrix[rows, self.first_column[k] + automaton.subsets[s]]
+                if np.linalg.cond(block) < 1e10:
+                    inverse = np.zeros((largest, largest))
+                    inverse[:size, :size] = np.linalg.inv(block)
+                    subset_ids.append(s)
+                    inverses.append(inverse)
+            count.append(len(subset_ids) - first[-1])
+            if count[-1] == 0:
+                raise InputError(f"contacts[{k}]: no mode of this contact has independent columns")
+        self.start_subset = np.array(subset_ids, dtype=np.int64)
+        self.start_inverse = np.array(inverses)
+        self.start_first = np.array(first, dtype=np.int64)
+        self.start_count = np.array(count, dtype=np.int64)
+
+    @cached_property
+    def columns_by_row(self) -> np.ndarray:
+        """The transposed matrix, contiguous: the kernel reads whole columns."""
+        return np.ascontiguousarray(self.matrix.T)
+
+    @cached_property
+    def plain_columns_by_row(self) -> np.ndarray:
+        """The transposed matrix without gauge, contiguous."""
+        return np.ascontiguousarray(self.plain_matrix.T)

@@ -1,0 +1,83 @@
+"""The ordinary contact: no penetration, no adhesion, Coulomb friction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from ocptip.contact.automaton import Mode
+from ocptip.contact.binding import (
+    Binding,
+    ForcePiece,
+    PoolVariable,
+    edge_vectors,
+    normal_vector,
+    positive_parameters,
+    sliding_variables,
+)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class UnilateralContact(Binding):
+    """Ordinary unilateral frictional contact (3.1).
+
+    Attributes:
+        friction: Coulomb coefficient mu > 0.
+    """
+
+    kind: ClassVar[str] = "unilateral"
+
+    friction: float
+
+    def check_parameters(self) -> None:
+        positive_parameters(self, "friction")
+
+    def pool(self) -> list[PoolVariable]:
+        forces = edge_vectors(self, self.friction)
+        return [
+            PoolVariable("gn", acceleration=normal_vector(self)),
+            *sliding_variables(self),
+            *(PoolVariable(f"l{h + 1}", force=k) for h, k in enumerate(forces)),
+        ]
+
+    def modes(self) -> list[Mode]:
+        if self.planar:
+            return [
+                Mode("stick", ("l1", "l2")),
+                Mode("slide", ("g+", "l2")),
+                Mode("separate", ("gn", "g+")),
+                Mode("separate", ("gn", "g-")),
+                Mode("slide", ("g-", "l1")),
+            ]
+        s = self.facets
+        modes = [Mode("stick", fan) for fan in fan_triples(s)]
+        for h in range(1, s + 1):
+            g, g_next = f"g{h}", f"g{following(h, s)}"
+            l_before, l_here = f"l{preceding(h, s)}", f"l{h}"
+            modes.append(Mode("slide", (g, l_before, l_here)))
+            modes.append(Mode("slide", (g, g_next, l_here)))
+            modes.append(Mode("separate", ("gn", g, g_next)))
+        return modes
+
+    def force_pieces(self) -> list[ForcePiece]:
+        return [ForcePiece(0.0, np.inf, 0.0, self.friction)]
+
+
+def preceding(h: int, facets: int) -> int:
+    """Cyclic predecessor of the 1-based index h."""
+    return facets if h == 1 else h - 1
+
+
+def following(h: int, facets: int) -> int:
+    """Cyclic successor of the 1-based index h."""
+    return 1 if h == facets else h + 1
+
+
+def fan_triples(facets: int, first: int = 1) -> list[tuple[str, str, str]]:
+    """Edges of the pyramid in triples that share the edge `first`: a fan that fills the pyramid.
+
+    `first` is the number of the cone's first edge variable (S + 1 for a second cone).
+    """
+    return [(f"l{first}", f"l{first + h}", f"l{first + h + 1}") for h in range(1, facets - 1)]
