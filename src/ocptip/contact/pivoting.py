@@ -321,7 +321,7 @@ def solve_batch(
         while attempt < attempts:
             for i in range(m):
                 rhs[i] = rhs_all[state, i] / scale
-            if attempt >= 4 and gauge.shape[1] > 0:
+            if attempt >= 6 and gauge.shape[1] > 0:
                 for c in range(gauge.shape[1]):
                     w = 4.0 * _next_random(generator) - 2.0
                     for i in range(m):
@@ -332,7 +332,7 @@ def solve_batch(
                 e[i] = 0.2 + _next_random(generator) if attempt >= 3 else 1.0
                 rho[i] = 1.0 + ((i + 1) * 0.6180339887498949) % 1.0
             if attempt > 0:
-                if attempt < 5 or attempt % 2 == 1:
+                if attempt < 4:
                     _start_subsets(
                         rhs, row_start, n, start_count, start_first, start_subset, start_inverse, subset
                     )
@@ -360,7 +360,7 @@ def solve_batch(
                 status, pivots = _lemke(
                     columns, first_column, row_start, n, subsets, subset_start, successor, entering,
                     rhs, subset, element, owner, inverse, B, x, p, d, cover, e, rho,
-                    attempt == 2 or (attempt > 4 and attempt % 3 == 0), max_pivots,
+                    attempt % 2 == 0, max_pivots,
                 )  # fmt: skip
             total += pivots
             have_basis = False

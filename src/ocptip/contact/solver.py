@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.contact import pivoting, rational
+from ocptip.contact import mode_search, pivoting
 from ocptip.contact.support import Support
 from ocptip.errors import InputError, finite_array
 
@@ -23,20 +23,22 @@ RESIDUAL_TOLERANCE = 1e-9
 REST_TOLERANCE = 1e-9
 """Accelerations below this, relative to the free acceleration of the contacts, count as rest."""
 
-ATTEMPTS = 24
+NO_SOLUTION = -1
+_ATTEMPTS = 12
 _MAX_PIVOTS = 2000
 
 STATUS = {
     pivoting.SOLVED: "solved",
+    NO_SOLUTION: "no solution exists: no combination of modes satisfies the contact laws",
     pivoting.RAY: "no solution found: every path ended in a ray",
     pivoting.PIVOT_LIMIT: "no solution found: pivot limit reached",
     pivoting.SINGULAR: "no solution found: singular basis",
     pivoting.INACCURATE: "no solution found: the residual stayed above the tolerance",
 }
 ADVICE = (
-    "Supports with clamps that cannot move along their normal need not have a solution; "
-    "`ocptip.contact.stability(support, wrench)` searches all modes. Otherwise check that positions, "
-    "inertia and friction are of plausible size."
+    "Rigid bodies on clamps that cannot move along their normal need not have a solution (compare "
+    "Painleve's paradox): use a clamp that yields, smaller friction, or `stability` for what can be said. "
+    "With ordinary contacts only, check that positions, inertia and friction are of plausible size."
 )
 
 
@@ -53,7 +55,7 @@ class ContactStates:
         basic: (N, m) values of the basic variables, contact by contact in the subset's order, N
             (accelerations are multiplied with the mass).
         pivots: (N,) basis exchanges over all attempts.
-        attempts: (N,) which attempt succeeded: 0 warm, 1 cold, more: fallbacks; -1 exact arithmetic.
+        attempts: (N,) which attempt succeeded: 0 warm, 1 cold, more: other starts; -1 search of all modes.
         residual: (N,) natural residual relative to the largest right-hand side, on the original data.
     """
 
@@ -303,7 +305,7 @@ def solve_many(
     *,
     warm_start: bool = True,
     initial: ContactState | None = None,
-    exact_fallback: bool = True,
+    search: bool = True,
 ) -> ContactStates:
     """Solve the contact problem under many wrenches of one support.
 
@@ -314,8 +316,8 @@ def solve_many(
             than one solution the branch is then followed). False: every state from scratch, so that a
             state does not depend on its neighbours.
         initial: a solved state of the same support from whose basis the first one starts.
-        exact_fallback: solve a state on which all attempts in floating point fail in exact rational
-            arithmetic (slow, rarely needed).
+        search: where pivoting finds no solution (possible with clamps only), search all modes by
+            branch and bound: slower, but it ends with a solution or with the proof that there is none.
 
     Raises:
         InputError: wrong shape, NaN or infinity, or an `initial` of another support.
@@ -337,19 +339,19 @@ def solve_many(
         system.columns_by_row, system.first_column, system.row_start,
         system.subsets, system.subset_start, system.successor, system.entering,
         system.start_count, system.start_first, system.start_subset, system.start_inverse,
-        force + system.rhs_offset, system.gauge, warm_start, start, _MAX_PIVOTS, ATTEMPTS,
+        force + system.rhs_offset, system.gauge, warm_start, start, _MAX_PIVOTS, _ATTEMPTS,
         system.plain_columns_by_row, force + system.plain_rhs_offset, RESIDUAL_TOLERANCE,
         subsets, basic, status, pivots, attempts, residual,
     )  # fmt: skip
-    if exact_fallback:
+    if search:
         for i in np.flatnonzero(status != pivoting.SOLVED):
-            exact = rational.solve(system, wrenches[i])
-            if exact is not None:
-                subsets[i], basic[i], residual[i] = exact
-                if residual[i] <= RESIDUAL_TOLERANCE:
-                    status[i], attempts[i] = pivoting.SOLVED, -1
-                else:
-                    subsets[i], basic[i] = -1, np.nan
+            found = mode_search.find_solution(system, wrenches[i])
+            attempts[i] = -1
+            if found.status == mode_search.FOUND:
+                status[i] = pivoting.SOLVED
+                subsets[i], basic[i], residual[i] = found.subsets, found.basic, found.residual
+            elif found.status == mode_search.EXHAUSTED:
+                status[i] = NO_SOLUTION
     return ContactStates(
         support=support,
         wrenches=wrenches,

@@ -103,7 +103,6 @@ class Support:
     @cached_property
     def wrench_matrix(self) -> np.ndarray:
         """W: (6, 3 n) wrench about the centre of mass per contact force in contact axes; (3, 2 n) planar."""
-        d = self.dimension
         blocks = []
         for frame, arm in zip(self.frames, self.arms, strict=True):
             blocks.append(np.vstack([frame, moments_of(arm, frame.T).T]))
