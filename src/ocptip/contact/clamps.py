@@ -21,7 +21,7 @@ from ocptip.contact.binding import (
     positive_parameters,
     sliding_variables,
 )
-from ocptip.contact.unilateral import fan_triples, following, preceding
+from ocptip.contact.unilateral import following, preceding, stick_triples
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -69,7 +69,7 @@ class RigidClamp(_Clamp):
             ring = [("l1", "l2"), ("g+", "l2"), ("g+", "l4"), ("l3", "l4"), ("g-", "l3"), ("g-", "l1")]
             return [Mode("stick" if e[0].startswith("l") else "slide", e) for e in ring]
         s = self.facets
-        modes = [Mode("stick", fan) for first in (1, s + 1) for fan in fan_triples(s, first)]
+        modes = [Mode("stick", triple) for first in (1, s + 1) for triple in stick_triples(s, first)]
         for h in range(1, s + 1):
             g, g_next = f"g{h}", f"g{following(h, s)}"
             for shift in (0, s):
@@ -120,7 +120,7 @@ class ForceVariableHalfRigidClamp(_PreloadedClamp):
                 Mode("redundant", ("g+", "lo", "le"), redundant=True),
             ]
         s = self.facets
-        modes = [Mode("stick", (*fan, extra)) for fan in fan_triples(s) for extra in ("le", "lb")]
+        modes = [Mode("stick", (*triple, extra)) for triple in stick_triples(s) for extra in ("le", "lb")]
         for h in range(1, s + 1):
             g, g_next = f"g{h}", f"g{following(h, s)}"
             l_before, l_here = f"l{preceding(h, s)}", f"l{h}"
@@ -176,8 +176,8 @@ class ForceConstantHalfRigidClamp(_PreloadedClamp):
                 Mode("redundant", ("g+", "gn", "lb"), redundant=True),
             ]
         s = self.facets
-        modes = [Mode("stick", (*fan, "lb")) for fan in fan_triples(s)]
-        modes += [Mode("separate", ("gn", *fan)) for fan in fan_triples(s)]
+        modes = [Mode("stick", (*triple, "lb")) for triple in stick_triples(s)]
+        modes += [Mode("separate", ("gn", *triple)) for triple in stick_triples(s)]
         for h in range(1, s + 1):
             g, g_next = f"g{h}", f"g{following(h, s)}"
             l_before, l_here = f"l{preceding(h, s)}", f"l{h}"
@@ -256,7 +256,9 @@ class _TwoSidedClamp(_PreloadedClamp):
         s = self.facets
         modes = []
         for first, extra in ((1, upper_extra), (s + 1, lower_extra)):
-            modes += [Mode("stick", (*fan, e)) for fan in fan_triples(s, first) for e in (extra, "lb")]
+            modes += [
+                Mode("stick", (*triple, e)) for triple in stick_triples(s, first) for e in (extra, "lb")
+            ]
         for h in range(1, s + 1):
             g, g_next = f"g{h}", f"g{following(h, s)}"
             before, here = preceding(h, s), h

@@ -20,192 +20,242 @@ import numpy as np
 
 SOLVED, RAY, PIVOT_LIMIT, SINGULAR, INACCURATE = 0, 1, 2, 3, 4
 
+_ZERO = 1e-13
+_SINGULAR_TOLERANCE = 1e-11
 _PIVOT_TOLERANCE = 1e-9
 _TIE_TOLERANCE = 1e-10
 _NEGATIVE_TOLERANCE = 1e-10
-_REFACTOR_EVERY = 24
+_REFACTOR_EVERY = 64
+_CRASH_CONTACTS = 3
+_CRASH_PIVOT = 1e-3
 
 
-@numba.njit(cache=True)
-def _load_basis(columns, first_column, row_start, n, subset, subsets, subset_start, element, owner, B):
-    """Fill the basis matrix of the current subsets, slots in canonical order (contact by contact)."""
+@numba.njit(cache=True, error_model="numpy")
+def _load_basis(row_start, n, subset, subsets, subset_start, element, owner):
+    """Put the current subsets into the slots, in canonical order (contact by contact)."""
     for k in range(n):
         size = row_start[k + 1] - row_start[k]
         base = subset_start[k] + subset[k] * size
         for place in range(size):
-            slot = row_start[k] + place
-            e = subsets[base + place]
-            element[slot] = e
-            owner[slot] = k
-            for i in range(B.shape[0]):
-                B[i, slot] = columns[first_column[k] + e, i]
+            element[row_start[k] + place] = subsets[base + place]
+            owner[row_start[k] + place] = k
 
 
-@numba.njit(cache=True)
-def _fill_from_slots(columns, first_column, element, owner, cover, B):
-    """Fill the basis matrix from the slots as they are; owner -1 is the artificial variable."""
-    m = B.shape[0]
+@numba.njit(cache=True, error_model="numpy")
+def _factorise(columns, first_column, element, owner, cover, basis_t, inverse_t):
+    """Invert the basis of the current slots (owner -1: the artificial variable) by Gauss-Jordan.
+
+    Both matrices are kept transposed, so that rows of memory are columns of the basis. Returns False if
+    the basis is singular.
+    """
+    m = basis_t.shape[0]
     for slot in range(m):
         if owner[slot] < 0:
             for i in range(m):
-                B[i, slot] = -cover[i]
+                basis_t[slot, i] = -cover[i]
         else:
             c = first_column[owner[slot]] + element[slot]
             for i in range(m):
-                B[i, slot] = columns[c, i]
-
-
-@numba.njit(cache=True)
-def _invert(B, inverse):
-    """Gauss-Jordan inverse with partial pivoting; destroys B. Returns False if B is singular."""
-    m = B.shape[0]
-    for i in range(m):
-        for j in range(m):
-            inverse[i, j] = 0.0
-        inverse[i, i] = 1.0
+                basis_t[slot, i] = columns[c, i]
+        for i in range(inverse_t.shape[1]):
+            inverse_t[slot, i] = 0.0
+        inverse_t[slot, slot] = 1.0
     for c in range(m):
-        best, row = abs(B[c, c]), c
+        best, row = abs(basis_t[c, c]), c
         for i in range(c + 1, m):
-            if abs(B[i, c]) > best:
-                best, row = abs(B[i, c]), i
-        if best < 1e-11:
+            if abs(basis_t[i, c]) > best:
+                best, row = abs(basis_t[i, c]), i
+        if best < _SINGULAR_TOLERANCE:
             return False
         if row != c:
             for j in range(m):
-                t = B[c, j]
-                B[c, j] = B[row, j]
-                B[row, j] = t
-                t = inverse[c, j]
-                inverse[c, j] = inverse[row, j]
-                inverse[row, j] = t
-        f = 1.0 / B[c, c]
+                t = basis_t[c, j]
+                basis_t[c, j] = basis_t[row, j]
+                basis_t[row, j] = t
+                t = inverse_t[c, j]
+                inverse_t[c, j] = inverse_t[row, j]
+                inverse_t[row, j] = t
+        f = 1.0 / basis_t[c, c]
         for j in range(m):
-            B[c, j] *= f
-            inverse[c, j] *= f
+            basis_t[c, j] *= f
+            inverse_t[c, j] *= f
         for i in range(m):
-            if i != c:
-                f = B[i, c]
-                if f != 0.0:
-                    for j in range(c, m):
-                        B[i, j] -= f * B[c, j]
-                    for j in range(m):
-                        inverse[i, j] -= f * inverse[c, j]
+            f = basis_t[i, c]
+            if i != c and f != 0.0:
+                for j in range(c, m):
+                    basis_t[i, j] -= f * basis_t[c, j]
+                for j in range(m):
+                    inverse_t[i, j] -= f * inverse_t[c, j]
     return True
 
 
-@numba.njit(cache=True)
-def _times(A, b, out):
-    m = A.shape[0]
-    for i in range(m):
-        s = 0.0
-        for j in range(A.shape[1]):
-            s += A[i, j] * b[j]
-        out[i] = s
+@numba.njit(cache=True, error_model="numpy")
+def _choose_start(rhs, row_start, start_count, start_first, start_inverse, negative, choice):
+    """For each contact the start candidate whose own local solution is least negative.
 
-
-@numba.njit(cache=True)
-def _start_subsets(rhs, row_start, n, start_count, start_first, start_subset, start_inverse, subset):
-    """For each contact the start subset whose own local solution is least negative."""
-    for k in range(n):
-        r0 = row_start[k]
+    `start_inverse` is (rows, columns, candidates): the candidates are the contiguous index.
+    """
+    for k in range(choice.shape[0]):
+        r0, c0, count = row_start[k], start_first[k], start_count[k]
         size = row_start[k + 1] - r0
-        best = np.inf
-        for c in range(start_first[k], start_first[k] + start_count[k]):
-            negative = 0.0
-            for i in range(size):
-                s = 0.0
-                for j in range(size):
-                    s += start_inverse[c, i, j] * rhs[r0 + j]
-                if s < 0.0:
-                    negative -= s
-            if negative < best:
-                best = negative
-                subset[k] = start_subset[c]
+        for c in range(count):
+            negative[c] = 0.0
+        for i in range(size):
+            for c in range(count):
+                value = start_inverse[i, 0, c0 + c] * rhs[r0]
+                for j in range(1, size):
+                    value += start_inverse[i, j, c0 + c] * rhs[r0 + j]
+                negative[c] -= value if value < 0.0 else 0.0
+        best = 0
+        for c in range(1, count):
+            if negative[c] < negative[best]:
+                best = c
+        choice[k] = c0 + best
 
 
-@numba.njit(cache=True)
-def _pivot(inverse, x, p, d, r):
+@numba.njit(cache=True, error_model="numpy")
+def _block_inverse(row_start, choice, start_inverse, inverse_t):
+    """Inverse of a start basis in which every contact has columns in its own rows only."""
+    for j in range(inverse_t.shape[0]):
+        for i in range(inverse_t.shape[1]):
+            inverse_t[j, i] = 0.0
+    for k in range(choice.shape[0]):
+        r0 = row_start[k]
+        for i in range(row_start[k + 1] - r0):
+            for j in range(row_start[k + 1] - r0):
+                inverse_t[r0 + j, r0 + i] = start_inverse[i, j, choice[k]]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _press(
+    columns, first_column, row_start, subsets, subset_start, successor, entering,
+    lifts, subset, element, owner, inverse_t, x, p, d,
+):  # fmt: skip
+    """Let the most negative normal accelerations of up to three contacts leave before the method begins.
+
+    From "everything lifts off" this closes the three contacts that are pressed most; Lemke's path from
+    there is about half as long. Any regular basis of admissible subsets is a valid start.
+    """
+    m = row_start[-1]
+    for _ in range(_CRASH_CONTACTS):
+        r, worst = -1, -_ZERO
+        for i in range(m):
+            if x[i] < worst and lifts[first_column[owner[i]] + element[i]]:
+                r, worst = i, x[i]
+        if r < 0:
+            return
+        k = owner[r]
+        size = row_start[k + 1] - row_start[k]
+        place = subset_start[k] + subset[k] * size
+        while subsets[place] != element[r]:
+            place += 1
+        _image(inverse_t, columns[first_column[k] + entering[place]], d)
+        if abs(d[r]) < _CRASH_PIVOT:
+            return
+        element[r] = entering[place]
+        subset[k] = successor[place]
+        _pivot(inverse_t, x, p, d, r)
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _image(inverse_t, a, d):
+    """d = inverse @ a with the inverse stored transposed: whole columns are added, zeros of a skipped."""
+    width = d.shape[0]
+    for i in range(width):
+        d[i] = 0.0
+    for j in range(a.shape[0]):
+        f = a[j]
+        if f != 0.0:
+            for i in range(width):
+                d[i] += f * inverse_t[j, i]
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _pivot(inverse_t, x, p, d, r):
     """Replace slot r by the column whose image is d, in the inverse and in the two right-hand sides."""
-    m = x.shape[0]
+    width = d.shape[0]
     f = 1.0 / d[r]
-    for j in range(m):
-        inverse[r, j] *= f
-    x[r] *= f
-    p[r] *= f
-    for i in range(m):
-        if i != r:
-            g = d[i]
-            if g != 0.0:
-                for j in range(m):
-                    inverse[i, j] -= g * inverse[r, j]
-                x[i] -= g * x[r]
-                p[i] -= g * p[r]
+    keep = d[r]
+    d[r] = 0.0
+    for j in range(inverse_t.shape[0]):
+        g = inverse_t[j, r]
+        if g != 0.0:
+            g *= f
+            for i in range(width):
+                inverse_t[j, i] -= g * d[i]
+            inverse_t[j, r] = g
+    g = x[r] * f
+    for i in range(width):
+        x[i] -= g * d[i]
+    x[r] = g
+    g = p[r] * f
+    for i in range(width):
+        p[i] -= g * d[i]
+    p[r] = g
+    d[r] = keep
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _lemke(
-    columns, first_column, row_start, n, subsets, subset_start, successor, entering,
-    rhs, subset, element, owner, inverse, B, x, p, d, cover, e, rho, largest_pivot, max_pivots,
+    columns, first_column, row_start, subsets, subset_start, successor, entering, rhs,
+    subset, element, owner, inverse_t, basis_t, x, p, d, cover, e, rho, largest_pivot, max_pivots,
 ):  # fmt: skip
     """Pivot from the current (inverted) basis until the artificial variable leaves.
 
     Returns (status, pivots). On SOLVED the slots hold a complementary basis.
     """
-    m = x.shape[0]
-    # the artificial variable enters: B x - cover z0 = rhs, cover = B0 e
-    r = -1
+    m, width = row_start[-1], x.shape[0]
+    ratio = np.empty(width)
+    # the artificial variable enters: B x - cover z0 = rhs with cover = B0 e; worst row leaves
     z0 = 0.0
     for i in range(m):
         if x[i] < 0.0 and -x[i] / e[i] > z0:
             z0 = -x[i] / e[i]
+    artificial = -1
     best = np.inf
     for i in range(m):
         if x[i] < 0.0 and -x[i] / e[i] >= z0 - _TIE_TOLERANCE and rho[i] / e[i] < best:
             best = rho[i] / e[i]
-            r = i
-    if r < 0:
-        return SOLVED, 0
+            artificial = i
     for i in range(m):
+        cover[i] = 0.0
         p[i] = rho[i]
         d[i] = -e[i]
-    leaving_contact, leaving_element = owner[r], element[r]
-    _pivot(inverse, x, p, d, r)
-    owner[r] = -1
-    artificial = r
+    for slot in range(m):
+        c = first_column[owner[slot]] + element[slot]
+        for i in range(m):
+            cover[i] += columns[c, i] * e[slot]
+    leaving_contact, leaving_element = owner[artificial], element[artificial]
+    _pivot(inverse_t, x, p, d, artificial)
+    owner[artificial] = -1
     pivots = 1
-    since_refactor = 0
     while pivots < max_pivots:
         k = leaving_contact
         size = row_start[k + 1] - row_start[k]
-        base = subset_start[k] + subset[k] * size
-        place = 0
-        while subsets[base + place] != leaving_element:
+        place = subset_start[k] + subset[k] * size
+        while subsets[place] != leaving_element:
             place += 1
-        new_element = entering[base + place]
-        subset[k] = successor[base + place]
+        new_element = entering[place]
+        subset[k] = successor[place]
 
-        a = columns[first_column[k] + new_element]
-        dmax = 0.0
+        _image(inverse_t, columns[first_column[k] + new_element], d)
+        dmax = 1.0
         for i in range(m):
-            s = 0.0
-            for j in range(m):
-                s += inverse[i, j] * a[j]
-            d[i] = s
-            if s > dmax:
-                dmax = s
-        limit = _PIVOT_TOLERANCE * max(1.0, dmax)
+            if d[i] > dmax:
+                dmax = d[i]
+        limit = _PIVOT_TOLERANCE * dmax
         theta = np.inf
+        for i in range(width):  # branch-free, so that it is vectorised
+            value = x[i] if x[i] > 0.0 else 0.0
+            ratio[i] = value / d[i] if d[i] > limit else np.inf
         for i in range(m):
-            if d[i] > limit:
-                t = max(x[i], 0.0) / d[i]
-                if t < theta:
-                    theta = t
+            theta = ratio[i] if ratio[i] < theta else theta
         if theta == np.inf:
             return RAY, pivots
         r = -1
         best = np.inf
         for i in range(m):
-            if d[i] > limit and max(x[i], 0.0) - theta * d[i] <= _TIE_TOLERANCE:
+            if ratio[i] < np.inf and (ratio[i] - theta) * d[i] <= _TIE_TOLERANCE:
                 if i == artificial:
                     r = i
                     break
@@ -214,46 +264,43 @@ def _lemke(
                     best = key
                     r = i
         leaving_contact, leaving_element = owner[r], element[r]
-        _pivot(inverse, x, p, d, r)
+        _pivot(inverse_t, x, p, d, r)
         owner[r] = k
         element[r] = new_element
         pivots += 1
         if leaving_contact < 0:
             return SOLVED, pivots
-        since_refactor += 1
-        if since_refactor == _REFACTOR_EVERY:
-            since_refactor = 0
-            _fill_from_slots(columns, first_column, element, owner, cover, B)
-            if not _invert(B, inverse):
+        if pivots % _REFACTOR_EVERY == 0:
+            if not _factorise(columns, first_column, element, owner, cover, basis_t, inverse_t):
                 return SINGULAR, pivots
-            _times(inverse, rhs, x)
+            _image(inverse_t, rhs, x)
     return PIVOT_LIMIT, pivots
 
 
-@numba.njit(cache=True)
-def _polish(columns, first_column, element, owner, inverse, rhs, x, work):
-    """One step of iterative refinement of x on the columns themselves; returns the smallest x."""
-    m = x.shape[0]
-    _times(inverse, rhs, x)
+@numba.njit(cache=True, error_model="numpy")
+def _polish(columns, first_column, element, owner, inverse_t, rhs, x, d, work):
+    """Basic values of the current basis with iterative refinement; returns the smallest."""
+    m = element.shape[0]
+    _image(inverse_t, rhs, x)
     for _ in range(2):
         for i in range(m):
             work[i] = rhs[i]
         for slot in range(m):
-            c = first_column[owner[slot]] + element[slot]
             v = x[slot]
-            for i in range(m):
-                work[i] -= columns[c, i] * v
+            if v != 0.0:
+                c = first_column[owner[slot]] + element[slot]
+                for i in range(m):
+                    work[i] -= columns[c, i] * v
         worst = 0.0
         for i in range(m):
-            if abs(work[i]) > worst:
-                worst = abs(work[i])
-        if worst < 1e-15:
+            worst = max(worst, abs(work[i]))
+        if worst < 2e-16:
             break
+        _image(inverse_t, work, d)
         for i in range(m):
-            s = 0.0
-            for j in range(m):
-                s += inverse[i, j] * work[j]
-            x[i] += s
+            x[i] += d[i]
+        if worst < 1e-13:
+            break
     smallest = np.inf
     for i in range(m):
         if not x[i] >= smallest:
@@ -261,18 +308,18 @@ def _polish(columns, first_column, element, owner, inverse, rhs, x, work):
     return smallest
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _next_random(state):
     """Deterministic uniform numbers in [0, 1) (a linear congruential generator, 53 bits)."""
     state[0] = state[0] * np.uint64(6364136223846793005) + np.uint64(1442695040888963407)
     return np.float64(state[0] >> np.uint64(11)) / 9007199254740992.0
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def solve_batch(
     columns, first_column, row_start, subsets, subset_start, successor, entering,
-    start_count, start_first, start_subset, start_inverse,
-    rhs_all, gauge, warm, initial, max_pivots, attempts, check_matrix, check_rhs, tolerance,
+    start_count, start_first, start_subset, start_inverse, block_start, lifts,
+    rhs_all, hints, gauge, warm, initial, max_pivots, attempts, check_matrix, check_rhs, tolerance,
     out_subset, out_x, out_status, out_pivots, out_attempt, out_residual,
 ):  # fmt: skip
     """Solve many right-hand sides of one system.
@@ -283,8 +330,11 @@ def solve_batch(
         row_start: (n + 1,) first row (and slot) of each contact.
         subsets, successor, entering: automata of all contacts, flattened; contact k begins at
             `subset_start[k]`.
-        start_*: candidates for the start basis with the inverses of their local blocks.
+        start_*: candidates for the start basis with the inverses of their local blocks (see
+            `_choose_start`); `block_start` if no candidate has entries outside its contact's rows.
+        lifts: (P,) True for variables that accelerate a contact along its normal.
         rhs_all: (N, m) right-hand sides (not scaled).
+        hints: (N, m) right-hand sides by which the first start basis is chosen.
         gauge: (m, c) directions in which the right-hand side may be shifted without changing the physics
             (distribution of forces that the equations leave open); used by the later attempts.
         warm: start from the previous state's basis; the first one from `initial` if initial[0] >= 0.
@@ -296,81 +346,84 @@ def solve_batch(
     """
     n = first_column.shape[0]
     m = row_start[n]
-    count = rhs_all.shape[0]
-    inverse, B = np.empty((m, m)), np.empty((m, m))
-    x, p, d, e, rho, cover = np.empty(m), np.empty(m), np.empty(m), np.empty(m), np.empty(m), np.empty(m)
-    rhs, work = np.empty(m), np.empty(m)
+    width = (m + 7) // 8 * 8  # padded with zeros: the vector loops then have no remainder
+    inverse_t, basis_t = np.zeros((m, width)), np.empty((m, m))
+    x, p, d = np.zeros(width), np.zeros(width), np.zeros(width)
+    e, rho, cover, rhs, work = np.empty(m), np.empty(m), np.empty(m), np.empty(m), np.empty(m)
     element, owner, subset = np.empty(m, np.int64), np.empty(m, np.int64), np.empty(n, np.int64)
-    generator = np.empty(1, np.uint64)
+    generator, choice = np.empty(1, np.uint64), np.empty(n, np.int64)
+    negative = np.empty(np.max(start_count))
+    for i in range(m):
+        rho[i] = 1.0 + ((i + 1) * 0.6180339887498949) % 1.0
     have_basis = False
     if warm and initial[0] >= 0:
         for k in range(n):
             subset[k] = initial[k]
-        _load_basis(columns, first_column, row_start, n, subset, subsets, subset_start, element, owner, B)
-        have_basis = _invert(B, inverse)
+        _load_basis(row_start, n, subset, subsets, subset_start, element, owner)
+        have_basis = _factorise(columns, first_column, element, owner, cover, basis_t, inverse_t)
 
-    for state in range(count):
+    for state in range(rhs_all.shape[0]):
         scale = 0.0
         for i in range(m):
             scale = max(scale, abs(rhs_all[state, i]))
         if scale == 0.0:
             scale = 1.0
         generator[0] = np.uint64(20091)
-        status, total, attempt = INACCURATE, 0, 0
+        status, total = INACCURATE, 0
+        attempt = 0 if warm and have_basis else 1
         residual = np.inf
         while attempt < attempts:
             for i in range(m):
                 rhs[i] = rhs_all[state, i] / scale
-            if attempt >= 6 and gauge.shape[1] > 0:
+                e[i] = 0.2 + _next_random(generator) if attempt >= 3 else 1.0
+            if attempt >= 6:
                 for c in range(gauge.shape[1]):
                     w = 4.0 * _next_random(generator) - 2.0
                     for i in range(m):
                         rhs[i] += w * gauge[i, c]
-            if attempt == 0 and not (warm and have_basis):
-                attempt = 1
-            for i in range(m):
-                e[i] = 0.2 + _next_random(generator) if attempt >= 3 else 1.0
-                rho[i] = 1.0 + ((i + 1) * 0.6180339887498949) % 1.0
             if attempt > 0:
                 if attempt < 4:
-                    _start_subsets(
-                        rhs, row_start, n, start_count, start_first, start_subset, start_inverse, subset
-                    )
+                    for i in range(m):
+                        work[i] = hints[state, i] if attempt == 1 else rhs[i]
+                    _choose_start(work, row_start, start_count, start_first, start_inverse, negative, choice)
                 else:
                     for k in range(n):
-                        subset[k] = start_subset[
-                            start_first[k] + int(_next_random(generator) * start_count[k])
-                        ]
-                _load_basis(
-                    columns, first_column, row_start, n, subset, subsets, subset_start, element, owner, B
-                )
-                if not _invert(B, inverse):
+                        choice[k] = start_first[k] + int(_next_random(generator) * start_count[k])
+                for k in range(n):
+                    subset[k] = start_subset[choice[k]]
+                _load_basis(row_start, n, subset, subsets, subset_start, element, owner)
+                if block_start:
+                    _block_inverse(row_start, choice, start_inverse, inverse_t)
+                elif not _factorise(columns, first_column, element, owner, cover, basis_t, inverse_t):
                     status = SINGULAR
-                    attempt += 1
                     have_basis = False
+                    attempt += 1
                     continue
-            _times(inverse, rhs, x)
+            _image(inverse_t, rhs, x)
+            if attempt == 1:
+                _press(
+                    columns, first_column, row_start, subsets, subset_start, successor, entering,
+                    lifts, subset, element, owner, inverse_t, x, p, d,
+                )  # fmt: skip
             worst = 0.0
             for i in range(m):
                 worst = min(worst, x[i])
             status, pivots = SOLVED, 0
-            if worst < -1e-13:
-                _fill_from_slots(columns, first_column, element, owner, cover, B)
-                _times(B, e, cover)
+            if worst < -_ZERO:
                 status, pivots = _lemke(
-                    columns, first_column, row_start, n, subsets, subset_start, successor, entering,
-                    rhs, subset, element, owner, inverse, B, x, p, d, cover, e, rho,
+                    columns, first_column, row_start, subsets, subset_start, successor, entering, rhs,
+                    subset, element, owner, inverse_t, basis_t, x, p, d, cover, e, rho,
                     attempt % 2 == 0, max_pivots,
                 )  # fmt: skip
             total += pivots
             have_basis = False
             if status == SOLVED:
-                smallest = _polish(columns, first_column, element, owner, inverse, rhs, x, work)
-                if not smallest >= -_NEGATIVE_TOLERANCE:
-                    # the updated inverse may have drifted: factorise afresh before giving up
-                    _fill_from_slots(columns, first_column, element, owner, cover, B)
-                    if _invert(B, inverse):
-                        smallest = _polish(columns, first_column, element, owner, inverse, rhs, x, work)
+                smallest = _polish(columns, first_column, element, owner, inverse_t, rhs, x, d, work)
+                # the updated inverse may have drifted: factorise afresh before giving up
+                if not smallest >= -_NEGATIVE_TOLERANCE and _factorise(
+                    columns, first_column, element, owner, cover, basis_t, inverse_t
+                ):
+                    smallest = _polish(columns, first_column, element, owner, inverse_t, rhs, x, d, work)
                 residual = 0.0 if smallest >= 0.0 else -smallest
                 for i in range(m):
                     work[i] = check_rhs[state, i] / scale

@@ -339,7 +339,9 @@ def solve_many(
         system.columns_by_row, system.first_column, system.row_start,
         system.subsets, system.subset_start, system.successor, system.entering,
         system.start_count, system.start_first, system.start_subset, system.start_inverse,
-        force + system.rhs_offset, system.gauge, warm_start, start, _MAX_PIVOTS, _ATTEMPTS,
+        system.block_start, system.lifts,
+        force + system.rhs_offset, wrenches @ system.hint_matrix.T, system.gauge, warm_start, start,
+        _MAX_PIVOTS, _ATTEMPTS,
         system.plain_columns_by_row, force + system.plain_rhs_offset, RESIDUAL_TOLERANCE,
         subsets, basic, status, pivots, attempts, residual,
     )  # fmt: skip

@@ -272,6 +272,7 @@ class ContactSystem:
         """Per contact the modes with the most accelerations whose local block is regular."""
         largest = int(np.max(np.diff(self.row_start)))
         subset_ids, inverses, first, count = [], [], [], []
+        self.block_start = True
         for k, contact in enumerate(self.support.contacts):
             automaton = contact.automaton
             moving = contact.columns.is_acceleration[automaton.subsets].sum(axis=1)
@@ -280,19 +281,30 @@ class ContactSystem:
             size = self.row_start[k + 1] - self.row_start[k]
             first.append(len(subset_ids))
             for s in np.flatnonzero(moving == moving.max()):
-                block = self.matrix[rows, self.first_column[k] + automaton.subsets[s]]
+                columns = self.matrix[:, self.first_column[k] + automaton.subsets[s]]
+                block = columns[rows]
                 if np.linalg.cond(block) < 1e10:
                     inverse = np.zeros((largest, largest))
                     inverse[:size, :size] = np.linalg.inv(block)
                     subset_ids.append(s)
                     inverses.append(inverse)
+                    self.block_start &= np.count_nonzero(columns) == np.count_nonzero(block)
             count.append(len(subset_ids) - first[-1])
             if count[-1] == 0:
                 raise InputError(f"contacts[{k}]: no mode of this contact has independent columns")
         self.start_subset = np.array(subset_ids, dtype=np.int64)
-        self.start_inverse = np.array(inverses)
+        self.start_inverse = np.ascontiguousarray(np.moveaxis(inverses, 0, -1))
         self.start_first = np.array(first, dtype=np.int64)
         self.start_count = np.array(count, dtype=np.int64)
+        self.lifts = np.any(self.acceleration_matrix[:: self.support.dimension] > 0, axis=0)
+        # sliding is guessed to go against the forces of a base that is glued to the ground
+        d = self.support.dimension
+        tangential = np.ones(len(self.motion_rows), dtype=bool)
+        tangential[::d] = False
+        self.hint_matrix = self.rhs_matrix.copy()
+        self.hint_matrix[self.motion_rows[tangential]] = np.linalg.pinv(self.support.wrench_matrix)[
+            tangential
+        ]
 
     @cached_property
     def columns_by_row(self) -> np.ndarray:

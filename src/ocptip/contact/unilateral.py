@@ -52,7 +52,7 @@ class UnilateralContact(Binding):
                 Mode("slide", ("g-", "l1")),
             ]
         s = self.facets
-        modes = [Mode("stick", fan) for fan in fan_triples(s)]
+        modes = [Mode("stick", triple) for triple in stick_triples(s)]
         for h in range(1, s + 1):
             g, g_next = f"g{h}", f"g{following(h, s)}"
             l_before, l_here = f"l{preceding(h, s)}", f"l{h}"
@@ -75,9 +75,29 @@ def following(h: int, facets: int) -> int:
     return 1 if h == facets else h + 1
 
 
-def fan_triples(facets: int, first: int = 1) -> list[tuple[str, str, str]]:
-    """Edges of the pyramid in triples that share the edge `first`: a fan that fills the pyramid.
+def stick_triples(facets: int, first: int = 1) -> list[tuple[str, str, str]]:
+    """Edges of the pyramid in triples that fill it: a triangulation of its cross-section.
 
-    `first` is the number of the cone's first edge variable (S + 1 for a second cone).
+    Any triangulation gives a closed mode list with S - 2 stick modes. The source takes a fan from one
+    edge, across which a force may have to pass S - 2 triangles; here every triangle halves the rest, so
+    that no more than about log2(S) pivots lead from a face to the middle.
+
+    Args:
+        facets: number S of edges.
+        first: number of the cone's first edge variable (S + 1 for a second cone).
     """
-    return [(f"l{first}", f"l{first + h}", f"l{first + h + 1}") for h in range(1, facets - 1)]
+    triples = []
+
+    def fill(a: int, b: int) -> None:
+        if b - a > 1:
+            c = (a + b) // 2
+            triples.append((a, c, b))
+            fill(a, c)
+            fill(c, b)
+
+    third, two_thirds = facets // 3, 2 * facets // 3
+    triples.append((0, third, two_thirds))
+    fill(0, third)
+    fill(third, two_thirds)
+    fill(two_thirds, facets)
+    return [tuple(f"l{first + e % facets}" for e in triple) for triple in triples]
