@@ -21,6 +21,7 @@ import numpy as np
 SOLVED, RAY, PIVOT_LIMIT, SINGULAR, INACCURATE = 0, 1, 2, 3, 4
 
 _ZERO = 1e-13
+_REFINED = 1e-14
 _SINGULAR_TOLERANCE = 1e-11
 _PIVOT_TOLERANCE = 1e-9
 _TIE_TOLERANCE = 1e-10
@@ -128,7 +129,7 @@ def _block_inverse(row_start, choice, start_inverse, inverse_t):
 
 @numba.njit(cache=True, error_model="numpy")
 def _press(
-    columns, first_column, row_start, subsets, subset_start, successor, entering,
+    columns, extent, first_column, row_start, subsets, subset_start, successor, entering,
     lifts, subset, element, owner, inverse_t, x, p, d,
 ):  # fmt: skip
     """Let the most negative normal accelerations of up to three contacts leave before the method begins.
@@ -149,7 +150,8 @@ def _press(
         place = subset_start[k] + subset[k] * size
         while subsets[place] != element[r]:
             place += 1
-        _image(inverse_t, columns[first_column[k] + entering[place]], d)
+        c = first_column[k] + entering[place]
+        _image(inverse_t, columns[c], extent[c, 0], extent[c, 1], d)
         if abs(d[r]) < _CRASH_PIVOT:
             return
         element[r] = entering[place]
@@ -158,16 +160,18 @@ def _press(
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _image(inverse_t, a, d):
-    """d = inverse @ a with the inverse stored transposed: whole columns are added, zeros of a skipped."""
+def _image(inverse_t, a, begin, end, d):
+    """d = inverse @ a for an `a` that is zero outside begin..end (the inverse is stored transposed).
+
+    Here and in `_pivot` no single zeros are skipped: the branches would cost more than the products.
+    """
     width = d.shape[0]
     for i in range(width):
         d[i] = 0.0
-    for j in range(a.shape[0]):
+    for j in range(begin, end):
         f = a[j]
-        if f != 0.0:
-            for i in range(width):
-                d[i] += f * inverse_t[j, i]
+        for i in range(width):
+            d[i] += f * inverse_t[j, i]
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -178,12 +182,10 @@ def _pivot(inverse_t, x, p, d, r):
     keep = d[r]
     d[r] = 0.0
     for j in range(inverse_t.shape[0]):
-        g = inverse_t[j, r]
-        if g != 0.0:
-            g *= f
-            for i in range(width):
-                inverse_t[j, i] -= g * d[i]
-            inverse_t[j, r] = g
+        g = inverse_t[j, r] * f
+        for i in range(width):
+            inverse_t[j, i] -= g * d[i]
+        inverse_t[j, r] = g
     g = x[r] * f
     for i in range(width):
         x[i] -= g * d[i]
@@ -197,15 +199,14 @@ def _pivot(inverse_t, x, p, d, r):
 
 @numba.njit(cache=True, error_model="numpy")
 def _lemke(
-    columns, first_column, row_start, subsets, subset_start, successor, entering, rhs,
-    subset, element, owner, inverse_t, basis_t, x, p, d, cover, e, rho, largest_pivot, max_pivots,
+    columns, extent, first_column, row_start, subsets, subset_start, successor, entering, rhs,
+    subset, element, owner, inverse_t, basis_t, x, p, d, ratio, cover, e, rho, largest_pivot, max_pivots,
 ):  # fmt: skip
     """Pivot from the current (inverted) basis until the artificial variable leaves.
 
     Returns (status, pivots). On SOLVED the slots hold a complementary basis.
     """
     m, width = row_start[-1], x.shape[0]
-    ratio = np.empty(width)
     # the artificial variable enters: B x - cover z0 = rhs with cover = B0 e; worst row leaves
     z0 = 0.0
     for i in range(m):
@@ -238,7 +239,8 @@ def _lemke(
         new_element = entering[place]
         subset[k] = successor[place]
 
-        _image(inverse_t, columns[first_column[k] + new_element], d)
+        c = first_column[k] + new_element
+        _image(inverse_t, columns[c], extent[c, 0], extent[c, 1], d)
         dmax = 1.0
         for i in range(m):
             if d[i] > dmax:
@@ -273,7 +275,7 @@ def _lemke(
         if pivots % _REFACTOR_EVERY == 0:
             if not _factorise(columns, first_column, element, owner, cover, basis_t, inverse_t):
                 return SINGULAR, pivots
-            _image(inverse_t, rhs, x)
+            _image(inverse_t, rhs, 0, m, x)
     return PIVOT_LIMIT, pivots
 
 
@@ -281,8 +283,8 @@ def _lemke(
 def _polish(columns, first_column, element, owner, inverse_t, rhs, x, d, work):
     """Basic values of the current basis with iterative refinement; returns the smallest."""
     m = element.shape[0]
-    _image(inverse_t, rhs, x)
-    for _ in range(2):
+    _image(inverse_t, rhs, 0, m, x)
+    for _ in range(3):
         for i in range(m):
             work[i] = rhs[i]
         for slot in range(m):
@@ -293,14 +295,12 @@ def _polish(columns, first_column, element, owner, inverse_t, rhs, x, d, work):
                     work[i] -= columns[c, i] * v
         worst = 0.0
         for i in range(m):
-            worst = max(worst, abs(work[i]))
-        if worst < 2e-16:
+            worst = abs(work[i]) if abs(work[i]) > worst else worst
+        if worst < _REFINED:
             break
-        _image(inverse_t, work, d)
+        _image(inverse_t, work, 0, m, d)
         for i in range(m):
             x[i] += d[i]
-        if worst < 1e-13:
-            break
     smallest = np.inf
     for i in range(m):
         if not x[i] >= smallest:
@@ -317,7 +317,7 @@ def _next_random(state):
 
 @numba.njit(cache=True, error_model="numpy")
 def solve_batch(
-    columns, first_column, row_start, subsets, subset_start, successor, entering,
+    columns, extent, first_column, row_start, subsets, subset_start, successor, entering,
     start_count, start_first, start_subset, start_inverse, block_start, lifts,
     rhs_all, hints, gauge, warm, initial, max_pivots, attempts, check_matrix, check_rhs, tolerance,
     out_subset, out_x, out_status, out_pivots, out_attempt, out_residual,
@@ -326,6 +326,7 @@ def solve_batch(
 
     Args:
         columns: (P, m) all columns of the system, as rows.
+        extent: (P, 2) each column is zero before the first and from the second row number on.
         first_column: (n,) index of each contact's first column.
         row_start: (n + 1,) first row (and slot) of each contact.
         subsets, successor, entering: automata of all contacts, flattened; contact k begins at
@@ -348,7 +349,7 @@ def solve_batch(
     m = row_start[n]
     width = (m + 7) // 8 * 8  # padded with zeros: the vector loops then have no remainder
     inverse_t, basis_t = np.zeros((m, width)), np.empty((m, m))
-    x, p, d = np.zeros(width), np.zeros(width), np.zeros(width)
+    x, p, d, ratio = np.zeros(width), np.zeros(width), np.zeros(width), np.zeros(width)
     e, rho, cover, rhs, work = np.empty(m), np.empty(m), np.empty(m), np.empty(m), np.empty(m)
     element, owner, subset = np.empty(m, np.int64), np.empty(m, np.int64), np.empty(n, np.int64)
     generator, choice = np.empty(1, np.uint64), np.empty(n, np.int64)
@@ -375,7 +376,7 @@ def solve_batch(
         while attempt < attempts:
             for i in range(m):
                 rhs[i] = rhs_all[state, i] / scale
-                e[i] = 0.2 + _next_random(generator) if attempt >= 3 else 1.0
+                e[i] = 0.2 + _next_random(generator) if attempt >= 4 else 1.0
             if attempt >= 6:
                 for c in range(gauge.shape[1]):
                     w = 4.0 * _next_random(generator) - 2.0
@@ -399,10 +400,10 @@ def solve_batch(
                     have_basis = False
                     attempt += 1
                     continue
-            _image(inverse_t, rhs, x)
+            _image(inverse_t, rhs, 0, m, x)
             if attempt == 1:
                 _press(
-                    columns, first_column, row_start, subsets, subset_start, successor, entering,
+                    columns, extent, first_column, row_start, subsets, subset_start, successor, entering,
                     lifts, subset, element, owner, inverse_t, x, p, d,
                 )  # fmt: skip
             worst = 0.0
@@ -411,9 +412,9 @@ def solve_batch(
             status, pivots = SOLVED, 0
             if worst < -_ZERO:
                 status, pivots = _lemke(
-                    columns, first_column, row_start, subsets, subset_start, successor, entering, rhs,
-                    subset, element, owner, inverse_t, basis_t, x, p, d, cover, e, rho,
-                    attempt % 2 == 0, max_pivots,
+                    columns, extent, first_column, row_start, subsets, subset_start, successor, entering, rhs,
+                    subset, element, owner, inverse_t, basis_t, x, p, d, ratio, cover, e, rho,
+                    attempt > 2 and attempt % 2 == 1, max_pivots,
                 )  # fmt: skip
             total += pivots
             have_basis = False

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.contact import mode_search, pivoting
+from ocptip.contact import laws, mode_search, pivoting
 from ocptip.contact.support import Support
 from ocptip.errors import InputError, finite_array
 
@@ -146,6 +146,27 @@ class ContactStates:
                 name = contact.automaton.names[self.subsets[index, k]]
                 names.append(name if name not in ("stick", "slide") else "separate")
         return names
+
+    def law_violation(self) -> np.ndarray:
+        """Independent check: how far the states are from the contact laws and the equation of motion.
+
+        Knows nothing of pools and bases: the base's acceleration follows from the forces, the contacts'
+        accelerations from the base's, and forces and accelerations are put into `laws.law_violation`.
+
+        Returns:
+            (N,) largest violation relative to the largest right-hand side; NaN where not solved.
+        """
+        support, d = self.support, self.support.dimension
+        unit = np.maximum(self._scale * support.mass, np.finfo(float).tiny)
+        moved = (self.acceleration @ support.wrench_matrix).reshape(len(self), -1, d)
+        difference = np.max(np.abs(moved - self.contact_accelerations), axis=(1, 2))
+        worst = difference * support.mass / unit
+        for k, contact in enumerate(support.contacts):
+            violation = laws.law_violation(
+                contact, self.contact_forces[:, k], self.contact_accelerations[:, k], unit, support.mass
+            )
+            worst = np.maximum(worst, violation)
+        return np.where(self.solved, worst, np.nan)
 
     def force_maps(self) -> np.ndarray:
         """Exact derivative of the contact forces with respect to the wrench in the active basis.
@@ -336,7 +357,7 @@ def solve_many(
     residual = np.full(count, np.inf)
     force = wrenches @ system.rhs_matrix.T
     pivoting.solve_batch(
-        system.columns_by_row, system.first_column, system.row_start,
+        system.columns_by_row, system.column_extent, system.first_column, system.row_start,
         system.subsets, system.subset_start, system.successor, system.entering,
         system.start_count, system.start_first, system.start_subset, system.start_inverse,
         system.block_start, system.lifts,

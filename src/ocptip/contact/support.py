@@ -312,6 +312,13 @@ class ContactSystem:
         return np.ascontiguousarray(self.matrix.T)
 
     @cached_property
+    def column_extent(self) -> np.ndarray:
+        """(P, 2) first row with an entry and one past the last, per column."""
+        used = self.columns_by_row != 0
+        last = used.shape[1] - np.argmax(used[:, ::-1], axis=1)
+        return np.column_stack([np.argmax(used, axis=1), last]).astype(np.int64)
+
+    @cached_property
     def plain_columns_by_row(self) -> np.ndarray:
         """The transposed matrix without gauge, contiguous."""
         return np.ascontiguousarray(self.plain_matrix.T)
