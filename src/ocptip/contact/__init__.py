@@ -12,12 +12,14 @@ from ocptip.contact.clamps import (
 from ocptip.contact.solver import ContactState, ContactStates, solve, solve_many
 from ocptip.contact.support import Load, Support
 from ocptip.contact.unilateral import UnilateralContact
+from ocptip.contact.verdict import Equilibrium, StabilityVerdict, equilibrium, stability
 
 __all__ = [
     "Automaton",
     "Binding",
     "ContactState",
     "ContactStates",
+    "Equilibrium",
     "ForceConstantHalfRigidClamp",
     "ForceConstantTwoSidedClamp",
     "ForcePiece",
@@ -27,9 +29,12 @@ __all__ = [
     "Mode",
     "PoolVariable",
     "RigidClamp",
+    "StabilityVerdict",
     "Support",
     "UnilateralContact",
     "build_automaton",
+    "equilibrium",
     "solve",
     "solve_many",
+    "stability",
 ]

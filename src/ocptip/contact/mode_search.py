@@ -1,33 +1,37 @@
-"""Exact search over all mode combinations of a support (branch and bound on linear programs).
+"""Exact search over all mode combinations of a support (branch and bound on convex programs).
 
 A node allows every contact a list of its modes. Its relaxation drops the rule that only one mode's
 variables may be positive: all variables of the allowed modes may be. An infeasible relaxation discards
 all mode combinations of the node at once, so an exhausted search is a proof (up to the tolerance of the
-linear programs), where pivoting can only say that it found nothing.
+programs), where pivoting can only say that it found nothing.
 
 Two questions are asked:
 
-* Is there any solution of the contact laws? (`find_solution`)
+* Is there any solution of the contact laws? (`find_solution`, linear programs)
 * Is there a solution that moves? (`find_motion`) All bindings dissipate: contact forces do no positive
   work on the contact accelerations, hence qdd' M qdd <= h' qdd in every solution. So a solution moves
-  exactly if h' qdd > 0, which is the linear objective, and the ball bounds it (as tangent planes).
+  exactly if h' qdd > 0, which is the linear objective, and the ball bounds it (one second-order cone).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+import clarabel
 import numpy as np
 from scipy.optimize import linprog
+from scipy.sparse import csc_matrix
 
+from ocptip.contact import laws
 from ocptip.contact.support import ContactSystem
 
 EXHAUSTED, FOUND, LIMIT = "exhausted", "found", "node limit"
 
 _LP_TOLERANCE = 1e-10
+_RESIDUAL = 1e-9
 _POSITIVE = 1e-9
-_MOTION_TOLERANCE = 1e-7
-_MAX_CUTS = 12
+_MOTION_TOLERANCE = 1e-6
+_STICK, _SLIDE, _LIFT = 0, 1, 2
 
 
 @dataclass(frozen=True)
@@ -39,7 +43,7 @@ class SearchResult:
         subsets: (n,) the subset of each contact, if found.
         basic: (m,) values in canonical order, N, if found.
         residual: of the equations, relative to the largest right-hand side, if found.
-        nodes: number of linear programs solved.
+        nodes: number of convex programs solved.
     """
 
     status: str
@@ -51,49 +55,26 @@ class SearchResult:
 
 def find_solution(system: ContactSystem, wrench: np.ndarray, max_nodes: int = 20000) -> SearchResult:
     """Search for any solution of the contact laws under a wrench (6,)."""
-    return _Search(system, wrench, motion=False).run(max_nodes)
+    return _SolutionSearch(system, wrench).run(max_nodes)
 
 
 def find_motion(system: ContactSystem, wrench: np.ndarray, max_nodes: int = 20000) -> SearchResult:
     """Search for a solution of the contact laws in which the base moves under a wrench (6,)."""
-    return _Search(system, wrench, motion=True).run(max_nodes)
+    return _MotionSearch(system, wrench).run(max_nodes)
 
 
-class _Search:
-    def __init__(self, system: ContactSystem, wrench: np.ndarray, *, motion: bool) -> None:
-        self.system, self.motion = system, motion
+class _SolutionSearch:
+    """Depth-first search for any solution; one boolean mask over its modes per contact is a node."""
+
+    def __init__(self, system: ContactSystem, wrench: np.ndarray) -> None:
+        self.system = system
         rhs = system.rhs_matrix @ wrench + system.plain_rhs_offset
         self.scale = float(np.max(np.abs(rhs))) or 1.0
         self.rhs = rhs / self.scale
-        self.modes = []  # per contact: (subset numbers, membership matrix over the contact's pool)
-        for contact in system.support.contacts:
-            automaton = contact.automaton
-            usable = np.flatnonzero(~automaton.redundant)
-            member = np.zeros((len(usable), len(contact.columns.names)), dtype=bool)
-            np.put_along_axis(member, automaton.subsets[usable], True, axis=1)
-            self.modes.append((usable, member))
-        if motion:
-            self._prepare_motion(wrench)
-
-    def _prepare_motion(self, wrench: np.ndarray) -> None:
-        """Base motion in metric units y with y'y = qdd' M qdd, as a linear map of x: y = Y x + y0."""
-        support, system = self.system.support, self.system
-        d = support.dimension
-        root = np.linalg.cholesky(support.inverse_mass * support.mass)  # M^-1 = root root' / mass
-        self.load = root.T @ wrench / self.scale  # h' qdd = load' y, in units of scale^2 / mass
-        W = root.T @ support.wrench_matrix
-        self.Y = W @ system.force_matrix
-        self.y0 = self.load + W @ system.force_offset / self.scale
-        # contact rows of the system speak of the same motion; keep both, the program is then tighter
-        self.cuts: list[tuple[np.ndarray, float]] = []
-        self.least = _MOTION_TOLERANCE * max(float(self.load @ self.load), 1e-300)
-        self.d = d
+        self.modes = [_ModeList(contact) for contact in system.support.contacts]
 
     def run(self, max_nodes: int) -> SearchResult:
-        """Depth-first search."""
-        if self.motion and not np.any(self.load):
-            return SearchResult(EXHAUSTED, None, None, 0.0, 0)
-        stack = [[np.ones(len(usable), dtype=bool) for usable, _ in self.modes]]
+        stack = [[np.ones(len(modes.subsets), dtype=bool) for modes in self.modes]]
         nodes = 0
         undecided = False
         while stack:
@@ -104,131 +85,195 @@ class _Search:
             x = self._relaxation(allowed)
             if x is None:
                 continue
-            branch = self._branch(allowed, x)
-            if branch is None:
+            k = self._worst_contact(allowed, x)
+            if k is None:
                 found = self._verified(allowed, x)
                 if found is not None:
                     return SearchResult(FOUND, *found, nodes)
-                branch = self._split_any(allowed)
-                if branch is None:
+                open_contacts = [j for j, mask in enumerate(allowed) if mask.sum() > 1]
+                if not open_contacts:
                     undecided = True
                     continue
-            stack += branch
+                k = open_contacts[0]
+            for part in self.modes[k].split(allowed[k]):
+                child = list(allowed)
+                child[k] = part
+                stack.append(child)
         return SearchResult(LIMIT if undecided else EXHAUSTED, None, None, np.inf, nodes)
 
-    def _relaxation(self, allowed: list[np.ndarray]) -> np.ndarray | None:
-        """Solve the node's linear program; None if nothing in the node can be a solution."""
-        columns = np.concatenate(
+    def _columns(self, allowed: list[np.ndarray]) -> np.ndarray:
+        """Columns of all variables of the allowed modes."""
+        return np.concatenate(
             [
-                first + np.flatnonzero(member[mask].any(axis=0))
-                for first, (_, member), mask in zip(
-                    self.system.first_column, self.modes, allowed, strict=True
-                )
+                first + np.flatnonzero(modes.member[mask].any(axis=0))
+                for first, modes, mask in zip(self.system.first_column, self.modes, allowed, strict=True)
             ]
         )
-        equations = self.system.plain_matrix[:, columns]
+
+    def _relaxation(self, allowed: list[np.ndarray]) -> np.ndarray | None:
+        """A point of the node's relaxation; None if nothing in the node can be a solution."""
+        columns = self._columns(allowed)
         x = np.zeros(self.system.plain_matrix.shape[1])
-        if not self.motion:
-            values = _linear_program(np.ones(len(columns)), equations, self.rhs)
-            if values is None:
+        options = {
+            "primal_feasibility_tolerance": _LP_TOLERANCE,
+            "dual_feasibility_tolerance": _LP_TOLERANCE,
+        }
+        equations = self.system.plain_matrix[:, columns]
+        for method in ("highs", "highs-ds", "highs-ipm"):
+            result = linprog(
+                np.ones(len(columns)), A_eq=equations, b_eq=self.rhs, method=method, options=options
+            )
+            if result.status == 2:
                 return None
-            x[columns] = values
-            return x
-        power = self.load @ self.Y[:, columns]
-        constant = float(self.load @ self.y0)
-        for _ in range(_MAX_CUTS):
-            # y'y <= load'y: tangent planes 2 c'y - c'c <= load'y
-            rows = [(2.0 * c - self.load) @ self.Y[:, columns] for c in self._centres()]
-            limits = [c @ c - (2.0 * c - self.load) @ self.y0 for c in self._centres()]
-            values = _linear_program(-power, equations, self.rhs, np.array(rows), np.array(limits))
-            if values is None or power @ values + constant <= self.least:
-                return None
-            x[columns] = values
-            y = self.Y @ x + self.y0
-            if y @ y <= self.load @ y * (1.0 + 1e-6) + 1e-12:
+            if result.status == 0:
+                x[columns] = result.x
                 break
-            self.cuts.append(y)
+        # if no method decides, the node stays alive with x = 0 and is split further
         return x
 
-    def _centres(self) -> list[np.ndarray]:
-        size = float(np.linalg.norm(self.load))
-        axes = [s * size * e for e in np.eye(len(self.load)) for s in (0.5, -0.5)]
-        return [np.zeros_like(self.load), self.load, *axes, *self.cuts[-40:]]
+    def _worst_contact(self, allowed: list[np.ndarray], x: np.ndarray) -> int | None:
+        """The contact that breaks its laws most, of those whose positive variables fit no single mode."""
+        support, system = self.system.support, self.system
+        d = support.dimension
+        force = (system.force_matrix @ x * self.scale + system.force_offset).reshape(-1, 1, d)
+        acceleration = (system.acceleration_matrix @ x).reshape(-1, 1, d) * self.scale / support.mass
+        worst, where = -1.0, None
+        for k, (modes, mask) in enumerate(zip(self.modes, allowed, strict=True)):
+            if len(modes.fitting(mask, self._positive(k, x))) == 0:
+                violation = laws.law_violation(
+                    support.contacts[k], force[k], acceleration[k], self.scale, support.mass
+                )[0]
+                if violation > worst:
+                    worst, where = violation, k
+        return where
 
-    def _branch(self, allowed: list[np.ndarray], x: np.ndarray) -> list[list[np.ndarray]] | None:
-        """Split the contact whose positive variables fit no single mode; None if all fit."""
-        best = None
-        for k, ((_, member), mask) in enumerate(zip(self.modes, allowed, strict=True)):
-            first = self.system.first_column[k]
-            positive = np.flatnonzero(x[first : first + member.shape[1]] > _POSITIVE)
-            if member[mask][:, positive].all(axis=1).any():
-                continue
-            counts = member[mask][:, positive].sum(axis=0)
-            balance = np.minimum(counts, mask.sum() - counts)
-            j = int(np.argmax(balance))
-            if balance[j] > 0 and (best is None or balance[j] > best[0]):
-                best = (balance[j], k, positive[j])
-        return None if best is None else self._split(allowed, best[1], best[2])
+    def _positive(self, k: int, x: np.ndarray) -> np.ndarray:
+        first = self.system.first_column[k]
+        return x[first : first + self.modes[k].member.shape[1]] > _POSITIVE
 
-    def _split_any(self, allowed: list[np.ndarray]) -> list[list[np.ndarray]] | None:
-        """Split some contact that still has a choice."""
-        for k, ((_, member), mask) in enumerate(zip(self.modes, allowed, strict=True)):
-            counts = member[mask].sum(axis=0)
-            balance = np.minimum(counts, mask.sum() - counts)
-            j = int(np.argmax(balance))
-            if balance[j] > 0:
-                return self._split(allowed, k, j)
-        return None
-
-    def _split(self, allowed: list[np.ndarray], k: int, j: int) -> list[list[np.ndarray]]:
-        having = self.modes[k][1][:, j]
-        without, within = list(allowed), list(allowed)
-        without[k] = allowed[k] & ~having
-        within[k] = allowed[k] & having
-        return [without, within]
-
-    def _verified(self, allowed, x: np.ndarray):
+    def _verified(self, allowed, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, float] | None:
         """Subsets, basic values and residual of a candidate, recomputed on the original data."""
         subsets, columns = [], []
-        for k, ((usable, member), mask) in enumerate(zip(self.modes, allowed, strict=True)):
-            first = self.system.first_column[k]
-            positive = x[first : first + member.shape[1]] > _POSITIVE
-            fits = np.flatnonzero(mask & member[:, positive].all(axis=1))
+        for k, (modes, mask) in enumerate(zip(self.modes, allowed, strict=True)):
+            fits = modes.fitting(mask, self._positive(k, x))
             if len(fits) == 0:
                 return None
-            subsets.append(usable[fits[0]])
+            subsets.append(modes.subsets[fits[0]])
             automaton = self.system.support.contacts[k].automaton
-            columns.append(first + automaton.subsets[usable[fits[0]]])
+            columns.append(self.system.first_column[k] + automaton.subsets[subsets[-1]])
         columns = np.concatenate(columns)
         matrix = self.system.plain_matrix[:, columns]
         basic = x[columns]
-        correction = np.linalg.lstsq(matrix, self.rhs - matrix @ basic, rcond=1e-12)[0]
-        if np.min(basic + correction) >= -_LP_TOLERANCE:
-            basic = basic + correction
-        basic = np.maximum(basic, 0.0)
+        for _ in range(2):
+            corrected = basic + np.linalg.lstsq(matrix, self.rhs - matrix @ basic, rcond=1e-12)[0]
+            basic = np.maximum(corrected, 0.0)
         residual = float(np.max(np.abs(matrix @ basic - self.rhs)))
-        if residual > 10 * _LP_TOLERANCE:
+        if residual > _RESIDUAL or not self._answers(columns, basic):
             return None
-        if self.motion:
-            y = self.Y[:, columns] @ basic + self.y0
-            if self.load @ y <= self.least:
-                return None
         return np.array(subsets), basic * self.scale, residual
 
+    def _answers(self, columns: np.ndarray, basic: np.ndarray) -> bool:
+        """True if a verified solution is one that was asked for."""
+        return True
 
-def _linear_program(cost, equations, rhs, rows=None, limits=None) -> np.ndarray | None:
-    """Minimise cost'x, x >= 0, with HiGHS; None if infeasible."""
-    options = {
-        "primal_feasibility_tolerance": _LP_TOLERANCE,
-        "dual_feasibility_tolerance": _LP_TOLERANCE,
-    }
-    for method in ("highs", "highs-ds", "highs-ipm"):
-        result = linprog(
-            cost, A_ub=rows, b_ub=limits, A_eq=equations, b_eq=rhs, method=method, options=options
-        )
-        if result.status == 0:
-            return result.x
-        if result.status == 2:
+
+class _MotionSearch(_SolutionSearch):
+    """Search for a solution in which the base moves.
+
+    `y` is the base's acceleration in units in which y'y = qdd' M qdd, and `load` the free one, so that
+    h' qdd = load'y and all solutions lie in the ball |y - load/2| <= |load|/2.
+    """
+
+    def __init__(self, system: ContactSystem, wrench: np.ndarray) -> None:
+        super().__init__(system, wrench)
+        support = system.support
+        root = np.linalg.cholesky(support.inverse_mass * support.mass)
+        self.load = root.T @ wrench / self.scale
+        self.size = float(np.linalg.norm(self.load))
+        W = root.T @ support.wrench_matrix
+        self.Y = W @ system.force_matrix
+        self.y0 = self.load + W @ system.force_offset / self.scale
+
+    def run(self, max_nodes: int) -> SearchResult:
+        if self.size == 0.0:
+            return SearchResult(EXHAUSTED, None, None, 0.0, 0)
+        return super().run(max_nodes)
+
+    def _relaxation(self, allowed: list[np.ndarray]) -> np.ndarray | None:
+        columns = self._columns(allowed)
+        count, rows = len(columns), len(self.rhs)
+        Y = self.Y[:, columns]
+        power = self.load @ Y / self.size
+        # s = b - A x: equations (zero cone), x >= 0, and the ball as a second-order cone
+        A = np.vstack([self.system.plain_matrix[:, columns], -np.eye(count), np.zeros((1, count)), -Y])
+        b = np.concatenate([self.rhs, np.zeros(count), [self.size / 2], self.y0 - self.load / 2])
+        cones = [
+            clarabel.ZeroConeT(rows),
+            clarabel.NonnegativeConeT(count),
+            clarabel.SecondOrderConeT(1 + len(self.load)),
+        ]
+        settings = clarabel.DefaultSettings()
+        settings.verbose = False
+        solution = clarabel.DefaultSolver(
+            csc_matrix((count, count)), -power, csc_matrix(A), b, cones, settings
+        ).solve()
+        status = str(solution.status)
+        if status in ("PrimalInfeasible", "AlmostPrimalInfeasible"):
             return None
-    # undecided by three methods: keep the node alive with an empty point so that it is split further
-    return np.zeros(len(cost))
+        x = np.zeros(self.system.plain_matrix.shape[1])
+        if status in ("Solved", "AlmostSolved"):
+            x[columns] = np.maximum(solution.x, 0.0)
+            if self.load @ (self.Y @ x + self.y0) <= _MOTION_TOLERANCE * self.size**2:
+                return None
+        return x
+
+    def _positive(self, k: int, x: np.ndarray) -> np.ndarray:
+        first = self.system.first_column[k]
+        return x[first : first + self.modes[k].member.shape[1]] > 1e-7
+
+    def _answers(self, columns: np.ndarray, basic: np.ndarray) -> bool:
+        return self.load @ (self.Y[:, columns] @ basic + self.y0) > _MOTION_TOLERANCE * self.size**2
+
+
+class _ModeList:
+    """The usable modes of one contact and how to split a selection of them."""
+
+    def __init__(self, contact) -> None:
+        automaton = contact.automaton
+        self.subsets = np.flatnonzero(~automaton.redundant)
+        active = automaton.subsets[self.subsets]
+        self.member = np.zeros((len(active), len(contact.columns.names)), dtype=bool)
+        np.put_along_axis(self.member, active, True, axis=1)
+        acceleration = contact.columns.acceleration[:, active]  # (d, modes, places)
+        moving = np.any(acceleration != 0, axis=(0, 2))
+        lifting = np.any(acceleration[0] != 0, axis=1)
+        self.family = np.where(lifting, _LIFT, np.where(moving, _SLIDE, _STICK))
+        sum_t = acceleration[1:].sum(axis=2)
+        self.angle = (
+            np.arctan2(sum_t[-1], sum_t[0]) if len(sum_t) == 2 else np.where(sum_t[0] < 0, np.pi, 0.0)
+        )
+
+    def fitting(self, mask: np.ndarray, positive: np.ndarray) -> np.ndarray:
+        """Modes of the selection that contain all positive variables."""
+        return np.flatnonzero(mask & self.member[:, positive].all(axis=1))
+
+    def split(self, mask: np.ndarray) -> list[np.ndarray]:
+        """Two smaller selections: by what the contact does, then by direction, then by element."""
+        families = np.unique(self.family[mask])
+        if len(families) > 1:
+            chosen = mask & (self.family == families[-1])
+        elif families[0] != _STICK and len(self._angles(mask)) > 1:
+            angles = self._angles(mask)
+            gaps = np.diff(np.append(angles, angles[0] + 2 * np.pi))
+            start = angles[(np.argmax(gaps) + 1) % len(angles)]
+            turned = np.mod(np.round(self.angle, 9) - start + 1e-6, 2 * np.pi)
+            values = np.unique(np.round(turned[mask], 6))
+            chosen = mask & (turned < values[len(values) // 2] - 1e-6)
+        else:
+            counts = self.member[mask].sum(axis=0)
+            j = int(np.argmax(np.minimum(counts, mask.sum() - counts)))
+            chosen = mask & self.member[:, j]
+        return [chosen, mask & ~chosen]
+
+    def _angles(self, mask: np.ndarray) -> np.ndarray:
+        return np.unique(np.round(self.angle[mask], 9))

@@ -319,7 +319,8 @@ def _next_random(state):
 def solve_batch(
     columns, extent, first_column, row_start, subsets, subset_start, successor, entering,
     start_count, start_first, start_subset, start_inverse, block_start, lifts,
-    rhs_all, hints, gauge, warm, initial, max_pivots, attempts, check_matrix, check_rhs, tolerance,
+    rhs_all, hints, gauge, warm, initial, max_pivots, first_attempt, attempts, seeds,
+    check_matrix, check_rhs, tolerance,
     out_subset, out_x, out_status, out_pivots, out_attempt, out_residual,
 ):  # fmt: skip
     """Solve many right-hand sides of one system.
@@ -339,7 +340,8 @@ def solve_batch(
         gauge: (m, c) directions in which the right-hand side may be shifted without changing the physics
             (distribution of forces that the equations leave open); used by the later attempts.
         warm: start from the previous state's basis; the first one from `initial` if initial[0] >= 0.
-        attempts: number of different starts tried before a state is given up.
+        first_attempt, attempts: which starts are tried before a state is given up: 1 guessed, 2 the
+            regular one, 3 with another tie rule, from 4 on random (`seeds`, (N,), per state).
         check_matrix, check_rhs: (m, P), (N, m) the original system, for the residual.
         tolerance: largest residual of a solved state.
         out_*: results: subsets (N, n), basic values in canonical order (N, m), status, pivots, attempt
@@ -369,9 +371,9 @@ def solve_batch(
             scale = max(scale, abs(rhs_all[state, i]))
         if scale == 0.0:
             scale = 1.0
-        generator[0] = np.uint64(20091)
+        generator[0] = seeds[state]
         status, total = INACCURATE, 0
-        attempt = 0 if warm and have_basis else 1
+        attempt = 0 if warm and have_basis else first_attempt
         residual = np.inf
         while attempt < attempts:
             for i in range(m):

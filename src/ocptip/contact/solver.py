@@ -7,7 +7,7 @@ data, the pivots, and a status with advice where there is no solution.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -25,6 +25,7 @@ REST_TOLERANCE = 1e-9
 
 NO_SOLUTION = -1
 _ATTEMPTS = 12
+_FIRST_RANDOM = 4
 _MAX_PIVOTS = 2000
 
 STATUS = {
@@ -116,14 +117,27 @@ class ContactStates:
 
     @cached_property
     def persistent(self) -> np.ndarray:
-        """(N,) True where no contact point accelerates: nothing slips, nothing lifts off."""
-        return self.solved & np.all(self._at_rest, axis=1)
+        """(N,) True where the base stands: nothing slips, nothing lifts off.
+
+        With contacts on one line, the base may turn about that line while no contact point accelerates;
+        it does not stand then.
+        """
+        d = self.support.dimension
+        turning = np.max(np.abs(self.acceleration[:, d:]), axis=1) * self.support.length
+        turns = turning > REST_TOLERANCE * self._scale
+        return self.solved & np.all(self._at_rest, axis=1) & ~turns
 
     @cached_property
     def _scale(self) -> np.ndarray:
-        """(N,) largest right-hand side as an acceleration, m/s^2."""
-        rhs = self.support.system.rhs(self.wrenches)
-        return np.max(np.abs(rhs), axis=1) / self.support.mass
+        """(N,) acceleration to which rest and violations are compared, m/s^2.
+
+        The largest of the right-hand sides and of the accelerations of the free base.
+        """
+        support, d = self.support, self.support.dimension
+        rhs = np.max(np.abs(support.system.rhs(self.wrenches)), axis=1) / support.mass
+        free = self.wrenches @ support.inverse_mass
+        free[:, d:] *= support.length
+        return np.maximum(rhs, np.max(np.abs(free), axis=1))
 
     @cached_property
     def _at_rest(self) -> np.ndarray:
@@ -232,7 +246,7 @@ class ContactState:
 
     @property
     def persistent(self) -> bool:
-        """True if nothing slips and nothing lifts off in this solution."""
+        """True if the base stands in this solution: nothing slips, nothing lifts off, nothing turns."""
         return bool(self.states.persistent[self.index])
 
     @property
@@ -344,13 +358,31 @@ def solve_many(
         InputError: wrong shape, NaN or infinity, or an `initial` of another support.
     """
     wrenches = finite_array("wrenches", wrenches, (None, support.wrench_size))
-    system = support.system
-    count, n, m = len(wrenches), support.n_contacts, len(system.rhs_offset)
-    start = np.full(n, -1, dtype=np.int64)
+    start = np.full(support.n_contacts, -1, dtype=np.int64)
     if initial is not None:
         if initial.support is not support:
             raise InputError("initial: is a state of another support")
         start = initial.states.subsets[initial.index].astype(np.int64)
+    states = _pivot_all(support, wrenches, warm_start, start, 1, np.broadcast_to(np.uint64(1), len(wrenches)))
+    return _search_unsolved(states) if search else states
+
+
+def solve_randomly(support: Support, wrench: object, count: int, seed: int = 0) -> ContactStates:
+    """Solve the contact problem under one wrench `count` times from random start bases.
+
+    Where the contact laws have more than one solution, different starts may end in different ones. States
+    in which no solution is found are simply not solved.
+    """
+    wrench = finite_array("wrench", wrench, (support.wrench_size,))
+    seeds = np.random.default_rng(seed).integers(2**63, size=count, dtype=np.uint64)
+    start = np.full(support.n_contacts, -1, dtype=np.int64)
+    return _pivot_all(support, np.tile(wrench, (count, 1)), False, start, _FIRST_RANDOM, seeds)
+
+
+def _pivot_all(support, wrenches, warm_start, start, first_attempt, seeds) -> ContactStates:
+    """Run the kernel and wrap its output."""
+    system = support.system
+    count, n, m = len(wrenches), support.n_contacts, len(system.rhs_offset)
     subsets = np.full((count, n), -1, dtype=np.int64)
     basic = np.full((count, m), np.nan)
     status, pivots, attempts = (np.zeros(count, dtype=np.int64) for _ in range(3))
@@ -362,19 +394,10 @@ def solve_many(
         system.start_count, system.start_first, system.start_subset, system.start_inverse,
         system.block_start, system.lifts,
         force + system.rhs_offset, wrenches @ system.hint_matrix.T, system.gauge, warm_start, start,
-        _MAX_PIVOTS, _ATTEMPTS,
+        _MAX_PIVOTS, first_attempt, _ATTEMPTS, seeds,
         system.plain_columns_by_row, force + system.plain_rhs_offset, RESIDUAL_TOLERANCE,
         subsets, basic, status, pivots, attempts, residual,
     )  # fmt: skip
-    if search:
-        for i in np.flatnonzero(status != pivoting.SOLVED):
-            found = mode_search.find_solution(system, wrenches[i])
-            attempts[i] = -1
-            if found.status == mode_search.FOUND:
-                status[i] = pivoting.SOLVED
-                subsets[i], basic[i], residual[i] = found.subsets, found.basic, found.residual
-            elif found.status == mode_search.EXHAUSTED:
-                status[i] = NO_SOLUTION
     return ContactStates(
         support=support,
         wrenches=wrenches,
@@ -386,6 +409,49 @@ def solve_many(
         attempts=attempts,
         residual=residual,
     )
+
+
+def _search_unsolved(states: ContactStates) -> ContactStates:
+    """The same states, with those that pivoting left open decided by the search over all modes."""
+    unsolved = np.flatnonzero(~states.solved)
+    if len(unsolved) == 0:
+        return states
+    status, subsets, basic = states.status_codes.copy(), states.subsets.copy(), states.basic.copy()
+    residual, attempts = states.residual.copy(), states.attempts.copy()
+    for i in unsolved:
+        found = mode_search.find_solution(states.support.system, states.wrenches[i])
+        attempts[i] = -1
+        if found.status == mode_search.FOUND:
+            status[i] = pivoting.SOLVED
+            subsets[i], basic[i], residual[i] = found.subsets, found.basic, found.residual
+        elif found.status == mode_search.EXHAUSTED:
+            status[i] = NO_SOLUTION
+    return replace(
+        states,
+        solved=status == pivoting.SOLVED,
+        status_codes=status,
+        subsets=subsets,
+        basic=basic,
+        attempts=attempts,
+        residual=residual,
+    )
+
+
+def solution_from_search(
+    support: Support, wrench: np.ndarray, found: mode_search.SearchResult
+) -> ContactState:
+    """Wrap a solution found by `mode_search` as a state."""
+    return ContactStates(
+        support=support,
+        wrenches=wrench[None],
+        solved=np.array([found.status == mode_search.FOUND]),
+        status_codes=np.array([pivoting.SOLVED]),
+        subsets=found.subsets[None],
+        basic=found.basic[None],
+        pivots=np.array([0]),
+        attempts=np.array([-1]),
+        residual=np.array([found.residual]),
+    )[0]
 
 
 def _active_columns(support: Support, subsets: np.ndarray) -> np.ndarray:

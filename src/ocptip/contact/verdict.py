@@ -1,0 +1,297 @@
+"""Does it stand? Three answers of different strength.
+
+* The pivot solver's answer: one solution of the contact laws, in which the base stands or moves.
+* *Weak* stability: some solution stands, i.e. admissible contact forces balance the wrench. A convex
+  program (Clarabel), once with Coulomb's true cones and once with the friction pyramids; clamps whose set
+  of forces is not convex are treated piece by piece.
+* *Strong* stability: every solution stands. Proved or refuted by a search over all modes
+  (`mode_search.find_motion`); a refutation comes with the moving solution.
+
+The words are those of Pang and Trinkle (2000). For three feet on a plane and friction that is not large
+all three agree; with four or more feet, contacts that face each other, or clamps they need not.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from typing import Any
+
+import clarabel
+import numpy as np
+from scipy.sparse import csc_matrix
+
+from ocptip.contact import laws, mode_search
+from ocptip.contact.binding import Binding, ForcePiece
+from ocptip.contact.solver import ContactState, solution_from_search, solve, solve_randomly, take
+from ocptip.contact.support import Support
+from ocptip.errors import SolverError, finite_array
+
+MARGIN_TOLERANCE = 1e-7
+"""Margins above minus this (relative to the force unit) count as standing."""
+
+_RANDOM_STARTS = 64
+_LAW_TOLERANCE = 1e-8
+
+
+@dataclass(frozen=True)
+class Equilibrium:
+    """Outcome of the convex test whether admissible forces balance the wrench.
+
+    Attributes:
+        stands: True if they do.
+        margin: largest force (N) by which all contact forces can stay inside their limits at once;
+            negative: by how much the limits would have to be widened; -inf: no forces balance the wrench.
+        forces: (n, d) the balancing forces in contact axes with that margin, N; None if there are none.
+        certificate: (6,) if it does not stand and the force sets are convex: a velocity of the base
+            (m/s, rad/s; largest element 1 in units of the support's length) at which the wrench has more
+            power than any admissible contact forces can take up.
+        programs: number of convex programs solved.
+    """
+
+    stands: bool
+    margin: float
+    forces: np.ndarray | None
+    certificate: np.ndarray | None
+    programs: int
+
+
+@dataclass(frozen=True)
+class StabilityVerdict:
+    """All that is known about whether a support stands under a wrench.
+
+    Attributes:
+        verdict: "strong" (every solution of the contact laws stands), "weak" (some do), "none".
+        decided: False if the search for a moving solution hit its limit; the verdict is then "weak"
+            because "strong" was not proved.
+        state: the pivot solver's state.
+        pyramid, cone: the convex test with the friction pyramids and with the true cones.
+        counterexample: a solution that moves, where the verdict is "weak".
+        nodes: convex programs solved in the search for a moving solution.
+        explanation: one or two sentences for people.
+    """
+
+    verdict: str
+    decided: bool
+    state: ContactState
+    pyramid: Equilibrium
+    cone: Equilibrium
+    counterexample: ContactState | None
+    nodes: int
+    explanation: str
+
+    @property
+    def strong(self) -> bool:
+        """True if every solution stands."""
+        return self.verdict == "strong"
+
+    @property
+    def weak(self) -> bool:
+        """True if at least one solution stands."""
+        return self.verdict != "none"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        return {
+            "verdict": self.verdict,
+            "decided": self.decided,
+            "pyramid_margin": self.pyramid.margin,
+            "cone_margin": self.cone.margin,
+            "counterexample": None if self.counterexample is None else self.counterexample.modes,
+            "nodes": self.nodes,
+            "explanation": self.explanation,
+        }
+
+
+def stability(support: Support, wrench: object, *, max_nodes: int = 5000) -> StabilityVerdict:
+    """Judge whether a support stands under a wrench, and how sure that is.
+
+    Args:
+        support: the base on its contacts.
+        wrench: (6,) force (N) and moment about the centre of mass (N m), base axes, own weight included;
+            (3,) for a planar support.
+        max_nodes: limit of the search for a moving solution.
+
+    Raises:
+        InputError: wrong shape, NaN or infinity.
+        SolverError: a convex program ended without a verdict.
+    """
+    wrench = finite_array("wrench", wrench, (support.wrench_size,))
+    state = solve(support, wrench)
+    pyramid = equilibrium(support, wrench, cone=False)
+    cone = equilibrium(support, wrench, cone=True)
+
+    def verdict(word, explanation, *, decided=True, counterexample=None, nodes=0):
+        return StabilityVerdict(
+            word,
+            decided,
+            state,
+            pyramid,
+            cone,
+            counterexample,
+            nodes,
+            explanation + _cone_remark(pyramid, cone),
+        )
+
+    if not (pyramid.stands or state.persistent):
+        return verdict("none", "No admissible contact forces balance the load: the base moves.")
+    moving = None if not state.solved or state.persistent else state
+    if moving is None:
+        moving = _moving_from_random_starts(support, wrench)
+    nodes = 0
+    if moving is None:
+        search = mode_search.find_motion(support.system, wrench, max_nodes)
+        nodes = search.nodes
+        if search.status == mode_search.EXHAUSTED:
+            return verdict("strong", "Every solution of the contact laws stands.", nodes=nodes)
+        if search.status == mode_search.LIMIT:
+            return verdict(
+                "weak",
+                f"A standing solution exists; whether a moving one does was not decided within "
+                f"{nodes} programs.",
+                decided=False,
+                nodes=nodes,
+            )
+        moving = solution_from_search(support, wrench, search)
+    return verdict(
+        "weak",
+        "The contact laws have a solution that stands and one that moves "
+        f"({', '.join(moving.modes)}): rigid-body mechanics does not decide which one happens.",
+        counterexample=moving,
+        nodes=nodes,
+    )
+
+
+def equilibrium(support: Support, wrench: object, *, cone: bool = True) -> Equilibrium:
+    """Test by convex programs whether admissible contact forces balance a wrench (weak stability).
+
+    Args:
+        support: the base on its contacts.
+        wrench: (6,) or planar (3,), see `stability`.
+        cone: Coulomb's true cones; False: the friction pyramids.
+
+    Raises:
+        InputError: wrong shape, NaN or infinity.
+        SolverError: a program ended without a verdict.
+    """
+    wrench = finite_array("wrench", wrench, (support.wrench_size,))
+    scaling = np.ones(len(wrench))
+    scaling[support.dimension :] = 1.0 / support.length
+    offsets = [c.force_offset() for c in support.contacts] + [
+        list(c.auxiliary_rhs()) for c in support.contacts
+    ]
+    unit = max(
+        float(np.max(np.abs(wrench * scaling))), max((abs(v) for o in offsets for v in o), default=0.0)
+    )
+    unit = unit or 1.0
+    u, s, _ = np.linalg.svd(scaling[:, None] * support.wrench_matrix)
+    basis = u[:, : len(s)][:, s > 1e-9]
+    target = -(scaling * wrench) / unit
+    unreachable = target - basis @ (basis.T @ target)
+    if np.linalg.norm(unreachable) > MARGIN_TOLERANCE:
+        motion = -unreachable * scaling
+        return Equilibrium(False, -np.inf, None, motion / np.max(np.abs(unreachable)), 0)
+    matrix = basis.T @ (scaling[:, None] * support.wrench_matrix)
+    best: Equilibrium | None = None
+    programs = 0
+    pieces = [contact.force_pieces() for contact in support.contacts]
+    for choice in itertools.product(*pieces):
+        programs += 1
+        margin, forces, dual = _margin(support.contacts, choice, matrix, basis.T @ target, unit, cone)
+        certificate = None
+        if margin < -MARGIN_TOLERANCE and all(len(p) == 1 for p in pieces):
+            motion = scaling * (basis @ dual)
+            motion = motion if motion @ wrench > 0 else -motion
+            certificate = motion / np.max(np.abs(motion / scaling))
+        if best is None or margin * unit > best.margin:
+            best = Equilibrium(margin >= -MARGIN_TOLERANCE, margin * unit, forces, certificate, programs)
+        if margin > MARGIN_TOLERANCE:
+            break
+    return Equilibrium(best.stands, best.margin, best.forces, best.certificate, programs)
+
+
+def _margin(
+    contacts: tuple[Binding, ...],
+    pieces: tuple[ForcePiece, ...],
+    matrix: np.ndarray,
+    target: np.ndarray,
+    unit: float,
+    cone: bool,
+) -> tuple[float, np.ndarray | None, np.ndarray]:
+    """Largest margin s (in units) over forces with matrix K = target inside the pieces, and the dual."""
+    d, n = contacts[0].dimension, len(contacts)
+    size = d * n + 1  # forces, then the margin
+    blocks, limits, cones = [np.hstack([matrix, np.zeros((len(matrix), 1))])], [target], []
+    cones.append(clarabel.ZeroConeT(len(matrix)))
+    rows, rhs = [], []
+
+    def row(**entries: float) -> np.ndarray:
+        line = np.zeros(size)
+        for key, value in entries.items():
+            line[-1 if key == "s" else int(key[1:])] = value
+        return line
+
+    rows.append(row(s=1.0))  # the margin is bounded, or a support without load would have none
+    rhs.append(1.0)
+    second_order = []
+    for k, (contact, piece) in enumerate(zip(contacts, pieces, strict=True)):
+        normal = f"k{d * k}"
+        if np.isfinite(piece.normal_min):
+            rows.append(row(**{normal: -1.0, "s": 1.0}))
+            rhs.append(-piece.normal_min / unit)
+        if np.isfinite(piece.normal_max):
+            rows.append(row(**{normal: 1.0, "s": 1.0}))
+            rhs.append(piece.normal_max / unit)
+        if cone:
+            block = np.zeros((d, size))
+            block[0, d * k], block[0, -1] = -piece.slope, 1.0
+            block[1:, d * k + 1 : d * k + d] = -np.eye(d - 1)
+            second_order.append((block, np.concatenate([[piece.radius / unit], np.zeros(d - 1)])))
+        else:
+            for face in laws.polygon(contact)[0]:
+                line = row(**{normal: -piece.slope, "s": 1.0})
+                line[d * k + 1 : d * k + d] = face
+                rows.append(line)
+                rhs.append(piece.radius / unit)
+    blocks.append(np.array(rows))
+    limits.append(np.array(rhs))
+    cones.append(clarabel.NonnegativeConeT(len(rows)))
+    for block, limit in second_order:
+        blocks.append(block)
+        limits.append(limit)
+        cones.append(clarabel.SecondOrderConeT(d))
+    cost = np.zeros(size)
+    cost[-1] = -1.0
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.tol_feas = settings.tol_gap_abs = settings.tol_gap_rel = 1e-10
+    solution = clarabel.DefaultSolver(
+        csc_matrix((size, size)), cost, csc_matrix(np.vstack(blocks)), np.concatenate(limits), cones, settings
+    ).solve()
+    status = str(solution.status)
+    dual = np.asarray(solution.z)[: len(matrix)]
+    if status in ("Solved", "AlmostSolved", "InsufficientProgress"):
+        x = np.asarray(solution.x)
+        gap = np.max(np.abs(matrix @ x[:-1] - target), initial=0.0)
+        if gap < 1e-8:
+            return float(x[-1]), x[:-1].reshape(n, d) * unit, dual
+    if status in ("PrimalInfeasible", "AlmostPrimalInfeasible"):
+        return -np.inf, None, dual
+    raise SolverError(
+        f"equilibrium: the convex program ended with status {status} "
+        f"(primal residual {solution.r_prim:.1e}, dual residual {solution.r_dual:.1e})"
+    )
+
+
+def _moving_from_random_starts(support: Support, wrench: np.ndarray) -> ContactState | None:
+    """A verified solution that moves, found by pivoting from random bases; None if all of them stand."""
+    states = solve_randomly(support, wrench, _RANDOM_STARTS)
+    moving = np.flatnonzero(states.solved & ~states.persistent & (states.law_violation() < _LAW_TOLERANCE))
+    return take(states, moving[:1])[0] if len(moving) else None
+
+
+def _cone_remark(pyramid: Equilibrium, cone: Equilibrium) -> str:
+    if pyramid.stands == cone.stands:
+        return ""
+    which = "pyramids" if pyramid.stands else "true cones"
+    return f" The case lies between friction pyramid and cone: with the {which} admissible forces exist."
