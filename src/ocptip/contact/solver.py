@@ -76,6 +76,13 @@ class ContactStates:
     def __getitem__(self, index: int) -> ContactState:
         return ContactState(self, range(len(self))[index])
 
+    def select(self, indices: object) -> ContactStates:
+        """The selected states (any index of a NumPy array) as a batch of their own."""
+        names = (
+            "wrenches", "solved", "status_codes", "subsets", "basic", "pivots", "attempts", "residual"
+        )  # fmt: skip
+        return ContactStates(self.support, **{name: getattr(self, name)[indices] for name in names})
+
     def status(self, index: int) -> str:
         """Status of one state as a sentence."""
         return STATUS[int(self.status_codes[index])]
@@ -94,7 +101,7 @@ class ContactStates:
         """(N, n, d) forces on the base in contact axes (n, t1, t2), N."""
         system, d = self.support.system, self.support.dimension
         flat = self.pool_values @ system.force_matrix.T + system.force_offset
-        return flat.reshape(len(self), -1, d)
+        return flat.reshape(len(self), self.support.n_contacts, d)
 
     @cached_property
     def forces(self) -> np.ndarray:
@@ -106,12 +113,13 @@ class ContactStates:
         """(N, n, d) accelerations of the contact points in contact axes (n, t1, t2), m/s^2."""
         system, d = self.support.system, self.support.dimension
         flat = self.pool_values @ system.acceleration_matrix.T / self.support.mass
-        return flat.reshape(len(self), -1, d)
+        return flat.reshape(len(self), self.support.n_contacts, d)
 
     @cached_property
     def acceleration(self) -> np.ndarray:
         """(N, 6) acceleration of the base: of its centre of mass (m/s^2) and angular (rad/s^2)."""
-        flat = self.contact_forces.reshape(len(self), -1)
+        d = self.support.dimension
+        flat = self.contact_forces.reshape(len(self), self.support.n_contacts * d)
         support = self.support
         return (self.wrenches + flat @ support.wrench_matrix.T) @ support.inverse_mass
 
@@ -124,11 +132,11 @@ class ContactStates:
         """
         d = self.support.dimension
         turning = np.max(np.abs(self.acceleration[:, d:]), axis=1) * self.support.length
-        turns = turning > REST_TOLERANCE * self._scale
+        turns = turning > self.rest_limit
         return self.solved & np.all(self._at_rest, axis=1) & ~turns
 
     @cached_property
-    def _scale(self) -> np.ndarray:
+    def scale(self) -> np.ndarray:
         """(N,) acceleration to which rest and violations are compared, m/s^2.
 
         The largest of the right-hand sides and of the accelerations of the free base.
@@ -139,16 +147,21 @@ class ContactStates:
         free[:, d:] *= support.length
         return np.maximum(rhs, np.max(np.abs(free), axis=1))
 
+    @property
+    def rest_limit(self) -> np.ndarray:
+        """(N,) accelerations up to this count as rest, m/s^2."""
+        return REST_TOLERANCE * self.scale
+
     @cached_property
     def _at_rest(self) -> np.ndarray:
         largest = np.max(np.abs(self.contact_accelerations), axis=2)
-        return largest <= REST_TOLERANCE * self._scale[:, None]
+        return largest <= self.rest_limit[:, None]
 
     def modes(self, index: int) -> list[str]:
         """What each contact does in one state, by its accelerations: stick, slide, separate, yield."""
         if not self.solved[index]:
             return ["unknown"] * self.support.n_contacts
-        limit = REST_TOLERANCE * self._scale[index]
+        limit = self.rest_limit[index]
         names = []
         for k, contact in enumerate(self.support.contacts):
             a = self.contact_accelerations[index, k]
@@ -171,8 +184,8 @@ class ContactStates:
             (N,) largest violation relative to the largest right-hand side; NaN where not solved.
         """
         support, d = self.support, self.support.dimension
-        unit = np.maximum(self._scale * support.mass, np.finfo(float).tiny)
-        moved = (self.acceleration @ support.wrench_matrix).reshape(len(self), -1, d)
+        unit = np.maximum(self.scale * support.mass, np.finfo(float).tiny)
+        moved = (self.acceleration @ support.wrench_matrix).reshape(len(self), support.n_contacts, d)
         difference = np.max(np.abs(moved - self.contact_accelerations), axis=(1, 2))
         worst = difference * support.mass / unit
         for k, contact in enumerate(support.contacts):
@@ -182,39 +195,46 @@ class ContactStates:
             worst = np.maximum(worst, violation)
         return np.where(self.solved, worst, np.nan)
 
+    @cached_property
     def force_maps(self) -> np.ndarray:
         """Exact derivative of the contact forces with respect to the wrench in the active basis.
 
-        Returns:
-            (N, n, d, 6) in contact axes: change of force (N) per unit of wrench (N, N m). NaN where not
-            solved. Within one basis forces are affine in the wrench; where a basic variable is zero the
-            map is a one-sided derivative.
+        (N, n, d, 6) in contact axes: change of force (N) per unit of wrench (N, N m). NaN where not
+        solved. Within one basis forces are affine in the wrench; where a basic variable is zero the map
+        is a one-sided derivative.
         """
-        system, d = self.support.system, self.support.dimension
-        maps = self._basis_maps(system.force_matrix)
-        return maps.reshape(len(self), -1, d, self.support.wrench_size)
-
-    def acceleration_maps(self) -> np.ndarray:
-        """Exact derivative of the contact accelerations, (N, n, d, 6) in contact axes; as `force_maps`."""
-        system, d = self.support.system, self.support.dimension
-        maps = self._basis_maps(system.acceleration_matrix) / self.support.mass
-        return maps.reshape(len(self), -1, d, self.support.wrench_size)
-
-    def _basis_maps(self, quantity: np.ndarray) -> np.ndarray:
         system = self.support.system
-        unique, which = self._unique_bases
-        out = np.full((len(unique), len(quantity), self.support.wrench_size), np.nan)
-        for i, subsets in enumerate(unique):
-            if subsets[0] >= 0:
-                columns = _active_columns(self.support, subsets[None])[0]
-                solution = np.linalg.solve(system.matrix[:, columns], system.rhs_matrix)
-                out[i] = quantity[:, columns] @ solution
-        return out[which]
+        return self._shaped_maps(system.force_matrix)
 
     @cached_property
-    def _unique_bases(self) -> tuple[np.ndarray, np.ndarray]:
+    def acceleration_maps(self) -> np.ndarray:
+        """Exact derivative of the contact accelerations, (N, n, d, 6) in contact axes; as `force_maps`."""
+        system = self.support.system
+        return self._shaped_maps(system.acceleration_matrix / self.support.mass)
+
+    def _shaped_maps(self, quantity: np.ndarray) -> np.ndarray:
+        """(N, n, d, 6) derivatives of `quantity @ x` in the active bases."""
+        support = self.support
+        columns, solutions, which = self._basis_solutions
+        maps = np.moveaxis(quantity[:, columns], 1, 0) @ solutions
+        return maps[which].reshape(len(self), support.n_contacts, support.dimension, support.wrench_size)
+
+    @cached_property
+    def _basis_solutions(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Distinct bases: columns (U, m), d(basic)/d(wrench) (U, m, 6), and the basis of each state (N,)."""
+        system = self.support.system
         unique, which = np.unique(self.subsets, axis=0, return_inverse=True)
-        return unique, which.reshape(-1)
+        columns = _active_columns(self.support, np.maximum(unique, 0))
+        bases = np.moveaxis(system.matrix[:, columns], 1, 0)
+        unsolved = unique[:, 0] < 0
+        bases[unsolved] = np.eye(bases.shape[1])
+        try:
+            solutions = np.linalg.solve(bases, system.rhs_matrix)
+        except np.linalg.LinAlgError:
+            # a basis found by the search over all modes may be singular: take the smallest change
+            solutions = np.linalg.pinv(bases, rcond=1e-11) @ system.rhs_matrix
+        solutions[unsolved] = np.nan
+        return columns, solutions, which.reshape(-1)
 
 
 @dataclass(frozen=True)
@@ -284,9 +304,10 @@ class ContactState:
         """Natural residual relative to the largest right-hand side."""
         return float(self.states.residual[self.index])
 
+    @property
     def force_map(self) -> np.ndarray:
         """(n, d, 6) exact derivative of `contact_forces` with respect to the wrench."""
-        return self._alone.force_maps()[0]
+        return self.states.select([self.index]).force_maps[0]
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
@@ -302,21 +323,6 @@ class ContactState:
             "pivots": self.pivots,
             "residual": self.residual,
         }
-
-    @property
-    def _alone(self) -> ContactStates:
-        return self.states if len(self.states) == 1 else take(self.states, [self.index])
-
-
-def take(states: ContactStates, indices: object) -> ContactStates:
-    """The selected states as a batch of their own."""
-    picked = {
-        name: getattr(states, name)[indices]
-        for name in (
-            "wrenches", "solved", "status_codes", "subsets", "basic", "pivots", "attempts", "residual"
-        )
-    }  # fmt: skip
-    return ContactStates(states.support, **picked)
 
 
 def solve(support: Support, wrench: object) -> ContactState:

@@ -23,7 +23,7 @@ from scipy.sparse import csc_matrix
 
 from ocptip.contact import laws, mode_search
 from ocptip.contact.binding import Binding, ForcePiece
-from ocptip.contact.solver import ContactState, solution_from_search, solve, solve_randomly, take
+from ocptip.contact.solver import ContactState, solution_from_search, solve, solve_randomly
 from ocptip.contact.support import Support
 from ocptip.errors import SolverError, finite_array
 
@@ -287,7 +287,7 @@ def _moving_from_random_starts(support: Support, wrench: np.ndarray) -> ContactS
     """A verified solution that moves, found by pivoting from random bases; None if all of them stand."""
     states = solve_randomly(support, wrench, _RANDOM_STARTS)
     moving = np.flatnonzero(states.solved & ~states.persistent & (states.law_violation() < _LAW_TOLERANCE))
-    return take(states, moving[:1])[0] if len(moving) else None
+    return states.select(moving[:1])[0] if len(moving) else None
 
 
 def _cone_remark(pyramid: Equilibrium, cone: Equilibrium) -> str:

@@ -1,0 +1,12 @@
+"""Reserves of contact states: tip-over (GN) and slip (GT), with exact derivatives.
+
+A base on contacts with a unique state persists if and only if GN < 1 and GT < 1, up to the error of the
+friction pyramid. The reserves do not see one kind of motion: a rotation about two loaded contacts in which
+others, unloaded, move only along their tangent planes (possible with normals in different directions).
+`ContactStates.persistent` sees every motion.
+"""
+
+from ocptip.reserves.slip import Slip, SlipReserve
+from ocptip.reserves.tipping import TipOver, TipOverReserve, TippingAxis
+
+__all__ = ["Slip", "SlipReserve", "TipOver", "TipOverReserve", "TippingAxis"]

@@ -1,0 +1,82 @@
+"""The sets of contact forces of a support as arrays: ends of the normal force, tangential limits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ocptip.contact.solver import ContactStates
+from ocptip.contact.support import Support
+
+LOAD_TOLERANCE = 1e-9
+"""Forces below this, relative to the largest force in the state, count as none."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Tangential limits of the contacts of N states in the force piece that holds the normal force.
+
+    Attributes:
+        radius: (N, n) tangential limit at zero normal force, N.
+        slope: (N, n) change of the limit per normal force.
+        normal_min: (N, n) lower end of the piece, N; minus infinity for none.
+        normal_max: (N, n) upper end of the piece, N; infinity for none.
+        value: (N, n) the limit, radius + slope K_n, never negative, N.
+    """
+
+    radius: np.ndarray
+    slope: np.ndarray
+    normal_min: np.ndarray
+    normal_max: np.ndarray
+    value: np.ndarray
+
+
+class ForceSets:
+    """Force sets of all contacts of a support (Coulomb's true cones, `Binding.force_pieces`).
+
+    Attributes:
+        lower: (n,) smallest normal force of each contact, N; minus infinity if it cannot separate upwards.
+        upper: (n,) largest normal force, N; infinity unless the contact yields downwards.
+    """
+
+    def __init__(self, support: Support) -> None:
+        pieces = [contact.force_pieces() for contact in support.contacts]
+        self.lower = np.array([min(piece.normal_min for piece in own) for own in pieces])
+        self.upper = np.array([max(piece.normal_max for piece in own) for own in pieces])
+        most = max(len(own) for own in pieces)
+        padded = [[own[min(p, len(own) - 1)] for p in range(most)] for own in pieces]
+        self._minimum, self._maximum, self._radius, self._slope = (
+            np.array([[getattr(piece, name) for piece in own] for own in padded])
+            for name in ("normal_min", "normal_max", "radius", "slope")
+        )
+
+    def limits(self, normal_forces: np.ndarray, scale: np.ndarray) -> Limits:
+        """Tangential limits at normal forces.
+
+        Where two pieces meet, the one with the larger limit counts (the first if they are equal).
+
+        Args:
+            normal_forces: (N, n), N.
+            scale: (N,) largest force of each state, N; what is outside a piece by a rounding error of
+                this size counts as inside.
+        """
+        K = normal_forces[:, :, None]
+        nearest = np.clip(K, self._minimum, self._maximum)
+        outside = np.abs(K - nearest) - LOAD_TOLERANCE * scale[:, None, None]
+        limit = self._radius + self._slope * nearest
+        choice = np.argmax(np.where(outside <= 0, limit, -1.0 - np.maximum(outside, 0)), axis=2)
+        rows = np.arange(len(self.lower))
+        return Limits(
+            radius=self._radius[rows, choice],
+            slope=self._slope[rows, choice],
+            normal_min=self._minimum[rows, choice],
+            normal_max=self._maximum[rows, choice],
+            value=np.maximum(np.take_along_axis(limit, choice[:, :, None], axis=2)[:, :, 0], 0.0),
+        )
+
+
+def force_scale(states: ContactStates) -> np.ndarray:
+    """(N,) largest contact force component of each state, N; 1 where there is none."""
+    largest = np.max(np.abs(states.contact_forces), axis=(1, 2))
+    return np.where(largest > 0, largest, 1.0)

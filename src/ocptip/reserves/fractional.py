@@ -1,0 +1,191 @@
+"""Full redistribution: the smallest usage t over all contact forces that hold the equilibrium.
+
+With four or more contacts the normal forces of a contact state are one choice of many. Then the limits
+depend on the unknowns too,
+
+    min over z of max_i |q_i + Q_i z| / limit_i(p_i + P_i z),    limit_i(K_n) = radius_i + slope_i K_n,
+
+which is quasi-convex: for given t, F(t) = min_z max_i (|q_i + Q_i z| - t limit_i) / d_i is a second-order
+cone program, and t is optimal where F(t) = 0. The iteration t <- usage at the minimiser (generalised
+fractional programming: Dinkelbach; Crouzeix, Ferland and Schaible, J. Optim. Theory Appl. 47, 1985) falls
+monotonically and superlinearly near the optimum. Far from it, where limits differ by magnitudes, it is slow;
+so every other program tries half of what is left above the largest t known to be too small.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import clarabel
+import numpy as np
+
+from ocptip.reserves.minimax import ConeBatch, forces_of, lengths
+from ocptip.reserves.optimality import ForceRange, refined
+
+NEGLIGIBLE_LIMIT = 1e-7
+"""Limits below this, relative to the largest one, do not enter the usage: such contacts are unloaded."""
+
+_TOLERANCE = 1e-10
+_SMALLEST_DIVISOR = 1e-3
+_DECREASE = 1e-9
+_NEAR = 1e-3
+_MAX_ITERATIONS = 40
+
+
+@dataclass
+class FractionalOptimum:
+    """Optima of N states.
+
+    Attributes:
+        usage: (N,) smallest largest usage.
+        z: (N, nz) where it is reached.
+        pull: (N, n, k) derivative of the usage with respect to the tangential forces q.
+        normal_pull: (N, n) derivative with respect to the normal forces p.
+        gap: (N,) estimated distance from the optimum, inf where the cone program failed.
+        status: (N,) last solver status.
+        iterations: (N,) cone programs solved.
+    """
+
+    usage: np.ndarray
+    z: np.ndarray
+    pull: np.ndarray
+    normal_pull: np.ndarray
+    gap: np.ndarray
+    status: np.ndarray
+    iterations: np.ndarray
+
+
+def largest_usage(tangential: np.ndarray, limits: np.ndarray) -> np.ndarray:
+    """(N,) largest |tangential| / limit of the contacts with a limit worth mentioning."""
+    counts = limits > NEGLIGIBLE_LIMIT * np.max(limits, axis=1, keepdims=True)
+    return np.max(np.where(counts, lengths(tangential) / np.where(counts, limits, 1.0), 0.0), axis=1)
+
+
+def minimise_fraction(q: np.ndarray, Q: np.ndarray, forces: ForceRange) -> FractionalOptimum:
+    """Smallest largest usage of N states of the same size, starting from z = 0, which must be feasible.
+
+    All forces in units of the largest force of their state.
+
+    Args:
+        q: (N, n, k) tangential forces at z = 0.
+        Q: (N, n, k, nz) tangential forces per unit of z.
+        forces: normal forces and limits.
+    """
+    count, n, k = q.shape
+    z = np.zeros((count, Q.shape[3]))
+    best = FractionalOptimum(
+        usage=largest_usage(q, forces.limits(z)),
+        z=z,
+        pull=np.zeros_like(q),
+        normal_pull=np.zeros((count, n)),
+        gap=np.full(count, np.inf),
+        status=np.full(count, "not attempted", dtype=object),
+        iterations=np.zeros(count, dtype=int),
+    )
+    batch = _batch(n, k, Q.shape[3])
+    known_too_small = np.zeros(count)
+    todo = np.arange(count)
+    for iteration in range(_MAX_ITERATIONS):
+        if len(todo) == 0:
+            break
+        own, t = forces.take(todo), best.usage[todo].copy()
+        halves = (iteration % 2 == 1) & (known_too_small[todo] < (1.0 - _NEAR) * t)
+        t[halves] = (t[halves] + known_too_small[todo[halves]]) / 2
+        x, multipliers, best.status[todo] = batch.solve(*_program(q[todo], Q[todo], own, t, best.z[todo]))
+        best.iterations[todo] += 1
+        usable = np.isfinite(x).all(axis=1)
+        too_small = usable & halves & (x[:, 0] > 0)
+        known_too_small[todo[too_small]] = t[too_small]
+        usable &= ~too_small
+        rows, own = todo[usable], own.take(usable)
+        before = best.usage[rows]
+        _improve(best, rows, q[rows], Q[rows], own, x[usable], multipliers[usable], t[usable])
+        decrease = (before - best.usage[rows]) / np.maximum(before, _SMALLEST_DIVISOR)
+        finished = ~usable & ~halves
+        finished[usable] = (decrease <= _DECREASE) & ~halves[usable]
+        near = (decrease < _NEAR) & ~halves[usable]
+        if np.any(near):
+            proven = _polish(best, rows[near], q[rows[near]], Q[rows[near]], own.take(near))
+            finished[np.flatnonzero(usable)[near]] |= proven
+        todo = todo[~finished]
+    known = np.isfinite(best.gap)
+    best.gap[known] = np.minimum(best.gap, best.usage)[known]  # no usage is below zero
+    return best
+
+
+def _batch(n: int, k: int, nz: int) -> ConeBatch:
+    cones = np.ones((n, k + 1, nz + 1), dtype=bool)
+    cones[:, 1:, 0] = False
+    ends = np.ones((2 * n, nz + 1), dtype=bool)
+    ends[:, 0] = False
+    return ConeBatch(
+        np.vstack([cones.reshape(n * (k + 1), nz + 1), ends]),
+        [clarabel.SecondOrderConeT(k + 1)] * n + [clarabel.NonnegativeConeT(2 * n)],
+        _TOLERANCE,
+        equilibrate=True,
+    )
+
+
+def _program(
+    q: np.ndarray, Q: np.ndarray, forces: ForceRange, t: np.ndarray, z: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """A and b of the cone program F(t), divisors from the limits at z. Rows: cones, lower, upper ends."""
+    count, n, k = q.shape
+    columns = Q.shape[3] + 1
+    limits = forces.limits(z)
+    A, b = np.zeros((count, n, k + 1, columns)), np.zeros((count, n, k + 1))
+    A[:, :, 0, 0] = -np.maximum(limits, _SMALLEST_DIVISOR * np.max(limits, axis=1, keepdims=True))
+    A[:, :, 0, 1:] = -(t[:, None] * forces.slope)[:, :, None] * forces.per_z
+    A[:, :, 1:, 1:] = -Q
+    b[:, :, 0] = t[:, None] * (forces.radius + forces.slope * forces.normal)
+    b[:, :, 1:] = q
+    ends = np.zeros((count, 2 * n, columns))
+    ends[:, :n, 1:], ends[:, n:, 1:] = -forces.per_z, forces.per_z
+    room = np.maximum(np.hstack([forces.normal - forces.lower, forces.upper - forces.normal]), 0.0)
+    room[np.all(ends == 0, axis=2)] = 1.0  # a fixed normal force stays where it is, at an end or not
+    rows = n * (k + 1)
+    A = np.concatenate([A.reshape(count, rows, columns), ends], axis=1)
+    return A, np.hstack([b.reshape(count, rows), room])
+
+
+def _improve(
+    best: FractionalOptimum,
+    rows: np.ndarray,
+    q: np.ndarray,
+    Q: np.ndarray,
+    forces: ForceRange,
+    x: np.ndarray,
+    multipliers: np.ndarray,
+    t: np.ndarray,
+) -> None:
+    """Keep lower usages, and the derivatives of t from the multipliers of F(t): dt = dF / sum w_i limit_i."""
+    count, n, k = q.shape
+    excess, z = x[:, 0], x[:, 1:]
+    limits = forces.limits(z)
+    cones = multipliers[:, : -2 * n].reshape(count, n, k + 1)
+    lower, upper = multipliers[:, -2 * n : -n], multipliers[:, -n:]
+    weight = cones[:, :, 0]
+    total = np.maximum(np.sum(weight * limits, axis=1, keepdims=True), np.finfo(float).tiny)
+    best.pull[rows] = -cones[:, :, 1:] / total[:, :, None]
+    best.normal_pull[rows] = (upper - lower - t[:, None] * weight * forces.slope) / total
+    best.gap[rows] = np.abs(excess) / total[:, 0]
+    reached = largest_usage(q + forces_of(Q, z), limits)
+    falls = reached < best.usage[rows]
+    best.usage[rows[falls]], best.z[rows[falls]] = reached[falls], z[falls]
+
+
+def _polish(
+    best: FractionalOptimum, where: np.ndarray, q: np.ndarray, Q: np.ndarray, forces: ForceRange
+) -> np.ndarray:
+    """Refine the states `where` by Newton steps; True where a proven optimum replaced the state."""
+    start = best.z[where], best.usage[where], best.pull[where], best.normal_pull[where]
+    point = refined(q, Q, forces, *start)
+    good = point.proven & (point.t <= best.usage[where] * (1.0 + _DECREASE))
+    rows = where[good]
+    best.usage[rows], best.z[rows], best.gap[rows] = (
+        np.minimum(point.t, best.usage[where])[good],
+        point.z[good],
+        point.residual[good],
+    )
+    best.pull[rows], best.normal_pull[rows] = point.pull[good], point.normal_pull[good]
+    return good

@@ -1,0 +1,257 @@
+"""Tangential redistribution: min over z of max_i |q_i + Q_i z| / l_i, in batches.
+
+The forces of every z hold the equilibrium exactly (z runs over the tangential forces that cancel each
+other), so that the usage of any z is an upper bound of the optimum, and any multipliers v with Q'v = 0 give
+the lower bound sum v_i . q_i / sum |v_i| l_i. The gap between the two certifies a result whatever the solver
+said about it. Source: (4.12); second-order cone program solved by Clarabel, then polished by Newton steps on
+the optimality conditions, because derivatives need the multipliers to more digits than an
+interior-point method gives.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import clarabel
+import numpy as np
+from scipy import sparse
+
+GAP_TOLERANCE = 1e-7
+"""Largest gap between the two bounds of the usage, relative to max(1, usage), of a solved state."""
+
+ZERO_USAGE = 1e-10
+"""Usages below this are zero; the usage has a kink there, its derivative is then given as zero."""
+
+_TOLERANCES = (1e-9, 1e-12)
+_GOOD_STATUS = ("Solved", "AlmostSolved", "InsufficientProgress")
+_POLISH_STEPS = 3
+_REGULARISATION = 1e-12
+
+
+class ConeBatch:
+    """A Clarabel program: min x_0 with b - A x in a product of cones; set up once, re-solved by updates.
+
+    Args:
+        structure: (rows, columns) True where A may be non-zero.
+        cones: Clarabel cones in the order of the rows.
+        tolerance: gap and feasibility tolerance.
+        equilibrate: scale rows and columns first (slower, needed where limits differ by magnitudes).
+    """
+
+    def __init__(self, structure: np.ndarray, cones: list, tolerance: float, equilibrate: bool) -> None:
+        settings = clarabel.DefaultSettings()
+        settings.verbose = False
+        settings.presolve_enable = False  # the structure must survive for the updates
+        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
+        settings.equilibrate_enable = equilibrate
+        settings.max_threads = 1
+        rows, columns = structure.shape
+        self._entries = np.nonzero(structure.T)[::-1]
+        cost = np.zeros(columns)
+        cost[0] = 1.0
+        self._solver = clarabel.DefaultSolver(
+            sparse.csc_matrix((columns, columns)),
+            cost,
+            sparse.csc_matrix(structure.astype(float)),
+            np.zeros(rows),
+            cones,
+            settings,
+        )
+
+    def solve(self, A: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Solve for A (N, rows, columns), b (N, rows): x (N, columns), multipliers (N, rows), status (N,).
+
+        x and the multipliers are NaN where the solver gave no usable point.
+        """
+        count, rows, columns = A.shape
+        x, multipliers = np.full((count, columns), np.nan), np.full((count, rows), np.nan)
+        status = np.empty(count, dtype=object)
+        data = A[:, self._entries[0], self._entries[1]]
+        for s in range(count):
+            self._solver.update(A=data[s], b=b[s])
+            solution = self._solver.solve()
+            status[s] = str(solution.status)
+            if status[s] in _GOOD_STATUS:
+                x[s], multipliers[s] = solution.x, solution.z
+        return x, multipliers, status
+
+
+@dataclass
+class Minimax:
+    """Best known points of N minimax problems, with the two bounds.
+
+    Attributes:
+        usage: (N,) largest usage of the forces, the upper bound.
+        forces: (N, n, k) tangential forces q + Q z, N.
+        pull: (N, n, k) multipliers v_i, Q'v = 0 and sum |v_i| l_i = 1. At the optimum
+            d usage = sum v_i . d q_i - usage sum |v_i| d l_i.
+        gap: (N,) upper minus lower bound.
+        status: (N,) solver status.
+    """
+
+    usage: np.ndarray
+    forces: np.ndarray
+    pull: np.ndarray
+    gap: np.ndarray
+    status: np.ndarray
+
+    @property
+    def solved(self) -> np.ndarray:
+        """(N,) True where the gap is closed."""
+        return self.gap <= GAP_TOLERANCE * np.maximum(1.0, self.usage)
+
+    def take_better(self, where: np.ndarray, other: Minimax) -> None:
+        """Replace the states `where` by `other` where its gap is smaller."""
+        better = other.gap < self.gap[where]
+        for item in fields(self):
+            getattr(self, item.name)[where[better]] = getattr(other, item.name)[better]
+
+
+def minimise_usage(q: np.ndarray, Q: np.ndarray, limits: np.ndarray) -> Minimax:
+    """Smallest largest usage of N problems of the same size.
+
+    The problem is solved for u_i = (q_i + Q_i z) / l_i in an orthonormal basis P of the redistributions
+    and in units of the least-squares solution, whose usage is at most sqrt(n) times the optimum.
+
+    Args:
+        q: (N, n, k) tangential forces at z = 0, N.
+        Q: (N, n, k, nz) linearly independent tangential forces per unit of z.
+        limits: (N, n) limits l_i > 0, N.
+    """
+    count, n, k = q.shape
+    nz = Q.shape[3]
+    u = q / limits[:, :, None]
+    P = np.linalg.qr((Q / limits[:, :, None, None]).reshape(count, n * k, nz))[0].reshape(Q.shape)
+    for _ in range(2):  # the second time removes the rounding errors of the first
+        u = u - forces_of(P, _against(P, u))
+    level = np.max(lengths(u), axis=1)
+    level = np.where(level > ZERO_USAGE, level, 1.0)
+    u = u / level[:, None, None]
+    best = _least_squares(u, P)
+    for tolerance in _TOLERANCES:
+        todo = np.flatnonzero(~best.solved)
+        if len(todo) == 0:
+            break
+        y, pull, status = _cone_program(u[todo], P[todo], tolerance)
+        best.status[todo] = status
+        best.take_better(todo, _with_bounds(u[todo], P[todo], y, pull, status))
+        best.take_better(todo, _with_bounds(u[todo], P[todo], *_polished(u[todo], P[todo], y, pull), status))
+    return Minimax(
+        usage=best.usage * level,
+        forces=best.forces * level[:, None, None] * limits[:, :, None],
+        pull=best.pull / limits[:, :, None],
+        gap=best.gap * level,
+        status=best.status,
+    )
+
+
+def forces_of(Q: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """Q_i z: (N, n, k) from Q (N, n, k, nz) and z (N, nz)."""
+    return np.einsum("sikz,sz->sik", Q, z)
+
+
+def weighted_gram(weights: np.ndarray, Q: np.ndarray) -> np.ndarray:
+    """sum_i weights_i Q_i'Q_i: (N, nz, nz) from weights (N, n) and Q (N, n, k, nz)."""
+    count, n, k, nz = Q.shape
+    flat = Q.reshape(count, n * k, nz)
+    return (flat * np.repeat(weights, k, axis=1)[:, :, None]).swapaxes(1, 2) @ flat
+
+
+def _against(Q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Q'v: (N, nz) from Q (N, n, k, nz) and v (N, n, k)."""
+    return np.einsum("sikz,sik->sz", Q, v)
+
+
+def lengths(vectors: np.ndarray) -> np.ndarray:
+    """Euclidean lengths over the last axis."""
+    return np.sqrt(np.einsum("...k,...k->...", vectors, vectors))
+
+
+def _least_squares(u: np.ndarray, P: np.ndarray) -> Minimax:
+    """y = 0: the optimum where nothing can be redistributed or no tangential force is needed."""
+    usages = lengths(u)
+    worst, rows = np.argmax(usages, axis=1), np.arange(len(u))
+    usage = usages[rows, worst]
+    needed = usage > ZERO_USAGE
+    pull = np.zeros_like(u)
+    at = rows[needed], worst[needed]
+    pull[at] = u[at] / usage[needed, None]
+    known = ~needed if P.shape[3] else np.ones(len(u), dtype=bool)
+    status = np.where(known, "direct", "not attempted").astype(object)
+    return Minimax(usage, u.copy(), pull, np.where(known, 0.0, np.inf), status)
+
+
+def _cone_program(
+    u: np.ndarray, P: np.ndarray, tolerance: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Minimise t with (t, u_i + P_i y) in the second-order cone: y, multipliers of u, status."""
+    count, n, k = u.shape
+    nz = P.shape[3]
+    structure = np.zeros((n, k + 1, nz + 1), dtype=bool)
+    structure[:, 0, 0] = structure[:, 1:, 1:] = True
+    A, b = np.zeros((count, *structure.shape)), np.zeros((count, n, k + 1))
+    A[:, :, 0, 0] = -1.0
+    A[:, :, 1:, 1:] = -P
+    b[:, :, 1:] = u
+    rows = n * (k + 1)
+    cones = [clarabel.SecondOrderConeT(k + 1)] * n
+    batch = ConeBatch(structure.reshape(rows, -1), cones, tolerance, equilibrate=False)
+    x, multipliers, status = batch.solve(A.reshape(count, rows, -1), b.reshape(count, rows))
+    return x[:, 1:], -multipliers.reshape(count, n, k + 1)[:, :, 1:], status
+
+
+def _with_bounds(
+    u: np.ndarray, P: np.ndarray, y: np.ndarray, pull: np.ndarray, status: np.ndarray
+) -> Minimax:
+    """Evaluate both bounds after making the multipliers feasible: P'v = 0, sum |v_i| = 1."""
+    pull = pull - forces_of(P, _against(P, pull))
+    total = np.sum(lengths(pull), axis=1)
+    pull = pull / np.where(total > 0, total, np.nan)[:, None, None]
+    forces = u + forces_of(P, y)
+    usage = np.max(lengths(forces), axis=1)
+    gap = usage - np.einsum("sik,sik->s", pull, u)
+    return Minimax(usage, forces, pull, np.where(np.isfinite(gap), np.maximum(gap, 0.0), np.inf), status)
+
+
+def _polished(
+    u0: np.ndarray, P: np.ndarray, y: np.ndarray, pull: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Newton steps on the optimality conditions of the contacts with the largest usage: y, multipliers.
+
+    With u_i = u0_i + P_i y, active contacts have |u_i| = t; sum m_i P_i'u_i = 0 and t sum m_i = 1. The others
+    have m_i = 0. The multipliers are v_i = m_i u_i.
+    """
+    count, n, _ = u0.shape
+    nz = P.shape[3]
+    y = y.copy()
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        sizes, shares = lengths(u0 + forces_of(P, y)), lengths(pull)
+        t = np.max(sizes, axis=1)
+        shares = shares / np.sum(shares, axis=1, keepdims=True)
+        active = shares > 1.0 - sizes / t[:, None]
+        m = np.where(active, shares / t[:, None], 0.0)
+        matrix = np.zeros((count, nz + 1 + n, nz + 1 + n))
+        rhs = np.zeros((count, nz + 1 + n))
+        for _ in range(_POLISH_STEPS):
+            u = u0 + forces_of(P, y)
+            G = np.einsum("sikz,sik->siz", P, u) * active[:, :, None]
+            matrix[:, :nz, :nz] = weighted_gram(m, P) + _REGULARISATION * np.eye(nz)
+            matrix[:, nz, nz] = -np.sum(m, axis=1)
+            matrix[:, nz + 1 :, :nz], matrix[:, :nz, nz + 1 :] = G, G.swapaxes(1, 2)
+            matrix[:, nz + 1 :, nz] = matrix[:, nz, nz + 1 :] = -t[:, None] * active
+            matrix[:, nz + 1 :, nz + 1 :] = -np.where(active, _REGULARISATION, 1.0)[:, :, None] * np.eye(n)
+            rhs[:, :nz] = -np.einsum("si,siz->sz", m, G)
+            rhs[:, nz] = t * np.sum(m, axis=1) - 1.0
+            rhs[:, nz + 1 :] = np.where(active, t[:, None] ** 2 - np.einsum("sik,sik->si", u, u), 0.0) / 2
+            step = solve_each(matrix, rhs)
+            y, t, m = y + step[:, :nz], t + step[:, nz], m + step[:, nz + 1 :]
+        return y, np.maximum(m, 0.0)[:, :, None] * (u0 + forces_of(P, y))
+
+
+def solve_each(matrix: np.ndarray, rhs: np.ndarray) -> np.ndarray:
+    """Solutions (N, p) of the systems (N, p, p); NaN where one is singular or not finite."""
+    usable = np.isfinite(matrix).all(axis=(1, 2))
+    usable[usable] = np.linalg.slogdet(matrix[usable])[0] != 0
+    solution = np.full(rhs.shape, np.nan)
+    solution[usable] = np.linalg.solve(matrix[usable], rhs[usable, :, None])[:, :, 0]
+    return solution

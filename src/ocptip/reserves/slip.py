@@ -1,0 +1,257 @@
+"""Slip reserve GT: the smallest share of the friction limits with which the contacts hold the base.
+
+The solver's basic solution puts forces on edges of the friction pyramid, which says nothing about the
+reserve. Therefore the forces are redistributed so that the largest usage |tangential force| / limit
+becomes as small as possible while the equation of motion (4.13) holds with the state's own accelerations.
+Source: (4.12) to (4.18).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+
+from ocptip.contact.solver import ContactStates
+from ocptip.contact.support import Support
+from ocptip.errors import InputError
+from ocptip.reserves.force_sets import LOAD_TOLERANCE, ForceSets, force_scale
+from ocptip.reserves.fractional import NEGLIGIBLE_LIMIT, minimise_fraction
+from ocptip.reserves.minimax import GAP_TOLERANCE, ZERO_USAGE, forces_of, lengths, minimise_usage
+from ocptip.reserves.optimality import ForceRange
+
+Redistribution = Literal["tangential", "full"]
+
+LARGEST_SQUEEZE = 10.0
+"""Bound of the normal forces in a full redistribution, relative to the largest force or limit."""
+
+_RANK_TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class SlipReserve:
+    """Slip reserves of N states; NaN where the contact state or the redistribution is not solved.
+
+    Attributes:
+        GT: (N,) slip ratio + slide acceleration: below 1 nothing slips.
+        slip_ratio: (N,) smallest largest usage of the friction limits (4.12); 0 without a loaded contact.
+        slide_acceleration: (N,) largest tangential acceleration of a loaded contact, m/s^2. It makes GT
+            grow with the slip, by analogy with (4.10); the source has no such part.
+        tangential_forces: (N, n, d - 1) redistributed, in contact axes (t1, t2), N.
+        normal_forces: (N, n) N; those of the contact state unless redistributed in full.
+        usage: (N, n) |tangential force| / limit; NaN for contacts that carry no tangential force.
+        gradient: (N, 6) derivative of GT with respect to the wrench (1 per N, N m); None if not asked for.
+            Zero for a slip ratio of zero, which is a kink.
+        solved: (N,) True where the optimum is certified.
+        residual: (N,) the larger of the relative error of the equation of motion and the gap between the
+            ratio and its lower bound (full: the estimated distance from the optimum).
+        status: N sentences.
+    """
+
+    GT: np.ndarray
+    slip_ratio: np.ndarray
+    slide_acceleration: np.ndarray
+    tangential_forces: np.ndarray
+    normal_forces: np.ndarray
+    usage: np.ndarray
+    gradient: np.ndarray | None
+    solved: np.ndarray
+    residual: np.ndarray
+    status: tuple[str, ...]
+
+
+class Slip:
+    """Slip reserve of a support.
+
+    Contacts take part that can carry a tangential force: those with a limit above zero at their normal
+    force. For ordinary contacts these are the loaded ones of the source; a preloaded clamp takes part even
+    if the solver happens to put no force on it.
+
+    Args:
+        support: the base on its contacts.
+        redistribution: "tangential" keeps the normal forces of the state, as the source does. "full" also
+            redistributes the normal forces (which are one choice of many with four or more feet), within
+            the convex piece of the force set in which the state's normal force lies. It never gives a
+            larger ratio. Where the base does not persist, sliding friction is bound to the normal
+            force, and "full" is the same as "tangential". Where contacts can squeeze each other
+            without limit, their normal forces end at LARGEST_SQUEEZE times the largest force or
+            limit of the state, and the status says so.
+    """
+
+    def __init__(self, support: Support, redistribution: Redistribution = "tangential") -> None:
+        if redistribution not in get_args(Redistribution):
+            raise InputError(
+                f"redistribution: expected one of {get_args(Redistribution)}, got {redistribution!r}"
+            )
+        self.support = support
+        self.redistribution = redistribution
+        self._sets = ForceSets(support)
+        d = support.dimension
+        scaling = np.ones(support.wrench_size)
+        scaling[d:] /= support.length
+        self._matrix = scaling[:, None] * support.wrench_matrix
+        self._bases: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
+
+    def evaluate(self, states: ContactStates, derivatives: bool = True) -> SlipReserve:
+        """Slip reserves of states of this support.
+
+        Raises:
+            InputError: the states belong to another support.
+        """
+        if states.support is not self.support:
+            raise InputError("states: belong to another support")
+        work = _Work(states, self._sets)
+        self._redistribute_tangential(work)
+        if self.redistribution == "full":
+            self._redistribute_full(work)
+        return self._result(work, derivatives)
+
+    def _redistribute_tangential(self, work: _Work) -> None:
+        todo = np.flatnonzero(work.carries.any(axis=1))
+        for rows, picked, basis in self._groups(todo, work.carries, with_normals=False):
+            at, Q = (rows[:, None], picked), basis[:, :, 1:]
+            limits, slope = work.limits.value[at], work.limits.slope[at]
+            optimum = minimise_usage(work.forces[at][:, :, 1:], Q, limits)
+            work.forces[(*at, slice(1, None))] = optimum.forces
+            work.pull[(*at, slice(1, None))] = optimum.pull
+            work.pull[(*at, 0)] = -optimum.usage[:, None] * lengths(optimum.pull) * slope
+            work.usage[at] = lengths(work.forces[at][:, :, 1:]) / limits
+            work.ratio[rows], work.gap[rows] = optimum.usage, optimum.gap
+            for row, solved, status in zip(rows, optimum.solved, optimum.status, strict=True):
+                work.status[row] = (
+                    "solved" if solved else f"not certified, an upper bound (Clarabel: {status})"
+                )
+
+    def _redistribute_full(self, work: _Work) -> None:
+        todo = np.flatnonzero((work.ratio > ZERO_USAGE) & work.states.persistent)
+        for rows, picked, basis in self._groups(todo, work.carries, with_normals=True):
+            at, unit, Q = (rows[:, None], picked), work.scale[rows][:, None], basis[:, :, 1:]
+            limits, forces = work.limits, work.forces[at] / unit[:, :, None]
+            normals = ForceRange(
+                normal=forces[:, :, 0],
+                per_z=basis[:, :, 0],
+                radius=limits.radius[at] / unit,
+                slope=limits.slope[at],
+                lower=np.maximum(limits.normal_min[at] / unit, -LARGEST_SQUEEZE),
+                upper=np.minimum(limits.normal_max[at] / unit, LARGEST_SQUEEZE),
+            )
+            optimum = minimise_fraction(forces[:, :, 1:], Q, normals)
+            new_normals, new_limits = normals.normals(optimum.z), normals.limits(optimum.z)
+            tangential = forces[:, :, 1:] + forces_of(Q, optimum.z)
+            work.forces[at] = np.concatenate([new_normals[:, :, None], tangential], axis=2) * unit[:, :, None]
+            known = np.isfinite(optimum.gap)
+            work.pull[rows[known]] = 0.0
+            work.pull[rows[known, None], picked[known]] = (
+                np.concatenate([optimum.normal_pull[:, :, None], optimum.pull], axis=2) / unit[:, :, None]
+            )[known]
+            loaded = new_limits > NEGLIGIBLE_LIMIT * np.max(new_limits, axis=1, keepdims=True)
+            work.usage[at] = np.where(loaded, lengths(tangential) / np.where(loaded, new_limits, 1.0), np.nan)
+            work.ratio[rows], work.gap[rows] = optimum.usage, optimum.gap
+            squeezed = np.any(np.abs(new_normals) > 0.99 * LARGEST_SQUEEZE, axis=1)
+            for i, row in enumerate(rows):
+                if not known[i] or optimum.gap[i] > GAP_TOLERANCE * max(1.0, optimum.usage[i]):
+                    work.status[row] = f"not certified, an upper bound (Clarabel: {optimum.status[i]})"
+                elif squeezed[i]:
+                    work.status[row] = "solved; contacts squeeze each other up to the bound of normal forces"
+
+    def _result(self, work: _Work, derivatives: bool) -> SlipReserve:
+        states = work.states
+        solved = states.solved & (work.gap <= GAP_TOLERANCE * np.maximum(1.0, work.ratio))
+        change = (work.forces - work.start).reshape(len(states), -1)
+        residual = np.max(np.abs(change @ self._matrix.T), axis=1) / work.scale
+        sliding = np.flatnonzero(work.slide)
+        unknown = np.where(states.solved, 0.0, np.nan)
+        gradient = None
+        if derivatives:
+            gradient = np.einsum("sic,sicw->sw", work.pull, states.force_maps)
+            if len(sliding):
+                fastest = work.fastest[sliding]
+                direction = states.contact_accelerations[sliding, fastest, 1:] / work.slide[sliding, None]
+                maps = states.select(sliding).acceleration_maps[np.arange(len(sliding)), fastest, 1:]
+                gradient[sliding] += np.einsum("sc,scw->sw", direction, maps)
+        return SlipReserve(
+            GT=work.ratio + work.slide + unknown,
+            slip_ratio=work.ratio + unknown,
+            slide_acceleration=work.slide + unknown,
+            tangential_forces=work.forces[:, :, 1:] + unknown[:, None, None],
+            normal_forces=work.forces[:, :, 0] + unknown[:, None],
+            usage=work.usage,
+            gradient=gradient,
+            solved=solved,
+            residual=np.maximum(residual, work.gap) + unknown,
+            status=tuple(work.status),
+        )
+
+    def _groups(
+        self, rows: np.ndarray, carries: np.ndarray, with_normals: bool
+    ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """States `rows` in groups of one problem size: rows (R,), contacts (R, m), bases (R, m, d, nz)."""
+        if len(rows) == 0:
+            return
+        patterns, which = np.unique(carries[rows], axis=0, return_inverse=True)
+        which = which.reshape(-1)
+        bases = [self._basis(pattern, with_normals) for pattern in patterns]
+        shapes = [basis.shape for _, basis in bases]
+        for shape in sorted(set(shapes)):
+            members = [p for p, own in enumerate(shapes) if own == shape]
+            place = np.full(len(patterns), -1)
+            place[members] = np.arange(len(members))
+            inside = place[which] >= 0
+            index = place[which[inside]]
+            yield (
+                rows[inside],
+                np.array([bases[p][0] for p in members])[index],
+                np.array([bases[p][1] for p in members])[index],
+            )
+
+    def _basis(self, carries: np.ndarray, with_normals: bool) -> tuple[np.ndarray, np.ndarray]:
+        """Contacts that take part and an orthonormal basis (m, d, nz) of the forces that cancel each other.
+
+        Free are the tangential forces of the contacts that carry, or all forces of all contacts but of
+        unloaded ones whose normal force is the same in all solutions.
+        """
+        key = np.packbits(np.r_[carries, with_normals]).tobytes()
+        if key not in self._bases:
+            matrix = self._matrix.reshape(len(self._matrix), len(carries), -1)
+            taking_part = carries | with_normals
+            while True:
+                free = np.repeat(taking_part[:, None], matrix.shape[2], axis=1)
+                free[:, 0] &= with_normals
+                _, s, vt = np.linalg.svd(matrix[:, free])
+                null = vt[int(np.sum(s > _RANK_TOLERANCE * np.max(s, initial=0.0))) :].T
+                basis = np.zeros((*free.shape, null.shape[1]))
+                basis[free] = null
+                basis[np.abs(basis) < _RANK_TOLERANCE] = 0.0
+                stuck = taking_part & ~carries & np.all(basis[:, 0] == 0, axis=1)
+                if not np.any(stuck):
+                    break
+                taking_part &= ~stuck
+            self._bases[key] = np.flatnonzero(taking_part), basis[taking_part]
+        return self._bases[key]
+
+
+class _Work:
+    """Forces and multipliers of N states while they are redistributed; all contacts, contact axes."""
+
+    def __init__(self, states: ContactStates, sets: ForceSets) -> None:
+        self.states = states
+        solved = states.solved
+        self.start = np.where(solved[:, None, None], states.contact_forces, 0.0)
+        self.forces = self.start.copy()
+        self.scale = np.where(solved, force_scale(states), 1.0)
+        self.limits = sets.limits(self.start[:, :, 0], self.scale)
+        self.scale = np.maximum(self.scale, np.max(self.limits.value, axis=1))
+        self.carries = solved[:, None] & (self.limits.value > LOAD_TOLERANCE * self.scale[:, None])
+        slides = np.where(self.carries, lengths(states.contact_accelerations[:, :, 1:]), 0.0)
+        self.fastest, largest = np.argmax(slides, axis=1), np.max(slides, axis=1)
+        self.slide = np.where(largest > states.rest_limit, largest, 0.0)
+        count = len(states)
+        self.ratio, self.gap = np.zeros(count), np.zeros(count)
+        self.usage = np.full(self.carries.shape, np.nan)
+        self.pull = np.zeros_like(self.forces)
+        self.status = [
+            "no loaded contact" if solved[s] else f"no contact state: {states.status(s)}"
+            for s in range(count)
+        ]

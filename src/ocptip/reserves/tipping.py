@@ -1,0 +1,297 @@
+"""Tip-over reserve GN: how far the normal forces are from a rotation about a tipping axis.
+
+A contact's normal reserve is the distance of its normal force from the end of its force set at which it
+lets go. About every potential tipping axis the reserves have a moment sum M_i; when the smallest one
+vanishes, the base tips. Source: (4.5) to (4.11); there the axes are the edges of a support polygon, here
+they are found for contacts in any position.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
+
+import numpy as np
+from scipy.optimize import linprog
+
+from ocptip.contact.solver import ContactStates
+from ocptip.contact.support import Support
+from ocptip.errors import InputError, SolverError, positive_number
+from ocptip.reserves.force_sets import ForceSets
+
+GEOMETRY_TOLERANCE = 1e-9
+"""Lengths below this, relative to the extent of the contacts, are zero."""
+
+REFERENCE_SHARE = 0.1
+"""Reference moment M0 as a share of the largest moment sum without load (source: about 1/10)."""
+
+
+@dataclass(frozen=True, eq=False)
+class TippingAxis:
+    """A line about which the base can start to tip.
+
+    Attributes:
+        contacts: the two contacts (i, j) on the line, the outermost if there are more; in the plane, where
+            the axis is a point, the contact twice.
+        point: (3,) contact i in base axes, m; (2,) in the plane.
+        direction: (3,) unit vector of the angular velocity in base axes, from i to j; (1,) the sign of the
+            rotation (from x to y) in the plane.
+        lift: (n,) normal speed of each contact per angular velocity, m: zero on the axis, positive where
+            the contact separates, negative where a two-sided clamp yields downwards.
+    """
+
+    contacts: tuple[int, int]
+    point: np.ndarray
+    direction: np.ndarray
+    lift: np.ndarray
+
+
+class TipOver:
+    """Tip-over reserve of a support; finds the potential tipping axes once.
+
+    A line through two contacts is a potential tipping axis if a rotation about it lifts at least one
+    contact, drives none into the ground and moves none along its normal that cannot: rigid and
+    force-variable clamps must lie on it (or move in their tangent plane). A force-constant two-sided clamp
+    yields in both directions, so that it may move either way.
+
+    Contacts on one line (or a single one; in the plane all at one point) transmit no moment about it:
+    nothing resists such a rotation, whatever the bindings. `free_rotation` is then True and the
+    tip ratio 1 for every state.
+    Without any axis (for example three rigid clamps) the base cannot tip: tip ratio 0.
+
+    Args:
+        support: the base on its contacts.
+        reference_moment: M0 > 0, N m; default a tenth of the largest min_i M_i that normal forces with the
+            sum of the weight can have (preloads of clamps not counted). On a horizontal plane that is
+            a tenth of the weight times the radius of the circle inscribed in the support polygon.
+
+    Attributes:
+        axes: the potential tipping axes, coinciding ones merged.
+        free_rotation: True if nothing resists a rotation.
+        reference_moment: M0, N m; None where no moment sum is needed.
+
+    Raises:
+        InputError: M0 not positive, or no M0 given where gravity is zero.
+    """
+
+    def __init__(self, support: Support, reference_moment: float | None = None) -> None:
+        self.support = support
+        self._sets = ForceSets(support)
+        self.free_rotation, self.axes = _find_axes(support, self._sets)
+        n, needed = support.n_contacts, bool(self.axes) and not self.free_rotation
+        self.lifts = np.array([axis.lift for axis in self.axes]).reshape(-1, n)
+        if reference_moment is not None:
+            self.reference_moment = positive_number("reference_moment", reference_moment)
+        elif needed:
+            self.reference_moment = REFERENCE_SHARE * self._largest_moment()
+        else:
+            self.reference_moment = None
+
+    def evaluate(self, states: ContactStates) -> TipOverReserve:
+        """Tip-over reserves of states of this support.
+
+        Raises:
+            InputError: the states belong to another support.
+        """
+        if states.support is not self.support:
+            raise InputError("states: belong to another support")
+        normal_forces = states.contact_forces[:, :, 0]
+        upwards, downwards = normal_forces - self._sets.lower, self._sets.upper - normal_forces
+        moments = _product(upwards, np.maximum(self.lifts, 0)) + _product(
+            downwards, np.maximum(-self.lifts, 0)
+        )
+        count = len(states)
+        nearest = np.full(count, -1)
+        if self.free_rotation:
+            ratio = np.ones(count)
+            nearest[:] = 0 if self.axes else -1
+        elif self.axes:
+            nearest = np.argmin(moments, axis=1)
+            smallest = np.maximum(moments[np.arange(count), nearest], 0.0)
+            ratio = self.reference_moment / (self.reference_moment + smallest)
+        else:
+            ratio = np.zeros(count)
+        speeds = np.abs(states.contact_accelerations[:, :, 0])
+        lifting = np.where(np.max(speeds, axis=1) > states.rest_limit, np.argmax(speeds, axis=1), -1)
+        largest = np.where(lifting >= 0, np.max(speeds, axis=1), 0.0)
+        ratio = np.where(lifting >= 0, 1.0, ratio)
+        ratio = np.where(states.solved, ratio, np.nan)
+        return TipOverReserve(
+            GN=ratio + largest,
+            tip_ratio=ratio,
+            lift_acceleration=np.where(states.solved, largest, np.nan),
+            moments=moments,
+            nearest_axis=nearest,
+            normal_reserves=np.minimum(upwards, downwards),
+            lifting_contact=lifting,
+            states=states,
+            tip_over=self,
+        )
+
+    def _largest_moment(self) -> float:
+        """Largest min_i M_i of reserves >= 0 with the sum of the weight, N m (linear program)."""
+        weight = self.support.mass * float(np.linalg.norm(self.support.gravity))
+        if weight == 0:
+            raise InputError(
+                "reference_moment: gravity is zero, so that the weight gives no reference; pass M0 > 0 in N m"
+            )
+        axes, n = self.lifts.shape
+        result = linprog(
+            np.r_[np.zeros(n), -1.0],
+            A_ub=np.hstack([-np.abs(self.lifts), np.ones((axes, 1))]),
+            b_ub=np.zeros(axes),
+            A_eq=np.r_[np.ones(n), 0.0][None],
+            b_eq=[1.0],
+            bounds=[(0, None)] * (n + 1),
+            method="highs",
+        )
+        if not result.success:
+            raise SolverError(f"reference moment: linear program failed: {result.message}")
+        return weight * float(result.x[-1])
+
+
+@dataclass(frozen=True, eq=False)
+class TipOverReserve:
+    """Tip-over reserves of N states; NaN where the contact state is not solved.
+
+    Attributes:
+        GN: (N,) tip ratio + lift acceleration (4.11): below 1 nothing lifts off.
+        tip_ratio: (N,) M0 / (M0 + min_i M_i), 1 means tipping. Set to 1 where a contact lifts off: on a
+            plane M_i vanishes there by itself, on contacts in any position a lift-off need not be a
+            rotation about two contacts.
+        lift_acceleration: (N,) largest normal acceleration of a contact (4.10), m/s^2.
+        moments: (N, axes) moment sums M_i of the normal reserves about the axes, N m.
+        nearest_axis: (N,) axis with the smallest moment sum, -1 for none.
+        normal_reserves: (N, n) distance of the normal force from the nearer end of its set (4.7 to 4.9),
+            N; infinite for contacts that cannot separate. `moments` use the end at which the contact lets
+            go in that rotation.
+        lifting_contact: (N,) contact with the largest normal acceleration, -1 for none.
+        states: the states.
+        tip_over: what they were evaluated with.
+    """
+
+    GN: np.ndarray
+    tip_ratio: np.ndarray
+    lift_acceleration: np.ndarray
+    moments: np.ndarray
+    nearest_axis: np.ndarray
+    normal_reserves: np.ndarray
+    lifting_contact: np.ndarray
+    states: ContactStates
+    tip_over: TipOver
+
+    @cached_property
+    def moment_gradients(self) -> np.ndarray:
+        """(N, axes, 6) derivative of `moments` with respect to the wrench (N m per N, N m).
+
+        Exact within the active basis, in which the moments are affine in the wrench.
+        """
+        return _product(self._normal_maps, self.tip_over.lifts, axis=1)
+
+    @cached_property
+    def gradient(self) -> np.ndarray:
+        """(N, 6) derivative of GN with respect to the wrench (1 per N, N m)."""
+        states, tip_over = self.states, self.tip_over
+        gradient = np.where(states.solved, 0.0, np.nan)[:, None] * np.ones(states.support.wrench_size)
+        if tip_over.axes and not tip_over.free_rotation:
+            lifts = tip_over.lifts[self.nearest_axis]
+            slope = np.where(self.lifting_contact >= 0, 0.0, -(self.tip_ratio**2) / tip_over.reference_moment)
+            gradient += slope[:, None] * np.einsum("sk,skw->sw", lifts, self._normal_maps)
+        moving = np.flatnonzero(self.lifting_contact >= 0)
+        if len(moving):
+            contact = self.lifting_contact[moving]
+            sign = np.sign(states.contact_accelerations[moving, contact, 0])
+            maps = states.select(moving).acceleration_maps[np.arange(len(moving)), contact, 0]
+            gradient[moving] += sign[:, None] * maps
+        return gradient
+
+    @cached_property
+    def _normal_maps(self) -> np.ndarray:
+        return self.states.force_maps[:, :, 0, :]
+
+
+def _product(reserves: np.ndarray, lifts: np.ndarray, axis: int = -1) -> np.ndarray:
+    """Sums over the contacts of reserves (N, n, ...) times lifts (axes, n): (N, axes, ...).
+
+    Infinite reserves stand at contacts with no lift and must not turn into NaN.
+    """
+    used = np.any(lifts != 0, axis=0)
+    axis = axis % reserves.ndim
+    kept = np.compress(used, reserves, axis=axis)
+    return np.moveaxis(np.tensordot(kept, lifts[:, used], axes=(axis, 1)), -1, 1)
+
+
+def _find_axes(support: Support, sets: ForceSets) -> tuple[bool, tuple[TippingAxis, ...]]:
+    """Whether the base can rotate freely, and the potential tipping axes."""
+    positions, normals = support.arms + support.center_of_mass, support.frames[:, :, 0]
+    centred = positions - positions.mean(axis=0)
+    stretches = np.linalg.svd(centred, compute_uv=False)
+    extent = stretches[0]
+    if extent <= GEOMETRY_TOLERANCE * support.length:
+        return True, ()
+    tolerance = GEOMETRY_TOLERANCE * extent
+    if support.dimension == 2:
+        return False, _planar_axes(positions, normals, sets, tolerance)
+    if len(stretches) < 2 or stretches[1] <= tolerance:
+        return True, _free_axes(positions, centred)
+    return False, _spatial_axes(positions, normals, sets, tolerance)
+
+
+def _can_tip(lift: np.ndarray, sets: ForceSets, tolerance: float) -> bool:
+    """Whether contacts with these normal speeds all may move so, and one of them does."""
+    up, down = lift > tolerance, lift < -tolerance
+    blocked = (up & np.isinf(sets.lower)) | (down & np.isinf(sets.upper))
+    return not np.any(blocked) and bool(np.any(up | down))
+
+
+def _spatial_axes(
+    positions: np.ndarray, normals: np.ndarray, sets: ForceSets, tolerance: float
+) -> tuple[TippingAxis, ...]:
+    found = {}
+    for i, j in combinations(range(len(positions)), 2):
+        span = positions[j] - positions[i]
+        if np.linalg.norm(span) <= tolerance:
+            continue
+        e = span / np.linalg.norm(span)
+        arms = positions - positions[i]
+        along = arms @ e
+        on_line = np.linalg.norm(arms - np.outer(along, e), axis=1) <= tolerance
+        lift = np.einsum("kd,kd->k", normals, np.cross(e, arms))
+        lift[on_line | (np.abs(lift) <= tolerance)] = 0.0
+        along = np.where(on_line, along, np.nan)
+        first = int(np.flatnonzero(along <= np.nanmin(along) + tolerance)[0])
+        last = int(np.flatnonzero(along >= np.nanmax(along) - tolerance)[0])
+        for contacts, sign in (((first, last), 1.0), ((last, first), -1.0)):
+            if contacts not in found and _can_tip(sign * lift, sets, tolerance):
+                found[contacts] = TippingAxis(contacts, positions[contacts[0]], sign * e, sign * lift)
+    return tuple(found.values())
+
+
+def _planar_axes(
+    positions: np.ndarray, normals: np.ndarray, sets: ForceSets, tolerance: float
+) -> tuple[TippingAxis, ...]:
+    found = []
+    for i, point in enumerate(positions):
+        arms = positions - point
+        if np.any(np.linalg.norm(arms[:i], axis=1) <= tolerance):
+            continue
+        lift = normals[:, 1] * arms[:, 0] - normals[:, 0] * arms[:, 1]
+        lift[np.abs(lift) <= tolerance] = 0.0
+        found += [
+            TippingAxis((i, i), point, np.array([sign]), sign * lift)
+            for sign in (1.0, -1.0)
+            if _can_tip(sign * lift, sets, tolerance)
+        ]
+    return tuple(found)
+
+
+def _free_axes(positions: np.ndarray, centred: np.ndarray) -> tuple[TippingAxis, ...]:
+    """Both directions of the line through all contacts."""
+    e = np.linalg.svd(centred)[2][0]
+    first, last = int(np.argmin(centred @ e)), int(np.argmax(centred @ e))
+    none = np.zeros(len(positions))
+    return (
+        TippingAxis((first, last), positions[first], e, none),
+        TippingAxis((last, first), positions[last], -e, none),
+    )

@@ -1,0 +1,159 @@
+"""One million random contact problems: is there one failure, one wrong answer?
+
+Every problem is solved from scratch (no warm start) and judged by a check that shares nothing with the
+solver: the contact laws and the equation of motion, `ContactStates.law_violation`. A reported "no
+solution" counts as right only because it is the outcome of a search over all modes; the number of those
+is printed. In a share of the problems the verdict is compared with the convex equilibrium test.
+
+Resumable: finished chunks are kept in the output folder; start again to go on.
+
+    python studies/random_problems.py --out results/random_problems --problems 1000000
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import sys
+import time
+from collections import Counter
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+import numba
+import numpy as np
+import scipy
+from random_supports import random_support, random_wrenches
+
+from ocptip.contact import equilibrium, solve_many
+
+WRENCHES = 20
+CHUNK = 20_000
+WRONG = 1e-8
+"""Violation of the contact laws (relative to the largest right-hand side) that counts as wrong."""
+
+COMPARED_SHARE = 0.01
+
+
+def run_chunk(seed: int, chunk: int) -> dict:
+    """Solve one chunk of problems and count what happened."""
+    rng = np.random.default_rng([seed, chunk])
+    attempts: Counter[str] = Counter()
+    contacts: Counter[str] = Counter()
+    worst_residual = worst_law = 0.0
+    pivots, wrong, unsolved, compared, disagree, degenerate = 0, [], [], 0, [], 0
+    seconds = 0.0
+    for number in range(CHUNK // WRENCHES):
+        planar = number % 5 == 4
+        support = random_support(rng, clamps=number % 2 == 1, planar=planar)
+        wrenches = random_wrenches(rng, support, WRENCHES)
+        support.system  # noqa: B018  (assembled once, outside the timing)
+        start = time.perf_counter()
+        states = solve_many(support, wrenches, warm_start=False)
+        seconds += time.perf_counter() - start
+        violation = states.law_violation()
+        name = f"chunk {chunk} support {number}"
+        for i in range(WRENCHES):
+            clamped = any(c.kind != "unilateral" for c in support.contacts)
+            contacts[f"{support.n_contacts}{' planar' if planar else ''}{' clamps' if clamped else ''}"] += 1
+            if not states.solved[i]:
+                unsolved.append([name, i, states.status(i), [c.kind for c in support.contacts]])
+                continue
+            attempts[str(int(states.attempts[i]))] += 1
+            degenerate += bool(np.any(states.basic[i] <= 1e-12 * np.max(states.basic[i], initial=0)))
+            if not violation[i] <= WRONG:
+                wrong.append([name, i, float(violation[i])])
+        if np.any(states.solved):
+            worst_residual = max(worst_residual, float(np.max(states.residual[states.solved])))
+            worst_law = max(worst_law, float(np.nanmax(violation)))
+        pivots = max(pivots, int(np.max(states.pivots)))
+        if rng.random() < COMPARED_SHARE * WRENCHES / 4:
+            for i in range(4):
+                balance = equilibrium(support, wrenches[i], cone=False)
+                compared += 1
+                # a standing solution must be confirmed; a moving one beside it is weak stability
+                if states.persistent[i] and balance.margin < -1e-6 * max(1.0, np.max(np.abs(wrenches[i]))):
+                    disagree.append([name, i, balance.margin])
+    return {
+        "chunk": chunk,
+        "problems": CHUNK,
+        "attempts": dict(attempts),
+        "contacts": dict(contacts),
+        "worst_residual": worst_residual,
+        "worst_law_violation": worst_law,
+        "max_pivots": pivots,
+        "degenerate": degenerate,
+        "wrong": wrong,
+        "unsolved": unsolved,
+        "compared_with_equilibrium": compared,
+        "disagreements": disagree,
+        "solve_seconds": seconds,
+    }
+
+
+def summary(chunks: list[dict], seed: int) -> dict:
+    """Add up the chunks."""
+    attempts, contacts = Counter(), Counter()
+    for c in chunks:
+        attempts.update(c["attempts"])
+        contacts.update(c["contacts"])
+    total = sum(c["problems"] for c in chunks)
+    unsolved = [u for c in chunks for u in c["unsolved"]]
+    return {
+        "problems": total,
+        "wrong_answers": sum(len(c["wrong"]) for c in chunks),
+        "no_solution_proved": sum("no solution exists" in u[2] for u in unsolved),
+        "failures": sum("no solution exists" not in u[2] for u in unsolved),
+        "worst_residual": max(c["worst_residual"] for c in chunks),
+        "worst_law_violation": max(c["worst_law_violation"] for c in chunks),
+        "degenerate_solutions": sum(c["degenerate"] for c in chunks),
+        "max_pivots": max(c["max_pivots"] for c in chunks),
+        "attempts (1 guessed start, 2.. other starts, -1 search over all modes)": dict(
+            sorted(attempts.items(), key=lambda item: -item[1])
+        ),
+        "contacts": dict(sorted(contacts.items())),
+        "compared_with_equilibrium": sum(c["compared_with_equilibrium"] for c in chunks),
+        "disagreements": [d for c in chunks for d in c["disagreements"]],
+        "wrong": [w for c in chunks for w in c["wrong"]],
+        "unsolved": unsolved[:50],
+        "microseconds_per_problem": 1e6 * sum(c["solve_seconds"] for c in chunks) / total,
+        "seed": seed,
+        "versions": {
+            "python": platform.python_version(),
+            "numpy": np.__version__,
+            "scipy": scipy.__version__,
+            "numba": numba.__version__,
+        },
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--out", type=Path, required=True, help="folder for chunks and the summary")
+    parser.add_argument("--problems", type=int, default=1_000_000)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--workers", type=int, default=os.cpu_count())
+    options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
+    count = -(-options.problems // CHUNK)
+    paths = [options.out / f"chunk_{options.seed}_{i:04d}.json" for i in range(count)]
+    todo = [i for i in range(count) if not paths[i].exists()]
+    with ProcessPoolExecutor(options.workers) as pool:
+        futures = {i: pool.submit(run_chunk, options.seed, i) for i in todo}
+        for done, (i, future) in enumerate(futures.items(), 1):
+            result = future.result()
+            temporary = paths[i].with_suffix(".part")
+            temporary.write_text(json.dumps(result))
+            temporary.replace(paths[i])
+            if sys.stderr.isatty():
+                print(f"\r{done}/{len(todo)} chunks", end="", file=sys.stderr)
+    total = summary([json.loads(p.read_text()) for p in paths], options.seed)
+    (options.out / "random_problems.json").write_text(json.dumps(total, indent=2))
+    for key, value in total.items():
+        print(f"{key}: {value}")
+
+
+if __name__ == "__main__":
+    main()
