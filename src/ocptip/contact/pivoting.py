@@ -320,8 +320,8 @@ def solve_batch(
     columns, extent, first_column, row_start, subsets, subset_start, successor, entering,
     start_count, start_first, start_subset, start_inverse, block_start, lifts,
     rhs_all, hints, gauge, warm, initial, max_pivots, first_attempt, attempts, seeds,
-    check_matrix, check_rhs, tolerance,
-    out_subset, out_x, out_status, out_pivots, out_attempt, out_residual,
+    check_matrix, check_rhs, tolerance, force_columns, force_offset, acceleration_columns,
+    out_subset, out_x, out_status, out_pivots, out_attempt, out_residual, out_force, out_acceleration,
 ):  # fmt: skip
     """Solve many right-hand sides of one system.
 
@@ -344,8 +344,10 @@ def solve_batch(
             regular one, 3 with another tie rule, from 4 on random (`seeds`, (N,), per state).
         check_matrix, check_rhs: (m, P), (N, m) the original system, for the residual.
         tolerance: largest residual of a solved state.
+        force_columns, acceleration_columns, force_offset: (P, d), (P, d), (n, d) what each variable adds
+            to its contact's force and acceleration.
         out_*: results: subsets (N, n), basic values in canonical order (N, m), status, pivots, attempt
-            and relative residual of each state.
+            and relative residual of each state, contact forces and accelerations (N, n, d).
     """
     n = first_column.shape[0]
     m = row_start[n]
@@ -450,6 +452,9 @@ def solve_batch(
         if status == SOLVED:
             for k in range(n):
                 out_subset[state, k] = subset[k]
+                for j in range(force_columns.shape[1]):
+                    out_force[state, k, j] = force_offset[k, j]
+                    out_acceleration[state, k, j] = 0.0
             for slot in range(m):
                 k = owner[slot]
                 size = row_start[k + 1] - row_start[k]
@@ -457,7 +462,12 @@ def solve_batch(
                 place = 0
                 while subsets[base + place] != element[slot]:
                     place += 1
-                out_x[state, row_start[k] + place] = max(x[slot], 0.0) * scale
+                value = max(x[slot], 0.0) * scale
+                out_x[state, row_start[k] + place] = value
+                for j in range(force_columns.shape[1]):
+                    c = first_column[k] + element[slot]
+                    out_force[state, k, j] += force_columns[c, j] * value
+                    out_acceleration[state, k, j] += acceleration_columns[c, j] * value
         else:
             for k in range(n):
                 out_subset[state, k] = -1

@@ -58,6 +58,8 @@ class ContactStates:
         pivots: (N,) basis exchanges over all attempts.
         attempts: (N,) which attempt succeeded: 0 warm, 1 cold, more: other starts; -1 search of all modes.
         residual: (N,) natural residual relative to the largest right-hand side, on the original data.
+        contact_forces: (N, n, d) forces on the base in contact axes (n, t1, t2), N; NaN where not solved.
+        contact_accelerations: (N, n, d) accelerations of the contact points in contact axes, m/s^2.
     """
 
     support: Support
@@ -69,6 +71,8 @@ class ContactStates:
     pivots: np.ndarray
     attempts: np.ndarray
     residual: np.ndarray
+    contact_forces: np.ndarray
+    contact_accelerations: np.ndarray
 
     def __len__(self) -> int:
         return len(self.wrenches)
@@ -79,7 +83,8 @@ class ContactStates:
     def select(self, indices: object) -> ContactStates:
         """The selected states (any index of a NumPy array) as a batch of their own."""
         names = (
-            "wrenches", "solved", "status_codes", "subsets", "basic", "pivots", "attempts", "residual"
+            "wrenches", "solved", "status_codes", "subsets", "basic", "pivots", "attempts", "residual",
+            "contact_forces", "contact_accelerations",
         )  # fmt: skip
         return ContactStates(self.support, **{name: getattr(self, name)[indices] for name in names})
 
@@ -88,32 +93,9 @@ class ContactStates:
         return STATUS[int(self.status_codes[index])]
 
     @cached_property
-    def pool_values(self) -> np.ndarray:
-        """(N, P) values of all pool variables, zero outside the active subsets."""
-        system = self.support.system
-        values = np.zeros((len(self), system.matrix.shape[1]))
-        columns = _active_columns(self.support, np.maximum(self.subsets, 0))
-        np.put_along_axis(values, columns, self.basic, axis=1)
-        return values
-
-    @cached_property
-    def contact_forces(self) -> np.ndarray:
-        """(N, n, d) forces on the base in contact axes (n, t1, t2), N."""
-        system, d = self.support.system, self.support.dimension
-        flat = self.pool_values @ system.force_matrix.T + system.force_offset
-        return flat.reshape(len(self), self.support.n_contacts, d)
-
-    @cached_property
     def forces(self) -> np.ndarray:
         """(N, n, d) forces on the base in base axes, N."""
         return np.einsum("kij,skj->ski", self.support.frames, self.contact_forces)
-
-    @cached_property
-    def contact_accelerations(self) -> np.ndarray:
-        """(N, n, d) accelerations of the contact points in contact axes (n, t1, t2), m/s^2."""
-        system, d = self.support.system, self.support.dimension
-        flat = self.pool_values @ system.acceleration_matrix.T / self.support.mass
-        return flat.reshape(len(self), self.support.n_contacts, d)
 
     @cached_property
     def acceleration(self) -> np.ndarray:
@@ -393,6 +375,8 @@ def _pivot_all(support, wrenches, warm_start, start, first_attempt, seeds) -> Co
     basic = np.full((count, m), np.nan)
     status, pivots, attempts = (np.zeros(count, dtype=np.int64) for _ in range(3))
     residual = np.full(count, np.inf)
+    forces, accelerations = (np.full((count, n, support.dimension), np.nan) for _ in range(2))
+    force_columns, acceleration_columns = system.local_columns
     force = wrenches @ system.rhs_matrix.T
     pivoting.solve_batch(
         system.columns_by_row, system.column_extent, system.first_column, system.row_start,
@@ -402,7 +386,8 @@ def _pivot_all(support, wrenches, warm_start, start, first_attempt, seeds) -> Co
         force + system.rhs_offset, wrenches @ system.hint_matrix.T, system.gauge, warm_start, start,
         _MAX_PIVOTS, first_attempt, _ATTEMPTS, seeds,
         system.plain_columns_by_row, force + system.plain_rhs_offset, RESIDUAL_TOLERANCE,
-        subsets, basic, status, pivots, attempts, residual,
+        force_columns, system.force_offset.reshape(n, -1), acceleration_columns,
+        subsets, basic, status, pivots, attempts, residual, forces, accelerations,
     )  # fmt: skip
     return ContactStates(
         support=support,
@@ -414,6 +399,8 @@ def _pivot_all(support, wrenches, warm_start, start, first_attempt, seeds) -> Co
         pivots=pivots,
         attempts=attempts,
         residual=residual,
+        contact_forces=forces,
+        contact_accelerations=accelerations,
     )
 
 
@@ -422,31 +409,33 @@ def _search_unsolved(states: ContactStates) -> ContactStates:
     unsolved = np.flatnonzero(~states.solved)
     if len(unsolved) == 0:
         return states
-    status, subsets, basic = states.status_codes.copy(), states.subsets.copy(), states.basic.copy()
-    residual, attempts = states.residual.copy(), states.attempts.copy()
+    parts = {
+        name: getattr(states, name).copy()
+        for name in (
+            "solved", "status_codes", "subsets", "basic", "attempts", "residual",
+            "contact_forces", "contact_accelerations",
+        )
+    }  # fmt: skip
+    parts["attempts"][unsolved] = -1
     for i in unsolved:
         found = mode_search.find_solution(states.support.system, states.wrenches[i])
-        attempts[i] = -1
         if found.status == mode_search.FOUND:
-            status[i] = pivoting.SOLVED
-            subsets[i], basic[i], residual[i] = found.subsets, found.basic, found.residual
+            state = solution_from_search(states.support, states.wrenches[i], found)
+            for name, part in parts.items():
+                part[i] = getattr(state.states, name)[0]
         elif found.status == mode_search.EXHAUSTED:
-            status[i] = NO_SOLUTION
-    return replace(
-        states,
-        solved=status == pivoting.SOLVED,
-        status_codes=status,
-        subsets=subsets,
-        basic=basic,
-        attempts=attempts,
-        residual=residual,
-    )
+            parts["status_codes"][i] = NO_SOLUTION
+    return replace(states, **parts)
 
 
 def solution_from_search(
     support: Support, wrench: np.ndarray, found: mode_search.SearchResult
 ) -> ContactState:
     """Wrap a solution found by `mode_search` as a state."""
+    system, shape = support.system, (1, support.n_contacts, support.dimension)
+    columns = _active_columns(support, found.subsets[None])[0]
+    forces = system.force_matrix[:, columns] @ found.basic + system.force_offset
+    accelerations = system.acceleration_matrix[:, columns] @ found.basic / support.mass
     return ContactStates(
         support=support,
         wrenches=wrench[None],
@@ -457,6 +446,8 @@ def solution_from_search(
         pivots=np.array([0]),
         attempts=np.array([-1]),
         residual=np.array([found.residual]),
+        contact_forces=forces.reshape(shape),
+        contact_accelerations=accelerations.reshape(shape),
     )[0]
 
 

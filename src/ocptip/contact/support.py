@@ -312,6 +312,13 @@ class ContactSystem:
         return np.ascontiguousarray(self.matrix.T)
 
     @cached_property
+    def local_columns(self) -> tuple[np.ndarray, np.ndarray]:
+        """(P, d) force and (P, d) acceleration (m/s^2) of each variable in its own contact's axes."""
+        columns = [c.columns for c in self.support.contacts]
+        force = np.vstack([c.force.T for c in columns])
+        return force, np.vstack([c.acceleration.T for c in columns]) / self.support.mass
+
+    @cached_property
     def column_extent(self) -> np.ndarray:
         """(P, 2) first row with an entry and one past the last, per column."""
         used = self.columns_by_row != 0
