@@ -74,7 +74,8 @@ def run_chunk(seed: int, chunk: int) -> dict:
                 balance = equilibrium(support, wrenches[i], cone=False)
                 compared += 1
                 # a standing solution must be confirmed; a moving one beside it is weak stability
-                if states.persistent[i] and balance.margin < -1e-6 * max(1.0, np.max(np.abs(wrenches[i]))):
+                unit = states.scale[i] * support.mass
+                if states.persistent[i] and balance.margin < -1e-6 * unit:
                     disagree.append([name, i, balance.margin])
     return {
         "chunk": chunk,

@@ -1,0 +1,110 @@
+"""Keeps standing robots standing: contact persistence, tip-over and slip reserves.
+
+A support in a few lines::
+
+    from ocptip import Load, Support, UnilateralContact, solve
+
+    corners = [0.4, 0, 0], [-0.2, 0.3, 0], [-0.2, -0.3, 0]
+    feet = [UnilateralContact(position=p, friction=0.5) for p in corners]
+    support = Support(feet, mass=60.0, center_of_mass=[0, 0, 0.6])
+    print(solve(support, support.wrench([Load(force=[100, 0, 0], point=[0, 0, 1])])).persistent)
+
+The names below are imported on first use, so that `import ocptip` (and `ocptip --help`) is quick.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ocptip.contact import (
+        Binding,
+        ForceConstantHalfRigidClamp,
+        ForceConstantTwoSidedClamp,
+        ForceVariableHalfRigidClamp,
+        ForceVariableTwoSidedClamp,
+        Load,
+        RigidClamp,
+        Support,
+        UnilateralContact,
+        solve,
+        solve_many,
+        stability,
+    )
+    from ocptip.errors import InputError, OcptipError
+    from ocptip.plots import plot_scene
+    from ocptip.reserves import Slip, TipOver
+    from ocptip.scene import Scene, read_scene
+
+    __version__: str
+
+_HOME = {
+    "Binding": "ocptip.contact",
+    "ForceConstantHalfRigidClamp": "ocptip.contact",
+    "ForceConstantTwoSidedClamp": "ocptip.contact",
+    "ForceVariableHalfRigidClamp": "ocptip.contact",
+    "ForceVariableTwoSidedClamp": "ocptip.contact",
+    "InputError": "ocptip.errors",
+    "Load": "ocptip.contact",
+    "OcptipError": "ocptip.errors",
+    "RigidClamp": "ocptip.contact",
+    "Scene": "ocptip.scene",
+    "Slip": "ocptip.reserves",
+    "Support": "ocptip.contact",
+    "TipOver": "ocptip.reserves",
+    "UnilateralContact": "ocptip.contact",
+    "plot_scene": "ocptip.plots",
+    "read_scene": "ocptip.scene",
+    "solve": "ocptip.contact",
+    "solve_many": "ocptip.contact",
+    "stability": "ocptip.contact",
+}
+
+__all__ = [
+    "Binding",
+    "ForceConstantHalfRigidClamp",
+    "ForceConstantTwoSidedClamp",
+    "ForceVariableHalfRigidClamp",
+    "ForceVariableTwoSidedClamp",
+    "InputError",
+    "Load",
+    "OcptipError",
+    "RigidClamp",
+    "Scene",
+    "Slip",
+    "Support",
+    "TipOver",
+    "UnilateralContact",
+    "__version__",
+    "plot_scene",
+    "read_scene",
+    "solve",
+    "solve_many",
+    "stability",
+]
+
+
+def __getattr__(name: str) -> object:
+    if name == "__version__":
+        value: object = _version()
+    elif name in _HOME:
+        value = getattr(importlib.import_module(_HOME[name]), name)
+    else:
+        raise AttributeError(f"module 'ocptip' has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
+
+
+def _version() -> str:
+    """The version of the installed package; pyproject.toml is its only source."""
+    from importlib import metadata
+
+    try:
+        return metadata.version("ocptip")
+    except metadata.PackageNotFoundError:
+        return "0+not.installed"

@@ -29,8 +29,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
+from ocptip.compiled import compiled
 from ocptip.errors import InputError, finite_array, positive_number
 
 RULES = ("textbook", "lexicographic", "largest-pivot")
@@ -194,7 +194,7 @@ def _checked(
     return M, RULES.index(rule), int(max_pivots), positive_number("accuracy", accuracy)
 
 
-@njit(cache=True)
+@compiled
 def _solve_many(M, Q, rule, max_pivots, scale, accuracy, Z):
     """Solve for every row of Q into the rows of Z; return statuses, pivots, residuals."""
     count, n = Q.shape
@@ -223,7 +223,7 @@ def _solve_many(M, Q, rule, max_pivots, scale, accuracy, Z):
     return status, pivots, residual
 
 
-@njit(cache=True)
+@compiled
 def _residual(M, q, z):
     """Natural residual max |min(z, M z + q)| and a bound of the rounding error in it."""
     n = q.shape[0]
@@ -243,7 +243,7 @@ def _residual(M, q, z):
     return worst, n * _EPSILON * largest
 
 
-@njit(cache=True)
+@compiled
 def _solve_one(M, q, factor, rule, max_pivots, tableau, basis, column, place, tied, z):
     """Lemke's method for q / factor; writes z and returns (status, number of pivots).
 
@@ -298,7 +298,7 @@ def _solve_one(M, q, factor, rule, max_pivots, tableau, basis, column, place, ti
     return status, pivots
 
 
-@njit(cache=True)
+@compiled
 def _exchange(T, basis, column, place, r, c):
     """Exchange the basic variable of row r for the non-basic variable of column c."""
     rows, width = T.shape
@@ -317,7 +317,7 @@ def _exchange(T, basis, column, place, r, c):
     place[column[c]] = -1 - c
 
 
-@njit(cache=True)
+@compiled
 def _ratio_test(T, column, place, tied, c, rule):
     """Row that blocks the variable of column c, or -1 where none does."""
     n = T.shape[0]
@@ -352,7 +352,7 @@ def _ratio_test(T, column, place, tied, c, rule):
     return _lexicographic_row(T, column, place, tied, count, c, tie_tolerance)
 
 
-@njit(cache=True)
+@compiled
 def _lexicographic_row(T, column, place, tied, count, c, tie_tolerance):
     """The tied row whose row of the inverse basis, divided by its pivot, is lexicographically smallest.
 

@@ -15,8 +15,9 @@ All numbers are scaled: the largest element of a right-hand side is 1.
 
 from __future__ import annotations
 
-import numba
 import numpy as np
+
+from ocptip.compiled import compiled
 
 SOLVED, RAY, PIVOT_LIMIT, SINGULAR, INACCURATE = 0, 1, 2, 3, 4
 
@@ -31,7 +32,7 @@ _CRASH_CONTACTS = 3
 _CRASH_PIVOT = 1e-3
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _load_basis(row_start, n, subset, subsets, subset_start, element, owner):
     """Put the current subsets into the slots, in canonical order (contact by contact)."""
     for k in range(n):
@@ -42,7 +43,7 @@ def _load_basis(row_start, n, subset, subsets, subset_start, element, owner):
             owner[row_start[k] + place] = k
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _factorise(columns, first_column, element, owner, cover, basis_t, inverse_t):
     """Invert the basis of the current slots (owner -1: the artificial variable) by Gauss-Jordan.
 
@@ -90,7 +91,7 @@ def _factorise(columns, first_column, element, owner, cover, basis_t, inverse_t)
     return True
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _choose_start(rhs, row_start, start_count, start_first, start_inverse, negative, choice):
     """For each contact the start candidate whose own local solution is least negative.
 
@@ -114,7 +115,7 @@ def _choose_start(rhs, row_start, start_count, start_first, start_inverse, negat
         choice[k] = c0 + best
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _block_inverse(row_start, choice, start_inverse, inverse_t):
     """Inverse of a start basis in which every contact has columns in its own rows only."""
     for j in range(inverse_t.shape[0]):
@@ -127,7 +128,7 @@ def _block_inverse(row_start, choice, start_inverse, inverse_t):
                 inverse_t[r0 + j, r0 + i] = start_inverse[i, j, choice[k]]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _press(
     columns, extent, first_column, row_start, subsets, subset_start, successor, entering,
     lifts, subset, element, owner, inverse_t, x, p, d,
@@ -159,7 +160,7 @@ def _press(
         _pivot(inverse_t, x, p, d, r)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _image(inverse_t, a, begin, end, d):
     """d = inverse @ a for an `a` that is zero outside begin..end (the inverse is stored transposed).
 
@@ -174,7 +175,7 @@ def _image(inverse_t, a, begin, end, d):
             d[i] += f * inverse_t[j, i]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _pivot(inverse_t, x, p, d, r):
     """Replace slot r by the column whose image is d, in the inverse and in the two right-hand sides."""
     width = d.shape[0]
@@ -197,7 +198,7 @@ def _pivot(inverse_t, x, p, d, r):
     d[r] = keep
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _lemke(
     columns, extent, first_column, row_start, subsets, subset_start, successor, entering, rhs,
     subset, element, owner, inverse_t, basis_t, x, p, d, ratio, cover, e, rho, largest_pivot, max_pivots,
@@ -279,7 +280,7 @@ def _lemke(
     return PIVOT_LIMIT, pivots
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _polish(columns, first_column, element, owner, inverse_t, rhs, x, d, work):
     """Basic values of the current basis with iterative refinement; returns the smallest."""
     m = element.shape[0]
@@ -308,14 +309,14 @@ def _polish(columns, first_column, element, owner, inverse_t, rhs, x, d, work):
     return smallest
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _next_random(state):
     """Deterministic uniform numbers in [0, 1) (a linear congruential generator, 53 bits)."""
     state[0] = state[0] * np.uint64(6364136223846793005) + np.uint64(1442695040888963407)
     return np.float64(state[0] >> np.uint64(11)) / 9007199254740992.0
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def solve_batch(
     columns, extent, first_column, row_start, subsets, subset_start, successor, entering,
     start_count, start_first, start_subset, start_inverse, block_start, lifts,

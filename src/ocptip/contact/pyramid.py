@@ -12,13 +12,14 @@ import numpy as np
 
 from ocptip.errors import InputError
 
-MIN_FACETS = 3
+MIN_FACETS, MAX_FACETS = 3, 256
 
 
 def check_facets(name: str, facets: object) -> int:
     """Return the facet count as an int, or raise InputError."""
-    if isinstance(facets, bool) or not isinstance(facets, int | np.integer) or facets < MIN_FACETS:
-        raise InputError(f"{name}: must be an integer >= {MIN_FACETS}, got {facets!r}")
+    whole = isinstance(facets, int | np.integer) and not isinstance(facets, bool)
+    if not whole or not MIN_FACETS <= facets <= MAX_FACETS:
+        raise InputError(f"{name}: must be an integer from {MIN_FACETS} to {MAX_FACETS}, got {facets!r}")
     return int(facets)
 
 

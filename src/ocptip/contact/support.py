@@ -20,14 +20,14 @@ class Load:
     """A force and a moment on the base.
 
     Attributes:
-        force: N, base axes, shape (3,) or (2,).
-        moment: N m, base axes, shape (3,), or a number in the plane.
-        point: where the force acts, m, base axes.
+        force: N, base axes, shape (3,) or (2,); None: no force.
+        moment: N m, base axes, shape (3,), or a number in the plane; None: no moment.
+        point: where the force acts, m, base axes; None: the origin.
     """
 
-    force: Sequence[float] = (0.0, 0.0, 0.0)
-    moment: Sequence[float] | float = (0.0, 0.0, 0.0)
-    point: Sequence[float] = (0.0, 0.0, 0.0)
+    force: Sequence[float] | None = None
+    moment: Sequence[float] | float | None = None
+    point: Sequence[float] | None = None
 
 
 class Support:
@@ -133,9 +133,12 @@ class Support:
         total = self.weight
         d = self.dimension
         for i, load in enumerate(loads):
-            force = finite_array(f"load[{i}].force", load.force, (d,))
-            point = finite_array(f"load[{i}].point", load.point, (d,))
-            moment = finite_array(f"load[{i}].moment", load.moment, (3,) if d == 3 else ())
+            zero = np.zeros(d)
+            force = zero if load.force is None else finite_array(f"load[{i}].force", load.force, (d,))
+            point = zero if load.point is None else finite_array(f"load[{i}].point", load.point, (d,))
+            moment = 0.0
+            if load.moment is not None:
+                moment = finite_array(f"load[{i}].moment", load.moment, (3,) if d == 3 else ())
             total[:d] += force
             total[d:] += moment + moments_of(point - self.center_of_mass, force[None])[0]
         return total

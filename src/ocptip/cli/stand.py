@@ -1,0 +1,258 @@
+"""`ocptip stand`: everything about one scene, as a table or as JSON."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import ocptip
+from ocptip.cli.numbers import percent, quantity, ratio, without_noise
+from ocptip.contact import ContactState, ContactStates, StabilityVerdict, solve_many, stability
+from ocptip.errors import InputError
+from ocptip.reserves import Slip, SlipReserve, TipOver, TipOverReserve
+from ocptip.scene import Scene
+
+PLOT_FORMATS = (".png", ".pdf", ".svg")
+_PACKAGES = ("numpy", "scipy", "numba", "clarabel")
+_PLURAL = {"slide": "slide", "separate": "lift off", "yield": "yield"}
+_SINGULAR = {"slide": "slides", "separate": "lifts off", "yield": "yields"}
+
+
+@dataclass(frozen=True)
+class StandReport:
+    """What `ocptip stand` knows about a scene.
+
+    Attributes:
+        scene: the scene.
+        states: the contact solver's answer, a batch of one.
+        tip, slip: the two reserves of that state.
+        slip_full: the slip reserve with the normal forces redistributed, too.
+        verdict: whether every solution of the contact laws stands.
+    """
+
+    scene: Scene
+    states: ContactStates
+    tip: TipOverReserve
+    slip: SlipReserve
+    slip_full: SlipReserve
+    verdict: StabilityVerdict
+
+    @property
+    def state(self) -> ContactState:
+        """The one state."""
+        return self.states[0]
+
+    @property
+    def persistent(self) -> bool:
+        """True if nothing slips and nothing lifts off."""
+        return self.state.persistent
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data; contacts in the order of the file, NaN and infinity as None."""
+        state = self.state
+        axis, counterexample = _nearest_axis(self), self.verdict.counterexample
+        return _plain(
+            {
+                "scene": self.scene.name,
+                "persistent": self.persistent,
+                "solved": state.solved,
+                "status": state.status,
+                "stability": self.verdict.verdict,
+                "stability_explanation": self.verdict.explanation,
+                "stability_decided": self.verdict.decided,
+                "counterexample": None if counterexample is None else counterexample.modes,
+                "kinds": [contact.kind for contact in self.scene.support.contacts],
+                "modes": state.modes,
+                "forces": state.forces,
+                "friction_used": self.slip.usage[0],
+                "normal_reserves": self.tip.normal_reserves[0],
+                "acceleration": state.acceleration,
+                "GN": self.tip.GN[0],
+                "GT": self.slip.GT[0],
+                "GT_full": self.slip_full.GT[0],
+                "tipping_axis": axis,
+                "wrench": self.scene.wrench,
+                "residual": state.residual,
+                "pivots": state.pivots,
+                "versions": versions(),
+            }
+        )
+
+    def to_json(self) -> str:
+        """The same as JSON text."""
+        return json.dumps(self.to_dict(), indent=2, allow_nan=False)
+
+    def to_text(self) -> str:
+        """The table for people: verdict, contacts, reserves, evidence. ASCII only, but for names."""
+        return "\n".join([*self._headline(), "", *self._contact_table(), "", *self._summary()])
+
+    def _headline(self) -> list[str]:
+        state = self.state
+        if not state.solved:
+            return [f"{self.scene.name}: NO ANSWER: {state.status}"]
+        if not state.persistent:
+            other = " Another solution stands, see stability." if self.verdict.weak else ""
+            return [f"{self.scene.name}: DOES NOT STAND. {_what_moves(state.modes)}.{other}"]
+        if self.verdict.verdict == "weak":
+            return [f"{self.scene.name}: STANDS in this solution, but that is not sure, see stability."]
+        return [f"{self.scene.name}: STANDS. Nothing slips, nothing lifts off."]
+
+    def _contact_table(self) -> list[str]:
+        state, support = self.state, self.scene.support
+        forces = without_noise(state.contact_forces)
+        position = "position x, y [m]" if self.scene.planar else "position x, y, z [m]"
+        rows = [
+            ["contact", "kind", position, "mode", "normal force", "friction used", "normal reserve"],
+        ]
+        for k, contact in enumerate(support.contacts):
+            rows.append(
+                [
+                    str(k + 1),
+                    contact.kind,
+                    ", ".join(f"{x:.3f}" for x in contact.position + 0.0),
+                    state.modes[k],
+                    quantity(forces[k, 0], "N"),
+                    percent(self.slip.usage[0, k]),
+                    quantity(self.tip.normal_reserves[0, k], "N"),
+                ]
+            )
+        return _aligned(rows, left=(1, 3))
+
+    def _summary(self) -> list[str]:
+        state, slip, full = self.state, self.slip.GT[0], self.slip_full.GT[0]
+        lines = [
+            (
+                "tip-over GN",
+                f"{ratio(self.tip.GN[0])} (1: a contact lifts off; 0.09: the best at rest without load)",
+            ),
+            ("slip GT", f"{ratio(slip)} (1: the friction is used up)"),
+        ]
+        if ratio(full) != ratio(slip):
+            lines.append(("", f"{ratio(full)} if normal forces may shift between contacts, too"))
+        lines.append(("tipping axis", _axis_text(self)))
+        lines.append(("stability", f"{self.verdict.verdict}: {self.verdict.explanation}"))
+        if state.solved and not state.persistent:
+            values = ", ".join(f"{a:.3g}" for a in without_noise(state.acceleration))
+            lines.append(("acceleration", f"[{values}] m/s^2, rad/s^2"))
+        lines.append(("solver", f"{state.pivots} pivots, residual {state.residual:.1g} (relative)"))
+        if state.solved and not self.slip.solved[0]:
+            lines.append(("note", f"slip reserve: {self.slip.status[0]}"))
+        width = max(len(name) for name, _ in lines)
+        return [f"{name:<{width}}  {text}" for name, text in lines]
+
+
+def stand(scene: Scene, *, reference_moment: float | None = None) -> StandReport:
+    """Solve a scene and evaluate its reserves and its stability.
+
+    Args:
+        scene: the scene.
+        reference_moment: M0 of GN, N m; None: from the support, see :class:`ocptip.TipOver`.
+
+    Raises:
+        InputError: a reference moment that is not positive and finite, or none where gravity is zero.
+    """
+    states = solve_many(scene.support, scene.wrench[None])
+    try:
+        tip_over = TipOver(scene.support, reference_moment)
+    except InputError as error:
+        raise InputError(str(error).replace("reference_moment", "--gn-reference")) from None
+    return StandReport(
+        scene=scene,
+        states=states,
+        tip=tip_over.evaluate(states),
+        slip=Slip(scene.support).evaluate(states, derivatives=False),
+        slip_full=Slip(scene.support, "full").evaluate(states, derivatives=False),
+        verdict=stability(scene.support, scene.wrench),
+    )
+
+
+def check_plot_target(target: str) -> None:
+    """Refuse a plot file that could not be written, before anything is computed.
+
+    Raises:
+        InputError: unknown file format, or no such directory.
+    """
+    path = Path(target)
+    if path.suffix.lower() not in PLOT_FORMATS:
+        raise InputError(f"--plot: expected a file name ending in {', '.join(PLOT_FORMATS)}, got {target!r}")
+    if path.is_dir():
+        raise InputError(f"--plot: {target} is a directory")
+    if not path.parent.is_dir():
+        raise InputError(f"--plot: no such directory: {path.parent}")
+
+
+def versions() -> dict[str, str]:
+    """Versions of ocptip and of the packages that decide its numbers."""
+    return {"ocptip": ocptip.__version__, **{name: metadata.version(name) for name in _PACKAGES}}
+
+
+def _nearest_axis(report: StandReport) -> dict[str, Any] | None:
+    index = int(report.tip.nearest_axis[0])
+    axes = report.tip.tip_over.axes
+    if not 0 <= index < len(axes):
+        return None
+    axis = axes[index]
+    return {
+        "contacts": [k + 1 for k in axis.contacts],
+        "point": axis.point,
+        "direction": axis.direction,
+        "moment_reserve": report.tip.moments[0, index],
+    }
+
+
+def _axis_text(report: StandReport) -> str:
+    axis = _nearest_axis(report)
+    if axis is None:
+        free = report.tip.tip_over.free_rotation
+        return "none: nothing resists a rotation" if free else "none: the base cannot tip about its contacts"
+    through = " and ".join(str(k) for k in sorted(set(axis["contacts"])))
+    noun = "contacts" if len(set(axis["contacts"])) > 1 else "contact"
+    return f"nearest through {noun} {through}, moment reserve {quantity(axis['moment_reserve'], 'N m')}"
+
+
+def _what_moves(modes: list[str]) -> str:
+    parts = []
+    for mode in dict.fromkeys(modes):
+        if mode == "stick":
+            continue
+        numbers = [str(k + 1) for k, m in enumerate(modes) if m == mode]
+        if len(numbers) == 1:
+            parts.append(f"contact {numbers[0]} {_SINGULAR.get(mode, mode)}")
+        else:
+            listed = f"{', '.join(numbers[:-1])} and {numbers[-1]}"
+            parts.append(f"contacts {listed} {_PLURAL.get(mode, mode)}")
+    text = "; ".join(parts)
+    return text[:1].upper() + text[1:]
+
+
+def _aligned(rows: list[list[str]], left: tuple[int, ...]) -> list[str]:
+    widths = [max(len(row[c]) for row in rows) for c in range(len(rows[0]))]
+    lines = []
+    for row in rows:
+        cells = [
+            f"{cell:<{w}}" if c in left else f"{cell:>{w}}"
+            for c, (cell, w) in enumerate(zip(row, widths, strict=True))
+        ]
+        lines.append("  ".join(cells).rstrip())
+    return lines
+
+
+def _plain(value: Any) -> Any:
+    """Dictionaries, lists and numbers that JSON knows; what is not finite becomes None."""
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

@@ -1,0 +1,19 @@
+"""Compilation of the inner loops with Numba, with the machine code kept on disk where that is possible."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numba
+
+
+def compiled(function: Callable) -> Callable:
+    """Compile a function on first use; keep the code for the next start of the program if a cache exists.
+
+    Numba refuses to decorate if it finds no writable folder for its cache (a read-only installation of a
+    user without a home): then the function is compiled anew in every process.
+    """
+    try:
+        return numba.njit(cache=True, error_model="numpy")(function)
+    except RuntimeError:
+        return numba.njit(error_model="numpy")(function)
