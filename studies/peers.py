@@ -6,8 +6,9 @@ t1, t2 per contact, `friction` (n,), `wrench` (6,) about the centre of mass.
 
 * Pinocchio's PGS and ADMM solve for Coulomb's true cone and ignore the number of facets: their accelerations
   differ from those with a pyramid by the pyramid's error wherever a contact slips.
-* Drake's Lemke solvers solve the same Stewart-Trinkle LCP as ours does, with q divided by max |q|: their
-  tolerances are absolute, and without it they fail, or report success wrongly, in most cases.
+* Drake's Lemke solvers get the same Stewart-Trinkle LCP as our Lemke baselines, in newtons and with q divided
+  by max |q|. Their tolerances are absolute: with accelerations in m/s^2 and q as it comes ("-raw") they fail,
+  or report success wrongly, in most cases.
 
 Peers that are not installed report `available() == False`. `seconds` is the time of the solver's own call,
 without building the problem.
@@ -146,9 +147,17 @@ class PinocchioADMM(_Pinocchio):
 
 
 class _Drake:
-    """Common part of Drake's LCP solvers, on the Stewart-Trinkle LCP."""
+    """Common part of Drake's LCP solvers, on the Stewart-Trinkle LCP.
+
+    Args:
+        scaled: All in newtons and q divided by max |q|; False: accelerations in m/s^2 and q as it comes.
+    """
 
     name: str
+
+    def __init__(self, scaled: bool = True) -> None:
+        self.scaled = scaled
+        self.name = type(self).name if scaled else f"{type(self).name}-raw"
 
     def available(self) -> bool:
         return find_spec("pydrake") is not None
@@ -160,15 +169,24 @@ class _Drake:
 
         problem = StewartTrinkleContactProblem(W, inverse_mass, friction, facets)
         M, q = problem.lcp_matrix(), problem.q(wrench)
-        size = max(np.max(np.abs(q)), np.finfo(float).tiny)
+        # newtons per unit of each unknown: the last ones, slip accelerations, are in newtons or in m/s^2
+        unit = np.ones(len(q))
+        if self.scaled:
+            unit *= max(np.max(np.abs(q)), np.finfo(float).tiny)
+            q = q / unit
+        else:
+            accelerations = np.arange(len(q)) < len(q) - problem.contacts  # rows of M z + q
+            unit[~accelerations] = problem.reference_mass
+            row_unit = np.where(accelerations, problem.reference_mass, 1.0)
+            M, q = M * unit / row_unit[:, None], q / row_unit
         program = solvers.MathematicalProgram()
         z = program.NewContinuousVariables(len(q))
-        program.AddLinearComplementarityConstraint(M, q / size, z)
+        program.AddLinearComplementarityConstraint(M, q, z)
         solver = self._solver(solvers)
         start = time.perf_counter()
         result = solver.Solve(program, None, None)
         seconds = time.perf_counter() - start
-        values = size * np.asarray(result.GetSolution(z), dtype=float)
+        values = unit * np.asarray(result.GetSolution(z), dtype=float)
         if np.all(np.isfinite(values)):
             forces, acceleration = problem.recover(values, wrench)
         else:
@@ -222,7 +240,9 @@ PEERS: tuple[Peer, ...] = (
     PinocchioPGS(),
     PinocchioADMM(),
     DrakeMoby(),
+    DrakeMoby(scaled=False),
     DrakeUnrevisedLemke(),
+    DrakeUnrevisedLemke(scaled=False),
     *(ConventionalLemke(rule) for rule in ("textbook", "lexicographic", "largest-pivot")),
 )
 

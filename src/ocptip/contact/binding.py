@@ -56,6 +56,10 @@ class ForcePiece:
 class Binding(ABC):
     """A contact of the base with the ground at one point.
 
+    Subclasses are decorated with `@dataclass(frozen=True, kw_only=True, eq=False)`, have a `kind` (the word
+    used in scene files) and implement the abstract methods. Their forces must never do positive work
+    on the contact's acceleration (`stability` relies on it).
+
     Attributes:
         position: contact point in base axes, m; shape (3,), or (2,) for a planar support.
         normal: from the environment into the base, same shape; normalised on construction.
