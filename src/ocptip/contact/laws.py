@@ -11,6 +11,8 @@ Source: sections 2.4 and 3 (maximum dissipation is the polyhedral form of "frict
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from ocptip.contact import pyramid
@@ -39,12 +41,20 @@ def friction_limit(binding: Binding, normal_force: np.ndarray) -> np.ndarray:
 
 def polygon(binding: Binding) -> tuple[np.ndarray, np.ndarray]:
     """Face normals (S, d-1) and vertices (S, d-1) of the pyramid's cross-section for a limit of 1 N."""
-    if binding.planar:
-        ends = np.array([[1.0], [-1.0]])
-        return ends, ends
-    inner = pyramid.corrected_friction(1.0, binding.facets)
-    vertices = pyramid.edge_directions(binding.facets) * (inner / np.cos(np.pi / binding.facets))
-    return pyramid.face_directions(binding.facets) / inner, vertices
+    return _polygon(binding.planar, binding.facets)
+
+
+@lru_cache(maxsize=64)
+def _polygon(planar: bool, facets: int) -> tuple[np.ndarray, np.ndarray]:
+    if planar:
+        faces = vertices = np.array([[1.0], [-1.0]])
+    else:
+        inner = pyramid.corrected_friction(1.0, facets)
+        faces = pyramid.face_directions(facets) / inner
+        vertices = pyramid.edge_directions(facets) * (inner / np.cos(np.pi / facets))
+    for array in (faces, vertices):
+        array.flags.writeable = False
+    return faces, vertices
 
 
 def law_violation(

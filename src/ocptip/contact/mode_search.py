@@ -193,6 +193,9 @@ class _MotionSearch(_SolutionSearch):
         W = root.T @ support.wrench_matrix
         self.Y = W @ system.force_matrix
         self.y0 = self.load + W @ system.force_offset / self.scale
+        self.power = self.load @ self.Y / (self.size or 1.0)
+        self.settings = clarabel.DefaultSettings()
+        self.settings.verbose = False
 
     def run(self, max_nodes: int) -> SearchResult:
         if self.size == 0.0:
@@ -202,20 +205,19 @@ class _MotionSearch(_SolutionSearch):
     def _relaxation(self, allowed: list[np.ndarray]) -> np.ndarray | None:
         columns = self._columns(allowed)
         count, rows = len(columns), len(self.rhs)
-        Y = self.Y[:, columns]
-        power = self.load @ Y / self.size
-        # s = b - A x: equations (zero cone), x >= 0, and the ball as a second-order cone
-        A = np.vstack([self.system.plain_matrix[:, columns], -np.eye(count), np.zeros((1, count)), -Y])
         b = np.concatenate([self.rhs, np.zeros(count), [self.size / 2], self.y0 - self.load / 2])
         cones = [
             clarabel.ZeroConeT(rows),
             clarabel.NonnegativeConeT(count),
             clarabel.SecondOrderConeT(1 + len(self.load)),
         ]
-        settings = clarabel.DefaultSettings()
-        settings.verbose = False
         solution = clarabel.DefaultSolver(
-            csc_matrix((count, count)), -power, csc_matrix(A), b, cones, settings
+            csc_matrix((count, count)),
+            -self.power[columns],
+            self._program(columns, rows),
+            b,
+            cones,
+            self.settings,
         ).solve()
         status = str(solution.status)
         if status in ("PrimalInfeasible", "AlmostPrimalInfeasible"):
@@ -226,6 +228,23 @@ class _MotionSearch(_SolutionSearch):
             if self.load @ (self.Y @ x + self.y0) <= _MOTION_TOLERANCE * self.size**2:
                 return None
         return x
+
+    def _program(self, columns: np.ndarray, rows: int) -> csc_matrix:
+        """Equations, x >= 0, and the ball: per column the dense equations, -1 on the diagonal, and -Y."""
+        count, size = len(columns), len(self.load)
+        data = np.empty((count, rows + 1 + size))
+        data[:, :rows] = self.system.plain_matrix[:, columns].T
+        data[:, rows] = -1.0
+        data[:, rows + 1 :] = -self.Y[:, columns].T
+        index = np.empty(data.shape, dtype=np.int64)
+        index[:, :rows] = np.arange(rows)
+        index[:, rows] = rows + np.arange(count)
+        index[:, rows + 1 :] = rows + count + 1 + np.arange(size)
+        starts = data.shape[1] * np.arange(count + 1)
+        keep = data.ravel() != 0.0  # explicit zeros would cost time in every factorisation
+        starts = np.concatenate([[0], np.cumsum(keep)])[starts]
+        shape = (rows + count + 1 + size, count)
+        return csc_matrix((data.ravel()[keep], index.ravel()[keep], starts), shape=shape)
 
     def _positive(self, k: int, x: np.ndarray) -> np.ndarray:
         first = self.system.first_column[k]
