@@ -7,13 +7,18 @@ from collections.abc import Callable
 import numba
 
 
-def compiled(function: Callable) -> Callable:
+def compiled(function: Callable, **options: object) -> Callable:
     """Compile a function on first use; keep the code for the next start of the program if a cache exists.
 
     Numba refuses to decorate if it finds no writable folder for its cache (a read-only installation of a
     user without a home): then the function is compiled anew in every process.
     """
     try:
-        return numba.njit(cache=True, error_model="numpy")(function)
+        return numba.njit(cache=True, error_model="numpy", **options)(function)
     except RuntimeError:
-        return numba.njit(error_model="numpy")(function)
+        return numba.njit(error_model="numpy", **options)(function)
+
+
+def compiled_inline(function: Callable) -> Callable:
+    """As `compiled`, put into its callers: for the smallest loops, whose calls cost as much as they do."""
+    return compiled(function, inline="always")

@@ -24,9 +24,12 @@ class SolverError(OcptipError):
 def finite_array(name: str, value: object, shape: tuple[int | None, ...]) -> np.ndarray:
     """Return `value` as a float array of the given shape (None: any length), or raise InputError."""
     try:
-        array = np.array(value, dtype=float)
-    except (TypeError, ValueError):
+        given = np.array(value)
+    except ValueError:
         raise InputError(f"{name}: expected numbers, got {value!r}") from None
+    if given.dtype.kind not in "iuf" and given.size:
+        raise InputError(f"{name}: expected numbers, got {value!r}")
+    array = given.astype(float)
     fits = array.ndim == len(shape) and all(
         want is None or want == have for want, have in zip(shape, array.shape, strict=True)
     )

@@ -25,12 +25,17 @@ from scipy.sparse import csc_matrix
 from ocptip.contact import laws
 from ocptip.contact.support import ContactSystem
 
+MOTION_TOLERANCE = 3e-9
+"""Share of the free base's power that counts as motion: roughly, accelerations above 5e-5 of the free one."""
+
 EXHAUSTED, FOUND, LIMIT = "exhausted", "found", "node limit"
 
 _LP_TOLERANCE = 1e-10
 _RESIDUAL = 1e-9
 _POSITIVE = 1e-9
-_MOTION_TOLERANCE = 1e-6
+_INFEASIBLE = 1e-7
+_REST = 1e-8  # accelerations, relative to the largest right-hand side, that cannot be told from rest
+_RANK_TOLERANCE = 1e-9
 _STICK, _SLIDE, _LIFT = 0, 1, 2
 
 
@@ -92,7 +97,7 @@ class _SolutionSearch:
                     return SearchResult(FOUND, *found, nodes)
                 open_contacts = [j for j, mask in enumerate(allowed) if mask.sum() > 1]
                 if not open_contacts:
-                    undecided = True
+                    undecided |= not self._excluded(allowed)
                     continue
                 k = open_contacts[0]
             for part in self.modes[k].split(allowed[k]):
@@ -111,23 +116,21 @@ class _SolutionSearch:
         )
 
     def _relaxation(self, allowed: list[np.ndarray]) -> np.ndarray | None:
-        """A point of the node's relaxation; None if nothing in the node can be a solution."""
+        """A point of the node's relaxation; None if nothing in the node can be a solution.
+
+        The equations are given slack, whose sum is minimised: this program always has a solution, so that
+        a node is discarded because of a residual that was computed, never because of a status.
+        """
         columns = self._columns(allowed)
+        rows = len(self.rhs)
+        equations = np.hstack([self.system.plain_matrix[:, columns], np.eye(rows), -np.eye(rows)])
+        cost = np.concatenate([np.zeros(len(columns)), np.ones(2 * rows)])
         x = np.zeros(self.system.plain_matrix.shape[1])
-        options = {
-            "primal_feasibility_tolerance": _LP_TOLERANCE,
-            "dual_feasibility_tolerance": _LP_TOLERANCE,
-        }
-        equations = self.system.plain_matrix[:, columns]
-        for method in ("highs", "highs-ds", "highs-ipm"):
-            result = linprog(
-                np.ones(len(columns)), A_eq=equations, b_eq=self.rhs, method=method, options=options
-            )
-            if result.status == 2:
+        result = _linear_program(cost, equations, self.rhs)
+        if result is not None:
+            if result.fun > _INFEASIBLE:
                 return None
-            if result.status == 0:
-                x[columns] = result.x
-                break
+            x[columns] = result.x[: len(columns)]
         # if no method decides, the node stays alive with x = 0 and is split further
         return x
 
@@ -176,6 +179,10 @@ class _SolutionSearch:
         """True if a verified solution is one that was asked for."""
         return True
 
+    def _excluded(self, allowed: list[np.ndarray]) -> bool:
+        """True if it is certain that a single combination of modes, whose relaxation is feasible, is none."""
+        return False
+
 
 class _MotionSearch(_SolutionSearch):
     """Search for a solution in which the base moves.
@@ -190,15 +197,17 @@ class _MotionSearch(_SolutionSearch):
         root = np.linalg.cholesky(support.inverse_mass * support.mass)
         self.load = root.T @ wrench / self.scale
         self.size = float(np.linalg.norm(self.load))
+        self.least = max(MOTION_TOLERANCE * self.size**2, _REST**2)
         W = root.T @ support.wrench_matrix
         self.Y = W @ system.force_matrix
         self.y0 = self.load + W @ system.force_offset / self.scale
         self.power = self.load @ self.Y / (self.size or 1.0)
         self.settings = clarabel.DefaultSettings()
         self.settings.verbose = False
+        self.settings.tol_feas = self.settings.tol_gap_abs = self.settings.tol_gap_rel = 1e-10
 
     def run(self, max_nodes: int) -> SearchResult:
-        if self.size == 0.0:
+        if self.size <= _REST:
             return SearchResult(EXHAUSTED, None, None, 0.0, 0)
         return super().run(max_nodes)
 
@@ -225,7 +234,7 @@ class _MotionSearch(_SolutionSearch):
         x = np.zeros(self.system.plain_matrix.shape[1])
         if status in ("Solved", "AlmostSolved"):
             x[columns] = np.maximum(solution.x, 0.0)
-            if self.load @ (self.Y @ x + self.y0) <= _MOTION_TOLERANCE * self.size**2:
+            if self.load @ (self.Y @ x + self.y0) <= self.least:
                 return None
         return x
 
@@ -250,8 +259,33 @@ class _MotionSearch(_SolutionSearch):
         first = self.system.first_column[k]
         return x[first : first + self.modes[k].member.shape[1]] > 1e-7
 
+    def _excluded(self, allowed: list[np.ndarray]) -> bool:
+        columns = self._columns(allowed)
+        matrix = self.system.plain_matrix[:, columns]
+        power = self.power[columns]
+        if np.linalg.matrix_rank(matrix, tol=_RANK_TOLERANCE) == len(columns):
+            basic, *_ = np.linalg.lstsq(matrix, self.rhs, rcond=None)
+            return np.min(basic) < -_RESIDUAL or not self._answers(columns, basic)
+        result = _linear_program(-power, matrix, self.rhs)
+        if result is None:
+            return False
+        return result.status == 2 or (result.status == 0 and not self._answers(columns, result.x))
+
     def _answers(self, columns: np.ndarray, basic: np.ndarray) -> bool:
-        return self.load @ (self.Y[:, columns] @ basic + self.y0) > _MOTION_TOLERANCE * self.size**2
+        return self.load @ (self.Y[:, columns] @ basic + self.y0) > self.least
+
+
+def _linear_program(cost: np.ndarray, equations: np.ndarray, rhs: np.ndarray):
+    """Minimise cost'x over x >= 0 with HiGHS: the result (status 0 or 2), or None if no method decides."""
+    options = {
+        "primal_feasibility_tolerance": _LP_TOLERANCE,
+        "dual_feasibility_tolerance": _LP_TOLERANCE,
+    }
+    for method in ("highs", "highs-ds", "highs-ipm"):
+        result = linprog(cost, A_eq=equations, b_eq=rhs, method=method, options=options)
+        if result.status in (0, 2):
+            return result
+    return None
 
 
 class _ModeList:

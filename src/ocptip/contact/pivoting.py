@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ocptip.compiled import compiled
+from ocptip.compiled import compiled, compiled_inline
 
 SOLVED, RAY, PIVOT_LIMIT, SINGULAR, INACCURATE = 0, 1, 2, 3, 4
 
@@ -28,7 +28,7 @@ _PIVOT_TOLERANCE = 1e-9
 _TIE_TOLERANCE = 1e-10
 _NEGATIVE_TOLERANCE = 1e-10
 _REFACTOR_EVERY = 64
-_CRASH_CONTACTS = 3
+_CRASH_CONTACTS, _CRASH_STEPS = 3, 12
 _CRASH_PIVOT = 1e-3
 
 
@@ -133,16 +133,19 @@ def _press(
     columns, extent, first_column, row_start, subsets, subset_start, successor, entering,
     lifts, subset, element, owner, inverse_t, x, p, d,
 ):  # fmt: skip
-    """Let the most negative normal accelerations of up to three contacts leave before the method begins.
+    """Let negative variables leave, the most negative first, before the method proper begins.
 
-    From "everything lifts off" this closes the three contacts that are pressed most; Lemke's path from
-    there is about half as long. Any regular basis of admissible subsets is a valid start.
+    First the normal accelerations of up to three contacts: from "everything lifts off" this closes the
+    contacts that are pressed most. Then some steps with any negative variable. Each costs a third of a step
+    of the method proper, whose path from there is less than half as long. Any regular basis of admissible
+    subsets is a valid start.
     """
     m = row_start[-1]
-    for _ in range(_CRASH_CONTACTS):
+    for step in range(_CRASH_STEPS):
         r, worst = -1, -_ZERO
         for i in range(m):
-            if x[i] < worst and lifts[first_column[owner[i]] + element[i]]:
+            normal = lifts[first_column[owner[i]] + element[i]]
+            if x[i] < worst and (normal or step >= _CRASH_CONTACTS):
                 r, worst = i, x[i]
         if r < 0:
             return
@@ -152,7 +155,7 @@ def _press(
         while subsets[place] != element[r]:
             place += 1
         c = first_column[k] + entering[place]
-        _image(inverse_t, columns[c], extent[c, 0], extent[c, 1], d)
+        _image(inverse_t, columns, c, extent, d)
         if abs(d[r]) < _CRASH_PIVOT:
             return
         element[r] = entering[place]
@@ -160,22 +163,31 @@ def _press(
         _pivot(inverse_t, x, p, d, r)
 
 
-@compiled
-def _image(inverse_t, a, begin, end, d):
-    """d = inverse @ a for an `a` that is zero outside begin..end (the inverse is stored transposed).
+@compiled_inline
+def _image(inverse_t, columns, c, extent, d):
+    """d = inverse @ column c (the inverse is stored transposed: whole rows of memory are added).
 
     Here and in `_pivot` no single zeros are skipped: the branches would cost more than the products.
     """
-    width = d.shape[0]
-    for i in range(width):
+    for i in range(d.shape[0]):
         d[i] = 0.0
-    for j in range(begin, end):
-        f = a[j]
-        for i in range(width):
+    for j in range(extent[c, 0], extent[c, 1]):
+        f = columns[c, j]
+        for i in range(d.shape[0]):
             d[i] += f * inverse_t[j, i]
 
 
-@compiled
+@compiled_inline
+def _apply(inverse_t, b, out):
+    """out = inverse @ b."""
+    for i in range(out.shape[0]):
+        out[i] = 0.0
+    for j in range(b.shape[0]):
+        for i in range(out.shape[0]):
+            out[i] += b[j] * inverse_t[j, i]
+
+
+@compiled_inline
 def _pivot(inverse_t, x, p, d, r):
     """Replace slot r by the column whose image is d, in the inverse and in the two right-hand sides."""
     width = d.shape[0]
@@ -241,7 +253,7 @@ def _lemke(
         subset[k] = successor[place]
 
         c = first_column[k] + new_element
-        _image(inverse_t, columns[c], extent[c, 0], extent[c, 1], d)
+        _image(inverse_t, columns, c, extent, d)
         dmax = 1.0
         for i in range(m):
             if d[i] > dmax:
@@ -276,37 +288,46 @@ def _lemke(
         if pivots % _REFACTOR_EVERY == 0:
             if not _factorise(columns, first_column, element, owner, cover, basis_t, inverse_t):
                 return SINGULAR, pivots
-            _image(inverse_t, rhs, 0, m, x)
+            _apply(inverse_t, rhs, x)
     return PIVOT_LIMIT, pivots
 
 
 @compiled
 def _polish(columns, first_column, element, owner, inverse_t, rhs, x, d, work):
-    """Basic values of the current basis with iterative refinement; returns the smallest."""
+    """Basic values of the current basis with iterative refinement: (smallest, residual)."""
     m = element.shape[0]
-    _image(inverse_t, rhs, 0, m, x)
-    for _ in range(3):
-        for i in range(m):
-            work[i] = rhs[i]
-        for slot in range(m):
-            v = x[slot]
-            if v != 0.0:
-                c = first_column[owner[slot]] + element[slot]
-                for i in range(m):
-                    work[i] -= columns[c, i] * v
-        worst = 0.0
-        for i in range(m):
-            worst = abs(work[i]) if abs(work[i]) > worst else worst
-        if worst < _REFINED:
+    _apply(inverse_t, rhs, x)
+    worst = np.inf
+    for step in range(3):
+        worst = _residual(columns, first_column, element, owner, rhs, x, work)
+        if worst < _REFINED or step == 2:
             break
-        _image(inverse_t, work, 0, m, d)
+        _apply(inverse_t, work, d)
         for i in range(m):
             x[i] += d[i]
     smallest = np.inf
     for i in range(m):
         if not x[i] >= smallest:
             smallest = x[i]
-    return smallest
+    return smallest, worst
+
+
+@compiled
+def _residual(columns, first_column, element, owner, rhs, x, work):
+    """Largest element of work = rhs - (basic columns) x."""
+    m = element.shape[0]
+    for i in range(m):
+        work[i] = rhs[i]
+    for slot in range(m):
+        c = first_column[owner[slot]] + element[slot]
+        v = x[slot]
+        for i in range(m):
+            work[i] -= columns[c, i] * v
+    worst = 0.0
+    for i in range(m):
+        if not abs(work[i]) <= worst:
+            worst = abs(work[i])
+    return worst
 
 
 @compiled
@@ -405,7 +426,7 @@ def solve_batch(
                     have_basis = False
                     attempt += 1
                     continue
-            _image(inverse_t, rhs, 0, m, x)
+            _apply(inverse_t, rhs, x)
             if attempt == 1:
                 _press(
                     columns, extent, first_column, row_start, subsets, subset_start, successor, entering,
@@ -424,23 +445,24 @@ def solve_batch(
             total += pivots
             have_basis = False
             if status == SOLVED:
-                smallest = _polish(columns, first_column, element, owner, inverse_t, rhs, x, d, work)
+                smallest, residual = _polish(
+                    columns, first_column, element, owner, inverse_t, rhs, x, d, work
+                )
                 # the updated inverse may have drifted: factorise afresh before giving up
                 if not smallest >= -_NEGATIVE_TOLERANCE and _factorise(
                     columns, first_column, element, owner, cover, basis_t, inverse_t
                 ):
-                    smallest = _polish(columns, first_column, element, owner, inverse_t, rhs, x, d, work)
-                residual = 0.0 if smallest >= 0.0 else -smallest
-                for i in range(m):
-                    work[i] = check_rhs[state, i] / scale
-                for slot in range(m):
-                    c = first_column[owner[slot]] + element[slot]
-                    v = max(x[slot], 0.0)
+                    smallest, residual = _polish(
+                        columns, first_column, element, owner, inverse_t, rhs, x, d, work
+                    )
+                if smallest < 0.0 or gauge.shape[1] > 0:
                     for i in range(m):
-                        work[i] -= check_matrix[c, i] * v
-                for i in range(m):
-                    if not abs(work[i]) <= residual:
-                        residual = abs(work[i])
+                        rhs[i] = check_rhs[state, i] / scale
+                        x[i] = max(x[i], 0.0)
+                    residual = max(
+                        -smallest,
+                        _residual(check_matrix, first_column, element, owner, rhs, x, work),
+                    )
                 if residual <= tolerance:
                     have_basis = True
                     break
@@ -451,24 +473,26 @@ def solve_batch(
         out_attempt[state] = attempt
         out_residual[state] = residual
         if status == SOLVED:
-            for k in range(n):
-                out_subset[state, k] = subset[k]
-                for j in range(force_columns.shape[1]):
-                    out_force[state, k, j] = force_offset[k, j]
-                    out_acceleration[state, k, j] = 0.0
             for slot in range(m):
                 k = owner[slot]
+                place = subset_start[k] + subset[k] * (row_start[k + 1] - row_start[k])
+                place_in_contact = 0
+                while subsets[place + place_in_contact] != element[slot]:
+                    place_in_contact += 1
+                out_x[state, row_start[k] + place_in_contact] = x[slot] * scale
+            for k in range(n):
+                out_subset[state, k] = subset[k]
                 size = row_start[k + 1] - row_start[k]
                 base = subset_start[k] + subset[k] * size
-                place = 0
-                while subsets[base + place] != element[slot]:
-                    place += 1
-                value = max(x[slot], 0.0) * scale
-                out_x[state, row_start[k] + place] = value
-                for j in range(force_columns.shape[1]):
-                    c = first_column[k] + element[slot]
-                    out_force[state, k, j] += force_columns[c, j] * value
-                    out_acceleration[state, k, j] += acceleration_columns[c, j] * value
+                for j in range(force_offset.shape[1]):
+                    f, a = force_offset[k, j], 0.0
+                    for place in range(size):
+                        c = first_column[k] + subsets[base + place]
+                        value = out_x[state, row_start[k] + place]
+                        f += force_columns[c, j] * value
+                        a += acceleration_columns[c, j] * value
+                    out_force[state, k, j] = f
+                    out_acceleration[state, k, j] = a
         else:
             for k in range(n):
                 out_subset[state, k] = -1

@@ -24,7 +24,7 @@ REST_TOLERANCE = 1e-9
 """Accelerations below this, relative to the free acceleration of the contacts, count as rest."""
 
 NO_SOLUTION = -1
-_ATTEMPTS = 12
+_ATTEMPTS = 80
 _FIRST_RANDOM = 4
 _MAX_PIVOTS = 2000
 

@@ -167,7 +167,8 @@ def _inertia(value: object, default: float, dimension: int) -> np.ndarray:
         matrix = np.diag(finite_array("inertia", value, (3,)))
     else:
         matrix = finite_array("inertia", value, (size, size))
-    if not np.allclose(matrix, matrix.T, rtol=1e-9, atol=0) or np.linalg.eigvalsh(matrix)[0] <= 0:
+    symmetric = np.max(np.abs(matrix - matrix.T)) <= 1e-9 * np.max(np.abs(matrix))
+    if not symmetric or np.linalg.eigvalsh(matrix)[0] <= 0:
         raise InputError(f"inertia: must be symmetric and positive definite, got {value!r}")
     return matrix
 

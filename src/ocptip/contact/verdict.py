@@ -23,7 +23,7 @@ from scipy.sparse import csc_matrix
 
 from ocptip.contact import laws, mode_search
 from ocptip.contact.binding import Binding, ForcePiece
-from ocptip.contact.solver import ContactState, solution_from_search, solve, solve_randomly
+from ocptip.contact.solver import REST_TOLERANCE, ContactState, solution_from_search, solve, solve_randomly
 from ocptip.contact.support import Support
 from ocptip.errors import SolverError, finite_array
 
@@ -40,8 +40,9 @@ class Equilibrium:
 
     Attributes:
         stands: True if they do.
-        margin: largest force (N) by which all contact forces can stay inside their limits at once;
-            negative: by how much the limits would have to be widened; -inf: no forces balance the wrench.
+        margin: largest force (N) by which all contact forces can stay inside their limits at once, at
+            most the largest component of the wrench or preload; negative: by how much the limits would have
+            to be widened; -inf: no forces balance the wrench.
         forces: (n, d) the balancing forces in contact axes with that margin, N; None if there are none.
         certificate: (6,) if it does not stand and the force sets are convex: a velocity of the base
             (m/s, rad/s; largest element 1 in units of the support's length) at which the wrench has more
@@ -188,7 +189,7 @@ def equilibrium(support: Support, wrench: object, *, cone: bool = True) -> Equil
     basis = u[:, : len(s)][:, s > 1e-9]
     target = -(scaling * wrench) / unit
     unreachable = target - basis @ (basis.T @ target)
-    if np.linalg.norm(unreachable) > MARGIN_TOLERANCE:
+    if np.linalg.norm(unreachable) > REST_TOLERANCE * np.linalg.norm(target):
         motion = -unreachable * scaling
         return Equilibrium(False, -np.inf, None, motion / np.max(np.abs(unreachable)), 0)
     matrix = basis.T @ (scaling[:, None] * support.wrench_matrix)
@@ -205,8 +206,6 @@ def equilibrium(support: Support, wrench: object, *, cone: bool = True) -> Equil
             certificate = motion / np.max(np.abs(motion / scaling))
         if best is None or margin * unit > best.margin:
             best = Equilibrium(margin >= -MARGIN_TOLERANCE, margin * unit, forces, certificate, programs)
-        if margin > MARGIN_TOLERANCE:
-            break
     return Equilibrium(best.stands, best.margin, best.forces, best.certificate, programs)
 
 
@@ -236,11 +235,13 @@ def _margin(
     second_order = []
     for k, (contact, piece) in enumerate(zip(contacts, pieces, strict=True)):
         normal = f"k{d * k}"
+        # only ends of the whole force set are limits; at the others the next piece goes on
+        low, high = laws.normal_range(contact)
         if np.isfinite(piece.normal_min):
-            rows.append(row(**{normal: -1.0, "s": 1.0}))
+            rows.append(row(**{normal: -1.0, "s": float(piece.normal_min == low)}))
             rhs.append(-piece.normal_min / unit)
         if np.isfinite(piece.normal_max):
-            rows.append(row(**{normal: 1.0, "s": 1.0}))
+            rows.append(row(**{normal: 1.0, "s": float(piece.normal_max == high)}))
             rhs.append(piece.normal_max / unit)
         if cone:
             block = np.zeros((d, size))

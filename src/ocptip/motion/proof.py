@@ -1,0 +1,274 @@
+"""Proof after the plan: does a motion keep all limits at every instant, not only at quadrature nodes?
+
+The exact ramp motion is sampled in every interval between events, the limits from both sides of each event
+included (torques and reserves jump there), and refined around the worst instants until they stay put.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ocptip.errors import InputError, positive_number
+from ocptip.motion.passive import ArmMotion
+from ocptip.motion.robot import MotionSamples, StandingRobot
+
+_MIN_POINTS = 5
+_ROUNDS = 8
+_NEAREST = 6
+_FRESH = 9
+_ANGLE_TOLERANCE = 1e-9
+_RELATIVE_TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True)
+class MotionLimits:
+    """Limits a motion has to keep; the joints' own limits come from the arm.
+
+    Attributes:
+        GN: largest tip-over reserve value (1 tips).
+        GT: largest slip reserve value (1 slips).
+        torque_ratio: largest |torque| / limit of any joint.
+        clearance: smallest distance of collision spheres, m.
+    """
+
+    GN: float = 0.9
+    GT: float = 0.9
+    torque_ratio: float = 1.0
+    clearance: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ("GN", "GT", "torque_ratio"):
+            positive_number(name, getattr(self, name))
+        positive_number("clearance", self.clearance, zero_allowed=True)
+
+
+@dataclass(frozen=True)
+class Worst:
+    """The worst instant of one quantity.
+
+    Attributes:
+        value: in the quantity's unit.
+        time: s.
+        limit: what it is compared with.
+        detail: where or what, e.g. "joint 2".
+    """
+
+    value: float
+    time: float
+    limit: float
+    detail: str = ""
+
+
+@dataclass(frozen=True)
+class MotionProof:
+    """Outcome of the check of a motion.
+
+    Attributes:
+        verified: True only if every limit holds at every sampled instant and all contact states are solved.
+        energy: J, electric.
+        duration: s.
+        worst: by name: GN, GT, torque_ratio, clearance_m, and the exact speed_ratio, acceleration_ratio,
+            angle_margin_deg of the ramps.
+        violations: one sentence per broken limit, empty if verified.
+        samples: number of instants evaluated.
+    """
+
+    verified: bool
+    energy: float
+    duration: float
+    worst: dict[str, Worst]
+    violations: tuple[str, ...]
+    samples: int
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        return {
+            "verified": self.verified,
+            "energy_J": self.energy,
+            "duration_s": self.duration,
+            "worst": {name: vars(worst).copy() for name, worst in self.worst.items()},
+            "violations": list(self.violations),
+            "samples": self.samples,
+        }
+
+
+def prove(
+    robot: StandingRobot, motion: ArmMotion, limits: MotionLimits | None = None, *, step: float = 0.01
+) -> MotionProof:
+    """Check a motion against all limits on a dense grid that is refined around the worst instants.
+
+    Args:
+        robot: the arm on its support.
+        motion: the exact ramp motion.
+        limits: default 0.9 for both reserves, the arm's torques, no collision.
+        step: first spacing of the grid inside the intervals between events, s.
+
+    Raises:
+        InputError: the motion does not fit the arm, or step is not positive.
+    """
+    limits = limits or MotionLimits()
+    step = positive_number("step", step)
+    worst: dict[str, Worst] = _exact_limits(robot, motion)
+    grids = [_Grid(left, right, step) for left, right in motion.intervals]
+    if not grids:
+        grids = [_Grid(0.0, 0.0, step)]
+    samples, unsolved, standing = 0, [], True
+    todo = [grid.times for grid in grids]
+    for _ in range(_ROUNDS):
+        count = sum(map(len, todo))
+        if count == 0:
+            break
+        samples += count
+        found = _evaluate(robot, motion, grids, todo)
+        unsolved += found.unsolved
+        standing &= found.standing
+        for grid, times, columns in zip(grids, todo, found.split(todo), strict=True):
+            grid.add(times, columns)
+        todo = _refinements(grids)
+    values = np.concatenate([grid.values for grid in grids])
+    times = np.concatenate([grid.times for grid in grids])
+    joints = np.concatenate([grid.joints for grid in grids])
+    for column, (name, limit) in enumerate(
+        [("GN", limits.GN), ("GT", limits.GT), ("torque_ratio", limits.torque_ratio)]
+    ):
+        at = int(np.argmax(values[:, column]))
+        detail = f"joint {joints[at] + 1}" if name == "torque_ratio" else ""
+        worst[name] = Worst(float(values[at, column]), float(times[at]), limit, detail)
+    at = int(np.argmax(values[:, 3]))
+    worst["clearance_m"] = Worst(float(-values[at, 3]), float(times[at]), limits.clearance)
+    violations = _violations(worst)
+    if unsolved:
+        violations.append(
+            f"no verified contact state at {len(unsolved)} instants, first at {unsolved[0]:.4f} s"
+        )
+    elif not standing:
+        violations.append("a contact slips or lifts off")
+    return MotionProof(
+        verified=not violations,
+        energy=robot.energy(motion),
+        duration=motion.end,
+        worst=worst,
+        violations=tuple(violations),
+        samples=samples,
+    )
+
+
+class _Grid:
+    """Sampled values of one interval: columns GN, GT, torque ratio, -clearance."""
+
+    def __init__(self, left: float, right: float, step: float) -> None:
+        points = max(_MIN_POINTS, int(np.ceil((right - left) / step)) + 1)
+        self.left, self.right = left, right
+        self.times = np.linspace(left, right, points)
+        self.values = np.empty((0, 4))
+        self.joints = np.empty(0, dtype=int)
+
+    def add(self, times: np.ndarray, columns: tuple[np.ndarray, np.ndarray]) -> None:
+        """Put new values among the old ones, sorted by time."""
+        values, joints = columns
+        if len(self.values):
+            times = np.concatenate([self.times, times])
+            values, joints = np.vstack([self.values, values]), np.concatenate([self.joints, joints])
+        order = np.argsort(times, kind="stable")
+        self.times, self.values, self.joints = times[order], values[order], joints[order]
+
+
+@dataclass
+class _Found:
+    values: np.ndarray
+    joints: np.ndarray
+    unsolved: list[float]
+    standing: bool
+
+    def split(self, todo: list[np.ndarray]) -> list[tuple[np.ndarray, np.ndarray]]:
+        ends = np.cumsum([len(times) for times in todo])[:-1]
+        return list(zip(np.split(self.values, ends), np.split(self.joints, ends), strict=True))
+
+
+def _evaluate(robot: StandingRobot, motion: ArmMotion, grids: list[_Grid], todo: list[np.ndarray]) -> _Found:
+    """Values at the listed instants of all grids; an interval's right end is taken from the left."""
+    times = np.concatenate(todo)
+    at_right = np.concatenate([t >= grid.right for grid, t in zip(grids, todo, strict=True)])
+    values = np.empty((len(times), 4))
+    joints = np.zeros(len(times), dtype=int)
+    unsolved: list[float] = []
+    standing = True
+    for side, mask in (("right", ~at_right), ("left", at_right)):
+        if not np.any(mask):
+            continue
+        samples = robot.samples(motion, times[mask], side=side)
+        values[mask], joints[mask] = _quantities(robot, samples)
+        certain = samples.states.solved & samples.slip.solved
+        unsolved += samples.times[~certain].tolist()
+        standing &= bool(np.all(samples.states.persistent))
+    values[np.isnan(values)] = np.inf
+    return _Found(values, joints, unsolved, standing)
+
+
+def _quantities(robot: StandingRobot, samples: MotionSamples) -> tuple[np.ndarray, np.ndarray]:
+    ratios = np.abs(samples.torques) / robot.arm.limits.torque
+    columns = [samples.tip.GN, samples.slip.GT, np.max(ratios, axis=1), -samples.clearances]
+    return np.column_stack(columns), np.argmax(ratios, axis=1)
+
+
+def _refinements(grids: list[_Grid]) -> list[np.ndarray]:
+    """New instants around the largest local maxima of each quantity, where neighbours still differ."""
+    new: list[list[np.ndarray]] = [[] for _ in grids]
+    for column in range(4):
+        peaks = []
+        for g, grid in enumerate(grids):
+            v = grid.values[:, column]
+            padded = np.concatenate([[-np.inf], v, [-np.inf]])
+            for i in np.flatnonzero((v >= padded[:-2]) & (v >= padded[2:])):
+                if np.isfinite(v[i]):
+                    peaks.append((v[i], g, i))
+        peaks.sort(key=lambda peak: -peak[0])
+        for value, g, i in peaks[:_NEAREST]:
+            grid = grids[g]
+            lo, hi = max(i - 1, 0), min(i + 1, len(grid.times) - 1)
+            spread = value - min(grid.values[lo, column], grid.values[hi, column])
+            wide = grid.times[hi] - grid.times[lo] > 1e-7
+            if wide and spread > _RELATIVE_TOLERANCE * max(1.0, abs(value)):
+                new[g].append(np.linspace(grid.times[lo], grid.times[hi], _FRESH + 2)[1:-1])
+    return [
+        np.setdiff1d(np.concatenate(parts), grid.times) if parts else np.empty(0)
+        for grid, parts in zip(grids, new, strict=True)
+    ]
+
+
+def _exact_limits(robot: StandingRobot, motion: ArmMotion) -> dict[str, Worst]:
+    """Speed, acceleration and angle limits of the ramps, exactly."""
+    arm, limits = robot.arm, robot.arm.limits
+    if len(motion.joints) != arm.n:
+        raise InputError(f"motion: has {len(motion.joints)} joints, the arm has {arm.n}")
+    speed = np.array([np.max(np.abs(joint.speeds), initial=0.0) for joint in motion.joints]) / limits.speed
+    acceleration = (
+        np.array([np.max(np.abs(joint.accelerations), initial=0.0) for joint in motion.joints])
+        / limits.acceleration
+    )
+    low, high = motion.angle_ranges.T
+    margin = np.minimum(low - limits.angle_min, limits.angle_max - high)
+    worst = {}
+    for name, ratio in (("speed_ratio", speed), ("acceleration_ratio", acceleration)):
+        j = int(np.argmax(ratio))
+        worst[name] = Worst(float(ratio[j]), float("nan"), 1.0, f"joint {j + 1}")
+    j = int(np.argmin(margin))
+    worst["angle_margin_deg"] = Worst(float(np.rad2deg(margin[j])), float("nan"), 0.0, f"joint {j + 1}")
+    return worst
+
+
+def _violations(worst: dict[str, Worst]) -> list[str]:
+    found = []
+    for name, w in worst.items():
+        smallest = name in ("clearance_m", "angle_margin_deg")
+        excess = (w.limit - w.value) if smallest else (w.value - w.limit)
+        if not excess <= _ANGLE_TOLERANCE:
+            where = f" at {w.time:.4f} s" if np.isfinite(w.time) else ""
+            what = f" ({w.detail})" if w.detail else ""
+            found.append(
+                f"{name} is {w.value:.4g}{where}{what}, must be {'>=' if smallest else '<='} {w.limit:.4g}"
+            )
+    return found

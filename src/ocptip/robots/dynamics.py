@@ -1,0 +1,148 @@
+"""Recursive Newton-Euler (2.32 to 2.45): joint torques of a serial arm and its wrench on the resting base.
+
+One definition as CasADi expressions, in link axes with the joint axis along z; NumPy evaluates the same
+function for many states at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as cs
+import numpy as np
+
+from ocptip.errors import InputError, finite_array
+from ocptip.robots.batch import BatchFunction
+from ocptip.robots.kinematics import relative_rotation
+from ocptip.robots.model import ArmModel, joint_states
+
+STANDARD_GRAVITY = (0.0, 0.0, -9.81)
+_CACHED_MODELS = 64
+
+
+@dataclass(frozen=True, eq=False)
+class Dynamics:
+    """What a motion asks for at N states (no leading N for a single state).
+
+    Attributes:
+        torque: (N, n), N m: drive torques, acting on link i about +z_i from link i-1 (2.44).
+        wrench: (N, 6), N and N m, base axes: force, then moment about the given base point, that the arm
+            exerts on the base; its own weight and the process load included.
+    """
+
+    torque: np.ndarray
+    wrench: np.ndarray
+
+
+@lru_cache(maxsize=_CACHED_MODELS)
+def inverse_dynamics(model: ArmModel) -> cs.Function:
+    """CasADi function of the inverse dynamics; built once per model, inlines in SX graphs.
+
+    In: `q`, `qd`, `qdd` (n,), rad, rad/s, rad/s^2; `gravity` (3,), m/s^2, base axes; `force`, `moment` (3,),
+    N, N m, base axes: process load on the gripper at G; `about` (3,), m, base frame: reference point of the
+    base moment. Out: `torque` (n,), N m; `wrench` (6,), on the base, see :class:`Dynamics`.
+    """
+    n = model.n
+    q, qd, qdd = (cs.SX.sym(name, n) for name in ("q", "qd", "qdd"))
+    gravity, force, moment, about = (cs.SX.sym(name, 3) for name in ("gravity", "force", "moment", "about"))
+    torque, wrench = newton_euler(model, q, qd, qdd, gravity, force, moment, about)
+    names = ["q", "qd", "qdd", "gravity", "force", "moment", "about"]
+    inputs = [q, qd, qdd, gravity, force, moment, about]
+    return cs.Function("inverse_dynamics", inputs, [torque, wrench], names, ["torque", "wrench"])
+
+
+def newton_euler(
+    model: ArmModel,
+    q: cs.SX,
+    qd: cs.SX,
+    qdd: cs.SX,
+    gravity: cs.SX,
+    force: cs.SX,
+    moment: cs.SX,
+    about: cs.SX,
+) -> tuple[cs.SX, cs.SX]:
+    """The recursion as expressions; arguments and results as in :func:`inverse_dynamics`."""
+    relative = [relative_rotation(model, index, q[index]) for index in range(model.n)]
+    inertial_force, inertial_moment = [], []
+    omega, domega = cs.SX.zeros(3), cs.SX.zeros(3)
+    # Gravity enters as an upward acceleration of the base, so m (r'' - g) of (2.40) needs no second term.
+    acceleration, lever = -gravity, cs.SX.zeros(3)
+    load, load_moment = force, moment
+    for index, A in enumerate(relative):
+        acceleration = A.T @ (acceleration + _rotating(omega, domega, lever))  # of Q_i
+        carried, spin = A.T @ omega, cs.vertcat(0, 0, qd[index])
+        domega = A.T @ domega + cs.cross(carried, spin) + cs.vertcat(0, 0, qdd[index])  # (2.36)
+        omega = carried + spin
+        centre, inertia = cs.SX(model.centres[index]), cs.SX(model.inertias[index])
+        f = model.masses[index] * (acceleration + _rotating(omega, domega, centre))  # (2.35)
+        spin_moment = inertia @ domega + cs.cross(omega, inertia @ omega)  # (2.42)
+        inertial_force.append(f)
+        inertial_moment.append(spin_moment + cs.cross(centre, f))  # about Q_i
+        lever = cs.SX(model.offsets[index])
+        load, load_moment = A.T @ load, A.T @ load_moment  # process load, now in frame i
+
+    F, M = -load, -load_moment  # coupling load behind the last link: what G passes on to the process (2.45)
+    torque = [cs.SX(0)] * model.n
+    for index in reversed(range(model.n)):
+        M = inertial_moment[index] + M + cs.cross(cs.SX(model.offsets[index]), F)  # (2.43) about Q_i
+        F = inertial_force[index] + F  # (2.40)
+        torque[index] = M[2] + model.armature[index] * qdd[index]  # (2.44)
+        F, M = relative[index] @ F, relative[index] @ M
+    arm = cs.SX(model.mount_position) - about
+    return cs.vertcat(*torque), cs.vertcat(-F, -M - cs.cross(arm, F))
+
+
+def evaluate_dynamics(
+    model: ArmModel,
+    q: np.ndarray,
+    qd: np.ndarray,
+    qdd: np.ndarray,
+    *,
+    gravity: Sequence[float] = STANDARD_GRAVITY,
+    force: Sequence[float] = (0.0, 0.0, 0.0),
+    moment: Sequence[float] = (0.0, 0.0, 0.0),
+    about: Sequence[float] = (0.0, 0.0, 0.0),
+) -> Dynamics:
+    """Joint torques and base wrench at many states.
+
+    Args:
+        q, qd, qdd: (N, n) or (n,), rad, rad/s, rad/s^2.
+        gravity: (3,), m/s^2, base axes.
+        force, moment: (3,) or (N, 3), N and N m, base axes: process load on the gripper at G.
+        about: (3,), m, base frame: reference point of the base moment.
+
+    Raises:
+        InputError: wrong shapes or not finite.
+    """
+    states, single = joint_states("q", q, model.n)
+    count = len(states)
+    rates = []
+    for name, value in (("qd", qd), ("qdd", qdd)):
+        array = joint_states(name, value, model.n)[0]
+        if len(array) != count:
+            raise InputError(f"{name}: expected {count} states as in q, got {len(array)}")
+        rates.append(array)
+    loads = []
+    for name, value in (("force", force), ("moment", moment)):
+        loads.append(finite_array(name, value, (3,) if np.ndim(value) < 2 else (count, 3)))
+    torque, wrench = dynamics_batch(model)(
+        states,
+        *rates,
+        finite_array("gravity", gravity, (3,)),
+        *loads,
+        finite_array("about", about, (3,)),
+    )
+    return Dynamics(torque[0], wrench[0]) if single else Dynamics(torque, wrench)
+
+
+@lru_cache(maxsize=_CACHED_MODELS)
+def dynamics_batch(model: ArmModel) -> BatchFunction:
+    """`inverse_dynamics` for many states at once, without input checks."""
+    return BatchFunction(inverse_dynamics(model))
+
+
+def _rotating(omega: cs.SX, domega: cs.SX, lever: cs.SX) -> cs.SX:
+    """Acceleration of a point at `lever` relative to the frame's origin."""
+    return cs.cross(domega, lever) + cs.cross(omega, cs.cross(omega, lever))

@@ -1,0 +1,136 @@
+"""Forward kinematics and geometric Jacobian: one definition in CasADi, evaluated for many states in NumPy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as cs
+import numpy as np
+
+from ocptip.robots.batch import BatchFunction
+from ocptip.robots.model import ArmModel, joint_states
+
+_CACHED_MODELS = 64
+
+
+def relative_rotation(model: ArmModel, index: int, angle: cs.SX) -> cs.SX:
+    """A_{i-1,i} (3, 3) of joint i = index + 1; for the first joint A_{B,1}, from frame 1 to base axes."""
+    constant = model.mount_rotation @ model.rotations[0] if index == 0 else model.rotations[index]
+    c, s = cs.cos(angle), cs.sin(angle)
+    turn = cs.vertcat(cs.horzcat(c, -s, 0), cs.horzcat(s, c, 0), cs.horzcat(0, 0, 1))
+    return cs.SX(constant) @ turn
+
+
+def chain(model: ArmModel, q: cs.SX) -> tuple[list[cs.SX], list[cs.SX]]:
+    """Link frames as CasADi expressions (2.32, 2.33, 2.38).
+
+    Args:
+        q: (n,), rad.
+
+    Returns:
+        rotations: A_{B,1} .. A_{B,n}, A_{B,G}, each (3, 3).
+        origins: Q_1 .. Q_n, G, each (3, 1), m, base frame.
+    """
+    rotations: list[cs.SX] = []
+    origins: list[cs.SX] = []
+    rotation, origin = cs.SX.eye(3), cs.SX(model.mount_position)
+    for index in range(model.n):
+        rotation = rotation @ relative_rotation(model, index, q[index])
+        rotations.append(rotation)
+        origins.append(origin)
+        origin = origin + rotation @ cs.SX(model.offsets[index])
+    return [*rotations, rotation @ cs.SX(model.tool_rotation)], [*origins, origin]
+
+
+@lru_cache(maxsize=_CACHED_MODELS)
+def forward_kinematics(model: ArmModel) -> cs.Function:
+    """CasADi function of the link frames; built once per model.
+
+    In: q (n,), rad. Out: `rotations` (3, 3 (n+1)), the blocks A_{B,1} .. A_{B,n}, A_{B,G} side by side;
+    `origins` (3, n+1), m, base frame: Q_1 .. Q_n, G.
+    """
+    q = cs.SX.sym("q", model.n)
+    rotations, origins = chain(model, q)
+    outputs = [cs.horzcat(*rotations), cs.horzcat(*origins)]
+    return cs.Function("forward_kinematics", [q], outputs, ["q"], ["rotations", "origins"])
+
+
+@lru_cache(maxsize=_CACHED_MODELS)
+def gripper_kinematics(model: ArmModel) -> cs.Function:
+    """CasADi function of gripper pose and geometric Jacobian; built once per model.
+
+    In: q (n,), rad. Out: `position` (3,), m, base frame; `rotation` (3, 3), gripper to base axes; `jacobian`
+    (6, n), base axes: rows 1-3 velocity of G per joint speed, m; rows 4-6 angular velocity.
+    """
+    q = cs.SX.sym("q", model.n)
+    rotations, origins = chain(model, q)
+    tip = origins[-1]
+    columns = []
+    for rotation, origin in zip(rotations[:-1], origins[:-1], strict=True):
+        axis = rotation[:, 2]
+        columns.append(cs.vertcat(cs.cross(axis, tip - origin), axis))
+    outputs = [tip, rotations[-1], cs.horzcat(*columns)]
+    return cs.Function("gripper_kinematics", [q], outputs, ["q"], ["position", "rotation", "jacobian"])
+
+
+@dataclass(frozen=True, eq=False)
+class LinkFrames:
+    """Frames of all links and the gripper at N states (no leading N for a single state).
+
+    Attributes:
+        rotations: (N, n+1, 3, 3): A_{B,1} .. A_{B,n}, A_{B,G}.
+        origins: (N, n+1, 3), m, base frame: Q_1 .. Q_n, G.
+    """
+
+    rotations: np.ndarray
+    origins: np.ndarray
+
+
+def link_frames(model: ArmModel, q: np.ndarray) -> LinkFrames:
+    """Frames of all links and the gripper.
+
+    Args:
+        q: (N, n) or (n,), rad.
+
+    Raises:
+        InputError: wrong shape or not finite.
+    """
+    states, single = joint_states("q", q, model.n)
+    rotations, origins = _frames_batch(model)(states)
+    blocks = rotations.reshape(len(states), 3, model.n + 1, 3).transpose(0, 2, 1, 3)
+    points = origins.transpose(0, 2, 1)
+    return LinkFrames(blocks[0], points[0]) if single else LinkFrames(blocks, points)
+
+
+def gripper_pose(model: ArmModel, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Position (N, 3), m, and rotation (N, 3, 3) of the gripper in the base frame at q (N, n) or (n,), rad.
+
+    Raises:
+        InputError: wrong shape or not finite.
+    """
+    states, single = joint_states("q", q, model.n)
+    position, rotation, _ = gripper_batch(model)(states)
+    return (position[0], rotation[0]) if single else (position, rotation)
+
+
+def jacobian(model: ArmModel, q: np.ndarray) -> np.ndarray:
+    """Geometric Jacobian (N, 6, n) of the gripper at q (N, n) or (n,), rad; base axes, linear rows first.
+
+    Raises:
+        InputError: wrong shape or not finite.
+    """
+    states, single = joint_states("q", q, model.n)
+    result = gripper_batch(model)(states)[2]
+    return result[0] if single else result
+
+
+@lru_cache(maxsize=_CACHED_MODELS)
+def _frames_batch(model: ArmModel) -> BatchFunction:
+    return BatchFunction(forward_kinematics(model))
+
+
+@lru_cache(maxsize=_CACHED_MODELS)
+def gripper_batch(model: ArmModel) -> BatchFunction:
+    """`gripper_kinematics` for many states at once."""
+    return BatchFunction(gripper_kinematics(model))

@@ -1,0 +1,260 @@
+"""A serial arm of revolute joints as plain numbers: geometry, masses, limits, collision spheres.
+
+Frames. Link i (1..n) carries frame i with origin Q_i on the axis of joint i and z along that axis;
+`A_{i-1,i} = A0[i-1] Rz(phi_i)` maps vectors from frame i to frame i-1. Frame 0, the mount, has its origin in
+Q_1 and rests in the base; the base frame is the caller's (usually the base's centre of mass). The gripper
+frame G sits on link n. SI units and radians throughout.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ocptip.errors import InputError, finite_array
+
+
+@dataclass(frozen=True, eq=False)
+class JointLimits:
+    """Limits of n joints; infinite where there is none.
+
+    Attributes:
+        angle_min, angle_max: (n,), rad.
+        speed: (n,), rad/s, both directions.
+        acceleration: (n,), rad/s^2, both directions.
+        torque: (n,), N m, both directions.
+    """
+
+    angle_min: np.ndarray
+    angle_max: np.ndarray
+    speed: np.ndarray
+    acceleration: np.ndarray
+    torque: np.ndarray
+
+    def __post_init__(self) -> None:
+        for name in ("angle_min", "angle_max", "speed", "acceleration", "torque"):
+            value = _frozen(np.array(getattr(self, name), dtype=float))
+            if value.ndim != 1 or np.isnan(value).any():
+                raise InputError(
+                    f"limits.{name}: expected n numbers (infinite where there is none), got {value}"
+                )
+            object.__setattr__(self, name, value)
+        lengths = {f.name: len(getattr(self, f.name)) for f in dataclasses.fields(self)}
+        if len(set(lengths.values())) != 1:
+            raise InputError(f"limits: all must have the same length, got {lengths}")
+        for joint in np.flatnonzero(self.angle_min >= self.angle_max):
+            raise InputError(
+                f"limits: joint {joint + 1}: angle_min {self.angle_min[joint]} rad must be below angle_max "
+                f"{self.angle_max[joint]} rad"
+            )
+        for name in ("speed", "acceleration", "torque"):
+            if (getattr(self, name) <= 0).any():
+                raise InputError(f"limits.{name}: must be > 0, got {getattr(self, name)}")
+
+    @classmethod
+    def unlimited(cls, joints: int) -> JointLimits:
+        """Limits of `joints` joints that limit nothing."""
+        none = np.full(joints, np.inf)
+        return cls(-none, none, none, none, none)
+
+
+@dataclass(frozen=True, eq=False)
+class SphereSet:
+    """Spheres fixed on one link that cover a part of it.
+
+    Attributes:
+        name: unique in its model.
+        link: 1..n, or 0 for the resting mount.
+        centres: (k, 3), m, frame `link` (for link 0: the mount frame, origin Q_1).
+        radii: (k,), m.
+    """
+
+    name: str
+    link: int
+    centres: np.ndarray
+    radii: np.ndarray
+
+    def __post_init__(self) -> None:
+        centres = finite_array(f"spheres {self.name!r}: centres", self.centres, (None, 3))
+        radii = finite_array(f"spheres {self.name!r}: radii", self.radii, (len(centres),))
+        if not len(radii) or (radii <= 0).any():
+            raise InputError(f"spheres {self.name!r}: radii must be > 0 and at least one, got {radii}")
+        object.__setattr__(self, "centres", _frozen(centres))
+        object.__setattr__(self, "radii", _frozen(radii))
+
+
+@dataclass(frozen=True, eq=False)
+class ArmModel:
+    """A serial arm of n revolute joints on a base that rests.
+
+    Link inertias may be indefinite: a fast rotor behind a gear, split between two links, leaves a negative
+    axial moment on one of them (6.11). Compared and hashed by identity, so functions can be cached per model.
+
+    Attributes:
+        name: for messages and titles.
+        joint_names: n names.
+        rotations: (n, 3, 3), A0: constant part of A_{i-1,i} = A0[i-1] Rz(phi_i).
+        offsets: (n, 3), m: Q_i to Q_{i+1} (last: to the gripper point G) in frame i.
+        masses: (n,), kg.
+        centres: (n, 3), m: Q_i to the link's centre of mass in frame i.
+        inertias: (n, 3, 3), kg m^2, about the link's centre of mass, axes of frame i.
+        limits: joint limits.
+        tool_rotation: (3, 3), gripper axes to frame n.
+        mount_position: (3,), m: base origin to Q_1, base axes.
+        mount_rotation: (3, 3), frame 0 to base axes.
+        armature: (n,), kg m^2: rotor inertia times gear ratio squared. Adds armature * qdd to the joint
+            torque and nothing to the base wrench, as in Pinocchio; zero for arms whose link inertias hold the
+            rotors.
+        gripper: name of the gripper frame.
+        sphere_sets: collision spheres.
+        collision_pairs: names of sphere sets checked against each other.
+        floor_sets: names of sphere sets checked against the floor.
+        obstacle_sets: names of sphere sets checked against walls and pillars.
+    """
+
+    name: str
+    joint_names: tuple[str, ...]
+    rotations: np.ndarray
+    offsets: np.ndarray
+    masses: np.ndarray
+    centres: np.ndarray
+    inertias: np.ndarray
+    limits: JointLimits
+    tool_rotation: np.ndarray = field(default_factory=lambda: np.eye(3))
+    mount_position: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    mount_rotation: np.ndarray = field(default_factory=lambda: np.eye(3))
+    armature: np.ndarray | None = None
+    gripper: str = "gripper"
+    sphere_sets: tuple[SphereSet, ...] = ()
+    collision_pairs: tuple[tuple[str, str], ...] = ()
+    floor_sets: tuple[str, ...] = ()
+    obstacle_sets: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        n = len(self.joint_names)
+        if n == 0:
+            raise InputError("joint_names: an arm needs at least one joint")
+        if self.armature is None:
+            object.__setattr__(self, "armature", np.zeros(n))
+        shapes = {
+            "rotations": (n, 3, 3),
+            "offsets": (n, 3),
+            "masses": (n,),
+            "centres": (n, 3),
+            "inertias": (n, 3, 3),
+            "tool_rotation": (3, 3),
+            "mount_position": (3,),
+            "mount_rotation": (3, 3),
+            "armature": (n,),
+        }
+        for name, shape in shapes.items():
+            object.__setattr__(self, name, _frozen(finite_array(name, getattr(self, name), shape)))
+        if len(self.limits.speed) != n:
+            raise InputError(f"limits: expected {n} joints, got {len(self.limits.speed)}")
+        for index, matrix in enumerate(self.rotations):
+            _require_rotation(f"rotations[{index}]", matrix)
+        _require_rotation("tool_rotation", self.tool_rotation)
+        _require_rotation("mount_rotation", self.mount_rotation)
+        for name in ("masses", "armature"):
+            if (getattr(self, name) < 0).any():
+                raise InputError(f"{name}: must be >= 0, got {getattr(self, name)}")
+        skew = np.abs(self.inertias - self.inertias.transpose(0, 2, 1)).max(axis=(1, 2))
+        if (skew > 1e-9 * (1e-6 + np.abs(self.inertias).max())).any():
+            raise InputError(f"inertias: must be symmetric, link {int(np.argmax(skew)) + 1} is not")
+        self._check_spheres(n)
+
+    def _check_spheres(self, n: int) -> None:
+        names = [s.name for s in self.sphere_sets]
+        if len(set(names)) != len(names):
+            raise InputError(f"sphere_sets: names must differ, got {names}")
+        for spheres in self.sphere_sets:
+            if not 0 <= spheres.link <= n:
+                raise InputError(f"spheres {spheres.name!r}: link must be 0..{n}, got {spheres.link}")
+        used = {name for pair in self.collision_pairs for name in pair}
+        for name in sorted(used | set(self.floor_sets) | set(self.obstacle_sets)):
+            if name not in names:
+                raise InputError(f"no sphere set {name!r}; there are {', '.join(map(repr, names)) or 'none'}")
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.joint_names)
+
+    def mounted(self, position: Sequence[float], rotation: np.ndarray | None = None) -> ArmModel:
+        """The same arm in another base frame, in which the present one sits at `position` and `rotation`.
+
+        Args:
+            position: (3,), m: new base origin to the present one, axes of the new base frame.
+            rotation: (3, 3): present to new base axes; identity by default.
+        """
+        turn = np.eye(3) if rotation is None else finite_array("rotation", rotation, (3, 3))
+        shift = finite_array("position", position, (3,))
+        return dataclasses.replace(
+            self,
+            mount_position=shift + turn @ self.mount_position,
+            mount_rotation=turn @ self.mount_rotation,
+        )
+
+    def with_limits(self, **limits: object) -> ArmModel:
+        """The same arm with some limits replaced, e.g. `with_limits(acceleration=np.full(6, 5.0))`."""
+        known = [f.name for f in dataclasses.fields(JointLimits)]
+        for name in limits:
+            if name not in known:
+                raise InputError(f"limits: no {name!r}; there are {', '.join(known)}")
+        return dataclasses.replace(self, limits=dataclasses.replace(self.limits, **limits))
+
+    def with_spheres(
+        self, sphere_sets: Iterable[SphereSet], *, excluded_pairs: Iterable[tuple[str, str]] = ()
+    ) -> ArmModel:
+        """The same arm with other collision spheres.
+
+        All sets on links that are not neighbours are checked against each other except `excluded_pairs`; all
+        sets on moving links are checked against floor and obstacles.
+
+        Raises:
+            InputError: an excluded pair names a set that does not exist.
+        """
+        sets = tuple(sphere_sets)
+        names = [s.name for s in sets]
+        excluded = {frozenset(pair) for pair in excluded_pairs}
+        for name in sorted(set().union(*excluded) - set(names)):
+            raise InputError(
+                f"excluded_pairs: no sphere set {name!r}; there are {', '.join(map(repr, names))}"
+            )
+        pairs = tuple(
+            (first.name, second.name)
+            for index, first in enumerate(sets)
+            for second in sets[index + 1 :]
+            if abs(first.link - second.link) > 1 and frozenset((first.name, second.name)) not in excluded
+        )
+        moving = tuple(s.name for s in sets if s.link > 0)
+        return dataclasses.replace(
+            self, sphere_sets=sets, collision_pairs=pairs, floor_sets=moving, obstacle_sets=moving
+        )
+
+
+def joint_states(name: str, value: object, joints: int) -> tuple[np.ndarray, bool]:
+    """Return `value`, (n,) or (N, n), as (N, n) and whether it was a single state; NaN is refused.
+
+    Raises:
+        InputError: wrong shape or not finite.
+    """
+    single = np.ndim(value) == 1
+    array = finite_array(name, value, (joints,) if single else (None, joints))
+    return np.atleast_2d(array), single
+
+
+def _frozen(array: np.ndarray) -> np.ndarray:
+    array.flags.writeable = False
+    return array
+
+
+def _require_rotation(name: str, matrix: np.ndarray) -> None:
+    error = np.abs(matrix @ matrix.T - np.eye(3)).max()
+    if error > 1e-9 or np.linalg.det(matrix) < 0:
+        raise InputError(
+            f"{name}: not a rotation matrix (orthonormal to {error:.1e}, det {np.linalg.det(matrix):.3g})"
+        )

@@ -1,0 +1,96 @@
+"""The check of a finished motion finds what happens between coarse samples."""
+
+import numpy as np
+import pytest
+
+from ocptip.errors import InputError
+from ocptip.motion.cases import motion_case
+from ocptip.motion.passive import ArmMotion
+from ocptip.motion.proof import MotionLimits, prove
+from ocptip.motion.ramps import RampCommand
+from ocptip.motion.robot import experiment_robot
+
+
+def reference(name, base):
+    case = motion_case(name)
+    robot = experiment_robot(case, base)
+    limits = robot.arm.limits
+    return robot, case.reference_motion(limits.speed, limits.acceleration)
+
+
+def test_printed_motions_are_verified_with_the_printed_base():
+    for name in "ABCDEFGH":
+        proof = prove(*reference(name, "printed"))
+        assert proof.verified, (name, proof.violations)
+        assert proof.violations == ()
+
+
+@pytest.mark.parametrize(("name", "base"), [("B", "effective"), ("G", "effective"), ("A", "printed")])
+def test_worst_values_are_those_of_a_very_dense_grid(name, base):
+    robot, motion = reference(name, base)
+    proof = prove(robot, motion)
+    inner = np.concatenate([np.linspace(a, b, 402)[1:-1] for a, b in motion.intervals])
+    dense = robot.samples(motion, inner)
+    for key, values in (
+        ("GN", dense.tip.GN),
+        ("GT", dense.slip.GT),
+        ("torque_ratio", np.max(np.abs(dense.torques) / robot.arm.limits.torque, axis=1)),
+        ("clearance_m", -dense.clearances),
+    ):
+        worst = -proof.worst[key].value if key == "clearance_m" else proof.worst[key].value
+        assert worst >= np.max(values) - 1e-9, key
+        assert worst <= np.max(values) + 0.02 * abs(worst) + 1e-3, key
+
+
+def test_violations_name_quantity_time_and_limit():
+    robot, motion = reference("B", "effective")
+    proof = prove(robot, motion)
+    assert not proof.verified
+    assert len(proof.violations) == 1
+    assert proof.violations[0].startswith("GN is 0.99")
+    assert "must be <= 0.9" in proof.violations[0]
+    assert prove(robot, motion, MotionLimits(GN=0.999)).verified
+
+
+def test_a_motion_that_tips_is_refused():
+    robot, motion = reference("B", "effective")
+    proof = prove(robot, motion.time_scaled(0.5))
+    assert not proof.verified
+    assert proof.worst["GN"].value > 1
+    assert any("slips or lifts" in v for v in proof.violations)
+
+
+def test_joint_limits_are_checked_exactly():
+    robot, motion = reference("A", "printed")
+    fast = prove(robot, motion.time_scaled(0.9))
+    assert fast.worst["speed_ratio"].value == pytest.approx(
+        prove(robot, motion).worst["speed_ratio"].value / 0.9
+    )
+    assert any(v.startswith("speed_ratio") for v in fast.violations)
+    start = motion.start
+    far = [[RampCommand(phi, 0.5, 1.0)] for phi in start]
+    far[1] = [RampCommand(3.0, 0.5, 1.0)]
+    beyond = prove(robot, ArmMotion.from_commands(start, far))
+    assert any(v.startswith("angle_margin_deg") and "joint 2" in v for v in beyond.violations)
+
+
+def test_an_arm_that_does_not_move_is_checked_too():
+    robot, motion = reference("A", "printed")
+    still = ArmMotion.from_commands(motion.start, [[RampCommand(phi, 1.0, 1.0)] for phi in motion.start])
+    proof = prove(robot, still)
+    assert proof.verified
+    assert proof.energy == 0
+    assert proof.duration == 0
+
+
+def test_results_are_plain_data():
+    data = prove(*reference("C", "printed")).to_dict()
+    assert set(data["worst"]) >= {"GN", "GT", "torque_ratio", "clearance_m"}
+    assert data["verified"] is True
+    assert data["worst"]["torque_ratio"]["detail"].startswith("joint ")
+
+
+@pytest.mark.parametrize("bad", [{"GN": 0.0}, {"GT": float("nan")}, {"clearance": -1.0}])
+def test_bad_limits_are_named(bad):
+    with pytest.raises(InputError, match=next(iter(bad))):
+        MotionLimits(**bad)

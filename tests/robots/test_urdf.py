@@ -1,0 +1,182 @@
+"""Arms out of URDF files: chains with all kinds of joints and branches, against Pinocchio's own numbers."""
+
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from pinocchio_twin import dynamics, twin
+
+from ocptip.errors import InputError
+from ocptip.robots import arm_from_pinocchio, arm_from_urdf, evaluate_dynamics, gripper_pose
+
+UR5 = Path(__file__).parent / "data" / "ur5.urdf"
+
+
+def link(name: str, mass: float = 1.0) -> str:
+    return f"""<link name="{name}"><inertial><origin xyz="0.1 0.02 -0.03" rpy="0.3 0.1 0.2"/>
+      <mass value="{mass}"/>
+      <inertia ixx="0.02" ixy="0.001" ixz="0.002" iyy="0.03" iyz="-0.001" izz="0.04"/></inertial></link>"""
+
+
+def joint(name: str, kind: str, parent: str, child: str, axis: str = "0 0 1", limit: str = "") -> str:
+    return f"""<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>
+      <origin xyz="0.1 0.2 0.3" rpy="0.4 -0.5 0.6"/><axis xyz="{axis}"/>{limit}</joint>"""
+
+
+LIMIT = '<limit lower="-2" upper="1.5" velocity="3" effort="40"/>'
+SERVICE_ROBOT = "".join(
+    [
+        '<robot name="service">',
+        *(link(n) for n in ("cart", "torso", "head", "upper", "middle", "lower", "hand", "finger")),
+        joint("lift", "prismatic", "cart", "torso", "0 0 1", LIMIT),
+        joint("neck", "revolute", "torso", "head", "0 1 0", LIMIT),
+        joint("shoulder", "continuous", "torso", "upper", "0 -1 0"),
+        joint("elbow", "revolute", "upper", "middle", "0.6 0 -0.8", LIMIT),
+        joint("roll", "revolute", "middle", "lower", "-1 0 0", LIMIT),
+        joint("wrist", "continuous", "lower", "hand", "0.36 0.48 0.8"),
+        joint("grip", "prismatic", "hand", "finger", "0 1 0", LIMIT),
+        '<link name="tool"/><joint name="flange" type="fixed"><parent link="hand"/><child link="tool"/>',
+        '<origin xyz="0 0 0.1" rpy="1 0 0.5"/></joint>',
+        "</robot>",
+    ]
+)
+NAMES = {"base_link": "cart", "tool_frame": "tool"}
+LOCKED = {"lift": 0.15, "grip": 0.01}
+
+
+@pytest.fixture
+def service_robot(tmp_path):
+    file = tmp_path / "service.urdf"
+    file.write_text(SERVICE_ROBOT, encoding="utf-8")
+    return file
+
+
+def test_arm_on_a_lift_agrees_with_pinocchio(service_robot):
+    model = arm_from_urdf(service_robot, **NAMES, locked_joints=LOCKED)
+    assert model.joint_names == ("shoulder", "elbow", "roll", "wrist")
+    whole = pin.buildModelFromUrdf(str(service_robot))
+    data = whole.createData()
+    robot = twin(model)
+    rng = np.random.default_rng(0)
+    for q, qd, qdd in rng.uniform(-1.4, 1.4, (10, 3, 4)):
+        full = pin.neutral(whole)
+        for name, angle in {**dict(zip(model.joint_names, q, strict=True)), **LOCKED}.items():
+            moved = whole.joints[whole.getJointId(name)]
+            full[moved.idx_q : moved.idx_q + moved.nq] = (
+                angle if moved.nq == 1 else (np.cos(angle), np.sin(angle))
+            )
+        order = [whole.joints[whole.getJointId(name)].idx_v for name in model.joint_names]
+        velocity, acceleration = np.zeros((2, whole.nv))
+        velocity[order], acceleration[order] = qd, qdd
+        whole.gravity.linear = np.array([1.0, -2.0, -9.0])
+        torque = pin.rnea(whole, data, full, velocity, acceleration)[order]
+        pin.framesForwardKinematics(whole, data, full)
+        tool = data.oMf[whole.getFrameId("tool")]
+        position, rotation = gripper_pose(model, q)
+        np.testing.assert_allclose(position, tool.translation, atol=1e-13)
+        np.testing.assert_allclose(rotation, tool.rotation, atol=1e-13)
+        ours = evaluate_dynamics(model, q, qd, qdd, gravity=[1.0, -2.0, -9.0])
+        np.testing.assert_allclose(ours.torque, torque, rtol=1e-10, atol=1e-11)
+        # The wrench at the shoulder, from the whole robot's coupling force there.
+        f = data.oMi[whole.getJointId("shoulder")].act(data.f[whole.getJointId("shoulder")])
+        np.testing.assert_allclose(
+            ours.wrench, -np.concatenate([f.linear, f.angular]), rtol=1e-10, atol=1e-10
+        )
+        np.testing.assert_allclose(
+            ours.torque, dynamics(robot, q, qd, qdd, [1.0, -2.0, -9.0], *np.zeros((3, 3)))[0], atol=1e-11
+        )
+
+
+def test_base_in_the_middle_needs_no_lift(service_robot):
+    high = arm_from_urdf(service_robot, base_link="torso", tool_frame="tool", locked_joints={"grip": 0.01})
+    low = arm_from_urdf(service_robot, **NAMES, locked_joints=LOCKED)
+    q = np.array([0.1, 0.2, 0.3, 0.4])
+    zero = np.zeros(4)
+    np.testing.assert_allclose(high.offsets, low.offsets, atol=1e-14)
+    still = {"gravity": (0.0, 0.0, 0.0)}
+    np.testing.assert_allclose(
+        evaluate_dynamics(high, q, q, zero, **still).torque,
+        evaluate_dynamics(low, q, q, zero, **still).torque,
+    )
+
+
+def test_limits(service_robot):
+    model = arm_from_urdf(service_robot, **NAMES, locked_joints=LOCKED, acceleration=np.full(4, 5.0))
+    np.testing.assert_array_equal(model.limits.angle_min, [-np.inf, -2, -2, -np.inf])
+    np.testing.assert_array_equal(model.limits.angle_max, [np.inf, 1.5, 1.5, np.inf])
+    np.testing.assert_array_equal(model.limits.speed, [np.inf, 3, 3, np.inf])
+    np.testing.assert_array_equal(model.limits.torque, [np.inf, 40, 40, np.inf])
+    np.testing.assert_array_equal(model.limits.acceleration, 5)
+
+
+def test_ur5_reach_and_weight():
+    model = arm_from_urdf(UR5, base_link="base_link", tool_frame="tool0")
+    assert model.n == 6
+    position, _ = gripper_pose(model, np.zeros(6))
+    # Stretched out along -x: both arm lengths; then the wrist's offsets.
+    np.testing.assert_allclose(position, [-0.81725, -0.10915 - 0.0823, 0.089159 - 0.09465], atol=1e-9)
+    torque = evaluate_dynamics(model, np.zeros(6), np.zeros(6), np.zeros(6)).torque
+    assert abs(torque[0]) < 1e-12
+    assert 40 < abs(torque[1]) < 80
+    weight = evaluate_dynamics(model, np.zeros(6), np.zeros(6), np.zeros(6)).wrench[2]
+    assert weight == pytest.approx(-9.81 * 17.0489)
+
+
+def test_sample_arm_of_pinocchio_with_armature():
+    robot = pin.buildSampleModelManipulator()
+    robot.armature = np.arange(6) / 10
+    model = arm_from_pinocchio(robot, base_link="universe", tool_frame="effector_body")
+    np.testing.assert_array_equal(model.armature, np.arange(6) / 10)
+    other = arm_from_pinocchio(robot, base_link="universe", tool_frame="effector_body", armature=np.ones(6))
+    np.testing.assert_array_equal(other.armature, 1)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"base_link": "kart"}, "base_link: no 'kart'; there are cart, .*; did you mean 'cart'"),
+        ({"tool_frame": "tcp"}, "tool_frame: no 'tcp'; there are .*hand, .*tool"),
+        ({"base_link": "hand", "tool_frame": "head"}, "'head' is not behind base_link 'hand'"),
+        ({"base_link": "hand"}, "no free joint between 'hand' and 'tool'"),
+        ({"locked_joints": {"lift": 0.1}}, "not on the way from 'cart' to 'tool', so lock them: grip"),
+        ({"locked_joints": {"grip": 0.0}}, "joint 'lift' is a JointModelP.; only revolute"),
+        (
+            {"locked_joints": {"lft": 0.1}},
+            "locked_joints: no 'lft'; there are .*elbow.*; did you mean 'lift'",
+        ),
+        ({"locked_joints": LOCKED | {"roll": np.nan}}, r"locked_joints\['roll'\]: must be finite"),
+        ({"armature": np.zeros(3)}, "armature: expected shape 4, got 3"),
+    ],
+)
+def test_errors_list_what_exists(service_robot, change, message):
+    arguments = NAMES | {"locked_joints": LOCKED} | change
+    with pytest.raises(InputError, match=message):
+        arm_from_urdf(service_robot, **arguments)
+
+
+def test_negative_inertias_in_a_file_are_taken_as_they_are(service_robot):
+    # A rotor split between two links is written so, and the parser does not object.
+    service_robot.write_text(SERVICE_ROBOT.replace('izz="0.04"', 'izz="-0.04"'), encoding="utf-8")
+    model = arm_from_urdf(service_robot, **NAMES, locked_joints=LOCKED)
+    assert np.linalg.eigvalsh(model.inertias[0]).min() == pytest.approx(-0.04, abs=1e-3)
+
+
+def test_unreadable_files_are_refused(tmp_path):
+    with pytest.raises(InputError, match="no such file"):
+        arm_from_urdf(tmp_path / "none.urdf", **NAMES)
+    broken = tmp_path / "broken.urdf"
+    broken.write_text("<robot>", encoding="utf-8")
+    with pytest.raises(InputError, match="not a readable URDF"):
+        arm_from_urdf(broken, **NAMES)
+
+
+def test_every_joint_can_be_locked_but_one(service_robot):
+    locked = LOCKED | {"shoulder": 0.3, "elbow": 0.2, "wrist": -0.4}
+    model = arm_from_urdf(service_robot, **NAMES, locked_joints=locked)
+    whole = arm_from_urdf(service_robot, **NAMES, locked_joints=LOCKED)
+    assert model.joint_names == ("roll",)
+    position, rotation = gripper_pose(model, np.array([0.7]))
+    expected = gripper_pose(whole, np.array([0.3, 0.2, 0.7, -0.4]))
+    np.testing.assert_allclose(position, expected[0], atol=1e-13)
+    np.testing.assert_allclose(rotation, expected[1], atol=1e-13)
