@@ -31,6 +31,7 @@ MARGIN_TOLERANCE = 1e-7
 """Margins above minus this (relative to the force unit) count as standing."""
 
 _RANDOM_STARTS = 64
+_ALL_COMBINATIONS = 64
 _LAW_TOLERANCE = 1e-8
 
 
@@ -41,8 +42,9 @@ class Equilibrium:
     Attributes:
         stands: True if they do.
         margin: largest force (N) by which all contact forces can stay inside their limits at once, at
-            most the largest component of the wrench or preload; negative: by how much the limits would have
-            to be widened; -inf: no forces balance the wrench.
+            most the largest component of the wrench or preload (with more than 64 combinations of pieces a
+            lower bound of it); negative: by how much the limits would have to be widened; -inf: no forces
+            balance the wrench.
         forces: (n, d) the balancing forces in contact axes with that margin, N; None if there are none.
         certificate: (6,) if it does not stand and the force sets are convex: a velocity of the base
             (m/s, rad/s; largest element 1 in units of the support's length) at which the wrench has more
@@ -206,6 +208,8 @@ def equilibrium(support: Support, wrench: object, *, cone: bool = True) -> Equil
             certificate = motion / np.max(np.abs(motion / scaling))
         if best is None or margin * unit > best.margin:
             best = Equilibrium(margin >= -MARGIN_TOLERANCE, margin * unit, forces, certificate, programs)
+        if best.stands and programs >= _ALL_COMBINATIONS:
+            break
     return Equilibrium(best.stands, best.margin, best.forces, best.certificate, programs)
 
 

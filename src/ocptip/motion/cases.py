@@ -23,20 +23,7 @@ from numpy.typing import ArrayLike
 from ocptip.errors import InputError
 from ocptip.motion.passive import ArmMotion
 from ocptip.motion.ramps import RampCommand
-
-
-@dataclass(frozen=True, eq=False)
-class GripperPose:
-    """Where the gripper is and how it is turned.
-
-    Attributes:
-        position: from the first joint's point Q1 to the gripper point, (3,), m, base axes.
-        rotation: turns vectors from gripper axes to base axes, (3, 3); the third column is the gripper axis.
-            The experiment leaves the rotation about it free.
-    """
-
-    position: np.ndarray
-    rotation: np.ndarray
+from ocptip.robots import GripperPose, experiment_poses, start_and_goal
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +50,7 @@ class MotionCase:
         triangle_side: side of the base's equilateral contact triangle, m.
         clamped: a force-constant clamp holds the base at K3.
         start_pose, goal_pose: of the gripper.
-        start, goal: joint angles, (6,), rad; see the notes in `joint_angles.json`.
+        start, goal: joint angles, (6,), rad, see `ocptip.robots.start_and_goal`.
         reference_commands: three commands for each of joints 1 to 3 (table E.1); the last target is the goal.
         printed_times: table E.2, by the names `t1_1p` (t' of joint 1, command 1), `t1_1pp` (t''), `t1_E`,
             `t4_p`, `t4_pp`, `t_E`, `z1_2` (zero crossing of joint 1 in ramp 2; absent if there is none).
@@ -109,14 +96,16 @@ def motion_case(name: str) -> MotionCase:
 @cache
 def motion_cases() -> Mapping[str, MotionCase]:
     """Return the eight cases by name, A to H."""
-    table, solutions, angles = map(_read, ("cases.json", "reference_solutions.json", "joint_angles.json"))
+    table, solutions = (
+        _read("ocptip.robots", "cases.json"),
+        _read("ocptip.motion", "reference_solutions.json"),
+    )
     column_of = {case: column for column, case in solutions["column_to_table51_case"].items()}
-    poses = table["gripper_poses_recovered"]
-    start_pose, goal_pose = _pose(poses["start"]), _pose(poses["end"])
+    start_pose, goal_pose = experiment_poses()
+    angles = {entry["arm"]: _shortest(*start_and_goal(entry["arm"])) for entry in table["cases"].values()}
     cases = {}
     for name, entry in table["cases"].items():
-        of_arm = angles["arms"][entry["arm"]]
-        goal = of_arm["goal"]
+        start, goal = angles[entry["arm"]]
         cases[name] = MotionCase(
             name=name,
             column=column_of[name],
@@ -125,9 +114,9 @@ def motion_cases() -> Mapping[str, MotionCase]:
             clamped=entry["clamp_K3"],
             start_pose=start_pose,
             goal_pose=goal_pose,
-            start=_frozen(np.deg2rad(of_arm["start"])),
-            goal=_frozen(np.deg2rad(goal)),
-            reference_commands=_commands(solutions, column_of[name], goal[:3]),
+            start=start,
+            goal=goal,
+            reference_commands=_commands(solutions, column_of[name], np.rad2deg(goal[:3]).tolist()),
             printed_times=MappingProxyType(
                 {key: _time(x) for key, x in solutions["E2"][column_of[name]].items() if x is not None}
             ),
@@ -136,19 +125,20 @@ def motion_cases() -> Mapping[str, MotionCase]:
     return MappingProxyType(cases)
 
 
-def _read(file: str) -> dict[str, Any]:
-    return json.loads(resources.files("ocptip.motion").joinpath("data", file).read_text("utf-8"))
+def _read(package: str, file: str) -> dict[str, Any]:
+    return json.loads(resources.files(package).joinpath("data", file).read_text("utf-8"))
+
+
+def _shortest(start: np.ndarray, goal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Start and goal with the last joint, whose roll the experiment leaves open, going the shorter way."""
+    goal = goal.copy()
+    goal[-1] = start[-1] + math.remainder(goal[-1] - start[-1], math.tau)
+    return _frozen(start.copy()), _frozen(goal)
 
 
 def _frozen(array: np.ndarray) -> np.ndarray:
     array.flags.writeable = False
     return array
-
-
-def _pose(entry: Mapping[str, Any]) -> GripperPose:
-    return GripperPose(
-        _frozen(np.array(entry["r_Q1G_mm"]) / 1000), _frozen(np.array(entry["A_B6"], dtype=float))
-    )
 
 
 def _commands(
