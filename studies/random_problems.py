@@ -19,7 +19,7 @@ import platform
 import sys
 import time
 from collections import Counter
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
 import numba
@@ -28,6 +28,7 @@ import scipy
 from random_supports import random_support, random_wrenches
 
 from ocptip.contact import equilibrium, solve_many
+from ocptip.errors import SolverError
 
 WRENCHES = 20
 CHUNK = 20_000
@@ -71,8 +72,12 @@ def run_chunk(seed: int, chunk: int) -> dict:
         pivots = max(pivots, int(np.max(states.pivots)))
         if rng.random() < COMPARED_SHARE * WRENCHES / 4:
             for i in range(4):
-                balance = equilibrium(support, wrenches[i], cone=False)
                 compared += 1
+                try:
+                    balance = equilibrium(support, wrenches[i], cone=False)
+                except SolverError as error:
+                    disagree.append([name, i, str(error)])
+                    continue
                 # a standing solution must be confirmed; a moving one beside it is weak stability
                 unit = states.scale[i] * support.mass
                 if states.persistent[i] and balance.margin < -1e-6 * unit:
@@ -142,9 +147,9 @@ def main() -> None:
     paths = [options.out / f"chunk_{options.seed}_{i:04d}.json" for i in range(count)]
     todo = [i for i in range(count) if not paths[i].exists()]
     with ProcessPoolExecutor(options.workers) as pool:
-        futures = {i: pool.submit(run_chunk, options.seed, i) for i in todo}
-        for done, (i, future) in enumerate(futures.items(), 1):
-            result = future.result()
+        futures = {pool.submit(run_chunk, options.seed, i): i for i in todo}
+        for done, future in enumerate(as_completed(futures), 1):
+            i, result = futures[future], future.result()
             temporary = paths[i].with_suffix(".part")
             temporary.write_text(json.dumps(result))
             temporary.replace(paths[i])

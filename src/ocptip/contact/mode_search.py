@@ -34,6 +34,7 @@ _LP_TOLERANCE = 1e-10
 _RESIDUAL = 1e-9
 _POSITIVE = 1e-9
 _INFEASIBLE = 1e-7
+_PRICE = 1e-3
 _REST = 1e-8  # accelerations, relative to the largest right-hand side, that cannot be told from rest
 _RANK_TOLERANCE = 1e-9
 _STICK, _SLIDE, _LIFT = 0, 1, 2
@@ -124,13 +125,16 @@ class _SolutionSearch:
         columns = self._columns(allowed)
         rows = len(self.rhs)
         equations = np.hstack([self.system.plain_matrix[:, columns], np.eye(rows), -np.eye(rows)])
-        cost = np.concatenate([np.zeros(len(columns)), np.ones(2 * rows)])
         x = np.zeros(self.system.plain_matrix.shape[1])
-        result = _linear_program(cost, equations, self.rhs)
-        if result is not None:
-            if result.fun > _INFEASIBLE:
+        # first with a small price on x, whose sparse answers fit single modes soonest; then without
+        for price in (_PRICE, 0.0):
+            cost = np.concatenate([np.full(len(columns), price), np.ones(2 * rows)])
+            result = _linear_program(cost, equations, self.rhs)
+            if result is not None and np.sum(result.x[len(columns) :]) <= _INFEASIBLE:
+                x[columns] = result.x[: len(columns)]
+                return x
+            if result is not None and price == 0.0:
                 return None
-            x[columns] = result.x[: len(columns)]
         # if no method decides, the node stays alive with x = 0 and is split further
         return x
 

@@ -31,6 +31,7 @@ MARGIN_TOLERANCE = 1e-7
 """Margins above minus this (relative to the force unit) count as standing."""
 
 _RANDOM_STARTS = 64
+_TOLERANCES = (1e-10, 1e-8, 1e-6)
 _ALL_COMBINATIONS = 64
 _LAW_TOLERANCE = 1e-8
 
@@ -267,21 +268,20 @@ def _margin(
         cones.append(clarabel.SecondOrderConeT(d))
     cost = np.zeros(size)
     cost[-1] = -1.0
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    settings.tol_feas = settings.tol_gap_abs = settings.tol_gap_rel = 1e-10
-    solution = clarabel.DefaultSolver(
-        csc_matrix((size, size)), cost, csc_matrix(np.vstack(blocks)), np.concatenate(limits), cones, settings
-    ).solve()
-    status = str(solution.status)
-    dual = np.asarray(solution.z)[: len(matrix)]
-    if status in ("Solved", "AlmostSolved", "InsufficientProgress"):
-        x = np.asarray(solution.x)
-        gap = np.max(np.abs(matrix @ x[:-1] - target), initial=0.0)
-        if gap < 1e-8:
-            return float(x[-1]), x[:-1].reshape(n, d) * unit, dual
-    if status in ("PrimalInfeasible", "AlmostPrimalInfeasible"):
-        return -np.inf, None, dual
+    matrices = csc_matrix((size, size)), cost, csc_matrix(np.vstack(blocks)), np.concatenate(limits), cones
+    for tolerance in _TOLERANCES:
+        settings = clarabel.DefaultSettings()
+        settings.verbose = False
+        settings.tol_feas = settings.tol_gap_abs = settings.tol_gap_rel = tolerance
+        solution = clarabel.DefaultSolver(*matrices, settings).solve()
+        status = str(solution.status)
+        dual = np.asarray(solution.z)[: len(matrix)]
+        if status in ("Solved", "AlmostSolved", "InsufficientProgress"):
+            x = np.asarray(solution.x)
+            if np.max(np.abs(matrix @ x[:-1] - target), initial=0.0) < 1e-8:
+                return float(x[-1]), x[:-1].reshape(n, d) * unit, dual
+        if status in ("PrimalInfeasible", "AlmostPrimalInfeasible"):
+            return -np.inf, None, dual
     raise SolverError(
         f"equilibrium: the convex program ended with status {status} "
         f"(primal residual {solution.r_prim:.1e}, dual residual {solution.r_dual:.1e})"
