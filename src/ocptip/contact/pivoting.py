@@ -138,7 +138,7 @@ def _press(
     First the normal accelerations of up to three contacts: from "everything lifts off" this closes the
     contacts that are pressed most. Then some steps with any negative variable. Each costs a third of a step
     of the method proper, whose path from there is less than half as long. Any regular basis of admissible
-    subsets is a valid start.
+    subsets is a valid start. Returns the number of exchanges.
     """
     m = row_start[-1]
     for step in range(_CRASH_STEPS):
@@ -148,7 +148,7 @@ def _press(
             if x[i] < worst and (normal or step >= _CRASH_CONTACTS):
                 r, worst = i, x[i]
         if r < 0:
-            return
+            return step
         k = owner[r]
         size = row_start[k + 1] - row_start[k]
         place = subset_start[k] + subset[k] * size
@@ -157,10 +157,11 @@ def _press(
         c = first_column[k] + entering[place]
         _image(inverse_t, columns, c, extent, d)
         if abs(d[r]) < _CRASH_PIVOT:
-            return
+            return step
         element[r] = entering[place]
         subset[k] = successor[place]
         _pivot(inverse_t, x, p, d, r)
+    return _CRASH_STEPS
 
 
 @compiled_inline
@@ -428,7 +429,7 @@ def solve_batch(
                     continue
             _apply(inverse_t, rhs, x)
             if attempt == 1:
-                _press(
+                total += _press(
                     columns, extent, first_column, row_start, subsets, subset_start, successor, entering,
                     lifts, subset, element, owner, inverse_t, x, p, d,
                 )  # fmt: skip
