@@ -408,7 +408,7 @@ How to read this:
   there Moby claims success for many answers that solve another problem. The textbook rule fails in spite of
   good scaling, and so, now and then, does Drake's unrevised Lemke.
 - So the case for the automaton form is not that nothing else solves these problems, nor is it the number of
-  pivots: with 12 facets it needs about as many as the Stewart-Trinkle form. It is the price of a pivot: the
+  pivots: with 12 facets it needs more than the Stewart-Trinkle form. It is the price of a pivot: the
   basis has 3 rows per foot for any number of facets, not S + 1 or S + 2; see contact_timing.md.
 - *Time*: ocptip and the conventional variants run as a batch in compiled code, one call for all loads of a
   support: mean per problem, median of interleaved repeats. ocptip's time includes the check, forces and
