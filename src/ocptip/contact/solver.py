@@ -351,7 +351,7 @@ def solve_many(
         if initial.support is not support:
             raise InputError("initial: is a state of another support")
         start = initial.states.subsets[initial.index].astype(np.int64)
-    states = _pivot_all(support, wrenches, warm_start, start, 1, np.broadcast_to(np.uint64(1), len(wrenches)))
+    states = _pivot_all(support, wrenches, warm_start, start, 1, np.ones(len(wrenches), dtype=np.uint64))
     return _search_unsolved(states) if search else states
 
 
