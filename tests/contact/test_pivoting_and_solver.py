@@ -19,6 +19,7 @@ from contact_cases import (
     polygon,
 )
 from oracles.exact_lemke import exact_stewart_trinkle
+from peers import PinocchioADMM
 from random_supports import random_support, random_wrenches
 
 from ocptip.contact import (
@@ -185,10 +186,8 @@ def test_cube_of_pinocchio_s_unit_test(share):
 
 @pytest.mark.parametrize("n", [3, 4, 6])
 def test_resultants_agree_with_pinocchio_where_pyramid_and_cone_do(n):
-    peers = pytest.importorskip("peers")
-    admm = peers.PinocchioADMM()
-    if not admm.available():
-        pytest.skip("Pinocchio >= 4.1 is not installed")
+    admm = PinocchioADMM()
+    assert admm.available(), "Pinocchio is a dependency of the package"
     support = feet(polygon(n), facets=32, friction=0.5)
     loads = platform_loads(np.random.default_rng(1), 30)
     states = solve_many(support, loads)

@@ -160,15 +160,13 @@ class _SolutionSearch:
 
     def _verified(self, allowed, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, float] | None:
         """Subsets, basic values and residual of a candidate, recomputed on the original data."""
-        subsets, columns = [], []
+        subsets = []
         for k, (modes, mask) in enumerate(zip(self.modes, allowed, strict=True)):
             fits = modes.fitting(mask, self._positive(k, x))
             if len(fits) == 0:
                 return None
             subsets.append(modes.subsets[fits[0]])
-            automaton = self.system.support.contacts[k].automaton
-            columns.append(self.system.first_column[k] + automaton.subsets[subsets[-1]])
-        columns = np.concatenate(columns)
+        columns = self.system.active_columns(np.array([subsets]))[0]
         matrix = self.system.plain_matrix[:, columns]
         basic = x[columns]
         for _ in range(2):

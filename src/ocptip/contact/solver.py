@@ -206,7 +206,7 @@ class ContactStates:
         """Distinct bases: columns (U, m), d(basic)/d(wrench) (U, m, 6), and the basis of each state (N,)."""
         system = self.support.system
         unique, which = np.unique(self.subsets, axis=0, return_inverse=True)
-        columns = _active_columns(self.support, np.maximum(unique, 0))
+        columns = system.active_columns(np.maximum(unique, 0))
         bases = np.moveaxis(system.matrix[:, columns], 1, 0)
         unsolved = unique[:, 0] < 0
         bases[unsolved] = np.eye(bases.shape[1])
@@ -433,7 +433,7 @@ def solution_from_search(
 ) -> ContactState:
     """Wrap a solution found by `mode_search` as a state."""
     system, shape = support.system, (1, support.n_contacts, support.dimension)
-    columns = _active_columns(support, found.subsets[None])[0]
+    columns = system.active_columns(found.subsets[None])[0]
     forces = system.force_matrix[:, columns] @ found.basic + system.force_offset
     accelerations = system.acceleration_matrix[:, columns] @ found.basic / support.mass
     return ContactStates(
@@ -449,13 +449,3 @@ def solution_from_search(
         contact_forces=forces.reshape(shape),
         contact_accelerations=accelerations.reshape(shape),
     )[0]
-
-
-def _active_columns(support: Support, subsets: np.ndarray) -> np.ndarray:
-    """(N, m) column index of every basic variable in canonical order."""
-    system = support.system
-    parts = [
-        contact.automaton.subsets[subsets[:, k]] + system.first_column[k]
-        for k, contact in enumerate(support.contacts)
-    ]
-    return np.hstack(parts)

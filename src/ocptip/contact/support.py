@@ -310,6 +310,14 @@ class ContactSystem:
             tangential
         ]
 
+    def active_columns(self, subsets: np.ndarray) -> np.ndarray:
+        """Columns (N, m) of the basic variables in canonical order, for the contacts' subsets (N, n)."""
+        parts = [
+            contact.automaton.subsets[subsets[:, k]] + self.first_column[k]
+            for k, contact in enumerate(self.support.contacts)
+        ]
+        return np.hstack(parts)
+
     @cached_property
     def columns_by_row(self) -> np.ndarray:
         """The transposed matrix, contiguous: the kernel reads whole columns."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ocptip.contact.laws import normal_range
 from ocptip.contact.solver import ContactStates
 from ocptip.contact.support import Support
 
@@ -42,8 +43,7 @@ class ForceSets:
 
     def __init__(self, support: Support) -> None:
         pieces = [contact.force_pieces() for contact in support.contacts]
-        self.lower = np.array([min(piece.normal_min for piece in own) for own in pieces])
-        self.upper = np.array([max(piece.normal_max for piece in own) for own in pieces])
+        self.lower, self.upper = np.array([normal_range(contact) for contact in support.contacts]).T
         most = max(len(own) for own in pieces)
         padded = [[own[min(p, len(own) - 1)] for p in range(most)] for own in pieces]
         self._minimum, self._maximum, self._radius, self._slope = (
