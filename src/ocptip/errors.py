@@ -21,6 +21,10 @@ class SolverError(OcptipError):
     """A numerical method failed where a result was demanded; the message carries status and residual."""
 
 
+class PlanningError(OcptipError):
+    """No verified motion was found; the message says how near the search came."""
+
+
 def finite_array(name: str, value: object, shape: tuple[int | None, ...]) -> np.ndarray:
     """Return `value` as a float array of the given shape (None: any length), or raise InputError."""
     try:

@@ -1,6 +1,7 @@
 """The `ocptip` command: parses arguments, prints, and turns every expected error into one line.
 
-Exit codes: 0 the base stands, 1 it does not (or no verified answer was found), 2 bad input.
+Exit codes: 0 the base stands (the motion is verified), 1 it does not (or no verified answer was found), 2 bad
+input.
 """
 
 from __future__ import annotations
@@ -41,6 +42,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
+    from ocptip.cli.plan import add_parser as add_plan  # here: it imports names of this module
+
     parser = _Parser(prog="ocptip", description="Does it stand, with what reserve, and how sure is that?")
     parser.add_argument("--version", action=_Version, nargs=0, help="print the version and exit")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
@@ -60,7 +63,39 @@ def _parser() -> argparse.ArgumentParser:
         help="reference moment M0 of GN, N m (default: a tenth of the largest moment reserve at rest)",
     )
     stand.set_defaults(run=_stand)
+    add_plan(commands)
+    _add_check(commands)
     return parser
+
+
+def _add_check(commands: argparse._SubParsersAction) -> None:
+    check = commands.add_parser(
+        "check",
+        help="does a given motion keep all limits at every instant?",
+        description="Proves a motion, or says what it violates and when: reserves, torques, clearance, "
+        "speeds, accelerations, angles.",
+        epilog="exit code: 0 the motion as given is verified, 1 it is not, 2 bad input",
+    )
+    check.add_argument("motion", metavar="MOTION", help="plan.json or other ramp commands, or samples as CSV")
+    robot = check.add_mutually_exclusive_group()
+    robot.add_argument("--case", metavar="A..H", help="a printed case (default: the one the motion names)")
+    robot.add_argument("--task", metavar="TASK.toml", help="robot, support and limits of a task file")
+    check.add_argument("--base", metavar="SET", help="base data of a case: printed (default) or effective")
+    for option, text in (
+        ("--gn", "largest tip-over reserve GN"),
+        ("--gt", "largest slip reserve GT"),
+        ("--torque --torque-ratio", "largest joint torque, relative to its limit"),
+        ("--clearance", "smallest clearance, m"),
+    ):
+        check.add_argument(
+            *option.split(), metavar="X", type=float, help=f"{text} (default: that of the task)"
+        )
+    check.add_argument(
+        "--time-scale", metavar="F", type=float, nargs="+", default=[], help="check also with all times x F"
+    )
+    check.add_argument("--step", metavar="S", type=float, default=0.01, help="first spacing, s (0.01)")
+    check.add_argument("--json", action="store_true", help="print JSON instead of the table")
+    check.set_defaults(run=_check)
 
 
 def _stand(options: argparse.Namespace) -> int:
@@ -89,6 +124,35 @@ def _stand(options: argparse.Namespace) -> int:
         return _refuse(f"{error.filename or options.plot}: {error.strerror or error}")
     _print(report.to_json() if options.json else report.to_text())
     return STANDS if report.persistent else MOVES
+
+
+def _check(options: argparse.Namespace) -> int:
+    from ocptip.errors import InputError, OcptipError
+
+    try:
+        from pathlib import Path
+
+        from ocptip.cli.check import check, choose_task, with_limits
+        from ocptip.motion import load_motion
+
+        motion = load_motion(options.motion)
+        task = with_limits(
+            choose_task(options.motion, options.case, options.base, options.task),
+            gn=options.gn,
+            gt=options.gt,
+            torque=options.torque,
+            clearance=options.clearance,
+        )
+        if sys.stderr.isatty() and not _kernels_are_compiled():
+            print("compiling the contact solver (first run only, some seconds) ...", file=sys.stderr)
+        name = Path(options.motion).name
+        report = check(name, motion, task, factors=options.time_scale, step=options.step)
+    except InputError as error:
+        return _refuse(f"{error}")
+    except OcptipError as error:
+        return _refuse(f"computation failed: {error}")
+    _print(report.to_json() if options.json else report.to_text())
+    return STANDS if report.verified else MOVES
 
 
 def _print(text: str) -> None:

@@ -1,7 +1,15 @@
 """Motion of an arm by velocity ramps: servo law and its inverse, printed cases, the check of a motion."""
 
 from ocptip.motion.cases import MotionCase, PrintedTime, motion_case, motion_cases
+from ocptip.motion.output import (
+    joint_trajectory,
+    plan_to_dict,
+    sample_motion,
+    write_motion_csv,
+    write_plan,
+)
 from ocptip.motion.passive import ArmMotion, earliest_end, passive_command
+from ocptip.motion.plan import MotionPlan, StartResult, plan_motion
 from ocptip.motion.proof import MotionLimits, MotionProof, Worst, prove
 from ocptip.motion.ramps import (
     JointRamps,
@@ -12,26 +20,44 @@ from ocptip.motion.ramps import (
     servo_ramp,
 )
 from ocptip.motion.robot import MotionSamples, StandingRobot, experiment_robot
+from ocptip.motion.sampled import SampledMotion, load_motion, motion_origin
+from ocptip.motion.task import MotionTask, experiment_task, load_task, refusals, require_plannable
 
 __all__ = [
     "ArmMotion",
     "JointRamps",
     "MotionCase",
     "MotionLimits",
+    "MotionPlan",
     "MotionProof",
     "MotionSamples",
+    "MotionTask",
     "PrintedTime",
     "RampCommand",
+    "SampledMotion",
     "ServoRamp",
     "StandingRobot",
+    "StartResult",
     "Worst",
     "earliest_end",
     "experiment_robot",
+    "experiment_task",
+    "joint_trajectory",
+    "load_motion",
+    "load_task",
     "motion_case",
     "motion_cases",
+    "motion_origin",
     "passive_command",
     "phase_violations",
     "phases_to_commands",
+    "plan_motion",
+    "plan_to_dict",
     "prove",
+    "refusals",
+    "require_plannable",
+    "sample_motion",
     "servo_ramp",
+    "write_motion_csv",
+    "write_plan",
 ]

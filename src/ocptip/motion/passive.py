@@ -141,6 +141,11 @@ class ArmMotion:
         return cls.from_commands(start, completed)
 
     @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.joints)
+
+    @property
     def start(self) -> np.ndarray:
         """Angles before the motion, (n,), rad."""
         return np.array([joint.phi_start for joint in self.joints])
@@ -159,6 +164,16 @@ class ArmMotion:
     def angle_ranges(self) -> np.ndarray:
         """Least and greatest angle of each joint during the motion, overshoot included, (n, 2), rad."""
         return np.array([joint.angle_range for joint in self.joints])
+
+    @property
+    def speed_peaks(self) -> np.ndarray:
+        """Greatest |speed| of each joint, (n,), rad/s."""
+        return np.array([np.max(np.abs(joint.speeds)) for joint in self.joints])
+
+    @property
+    def acceleration_peaks(self) -> np.ndarray:
+        """Greatest |acceleration| of each joint, (n,), rad/s^2."""
+        return np.array([np.max(np.abs(joint.accelerations)) for joint in self.joints])
 
     def states(
         self, times: ArrayLike, *, side: Literal["left", "right"] = "right"
@@ -206,12 +221,7 @@ class ArmMotion:
         Raises:
             InputError: order is not a whole number >= 1.
         """
-        if isinstance(order, bool) or not isinstance(order, int | np.integer) or order < 1:
-            raise InputError(f"order: must be a whole number >= 1, got {order!r}")
-        x, w = np.polynomial.legendre.leggauss(order)
-        left, right = self.intervals.T
-        half = 0.5 * (right - left)[:, None]
-        return (0.5 * (left + right)[:, None] + half * x).ravel(), (half * w).ravel()
+        return gauss_legendre(self.intervals, order)
 
     def time_scaled(self, factor: float) -> ArmMotion:
         """Return the same path with all times multiplied by `factor` > 0 (below 1: faster)."""
@@ -246,6 +256,20 @@ class ArmMotion:
             for j, joint in enumerate(joints, 1)
         ]
         return cls.from_commands(np.deg2rad(finite_array("start", data["start"], (len(joints),))), commands)
+
+
+def gauss_legendre(intervals: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the Gauss-Legendre nodes (s) in all intervals ((S, 2), s) and their weights (s), both (N,).
+
+    Raises:
+        InputError: order is not a whole number >= 1.
+    """
+    if isinstance(order, bool) or not isinstance(order, int | np.integer) or order < 1:
+        raise InputError(f"order: must be a whole number >= 1, got {order!r}")
+    x, w = np.polynomial.legendre.leggauss(order)
+    left, right = intervals.T
+    half = 0.5 * (right - left)[:, None]
+    return (0.5 * (left + right)[:, None] + half * x).ravel(), (half * w).ravel()
 
 
 def _is_list(value: object) -> bool:

@@ -1,7 +1,8 @@
 """Proof after the plan: does a motion keep all limits at every instant, not only at quadrature nodes?
 
-The exact ramp motion is sampled in every interval between events, the limits from both sides of each event
-included (torques and reserves jump there), and refined around the worst instants until they stay put.
+The exact motion is sampled in every interval between events, up to 1.5 ns from each event on either side
+(torques and reserves jump there; joints that switch together do so within 1 ns), and refined around the worst
+instants until they stay put. The rest before and after the motion is looked at, too.
 """
 
 from __future__ import annotations
@@ -12,8 +13,11 @@ from typing import Any
 import numpy as np
 
 from ocptip.errors import InputError, positive_number
-from ocptip.motion.passive import ArmMotion
 from ocptip.motion.robot import MotionSamples, StandingRobot
+from ocptip.motion.sampled import Motion
+
+INSIDE = 1.5e-9
+"""Distance from events at which the two sides are sampled, s."""
 
 _MIN_POINTS = 5
 _ROUNDS = 8
@@ -71,7 +75,7 @@ class MotionProof:
         energy: J, electric.
         duration: s.
         worst: by name: GN, GT, torque_ratio, clearance_m, and the exact speed_ratio, acceleration_ratio,
-            angle_margin_deg of the ramps.
+            angle_margin_deg of the motion.
         violations: one sentence per broken limit, empty if verified.
         samples: number of instants evaluated.
     """
@@ -96,13 +100,13 @@ class MotionProof:
 
 
 def prove(
-    robot: StandingRobot, motion: ArmMotion, limits: MotionLimits | None = None, *, step: float = 0.01
+    robot: StandingRobot, motion: Motion, limits: MotionLimits | None = None, *, step: float = 0.01
 ) -> MotionProof:
     """Check a motion against all limits on a dense grid that is refined around the worst instants.
 
     Args:
         robot: the arm on its support.
-        motion: the exact ramp motion.
+        motion: the exact ramp motion, or samples: then the proof is of the curve through them.
         limits: default 0.9 for both reserves, the arm's torques, no collision.
         step: first spacing of the grid inside the intervals between events, s.
 
@@ -112,9 +116,8 @@ def prove(
     limits = limits or MotionLimits()
     step = positive_number("step", step)
     worst: dict[str, Worst] = _exact_limits(robot, motion)
-    grids = [_Grid(left, right, step) for left, right in motion.intervals]
-    if not grids:
-        grids = [_Grid(0.0, 0.0, step)]
+    grids = [_Grid(left + INSIDE, right - INSIDE, step) for left, right in motion.intervals]
+    grids += [_Grid(t, t, step) for t in (-INSIDE, motion.end + INSIDE)]
     samples, unsolved, standing = 0, [], True
     todo = [grid.times for grid in grids]
     for _ in range(_ROUNDS):
@@ -122,7 +125,7 @@ def prove(
         if count == 0:
             break
         samples += count
-        found = _evaluate(robot, motion, grids, todo)
+        found = _evaluate(robot, motion, todo)
         unsolved += found.unsolved
         standing &= found.standing
         for grid, times, columns in zip(grids, todo, found.split(todo), strict=True):
@@ -160,9 +163,11 @@ class _Grid:
     """Sampled values of one interval: columns GN, GT, torque ratio, -clearance."""
 
     def __init__(self, left: float, right: float, step: float) -> None:
-        points = max(_MIN_POINTS, int(np.ceil((right - left) / step)) + 1)
-        self.left, self.right = left, right
-        self.times = np.linspace(left, right, points)
+        if right <= left:
+            self.times = np.array([0.5 * (left + right)])
+        else:
+            points = max(_MIN_POINTS, int(np.ceil((right - left) / step)) + 1)
+            self.times = np.linspace(left, right, points)
         self.values = np.empty((0, 4))
         self.joints = np.empty(0, dtype=int)
 
@@ -188,24 +193,14 @@ class _Found:
         return list(zip(np.split(self.values, ends), np.split(self.joints, ends), strict=True))
 
 
-def _evaluate(robot: StandingRobot, motion: ArmMotion, grids: list[_Grid], todo: list[np.ndarray]) -> _Found:
-    """Values at the listed instants of all grids; an interval's right end is taken from the left."""
+def _evaluate(robot: StandingRobot, motion: Motion, todo: list[np.ndarray]) -> _Found:
+    """Values at the listed instants of all grids."""
     times = np.concatenate(todo)
-    at_right = np.concatenate([t >= grid.right for grid, t in zip(grids, todo, strict=True)])
-    values = np.empty((len(times), 4))
-    joints = np.zeros(len(times), dtype=int)
-    unsolved: list[float] = []
-    standing = True
-    for side, mask in (("right", ~at_right), ("left", at_right)):
-        if not np.any(mask):
-            continue
-        samples = robot.samples(motion, times[mask], side=side)
-        values[mask], joints[mask] = _quantities(robot, samples)
-        certain = samples.states.solved & samples.slip.solved
-        unsolved += samples.times[~certain].tolist()
-        standing &= bool(np.all(samples.states.persistent))
+    samples = robot.samples(motion, times)
+    values, joints = _quantities(robot, samples)
     values[np.isnan(values)] = np.inf
-    return _Found(values, joints, unsolved, standing)
+    certain = samples.states.solved & samples.slip.solved
+    return _Found(values, joints, times[~certain].tolist(), bool(np.all(samples.states.persistent)))
 
 
 def _quantities(robot: StandingRobot, samples: MotionSamples) -> tuple[np.ndarray, np.ndarray]:
@@ -239,16 +234,13 @@ def _refinements(grids: list[_Grid]) -> list[np.ndarray]:
     ]
 
 
-def _exact_limits(robot: StandingRobot, motion: ArmMotion) -> dict[str, Worst]:
-    """Speed, acceleration and angle limits of the ramps, exactly."""
+def _exact_limits(robot: StandingRobot, motion: Motion) -> dict[str, Worst]:
+    """Speed, acceleration and angle limits of the motion, exactly."""
     arm, limits = robot.arm, robot.arm.limits
-    if len(motion.joints) != arm.n:
-        raise InputError(f"motion: has {len(motion.joints)} joints, the arm has {arm.n}")
-    speed = np.array([np.max(np.abs(joint.speeds), initial=0.0) for joint in motion.joints]) / limits.speed
-    acceleration = (
-        np.array([np.max(np.abs(joint.accelerations), initial=0.0) for joint in motion.joints])
-        / limits.acceleration
-    )
+    if motion.n != arm.n:
+        raise InputError(f"motion: has {motion.n} joints, the arm has {arm.n}")
+    speed = motion.speed_peaks / limits.speed
+    acceleration = motion.acceleration_peaks / limits.acceleration
     low, high = motion.angle_ranges.T
     margin = np.minimum(low - limits.angle_min, limits.angle_max - high)
     worst = {}

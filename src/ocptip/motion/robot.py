@@ -23,7 +23,7 @@ from ocptip.contact import (
 )
 from ocptip.errors import InputError, positive_number
 from ocptip.motion.cases import MotionCase
-from ocptip.motion.passive import ArmMotion
+from ocptip.motion.sampled import Motion
 from ocptip.reserves import Slip, SlipReserve, TipOver, TipOverReserve
 from ocptip.robots import (
     ArmModel,
@@ -96,6 +96,7 @@ class StandingRobot:
         if support.dimension != 3:
             raise InputError("support: an arm needs a spatial support, got a planar one")
         self.arm, self.support, self.motors = arm, support, motors
+        self._obstacles, self._reference_moment = tuple(obstacles), reference_moment
         self.collision = CollisionModel(arm, obstacles)
         if reference_moment is None:
             own = TipOver(support).reference_moment
@@ -111,7 +112,7 @@ class StandingRobot:
         return self.support.mass + float(np.sum(self.arm.masses))
 
     def samples(
-        self, motion: ArmMotion, times: np.ndarray, *, side: Literal["left", "right"] = "right"
+        self, motion: Motion, times: np.ndarray, *, side: Literal["left", "right"] = "right"
     ) -> MotionSamples:
         """Everything that happens at the given instants ((N,), s) of a motion.
 
@@ -123,12 +124,12 @@ class StandingRobot:
         Raises:
             InputError: the motion has another number of joints.
         """
-        if len(motion.joints) != self.arm.n:
-            raise InputError(f"motion: has {len(motion.joints)} joints, the arm has {self.arm.n}")
         times = np.asarray(times, dtype=float)
         q, qd, qdd = motion.states(times, side=side)
+        if q.shape[-1] != self.arm.n:
+            raise InputError(f"motion: has {q.shape[-1]} joints, the arm has {self.arm.n}")
         torques, wrenches = self.loads(q, qd, qdd)
-        states = solve_many(self.support, wrenches)
+        states = self.contact_states(wrenches)
         gaps = self.collision.gaps(q)
         return MotionSamples(
             times=times,
@@ -152,7 +153,15 @@ class StandingRobot:
         )
         return dynamics.torque, dynamics.wrench + support.weight
 
-    def energy(self, motion: ArmMotion, *, order: int = 4) -> float:
+    def contact_states(self, wrenches: np.ndarray) -> ContactStates:
+        """States of the contacts under total wrenches (N, 6) on the base."""
+        return solve_many(self.support, wrenches)
+
+    def __reduce__(self) -> tuple:
+        """Pickle by what it was made of: CasADi's functions are built anew on the other side."""
+        return _restored, (self.arm, self.support, self.motors, self._obstacles, self._reference_moment)
+
+    def energy(self, motion: Motion, *, order: int = 4) -> float:
         """Electric energy of a motion, J: Gauss-Legendre quadrature between the events (5.25)."""
         times, weights = motion.quadrature(order)
         if len(times) == 0:
@@ -206,3 +215,13 @@ def experiment_robot(case: MotionCase, base: str = "printed", *, facets: int = _
         -data["variants"]["printed"]["contact_plane_below_Q1_mm"] / 1000
     )  # d_W is the same in both variants
     return StandingRobot(load_arm(case.arm), support, PowerMaps.modular(), obstacles=[floor(ground)])
+
+
+def _restored(
+    arm: ArmModel,
+    support: Support,
+    motors: Motors,
+    obstacles: tuple[Wall | Pillar, ...],
+    reference_moment: float | None,
+) -> StandingRobot:
+    return StandingRobot(arm, support, motors, obstacles=obstacles, reference_moment=reference_moment)

@@ -88,6 +88,31 @@ class TipOver:
         else:
             self.reference_moment = None
 
+    @cached_property
+    def affine_moments(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Moments M_i as slope (axes, 6) times wrench plus offset (axes,), or None if they are not affine.
+
+        With all contacts on one plane only the normal forces act about a tipping axis, so that in
+        equilibrium M_i follows from the wrench alone, whatever the number of contacts. The formula goes on
+        smoothly where the base would tip (M_i < 0), which `evaluate` cannot.
+        """
+        support = self.support
+        if support.dimension != 3 or self.free_rotation or not self.axes:
+            return None
+        normals, tolerance = support.frames[:, :, 0], GEOMETRY_TOLERANCE * support.length
+        centred = support.arms - support.arms.mean(axis=0)
+        if np.any(np.abs(centred @ normals[0]) > tolerance) or np.any(
+            np.linalg.norm(normals - normals[0], axis=1) > GEOMETRY_TOLERANCE
+        ):
+            return None
+        slope, offset = [], []
+        for axis in self.axes:
+            lever = support.center_of_mass - axis.point
+            slope.append(-np.concatenate([np.cross(axis.direction, lever), axis.direction]))
+            up, down = axis.lift > 0, axis.lift < 0
+            offset.append(-axis.lift[up] @ self._sets.lower[up] - axis.lift[down] @ self._sets.upper[down])
+        return np.array(slope), np.array(offset)
+
     def evaluate(self, states: ContactStates) -> TipOverReserve:
         """Tip-over reserves of states of this support.
 

@@ -13,16 +13,18 @@ class BatchFunction:
 
     Args:
         function: the single-state function; it stays available as attribute `function`.
+        block: states per mapped call; numbers of states are padded to a multiple of it.
 
     Sparse outputs are made dense. Safe to share between threads: every call checks out its own memory.
     """
 
-    def __init__(self, function: cs.Function) -> None:
+    def __init__(self, function: cs.Function, block: int = _BLOCK) -> None:
         symbols = function.sx_in() if function.is_a("SXFunction") else function.mx_in()
         dense = [cs.densify(out) for out in function.call(symbols)]
         names = function.name_in(), function.name_out()
         self.function = cs.Function(function.name(), symbols, dense, *names)
-        self._mapped = self.function.map(_BLOCK)
+        self._block = block
+        self._mapped = self.function.map(block)
         self._in = [function.size_in(i) for i in range(function.n_in())]
         self._out = [function.size_out(i) for i in range(function.n_out())]
 
@@ -37,7 +39,7 @@ class BatchFunction:
             One array per output: (N, rows) for a column vector, (N, rows, columns) for a matrix.
         """
         count = max((len(a) for a in arguments if np.ndim(a) > 1), default=1)
-        function, block = (self.function, 1) if count < _BLOCK // 4 else (self._mapped, _BLOCK)
+        function, block = (self.function, 1) if count < self._block // 4 else (self._mapped, self._block)
         padded = -(-count // block) * block
         inputs = []
         for argument, (rows, columns) in zip(arguments, self._in, strict=True):

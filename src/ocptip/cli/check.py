@@ -1,0 +1,221 @@
+"""`ocptip check`: the proof of a given motion on a given robot, as a table or as JSON. No optimisation."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ocptip.cli.numbers import quantity, ratio
+from ocptip.cli.stand import _aligned, _plain, versions
+from ocptip.errors import InputError, positive_number
+from ocptip.motion import (
+    MotionLimits,
+    MotionProof,
+    MotionTask,
+    SampledMotion,
+    experiment_task,
+    load_task,
+    motion_cases,
+    motion_origin,
+    prove,
+)
+from ocptip.motion.sampled import Motion
+
+_ROWS = {
+    "GN": "tip-over GN",
+    "GT": "slip GT",
+    "torque_ratio": "torque / limit",
+    "clearance_m": "clearance",
+    "speed_ratio": "speed / limit",
+    "acceleration_ratio": "acceleration / limit",
+    "angle_margin_deg": "angle margin",
+}
+_UNITS = {"clearance_m": ("mm", 1e3), "angle_margin_deg": ("deg", 1.0)}
+_SAME_ANGLE = 0.01  # degrees
+
+
+@dataclass(frozen=True)
+class CheckReport:
+    """What `ocptip check` knows about a motion.
+
+    Attributes:
+        motion: name of the motion's file.
+        task: the robot and the limits.
+        proof: of the motion as it is.
+        scaled: proofs of the same path with all times multiplied by a factor, in the order asked for.
+        offsets: largest difference (degrees) of the motion's start and goal from the task's.
+        interpolation: what was proved between samples; None for ramp commands.
+    """
+
+    motion: str
+    task: MotionTask
+    proof: MotionProof
+    scaled: tuple[tuple[float, MotionProof], ...]
+    offsets: tuple[float, float]
+    interpolation: str | None
+
+    @property
+    def verified(self) -> bool:
+        """True if the motion as it is keeps all limits."""
+        return self.proof.verified
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data; what is not finite becomes None."""
+        return _plain(
+            {
+                "motion": self.motion,
+                "task": self.task.name,
+                **self.proof.to_dict(),
+                "limits": dataclasses.asdict(self.task.limits),
+                "interpolation": self.interpolation,
+                "start_offset_deg": self.offsets[0],
+                "goal_offset_deg": self.offsets[1],
+                "time_scale": [{"factor": factor, **proof.to_dict()} for factor, proof in self.scaled],
+                "versions": versions(),
+            }
+        )
+
+    def to_json(self) -> str:
+        """The same as JSON text."""
+        return json.dumps(self.to_dict(), indent=2, allow_nan=False)
+
+    def to_text(self) -> str:
+        """The table for people: verdict, worst instants, energy. ASCII only, but for names."""
+        proof = self.proof
+        verdict = "VERIFIED. All limits hold" if proof.verified else "NOT VERIFIED"
+        lines = [f"{self.motion} on {self.task.name}: {verdict}."]
+        lines += [f"  {violation}" for violation in proof.violations]
+        lines += ["", *_worst_table(proof), ""]
+        lines += [f"energy {quantity(proof.energy, 'J')}, duration {quantity(proof.duration, 's')}"]
+        lines += [f"checked at {proof.samples} instants"]
+        if self.interpolation:
+            lines += [
+                f"note: proved is the curve through the samples, {self.interpolation}; where accelerations"
+            ]
+            lines += ["      jump between samples it overshoots, see ocptip.motion.sampled"]
+        for where, offset in zip(("starts", "ends"), self.offsets, strict=True):
+            if offset > _SAME_ANGLE:
+                place = "start" if where == "starts" else "goal"
+                lines += [f"note: the motion {where} {offset:.4g} degrees off the task's {place}"]
+        if self.scaled:
+            lines += ["", *_scale_table(self.scaled)]
+        return "\n".join(lines)
+
+
+def check(
+    name: str,
+    motion: Motion,
+    task: MotionTask,
+    *,
+    factors: Sequence[float] = (),
+    step: float = 0.01,
+) -> CheckReport:
+    """Prove a motion, and the same path faster or slower.
+
+    Args:
+        name: of the motion, for the table.
+        motion: to be checked.
+        task: its robot and limits; start and goal are only compared.
+        factors: > 0, by which all times are multiplied.
+        step: first spacing of the grid, s.
+
+    Raises:
+        InputError: the motion does not fit the arm, or a factor or the step is not positive.
+    """
+    step = positive_number("--step", step)
+    for factor in factors:
+        positive_number("--time-scale", factor)
+    proof = prove(task.robot, motion, task.limits, step=step)
+    scaled = [(f, prove(task.robot, motion.time_scaled(f), task.limits, step=step)) for f in factors]
+    pairs = ((motion.start, task.start), (motion.goal, task.goal))
+    start, goal = (float(np.max(np.abs(np.rad2deg(ours - theirs)))) for ours, theirs in pairs)
+    curve = motion.interpolation if isinstance(motion, SampledMotion) else None
+    return CheckReport(name, task, proof, tuple(scaled), (start, goal), curve)
+
+
+def with_limits(
+    task: MotionTask,
+    *,
+    gn: float | None = None,
+    gt: float | None = None,
+    torque: float | None = None,
+    clearance: float | None = None,
+) -> MotionTask:
+    """The same task with those limits replaced that are given.
+
+    Raises:
+        InputError: a limit that cannot be; names the option.
+    """
+    options = {"GN": ("--gn", gn), "GT": ("--gt", gt), "torque_ratio": ("--torque", torque)}
+    options["clearance"] = ("--clearance", clearance)
+    values = {
+        name: positive_number(option, value, zero_allowed=name == "clearance")
+        for name, (option, value) in options.items()
+        if value is not None
+    }
+    limits: MotionLimits = dataclasses.replace(task.limits, **values)
+    return dataclasses.replace(task, limits=limits)
+
+
+def choose_task(
+    motion_file: str, case: str | None = None, base: str | None = None, task_file: str | None = None
+) -> MotionTask:
+    """The task named on the command line, or the case that the motion's file names.
+
+    Args:
+        motion_file: read for its `case` and `base` only.
+        case, base: of a printed case; the default base: the file's if the case is the file's, else "printed".
+        task_file: a task file instead.
+
+    Raises:
+        InputError: none or unknown, or a base together with a task file.
+    """
+    if task_file is not None:
+        if base is not None:
+            raise InputError("--base: only for --case; a task file has its own base")
+        return load_task(task_file)
+    origin = motion_origin(motion_file)
+    known = origin.get("case") in motion_cases()
+    if case is None and not known:
+        raise InputError(f"{motion_file}: names no case; say which robot by --case A..H or --task TASK.toml")
+    if base is None:
+        own = known and case in (None, origin["case"])
+        base = origin.get("base", "printed") if own else "printed"
+    return experiment_task(case or origin["case"], base)
+
+
+def _worst_table(proof: MotionProof) -> list[str]:
+    rows = [["quantity", "worst", "limit", "time", "where", ""]]
+    for name, title in _ROWS.items():
+        worst = proof.worst[name]
+        broken = any(violation.startswith(f"{name} ") for violation in proof.violations)
+        time = f"{worst.time:.3f} s" if math.isfinite(worst.time) else "-"
+        sign = ">=" if name in _UNITS else "<="
+        limit = f"{sign} {_value(name, worst.limit)}"
+        rows.append(
+            [title, _value(name, worst.value), limit, time, worst.detail or "-", "BROKEN" if broken else ""]
+        )
+    return _aligned(rows, left=(0, 4, 5))
+
+
+def _scale_table(scaled: Sequence[tuple[float, MotionProof]]) -> list[str]:
+    names = [name for name in _ROWS if name != "angle_margin_deg"]
+    rows = [["times x", "verdict", "duration", "energy", *(_ROWS[name] for name in names)]]
+    for factor, proof in scaled:
+        verdict = "verified" if proof.verified else "NOT VERIFIED"
+        numbers = [_value(name, proof.worst[name].value) for name in names]
+        rows.append(
+            [f"{factor:g}", verdict, f"{proof.duration:.3f} s", quantity(proof.energy, "J"), *numbers]
+        )
+    return _aligned(rows, left=(1,))
+
+
+def _value(name: str, value: float) -> str:
+    unit, scale = _UNITS.get(name, ("", 1.0))
+    return quantity(scale * value, unit) if unit else ratio(value)

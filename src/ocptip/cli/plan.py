@@ -1,0 +1,297 @@
+"""`ocptip plan`: plans the motion of least energy, says what it found, writes files and figures."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import re
+import sys
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, TextIO
+
+from ocptip.cli import MOVES, STANDS, _kernels_are_compiled, _print, _refuse
+
+if TYPE_CHECKING:
+    from ocptip.motion.plan import MotionPlan
+    from ocptip.motion.proof import MotionProof
+    from ocptip.motion.task import MotionTask
+
+BASES = ("printed", "effective")
+_LIMIT_OPTIONS = {"gn": "GN", "gt": "GT", "torque_ratio": "torque_ratio", "clearance": "clearance"}
+_BAR = 24  # characters
+
+
+def add_parser(commands: Any) -> None:
+    """Add `plan` to the commands of the parser. Loads no numerics."""
+    plan = commands.add_parser(
+        "plan",
+        help="the arm motion of least energy that loses no contact",
+        description="Plans the ramp motion of least electric energy that keeps all contacts, and proves it.",
+        epilog="exit code: 0 a verified plan, 1 none was found, 2 bad input",
+    )
+    plan.add_argument("task", metavar="A..H|TASK.toml", help="a published case, or a task file (see README)")
+    plan.add_argument(
+        "--base", choices=BASES, help="base data of the cases (default: effective, there contacts bind)"
+    )
+    plan.add_argument("--starts", metavar="N", type=int, default=8, help="random starts (default: 8)")
+    plan.add_argument("--seed", metavar="N", type=int, default=0, help="of the starts (default: 0)")
+    plan.add_argument("--jobs", metavar="N", type=int, help="processes (default: one per core)")
+    plan.add_argument("--gn", metavar="X", type=float, help="largest tip-over value GN (default: 0.9)")
+    plan.add_argument("--gt", metavar="X", type=float, help="largest slip value GT (default: 0.9)")
+    plan.add_argument(
+        "--torque-ratio", metavar="X", type=float, help="largest torque / limit of any joint (default: 1)"
+    )
+    plan.add_argument("--clearance", metavar="M", type=float, help="least distance to obstacles (default: 0)")
+    plan.add_argument(
+        "--time-scale",
+        metavar="F",
+        type=float,
+        nargs="+",
+        default=[],
+        help="check the plan with all times multiplied by F, too (0.95: faster)",
+    )
+    plan.add_argument("--out", metavar="DIR", help="where files go (default: ocptip-plan-<name>)")
+    plan.add_argument("--no-figures", action="store_true", help="write no figures")
+    plan.add_argument("--json", action="store_true", help="print JSON instead of the summary")
+    plan.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Plan, write and print; returns the exit code."""
+    from ocptip.errors import InputError, OcptipError, PlanningError
+
+    report = None
+    try:
+        _check_numbers(options)
+        task = _task(options)
+        directory = _directory(options, task)
+        try:
+            plan = _planned(options, task)
+        except PlanningError as error:
+            return _without_plan(options, task, str(error))
+        report = PlanReport(plan, time_scale=[_scaled(plan, factor) for factor in options.time_scale])
+        if base := _base(options):
+            report.extra["base"] = base
+        failure = _written(report, directory, figures=not options.no_figures)
+    except InputError as error:
+        return _refuse(f"{error}")
+    except OcptipError as error:
+        return _refuse(f"computation failed: {error}")
+    except KeyboardInterrupt:
+        _refuse("interrupted" + ("" if report else " before there was a verified plan"))
+        return MOVES
+    _print(report.to_json() if options.json else report.to_text())
+    if failure is not None:
+        return _refuse(f"{failure.filename or directory}: {failure.strerror or failure}")
+    return STANDS if plan.verified else MOVES
+
+
+@dataclass
+class PlanReport:
+    """What `ocptip plan` says.
+
+    Attributes:
+        plan: the plan.
+        time_scale: factors with the proofs of the plan run that much slower.
+        extra: further entries of plan.json.
+        written: files.
+    """
+
+    plan: MotionPlan
+    time_scale: list[tuple[float, MotionProof]] = field(default_factory=list)
+    extra: dict[str, Any] = field(default_factory=dict)
+    written: list[Path] = field(default_factory=list)
+
+    def entries(self) -> dict[str, Any]:
+        """What plan.json holds beside the plan: `extra`, and `time_scale` if it was asked for."""
+        if not self.time_scale:
+            return self.extra
+        rows = [{"factor": f, "stands": _stands(p), **p.to_dict()} for f, p in self.time_scale]
+        return {**self.extra, "time_scale": rows}
+
+    def to_json(self) -> str:
+        """The content of plan.json and the list `written`, as JSON text."""
+        from ocptip.motion.output import plain, plan_to_dict
+
+        data = {**plan_to_dict(self.plan), **self.entries(), "written": self.written}
+        return json.dumps(plain(data), indent=2, allow_nan=False)
+
+    def to_text(self) -> str:
+        """The summary in one line, then starts, time scales and files. ASCII only, but for names."""
+        lines = [("starts", self._starts())]
+        if self.plan.interrupted:
+            lines.append(("interrupted", "this is the best of the starts that had finished"))
+        lines += [(f"time x {factor:g}", _scale_text(proof)) for factor, proof in self.time_scale]
+        if self.written:
+            names = ", ".join(path.name for path in self.written)
+            lines.append(("written", f"{self.written[0].parent}{os.sep}: {names}"))
+        width = max(len(name) for name, _ in lines)
+        return "\n".join([self.headline(), *(f"{name:<{width}}  {text}" for name, text in lines)])
+
+    def headline(self) -> str:
+        """Status, energy, duration, worst reserve, ratio to the reference."""
+        plan, proof = self.plan, self.plan.proof
+        name = max(("GN", "GT"), key=lambda n: proof.worst[n].value / proof.worst[n].limit)
+        worst = proof.worst[name]
+        parts = [
+            f"{plan.task.name}: {'VERIFIED' if plan.verified else 'NOT VERIFIED'}. "
+            f"{proof.energy:.1f} J in {proof.duration:.3f} s",
+            f"worst reserve {name} {worst.value:.3f} (limit {worst.limit:g}) at {worst.time:.3f} s",
+        ]
+        if plan.task.reference is not None:
+            energy = plan.task.robot.energy(plan.task.reference)
+            parts.append(f"{proof.energy / energy:.3f} of the reference's {energy:.1f} J")
+        broken = "" if plan.verified else f" Broken: {'; '.join(proof.violations)}."
+        return ", ".join(parts) + "." + broken
+
+    def _starts(self) -> str:
+        starts = self.plan.starts
+        verified = sum(start.verified for start in starts)
+        iterations = sum(start.iterations for start in starts)
+        return (
+            f"{verified} of {len(starts)} verified, {iterations} iterations, "
+            f"{self.plan.seconds:.1f} s, seed {self.plan.seed}"
+        )
+
+
+class Progress:
+    """A bar on a terminal: starts done, best energy, seconds. Says nothing if the stream is no terminal."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream, self._shown, self._begin = stream, stream.isatty(), time.monotonic()
+
+    def __enter__(self) -> Progress:
+        self._show("building the optimisation problem ...")
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._show("")
+
+    def __call__(self, done: int, total: int, best_energy: float | None) -> None:
+        """Show that `done` of `total` starts have finished; the best energy so far in J."""
+        filled = _BAR * done // max(total, 1)
+        best = "no verified plan yet" if best_energy is None else f"best {best_energy:.1f} J"
+        seconds = time.monotonic() - self._begin
+        bar = "#" * filled + "." * (_BAR - filled)
+        self._show(f"[{bar}] {done}/{total} starts, {best}, {seconds:.0f} s")
+
+    def _show(self, text: str) -> None:
+        if self._shown:
+            self._stream.write(f"\r{text}\x1b[K")  # erases the rest of the line
+            self._stream.flush()
+
+
+def _planned(options: argparse.Namespace, task: MotionTask) -> MotionPlan:
+    from ocptip.motion.plan import plan_motion
+
+    if sys.stderr.isatty() and not _kernels_are_compiled():
+        print("compiling the contact solver (first run only, some seconds) ...", file=sys.stderr)
+    with Progress(sys.stderr) as progress:
+        return plan_motion(
+            task, starts=options.starts, seed=options.seed, jobs=options.jobs, progress=progress
+        )
+
+
+def _check_numbers(options: argparse.Namespace) -> None:
+    """Refuse options that cannot be, by the names they have on the command line."""
+    from ocptip.errors import InputError, positive_number
+
+    for name, least in (("starts", 1), ("seed", 0), ("jobs", 1)):
+        value = getattr(options, name)
+        if value is not None and value < least:
+            raise InputError(f"--{name}: must be >= {least}, got {value}")
+    for name in _LIMIT_OPTIONS:
+        if (value := getattr(options, name)) is not None:
+            positive_number(f"--{name.replace('_', '-')}", value, zero_allowed=name == "clearance")
+    for factor in options.time_scale:
+        positive_number("--time-scale", factor)
+
+
+def _task(options: argparse.Namespace) -> MotionTask:
+    from dataclasses import replace
+
+    from ocptip.errors import InputError
+    from ocptip.motion.proof import MotionLimits
+    from ocptip.motion.task import experiment_task, load_task
+
+    values = {limit: getattr(options, name) for name, limit in _LIMIT_OPTIONS.items()}
+    limits = {name: value for name, value in values.items() if value is not None}
+    if base := _base(options):
+        return experiment_task(options.task, base, MotionLimits(**limits))
+    if Path(options.task).suffix.lower() != ".toml":
+        raise InputError(f"{options.task}: neither a case (A to H) nor a task file (.toml)")
+    if options.base is not None:
+        raise InputError(f"--base: belongs to the cases A to H, got {options.task}")
+    task = load_task(options.task)
+    return replace(task, limits=replace(task.limits, **limits)) if limits else task
+
+
+def _base(options: argparse.Namespace) -> str | None:
+    """Base data of a case; None for a task file."""
+    from ocptip.motion.cases import motion_cases
+
+    return (options.base or "effective") if options.task in motion_cases() else None
+
+
+def _directory(options: argparse.Namespace, task: MotionTask) -> Path:
+    """Where files go; refused before anything is computed if they cannot."""
+    from ocptip.errors import InputError
+
+    path = Path(options.out or "ocptip-plan-" + re.sub(r"[^\w.-]+", "-", task.name))
+    if path.exists() and not path.is_dir():
+        raise InputError(f"--out: {path} is not a directory")
+    if not path.parent.is_dir():
+        raise InputError(f"--out: no such directory: {path.parent}")
+    if not os.access(path if path.is_dir() else path.parent, os.W_OK):
+        raise InputError(f"--out: no permission to write into {path if path.is_dir() else path.parent}")
+    return path
+
+
+def _written(report: PlanReport, directory: Path, *, figures: bool) -> OSError | None:
+    """Write files and figures; an error is returned, not raised, so that the result is still printed."""
+    from ocptip.motion.output import sample_motion, write_plan
+
+    plan = report.plan
+    samples = sample_motion(plan.task.robot, plan.motion)
+    try:
+        report.written += write_plan(directory, plan, samples=samples, extra=report.entries())
+        if figures:
+            from ocptip.motion_plots import draw_plan
+
+            report.written += draw_plan(directory, plan, samples)
+    except OSError as error:
+        return error
+    return None
+
+
+def _without_plan(options: argparse.Namespace, task: MotionTask, reason: str) -> int:
+    if options.json:
+        _print(json.dumps({"case": task.name, "verified": False, "status": reason}, indent=2))
+    else:
+        _print(f"{task.name}: NO VERIFIED PLAN. {reason}")
+    return MOVES
+
+
+def _scaled(plan: MotionPlan, factor: float) -> tuple[float, MotionProof]:
+    from ocptip.motion.proof import prove
+
+    return factor, prove(plan.task.robot, plan.motion.time_scaled(factor), plan.task.limits)
+
+
+def _stands(proof: MotionProof) -> bool:
+    """True if no contact is lost, whatever other limits are broken."""
+    return proof.worst["GN"].value < 1 and proof.worst["GT"].value < 1
+
+
+def _scale_text(proof: MotionProof) -> str:
+    if proof.verified:
+        values = ", ".join(f"{name} {proof.worst[name].value:.3f}" for name in ("GN", "GT"))
+        return f"stands, all limits kept: {values}, {proof.energy:.1f} J in {proof.duration:.3f} s"
+    verdict = "stands, but breaks limits" if _stands(proof) else "LOSES A CONTACT"
+    return f"{verdict}: {'; '.join(proof.violations)}"

@@ -1,0 +1,504 @@
+"""Programs of a motion task: one that leaves the order of events open, and one with the order fixed.
+
+The smooth program replaces the jumps of accelerations (and of power at zero speed) by short smooth
+transitions at nodes spread evenly over the motion; it is as smooth as Ipopt wants it, whatever the order of
+the joints' events, and finds order and signs. The ordered program is exact: Gauss-Legendre nodes inside the
+intervals between events (5.25), with the order of the events and the signs of all speeds as constraints.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as cs
+import numpy as np
+
+from ocptip.motion.node_physics import NodePhysics
+from ocptip.motion.passive import ArmMotion, earliest_end, passive_command
+from ocptip.motion.profiles import Layout, Nodes, Profiles, SmoothStep
+from ocptip.motion.program import MotionProgram, Structure
+from ocptip.motion.proof import MotionLimits
+from ocptip.motion.ramps import RampCommand, phases_to_commands
+from ocptip.motion.robot import StandingRobot
+from ocptip.robots import BatchFunction
+
+SMOOTH_NODES = 48
+SHORTEST = 1e-3  # least duration of a ramp in an ordered program, s
+SLOWEST = 5e-3  # least peak speed of a command in an ordered program, rad/s
+GENTLEST = 0.05  # least acceleration of a ramp, rad/s^2
+MIDDLE_CRUISE = 1e-3  # s, where a middle command slows the joint down
+ORDER = 4  # Gauss nodes per interval
+MEET = 1e-6  # s: events nearer to each other than this have met
+
+
+@dataclass(frozen=True)
+class Smoothing:
+    """How sharp a smooth program is.
+
+    Attributes:
+        width: s; half width of a step of an acceleration; None for the node spacing.
+        power: rad/s; the jump of a drive's power is spread over twice this speed.
+        brake: rad/s; rounding of |speed| in the brake law.
+        shortest: least duration of a ramp, in half widths.
+    """
+
+    width: float | None
+    power: float
+    brake: float
+    shortest: float
+
+
+COARSE = Smoothing(None, 0.1, 0.05, 2.0)
+FINER = (Smoothing(0.015, 0.04, 0.02, 2.0), Smoothing(0.005, 0.015, 0.01, 2.0))
+
+
+class Formulation:
+    """Programs of one task.
+
+    Args:
+        robot: the arm on its support.
+        start, goal: (n,), rad.
+        joints: optimised joints, 0-based.
+        commands: K, ramp commands of each.
+        longest: upper bound of durations, s.
+    """
+
+    def __init__(
+        self,
+        robot: StandingRobot,
+        start: np.ndarray,
+        goal: np.ndarray,
+        joints: tuple[int, ...],
+        commands: int,
+        longest: float = 30.0,
+    ) -> None:
+        self.robot, self.start, self.goal, self.longest = robot, start, goal, longest
+        self.layout = Layout(robot.arm.n, joints, commands)
+        self.smooth_physics, self.physics = NodePhysics(robot, smooth=True), NodePhysics(robot)
+        arm = robot.arm.limits
+        passive = [j for j in range(robot.arm.n) if j not in joints]
+        ends = earliest_end((goal - start)[passive], arm.speed[passive], arm.acceleration[passive])
+        self.earliest = float(np.max(ends, initial=0.0))
+
+    # --- variables and motions ----------------------------------------------------------------------------
+
+    def variables(self, motion: ArmMotion) -> np.ndarray:
+        """Variables of the smooth program for a motion whose optimised joints have K commands each."""
+        layout = self.layout
+        x = np.zeros(layout.size)
+        for j, joint in enumerate(layout.joints):
+            ramps = motion.joints[joint]
+            x[layout.w(j)], x[layout.c(j)] = ramps.peaks, ramps.cruises
+            x[layout.d(j)] = np.maximum(ramps.ramps, 1e-3)
+        x[layout.end], x[layout.one] = motion.end, 1.0
+        return x
+
+    def motion(self, x: np.ndarray) -> ArmMotion:
+        """The exact ramp motion of a solution, rebuilt by way of its commands.
+
+        Raises:
+            InputError: no commands produce these phases.
+        """
+        layout, arm = self.layout, self.robot.arm.limits
+        commands: list[tuple[RampCommand, ...]] = [
+            (passive_command(self.start[j], self.goal[j], x[layout.end], arm.speed[j], arm.acceleration[j]),)
+            for j in range(layout.n)
+        ]
+        for j, joint in enumerate(layout.joints):
+            if self.goal[joint] == self.start[joint] and np.all(np.abs(x[layout.w(j)]) <= SLOWEST):
+                commands[joint] = (RampCommand(self.goal[joint], 1.0, 1.0),)
+                continue
+            commands[joint] = phases_to_commands(
+                self.start[joint],
+                x[layout.w(j)],
+                x[layout.d(j)],
+                x[layout.c(j)],
+                phi_goal=self.goal[joint],
+                tolerance=1e-5,
+            )
+        return ArmMotion.from_commands(self.start, commands)
+
+    def polished(self, order: EventOrder, structure: Structure, x: np.ndarray) -> np.ndarray:
+        """x moved a little (least squares) so that all equalities hold to rounding, order rows that bind too.
+
+        Ipopt leaves errors of about 1e-8 s, in which simultaneous events would follow one another.
+        """
+        g = BatchFunction(
+            cs.Function(
+                "g",
+                [(z := cs.SX.sym("x", len(x)))],
+                [structure.function(z), cs.jacobian(structure.function(z), z)],
+            )
+        )
+        count = len(structure.lower)
+        binding = structure.lower == structure.upper
+        last = slice(count - (len(order.groups) - 1), count)
+        x = np.clip(x, structure.x_lower, structure.x_upper)
+        values = g(x)[0].reshape(-1)
+        binding[last] |= values[last] < MEET
+        for edge in (structure.x_lower, structure.x_upper):
+            x = np.where(np.abs(x - edge) < 1e-6, edge, x)
+        free = (x > structure.x_lower) & (x < structure.x_upper)
+        for _ in range(6):
+            values, jacobian = g(x)
+            error = values.reshape(-1)[binding]
+            if np.max(np.abs(error), initial=0.0) < 1e-14:
+                break
+            step = np.linalg.lstsq(jacobian.reshape(count, -1)[binding][:, free], -error, rcond=1e-9)[0]
+            x = x.copy()
+            x[free] += step
+        return np.clip(x, structure.x_lower, structure.x_upper)
+
+    # --- programs ------------------------------------------------------------------------------------------
+
+    def coarse_program(self, limits: MotionLimits, end: float, nodes: int = SMOOTH_NODES) -> MotionProgram:
+        """The smooth program with nodes spread evenly, for motions of about `end` seconds."""
+        layout = self.layout
+        spacing = end / nodes
+        times, weights = np.zeros((nodes, layout.size)), np.zeros((nodes, layout.size))
+        times[:, layout.end] = (np.arange(nodes) + 0.5) / nodes
+        weights[:, layout.end] = 1.0 / nodes
+        return self._smooth_program(limits, COARSE, spacing, times, weights)
+
+    def fine_program(self, limits: MotionLimits, smoothing: Smoothing, x: np.ndarray) -> MotionProgram:
+        """The smooth program with nodes that follow the events of a motion near x.
+
+        The integrand is one smooth function of time, so that the sum over pieces from event to event is the
+        integral even when events pass each other.
+        """
+        layout, width = self.layout, smoothing.width
+        order, _ = order_of(self, x)
+        shift = width * _unit(layout, layout.one)
+        rows = [
+            row[: layout.size]
+            for row, group in zip(order.rows, order.groups, strict=True)
+            if ".x" not in group[0]
+        ]
+        zones = [[rows[0], rows[0] + shift, 1]]
+        for row in rows[1:]:
+            if row @ x - zones[-1][1] @ x < width:
+                zones[-1][1:] = row + shift, zones[-1][2] + 1
+            else:
+                zones.append([row - shift, row + shift, 1])
+        zones[-1][1] = rows[-1]
+        pieces = []
+        for i, (left, right, count) in enumerate(zones):
+            pieces.append((left, right, 2 + count))
+            if i + 1 < len(zones):
+                pieces.append((right, zones[i + 1][0], 3))
+        times, weights = [], []
+        for left, right, order_ in pieces:
+            abscissae, gauss = np.polynomial.legendre.leggauss(min(order_, 8))
+            for a, g in zip((abscissae + 1) / 2, gauss / 2, strict=True):
+                times.append(left + a * (right - left))
+                weights.append(g * (right - left))
+        return self._smooth_program(limits, smoothing, width, np.array(times), np.array(weights))
+
+    def _smooth_program(
+        self, limits: MotionLimits, smoothing: Smoothing, width: float, times: np.ndarray, weights: np.ndarray
+    ) -> MotionProgram:
+        layout, arm = self.layout, self.robot.arm.limits
+        profiles = Profiles(layout, self.start, self.goal, arm.speed, rounding=0.5 * width)
+        nodes = Nodes(profiles, times, step=SmoothStep(width))
+        speeds = np.full((len(times), layout.n), smoothing.power)
+        return MotionProgram(
+            self.smooth_physics,
+            limits,
+            layout,
+            nodes,
+            weights,
+            speeds,
+            self._smooth_structure(smoothing, width),
+        )
+
+    def ordered_program(self, limits: MotionLimits, order: EventOrder, extra: list) -> MotionProgram:
+        """The exact program with the events in the given order.
+
+        Args:
+            limits: to keep at the nodes.
+            order: of the events.
+            extra: (interval, share of the interval) of further nodes, for rows only.
+        """
+        layout = order.layout
+        arm = self.robot.arm.limits
+        profiles = Profiles(layout, self.start, self.goal, arm.speed)
+        abscissae, gauss = np.polynomial.legendre.leggauss(ORDER)
+        share = (abscissae + 1) / 2
+        events = order.rows
+        intervals = len(events) - 1
+        where = [(i, s, g) for i in range(intervals) for s, g in zip(share, gauss / 2, strict=True)]
+        where += [(i, s, 0.0) for i, s in extra]
+        index = np.array([i for i, _, _ in where])
+        shares, quadrature = np.array([s for _, s, _ in where]), np.array([g for _, _, g in where])
+        left, right = events[index], events[index + 1]
+        times = left + shares[:, None] * (right - left)
+        weights = quadrature[:, None] * (right - left)
+        masks = (order.corner_positions[None] <= index[:, None, None]).astype(float)
+        placed = Nodes(profiles, times, masks=masks, regime=order.regime)
+        directions = order.directions[index]
+        program = MotionProgram(
+            self.physics, limits, layout, placed, weights, directions, self._ordered_structure(order)
+        )
+        return program
+
+    # --- structure rows ---------------------------------------------------------------------------------
+
+    def _smooth_structure(self, smoothing: Smoothing, width: float) -> Structure:
+        layout, arm = self.layout, self.robot.arm.limits
+        x = cs.SX.sym("x", layout.size)
+        rows = _Rows()
+        lower, upper = np.full(layout.size, smoothing.shortest * width), np.full(layout.size, self.longest)
+        for j, joint in enumerate(layout.joints):
+            w, d, c = x[layout.w(j)], x[layout.d(j)], x[layout.c(j)]
+            before = cs.vertcat(0, w[:-1])
+            change = w - before
+            self._arrive(rows, joint, before, w, d, c)
+            rows.equal(
+                (_rounded(w[-1], smoothing.brake) * d[-2] - _rounded(change[-1], smoothing.brake) * d[-1])
+                * 10
+            )
+            rows.at_least(arm.acceleration[joint] * d[:-1] - change)
+            rows.at_least(arm.acceleration[joint] * d[:-1] + change)
+            rows.at_least(arm.acceleration[joint] * d[-1] - w[-1])
+            rows.at_least(arm.acceleration[joint] * d[-1] + w[-1])
+            rows.at_least(x[layout.end] - cs.sum1(d) - cs.sum1(c))
+            lower[layout.w(j)], upper[layout.w(j)] = -arm.speed[joint], arm.speed[joint]
+            lower[layout.c(j)] = 0.0
+        lower[layout.end] = max(self.earliest, 0.05)
+        lower[layout.one] = upper[layout.one] = 1.0
+        return rows.structure(x, lower, upper)
+
+    def _ordered_structure(self, order: EventOrder) -> Structure:
+        layout, arm = order.layout, self.robot.arm.limits
+        x = cs.SX.sym("x", layout.size)
+        rows = _Rows()
+        lower, upper = np.full(layout.size, SHORTEST), np.full(layout.size, self.longest)
+        crossing = layout.one + 1
+        for j, joint in enumerate(layout.joints):
+            w, d, c = x[layout.w(j)], x[layout.d(j)], x[layout.c(j)]
+            before = cs.vertcat(0, w[:-1])
+            signs, changes = order.speed_signs[j], order.change_signs[j]
+            self._arrive(rows, joint, before, w, d, c)
+            size = [changes[k] * (w[k] - before[k]) for k in range(layout.commands)]
+            rows.equal((signs[-1] * w[-1] * d[-2] - size[-1] * d[-1]) * 10)
+            angle = self.start[joint]
+            lower[layout.c(j)] = 0.0
+            for k in range(layout.commands):
+                rows.at_least((1 - 1e-7) * arm.acceleration[joint] * d[k] - size[k])
+                rows.at_least(size[k] - GENTLEST * d[k])
+                angle += 0.5 * (before[k] + w[k]) * d[k] + w[k] * c[k]
+                if k < layout.commands - 1:  # the target stays within the joint's limits
+                    limit = arm.angle_max[joint] if signs[k] > 0 else arm.angle_min[joint]
+                    if np.isfinite(limit):
+                        rows.at_least(2 * signs[k] * (limit - angle) * size[k] - w[k] ** 2 * d[k])
+                slows = k > 0 and signs[k] == signs[k - 1] and changes[k] != signs[k]
+                if slows and k < layout.commands - 1:
+                    lower[layout.c(j).start + k] = MIDDLE_CRUISE
+                if k > 0 and signs[k] != signs[k - 1]:
+                    since = x[crossing] - cs.sum1(d[:k]) - cs.sum1(c[:k])
+                    rows.equal((since * size[k] - d[k] * signs[k - 1] * w[k - 1]) * 10)
+                    lower[crossing] = 0.0
+                    crossing += 1
+                i = layout.w(j).start + k
+                bounds = sorted((signs[k] * SLOWEST, signs[k] * arm.speed[joint]))
+                lower[i], upper[i] = bounds
+        lower[layout.end] = max(self.earliest, 0.05)
+        lower[layout.one] = upper[layout.one] = 1.0
+        for joint, trapezoid in order.regime.items():
+            change = 2 * abs(self.goal[joint] - self.start[joint]) / arm.speed[joint]
+            if trapezoid:
+                upper[layout.end] = min(upper[layout.end], change)
+            else:
+                lower[layout.end] = max(lower[layout.end], change)
+        for first, other in order.equalities:
+            rows.equal(cs.dot(cs.DM(order.times[other] - order.times[first]), x))
+        steps = order.rows[1:] - order.rows[:-1]
+        rows.at_least(cs.mtimes(cs.DM(steps), x))
+        return rows.structure(x, lower, upper)
+
+    def _arrive(self, rows: _Rows, joint: int, before: cs.SX, w: cs.SX, d: cs.SX, c: cs.SX) -> None:
+        way = cs.dot(0.5 * (before + w), d[:-1]) + cs.dot(w, c) + 0.5 * w[-1] * d[-1]
+        rows.equal((way - (self.goal[joint] - self.start[joint])) * 10)
+
+
+class _Rows:
+    """Collects rows and their bounds."""
+
+    def __init__(self) -> None:
+        self.rows: list[cs.SX] = []
+        self.upper: list[float] = []
+
+    def equal(self, row: cs.SX) -> None:
+        self._add(row, 0.0)
+
+    def at_least(self, row: cs.SX) -> None:
+        self._add(row, np.inf)
+
+    def _add(self, row: cs.SX, upper: float) -> None:
+        self.rows.append(row)
+        self.upper += [upper] * row.numel()
+
+    def structure(self, x: cs.SX, lower: np.ndarray, upper: np.ndarray) -> Structure:
+        function = cs.Function("structure", [x], [cs.vertcat(*self.rows)])
+        return Structure(function, np.zeros(len(self.upper)), np.array(self.upper), lower, upper)
+
+
+def _rounded(value: cs.SX, radius: float) -> cs.SX:
+    """|value| with its kink rounded."""
+    return cs.sqrt(value**2 + radius**2)
+
+
+@dataclass(frozen=True, eq=False)
+class EventOrder:
+    """Signs of speeds and order of events of a motion.
+
+    Attributes:
+        layout: with the crossings counted.
+        speed_signs: (joints, K) +1 or -1.
+        change_signs: (joints, K) sign of w_k - w_{k-1}.
+        regime: passive joints, see `Profiles`.
+        groups: names of the events in order, simultaneous ones in one group; "2.3" is corner 3 of joint 2
+            (1-based), "2.x1" its crossing in ramp 1, "5.p" and "5.pp" are t' and t'' of a passive joint.
+        times: by name, (nx,): event times are times[name] @ x.
+        rows: (groups, nx), the times of the groups.
+        corner_positions: (n, C) group of each corner.
+        directions: (intervals, n) directions of motion, +1 at rest.
+    """
+
+    layout: Layout
+    speed_signs: np.ndarray
+    change_signs: np.ndarray
+    regime: dict[int, bool]
+    groups: tuple[tuple[str, ...], ...]
+    times: dict[str, np.ndarray]
+    rows: np.ndarray
+    corner_positions: np.ndarray
+    directions: np.ndarray
+
+    @property
+    def equalities(self) -> list[tuple[str, str]]:
+        """Events tied together: (first of the group, other member)."""
+        return [(group[0], member) for group in self.groups for member in group[1:]]
+
+
+def order_of(formulation: Formulation, x: np.ndarray, merge: float = 0.0) -> tuple[EventOrder, np.ndarray]:
+    """Signs and order of events at x (variables of the smooth program, or of an ordered one).
+
+    Args:
+        formulation: of the task.
+        x: variables; crossings at its end are ignored.
+        merge: s; events nearer to each other than this are made simultaneous, if they can be.
+
+    Returns:
+        The order, and x with speeds moved to the right side of zero and with the crossings.
+    """
+    base = formulation.layout
+    K, x = base.commands, x[: base.size].copy()
+    speed_signs, change_signs = np.ones((len(base.joints), K)), np.ones((len(base.joints), K))
+    crossings: list[tuple[int, int]] = []
+    for j, joint in enumerate(base.joints):
+        w = x[base.w(j)]  # a view
+        before, sign_before = 0.0, np.sign(formulation.goal[joint] - formulation.start[joint]) or 1.0
+        for k in range(K):
+            sign = np.sign(w[k]) or sign_before
+            w[k] = sign * max(abs(w[k]), 2 * SLOWEST)
+            speed_signs[j, k], change_signs[j, k] = sign, np.sign(w[k] - before) or sign
+            if k > 0 and sign != sign_before:
+                crossings.append((j, k))
+            before, sign_before = w[k], sign
+    layout = base.extended(len(crossings))
+    x = np.concatenate([x, np.zeros(len(crossings))])
+    arm = formulation.robot.arm.limits
+    profiles = Profiles(layout, formulation.start, formulation.goal, arm.speed)
+    regime = profiles.regime(x[layout.end])
+    times = {"start": np.zeros(layout.size), "end": _unit(layout, layout.end)}
+    rank = {"start": -1, "end": 10**6}
+    for joint in layout.joints:
+        for k in range(1, 2 * K + 2):
+            name = f"{joint + 1}.{k}"
+            times[name], rank[name] = profiles.corner_time(joint, k), 2 * k
+    for index, (j, k) in enumerate(crossings):
+        name = f"{layout.joints[j] + 1}.x{k}"
+        times[name], rank[name] = _unit(layout, layout.one + 1 + index), 4 * k + 1
+        w = x[layout.w(j)]
+        begin = times[f"{layout.joints[j] + 1}.{2 * k}"] @ x
+        x[layout.one + 1 + index] = begin + x[layout.d(j)][k] * w[k - 1] / (w[k - 1] - w[k])
+    for joint in profiles.passive_joints:
+        if regime[joint]:
+            cruise = abs(profiles.way[joint]) / profiles.speed_limits[joint] * _unit(layout, layout.one)
+            times[f"{joint + 1}.p"], rank[f"{joint + 1}.p"] = times["end"] - cruise, 0
+            times[f"{joint + 1}.pp"], rank[f"{joint + 1}.pp"] = cruise, 1
+        else:
+            times["half"], rank["half"] = times["end"] / 2, 0
+    names = sorted(times, key=lambda name: (times[name] @ x if rank[name] >= 0 else -1.0, rank[name]))
+    names.remove("end")
+    names.append("end")
+    groups: list[list[str]] = []
+    for name in names:
+        if groups and times[name] @ x - times[groups[-1][0]] @ x < merge and _may_join(groups[-1], name, K):
+            groups[-1].append(name)
+        else:
+            groups.append([name])
+    if groups[-1][-1] == "end":
+        groups[-1] = ["end", *groups[-1][:-1]]
+    return _ordered(layout, profiles, speed_signs, change_signs, regime, groups, times), x
+
+
+def _may_join(group: list[str], name: str, commands: int) -> bool:
+    """Whether an event may happen together with a group.
+
+    Not with another of its own joint, except the two ends of its first or last cruise, and not at t = 0.
+    """
+    if group[0] == "start":
+        return False
+    joint, corner = name.partition(".")[::2]
+    for other in group:
+        if other.partition(".")[0] == joint:
+            pair = {corner, other.partition(".")[2]}
+            if pair not in ({"1", "2"}, {str(2 * commands - 1), str(2 * commands)}) or commands == 1:
+                return False
+    return True
+
+
+def _ordered(
+    layout: Layout,
+    profiles: Profiles,
+    speed_signs: np.ndarray,
+    change_signs: np.ndarray,
+    regime: dict[int, bool],
+    groups: list[list[str]],
+    times: dict[str, np.ndarray],
+) -> EventOrder:
+    position = {name: i for i, group in enumerate(groups) for name in group}
+    K, intervals = layout.commands, len(groups) - 1
+    corners = np.zeros((layout.n, profiles.corners), dtype=int)
+    directions = np.ones((intervals, layout.n))
+    for j, joint in enumerate(layout.joints):
+        corners[joint, 1 : 2 * K + 2] = [position[f"{joint + 1}.{k}"] for k in range(1, 2 * K + 2)]
+        corners[joint, 2 * K + 2 :] = intervals
+        for p in range(2 * K + 1):
+            begin, stop, k = corners[joint, p], corners[joint, p + 1], p // 2
+            directions[begin:stop, joint] = speed_signs[j, min(k, K - 1)]
+            if p % 2 == 0 and f"{joint + 1}.x{k}" in position:
+                directions[begin : position[f"{joint + 1}.x{k}"], joint] = speed_signs[j, k - 1]
+    for joint in profiles.passive_joints:
+        own = (f"{joint + 1}.p", f"{joint + 1}.pp") if regime[joint] else ("half", "half")
+        corners[joint, :4] = [0, position[own[0]], position[own[1]], intervals]
+        directions[:, joint] = np.sign(profiles.way[joint])
+    return EventOrder(
+        layout,
+        speed_signs,
+        change_signs,
+        regime,
+        tuple(map(tuple, groups)),
+        times,
+        np.array([times[group[0]] for group in groups]),
+        corners,
+        directions,
+    )
+
+
+def _unit(layout: Layout, at: int) -> np.ndarray:
+    row = np.zeros(layout.size)
+    row[at] = 1.0
+    return row

@@ -1,0 +1,248 @@
+"""Ipopt on a program that evaluates itself in NumPy, through CasADi callbacks with all derivatives given."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
+
+import casadi as cs
+import numpy as np
+
+
+class Program(Protocol):
+    """A smooth nonlinear program: values and derivatives at x (nx,)."""
+
+    def values(self, x: np.ndarray) -> tuple[float, np.ndarray]:
+        """Objective and rows."""
+
+    def gradient(self, x: np.ndarray) -> np.ndarray:
+        """Of the objective."""
+
+    def jacobian(self, x: np.ndarray) -> np.ndarray:
+        """Of the rows (rows, nx)."""
+
+    def hessian(self, x: np.ndarray, sigma: float, multipliers: np.ndarray) -> np.ndarray:
+        """Of sigma * objective + multipliers . rows."""
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """What Ipopt returned.
+
+    Attributes:
+        x: (nx,).
+        objective: at x.
+        violation: largest violation of a bound or row at x.
+        multipliers: of the rows; positive at an upper bound, negative at a lower one.
+        status: Ipopt's word.
+        converged: it met its tolerance, or the acceptable one.
+        iterations: of this solve.
+        seconds: wall time.
+        derivative_seconds: of these, in the program's functions.
+    """
+
+    x: np.ndarray
+    objective: float
+    violation: float
+    multipliers: np.ndarray
+    status: str
+    converged: bool
+    iterations: int
+    seconds: float
+    derivative_seconds: float
+
+
+class _Function(cs.Callback):
+    """A CasADi function of dense arguments that runs `evaluate(arguments, results)` on NumPy views."""
+
+    def __init__(
+        self,
+        name: str,
+        inputs: dict[str, cs.Sparsity],
+        outputs: dict[str, cs.Sparsity],
+        evaluate: Callable[[list, list], None],
+    ) -> None:
+        super().__init__()
+        self._inputs, self._outputs, self._evaluate = list(inputs.items()), list(outputs.items()), evaluate
+        self.error: BaseException | None = None
+        self.construct(name, {})
+
+    def get_n_in(self) -> int:
+        return len(self._inputs)
+
+    def get_n_out(self) -> int:
+        return len(self._outputs)
+
+    def get_name_in(self, i: int) -> str:
+        return self._inputs[i][0]
+
+    def get_name_out(self, i: int) -> str:
+        return self._outputs[i][0]
+
+    def get_sparsity_in(self, i: int) -> cs.Sparsity:
+        return self._inputs[i][1]
+
+    def get_sparsity_out(self, i: int) -> cs.Sparsity:
+        return self._outputs[i][1]
+
+    def has_eval_buffer(self) -> bool:
+        return True
+
+    def eval_buffer(self, arguments: tuple, results: tuple) -> int:
+        try:
+            self._evaluate(
+                [None if a is None else np.frombuffer(a) for a in arguments],
+                [None if r is None else np.frombuffer(r) for r in results],
+            )
+        except BaseException as error:  # handed on behind the solver, which would swallow it
+            self.error = error
+            return 1
+        return 0
+
+
+def solve(
+    program: Program,
+    x0: np.ndarray,
+    x_bounds: tuple[np.ndarray, np.ndarray],
+    bounds: tuple[np.ndarray, np.ndarray],
+    *,
+    multipliers: np.ndarray | None = None,
+    start_mu: float = 0.1,
+    tolerance: float = 1e-6,
+    max_iterations: int = 150,
+    seconds: float | None = None,
+    strategy: str = "monotone",
+    push: float = 1e-2,
+) -> Solution:
+    """Solve a program from x0.
+
+    Args:
+        program: what to solve.
+        x0: (nx,).
+        x_bounds: lower and upper bounds of x.
+        bounds: of the rows.
+        multipliers: of the rows, to start from.
+        start_mu: first barrier parameter; small where x0 is nearly optimal.
+        tolerance: Ipopt's.
+        max_iterations: then it stops, not converged.
+        seconds: wall time after which it stops, not converged.
+
+    Raises:
+        Exception: whatever the program's functions raise, KeyboardInterrupt included.
+    """
+    nx, ng = len(x0), len(bounds[0])
+    dense = cs.Sparsity.dense
+    at_x = {"x": dense(nx, 1), "p": dense(0, 0)}
+    upper_part = tuple(np.array([(i, j) for j in range(nx) for i in range(j + 1)]).T)
+    spent = [0.0]
+
+    def timed(work: Callable[[list, list], None]) -> Callable[[list, list], None]:
+        def run(arguments: list, results: list) -> None:
+            start = time.perf_counter()
+            work(arguments, results)
+            spent[0] += time.perf_counter() - start
+
+        return run
+
+    def put(target: np.ndarray | None, value: np.ndarray | float) -> None:
+        if target is not None:
+            target[:] = value
+
+    def values(a: list, r: list) -> None:
+        f, g = program.values(a[0])
+        put(r[0], f), put(r[1], g)
+
+    def gradient(a: list, r: list) -> None:
+        put(r[0], program.values(a[0])[0]), put(r[1], program.gradient(a[0]))
+
+    def jacobian(a: list, r: list) -> None:
+        put(r[0], program.values(a[0])[1]), put(r[1], program.jacobian(a[0]).ravel(order="F"))
+
+    def hessian(a: list, r: list) -> None:
+        put(r[0], program.hessian(a[0], float(a[2][0]), a[3])[upper_part])
+
+    f1, gx = dense(1, 1), dense(nx, 1)
+    functions = [
+        _Function("nlp", at_x, {"f": f1, "g": dense(ng, 1)}, timed(values)),
+        _Function("nlp_grad_f", at_x, {"f": f1, "grad_f_x": gx}, timed(gradient)),
+        _Function("nlp_jac_g", at_x, {"g": dense(ng, 1), "jac_g_x": dense(ng, nx)}, timed(jacobian)),
+        _Function(
+            "nlp_hess_l",
+            at_x | {"lam_f": f1, "lam_g": dense(ng, 1)},
+            {"triu_hess_gamma_x_x": cs.Sparsity.upper(nx)},
+            timed(hessian),
+        ),
+    ]
+    options = {
+        "grad_f": functions[1],
+        "jac_g": functions[2],
+        "hess_lag": functions[3],
+        "print_time": False,
+        "no_nlp_grad": True,
+        "calc_lam_p": False,
+        "error_on_fail": False,
+        "show_eval_warnings": False,
+        "ipopt": {
+            "print_level": 0,
+            "sb": "yes",
+            "linear_solver": "mumps",
+            "tol": tolerance,
+            "acceptable_tol": 100 * tolerance,
+            "acceptable_iter": 5,
+            "acceptable_obj_change_tol": tolerance,
+            "acceptable_constr_viol_tol": tolerance,
+            "max_iter": max_iterations,
+            "mu_init": start_mu,
+            "mu_strategy": strategy,
+            "bound_relax_factor": 0.0,
+            "bound_push": push,
+            "bound_frac": push,
+            "slack_bound_push": push,
+            "slack_bound_frac": push,
+        },
+    }
+    if seconds is not None:
+        options["ipopt"]["max_wall_time"] = max(seconds, 1e-3)
+    if multipliers is not None:
+        options["ipopt"] |= {
+            "warm_start_init_point": "yes",
+            "warm_start_bound_push": 1e-4,
+            "warm_start_mult_bound_push": 1e-4,
+            "warm_start_slack_bound_push": 1e-4,
+        }
+    start = time.perf_counter()
+    solver = cs.nlpsol("solver", "ipopt", functions[0], options)
+    arguments = {
+        "x0": np.clip(x0, *x_bounds),
+        "lbx": x_bounds[0],
+        "ubx": x_bounds[1],
+        "lbg": bounds[0],
+        "ubg": bounds[1],
+    }
+    if multipliers is not None:
+        arguments["lam_g0"] = multipliers
+    result = solver(**arguments)
+    for function in functions:
+        if function.error is not None:
+            raise function.error
+    stats = solver.stats()
+    x, g = np.array(result["x"]).ravel(), np.array(result["g"]).ravel()
+    violation = 0.0
+    for value, (low, high) in ((x, x_bounds), (g, bounds)):
+        violation = max(
+            violation, float(np.max(low - value, initial=0.0)), float(np.max(value - high, initial=0.0))
+        )
+    status = stats["return_status"]
+    return Solution(
+        x=x,
+        objective=float(result["f"]),
+        violation=violation,
+        multipliers=np.array(result["lam_g"]).ravel(),
+        status=status,
+        converged=status in ("Solve_Succeeded", "Solved_To_Acceptable_Level"),
+        iterations=int(stats["iter_count"]),
+        seconds=time.perf_counter() - start,
+        derivative_seconds=spent[0],
+    )

@@ -1,0 +1,311 @@
+"""Files of a plan: plan.json, motion.csv, trajectory.json. Every file appears complete or not at all.
+
+A plan is any object with the attributes of `ocptip.motion.plan.MotionPlan`. Inside the library: SI units and
+rad; in plan.json and motion.csv: degrees, as their keys say; in trajectory.json: rad, as ROS wants.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import os
+import platform
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+import numpy as np
+
+from ocptip.errors import positive_number
+from ocptip.motion.passive import MERGE
+from ocptip.motion.robot import MotionSamples, StandingRobot
+from ocptip.motion.sampled import Motion
+
+if TYPE_CHECKING:
+    from ocptip.motion.plan import MotionPlan
+
+STEP = 0.005
+"""Spacing of the samples in motion.csv and in the figures, s."""
+
+TRAJECTORY_STEP = 0.01
+"""Spacing of the points in trajectory.json, s."""
+
+PLAN, MOTION, TRAJECTORY = "plan.json", "motion.csv", "trajectory.json"
+
+_PACKAGES = ("ocptip", "casadi", "numpy", "scipy", "numba", "clarabel", "pin")
+_START_KEYS = {
+    "number": "number",
+    "status": "status",
+    "energy": "energy_J",
+    "verified": "verified",
+    "iterations": "iterations",
+    "solves": "solves",
+    "seconds": "seconds",
+}
+
+
+def plan_to_dict(plan: MotionPlan) -> dict[str, Any]:
+    """Return a plan as plain data for strict JSON; what is not finite is None.
+
+    `start` (degrees) and `commands` (degrees and seconds) are read back by `ArmMotion.from_dict`. `worst`
+    holds per quantity `value`, `time` (s), `limit` and `detail`; the exact limits of the ramps have no time.
+    `reference` holds energy and duration of the task's reference motion and the ratio of the plan's energy
+    to it, or is None.
+    """
+    proof, motion = plan.proof, plan.motion.to_dict()
+    data = {
+        "case": plan.task.name,
+        **({"base": plan.options["base"]} if "base" in plan.options else {}),
+        "energy_J": proof.energy,
+        "duration_s": proof.duration,
+        "verified": proof.verified,
+        "violations": proof.violations,
+        "worst": proof.worst,
+        "start": motion["start"],
+        "goal": np.rad2deg(plan.motion.goal),
+        "commands": motion["commands"],
+        "starts": [{key: getattr(s, name) for name, key in _START_KEYS.items()} for s in plan.starts],
+        "best": plan.best,
+        "iterations": sum(s.iterations for s in plan.starts),
+        "seconds": plan.seconds,
+        "interrupted": plan.interrupted,
+        "seed": plan.seed,
+        "options": plan.options,
+        "reference": _reference(plan),
+        "versions": versions(),
+    }
+    return plain(data)
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of Python, ocptip and the packages that decide a plan's numbers."""
+    return {"python": platform.python_version(), **{name: metadata.version(name) for name in _PACKAGES}}
+
+
+def sample_motion(robot: StandingRobot, motion: Motion, step: float = STEP) -> MotionSamples:
+    """Sample a motion every `step` seconds and on both sides of every event.
+
+    At events inside the motion accelerations, torques, power and reserves jump: their time appears twice,
+    first with the limit from the left, then with that from the right.
+
+    Args:
+        robot: the arm on its support.
+        motion: of its joints.
+        step: s.
+
+    Raises:
+        InputError: step is not positive, or the motion does not fit the arm.
+    """
+    times, left = _instants(motion, step)
+    own = _intervals(motion, times, left)
+    samples = robot.samples(_OneSided(motion, own), times)
+    # Power jumps where a speed changes sign. At the crossing itself the speed is 0 up to rounding, so that
+    # its sign has to come from inside the interval.
+    _, speeds, _ = motion.states(own.mean(axis=1))
+    powers = robot.motors.power(samples.torques, samples.speeds, np.where(speeds < 0, -1.0, 1.0))
+    return dataclasses.replace(samples, powers=powers)
+
+
+def write_motion_csv(path: str | os.PathLike[str], samples: MotionSamples) -> None:
+    """Write samples as a table, one line per instant; the header names quantities and units.
+
+    Columns, joints and contacts counted from 1: `time_s`; per joint `q1_deg`, `qd1_deg_s`, `qdd1_deg_s2`,
+    `tau1_Nm`, `power1_W` (all joints of one quantity, then the next); `GN`, `GT`, `clearance_m`; per contact
+    `normal1_N`, `friction_use1` (nan for a contact without load). See :func:`sample_motion` for times that
+    appear twice.
+
+    Raises:
+        OSError: the file cannot be written; names it.
+    """
+    with atomic_file(path) as stream:
+        stream.write(_csv(samples).encode("utf-8"))
+
+
+def joint_trajectory(plan: MotionPlan, step: float = TRAJECTORY_STEP) -> dict[str, Any]:
+    """Return the motion shaped like a ROS `trajectory_msgs/JointTrajectory`, angles in rad.
+
+    There is a point every `step` seconds and at every event, each time once and increasing. Between two of
+    them accelerations are constant, so that a controller that interpolates positions and velocities by
+    cubics follows the exact motion. `accelerations` is the value after the point, 0 at the end.
+
+    Raises:
+        InputError: step is not positive.
+    """
+    times = np.unique(_instants(plan.motion, step)[0])
+    own = _intervals(plan.motion, times, np.full(len(times), False))
+    angles, speeds, accelerations = _OneSided(plan.motion, own).states(times)
+    accelerations[-1] = 0.0
+    points = [
+        {
+            "positions": q.tolist(),
+            "velocities": qd.tolist(),
+            "accelerations": qdd.tolist(),
+            "effort": [],
+            "time_from_start": _ros_time(t),
+        }
+        for t, q, qd, qdd in zip(times, angles, speeds, accelerations, strict=True)
+    ]
+    return {
+        "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""},
+        "joint_names": list(plan.task.robot.arm.joint_names),
+        "points": points,
+    }
+
+
+def write_plan(
+    directory: str | os.PathLike[str],
+    plan: MotionPlan,
+    *,
+    samples: MotionSamples | None = None,
+    extra: Mapping[str, Any] | None = None,
+) -> list[Path]:
+    """Write plan.json, motion.csv and trajectory.json; files of the same name are replaced.
+
+    Args:
+        directory: made if it does not exist; the one above it must.
+        plan: the plan.
+        samples: of its motion, from :func:`sample_motion`; computed if None.
+        extra: more entries of plan.json; they win over those of :func:`plan_to_dict`.
+
+    Returns:
+        The paths.
+
+    Raises:
+        OSError: a file or the directory cannot be written; names it.
+    """
+    directory = Path(directory)
+    samples = samples or sample_motion(plan.task.robot, plan.motion)
+    texts = {
+        PLAN: json.dumps({**plan_to_dict(plan), **plain(extra or {})}, indent=2, allow_nan=False) + "\n",
+        MOTION: _csv(samples),
+        TRAJECTORY: json.dumps(joint_trajectory(plan), allow_nan=False) + "\n",
+    }
+    directory.mkdir(exist_ok=True)
+    for name, text in texts.items():
+        with atomic_file(directory / name) as stream:
+            stream.write(text.encode("utf-8"))
+    return [directory / name for name in texts]
+
+
+@contextmanager
+def atomic_file(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
+    """Open a file for writing that takes the place of `path` only when the block ends without an error.
+
+    Raises:
+        OSError: it cannot be written; names `path`.
+    """
+    path = Path(path)
+    temporary = ""
+    try:
+        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
+        with os.fdopen(handle, "wb") as stream:
+            yield stream
+        umask = os.umask(0)  # mkstemp makes private files; this one gets the permissions of any other
+        os.umask(umask)
+        os.chmod(temporary, 0o666 & ~umask)
+        os.replace(temporary, path)
+    except BaseException as error:
+        if temporary:
+            Path(temporary).unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            raise OSError(error.errno, error.strerror or str(error), str(path)) from error
+        raise
+
+
+def plain(value: Any) -> Any:
+    """Return dictionaries, lists, texts and numbers that JSON knows; what is not finite becomes None.
+
+    Data classes become dictionaries; objects of other kinds their `str`.
+    """
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        value = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if value is None or isinstance(value, bool | int | str) else str(value)
+
+
+class _OneSided:
+    """A motion whose accelerations at N given instants are limits from inside their intervals, (N, 2), s.
+
+    Not simply those from one side of the instant: events within 1 ns, as joints that end together up to
+    rounding, are one event, but between them some joints have jumped and others not.
+    """
+
+    def __init__(self, motion: Motion, intervals: np.ndarray) -> None:
+        self._motion, self._intervals = motion, intervals
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._motion, name)
+
+    def states(self, times: np.ndarray, **_: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        begin, end = self._intervals.T
+        margin = np.minimum(1.5 * MERGE, 0.5 * (end - begin))
+        angles, speeds, _ = self._motion.states(times)
+        return angles, speeds, self._motion.states(np.clip(times, begin + margin, end - margin))[2]
+
+
+def _instants(motion: Motion, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """Times (N,), s, sorted; and (N,) True where the limit from the left is meant."""
+    step, events = positive_number("step", step), motion.event_times
+    if len(events) < 2:
+        return events, np.array([False])
+    grid = step * np.arange(1, math.ceil(motion.end / step))
+    after = np.clip(np.searchsorted(events, grid), 1, len(events) - 1)
+    grid = grid[np.minimum(np.abs(grid - events[after]), np.abs(grid - events[after - 1])) > MERGE]
+    times = np.concatenate([events[:-1], grid, events[1:]])
+    left = np.repeat([False, True], [len(times) - len(events) + 1, len(events) - 1])
+    order = np.lexsort((~left, times))
+    return times[order], left[order]
+
+
+def _intervals(motion: Motion, times: np.ndarray, left: np.ndarray) -> np.ndarray:
+    """The interval between events of each instant, (N, 2), s; at an event the one before it if `left`."""
+    intervals = motion.intervals if len(motion.event_times) > 1 else np.array([[0.0, 0.0]])
+    before, upto = (np.searchsorted(intervals[:, 0], times, side=side) for side in ("left", "right"))
+    return intervals[np.where(left, before, upto) - 1]
+
+
+def _csv(samples: MotionSamples) -> str:
+    n, contacts = samples.angles.shape[1], samples.slip.usage.shape[1]
+    blocks: list[tuple[str, np.ndarray]] = [("time_s", samples.times)]
+    for name, values in (
+        ("q{}_deg", np.rad2deg(samples.angles)),
+        ("qd{}_deg_s", np.rad2deg(samples.speeds)),
+        ("qdd{}_deg_s2", np.rad2deg(samples.accelerations)),
+        ("tau{}_Nm", samples.torques),
+        ("power{}_W", samples.powers),
+    ):
+        blocks += [(name.format(j + 1), values[:, j]) for j in range(n)]
+    blocks += [("GN", samples.tip.GN), ("GT", samples.slip.GT), ("clearance_m", samples.clearances)]
+    for name, values in (
+        ("normal{}_N", samples.states.contact_forces[:, :, 0]),
+        ("friction_use{}", samples.slip.usage),
+    ):
+        blocks += [(name.format(k + 1), values[:, k]) for k in range(contacts)]
+    rows = np.column_stack([values for _, values in blocks]) + 0.0  # no -0
+    lines = [",".join(name for name, _ in blocks)]
+    lines += [",".join(f"{x:.12g}" for x in row) for row in rows.tolist()]
+    return "\n".join(lines) + "\n"
+
+
+def _ros_time(seconds: float) -> dict[str, int]:
+    sec, nanosec = divmod(round(seconds * 1e9), 10**9)
+    return {"sec": sec, "nanosec": nanosec}
+
+
+def _reference(plan: MotionPlan) -> dict[str, float] | None:
+    reference = plan.task.reference
+    if reference is None:
+        return None
+    energy = plan.task.robot.energy(reference)
+    return {"energy_J": energy, "duration_s": reference.end, "ratio": plan.proof.energy / energy}

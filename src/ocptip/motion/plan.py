@@ -1,0 +1,209 @@
+"""Plans a motion: random starts in parallel, each searched and proved; the best verified one wins."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import pickle
+import signal
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+from threadpoolctl import threadpool_limits
+
+from ocptip.errors import InputError, PlanningError
+from ocptip.motion.passive import ArmMotion
+from ocptip.motion.proof import MotionProof
+from ocptip.motion.search import Attempt, Search, StartResult
+from ocptip.motion.task import MotionTask, require_plannable
+
+_TASKS_IN_MEMORY = 4  # per worker
+
+
+@dataclass(frozen=True, eq=False)
+class MotionPlan:
+    """A planned motion.
+
+    Attributes:
+        task: what was asked for.
+        motion: the exact ramp motion.
+        proof: of all limits, on the dense grid.
+        starts: what became of each start that finished, by number.
+        best: number of the start the motion comes from.
+        seed: of the starts.
+        seconds: wall time of the planning.
+        interrupted: some starts had not finished.
+        options: what else was asked for.
+    """
+
+    task: MotionTask
+    motion: ArmMotion
+    proof: MotionProof
+    starts: tuple[StartResult, ...]
+    best: int
+    seed: int
+    seconds: float
+    interrupted: bool
+    options: dict[str, Any]
+
+    @property
+    def energy(self) -> float:
+        """Electric energy, J."""
+        return self.proof.energy
+
+    @property
+    def duration(self) -> float:
+        """Duration, s."""
+        return self.proof.duration
+
+    @property
+    def verified(self) -> bool:
+        """Every limit holds on the dense grid."""
+        return self.proof.verified
+
+
+def plan_motion(
+    task: MotionTask,
+    *,
+    starts: int = 8,
+    seed: int = 0,
+    executor: Executor | None = None,
+    jobs: int | None = None,
+    progress: Callable[[int, int, float | None], None] | None = None,
+) -> MotionPlan:
+    """Plan the ramp motion of least electric energy that keeps all limits of a task.
+
+    Every start is a random motion, improved by Ipopt and proved on a dense time grid. The result depends on
+    task, starts and seed only, not on where the starts run. An interrupt (Ctrl-C) ends the planning with
+    the best verified plan so far.
+
+    Args:
+        task: see :func:`ocptip.motion.experiment_task` and :func:`ocptip.motion.load_task`.
+        starts: number of random starts.
+        seed: of the random motions.
+        executor: runs the starts: any `concurrent.futures` executor, such as `dask_client.get_executor()`.
+            Default is a process pool of its own; as always with process pools, a script needs its `if
+            __name__ == "__main__":` then.
+        jobs: number of processes of the default pool, one per core by default; 1 runs in this process.
+        progress: called as progress(done, starts, least energy of a verified plan so far in J or None).
+
+    Raises:
+        InputError: the task cannot be planned (all reasons with their numbers), or starts, jobs < 1.
+        PlanningError: no start gave a verified plan; the message names the nearest one's violations.
+    """
+    for name, value in (("starts", starts), ("jobs", 1 if jobs is None else jobs)):
+        if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+            raise InputError(f"{name}: must be a whole number >= 1, got {value!r}")
+    require_plannable(task)
+    began = time.perf_counter()
+    attempts: list[Attempt] = []
+    best: Attempt | None = None
+    interrupted = False
+    if progress:
+        progress(0, starts, None)
+    source = _in_process(task, starts, seed) if executor is None and jobs == 1 else None
+    try:
+        with _pool(executor, jobs, starts) if source is None else _nothing() as pool:
+            for attempt in source or _in_pool(pool, task, starts, seed):
+                attempts.append(attempt)
+                if attempt.result.verified and (best is None or _rank(attempt) < _rank(best)):
+                    best = attempt
+                if progress:
+                    progress(len(attempts), starts, best.result.energy if best else None)
+    except KeyboardInterrupt:
+        if best is None:
+            raise
+        interrupted = True
+    if best is None:
+        raise PlanningError(_why_not(attempts))
+    return MotionPlan(
+        task=task,
+        motion=best.motion,
+        proof=best.proof,
+        starts=tuple(sorted((a.result for a in attempts), key=lambda r: r.number)),
+        best=best.result.number,
+        seed=seed,
+        seconds=time.perf_counter() - began,
+        interrupted=interrupted,
+        options={"starts": starts},
+    )
+
+
+def _rank(attempt: Attempt) -> tuple[float, int]:
+    return attempt.result.energy, attempt.result.number
+
+
+def _why_not(attempts: list[Attempt]) -> str:
+    """Says how the starts ended, and what the one with the fewest violations lacks."""
+    moving = [a for a in attempts if a.proof is not None]
+    if not moving:
+        return f"none of {len(attempts)} starts gave a motion; the first: {attempts[0].result.status}"
+    nearest = min(moving, key=lambda a: (len(a.proof.violations), _rank(a)))
+    violations = "; ".join(nearest.proof.violations)
+    return (
+        f"none of {len(attempts)} starts gave a verified motion; start {nearest.result.number}: {violations}"
+    )
+
+
+def _in_process(task: MotionTask, starts: int, seed: int) -> Iterator[Attempt]:
+    search = Search(task)
+    for number in range(starts):
+        with threadpool_limits(1):  # small matrices: more threads only wait for each other
+            attempt = search.run(number, seed)
+        yield attempt
+
+
+def _in_pool(pool: Executor, task: MotionTask, starts: int, seed: int) -> Iterator[Attempt]:
+    payload = pickle.dumps(task)
+    futures: list[Future] = [pool.submit(_run, payload, number, seed) for number in range(starts)]
+    try:
+        for future in as_completed(futures):
+            yield future.result()
+    finally:
+        for future in futures:
+            future.cancel()
+
+
+def _run(payload: bytes, number: int, seed: int) -> Attempt:
+    with threadpool_limits(1):
+        return _search(payload).run(number, seed)
+
+
+@lru_cache(maxsize=_TASKS_IN_MEMORY)
+def _search(payload: bytes) -> Search:
+    """One search per task and worker process, so that its functions are built once."""
+    return Search(pickle.loads(payload))
+
+
+@contextmanager
+def _pool(executor: Executor | None, jobs: int | None, starts: int) -> Iterator[Executor]:
+    """The caller's executor, left open, or a process pool that ends with the planning."""
+    if executor is not None:
+        yield executor
+        return
+    workers = min(jobs or _cores(), starts)
+    pool = ProcessPoolExecutor(
+        workers, mp_context=multiprocessing.get_context("spawn"), initializer=_leave_interrupts_to_parent
+    )
+    try:
+        yield pool
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _leave_interrupts_to_parent() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@contextmanager
+def _nothing() -> Iterator[None]:
+    yield None

@@ -1,0 +1,205 @@
+"""One start of the planner: random motion, smooth programs of growing sharpness, exact program, proof."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ocptip.errors import InputError, SolverError
+from ocptip.motion.formulation import Formulation, Smoothing
+from ocptip.motion.ipopt import Solution, solve
+from ocptip.motion.passive import ArmMotion
+from ocptip.motion.program import MotionProgram
+from ocptip.motion.proof import MotionProof, prove
+from ocptip.motion.refine import Exact, Refiner
+from ocptip.motion.starts import random_start
+from ocptip.motion.task import MotionTask
+
+WIDTHS = (0.010, 0.004)  # s: half widths of the steps in the fine programs
+PULL = 1e-3  # keeps a program regular where phases do nothing, see `MotionProgram.pull`
+COARSE_ROWS, FINE_ROWS = 0.25, 0.5  # use of a limit from which node rows take part
+COARSE_ROUNDS = 3
+TIGHTENINGS = 5
+INNER = (
+    1e-4  # the exact program keeps limits that are tighter by this share, so that rounding cannot break them
+)
+
+
+@dataclass(frozen=True)
+class StartResult:
+    """What became of one start.
+
+    Attributes:
+        number: of the start; with the seed it decides the random motion.
+        status: "verified", or what is missing.
+        energy: J, NaN if no motion came out.
+        verified: the motion keeps all limits on the dense grid.
+        iterations: of Ipopt, all solves together.
+        seconds: wall time.
+        solves: number of programs solved.
+        stages: seconds by stage: start, coarse, fine, exact, proof.
+    """
+
+    number: int
+    status: str
+    energy: float
+    verified: bool
+    iterations: int
+    seconds: float
+    solves: int
+    stages: dict[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """A start's result with its motion and proof, both None if no motion came out."""
+
+    result: StartResult
+    motion: ArmMotion | None
+    proof: MotionProof | None
+
+
+class Search:
+    """Runs starts of one task; the programs' functions are built once.
+
+    Args:
+        task: a plannable task.
+    """
+
+    def __init__(self, task: MotionTask) -> None:
+        self.task = task
+        self.formulation = Formulation(task.robot, task.start, task.goal, task.optimised, task.commands)
+        limits = task.limits
+        self.inner = replace(
+            limits,
+            GN=limits.GN * (1 - INNER),
+            GT=limits.GT * (1 - INNER),
+            torque_ratio=limits.torque_ratio * (1 - INNER),
+            clearance=limits.clearance + 1e-5,
+        )
+
+    def run(self, number: int, seed: int) -> Attempt:
+        """The start of that number."""
+        clock = _Clock()
+        task = self.task
+        rng = np.random.default_rng([seed, number])
+        start = random_start(
+            task.robot, task.start, task.goal, task.optimised, task.commands, task.limits, rng
+        )
+        clock.stage("start")
+        motion = proof = None
+        try:
+            x = self._coarse(start, clock)
+            clock.stage("coarse")
+            x = self._fine(x, clock)
+            clock.stage("fine")
+            refiner = Refiner(self.formulation, self.inner)
+            exact = refiner.first(x, merge=WIDTHS[-1])
+            clock.stage("exact")
+            motion, proof = self._proved(refiner, exact, clock)
+            clock.iterations += refiner.iterations
+            clock.solves += refiner.solves
+            status = "verified" if proof.verified else f"not verified: {'; '.join(proof.violations)}"
+        except (InputError, SolverError) as error:
+            status = f"no motion: {error}"
+        result = StartResult(
+            number=number,
+            status=status,
+            energy=proof.energy if proof else float("nan"),
+            verified=bool(proof and proof.verified),
+            iterations=clock.iterations,
+            seconds=clock.total(),
+            solves=clock.solves,
+            stages=clock.stages,
+        )
+        return Attempt(result, motion, proof)
+
+    def _coarse(self, start: ArmMotion, clock: _Clock) -> np.ndarray:
+        """Variables after the coarse programs; anew while the motion becomes much shorter than the grid."""
+        formulation, limits = self.formulation, self.task.limits
+        x = formulation.variables(start)
+        at_end = formulation.layout.end
+        for round_ in range(COARSE_ROUNDS):
+            end = x[at_end] = max(x[at_end], formulation.earliest)
+            program = formulation.coarse_program(limits, end)
+            mu, push = (1e-2, 1e-2) if round_ == 0 else (1e-3, 1e-3)
+            x = self._solve(program, x, COARSE_ROWS, mu, push, clock).x
+            if x[at_end] > 0.8 * end:
+                break
+        return x
+
+    def _fine(self, x: np.ndarray, clock: _Clock) -> np.ndarray:
+        for width in WIDTHS:
+            program = self.formulation.fine_program(
+                self.task.limits, Smoothing(width, 3 * width, 1.5 * width, 2.0), x
+            )
+            x = self._solve(program, x, FINE_ROWS, 1e-4, 1e-4, clock).x
+        return x
+
+    @staticmethod
+    def _solve(
+        program: MotionProgram, x: np.ndarray, share: float, mu: float, push: float, clock: _Clock
+    ) -> Solution:
+        program.rows = program.near_rows(x, share)
+        program.anchor, program.pull = x.copy(), PULL
+        structure = program.structure
+        solution = solve(
+            program,
+            x,
+            (structure.x_lower, structure.x_upper),
+            program.bounds(),
+            start_mu=mu,
+            push=push,
+            tolerance=1e-3,
+        )
+        clock.iterations += solution.iterations
+        clock.solves += 1
+        return solution
+
+    def _proved(self, refiner: Refiner, exact: Exact, clock: _Clock) -> tuple[ArmMotion, MotionProof]:
+        """The exact motion and its proof; solved again, a little tighter, where the proof finds a fault."""
+        task, limits = self.task, self.task.limits
+        best: tuple[ArmMotion, MotionProof] | None = None
+        for round_ in range(TIGHTENINGS + 1):
+            motion = refiner.motion(exact)
+            proof = prove(task.robot, motion, limits)
+            clock.stage("proof")
+            if best is None or proof.verified or not best[1].verified:
+                best = motion, proof
+            if proof.verified or round_ == TIGHTENINGS:
+                break
+            instants = []
+            tighter = refiner.limits
+            for name, sign in (("GN", 1), ("GT", 1), ("torque_ratio", 1), ("clearance_m", -1)):
+                worst = proof.worst[name]
+                excess = sign * (worst.value - worst.limit)
+                if excess > 0:
+                    instants.append(worst.time)
+                    field = name.removesuffix("_m")
+                    step = sign * min(excess, 0.002 * (1 if sign > 0 else 0.5))
+                    tighter = replace(tighter, **{field: getattr(tighter, field) - step})
+            if not instants:
+                break
+            refiner.limits = tighter
+            exact = refiner.again(exact, instants)
+            clock.stage("exact")
+        return best
+
+
+class _Clock:
+    """Adds up wall time by stage, iterations and solves."""
+
+    def __init__(self) -> None:
+        self.began = self.last = time.perf_counter()
+        self.stages: dict[str, float] = {}
+        self.iterations = self.solves = 0
+
+    def stage(self, name: str) -> None:
+        now = time.perf_counter()
+        self.stages[name] = self.stages.get(name, 0.0) + now - self.last
+        self.last = now
+
+    def total(self) -> float:
+        return time.perf_counter() - self.began
