@@ -27,7 +27,8 @@ SHORTEST = 1e-3  # least duration of a ramp in an ordered program, s
 SLOWEST = 5e-3  # least peak speed of a command in an ordered program, rad/s
 GENTLEST = 0.05  # least acceleration of a ramp, rad/s^2
 MIDDLE_CRUISE = 1e-3  # s, where a middle command slows the joint down
-ORDER = 4  # Gauss nodes per interval
+ORDER, SHORT = 4, (0.08, 0.01)  # Gauss nodes per interval; one less below each of these lengths, s
+POLISHING = 20  # Newton steps at most
 MEET = 1e-6  # s: events nearer to each other than this have met
 
 
@@ -49,7 +50,6 @@ class Smoothing:
 
 
 COARSE = Smoothing(None, 0.1, 0.05, 2.0)
-FINER = (Smoothing(0.015, 0.04, 0.02, 2.0), Smoothing(0.005, 0.015, 0.01, 2.0))
 
 
 class Formulation:
@@ -123,31 +123,40 @@ class Formulation:
 
         Ipopt leaves errors of about 1e-8 s, in which simultaneous events would follow one another.
         """
-        g = BatchFunction(
-            cs.Function(
-                "g",
-                [(z := cs.SX.sym("x", len(x)))],
-                [structure.function(z), cs.jacobian(structure.function(z), z)],
-            )
-        )
+        z = cs.SX.sym("x", len(x))
+        rows = structure.function(z)
+        g = BatchFunction(cs.Function("g", [z], [rows, cs.jacobian(rows, z)]))
         count = len(structure.lower)
-        binding = structure.lower == structure.upper
-        last = slice(count - (len(order.groups) - 1), count)
+        equal = structure.lower == structure.upper
         x = np.clip(x, structure.x_lower, structure.x_upper)
-        values = g(x)[0].reshape(-1)
-        binding[last] |= values[last] < MEET
         for edge in (structure.x_lower, structure.x_upper):
             x = np.where(np.abs(x - edge) < 1e-6, edge, x)
+        binding = equal.copy()
+        binding[count - (len(order.groups) - 1) :] |= g(x)[0].reshape(-1)[-(len(order.groups) - 1) :] < MEET
+        for chosen in (binding, equal):  # order rows that cannot all be met are left as they are
+            moved = self._newton(g, chosen, structure, x)
+            if moved is not None:
+                return moved
+        return x
+
+    @staticmethod
+    def _newton(
+        g: BatchFunction, chosen: np.ndarray, structure: Structure, x: np.ndarray
+    ) -> np.ndarray | None:
+        """x at which the chosen rows vanish, or None; variables that meet a bound stay there."""
         free = (x > structure.x_lower) & (x < structure.x_upper)
-        for _ in range(6):
+        for _ in range(POLISHING):
             values, jacobian = g(x)
-            error = values.reshape(-1)[binding]
-            if np.max(np.abs(error), initial=0.0) < 1e-14:
-                break
-            step = np.linalg.lstsq(jacobian.reshape(count, -1)[binding][:, free], -error, rcond=1e-9)[0]
+            error = values.reshape(-1)[chosen]
+            if np.max(np.abs(error), initial=0.0) < 1e-13:
+                return x
+            step = np.linalg.lstsq(jacobian.reshape(len(chosen), -1)[chosen][:, free], -error, rcond=1e-10)[0]
             x = x.copy()
             x[free] += step
-        return np.clip(x, structure.x_lower, structure.x_upper)
+            outside = (x < structure.x_lower) | (x > structure.x_upper)
+            x = np.clip(x, structure.x_lower, structure.x_upper)
+            free &= ~outside
+        return x if np.max(np.abs(g(x)[0].reshape(-1)[chosen])) < 1e-10 else None
 
     # --- programs ------------------------------------------------------------------------------------------
 
@@ -183,9 +192,10 @@ class Formulation:
         zones[-1][1] = rows[-1]
         pieces = []
         for i, (left, right, count) in enumerate(zones):
-            pieces.append((left, right, 2 + count))
+            pieces.append((left, right, 1 + count))
             if i + 1 < len(zones):
-                pieces.append((right, zones[i + 1][0], 3))
+                length = (zones[i + 1][0] - right) @ x
+                pieces.append((right, zones[i + 1][0], 3 if length > SHORT[0] else 2))
         times, weights = [], []
         for left, right, order_ in pieces:
             abscissae, gauss = np.polynomial.legendre.leggauss(min(order_, 8))
@@ -211,22 +221,26 @@ class Formulation:
             self._smooth_structure(smoothing, width),
         )
 
-    def ordered_program(self, limits: MotionLimits, order: EventOrder, extra: list) -> MotionProgram:
+    def ordered_program(
+        self, limits: MotionLimits, order: EventOrder, x: np.ndarray, extra: list[tuple[int, float]]
+    ) -> MotionProgram:
         """The exact program with the events in the given order.
 
         Args:
             limits: to keep at the nodes.
             order: of the events.
+            x: near the solution; short intervals there get fewer nodes.
             extra: (interval, share of the interval) of further nodes, for rows only.
         """
         layout = order.layout
         arm = self.robot.arm.limits
         profiles = Profiles(layout, self.start, self.goal, arm.speed)
-        abscissae, gauss = np.polynomial.legendre.leggauss(ORDER)
-        share = (abscissae + 1) / 2
         events = order.rows
-        intervals = len(events) - 1
-        where = [(i, s, g) for i in range(intervals) for s, g in zip(share, gauss / 2, strict=True)]
+        where = []
+        for i, length in enumerate(np.diff(events @ x)):
+            nodes = ORDER - sum(length < short for short in SHORT)
+            abscissae, gauss = np.polynomial.legendre.leggauss(nodes)
+            where += [(i, s, g) for s, g in zip((abscissae + 1) / 2, gauss / 2, strict=True)]
         where += [(i, s, 0.0) for i, s in extra]
         index = np.array([i for i, _, _ in where])
         shares, quadrature = np.array([s for _, s, _ in where]), np.array([g for _, _, g in where])
@@ -250,7 +264,7 @@ class Formulation:
         lower, upper = np.full(layout.size, smoothing.shortest * width), np.full(layout.size, self.longest)
         for j, joint in enumerate(layout.joints):
             w, d, c = x[layout.w(j)], x[layout.d(j)], x[layout.c(j)]
-            before = cs.vertcat(0, w[:-1])
+            before = _delayed(w)
             change = w - before
             self._arrive(rows, joint, before, w, d, c)
             rows.equal(
@@ -276,7 +290,7 @@ class Formulation:
         crossing = layout.one + 1
         for j, joint in enumerate(layout.joints):
             w, d, c = x[layout.w(j)], x[layout.d(j)], x[layout.c(j)]
-            before = cs.vertcat(0, w[:-1])
+            before = _delayed(w)
             signs, changes = order.speed_signs[j], order.change_signs[j]
             self._arrive(rows, joint, before, w, d, c)
             size = [changes[k] * (w[k] - before[k]) for k in range(layout.commands)]
@@ -319,6 +333,11 @@ class Formulation:
     def _arrive(self, rows: _Rows, joint: int, before: cs.SX, w: cs.SX, d: cs.SX, c: cs.SX) -> None:
         way = cs.dot(0.5 * (before + w), d[:-1]) + cs.dot(w, c) + 0.5 * w[-1] * d[-1]
         rows.equal((way - (self.goal[joint] - self.start[joint])) * 10)
+
+
+def _delayed(w: cs.SX) -> cs.SX:
+    """Speeds before each ramp: 0, w_1 .. w_{K-1}."""
+    return cs.vertcat(0, *cs.vertsplit(w)[:-1])
 
 
 class _Rows:

@@ -35,7 +35,7 @@ class Solution:
         x: (nx,).
         objective: at x.
         violation: largest violation of a bound or row at x.
-        multipliers: of the rows; positive at an upper bound, negative at a lower one.
+        multipliers, bound_multipliers: of rows and of x; positive at an upper bound, negative at a lower one.
         status: Ipopt's word.
         converged: it met its tolerance, or the acceptable one.
         iterations: of this solve.
@@ -47,6 +47,7 @@ class Solution:
     objective: float
     violation: float
     multipliers: np.ndarray
+    bound_multipliers: np.ndarray
     status: str
     converged: bool
     iterations: int
@@ -108,7 +109,7 @@ def solve(
     x_bounds: tuple[np.ndarray, np.ndarray],
     bounds: tuple[np.ndarray, np.ndarray],
     *,
-    multipliers: np.ndarray | None = None,
+    multipliers: tuple[np.ndarray, np.ndarray] | None = None,
     start_mu: float = 0.1,
     tolerance: float = 1e-6,
     max_iterations: int = 150,
@@ -123,7 +124,7 @@ def solve(
         x0: (nx,).
         x_bounds: lower and upper bounds of x.
         bounds: of the rows.
-        multipliers: of the rows, to start from.
+        multipliers: of rows and x, to start from.
         start_mu: first barrier parameter; small where x0 is nearly optimal.
         tolerance: Ipopt's.
         max_iterations: then it stops, not converged.
@@ -208,9 +209,11 @@ def solve(
     if multipliers is not None:
         options["ipopt"] |= {
             "warm_start_init_point": "yes",
-            "warm_start_bound_push": 1e-4,
-            "warm_start_mult_bound_push": 1e-4,
-            "warm_start_slack_bound_push": 1e-4,
+            "warm_start_bound_push": push,
+            "warm_start_bound_frac": push,
+            "warm_start_slack_bound_push": push,
+            "warm_start_slack_bound_frac": push,
+            "warm_start_mult_bound_push": start_mu,
         }
     start = time.perf_counter()
     solver = cs.nlpsol("solver", "ipopt", functions[0], options)
@@ -222,7 +225,7 @@ def solve(
         "ubg": bounds[1],
     }
     if multipliers is not None:
-        arguments["lam_g0"] = multipliers
+        arguments["lam_g0"], arguments["lam_x0"] = multipliers
     result = solver(**arguments)
     for function in functions:
         if function.error is not None:
@@ -240,6 +243,7 @@ def solve(
         objective=float(result["f"]),
         violation=violation,
         multipliers=np.array(result["lam_g"]).ravel(),
+        bound_multipliers=np.array(result["lam_x"]).ravel(),
         status=status,
         converged=status in ("Solve_Succeeded", "Solved_To_Acceptable_Level"),
         iterations=int(stats["iter_count"]),

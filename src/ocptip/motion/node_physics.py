@@ -19,7 +19,7 @@ class NodePhysics:
     Power is the sum over the joints, W; torques in N m; the wrench acts on the base about its centre of mass,
     its weight included, N and N m. Where a drive's power jumps with the direction of motion, a further input
     says how: the direction itself (+1 or -1 per joint), or in the smooth form a speed r (rad/s): the jump is
-    then spread over speeds from -2 r to 0.
+    then spread over speeds from -r to r.
 
     The power of a joint depends on its own torque and speed alone: its derivatives are joined to those of the
     dynamics here, which keeps CasADi's expressions a third as long.
@@ -50,7 +50,7 @@ class NodePhysics:
         if not self.smooth:
             power = self.robot.motors.power_expression(torque, speed, direction)
         else:
-            u = cs.fmin(cs.fmax(1 + speed / (2 * direction), 0), 1)
+            u = cs.fmin(cs.fmax((1 + speed / direction) / 2, 0), 1)
             share = u**3 * (10 - 15 * u + 6 * u * u)
             forward, backward = (
                 self.robot.motors.power_expression(torque, speed, [e] * n) for e in (1.0, -1.0)

@@ -8,7 +8,7 @@ import pickle
 import signal
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
@@ -115,6 +115,11 @@ def plan_motion(
                     best = attempt
                 if progress:
                     progress(len(attempts), starts, best.result.energy if best else None)
+    except BrokenExecutor as error:
+        raise PlanningError(
+            f"a worker process died after {len(attempts)} of {starts} starts ({error}); out of memory? With "
+            "jobs=1 no workers are needed"
+        ) from error
     except KeyboardInterrupt:
         if best is None:
             raise

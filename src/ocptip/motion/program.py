@@ -145,9 +145,18 @@ class MotionProgram:
         self._gap_functions: tuple | None = None
         self._last: Evaluation | None = None
         self.evaluations = 0
-        self.rows = rows if rows is not None else self.no_rows()
+        self._rows_taking_part = rows if rows is not None else self.no_rows()
         self.anchor: np.ndarray | None = None
         self.pull = 0.0
+
+    @property
+    def rows(self) -> RowSet:
+        """Node rows that take part."""
+        return self._rows_taking_part
+
+    @rows.setter
+    def rows(self, rows: RowSet) -> None:
+        self._rows_taking_part, self._last = rows, None
 
     @property
     def n_nodes(self) -> int:
@@ -221,6 +230,19 @@ class MotionProgram:
             np.concatenate([self.structure.lower, *lower]),
             np.concatenate([self.structure.upper, *upper]),
         )
+
+    def carried(self, multipliers: np.ndarray, rows: RowSet) -> np.ndarray:
+        """Multipliers of a program with other rows at the first of these nodes, for this program's rows."""
+        count = len(self.structure.lower)
+        result = [multipliers[:count]]
+        at = count
+        for name in RowSet.FAMILIES:
+            old, new = getattr(rows, name), getattr(self.rows, name)
+            full, size = np.zeros(new.shape), np.count_nonzero(old)
+            full[: len(old)][old] = multipliers[at : at + size]
+            result.append(full[new])
+            at += size
+        return np.concatenate(result)
 
     def energy(self, x: np.ndarray) -> float:
         """Electric energy by the nodes' quadrature, J."""

@@ -83,14 +83,15 @@ class Refiner:
         formulation, limits = self.formulation, self.limits
         intervals = len(order.rows) - 1
         watch = [(i, float(s)) for i in range(intervals) for s in SHARES]
-        watched = formulation.ordered_program(limits, order, watch)
+        watched = formulation.ordered_program(limits, order, x, watch)
         own = watched.n_nodes - len(watch)
         share, missing = (FIRST, True) if extra is None else (1 + FEASIBLE, True)
         extra = list(extra or [])
-        rows = None
+        rows = multipliers = None
+        anchor = x
         for _ in range(ROUNDS):
             fresh = [e for e in self._watch_out(watched, own, watch, x, share) if e not in extra]
-            program = formulation.ordered_program(limits, order, extra + fresh)
+            program = formulation.ordered_program(limits, order, anchor, extra + fresh)
             program.rows = program.near_rows(x, NEAR)
             if rows is not None:
                 old = program.n_nodes - len(fresh)
@@ -100,6 +101,8 @@ class Refiner:
                     missing = False
                     break
             extra += fresh
+            if rows is not None:
+                multipliers = program.carried(multipliers[0], rows), multipliers[1]
             rows = program.rows
             structure = program.structure
             solution = solve(
@@ -107,13 +110,15 @@ class Refiner:
                 x,
                 (structure.x_lower, structure.x_upper),
                 program.bounds(),
+                multipliers=multipliers,
                 start_mu=start_mu,
                 tolerance=1e-5,
                 max_iterations=60,
                 push=PUSH,
             )
+            multipliers = solution.multipliers, solution.bound_multipliers
             self.iterations, self.solves = self.iterations + solution.iterations, self.solves + 1
-            x, share, start_mu, last = solution.x, 1 + FEASIBLE, 1e-4, program
+            x, share, start_mu, last = solution.x, 1 + FEASIBLE, 1e-6, program
             if solution.violation > 0.1:
                 break
         feasible = not missing and solution.violation <= FEASIBLE

@@ -25,6 +25,7 @@ from ocptip.errors import InputError, positive_number
 from ocptip.motion.cases import MotionCase
 from ocptip.motion.sampled import Motion
 from ocptip.reserves import Slip, SlipReserve, TipOver, TipOverReserve
+from ocptip.reserves.slip import Redistribution
 from ocptip.robots import (
     ArmModel,
     CollisionModel,
@@ -79,6 +80,9 @@ class StandingRobot:
         obstacles: floor, walls, pillars in base axes, against which the arm's spheres are checked.
         reference_moment: M0 of the tip-over reserve, N m; default: a tenth of the best moment reserve of the
             base loaded with the weight of base and arm.
+        redistribution: of the slip reserve, see `ocptip.reserves.Slip`; default "tangential" for up to three
+            contacts and "full" for more, where the normal forces are one choice of many and only the best
+            choice is a property of the load.
 
     Raises:
         InputError: a planar support, or no gravity and no reference moment.
@@ -92,11 +96,12 @@ class StandingRobot:
         *,
         obstacles: Sequence[Wall | Pillar] = (),
         reference_moment: float | None = None,
+        redistribution: Redistribution | None = None,
     ) -> None:
         if support.dimension != 3:
             raise InputError("support: an arm needs a spatial support, got a planar one")
         self.arm, self.support, self.motors = arm, support, motors
-        self._obstacles, self._reference_moment = tuple(obstacles), reference_moment
+        self._obstacles, self._made_with = tuple(obstacles), (reference_moment, redistribution)
         self.collision = CollisionModel(arm, obstacles)
         if reference_moment is None:
             own = TipOver(support).reference_moment
@@ -104,7 +109,7 @@ class StandingRobot:
         else:
             reference_moment = positive_number("reference_moment", reference_moment)
         self.tip_over = TipOver(support, reference_moment)
-        self.slip = Slip(support)
+        self.slip = Slip(support, redistribution or ("tangential" if support.n_contacts <= 3 else "full"))
 
     @property
     def mass(self) -> float:
@@ -159,7 +164,7 @@ class StandingRobot:
 
     def __reduce__(self) -> tuple:
         """Pickle by what it was made of: CasADi's functions are built anew on the other side."""
-        return _restored, (self.arm, self.support, self.motors, self._obstacles, self._reference_moment)
+        return _restored, (self.arm, self.support, self.motors, self._obstacles, self._made_with)
 
     def energy(self, motion: Motion, *, order: int = 4) -> float:
         """Electric energy of a motion, J: Gauss-Legendre quadrature between the events (5.25)."""
@@ -222,6 +227,8 @@ def _restored(
     support: Support,
     motors: Motors,
     obstacles: tuple[Wall | Pillar, ...],
-    reference_moment: float | None,
+    made_with: tuple[float | None, Redistribution | None],
 ) -> StandingRobot:
-    return StandingRobot(arm, support, motors, obstacles=obstacles, reference_moment=reference_moment)
+    return StandingRobot(
+        arm, support, motors, obstacles=obstacles, reference_moment=made_with[0], redistribution=made_with[1]
+    )

@@ -12,7 +12,7 @@ from ocptip.motion.formulation import Formulation, Smoothing
 from ocptip.motion.ipopt import Solution, solve
 from ocptip.motion.passive import ArmMotion
 from ocptip.motion.program import MotionProgram
-from ocptip.motion.proof import MotionProof, prove
+from ocptip.motion.proof import MotionLimits, MotionProof, prove
 from ocptip.motion.refine import Exact, Refiner
 from ocptip.motion.starts import random_start
 from ocptip.motion.task import MotionTask
@@ -21,7 +21,11 @@ WIDTHS = (0.010, 0.004)  # s: half widths of the steps in the fine programs
 PULL = 1e-3  # keeps a program regular where phases do nothing, see `MotionProgram.pull`
 COARSE_ROWS, FINE_ROWS = 0.25, 0.5  # use of a limit from which node rows take part
 COARSE_ROUNDS = 3
+CYCLES = 2  # fine and exact programs are run again from the exact motion, which often finds a better order
+MERGES = (0.004, 0.0, 0.012)  # s: events nearer than this become simultaneous; tried in this order
+SOLVED = 1e-4  # largest violation of an exact program that is good enough to be tightened
 TIGHTENINGS = 5
+TIGHTENED = {"GN": 2e-3, "GT": 2e-3, "torque_ratio": 2e-3, "clearance_m": 1e-3}  # at most this much at once
 INNER = (
     1e-4  # the exact program keeps limits that are tighter by this share, so that rounding cannot break them
 )
@@ -89,21 +93,26 @@ class Search:
             task.robot, task.start, task.goal, task.optimised, task.commands, task.limits, rng
         )
         clock.stage("start")
-        motion = proof = None
+        best: tuple[ArmMotion, MotionProof] | None = None
+        status = ""
         try:
             x = self._coarse(start, clock)
             clock.stage("coarse")
-            x = self._fine(x, clock)
-            clock.stage("fine")
-            refiner = Refiner(self.formulation, self.inner)
-            exact = refiner.first(x, merge=WIDTHS[-1])
-            clock.stage("exact")
-            motion, proof = self._proved(refiner, exact, clock)
-            clock.iterations += refiner.iterations
-            clock.solves += refiner.solves
-            status = "verified" if proof.verified else f"not verified: {'; '.join(proof.violations)}"
+            for _ in range(CYCLES):
+                x = self._fine(x, clock)
+                clock.stage("fine")
+                refiner = Refiner(self.formulation, self.inner)
+                found, x = self._exact(refiner, x, clock)
+                clock.iterations += refiner.iterations
+                clock.solves += refiner.solves
+                if best is not None and not _better(found[1], best[1]):
+                    break
+                best = found
         except (InputError, SolverError) as error:
             status = f"no motion: {error}"
+        motion, proof = best or (None, None)
+        if proof is not None:
+            status = "verified" if proof.verified else f"not verified: {'; '.join(proof.violations)}"
         result = StartResult(
             number=number,
             status=status,
@@ -138,6 +147,24 @@ class Search:
             x = self._solve(program, x, FINE_ROWS, 1e-4, 1e-4, clock).x
         return x
 
+    def _exact(
+        self, refiner: Refiner, x: np.ndarray, clock: _Clock
+    ) -> tuple[tuple[ArmMotion, MotionProof], np.ndarray]:
+        """A proved exact motion near x, and its variables.
+
+        Where the order of events found at x leads nowhere, others that x suggests are tried.
+        """
+        best = None
+        for merge in MERGES:
+            exact = refiner.first(x, merge)
+            if best is None or exact.solution.violation < best.solution.violation:
+                best = exact
+            if best.solution.violation <= SOLVED:
+                break
+        clock.stage("exact")
+        found = self._proved(refiner, best, clock)
+        return found, best.solution.x[: self.formulation.layout.size]
+
     @staticmethod
     def _solve(
         program: MotionProgram, x: np.ndarray, share: float, mu: float, push: float, clock: _Clock
@@ -160,32 +187,51 @@ class Search:
 
     def _proved(self, refiner: Refiner, exact: Exact, clock: _Clock) -> tuple[ArmMotion, MotionProof]:
         """The exact motion and its proof; solved again, a little tighter, where the proof finds a fault."""
-        task, limits = self.task, self.task.limits
-        best: tuple[ArmMotion, MotionProof] | None = None
-        for round_ in range(TIGHTENINGS + 1):
-            motion = refiner.motion(exact)
-            proof = prove(task.robot, motion, limits)
-            clock.stage("proof")
-            if best is None or proof.verified or not best[1].verified:
-                best = motion, proof
-            if proof.verified or round_ == TIGHTENINGS:
+        best = self._motion_and_proof(refiner, exact, clock)
+        proof = best[1]
+        for _ in range(TIGHTENINGS):
+            faults = [name for name in TIGHTENED if _excess(proof, name) > 0]
+            if proof.verified or not faults:
                 break
-            instants = []
-            tighter = refiner.limits
-            for name, sign in (("GN", 1), ("GT", 1), ("torque_ratio", 1), ("clearance_m", -1)):
-                worst = proof.worst[name]
-                excess = sign * (worst.value - worst.limit)
-                if excess > 0:
-                    instants.append(worst.time)
-                    field = name.removesuffix("_m")
-                    step = sign * min(excess, 0.002 * (1 if sign > 0 else 0.5))
-                    tighter = replace(tighter, **{field: getattr(tighter, field) - step})
-            if not instants:
-                break
-            refiner.limits = tighter
-            exact = refiner.again(exact, instants)
-            clock.stage("exact")
+            refiner.limits = self._tightened(refiner.limits, proof, faults)
+            try:
+                exact = refiner.again(exact, [proof.worst[name].time for name in faults])
+                clock.stage("exact")
+                found = self._motion_and_proof(refiner, exact, clock)
+            except (InputError, SolverError):
+                break  # what was found before counts
+            proof = found[1]
+            if _better(proof, best[1]) or not best[1].verified:
+                best = found
         return best
+
+    def _motion_and_proof(
+        self, refiner: Refiner, exact: Exact, clock: _Clock
+    ) -> tuple[ArmMotion, MotionProof]:
+        motion = refiner.motion(exact)
+        proof = prove(self.task.robot, motion, self.task.limits)
+        clock.stage("proof")
+        return motion, proof
+
+    @staticmethod
+    def _tightened(limits: MotionLimits, proof: MotionProof, faults: list[str]) -> MotionLimits:
+        changes = {}
+        for name in faults:
+            step = min(_excess(proof, name), TIGHTENED[name])
+            field = name.removesuffix("_m")
+            value = getattr(limits, field)
+            changes[field] = value + step if field == "clearance" else max(value - step, value / 2)
+        return replace(limits, **changes)
+
+
+def _excess(proof: MotionProof, name: str) -> float:
+    """How much a worst value breaks its limit."""
+    worst = proof.worst[name]
+    return worst.limit - worst.value if name == "clearance_m" else worst.value - worst.limit
+
+
+def _better(proof: MotionProof, than: MotionProof) -> bool:
+    return (proof.verified, -proof.energy) > (than.verified, -than.energy)
 
 
 class _Clock:

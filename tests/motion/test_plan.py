@@ -1,0 +1,358 @@
+"""Planning: verified motions that need less energy, wherever starts run; refusals, failures, interrupts."""
+
+import dataclasses
+import os
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from multiprocessing import get_context
+
+import numpy as np
+import pytest
+
+from ocptip.errors import InputError, PlanningError
+from ocptip.motion import (
+    ArmMotion,
+    MotionLimits,
+    StandingRobot,
+    experiment_task,
+    load_task,
+    plan_motion,
+    prove,
+)
+from ocptip.motion.search import Attempt, StartResult
+from ocptip.robots import Pillar, gripper_pose
+
+
+@pytest.fixture(scope="module")
+def task():
+    return experiment_task("A", "effective")
+
+
+class Progress:
+    """Keeps what a progress callback is told; interrupts after the given number of starts."""
+
+    def __init__(self, stop_after=None):
+        self.calls, self.stop_after = [], stop_after
+
+    def __call__(self, done, starts, energy):
+        self.calls.append((done, starts, energy))
+        if done == self.stop_after:
+            raise KeyboardInterrupt
+
+
+@pytest.fixture(scope="module")
+def plan(task):
+    """One start in this process; with what the progress callback was told."""
+    progress = Progress()
+    return plan_motion(task, starts=1, jobs=1, progress=progress), progress.calls
+
+
+@pytest.fixture(scope="module")
+def process_pool():
+    """One worker, started in silence so that this process' threads do not matter."""
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        yield pool
+
+
+def assert_same(plan, other):
+    """Bit for bit: the seed decides, not where the starts ran."""
+    assert other.motion.to_dict() == plan.motion.to_dict()
+    assert other.energy == plan.energy
+    assert other.best == plan.best
+    for a, b in zip(plan.starts, other.starts, strict=True):
+        assert (a.number, a.status, a.energy, a.iterations) == (b.number, b.status, b.energy, b.iterations)
+
+
+def assert_keeps_all_limits(task, motion):
+    """Independent of the proof: everything that happens every 0.1 ms, on both sides of each event, too."""
+    robot, limits, arm = task.robot, task.limits, task.robot.arm.limits
+    times = np.arange(0.0, motion.end, 1e-4)
+    for side, at in (("right", times), ("left", motion.event_times), ("right", motion.event_times)):
+        samples = robot.samples(motion, at, side=side)
+        assert samples.states.persistent.all()
+        assert samples.states.solved.all()
+        assert samples.slip.solved.all()
+        assert np.max(samples.tip.GN) <= limits.GN + 1e-6
+        assert np.max(samples.slip.GT) <= limits.GT + 1e-6
+        assert np.max(np.abs(samples.torques) / arm.torque) <= limits.torque_ratio + 1e-6
+        assert np.min(samples.clearances) >= limits.clearance - 1e-6
+        assert np.all(np.abs(samples.speeds) <= arm.speed * (1 + 1e-9))
+        assert np.all(np.abs(samples.accelerations) <= arm.acceleration * (1 + 1e-6))
+        assert np.all(samples.angles >= arm.angle_min - 1e-9)
+        assert np.all(samples.angles <= arm.angle_max + 1e-9)
+
+
+def test_the_plan_is_verified_and_needs_less_energy_than_the_printed_motion(task, plan):
+    plan, _ = plan
+    assert plan.verified
+    assert plan.proof.violations == ()
+    assert plan.energy < 0.98 * task.robot.energy(task.reference)
+    assert plan.energy == pytest.approx(task.robot.energy(plan.motion), rel=1e-12)
+    assert plan.duration == plan.motion.end
+    assert not plan.interrupted
+
+
+def test_the_plan_uses_its_limits_up(task, plan):
+    """In an optimum something binds: a reserve, a speed or an acceleration."""
+    worst = plan[0].proof.worst
+    use = [
+        worst[name].value / worst[name].limit for name in ("GN", "GT", "speed_ratio", "acceleration_ratio")
+    ]
+    assert max(use) > 0.999
+
+
+def test_the_motion_leads_from_start_to_goal_with_the_commands_asked_for(task, plan):
+    motion = plan[0].motion
+    np.testing.assert_array_equal(motion.start, task.start)
+    np.testing.assert_array_equal(motion.goal, task.goal)
+    for joint, ramps in enumerate(motion.joints):
+        assert len(ramps.commands) <= (task.commands if joint in task.optimised else 1)
+
+
+def test_every_limit_holds_on_an_independent_dense_grid(task, plan):
+    assert_keeps_all_limits(task, plan[0].motion)
+
+
+def test_the_written_motion_is_verified_too(task, plan):
+    """The proof from the commands in degrees alone, by a robot that was built anew."""
+    read = ArmMotion.from_dict(plan[0].motion.to_dict())
+    robot = experiment_task("A", "effective").robot
+    for step in (0.01, 0.003):
+        proof = prove(robot, read, task.limits, step=step)
+        assert proof.verified, proof.violations
+        assert proof.energy == pytest.approx(plan[0].energy, rel=1e-9)
+
+
+def test_the_result_tells_what_was_done(task, plan):
+    plan, calls = plan
+    assert plan.task is task
+    assert (plan.best, plan.seed, plan.options["starts"]) == (0, 0, 1)
+    (start,) = plan.starts
+    assert (start.number, start.status, start.verified) == (0, "verified", True)
+    assert start.energy == plan.energy
+    assert start.iterations > 0
+    assert start.solves > 0
+    assert 0 < sum(start.stages.values()) <= start.seconds <= plan.seconds
+    assert calls == [(0, 1, None), (1, 1, plan.energy)]
+
+
+def test_the_same_plan_from_a_thread(task, plan):
+    with ThreadPoolExecutor(1) as pool:
+        assert_same(plan[0], plan_motion(task, starts=1, executor=pool))
+        assert pool.submit(int, 3).result() == 3  # the caller's pool stays open
+
+
+def test_the_same_plan_from_another_process(task, plan, process_pool):
+    assert_same(plan[0], plan_motion(task, starts=1, executor=process_pool))
+    assert process_pool.submit(os.getpid).result() != os.getpid()
+
+
+def test_the_same_plan_from_a_dask_client(task, plan):
+    distributed = pytest.importorskip("distributed")
+    cluster = {"processes": False, "n_workers": 1, "threads_per_worker": 1, "dashboard_address": None}
+    with distributed.Client(**cluster) as client:
+        assert_same(plan[0], plan_motion(task, starts=1, executor=client.get_executor()))
+
+
+@pytest.mark.slow
+def test_an_interrupt_after_a_verified_start_keeps_it(task, plan):
+    progress = Progress(stop_after=1)
+    stopped = plan_motion(task, starts=5, jobs=1, progress=progress)
+    assert stopped.interrupted
+    assert stopped.verified
+    assert len(stopped.starts) == 1
+    assert len(progress.calls) == 2
+    assert stopped.motion.to_dict() == plan[0].motion.to_dict()  # start 0 of the same seed
+    assert stopped.options["starts"] == 5
+
+
+def test_an_interrupt_before_any_verified_start_is_one(task):
+    with pytest.raises(KeyboardInterrupt):
+        plan_motion(task, starts=5, jobs=1, progress=Progress(stop_after=0))
+
+
+def test_what_a_callback_raises_comes_out(task):
+    def fail(done, starts, energy):
+        raise ZeroDivisionError("mine")
+
+    with pytest.raises(ZeroDivisionError, match="mine"):
+        plan_motion(task, starts=1, jobs=1, progress=fail)
+
+
+def test_a_task_that_cannot_be_planned_is_refused_with_its_numbers(task):
+    calls = Progress()
+    impossible = dataclasses.replace(task, limits=MotionLimits(GN=0.05))
+    with pytest.raises(
+        InputError, match=r"A: cannot be planned: start: .*GN is 0\.\d+ at rest, must be <= 0\.05"
+    ):
+        plan_motion(impossible, starts=1, jobs=1, progress=calls)
+    outside = task.goal.copy()
+    outside[1] = 3.1
+    with pytest.raises(InputError, match=r"goal: joint 2 at 177\.62 degrees is outside its limits"):
+        plan_motion(dataclasses.replace(task, goal=outside), starts=1, jobs=1, progress=calls)
+    assert calls.calls == []
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"starts": 0}, "starts: must be a whole number >= 1, got 0"),
+        ({"starts": 2.0}, "starts: must be a whole number >= 1, got 2.0"),
+        ({"starts": True}, "starts: .* got True"),
+        ({"jobs": 0}, "jobs: must be a whole number >= 1, got 0"),
+    ],
+)
+def test_bad_options_are_named(task, options, message):
+    with pytest.raises(InputError, match=message):
+        plan_motion(task, **options)
+
+
+class Scripted:
+    """Stands in for a search: start k yields the k-th of prepared motions, None for no motion."""
+
+    motions: tuple = ()
+
+    def __init__(self, task):
+        self.task = task
+
+    def run(self, number, seed):
+        motion = self.motions[number]
+        proof = motion and prove(self.task.robot, motion, self.task.limits)
+        verified = bool(proof and proof.verified)
+        status = "verified" if verified else "no motion: nothing to be had at 17 N m"
+        energy = proof.energy if proof else float("nan")
+        return Attempt(StartResult(number, status, energy, verified, 1, 0.1, 1, {}), motion, proof)
+
+
+@pytest.fixture
+def scripted(monkeypatch):
+    """Make every planning in this process follow a script of motions."""
+
+    def script(*motions):
+        monkeypatch.setattr(Scripted, "motions", motions)
+        monkeypatch.setattr("ocptip.motion.plan.Search", Scripted)
+
+    return script
+
+
+@pytest.fixture(scope="module")
+def case_b():
+    """With the effective base the printed motion of case B comes to GN 0.99; slowed down it stands."""
+    return experiment_task("B", "effective")
+
+
+def test_the_least_energy_among_the_verified_wins(case_b, scripted):
+    """Not the first, not the least of all: starts without motion or with violations do not count."""
+    slow, slower = (case_b.reference.time_scaled(factor) for factor in (1.3, 1.6))
+    scripted(None, slower, case_b.reference, slow, slower, slow)
+    progress = Progress()
+    plan = plan_motion(case_b, starts=6, jobs=1, progress=progress)
+    assert plan.best == 3  # of equals the first
+    assert plan.verified
+    assert plan.motion is slow
+    assert [start.verified for start in plan.starts] == [False, True, False, True, True, True]
+    assert np.isnan(plan.starts[0].energy)
+    assert plan.starts[2].energy < plan.energy  # but it tips
+    energies = [energy for _, _, energy in progress.calls]
+    assert energies == [None, None, plan.starts[1].energy, plan.starts[1].energy, *3 * [plan.energy]]
+
+
+def test_where_no_start_succeeds_the_nearest_one_is_described(case_b, scripted):
+    motion = case_b.reference
+    worse = motion.time_scaled(0.8)  # too fast for the drives as well
+    scripted(worse, motion, None)
+    message = r"none of 3 starts gave a verified motion; start 1: GN is 0\.99\d* at .* s, must be <= 0\.9$"
+    with pytest.raises(PlanningError, match=message):
+        plan_motion(case_b, starts=3, jobs=1)
+
+
+def test_where_no_start_gives_a_motion_the_reason_is_told(case_b, scripted):
+    scripted(None, None)
+    message = "none of 2 starts gave a motion; the first: no motion: nothing to be had at 17 N m"
+    with pytest.raises(PlanningError, match=message):
+        plan_motion(case_b, starts=2, jobs=1)
+
+
+def test_an_interrupt_keeps_the_best_verified_start_so_far(case_b, scripted):
+    slow, slower = (case_b.reference.time_scaled(factor) for factor in (1.3, 1.6))
+    scripted(slower, slow, case_b.reference, slower)
+    plan = plan_motion(case_b, starts=4, jobs=1, progress=Progress(stop_after=3))
+    assert plan.interrupted
+    assert plan.best == 1
+    assert len(plan.starts) == 3
+
+
+def test_an_interrupt_after_starts_that_all_failed_is_one(case_b, scripted):
+    scripted(None, case_b.reference, None)
+    with pytest.raises(KeyboardInterrupt):
+        plan_motion(case_b, starts=3, jobs=1, progress=Progress(stop_after=2))
+
+
+def test_one_command_per_joint(task):
+    plan = plan_motion(dataclasses.replace(task, commands=1), starts=1, jobs=1)
+    assert plan.verified
+    assert all(len(joint.commands) == 1 for joint in plan.motion.joints)
+
+
+def test_one_optimised_joint_with_two_commands(task, plan):
+    """Fewer freedoms: a verified plan that needs more energy."""
+    few = plan_motion(dataclasses.replace(task, optimised=(0,), commands=2), starts=1, jobs=1)
+    assert few.verified
+    assert [len(joint.commands) for joint in few.motion.joints] == [2, 1, 1, 1, 1, 1]
+    assert few.energy > plan[0].energy
+
+
+def barred(task):
+    """One optimised joint, and a pillar where the gripper passes half way: no motion leads around."""
+    robot = task.robot
+    position, _ = gripper_pose(robot.arm, 0.5 * (task.start + task.goal))
+    obstacles = [Pillar(position, 0.05, np.array([0.0, 0.0, 1.0]))]
+    robot = StandingRobot(robot.arm, robot.support, robot.motors, obstacles=obstacles)
+    return dataclasses.replace(task, robot=robot, optimised=(0,), commands=2)
+
+
+@pytest.mark.slow
+def test_a_barred_way_is_told_with_its_clearance(task):
+    message = r"none of 1 starts gave a .*clearance_m is -0\.\d+ at \d\.\d+ s, must be >= 0"
+    with pytest.raises(PlanningError, match=message):
+        plan_motion(barred(task), starts=1, jobs=1)
+
+
+@pytest.mark.slow
+def test_several_starts_in_the_default_pool():
+    """The best of several starts is at least as good as each, in processes as well as in this one."""
+    task = experiment_task("A", "effective")
+    here, there = (plan_motion(task, starts=3, jobs=jobs) for jobs in (1, 2))
+    assert_same(here, there)
+    assert [start.number for start in here.starts] == [0, 1, 2]
+    assert here.energy == min(start.energy for start in here.starts if start.verified)
+    assert here.starts[here.best].energy == here.energy
+    assert not np.array_equal(plan_motion(task, starts=1, seed=1, jobs=1).motion.end, here.motion.end)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("base", ["printed", "effective"])
+@pytest.mark.parametrize("name", list("ABCDEFGH"))
+def test_all_printed_cases(name, base):
+    task = experiment_task(name, base)
+    plan = plan_motion(task, starts=3, jobs=1)
+    assert plan.verified
+    assert plan.energy < 0.98 * task.robot.energy(task.reference)
+    assert_keeps_all_limits(task, plan.motion)
+
+
+def assert_ur5_is_planned(root, starts):
+    task = load_task(root / "studies" / "tasks" / "ur5_cart.toml")
+    plan = plan_motion(task, starts=starts, jobs=1)
+    assert plan.verified
+    assert_keeps_all_limits(task, plan.motion)
+    proof = prove(task.robot, ArmMotion.from_dict(plan.motion.to_dict()), task.limits)
+    assert proof.verified, proof.violations
+
+
+def test_a_ur5_on_a_cart(root):
+    assert_ur5_is_planned(root, 1)
+
+
+@pytest.mark.slow
+def test_a_ur5_on_a_cart_from_several_starts(root):
+    assert_ur5_is_planned(root, 3)
