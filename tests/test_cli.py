@@ -428,7 +428,7 @@ def test_readme_commands_are_one_line_each_and_ci_runs_them(root):
     job, tests = commands(readme)[:2]
     assert "\n" not in job + tests
     assert job.startswith("python3 -m venv .venv && ")
-    assert "ocptip stand studies/scenes/rover_on_slope.toml --plot stand.png" in job
+    assert job.endswith("/ocptip plan A")
     assert tests.startswith("python3 -m venv .venv && ")
     assert tests.endswith(".venv/bin/pytest -q")
     ci = (root / ".ci" / "run").read_text(encoding="utf-8")
@@ -440,7 +440,10 @@ def test_readme_commands_are_one_line_each_and_ci_runs_them(root):
 def test_readme_shows_what_the_command_prints(root, scenes, capsys):
     """Verdict and layout; with four wheels the forces are one choice of many and may differ."""
     readme = (root / "README.md").read_text(encoding="utf-8")
-    shown = re.search(r"```text\n(.*?)\n```", readme, flags=re.DOTALL)[1].splitlines()
+    blocks = re.findall(r"```text\n(.*?)\n```", readme, flags=re.DOTALL)
+    assert re.match(r"A: VERIFIED\. \d+\.\d J in \d\.\d{3} s, worst reserve G", blocks[0])
+    assert (root / "docs" / "plan.png").read_bytes().startswith(b"\x89PNG")
+    shown = blocks[1].splitlines()
     main(["stand", str(scenes / "rover_on_slope.toml")])
     printed = capsys.readouterr().out.splitlines()
     assert shown[0] == printed[0]
@@ -459,10 +462,10 @@ def test_readme_python_example_runs(root, capsys):
     assert "True" in capsys.readouterr().out
 
 
-def test_readme_lists_every_binding_and_its_keys(root):
+def test_docs_list_every_binding_and_its_keys(root):
     from ocptip import Binding
 
-    readme = (root / "README.md").read_text(encoding="utf-8")
+    readme = (root / "docs" / "scenes.md").read_text(encoding="utf-8")
     for kind, cls in Binding.registry.items():
         if cls.__module__.startswith("ocptip."):
             assert f"`{kind}`" in readme

@@ -84,6 +84,9 @@ def test_rows_compare_with_ours_from_the_same_start(short):
     assert row["times_faster"] == pytest.approx(reached / 0.05)
     assert row["times_faster_total"] == pytest.approx(other["cpu_s"] / 0.05)
     assert by_method["ours"]["ours_lower"] is None
+    within = [t for t, _, cost in other["history"] if cost <= 1.01 * ours["energy_J"]]
+    assert row["reach_ours"] == float(bool(within))
+    assert row["times_longer"] == (pytest.approx(within[0] / 0.05) if within else None)
 
 
 def test_files_are_there_and_nothing_is_printed_but_the_table(short, capsys):
@@ -139,7 +142,7 @@ def test_medians_count_missing_results_as_infinite():
     empty = {"case": "A", "method": "ours", "cpu_s": 1.0, "evaluations": 5} | study.NO_MOTION
     row = study.statistics([empty | {"start": 0}], {})
     assert row["energy_J"] == row["least_J"] == np.inf
-    assert "none" in study.markdown([{"case": "A", "method": "ours", **row}])
+    assert "never" in study.markdown([{"case": "A", "method": "ours", **row}])
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""A scene file: a support and its loads in TOML, see the table "Scene format" in the README.
+"""A scene file: a support and its loads in TOML, see docs/scenes.md.
 
 Contacts and loads are counted from 1 in every message, as in the printed table. Every error is one
 :class:`InputError` that starts with the file and the key, e.g.

@@ -53,7 +53,7 @@ def _parser() -> argparse.ArgumentParser:
         description="Does the base of a scene file stand? Prints verdict, contact forces and reserves.",
         epilog="exit code: 0 it stands, 1 it does not (or no verified answer), 2 bad input",
     )
-    stand.add_argument("scene", metavar="SCENE.toml", help="the scene (format: see README)")
+    stand.add_argument("scene", metavar="SCENE.toml", help="the scene (format: see docs/scenes.md)")
     stand.add_argument("--json", action="store_true", help="print JSON instead of the table")
     stand.add_argument("--plot", metavar="FILE", help="draw the scene into a .png, .pdf or .svg file")
     stand.add_argument(

@@ -19,9 +19,11 @@ the limits is the same as that the acceleration is large enough to turn in time.
 
 Of quantities that vary in time the maximum is asked for. Two ways to find it:
 
-- "spline" (5.6.2): values at the Gauss nodes of the cost and the maxima of a cubic spline through all nodes,
-  from start to end (torques jump at events: one cubic for each interval between events);
-- "sides": values at the Gauss nodes and at the ends of each interval, from inside. Nothing is interpolated.
+- "sides": values at the Gauss nodes of the cost and at the ends of each interval between events, from
+  inside;
+- "spline" (5.6.2): values at the Gauss nodes, and the maxima of a cubic spline through all of them, from
+  start to end (torques, which jump at events: one cubic for each interval between events). Reserves jump at
+  events, too: the spline overshoots there, and refuses motions that are near the limits but keep them.
 
 Neither is a proof. GT comes from an exact solver for contacts in one plane, see `_PlanarSlip`; where that
 does not apply (contacts lift off, slip, carry nothing, or do not lie in one plane), from
@@ -49,8 +51,8 @@ from ocptip.motion.task import MotionTask, require_plannable
 from ocptip.reserves.force_sets import LOAD_TOLERANCE, ForceSets, force_scale
 from ocptip.robots import BatchFunction
 
-LEAST_SPEED = 0.01
-"""Lower bound of speeds as a share of the joint's limit; random starts go down to 1 / 60."""
+LEAST_SPEED = 0.001
+"""Lower bound of speeds as a share of the joint's limit; the planner lets joints all but rest."""
 
 LEAST_ACCELERATION = 0.002
 """Lower bound of accelerations as a share of the joint's limit; random starts go down to 1 / 360."""
@@ -108,7 +110,7 @@ class MotionPenalty:
         InputError: the task cannot be planned, or an argument cannot be used.
     """
 
-    def __init__(self, task: MotionTask, *, weight: float = WEIGHT, between: Between = "spline") -> None:
+    def __init__(self, task: MotionTask, *, weight: float = WEIGHT, between: Between = "sides") -> None:
         require_plannable(task)
         if between not in get_args(Between):
             raise InputError(f"between: expected one of {get_args(Between)}, got {between!r}")

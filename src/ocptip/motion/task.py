@@ -1,6 +1,6 @@
 """A motion task: robot on its support, start, goal, limits; from the printed cases or from a TOML file.
 
-A task file is a scene file (README, "Scenes": `gravity`, `[base]`, `[[contact]]`; the base without the arm)
+A task file is a scene file (docs/scenes.md: `gravity`, `[base]`, `[[contact]]`; the base without the arm)
 plus these tables. SI units; keys in degrees say so. Joints are counted from 1.
 
     name = "..."                optional, default: the file's name
