@@ -16,7 +16,7 @@ from plan_stand_in import stand_in_plan
 from ocptip import errors, motion_plots
 from ocptip.cli import main
 from ocptip.cli.plan import PlanReport, Progress
-from ocptip.motion import ArmMotion, MotionLimits, task
+from ocptip.motion import ArmMotion, MotionLimits, task, task_file
 from ocptip.motion.output import plan_to_dict
 
 FILES = ["plan.json", "motion.csv", "trajectory.json"]
@@ -96,7 +96,7 @@ def test_contacts_bind_with_the_default_base(planner, capsys, tmp_path, argument
 
 def test_a_task_file_and_limits_over_those_of_the_file(planner, capsys, tmp_path, monkeypatch):
     read = task.experiment_task("C", "effective", MotionLimits(GN=0.5, GT=0.6))
-    monkeypatch.setattr(task, "load_task", lambda path: read)
+    monkeypatch.setattr(task_file, "load_task", lambda path: read)
     assert run(capsys, "my.toml", "--no-figures", "--gt", 0.8)[0] == 0
     assert planner.calls[0][0].limits == MotionLimits(GN=0.5, GT=0.8)
     assert "base" not in json.loads((tmp_path / "ocptip-plan-C" / "plan.json").read_text(encoding="utf-8"))

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 
 from ocptip.errors import InputError
 from ocptip.motion import ArmMotion, RampCommand, earliest_end, experiment_task
-from ocptip.motion.formulation import SLOWEST, Formulation, Smoothing, order_of
+from ocptip.motion.events import SLOWEST, order_of
+from ocptip.motion.formulation import Formulation, Smoothing
 from ocptip.motion.starts import random_start
 
 TASKS = {name: experiment_task(name, "effective") for name in ("A", "D")}

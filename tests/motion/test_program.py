@@ -8,7 +8,8 @@ import pytest
 
 from ocptip.contact import Support, UnilateralContact
 from ocptip.motion import MotionTask, StandingRobot, experiment_task, prove
-from ocptip.motion.formulation import Formulation, Smoothing, order_of
+from ocptip.motion.events import order_of
+from ocptip.motion.formulation import Formulation, Smoothing
 from ocptip.motion.program import ENERGY_UNIT, RowSet, TipMap
 from ocptip.motion.starts import random_start
 from ocptip.robots import DCMotors, floor, load_arm

@@ -80,7 +80,7 @@ def _add_check(commands: argparse._SubParsersAction) -> None:
     robot = check.add_mutually_exclusive_group()
     robot.add_argument("--case", metavar="A..H", help="a printed case (default: the one the motion names)")
     robot.add_argument("--task", metavar="TASK.toml", help="robot, support and limits of a task file")
-    check.add_argument("--base", metavar="SET", help="base data of a case: printed (default) or effective")
+    check.add_argument("--base", metavar="SET", help="base data of a case: printed or effective (default)")
     for option, text in (
         ("--gn", "largest tip-over reserve GN"),
         ("--gt", "largest slip reserve GT"),

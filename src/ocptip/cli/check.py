@@ -170,7 +170,7 @@ def choose_task(
 
     Args:
         motion_file: read for its `case` and `base` only.
-        case, base: of a printed case; the default base: the file's if the case is the file's, else "printed".
+        case, base: of a printed case; the default base: the file's if the case is the file's, else "effective".
         task_file: a task file instead.
 
     Raises:
@@ -186,7 +186,7 @@ def choose_task(
         raise InputError(f"{motion_file}: names no case; say which robot by --case A..H or --task TASK.toml")
     if base is None:
         own = known and case in (None, origin["case"])
-        base = origin.get("base", "printed") if own else "printed"
+        base = origin.get("base", "effective") if own else "effective"
     return experiment_task(case or origin["case"], base)
 
 

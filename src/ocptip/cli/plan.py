@@ -218,7 +218,8 @@ def _task(options: argparse.Namespace) -> MotionTask:
 
     from ocptip.errors import InputError
     from ocptip.motion.proof import MotionLimits
-    from ocptip.motion.task import experiment_task, load_task
+    from ocptip.motion.task import experiment_task
+    from ocptip.motion.task_file import load_task
 
     values = {limit: getattr(options, name) for name, limit in _LIMIT_OPTIONS.items()}
     limits = {name: value for name, value in values.items() if value is not None}

@@ -21,7 +21,8 @@ from ocptip.motion.ramps import (
 )
 from ocptip.motion.robot import MotionSamples, StandingRobot, experiment_robot
 from ocptip.motion.sampled import SampledMotion, load_motion, motion_origin
-from ocptip.motion.task import MotionTask, experiment_task, load_task, refusals, require_plannable
+from ocptip.motion.task import MotionTask, experiment_task, refusals, require_plannable
+from ocptip.motion.task_file import load_task
 
 __all__ = [
     "ArmMotion",

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ocptip.motion.formulation import EventOrder, Formulation, order_of
+from ocptip.motion.events import EventOrder, order_of
+from ocptip.motion.formulation import Formulation
 from ocptip.motion.ipopt import Solution, solve
 from ocptip.motion.passive import ArmMotion
 from ocptip.motion.program import ENERGY_UNIT, MotionProgram

@@ -1,121 +1,19 @@
-"""A motion task: robot on its support, start, goal, limits; from the printed cases or from a TOML file.
-
-A task file is a scene file (docs/scenes.md: `gravity`, `[base]`, `[[contact]]`; the base without the arm)
-plus these tables. SI units; keys in degrees say so. Joints are counted from 1.
-
-    name = "..."                optional, default: the file's name
-
-    [arm]
-    name = "FP1W2F"             one of the modular arms, or
-    urdf = "arm.urdf"           a file, relative to the task file, with
-    base_link, tool_frame       names in it, and optionally
-    locked_deg, locked_m        tables joint = angle or way, see `ocptip.robots.arm_from_urdf`
-    armature                    kg m^2, number or list, reflected rotor inertias
-    sphere_radius               m, number or list per link (0: none): collision spheres along the links
-    excluded_links              list of pairs of links whose spheres are not checked against each other
-    mount_position              m: base origin to Q_1 (modular arm) or to the frame of base_link
-    mount_rpy_deg               roll, pitch, yaw about the fixed base axes x, y, z; default 0
-    [arm.limits]                angle_min_deg, angle_max_deg, speed_deg_s, acceleration_deg_s2, torque_Nm:
-                                number or list; replace those of the arm. URDFs have no accelerations.
-
-    [motors]                    modular arms: optional, default kind = "modular"
-    kind                        "modular" (measured power maps), "estimated" (standby, regeneration) or "dc"
-                                (motor_constant or resistance, torque_constant, gear_ratio; coulomb, viscous,
-                                standby, regeneration): see `ocptip.robots.DCMotors`
-
-    [[obstacle]]
-    kind                        "floor" (height), "wall" (normal into the wall, any length; distance of the
-                                plane from the base origin) or "pillar" (point, radius, axis, default
-                                vertical); m, base axes; walls and pillars may have a name
-
-    [motion]
-    start_deg or start_pose     joint angles, or a gripper pose in the base frame, a table with position
-    goal_deg or goal_pose       and rpy_deg or rotation (3 x 3, gripper to base axes)
-    optimised                   joint names or numbers, default: the first three
-    commands                    ramp commands per optimised joint, default 3
-
-    [limits]                    GN, GT, torque_ratio, clearance (m), reference_moment (N m); all optional
-
-Of several branches of a pose that one is taken whose joint way from start to goal, in seconds at full speed
-and summed over the joints, is shortest among those that stand at rest within all limits and without
-collision (if there is none: the shortest; :func:`refusals` then says what is wrong). Angles that limits allow
-more than once are taken near zero in the start and near the start in the goal.
-"""
+"""A motion task: robot on its support, start, goal, limits; what speaks against planning it."""
 
 from __future__ import annotations
 
-import os
-import tomllib
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from itertools import pairwise
-from pathlib import Path
-from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ocptip.contact import solve_many
-from ocptip.errors import InputError, finite_array, positive_number
+from ocptip.errors import InputError, finite_array
 from ocptip.motion.cases import motion_case
 from ocptip.motion.passive import ArmMotion
 from ocptip.motion.proof import MotionLimits
 from ocptip.motion.robot import StandingRobot, experiment_robot
-from ocptip.motion.sampled import read_text
-from ocptip.robots import (
-    ArmModel,
-    DCMotors,
-    Motors,
-    Pillar,
-    PowerMaps,
-    Wall,
-    arm_from_urdf,
-    floor,
-    load_arm,
-    solve_inverse_kinematics,
-    spheres_along_links,
-)
-from ocptip.scene import _number, _refuse_non_numbers, _refuse_unknown, _tables, _vector, scene_from_dict
 
-_SCENE = ("gravity", "base", "contact")
-_TABLES = ("name", *_SCENE, "arm", "motors", "obstacle", "motion", "limits")
-_URDF_KEYS = (
-    "base_link",
-    "tool_frame",
-    "locked_deg",
-    "locked_m",
-    "armature",
-    "sphere_radius",
-    "excluded_links",
-)
-_ARM_LIMITS = {
-    "angle_min_deg": ("angle_min", np.pi / 180),
-    "angle_max_deg": ("angle_max", np.pi / 180),
-    "speed_deg_s": ("speed", np.pi / 180),
-    "acceleration_deg_s2": ("acceleration", np.pi / 180),
-    "torque_Nm": ("torque", 1.0),
-}
-_MOTOR_KEYS = {
-    "modular": (),
-    "estimated": ("standby", "regeneration"),
-    "dc": (
-        "motor_constant",
-        "resistance",
-        "torque_constant",
-        "gear_ratio",
-        "coulomb",
-        "viscous",
-        "standby",
-        "regeneration",
-    ),
-}
-_OBSTACLE_KEYS = {
-    "floor": ("height",),
-    "wall": ("normal", "distance", "name"),
-    "pillar": ("point", "radius", "axis", "name"),
-}
-_MOTION_KEYS = ("start_deg", "start_pose", "goal_deg", "goal_pose", "optimised", "commands")
-_LIMIT_KEYS = ("GN", "GT", "torque_ratio", "clearance")
 _ANGLE_TOLERANCE = 1e-9  # rad
 _CONTACT_VERBS = {"slide": "slides", "separate": "lifts off", "yield": "yields"}
 
@@ -153,18 +51,18 @@ class MotionTask:
         if not isinstance(self.limits, MotionLimits):
             raise InputError(f"limits: expected MotionLimits, got {self.limits!r}")
         joints = tuple(self.optimised)
-        if not joints or not all(_is_whole(j) and 0 <= j < n for j in joints):
+        if not joints or not all(is_whole(j) and 0 <= j < n for j in joints):
             raise InputError(f"optimised: expected joints of 0 to {n - 1}, at least one, got {joints}")
         if any(b <= a for a, b in pairwise(joints)):
             raise InputError(f"optimised: joints must increase, got {joints}")
         object.__setattr__(self, "optimised", tuple(map(int, joints)))
-        if not _is_whole(self.commands) or self.commands < 1:
+        if not is_whole(self.commands) or self.commands < 1:
             raise InputError(f"commands: must be a whole number >= 1, got {self.commands!r}")
         if self.reference is not None and self.reference.n != n:
             raise InputError(f"reference: has {self.reference.n} joints, the arm has {n}")
 
 
-def experiment_task(name: str, base: str = "printed", limits: MotionLimits | None = None) -> MotionTask:
+def experiment_task(name: str, base: str = "effective", limits: MotionLimits | None = None) -> MotionTask:
     """The task of a printed case, with its printed solution as reference.
 
     Args:
@@ -192,7 +90,7 @@ def refusals(task: MotionTask) -> tuple[str, ...]:
         if numbers := [str(j + 1) for j in np.flatnonzero(~np.isfinite(values))]:
             found.append(f"joints without {name} limit: {', '.join(numbers)}; every joint needs one")
     for where, angles in (("start", task.start), ("goal", task.goal)):
-        found += [f"{where}: {reason}" for reason in _posture_refusals(task.robot, task.limits, angles)]
+        found += [f"{where}: {reason}" for reason in posture_refusals(task.robot, task.limits, angles)]
     return tuple(found)
 
 
@@ -202,41 +100,7 @@ def require_plannable(task: MotionTask) -> None:
         raise InputError(f"{task.name}: cannot be planned: {'; '.join(reasons)}")
 
 
-def load_task(path: str | os.PathLike[str]) -> MotionTask:
-    """Read a task file, see the module for its format. Whether it can be planned: :func:`refusals`.
-
-    Raises:
-        InputError: the file cannot be read or describes no task, or a pose is out of reach (by how much); one
-            line that names file and key.
-    """
-    path = Path(path)
-    text = read_text(path)
-    try:
-        data = tomllib.loads(text)
-        _refuse_unknown(data, _TABLES, "")
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path.name}: broken TOML: {error}") from None
-    except RecursionError:
-        raise InputError(f"{path.name}: broken TOML: nested too deeply") from None
-    except InputError as error:
-        raise InputError(f"{path.name}: {error}") from None
-    scene = scene_from_dict({key: data[key] for key in _SCENE if key in data}, name=path.name)
-    try:
-        arm = _arm(_table(data, "arm"), path.parent)
-        limits, moment = _limits(_table(data, "limits", optional=True))
-        robot = StandingRobot(
-            arm,
-            scene.support,
-            _motors(data, arm),
-            obstacles=_obstacles(_tables(data, "obstacle"), arm),
-            reference_moment=moment,
-        )
-        return _task(_text("name", data.get("name", path.stem)), robot, limits, _table(data, "motion"))
-    except InputError as error:
-        raise InputError(f"{path.name}: {error}") from None
-
-
-def _posture_refusals(robot: StandingRobot, limits: MotionLimits, q: np.ndarray) -> list[str]:
+def posture_refusals(robot: StandingRobot, limits: MotionLimits, q: np.ndarray) -> list[str]:
     """Why the arm cannot rest at angles q, (n,), rad."""
     arm, zero, found = robot.arm, np.zeros((1, robot.arm.n)), []
     low, high = arm.limits.angle_min, arm.limits.angle_max
@@ -289,275 +153,6 @@ def _standing_refusals(robot: StandingRobot, limits: MotionLimits, wrenches: np.
     return found
 
 
-def _task(name: str, robot: StandingRobot, limits: MotionLimits, table: dict[str, Any]) -> MotionTask:
-    _refuse_unknown(table, _MOTION_KEYS, "motion.")
-    starts, goals = (_candidates(robot.arm, table, key) for key in ("start", "goal"))
-    start, goal = _shortest(robot, limits, starts, goals)
-    n = robot.arm.n
-    optimised = table.get("optimised", list(range(1, min(n, 3) + 1)))
-    if not isinstance(optimised, list):
-        raise InputError(f"motion.optimised: expected a list of joints, got {optimised!r}")
-    joints = [_joint("motion.optimised", item, robot.arm) for item in optimised]
-    if not joints or len(set(joints)) != len(joints):
-        raise InputError(f"motion.optimised: expected different joints, at least one, got {optimised!r}")
-    commands = table.get("commands", 3)
-    if not _is_whole(commands) or commands < 1:
-        raise InputError(f"motion.commands: must be a whole number >= 1, got {commands!r}")
-    return MotionTask(name, robot, start, goal, limits, tuple(sorted(joints)), commands)
-
-
-def _candidates(arm: ArmModel, table: dict[str, Any], key: str) -> np.ndarray:
-    """Joint angles (k, n), rad: those given, or all branches of the pose given."""
-    angles, pose = f"{key}_deg", f"{key}_pose"
-    if (angles in table) == (pose in table):
-        raise InputError(
-            f"motion.{angles}: expected either {angles} or {pose}, got {_how_many(angles in table)}"
-        )
-    if angles in table:
-        return np.deg2rad(_vector(f"motion.{angles}", table[angles], arm.n))[None]
-    where, given = f"motion.{pose}", table[pose]
-    if not isinstance(given, dict):
-        raise InputError(f"{where}: expected a table with position and rpy_deg or rotation, got {given!r}")
-    _refuse_unknown(given, ("position", "rpy_deg", "rotation"), f"{where}.")
-    if ("rpy_deg" in given) == ("rotation" in given):
-        both = _how_many("rotation" in given)
-        raise InputError(f"{where}.rpy_deg: expected either rpy_deg or rotation, got {both}")
-    position = _vector(f"{where}.position", _given(given, "position", where), 3)
-    if "rpy_deg" in given:
-        rotation = _rpy(f"{where}.rpy_deg", given["rpy_deg"])
-    else:
-        _refuse_non_numbers(f"{where}.rotation", given["rotation"])
-        rotation = finite_array(f"{where}.rotation", given["rotation"], (3, 3))
-    return _named(where, solve_inverse_kinematics, arm, position, rotation).branches
-
-
-def _shortest(
-    robot: StandingRobot, limits: MotionLimits, starts: np.ndarray, goals: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Start and goal, (n,), rad, of all pairs, by the rule of the module; ties by order."""
-    arm = robot.arm.limits
-    if len(starts) == len(goals) == 1:
-        return starts[0], goals[0]
-    usable = [[not _posture_refusals(robot, limits, q) for q in candidates] for candidates in (starts, goals)]
-    weights = 1 / np.where(np.isfinite(arm.speed), arm.speed, 1.0)
-    ranked = []
-    for s, start in enumerate(starts):
-        for g, goal in enumerate(goals):
-            near = goal
-            if len(goals) > 1:  # a pose: angles may be whole turns away
-                turned = goal + 2 * np.pi * np.round((start - goal) / (2 * np.pi))
-                near = np.where((turned >= arm.angle_min) & (turned <= arm.angle_max), turned, goal)
-            way = float(np.abs(near - start) @ weights)
-            ranked.append((not (usable[0][s] and usable[1][g]), way, len(ranked), start, near))
-    return min(ranked, key=lambda entry: entry[:3])[3:]
-
-
-def _arm(table: dict[str, Any], folder: Path) -> ArmModel:
-    kinds = [key for key in ("name", "urdf") if key in table]
-    if len(kinds) != 1:
-        raise InputError(f"arm.urdf: expected either name or urdf, got {_how_many(bool(kinds))}")
-    common = (*kinds, "mount_position", "mount_rpy_deg", "limits")
-    if kinds == ["name"]:
-        _refuse_unknown(table, common, "arm.")
-        arm = _named("arm.name", load_arm, _text("arm.name", table["name"]))
-    else:
-        _refuse_unknown(table, (*common, *_URDF_KEYS), "arm.")
-        arm = _arm_from_urdf(table, folder)
-    if "limits" in table:
-        arm = _with_limits(arm, _table(table, "limits", prefix="arm."))
-    position = _vector("arm.mount_position", _given(table, "mount_position", "arm"), 3)
-    rotation = _rpy("arm.mount_rpy_deg", table.get("mount_rpy_deg", [0, 0, 0]))
-    return arm.mounted(position, rotation)
-
-
-def _arm_from_urdf(table: dict[str, Any], folder: Path) -> ArmModel:
-    file = folder / _text("arm.urdf", table["urdf"])
-    names = {key: _text(f"arm.{key}", _given(table, key, "arm")) for key in ("base_link", "tool_frame")}
-    locked = {}
-    for key, scale in (("locked_deg", np.pi / 180), ("locked_m", 1.0)):
-        for joint, value in _table(table, key, prefix="arm.", optional=True).items():
-            locked[joint] = scale * _number(f"arm.{key}.{joint}", value)
-    try:
-        arm = arm_from_urdf(file, **names, locked_joints=locked)
-    except InputError as error:
-        inner = str(error).split(":")[0].split("[")[0] in (*names, "locked_joints")
-        message = str(error).replace("locked_joints", "locked_deg or locked_m")
-        raise InputError(f"arm.{'' if inner else 'urdf: '}{message}") from None
-    if "armature" in table:
-        arm = replace(arm, armature=_per_joint("arm.armature", table["armature"], arm.n, zero_allowed=True))
-    return _with_spheres(arm, table)
-
-
-def _with_spheres(arm: ArmModel, table: dict[str, Any]) -> ArmModel:
-    """The arm with spheres along its links; `excluded_links` may name links without spheres."""
-    where = "arm.excluded_links"
-    excluded = table.get("excluded_links", [])
-    if "sphere_radius" not in table:
-        if excluded:
-            raise InputError(f"{where}: without arm.sphere_radius there are no spheres to exclude")
-        return arm
-    radii = _per_joint("arm.sphere_radius", table["sphere_radius"], arm.n, zero_allowed=True)
-    lengths = np.linalg.norm(arm.offsets, axis=1)
-    links = [i + 1 for i in np.flatnonzero((radii > 0) & (lengths > 0))]
-    sets = [spheres for i in links for spheres in spheres_along_links(arm, radii[i - 1], links=[i])]
-    names = {spheres.link: spheres.name for spheres in sets}
-    if not isinstance(excluded, list):
-        raise InputError(f"{where}: expected pairs of links, got {excluded!r}")
-    pairs = []
-    for pair in excluded:
-        if not isinstance(pair, list) or len(pair) != 2 or not all(i in names for i in pair):
-            raise InputError(f"{where}: expected two of the links {', '.join(map(str, names))}, got {pair!r}")
-        pairs.append((names[pair[0]], names[pair[1]]))
-    return arm.with_spheres(sets, excluded_pairs=pairs)
-
-
-def _with_limits(arm: ArmModel, table: dict[str, Any]) -> ArmModel:
-    _refuse_unknown(table, _ARM_LIMITS, "arm.limits.")
-    limits = {}
-    for key, value in table.items():
-        name, scale = _ARM_LIMITS[key]
-        signed = name.startswith("angle")
-        limits[name] = scale * _per_joint(f"arm.limits.{key}", value, arm.n, signed=signed)
-    try:
-        return arm.with_limits(**limits)
-    except InputError as error:
-        raise InputError(f"arm.{error}") from None
-
-
-def _motors(data: dict[str, Any], arm: ArmModel) -> Motors:
-    modular = "name" in data["arm"]
-    if "motors" not in data and not modular:
-        raise InputError(
-            'motors: missing table [motors]; give kind = "dc" with motor data, or kind = "estimated"'
-        )
-    table = _table(data, "motors", optional=modular)
-    kind = table.get("kind", "modular" if modular else None)
-    if kind not in _MOTOR_KEYS:
-        raise InputError(f"motors.kind: expected one of {', '.join(_MOTOR_KEYS)}, got {kind!r}")
-    _refuse_unknown(table, _MOTOR_KEYS[kind], "motors.", also=("kind",))
-    if kind == "modular":
-        if not modular:
-            raise InputError("motors.kind: the power maps 'modular' are for the modular arms only")
-        return PowerMaps.modular()
-    values = {
-        key: _number(f"motors.{key}", value)
-        if key == "regeneration" or kind == "estimated"
-        else _per_joint(f"motors.{key}", value, arm.n, zero_allowed=True)
-        for key, value in table.items()
-        if key != "kind"
-    }
-    if kind == "estimated":
-        return _named("motors", DCMotors.estimated, arm, **values)
-    datasheet = "motor_constant" not in values
-    needed = ("resistance", "torque_constant", "gear_ratio") if datasheet else ("motor_constant",)
-    for key in (*needed, "coulomb", "viscous", "standby"):
-        _given(values, key, "motors")
-    _refuse_unknown(values, (*needed, "coulomb", "viscous", "standby", "regeneration"), "motors.")
-    return _named("motors", DCMotors.from_datasheet if datasheet else DCMotors, **values)
-
-
-def _obstacles(tables: list[dict[str, Any]], arm: ArmModel) -> list[Wall | Pillar]:
-    if tables and not arm.sphere_sets:
-        raise InputError("obstacle: the arm has no collision spheres to check; give arm.sphere_radius")
-    found: list[Wall | Pillar] = []
-    for number, table in enumerate(tables, 1):
-        where = f"obstacle[{number}]"
-        kind = table.get("kind")
-        if kind not in _OBSTACLE_KEYS:
-            raise InputError(f"{where}.kind: expected one of {', '.join(_OBSTACLE_KEYS)}, got {kind!r}")
-        _refuse_unknown(table, _OBSTACLE_KEYS[kind], f"{where}.", also=("kind",))
-        name = _text(f"{where}.name", table.get("name", kind))
-        if kind == "floor":
-            found.append(floor(_number(f"{where}.height", _given(table, "height", where))))
-        elif kind == "wall":
-            normal = _direction(f"{where}.normal", _given(table, "normal", where))
-            found.append(Wall(normal, _number(f"{where}.distance", _given(table, "distance", where)), name))
-        else:
-            point = _vector(f"{where}.point", _given(table, "point", where), 3)
-            radius = _number(f"{where}.radius", _given(table, "radius", where))
-            axis = _direction(f"{where}.axis", table.get("axis", [0, 0, 1]))
-            found.append(Pillar(point, positive_number(f"{where}.radius", radius), axis, name))
-    return found
-
-
-def _limits(table: dict[str, Any]) -> tuple[MotionLimits, float | None]:
-    """Limits of the motion, and the reference moment, N m, if given."""
-    _refuse_unknown(table, (*_LIMIT_KEYS, "reference_moment"), "limits.")
-    values = {key: _number(f"limits.{key}", value) for key, value in table.items()}
-    moment = values.pop("reference_moment", None)
-    if moment is not None:
-        moment = positive_number("limits.reference_moment", moment)
-    try:
-        return MotionLimits(**values), moment
-    except InputError as error:
-        raise InputError(f"limits.{error}") from None
-
-
-def _joint(where: str, item: object, arm: ArmModel) -> int:
-    """Number of a joint, from 0, given by name or by number from 1."""
-    if _is_whole(item) and 1 <= item <= arm.n:
-        return item - 1
-    if isinstance(item, str) and item in arm.joint_names:
-        return arm.joint_names.index(item)
-    names = ", ".join(arm.joint_names)
-    raise InputError(f"{where}: no joint {item!r}; there are 1 to {arm.n}: {names}")
-
-
-def _table(data: dict[str, Any], key: str, *, prefix: str = "", optional: bool = False) -> dict[str, Any]:
-    if key not in data and not optional:
-        raise InputError(f"{prefix}{key}: missing table [{prefix}{key}]")
-    table = data.get(key, {})
-    if not isinstance(table, dict):
-        raise InputError(f"{prefix}{key}: expected a table [{prefix}{key}], got {table!r}")
-    return table
-
-
-def _given(table: dict[str, Any], key: str, where: str) -> Any:
-    if key not in table:
-        raise InputError(f"{where}.{key}: missing")
-    return table[key]
-
-
-def _per_joint(
-    where: str, value: object, n: int, *, signed: bool = False, zero_allowed: bool = False
-) -> np.ndarray:
-    """One number for all joints, or a list of n."""
-    values = _vector(where, value, n) if isinstance(value, list) else np.full(n, _number(where, value))
-    if not signed:
-        for number in values:
-            positive_number(where, float(number), zero_allowed=zero_allowed)
-    return values
-
-
-def _direction(where: str, value: object) -> np.ndarray:
-    vector = _vector(where, value, 3)
-    if not (length := np.linalg.norm(vector)) > 0:
-        raise InputError(f"{where}: must not be zero")
-    return vector / length
-
-
-def _rpy(where: str, value: object) -> np.ndarray:
-    return Rotation.from_euler("xyz", _vector(where, value, 3), degrees=True).as_matrix()
-
-
-def _text(where: str, value: object) -> str:
-    if not isinstance(value, str) or not value.strip():
-        raise InputError(f"{where}: expected a text, got {value!r}")
-    return value
-
-
-def _named(where: str, function: Callable, *arguments: Any, **options: Any) -> Any:
-    """Call, with `where` in front of the message of an InputError."""
-    try:
-        return function(*arguments, **options)
-    except InputError as error:
-        message = str(error).removeprefix("arm: ").removeprefix("pose: ")  # `where` says it
-        raise InputError(f"{where}: {message}") from None
-
-
-def _how_many(any_given: bool) -> str:
-    return "both" if any_given else "none"
-
-
-def _is_whole(value: object) -> bool:
+def is_whole(value: object) -> bool:
+    """Whether a value is an integer, not a bool."""
     return isinstance(value, int | np.integer) and not isinstance(value, bool)
