@@ -170,7 +170,8 @@ def choose_task(
 
     Args:
         motion_file: read for its `case` and `base` only.
-        case, base: of a printed case; the default base: the file's if the case is the file's, else "effective".
+        case, base: of a printed case; the default base is the file's if the case is the file's, else
+            "effective".
         task_file: a task file instead.
 
     Raises:

@@ -116,3 +116,13 @@ class NodeJacobian:
         self, s: np.ndarray, y: np.ndarray, slope: np.ndarray, on_torque: np.ndarray, bends: list[np.ndarray]
     ) -> None:
         self.s, self.y, self.slope, self.on_torque, self.bends = s, y, slope, on_torque, bends
+
+    def at(self, nodes: np.ndarray) -> NodeJacobian:
+        """The same of some nodes only."""
+        return NodeJacobian(
+            self.s[nodes],
+            self.y[nodes],
+            self.slope[nodes],
+            self.on_torque[nodes],
+            [bend[nodes] for bend in self.bends],
+        )

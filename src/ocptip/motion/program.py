@@ -25,6 +25,7 @@ from ocptip.motion.proof import MotionLimits
 from ocptip.motion.robot import StandingRobot
 from ocptip.robots import BatchFunction
 
+NEGLIGIBLE = 1e-9  # a node whose multipliers are all below this is left out of the Hessian
 ENERGY_UNIT = 100.0  # J; the objective is energy / ENERGY_UNIT
 
 
@@ -303,7 +304,9 @@ class MotionProgram:
         on_y[i, 1 + n :] += on_slip[:, None] * at.slip[1]
         i, k = np.nonzero(rows.torque)
         on_y[i, 1 + k] += on_torque / self.robot.arm.limits.torque[k]
-        H = self.physics.hessian(at.physics, on_y)
+        H = np.zeros((N, 3 * n, 3 * n))
+        weighty = np.flatnonzero(np.max(np.abs(on_y), axis=1) > NEGLIGIBLE)
+        H[weighty] = self.physics.hessian(at.physics.at(weighty), on_y[weighty])
         on_s = np.einsum("ik,iks->is", on_y, at.physics.slope)
         if rows.gap.any():
             self._add_gap_hessian(H, on_s, at, on_gap)

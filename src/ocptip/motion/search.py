@@ -19,9 +19,10 @@ from ocptip.motion.task import MotionTask
 
 WIDTHS = (0.010, 0.004)  # s: half widths of the steps in the fine programs
 PULL = 1e-3  # keeps a program regular where phases do nothing, see `MotionProgram.pull`
-COARSE_ROWS, FINE_ROWS = 0.25, 0.5  # use of a limit from which node rows take part
+COARSE_ROWS, FINE_ROWS = 0.4, 0.5  # use of a limit from which node rows take part
 COARSE_ROUNDS = 3
 CYCLES = 2  # fine and exact programs are run again from the exact motion, which often finds a better order
+BINDING = 0.97  # share of a reserve's limit from which the contacts decide; only then a second cycle pays
 MERGES = (0.004, 0.0, 0.012)  # s: events nearer than this become simultaneous; tried in this order
 SOLVED = 1e-4  # largest violation of an exact program that is good enough to be tightened
 TIGHTENINGS = 5
@@ -108,6 +109,8 @@ class Search:
                 if best is not None and not _better(found[1], best[1]):
                     break
                 best = found
+                if found[1].verified and not _at_the_limit(found[1]):
+                    break
         except (InputError, SolverError) as error:
             status = f"no motion: {error}"
         motion, proof = best or (None, None)
@@ -232,6 +235,11 @@ def _excess(proof: MotionProof, name: str) -> float:
 
 def _better(proof: MotionProof, than: MotionProof) -> bool:
     return (proof.verified, -proof.energy) > (than.verified, -than.energy)
+
+
+def _at_the_limit(proof: MotionProof) -> bool:
+    """Whether the contacts decide the motion; if not, there is little that another order could give."""
+    return any(proof.worst[name].value > BINDING * proof.worst[name].limit for name in ("GN", "GT"))
 
 
 class _Clock:
