@@ -145,7 +145,6 @@ class MotionProgram:
         self._g_hessian = BatchFunction(cs.Function("h", [x, lam], [hessian]))
         self._gap_functions: tuple | None = None
         self._last: Evaluation | None = None
-        self.evaluations = 0
         self._rows_taking_part = rows if rows is not None else self.no_rows()
         self.anchor: np.ndarray | None = None
         self.pull = 0.0
@@ -329,7 +328,6 @@ class MotionProgram:
     def _evaluate(self, x: np.ndarray) -> Evaluation:
         if self._last is not None and np.array_equal(self._last.x, x):
             return self._last
-        self.evaluations += 1
         n = self.robot.arm.n
         states = self.nodes.states(x)
         physics = self.physics.jacobian(states.values, self.directions)

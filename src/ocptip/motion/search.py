@@ -27,9 +27,7 @@ MERGES = (0.004, 0.0, 0.012)  # s: events nearer than this become simultaneous; 
 SOLVED = 1e-4  # largest violation of an exact program that is good enough to be tightened
 TIGHTENINGS = 5
 TIGHTENED = {"GN": 2e-3, "GT": 2e-3, "torque_ratio": 2e-3, "clearance_m": 1e-3}  # at most this much at once
-INNER = (
-    1e-4  # the exact program keeps limits that are tighter by this share, so that rounding cannot break them
-)
+INNER = 1e-4  # the exact program's limits are tighter by this share: rounding cannot break the task's
 
 
 @dataclass(frozen=True)
