@@ -10,8 +10,6 @@ import numpy as np
 from ocptip.motion.robot import StandingRobot
 from ocptip.robots import BatchFunction, inverse_dynamics
 
-_BLOCK = 16  # nodes per mapped call
-
 
 class NodePhysics:
     """Quantities y = (power; torques (n); wrench (6)) of a robot as functions of s = (q, qd, qdd) (3 n).
@@ -66,7 +64,7 @@ class NodePhysics:
 
     @staticmethod
     def _batch(name: str, arguments: list[cs.SX], out: list[cs.SX]) -> BatchFunction:
-        return BatchFunction(cs.Function(name, arguments, out), block=_BLOCK)
+        return BatchFunction(cs.Function(name, arguments, out))
 
     @cached_property
     def _hessian(self) -> BatchFunction:

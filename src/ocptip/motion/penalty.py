@@ -63,7 +63,6 @@ WEIGHT = 1e3
 Between = Literal["spline", "sides"]
 
 _ORDER = 4  # Gauss nodes per interval
-_BLOCK = 16  # states per mapped call
 _NEAR = 0.02  # m: sphere pairs that stay farther apart than this at all nodes are not interpolated
 _UNSOLVED = 10.0  # GN and GT where no contact state is known
 _GAP = 1e-8  # of GT, relative: between the bounds of a certified value
@@ -132,7 +131,7 @@ class MotionPenalty:
             )
         )
         collision = self.robot.collision
-        self._gaps = BatchFunction(collision.function, block=_BLOCK) if collision.labels else None
+        self._gaps = BatchFunction(collision.function) if collision.labels else None
         self._planar_slip = _PlanarSlip.of(self.robot.support)
 
     # --- parameters and motions ---------------------------------------------------------------------------

@@ -382,8 +382,8 @@ class MotionProgram:
             q, lam = cs.SX.sym("q", n), cs.SX.sym("lam", len(pairs))
             gaps = self.robot.collision.function(q)[pairs.tolist()] * 10
             hessian, _ = cs.hessian(cs.dot(lam, gaps), q)
-            first = BatchFunction(cs.Function("gap", [q], [gaps, cs.jacobian(gaps, q)]), block=16)
-            second = BatchFunction(cs.Function("gap_hessian", [q, lam], [hessian]), block=16)
+            first = BatchFunction(cs.Function("gap", [q], [gaps, cs.jacobian(gaps, q)]))
+            second = BatchFunction(cs.Function("gap_hessian", [q, lam], [hessian]))
             self._gap_functions = pairs, first, second
         return self._gap_functions
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as cs
 import numpy as np
 
-_BLOCK = 64  # states per mapped call: large enough to hide Python, small enough to waste little on padding
+from ocptip.robots.tape import Tape
 
 
 class BatchFunction:
@@ -13,19 +13,22 @@ class BatchFunction:
 
     Args:
         function: the single-state function; it stays available as attribute `function`.
-        block: states per mapped call; numbers of states are padded to a multiple of it.
 
-    Sparse outputs are made dense. Safe to share between threads: every call checks out its own memory.
+    Sparse outputs are made dense. Safe to share between threads.
+
+    Raises:
+        NotImplementedError: the function has operations that `Tape` does not know.
     """
 
-    def __init__(self, function: cs.Function, block: int = _BLOCK) -> None:
-        symbols = function.sx_in() if function.is_a("SXFunction") else function.mx_in()
+    def __init__(self, function: cs.Function) -> None:
+        if not function.is_a("SXFunction"):
+            function = function.expand()
+        symbols = function.sx_in()
         dense = [cs.densify(out) for out in function.call(symbols)]
         names = function.name_in(), function.name_out()
         self.function = cs.Function(function.name(), symbols, dense, *names)
-        self._block = block
-        self._mapped = self.function.map(block)
-        self._in = [function.size_in(i) for i in range(function.n_in())]
+        self._tape = Tape(self.function)
+        self._in = [function.numel_in(i) for i in range(function.n_in())]
         self._out = [function.size_out(i) for i in range(function.n_out())]
 
     def __call__(self, *arguments: np.ndarray) -> list[np.ndarray]:
@@ -39,23 +42,17 @@ class BatchFunction:
             One array per output: (N, rows) for a column vector, (N, rows, columns) for a matrix.
         """
         count = max((len(a) for a in arguments if np.ndim(a) > 1), default=1)
-        function, block = (self.function, 1) if count < self._block // 4 else (self._mapped, self._block)
-        padded = -(-count // block) * block
-        inputs = []
-        for argument, (rows, columns) in zip(arguments, self._in, strict=True):
-            store = np.zeros((padded, rows * columns))
-            store[:count] = argument
-            inputs.append(store)
-        outputs = [np.empty((padded, rows * columns)) for rows, columns in self._out]
-        buffer, evaluate = function.buffer()
-        for start in range(0, padded, block):
-            chunk = slice(start, start + block)
-            for index, store in enumerate(inputs):
-                buffer.set_arg(index, memoryview(store[chunk]))
-            for index, store in enumerate(outputs):
-                buffer.set_res(index, memoryview(store[chunk]))
-            evaluate()
-        return [
-            store[:count] if columns == 1 else store[:count].reshape(count, columns, rows).transpose(0, 2, 1)
-            for store, (rows, columns) in zip(outputs, self._out, strict=True)
-        ]
+        inputs = np.empty((sum(self._in), count))
+        row = 0
+        for argument, size in zip(arguments, self._in, strict=True):
+            inputs[row : row + size] = (
+                np.asarray(argument).T if np.ndim(argument) > 1 else np.reshape(argument, (-1, 1))
+            )
+            row += size
+        outputs = np.ascontiguousarray(self._tape(inputs).T)
+        results, row = [], 0
+        for rows, columns in self._out:
+            part = outputs[:, row : row + rows * columns]
+            row += rows * columns
+            results.append(part if columns == 1 else part.reshape(count, columns, rows).transpose(0, 2, 1))
+        return results
