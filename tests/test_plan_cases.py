@@ -70,7 +70,7 @@ def without_motion(payload, number, seed):
 def test_one_start(study, capsys):
     data = results(study)
     (row,) = data["rows"]
-    task = experiment_task("A")
+    task = experiment_task("A", "printed")
     assert row["reference"]["energy_J"] == pytest.approx(task.robot.energy(task.reference))
     assert row["ratio"] == row["plan"]["energy_J"] / row["reference"]["energy_J"] < 1
     assert (row["starts"], row["verified"], row["near"], row["failures"]) == (1, 1, 1, {})

@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from ocptip.contact import Support, UnilateralContact, solve_many
 from ocptip.errors import InputError
 from ocptip.motion import ArmMotion, MotionLimits, RampCommand, experiment_task, prove
-from ocptip.motion.penalty import MotionPenalty, _piecewise_maxima, _PlanarSlip, _spline_maxima
+from ocptip.motion.penalty import MotionPenalty, _piecewise_maxima, _spline_maxima
 from ocptip.motion.starts import random_start
-from ocptip.reserves import Slip
 
 INSIDE = 1.5e-9
 
@@ -138,50 +136,6 @@ def test_reversal_beyond_an_angle_limit_counts(task, penalty):
     excess = motion.angle_ranges[joint, 1] - top
     assert excess > 0.05
     assert value.limits[-6] == pytest.approx(excess)
-
-
-@pytest.mark.parametrize("name", ["A", "C", "E"])
-def test_planar_slip_is_the_slip_reserve(name):
-    robot = experiment_task(name, "effective").robot
-    rng = np.random.default_rng(8)
-    weight = robot.support.weight + np.array([0, 0, -150, 0, 0, 0])  # about the arm's, too
-    wrenches = weight + rng.normal(0, 1, (400, 6)) * [6, 6, 15, 3, 3, 3]
-    states = robot.contact_states(wrenches)
-    fast = _PlanarSlip.of(robot.support)(states)
-    exact = robot.slip.evaluate(states, derivatives=False)
-    known = np.isfinite(fast)
-    assert np.sum(known) > 100
-    assert np.mean(known[states.persistent]) > 0.9  # not: contacts that carry nothing
-    np.testing.assert_allclose(fast[known], exact.GT[known], rtol=1e-6, atol=1e-7)
-    assert not np.any(known & ~states.persistent)
-
-
-def test_planar_slip_about_a_contact_and_without_load():
-    """At a turn about a foot the maximum is no smooth point."""
-    feet = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
-    support = Support([UnilateralContact(friction=0.5, position=x) for x in feet], mass=10.0,
-                      center_of_mass=[0.3, 0.3, 0.1])  # fmt: skip
-    wrenches = np.array(
-        [
-            [0, 0, -98.1, 0, 0, 0],
-            [0, 0, -98.1, 0, 0, 3.0],
-            [2, 1, -98.1, 0, 0, 5.0],
-            [20, 0, -98.1, 0, 0, 6.0],
-            [1e-7, 0, -98.1, 0, 0, 0],
-        ]
-    )
-    states = solve_many(support, wrenches)
-    assert states.persistent.all()
-    fast = _PlanarSlip.of(support)(states)
-    exact = Slip(support).evaluate(states, derivatives=False).GT
-    assert np.isfinite(fast).all()
-    np.testing.assert_allclose(fast, exact, rtol=1e-7, atol=1e-9)
-
-
-def test_contacts_out_of_plane_are_left_to_the_general_solver():
-    feet = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.3], [0.0, 1.0, 0.0], [1.0, 1.0, 0.1]]
-    contacts = [UnilateralContact(friction=0.5, position=x) for x in feet]
-    assert _PlanarSlip.of(Support(contacts, mass=10.0, center_of_mass=[0.5, 0.5, 0.1])) is None
 
 
 def test_spline_maxima_against_a_dense_grid():

@@ -108,6 +108,7 @@ def test_a_failing_solver_gives_an_upper_bound_that_says_so(mode, monkeypatch):
     states = solve_many(support, at)
     honest = Slip(support, mode).evaluate(states)
     monkeypatch.setattr(ConeBatch, "solve", hopeless)
+    monkeypatch.setattr(minimax, "planar_forces", lambda q, J, limits: (q + np.nan, q + np.nan))
     reserve = Slip(support, mode).evaluate(states)
     assert not np.any(reserve.solved)
     assert all("NumericalError" in status for status in reserve.status)

@@ -25,7 +25,6 @@ Of quantities that vary in time the maximum is asked for. Two ways to find it:
   start to end (torques, which jump at events: one cubic for each interval between events). Reserves jump at
   events, too: the spline overshoots there, and refuses motions that are near the limits but keep them.
 
-Neither is a proof. GT comes from an exact solver for contacts in one plane, see `_PlanarSlip`; where that
 does not apply (contacts lift off, slip, carry nothing, or do not lie in one plane), from
 `ocptip.reserves.Slip`.
 """
@@ -40,15 +39,13 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 from scipy.optimize import Bounds
 
-from ocptip.compiled import compiled
-from ocptip.contact import ContactStates, Support
+from ocptip.contact import ContactStates
 from ocptip.errors import InputError, finite_array, positive_number
 from ocptip.motion.passive import ArmMotion, earliest_end, passive_command
 from ocptip.motion.proof import INSIDE
 from ocptip.motion.ramps import JointRamps, RampCommand
 from ocptip.motion.starts import DETOUR, random_start
 from ocptip.motion.task import MotionTask, require_plannable
-from ocptip.reserves.force_sets import LOAD_TOLERANCE, ForceSets, force_scale
 from ocptip.robots import BatchFunction
 
 LEAST_SPEED = 0.001
@@ -65,9 +62,6 @@ Between = Literal["spline", "sides"]
 _ORDER = 4  # Gauss nodes per interval
 _NEAR = 0.02  # m: sphere pairs that stay farther apart than this at all nodes are not interpolated
 _UNSOLVED = 10.0  # GN and GT where no contact state is known
-_GAP = 1e-8  # of GT, relative: between the bounds of a certified value
-_STEPS = 60  # Newton steps
-_NOISE = 1e-10  # relative
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +126,6 @@ class MotionPenalty:
         )
         collision = self.robot.collision
         self._gaps = BatchFunction(collision.function) if collision.labels else None
-        self._planar_slip = _PlanarSlip.of(self.robot.support)
 
     # --- parameters and motions ---------------------------------------------------------------------------
 
@@ -245,13 +238,7 @@ class MotionPenalty:
 
     def _slip(self, states: ContactStates) -> np.ndarray:
         """GT, (N,)."""
-        GT = np.full(len(states), np.nan)
-        if self._planar_slip:
-            GT = self._planar_slip(states)
-        rest = np.flatnonzero(~np.isfinite(GT))
-        if len(rest):
-            GT[rest] = self.robot.slip.evaluate(states.select(rest), derivatives=False).GT
-        return np.nan_to_num(GT, nan=_UNSOLVED)
+        return np.nan_to_num(self.robot.slip.evaluate(states, derivatives=False).GT, nan=_UNSOLVED)
 
 
 def _spline_maxima(times: np.ndarray, columns: np.ndarray, end: float, near: float) -> np.ndarray:
@@ -292,205 +279,3 @@ def _piecewise_maxima(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             inner.append(np.where(np.abs(x) < 1, d + x * (c + x * (b + x * a)), np.nan))
     points = np.concatenate([values, *edges, *inner])
     return np.fmax.reduce(points, axis=0), np.fmin.reduce(points, axis=0)
-
-
-class _PlanarSlip:
-    """GT of standing states on contacts in one plane that all carry friction, exact.
-
-    Tangential forces f_i (2,) at n contacts balance a load h of three components: sum J_i' f_i = h with J_i
-    (2, 3). The least largest usage |f_i| / l_i is, by duality, the largest ratio of h . u to sum l_i |J_i u|
-    over planar motions u: the power of the load against the friction of contacts that all slide. The maximum
-    is at a rotation about a contact or at a smooth point, found by Newton steps on half the square of the
-    friction's power minus h . u, which is convex. The value is returned if the two sides meet.
-    """
-
-    def __init__(self, support: Support, basis: np.ndarray) -> None:
-        self.basis = basis
-        self._sets = ForceSets(support)
-        pivots = np.cross(basis[:, 0], basis[:, 1])
-        self._pivots = pivots / np.linalg.norm(pivots, axis=1, keepdims=True)
-
-    @classmethod
-    def of(cls, support: Support) -> _PlanarSlip | None:
-        """For this support, None where its contacts are not of that kind."""
-        if support.dimension != 3:
-            return None
-        scaling = np.repeat([1.0, 1.0 / support.length], 3)
-        matrix = (scaling[:, None] * support.wrench_matrix).reshape(6, -1, 3)[:, :, 1:].reshape(6, -1)
-        _, s, vt = np.linalg.svd(matrix)
-        if np.sum(s > 1e-9 * s[0]) != 3:
-            return None
-        basis = np.ascontiguousarray(vt[:3].T.reshape(-1, 2, 3))
-        lengths = np.linalg.norm(np.cross(basis[:, 0], basis[:, 1]), axis=1)
-        return cls(support, basis) if np.all(lengths > 1e-9) else None
-
-    def __call__(self, states: ContactStates) -> np.ndarray:
-        """GT, (N,), NaN where this method does not apply or its value is not certified."""
-        GT = np.full(len(states), np.nan)
-        rows = np.flatnonzero(states.persistent)
-        forces = states.contact_forces[rows]
-        scale = force_scale(states)[rows]
-        limits = self._sets.limits(forces[:, :, 0], scale).value
-        good = np.all(limits > LOAD_TOLERANCE * np.maximum(scale, limits.max(axis=1))[:, None], axis=1)
-        if good.any():
-            rows, forces, limits = rows[good], forces[good, :, 1:], limits[good]
-            loads = np.einsum("sik,ikr->sr", forces, self.basis)
-            GT[rows] = _least_usages(loads, limits, self.basis, self._pivots)
-        return GT
-
-
-@compiled
-def _least_usages(loads, limits, basis, pivots):
-    """Least largest usage for loads (N, 3), friction limits (N, n), basis J (n, 2, 3), pivots (n, 3).
-
-    NaN where the bounds did not meet.
-    """
-    count, n = limits.shape
-    result = np.full(count, np.nan)
-    hessian, gradient, error = np.empty((3, 3)), np.empty(3), np.empty(3)
-    u, d, v = np.empty(3), np.empty(3), np.empty((n, 3))
-    for s in range(count):
-        load, limit = loads[s], limits[s]
-        size, largest = 0.0, 0.0
-        for r in range(3):
-            size += load[r] * load[r]
-        for i in range(n):
-            largest = max(largest, limit[i])
-        if np.sqrt(size) <= 1e-12 * largest:
-            result[s] = 0.0
-            continue
-        if _best_pivot(load, limit, basis, pivots, v, u, d):
-            result[s] = _slide(limit, basis, u, v)
-            continue
-        # leave the pivot the way its contact is pulled, as far as the value falls
-        value = _value(load, limit, basis, u, v)
-        factor = np.sqrt(_power(u, u))
-        for _ in range(60):
-            _add(u, factor, d)
-            below = _value(load, limit, basis, u, v) < value
-            if below:
-                break
-            _add(u, -factor, d)
-            factor *= 0.5
-        for _ in range(_STEPS):
-            friction = _slide(limit, basis, u, v)
-            gradient[:] = 0.0
-            hessian[:] = 0.0
-            least = np.inf
-            for i in range(n):
-                speed = v[i, 2]
-                least = min(least, speed)
-                if speed == 0.0:
-                    break
-                x, y = v[i, 0] / speed, v[i, 1] / speed
-                for r in range(3):
-                    gradient[r] += limit[i] * (x * basis[i, 0, r] + y * basis[i, 1, r])
-                    across = limit[i] / speed * (x * basis[i, 1, r] - y * basis[i, 0, r])
-                    for c in range(3):
-                        hessian[r, c] += across * (x * basis[i, 1, c] - y * basis[i, 0, c])
-            if least == 0.0:
-                break
-            lower, upper = _power(load, u) / friction, 0.0
-            for r in range(3):
-                error[r] = friction * gradient[r] - load[r]
-                for c in range(3):
-                    hessian[r, c] = friction * hessian[r, c] + gradient[r] * gradient[c]
-            # all forces at the usage `friction`, then corrected (J is orthonormal) to balance the load
-            for i in range(n):
-                x = friction * limit[i] * v[i, 0] / v[i, 2] - _power(basis[i, 0], error)
-                y = friction * limit[i] * v[i, 1] / v[i, 2] - _power(basis[i, 1], error)
-                upper = max(upper, np.sqrt(x * x + y * y) / limit[i])
-            if upper - lower <= _GAP * max(1.0, upper):
-                result[s] = upper
-                break
-            _solve_3(hessian, error, d)
-            slope = _power(error, d)
-            value = 0.5 * friction * friction - _power(load, u)
-            factor = 1.0
-            _add(u, -1.0, d)
-            if slope > _NOISE * abs(value):  # nearer to the optimum the value cannot tell a good step
-                while factor > 1e-9 and _value(load, limit, basis, u, v) > value - 0.2 * factor * slope:
-                    factor *= 0.5
-                    _add(u, factor, d)
-    return result
-
-
-@compiled
-def _best_pivot(load, limit, basis, pivots, v, u, pull):
-    """Puts into u the best rotation about a contact; True if it is the optimum, else pull is the way out.
-
-    u is scaled so that the friction's power is the usage.
-    """
-    n = len(limit)
-    best, at, side = -1.0, 0, 1.0
-    for i in range(n):
-        friction = _slide(limit, basis, pivots[i], v)
-        power = _power(load, pivots[i])
-        if abs(power) > best * friction:
-            best, at, side = abs(power) / friction, i, 1.0 if power >= 0 else -1.0
-    for r in range(3):
-        u[r] = side * pivots[at, r]
-    friction = _slide(limit, basis, u, v)
-    for r in range(3):
-        pull[r] = load[r]
-    for i in range(n):
-        if i != at:
-            share = best * limit[i] / v[i, 2]
-            for r in range(3):
-                pull[r] -= share * (v[i, 0] * basis[i, 0, r] + v[i, 1] * basis[i, 1, r])
-    # the contact turned about has to hold the rest of the load with no more than the others' usage
-    first, second = basis[at, 0], basis[at, 1]
-    a, b, c = _power(first, first), _power(first, second), _power(second, second)
-    x, y = _power(first, pull), _power(second, pull)
-    x, y = (c * x - b * y) / (a * c - b * b), (a * y - b * x) / (a * c - b * b)
-    force = np.sqrt(x * x + y * y)
-    x, y = (c * x - b * y) / (a * c - b * b), (a * y - b * x) / (a * c - b * b)  # moves it along the force
-    for r in range(3):
-        u[r] *= best / friction
-        pull[r] = (x * first[r] + y * second[r]) / max(force, 1e-300)
-    return force <= best * limit[at] * (1 + _GAP)
-
-
-@compiled
-def _slide(limit, basis, u, v):
-    """Power of the friction in motion u; velocities and speeds of the contacts go to v (n, 3)."""
-    total = 0.0
-    for i in range(len(limit)):
-        v[i, 0], v[i, 1] = _power(basis[i, 0], u), _power(basis[i, 1], u)
-        v[i, 2] = np.sqrt(v[i, 0] * v[i, 0] + v[i, 1] * v[i, 1])
-        total += limit[i] * v[i, 2]
-    return total
-
-
-@compiled
-def _value(load, limit, basis, u, v):
-    friction = _slide(limit, basis, u, v)
-    return 0.5 * friction * friction - _power(load, u)
-
-
-@compiled
-def _power(a, b):
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@compiled
-def _add(u, factor, d):
-    for r in range(3):
-        u[r] += factor * d[r]
-
-
-@compiled
-def _solve_3(A, b, x):
-    """Puts the solution of three equations into x (Cramer's rule)."""
-    c0 = A[1, 1] * A[2, 2] - A[1, 2] * A[2, 1]
-    c1 = A[1, 2] * A[2, 0] - A[1, 0] * A[2, 2]
-    c2 = A[1, 0] * A[2, 1] - A[1, 1] * A[2, 0]
-    det = A[0, 0] * c0 + A[0, 1] * c1 + A[0, 2] * c2
-    e0, e1, e2 = (
-        A[1, 2] * b[2] - b[1] * A[2, 2],
-        A[1, 1] * b[2] - b[1] * A[2, 1],
-        A[1, 0] * b[2] - b[1] * A[2, 0],
-    )
-    x[0] = (b[0] * c0 + A[0, 1] * e0 - A[0, 2] * e1) / det
-    x[1] = (-A[0, 0] * e0 + b[0] * c1 + A[0, 2] * e2) / det
-    x[2] = (A[0, 0] * e1 - A[0, 1] * e2 + b[0] * c2) / det

@@ -22,6 +22,7 @@ from ocptip.motion.proof import MotionProof
 from ocptip.motion.search import Attempt, Search, StartResult
 from ocptip.motion.task import MotionTask, require_plannable
 
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 _TASKS_IN_MEMORY = 4  # per worker
 
 
@@ -192,6 +193,10 @@ def _pool(executor: Executor | None, jobs: int | None, starts: int) -> Iterator[
         yield executor
         return
     workers = min(jobs or _cores(), starts)
+    # Ipopt's libraries start threads of their own, out of reach of threadpoolctl: in the workers, which see
+    # the environment before they load anything, one thread each.
+    before = {name: os.environ.get(name) for name in _THREADS}
+    os.environ.update(dict.fromkeys(_THREADS, "1"))
     pool = ProcessPoolExecutor(
         workers, mp_context=multiprocessing.get_context("spawn"), initializer=_leave_interrupts_to_parent
     )
@@ -199,6 +204,11 @@ def _pool(executor: Executor | None, jobs: int | None, starts: int) -> Iterator[
         yield pool
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
 
 
 def _leave_interrupts_to_parent() -> None:

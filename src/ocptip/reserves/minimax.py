@@ -16,12 +16,15 @@ import clarabel
 import numpy as np
 from scipy import sparse
 
+from ocptip.reserves.planar import planar_forces
+
 GAP_TOLERANCE = 1e-7
 """Largest gap between the two bounds of the usage, relative to max(1, usage), of a solved state."""
 
 ZERO_USAGE = 1e-10
 """Usages below this are zero; the usage has a kink there, its derivative is then given as zero."""
 
+_BALANCE = 1e-9  # largest error of the forces' balance, relative to the largest force
 _TOLERANCES = (1e-9, 1e-12)
 _GOOD_STATUS = ("Solved", "AlmostSolved", "InsufficientProgress")
 _POLISH_STEPS = 3
@@ -107,16 +110,50 @@ class Minimax:
             getattr(self, item.name)[where[better]] = getattr(other, item.name)[better]
 
 
-def minimise_usage(q: np.ndarray, Q: np.ndarray, limits: np.ndarray) -> Minimax:
+def minimise_usage(q: np.ndarray, Q: np.ndarray, limits: np.ndarray, J: np.ndarray | None = None) -> Minimax:
     """Smallest largest usage of N problems of the same size.
 
-    The problem is solved for u_i = (q_i + Q_i z) / l_i in an orthonormal basis P of the redistributions
-    and in units of the least-squares solution, whose usage is at most sqrt(n) times the optimum.
+    Contacts in one plane are solved by duality in three dimensions (`planar`); what is left, or not
+    certified, by a cone program.
 
     Args:
         q: (N, n, k) tangential forces at z = 0, N.
         Q: (N, n, k, nz) linearly independent tangential forces per unit of z.
         limits: (N, n) limits l_i > 0, N.
+        J: (N, n, 2, 3) orthonormal complement of Q where it has three columns, else None.
+    """
+    if J is None:
+        return _minimise_general(q, Q, limits)
+    best = _minimise_planar(q, J, limits)
+    todo = np.flatnonzero(~best.solved)
+    if len(todo):
+        general = _minimise_general(q[todo], Q[todo], limits[todo])
+        for item in fields(best):
+            getattr(best, item.name)[todo] = getattr(general, item.name)
+    return best
+
+
+def _minimise_planar(q: np.ndarray, J: np.ndarray, limits: np.ndarray) -> Minimax:
+    forces, pull = planar_forces(q, J, limits)
+    usage = np.max(lengths(forces) / limits, axis=1)
+    total = np.sum(lengths(pull) * limits, axis=1)
+    with np.errstate(invalid="ignore"):
+        pull = pull / np.where(total > 0, total, 1.0)[:, None, None]
+        gap = np.maximum(usage - np.einsum("sik,sik->s", pull, q), 0.0)
+        error = np.max(np.abs(np.einsum("sikr,sik->sr", J, forces - q)), axis=1)
+        good = np.isfinite(gap) & (error <= _BALANCE * np.max(np.abs(q), axis=(1, 2), initial=0.0))
+    pull[usage <= ZERO_USAGE] = 0.0
+    forces = np.where(good[:, None, None], forces, q)
+    usage = np.max(lengths(forces) / limits, axis=1)
+    status = np.full(len(q), "direct", dtype=object)
+    return Minimax(usage, forces, pull, np.where(good, gap, np.inf), status)
+
+
+def _minimise_general(q: np.ndarray, Q: np.ndarray, limits: np.ndarray) -> Minimax:
+    """By Clarabel.
+
+    The problem is solved for u_i = (q_i + Q_i z) / l_i in an orthonormal basis P of the redistributions
+    and in units of the least-squares solution, whose usage is at most sqrt(n) times the optimum.
     """
     count, n, k = q.shape
     nz = Q.shape[3]

@@ -92,7 +92,7 @@ class Slip:
         scaling = np.ones(support.wrench_size)
         scaling[d:] /= support.length
         self._matrix = scaling[:, None] * support.wrench_matrix
-        self._bases: dict[bytes, tuple[np.ndarray, np.ndarray]] = {}
+        self._bases: dict[bytes, tuple[np.ndarray, np.ndarray, np.ndarray | None]] = {}
 
     def evaluate(self, states: ContactStates, derivatives: bool = True) -> SlipReserve:
         """Slip reserves of states of this support.
@@ -110,10 +110,10 @@ class Slip:
 
     def _redistribute_tangential(self, work: _Work) -> None:
         todo = np.flatnonzero(work.carries.any(axis=1))
-        for rows, picked, basis in self._groups(todo, work.carries, with_normals=False):
+        for rows, picked, basis, J in self._groups(todo, work.carries, with_normals=False):
             at, Q = (rows[:, None], picked), basis[:, :, 1:]
             limits, slope = work.limits.value[at], work.limits.slope[at]
-            optimum = minimise_usage(work.forces[at][:, :, 1:], Q, limits)
+            optimum = minimise_usage(work.forces[at][:, :, 1:], Q, limits, J)
             work.forces[(*at, slice(1, None))] = optimum.forces
             work.pull[(*at, slice(1, None))] = optimum.pull
             work.pull[(*at, 0)] = -optimum.usage[:, None] * lengths(optimum.pull) * slope
@@ -126,7 +126,7 @@ class Slip:
 
     def _redistribute_full(self, work: _Work) -> None:
         todo = np.flatnonzero((work.ratio > ZERO_USAGE) & work.states.persistent)
-        for rows, picked, basis in self._groups(todo, work.carries, with_normals=True):
+        for rows, picked, basis, _ in self._groups(todo, work.carries, with_normals=True):
             at, unit, Q = (rows[:, None], picked), work.scale[rows][:, None], basis[:, :, 1:]
             limits, forces = work.limits, work.forces[at] / unit[:, :, None]
             normals = ForceRange(
@@ -186,14 +186,18 @@ class Slip:
 
     def _groups(
         self, rows: np.ndarray, carries: np.ndarray, with_normals: bool
-    ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """States `rows` in groups of one problem size: rows (R,), contacts (R, m), bases (R, m, d, nz)."""
+    ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]]:
+        """States `rows` in groups of one problem size.
+
+        Rows (R,), contacts (R, m), bases (R, m, d, nz), and the orthonormal complements of the tangential
+        ones (R, m, 2, 3) where all of the group have them.
+        """
         if len(rows) == 0:
             return
         patterns, which = np.unique(carries[rows], axis=0, return_inverse=True)
         which = which.reshape(-1)
         bases = [self._basis(pattern, with_normals) for pattern in patterns]
-        shapes = [basis.shape for _, basis in bases]
+        shapes = [(basis.shape, J is not None) for _, basis, J in bases]
         for shape in sorted(set(shapes)):
             members = [p for p, own in enumerate(shapes) if own == shape]
             place = np.full(len(patterns), -1)
@@ -204,10 +208,15 @@ class Slip:
                 rows[inside],
                 np.array([bases[p][0] for p in members])[index],
                 np.array([bases[p][1] for p in members])[index],
+                np.array([bases[p][2] for p in members])[index] if shape[1] else None,
             )
 
-    def _basis(self, carries: np.ndarray, with_normals: bool) -> tuple[np.ndarray, np.ndarray]:
+    def _basis(
+        self, carries: np.ndarray, with_normals: bool
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
         """Contacts that take part and an orthonormal basis (m, d, nz) of the forces that cancel each other.
+
+        And the complement of the tangential ones (m, 2, 3) where that has three columns, as on a plane.
 
         Free are the tangential forces of the contacts that carry, or all forces of all contacts but of
         unloaded ones whose normal force is the same in all solutions.
@@ -220,7 +229,8 @@ class Slip:
                 free = np.repeat(taking_part[:, None], matrix.shape[2], axis=1)
                 free[:, 0] &= with_normals
                 _, s, vt = np.linalg.svd(matrix[:, free])
-                null = vt[int(np.sum(s > _RANK_TOLERANCE * np.max(s, initial=0.0))) :].T
+                rank = int(np.sum(s > _RANK_TOLERANCE * np.max(s, initial=0.0)))
+                null = vt[rank:].T
                 basis = np.zeros((*free.shape, null.shape[1]))
                 basis[free] = null
                 basis[np.abs(basis) < _RANK_TOLERANCE] = 0.0
@@ -228,7 +238,12 @@ class Slip:
                 if not np.any(stuck):
                     break
                 taking_part &= ~stuck
-            self._bases[key] = np.flatnonzero(taking_part), basis[taking_part]
+            J = None
+            if not with_normals and rank == 3 and matrix.shape[2] == 3:
+                J = vt[:3].T.reshape(-1, 2, 3)
+                if np.any(np.linalg.norm(np.cross(J[:, 0], J[:, 1]), axis=1) < _RANK_TOLERANCE):
+                    J = None
+            self._bases[key] = np.flatnonzero(taking_part), basis[taking_part], J
         return self._bases[key]
 
 

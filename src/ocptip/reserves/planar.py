@@ -1,0 +1,199 @@
+"""The least largest usage of the friction limits of contacts in one plane, by duality in three dimensions.
+
+Tangential forces f_i (2,) at n contacts balance a load h of three components: sum J_i' f_i = h with
+J_i (2, 3), the columns of all J_i together orthonormal. The least largest usage |f_i| / l_i is the largest
+ratio of h . u to sum l_i |J_i u| over planar motions u: the power of the load against the friction of
+contacts that all slide. The maximum is at a rotation about a contact or at a smooth point, found by Newton
+steps on half the square of the friction's power minus h . u, which is convex. Forces and motion are two
+bounds that certify each other.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ocptip.compiled import compiled
+
+_GAP = 1e-10  # relative: between the bounds of a value that is good enough
+_STEPS = 60  # Newton steps
+_NOISE = 1e-10  # relative
+
+
+def planar_forces(q: np.ndarray, J: np.ndarray, limits: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Forces (N, n, 2) with the least largest usage that balance what q balances, and pulls (N, n, 2).
+
+    A pull is the velocity of its contact in the motion u, scaled so that the friction's power is 1. Whether
+    they are optimal is for the caller to see: the largest usage and sum pull . q are upper and lower bound.
+
+    Args:
+        q: (N, n, 2) tangential forces, N.
+        J: (N, n, 2, 3) with orthonormal columns.
+        limits: (N, n) > 0, N.
+    """
+    loads = np.einsum("sik,sikr->sr", q, J)
+    forces, pulls = np.zeros(q.shape), np.zeros(q.shape)
+    _solve_all(loads, np.ascontiguousarray(limits), np.ascontiguousarray(J), forces, pulls)
+    return forces, pulls
+
+
+@compiled
+def _solve_all(loads, limits, bases, forces, pulls):
+    """Puts forces and pulls (N, n, 2) for loads (N, 3), friction limits (N, n), bases J (N, n, 2, 3)."""
+    count, n = limits.shape
+    pivots = np.empty((n, 3))
+    hessian, gradient, error = np.empty((3, 3)), np.empty(3), np.empty(3)
+    u, d, v = np.empty(3), np.empty(3), np.empty((n, 3))
+    for s in range(count):
+        load, limit, basis = loads[s], limits[s], bases[s]
+        force, drawn = forces[s], pulls[s]
+        for i in range(n):
+            a, b = basis[i, 0], basis[i, 1]
+            x, y, z = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+            length = np.sqrt(x * x + y * y + z * z)
+            pivots[i, 0], pivots[i, 1], pivots[i, 2] = x / length, y / length, z / length
+        size, largest = 0.0, 0.0
+        for r in range(3):
+            size += load[r] * load[r]
+        for i in range(n):
+            largest = max(largest, limit[i])
+        if np.sqrt(size) <= 1e-12 * largest:  # no force is needed
+            continue
+        if _best_pivot(load, limit, basis, pivots, v, u, d, force):
+            friction = _slide(limit, basis, u, v)
+            for i in range(n):
+                drawn[i, 0], drawn[i, 1] = v[i, 0] / friction, v[i, 1] / friction
+            continue
+        # leave the pivot the way its contact is pulled, as far as the value falls
+        value = _value(load, limit, basis, u, v)
+        factor = np.sqrt(_power(u, u))
+        for _ in range(60):
+            _add(u, factor, d)
+            below = _value(load, limit, basis, u, v) < value
+            if below:
+                break
+            _add(u, -factor, d)
+            factor *= 0.5
+        for _ in range(_STEPS):
+            friction = _slide(limit, basis, u, v)
+            gradient[:] = 0.0
+            hessian[:] = 0.0
+            least = np.inf
+            for i in range(n):
+                speed = v[i, 2]
+                least = min(least, speed)
+                if speed == 0.0:
+                    break
+                x, y = v[i, 0] / speed, v[i, 1] / speed
+                for r in range(3):
+                    gradient[r] += limit[i] * (x * basis[i, 0, r] + y * basis[i, 1, r])
+                    across = limit[i] / speed * (x * basis[i, 1, r] - y * basis[i, 0, r])
+                    for c in range(3):
+                        hessian[r, c] += across * (x * basis[i, 1, c] - y * basis[i, 0, c])
+            if least == 0.0:
+                break
+            lower, upper = _power(load, u) / friction, 0.0
+            for r in range(3):
+                error[r] = friction * gradient[r] - load[r]
+                for c in range(3):
+                    hessian[r, c] = friction * hessian[r, c] + gradient[r] * gradient[c]
+            # all forces at the usage `friction`, then corrected (J is orthonormal) to balance the load
+            for i in range(n):
+                x = friction * limit[i] * v[i, 0] / v[i, 2] - _power(basis[i, 0], error)
+                y = friction * limit[i] * v[i, 1] / v[i, 2] - _power(basis[i, 1], error)
+                upper = max(upper, np.sqrt(x * x + y * y) / limit[i])
+                force[i, 0], force[i, 1] = x, y
+                drawn[i, 0], drawn[i, 1] = v[i, 0] / friction, v[i, 1] / friction
+            if upper - lower <= _GAP * max(1.0, upper):
+                break
+            _solve_3(hessian, error, d)
+            slope = _power(error, d)
+            value = 0.5 * friction * friction - _power(load, u)
+            factor = 1.0
+            _add(u, -1.0, d)
+            if slope > _NOISE * abs(value):  # nearer to the optimum the value cannot tell a good step
+                while factor > 1e-9 and _value(load, limit, basis, u, v) > value - 0.2 * factor * slope:
+                    factor *= 0.5
+                    _add(u, factor, d)
+
+
+@compiled
+def _best_pivot(load, limit, basis, pivots, v, u, pull, forces):
+    """Puts into u the best rotation about a contact; True if it is the optimum, else pull is the way out.
+
+    u is scaled so that the friction's power is the usage.
+    """
+    n = len(limit)
+    best, at, side = -1.0, 0, 1.0
+    for i in range(n):
+        friction = _slide(limit, basis, pivots[i], v)
+        power = _power(load, pivots[i])
+        if abs(power) > best * friction:
+            best, at, side = abs(power) / friction, i, 1.0 if power >= 0 else -1.0
+    for r in range(3):
+        u[r] = side * pivots[at, r]
+    friction = _slide(limit, basis, u, v)
+    for r in range(3):
+        pull[r] = load[r]
+    for i in range(n):
+        if i != at:
+            share = best * limit[i] / v[i, 2]
+            forces[i, 0], forces[i, 1] = share * v[i, 0], share * v[i, 1]
+            for r in range(3):
+                pull[r] -= share * (v[i, 0] * basis[i, 0, r] + v[i, 1] * basis[i, 1, r])
+    # the contact turned about has to hold the rest of the load with no more than the others' usage
+    first, second = basis[at, 0], basis[at, 1]
+    a, b, c = _power(first, first), _power(first, second), _power(second, second)
+    x, y = _power(first, pull), _power(second, pull)
+    x, y = (c * x - b * y) / (a * c - b * b), (a * y - b * x) / (a * c - b * b)
+    forces[at, 0], forces[at, 1] = x, y
+    force = np.sqrt(x * x + y * y)
+    x, y = (c * x - b * y) / (a * c - b * b), (a * y - b * x) / (a * c - b * b)  # moves it along the force
+    for r in range(3):
+        u[r] *= best / friction
+        pull[r] = (x * first[r] + y * second[r]) / max(force, 1e-300)
+    return force <= best * limit[at] * (1 + _GAP)
+
+
+@compiled
+def _slide(limit, basis, u, v):
+    """Power of the friction in motion u; velocities and speeds of the contacts go to v (n, 3)."""
+    total = 0.0
+    for i in range(len(limit)):
+        v[i, 0], v[i, 1] = _power(basis[i, 0], u), _power(basis[i, 1], u)
+        v[i, 2] = np.sqrt(v[i, 0] * v[i, 0] + v[i, 1] * v[i, 1])
+        total += limit[i] * v[i, 2]
+    return total
+
+
+@compiled
+def _value(load, limit, basis, u, v):
+    friction = _slide(limit, basis, u, v)
+    return 0.5 * friction * friction - _power(load, u)
+
+
+@compiled
+def _power(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@compiled
+def _add(u, factor, d):
+    for r in range(3):
+        u[r] += factor * d[r]
+
+
+@compiled
+def _solve_3(A, b, x):
+    """Puts the solution of three equations into x (Cramer's rule)."""
+    c0 = A[1, 1] * A[2, 2] - A[1, 2] * A[2, 1]
+    c1 = A[1, 2] * A[2, 0] - A[1, 0] * A[2, 2]
+    c2 = A[1, 0] * A[2, 1] - A[1, 1] * A[2, 0]
+    det = A[0, 0] * c0 + A[0, 1] * c1 + A[0, 2] * c2
+    e0, e1, e2 = (
+        A[1, 2] * b[2] - b[1] * A[2, 2],
+        A[1, 1] * b[2] - b[1] * A[2, 1],
+        A[1, 0] * b[2] - b[1] * A[2, 0],
+    )
+    x[0] = (b[0] * c0 + A[0, 1] * e0 - A[0, 2] * e1) / det
+    x[1] = (-A[0, 0] * e0 + b[0] * c1 + A[0, 2] * e2) / det
+    x[2] = (A[0, 0] * e1 - A[0, 1] * e2 + b[0] * c2) / det
