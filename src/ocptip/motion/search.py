@@ -25,6 +25,7 @@ CYCLES = 2  # fine and exact programs are run again from the exact motion, which
 BINDING = 0.97  # share of a reserve's limit from which the contacts decide; only then a second cycle pays
 MERGES = (0.004, 0.0, 0.012)  # s: events nearer than this become simultaneous; tried in this order
 SOLVED = 1e-4  # largest violation of an exact program that is good enough to be tightened
+HOPELESS = 0.05  # largest violation from which a motion is worth its proof
 TIGHTENINGS = 5
 TIGHTENED = {"GN": 2e-3, "GT": 2e-3, "torque_ratio": 2e-3, "clearance_m": 1e-3}  # at most this much at once
 INNER = 1e-4  # the exact program's limits are tighter by this share: rounding cannot break the task's
@@ -163,6 +164,11 @@ class Search:
             if best.solution.violation <= SOLVED:
                 break
         clock.stage("exact")
+        if best.solution.violation > HOPELESS:
+            raise SolverError(
+                f"exact program not solved (Ipopt: {best.solution.status}, largest violation of a limit "
+                f"{best.solution.violation:.2g} in its units)"
+            )
         found = self._proved(refiner, best, clock)
         return found, best.solution.x[: self.formulation.layout.size]
 
