@@ -22,7 +22,7 @@ for ours, where it is part of the method.
 
 The rows of one case against Nelder-Mead, in less than ten minutes on two cores (CMA-ES is what takes long):
 
-    python studies/compare_nelder_mead.py --out /tmp/b --cases B --methods ours nelder-mead nelder-mead-plain
+    python studies/compare_nelder_mead.py --out b --cases B --methods ours nelder-mead nelder-mead-plain
 
 Finished runs are kept in runs.jsonl; start again to go on.
 """

@@ -76,7 +76,6 @@ class TipMap:
 
     def __init__(self, robot: StandingRobot) -> None:
         tip = robot.tip_over
-        self.free = tip.free_rotation
         self.count = 0 if tip.free_rotation else len(tip.axes)
         self.affine = tip.affine_moments if self.count else None
         self.tip = tip

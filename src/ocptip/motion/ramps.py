@@ -90,6 +90,20 @@ def servo_ramp(
     return ServoRamp(peak, np.abs(peak - w_a) / a, cruise)
 
 
+def checked_times(times: ArrayLike, side: str) -> np.ndarray:
+    """Return times (any shape, s) as floats.
+
+    Raises:
+        InputError: a time is not finite, or side is neither "left" nor "right".
+    """
+    t = np.asarray(times, dtype=float)
+    if not np.all(np.isfinite(t)):
+        raise InputError("times: contains NaN or infinity")
+    if side not in ("left", "right"):
+        raise InputError(f'side: must be "left" or "right", got {side!r}')
+    return t
+
+
 @dataclass(frozen=True, eq=False)
 class JointRamps:
     """The motion of one joint under successive commands: 2 n + 1 phases of constant acceleration.
@@ -229,11 +243,7 @@ class JointRamps:
         Raises:
             InputError: a time is not finite, or side is another word.
         """
-        t = np.asarray(times, dtype=float)
-        if not np.all(np.isfinite(t)):
-            raise InputError("times: contains NaN or infinity")
-        if side not in ("left", "right"):
-            raise InputError(f'side: must be "left" or "right", got {side!r}')
+        t = checked_times(times, side)
         phase = np.searchsorted(self.times, t, side=side)  # 0: rest before, 1 .. 2 n + 1: moving, then: rest
         t_0, phi_0, w_0, a_0 = self._padded
         w, a, elapsed = w_0[phase], a_0[phase], t - t_0[phase]

@@ -35,6 +35,7 @@ from scipy.interpolate import CubicHermiteSpline, CubicSpline, PPoly
 
 from ocptip.errors import InputError, finite_array, positive_number
 from ocptip.motion.passive import MERGE, ArmMotion, gauss_legendre
+from ocptip.motion.ramps import checked_times
 
 _REST = 1e-3  # rad/s: a motion that begins or ends faster than this is only a piece of one
 _STILL = 1e-9  # rad/s: a joint that never gets faster rests; changes of sign are rounding
@@ -151,11 +152,7 @@ class SampledMotion:
         Raises:
             InputError: a time is not finite, or side is another word.
         """
-        t = np.asarray(times, dtype=float)
-        if not np.all(np.isfinite(t)):
-            raise InputError("times: contains NaN or infinity")
-        if side not in ("left", "right"):
-            raise InputError(f'side: must be "left" or "right", got {side!r}')
+        t = checked_times(times, side)
         starts, coefficients = self._padded
         piece = np.searchsorted(self.times, t, side=side)  # 0: rest before, 1 .. N - 1: moving, N: rest
         elapsed = (t - starts[piece])[..., None]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ocptip.motion.passive import ArmMotion
+from ocptip.motion.program import TipMap
 from ocptip.motion.proof import MotionLimits
 from ocptip.motion.ramps import RampCommand
 from ocptip.motion.robot import StandingRobot
@@ -68,11 +69,7 @@ def _path_violation(robot: StandingRobot, motion: ArmMotion, limits: MotionLimit
     tip = robot.tip_over
     if tip.axes and not tip.free_rotation:
         needed = tip.reference_moment * (1 / limits.GN - 1) * (1 + PATH_MARGIN)
-        if tip.affine_moments is None:
-            moments = tip.evaluate(robot.contact_states(wrenches)).moments
-        else:
-            slope, offset = tip.affine_moments
-            moments = wrenches @ slope.T + offset
+        moments, _ = TipMap(robot)(wrenches)
         worst.append((needed - np.min(moments)) / tip.reference_moment)
     return float(np.max(worst))
 
