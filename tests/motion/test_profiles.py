@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from strategies import numbers, phases
 
 from ocptip.motion import JointRamps, earliest_end, passive_command, phases_to_commands
-from ocptip.motion.profiles import Layout, Nodes, Profiles, SmoothStep
+from ocptip.motion.profile_kernels import smooth_steps
+from ocptip.motion.profiles import Layout, Nodes, Profiles
 
 START = np.array([0.3, -0.2, 0.1])
 SPEED = np.array([2.0, 1.5, 3.0])
@@ -130,7 +131,7 @@ def forms(seed, way, form):
     if form == "sharp":
         return sharp_nodes(Profiles(layout, START, goal, SPEED), x, shares)[0], x
     profiles = Profiles(layout, START, goal, SPEED, rounding=0.05)
-    return Nodes(profiles, at_shares(layout, shares), step=SmoothStep(0.1)), x
+    return Nodes(profiles, at_shares(layout, shares), half_width=0.1), x
 
 
 @pytest.mark.parametrize("form", ["sharp", "smooth"])
@@ -166,11 +167,10 @@ def test_second_derivatives_are_added():
 
 @pytest.mark.parametrize("half_width", [0.004, 0.3])
 def test_the_smooth_step_is_the_integral_of_its_slope(half_width):
-    step = SmoothStep(half_width)
     t = np.linspace(-1.5, 1.5, 301) * half_width
     h = 1e-5 * half_width
-    phi2, phi1, phi0, slope, bend = step(t)
-    ahead, behind = step(t + h), step(t - h)
+    phi2, phi1, phi0, slope, bend = smooth_steps(t, half_width).T
+    ahead, behind = (smooth_steps(s, half_width).T for s in (t + h, t - h))
     for integral, value, scale in ((0, phi1, half_width), (1, phi0, 1), (2, slope, 1 / half_width)):
         reference = (ahead[integral] - behind[integral]) / (2 * h)
         np.testing.assert_allclose(value, reference, atol=1e-7 * scale)
@@ -188,7 +188,7 @@ def smooth_and_sharp(seed, half_width, way=0.8):
     profiles = Profiles(layout, START, goal, SPEED)
     shares = np.linspace(0, 1.2, 500)
     nodes, since = sharp_nodes(profiles, x, shares)
-    smooth = Nodes(profiles, nodes.times, step=SmoothStep(half_width), regime=nodes.regime)
+    smooth = Nodes(profiles, nodes.times, half_width=half_width, regime=nodes.regime)
     used = np.abs(profiles(x).steps) > 0
     away = np.min(np.where(used[None], np.abs(since), np.inf), axis=2)
     return smooth.states(x).values, nodes.states(x).values, away, goal

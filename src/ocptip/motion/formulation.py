@@ -16,12 +16,11 @@ import numpy as np
 from ocptip.motion.events import SLOWEST, EventOrder, order_of, unit_row
 from ocptip.motion.node_physics import NodePhysics
 from ocptip.motion.passive import ArmMotion, earliest_end, passive_command
-from ocptip.motion.profiles import Layout, Nodes, Profiles, SmoothStep
+from ocptip.motion.profiles import Layout, Nodes, Profiles
 from ocptip.motion.program import MotionProgram, Structure
 from ocptip.motion.proof import MotionLimits
 from ocptip.motion.ramps import RampCommand, phases_to_commands
 from ocptip.motion.robot import StandingRobot
-from ocptip.robots import BatchFunction
 
 SMOOTH_NODES = 48
 SHORTEST = 1e-3  # least duration of a ramp in an ordered program, s
@@ -77,6 +76,7 @@ class Formulation:
         self.smooth_physics, self.physics = NodePhysics(robot, smooth=True), NodePhysics(robot)
         arm = robot.arm.limits
         passive = [j for j in range(robot.arm.n) if j not in joints]
+        self._latest: tuple[EventOrder, Structure] | None = None
         ends = earliest_end((goal - start)[passive], arm.speed[passive], arm.acceleration[passive])
         self.earliest = float(np.max(ends, initial=0.0))
 
@@ -123,40 +123,35 @@ class Formulation:
 
         Ipopt leaves errors of about 1e-8 s, in which simultaneous events would follow one another.
         """
-        z = cs.SX.sym("x", len(x))
-        rows = structure.function(z)
-        g = BatchFunction(cs.Function("g", [z], [rows, cs.jacobian(rows, z)]))
         count = len(structure.lower)
         equal = structure.lower == structure.upper
         x = np.clip(x, structure.x_lower, structure.x_upper)
         for edge in (structure.x_lower, structure.x_upper):
             x = np.where(np.abs(x - edge) < 1e-6, edge, x)
         binding = equal.copy()
-        binding[count - (len(order.groups) - 1) :] |= g(x)[0].reshape(-1)[-(len(order.groups) - 1) :] < MEET
+        binding[count - (len(order.groups) - 1) :] |= structure.rows(x)[0][-(len(order.groups) - 1) :] < MEET
         for chosen in (binding, equal):  # order rows that cannot all be met are left as they are
-            moved = self._newton(g, chosen, structure, x)
+            moved = self._newton(chosen, structure, x)
             if moved is not None:
                 return moved
         return x
 
     @staticmethod
-    def _newton(
-        g: BatchFunction, chosen: np.ndarray, structure: Structure, x: np.ndarray
-    ) -> np.ndarray | None:
+    def _newton(chosen: np.ndarray, structure: Structure, x: np.ndarray) -> np.ndarray | None:
         """x at which the chosen rows vanish, or None; variables that meet a bound stay there."""
         free = (x > structure.x_lower) & (x < structure.x_upper)
         for _ in range(POLISHING):
-            values, jacobian = g(x)
-            error = values.reshape(-1)[chosen]
+            values, jacobian = structure.rows(x)
+            error = values[chosen]
             if np.max(np.abs(error), initial=0.0) < 1e-13:
                 return x
-            step = np.linalg.lstsq(jacobian.reshape(len(chosen), -1)[chosen][:, free], -error, rcond=1e-10)[0]
+            step = np.linalg.lstsq(jacobian[chosen][:, free], -error, rcond=1e-10)[0]
             x = x.copy()
             x[free] += step
             outside = (x < structure.x_lower) | (x > structure.x_upper)
             x = np.clip(x, structure.x_lower, structure.x_upper)
             free &= ~outside
-        return x if np.max(np.abs(g(x)[0].reshape(-1)[chosen])) < 1e-10 else None
+        return x if np.max(np.abs(structure.rows(x)[0][chosen])) < 1e-10 else None
 
     # --- programs ------------------------------------------------------------------------------------------
 
@@ -209,7 +204,7 @@ class Formulation:
     ) -> MotionProgram:
         layout, arm = self.layout, self.robot.arm.limits
         profiles = Profiles(layout, self.start, self.goal, arm.speed, rounding=0.5 * width)
-        nodes = Nodes(profiles, times, step=SmoothStep(width))
+        nodes = Nodes(profiles, times, half_width=width)
         speeds = np.full((len(times), layout.n), smoothing.power)
         return MotionProgram(
             self.smooth_physics,
@@ -251,7 +246,7 @@ class Formulation:
         placed = Nodes(profiles, times, masks=masks, regime=order.regime)
         directions = order.directions[index]
         program = MotionProgram(
-            self.physics, limits, layout, placed, weights, directions, self._ordered_structure(order)
+            self.physics, limits, layout, placed, weights, directions, self._structure_of(order)
         )
         return program
 
@@ -281,6 +276,12 @@ class Formulation:
         lower[layout.end] = max(self.earliest, 0.05)
         lower[layout.one] = upper[layout.one] = 1.0
         return rows.structure(x, lower, upper)
+
+    def _structure_of(self, order: EventOrder) -> Structure:
+        """Structure rows of an order; programs of one order follow each other."""
+        if self._latest is None or self._latest[0] is not order:
+            self._latest = order, self._ordered_structure(order)
+        return self._latest[1]
 
     def _ordered_structure(self, order: EventOrder) -> Structure:
         layout, arm = order.layout, self.robot.arm.limits

@@ -9,8 +9,8 @@ steps alpha_k at its corner times tau_k, so that
 
 with phi0 the unit step and phi1, phi2 its integrals. The steps alpha depend on speeds and durations, the
 times tau on durations only, node times t are linear in x: all derivatives follow by hand. A smoothed step
-makes the motion a smooth function of x whatever the order of the corners (see `SmoothStep`); with
-the order fixed the step is the exact one (`phi0` a mask of zeros and ones).
+makes the motion a smooth function of x whatever the order of the corners; with the order fixed the step is
+the exact one (`phi0` a mask of zeros and ones). The loops are in `profile_kernels`.
 """
 
 from __future__ import annotations
@@ -18,6 +18,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+
+from ocptip.motion.profile_kernels import add_second_derivatives, joint_states
 
 
 class Layout:
@@ -63,7 +65,7 @@ class Corners:
 
     Attributes:
         steps, times: (n, C), rad/s^2 and s.
-        d_steps, d_times: (n, C, nx).
+        d_steps, d_times: (n, C, P) derivatives with respect to the joint's own variables, `Profiles.columns`.
         ramps: (joints optimised, K + 1) accelerations of the ramps, for second derivatives.
         passive: (n, 2) second derivatives of acceleration and of t' with respect to t_E.
     """
@@ -97,24 +99,29 @@ class Profiles:
     ) -> None:
         self.layout, self.start, self.way = layout, start, goal - start
         self.speed_limits, self.rounding = speed_limits, rounding
-        n, K, nx = layout.n, layout.commands, layout.size
+        n, K = layout.n, layout.commands
         self.corners = 2 * K + 2 if layout.joints else 4
         self.corners = max(self.corners, 4)
-        self._constant_d_times = np.zeros((n, self.corners, nx))
+        self.columns = np.full((n, layout.per_joint), layout.end)
+        self.counts = np.ones(n, dtype=np.int64)
+        self._constant_d_times = np.zeros((n, self.corners, layout.per_joint))
         for j, joint in enumerate(layout.joints):
-            row = np.zeros(nx)
-            d, c = range(nx)[layout.d(j)], range(nx)[layout.c(j)]
+            self.columns[joint] = np.arange(j * layout.per_joint, (j + 1) * layout.per_joint)
+            self.counts[joint] = layout.per_joint
+            row = np.zeros(layout.per_joint)
             for k in range(2 * K + 2):
                 self._constant_d_times[joint, k] = row
                 if k < 2 * K + 1:
-                    row[d[k // 2] if k % 2 == 0 else c[k // 2]] = 1.0
+                    row[K + k // 2 if k % 2 == 0 else 2 * K + 1 + k // 2] = 1.0
         self.passive_joints = [
             joint for joint in range(n) if joint not in layout.joints and abs(self.way[joint]) > 0
         ]
 
     def corner_time(self, joint: int, k: int) -> np.ndarray:
         """Time of a corner of an optimised joint as a row (nx,) times x."""
-        return self._constant_d_times[joint, k].copy()
+        row = np.zeros(self.layout.size)
+        row[self.columns[joint]] = self._constant_d_times[joint, k]
+        return row
 
     def regime(self, end: float) -> dict[int, bool]:
         """Whether each moving passive joint's ramp is a trapezoid (else a triangle) at this t_E."""
@@ -126,25 +133,21 @@ class Profiles:
     def __call__(self, x: np.ndarray, regime: dict[int, bool] | None = None) -> Corners:
         """Corners at x ((nx,)); passive joints in the given regime, in the one that fits t_E by default."""
         layout = self.layout
-        n, K, nx, C = layout.n, layout.commands, layout.size, self.corners
+        n, K, C, P = layout.n, layout.commands, self.corners, layout.per_joint
         steps, times = np.zeros((n, C)), np.zeros((n, C))
-        d_steps, d_times = np.zeros((n, C, nx)), self._constant_d_times.copy()
-        ramps = np.zeros((len(layout.joints), K + 1))
-        for j, joint in enumerate(layout.joints):
-            w, d = x[layout.w(j)], x[layout.d(j)]
-            iw, idd = layout.w(j).start, layout.d(j).start
-            a = np.diff(w, prepend=0.0, append=0.0) / d
-            ramps[j] = a
-            steps[joint, : 2 * K + 2 : 2], steps[joint, 1 : 2 * K + 2 : 2] = a, -a
-            times[joint, : 2 * K + 2] = self._constant_d_times[joint, : 2 * K + 2] @ x
-            for k in range(K + 1):
-                row = np.zeros(nx)
-                if k < K:
-                    row[iw + k] = 1.0 / d[k]
-                if k > 0:
-                    row[iw + k - 1] = -1.0 / d[k]
-                row[idd + k] = -a[k] / d[k]
-                d_steps[joint, 2 * k], d_steps[joint, 2 * k + 1] = row, -row
+        d_steps, d_times = np.zeros((n, C, P)), self._constant_d_times.copy()
+        joints = list(layout.joints)
+        own = x[: layout.end].reshape(-1, P)
+        d = own[:, K : 2 * K + 1]
+        ramps = np.diff(own[:, :K], prepend=0.0, append=0.0) / d
+        steps[joints, : 2 * K + 2 : 2], steps[joints, 1 : 2 * K + 2 : 2] = ramps, -ramps
+        times[joints] = np.einsum("jcp,jp->jc", self._constant_d_times[joints], own)
+        rows = np.zeros((len(joints), K + 1, P))
+        k = np.arange(K)
+        rows[:, k, k], rows[:, k + 1, k] = 1.0 / d[:, :K], -1.0 / d[:, 1:]
+        k = np.arange(K + 1)
+        rows[:, k, K + k] = -ramps / d
+        d_steps[joints, : 2 * K + 2 : 2], d_steps[joints, 1 : 2 * K + 2 : 2] = rows, -rows
         end = x[layout.end]
         regime = self.regime(end) if regime is None else regime
         second = np.zeros((n, 2))
@@ -157,8 +160,8 @@ class Profiles:
             second[joint] = way * (2 * g1**2 / g**3 - g2 / g**2), p2
             sign = np.array([1.0, -1.0, -1.0, 1.0])
             steps[joint, :4], times[joint, :4] = a * sign, [0.0, p, end - p, end]
-            d_steps[joint, :4, layout.end] = a1 * sign
-            d_times[joint, :4, layout.end] = [0.0, p1, 1 - p1, 1.0]
+            d_steps[joint, :4, 0] = a1 * sign
+            d_times[joint, :4, 0] = [0.0, p1, 1 - p1, 1.0]
         return Corners(steps, times, d_steps, d_times, ramps, second)
 
     def _ramp_end(self, joint: int, end: float, regime: dict[int, bool]) -> tuple[float, float, float]:
@@ -197,30 +200,6 @@ class Profiles:
             hessian[e, e] += a2 * (s[0] - s[1] - s[2] + s[3]) + p2 * (t[1] - t[2])
 
 
-class SmoothStep:
-    """A unit step spread over [-half_width, half_width], twice continuously differentiable.
-
-    Evaluates (phi', phi0, phi1, phi2) at times t - tau and phi'' for second derivatives. Behind the step
-    phi1 is exactly t - tau, so that a motion of steps that add to zero ends exactly where the sharp one does.
-    """
-
-    def __init__(self, half_width: float) -> None:
-        self.half_width = half_width
-
-    def __call__(self, t: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Return phi2, phi1, phi0, phi', phi'' at t."""
-        e = self.half_width
-        u = np.clip((t + e) / (2 * e), 0.0, 1.0)
-        over = np.maximum(t - e, 0.0)
-        v = 1 - u
-        phi0 = u**3 * (10 - 15 * u + 6 * u * u)
-        phi1 = 2 * e * u**4 * (2.5 - 3 * u + u * u) + over
-        phi2 = 4 * e * e * u**5 * (0.5 - 0.5 * u + u * u / 7) + over * (0.5 * over + e)
-        slope = 30 * u * u * v * v / (2 * e)
-        bend = 60 * u * v * (v - u) / (4 * e * e)
-        return phi2, phi1, phi0, slope, bend
-
-
 @dataclass(frozen=True, eq=False)
 class NodeStates:
     """Joint states at N nodes and their derivatives with respect to x.
@@ -232,7 +211,7 @@ class NodeStates:
 
     values: np.ndarray
     jacobian: np.ndarray
-    _steps: tuple[np.ndarray, ...]
+    _steps: np.ndarray
     _corners: Corners
 
 
@@ -243,7 +222,7 @@ class Nodes:
         profiles: the joints' motion.
         times: (N, nx): node times are times @ x.
         masks: (N, n, C) of 0 and 1, which corners have passed at each node; None with a smooth step.
-        step: the smooth step.
+        half_width: s, of the smooth step, see `profile_kernels`; 0 with masks.
         regime: of the passive joints, see `Profiles`.
     """
 
@@ -253,61 +232,39 @@ class Nodes:
         times: np.ndarray,
         *,
         masks: np.ndarray | None = None,
-        step: SmoothStep | None = None,
+        half_width: float = 0.0,
         regime: dict[int, bool] | None = None,
     ) -> None:
-        self.profiles, self.times, self.masks, self.step, self.regime = profiles, times, masks, step, regime
+        self.profiles, self.times, self.regime = profiles, np.ascontiguousarray(times), regime
+        self.masks = np.zeros((0, 0, 0)) if masks is None else np.ascontiguousarray(masks, dtype=float)
+        self.half_width = half_width
 
     def states(self, x: np.ndarray) -> NodeStates:
         """States of all joints at all nodes."""
         profiles = self.profiles
         corners = profiles(x, self.regime)
-        since = (self.times @ x)[:, None, None] - corners.times  # (N, n, C)
-        if self.masks is not None:
-            phi0 = self.masks
-            phi1 = since * phi0
-            phi2 = 0.5 * since * phi1
-            slope = bend = None
-        else:
-            phi2, phi1, phi0, slope, bend = self.step(since)
-        alpha = corners.steps
-        values = np.concatenate([np.einsum("ijk,jk->ij", phi, alpha) for phi in (phi2, phi1, phi0)], axis=1)
-        n = profiles.layout.n
-        values[:, :n] += profiles.start
-        # d/dx = phi d_alpha + alpha phi' (d_t - d_tau)
-        parts = []
-        for phi, rate in ((phi2, phi1), (phi1, phi0), (phi0, slope)):
-            own = np.matmul(phi.transpose(1, 0, 2), corners.d_steps)  # (n, N, nx)
-            if rate is not None:
-                weighted = (rate * alpha).transpose(1, 0, 2)
-                own -= np.matmul(weighted, corners.d_times)
-                own += weighted.sum(axis=2)[:, :, None] * self.times
-            parts.append(own.transpose(1, 0, 2))
-        return NodeStates(values, np.concatenate(parts, axis=1), (phi2, phi1, phi0, slope, bend), corners)
+        values, jacobian, steps = joint_states(
+            self.times @ x,
+            self.times,
+            self.masks,
+            self.half_width,
+            profiles.start,
+            *(corners.steps, corners.times, corners.d_steps, corners.d_times),
+            *(profiles.columns, profiles.counts),
+        )
+        return NodeStates(values, jacobian, steps, corners)
 
     def second(self, hessian: np.ndarray, x: np.ndarray, states: NodeStates, weights: np.ndarray) -> None:
         """Add sum over nodes and states of weights ((N, 3 n)) times the states' second derivatives."""
-        n = self.profiles.layout.n
+        profiles, T = self.profiles, self.times
         corners = states._corners
-        phi2, phi1, phi0, slope, bend = states._steps
-        on_q, on_w, on_a = (weights[:, k * n : (k + 1) * n, None] for k in range(3))
-        alpha = corners.steps
-        on_steps = on_q * phi2 + on_w * phi1 + on_a * phi0
-        cross = on_q * phi1 + on_w * phi0  # d alpha with d(t - tau)
-        twice = on_q * phi0
-        if slope is not None:
-            cross = cross + on_a * slope
-            twice = twice + on_w * slope + on_a * bend
-        on_times = -alpha * cross
-        self.profiles.second(hessian, corners, x, on_steps.sum(axis=0), on_times.sum(axis=0))
-        twice = twice * alpha
-        T, d_tau, d_alpha = self.times, corners.d_times, corners.d_steps
-        both = T.T @ (twice.sum(axis=(1, 2))[:, None] * T)
-        N = len(T)
-        flat_tau, flat_alpha = d_tau.reshape(-1, d_tau.shape[-1]), d_alpha.reshape(-1, d_alpha.shape[-1])
-        mixed = (T.T @ twice.reshape(N, -1)) @ flat_tau
-        both -= mixed + mixed.T
-        both += flat_tau.T @ (twice.sum(axis=0).reshape(-1, 1) * flat_tau)
-        mixed = (T.T @ cross.reshape(N, -1)) @ flat_alpha
-        mixed -= flat_tau.T @ (cross.sum(axis=0).reshape(-1, 1) * flat_alpha)
-        hessian += both + mixed + mixed.T
+        on_steps, on_times, on_t, mixed = add_second_derivatives(
+            hessian,
+            weights,
+            states._steps,
+            T.shape[1],
+            *(corners.steps, corners.d_steps, corners.d_times, profiles.columns, profiles.counts),
+        )
+        profiles.second(hessian, corners, x, on_steps, on_times)
+        mixed = T.T @ mixed
+        hessian += T.T @ (on_t[:, None] * T) + mixed + mixed.T

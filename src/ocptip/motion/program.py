@@ -13,6 +13,7 @@ at after each solve.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import casadi as cs
 import numpy as np
@@ -70,6 +71,46 @@ class Structure:
     x_lower: np.ndarray
     x_upper: np.ndarray
 
+    def rows(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Values (rows,) and Jacobian (rows, nx)."""
+        g, jacobian = self._first(x)
+        return g.copy(), jacobian.reshape(len(x), -1).T
+
+    def hessian(self, x: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
+        """Hessian (nx, nx) of multipliers . rows."""
+        return self._second(x, multipliers)[0].reshape(len(x), -1).T
+
+    @cached_property
+    def _first(self) -> _SinglePoint:
+        x = cs.SX.sym("x", len(self.x_lower))
+        g = self.function(x)
+        return _SinglePoint(cs.Function("structure", [x], [cs.densify(g), cs.densify(cs.jacobian(g, x))]))
+
+    @cached_property
+    def _second(self) -> _SinglePoint:
+        x, lam = cs.SX.sym("x", len(self.x_lower)), cs.SX.sym("lam", len(self.lower))
+        hessian, _ = cs.hessian(cs.dot(lam, self.function(x)), x)
+        return _SinglePoint(cs.Function("structure_hessian", [x, lam], [cs.densify(hessian)]))
+
+
+class _SinglePoint:
+    """A CasADi function of dense vectors, evaluated in place; results are valid until the next call."""
+
+    def __init__(self, function: cs.Function) -> None:
+        self._buffer, self._run = function.buffer()
+        self._inputs = [np.empty(function.numel_in(i)) for i in range(function.n_in())]
+        self._results = [np.empty(function.numel_out(i)) for i in range(function.n_out())]
+        for i, array in enumerate(self._inputs):
+            self._buffer.set_arg(i, memoryview(array))
+        for i, array in enumerate(self._results):
+            self._buffer.set_res(i, memoryview(array))
+
+    def __call__(self, *arguments: np.ndarray) -> list[np.ndarray]:
+        for array, argument in zip(self._inputs, arguments, strict=True):
+            array[:] = argument
+        self._run()
+        return self._results
+
 
 class TipMap:
     """Moments of the normal reserves about the tipping axes as affine functions of the wrench."""
@@ -100,6 +141,7 @@ class Evaluation:
     physics: NodeJacobian
     chained: np.ndarray
     durations: np.ndarray
+    structure: tuple[np.ndarray, np.ndarray]
     tip: tuple[np.ndarray, np.ndarray]
     slip: tuple[np.ndarray, np.ndarray]
     gaps: tuple[np.ndarray, np.ndarray] = field(default=None)
@@ -136,12 +178,6 @@ class MotionProgram:
         self.tip_map = TipMap(self.robot)
         moment = self.robot.tip_over.reference_moment
         self._least_moment = None if moment is None else moment * (1 / limits.GN - 1)
-        x = cs.SX.sym("x", layout.size)
-        g = structure.function(x)
-        lam = cs.SX.sym("lam", g.numel())
-        hessian, _ = cs.hessian(cs.dot(lam, g), x)
-        self._g = BatchFunction(cs.Function("g", [x], [g, cs.jacobian(g, x)]))
-        self._g_hessian = BatchFunction(cs.Function("h", [x, lam], [hessian]))
         self._gap_functions: tuple | None = None
         self._last: Evaluation | None = None
         self._rows_taking_part = rows if rows is not None else self.no_rows()
@@ -270,7 +306,7 @@ class MotionProgram:
         """Jacobian of the rows (rows, nx)."""
         at, rows = self._evaluate(x), self.rows
         n = self.robot.arm.n
-        structure = self._g(x)[1].reshape(-1, self.layout.size)
+        structure = at.structure[1]
         wrench = at.chained[:, 1 + n :]
         i, k = np.nonzero(rows.tip)
         parts = [structure]
@@ -316,7 +352,7 @@ class MotionProgram:
         self.nodes.second(result, x, at.states, on_s)
         mixed = sigma * self.weights.T @ at.chained[:, 0]
         result += mixed + mixed.T
-        result += self._g_hessian(x, on_g)[0].reshape(result.shape)
+        result += self.structure.hessian(x, on_g)
         result[np.diag_indices_from(result)] += sigma * ENERGY_UNIT * self.pull
         return result
 
@@ -340,6 +376,7 @@ class MotionProgram:
             physics,
             chained,
             self.weights @ x,
+            self.structure.rows(x),
             self.tip_map(wrench),
             self._slip(wrench[self.rows.slip]),
         )
@@ -354,7 +391,7 @@ class MotionProgram:
         torque = at.physics.y[i, 1 + k] / self.robot.arm.limits.torque[k]
         return np.concatenate(
             [
-                self._g(at.x)[0].reshape(-1),
+                at.structure[0],
                 at.tip[0][rows.tip] / self._moment_unit,
                 at.slip[0],
                 torque,
