@@ -22,6 +22,7 @@ PULL = 1e-3  # keeps a program regular where phases do nothing, see `MotionProgr
 COARSE_ROWS, FINE_ROWS = 0.4, 0.5  # use of a limit from which node rows take part
 COARSE_ROUNDS = 3
 CYCLES = 2  # fine and exact programs are run again from the exact motion, which often finds a better order
+FURTHER = 1  # cycles more where none has given a verified motion
 BINDING = 0.97  # share of a reserve's limit from which the contacts decide; only then a second cycle pays
 MERGES = (0.004, 0.0, 0.012)  # s: events nearer than this become simultaneous; tried in this order
 SOLVED = 1e-4  # largest violation of an exact program that is good enough to be tightened
@@ -98,17 +99,19 @@ class Search:
         try:
             x = self._coarse(start, clock)
             clock.stage("coarse")
-            for _ in range(CYCLES):
+            for cycle in range(CYCLES + FURTHER):
                 x = self._fine(x, clock)
                 clock.stage("fine")
                 refiner = Refiner(self.formulation, self.inner)
-                found, x = self._exact(refiner, x, clock)
+                found, x, status = self._exact(refiner, x, clock)
                 clock.iterations += refiner.iterations
                 clock.solves += refiner.solves
+                if found is None:
+                    continue
                 if best is not None and not _better(found[1], best[1]):
                     break
                 best = found
-                if found[1].verified and not _at_the_limit(found[1]):
+                if found[1].verified and (cycle + 1 >= CYCLES or not _at_the_limit(found[1])):
                     break
         except (InputError, SolverError) as error:
             status = f"no motion: {error}"
@@ -151,8 +154,8 @@ class Search:
 
     def _exact(
         self, refiner: Refiner, x: np.ndarray, clock: _Clock
-    ) -> tuple[tuple[ArmMotion, MotionProof], np.ndarray]:
-        """A proved exact motion near x, and its variables.
+    ) -> tuple[tuple[ArmMotion, MotionProof] | None, np.ndarray, str]:
+        """A proved exact motion near x, its variables, and what is missing if there is none.
 
         Where the order of events found at x leads nowhere, others that x suggests are tried.
         """
@@ -164,13 +167,14 @@ class Search:
             if best.solution.violation <= SOLVED:
                 break
         clock.stage("exact")
+        x = best.solution.x[: self.formulation.layout.size]
         if best.solution.violation > HOPELESS:
-            raise SolverError(
-                f"exact program not solved (Ipopt: {best.solution.status}, largest violation of a limit "
-                f"{best.solution.violation:.2g} in its units)"
+            missing = (
+                f"no motion: exact program not solved (Ipopt: {best.solution.status}, largest violation of a "
+                f"limit {best.solution.violation:.2g} in its units)"
             )
-        found = self._proved(refiner, best, clock)
-        return found, best.solution.x[: self.formulation.layout.size]
+            return None, x, missing
+        return self._proved(refiner, best, clock), x, ""
 
     @staticmethod
     def _solve(
