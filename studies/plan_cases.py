@@ -9,7 +9,7 @@ Three sets of limits:
 Every start is a random motion, searched and proved as by `ocptip plan`; nothing of the printed motions but
 these limits enters. Every finished start is a line of OUT/plan_cases.jsonl at once: start again to go on.
 OUT/plans holds the best verified motion of each case and set, proved anew. Energies depend on the seed only;
-seconds are wall times of single starts, each in one thread. Building and evaluation of the programs are timed
+seconds are CPU times of single starts, each in one thread. Building and evaluation of the programs are timed
 in fresh processes after all starts.
 
     python studies/plan_cases.py --out results [--starts 50] [--cases A B] [--sets printed] [--jobs 2]
@@ -202,7 +202,9 @@ def line_of(key: Key, seed: int, attempt: Attempt | None, error: str = "") -> di
     """A finished start as plain data; `attempt` is None after an unforeseen error."""
     set_name, case, number = key
     result = (
-        attempt.result if attempt else StartResult(number, f"error: {error}", math.nan, False, 0, 0.0, 0, {})
+        attempt.result
+        if attempt
+        else StartResult(number, f"error: {error}", math.nan, False, 0, 0.0, 0.0, 0, {})
     )
     return {
         "set": set_name,
@@ -218,6 +220,7 @@ def line_of(key: Key, seed: int, attempt: Attempt | None, error: str = "") -> di
         "iterations": result.iterations,
         "solves": result.solves,
         "seconds": result.seconds,
+        "cpu_seconds": result.cpu_seconds,
         "stages": result.stages,
         "motion": attempt.motion.to_dict() if attempt and attempt.motion else None,
     }
@@ -226,7 +229,7 @@ def line_of(key: Key, seed: int, attempt: Attempt | None, error: str = "") -> di
 def result_of(line: dict) -> StartResult:
     """The inverse of `line_of`, without the motion."""
     energy = math.nan if line["energy_J"] is None else line["energy_J"]
-    names = ("number", "status", "verified", "iterations", "seconds", "solves", "stages")
+    names = ("number", "status", "verified", "iterations", "seconds", "cpu_seconds", "solves", "stages")
     return StartResult(energy=energy, **{name: line[name] for name in names})
 
 
@@ -375,7 +378,7 @@ def row_of(set_name: str, case: str, lines: list[dict], plan: MotionPlan | None)
     reference, limits = reference_proof(set_name, case), task_of(set_name, case).limits
     energies = np.array([x["energy_J"] if x["verified"] else np.nan for x in lines], dtype=float)
     ended = [x for x in lines if not x["error"]]
-    seconds = [x["seconds"] for x in ended]
+    seconds = [x["cpu_seconds"] for x in ended]
 
     def median(values: Sequence[float]) -> float | None:
         return float(np.median(values)) if len(values) else None
@@ -400,7 +403,7 @@ def row_of(set_name: str, case: str, lines: list[dict], plan: MotionPlan | None)
         "median_solves": median([x["solves"] for x in ended]),
         "stages_s": {stage: median([x["stages"].get(stage, 0.0) for x in ended]) for stage in STAGES},
         "energies_J": energies,
-        "seconds": [x["seconds"] for x in lines],
+        "cpu_seconds": [x["cpu_seconds"] for x in lines],
         "failures": {x["number"]: x["status"] for x in lines if not x["verified"]},
         "states": sorted({x["state"] for x in lines}),
     })  # fmt: skip
@@ -543,7 +546,7 @@ def targets_table(groups: dict[str, list[dict]], times: dict[str, dict]) -> list
             lambda _, g: verdict(min(r["near"] / r["starts"] for r in g), lambda x: x >= NEAR_SHARE, percent),
         ),
         (
-            "median s per start, largest of a case",
+            "median CPU s per start, largest of a case",
             f"<= {START_SECONDS:.0f}",
             lambda _, g: verdict(
                 most([r["median_s"] for r in g]), lambda x: x <= START_SECONDS, lambda x: number(x, 2)
@@ -617,7 +620,7 @@ def starts_table(group: list[dict]) -> list[str]:
         "starts",
         "verified",
         "near",
-        "median s per start",
+        "median CPU s per start",
         "90 % s",
         "median iterations",
         "solves",

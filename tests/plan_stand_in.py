@@ -30,10 +30,18 @@ def stand_in_plan(name="C", base="effective", *, factor=1.0, limits=None, refere
             verified=True,
             iterations=31,
             seconds=1.2,
+            cpu_seconds=1.1,
             solves=2,
         ),
         SimpleNamespace(
-            number=2, status="infeasible", energy=nan, verified=False, iterations=12, seconds=0.7, solves=1
+            number=2,
+            status="infeasible",
+            energy=nan,
+            verified=False,
+            iterations=12,
+            seconds=0.7,
+            cpu_seconds=0.6,
+            solves=1,
         ),
     )
     return SimpleNamespace(

@@ -58,13 +58,13 @@ class StandIn:
         verified = number < 3
         status = "verified" if verified else "not verified: too fast"
         energy, seconds = ENERGIES[number] * self.first, 10.0 * number
-        result = StartResult(number, status, energy, verified, 100 * number, seconds, 6, STAGES)
+        result = StartResult(number, status, energy, verified, 100 * number, seconds, seconds, 6, STAGES)
         return Attempt(result, task.reference, prove(task.robot, task.reference, task.limits))
 
 
 def without_motion(payload, number, seed):
     """Instead of a search: no motion."""
-    return Attempt(StartResult(number, "no motion", float("nan"), False, 9, 1.0, 1, STAGES), None, None)
+    return Attempt(StartResult(number, "no motion", float("nan"), False, 9, 1.0, 1.0, 1, STAGES), None, None)
 
 
 def test_one_start(study, capsys):

@@ -19,7 +19,7 @@ from ocptip.motion.program import ENERGY_UNIT, MotionProgram
 from ocptip.motion.proof import MotionLimits
 
 SHARES = np.linspace(0.0, 1.0, 17)  # where intervals are looked at between nodes
-NEAR, FIRST = 0.5, 0.3  # use of a limit from which a row takes part, and a further node is made at the start
+NEAR, FIRST = 0.75, 0.3  # use of a limit from which a row takes part, and a further node is made at the start
 FEASIBLE = 1e-5
 ROUNDS = 4
 PUSH = 1e-4
