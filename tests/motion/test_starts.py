@@ -33,7 +33,7 @@ def assert_stands(task, motion, limits):
     times, _ = motion.quadrature(4)
     samples = task.robot.samples(motion, times)
     assert samples.states.persistent.all()
-    assert np.max(samples.tip.GN) <= limits.GN + 2e-3  # checked at two nodes per interval
+    assert np.max(samples.tip.GN) <= limits.GN + 2e-3  # checked at four nodes per interval
     assert np.max(samples.slip.GT) <= limits.GT + 2e-3
 
 
