@@ -1,0 +1,249 @@
+"""Matrix inequalities and eigenvalue ratios as constraints of a nonlinear program (CasADi).
+
+Indices are ratios of extremal eigenvalues, which have no derivative where eigenvalues meet: exactly in the
+best poses of symmetric designs. The encodings here are smooth. `ldl` and `lifted` are exact, `trace` and the
+surrogate are conservative: what they accept satisfies the index. Leading principal minors are not offered: an
+optimiser's tolerance on a tiny determinant lets the index be violated by far. Source: sections 14.2, 14.3.
+
+All functions take SX or MX matrices; SX gives far smaller programs. Scale the matrices to entries near one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import casadi as ca
+import numpy as np
+
+from ocptip.errors import InputError, positive_number
+
+Symbolic = ca.SX | ca.MX
+Method = Literal["ldl", "lifted", "trace"]
+METHODS = ("ldl", "lifted", "trace")
+
+PIVOT_MARGIN = 1e-6
+"""Pivots must stay above this, well above the feasibility tolerance of an optimiser."""
+
+
+@dataclass(frozen=True, eq=False)
+class ConstraintBlock:
+    """Constraints lower <= g <= upper with auxiliary variables of their own.
+
+    Attributes:
+        g: (m, 1) expression.
+        lower, upper: (m,) bounds of g.
+        variables: (k, 1) auxiliary variables to add to the program; k may be 0.
+        guess: start values (k,) of the auxiliary variables from the numeric values of the matrices that the
+            block was made of, in the order of the arguments.
+    """
+
+    g: Symbolic
+    lower: np.ndarray
+    upper: np.ndarray
+    variables: Symbolic
+    guess: Callable[..., np.ndarray]
+
+
+def psd_constraint(
+    A: Symbolic, *, floor: Symbolic | float = 0.0, method: Method = "lifted", p: int = 8, name: str = "psd"
+) -> ConstraintBlock:
+    """A - floor * identity positive semidefinite, i.e. the smallest eigenvalue of A >= floor.
+
+    Args:
+        A: (m, m) symmetric expression; only the lower triangle is read.
+        floor: number or scalar expression.
+        method: "ldl": pivots of L D L', all but the last >= PIVOT_MARGIN, the last >= 0: few constraints,
+            exact where one eigenvalue is at its bound, slightly conservative where two are;
+            "lifted": A - floor = L L' with the triangle L as variables, exact and robust;
+            "trace": (tr A^-p)^(-1/p) >= floor with the pivots of A >= PIVOT_MARGIN, conservative by at most a
+            factor m^(-1/p); for positive floors and a positive definite start.
+        p: power of "trace": a power of two.
+        name: prefix of the auxiliary variables.
+
+    Raises:
+        InputError: A is not square, unknown method, or p no power of two.
+    """
+    m = _order("A", A)
+    if method == "trace":
+        # The trace alone does not see the signs of the eigenvalues.
+        pivots = [pivot - PIVOT_MARGIN for pivot in _ldl(A)[1]]
+        return _inequality(ca.vertcat(soft_smallest_eigenvalue(A, p) - floor, *pivots))
+    shifted = A - floor * ca.DM.eye(m)
+    if method == "ldl":
+        # A pivot of -1e-8, which an optimiser takes for zero, would make all later ones meaningless.
+        pivots = _ldl(shifted)[1]
+        return _inequality(ca.vertcat(*[pivot - PIVOT_MARGIN for pivot in pivots[:-1]], pivots[-1]))
+    if method == "lifted":
+        return _lifted(shifted, floor, name)
+    raise InputError(f"method: expected one of {', '.join(METHODS)}, got {method!r}")
+
+
+def ratio_constraint(
+    A: Symbolic, B: Symbolic, ratio: float, *, method: Method = "lifted", p: int = 8, name: str = "ratio"
+) -> ConstraintBlock:
+    """sqrt(lambda_min / lambda_max) >= ratio, with the eigenvalues of B x = lambda A x.
+
+    "ldl" and "lifted": some s satisfies s A <= B <= (s / ratio^2) A as matrices, s being a variable.
+    "trace": 6^(-1/p) times :func:`isotropy_surrogate` >= ratio, conservative.
+
+    Args:
+        A: (m, m) symmetric expression, positive definite in regular poses.
+        B: (m, m) symmetric expression, positive definite.
+        ratio: bound of the index, 0 < ratio <= 1.
+        method, p, name: as for :func:`psd_constraint`.
+
+    Returns:
+        The block; `guess(A, B)` takes the numeric values of both matrices.
+
+    Raises:
+        InputError: an argument outside of its range.
+    """
+    m = _same_order(A, B)
+    ratio = positive_number("ratio", ratio)
+    if ratio > 1.0:
+        raise InputError(f"ratio: an index is at most 1, got {ratio}")
+    if method == "trace":
+        return _inequality(float(m) ** (-1.0 / p) * isotropy_surrogate(A, B, p) - ratio)
+    s = type(A).sym(f"{name}_s")
+    lower = psd_constraint(B - s * A, method=method, name=f"{name}_lower")
+    upper = psd_constraint(s * A - ratio**2 * B, method=method, name=f"{name}_upper")
+
+    def guess(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        a, b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
+        factor = np.linalg.inv(np.linalg.cholesky(b))
+        inverse = np.maximum(np.linalg.eigvalsh(factor @ a @ factor.T), 1e-12)
+        middle = ratio / np.sqrt(inverse[0] * inverse[-1])
+        return np.concatenate([[middle], lower.guess(b - middle * a), upper.guess(middle * a - ratio**2 * b)])
+
+    return ConstraintBlock(
+        ca.vertcat(lower.g, upper.g, s),
+        np.concatenate([lower.lower, upper.lower, [0.0]]),
+        np.concatenate([lower.upper, upper.upper, [np.inf]]),
+        ca.vertcat(s, lower.variables, upper.variables),
+        guess,
+    )
+
+
+def isotropy_surrogate(A: Symbolic, B: Symbolic, p: int = 8) -> Symbolic:
+    """Smooth stand-in CI_p for c = sqrt(lambda_min / lambda_max) of B x = lambda A x.
+
+    CI_p = (m^2 / (tr M^p tr M^-p))^(1/2p), M = A^-1 B: in [0, 1], one only where all eigenvalues are equal,
+    and c <= CI_p <= m^(1/p) c.
+
+    Args:
+        A, B: (m, m) symmetric positive definite expressions.
+        p: a power of two; 4 or 8 is good.
+
+    Raises:
+        InputError: shapes differ or p is no power of two.
+    """
+    m = _same_order(A, B)
+    forward = _power_trace(_solve(A, B), p)
+    backward = _power_trace(_solve(B, A), p)
+    return (m * m / (forward * backward)) ** (1.0 / (2 * p))
+
+
+def soft_smallest_eigenvalue(A: Symbolic, p: int = 8) -> Symbolic:
+    """(tr A^-p)^(-1/p): between m^(-1/p) and 1 times the smallest eigenvalue of a positive definite A."""
+    m = _order("A", A)
+    return _power_trace(_solve(A, type(A)(ca.DM.eye(m))), p) ** (-1.0 / p)
+
+
+def _lifted(matrix: Symbolic, floor: Symbolic | float, name: str) -> ConstraintBlock:
+    m = matrix.shape[0]
+    entries = type(matrix).sym(name, m * (m + 1) // 2)
+    L = type(matrix).zeros(m, m)
+    places = [(i, j) for j in range(m) for i in range(j, m)]
+    for k, (i, j) in enumerate(places):
+        L[i, j] = entries[k]
+    product = L @ L.T
+    equal = ca.vertcat(*[matrix[i, j] - product[i, j] for i, j in places])
+    diagonal = ca.vertcat(*[entries[k] for k, (i, j) in enumerate(places) if i == j])
+    count, value = len(places), _constant(floor)
+
+    def guess(a: np.ndarray) -> np.ndarray:
+        shifted = np.array(a, dtype=float) - value * np.eye(m)
+        values, vectors = np.linalg.eigh((shifted + shifted.T) / 2.0)
+        values = np.maximum(values, _START_FLOOR * max(values[-1], 1e-6))
+        factor = np.linalg.cholesky((vectors * values) @ vectors.T)
+        return np.array([factor[i, j] for i, j in places])
+
+    return ConstraintBlock(
+        ca.vertcat(equal, diagonal),
+        np.zeros(count + m),
+        np.concatenate([np.zeros(count), np.full(m, np.inf)]),
+        entries,
+        guess,
+    )
+
+
+_START_FLOOR = 1e-3
+"""Start values of a lifted triangle: eigenvalues of at least this share of the largest."""
+
+
+def _inequality(g: Symbolic) -> ConstraintBlock:
+    m = g.shape[0]
+    return ConstraintBlock(g, np.zeros(m), np.full(m, np.inf), type(g)(0, 1), lambda *matrices: np.zeros(0))
+
+
+def _ldl(A: Symbolic) -> tuple[list[list[Symbolic]], list[Symbolic]]:
+    """Unit lower triangle (rows) and pivots of A = L D L'."""
+    m = A.shape[0]
+    L: list[list[Symbolic]] = [[None] * m for _ in range(m)]
+    pivots: list[Symbolic] = []
+    for j in range(m):
+        pivot = A[j, j]
+        for k in range(j):
+            pivot = pivot - L[j][k] ** 2 * pivots[k]
+        pivots.append(pivot)
+        for i in range(j + 1, m):
+            entry = A[i, j]
+            for k in range(j):
+                entry = entry - L[i][k] * L[j][k] * pivots[k]
+            L[i][j] = entry / pivot
+    return L, pivots
+
+
+def _solve(A: Symbolic, B: Symbolic) -> Symbolic:
+    """A^-1 B by L D L' without pivoting: right for positive definite A."""
+    L, pivots = _ldl(A)
+    m = A.shape[0]
+    rows = [B[i, :] for i in range(m)]
+    for i in range(m):
+        for k in range(i):
+            rows[i] = rows[i] - L[i][k] * rows[k]
+    rows = [row / pivot for row, pivot in zip(rows, pivots, strict=True)]
+    for i in reversed(range(m)):
+        for k in range(i + 1, m):
+            rows[i] = rows[i] - L[k][i] * rows[k]
+    return ca.vertcat(*rows)
+
+
+def _power_trace(M: Symbolic, p: int) -> Symbolic:
+    """tr M^p by repeated squaring."""
+    if isinstance(p, bool) or not isinstance(p, int) or p < 1 or p & (p - 1):
+        raise InputError(f"p: expected a power of two, got {p!r}")
+    while p > 2:
+        M, p = M @ M, p // 2
+    return ca.trace(M) if p == 1 else ca.sum1(ca.sum2(M * M.T))
+
+
+def _order(name: str, A: Symbolic) -> int:
+    if not isinstance(A, ca.SX | ca.MX) or A.shape[0] != A.shape[1]:
+        raise InputError(f"{name}: expected a square SX or MX matrix, got {type(A).__name__}")
+    return A.shape[0]
+
+
+def _same_order(A: Symbolic, B: Symbolic) -> int:
+    if _order("A", A) != _order("B", B) or type(A) is not type(B):
+        raise InputError(f"B: expected the same kind and shape as A, got {B.shape} for {A.shape}")
+    return A.shape[0]
+
+
+def _constant(value: Symbolic | float) -> float:
+    """The number behind a floor; 0 for an expression, whose value is not known to `guess`."""
+    if isinstance(value, ca.SX | ca.MX):
+        return float(ca.DM(value)) if value.is_constant() else 0.0
+    return float(value)

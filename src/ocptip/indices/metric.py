@@ -1,0 +1,165 @@
+"""The operation ellipsoid and the metric it puts on the motions of an end-effector.
+
+How much a body moves is measured, to first order, by the sum of the squared velocities of some of its points.
+The operation ellipsoid stands for the region of interest of an end-effector; its six vertices are those
+points. The metric depends only on number, centroid and second moments of the points. Source: section 2,
+(3.12), (3.16), (3.23).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from ocptip.errors import InputError, finite_array, positive_number
+from ocptip.indices.lines import skew
+
+_AXES_TOLERANCE = 1e-9
+_FLATNESS = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class OperationEllipsoid:
+    """An ellipsoid of non-zero volume fixed on an end-effector.
+
+    Attributes:
+        center: (3,), m, in the frame of the end-effector.
+        axes: (3, 3) rotation matrix, its columns are the principal directions in that frame.
+        half_axes: (3,), m, all > 0.
+
+    Raises:
+        InputError: no such numbers, no rotation matrix, or an ellipsoid without volume.
+    """
+
+    center: np.ndarray
+    axes: np.ndarray = field(default_factory=lambda: np.eye(3))
+    half_axes: np.ndarray = field(default_factory=lambda: np.full(3, 0.1))
+
+    def __post_init__(self) -> None:
+        center = finite_array("center", self.center, (3,))
+        axes = finite_array("axes", self.axes, (3, 3))
+        half_axes = finite_array("half_axes", self.half_axes, (3,))
+        error = float(np.abs(axes.T @ axes - np.eye(3)).max())
+        if error > _AXES_TOLERANCE or np.linalg.det(axes) < 0:
+            raise InputError(f"axes: no rotation matrix (orthonormal to {error:.2g}, determinant must be +1)")
+        if not half_axes.min() > _FLATNESS * half_axes.max():
+            raise InputError(
+                f"half_axes: all must be > 0 and of comparable size, got {half_axes.tolist()}; "
+                "an operation ellipsoid needs volume"
+            )
+        for name, array in (("center", center), ("axes", axes), ("half_axes", half_axes)):
+            array.flags.writeable = False
+            object.__setattr__(self, name, array)
+
+    @classmethod
+    def sphere(cls, radius: float, center: object = (0.0, 0.0, 0.0)) -> OperationEllipsoid:
+        """Sphere of a radius, m, about a point of the end-effector frame."""
+        return cls(np.asarray(center), np.eye(3), np.full(3, positive_number("radius", radius)))
+
+    @classmethod
+    def from_points(cls, points: object) -> OperationEllipsoid:
+        """The ellipsoid with the metric of N points of the end-effector, up to the factor 6 / N.
+
+        `point_metric(points)` equals N / 6 times `W()` of the result.
+
+        Args:
+            points: (N, 3), m, end-effector frame.
+
+        Raises:
+            InputError: all points lie in one plane; add points or give the ellipsoid itself.
+        """
+        cloud = finite_array("points", points, (None, 3))
+        if len(cloud) < 4:
+            raise InputError(f"points: at least 4 that are not in one plane, got {len(cloud)}")
+        center = cloud.mean(axis=0)
+        moments, axes = np.linalg.eigh((cloud - center).T @ (cloud - center))
+        if moments[0] <= _FLATNESS**2 * moments[-1] or moments[0] <= 1e-14 * moments[-1]:
+            raise InputError("points: all lie in one plane; an operation ellipsoid needs volume")
+        axes[:, 0] *= np.sign(np.linalg.det(axes))
+        return cls(center, axes, np.sqrt(3.0 * moments / len(cloud)))
+
+    @classmethod
+    def from_solid(cls, half_axes: object, center: object = (0.0, 0.0, 0.0)) -> OperationEllipsoid:
+        """The ellipsoid with the metric of a homogeneous solid ellipsoid of the given half-axes, m."""
+        return cls(np.asarray(center), np.eye(3), np.sqrt(0.6) * finite_array("half_axes", half_axes, (3,)))
+
+    @property
+    def characteristic_length(self) -> float:
+        """R sqrt(2/3), m, of the sphere with the same sum of squared half-axes (3.24)."""
+        return float(np.sqrt(2.0 / 9.0 * (self.half_axes @ self.half_axes)))
+
+    @cached_property
+    def scatter(self) -> np.ndarray:
+        """D: (3, 3), m^2, second moments of the vertices about the centre, end-effector axes."""
+        return 2.0 * (self.axes * self.half_axes**2) @ self.axes.T
+
+    @cached_property
+    def principal_speeds(self) -> np.ndarray:
+        """(6,) square roots of the diagonal of W in the ellipsoid's own frame: m, then 1 (3.23)."""
+        squares = self.half_axes**2
+        return np.sqrt(np.concatenate([2.0 * (squares.sum() - squares), np.full(3, 6.0)]))
+
+    def vertices(self, rotation: object = None, translation: object = None) -> np.ndarray:
+        """(6, 3), m: centre plus and minus the half-axes, seen from a frame in which the end-effector has the
+        given pose (default: its own)."""
+        offsets = (self.axes * self.half_axes).T
+        points = self.center + np.concatenate([offsets, -offsets])
+        turned = points if rotation is None else points @ np.asarray(rotation, dtype=float).T
+        return turned if translation is None else turned + np.asarray(translation, dtype=float)
+
+    def factor(self, rotation: object = None, translation: object = None) -> np.ndarray:
+        """F: (6, 6) with W = F' F; F q are velocities in m/s. Poses may carry leading dimensions.
+
+        Working with singular values of F J instead of eigenvalues of J' W J keeps twice the digits.
+        """
+        turn = np.eye(3) if rotation is None else np.asarray(rotation, dtype=float)
+        shift = np.zeros(3) if translation is None else np.asarray(translation, dtype=float)
+        axes, center = np.swapaxes(turn @ self.axes, -1, -2), turn @ self.center + shift
+        matrix = np.zeros((*axes.shape[:-2], 6, 6))
+        matrix[..., :3, :3] = self.principal_speeds[:3, None] * axes
+        matrix[..., 3:, 3:] = self.principal_speeds[3] * axes
+        matrix[..., 3:, :3] = -matrix[..., 3:, 3:] @ skew(center)
+        return matrix
+
+    def W(self, rotation: object = None, translation: object = None) -> np.ndarray:
+        """(6, 6): q' W q is the sum of the squared velocities of the vertices under a screw q (3.12).
+
+        Args:
+            rotation, translation: (3, 3) and (3,), m: pose of the end-effector in the frame of q.
+        """
+        factor = self.factor(rotation, translation)
+        return np.swapaxes(factor, -1, -2) @ factor
+
+    def to_dict(self) -> dict[str, list]:
+        """Plain data, m."""
+        return {
+            "center": self.center.tolist(),
+            "axes": self.axes.tolist(),
+            "half_axes": self.half_axes.tolist(),
+        }
+
+
+def point_metric(points: object) -> np.ndarray:
+    """(6, 6): q' W q is the sum of the squared velocities of N points (N, 3), m, under a screw q.
+
+    Raises:
+        InputError: no such array.
+    """
+    cloud = finite_array("points", points, (None, 3))
+    total, count = cloud.sum(axis=0), len(cloud)
+    matrix = np.zeros((6, 6))
+    matrix[:3, :3] = (cloud**2).sum() * np.eye(3) - cloud.T @ cloud
+    matrix[:3, 3:] = skew(total)
+    matrix[3:, :3] = -skew(total)
+    matrix[3:, 3:] = count * np.eye(3)
+    return matrix
+
+
+def velocity_map(points: np.ndarray) -> np.ndarray:
+    """(..., 3 k, 6): velocities of k points (..., k, 3), m, stacked, from a screw (1.16)."""
+    rows = np.zeros((*points.shape, 6))
+    rows[..., 3:] = np.eye(3)
+    rows[..., :3] = -skew(points)
+    return rows.reshape(*points.shape[:-2], -1, 6)

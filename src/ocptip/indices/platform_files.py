@@ -1,0 +1,146 @@
+"""Platforms from TOML files.
+
+name = "flight simulator"
+unit = "m"                      # or "mm", for all lengths in the file
+base = [[x, y, z], ...]         # anchors in the base frame, one per leg
+platform = [[x, y, z], ...]     # anchors in the platform frame
+
+[home]                          # optional: the pose that is meant without another one
+position = [x, y, z]
+rotation_deg = [rx, ry, rz]     # rotation vector, degrees
+
+[operation_ellipsoid]           # optional, platform frame
+center = [x, y, z]
+half_axes = [a, b, c]
+axes_deg = [rx, ry, rz]         # rotation vector of its axes, degrees
+"""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ocptip.errors import InputError, finite_array
+from ocptip.indices.metric import OperationEllipsoid
+from ocptip.indices.platforms import StewartPlatform
+
+_UNITS = {"m": 1.0, "mm": 1e-3}
+_KEYS = ("name", "unit", "base", "platform", "home", "operation_ellipsoid")
+
+
+@dataclass(frozen=True, eq=False)
+class PlatformFile:
+    """Content of a platform file, SI units.
+
+    Attributes:
+        platform: the anchors.
+        position, rotation: (3,) m and (3, 3): home pose; without one in the file the platform frame lies in
+            the base frame.
+        ellipsoid: operation ellipsoid in the platform frame, or None.
+    """
+
+    platform: StewartPlatform
+    position: np.ndarray
+    rotation: np.ndarray
+    ellipsoid: OperationEllipsoid | None
+
+
+def read_platform(path: str | os.PathLike[str]) -> PlatformFile:
+    """Read a platform file.
+
+    Raises:
+        InputError: the file cannot be read or describes no platform; one line that names file and key.
+    """
+    path = Path(path)
+    try:
+        data = tomllib.loads(path.read_bytes().decode("utf-8"))
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: not a text file in UTF-8 (byte {error.start})") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise InputError(f"{path.name}: broken TOML: {error}") from None
+    return platform_from_dict(data, name=path.name)
+
+
+def platform_from_dict(data: Mapping[str, Any], *, name: str = "platform") -> PlatformFile:
+    """Build a platform from the content of a platform file.
+
+    Args:
+        data: nested dictionaries and lists as `tomllib` returns them.
+        name: put in front of every message.
+
+    Raises:
+        InputError: one line that names the key.
+    """
+    try:
+        return _platform(data, name)
+    except InputError as error:
+        raise InputError(f"{name}: {error}") from None
+
+
+def _platform(data: Mapping[str, Any], name: str) -> PlatformFile:
+    _refuse_unknown(data, _KEYS, "")
+    unit = data.get("unit", "m")
+    if not isinstance(unit, str) or unit not in _UNITS:
+        raise InputError(f"unit: expected one of {', '.join(_UNITS)}, got {unit!r}")
+    scale = _UNITS[unit]
+    for key in ("base", "platform"):
+        if key not in data:
+            raise InputError(f"{key}: missing")
+    title = data.get("name", name)
+    if not isinstance(title, str):
+        raise InputError(f"name: expected a text, got {title!r}")
+    anchors = [finite_array(key, data[key], (None, 3)) * scale for key in ("base", "platform")]
+    platform = StewartPlatform(*anchors, title)
+    home = _table(data, "home", ("position", "rotation_deg"))
+    position = finite_array("home.position", home.get("position", [0.0, 0.0, 0.0]), (3,)) * scale
+    rotation = rotation_from_degrees("home.rotation_deg", home.get("rotation_deg", [0.0, 0.0, 0.0]))
+    return PlatformFile(platform, position, rotation, _ellipsoid(data, scale))
+
+
+def rotation_from_degrees(name: str, vector: object) -> np.ndarray:
+    """(3, 3) rotation matrix of a rotation vector (3,) in degrees.
+
+    Raises:
+        InputError: no such vector.
+    """
+    return Rotation.from_rotvec(np.radians(finite_array(name, vector, (3,)))).as_matrix()
+
+
+def _ellipsoid(data: Mapping[str, Any], scale: float) -> OperationEllipsoid | None:
+    if "operation_ellipsoid" not in data:
+        return None
+    table = _table(data, "operation_ellipsoid", ("center", "half_axes", "axes_deg"))
+    if "half_axes" not in table:
+        raise InputError("operation_ellipsoid.half_axes: missing")
+    center = finite_array("operation_ellipsoid.center", table.get("center", [0.0, 0.0, 0.0]), (3,))
+    half_axes = finite_array("operation_ellipsoid.half_axes", table["half_axes"], (3,))
+    axes = rotation_from_degrees("operation_ellipsoid.axes_deg", table.get("axes_deg", [0.0, 0.0, 0.0]))
+    try:
+        return OperationEllipsoid(center * scale, axes, half_axes * scale)
+    except InputError as error:
+        raise InputError(f"operation_ellipsoid.{error}") from None
+
+
+def _table(data: Mapping[str, Any], key: str, known: tuple[str, ...]) -> Mapping[str, Any]:
+    table = data.get(key, {})
+    if not isinstance(table, Mapping):
+        raise InputError(f"{key}: expected a table [{key}], got {table!r}")
+    _refuse_unknown(table, known, f"{key}.")
+    return table
+
+
+def _refuse_unknown(table: Mapping[str, Any], known: tuple[str, ...], prefix: str) -> None:
+    for key in table:
+        if key not in known:
+            raise InputError(f"{prefix}{key}: unknown key; known: {', '.join(known)}")

@@ -1,0 +1,139 @@
+"""Indices of serial arms from the literature: condition numbers and manipulability.
+
+They are here to compare with and because they are asked for; each has a known flaw, named with it. All take
+Jacobians (..., 6, n) whose columns are the spears of the axes, base frame, moments in m. Source: sections 3.1
+and 3.2.
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+
+from ocptip.errors import InputError, finite_array, positive_number
+from ocptip.indices.lines import cross
+from ocptip.indices.metric import velocity_map
+
+RANK_TOLERANCE = 1e-13
+"""Singular values below this share of the largest are zero: a few hundred units of rounding."""
+
+
+def inverse_condition(matrix: np.ndarray) -> np.ndarray:
+    """Smallest over largest singular value of matrices (..., m, n): exactly 0 if rank deficient."""
+    values = np.linalg.svd(matrix, compute_uv=False)
+    smallest, largest = values[..., -1], values[..., 0]
+    deficient = smallest <= RANK_TOLERANCE * largest
+    ratio = np.where(deficient, 0.0, smallest / np.where(largest > 0, largest, 1.0))
+    return ratio[()]
+
+
+def checked_jacobian(jacobian: object) -> np.ndarray:
+    """Return a finite Jacobian (..., 6, n), n >= 6, or raise InputError."""
+    array = np.asarray(jacobian, dtype=float)
+    if array.ndim < 2 or array.shape[-2] != 6 or array.shape[-1] < 6:
+        raise InputError(f"jacobian: expected shape (..., 6, n) with n >= 6 axes, got {array.shape}")
+    if not np.isfinite(array).all():
+        raise InputError("jacobian: contains NaN or infinity")
+    return array
+
+
+def inv_cdn(jacobian: np.ndarray) -> np.ndarray:
+    """1/CDN: inverse condition number of the Jacobian as it stands (Salisbury and Craig).
+
+    Flaw: mixes radians and metres, so it changes with the unit of length, and with the origin.
+    """
+    return inverse_condition(checked_jacobian(jacobian))
+
+
+def inv_cdn_cl(jacobian: np.ndarray, point: object, length: float) -> np.ndarray:
+    """1/CDN_CL: the same about an operation point, lengths divided by a characteristic length (3.4).
+
+    Equals the index of an operation sphere of radius length * sqrt(3/2) about the point.
+
+    Args:
+        point: (..., 3), m, base frame.
+        length: characteristic length, m. See `OperationEllipsoid.characteristic_length` for a way to choose
+            it, and `ocptip.indices.arm_design.characteristic_length` for the classical one.
+
+    Raises:
+        InputError: bad shapes, length not positive.
+    """
+    matrix = checked_jacobian(jacobian).copy()
+    points = np.asarray(point, dtype=float)
+    columns = np.swapaxes(matrix, -1, -2)
+    columns[..., 3:] -= cross(points[..., None, :], columns[..., :3])
+    columns[..., 3:] /= positive_number("length", length)
+    return inverse_condition(matrix)
+
+
+def inv_cdn_points(jacobian: np.ndarray, points: object) -> np.ndarray:
+    """Inverse condition number of the map to the velocities of some points of the end-effector (Gosselin).
+
+    Args:
+        points: (..., k, 3), m, base frame; three that are not on a line, or more.
+
+    Flaw: the choice of the points is arbitrary and changes the value.
+
+    Raises:
+        InputError: bad shapes, or all points on one line.
+    """
+    matrix, cloud = checked_jacobian(jacobian), np.asarray(points, dtype=float)
+    if cloud.ndim < 2 or cloud.shape[-1] != 3 or cloud.shape[-2] < 3 or not np.isfinite(cloud).all():
+        raise InputError(f"points: expected finite numbers of shape (..., k, 3), k >= 3, got {cloud.shape}")
+    centred = cloud - cloud.mean(axis=-2, keepdims=True)
+    spread = np.linalg.eigvalsh(np.swapaxes(centred, -1, -2) @ centred)
+    if not (spread[..., 1] > 1e-14 * spread[..., 2]).all():
+        raise InputError("points: need three that are not on a line")
+    return inverse_condition(velocity_map(cloud) @ matrix)
+
+
+PLATONIC_SOLIDS = ("tetrahedron", "octahedron", "cube", "icosahedron", "dodecahedron")
+
+
+def platonic_points(solid: str, radius: float, center: object = (0.0, 0.0, 0.0)) -> np.ndarray:
+    """Vertices (k, 3), m, of a Platonic solid: points for :func:`inv_cdn_points` (Angeles and Lopez-Cajun).
+
+    The value of the index is that of an operation sphere of the same radius.
+
+    Args:
+        solid: one of `PLATONIC_SOLIDS`.
+        radius: of the circumscribed sphere, m.
+        center: (3,), m.
+
+    Raises:
+        InputError: unknown solid, radius not positive.
+    """
+    golden = (1.0 + np.sqrt(5.0)) / 2.0
+    cube = np.array(list(itertools.product((1.0, -1.0), repeat=3)))
+    shapes = {
+        "tetrahedron": cube[cube.prod(axis=1) > 0],
+        "octahedron": np.concatenate([np.eye(3), -np.eye(3)]),
+        "cube": cube,
+        "icosahedron": _cyclic([(0.0, s, t * golden) for s in (1, -1) for t in (1, -1)]),
+        "dodecahedron": np.concatenate(
+            [cube, _cyclic([(0.0, s / golden, t * golden) for s in (1, -1) for t in (1, -1)])]
+        ),
+    }
+    if solid not in shapes:
+        raise InputError(f"solid: no solid {solid!r}; there are {', '.join(PLATONIC_SOLIDS)}")
+    vertices = shapes[solid]
+    size = positive_number("radius", radius) / np.linalg.norm(vertices[0])
+    return finite_array("center", center, (3,)) + size * vertices
+
+
+def _cyclic(points: list[tuple[float, ...]]) -> np.ndarray:
+    """All cyclic exchanges of coordinates."""
+    return np.concatenate([np.roll(points, shift, axis=1) for shift in range(3)])
+
+
+def manipulability(jacobian: np.ndarray) -> np.ndarray:
+    """MPB: |det J|, or sqrt(det J J') for more than six axes (Yoshikawa); m^3 for revolute axes.
+
+    Independent of the base frame. Flaws: scales with the cube of the unit of length, says nothing about the
+    end-effector, and does not see the order of the axes.
+    """
+    matrix = checked_jacobian(jacobian)
+    if matrix.shape[-1] == 6:
+        return np.abs(np.linalg.det(matrix))[()]
+    return np.prod(np.linalg.svd(matrix, compute_uv=False), axis=-1)[()]

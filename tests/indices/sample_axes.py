@@ -1,0 +1,62 @@
+"""Axes, motions and moves for the tests of the arm indices."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ocptip.indices import OperationEllipsoid, arm_pose, irb_2000, singularity_distance
+from ocptip.indices.lines import spear
+
+
+def random_axes(rng: np.random.Generator, count: int = 6) -> np.ndarray:
+    """(6, count): spears of random axes near the origin, as columns."""
+    return spear(rng.normal(size=(count, 3)), rng.normal(size=(count, 3))).T
+
+
+def random_pose(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """Rotation (3, 3) and position (3,)."""
+    return Rotation.random(random_state=int(rng.integers(2**31))).as_matrix(), rng.normal(size=3)
+
+
+def random_ellipsoid(rng: np.random.Generator) -> OperationEllipsoid:
+    axes, center = random_pose(rng)
+    return OperationEllipsoid(center, axes, rng.uniform(0.1, 1.0, 3))
+
+
+def published_motion(t: float) -> np.ndarray:
+    """(6,) rad: the motion of the IRB 2000 in the specification, section 11.1."""
+    degrees = [0, 210 * t - 110, 120 * t**2 - 60, 180 * t - 90, 240 * t - 120, 0]
+    return np.radians(degrees)
+
+
+def published_rates(t: float) -> np.ndarray:
+    """(6,) its derivative."""
+    return np.radians([0, 210, 240 * t, 180, 240, 0])
+
+
+def turned(spears: np.ndarray, angles: np.ndarray) -> np.ndarray:
+    """(6, n): axes (6, n) after the joints turned by the angles, by a product of rotations of the space."""
+    columns = spears.T.copy()
+    for i, angle in reversed(list(enumerate(angles))):
+        rotation = Rotation.from_rotvec(angle * spears[:3, i]).as_matrix()
+        foot = np.cross(spears[:3, i], spears[3:, i])
+        shift = foot - rotation @ foot
+        for k in range(i + 1, len(angles)):
+            direction = rotation @ columns[k, :3]
+            columns[k] = np.concatenate([direction, rotation @ columns[k, 3:] + np.cross(shift, direction)])
+    return columns.T
+
+
+def stationary_pose() -> np.ndarray:
+    """(6,) rad: joint angles of the IRB 2000 where the gradient of det J vanishes, by Newton's method."""
+
+    def slope(x: np.ndarray) -> np.ndarray:
+        q = np.array([0.4, x[0], x[1], -0.7, np.pi / 2, 1.1])
+        return singularity_distance(arm_pose(irb_2000(), q).jacobian).gradient[:2]
+
+    point = np.array([0.88638233, -0.19062529])
+    for _ in range(4):
+        matrix = np.array([(slope(point + e) - slope(point - e)) / 2e-5 for e in np.eye(2) * 1e-5]).T
+        point = point - np.linalg.solve(matrix, slope(point))
+    return np.array([0.4, *point, -0.7, np.pi / 2, 1.1])
