@@ -267,7 +267,7 @@ def _meaning(entry: IndexEntry) -> str:
 
 
 def _numbers(values: np.ndarray, decimals: int) -> str:
-    return ", ".join(f"{x + 0.0:.{decimals}f}" for x in values)
+    return ", ".join(f"{round(x, decimals) + 0.0:.{decimals}f}" for x in values)
 
 
 def _versions() -> dict[str, str]:
