@@ -1,0 +1,234 @@
+"""`ocptip parallel`: mobility of a parallel robot, what its equations cost, and their C code."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ocptip.cli import MOVES, STANDS, _print, _refuse
+
+if TYPE_CHECKING:
+    from ocptip.parallel.codegen import CFiles
+    from ocptip.parallel.description import RobotDescription
+    from ocptip.parallel.lean import LeanFunction
+    from ocptip.parallel.mobility import Mobility
+    from ocptip.parallel.singularity import Singularity
+
+_FORMS = ("S", "X", "Z", "A", "AA")
+_FORCES = {"S": "tau_s", "X": "tau_s", "Z": "tau_z", "A": "tau_a", "AA": "tau_a"}
+
+
+def add_parser(commands: Any) -> None:
+    """Add `parallel` to the commands of the parser. Loads no numerics."""
+    parallel = commands.add_parser(
+        "parallel",
+        help="mobility, cost and C code of a parallel robot's inverse dynamics",
+        description="Checks a parallel robot's mobility, counts the operations of its inverse dynamics and "
+        "writes them as C code.",
+        epilog="exit code: 0 the robot moves as described, 1 it does not, 2 bad input",
+    )
+    parallel.add_argument(
+        "robot", metavar="NAME|FILE.toml", help="3RRR, 3RPR, Delta, 4PRRR or 6UPS, or a robot file"
+    )
+    parallel.add_argument("--json", action="store_true", help="print JSON instead of the table")
+    parallel.add_argument("--c", metavar="FILE", help="write C source, and a header beside it")
+    parallel.add_argument(
+        "--dynpar",
+        type=int,
+        choices=(1, 2, 3),
+        default=3,
+        help="inertia parameters: 1 about the centre of mass, 2 about the frames' origins, 3 base parameters "
+        "(default)",
+    )
+    parallel.add_argument(
+        "--form",
+        choices=_FORMS,
+        default="A",
+        help="accelerations and forces: S s'' and tau_s, X z'' and tau_s, Z z'' and tau_z, A s'' and motor "
+        "forces (default), AA q_a'' and motor forces",
+    )
+    parallel.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Check, count, write and print; returns the exit code."""
+    from ocptip.errors import InputError, OcptipError
+
+    try:
+        report = examine(read_robot(options.robot), form=options.form, dynpar=options.dynpar)
+        if options.c is not None:
+            report = report.with_code(options.c)
+    except InputError as error:
+        return _refuse(f"{error}")
+    except OcptipError as error:
+        return _refuse(f"computation failed: {error}")
+    except OSError as error:
+        return _refuse(f"{error.filename or options.c or options.robot}: {error.strerror or error}")
+    _print(report.to_json() if options.json else report.to_text())
+    return STANDS if report.mobility.consistent else MOVES
+
+
+@dataclass(frozen=True)
+class ParallelReport:
+    """What `ocptip parallel` knows about a robot.
+
+    Attributes:
+        description: the robot.
+        mobility: its degrees of freedom.
+        home: singularity measures of the home pose; None if the mobility is not as described.
+        functions: forces and Jacobian as generated; empty if there are none.
+        without_code: why there are none.
+        written: the C files.
+    """
+
+    description: RobotDescription
+    mobility: Mobility
+    home: Singularity | None
+    functions: tuple[LeanFunction, ...]
+    without_code: str
+    written: CFiles | None = None
+
+    def with_code(self, path: str) -> ParallelReport:
+        """The same after writing the functions as C source.
+
+        Raises:
+            InputError: there are no functions, or path is not a C file.
+            OSError: it cannot be written.
+        """
+        import dataclasses
+
+        from ocptip.errors import InputError
+        from ocptip.parallel.codegen import write_c
+
+        if not self.functions:
+            raise InputError(f"--c: no code for {self.description.name}: {self.without_code}")
+        return dataclasses.replace(self, written=write_c(self.functions, path))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data; what is not finite becomes None."""
+        from ocptip.cli.stand import _plain, versions
+
+        robot = self.description
+        forces = self.functions[0] if self.functions else None
+        return _plain(
+            {
+                "robot": robot.name,
+                "legs": len(robot.legs),
+                "coordinates": list(robot.platform.coordinates),
+                "actuated": [[leg + 1, joint + 1] for leg, joint in robot.actuated],
+                "mobility": self.mobility.to_dict(),
+                "home_pose": None if self.home is None else self.home.to_dict(),
+                "form": forces.form if forces else None,
+                "dynpar": forces.dynpar if forces else None,
+                "inertia_parameters": list(forces.inertia_names) if forces else None,
+                "operations": {f.function.name(): f.count.to_dict() for f in self.functions},
+                "without_code": self.without_code or None,
+                "written": [str(self.written.source), str(self.written.header)] if self.written else [],
+                "versions": versions(),
+            }
+        )
+
+    def to_json(self) -> str:
+        """The same as JSON text."""
+        return json.dumps(self.to_dict(), indent=2, allow_nan=False)
+
+    def to_text(self) -> str:
+        """The table for people. ASCII only, but for names."""
+        robot, mobility = self.description, self.mobility
+        moves = "moves as described" if mobility.consistent else "DOES NOT MOVE AS DESCRIBED"
+        lines = [f"{robot.name}: {len(robot.legs)} legs, {moves}."]
+        lines += [f"  {problem}" for problem in mobility.problems]
+        motors = ", ".join(f"{leg + 1}.{joint + 1}" for leg, joint in robot.actuated)
+        coordinates = ", ".join(robot.platform.coordinates)
+        rows = [
+            ("mobility", f"{mobility.dof} ({mobility.coordinates} coordinates described)"),
+            ("platform", f"{mobility.platform_dof} degrees of freedom; z = {coordinates}"),
+            ("within legs", f"{mobility.internal_dof} motions with the platform at rest"),
+            ("redundant closures", f"{mobility.over_constraints}"),
+            ("actuated joints", f"{len(robot.actuated)} (leg.joint): {motors}"),
+        ]
+        if self.home is not None:
+            kinds = ", ".join(self.home.kinds) or "regular"
+            rows.append(("home pose", f"{kinds}; smallest singular values {_measures(self.home)}"))
+        if self.functions:
+            names = self.functions[0].inertia_names
+            rows.append(("inertia parameters", f"{len(names)}: {', '.join(names)}"))
+        width = max(len(name) for name, _ in rows)
+        lines += ["", *(f"{name:<{width}}  {text}" for name, text in rows), ""]
+        lines += _count_table(self.functions) if self.functions else [f"no code: {self.without_code}"]
+        if self.written:
+            lines += ["", f"wrote {self.written.source} and {self.written.header}"]
+        return "\n".join(lines)
+
+
+def read_robot(name: str) -> RobotDescription:
+    """A ready-made robot by its name (upper or lower case), or the one of a file.
+
+    Raises:
+        InputError: neither, or a file with an error.
+    """
+    from ocptip.errors import InputError
+    from ocptip.parallel.ready_made import READY_MADE
+
+    by_name = {known.lower(): make for known, make in READY_MADE.items()}
+    if name.lower() in by_name:
+        return by_name[name.lower()]()
+    if not Path(name).suffix:
+        raise InputError(f"{name}: expected one of {', '.join(READY_MADE)}, or a robot file NAME.toml")
+    from ocptip.parallel.description_file import read_parallel_robot
+
+    return read_parallel_robot(name)
+
+
+def examine(description: RobotDescription, *, form: str = "A", dynpar: int = 3) -> ParallelReport:
+    """Mobility, and if it is as described the generated functions.
+
+    Args:
+        description: the robot.
+        form, dynpar: of the forces; see :func:`ocptip.parallel.lean.lean_function`.
+    """
+    from ocptip.parallel.lean import lean_function
+    from ocptip.parallel.robot import ParallelRobot
+
+    robot = ParallelRobot(description, check=False)
+    mobility = robot.mobility()
+    if not mobility.consistent:
+        return ParallelReport(description, mobility, None, (), "the robot does not move as described")
+    home = robot.singularity(description.home)
+    if not description.coupling_form:
+        return ParallelReport(
+            description,
+            mobility,
+            home,
+            (),
+            "generated code needs legs with as many joints up to the coupling point as there are free "
+            "translations, and motors on those joints",
+        )
+    functions = (
+        lean_function(description, form=form, dynpar=dynpar, name=_FORCES[form]),
+        lean_function(description, ("J_a",), form="S", dynpar=dynpar, name="jacobian"),
+    )
+    return ParallelReport(description, mobility, home, functions, "")
+
+
+def _measures(home: Singularity) -> str:
+    from ocptip.cli.numbers import ratio
+
+    parts = {"legs": home.legs.min(), "platform": home.platform, "angles": home.representation}
+    return ", ".join(f"{ratio(float(value))} ({name})" for name, value in parts.items())
+
+
+def _count_table(functions: tuple[LeanFunction, ...]) -> list[str]:
+    from ocptip.cli.stand import _aligned
+
+    rows = [["operations", "+-", "x", "/", "sin cos", ":=", "weighted"]]
+    for one in functions:
+        count = one.count
+        numbers = (count.additions, count.multiplications, count.divisions, count.trigonometric)
+        title = f"{one.function.name()} (form {one.form}, DynPar {one.dynpar})"
+        title = title if one.function.name() != "jacobian" else "J_a"
+        rows.append([title, *map(str, numbers), str(count.assignments), str(count.weighted)])
+    return _aligned(rows, left=(0,))

@@ -1,0 +1,87 @@
+"""Parallel robots: from a table of the legs to inverse dynamics, its parts and generated code.
+
+A robot in a few lines::
+
+    from ocptip.parallel import ParallelRobot, delta
+
+    robot = ParallelRobot(delta())
+    print(robot.mobility().dof, robot.inverse_dynamics([0, 0, -0.45], [1, 0, 0], [0, 0, 5]).motors)
+"""
+
+from ocptip.parallel.actuation import MotorForces, limited_motor_forces, motor_forces
+from ocptip.parallel.base_parameters import numeric_base_parameters
+from ocptip.parallel.branched import BranchedLeg, LegEnd
+from ocptip.parallel.codegen import write_c
+from ocptip.parallel.counting import OperationCount, count_operations
+from ocptip.parallel.crossings import Crossing, crossings
+from ocptip.parallel.description import (
+    BodyInertia,
+    Leg,
+    MDHRow,
+    Parameter,
+    Platform,
+    RobotDescription,
+)
+from ocptip.parallel.description_file import read_parallel_robot, robot_from_dict
+from ocptip.parallel.kinematics import JointPositions, Kinematics, PlatformPose
+from ocptip.parallel.lean import LeanFunction, lean_function
+from ocptip.parallel.mobility import Mobility, mobility
+from ocptip.parallel.ready_made import KINDS, READY_MADE, delta, make_robot, prrr4, rpr3, rrr3, ups6
+from ocptip.parallel.robot import Forces, JointRates, ParallelRobot
+from ocptip.parallel.sensitivities import ForceSensitivities, Sensitivities
+from ocptip.parallel.simulation import Trajectory, simulate
+from ocptip.parallel.singularity import ImplicitPair, Singularity
+from ocptip.parallel.standing import MountedRobot, MountedSamples, PlatformMotion, base_wrench, moving_mass
+from ocptip.parallel.terms import Terms
+
+__all__ = [
+    "KINDS",
+    "READY_MADE",
+    "BodyInertia",
+    "BranchedLeg",
+    "Crossing",
+    "ForceSensitivities",
+    "Forces",
+    "ImplicitPair",
+    "JointPositions",
+    "JointRates",
+    "Kinematics",
+    "LeanFunction",
+    "Leg",
+    "LegEnd",
+    "MDHRow",
+    "Mobility",
+    "MotorForces",
+    "MountedRobot",
+    "MountedSamples",
+    "OperationCount",
+    "ParallelRobot",
+    "Parameter",
+    "Platform",
+    "PlatformMotion",
+    "PlatformPose",
+    "RobotDescription",
+    "Sensitivities",
+    "Singularity",
+    "Terms",
+    "Trajectory",
+    "base_wrench",
+    "count_operations",
+    "crossings",
+    "delta",
+    "lean_function",
+    "limited_motor_forces",
+    "make_robot",
+    "mobility",
+    "motor_forces",
+    "moving_mass",
+    "numeric_base_parameters",
+    "prrr4",
+    "read_parallel_robot",
+    "robot_from_dict",
+    "rpr3",
+    "rrr3",
+    "simulate",
+    "ups6",
+    "write_c",
+]

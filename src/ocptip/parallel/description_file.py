@@ -1,0 +1,278 @@
+"""A parallel robot as a TOML file.
+
+Angles in rad; an entry of the geometry is a number, a multiple of pi such as "pi/2" or "-2*pi/3", or the name
+of one of the `[parameters]`. Legs and joints are counted from 1. Every error is one :class:`InputError` that
+starts with the file and the key.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import os
+import re
+import tomllib
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ocptip.errors import InputError, finite_array, number_from
+from ocptip.parallel.description import (
+    COORDINATES,
+    FIXED,
+    PRISMATIC,
+    REVOLUTE,
+    BodyInertia,
+    Entry,
+    Leg,
+    MDHRow,
+    Parameter,
+    Platform,
+    RobotDescription,
+    elementary_rotations,
+    product_of,
+)
+
+_TOP = ("name", "gravity", "convention", "free", "home", "parameters", "platform", "table", "leg")
+_JOINTS = {"revolute": REVOLUTE, "prismatic": PRISMATIC, "fixed": FIXED}
+_ENTRIES = ("gamma", "b", "alpha", "d", "theta", "r")
+_BODY = ("mass", "center", "inertia")
+_FRICTION = ("drive_inertia", "viscous", "coulomb")
+_TABLE = ("joints_to_coupling", "rows", "bodies", *_FRICTION)
+_LEG = (
+    "table",
+    "base_position",
+    "base_rotation",
+    "coupling",
+    "end_rotation",
+    "branch",
+    "guess",
+    "actuated",
+    "redundant",
+    *_FRICTION,
+)
+_PI = re.compile(r"([+-]?)(?:(\d+(?:\.\d+)?)\*)?pi(?:/(\d+(?:\.\d+)?))?")
+
+
+def read_parallel_robot(path: str | os.PathLike[str]) -> RobotDescription:
+    """Read a robot file.
+
+    Raises:
+        InputError: the file cannot be read or describes no robot; one line that names file and key.
+    """
+    path = Path(path)
+    try:
+        data = tomllib.loads(path.read_bytes().decode("utf-8"))
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file") from None
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: not a text file in UTF-8 (byte {error.start})") from None
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path.name}: broken TOML: {error}") from None
+    except RecursionError:
+        raise InputError(f"{path.name}: broken TOML: nested too deeply") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
+    return robot_from_dict(data, name=path.name)
+
+
+def robot_from_dict(data: dict[str, Any], *, name: str = "robot") -> RobotDescription:
+    """Build a description from the content of a robot file.
+
+    Args:
+        data: nested dictionaries and lists as `tomllib` returns them.
+        name: put in front of every message; the robot's name if the file gives none.
+
+    Raises:
+        InputError: one line that names the key.
+    """
+    try:
+        return _Reader(data).robot(name)
+    except InputError as error:
+        raise InputError(f"{name}: {error}") from None
+
+
+class _Reader:
+    def __init__(self, data: dict[str, Any]) -> None:
+        _refuse_unknown(data, _TOP, "")
+        self.data = data
+        given = _table(data, "parameters") if "parameters" in data else {}
+        self.parameters = {}
+        for key, value in given.items():
+            if _PI.fullmatch(key) or not key.isidentifier():
+                raise InputError(f"parameters.{key}: not a usable name")
+            self.parameters[key] = Parameter(key, number_from(f"parameters.{key}", value))
+
+    def robot(self, default_name: str) -> RobotDescription:
+        data = self.data
+        platform = self._platform()
+        tables = _table(data, "table")
+        legs, actuated, redundant = [], [], []
+        given = data.get("leg")
+        if not isinstance(given, list) or not given or not all(isinstance(leg, dict) for leg in given):
+            raise InputError("leg: a robot needs legs, tables in double brackets [[leg]]")
+        for number, leg in enumerate(given, start=1):
+            where = f"leg[{number}]"
+            _refuse_unknown(leg, _LEG, f"{where}.")
+            legs.append(_named(where, self._leg, leg, tables, where))
+            actuated += [(number - 1, joint) for joint in _joint_list(leg, "actuated", where)]
+            redundant += [(number - 1, joint) for joint in _joint_list(leg, "redundant", where)]
+        name = data.get("name", default_name)
+        if not isinstance(name, str):
+            raise InputError(f"name: expected a text, got {name!r}")
+        if "home" not in data:
+            raise InputError("home: missing, the free coordinates of a pose in the workspace")
+        gravity = finite_array("gravity", data.get("gravity", [0.0, 0.0, -9.81]), (3,))
+        home = finite_array("home", data["home"], (None,))
+        return RobotDescription(name, tuple(legs), platform, tuple(actuated), home, gravity, tuple(redundant))
+
+    def _platform(self) -> Platform:
+        free = self.data.get("free")
+        if not isinstance(free, list) or not all(name in COORDINATES for name in free):
+            raise InputError(f"free: expected names among {', '.join(COORDINATES)}, got {free!r}")
+        convention = self.data.get("convention", "xyz")
+        body = self.data.get("platform", {})
+        if not isinstance(body, dict):
+            raise InputError(f"platform: expected a table [platform], got {body!r}")
+        mask = tuple(name in free for name in COORDINATES)
+        return Platform(mask, convention, _body(body, "platform"))
+
+    def _leg(self, leg: dict[str, Any], tables: dict[str, Any], where: str) -> Leg:
+        key = leg.get("table")
+        if not isinstance(key, str) or key not in tables:
+            raise InputError(f"table: there is no [table.{key}]; there are {', '.join(tables)}")
+        table = tables[key]
+        if not isinstance(table, dict):
+            raise InputError(f"table.{key}: expected a table, got {table!r}")
+        _refuse_unknown(table, _TABLE, f"table.{key}.")
+        rows = _dictionaries(table, "rows", f"table.{key}")
+        bodies = _dictionaries(table, "bodies", f"table.{key}")
+        friction = {name: leg.get(name, table.get(name, ())) for name in _FRICTION}
+        for name, value in friction.items():
+            if not isinstance(value, list | tuple):
+                raise InputError(f"{name}: expected a list of numbers, got {value!r}")
+        turn = leg.get("end_rotation")
+        return Leg(
+            tuple(self._row(row, f"table.{key}.rows[{i}]") for i, row in enumerate(rows, start=1)),
+            table.get("joints_to_coupling"),
+            tuple(_body(body, f"table.{key}.bodies[{i}]") for i, body in enumerate(bodies, start=1)),
+            base_rotation=self._rotations(leg, "base_rotation"),
+            base_position=self._point(leg, "base_position"),
+            coupling=self._point(leg, "coupling"),
+            end_rotation=None if turn is None else product_of(self._rotations(leg, "end_rotation")),
+            branch=tuple(leg.get("branch", ())),
+            guess=tuple(leg.get("guess", ())),
+            **friction,
+        )
+
+    def _row(self, row: dict[str, Any], where: str) -> MDHRow:
+        _refuse_unknown(row, ("joint", *_ENTRIES), f"{where}.")
+        joint = row.get("joint")
+        if joint not in _JOINTS:
+            raise InputError(f"{where}.joint: expected one of {', '.join(_JOINTS)}, got {joint!r}")
+        entries = {name: self._entry(f"{where}.{name}", row.get(name, 0.0)) for name in _ENTRIES}
+        return MDHRow(_JOINTS[joint], **entries)
+
+    def _point(self, leg: dict[str, Any], name: str) -> tuple[Entry, ...]:
+        values = leg.get(name, [0.0, 0.0, 0.0])
+        if not isinstance(values, list):
+            raise InputError(f"{name}: expected a list of 3 entries, got {values!r}")
+        return tuple(self._entry(f"{name}[{i}]", v) for i, v in enumerate(values, start=1))
+
+    def _rotations(self, leg: dict[str, Any], name: str) -> tuple[tuple[str, Entry], ...]:
+        values = leg.get(name, [])
+        if not isinstance(values, list) or not all(isinstance(v, list) and len(v) == 2 for v in values):
+            raise InputError(f'{name}: expected pairs of axis and angle, [["z", "pi/2"]], got {values!r}')
+        turns = [
+            (axis, self._entry(f"{name}[{i}]", angle)) for i, (axis, angle) in enumerate(values, start=1)
+        ]
+        return elementary_rotations(name, turns)
+
+    def _entry(self, where: str, value: object) -> Entry:
+        if not isinstance(value, str):
+            return number_from(where, value)
+        if value in self.parameters:
+            return self.parameters[value]
+        found = _PI.fullmatch(value.replace(" ", ""))
+        if found is None:
+            raise InputError(
+                f"{where}: {value!r} is neither a parameter nor a multiple of pi"
+                f"{_suggestion(value, list(self.parameters))}"
+            )
+        sign, factor, divisor = found.groups()
+        if divisor is not None and float(divisor) == 0:
+            raise InputError(f"{where}: division by zero in {value!r}")
+        return (-1 if sign == "-" else 1) * float(factor or 1) * math.pi / float(divisor or 1)
+
+
+def _body(table: dict[str, Any], where: str) -> BodyInertia:
+    _refuse_unknown(table, _BODY, f"{where}.")
+    return _named(
+        where,
+        BodyInertia.about_center,
+        table.get("mass", 0.0),
+        table.get("center", [0.0, 0.0, 0.0]),
+        table.get("inertia", [0.0, 0.0, 0.0]),
+    )
+
+
+def _named(where: str, make: Any, *arguments: Any) -> Any:
+    """Call with the place in front of messages that do not name one yet."""
+    try:
+        return make(*arguments)
+    except InputError as error:
+        message = str(error)
+        raise InputError(message if message.startswith("table.") else f"{where}.{message}") from None
+
+
+def _joint_list(leg: dict[str, Any], key: str, where: str) -> list[int]:
+    values = leg.get(key, [])
+    if not isinstance(values, list) or any(isinstance(v, bool) or not isinstance(v, int) for v in values):
+        raise InputError(f"{where}.{key}: expected a list of joint numbers from 1, got {values!r}")
+    if any(v < 1 for v in values):
+        raise InputError(f"{where}.{key}: joints are counted from 1, got {values!r}")
+    return [v - 1 for v in values]
+
+
+def _dictionaries(table: dict[str, Any], key: str, where: str) -> list[dict[str, Any]]:
+    values = table.get(key, [])
+    if not isinstance(values, list) or not all(isinstance(v, dict) for v in values):
+        raise InputError(f"{where}.{key}: expected a list of tables, got {values!r}")
+    return values
+
+
+def _table(data: dict[str, Any], key: str) -> dict[str, Any]:
+    value = data.get(key)
+    if not isinstance(value, dict) or not value:
+        raise InputError(f"{key}: expected a table [{key}...], got {value!r}")
+    return value
+
+
+def _refuse_unknown(table: Iterable[str], known: tuple[str, ...], prefix: str) -> None:
+    for key in table:
+        if key not in known:
+            raise InputError(f"{prefix}{key}: unknown key{_suggestion(key, known)}")
+
+
+def _suggestion(word: str, known: Iterable[str]) -> str:
+    known = list(known)
+    near = difflib.get_close_matches(word, known, n=1)
+    guess = f"; did you mean {near[0]!r}?" if near else ""
+    return f"{guess} (known: {', '.join(known) or 'none'})"
+
+
+def describe(description: RobotDescription) -> dict[str, object]:
+    """A robot as plain data: name, coordinates, motors (from 1), parameters, gravity, home."""
+    return {
+        "name": description.name,
+        "legs": len(description.legs),
+        "coordinates": list(description.platform.coordinates),
+        "convention": description.platform.convention,
+        "actuated": [[leg + 1, joint + 1] for leg, joint in description.actuated],
+        "redundant": [[leg + 1, joint + 1] for leg, joint in description.redundant],
+        "parameters": description.parameters,
+        "gravity": np.asarray(description.gravity).tolist(),
+        "home": np.asarray(description.home).tolist(),
+    }

@@ -1,0 +1,191 @@
+"""A parallel robot in its platform coordinates alone, as CasADi expressions: what an optimiser needs of it.
+
+The joints are eliminated by their closed-form inverse kinematics, so that motor forces, motor speeds, base
+wrench and the measures of singular poses are functions of z, z' and z'' with exact derivatives of any order.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from ocptip.errors import InputError
+from ocptip.parallel.closed_form import leg_type, nearest_branch
+from ocptip.parallel.closed_form_sx import closed_form_expression
+from ocptip.parallel.description import PRISMATIC, Leg
+from ocptip.parallel.elimination import elimination_order
+from ocptip.parallel.leg_dynamics import LegState
+from ocptip.parallel.leg_jacobian import LegModel
+from ocptip.parallel.leg_plans import choose_plans
+from ocptip.parallel.platform_sx import platform_wrench
+from ocptip.parallel.projection import Arguments, Projection
+from ocptip.parallel.robot import ParallelRobot
+from ocptip.parallel.singularity import characteristic_length
+from ocptip.parallel.spatial_sx import Vector, cross, plus, scaled, spin_moment, times, zero
+from ocptip.parallel.symbols import (
+    geometry_symbols,
+    inertia_layout,
+    inertia_values,
+    joint_term_values,
+    require_coupling_form,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class MinimalForm:
+    """Expressions of platform coordinates z and their derivatives zd, zdd, (m,) each.
+
+    Attributes:
+        z, zd, zdd: the symbols.
+        q: (n, N) joint positions up to the coupling points, one column per leg.
+        motor_forces: (m,), N or N m.
+        motor_speeds: (m,), m/s or rad/s.
+        wrench: (6,), N and N m: of the robot on its base, about the robot's world origin, world axes; see
+            :func:`ocptip.parallel.standing.base_wrench`.
+        measures: (k,) distances from singular poses, at most 1, 0 in such a pose; see `measure_names`.
+        measure_names: "leg 2" (type I), "platform" (type II).
+    """
+
+    z: ca.SX
+    zd: ca.SX
+    zdd: ca.SX
+    q: ca.SX
+    motor_forces: ca.SX
+    motor_speeds: ca.SX
+    wrench: ca.SX
+    measures: ca.SX
+    measure_names: tuple[str, ...]
+
+
+def minimal_form(robot: ParallelRobot, gravity: object | None = None) -> MinimalForm:
+    """Eliminate the joints of a robot whose legs have closed forms.
+
+    The legs stay in the branches they have at home. The measure of a leg is the squared sine of an angle
+    between its links (`LegExpression.measures`), or for a prismatic leg without such the squared ratio of its
+    length to that at home, at most 1; out of reach it is negative. The measure of the platform
+    is the volume that the unit vectors along the rows of J_a span, angles counted as lengths by the
+    characteristic length: 1 if the motors act at right angles, positive at home and on all poses that are
+    reached from there without passing a type II singularity.
+
+    Args:
+        robot: with as many motors as coordinates, no dry friction in its joints.
+        gravity: (3,), m/s^2, world axes; default the robot's.
+
+    Raises:
+        InputError: the robot is not of this kind; says why.
+    """
+    description = robot.description
+    _require_closed_form(robot)
+    m, legs = robot.m, description.legs
+    z, zd, zdd = (ca.SX.sym(name, m) for name in ("z", "zd", "zdd"))
+    position, rotation = robot.kinematics.platform.pose(ca.vertsplit(z))
+    columns, measures, names = [], [], []
+    at_home = robot.kinematics.point_joints(description.home).q
+    home_position, home_rotation = robot.kinematics.platform.pose(description.home)
+    for number, leg in enumerate(legs):
+        point = ca.SX(position) + ca.SX(rotation) @ ca.DM(leg.coupling_point)
+        target = ca.DM(leg.base_matrix.T) @ (point - ca.DM(leg.origin))
+        point_home = home_position + home_rotation @ leg.coupling_point - leg.origin
+        branch = nearest_branch(leg, leg.base_matrix.T @ point_home, at_home[number])
+        found = closed_form_expression(leg, ca.vertsplit(target), branch)
+        columns.append(ca.vertcat(*found.q))
+        stretch = [(length / _home_length(leg, at_home[number])) ** 2 for length in found.lengths]
+        measures += [*found.measures, *(ca.fmin(value, 1) for value in stretch)]
+        names += [f"leg {number + 1}"] * (len(found.measures) + len(found.lengths))
+    q = ca.horzcat(*columns)
+    layout = inertia_layout(description)
+    plans = choose_plans(description, layout, [True] * layout.size, "motors")
+    arguments = Arguments(
+        pose=z,
+        rates=zd,
+        accelerations=zdd,
+        q=q,
+        geometry=geometry_symbols(description, numeric=True),
+        inertia=ca.SX(ca.sparsify(ca.DM(inertia_values(description)))),
+        gravity=ca.SX(ca.DM(description.gravity if gravity is None else np.asarray(gravity, dtype=float))),
+        wrench=ca.SX.zeros(6),
+        joint_terms=ca.SX(ca.DM(joint_term_values(description))),
+        quasi=False,
+    )
+    projection = Projection(description, layout, plans, arguments)
+    order = elimination_order(description)
+    rates = projection.joint_rates()
+    outputs = [
+        q,
+        projection.motor_forces(order),
+        ca.vertcat(*(rates[joint, leg] for leg, joint in description.actuated)),
+        -_carried(projection),
+        ca.vertcat(*measures, _platform_measure(robot, projection.jacobian(), z)),
+    ]
+    return MinimalForm(z, zd, zdd, *map(ca.densify, ca.cse(outputs)), (*names, "platform"))
+
+
+def _require_closed_form(robot: ParallelRobot) -> None:
+    description = robot.description
+    require_coupling_form(description)
+    if robot.complete_legs:
+        raise InputError(f"{description.name}: joints behind the coupling points have friction or drives")
+    if len(description.actuated) != robot.m:
+        raise InputError(
+            f"{description.name}: {len(description.actuated)} motors for {robot.m} coordinates; motor forces "
+            "are functions of the motion only with as many motors as coordinates"
+        )
+    for number, leg in enumerate(description.legs, start=1):
+        if leg_type(leg) is None:
+            raise InputError(
+                f"{description.name}: leg {number} has no closed-form inverse kinematics (types RRR, RPR, "
+                "PRRR, RUU and UPS have)"
+            )
+        if any(leg.coulomb):
+            raise InputError(
+                f"{description.name}: leg {number} has dry friction, which jumps with the direction of "
+                "motion; leave it to the model of the motors"
+            )
+
+
+def _home_length(leg: Leg, q: np.ndarray) -> float:
+    return float(next(abs(v) for v, row in zip(q, leg.rows, strict=False) if row.sigma == PRISMATIC))
+
+
+def _platform_measure(robot: ParallelRobot, jacobian: ca.SX, z: ca.SX) -> ca.SX:
+    """Volume spanned by the unit rows of J_a, positive at home."""
+    platform, length = robot.description.platform, characteristic_length(robot.kinematics)
+    shifts = sum(platform.mask[:3])
+    weights = [1.0] * shifts + [1.0 / length] * (robot.m - shifts)
+    rows = jacobian @ ca.diag(ca.DM(weights))
+    unit = ca.vertcat(*(row / ca.norm_2(row) for row in ca.vertsplit(rows)))
+    volume = ca.det(unit)
+    home = float(ca.Function("home", [z], [volume])(robot.description.home))
+    return volume if home >= 0 else -volume
+
+
+def _carried(projection: Projection) -> ca.SX:
+    """Force and moment about the world origin that move and carry all bodies, (6,), world axes."""
+    arguments, layout = projection.arguments, projection.layout
+    parameters = ca.vertsplit(arguments.inertia[layout.platform_slice])
+    wrenches = [
+        (*platform_wrench(parameters, projection.platform, projection.gravity), projection.platform.position)
+    ]
+    for leg, motion in zip(projection.legs, projection.motions, strict=True):
+        point = leg.origin
+        for body in range(leg.size):
+            to_world = leg.rotation(0, body + 1)
+            force, moment = _inertial(leg, motion, body)
+            wrenches.append((to_world(force), to_world(moment), point))
+            point = plus(point, to_world(leg.segments[body]))
+    total_force, total_moment = zero(), zero()
+    for force, moment, point in wrenches:
+        total_force = plus(total_force, force)
+        total_moment = plus(total_moment, moment, cross(point, force))
+    return ca.vertcat(*total_force, *total_moment)
+
+
+def _inertial(leg: LegModel, motion: LegState, body: int) -> tuple[Vector, Vector]:
+    """Force, and moment about the frame's origin, that move and carry one body, in its frame."""
+    parameters, fall = leg.inertia[body], motion.origins[body]
+    first = list(parameters[6:9])
+    force = plus(scaled(parameters[9], fall), times(motion.matrices[body], first))
+    spin = spin_moment(parameters, motion.omegas[body], motion.alphas[body], motion.matrices[body])
+    return force, plus(spin, cross(first, fall))

@@ -1,0 +1,454 @@
+"""A parallel robot: kinematics, dynamics by four routes, mobility and singularities in one object."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from ocptip.errors import InputError, SolverError, finite_array
+from ocptip.parallel.constraint_route import ConstraintRoute
+from ocptip.parallel.crossings import Crossing, crossings
+from ocptip.parallel.description import RobotDescription
+from ocptip.parallel.kinematics import JointPositions, Kinematics, PlatformPose, RobotMotion
+from ocptip.parallel.kkt_route import KKTAccelerations, KKTSystem
+from ocptip.parallel.mobility import Mobility, mobility
+from ocptip.parallel.regressor import regressor
+from ocptip.parallel.singularity import Singularity, require_regular, singularity
+from ocptip.parallel.terms import Terms, converted, motor_drift, needs_complete_legs, quasi_terms
+from ocptip.parallel.tree_route import tree_forces
+
+if TYPE_CHECKING:
+    from ocptip.parallel.base_parameters import NumericBaseParameters
+    from ocptip.parallel.codegen import CFiles
+    from ocptip.parallel.counting import OperationCount
+    from ocptip.parallel.lean import LeanFunction
+    from ocptip.parallel.leg_base_parameters import LegBaseParameters
+
+Projection = Literal["coupling", "constraint", "tree", "kkt"]
+PROJECTIONS = ("coupling", "constraint", "tree", "kkt")
+_BALANCE = 1e-7
+
+
+@dataclass(frozen=True, eq=False)
+class Forces:
+    """Result of the inverse dynamics.
+
+    Attributes:
+        motors: (n_a,) motor forces, N or N m; of redundant drives those with the smallest norm.
+        generalized: (m,) tau_s dual to s', N and N m.
+        residual: part of tau_s that the motors cannot balance, relative.
+        projection: route it came by.
+    """
+
+    motors: np.ndarray
+    generalized: np.ndarray
+    residual: float
+    projection: str
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain data."""
+        return {
+            "motors": self.motors.tolist(),
+            "generalized": self.generalized.tolist(),
+            "residual": self.residual,
+            "projection": self.projection,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class JointRates:
+    """Positions, speeds and accelerations of all joints, coupling joints included.
+
+    Attributes:
+        q, qd, qdd: per leg (n_f,).
+        residual: largest closure error of the positions, m or rad.
+    """
+
+    q: tuple[np.ndarray, ...]
+    qd: tuple[np.ndarray, ...]
+    qdd: tuple[np.ndarray, ...]
+    residual: float
+
+
+class ParallelRobot:
+    """A parallel robot that moves as described.
+
+    Platform coordinates z hold the free ones of x, y, z, phi1, phi2, phi3 (m, rad), then the redundant
+    joints. Joint values are optional everywhere: without them the inverse kinematics finds them.
+
+    Args:
+        description: legs, platform, motors.
+        check: refuse a robot whose mobility is not as described. False only to look at such a robot.
+
+    Raises:
+        InputError: the legs do not reach the home pose, or the mobility differs; the message says it.
+    """
+
+    def __init__(self, description: RobotDescription, *, check: bool = True) -> None:
+        if not isinstance(description, RobotDescription):
+            raise InputError(f"description: expected a RobotDescription, got {type(description).__name__}")
+        self.description = description
+        self.kinematics = Kinematics(description)
+        self._mobility = mobility(self.kinematics)
+        if check and not self._mobility.consistent:
+            raise InputError(f"{description.name}: {'; '.join(self._mobility.problems)}")
+        self._complete = needs_complete_legs(self.kinematics)
+        self._check = check
+
+    def __reduce__(self) -> tuple:
+        """Pickle by what it was made of: CasADi's functions are built anew on the other side."""
+        return _restored, (self.description, self._check)
+
+    @property
+    def m(self) -> int:
+        """Number of coordinates."""
+        return self.description.m
+
+    @property
+    def redundant_drives(self) -> bool:
+        """True if there are more motors than coordinates."""
+        return len(self.description.actuated) > self.m
+
+    @property
+    def complete_legs(self) -> bool:
+        """True if the dynamics use all joints, False if only those up to the coupling points."""
+        return self._complete
+
+    def mobility(self) -> Mobility:
+        """Degrees of freedom, found when the robot was made."""
+        return self._mobility
+
+    def ik(self, z: object, guess: Sequence[np.ndarray] | None = None) -> JointPositions:
+        """All joint positions at a pose; see :meth:`Kinematics.joints`."""
+        return self.kinematics.joints(z, guess)
+
+    def fk(self, qa: object, guess: object | None = None) -> PlatformPose:
+        """Platform pose from motor positions; see :meth:`Kinematics.forward`."""
+        return self.kinematics.forward(qa, guess)
+
+    def passive(
+        self, z: object, zd: object, zdd: object, guess: Sequence[np.ndarray] | None = None
+    ) -> JointRates:
+        """Positions, speeds and accelerations of all joints (section 9).
+
+        Args:
+            z, zd, zdd: (m,) coordinates and their time derivatives.
+            guess: joint positions nearby, per leg.
+        """
+        z, zd, zdd = self._state(z, zd, zdd)
+        found = self.kinematics.joints(z, guess)
+        s, sd = self.kinematics.quasi(z, zd, zdd)
+        motion = self.kinematics.motion(z, s, found.q, complete=True)
+        legs = motion.legs
+        qdd = tuple(leg.Jq @ sd + leg.drift for leg in legs)
+        return JointRates(found.q, tuple(leg.qd for leg in legs), qdd, found.residual)
+
+    def jacobian(self, z: object, q: Sequence[np.ndarray] | None = None) -> np.ndarray:
+        """J_a (n_a, m): q_a' = J_a s'."""
+        z = self.kinematics.coordinates("z", z)
+        return self.kinematics.actuated_jacobian(self.motion(z, np.zeros(self.m), q))
+
+    def singularity(self, z: object, q: Sequence[np.ndarray] | None = None) -> Singularity:
+        """Measures of both types and of the Euler angles at a pose."""
+        z = self.kinematics.coordinates("z", z)
+        return singularity(self.kinematics, z, self._joints(z, q), complete=self._complete)
+
+    def motion(self, z: object, s: object, q: Sequence[np.ndarray] | None = None) -> RobotMotion:
+        """Rates of all joints that the dynamics use, at coordinates z and quasi-velocities s."""
+        z, s = self.kinematics.coordinates("z", z), self.kinematics.coordinates("s", s)
+        return self.kinematics.motion(z, s, self._joints(z, q), complete=self._complete)
+
+    def terms(
+        self,
+        z: object,
+        zd: object,
+        q: Sequence[np.ndarray] | None = None,
+        *,
+        form: str = "S",
+        wrench: object | None = None,
+        gravity: object | None = None,
+    ) -> Terms:
+        """Mass matrix, Coriolis and gravity forces in one of the forms of :class:`Terms`.
+
+        Args:
+            z, zd: (m,).
+            q: joint positions per leg: all, or up to the coupling points where those suffice.
+            form: S, X, Z, A or AA.
+            wrench: (6,) external force and moment on the platform about its origin, world axes; a part of c,
+                with a minus sign.
+            gravity: (3,), m/s^2, world axes; default the robot's.
+
+        Raises:
+            SolverError: singular pose, with its type.
+            InputError: wrong shapes, unknown form, pose out of reach.
+        """
+        z, zd = self.kinematics.coordinates("z", z), self.kinematics.coordinates("zd", zd)
+        s = self.kinematics.rate_matrices(z, zd)[0] @ zd
+        motion = self._regular_motion(z, s, q)
+        terms = self._quasi_terms(motion, wrench, gravity)
+        return converted(
+            terms,
+            form,
+            rates=self.kinematics.rate_matrices(z, zd),
+            zd=zd,
+            jacobian=self.kinematics.actuated_jacobian(motion),
+            motor_drift=motor_drift(self.description.actuated, motion),
+        )
+
+    def mass_matrix(self, z: object, q: Sequence[np.ndarray] | None = None, *, form: str = "S") -> np.ndarray:
+        """M at a pose."""
+        return self.terms(z, np.zeros(self.m), q, form=form).M
+
+    def inverse_dynamics(
+        self,
+        z: object,
+        zd: object,
+        zdd: object,
+        q: Sequence[np.ndarray] | None = None,
+        *,
+        rates: Literal["euler", "quasi"] = "euler",
+        projection: Projection = "coupling",
+        wrench: object | None = None,
+        gravity: object | None = None,
+    ) -> Forces:
+        """Motor forces of a motion.
+
+        Args:
+            z: (m,) coordinates.
+            zd, zdd: (m,) their derivatives, or s' and s'' if `rates` is "quasi".
+            q: joint positions per leg.
+            rates: what zd and zdd are.
+            projection: "coupling" (legs and platform projected at the coupling points or, where needed, by
+                complete legs), "constraint" (derivatives of the closures), "tree" (cut loops), "kkt"
+                (multipliers). All give the same; the last three are slower and serve as checks.
+            wrench: (6,) external force and moment on the platform about its origin, world axes.
+            gravity: (3,), m/s^2, world axes; default the robot's.
+
+        Raises:
+            SolverError: singular pose, or motors that cannot balance the forces.
+            InputError: wrong shapes, unknown names, pose out of reach.
+        """
+        if projection not in PROJECTIONS:
+            raise InputError(f"projection: must be one of {', '.join(PROJECTIONS)}, got {projection!r}")
+        if rates not in ("euler", "quasi"):
+            raise InputError(f"rates: must be 'euler' or 'quasi', got {rates!r}")
+        z, zd, zdd = self._state(z, zd, zdd)
+        s, sd = self.kinematics.quasi(z, zd, zdd) if rates == "euler" else (zd, zdd)
+        if projection == "coupling":
+            motion = self._regular_motion(z, s, q)
+            tau = self._quasi_terms(motion, wrench, gravity).force(sd)
+            return self._distributed(self.kinematics.actuated_jacobian(motion), tau, projection)
+        complete = self._complete or projection in ("tree", "kkt")
+        joints = self._joints(z, q, complete=complete)
+        require_regular(self.kinematics, z, joints, complete=complete)
+        motion = self.kinematics.motion(z, s, joints, complete=complete)
+        if projection == "constraint":
+            return self._by_constraints(motion, sd, wrench, gravity)
+        return self._by_joints(motion, sd, projection, wrench, gravity)
+
+    def forward_dynamics(
+        self,
+        z: object,
+        s: object,
+        motors: object,
+        q: Sequence[np.ndarray] | None = None,
+        *,
+        wrench: object | None = None,
+    ) -> np.ndarray:
+        """Quasi-accelerations s'' (m,) under motor forces (section 10).
+
+        Args:
+            z: (m,) coordinates.
+            s: (m,) quasi-velocities.
+            motors: (n_a,) motor forces.
+            q: joint positions per leg.
+            wrench: (6,) external force and moment on the platform about its origin, world axes.
+
+        Raises:
+            SolverError: singular leg, or a mass matrix that is not positive definite.
+        """
+        z, s = self.kinematics.coordinates("z", z), self.kinematics.coordinates("s", s)
+        tau_a = finite_array("motors", motors, (len(self.description.actuated),))
+        motion = self._regular_motion(z, s, q, legs_only=True)
+        terms = self._quasi_terms(motion, wrench, None)
+        right = self.kinematics.actuated_jacobian(motion).T @ tau_a - terms.c - terms.g
+        try:
+            factor = np.linalg.cholesky(terms.M)
+        except np.linalg.LinAlgError:
+            smallest = np.linalg.eigvalsh(terms.M)[0]
+            raise SolverError(
+                f"forward dynamics: the mass matrix is not positive definite (eigenvalue {smallest:.2g})"
+            ) from None
+        return np.linalg.solve(factor.T, np.linalg.solve(factor, right))
+
+    def kkt_accelerations(
+        self, z: object, s: object, motors: object, q: Sequence[np.ndarray] | None = None
+    ) -> KKTAccelerations:
+        """Accelerations of all joints and the platform with Lagrange multipliers: a check, slow."""
+        z, s = self.kinematics.coordinates("z", z), self.kinematics.coordinates("s", s)
+        tau_a = finite_array("motors", motors, (len(self.description.actuated),))
+        motion = self.kinematics.motion(z, s, self._joints(z, q, complete=True), complete=True)
+        return KKTSystem(self.kinematics, motion, self.description.gravity, np.zeros(6)).accelerations(tau_a)
+
+    def energy(self, z: object, s: object, q: Sequence[np.ndarray] | None = None) -> tuple[float, float]:
+        """Kinetic and potential energy, J; drives included, friction not."""
+        motion = self.motion(z, s, q)
+        body, g = self.description.platform.inertia, self.description.gravity
+        kinetic = 0.5 * motion.s @ self._quasi_terms(motion, None, None).M @ motion.s
+        potential = -g @ (body.mass * motion.r + motion.R @ body.first_moment)
+        for leg, part in zip(self.kinematics.legs, motion.legs, strict=True):
+            q_full, n = np.zeros(leg.n), len(part.q)
+            q_full[:n] = part.q
+            potential += leg.dynamics(q_full, np.zeros(leg.n), g)[-1][1]
+            potential -= g @ leg.origin * sum(b.mass for b in leg.leg.bodies)
+        return float(kinetic), float(potential)
+
+    def regressor(
+        self, z: object, zd: object, zdd: object, q: Sequence[np.ndarray] | None = None
+    ) -> np.ndarray:
+        """W (m, 10 bodies) with tau_s = W `description.inertia_vector`; see :func:`regressor`."""
+        z, zd, zdd = self._state(z, zd, zdd)
+        s, sd = self.kinematics.quasi(z, zd, zdd)
+        motion = self._regular_motion(z, s, q, legs_only=True)
+        return regressor(self.kinematics, motion, sd, self.description.gravity)
+
+    def crossings(self, path: object) -> tuple[Crossing, ...]:
+        """Singular poses on a path (N, m), also between its samples; see :func:`crossings`."""
+        return crossings(self.kinematics, path)
+
+    def lean(self, outputs: Sequence[str] = ("tau",), **options: object) -> LeanFunction:
+        """Generated function of the robot; see :func:`ocptip.parallel.lean.lean_function`."""
+        from ocptip.parallel.lean import lean_function
+
+        return lean_function(self.description, outputs, **options)
+
+    def op_count(self, **options: object) -> OperationCount:
+        """Operations of the motor forces (form "A"), or of what the options ask for."""
+        return self.lean(**{"form": "A", **options}).count
+
+    def codegen(
+        self, path: str | os.PathLike[str], outputs: Sequence[str] = ("tau",), **options: object
+    ) -> CFiles:
+        """Write the motor forces (form "A"), or what the options ask for, as C source with a header."""
+        from ocptip.parallel.codegen import write_c
+
+        return write_c(self.lean(outputs, **{"form": "A", **options}), path)
+
+    def base_parameters(
+        self, how: Literal["leg", "numeric"] = "leg", **options: object
+    ) -> LegBaseParameters | NumericBaseParameters:
+        """Base parameters: leg-wise closed form, or of the whole robot by QR."""
+        from ocptip.parallel.base_parameters import numeric_base_parameters
+        from ocptip.parallel.leg_base_parameters import leg_base_parameters
+
+        if how not in ("leg", "numeric"):
+            raise InputError(f"how: must be 'leg' or 'numeric', got {how!r}")
+        make = leg_base_parameters if how == "leg" else numeric_base_parameters
+        return make(self.description, **options)
+
+    @cached_property
+    def _constraints(self) -> ConstraintRoute:
+        return ConstraintRoute(self.kinematics, complete=self._complete)
+
+    def _state(self, z: object, zd: object, zdd: object) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        check = self.kinematics.coordinates
+        return check("z", z), check("zd", zd), check("zdd", zdd)
+
+    def _joints(
+        self, z: np.ndarray, q: Sequence[np.ndarray] | None, *, complete: bool | None = None
+    ) -> tuple[np.ndarray, ...]:
+        complete = self._complete if complete is None else complete
+        if q is None:
+            found = self.kinematics.joints(z) if complete else self.kinematics.point_joints(z)
+            return found.q
+        legs = self.kinematics.legs
+        if len(q) != len(legs):
+            raise InputError(f"q: expected one array per leg, {len(legs)}, got {len(q)}")
+        joints = []
+        for i, (leg, values) in enumerate(zip(legs, q, strict=True)):
+            sizes = (leg.n,) if complete else (leg.n, leg.point)
+            array = finite_array(f"q[{i + 1}]", values, (None,))
+            if len(array) not in sizes:
+                wanted = " or ".join(str(size) for size in sizes)
+                raise InputError(f"q[{i + 1}]: expected {wanted} numbers, got {len(array)}")
+            joints.append(array if complete else array[: leg.point])
+        return tuple(joints)
+
+    def _by_constraints(
+        self, motion: RobotMotion, sd: np.ndarray, wrench: object | None, gravity: object | None
+    ) -> Forces:
+        H = self.kinematics.rate_matrices(motion.z, np.zeros(self.m))[0]
+        zd = np.linalg.solve(H, motion.s)
+        D = self.kinematics.rate_matrices(motion.z, zd)[1]
+        zdd = np.linalg.solve(H, sd - D @ zd)
+        joints = [part.q for part in motion.legs]
+        terms, J_z = self._constraints.terms(motion.z, zd, joints, self._gravity(gravity))
+        tau_s = np.linalg.solve(H.T, terms.force(zdd)) - motion.T.T @ _wrench(wrench)
+        return self._distributed(J_z @ np.linalg.inv(H), tau_s, "constraint")
+
+    def _by_joints(
+        self,
+        motion: RobotMotion,
+        sd: np.ndarray,
+        projection: str,
+        wrench: object | None,
+        gravity: object | None,
+    ) -> Forces:
+        g, w = self._gravity(gravity), _wrench(wrench)
+        jacobian = self.kinematics.actuated_jacobian(motion)
+        if projection == "tree":
+            acceleration = jacobian @ sd + motor_drift(self.description.actuated, motion)
+            motors, residual = tree_forces(self.kinematics, motion, acceleration, g, w), 0.0
+        else:
+            joints = tuple(leg.Jq @ sd + leg.drift for leg in motion.legs)
+            found = KKTSystem(self.kinematics, motion, g, w).forces(joints, motion.T @ sd + motion.T_drift)
+            motors, residual = found.motors, found.residual
+            _require_balance(residual, "motors and closures")
+        return Forces(motors, jacobian.T @ motors, residual, projection)
+
+    def _distributed(self, jacobian: np.ndarray, tau_s: np.ndarray, projection: str) -> Forces:
+        """Solve J_a' tau_a = tau_s; the smallest forces if there are more motors than coordinates."""
+        square = jacobian.shape[0] == jacobian.shape[1]
+        if square:
+            motors = np.linalg.solve(jacobian.T, tau_s)
+        else:
+            motors = np.linalg.lstsq(jacobian.T, tau_s, rcond=None)[0]
+        residual = np.abs(jacobian.T @ motors - tau_s).max() / max(np.abs(tau_s).max(), 1e-300)
+        _require_balance(residual, f"{len(motors)} motors")
+        return Forces(motors, tau_s, float(residual), projection)
+
+    def _regular_motion(
+        self, z: np.ndarray, s: np.ndarray, q: Sequence[np.ndarray] | None, *, legs_only: bool = False
+    ) -> RobotMotion:
+        joints = self._joints(z, q)
+        require_regular(self.kinematics, z, joints, complete=self._complete, legs_only=legs_only)
+        return self.kinematics.motion(z, s, joints, complete=self._complete)
+
+    def _quasi_terms(self, motion: RobotMotion, wrench: object | None, gravity: object | None) -> Terms:
+        terms = quasi_terms(self.kinematics, motion, self._gravity(gravity))
+        if wrench is None:
+            return terms
+        return Terms("S", terms.M, terms.c - motion.T.T @ _wrench(wrench), terms.g)
+
+    def _gravity(self, gravity: object | None) -> np.ndarray:
+        return self.description.gravity if gravity is None else finite_array("gravity", gravity, (3,))
+
+
+def _restored(description: RobotDescription, check: bool) -> ParallelRobot:
+    return ParallelRobot(description, check=check)
+
+
+def _wrench(value: object | None) -> np.ndarray:
+    return np.zeros(6) if value is None else finite_array("wrench", value, (6,))
+
+
+def _require_balance(residual: float, what: str) -> None:
+    if not residual < _BALANCE:
+        raise SolverError(
+            f"inverse dynamics: {what} leave {residual:.2g} of the forces unbalanced (relative)"
+        )
