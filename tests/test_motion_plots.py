@@ -173,8 +173,14 @@ def test_many_joints_without_limits_can_be_drawn():
     samples = dataclasses.replace(samples, **wide, clearances=np.full(len(samples.times), np.inf))
     robot, limits = plan.task.robot, plan.task.robot.arm.limits
     unlimited = SimpleNamespace(speed=limits.speed[nine], torque=np.full(9, np.inf))
-    arm = SimpleNamespace(joint_names=[f"shoulder_lift_joint_{j}" for j in range(9)], limits=unlimited)
-    task = SimpleNamespace(**{**vars(plan.task), "robot": SimpleNamespace(arm=arm, support=robot.support)})
+    wide_robot = SimpleNamespace(
+        names=tuple(f"shoulder_lift_joint_{j}" for j in range(9)),
+        units=("rad",) * 9,
+        motor_units=("N m",) * 9,
+        limits=unlimited,
+        support=robot.support,
+    )
+    task = SimpleNamespace(**{**vars(plan.task), "robot": wide_robot})
     figures = plan_figures(SimpleNamespace(**{**vars(plan), "task": task}), samples)
     assert "no limit" in figures["torques"].axes[0].get_title("left")
     assert len(figures["torques"].axes) == 9

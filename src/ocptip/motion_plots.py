@@ -19,7 +19,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from ocptip.motion.output import atomic_file, sample_motion
-from ocptip.motion.robot import MotionSamples
+from ocptip.motion.standing import MotionSamples
 
 if TYPE_CHECKING:
     from ocptip.motion.plan import MotionPlan
@@ -97,13 +97,23 @@ class _Curves:
     @property
     def joint_names(self) -> list[str]:
         """Number and name, or just the name if that is but the number."""
-        names = self.plan.task.robot.arm.joint_names
+        names = self.plan.task.robot.names
         return [n if n == f"joint {j}" else f"{j}: {n}" for j, n in enumerate(names, 1)]
 
     @property
     def joint_limits(self) -> Any:
-        """The arm's limits."""
-        return self.plan.task.robot.arm.limits
+        """Limits of joints, or of a platform's coordinates and motors."""
+        return self.plan.task.robot.limits
+
+    @property
+    def units(self) -> list[str]:
+        """Per joint deg, or m for a straight coordinate."""
+        return ["m" if unit == "m" else "deg" for unit in self.plan.task.robot.units]
+
+    @property
+    def scales(self) -> np.ndarray:
+        """(n,) factors from SI units to `units`."""
+        return np.array([1.0 if unit == "m" else 180 / np.pi for unit in self.units])
 
     @cached_property
     def normal_range(self) -> np.ndarray:
@@ -159,13 +169,13 @@ def _angle_figure(curves: _Curves) -> Figure:
 
 
 def _speed_figure(curves: _Curves) -> Figure:
-    return _joint_panels(curves, "speed", "deg/s", np.rad2deg(curves.samples.speeds), "speed", 180 / np.pi)
+    units, scales = [f"{unit}/s" for unit in curves.units], curves.scales
+    return _joint_panels(curves, "speed", units, scales * curves.samples.speeds, "speed", scales)
 
 
 def _torque_figure(curves: _Curves) -> Figure:
-    return _joint_panels(
-        curves, "torque", "N m", curves.samples.torques, "torque", curves.plan.task.limits.torque_ratio
-    )
+    units, ratio = list(curves.plan.task.robot.motor_units), curves.plan.task.limits.torque_ratio
+    return _joint_panels(curves, "torque", units, curves.samples.torques, "torque", ratio)
 
 
 def _power_figure(curves: _Curves) -> Figure:
@@ -212,9 +222,13 @@ def _friction_figure(curves: _Curves) -> Figure:
 
 def _angles(ax: Any, curves: _Curves, names: Iterable[str] | None = None) -> None:
     names = names or [str(j + 1) for j in range(curves.samples.angles.shape[1])]
-    for j, (name, values) in enumerate(zip(names, np.rad2deg(curves.samples.angles).T, strict=True)):
+    for j, (name, values) in enumerate(zip(names, (curves.scales * curves.samples.angles).T, strict=True)):
         ax.plot(curves.times, values, **_style(j), label=name, gid=f"angle-{j + 1}")
-    _finish(ax, curves, _all("Angles of joints", curves.samples.angles), "angle [deg]")
+    if set(curves.units) == {"deg"}:
+        title, label = _all("Angles of joints", curves.samples.angles), "angle [deg]"
+    else:
+        title, label = "Coordinates", f"coordinate [{', '.join(sorted(set(curves.units), reverse=True))}]"
+    _finish(ax, curves, title, label)
 
 
 def _shares(
@@ -237,7 +251,12 @@ def _shares(
 
 
 def _joint_panels(
-    curves: _Curves, quantity: str, unit: str, values: np.ndarray, limit_name: str, factor: float
+    curves: _Curves,
+    quantity: str,
+    units: list[str],
+    values: np.ndarray,
+    limit_name: str,
+    factor: float | np.ndarray,
 ) -> Figure:
     """One panel per joint with its own limits."""
     n, limits = values.shape[1], factor * getattr(curves.joint_limits, limit_name)
@@ -248,6 +267,7 @@ def _joint_panels(
         if j >= n:
             ax.remove()
             continue
+        unit = units[j]
         ax.plot(curves.times, values[:, j], **_style(j), label=quantity, gid=f"{quantity}-{j + 1}")
         peak = float(np.max(np.abs(values[:, j])))
         if np.isfinite(limits[j]):

@@ -120,7 +120,7 @@ def test_rows_are_the_reserves_of_the_motion_at_the_nodes(planned, seed):
     program.rows = some_rows(program, seed)
     count = len(program.structure.lower)
     rows = program.values(x)[1][count:]
-    tip, slip, torque, gap, angle = np.split(
+    tip, slip, torque, gap, angle, further = np.split(
         rows, np.cumsum([np.count_nonzero(getattr(program.rows, name)) for name in RowSet.FAMILIES[:-1]])
     )
     expected = samples.tip.moments[program.rows.tip] / (2 * robot.tip_over.reference_moment)
@@ -133,6 +133,7 @@ def test_rows_are_the_reserves_of_the_motion_at_the_nodes(planned, seed):
     np.testing.assert_allclose(torque[here], expected[here], rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(gap, 10 * robot.collision.gaps(samples.angles)[program.rows.gap], atol=1e-7)
     np.testing.assert_allclose(angle, samples.angles[program.rows.angle], atol=1e-8)
+    assert not further.size  # an arm has no other limits
 
 
 @pytest.mark.parametrize("seed", SEEDS)

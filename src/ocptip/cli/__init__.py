@@ -42,7 +42,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    from ocptip.cli.plan import add_parser as add_plan  # here: it imports names of this module
+    from ocptip.cli.parallel import add_parser as add_parallel  # here: they import names of this module
+    from ocptip.cli.place import add_parser as add_place
+    from ocptip.cli.plan import add_parser as add_plan
+    from ocptip.cli.rate import add_parser as add_rate
 
     parser = _Parser(prog="ocptip", description="Does it stand, with what reserve, and how sure is that?")
     parser.add_argument("--version", action=_Version, nargs=0, help="print the version and exit")
@@ -64,7 +67,10 @@ def _parser() -> argparse.ArgumentParser:
     )
     stand.set_defaults(run=_stand)
     add_plan(commands)
+    add_place(commands)
     _add_check(commands)
+    add_rate(commands)
+    add_parallel(commands)
     return parser
 
 

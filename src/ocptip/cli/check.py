@@ -35,8 +35,13 @@ _ROWS = {
     "speed_ratio": "speed / limit",
     "acceleration_ratio": "acceleration / limit",
     "angle_margin_deg": "angle margin",
+    "coordinate_margin": "coordinate margin",
+    "singularity": "distance from singular poses",
+    "motor_speed": "motor speed",
 }
 _UNITS = {"clearance_m": ("mm", 1e3), "angle_margin_deg": ("deg", 1.0)}
+_LEAST = (*_UNITS, "coordinate_margin", "singularity")
+_MARGINS = ("angle_margin_deg", "coordinate_margin")
 _SAME_ANGLE = 0.01  # degrees
 
 
@@ -194,10 +199,12 @@ def choose_task(
 def _worst_table(proof: MotionProof) -> list[str]:
     rows = [["quantity", "worst", "limit", "time", "where", ""]]
     for name, title in _ROWS.items():
+        if name not in proof.worst:
+            continue
         worst = proof.worst[name]
         broken = any(violation.startswith(f"{name} ") for violation in proof.violations)
         time = f"{worst.time:.3f} s" if math.isfinite(worst.time) else "-"
-        sign = ">=" if name in _UNITS else "<="
+        sign = ">=" if name in _LEAST else "<="
         limit = f"{sign} {_value(name, worst.limit)}"
         rows.append(
             [title, _value(name, worst.value), limit, time, worst.detail or "-", "BROKEN" if broken else ""]
@@ -206,7 +213,7 @@ def _worst_table(proof: MotionProof) -> list[str]:
 
 
 def _scale_table(scaled: Sequence[tuple[float, MotionProof]]) -> list[str]:
-    names = [name for name in _ROWS if name != "angle_margin_deg"]
+    names = [name for name in _ROWS if name not in _MARGINS and name in scaled[0][1].worst]
     rows = [["times x", "verdict", "duration", "energy", *(_ROWS[name] for name in names)]]
     for factor, proof in scaled:
         verdict = "verified" if proof.verified else "NOT VERIFIED"

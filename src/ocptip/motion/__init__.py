@@ -1,4 +1,4 @@
-"""Motion of an arm by velocity ramps: servo law and its inverse, printed cases, the check of a motion."""
+"""Motion by velocity ramps of an arm or a parallel robot: servo law, printed cases, planning, proof."""
 
 from ocptip.motion.cases import MotionCase, PrintedTime, motion_case, motion_cases
 from ocptip.motion.output import (
@@ -8,6 +8,7 @@ from ocptip.motion.output import (
     write_motion_csv,
     write_plan,
 )
+from ocptip.motion.parallel_robot import PlatformLimits, StandingParallelRobot
 from ocptip.motion.passive import ArmMotion, earliest_end, passive_command
 from ocptip.motion.plan import MotionPlan, StartResult, plan_motion
 from ocptip.motion.proof import MotionLimits, MotionProof, Worst, prove
@@ -19,13 +20,15 @@ from ocptip.motion.ramps import (
     phases_to_commands,
     servo_ramp,
 )
-from ocptip.motion.robot import MotionSamples, StandingRobot, experiment_robot
+from ocptip.motion.robot import StandingRobot, experiment_robot
 from ocptip.motion.sampled import SampledMotion, load_motion, motion_origin
+from ocptip.motion.standing import FurtherLimits, MotionSamples, StandingMechanism
 from ocptip.motion.task import MotionTask, experiment_task, refusals, require_plannable
 from ocptip.motion.task_file import load_task
 
 __all__ = [
     "ArmMotion",
+    "FurtherLimits",
     "JointRamps",
     "MotionCase",
     "MotionLimits",
@@ -33,10 +36,13 @@ __all__ = [
     "MotionProof",
     "MotionSamples",
     "MotionTask",
+    "PlatformLimits",
     "PrintedTime",
     "RampCommand",
     "SampledMotion",
     "ServoRamp",
+    "StandingMechanism",
+    "StandingParallelRobot",
     "StandingRobot",
     "StartResult",
     "Worst",

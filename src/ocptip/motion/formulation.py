@@ -14,13 +14,13 @@ import casadi as cs
 import numpy as np
 
 from ocptip.motion.events import SLOWEST, EventOrder, order_of, unit_row
-from ocptip.motion.node_physics import NodePhysics
+from ocptip.motion.node_physics import node_physics
 from ocptip.motion.passive import ArmMotion, earliest_end, passive_command
 from ocptip.motion.profiles import Layout, Nodes, Profiles
 from ocptip.motion.program import MotionProgram, Structure
 from ocptip.motion.proof import MotionLimits
 from ocptip.motion.ramps import RampCommand, phases_to_commands
-from ocptip.motion.robot import StandingRobot
+from ocptip.motion.standing import StandingMechanism
 
 SMOOTH_NODES = 48
 SHORTEST = 1e-3  # least duration of a ramp in an ordered program, s
@@ -64,7 +64,7 @@ class Formulation:
 
     def __init__(
         self,
-        robot: StandingRobot,
+        robot: StandingMechanism,
         start: np.ndarray,
         goal: np.ndarray,
         joints: tuple[int, ...],
@@ -72,10 +72,10 @@ class Formulation:
         longest: float = 30.0,
     ) -> None:
         self.robot, self.start, self.goal, self.longest = robot, start, goal, longest
-        self.layout = Layout(robot.arm.n, joints, commands)
-        self.smooth_physics, self.physics = NodePhysics(robot, smooth=True), NodePhysics(robot)
-        arm = robot.arm.limits
-        passive = [j for j in range(robot.arm.n) if j not in joints]
+        self.layout = Layout(robot.n, joints, commands)
+        self.smooth_physics, self.physics = node_physics(robot, smooth=True), node_physics(robot)
+        arm = robot.limits
+        passive = [j for j in range(robot.n) if j not in joints]
         self._latest: tuple[EventOrder, Structure] | None = None
         ends = earliest_end((goal - start)[passive], arm.speed[passive], arm.acceleration[passive])
         self.earliest = float(np.max(ends, initial=0.0))
@@ -99,7 +99,7 @@ class Formulation:
         Raises:
             InputError: no commands produce these phases.
         """
-        layout, arm = self.layout, self.robot.arm.limits
+        layout, arm = self.layout, self.robot.limits
         commands: list[tuple[RampCommand, ...]] = [
             (passive_command(self.start[j], self.goal[j], x[layout.end], arm.speed[j], arm.acceleration[j]),)
             for j in range(layout.n)
@@ -202,7 +202,7 @@ class Formulation:
     def _smooth_program(
         self, limits: MotionLimits, smoothing: Smoothing, width: float, times: np.ndarray, weights: np.ndarray
     ) -> MotionProgram:
-        layout, arm = self.layout, self.robot.arm.limits
+        layout, arm = self.layout, self.robot.limits
         profiles = Profiles(layout, self.start, self.goal, arm.speed, rounding=0.5 * width)
         nodes = Nodes(profiles, times, half_width=width)
         speeds = np.full((len(times), layout.n), smoothing.power)
@@ -228,7 +228,7 @@ class Formulation:
             extra: (interval, share of the interval) of further nodes, for rows only.
         """
         layout = order.layout
-        arm = self.robot.arm.limits
+        arm = self.robot.limits
         profiles = Profiles(layout, self.start, self.goal, arm.speed)
         events = order.rows
         where = []
@@ -245,6 +245,8 @@ class Formulation:
         masks = (order.corner_positions[None] <= index[:, None, None]).astype(float)
         placed = Nodes(profiles, times, masks=masks, regime=order.regime)
         directions = order.directions[index]
+        if self.physics.smooth:  # the order says nothing about the motors' directions
+            directions = np.full(directions.shape, COARSE.power)
         program = MotionProgram(
             self.physics, limits, layout, placed, weights, directions, self._structure_of(order)
         )
@@ -253,7 +255,7 @@ class Formulation:
     # --- structure rows ---------------------------------------------------------------------------------
 
     def _smooth_structure(self, smoothing: Smoothing, width: float) -> Structure:
-        layout, arm = self.layout, self.robot.arm.limits
+        layout, arm = self.layout, self.robot.limits
         x = cs.SX.sym("x", layout.size)
         rows = _Rows()
         lower, upper = np.full(layout.size, smoothing.shortest * width), np.full(layout.size, self.longest)
@@ -284,7 +286,7 @@ class Formulation:
         return self._latest[1]
 
     def _ordered_structure(self, order: EventOrder) -> Structure:
-        layout, arm = order.layout, self.robot.arm.limits
+        layout, arm = order.layout, self.robot.limits
         x = cs.SX.sym("x", layout.size)
         rows = _Rows()
         lower, upper = np.full(layout.size, SHORTEST), np.full(layout.size, self.longest)

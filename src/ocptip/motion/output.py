@@ -1,7 +1,8 @@
 """Files of a plan: plan.json, motion.csv, trajectory.json. Every file appears complete or not at all.
 
 A plan is any object with the attributes of `ocptip.motion.plan.MotionPlan`. Inside the library: SI units and
-rad; in plan.json and motion.csv: degrees, as their keys say; in trajectory.json: rad, as ROS wants.
+rad; in plan.json and motion.csv: degrees, as their keys say; in trajectory.json: rad, as ROS wants. Lengths,
+such as the platform's coordinates of a parallel robot, are in metres everywhere.
 """
 
 from __future__ import annotations
@@ -22,8 +23,8 @@ import numpy as np
 
 from ocptip.errors import positive_number
 from ocptip.motion.passive import MERGE
-from ocptip.motion.robot import MotionSamples, StandingRobot
 from ocptip.motion.sampled import Motion
+from ocptip.motion.standing import MotionSamples, StandingMechanism
 
 if TYPE_CHECKING:
     from ocptip.motion.plan import MotionPlan
@@ -51,12 +52,15 @@ _START_KEYS = {
 def plan_to_dict(plan: MotionPlan) -> dict[str, Any]:
     """Return a plan as plain data for strict JSON; what is not finite is None.
 
-    `start` (degrees) and `commands` (degrees and seconds) are read back by `ArmMotion.from_dict`. `worst`
+    `start` (degrees) and `commands` (degrees and seconds) are read back by `ArmMotion.from_dict`; if some
+    coordinates are lengths, `units` says which. `worst`
     holds per quantity `value`, `time` (s), `limit` and `detail`; the exact limits of the ramps have no time.
     `reference` holds energy and duration of the task's reference motion and the ratio of the plan's energy
     to it, or is None.
     """
-    proof, motion = plan.proof, plan.motion.to_dict()
+    proof, units = plan.proof, plan.task.robot.units
+    motion = plan.motion.to_dict(units)
+    goal = plan.motion.goal
     data = {
         "case": plan.task.name,
         **({"base": plan.options["base"]} if "base" in plan.options else {}),
@@ -65,8 +69,9 @@ def plan_to_dict(plan: MotionPlan) -> dict[str, Any]:
         "verified": proof.verified,
         "violations": proof.violations,
         "worst": proof.worst,
+        **({"units": motion["units"]} if "units" in motion else {}),
         "start": motion["start"],
-        "goal": np.rad2deg(plan.motion.goal),
+        "goal": np.where(np.array(units) == "rad", np.rad2deg(goal), goal),
         "commands": motion["commands"],
         "starts": [{key: getattr(s, name) for name, key in _START_KEYS.items()} for s in plan.starts],
         "best": plan.best,
@@ -86,7 +91,7 @@ def versions() -> dict[str, str]:
     return {"python": platform.python_version(), **{name: metadata.version(name) for name in _PACKAGES}}
 
 
-def sample_motion(robot: StandingRobot, motion: Motion, step: float = STEP) -> MotionSamples:
+def sample_motion(robot: StandingMechanism, motion: Motion, step: float = STEP) -> MotionSamples:
     """Sample a motion every `step` seconds and on both sides of every event.
 
     At events inside the motion accelerations, torques, power and reserves jump: their time appears twice,
@@ -103,6 +108,8 @@ def sample_motion(robot: StandingRobot, motion: Motion, step: float = STEP) -> M
     times, left = _instants(motion, step)
     own = _intervals(motion, times, left)
     samples = robot.samples(_OneSided(motion, own), times)
+    if not robot.direct_drives:
+        return samples
     # Power jumps where a speed changes sign. At the crossing itself the speed is 0 up to rounding, so that
     # its sign has to come from inside the interval.
     _, speeds, _ = motion.states(own.mean(axis=1))
@@ -116,7 +123,8 @@ def write_motion_csv(path: str | os.PathLike[str], samples: MotionSamples) -> No
     Columns, joints and contacts counted from 1: `time_s`; per joint `q1_deg`, `qd1_deg_s`, `qdd1_deg_s2`,
     `tau1_Nm`, `power1_W` (all joints of one quantity, then the next); `GN`, `GT`, `clearance_m`; per contact
     `normal1_N`, `friction_use1` (nan for a contact without load). See :func:`sample_motion` for times that
-    appear twice.
+    appear twice. Coordinates that are lengths have m for deg, linear motors N for Nm; further quantities of
+    the mechanism follow at the end under their names.
 
     Raises:
         OSError: the file cannot be written; names it.
@@ -151,7 +159,7 @@ def joint_trajectory(plan: MotionPlan, step: float = TRAJECTORY_STEP) -> dict[st
     ]
     return {
         "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""},
-        "joint_names": list(plan.task.robot.arm.joint_names),
+        "joint_names": list(plan.task.robot.names),
         "points": points,
     }
 
@@ -278,20 +286,25 @@ def _intervals(motion: Motion, times: np.ndarray, left: np.ndarray) -> np.ndarra
 def _csv(samples: MotionSamples) -> str:
     n, contacts = samples.angles.shape[1], samples.slip.usage.shape[1]
     blocks: list[tuple[str, np.ndarray]] = [("time_s", samples.times)]
+    units = ["m" if unit == "m" else "deg" for unit in samples.units or ("rad",) * n]
+    motors = [unit.replace(" ", "") for unit in samples.motor_units or ("N m",) * n]
     for name, values in (
-        ("q{}_deg", np.rad2deg(samples.angles)),
-        ("qd{}_deg_s", np.rad2deg(samples.speeds)),
-        ("qdd{}_deg_s2", np.rad2deg(samples.accelerations)),
-        ("tau{}_Nm", samples.torques),
-        ("power{}_W", samples.powers),
+        ("q{}_{}", samples.angles),
+        ("qd{}_{}_s", samples.speeds),
+        ("qdd{}_{}_s2", samples.accelerations),
     ):
-        blocks += [(name.format(j + 1), values[:, j]) for j in range(n)]
+        for j, unit in enumerate(units):
+            column = values[:, j] if unit == "m" else np.rad2deg(values[:, j])
+            blocks.append((name.format(j + 1, unit), column))
+    blocks += [(f"tau{j + 1}_{unit}", samples.torques[:, j]) for j, unit in enumerate(motors)]
+    blocks += [(f"power{j + 1}_W", samples.powers[:, j]) for j in range(n)]
     blocks += [("GN", samples.tip.GN), ("GT", samples.slip.GT), ("clearance_m", samples.clearances)]
     for name, values in (
         ("normal{}_N", samples.states.contact_forces[:, :, 0]),
         ("friction_use{}", samples.slip.usage),
     ):
         blocks += [(name.format(k + 1), values[:, k]) for k in range(contacts)]
+    blocks += list(zip(samples.further_names, samples.further.T, strict=True))
     rows = np.column_stack([values for _, values in blocks]) + 0.0  # no -0
     lines = [",".join(name for name, _ in blocks)]
     lines += [",".join(f"{x:.12g}" for x in row) for row in rows.tolist()]

@@ -232,14 +232,27 @@ class ArmMotion:
         ]
         return ArmMotion.from_commands(self.start, scaled)
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return `start` (degrees) and `commands`, per joint a list of commands in degrees and seconds."""
-        commands = [[_command_dict(command) for command in joint.commands] for joint in self.joints]
-        return {"start": np.rad2deg(self.start).tolist(), "commands": commands}
+    def to_dict(self, units: Sequence[str] = ()) -> dict[str, Any]:
+        """Return `start` (degrees) and `commands`, per joint a list of commands in degrees and seconds.
+
+        Args:
+            units: of the joints, "rad" or "m"; where one is "m", start and commands of that joint are in
+                metres and seconds, and `units`, "deg" or "m" per joint, is added.
+        """
+        lengths = [unit == "m" for unit in units] or [False] * self.n
+        commands = [
+            [_command_dict(command, length) for command in joint.commands]
+            for joint, length in zip(self.joints, lengths, strict=True)
+        ]
+        start = [
+            v if length else np.rad2deg(v) for v, length in zip(self.start.tolist(), lengths, strict=True)
+        ]
+        named = {"units": ["m" if length else "deg" for length in lengths]} if any(lengths) else {}
+        return {**named, "start": start, "commands": commands}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> ArmMotion:
-        """Return the motion written by :meth:`to_dict`; other keys beside `start` and `commands` are ignored.
+        """Return the motion written by :meth:`to_dict`; keys that it does not write are ignored.
 
         Raises:
             InputError: a key is missing or unknown, or a value cannot be used; names joint and command.
@@ -251,11 +264,16 @@ class ArmMotion:
         joints = data["commands"]
         if not _is_list(joints) or not all(map(_is_list, joints)):
             raise InputError("commands: expected one list of commands per joint")
+        units = data.get("units", ["deg"] * len(joints))
+        if not _is_list(units) or len(units) != len(joints) or not set(units) <= {"deg", "m"}:
+            raise InputError(f"units: expected deg or m per joint, got {units!r}")
+        lengths = [unit == "m" for unit in units]
         commands = [
-            [_command_from(entry, f"joint {j}, command {k}") for k, entry in enumerate(joint, 1)]
-            for j, joint in enumerate(joints, 1)
+            [_command_from(entry, f"joint {j}, command {k}", length) for k, entry in enumerate(joint, 1)]
+            for j, (joint, length) in enumerate(zip(joints, lengths, strict=True), 1)
         ]
-        return cls.from_commands(np.deg2rad(finite_array("start", data["start"], (len(joints),))), commands)
+        start = finite_array("start", data["start"], (len(joints),))
+        return cls.from_commands(np.where(lengths, start, np.deg2rad(start)), commands)
 
 
 def gauss_legendre(intervals: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray]:
@@ -276,16 +294,18 @@ def _is_list(value: object) -> bool:
     return isinstance(value, Sequence) and not isinstance(value, str)
 
 
-def _command_dict(command: RampCommand) -> dict[str, float]:
-    return {key: math.degrees(getattr(command, key)) for key in _COMMAND_KEYS}
+def _command_dict(command: RampCommand, length: bool) -> dict[str, float]:
+    values = {key: getattr(command, key) for key in _COMMAND_KEYS}
+    return values if length else {key: math.degrees(value) for key, value in values.items()}
 
 
-def _command_from(entry: object, where: str) -> RampCommand:
-    """Read {"phi_e": deg, "speed": deg/s, "acceleration": deg/s^2}."""
+def _command_from(entry: object, where: str, length: bool) -> RampCommand:
+    """Read {"phi_e": deg, "speed": deg/s, "acceleration": deg/s^2}, or the same in m."""
     if not isinstance(entry, Mapping) or set(entry) != set(_COMMAND_KEYS):
         raise InputError(f"{where}: expected exactly the keys {', '.join(_COMMAND_KEYS)}, got {entry!r}")
     try:
         checks = {"phi_e": number_from, "speed": positive_number, "acceleration": positive_number}
-        return RampCommand(*(math.radians(checks[key](key, entry[key])) for key in _COMMAND_KEYS))
+        values = [checks[key](key, entry[key]) for key in _COMMAND_KEYS]
+        return RampCommand(*(values if length else map(math.radians, values)))
     except InputError as error:
         raise InputError(f"{where}: {error}") from None

@@ -44,6 +44,7 @@ from ocptip.errors import InputError, finite_array, positive_number
 from ocptip.motion.passive import ArmMotion, earliest_end, passive_command
 from ocptip.motion.proof import INSIDE
 from ocptip.motion.ramps import JointRamps, RampCommand
+from ocptip.motion.robot import StandingRobot
 from ocptip.motion.starts import DETOUR, random_start
 from ocptip.motion.task import MotionTask, require_plannable
 from ocptip.robots import BatchFunction
@@ -105,6 +106,8 @@ class MotionPenalty:
 
     def __init__(self, task: MotionTask, *, weight: float = WEIGHT, between: Between = "sides") -> None:
         require_plannable(task)
+        if not isinstance(task.robot, StandingRobot):
+            raise InputError(f"task: the penalised cost is that of an arm, got a {task.robot.kind}")
         if between not in get_args(Between):
             raise InputError(f"between: expected one of {get_args(Between)}, got {between!r}")
         self.task, self.weight, self.between = task, positive_number("weight", weight), between
@@ -112,8 +115,8 @@ class MotionPenalty:
         self.lower, self.upper = self._parameter_bounds()
         self.size = len(self.lower)
         self.bounds = Bounds(np.zeros(self.size), np.ones(self.size))
-        limit = self.robot.arm.limits
-        self._passive = [j for j in range(self.robot.arm.n) if j not in task.optimised]
+        limit = self.robot.limits
+        self._passive = [j for j in range(self.robot.n) if j not in task.optimised]
         self._end_at_least = float(
             np.max(
                 earliest_end(
@@ -131,10 +134,10 @@ class MotionPenalty:
 
     def motion(self, p: ArrayLike) -> ArmMotion:
         """The motion of parameters p, (size,); beyond 0 and 1 they are taken at their bound."""
-        task, limit = self.task, self.robot.arm.limits
+        task, limit = self.task, self.robot.limits
         p = np.clip(finite_array("p", p, (self.size,)), 0.0, 1.0)
         values = (self.lower + p * (self.upper - self.lower)).reshape(len(task.optimised), -1).tolist()
-        joints: list[JointRamps | None] = [None] * self.robot.arm.n
+        joints: list[JointRamps | None] = [None] * self.robot.n
         for joint, own in zip(task.optimised, values, strict=True):
             own.insert(len(own) - 2, float(task.goal[joint]))
             commands = [RampCommand(*own[k : k + 3]) for k in range(0, len(own), 3)]
@@ -174,7 +177,7 @@ class MotionPenalty:
         return np.clip(self.parameters(motion), 0.0, 1.0)
 
     def _parameter_bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        task, limit = self.task, self.robot.arm.limits
+        task, limit = self.task, self.robot.limits
         lower: list[float] = []
         upper: list[float] = []
         for j in task.optimised:
@@ -221,7 +224,7 @@ class MotionPenalty:
             high, low = _piecewise_maxima(torques)
         else:
             worst, high, low = columns.max(axis=0), torques.max(axis=0), torques.min(axis=0)
-        allowed = bound.torque_ratio * robot.arm.limits.torque
+        allowed = bound.torque_ratio * robot.limits.torque
         joints = list(self.task.optimised)
         least, greatest = np.array([motion.joints[joint].angle_range for joint in joints]).T
         limits = np.concatenate(
@@ -229,8 +232,8 @@ class MotionPenalty:
                 worst - np.array([bound.GN, bound.GT, *[-bound.clearance] * gaps.shape[1]]),
                 high - allowed,
                 -low - allowed,
-                greatest - robot.arm.limits.angle_max[joints],
-                robot.arm.limits.angle_min[joints] - least,
+                greatest - robot.limits.angle_max[joints],
+                robot.limits.angle_min[joints] - least,
             ]
         )
         cost = energy + self.weight * float(np.sum(np.maximum(limits, 0.0)))

@@ -4,7 +4,8 @@ Least electric energy over the variables of `profiles`, subject to
 
 - the structure: every joint arrives, brakes with the deceleration of its last ramp, keeps its acceleration
   limit, ends no later than t_E; in an ordered program also the order of all events and the signs of speeds;
-- rows at nodes: moments about the tipping axes (GN), slip reserve (GT), torques, clearances, angles.
+- rows at nodes: moments about the tipping axes (GN), slip reserve (GT), torques, clearances, angles, and the
+  mechanism's further limits.
 
 Most node rows are far from their limits; only those that are near take part (`RowSet`), the others are looked
 at after each solve.
@@ -23,11 +24,12 @@ from ocptip.errors import SolverError
 from ocptip.motion.node_physics import NodeJacobian, NodePhysics
 from ocptip.motion.profiles import Layout, Nodes, NodeStates
 from ocptip.motion.proof import MotionLimits
-from ocptip.motion.robot import StandingRobot
+from ocptip.motion.standing import StandingMechanism
 from ocptip.robots import BatchFunction
 
 NEGLIGIBLE = 1e-9  # a node whose multipliers are all below this is left out of the Hessian
 ENERGY_UNIT = 100.0  # J; the objective is energy / ENERGY_UNIT
+INSIDE = 1e-4  # further limits are kept with this distance, in their units: rounding cannot break them
 
 
 @dataclass(eq=False)
@@ -40,6 +42,7 @@ class RowSet:
         torque: (N, n).
         gap: (N, m) signed distances.
         angle: (N, n).
+        further: (N, k), see `FurtherLimits`.
     """
 
     tip: np.ndarray
@@ -47,8 +50,9 @@ class RowSet:
     torque: np.ndarray
     gap: np.ndarray
     angle: np.ndarray
+    further: np.ndarray
 
-    FAMILIES = ("tip", "slip", "torque", "gap", "angle")
+    FAMILIES = ("tip", "slip", "torque", "gap", "angle", "further")
 
     def __sub__(self, other: RowSet) -> int:
         """How many rows are in this set and not in the other."""
@@ -115,7 +119,7 @@ class _SinglePoint:
 class TipMap:
     """Moments of the normal reserves about the tipping axes as affine functions of the wrench."""
 
-    def __init__(self, robot: StandingRobot) -> None:
+    def __init__(self, robot: StandingMechanism) -> None:
         tip = robot.tip_over
         self.count = 0 if tip.free_rotation else len(tip.axes)
         self.affine = tip.affine_moments if self.count else None
@@ -178,6 +182,7 @@ class MotionProgram:
         self.tip_map = TipMap(self.robot)
         moment = self.robot.tip_over.reference_moment
         self._least_moment = None if moment is None else moment * (1 / limits.GN - 1)
+        self._further = self.robot.further_limits
         self._gap_functions: tuple | None = None
         self._last: Evaluation | None = None
         self._rows_taking_part = rows if rows is not None else self.no_rows()
@@ -200,40 +205,41 @@ class MotionProgram:
 
     def no_rows(self) -> RowSet:
         """A row set without rows."""
-        N, n, m = self.n_nodes, self.robot.arm.n, len(self.robot.collision.labels)
-        shapes = (N, self.tip_map.count), (N,), (N, n), (N, m), (N, n)
+        N, n, m = self.n_nodes, self.robot.n, len(self.robot.collision.labels)
+        shapes = (N, self.tip_map.count), (N,), (N, n), (N, m), (N, n), (N, self._further.count)
         return RowSet(*(np.zeros(shape, dtype=bool) for shape in shapes))
 
     def near_rows(self, x: np.ndarray, share: float) -> RowSet:
         """Rows whose use of their limit at x is at least `share` (1: at the limit)."""
         limits, robot = self.limits, self.robot
         s = self.nodes.states(x).values
-        n = robot.arm.n
+        n = robot.n
         y = self.physics.values(s, self.directions)
         rows = self.no_rows()
-        torque, wrench = y[:, 1 : 1 + n], y[:, 1 + n :]
+        torque, wrench = y[:, 1 : 1 + n], y[:, 1 + n : 7 + n]
         if self.tip_map.count:
             rows.tip = self.tip_map(wrench)[0] * share <= self._least_moment
         usage = self._slip(wrench, derivatives=False)[0]
         rows.slip = ~(usage < share * limits.GT)
-        rows.torque = np.abs(torque) >= share * limits.torque_ratio * robot.arm.limits.torque
+        rows.torque = np.abs(torque) >= share * limits.torque_ratio * robot.limits.torque
         if rows.gap.size:
             rows.gap = robot.collision.gaps(s[:, :n]) <= limits.clearance + 0.01 * (1 - share)
         room = 0.2 * (1 - share)
-        low, high = robot.arm.limits.angle_min, robot.arm.limits.angle_max
+        low, high = robot.limits.angle_min, robot.limits.angle_max
         rows.angle = (s[:, :n] <= low + room) | (s[:, :n] >= high - room)
         still = np.ones(n, dtype=bool)
         still[list(self.layout.joints)] = False
         rows.angle[:, still] = False  # passive joints stay between start and goal
+        rows.further = self._further.excess(y[:, 7 + n :]) >= share - 1
         return rows
 
     def use(self, x: np.ndarray) -> np.ndarray:
         """Worst use of any limit at each node (N,): 1 at the limit, more beyond; rows need not take part."""
         limits, robot = self.limits, self.robot
         s = self.nodes.states(x).values
-        n, arm = robot.arm.n, robot.arm.limits
+        n, arm = robot.n, robot.limits
         y = self.physics.values(s, self.directions)
-        torque, wrench = y[:, 1 : 1 + n], y[:, 1 + n :]
+        torque, wrench = y[:, 1 : 1 + n], y[:, 1 + n : 7 + n]
         columns = [np.max(np.abs(torque) / arm.torque, axis=1) / limits.torque_ratio]
         columns.append(self._slip(wrench, derivatives=False)[0] / limits.GT)
         if self.tip_map.count:
@@ -244,12 +250,14 @@ class MotionProgram:
         joints = list(self.layout.joints)
         q = s[:, joints]
         columns.append(1 + np.max(np.maximum(arm.angle_min[joints] - q, q - arm.angle_max[joints]), axis=1))
+        if self._further.count:
+            columns.append(1 + np.max(self._further.excess(y[:, 7 + n :]), axis=1))
         return np.max(columns, axis=0)
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper bounds of all rows, in the order of `values`."""
         limits, rows = self.limits, self.rows
-        arm = self.robot.arm.limits
+        arm = self.robot.limits
         tip, slip = np.count_nonzero(rows.tip), np.count_nonzero(rows.slip)
         torque, gap = np.count_nonzero(rows.torque), np.count_nonzero(rows.gap)
         at = np.nonzero(rows.angle)[1]
@@ -261,6 +269,9 @@ class MotionProgram:
         upper = [np.full(tip, np.inf), np.full(slip, limits.GT), np.full(torque, limits.torque_ratio)]
         lower += [np.full(gap, limits.clearance * 10), arm.angle_min[at]]
         upper += [np.full(gap, np.inf), arm.angle_max[at]]
+        further, at = self._further, np.nonzero(rows.further)[1]
+        lower.append(further.lower[at] / further.units[at] + INSIDE)
+        upper.append(further.upper[at] / further.units[at] - INSIDE)
         return (
             np.concatenate([self.structure.lower, *lower]),
             np.concatenate([self.structure.upper, *upper]),
@@ -305,39 +316,43 @@ class MotionProgram:
     def jacobian(self, x: np.ndarray) -> np.ndarray:
         """Jacobian of the rows (rows, nx)."""
         at, rows = self._evaluate(x), self.rows
-        n = self.robot.arm.n
+        n = self.robot.n
         structure = at.structure[1]
-        wrench = at.chained[:, 1 + n :]
+        wrench = at.chained[:, 1 + n : 7 + n]
         i, k = np.nonzero(rows.tip)
         parts = [structure]
         parts.append(np.einsum("rw,rwx->rx", at.tip[1][i, k], wrench[i]) / self._moment_unit)
         i = np.flatnonzero(rows.slip)
         parts.append(np.einsum("rw,rwx->rx", at.slip[1], wrench[i]))
         i, k = np.nonzero(rows.torque)
-        parts.append(at.chained[i, 1 + k] / self.robot.arm.limits.torque[k, None])
+        parts.append(at.chained[i, 1 + k] / self.robot.limits.torque[k, None])
         parts.append(self._gap_slopes(at))
         i, k = np.nonzero(rows.angle)
         parts.append(at.states.jacobian[i, k])
+        i, k = np.nonzero(rows.further)
+        parts.append(at.chained[i, 7 + n + k] / self._further.units[k, None])
         return np.concatenate(parts)
 
     def hessian(self, x: np.ndarray, sigma: float, multipliers: np.ndarray) -> np.ndarray:
         """Hessian of sigma * objective + multipliers . rows; the curvature of GT itself is left out."""
         at, rows = self._evaluate(x), self.rows
-        n, N = self.robot.arm.n, self.n_nodes
+        n, N = self.robot.n, self.n_nodes
         sigma = sigma / ENERGY_UNIT
         count = len(self.structure.lower)
-        sizes = [np.count_nonzero(mask) for mask in (rows.tip, rows.slip, rows.torque, rows.gap, rows.angle)]
-        on_g, on_tip, on_slip, on_torque, on_gap, on_angle = np.split(
+        sizes = [np.count_nonzero(getattr(rows, name)) for name in RowSet.FAMILIES]
+        on_g, on_tip, on_slip, on_torque, on_gap, on_angle, on_further = np.split(
             multipliers, np.cumsum([count, *sizes[:-1]])
         )
-        on_y = np.zeros((N, 7 + n))
+        on_y = np.zeros((N, 7 + n + self._further.count))
         on_y[:, 0] = sigma * at.durations
         i, k = np.nonzero(rows.tip)
-        np.add.at(on_y[:, 1 + n :], i, on_tip[:, None] * at.tip[1][i, k] / self._moment_unit)
+        np.add.at(on_y[:, 1 + n : 7 + n], i, on_tip[:, None] * at.tip[1][i, k] / self._moment_unit)
         i = np.flatnonzero(rows.slip)
-        on_y[i, 1 + n :] += on_slip[:, None] * at.slip[1]
+        on_y[i, 1 + n : 7 + n] += on_slip[:, None] * at.slip[1]
         i, k = np.nonzero(rows.torque)
-        on_y[i, 1 + k] += on_torque / self.robot.arm.limits.torque[k]
+        on_y[i, 1 + k] += on_torque / self.robot.limits.torque[k]
+        i, k = np.nonzero(rows.further)
+        on_y[i, 7 + n + k] += on_further / self._further.units[k]
         H = np.zeros((N, 3 * n, 3 * n))
         weighty = np.flatnonzero(np.max(np.abs(on_y), axis=1) > NEGLIGIBLE)
         H[weighty] = self.physics.hessian(at.physics.at(weighty), on_y[weighty])
@@ -363,13 +378,13 @@ class MotionProgram:
     def _evaluate(self, x: np.ndarray) -> Evaluation:
         if self._last is not None and np.array_equal(self._last.x, x):
             return self._last
-        n = self.robot.arm.n
+        n = self.robot.n
         states = self.nodes.states(x)
         physics = self.physics.jacobian(states.values, self.directions)
         if not np.isfinite(physics.y).all():
             raise SolverError("motion program: dynamics are not finite")
         chained = np.matmul(physics.slope, states.jacobian)
-        wrench = physics.y[:, 1 + n :]
+        wrench = physics.y[:, 1 + n : 7 + n]
         at = Evaluation(
             x.copy(),
             states,
@@ -386,9 +401,10 @@ class MotionProgram:
         return at
 
     def _rows(self, at: Evaluation) -> np.ndarray:
-        rows, n = self.rows, self.robot.arm.n
+        rows, n = self.rows, self.robot.n
         i, k = np.nonzero(rows.torque)
-        torque = at.physics.y[i, 1 + k] / self.robot.arm.limits.torque[k]
+        torque = at.physics.y[i, 1 + k] / self.robot.limits.torque[k]
+        further = at.physics.y[:, 7 + n :] / self._further.units
         return np.concatenate(
             [
                 at.structure[0],
@@ -397,6 +413,7 @@ class MotionProgram:
                 torque,
                 np.empty(0) if at.gaps is None else at.gaps[0],
                 at.states.values[:, :n][rows.angle],
+                further[rows.further],
             ]
         )
 
@@ -414,7 +431,7 @@ class MotionProgram:
     def _gap_pairs(self) -> tuple:
         pairs = np.flatnonzero(self.rows.gap.any(axis=0))
         if self._gap_functions is None or not np.array_equal(self._gap_functions[0], pairs):
-            n = self.robot.arm.n
+            n = self.robot.n
             q, lam = cs.SX.sym("q", n), cs.SX.sym("lam", len(pairs))
             gaps = self.robot.collision.function(q)[pairs.tolist()] * 10
             hessian, _ = cs.hessian(cs.dot(lam, gaps), q)
@@ -426,7 +443,7 @@ class MotionProgram:
     def _gaps(self, at: Evaluation) -> tuple[np.ndarray, np.ndarray]:
         """Gaps (10 m) of all rows and their derivatives with respect to q, (rows,) and (rows, n)."""
         pairs, first, _ = self._gap_pairs()
-        n = self.robot.arm.n
+        n = self.robot.n
         gaps, slopes = first(at.states.values[:, :n])
         slopes = slopes.reshape(len(gaps), len(pairs), n)
         mask = self.rows.gap[:, pairs]
@@ -436,11 +453,11 @@ class MotionProgram:
         i = np.nonzero(self.rows.gap)[0]
         if not len(i):
             return np.empty((0, self.layout.size))
-        return np.einsum("rq,rqx->rx", at.gaps[1], at.states.jacobian[i, : self.robot.arm.n])
+        return np.einsum("rq,rqx->rx", at.gaps[1], at.states.jacobian[i, : self.robot.n])
 
     def _add_gap_hessian(self, H: np.ndarray, on_s: np.ndarray, at: Evaluation, on_gap: np.ndarray) -> None:
         pairs, _, second = self._gap_pairs()
-        n = self.robot.arm.n
+        n = self.robot.n
         lam = np.zeros((self.n_nodes, len(pairs)))
         lam[self.rows.gap[:, pairs]] = on_gap
         H[:, :n, :n] += second(at.states.values[:, :n], lam)[0].reshape(-1, n, n)

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.errors import InputError, positive_number
-from ocptip.motion.robot import MotionSamples, StandingRobot
+from ocptip.errors import positive_number
 from ocptip.motion.sampled import Motion
+from ocptip.motion.standing import MotionSamples, StandingMechanism
 
 INSIDE = 1.5e-9
 """Distance from events at which the two sides are sampled, s."""
@@ -75,7 +75,8 @@ class MotionProof:
         energy: J, electric.
         duration: s.
         worst: by name: GN, GT, torque_ratio, clearance_m, and the exact speed_ratio, acceleration_ratio,
-            angle_margin_deg of the motion.
+            angle_margin_deg of the motion (angle_margin where a coordinate is a length: in its unit); the
+            mechanism's further limits by their names.
         violations: one sentence per broken limit, empty if verified.
         samples: number of instants evaluated.
     """
@@ -100,7 +101,7 @@ class MotionProof:
 
 
 def prove(
-    robot: StandingRobot, motion: Motion, limits: MotionLimits | None = None, *, step: float = 0.01
+    robot: StandingMechanism, motion: Motion, limits: MotionLimits | None = None, *, step: float = 0.01
 ) -> MotionProof:
     """Check a motion against all limits on a dense grid that is refined around the worst instants.
 
@@ -143,6 +144,9 @@ def prove(
     at = int(np.argmax(values[:, 3]))
     worst["clearance_m"] = Worst(float(-values[at, 3]), float(times[at]), limits.clearance)
     violations = _violations(worst)
+    for name, (found_worst, sentence) in _further_worst(robot, values[:, 4:], times).items():
+        worst[name] = found_worst
+        violations += [sentence] if sentence else []
     if unsolved:
         violations.append(
             f"no verified contact state at {len(unsolved)} instants, first at {unsolved[0]:.4f} s"
@@ -160,7 +164,7 @@ def prove(
 
 
 class _Grid:
-    """Sampled values of one interval: columns GN, GT, torque ratio, -clearance."""
+    """Sampled values of one interval: columns GN, GT, torque ratio, -clearance, excess of further limits."""
 
     def __init__(self, left: float, right: float, step: float) -> None:
         if right <= left:
@@ -168,7 +172,7 @@ class _Grid:
         else:
             points = max(_MIN_POINTS, int(np.ceil((right - left) / step)) + 1)
             self.times = np.linspace(left, right, points)
-        self.values = np.empty((0, 4))
+        self.values = np.empty((0, 0))
         self.joints = np.empty(0, dtype=int)
 
     def add(self, times: np.ndarray, columns: tuple[np.ndarray, np.ndarray]) -> None:
@@ -193,7 +197,7 @@ class _Found:
         return list(zip(np.split(self.values, ends), np.split(self.joints, ends), strict=True))
 
 
-def _evaluate(robot: StandingRobot, motion: Motion, todo: list[np.ndarray]) -> _Found:
+def _evaluate(robot: StandingMechanism, motion: Motion, todo: list[np.ndarray]) -> _Found:
     """Values at the listed instants of all grids."""
     times = np.concatenate(todo)
     samples = robot.samples(motion, times)
@@ -203,16 +207,17 @@ def _evaluate(robot: StandingRobot, motion: Motion, todo: list[np.ndarray]) -> _
     return _Found(values, joints, times[~certain].tolist(), bool(np.all(samples.states.persistent)))
 
 
-def _quantities(robot: StandingRobot, samples: MotionSamples) -> tuple[np.ndarray, np.ndarray]:
-    ratios = np.abs(samples.torques) / robot.arm.limits.torque
+def _quantities(robot: StandingMechanism, samples: MotionSamples) -> tuple[np.ndarray, np.ndarray]:
+    ratios = np.abs(samples.torques) / robot.limits.torque
     columns = [samples.tip.GN, samples.slip.GT, np.max(ratios, axis=1), -samples.clearances]
-    return np.column_stack(columns), np.argmax(ratios, axis=1)
+    excess = robot.further_limits.excess(samples.further) if robot.further_limits.count else samples.further
+    return np.column_stack([*columns, excess]), np.argmax(ratios, axis=1)
 
 
 def _refinements(grids: list[_Grid]) -> list[np.ndarray]:
     """New instants around the largest local maxima of each quantity, where neighbours still differ."""
     new: list[list[np.ndarray]] = [[] for _ in grids]
-    for column in range(4):
+    for column in range(grids[0].values.shape[1]):
         peaks = []
         for g, grid in enumerate(grids):
             v = grid.values[:, column]
@@ -234,11 +239,10 @@ def _refinements(grids: list[_Grid]) -> list[np.ndarray]:
     ]
 
 
-def _exact_limits(robot: StandingRobot, motion: Motion) -> dict[str, Worst]:
+def _exact_limits(robot: StandingMechanism, motion: Motion) -> dict[str, Worst]:
     """Speed, acceleration and angle limits of the motion, exactly."""
-    arm, limits = robot.arm, robot.arm.limits
-    if motion.n != arm.n:
-        raise InputError(f"motion: has {motion.n} joints, the arm has {arm.n}")
+    limits = robot.limits
+    robot.require_fit(motion.n)
     speed = motion.speed_peaks / limits.speed
     acceleration = motion.acceleration_peaks / limits.acceleration
     low, high = motion.angle_ranges.T
@@ -247,15 +251,38 @@ def _exact_limits(robot: StandingRobot, motion: Motion) -> dict[str, Worst]:
     for name, ratio in (("speed_ratio", speed), ("acceleration_ratio", acceleration)):
         j = int(np.argmax(ratio))
         worst[name] = Worst(float(ratio[j]), float("nan"), 1.0, f"joint {j + 1}")
+    angles = set(robot.units) == {"rad"}
+    margin = np.rad2deg(margin) if angles else margin
     j = int(np.argmin(margin))
-    worst["angle_margin_deg"] = Worst(float(np.rad2deg(margin[j])), float("nan"), 0.0, f"joint {j + 1}")
+    name = "angle_margin_deg" if angles else "coordinate_margin"
+    worst[name] = Worst(float(margin[j]), float("nan"), 0.0, f"joint {j + 1}")
     return worst
+
+
+def _further_worst(
+    robot: StandingMechanism, excess: np.ndarray, times: np.ndarray
+) -> dict[str, tuple[Worst, str]]:
+    """Worst of each further quantity, from its excess (N, k) over the limits, and its violation if any."""
+    limits, found = robot.further_limits, {}
+    for name in dict.fromkeys(limits.names):
+        columns = [k for k in range(limits.count) if limits.names[k] == name and limits.limited[k]]
+        if not columns:
+            continue
+        at, column = np.unravel_index(np.argmax(excess[:, columns]), (len(times), len(columns)))
+        k = columns[column]
+        value, limit, least = limits.described(k, float(excess[at, k]))
+        sentence = ""
+        if not excess[at, k] <= _ANGLE_TOLERANCE:
+            sentence = f"{name} is {value:.4g} at {times[at]:.4f} s ({limits.details[k]}), must be "
+            sentence += f"{'>=' if least else '<='} {limit:.4g}"
+        found[name] = Worst(value, float(times[at]), limit, limits.details[k]), sentence
+    return found
 
 
 def _violations(worst: dict[str, Worst]) -> list[str]:
     found = []
     for name, w in worst.items():
-        smallest = name in ("clearance_m", "angle_margin_deg")
+        smallest = name in ("clearance_m", "angle_margin_deg", "coordinate_margin")
         excess = (w.limit - w.value) if smallest else (w.value - w.limit)
         if not excess <= _ANGLE_TOLERANCE:
             where = f" at {w.time:.4f} s" if np.isfinite(w.time) else ""

@@ -136,7 +136,7 @@ class Refiner:
         if share < 1:
             near = watched.near_rows(x, share)
             hit = near.tip.any(axis=1) | near.slip | near.torque.any(axis=1) | near.gap.any(axis=1)
-            hit = (hit | near.angle.any(axis=1))[own:]
+            hit = (hit | near.angle.any(axis=1) | near.further.any(axis=1))[own:]
             return [place for place, h in zip(watch, hit, strict=True) if h and place[1] in (0.0, 1.0)]
         use = watched.use(x)[own:].reshape(-1, len(SHARES))
         chosen, step = [], SHARES[1]

@@ -1,30 +1,18 @@
-"""An arm on a base that only stands: everything that happens while it moves, at any instant.
-
-Here `robots` and `contact` meet: the arm's base wrench plus the base's weight is the wrench under which
-the support has to stand.
-"""
+"""An arm on a base that only stands, and the arm of the printed experiments on its base."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
 from importlib.resources import files
-from typing import Literal
 
+import casadi as cs
 import numpy as np
 
-from ocptip.contact import (
-    ContactStates,
-    ForceConstantHalfRigidClamp,
-    Support,
-    UnilateralContact,
-    solve_many,
-)
-from ocptip.errors import InputError, positive_number
+from ocptip.contact import ForceConstantHalfRigidClamp, Support, UnilateralContact
+from ocptip.errors import InputError
 from ocptip.motion.cases import MotionCase
-from ocptip.motion.sampled import Motion
-from ocptip.reserves import Slip, SlipReserve, TipOver, TipOverReserve
+from ocptip.motion.standing import MotionSamples, StandingMechanism
 from ocptip.reserves.slip import Redistribution
 from ocptip.robots import (
     ArmModel,
@@ -35,42 +23,17 @@ from ocptip.robots import (
     Wall,
     evaluate_dynamics,
     floor,
+    inverse_dynamics,
     load_arm,
 )
+
+__all__ = ["BASES", "MotionSamples", "StandingRobot", "experiment_robot"]
 
 BASES = ("printed", "effective")
 _FACETS = 12
 
 
-@dataclass(frozen=True, eq=False)
-class MotionSamples:
-    """What happens at N instants of a motion.
-
-    Attributes:
-        times: (N,), s.
-        angles, speeds, accelerations: (N, n), rad, rad/s, rad/s^2.
-        torques: (N, n), N m, joint torques.
-        powers: (N, n), W, electric power of the joints.
-        wrenches: (N, 6), N and N m: on the base about its centre of mass, its weight included.
-        states: contact states under these wrenches.
-        tip, slip: reserves GN and GT of these states.
-        clearances: (N,), m, smallest distance of collision spheres; infinite without any.
-    """
-
-    times: np.ndarray
-    angles: np.ndarray
-    speeds: np.ndarray
-    accelerations: np.ndarray
-    torques: np.ndarray
-    powers: np.ndarray
-    wrenches: np.ndarray
-    states: ContactStates
-    tip: TipOverReserve
-    slip: SlipReserve
-    clearances: np.ndarray
-
-
-class StandingRobot:
+class StandingRobot(StandingMechanism):
     """An arm mounted on a base that stands on a support.
 
     Args:
@@ -78,11 +41,7 @@ class StandingRobot:
         support: the base with its contacts; its mass and centre of mass without the arm.
         motors: drives of the joints.
         obstacles: floor, walls, pillars in base axes, against which the arm's spheres are checked.
-        reference_moment: M0 of the tip-over reserve, N m; default: a tenth of the best moment reserve of the
-            base loaded with the weight of base and arm.
-        redistribution: of the slip reserve, see `ocptip.reserves.Slip`; default "tangential" for up to three
-            contacts and "full" for more, where the normal forces are one choice of many and only the best
-            choice is a property of the load.
+        reference_moment, redistribution: see `StandingMechanism`.
 
     Raises:
         InputError: a planar support, or no gravity and no reference moment.
@@ -100,55 +59,22 @@ class StandingRobot:
     ) -> None:
         if support.dimension != 3:
             raise InputError("support: an arm needs a spatial support, got a planar one")
-        self.arm, self.support, self.motors = arm, support, motors
+        self.arm = arm
         self._obstacles, self._made_with = tuple(obstacles), (reference_moment, redistribution)
-        self.collision = CollisionModel(arm, obstacles)
-        if reference_moment is None:
-            own = TipOver(support).reference_moment
-            reference_moment = None if own is None else own * self.mass / support.mass
-        else:
-            reference_moment = positive_number("reference_moment", reference_moment)
-        self.tip_over = TipOver(support, reference_moment)
-        self.slip = Slip(support, redistribution or ("tangential" if support.n_contacts <= 3 else "full"))
+        super().__init__(
+            support,
+            motors,
+            arm.limits,
+            CollisionModel(arm, obstacles),
+            float(np.sum(arm.masses)),
+            reference_moment,
+            redistribution,
+        )
 
     @property
-    def mass(self) -> float:
-        """Mass of base and arm, kg."""
-        return self.support.mass + float(np.sum(self.arm.masses))
-
-    def samples(
-        self, motion: Motion, times: np.ndarray, *, side: Literal["left", "right"] = "right"
-    ) -> MotionSamples:
-        """Everything that happens at the given instants ((N,), s) of a motion.
-
-        Args:
-            motion: of as many joints as the arm has.
-            times: s.
-            side: where accelerations jump, the limit from this side.
-
-        Raises:
-            InputError: the motion has another number of joints.
-        """
-        times = np.asarray(times, dtype=float)
-        q, qd, qdd = motion.states(times, side=side)
-        if q.shape[-1] != self.arm.n:
-            raise InputError(f"motion: has {q.shape[-1]} joints, the arm has {self.arm.n}")
-        torques, wrenches = self.loads(q, qd, qdd)
-        states = self.contact_states(wrenches)
-        gaps = self.collision.gaps(q)
-        return MotionSamples(
-            times=times,
-            angles=q,
-            speeds=qd,
-            accelerations=qdd,
-            torques=torques,
-            powers=self.motors.power(torques, qd),
-            wrenches=wrenches,
-            states=states,
-            tip=self.tip_over.evaluate(states),
-            slip=self.slip.evaluate(states, derivatives=False),
-            clearances=np.min(gaps, axis=1, initial=np.inf),
-        )
+    def names(self) -> tuple[str, ...]:
+        """Names of the joints."""
+        return tuple(self.arm.joint_names)
 
     def loads(self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Joint torques (N, n), N m, and the total wrench (N, 6) on the base about its centre of mass."""
@@ -158,22 +84,17 @@ class StandingRobot:
         )
         return dynamics.torque, dynamics.wrench + support.weight
 
-    def contact_states(self, wrenches: np.ndarray) -> ContactStates:
-        """States of the contacts under total wrenches (N, 6) on the base."""
-        return solve_many(self.support, wrenches)
+    def load_expressions(self, q: cs.SX, qd: cs.SX, qdd: cs.SX) -> tuple[cs.SX, cs.SX]:
+        """The same as CasADi columns."""
+        support = self.support
+        torque, wrench = inverse_dynamics(self.arm)(
+            q, qd, qdd, support.gravity, [0, 0, 0], [0, 0, 0], support.center_of_mass
+        )
+        return torque, wrench + support.weight
 
     def __reduce__(self) -> tuple:
         """Pickle by what it was made of: CasADi's functions are built anew on the other side."""
         return _restored, (self.arm, self.support, self.motors, self._obstacles, self._made_with)
-
-    def energy(self, motion: Motion, *, order: int = 4) -> float:
-        """Electric energy of a motion, J: Gauss-Legendre quadrature between the events (5.25)."""
-        times, weights = motion.quadrature(order)
-        if len(times) == 0:
-            return 0.0
-        q, qd, qdd = motion.states(times)
-        torques, _ = self.loads(q, qd, qdd)
-        return float(weights @ np.sum(self.motors.power(torques, qd), axis=1))
 
 
 def experiment_robot(case: MotionCase, base: str = "printed", *, facets: int = _FACETS) -> StandingRobot:

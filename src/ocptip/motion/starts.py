@@ -8,7 +8,7 @@ from ocptip.motion.passive import ArmMotion
 from ocptip.motion.program import TipMap
 from ocptip.motion.proof import MotionLimits
 from ocptip.motion.ramps import RampCommand
-from ocptip.motion.robot import StandingRobot
+from ocptip.motion.standing import StandingMechanism
 
 DETOUR = 1.2  # rad; random targets lie this far beyond start and goal at most
 DRAWS = 300
@@ -19,7 +19,7 @@ PATH_MARGIN = 0.5  # share of M0 / GN - M0 that a path at rest keeps beyond the 
 
 
 def random_start(
-    robot: StandingRobot,
+    robot: StandingMechanism,
     start: np.ndarray,
     goal: np.ndarray,
     joints: tuple[int, ...],
@@ -38,7 +38,7 @@ def random_start(
 
 
 def _candidate(
-    robot: StandingRobot,
+    robot: StandingMechanism,
     start: np.ndarray,
     goal: np.ndarray,
     joints: tuple[int, ...],
@@ -46,11 +46,11 @@ def _candidate(
     limits: MotionLimits,
     rng: np.random.Generator,
 ) -> ArmMotion:
-    limit = robot.arm.limits
+    limit = robot.limits
     speed, acceleration = (np.where(np.isfinite(v), v, 10.0) for v in (limit.speed, limit.acceleration))
     best, least = None, np.inf
     for _ in range(DRAWS):
-        table: list[list[RampCommand] | None] = [None] * robot.arm.n
+        table: list[list[RampCommand] | None] = [None] * robot.n
         for joint in joints:
             ends = start[joint], goal[joint]
             low = max(limit.angle_min[joint], min(ends) - DETOUR)
@@ -73,14 +73,16 @@ def _candidate(
     return slower
 
 
-def _path_violation(robot: StandingRobot, motion: ArmMotion, limits: MotionLimits) -> float:
+def _path_violation(robot: StandingMechanism, motion: ArmMotion, limits: MotionLimits) -> float:
     """How far the path, taken at rest, misses its limits: 0 or less if it keeps them."""
     q = motion.states(np.linspace(0, motion.end, INSTANTS))[0]
     still = np.zeros_like(q)
     torque, wrenches = robot.loads(q, still, still)
-    worst = [np.max(np.abs(torque) / robot.arm.limits.torque) / limits.torque_ratio - 1]
+    worst = [np.max(np.abs(torque) / robot.limits.torque) / limits.torque_ratio - 1]
     if robot.collision.labels:
         worst.append(10 * (limits.clearance - np.min(robot.collision.gaps(q))))
+    if robot.further_limits.count:
+        worst.append(np.max(robot.further_limits.excess(robot.further(q, still))))
     tip = robot.tip_over
     if tip.axes and not tip.free_rotation:
         needed = tip.reference_moment * (1 / limits.GN - 1) * (1 + PATH_MARGIN)
@@ -89,7 +91,7 @@ def _path_violation(robot: StandingRobot, motion: ArmMotion, limits: MotionLimit
     return float(np.max(worst))
 
 
-def _stands(robot: StandingRobot, motion: ArmMotion, limits: MotionLimits) -> bool:
+def _stands(robot: StandingMechanism, motion: ArmMotion, limits: MotionLimits) -> bool:
     times, _ = motion.quadrature(4)
     _, wrenches = robot.loads(*motion.states(times))
     states = robot.contact_states(wrenches)

@@ -12,7 +12,8 @@ from ocptip.errors import InputError, finite_array
 from ocptip.motion.cases import motion_case
 from ocptip.motion.passive import ArmMotion
 from ocptip.motion.proof import MotionLimits
-from ocptip.motion.robot import StandingRobot, experiment_robot
+from ocptip.motion.robot import experiment_robot
+from ocptip.motion.standing import StandingMechanism
 
 _ANGLE_TOLERANCE = 1e-9  # rad
 _CONTACT_VERBS = {"slide": "slides", "separate": "lifts off", "yield": "yields"}
@@ -24,8 +25,8 @@ class MotionTask:
 
     Attributes:
         name: for messages and titles.
-        robot: the arm on its support.
-        start, goal: joint angles, (n,), rad.
+        robot: the arm, or the parallel robot, on its support.
+        start, goal: joint angles, (n,), rad, or the platform's coordinates, m and rad.
         limits: reserves, torques, clearance.
         optimised: joints with ramp parameters, counted from 0, increasing; the others are passive.
         commands: ramp commands per optimised joint.
@@ -33,7 +34,7 @@ class MotionTask:
     """
 
     name: str
-    robot: StandingRobot
+    robot: StandingMechanism
     start: np.ndarray
     goal: np.ndarray
     limits: MotionLimits = field(default_factory=MotionLimits)
@@ -43,7 +44,7 @@ class MotionTask:
 
     def __post_init__(self) -> None:
         """Raise InputError if shapes or numbers of joints do not fit, or there is nothing to optimise."""
-        n = self.robot.arm.n
+        n = self.robot.n
         for name in ("start", "goal"):
             angles = finite_array(name, getattr(self, name), (n,))
             angles.flags.writeable = False
@@ -59,7 +60,7 @@ class MotionTask:
         if not is_whole(self.commands) or self.commands < 1:
             raise InputError(f"commands: must be a whole number >= 1, got {self.commands!r}")
         if self.reference is not None and self.reference.n != n:
-            raise InputError(f"reference: has {self.reference.n} joints, the arm has {n}")
+            raise InputError(f"reference: has {self.reference.n} joints, the {self.robot.kind} has {n}")
 
 
 def experiment_task(name: str, base: str = "effective", limits: MotionLimits | None = None) -> MotionTask:
@@ -75,7 +76,7 @@ def experiment_task(name: str, base: str = "effective", limits: MotionLimits | N
     """
     case = motion_case(name)
     robot = experiment_robot(case, base)
-    reference = case.reference_motion(robot.arm.limits.speed, robot.arm.limits.acceleration)
+    reference = case.reference_motion(robot.limits.speed, robot.limits.acceleration)
     return MotionTask(name, robot, case.start, case.goal, limits or MotionLimits(), reference=reference)
 
 
@@ -85,7 +86,7 @@ def refusals(task: MotionTask) -> tuple[str, ...]:
     Start and goal have to keep the joints' limits, the clearance, and at rest the reserves and the torques;
     every joint needs limits of speed and acceleration.
     """
-    limits, found = task.robot.arm.limits, []
+    limits, found = task.robot.limits, []
     for name, values in (("speed", limits.speed), ("acceleration", limits.acceleration)):
         if numbers := [str(j + 1) for j in np.flatnonzero(~np.isfinite(values))]:
             found.append(f"joints without {name} limit: {', '.join(numbers)}; every joint needs one")
@@ -100,15 +101,17 @@ def require_plannable(task: MotionTask) -> None:
         raise InputError(f"{task.name}: cannot be planned: {'; '.join(reasons)}")
 
 
-def posture_refusals(robot: StandingRobot, limits: MotionLimits, q: np.ndarray) -> list[str]:
-    """Why the arm cannot rest at angles q, (n,), rad."""
-    arm, zero, found = robot.arm, np.zeros((1, robot.arm.n)), []
-    low, high = arm.limits.angle_min, arm.limits.angle_max
+def posture_refusals(robot: StandingMechanism, limits: MotionLimits, q: np.ndarray) -> list[str]:
+    """Why the mechanism cannot rest at angles or coordinates q, (n,)."""
+    zero, found = np.zeros((1, robot.n)), []
+    low, high = robot.limits.angle_min, robot.limits.angle_max
     for j in np.flatnonzero((q < low - _ANGLE_TOLERANCE) | (q > high + _ANGLE_TOLERANCE)):
-        found.append(
-            f"joint {j + 1} at {np.rad2deg(q[j]):.2f} degrees is outside its limits {np.rad2deg(low[j]):.2f} "
-            f"to {np.rad2deg(high[j]):.2f}"
-        )
+        values, unit = (q[j], low[j], high[j]), "m"
+        if robot.units[j] == "rad":
+            values, unit = np.rad2deg(values), "degrees"
+        digits = 2 if unit == "degrees" else 4
+        at, least, greatest = (f"{value:.{digits}f}" for value in values)
+        found.append(f"joint {j + 1} at {at} {unit} is outside its limits {least} to {greatest}")
     gap, pair, _ = robot.collision.worst(q)
     if gap < 0:
         found.append(f"collision: spheres {pair} overlap by {-1e3 * gap:.1f} mm")
@@ -116,15 +119,22 @@ def posture_refusals(robot: StandingRobot, limits: MotionLimits, q: np.ndarray) 
         least = 1e3 * limits.clearance
         found.append(f"spheres {pair} are {1e3 * gap:.1f} mm apart, must be >= {least:.1f} mm (clearance)")
     torques, wrenches = robot.loads(q[None], zero, zero)
-    allowed = limits.torque_ratio * arm.limits.torque
+    allowed = limits.torque_ratio * robot.limits.torque
     for j in np.flatnonzero(np.abs(torques[0]) > allowed):
+        needs, unit = f"{abs(torques[0, j]):.4g}", robot.motor_units[j]
         found.append(
-            f"joint {j + 1} needs {abs(torques[0, j]):.4g} N m to hold the arm, must be <= {allowed[j]:.4g}"
+            f"joint {j + 1} needs {needs} {unit} to hold the {robot.kind}, must be <= {allowed[j]:.4g}"
         )
+    further = robot.further_limits
+    values = robot.further(q[None], zero)[0]
+    for k in np.flatnonzero(further.excess(values) > 0):
+        value, limit, least = further.described(k, float(further.excess(values)[k]))
+        sign = ">=" if least else "<="
+        found.append(f"{further.names[k]} of {further.details[k]} is {value:.4g}, must be {sign} {limit:.4g}")
     return found + _standing_refusals(robot, limits, wrenches)
 
 
-def _standing_refusals(robot: StandingRobot, limits: MotionLimits, wrenches: np.ndarray) -> list[str]:
+def _standing_refusals(robot: StandingMechanism, limits: MotionLimits, wrenches: np.ndarray) -> list[str]:
     """Why the base does not stand safely under a wrench, (1, 6), N and N m."""
     states = solve_many(robot.support, wrenches)
     if not states[0].solved:

@@ -1,4 +1,4 @@
-"""Motion tasks from TOML files: any arm on any support.
+"""Motion tasks from TOML files: any arm, or a parallel robot, on any support.
 
 A task file is a scene file (docs/scenes.md: `gravity`, `[base]`, `[[contact]]`; the base without the arm)
 plus these tables. SI units; keys in degrees say so. Joints are counted from 1.
@@ -18,6 +18,15 @@ plus these tables. SI units; keys in degrees say so. Joints are counted from 1.
     [arm.limits]                angle_min_deg, angle_max_deg, speed_deg_s, acceleration_deg_s2, torque_Nm:
                                 number or list; replace those of the arm. URDFs have no accelerations.
 
+    [robot]                     instead of [arm]: a parallel robot whose platform coordinates move in ramps
+    parallel = "Delta"          one of the ready-made robots, or a file, relative to the task file
+    payload                     kg, at the platform's origin; default 0
+    mount_position              m: base origin to the origin of the robot's world frame
+    mount_rpy_deg               as for arms
+    [robot.limits]              lower, upper, speed, acceleration (of the coordinates, m and rad),
+                                motor_force, motor_speed (optional): number or list; singularity (optional):
+                                see `ocptip.motion.PlatformLimits`
+
     [motors]                    modular arms: optional, default kind = "modular"
     kind                        "modular" (measured power maps), "estimated" (standby, regeneration) or "dc"
                                 (motor_constant or resistance, torque_constant, gear_ratio; coulomb, viscous,
@@ -31,7 +40,8 @@ plus these tables. SI units; keys in degrees say so. Joints are counted from 1.
     [motion]
     start_deg or start_pose     joint angles, or a gripper pose in the base frame, a table with position
     goal_deg or goal_pose       and rpy_deg or rotation (3 x 3, gripper to base axes)
-    optimised                   joint names or numbers, default: the first three
+    start, goal                 for a parallel robot: its coordinates, m and rad
+    optimised                   joint names or numbers, default: the first three (robot: all)
     commands                    ramp commands per optimised joint, default 3
 
     [limits]                    GN, GT, torque_ratio, clearance (m), reference_moment (N m); all optional
@@ -46,18 +56,31 @@ from __future__ import annotations
 
 import os
 import tomllib
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ocptip.errors import InputError, finite_array, positive_number
+from ocptip.motion.parallel_robot import StandingParallelRobot
+from ocptip.motion.parallel_table import parallel_robot
 from ocptip.motion.proof import MotionLimits
 from ocptip.motion.robot import StandingRobot
 from ocptip.motion.sampled import read_text
+from ocptip.motion.standing import StandingMechanism
+from ocptip.motion.tables import (
+    _MOTOR_KEYS,
+    _dc_motors,
+    _direction,
+    _given,
+    _how_many,
+    _named,
+    _per_joint,
+    _rpy,
+    _table,
+    _text,
+)
 from ocptip.motion.task import MotionTask, is_whole, posture_refusals
 from ocptip.robots import (
     ArmModel,
@@ -75,7 +98,7 @@ from ocptip.robots import (
 from ocptip.scene import _number, _refuse_non_numbers, _refuse_unknown, _tables, _vector, scene_from_dict
 
 _SCENE = ("gravity", "base", "contact")
-_TABLES = ("name", *_SCENE, "arm", "motors", "obstacle", "motion", "limits")
+_TABLES = ("name", *_SCENE, "arm", "robot", "motors", "obstacle", "motion", "limits")
 _URDF_KEYS = (
     "base_link",
     "tool_frame",
@@ -92,26 +115,13 @@ _ARM_LIMITS = {
     "acceleration_deg_s2": ("acceleration", np.pi / 180),
     "torque_Nm": ("torque", 1.0),
 }
-_MOTOR_KEYS = {
-    "modular": (),
-    "estimated": ("standby", "regeneration"),
-    "dc": (
-        "motor_constant",
-        "resistance",
-        "torque_constant",
-        "gear_ratio",
-        "coulomb",
-        "viscous",
-        "standby",
-        "regeneration",
-    ),
-}
 _OBSTACLE_KEYS = {
     "floor": ("height",),
     "wall": ("normal", "distance", "name"),
     "pillar": ("point", "radius", "axis", "name"),
 }
 _MOTION_KEYS = ("start_deg", "start_pose", "goal_deg", "goal_pose", "optimised", "commands")
+_PARALLEL_MOTION_KEYS = ("start", "goal", "optimised", "commands")
 _LIMIT_KEYS = ("GN", "GT", "torque_ratio", "clearance")
 
 
@@ -135,8 +145,12 @@ def load_task(path: str | os.PathLike[str]) -> MotionTask:
         raise InputError(f"{path.name}: {error}") from None
     scene = scene_from_dict({key: data[key] for key in _SCENE if key in data}, name=path.name)
     try:
-        arm = _arm(_table(data, "arm"), path.parent)
         limits, moment = _limits(_table(data, "limits", optional=True))
+        name = _text("name", data.get("name", path.stem))
+        if "robot" in data:
+            parallel = parallel_robot(data, scene.support, moment, path.parent)
+            return _parallel_task(name, parallel, limits, _table(data, "motion"))
+        arm = _arm(_table(data, "arm"), path.parent)
         robot = StandingRobot(
             arm,
             scene.support,
@@ -144,7 +158,7 @@ def load_task(path: str | os.PathLike[str]) -> MotionTask:
             obstacles=_obstacles(_tables(data, "obstacle"), arm),
             reference_moment=moment,
         )
-        return _task(_text("name", data.get("name", path.stem)), robot, limits, _table(data, "motion"))
+        return _task(name, robot, limits, _table(data, "motion"))
     except InputError as error:
         raise InputError(f"{path.name}: {error}") from None
 
@@ -153,17 +167,37 @@ def _task(name: str, robot: StandingRobot, limits: MotionLimits, table: dict[str
     _refuse_unknown(table, _MOTION_KEYS, "motion.")
     starts, goals = (_candidates(robot.arm, table, key) for key in ("start", "goal"))
     start, goal = _shortest(robot, limits, starts, goals)
-    n = robot.arm.n
-    optimised = table.get("optimised", list(range(1, min(n, 3) + 1)))
+    return _ramp_task(name, robot, start, goal, limits, table, min(robot.n, 3))
+
+
+def _ramp_task(
+    name: str,
+    robot: StandingMechanism,
+    start: np.ndarray,
+    goal: np.ndarray,
+    limits: MotionLimits,
+    table: dict[str, Any],
+    count: int,
+) -> MotionTask:
+    """The task with the optimised joints, by default the first `count`, and commands of [motion]."""
+    optimised = table.get("optimised", list(range(1, count + 1)))
     if not isinstance(optimised, list):
         raise InputError(f"motion.optimised: expected a list of joints, got {optimised!r}")
-    joints = [_joint("motion.optimised", item, robot.arm) for item in optimised]
+    joints = [_joint("motion.optimised", item, robot.names) for item in optimised]
     if not joints or len(set(joints)) != len(joints):
         raise InputError(f"motion.optimised: expected different joints, at least one, got {optimised!r}")
     commands = table.get("commands", 3)
     if not is_whole(commands) or commands < 1:
         raise InputError(f"motion.commands: must be a whole number >= 1, got {commands!r}")
     return MotionTask(name, robot, start, goal, limits, tuple(sorted(joints)), commands)
+
+
+def _parallel_task(
+    name: str, robot: StandingParallelRobot, limits: MotionLimits, table: dict[str, Any]
+) -> MotionTask:
+    _refuse_unknown(table, _PARALLEL_MOTION_KEYS, "motion.")
+    ends = [_vector(f"motion.{key}", _given(table, key, "motion"), robot.n) for key in ("start", "goal")]
+    return _ramp_task(name, robot, *ends, limits, table, robot.n)
 
 
 def _candidates(arm: ArmModel, table: dict[str, Any], key: str) -> np.ndarray:
@@ -299,21 +333,10 @@ def _motors(data: dict[str, Any], arm: ArmModel) -> Motors:
         if not modular:
             raise InputError("motors.kind: the power maps 'modular' are for the modular arms only")
         return PowerMaps.modular()
-    values = {
-        key: _number(f"motors.{key}", value)
-        if key == "regeneration" or kind == "estimated"
-        else _per_joint(f"motors.{key}", value, arm.n, zero_allowed=True)
-        for key, value in table.items()
-        if key != "kind"
-    }
     if kind == "estimated":
+        values = {key: _number(f"motors.{key}", value) for key, value in table.items() if key != "kind"}
         return _named("motors", DCMotors.estimated, arm, **values)
-    datasheet = "motor_constant" not in values
-    needed = ("resistance", "torque_constant", "gear_ratio") if datasheet else ("motor_constant",)
-    for key in (*needed, "coulomb", "viscous", "standby"):
-        _given(values, key, "motors")
-    _refuse_unknown(values, (*needed, "coulomb", "viscous", "standby", "regeneration"), "motors.")
-    return _named("motors", DCMotors.from_datasheet if datasheet else DCMotors, **values)
+    return _dc_motors(table, arm.n)
 
 
 def _obstacles(tables: list[dict[str, Any]], arm: ArmModel) -> list[Wall | Pillar]:
@@ -353,67 +376,10 @@ def _limits(table: dict[str, Any]) -> tuple[MotionLimits, float | None]:
         raise InputError(f"limits.{error}") from None
 
 
-def _joint(where: str, item: object, arm: ArmModel) -> int:
+def _joint(where: str, item: object, names: tuple[str, ...]) -> int:
     """Number of a joint, from 0, given by name or by number from 1."""
-    if is_whole(item) and 1 <= item <= arm.n:
+    if is_whole(item) and 1 <= item <= len(names):
         return item - 1
-    if isinstance(item, str) and item in arm.joint_names:
-        return arm.joint_names.index(item)
-    names = ", ".join(arm.joint_names)
-    raise InputError(f"{where}: no joint {item!r}; there are 1 to {arm.n}: {names}")
-
-
-def _table(data: dict[str, Any], key: str, *, prefix: str = "", optional: bool = False) -> dict[str, Any]:
-    if key not in data and not optional:
-        raise InputError(f"{prefix}{key}: missing table [{prefix}{key}]")
-    table = data.get(key, {})
-    if not isinstance(table, dict):
-        raise InputError(f"{prefix}{key}: expected a table [{prefix}{key}], got {table!r}")
-    return table
-
-
-def _given(table: dict[str, Any], key: str, where: str) -> Any:
-    if key not in table:
-        raise InputError(f"{where}.{key}: missing")
-    return table[key]
-
-
-def _per_joint(
-    where: str, value: object, n: int, *, signed: bool = False, zero_allowed: bool = False
-) -> np.ndarray:
-    """One number for all joints, or a list of n."""
-    values = _vector(where, value, n) if isinstance(value, list) else np.full(n, _number(where, value))
-    if not signed:
-        for number in values:
-            positive_number(where, float(number), zero_allowed=zero_allowed)
-    return values
-
-
-def _direction(where: str, value: object) -> np.ndarray:
-    vector = _vector(where, value, 3)
-    if not (length := np.linalg.norm(vector)) > 0:
-        raise InputError(f"{where}: must not be zero")
-    return vector / length
-
-
-def _rpy(where: str, value: object) -> np.ndarray:
-    return Rotation.from_euler("xyz", _vector(where, value, 3), degrees=True).as_matrix()
-
-
-def _text(where: str, value: object) -> str:
-    if not isinstance(value, str) or not value.strip():
-        raise InputError(f"{where}: expected a text, got {value!r}")
-    return value
-
-
-def _named(where: str, function: Callable, *arguments: Any, **options: Any) -> Any:
-    """Call, with `where` in front of the message of an InputError."""
-    try:
-        return function(*arguments, **options)
-    except InputError as error:
-        message = str(error).removeprefix("arm: ").removeprefix("pose: ")  # `where` says it
-        raise InputError(f"{where}: {message}") from None
-
-
-def _how_many(any_given: bool) -> str:
-    return "both" if any_given else "none"
+    if isinstance(item, str) and item in names:
+        return names.index(item)
+    raise InputError(f"{where}: no joint {item!r}; there are 1 to {len(names)}: {', '.join(names)}")

@@ -25,14 +25,14 @@ class LegExpression:
 
     Attributes:
         q: (n,) joint values.
-        measures: squared sines of the angles between the leg's links, at most 1: 0 in a singular pose,
-            negative out of reach. By leg type: RRR, PRRR elbow; RUU elbow, tilt of the rod; UPS angle between
-            the leg and the first axis; RPR none.
+        measures: squared sines of angles by name, at most 1: 0 in a singular pose, negative out of reach.
+            RRR, PRRR: between the links ("elbow"); RUU: likewise, and between the rod and the normal of the
+            arm's plane ("rod"); UPS: between the leg and its first axis ("swing"); RPR: none.
         lengths: (k,), m: of prismatic legs, 0 in a singular pose.
     """
 
     q: list[ca.SX]
-    measures: list[ca.SX]
+    measures: dict[str, ca.SX]
     lengths: list[ca.SX]
 
 
@@ -58,18 +58,18 @@ def closed_form_expression(leg: Leg, target: Sequence[ca.SX], branch: Sequence[i
 
 def _rrr(leg: Leg, target: Sequence[ca.SX], signs: tuple[int, ...]) -> LegExpression:
     q, bend = _two_links(target[0], target[1], _length(leg, 1), _length(leg, 2), signs[0])
-    return LegExpression(q, [bend], [])
+    return LegExpression(q, {"elbow": bend}, [])
 
 
 def _prrr(leg: Leg, target: Sequence[ca.SX], signs: tuple[int, ...]) -> LegExpression:
     q, bend = _two_links(target[0], target[1], _length(leg, 2), _length(leg, 3), signs[0])
-    return LegExpression([target[2], *q], [bend], [])
+    return LegExpression([target[2], *q], {"elbow": bend}, [])
 
 
 def _rpr(_: Leg, target: Sequence[ca.SX], signs: tuple[int, ...]) -> LegExpression:
     length = ca.sqrt(target[0] ** 2 + target[1] ** 2 + _SMALL)
     r = signs[0] * length
-    return LegExpression([ca.atan2(target[0] / r, -target[1] / r), r], [], [length])
+    return LegExpression([ca.atan2(target[0] / r, -target[1] / r), r], {}, [length])
 
 
 def _ups(_: Leg, target: Sequence[ca.SX], signs: tuple[int, ...]) -> LegExpression:
@@ -78,7 +78,7 @@ def _ups(_: Leg, target: Sequence[ca.SX], signs: tuple[int, ...]) -> LegExpressi
     x, y, z = (value / r for value in target)
     tilt = x**2 + y**2
     s2 = signs[1] * ca.sqrt(tilt + _SMALL)
-    return LegExpression([ca.atan2(y / s2, x / s2), ca.atan2(s2, -z), r], [tilt], [length])
+    return LegExpression([ca.atan2(y / s2, x / s2), ca.atan2(s2, -z), r], {"swing": tilt}, [length])
 
 
 def _ruu(leg: Leg, target: Sequence[ca.SX], signs: tuple[int, ...]) -> LegExpression:
@@ -88,7 +88,7 @@ def _ruu(leg: Leg, target: Sequence[ca.SX], signs: tuple[int, ...]) -> LegExpres
     q3 = ca.asin(cut) if signs[0] > 0 else ca.pi - ca.asin(cut)
     across = signs[0] * rod * ca.sqrt(1 - cut**2)
     q, bend = _two_links(target[0], target[1], _length(leg, 1), across, signs[1])
-    return LegExpression([*q, q3], [bend, 1 - s3**2], [])
+    return LegExpression([*q, q3], {"elbow": bend, "rod": 1 - s3**2}, [])
 
 
 def _two_links(x: ca.SX, y: ca.SX, l1: float, l2: ca.SX | float, sign: int) -> tuple[list[ca.SX], ca.SX]:

@@ -45,7 +45,7 @@ class MinimalForm:
         wrench: (6,), N and N m: of the robot on its base, about the robot's world origin, world axes; see
             :func:`ocptip.parallel.standing.base_wrench`.
         measures: (k,) distances from singular poses, at most 1, 0 in such a pose; see `measure_names`.
-        measure_names: "leg 2" (type I), "platform" (type II).
+        measure_names: "leg 2 elbow" (type I), "platform" (type II).
     """
 
     z: ca.SX
@@ -92,8 +92,8 @@ def minimal_form(robot: ParallelRobot, gravity: object | None = None) -> Minimal
         found = closed_form_expression(leg, ca.vertsplit(target), branch)
         columns.append(ca.vertcat(*found.q))
         stretch = [(length / _home_length(leg, at_home[number])) ** 2 for length in found.lengths]
-        measures += [*found.measures, *(ca.fmin(value, 1) for value in stretch)]
-        names += [f"leg {number + 1}"] * (len(found.measures) + len(found.lengths))
+        measures += [*found.measures.values(), *(ca.fmin(value, 1) for value in stretch)]
+        names += [f"leg {number + 1} {name}" for name in (*found.measures, *["length"] * len(stretch))]
     q = ca.horzcat(*columns)
     layout = inertia_layout(description)
     plans = choose_plans(description, layout, [True] * layout.size, "motors")

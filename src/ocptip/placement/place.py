@@ -1,0 +1,323 @@
+"""Finds where the base should stand: sampled starts, a nonlinear program from each, judged results."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from ocptip.errors import InputError
+from ocptip.motion.ipopt import Solution, solve
+from ocptip.placement import starts as sampling
+from ocptip.placement.branches import search
+from ocptip.placement.elastic import ElasticProgram
+from ocptip.placement.evaluate import POSE_TOLERANCE, Evaluator
+from ocptip.placement.physics import PatchPhysics
+from ocptip.placement.problem import PlacementProblem
+from ocptip.placement.program import PlacementProgram
+from ocptip.placement.refine import improved, turned
+from ocptip.placement.result import NoPlacementError, Placement, PlacementResult, StartReport, judge
+from ocptip.placement.selection import held_cases, near_gaps, pieces
+
+_TOLERANCE = 1e-8
+_KEPT = 1e-5  # violation of a program's rows up to which its result is used
+_ITERATIONS = 100
+_START_MU = 1e-2
+_BOX, _BOX_ANGLE = 0.06, 0.3  # of the parameters' scales, rad: how far one program may go
+_NEAR = 0.5  # in 0.1 m: gaps up to this take part in a program
+_HELD = 0.5  # share of the slip limit from which a load case takes part that is no criterion
+_ROUNDS = 12
+_PROGRESS = 1e-6  # of the objective, from one box to the next
+_IMPROVED_PER_START = 10
+_POSTURES_APART = 0.4  # of the scales, and of half the unit vectors of joint angles
+_ELASTIC_STARTS = 4
+_SAME = 0.01  # of the parameters' scales and rad: results nearer than this are one
+_MOST_STATED = 4
+
+
+def place(
+    problem: PlacementProblem,
+    *,
+    starts: int = 6,
+    seed: int = 0,
+    samples: int = 4000,
+    keep: int = 5,
+    progress: Callable[[int, int, float | None], None] | None = None,
+) -> PlacementResult:
+    """Find the best placements of a problem (4.38).
+
+    The terrain is sampled, all branches of the inverse kinematics are judged, and the most promising ones are
+    improved by a local search and start nonlinear programs (Ipopt, exact derivatives). Every result is judged
+    anew before it counts. The result depends on problem, numbers and seed only.
+
+    Args:
+        problem: task, terrain, limits, weights.
+        starts: number of programs solved.
+        seed: of the sample.
+        samples: placements sampled per round.
+        keep: number of distinct placements returned at most.
+        progress: called as progress(done, starts, least objective so far or None).
+
+    Raises:
+        InputError: numbers that are no numbers, or a task that no terrain can serve because of a coordinate
+            that nothing changes.
+        NoPlacementError: no placement keeps all constraints; names those in the way and by how much they
+            are missed at the least-infeasible place.
+    """
+    for name, value in (("starts", starts), ("samples", samples), ("keep", keep)):
+        if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
+            raise InputError(f"{name}: must be a whole number >= 1, got {value!r}")
+    began = time.perf_counter()
+    with threadpool_limits(1):
+        return _place(problem, starts, seed, samples, keep, progress, began)
+
+
+def _place(
+    problem: PlacementProblem,
+    starts: int,
+    seed: int,
+    samples: int,
+    keep: int,
+    progress: Callable[[int, int, float | None], None] | None,
+    began: float,
+) -> PlacementResult:
+    work, rng = _Search(problem), np.random.default_rng(seed)
+    candidates = sampling.sample(work.evaluator, rng, samples)
+    chosen = candidates
+    if candidates.reached:
+        count = _IMPROVED_PER_START * starts
+        first = sampling.spread(work.evaluator, candidates, count, _POSTURES_APART, postures=True)
+        chosen = turned(work.evaluator, candidates.select(first))
+        chosen = improved(work.evaluator, chosen, rng)
+        chosen = chosen.select(sampling.spread(work.evaluator, chosen, starts))
+    found: list[Placement] = []
+    tried: list[Placement] = []
+    reports = []
+    for number in range(len(chosen) if candidates.reached else 0):
+        placement, report = work.run(number, *chosen[number])
+        reports.append(report)
+        tried.append(placement)
+        if placement.feasible:
+            found.append(placement)
+        if progress:
+            progress(number + 1, len(chosen), min((p.total for p in found), default=None))
+    if not found:
+        nearest = work.nearest(chosen, tried)
+        if not nearest.feasible:
+            raise NoPlacementError(_refusal(nearest, candidates), nearest, tuple(reports))
+        placement, report = work.run(len(reports), nearest.patch, nearest.parameters, nearest.angles)
+        reports.append(report)
+        found = [placement if placement.feasible else nearest]
+    return PlacementResult(
+        problem=problem,
+        placements=tuple(_distinct(found)[:keep]),
+        starts=tuple(reports),
+        sampled=candidates.sampled,
+        reached=candidates.reached,
+        seed=seed,
+        seconds=time.perf_counter() - began,
+    )
+
+
+class _Search:
+    """Programs of one problem on all its patches."""
+
+    def __init__(self, problem: PlacementProblem) -> None:
+        self.problem, self.evaluator = problem, Evaluator(problem)
+        self._physics: dict[int, PatchPhysics] = {}
+
+    def physics(self, patch: int) -> PatchPhysics:
+        """Functions of a patch, built when they are needed."""
+        if patch not in self._physics:
+            made = PatchPhysics(self.evaluator, patch)
+            for task, missed in zip(self.problem.tasks, made.dropped, strict=True):
+                if missed > POSE_TOLERANCE:
+                    raise InputError(
+                        f"{task.name}: a coordinate of the pose that nothing on terrain "
+                        f"{self.problem.terrain[patch].name!r} can change is off by {0.1 * missed:.4g} m"
+                    )
+            self._physics[patch] = made
+        return self._physics[patch]
+
+    def run(self, number: int, patch: int, p: np.ndarray, q: np.ndarray) -> tuple[Placement, StartReport]:
+        """One start: programs until neither the box nor a row that took no part is in the way.
+
+        The better one of start and result counts, both judged.
+        """
+        began, iterations, status = time.perf_counter(), 0, ""
+        best = judge(self.evaluator, patch, p, self._exact(patch, p, q), number)
+        near, held, low = None, None, np.inf
+        for _ in range(_ROUNDS):
+            solution, near, held, elsewhere = self._program(patch, p, q, near, held)
+            iterations, status = iterations + solution.iterations, solution.status
+            if solution.violation > _KEPT:
+                break
+            p, q = solution.x[: len(p)], solution.x[len(p) : len(p) + q.size].reshape(q.shape)
+            placement = judge(self.evaluator, patch, p, self._exact(patch, p, q), number)
+            if placement.feasible and (not best.feasible or placement.total < best.total):
+                best = placement
+            if not elsewhere and (placement.feasible or not self._wider(patch, p, q, near, held)):
+                break
+            if elsewhere and solution.objective > low - _PROGRESS:
+                break
+            low = solution.objective
+        return best, StartReport(
+            number=number,
+            status=status,
+            iterations=iterations,
+            seconds=time.perf_counter() - began,
+            total=best.total if best.feasible else float("nan"),
+            feasible=best.feasible,
+            worst="" if best.feasible else str(best.margins[0]),
+        )
+
+    def _program(
+        self,
+        patch: int,
+        p: np.ndarray,
+        q: np.ndarray,
+        near: list[np.ndarray] | None,
+        held: list[int] | None,
+    ) -> tuple[Solution, list[np.ndarray], list[int], bool]:
+        """Solve inside a box around p, q, with the rows near there and those given.
+
+        Ipopt's first steps ignore how strongly the kinematics bend; the box keeps them short. The last result
+        says whether the solution lies at the box's edge, or on other pieces of the force sets.
+        """
+        physics = self.physics(patch)
+        now = near_gaps(physics, p, q, _NEAR)
+        near = now if near is None else [a | b for a, b in zip(near, now, strict=True)]
+        held = sorted({*held_cases(physics, p, q, _HELD), *(held or ())})
+        own = pieces(physics, p, q, held)
+        program = PlacementProgram(physics, near, held, own)
+        x = program.start(p, q)
+        low, high = (bound.copy() for bound in program.x_bounds)
+        box = np.full(len(p) + q.size, _BOX_ANGLE)
+        box[: len(p)] = np.where(physics.terrain.angular, _BOX_ANGLE, _BOX * self.problem.scales(patch))
+        inside = slice(0, len(box))
+        low[inside], high[inside] = (
+            np.maximum(low[inside], x[inside] - box),
+            np.minimum(high[inside], x[inside] + box),
+        )
+        solution = solve(
+            program,
+            x,
+            (low, high),
+            program.bounds,
+            tolerance=_TOLERANCE,
+            max_iterations=_ITERATIONS,
+            start_mu=_START_MU,
+        )
+        elsewhere = bool(np.any(np.abs(solution.x[inside] - x[inside]) > 0.99 * box))
+        if own and not elsewhere and solution.violation < _KEPT:
+            elsewhere = pieces(physics, *program.split(solution.x), held) != own
+        return solution, near, held, elsewhere
+
+    def _wider(
+        self, patch: int, p: np.ndarray, q: np.ndarray, near: list[np.ndarray], held: list[int]
+    ) -> bool:
+        """Whether rows are broken that took no part."""
+        physics = self.physics(patch)
+        broken = near_gaps(physics, p, q, 0.0)
+        return any(np.any(b & ~n) for b, n in zip(broken, near, strict=True)) or bool(
+            set(held_cases(physics, p, q, 1.0)) - set(held)
+        )
+
+    def nearest(self, candidates: sampling.Candidates, tried: list[Placement]) -> Placement:
+        """The least-infeasible placement."""
+        best, least = None, np.inf
+        starts = [(t.patch, t.parameters, t.angles) for t in sorted(tried, key=_violation)[:2]]
+        starts += [candidates[i] for i in sampling.spread(self.evaluator, candidates, _ELASTIC_STARTS)]
+        constrained = [i for i, case in enumerate(self.problem.cases) if case.constrained]
+        for patch, p, q in starts:
+            physics = self.physics(patch)
+            near = near_gaps(physics, p, q, _NEAR)
+            for _ in range(_ROUNDS):
+                own = pieces(physics, p, q, constrained)
+                program = PlacementProgram(physics, near, constrained, own, criteria=False)
+                elastic = ElasticProgram(program, reachable=candidates.reached > 0)
+                x = elastic.start(program.start(p, q))
+                solution = solve(
+                    elastic,
+                    x,
+                    elastic.x_bounds,
+                    elastic.bounds,
+                    tolerance=_TOLERANCE,
+                    max_iterations=_ITERATIONS,
+                )
+                p, q = program.split(solution.x[: program.size])
+                wider = [a | b for a, b in zip(near, near_gaps(physics, p, q, 0.0), strict=True)]
+                if all(np.array_equal(a, b) for a, b in zip(near, wider, strict=True)):
+                    break
+                near = wider
+            placement = judge(self.evaluator, patch, p, self._exact(patch, p, q))
+            if _violation(placement) < least:
+                best, least = placement, _violation(placement)
+            if placement.feasible:
+                break
+        return best
+
+    def _exact(self, patch: int, p: np.ndarray, q: np.ndarray) -> np.ndarray:
+        """Angles with the pose exact to rounding, where the program's are nearly so; else unchanged."""
+        result = q.copy()
+        origin, base = self.evaluator.place(patch, p)
+        for t, task in enumerate(self.problem.tasks):
+            position, rotation = self.evaluator.targets(t, origin, base)
+            arm = self.evaluator.arm
+            polished, error = search(arm, q[t : t + 1], position, rotation, task.orientation, task.tool_axis)
+            if error[0] < POSE_TOLERANCE and np.max(np.abs(polished[0] - q[t])) < 1e-4:
+                result[t] = polished[0]
+        return result
+
+
+def _violation(placement: Placement) -> float:
+    """Sum of violations, one per kind and name of constraint."""
+    worst: dict[tuple, float] = {}
+    for m in placement.violations:
+        if m.kind in ("persistence", "GN", "GT") and np.isinf(m.relative):
+            continue
+        key = m.kind, m.task, "" if m.kind in ("clearance", "torque", "joint angle") else m.name
+        worst[key] = max(worst.get(key, 0.0), min(-m.relative, 1e6))
+    return sum(worst.values())
+
+
+def _distinct(found: list[Placement]) -> list[Placement]:
+    """The best of each group of placements that are the same, by objective."""
+    kept: list[Placement] = []
+    for placement in sorted(found, key=lambda p: p.total):
+        if not any(_same(placement, other) for other in kept):
+            kept.append(placement)
+    return kept
+
+
+def _same(a: Placement, b: Placement) -> bool:
+    if a.patch != b.patch:
+        return False
+    terrain = a.problem.terrain[a.patch]
+    apart = a.parameters - b.parameters
+    apart = np.where(terrain.angular, np.arctan2(np.sin(apart), np.cos(apart)), apart)
+    turn = a.angles - b.angles
+    turn = np.arctan2(np.sin(turn), np.cos(turn))
+    scales = a.problem.scales(a.patch)
+    return bool(np.max(np.abs(apart) / scales) < _SAME and np.max(np.abs(turn)) < 4 * _SAME)
+
+
+def _refusal(nearest: Placement, candidates: sampling.Candidates) -> str:
+    """What is in the way and by how much."""
+    problem = nearest.problem
+    terrain = problem.terrain[nearest.patch]
+    where = ", ".join(
+        f"{name} {np.rad2deg(v):.1f} degrees" if angular else f"{name} {v:.3f}"
+        for name, v, angular in zip(terrain.parameters, nearest.parameters, terrain.angular, strict=True)
+    )
+    stated = "; ".join(str(m) for m in nearest.violations[:_MOST_STATED])
+    more = len(nearest.violations) - _MOST_STATED
+    reach = f"{candidates.reached} of {candidates.sampled} sampled placements reach the gripper pose" + (
+        "s" if len(problem.tasks) > 1 else ""
+    )
+    return (
+        f"no placement keeps all constraints ({reach}); at the least-infeasible one found, on "
+        f"{terrain.name!r} at {where}: {stated}" + (f"; and {more} more" if more > 0 else "")
+    )

@@ -1,0 +1,397 @@
+"""What a placement is wanted for: gripper tasks with process loads, terrain, limits, weights."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Literal, get_args
+
+import numpy as np
+
+from ocptip.errors import InputError, finite_array, number_from, positive_number
+from ocptip.motion.robot import StandingRobot
+from ocptip.placement.power import HoldingPower, TorqueCost
+from ocptip.placement.terrain import Patch
+from ocptip.robots import Pillar, Wall
+
+Orientation = Literal["full", "axis", "free"]
+CRITERIA = ("GN", "GT", "GK", "GE")
+INDICES = ("dm_2", "pi_oe", "inv_cdn_oe", "manipulability")
+_SAME_LEVEL = 1e-9  # relative to the support's length
+
+
+@dataclass(frozen=True, eq=False)
+class ProcessLoad:
+    """A process load on the gripper at G.
+
+    Attributes:
+        force: (3,), N, world axes.
+        moment: (3,), N m, world axes.
+        name: for messages and results.
+    """
+
+    force: Sequence[float] = (0.0, 0.0, 0.0)
+    moment: Sequence[float] = (0.0, 0.0, 0.0)
+    name: str = "process load"
+
+    def __post_init__(self) -> None:
+        for key in ("force", "moment"):
+            value = finite_array(f"{self.name}: {key}", getattr(self, key), (3,))
+            value.flags.writeable = False
+            object.__setattr__(self, key, value)
+
+
+def sampled_loads(
+    magnitude: float,
+    count: int,
+    *,
+    axis: Sequence[float] = (0.0, 0.0, 1.0),
+    half_angle: float = np.pi,
+) -> tuple[ProcessLoad, ...]:
+    """Forces of one magnitude in directions spread evenly over a cone about an axis, or over all directions.
+
+    Fibonacci points on the spherical cap; for a continuum of process forces (4.19).
+
+    Args:
+        magnitude: N.
+        count: number of directions.
+        axis: (3,), world axes, of any length.
+        half_angle: rad, of the cone; pi for all directions.
+
+    Raises:
+        InputError: no direction, a zero axis, an angle outside (0, pi].
+    """
+    positive_number("magnitude", magnitude)
+    if isinstance(count, bool) or not isinstance(count, int | np.integer) or count < 1:
+        raise InputError(f"count: must be a whole number >= 1, got {count!r}")
+    if not 0 < number_from("half_angle", half_angle) <= np.pi:
+        raise InputError(f"half_angle: must be above 0 and at most pi rad, got {half_angle!r}")
+    z = finite_array("axis", axis, (3,))
+    if not (length := np.linalg.norm(z)) > 0:
+        raise InputError("axis: must not be zero")
+    z = z / length
+    x = np.cross(z, np.eye(3)[np.argmin(np.abs(z))])
+    x /= np.linalg.norm(x)
+    k = np.arange(count)
+    along = 1 - (1 - np.cos(half_angle)) * (k + 0.5) / count
+    turn = np.pi * (3 - np.sqrt(5)) * k
+    across = np.sqrt(np.maximum(1 - along**2, 0))
+    directions = (
+        along[:, None] * z
+        + (across * np.cos(turn))[:, None] * x
+        + (across * np.sin(turn))[:, None] * np.cross(z, x)
+    )
+    return tuple(
+        ProcessLoad(magnitude * e, name=f"force {i + 1} of {count}") for i, e in enumerate(directions)
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class GripperTask:
+    """A gripper pose in the world and the loads that act there.
+
+    Attributes:
+        position: (3,), m, of G in the world.
+        rotation: (3, 3), gripper to world axes.
+        loads: process loads, one at a time; none: the arm only holds itself.
+        orientation: "full"; "axis": only the direction of `tool_axis` counts (drilling); "free": only the
+            position.
+        tool_axis: (3,), unit vector, gripper axes.
+        name: for messages and results.
+    """
+
+    position: Sequence[float]
+    rotation: np.ndarray = field(default_factory=lambda: np.eye(3))
+    loads: Sequence[ProcessLoad] = ()
+    orientation: Orientation = "full"
+    tool_axis: Sequence[float] = (0.0, 0.0, 1.0)
+    name: str = "task"
+
+    def __post_init__(self) -> None:
+        shapes = {"position": (3,), "rotation": (3, 3), "tool_axis": (3,)}
+        for key, shape in shapes.items():
+            value = finite_array(f"{self.name}: {key}", getattr(self, key), shape)
+            value.flags.writeable = False
+            object.__setattr__(self, key, value)
+        if (
+            np.abs(self.rotation @ self.rotation.T - np.eye(3)).max() > 1e-8
+            or np.linalg.det(self.rotation) < 0
+        ):
+            raise InputError(f"{self.name}: rotation: not a rotation matrix: {self.rotation.tolist()}")
+        if abs(np.linalg.norm(self.tool_axis) - 1) > 1e-9:
+            raise InputError(f"{self.name}: tool_axis: must have length 1, got {self.tool_axis.tolist()}")
+        if self.orientation not in get_args(Orientation):
+            raise InputError(
+                f"{self.name}: orientation: expected one of {', '.join(get_args(Orientation))}, got "
+                f"{self.orientation!r}"
+            )
+        object.__setattr__(self, "loads", tuple(self.loads))
+        for load in self.loads:
+            if not isinstance(load, ProcessLoad):
+                raise InputError(f"{self.name}: loads: expected ProcessLoad, got {load!r}")
+        names = [load.name for load in self.loads]
+        if len(set(names)) != len(names):
+            raise InputError(f"{self.name}: loads: names must differ, got {', '.join(names)}")
+
+
+@dataclass(frozen=True)
+class PlacementLimits:
+    """Constraints of 4.4 with a number; joint limits come from the arm, bounds from the terrain.
+
+    Attributes:
+        GN, GT: largest tip-over and slip reserve value (4.22), 1 tips or slips; None: the base only has to
+            stand in the contact solver's solution (4.21), which the search keeps by 1 in place of the value.
+        torque_ratio: largest |torque| / limit (4.33).
+        clearance: m, smallest distance of the arm's collision spheres from each other and from obstacles.
+        base_clearance: m, the same for the base's spheres.
+        condition: largest Frobenius condition number |J| |J^-1| (4.35), usually 10 to 40; None: no limit.
+        singular_ratio: largest ratio of the extreme singular values of J (4.37); None: no limit.
+        jacobian_length: m, length by which the translational rows of J are divided for both.
+        index: a performance index of the pose to be kept above `index_min`, of `INDICES`: "dm_2" (rad),
+            "pi_oe", "inv_cdn_oe" or "manipulability" (m^3), see `ocptip.indices`; six-axis arms only.
+        index_min: its least value; the search keeps a smooth bound from below of "pi_oe" and "inv_cdn_oe".
+        tool_radius: m, of the ball about the gripper point that "pi_oe" and "inv_cdn_oe" take as the tool.
+    """
+
+    GN: float | None = 0.9
+    GT: float | None = 0.9
+    torque_ratio: float = 1.0
+    clearance: float = 0.0
+    base_clearance: float = 0.0
+    condition: float | None = None
+    singular_ratio: float | None = None
+    jacobian_length: float = 1.0
+    index: str | None = None
+    index_min: float | None = None
+    tool_radius: float = 0.1
+
+    def __post_init__(self) -> None:
+        for name in ("torque_ratio", "jacobian_length", "tool_radius"):
+            positive_number(name, getattr(self, name))
+        for name in ("clearance", "base_clearance"):
+            positive_number(name, getattr(self, name), zero_allowed=True)
+        for name in ("GN", "GT"):
+            value = getattr(self, name)
+            if value is not None and not 0 < positive_number(name, value) <= 1:
+                raise InputError(f"{name}: must be above 0 and at most 1, or None, got {value!r}")
+        for name in ("condition", "singular_ratio", "index_min"):
+            if getattr(self, name) is not None:
+                positive_number(name, getattr(self, name))
+        if self.index is not None and self.index not in INDICES:
+            raise InputError(f"index: expected one of {', '.join(INDICES)}, got {self.index!r}")
+        if (self.index is None) != (self.index_min is None):
+            raise InputError(f"index, index_min: give both or none, got {self.index!r}, {self.index_min!r}")
+
+
+@dataclass(frozen=True)
+class Weights:
+    """Weights of the criteria (4.38), scaled to the sum 1.
+
+    Attributes:
+        GN: tip-over. GT: slip. GK: use of the force space. GE: electric power at standstill, or torque cost.
+    """
+
+    GN: float = 0.25
+    GT: float = 0.25
+    GK: float = 0.25
+    GE: float = 0.25
+
+    def __post_init__(self) -> None:
+        for name in CRITERIA:
+            positive_number(f"weights.{name}", getattr(self, name), zero_allowed=True)
+        total = sum(getattr(self, name) for name in CRITERIA)
+        if total <= 0:
+            raise InputError("weights: at least one must be > 0")
+        for name in CRITERIA:
+            object.__setattr__(self, name, getattr(self, name) / total)
+
+    def array(self) -> np.ndarray:
+        """(4,) in the order GN, GT, GK, GE."""
+        return np.array([getattr(self, name) for name in CRITERIA])
+
+
+@dataclass(frozen=True, eq=False)
+class LoadCase:
+    """One load of one task.
+
+    Attributes:
+        task: number of the task.
+        load: its number, -1 without process load.
+        force, moment: (3,), N, N m, world axes.
+        counts: it counts in the criteria.
+        constrained: it counts in the constraints.
+        name: e.g. "drill: thrust" or "drill: unloaded".
+    """
+
+    task: int
+    load: int
+    force: np.ndarray
+    moment: np.ndarray
+    counts: bool
+    constrained: bool
+    name: str
+
+
+@dataclass(frozen=True, eq=False)
+class PlacementProblem:
+    """Where should the base stand? (4.38, 4.39)
+
+    Attributes:
+        robot: the arm on its support, in base axes; its obstacles (a deck) move with the base.
+        tasks: one placement serves them all, one after the other.
+        terrain: one patch or several.
+        weights: of the criteria.
+        limits: constraints.
+        obstacles: walls and pillars in the world, for the arm's spheres and for the base.
+        keep_out: walls and pillars in the world for the base only (4.27).
+        base_spheres: (k, 4), m: centres (base axes) and radii of spheres that cover the base; default the
+            contacts as points.
+        unloaded: all constraints hold without the process load, too: the arm has to get into place first.
+        energy: model of GE; default the holding power of the robot's motors.
+        references: values by which criteria are divided; default 1, for GE the power with all joints at their
+            torque limits (1 for a `TorqueCost`).
+        gravity: (3,), m/s^2, world axes; default the support's magnitude, along -z.
+        ground_frame: position (3,) and rotation (3, 3) of the ground frame in base axes; default the point
+            of the contacts' plane on the base's z axis, for contacts in a plane z = const.
+    """
+
+    robot: StandingRobot
+    tasks: Sequence[GripperTask]
+    terrain: Sequence[Patch] | Patch
+    weights: Weights = field(default_factory=Weights)
+    limits: PlacementLimits = field(default_factory=PlacementLimits)
+    obstacles: Sequence[Wall | Pillar] = ()
+    keep_out: Sequence[Wall | Pillar] = ()
+    base_spheres: np.ndarray | None = None
+    unloaded: bool = True
+    energy: HoldingPower | TorqueCost | None = None
+    references: dict[str, float] = field(default_factory=dict)
+    gravity: Sequence[float] | None = None
+    ground_frame: tuple[np.ndarray, np.ndarray] | None = None
+
+    def __post_init__(self) -> None:
+        setter = object.__setattr__
+        setter(self, "tasks", (self.tasks,) if isinstance(self.tasks, GripperTask) else tuple(self.tasks))
+        setter(self, "terrain", (self.terrain,) if isinstance(self.terrain, Patch) else tuple(self.terrain))
+        for name, kind in (("tasks", GripperTask), ("terrain", Patch)):
+            values = getattr(self, name)
+            if not values or not all(isinstance(v, kind) for v in values):
+                raise InputError(f"{name}: expected {kind.__name__}, at least one, got {values!r}")
+            names = [v.name for v in values]
+            if len(set(names)) != len(names):
+                raise InputError(f"{name}: names must differ, got {', '.join(names)}")
+        if not isinstance(self.robot, StandingRobot):
+            raise InputError(f"robot: expected a StandingRobot, got {self.robot!r}")
+        for name in ("obstacles", "keep_out"):
+            setter(self, name, tuple(getattr(self, name)))
+            for shape in getattr(self, name):
+                if not isinstance(shape, Wall | Pillar):
+                    raise InputError(f"{name}: expected Wall or Pillar in world axes, got {shape!r}")
+        n, arm = self.robot.arm.n, self.robot.arm.name
+        if self.limits.index is not None and n != 6:
+            raise InputError(f"limits: index: {self.limits.index} is for six axes, arm {arm!r} has {n}")
+        for task in self.tasks:
+            free = n + min(patch.size for patch in self.terrain)
+            rows = {"full": 6, "axis": 5, "free": 3}[task.orientation]
+            if rows > free:
+                raise InputError(
+                    f"{task.name}: orientation: {task.orientation!r} needs {rows} free parameters, "
+                    f"arm {arm!r} on this terrain has {free}; use 'axis' or 'free'"
+                )
+        self._fill_in()
+
+    def _fill_in(self) -> None:
+        setter, support = object.__setattr__, self.robot.support
+        if self.base_spheres is None:
+            contacts = np.array([c.position for c in support.contacts])
+            setter(self, "base_spheres", np.column_stack([contacts, np.zeros(len(contacts))]))
+        spheres = finite_array("base_spheres", self.base_spheres, (None, 4))
+        if (spheres[:, 3] < 0).any():
+            raise InputError(f"base_spheres: radii must be >= 0, got {spheres[:, 3]}")
+        setter(self, "base_spheres", spheres)
+        if self.gravity is None:
+            setter(self, "gravity", [0.0, 0.0, -float(np.linalg.norm(support.gravity))])
+        setter(self, "gravity", finite_array("gravity", self.gravity, (3,)))
+        if self.ground_frame is None:
+            heights = np.array([c.position[2] for c in support.contacts])
+            if np.ptp(heights) > _SAME_LEVEL * support.length:
+                raise InputError(
+                    "ground_frame: the contacts have different heights in the base "
+                    f"({heights.min():.4g} to {heights.max():.4g} m); say where the ground frame is"
+                )
+            setter(self, "ground_frame", (np.array([0.0, 0.0, heights.mean()]), np.eye(3)))
+        position, rotation = self.ground_frame
+        rotation = finite_array("ground_frame[1]", rotation, (3, 3))
+        if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-8 or np.linalg.det(rotation) < 0:
+            raise InputError(f"ground_frame[1]: not a rotation matrix: {rotation.tolist()}")
+        setter(self, "ground_frame", (finite_array("ground_frame[0]", position, (3,)), rotation))
+        if self.energy is None:
+            setter(self, "energy", HoldingPower(self.robot.motors))
+        if not isinstance(self.energy, HoldingPower | TorqueCost):
+            raise InputError(f"energy: expected HoldingPower or TorqueCost, got {self.energy!r}")
+        if isinstance(self.energy, TorqueCost) and len(self.energy.cost) != self.robot.arm.n:
+            raise InputError(
+                f"energy: the arm has {self.robot.arm.n} joints, the torque cost {len(self.energy.cost)}"
+            )
+        for name, value in self.references.items():
+            if name not in CRITERIA:
+                raise InputError(f"references: no criterion {name!r}; there are {', '.join(CRITERIA)}")
+            positive_number(f"references.{name}", value)
+        references = {"GN": 1.0, "GT": 1.0, "GK": 1.0, **self.references}
+        if "GE" not in references:
+            references["GE"] = self._energy_reference()
+        setter(self, "references", references)
+
+    def _energy_reference(self) -> float:
+        if isinstance(self.energy, TorqueCost):
+            return 1.0
+        torque = self.robot.arm.limits.torque
+        if not np.isfinite(torque).all():
+            if self.weights.GE == 0:
+                return 1.0
+            raise InputError(
+                "references: GE needs a reference power (W) for an arm without torque limits; give "
+                "references={'GE': ...}"
+            )
+        return float(self.energy.values(torque[None])[0])
+
+    @cached_property
+    def cases(self) -> tuple[LoadCase, ...]:
+        """All load cases, task by task, each task's unloaded one first."""
+        several, none, result = len(self.tasks) > 1, np.zeros(3), []
+        for t, task in enumerate(self.tasks):
+            prefix = f"{task.name}: " if several else ""
+            loads = [(i, load) for i, load in enumerate(task.loads) if load.force.any() or load.moment.any()]
+            counts = len(loads) < max(len(task.loads), 1)
+            result.append(LoadCase(t, -1, none, none, counts, counts or self.unloaded, f"{prefix}unloaded"))
+            result += [
+                LoadCase(t, i, load.force, load.moment, True, True, f"{prefix}{load.name}")
+                for i, load in loads
+            ]
+        return tuple(result)
+
+    @property
+    def reach(self) -> float:
+        """Upper bound, m, of the distance between the base's ground point and G."""
+        arm, (position, _) = self.robot.arm, self.ground_frame
+        return float(
+            np.linalg.norm(arm.offsets, axis=1).sum() + np.linalg.norm(arm.mount_position - position)
+        )
+
+    def scales(self, patch: int) -> np.ndarray:
+        """(k,) by how much parameters of a patch may change for the arm to take another posture.
+
+        Angles in radians count as they are; others in units of the arm's reach, or of the patch if that is
+        smaller.
+        """
+        terrain = self.terrain[patch]
+        span = terrain.upper - terrain.lower
+        return np.where(terrain.angular, 1.0, np.minimum(self.reach, np.where(span > 0, span, np.inf)))
+
+    def base_pose(self, patch: int, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Base origins (N, 3), m, and rotations base to world (N, 3, 3) at parameters (N, k) of a patch."""
+        origin, rotation = self.terrain[patch].poses(parameters)
+        position, turn = self.ground_frame
+        base = rotation @ turn.T
+        return origin - base @ position, base

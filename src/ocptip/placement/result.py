@@ -1,0 +1,279 @@
+"""Results of a placement: poses, criteria, margins of all constraints by name, what became of each start."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ocptip.errors import PlanningError
+from ocptip.placement.evaluate import Evaluator, Rows, smallest_margin
+from ocptip.placement.problem import CRITERIA, PlacementProblem
+
+FEASIBLE = 1e-6
+"""Margins above minus this (in the units of `Margin.relative`) count as kept."""
+
+ACTIVE = 1e-4
+"""Margins below this count as active."""
+
+
+@dataclass(frozen=True)
+class Margin:
+    """One constraint at a placement.
+
+    Attributes:
+        kind: "GN", "GT", "persistence", "tip-over" (moment), "torque", "joint angle", "clearance", "base
+            clearance", "manipulability", "bounds", "contact area", "terrain" or "reach".
+        name: which one.
+        value: in `unit`.
+        limit: what it is compared with.
+        upper: value <= limit is wanted, else value >= limit.
+        unit: m, rad, N m or nothing.
+        relative: margin in comparable units: 0.1 m, 0.2 rad, the limit itself; negative if broken.
+        task: number of the task, -1 for the base alone.
+    """
+
+    kind: str
+    name: str
+    value: float
+    limit: float
+    upper: bool
+    unit: str
+    relative: float
+    task: int
+
+    @property
+    def active(self) -> bool:
+        """The constraint is at its limit or broken; equalities and the yes-or-no of persistence never are."""
+        if self.kind in ("reach", "persistence"):
+            return self.relative < 0
+        return self.relative < ACTIVE
+
+    def __str__(self) -> str:
+        if self.kind == "persistence":
+            return f"persistence: {self.name}: {'stands' if self.value else 'does not stand'}"
+        sign = "<=" if self.upper else ">="
+        unit = f" {self.unit}" if self.unit else ""
+        short = abs(self.value - self.limit)
+        text = f"{self.kind}: {self.name}: {self.value:.4g}{unit}, must be {sign} {self.limit:.4g}{unit}"
+        return text + (f" (off by {short:.3g}{unit})" if self.relative < -FEASIBLE else "")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data."""
+        return {**vars(self), "active": self.active}
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """A judged placement.
+
+    Attributes:
+        problem: what it is for.
+        patch: number of the terrain's patch.
+        parameters: (k,) of the patch; angles in rad, lengths in m.
+        base_position: (3,), m, base origin in the world.
+        base_rotation: (3, 3), base to world axes.
+        angles: (tasks, n), rad.
+        criteria: GN, GT, GK, GE: the worst counting load case, for GE the mean.
+        total: weighted sum of the normalised criteria.
+        margins: of all constraints, the smallest relative margin first; of the clearances those below 0.1 m
+            and the smallest of each task.
+        pose_error: largest error of a gripper position (m) or orientation (rad).
+        start: number of the start it was found from; -1 for none.
+    """
+
+    problem: PlacementProblem
+    patch: int
+    parameters: np.ndarray
+    base_position: np.ndarray
+    base_rotation: np.ndarray
+    angles: np.ndarray
+    criteria: dict[str, float]
+    total: float
+    margins: tuple[Margin, ...]
+    pose_error: float
+    start: int = -1
+
+    @property
+    def feasible(self) -> bool:
+        """All constraints hold."""
+        return self.margins[0].relative >= -FEASIBLE
+
+    @property
+    def active(self) -> tuple[Margin, ...]:
+        """Constraints at their limits."""
+        return tuple(m for m in self.margins if m.active)
+
+    @property
+    def violations(self) -> tuple[Margin, ...]:
+        """Broken constraints."""
+        return tuple(m for m in self.margins if m.relative < -FEASIBLE)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON; angles in rad, infinite and missing numbers as None."""
+        terrain = self.problem.terrain[self.patch]
+        return {
+            "patch": terrain.name,
+            "parameters": dict(zip(terrain.parameters, self.parameters.tolist(), strict=True)),
+            "base_position_m": self.base_position.tolist(),
+            "base_rotation": self.base_rotation.tolist(),
+            "angles_rad": {
+                task.name: q.tolist() for task, q in zip(self.problem.tasks, self.angles, strict=True)
+            },
+            "criteria": {name: _number(value) for name, value in self.criteria.items()},
+            "total": _number(self.total),
+            "feasible": self.feasible,
+            "active": [str(m) for m in self.active],
+            "margins": [{k: _number(v) for k, v in m.to_dict().items()} for m in self.margins],
+            "pose_error": self.pose_error,
+            "start": self.start,
+        }
+
+
+@dataclass(frozen=True)
+class StartReport:
+    """What became of one start.
+
+    Attributes:
+        number: of the start.
+        status: Ipopt's word.
+        iterations, seconds: of all its programs.
+        total: objective reached; NaN if not feasible.
+        feasible: the result was judged and keeps all constraints.
+        worst: the most violated constraint if not.
+    """
+
+    number: int
+    status: str
+    iterations: int
+    seconds: float
+    total: float
+    feasible: bool
+    worst: str
+
+
+@dataclass(frozen=True, eq=False)
+class PlacementResult:
+    """What :func:`place` found.
+
+    Attributes:
+        problem: what was asked for.
+        placements: distinct local optima, all judged feasible, the best first.
+        starts: what became of each.
+        sampled, reached: placements looked at for starts, and how many of them reach all tasks.
+        seed: of the sample.
+        seconds: wall time.
+    """
+
+    problem: PlacementProblem
+    placements: tuple[Placement, ...]
+    starts: tuple[StartReport, ...]
+    sampled: int
+    reached: int
+    seed: int
+    seconds: float
+
+    @property
+    def best(self) -> Placement:
+        """The placement with the least objective."""
+        return self.placements[0]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        return {
+            "placements": [p.to_dict() for p in self.placements],
+            "weights": vars(self.problem.weights).copy(),
+            "references": dict(self.problem.references),
+            "starts": [{k: _number(v) for k, v in vars(s).items()} for s in self.starts],
+            "sampled": self.sampled,
+            "reached": self.reached,
+            "seed": self.seed,
+            "seconds": self.seconds,
+        }
+
+
+class NoPlacementError(PlanningError):
+    """No placement keeps all constraints.
+
+    Attributes:
+        nearest: the least-infeasible placement found.
+        starts: what became of each start.
+    """
+
+    def __init__(self, message: str, nearest: Placement, starts: tuple[StartReport, ...] = ()) -> None:
+        super().__init__(message)
+        self.nearest, self.starts = nearest, starts
+
+
+def judge(
+    evaluator: Evaluator, patch: int, parameters: np.ndarray, angles: np.ndarray, start: int = -1
+) -> Placement:
+    """Evaluate one placement with all constraints, independently of how it was found.
+
+    Args:
+        evaluator: of the problem.
+        patch: number of the patch.
+        parameters: (k,).
+        angles: (tasks, n), rad.
+        start: number of the start.
+    """
+    problem = evaluator.problem
+    parameters = problem.terrain[patch].wrapped(np.asarray(parameters, dtype=float))
+    found = [evaluator.task(t, patch, parameters[None], q[None]) for t, q in enumerate(angles)]
+    criteria = evaluator.criteria(found)
+    margins: list[Margin] = []
+    for t, rows in [(-1, evaluator.ground(patch, parameters)), *((t, e.rows) for t, e in enumerate(found))]:
+        margins += _margins(rows, t)
+    margins.sort(key=lambda m: m.relative if np.isfinite(m.relative) else -np.inf)
+    origin, base = evaluator.place(patch, parameters)
+    return Placement(
+        problem=problem,
+        patch=patch,
+        parameters=parameters,
+        base_position=origin[0],
+        base_rotation=base[0],
+        angles=np.array(angles),
+        criteria=dict(zip(CRITERIA, criteria[0].tolist(), strict=True)),
+        total=float(evaluator.totals(criteria)[0]),
+        margins=tuple(margins),
+        pose_error=float(max(np.max(e.rows[0].values) for e in found)),
+        start=start,
+    )
+
+
+def is_feasible(evaluator: Evaluator, patch: int, parameters: np.ndarray, angles: np.ndarray) -> np.ndarray:
+    """(N,) whether placements (N, k), (N, tasks, n) keep all constraints."""
+    margin = smallest_margin(evaluator.ground(patch, parameters), len(parameters))
+    for t in range(angles.shape[1]):
+        margin = np.minimum(margin, evaluator.task(t, patch, parameters, angles[:, t]).margin())
+    return margin >= -FEASIBLE
+
+
+def _margins(rows: tuple[Rows, ...], task: int) -> list[Margin]:
+    result = []
+    for r in rows:
+        shown = range(len(r.labels))
+        if "clearance" in r.kind and len(r.labels):
+            order = np.argsort(r.margins[0])
+            shown = [i for rank, i in enumerate(order) if rank == 0 or r.margins[0, i] < 1]
+        result += [
+            Margin(
+                r.kind,
+                r.labels[i],
+                float(r.values[0, i]),
+                float(r.limits[i]),
+                r.upper,
+                r.unit.split(", ")[min(i, r.unit.count(", "))],
+                float(np.nan_to_num(r.margins[0, i], nan=-np.inf)),
+                task,
+            )
+            for i in shown
+        ]
+    return result
+
+
+def _number(value: Any) -> Any:
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value

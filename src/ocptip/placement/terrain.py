@@ -1,0 +1,240 @@
+"""Terrain: where a base can stand, as a pose over a few parameters (4.1 to 4.3).
+
+A patch maps its parameters p to the ground frame in the world: origin on the ground, z along its normal. The
+ground frame is fixed in the base (see `PlacementProblem.ground_frame`), so that it carries the base along.
+Several patches make a terrain of several planes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import casadi as cs
+import numpy as np
+
+from ocptip.errors import InputError, finite_array
+from ocptip.robots import BatchFunction
+
+_PROBES = 16
+_ROTATION_TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Patch:
+    """One piece of terrain; see :func:`plane` and :func:`custom_terrain`.
+
+    Attributes:
+        name: for messages and results.
+        function: CasADi function p (k,) -> position (3,), m, and rotation (3, 3) of the ground frame in the
+            world.
+        parameters: k names.
+        lower, upper: (k,) bounds of the parameters; infinite where there is none (4.25).
+        angular: (k,) True for angles in rad, which results hold between -pi and pi.
+        horizontal: numbers of the parameters that are the world's x and y of the origin, if there are; then
+            their bounds may be infinite.
+        contact_area: (2, 2), m: lower and upper bound of the world's x and y of every contact, or None.
+        constraints: CasADi function p -> values that must be >= 0, or None (4.26).
+        constraint_names: their names.
+    """
+
+    name: str
+    function: cs.Function
+    parameters: tuple[str, ...]
+    lower: np.ndarray
+    upper: np.ndarray
+    angular: tuple[bool, ...]
+    horizontal: tuple[int, int] | None = None
+    contact_area: np.ndarray | None = None
+    constraints: cs.Function | None = None
+    constraint_names: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        k = len(self.parameters)
+        shapes = [self.function.size_in(i) for i in range(self.function.n_in())]
+        results = [self.function.size_out(i) for i in range(self.function.n_out())]
+        if shapes != [(k, 1)] or results != [(3, 1), (3, 3)]:
+            raise InputError(
+                f"terrain {self.name!r}: expected a function of ({k},) with results (3,) and (3, 3), got "
+                f"{shapes} and {results}"
+            )
+        for name in ("lower", "upper"):
+            value = np.array(getattr(self, name), dtype=float)
+            if value.shape != (k,) or np.isnan(value).any():
+                raise InputError(f"terrain {self.name!r}: {name}: expected {k} numbers, got {value}")
+            value.flags.writeable = False
+            object.__setattr__(self, name, value)
+        for i in np.flatnonzero(self.lower > self.upper):
+            raise InputError(
+                f"terrain {self.name!r}: {self.parameters[i]}: lower bound {self.lower[i]} is above upper "
+                f"bound {self.upper[i]}"
+            )
+        free = ~np.isfinite(self.lower) | ~np.isfinite(self.upper)
+        for i in np.flatnonzero(free):
+            if not self.angular[i] and i not in (self.horizontal or ()):
+                raise InputError(
+                    f"terrain {self.name!r}: {self.parameters[i]}: needs finite bounds, got {self.lower[i]} "
+                    f"to {self.upper[i]}"
+                )
+        self._probe()
+
+    @property
+    def size(self) -> int:
+        """Number of parameters."""
+        return len(self.parameters)
+
+    @cached_property
+    def _batch(self) -> BatchFunction:
+        return BatchFunction(self.function)
+
+    @cached_property
+    def _constraint_batch(self) -> BatchFunction | None:
+        return None if self.constraints is None else BatchFunction(self.constraints)
+
+    def poses(self, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Origins (N, 3), m, and rotations (N, 3, 3) of the ground frame at parameters (N, k)."""
+        return tuple(self._batch(np.atleast_2d(parameters)))
+
+    def constraint_values(self, parameters: np.ndarray) -> np.ndarray:
+        """(N, m) values that must be >= 0."""
+        parameters = np.atleast_2d(parameters)
+        if self._constraint_batch is None:
+            return np.empty((len(parameters), 0))
+        return self._constraint_batch(parameters)[0].reshape(len(parameters), -1)
+
+    def wrapped(self, parameters: np.ndarray) -> np.ndarray:
+        """The same parameters with unbounded angles between -pi and pi."""
+        result = np.array(parameters, dtype=float)
+        for i in np.flatnonzero(self.angular):
+            turned = np.remainder(result[..., i] + np.pi, 2 * np.pi) - np.pi
+            inside = (turned >= self.lower[i]) & (turned <= self.upper[i])
+            result[..., i] = np.where(inside, turned, result[..., i])
+        return result
+
+    def box(self, centre: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
+        """Finite bounds (k,), (k,) for sampling: world coordinates within `reach` of `centre` (3,), m."""
+        low, high = self.lower.copy(), self.upper.copy()
+        for i in range(self.size):
+            if self.angular[i]:
+                low[i], high[i] = max(low[i], -np.pi), min(high[i], np.pi)
+        for axis, i in enumerate(self.horizontal or ()):
+            low[i], high[i] = max(low[i], centre[axis] - reach), min(high[i], centre[axis] + reach)
+            if low[i] > high[i]:  # the whole patch lies beyond: its nearest edge
+                nearest = min(max(centre[axis], self.lower[i]), self.upper[i])
+                low[i] = high[i] = nearest
+        return low, high
+
+    def _probe(self) -> None:
+        """Refuse functions that do not give poses somewhere inside the bounds."""
+        rng = np.random.default_rng(0)
+        low, high = (np.nan_to_num(b, posinf=1.0, neginf=-1.0) for b in (self.lower, self.upper))
+        low, high = np.minimum(low, high), np.maximum(low, high)
+        try:
+            positions, rotations = self.poses(low + rng.random((_PROBES, self.size)) * (high - low))
+        except NotImplementedError as error:
+            raise InputError(f"terrain {self.name!r}: function: {error}") from None
+        finite = np.isfinite(positions).all() and np.isfinite(rotations).all()
+        error = np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max() if finite else np.inf
+        if not error <= _ROTATION_TOLERANCE or np.linalg.det(rotations).min() < 0:
+            raise InputError(
+                f"terrain {self.name!r}: function: its second result is no rotation (orthonormal to "
+                f"{error:.1e})"
+            )
+
+
+def plane(
+    slope: Sequence[float] = (0.0, 0.0),
+    height: float = 0.0,
+    *,
+    x: Sequence[float] = (-np.inf, np.inf),
+    y: Sequence[float] = (-np.inf, np.inf),
+    angle: Sequence[float] = (-np.inf, np.inf),
+    contacts_inside: bool = False,
+    name: str = "floor",
+) -> Patch:
+    """The plane z = height + slope_x X + slope_y Y in world coordinates (4.2, 4.3); flat by default.
+
+    Parameters p: world coordinates X and Y of the ground frame's origin, and its angle about the normal,
+    from the axis e_x = (1, 0, slope_x) / |.|.
+
+    Args:
+        slope: slope_x, slope_y.
+        height: m, of the plane at the world's origin.
+        x, y: m, bounds of X and Y.
+        angle: rad, bounds of the angle.
+        contacts_inside: the bounds of X and Y hold for every contact, too (a platform with edges).
+        name: for messages and results.
+
+    Raises:
+        InputError: wrong shapes, NaN, empty bounds.
+    """
+    a, b = finite_array("slope", slope, (2,))
+    level = finite_array("height", height, ())
+    bounds = []
+    for key, value in (("x", x), ("y", y), ("angle", angle)):
+        pair = np.array(value, dtype=float)
+        if pair.shape != (2,) or np.isnan(pair).any():
+            raise InputError(f"terrain {name!r}: {key}: expected two bounds, got {value!r}")
+        bounds.append(pair)
+    lower, upper = np.array(bounds).T
+    p = cs.SX.sym("p", 3)
+    e_x = np.array([1.0, 0.0, a]) / np.sqrt(1 + a * a)
+    e_z = np.array([-a, -b, 1.0]) / np.sqrt(1 + a * a + b * b)
+    fixed = np.column_stack([e_x, np.cross(e_z, e_x), e_z])
+    c, s = cs.cos(p[2]), cs.sin(p[2])
+    turn = cs.vertcat(cs.horzcat(c, -s, 0), cs.horzcat(s, c, 0), cs.horzcat(0, 0, 1))
+    position = cs.vertcat(p[0], p[1], float(level) + a * p[0] + b * p[1])
+    return Patch(
+        name=name,
+        function=cs.Function("plane", [p], [position, cs.SX(fixed) @ turn]),
+        parameters=("x", "y", "angle"),
+        lower=lower,
+        upper=upper,
+        angular=(False, False, True),
+        horizontal=(0, 1),
+        contact_area=np.array([lower[:2], upper[:2]]) if contacts_inside else None,
+    )
+
+
+def custom_terrain(
+    function: cs.Function,
+    lower: Sequence[float],
+    upper: Sequence[float],
+    *,
+    parameters: Sequence[str] | None = None,
+    angular: Sequence[bool] | None = None,
+    constraints: cs.Function | None = None,
+    constraint_names: Sequence[str] | None = None,
+    name: str = "terrain",
+) -> Patch:
+    """Any other terrain: f_U as a CasADi function (4.1).
+
+    Args:
+        function: p (k,) -> position (3,), m, and rotation (3, 3) of the ground frame in the world; twice
+            differentiable.
+        lower, upper: (k,) bounds; finite except for angles.
+        parameters: k names; default p1, p2, ...
+        angular: which parameters are angles, rad; default none.
+        constraints: p -> values that must be >= 0 (4.26).
+        constraint_names: their names.
+        name: for messages and results.
+
+    Raises:
+        InputError: shapes do not fit, empty or missing bounds, no rotation.
+    """
+    size = function.numel_in(0)
+    count = 0 if constraints is None else constraints.numel_out(0)
+    names = constraint_names or tuple(f"{name} constraint {i + 1}" for i in range(count))
+    if len(names) != count:
+        raise InputError(f"terrain {name!r}: constraint_names: expected {count}, got {len(names)}")
+    return Patch(
+        name=name,
+        function=function,
+        parameters=tuple(parameters or (f"p{i + 1}" for i in range(size))),
+        lower=np.array(lower, dtype=float),
+        upper=np.array(upper, dtype=float),
+        angular=tuple(bool(v) for v in (angular or [False] * size)),
+        constraints=constraints,
+        constraint_names=tuple(names),
+    )

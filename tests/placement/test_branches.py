@@ -1,0 +1,71 @@
+"""Inverse kinematics of many poses at once against the closed forms pose by pose."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from ocptip.motion.task_file import load_task
+from ocptip.placement.branches import branches, has_closed_form, search, within_limits
+from ocptip.robots import gripper_pose, load_arm, solve_inverse_kinematics
+
+
+def random_angles(arm, count, seed=0):
+    low, high = np.maximum(arm.limits.angle_min, -np.pi), np.minimum(arm.limits.angle_max, np.pi)
+    return low + np.random.default_rng(seed).random((count, arm.n)) * (high - low)
+
+
+@pytest.fixture(scope="module", params=["FP1W2F", "FSFS", "W1P1P2W2", "ur5"])
+def arm(request, root):
+    if request.param == "ur5":
+        return load_task(root / "studies" / "tasks" / "ur5_cart.toml").robot.arm
+    return load_arm(request.param)
+
+
+def test_branches_are_those_of_the_closed_form(arm):
+    assert has_closed_form(arm)
+    positions, rotations = gripper_pose(arm, random_angles(arm, 40))
+    found = branches(arm, positions, rotations)
+    for own, position, rotation in zip(found, positions, rotations, strict=True):
+        expected = solve_inverse_kinematics(arm, position, rotation).branches
+        own = own[np.isfinite(own).all(axis=1)]
+        assert len(own) == len(expected)
+        apart = np.abs(own[:, None] - expected[None]).max(axis=2)
+        assert apart.min(axis=1).max() < 1e-6
+        assert apart.min(axis=0).max() < 1e-6
+
+
+def test_unreachable_poses_have_no_branches(arm):
+    assert np.isnan(branches(arm, np.array([[9.0, 0.0, 0.0]]), np.eye(3)[None])).all()
+
+
+def test_search_finds_poses_near_its_start_and_honours_free_directions(arm):
+    q = random_angles(arm, 60, seed=1)
+    positions, rotations = gripper_pose(arm, q)
+    near = np.clip(q + 0.05, arm.limits.angle_min, arm.limits.angle_max)
+    found, error = search(arm, near, positions, rotations)
+    assert np.mean(error < 1e-9) > 0.95
+    good = error < 1e-9
+    assert np.abs(gripper_pose(arm, found)[0] - positions)[good].max() < 1e-9
+    roll = Rotation.from_rotvec([0.0, 0.0, 1.0]).as_matrix()  # about the tool axis: free
+    found, error = search(arm, near, positions, rotations @ roll, "axis")
+    assert np.mean(error < 1e-9) > 0.9
+    turned = gripper_pose(arm, found)[1][error < 1e-9]
+    assert np.abs(turned[:, :, 2] - rotations[error < 1e-9][:, :, 2]).max() < 1e-8
+
+
+def test_search_turns_an_opposite_tool_axis_round():
+    arm = load_arm("FP1W2F")
+    q = random_angles(arm, 20, seed=2)
+    positions, rotations = gripper_pose(arm, q)
+    opposite = rotations @ np.diag([1.0, -1.0, -1.0])
+    before = search(arm, q, positions, rotations, "axis")[1]
+    after = search(arm, q, positions, opposite, "axis")[1]
+    assert before.max() < 1e-12
+    assert np.median(after) < 1.0  # moved towards it instead of staying where the error has no gradient
+
+
+def test_within_limits_takes_the_copy_nearest_to_zero():
+    arm = load_arm("FP1W2F")
+    angles = np.array([0.1, 0.2, -0.3, 0.0, 0.0, 9.0])
+    assert within_limits(arm, angles)[5] == pytest.approx(9.0 - 2 * np.pi)
+    assert np.isnan(within_limits(arm, np.full(6, 3.0))[0])

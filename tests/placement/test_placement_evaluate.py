@@ -1,0 +1,206 @@
+"""The fast model against independent statics, Pinocchio, the collision model and the reserves."""
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from placement_scenes import INTO_WALL, clamped, drilling, four_feet, hills
+
+from ocptip.contact import solve
+from ocptip.motion.task_file import load_task
+from ocptip.placement import Evaluator, GripperTask, PlacementLimits, ProcessLoad, placed_robot, plane
+from ocptip.placement.evaluate import TaskEvaluation
+from ocptip.placement.manipulability import LogMeasures, index_of, measures
+from ocptip.placement.result import judge
+from ocptip.robots import Pillar, Wall, gripper_pose, link_frames
+
+PARAMETERS = np.array([[-0.5, 0.1, 0.4], [-0.45, -0.2, -2.0], [-0.6, 0.0, 3.0]])
+
+
+def angles(robot, count=3, seed=0):
+    limits = robot.arm.limits
+    low, high = np.maximum(limits.angle_min, -2), np.minimum(limits.angle_max, 2)
+    return low + np.random.default_rng(seed).random((count, robot.arm.n)) * (high - low)
+
+
+def evaluated(problem, q, task=0) -> TaskEvaluation:
+    return Evaluator(problem).task(task, 0, PARAMETERS, q)
+
+
+@pytest.mark.parametrize("terrain", [plane((0.1, -0.07)), hills()], ids=["plane", "hills"])
+def test_torques_are_the_derivative_of_the_potential_energy(terrain):
+    problem = drilling(terrain=terrain)
+    robot, evaluator = problem.robot, Evaluator(problem)
+    q = angles(robot)
+    found = evaluated(problem, q)
+    force, moment = problem.cases[1].force, problem.cases[1].moment
+
+    def potential(p, q):
+        origin, base = (part[0] for part in evaluator.place(0, p))
+        frames = link_frames(robot.arm, q)
+        centres = frames.origins[:-1] + np.einsum("kij,kj->ki", frames.rotations[:-1], robot.arm.centres)
+        world = origin + centres @ base.T
+        return -robot.arm.masses @ (world @ problem.gravity) - force @ (origin + base @ frames.origins[-1])
+
+    for k in range(3):
+        base = evaluator.place(0, PARAMETERS[k])[1][0]
+        for j, step in enumerate(1e-6 * np.eye(6)):
+            slope = (potential(PARAMETERS[k], q[k] + step) - potential(PARAMETERS[k], q[k] - step)) / 2e-6
+            axis = base @ link_frames(robot.arm, q[k]).rotations[j, :, 2]  # the process moment turns G
+            assert found.torques[k, 1, j] == pytest.approx(slope - moment @ axis, abs=1e-6)
+
+
+def test_torques_are_those_of_pinocchio(root):
+    robot = load_task(root / "studies" / "tasks" / "ur5_cart.toml").robot
+    problem = drilling(robot, tasks=GripperTask([0, 0, 0.9], INTO_WALL, [ProcessLoad([-80, 0, 0])]))
+    model = pin.buildModelFromUrdf(str(root / "studies" / "tasks" / "ur5.urdf"))
+    data = model.createData()
+    q = angles(robot)
+    found = evaluated(problem, q)
+    _, base = Evaluator(problem).place(0, PARAMETERS)
+    for k in range(3):
+        model.gravity.linear = base[k].T @ problem.gravity  # the arm stands upright on the cart
+        frame = model.getFrameId("tool0")
+        own = pin.rnea(model, data, q[k], np.zeros(6), np.zeros(6)).copy()
+        jacobian = pin.computeFrameJacobian(model, data, q[k], frame, pin.LOCAL_WORLD_ALIGNED)
+        loaded = own - jacobian[:3].T @ (base[k].T @ [-80.0, 0, 0])
+        assert found.torques[k] == pytest.approx(np.array([own, loaded]), abs=1e-9)
+
+
+def test_wrench_is_the_sum_of_weights_and_process_load():
+    problem = drilling()
+    robot, evaluator, q = problem.robot, Evaluator(problem), angles(four_feet())
+    found = evaluated(problem, q)
+    origin, base = evaluator.place(0, PARAMETERS)
+    case = problem.cases[1]
+    for k in range(3):
+        frames = link_frames(robot.arm, q[k])
+        centres = frames.origins[:-1] + np.einsum("kij,kj->ki", frames.rotations[:-1], robot.arm.centres)
+        points = [*(origin[k] + centres @ base[k].T), origin[k] + base[k] @ frames.origins[-1]]
+        forces = [*(robot.arm.masses[:, None] * problem.gravity), case.force]
+        middle = origin[k] + base[k] @ robot.support.center_of_mass
+        moment = sum(np.cross(p - middle, f) for p, f in zip(points, forces, strict=True)) + case.moment
+        force = sum(forces) + robot.support.mass * problem.gravity
+        assert found.wrenches[k, 1] == pytest.approx(np.r_[base[k].T @ force, base[k].T @ moment], abs=1e-9)
+
+
+@pytest.mark.parametrize("robot", [four_feet(), clamped()], ids=["four feet", "clamped"])
+def test_reserves_are_those_of_the_reserves(robot):
+    problem = drilling(robot)
+    found = evaluated(problem, angles(robot))
+    for k in range(3):
+        for c in range(2):
+            state = solve(robot.support, found.wrenches[k, c])
+            assert found.GN[k, c] == pytest.approx(robot.tip_over.evaluate(state.states).GN[0])
+            assert found.GT[k, c] == pytest.approx(robot.slip.evaluate(state.states).GT[0], abs=1e-8)
+            row = next(r for r in found.rows if r.kind == "persistence")
+            assert bool(row.values[k, c]) == state.persistent
+
+
+def test_force_space_is_the_largest_load_the_joints_can_hold():
+    problem = drilling()
+    q = angles(four_feet(), seed=3)
+    found = evaluated(problem, q)
+    limit = problem.robot.arm.limits.torque
+    for k in range(3):
+        share = found.GK[k, 1]
+        own, change = found.torques[k, 0], found.torques[k, 1] - found.torques[k, 0]
+        assert (np.abs(own) < limit).all()
+        assert np.max(np.abs(own + change / share) / limit) == pytest.approx(
+            1.0
+        )  # at F_max one joint gives way
+    assert (found.GK[:, 0] == 0).all()
+
+
+def test_holding_torques_beyond_their_limit_leave_no_force():
+    robot = four_feet()
+    weak = replace(robot.arm, limits=replace(robot.arm.limits, torque=np.full(6, 1e-6)))
+    problem = drilling(type(robot)(weak, robot.support, robot.motors))
+    assert np.isinf(evaluated(problem, angles(robot)).GK[:, 1]).all()
+
+
+def test_clearances_are_those_of_the_collision_model():
+    obstacles = [Wall(np.array([1.0, 0.0, 0.0]), 0.1, "wall"), Pillar([-0.4, 0.3, 0.0], 0.1)]
+    problem = drilling(obstacles=obstacles, keep_out=())
+    q = angles(four_feet(), seed=5)
+    found = evaluated(problem, q)
+    evaluator = Evaluator(problem)
+    for k in range(3):
+        robot = placed_robot(judge(evaluator, 0, PARAMETERS[k], q[k : k + 1]))
+        mine = np.concatenate([r.values[k] for r in found.rows if r.kind == "clearance"])
+        theirs = robot.collision.gaps(q[k])
+        assert np.sort(mine) == pytest.approx(np.sort(theirs), abs=1e-12)
+        assert len(mine) > 100
+
+
+def test_ground_rows():
+    problem = drilling(
+        terrain=plane(x=(-1.0, 0.0), contacts_inside=True),
+        base_spheres=[[0.1, 0.0, -0.2, 0.05]],
+        limits=PlacementLimits(base_clearance=0.01),
+    )
+    rows = {
+        (r.kind, label): r
+        for r in Evaluator(problem).ground(0, [[-0.5, 0.1, np.pi / 2]])
+        for label in r.labels
+    }
+    wall = rows["base clearance", "base[1] and wall"]
+    assert wall.values[0] == pytest.approx([-0.05 + 0.5 - 0.05])
+    assert wall.limits == pytest.approx([0.01])
+    pillar = rows["base clearance", "base[1] and pillar"]
+    assert pillar.values[0] == pytest.approx([np.hypot(-0.5 + 0.4, 0.1 + 0.1 - 0.6) - 0.2 - 0.05])
+    assert rows["bounds", "x: lower bound"].margins[0] == pytest.approx([5.0])
+    corner = rows["contact area", "contact 1: x"]
+    assert corner.values.min() == pytest.approx(-0.65)
+
+
+def test_pose_rows_count_only_what_the_task_asks_for():
+    robot = four_feet()
+    q = angles(robot)[:1]
+    position, rotation = gripper_pose(robot.arm, q)
+    origin, base = Evaluator(drilling()).place(0, PARAMETERS[:1])
+    at, turn = origin[0] + base[0] @ position[0], base[0] @ rotation[0]
+    half = turn @ np.diag([-1.0, -1.0, 1.0])  # half a turn about the tool axis
+    tilted = turn @ np.diag([1.0, -1.0, -1.0])
+    for orientation, wanted, error in (
+        ("full", turn, 0.0),
+        ("full", half, np.pi),
+        ("axis", half, 0.0),
+        ("axis", tilted, np.pi),
+        ("free", tilted, 0.0),
+    ):
+        problem = drilling(
+            tasks=GripperTask(at + np.array([0.0, 3e-3, 0.0]), wanted, orientation=orientation)
+        )
+        rows = Evaluator(problem).task(0, 0, PARAMETERS[:1], q).rows[0]
+        assert rows.values[0] == pytest.approx([3e-3, error], abs=1e-7)
+
+
+def test_manipulability_measures_and_their_derivatives():
+    arm = four_feet().arm
+    q = angles(four_feet(), seed=7)
+    values = measures(arm, q, 0.5)
+    logs = LogMeasures(arm, PlacementLimits(condition=1.0, singular_ratio=1.0, jacobian_length=0.5))
+    weights = np.array([0.7, -0.4])
+    for k in range(3):
+        value, slope = logs.gradient(q[k])
+        assert value == pytest.approx(np.log(values[k]))
+        step = 1e-6 * np.eye(6)
+        numeric = [(logs.gradient(q[k] + e)[0] - logs.gradient(q[k] - e)[0]) / 2e-6 for e in step]
+        assert slope == pytest.approx(np.array(numeric).T, rel=1e-5, abs=1e-6)
+        bend = [weights @ (logs.gradient(q[k] + e)[1] - logs.gradient(q[k] - e)[1]) / 2e-6 for e in step]
+        scale = np.abs(bend).max()
+        assert logs.hessian(q[k], weights) == pytest.approx(np.array(bend), abs=1e-4 * scale)
+    limits = PlacementLimits(index="dm_2", index_min=0.2)
+    logs, value = LogMeasures(arm, limits), index_of(arm, q, limits)
+    assert logs.bounds == pytest.approx({"dm_2": -np.log(0.2)})
+    for k in range(3):
+        found, slope = logs.gradient(q[k])
+        assert found == pytest.approx([-np.log(value[k])])
+        numeric = [(logs.gradient(q[k] + e)[0] - logs.gradient(q[k] - e)[0]) / 2e-6 for e in step]
+        assert slope == pytest.approx(np.array(numeric).T, rel=1e-5, abs=1e-5)
+    jacobian = np.diag([1.0, 2.0, 4.0])
+    frobenius = np.linalg.norm(jacobian) * np.linalg.norm(np.linalg.inv(jacobian))
+    s = np.linalg.svd(jacobian, compute_uv=False)
+    assert np.sqrt(np.sum(s**2) * np.sum(1 / s**2)) == pytest.approx(frobenius)  # (4.34) by singular values

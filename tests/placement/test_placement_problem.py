@@ -1,0 +1,138 @@
+"""Problems are refused at the door with the name, the value and what would be right."""
+
+import numpy as np
+import pytest
+from placement_scenes import INTO_WALL, drilling, four_feet, modular_robot, planar_arm, planar_problem
+
+from ocptip.contact import Support, UnilateralContact
+from ocptip.errors import InputError
+from ocptip.motion.robot import StandingRobot
+from ocptip.placement import (
+    GripperTask,
+    HoldingPower,
+    PlacementLimits,
+    PlacementProblem,
+    ProcessLoad,
+    TorqueCost,
+    Weights,
+    plane,
+    sampled_loads,
+)
+from ocptip.robots import PowerMaps, load_arm
+
+
+def test_sampled_loads_cover_a_cone_evenly():
+    loads = sampled_loads(20.0, 200, axis=[0, 0, -2.0], half_angle=np.pi / 3)
+    forces = np.array([load.force for load in loads])
+    assert np.linalg.norm(forces, axis=1) == pytest.approx(20.0)
+    along = forces @ [0, 0, -1] / 20.0
+    assert along.min() > np.cos(np.pi / 3) - 1e-12
+    mean = 20.0 * (1 + np.cos(np.pi / 3)) / 2  # centroid of a spherical cap
+    assert forces.mean(axis=0) == pytest.approx([0.0, 0.0, -mean], abs=0.1)
+    everywhere = np.array([load.force for load in sampled_loads(1.0, 500)])
+    assert everywhere.T @ everywhere / 500 == pytest.approx(np.eye(3) / 3, abs=0.01)
+    with pytest.raises(InputError, match="half_angle"):
+        sampled_loads(1.0, 3, half_angle=4.0)
+    with pytest.raises(InputError, match="count"):
+        sampled_loads(1.0, 0)
+    with pytest.raises(InputError, match="axis"):
+        sampled_loads(1.0, 2, axis=[0, 0, 0])
+
+
+def test_weights_sum_to_one():
+    assert Weights(1, 1, 0, 2).array() == pytest.approx([0.25, 0.25, 0, 0.5])
+    with pytest.raises(InputError, match="at least one must be > 0"):
+        Weights(0, 0, 0, 0)
+    with pytest.raises(InputError, match=r"weights\.GK"):
+        Weights(GK=-1.0)
+
+
+def test_load_cases_start_with_the_unloaded_one():
+    problem = drilling()
+    assert [(c.name, c.counts, c.constrained) for c in problem.cases] == [
+        ("unloaded", False, True),
+        ("thrust", True, True),
+    ]
+    problem = drilling(tasks=GripperTask([0, 0, 0.5], INTO_WALL), unloaded=False)
+    assert [(c.name, c.counts, c.constrained) for c in problem.cases] == [("unloaded", True, True)]
+    problem = drilling(unloaded=False)
+    assert [(c.counts, c.constrained) for c in problem.cases] == [(False, False), (True, True)]
+
+
+def test_references():
+    robot = modular_robot()
+    full = robot.arm.limits.torque[None]
+    assert drilling(robot).references["GE"] == pytest.approx(HoldingPower(robot.motors).values(full)[0])
+    assert planar_problem().references["GE"] == 1.0
+    assert drilling(references={"GE": 50.0}).references["GE"] == 50.0
+    with pytest.raises(InputError, match="no criterion 'GX'"):
+        drilling(references={"GX": 1.0})
+
+
+def test_holding_power_does_not_depend_on_the_torques_sign():
+    power = HoldingPower(PowerMaps.modular())
+    torque = np.array([[10.0, -5.0, 3.0, 1.0, -1.0, 0.1]])
+    assert power.values(torque) == pytest.approx(power.values(-torque))
+    value, slope, bend = power.derivatives(6)(torque)
+    assert value[0] == pytest.approx(power.values(torque)[0])
+    for j, step in enumerate(1e-4 * np.eye(6)):
+        up, middle, down = (power.values(torque + k * step)[0] for k in (1, 0, -1))
+        assert slope[0, j] == pytest.approx((up - down) / 2e-4, abs=1e-6)
+        assert bend[0, j] == pytest.approx((up - 2 * middle + down) / 1e-8, abs=1e-5)
+
+
+def test_refusals():
+    task = GripperTask([0, 0, 0.5], INTO_WALL)
+    with pytest.raises(InputError, match=r"task: rotation: not a rotation"):
+        GripperTask([0, 0, 0], np.ones((3, 3)))
+    with pytest.raises(InputError, match="position"):
+        GripperTask([0, np.nan, 0])
+    with pytest.raises(InputError, match="orientation: expected one of full, axis, free"):
+        GripperTask([0, 0, 0], orientation="any")
+    with pytest.raises(InputError, match="tool_axis: must have length 1"):
+        GripperTask([0, 0, 0], tool_axis=[0, 0, 2])
+    with pytest.raises(InputError, match="loads: names must differ"):
+        GripperTask([0, 0, 0], loads=[ProcessLoad(), ProcessLoad()])
+    with pytest.raises(InputError, match="force"):
+        ProcessLoad([1.0, 2.0])
+    with pytest.raises(InputError, match="GN: must be above 0 and at most 1"):
+        PlacementLimits(GN=1.5)
+    with pytest.raises(InputError, match="condition"):
+        PlacementLimits(condition=-3.0)
+    with pytest.raises(InputError, match="tasks: names must differ"):
+        drilling(tasks=[task, task])
+    with pytest.raises(InputError, match="terrain: expected Patch"):
+        drilling(terrain=[])
+    with pytest.raises(InputError, match="obstacles: expected Wall or Pillar"):
+        drilling(obstacles=["wall"])
+    with pytest.raises(InputError, match="base_spheres"):
+        drilling(base_spheres=[[0, 0, 0, -1.0]])
+    with pytest.raises(InputError, match="the arm has 6 joints, the torque cost 2"):
+        drilling(energy=TorqueCost([1.0, 1.0]))
+    with pytest.raises(InputError, match="needs 6 free parameters, arm 'planar' on this terrain has 5"):
+        PlacementProblem(StandingRobot(planar_arm(), four_feet().support, PowerMaps.modular()), task, plane())
+    with pytest.raises(InputError, match="GE needs a reference power"):
+        PlacementProblem(
+            StandingRobot(
+                load_arm("FSFS").with_limits(torque=np.full(6, np.inf)),
+                four_feet().support,
+                PowerMaps.modular(),
+            ),
+            task,
+            plane(),
+        )
+
+
+def test_contacts_at_different_heights_need_a_ground_frame():
+    feet = [
+        UnilateralContact(position=p, friction=0.5) for p in ([0.3, 0, 0], [-0.2, 0.3, 0.1], [-0.2, -0.3, 0])
+    ]
+    robot = StandingRobot(load_arm("FSFS"), Support(feet, mass=9.0), PowerMaps.modular())
+    task = GripperTask([0, 0, 0.5])
+    with pytest.raises(InputError, match="ground_frame: the contacts have different heights"):
+        PlacementProblem(robot, task, plane())
+    frame = (np.array([0.0, 0.0, -0.1]), np.eye(3))
+    problem = PlacementProblem(robot, task, plane(height=1.0), ground_frame=frame)
+    origin, base = problem.base_pose(0, [[0.0, 0.0, 0.0]])
+    assert origin[0] == pytest.approx([0.0, 0.0, 1.1])
+    assert base[0] == pytest.approx(np.eye(3))
