@@ -18,7 +18,6 @@ axes_deg = [rx, ry, rz]         # rotation vector of its axes, degrees
 from __future__ import annotations
 
 import os
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,6 +29,7 @@ from scipy.spatial.transform import Rotation
 from ocptip.errors import InputError, finite_array
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.platforms import StewartPlatform
+from ocptip.tables import read_toml
 
 _UNITS = {"m": 1.0, "mm": 1e-3}
 _KEYS = ("name", "unit", "base", "platform", "home", "operation_ellipsoid")
@@ -59,17 +59,7 @@ def read_platform(path: str | os.PathLike[str]) -> PlatformFile:
         InputError: the file cannot be read or describes no platform; one line that names file and key.
     """
     path = Path(path)
-    try:
-        data = tomllib.loads(path.read_bytes().decode("utf-8"))
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not a text file in UTF-8 (byte {error.start})") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise InputError(f"{path.name}: broken TOML: {error}") from None
-    return platform_from_dict(data, name=path.name)
+    return platform_from_dict(read_toml(path), name=path.name)
 
 
 def platform_from_dict(data: Mapping[str, Any], *, name: str = "platform") -> PlatformFile:

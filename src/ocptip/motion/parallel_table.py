@@ -8,11 +8,21 @@ from typing import Any
 
 from ocptip.contact import Support
 from ocptip.errors import InputError, positive_number
+from ocptip.motion.motor_table import MOTOR_KEYS, dc_motors
 from ocptip.motion.parallel_robot import PlatformLimits, StandingParallelRobot
-from ocptip.motion.tables import _MOTOR_KEYS, _dc_motors, _given, _named, _per_joint, _rpy, _table, _text
 from ocptip.parallel import READY_MADE, ParallelRobot, read_parallel_robot
 from ocptip.parallel.description import BodyInertia, RobotDescription
-from ocptip.scene import _number, _refuse_unknown, _vector
+from ocptip.tables import (
+    number_at,
+    per_joint_at,
+    refuse_unknown,
+    required,
+    rpy_at,
+    subtable,
+    text_at,
+    vector_at,
+    with_place,
+)
 
 _ROBOT_KEYS = ("parallel", "payload", "mount_position", "mount_rpy_deg", "limits")
 _PLATFORM_LIMITS = ("lower", "upper", "speed", "acceleration", "motor_force", "motor_speed", "singularity")
@@ -37,36 +47,36 @@ def parallel_robot(
         raise InputError(
             f"{which}: not together with [robot]; the box of its coordinates keeps it off others"
         )
-    table = _table(data, "robot")
-    _refuse_unknown(table, _ROBOT_KEYS, "robot.")
-    robot = _named("robot.parallel", ParallelRobot, _description(table, folder))
-    motors = _table(data, "motors")
+    table = subtable(data, "robot")
+    refuse_unknown(table, _ROBOT_KEYS, "robot.")
+    robot = with_place("robot.parallel", ParallelRobot, _description(table, folder))
+    motors = subtable(data, "motors")
     if motors.get("kind") != "dc":
         raise InputError(
             f"motors.kind: a parallel robot needs 'dc' with motor data, got {motors.get('kind')!r}"
         )
-    _refuse_unknown(motors, _MOTOR_KEYS["dc"], "motors.", also=("kind",))
-    return _named(
+    refuse_unknown(motors, MOTOR_KEYS["dc"], "motors.", also=("kind",))
+    return with_place(
         "robot",
         StandingParallelRobot,
         robot,
         support,
-        _dc_motors(motors, robot.m),
+        dc_motors(motors, robot.m),
         _platform_limits(table, robot.m),
-        position=_vector("robot.mount_position", _given(table, "mount_position", "robot"), 3),
-        rotation=_rpy("robot.mount_rpy_deg", table.get("mount_rpy_deg", [0, 0, 0])),
+        position=vector_at("robot.mount_position", required(table, "mount_position", "robot"), 3),
+        rotation=rpy_at("robot.mount_rpy_deg", table.get("mount_rpy_deg", [0, 0, 0])),
         reference_moment=moment,
     )
 
 
 def _description(table: dict[str, Any], folder: Path) -> RobotDescription:
-    name = _text("robot.parallel", _given(table, "parallel", "robot"))
+    name = text_at("robot.parallel", required(table, "parallel", "robot"))
     if name in READY_MADE:
         description = READY_MADE[name]()
     else:
-        description = _named("robot.parallel", read_parallel_robot, folder / name)
+        description = with_place("robot.parallel", read_parallel_robot, folder / name)
     payload = positive_number(
-        "robot.payload", _number("robot.payload", table.get("payload", 0.0)), zero_allowed=True
+        "robot.payload", number_at("robot.payload", table.get("payload", 0.0)), zero_allowed=True
     )
     if payload:
         body = description.platform.inertia
@@ -76,15 +86,15 @@ def _description(table: dict[str, Any], folder: Path) -> RobotDescription:
 
 
 def _platform_limits(table: dict[str, Any], m: int) -> PlatformLimits:
-    values = _table(table, "limits", prefix="robot.")
-    _refuse_unknown(values, _PLATFORM_LIMITS, "robot.limits.")
+    values = subtable(table, "limits", prefix="robot.")
+    refuse_unknown(values, _PLATFORM_LIMITS, "robot.limits.")
     for key in _PLATFORM_LIMITS[:5]:
-        _given(values, key, "robot.limits")
+        required(values, key, "robot.limits")
     limits = {}
     for key, value in values.items():
         where = f"robot.limits.{key}"
         signed = key in ("lower", "upper")
         limits[key] = (
-            _number(where, value) if key == "singularity" else _per_joint(where, value, m, signed=signed)
+            number_at(where, value) if key == "singularity" else per_joint_at(where, value, m, signed=signed)
         )
     return PlatformLimits(**limits)

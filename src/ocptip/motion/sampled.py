@@ -36,6 +36,7 @@ from scipy.interpolate import CubicHermiteSpline, CubicSpline, PPoly
 from ocptip.errors import InputError, finite_array, positive_number
 from ocptip.motion.passive import MERGE, ArmMotion, gauss_legendre
 from ocptip.motion.ramps import checked_times
+from ocptip.tables import read_text
 
 _REST = 1e-3  # rad/s: a motion that begins or ends faster than this is only a piece of one
 _STILL = 1e-9  # rad/s: a joint that never gets faster rests; changes of sign are rounding
@@ -253,22 +254,6 @@ def motion_origin(path: str | os.PathLike[str]) -> dict[str, str]:
     except InputError as error:
         raise InputError(f"{path.name}: {error}") from None
     return {key: data[key] for key in ("case", "base") if isinstance(data.get(key), str)}
-
-
-def read_text(path: Path) -> str:
-    """Return the content of a text file.
-
-    Raises:
-        InputError: it cannot be read; one line that names it.
-    """
-    try:
-        return path.read_bytes().decode("utf-8-sig")
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not a text file in UTF-8 (byte {error.start})") from None
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
 
 
 def _json(text: str) -> Any:

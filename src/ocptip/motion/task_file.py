@@ -55,7 +55,6 @@ more than once are taken near zero in the start and near the start in the goal.
 from __future__ import annotations
 
 import os
-import tomllib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -63,24 +62,12 @@ from typing import Any
 import numpy as np
 
 from ocptip.errors import InputError, finite_array, positive_number
+from ocptip.motion.motor_table import MOTOR_KEYS, dc_motors
 from ocptip.motion.parallel_robot import StandingParallelRobot
 from ocptip.motion.parallel_table import parallel_robot
 from ocptip.motion.proof import MotionLimits
 from ocptip.motion.robot import StandingRobot
-from ocptip.motion.sampled import read_text
 from ocptip.motion.standing import StandingMechanism
-from ocptip.motion.tables import (
-    _MOTOR_KEYS,
-    _dc_motors,
-    _direction,
-    _given,
-    _how_many,
-    _named,
-    _per_joint,
-    _rpy,
-    _table,
-    _text,
-)
 from ocptip.motion.task import MotionTask, is_whole, posture_refusals
 from ocptip.robots import (
     ArmModel,
@@ -95,7 +82,22 @@ from ocptip.robots import (
     solve_inverse_kinematics,
     spheres_along_links,
 )
-from ocptip.scene import _number, _refuse_non_numbers, _refuse_unknown, _tables, _vector, scene_from_dict
+from ocptip.scene import scene_from_dict
+from ocptip.tables import (
+    direction_at,
+    number_at,
+    per_joint_at,
+    read_toml,
+    refuse_non_numbers,
+    refuse_unknown,
+    required,
+    rpy_at,
+    subtable,
+    subtables,
+    text_at,
+    vector_at,
+    with_place,
+)
 
 _SCENE = ("gravity", "base", "contact")
 _TABLES = ("name", *_SCENE, "arm", "robot", "motors", "obstacle", "motion", "limits")
@@ -133,38 +135,33 @@ def load_task(path: str | os.PathLike[str]) -> MotionTask:
             line that names file and key.
     """
     path = Path(path)
-    text = read_text(path)
+    data = read_toml(path)
     try:
-        data = tomllib.loads(text)
-        _refuse_unknown(data, _TABLES, "")
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path.name}: broken TOML: {error}") from None
-    except RecursionError:
-        raise InputError(f"{path.name}: broken TOML: nested too deeply") from None
+        refuse_unknown(data, _TABLES, "")
     except InputError as error:
         raise InputError(f"{path.name}: {error}") from None
     scene = scene_from_dict({key: data[key] for key in _SCENE if key in data}, name=path.name)
     try:
-        limits, moment = _limits(_table(data, "limits", optional=True))
-        name = _text("name", data.get("name", path.stem))
+        limits, moment = _limits(subtable(data, "limits", optional=True))
+        name = text_at("name", data.get("name", path.stem))
         if "robot" in data:
             parallel = parallel_robot(data, scene.support, moment, path.parent)
-            return _parallel_task(name, parallel, limits, _table(data, "motion"))
-        arm = _arm(_table(data, "arm"), path.parent)
+            return _parallel_task(name, parallel, limits, subtable(data, "motion"))
+        arm = _arm(subtable(data, "arm"), path.parent)
         robot = StandingRobot(
             arm,
             scene.support,
             _motors(data, arm),
-            obstacles=_obstacles(_tables(data, "obstacle"), arm),
+            obstacles=_obstacles(subtables(data, "obstacle"), arm),
             reference_moment=moment,
         )
-        return _task(name, robot, limits, _table(data, "motion"))
+        return _task(name, robot, limits, subtable(data, "motion"))
     except InputError as error:
         raise InputError(f"{path.name}: {error}") from None
 
 
 def _task(name: str, robot: StandingRobot, limits: MotionLimits, table: dict[str, Any]) -> MotionTask:
-    _refuse_unknown(table, _MOTION_KEYS, "motion.")
+    refuse_unknown(table, _MOTION_KEYS, "motion.")
     starts, goals = (_candidates(robot.arm, table, key) for key in ("start", "goal"))
     start, goal = _shortest(robot, limits, starts, goals)
     return _ramp_task(name, robot, start, goal, limits, table, min(robot.n, 3))
@@ -195,8 +192,8 @@ def _ramp_task(
 def _parallel_task(
     name: str, robot: StandingParallelRobot, limits: MotionLimits, table: dict[str, Any]
 ) -> MotionTask:
-    _refuse_unknown(table, _PARALLEL_MOTION_KEYS, "motion.")
-    ends = [_vector(f"motion.{key}", _given(table, key, "motion"), robot.n) for key in ("start", "goal")]
+    refuse_unknown(table, _PARALLEL_MOTION_KEYS, "motion.")
+    ends = [vector_at(f"motion.{key}", required(table, key, "motion"), robot.n) for key in ("start", "goal")]
     return _ramp_task(name, robot, *ends, limits, table, robot.n)
 
 
@@ -208,21 +205,21 @@ def _candidates(arm: ArmModel, table: dict[str, Any], key: str) -> np.ndarray:
             f"motion.{angles}: expected either {angles} or {pose}, got {_how_many(angles in table)}"
         )
     if angles in table:
-        return np.deg2rad(_vector(f"motion.{angles}", table[angles], arm.n))[None]
+        return np.deg2rad(vector_at(f"motion.{angles}", table[angles], arm.n))[None]
     where, given = f"motion.{pose}", table[pose]
     if not isinstance(given, dict):
         raise InputError(f"{where}: expected a table with position and rpy_deg or rotation, got {given!r}")
-    _refuse_unknown(given, ("position", "rpy_deg", "rotation"), f"{where}.")
+    refuse_unknown(given, ("position", "rpy_deg", "rotation"), f"{where}.")
     if ("rpy_deg" in given) == ("rotation" in given):
         both = _how_many("rotation" in given)
         raise InputError(f"{where}.rpy_deg: expected either rpy_deg or rotation, got {both}")
-    position = _vector(f"{where}.position", _given(given, "position", where), 3)
+    position = vector_at(f"{where}.position", required(given, "position", where), 3)
     if "rpy_deg" in given:
-        rotation = _rpy(f"{where}.rpy_deg", given["rpy_deg"])
+        rotation = rpy_at(f"{where}.rpy_deg", given["rpy_deg"])
     else:
-        _refuse_non_numbers(f"{where}.rotation", given["rotation"])
+        refuse_non_numbers(f"{where}.rotation", given["rotation"])
         rotation = finite_array(f"{where}.rotation", given["rotation"], (3, 3))
-    return _named(where, solve_inverse_kinematics, arm, position, rotation).branches
+    return with_place(where, solve_inverse_kinematics, arm, position, rotation).branches
 
 
 def _shortest(
@@ -252,25 +249,25 @@ def _arm(table: dict[str, Any], folder: Path) -> ArmModel:
         raise InputError(f"arm.urdf: expected either name or urdf, got {_how_many(bool(kinds))}")
     common = (*kinds, "mount_position", "mount_rpy_deg", "limits")
     if kinds == ["name"]:
-        _refuse_unknown(table, common, "arm.")
-        arm = _named("arm.name", load_arm, _text("arm.name", table["name"]))
+        refuse_unknown(table, common, "arm.")
+        arm = with_place("arm.name", load_arm, text_at("arm.name", table["name"]))
     else:
-        _refuse_unknown(table, (*common, *_URDF_KEYS), "arm.")
+        refuse_unknown(table, (*common, *_URDF_KEYS), "arm.")
         arm = _arm_from_urdf(table, folder)
     if "limits" in table:
-        arm = _with_limits(arm, _table(table, "limits", prefix="arm."))
-    position = _vector("arm.mount_position", _given(table, "mount_position", "arm"), 3)
-    rotation = _rpy("arm.mount_rpy_deg", table.get("mount_rpy_deg", [0, 0, 0]))
+        arm = _with_limits(arm, subtable(table, "limits", prefix="arm."))
+    position = vector_at("arm.mount_position", required(table, "mount_position", "arm"), 3)
+    rotation = rpy_at("arm.mount_rpy_deg", table.get("mount_rpy_deg", [0, 0, 0]))
     return arm.mounted(position, rotation)
 
 
 def _arm_from_urdf(table: dict[str, Any], folder: Path) -> ArmModel:
-    file = folder / _text("arm.urdf", table["urdf"])
-    names = {key: _text(f"arm.{key}", _given(table, key, "arm")) for key in ("base_link", "tool_frame")}
+    file = folder / text_at("arm.urdf", table["urdf"])
+    names = {key: text_at(f"arm.{key}", required(table, key, "arm")) for key in ("base_link", "tool_frame")}
     locked = {}
     for key, scale in (("locked_deg", np.pi / 180), ("locked_m", 1.0)):
-        for joint, value in _table(table, key, prefix="arm.", optional=True).items():
-            locked[joint] = scale * _number(f"arm.{key}.{joint}", value)
+        for joint, value in subtable(table, key, prefix="arm.", optional=True).items():
+            locked[joint] = scale * number_at(f"arm.{key}.{joint}", value)
     try:
         arm = arm_from_urdf(file, **names, locked_joints=locked)
     except InputError as error:
@@ -278,7 +275,7 @@ def _arm_from_urdf(table: dict[str, Any], folder: Path) -> ArmModel:
         message = str(error).replace("locked_joints", "locked_deg or locked_m")
         raise InputError(f"arm.{'' if inner else 'urdf: '}{message}") from None
     if "armature" in table:
-        arm = replace(arm, armature=_per_joint("arm.armature", table["armature"], arm.n, zero_allowed=True))
+        arm = replace(arm, armature=per_joint_at("arm.armature", table["armature"], arm.n, zero_allowed=True))
     return _with_spheres(arm, table)
 
 
@@ -290,7 +287,7 @@ def _with_spheres(arm: ArmModel, table: dict[str, Any]) -> ArmModel:
         if excluded:
             raise InputError(f"{where}: without arm.sphere_radius there are no spheres to exclude")
         return arm
-    radii = _per_joint("arm.sphere_radius", table["sphere_radius"], arm.n, zero_allowed=True)
+    radii = per_joint_at("arm.sphere_radius", table["sphere_radius"], arm.n, zero_allowed=True)
     lengths = np.linalg.norm(arm.offsets, axis=1)
     links = [i + 1 for i in np.flatnonzero((radii > 0) & (lengths > 0))]
     sets = [spheres for i in links for spheres in spheres_along_links(arm, radii[i - 1], links=[i])]
@@ -306,12 +303,12 @@ def _with_spheres(arm: ArmModel, table: dict[str, Any]) -> ArmModel:
 
 
 def _with_limits(arm: ArmModel, table: dict[str, Any]) -> ArmModel:
-    _refuse_unknown(table, _ARM_LIMITS, "arm.limits.")
+    refuse_unknown(table, _ARM_LIMITS, "arm.limits.")
     limits = {}
     for key, value in table.items():
         name, scale = _ARM_LIMITS[key]
         signed = name.startswith("angle")
-        limits[name] = scale * _per_joint(f"arm.limits.{key}", value, arm.n, signed=signed)
+        limits[name] = scale * per_joint_at(f"arm.limits.{key}", value, arm.n, signed=signed)
     try:
         return arm.with_limits(**limits)
     except InputError as error:
@@ -324,19 +321,19 @@ def _motors(data: dict[str, Any], arm: ArmModel) -> Motors:
         raise InputError(
             'motors: missing table [motors]; give kind = "dc" with motor data, or kind = "estimated"'
         )
-    table = _table(data, "motors", optional=modular)
+    table = subtable(data, "motors", optional=modular)
     kind = table.get("kind", "modular" if modular else None)
-    if kind not in _MOTOR_KEYS:
-        raise InputError(f"motors.kind: expected one of {', '.join(_MOTOR_KEYS)}, got {kind!r}")
-    _refuse_unknown(table, _MOTOR_KEYS[kind], "motors.", also=("kind",))
+    if kind not in MOTOR_KEYS:
+        raise InputError(f"motors.kind: expected one of {', '.join(MOTOR_KEYS)}, got {kind!r}")
+    refuse_unknown(table, MOTOR_KEYS[kind], "motors.", also=("kind",))
     if kind == "modular":
         if not modular:
             raise InputError("motors.kind: the power maps 'modular' are for the modular arms only")
         return PowerMaps.modular()
     if kind == "estimated":
-        values = {key: _number(f"motors.{key}", value) for key, value in table.items() if key != "kind"}
-        return _named("motors", DCMotors.estimated, arm, **values)
-    return _dc_motors(table, arm.n)
+        values = {key: number_at(f"motors.{key}", value) for key, value in table.items() if key != "kind"}
+        return with_place("motors", DCMotors.estimated, arm, **values)
+    return dc_motors(table, arm.n)
 
 
 def _obstacles(tables: list[dict[str, Any]], arm: ArmModel) -> list[Wall | Pillar]:
@@ -348,25 +345,27 @@ def _obstacles(tables: list[dict[str, Any]], arm: ArmModel) -> list[Wall | Pilla
         kind = table.get("kind")
         if kind not in _OBSTACLE_KEYS:
             raise InputError(f"{where}.kind: expected one of {', '.join(_OBSTACLE_KEYS)}, got {kind!r}")
-        _refuse_unknown(table, _OBSTACLE_KEYS[kind], f"{where}.", also=("kind",))
-        name = _text(f"{where}.name", table.get("name", kind))
+        refuse_unknown(table, _OBSTACLE_KEYS[kind], f"{where}.", also=("kind",))
+        name = text_at(f"{where}.name", table.get("name", kind))
         if kind == "floor":
-            found.append(floor(_number(f"{where}.height", _given(table, "height", where))))
+            found.append(floor(number_at(f"{where}.height", required(table, "height", where))))
         elif kind == "wall":
-            normal = _direction(f"{where}.normal", _given(table, "normal", where))
-            found.append(Wall(normal, _number(f"{where}.distance", _given(table, "distance", where)), name))
+            normal = direction_at(f"{where}.normal", required(table, "normal", where))
+            found.append(
+                Wall(normal, number_at(f"{where}.distance", required(table, "distance", where)), name)
+            )
         else:
-            point = _vector(f"{where}.point", _given(table, "point", where), 3)
-            radius = _number(f"{where}.radius", _given(table, "radius", where))
-            axis = _direction(f"{where}.axis", table.get("axis", [0, 0, 1]))
+            point = vector_at(f"{where}.point", required(table, "point", where), 3)
+            radius = number_at(f"{where}.radius", required(table, "radius", where))
+            axis = direction_at(f"{where}.axis", table.get("axis", [0, 0, 1]))
             found.append(Pillar(point, positive_number(f"{where}.radius", radius), axis, name))
     return found
 
 
 def _limits(table: dict[str, Any]) -> tuple[MotionLimits, float | None]:
     """Limits of the motion, and the reference moment, N m, if given."""
-    _refuse_unknown(table, (*_LIMIT_KEYS, "reference_moment"), "limits.")
-    values = {key: _number(f"limits.{key}", value) for key, value in table.items()}
+    refuse_unknown(table, (*_LIMIT_KEYS, "reference_moment"), "limits.")
+    values = {key: number_at(f"limits.{key}", value) for key, value in table.items()}
     moment = values.pop("reference_moment", None)
     if moment is not None:
         moment = positive_number("limits.reference_moment", moment)
@@ -383,3 +382,7 @@ def _joint(where: str, item: object, names: tuple[str, ...]) -> int:
     if isinstance(item, str) and item in names:
         return names.index(item)
     raise InputError(f"{where}: no joint {item!r}; there are 1 to {len(names)}: {', '.join(names)}")
+
+
+def _how_many(any_given: bool) -> str:
+    return "both" if any_given else "none"

@@ -11,7 +11,6 @@ import difflib
 import math
 import os
 import re
-import tomllib
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -34,6 +33,7 @@ from ocptip.parallel.description import (
     elementary_rotations,
     product_of,
 )
+from ocptip.tables import read_toml
 
 _TOP = ("name", "gravity", "convention", "free", "home", "parameters", "platform", "table", "leg")
 _JOINTS = {"revolute": REVOLUTE, "prismatic": PRISMATIC, "fixed": FIXED}
@@ -63,19 +63,7 @@ def read_parallel_robot(path: str | os.PathLike[str]) -> RobotDescription:
         InputError: the file cannot be read or describes no robot; one line that names file and key.
     """
     path = Path(path)
-    try:
-        data = tomllib.loads(path.read_bytes().decode("utf-8"))
-    except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
-    except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not a text file in UTF-8 (byte {error.start})") from None
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path.name}: broken TOML: {error}") from None
-    except RecursionError:
-        raise InputError(f"{path.name}: broken TOML: nested too deeply") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from None
-    return robot_from_dict(data, name=path.name)
+    return robot_from_dict(read_toml(path), name=path.name)
 
 
 def robot_from_dict(data: dict[str, Any], *, name: str = "robot") -> RobotDescription:

@@ -52,7 +52,6 @@ these. SI units; keys in degrees say so. World axes have z up; everything in the
 from __future__ import annotations
 
 import os
-import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -63,20 +62,8 @@ import numpy as np
 
 from ocptip.errors import InputError, finite_array
 from ocptip.motion.robot import StandingRobot
-from ocptip.motion.sampled import read_text
 from ocptip.motion.task import is_whole
-from ocptip.motion.task_file import (
-    _arm,
-    _direction,
-    _given,
-    _motors,
-    _named,
-    _obstacles,
-    _per_joint,
-    _rpy,
-    _table,
-    _text,
-)
+from ocptip.motion.task_file import _arm, _motors, _obstacles
 from ocptip.placement.power import TorqueCost
 from ocptip.placement.problem import (
     CRITERIA,
@@ -89,7 +76,22 @@ from ocptip.placement.problem import (
 )
 from ocptip.placement.terrain import Patch, plane
 from ocptip.robots import ArmModel, Pillar, Wall
-from ocptip.scene import _number, _refuse_non_numbers, _refuse_unknown, _tables, _vector, scene_from_dict
+from ocptip.scene import scene_from_dict
+from ocptip.tables import (
+    direction_at,
+    number_at,
+    per_joint_at,
+    read_toml,
+    refuse_non_numbers,
+    refuse_unknown,
+    required,
+    rpy_at,
+    subtable,
+    subtables,
+    text_at,
+    vector_at,
+    with_place,
+)
 
 _SCENE = ("gravity", "base", "contact")
 _TABLES = (
@@ -148,13 +150,7 @@ def load_placement(path: str | os.PathLike[str]) -> PlacementTask:
             key. List entries are counted from 1.
     """
     path = Path(path)
-    text = read_text(path)
-    try:
-        data = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path.name}: broken TOML: {error}") from None
-    except RecursionError:
-        raise InputError(f"{path.name}: broken TOML: nested too deeply") from None
+    data = read_toml(path)
     try:
         return _placement(data, path)
     except InputError as error:
@@ -163,16 +159,16 @@ def load_placement(path: str | os.PathLike[str]) -> PlacementTask:
 
 
 def _placement(data: dict[str, Any], path: Path) -> PlacementTask:
-    _refuse_unknown(data, _TABLES, "")
-    base = dict(_table(data, "base"))
+    refuse_unknown(data, _TABLES, "")
+    base = dict(subtable(data, "base"))
     own = {key: base.pop(key) for key in _BASE_KEYS if key in base}
     support = scene_from_dict(
         {**{key: data[key] for key in _SCENE if key in data}, "base": base}, name=path.name
     ).support
     if support.dimension != 3:
         raise InputError("contact[1].position: an arm needs a spatial support; give three numbers")
-    arm = _arm(_table(data, "arm"), path.parent)
-    limits, moment = _limits(_table(data, "limits", optional=True))
+    arm = _arm(subtable(data, "arm"), path.parent)
+    limits, moment = _limits(subtable(data, "limits", optional=True))
     robot = StandingRobot(
         arm,
         support,
@@ -182,11 +178,11 @@ def _placement(data: dict[str, Any], path: Path) -> PlacementTask:
     )
     options: dict[str, Any] = {}
     if "spheres" in own:
-        _refuse_non_numbers("base.spheres", own["spheres"])
+        refuse_non_numbers("base.spheres", own["spheres"])
         options["base_spheres"] = finite_array("base.spheres", own["spheres"], (None, 4))
     if "ground" in own:
-        options["ground_frame"] = (_vector("base.ground", own["ground"], 3), np.eye(3))
-    tasks = [_task(table, f"task[{k}]", f"task {k}") for k, table in enumerate(_tables(data, "task"), 1)]
+        options["ground_frame"] = (vector_at("base.ground", own["ground"], 3), np.eye(3))
+    tasks = [_task(table, f"task[{k}]", f"task {k}") for k, table in enumerate(subtables(data, "task"), 1)]
     if not tasks:
         raise InputError("task: a placement needs at least one [[task]]")
     problem = PlacementProblem(
@@ -198,18 +194,18 @@ def _placement(data: dict[str, Any], path: Path) -> PlacementTask:
         obstacles=_shapes(data, "obstacle", arm, world=True),
         keep_out=_shapes(data, "keep_out", arm, world=True, base_only=True),
         unloaded=_flag("unloaded", data.get("unloaded", True)),
-        energy=_energy(_table(data, "energy", optional=True), arm),
-        references=_numbers(_table(data, "references", optional=True), "references", CRITERIA),
+        energy=_energy(subtable(data, "energy", optional=True), arm),
+        references=_numbers(subtable(data, "references", optional=True), "references", CRITERIA),
         **options,
     )
-    return PlacementTask(_text("name", data.get("name", path.stem)), problem)
+    return PlacementTask(text_at("name", data.get("name", path.stem)), problem)
 
 
 def _shapes(
     data: dict[str, Any], key: str, arm: ArmModel, *, world: bool = False, base_only: bool = False
 ) -> list[Wall | Pillar]:
     """Obstacles of one kind; messages name `key`."""
-    tables = _tables(data, key)
+    tables = subtables(data, key)
     if tables and not arm.sphere_sets and not base_only:
         hint = "; obstacles for the base alone are [[keep_out]]" if world else ""
         raise InputError(f"{key}: the arm has no collision spheres to check; give arm.sphere_radius{hint}")
@@ -231,57 +227,57 @@ def _shapes(
 
 
 def _terrain(data: dict[str, Any]) -> list[Patch]:
-    tables = _tables(data, "terrain") or [{}]
+    tables = subtables(data, "terrain") or [{}]
     return [
         _plane(table, f"terrain[{number}]", len(tables), number) for number, table in enumerate(tables, 1)
     ]
 
 
 def _plane(table: dict[str, Any], where: str, count: int, number: int) -> Patch:
-    _refuse_unknown(table, _TERRAIN_KEYS, f"{where}.")
+    refuse_unknown(table, _TERRAIN_KEYS, f"{where}.")
     if "slope" in table and "incline_deg" in table:
         raise InputError(f"{where}.incline_deg: expected either slope or incline_deg, got both")
     if "uphill_deg" in table and "incline_deg" not in table:
         raise InputError(f"{where}.uphill_deg: belongs to incline_deg, which is missing")
-    slope = _vector(f"{where}.slope", table.get("slope", [0, 0]), 2)
+    slope = vector_at(f"{where}.slope", table.get("slope", [0, 0]), 2)
     if "incline_deg" in table:
-        incline = _number(f"{where}.incline_deg", table["incline_deg"])
+        incline = number_at(f"{where}.incline_deg", table["incline_deg"])
         if not 0 <= incline <= _STEEPEST:
             raise InputError(f"{where}.incline_deg: must be between 0 and {_STEEPEST:g}, got {incline:g}")
-        uphill = np.deg2rad(_number(f"{where}.uphill_deg", table.get("uphill_deg", 0)))
+        uphill = np.deg2rad(number_at(f"{where}.uphill_deg", table.get("uphill_deg", 0)))
         slope = np.tan(np.deg2rad(incline)) * np.array([np.cos(uphill), np.sin(uphill)])
     bounds = {}
     for key, name, scale in (("x", "x", 1.0), ("y", "y", 1.0), ("angle_deg", "angle", np.pi / 180)):
         if key in table:
-            low, high = _vector(f"{where}.{key}", table[key], 2)
+            low, high = vector_at(f"{where}.{key}", table[key], 2)
             if low > high:
                 raise InputError(
                     f"{where}.{key}: the first bound must not be above the second, got {table[key]}"
                 )
             bounds[name] = (scale * low, scale * high)
     default = "floor" if count == 1 else f"plane {number}"
-    return _named(
+    return with_place(
         where,
         plane,
         slope,
-        _number(f"{where}.height", table.get("height", 0)),
+        number_at(f"{where}.height", table.get("height", 0)),
         contacts_inside=_flag(f"{where}.contacts_inside", table.get("contacts_inside", False)),
-        name=_text(f"{where}.name", table.get("name", default)),
+        name=text_at(f"{where}.name", table.get("name", default)),
         **bounds,
     )
 
 
 def _task(table: dict[str, Any], where: str, default: str) -> GripperTask:
-    _refuse_unknown(table, _TASK_KEYS, f"{where}.")
+    refuse_unknown(table, _TASK_KEYS, f"{where}.")
     if "rpy_deg" in table and "rotation" in table:
         raise InputError(f"{where}.rpy_deg: expected either rpy_deg or rotation, got both")
     rotation = np.eye(3)
     if "rpy_deg" in table:
-        rotation = _rpy(f"{where}.rpy_deg", table["rpy_deg"])
+        rotation = rpy_at(f"{where}.rpy_deg", table["rpy_deg"])
     elif "rotation" in table:
-        _refuse_non_numbers(f"{where}.rotation", table["rotation"])
+        refuse_non_numbers(f"{where}.rotation", table["rotation"])
         rotation = finite_array(f"{where}.rotation", table["rotation"], (3, 3))
-    name = _text(f"{where}.name", table.get("name", default))
+    name = text_at(f"{where}.name", table.get("name", default))
     loads: list[ProcessLoad] = []
     for number, load in enumerate(_nested(table, where), 1):
         loads += _loads(load, f"{where}.load[{number}]", number)
@@ -289,11 +285,11 @@ def _task(table: dict[str, Any], where: str, default: str) -> GripperTask:
         f"{name}: ",
         where,
         GripperTask,
-        _vector(f"{where}.position", _given(table, "position", where), 3),
+        vector_at(f"{where}.position", required(table, "position", where), 3),
         rotation,
         loads,
-        _text(f"{where}.orientation", table.get("orientation", "full")),
-        _direction(f"{where}.tool_axis", table.get("tool_axis", [0, 0, 1])),
+        text_at(f"{where}.orientation", table.get("orientation", "full")),
+        direction_at(f"{where}.tool_axis", table.get("tool_axis", [0, 0, 1])),
         name,
     )
 
@@ -307,30 +303,30 @@ def _nested(table: dict[str, Any], where: str) -> list[dict[str, Any]]:
 
 def _loads(table: dict[str, Any], where: str, number: int) -> tuple[ProcessLoad, ...]:
     if "magnitude" in table:
-        _refuse_unknown(table, _SAMPLE_KEYS, f"{where}.")
-        directions = _given(table, "directions", where)
+        refuse_unknown(table, _SAMPLE_KEYS, f"{where}.")
+        directions = required(table, "directions", where)
         if not is_whole(directions) or directions < 1:
             raise InputError(f"{where}.directions: must be a whole number >= 1, got {directions!r}")
-        half_angle = _number(f"{where}.half_angle_deg", table.get("half_angle_deg", 180))
-        return _named(
+        half_angle = number_at(f"{where}.half_angle_deg", table.get("half_angle_deg", 180))
+        return with_place(
             where,
             sampled_loads,
-            _number(f"{where}.magnitude", table["magnitude"]),
+            number_at(f"{where}.magnitude", table["magnitude"]),
             directions,
-            axis=_direction(f"{where}.axis", table.get("axis", [0, 0, 1])),
+            axis=direction_at(f"{where}.axis", table.get("axis", [0, 0, 1])),
             half_angle=np.deg2rad(half_angle),
         )
-    _refuse_unknown(table, (*_LOAD_KEYS, *_SAMPLE_KEYS[:1]), f"{where}.")
+    refuse_unknown(table, (*_LOAD_KEYS, *_SAMPLE_KEYS[:1]), f"{where}.")
     if "force" not in table and "moment" not in table:
         raise InputError(f"{where}.force: missing (a load needs a force, a moment or a magnitude)")
-    values = {key: _vector(f"{where}.{key}", table[key], 3) for key in ("force", "moment") if key in table}
-    return (ProcessLoad(**values, name=_text(f"{where}.name", table.get("name", f"load {number}"))),)
+    values = {key: vector_at(f"{where}.{key}", table[key], 3) for key in ("force", "moment") if key in table}
+    return (ProcessLoad(**values, name=text_at(f"{where}.name", table.get("name", f"load {number}"))),)
 
 
 def _weights(data: dict[str, Any]) -> Weights:
     if "weights" not in data:
         return Weights()
-    given = _numbers(_table(data, "weights"), "weights", CRITERIA)
+    given = _numbers(subtable(data, "weights"), "weights", CRITERIA)
     return Weights(**{name: given.get(name, 0.0) for name in CRITERIA})
 
 
@@ -338,7 +334,7 @@ def _limits(table: dict[str, Any]) -> tuple[PlacementLimits, float | None]:
     """Limits, and the reference moment, N m, if given."""
     names = tuple(f.name for f in fields(PlacementLimits))
     free = {key: None for key in ("GN", "GT") if table.get(key) is False}
-    index = {"index": _text("limits.index", table["index"])} if "index" in table else {}
+    index = {"index": text_at("limits.index", table["index"])} if "index" in table else {}
     values = _numbers(
         {key: value for key, value in table.items() if key not in {**free, **index}},
         "limits",
@@ -357,15 +353,17 @@ def _energy(table: dict[str, Any], arm: ArmModel) -> TorqueCost | None:
     kind = table.get("kind", "holding")
     if kind not in ("holding", "torque"):
         raise InputError(f"energy.kind: expected holding or torque, got {kind!r}")
-    _refuse_unknown(table, ("cost",) if kind == "torque" else (), "energy.", also=("kind",))
+    refuse_unknown(table, ("cost",) if kind == "torque" else (), "energy.", also=("kind",))
     if kind == "holding":
         return None
-    return TorqueCost(_per_joint("energy.cost", _given(table, "cost", "energy"), arm.n, zero_allowed=True))
+    return TorqueCost(
+        per_joint_at("energy.cost", required(table, "cost", "energy"), arm.n, zero_allowed=True)
+    )
 
 
 def _numbers(table: dict[str, Any], where: str, known: tuple[str, ...]) -> dict[str, float]:
-    _refuse_unknown(table, known, f"{where}.")
-    return {key: _number(f"{where}.{key}", value) for key, value in table.items()}
+    refuse_unknown(table, known, f"{where}.")
+    return {key: number_at(f"{where}.{key}", value) for key, value in table.items()}
 
 
 def _flag(where: str, value: object) -> bool:
