@@ -24,12 +24,14 @@ The rows of one case against Nelder-Mead, in less than ten minutes on two cores 
 
     python studies/compare_nelder_mead.py --out b --cases B --methods ours nelder-mead nelder-mead-plain
 
-Finished runs are kept in runs.jsonl; start again to go on.
+Finished runs are kept in runs.jsonl; start again to go on. Methods may have different numbers of starts (run
+them one after the other); --summary-only makes table and figures of all runs that are there.
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib
 import json
 import math
 import multiprocessing
@@ -238,6 +240,8 @@ def run_one(case: str, start: int, method: str, settings: Settings, seconds: flo
         seconds: CPU time at most, if it is not that of the settings.
     """
     with threadpool_limits(1):
+        if method == "cma":
+            importlib.import_module("cma")  # takes a second that is not the search's
         task, search, penalty = prepared(case, settings)
         p = penalty.random_start(start, settings.seed)
         first = penalty.evaluate(p)
@@ -440,8 +444,29 @@ def summary(records: dict[Key, dict]) -> list[dict]:
         for method in METHODS:
             own = [r for key, r in sorted(records.items()) if key[0] in members and key[2] == method]
             if own:
-                rows.append({"case": name, "method": method, **statistics(own, records)})
+                row = {"case": name, "method": method, **statistics(own, records)}
+                each = [x for case in members if (x := restarted(records, case, method))]
+                if each:
+                    row["restarted"] = float(np.median([x[0] for x in each]))
+                    row["restarts_succeed"] = all(x[1] for x in each)
+                rows.append(row)
     return rows
+
+
+def restarted(records: dict[Key, dict], case: str, method: str) -> tuple[float, int] | None:
+    """Seconds that a method needs per success / median seconds of ours, and the number of successes.
+
+    A success is a verified energy (slowed down if need be) within 1 % of the median of ours: what one start
+    of ours gives on average. Without any success the time of all runs counts, a lower bound.
+    """
+    own = [r for key, r in records.items() if key[0] == case and key[2] == method]
+    ours = [r for key, r in records.items() if key[0] == case and key[2] == "ours" and r["verified"]]
+    if method == "ours" or not own or not ours:
+        return None
+    goal = 1.01 * np.median([r["energy_J"] for r in ours])
+    successes = sum(bool(r["slowed"]) and r["slowed"]["energy_J"] <= goal for r in own)
+    seconds = sum(r["cpu_s"] for r in own)
+    return seconds / max(successes, 1) / float(np.median([r["cpu_s"] for r in ours])), successes
 
 
 def statistics(own: list[dict], records: dict[Key, dict]) -> dict:
@@ -462,6 +487,8 @@ def statistics(own: list[dict], records: dict[Key, dict]) -> dict:
         "times_faster_total": None,
         "reach_ours": None,
         "times_longer": None,
+        "restarted": None,
+        "restarts_succeed": True,
     }
     pairs = [(r, records.get((r["case"], r["start"], "ours"))) for r in own if r["method"] != "ours"]
     pairs = [(r, best) for r, best in pairs if best]
@@ -499,6 +526,7 @@ COLUMNS: dict[str, Callable[[dict], str]] = {
     "times faster, to its end": lambda r: number(r["times_faster_total"], 1),
     "comes to ours": lambda r: percent(r["reach_ours"]),
     "times longer": lambda r: number(r["times_longer"], 1, "never"),
+    "restarted": lambda r: ("" if r["restarts_succeed"] else "> ") + number(r["restarted"], 0),
 }
 
 NOTES = """\
@@ -509,7 +537,9 @@ from which our verified energy is not above the other's, verified or not. *times
 other method was within 1 % of its final cost (or, *to its end*, until it stopped) / seconds of our whole run;
 0 where ours ended above the other's energy. *comes to ours*: share of runs that ever came within 1 % of our
 energy from the same start; *times longer*: seconds until then / seconds of our whole run, "never" if at least
-half of the runs did not."""
+half of the runs did not. *restarted*: seconds of all its runs / number of those that end, verified, within
+1 % of our median energy / our median seconds: how many times longer it takes from start to start until it is
+as good as one of ours; ">" if none was (in the last rows: in some case), then all runs' seconds count."""
 
 
 def number(value: float | None, digits: int, infinite: str = "none") -> str:
@@ -669,12 +699,17 @@ def _one_per_start(records: dict[Key, dict], case: str) -> list[dict]:
 
 
 def run(out: Path, cases: Sequence[str], starts: int, methods: Sequence[str], settings: Settings, jobs: int):
-    """Run what is not there yet, write table and figures of what was asked for, return the table."""
+    """Run what is not there yet, write table and figures of what was asked for, return the table.
+
+    With starts = 0 nothing is run, and what is there of the cases and methods is summarised.
+    """
     out.mkdir(parents=True, exist_ok=True)
     runs = Runs(out / "runs.jsonl", settings)
     # case by case, so that processes seldom change theirs
     keys = [(case, start, method) for case in cases for method in methods for start in range(starts)]
     run_all(runs, keys, settings, jobs)
+    if not starts:
+        keys = sorted(key for key in runs.records if key[0] in cases and key[2] in methods)
     records = {key: runs.records[key] for key in keys}
     rows = summary(records)
     text = markdown(rows)
@@ -695,6 +730,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--cases", nargs="+", choices=list(motion_cases()), default=list(motion_cases()))
     parser.add_argument("--starts", type=int, default=50, help="random starts per case")
     parser.add_argument("--methods", nargs="+", choices=METHODS, default=list(METHODS))
+    parser.add_argument("--summary-only", action="store_true", help="of all runs that are there")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="processes")
     parser.add_argument("--seed", type=int, default=Settings.seed, help="of the random starts")
     parser.add_argument("--max-seconds", type=float, default=Settings.max_seconds, help="CPU, per search")
@@ -705,7 +741,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.error("--starts and --jobs must be at least 1, --max-seconds and --weight above 0")
     settings = Settings(given.seed, given.max_seconds, given.weight, given.between)
     try:
-        print(run(given.out, given.cases, given.starts, given.methods, settings, given.jobs), end="")
+        starts = 0 if given.summary_only else given.starts
+        print(run(given.out, given.cases, starts, given.methods, settings, given.jobs), end="")
     except (ValueError, OcptipError) as error:
         print(f"compare_nelder_mead: {error}", file=sys.stderr)
         return 1

@@ -146,3 +146,24 @@ def test_wrong_arguments_are_refused(tmp_path, wrong, capsys):
     with pytest.raises(SystemExit):
         study.main(["--out", str(tmp_path), *wrong])
     assert "error" in capsys.readouterr().err
+
+
+def test_restarts_count_time_per_success():
+    def record(case, start, method, energy, seconds):
+        return {
+            "case": case,
+            "start": start,
+            "method": method,
+            "energy_J": energy,
+            "verified": True,
+            "slowed": {"factor": 1.0, "energy_J": energy},
+            "cpu_s": seconds,
+        }
+
+    runs = [record("A", n, "ours", e, 2.0) for n, e in enumerate((100.0, 101.0, 102.0))]
+    runs += [record("A", n, "cma", e, 10.0) for n, e in enumerate((102.0, 103.0, 101.5))]
+    runs += [record("A", n, "slsqp", 200.0, 4.0) for n in range(3)]
+    records = {(r["case"], r["start"], r["method"]): r for r in runs}
+    assert study.restarted(records, "A", "cma") == (pytest.approx(30 / 2 / 2), 2)
+    assert study.restarted(records, "A", "slsqp") == (pytest.approx(12 / 2), 0)
+    assert study.restarted(records, "A", "ours") is None
