@@ -12,7 +12,7 @@ import pytest
 from placed_example import TASK, found, refused
 
 from ocptip.cli import main
-from ocptip.cli.place import Progress
+from ocptip.cli.place import progress_bar
 
 
 class Terminal(io.StringIO):
@@ -166,7 +166,7 @@ def test_interruption(task, search, capsys):
 def test_progress_on_a_terminal_only():
     terminal, pipe = Terminal(), io.StringIO()
     for stream in (terminal, pipe):
-        with Progress(stream) as progress:
+        with progress_bar(stream) as progress:
             progress(0, 4, None)
             progress(1, 4, 0.25)
     assert pipe.getvalue() == ""

@@ -15,7 +15,7 @@ from plan_stand_in import stand_in_plan
 
 from ocptip import errors, motion_plots
 from ocptip.cli import main
-from ocptip.cli.plan import PlanReport, Progress
+from ocptip.cli.plan import PlanReport, progress_bar
 from ocptip.motion import ArmMotion, MotionLimits, task, task_file
 from ocptip.motion.output import plan_to_dict
 
@@ -255,6 +255,6 @@ def test_progress_bar_on_a_terminal_is_erased_at_the_end(planner, capsys, monkey
 
 def test_progress_says_nothing_into_a_pipe():
     pipe = io.StringIO()
-    with Progress(pipe) as progress:
+    with progress_bar(pipe) as progress:
         progress(1, 2, 3.0)
     assert pipe.getvalue() == ""

@@ -5,22 +5,18 @@ from __future__ import annotations
 import argparse
 import json
 import math
-import os
-import re
 import sys
-import time
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, TextIO
 
-from ocptip.cli import MOVES, STANDS, _kernels_are_compiled, _print, _refuse
+from ocptip.cli import MOVES, STANDS, _print, _refuse
+from ocptip.cli.runs import Progress, output_directory, say_if_compiling, summary
 
 if TYPE_CHECKING:
     from ocptip.placement.result import Margin, NoPlacementError, Placement, PlacementResult
     from ocptip.placement.task_file import PlacementTask
 
-_BAR = 24  # characters
 _MEANING = {"GN": "tip-over", "GT": "slip", "GK": "force space", "GE": "power at rest"}
 _MOST_VIOLATED = 6
 _SAME = 2e-3  # m, rad: bases nearer than this are at the same place
@@ -53,7 +49,7 @@ def run(options: argparse.Namespace) -> int:
         from ocptip.placement.task_file import load_placement
 
         task = load_placement(options.task)
-        directory = _directory(options, task.name)
+        directory = output_directory(options, "place", task.name)
         try:
             report: PlaceReport | RefusalReport = PlaceReport(task, _placed(options, task))
         except NoPlacementError as error:
@@ -115,7 +111,7 @@ class PlaceReport:
         lines.append(("active", active))
         for number, other in enumerate(result.placements[1:], 2):
             lines.append((f"no. {number}", _alternative(other, result.placements[: number - 1])))
-        return _text(head, [*lines, *_written_line(self.written)])
+        return summary(head, lines, self.written)
 
 
 @dataclass
@@ -158,43 +154,23 @@ class RefusalReport:
             lines.append(("", f"and {len(violated) - _MOST_VIOLATED} more, see placement.json"))
         reason = str(self.error)
         head = f"{self.task.name}: NO PLACEMENT. {reason[:1].upper()}{reason[1:]}."
-        return _text(head, [*lines, *_written_line(self.written)])
+        return summary(head, lines, self.written)
 
 
-class Progress:
-    """A bar on a terminal: starts done, least total, seconds. Says nothing if the stream is no terminal."""
+def progress_bar(stream: TextIO) -> Progress:
+    """Bar that shows the least total so far."""
 
-    def __init__(self, stream: TextIO) -> None:
-        self._stream, self._shown, self._begin = stream, stream.isatty(), time.monotonic()
+    def best(least: float | None) -> str:
+        return "no placement yet" if least is None else f"least total {least:.4f}"
 
-    def __enter__(self) -> Progress:
-        self._show("looking for places to start from ...")
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._show("")
-
-    def __call__(self, done: int, total: int, least: float | None) -> None:
-        """Show that `done` of `total` starts have finished, and the least total so far."""
-        filled = _BAR * done // max(total, 1)
-        best = "no placement yet" if least is None else f"least total {least:.4f}"
-        bar = "#" * filled + "." * (_BAR - filled)
-        self._show(f"[{bar}] {done}/{total} starts, {best}, {time.monotonic() - self._begin:.0f} s")
-
-    def _show(self, text: str) -> None:
-        if self._shown:
-            self._stream.write(f"\r{text}\x1b[K")  # erases the rest of the line
-            self._stream.flush()
+    return Progress(stream, "looking for places to start from ...", best)
 
 
 def _placed(options: argparse.Namespace, task: PlacementTask) -> PlacementResult:
     from ocptip.placement.place import place
 
-    if sys.stderr.isatty() and not _kernels_are_compiled():
-        print("compiling the contact solver (first run only, some seconds) ...", file=sys.stderr)
-    with Progress(sys.stderr) as progress:
+    say_if_compiling()
+    with progress_bar(sys.stderr) as progress:
         return place(task.problem, starts=options.starts, seed=options.seed, progress=progress)
 
 
@@ -205,20 +181,6 @@ def _check_numbers(options: argparse.Namespace) -> None:
         value = getattr(options, name)
         if value < least:
             raise InputError(f"--{name}: must be >= {least}, got {value}")
-
-
-def _directory(options: argparse.Namespace, name: str) -> Path:
-    """Where files go; refused before anything is computed if they cannot."""
-    from ocptip.errors import InputError
-
-    path = Path(options.out or "ocptip-place-" + re.sub(r"[^\w.-]+", "-", name))
-    if path.exists() and not path.is_dir():
-        raise InputError(f"--out: {path} is not a directory")
-    if not path.parent.is_dir():
-        raise InputError(f"--out: no such directory: {path.parent}")
-    if not os.access(path if path.is_dir() else path.parent, os.W_OK):
-        raise InputError(f"--out: no permission to write into {path if path.is_dir() else path.parent}")
-    return path
 
 
 def _written(report: PlaceReport | RefusalReport, directory: Path, *, figures: bool) -> OSError | None:
@@ -242,17 +204,6 @@ def _written(report: PlaceReport | RefusalReport, directory: Path, *, figures: b
 
 def _json(entries: dict[str, Any], written: list[Path]) -> str:
     return json.dumps({**entries, "written": [str(path) for path in written]}, indent=2, allow_nan=False)
-
-
-def _text(head: str, lines: list[tuple[str, str]]) -> str:
-    width = max(len(name) for name, _ in lines)
-    return "\n".join([head, *(f"{name:<{width}}  {text}" for name, text in lines)])
-
-
-def _written_line(written: list[Path]) -> list[tuple[str, str]]:
-    if not written:
-        return []
-    return [("written", f"{written[0].parent}{os.sep}: {', '.join(path.name for path in written)}")]
 
 
 def _where(placement: Placement) -> str:

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
-import re
 import sys
-import time
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, TextIO
 
-from ocptip.cli import MOVES, STANDS, _kernels_are_compiled, _print, _refuse
+from ocptip.cli import MOVES, STANDS, _print, _refuse
+from ocptip.cli.runs import Progress, output_directory, say_if_compiling, summary
 
 if TYPE_CHECKING:
     from ocptip.motion.plan import MotionPlan
@@ -22,7 +19,6 @@ if TYPE_CHECKING:
 
 BASES = ("printed", "effective")
 _LIMIT_OPTIONS = {"gn": "GN", "gt": "GT", "torque_ratio": "torque_ratio", "clearance": "clearance"}
-_BAR = 24  # characters
 
 
 def add_parser(commands: Any) -> None:
@@ -68,7 +64,7 @@ def run(options: argparse.Namespace) -> int:
     try:
         _check_numbers(options)
         task = _task(options)
-        directory = _directory(options, task)
+        directory = output_directory(options, "plan", task.name)
         try:
             plan = _planned(options, task)
         except PlanningError as error:
@@ -126,11 +122,7 @@ class PlanReport:
         if self.plan.interrupted:
             lines.append(("interrupted", "this is the best of the starts that had finished"))
         lines += [(f"time x {factor:g}", _scale_text(proof)) for factor, proof in self.time_scale]
-        if self.written:
-            names = ", ".join(path.name for path in self.written)
-            lines.append(("written", f"{self.written[0].parent}{os.sep}: {names}"))
-        width = max(len(name) for name, _ in lines)
-        return "\n".join([self.headline(), *(f"{name:<{width}}  {text}" for name, text in lines)])
+        return summary(self.headline(), lines, self.written)
 
     def headline(self) -> str:
         """Status, energy, duration, worst reserve, ratio to the reference."""
@@ -158,41 +150,20 @@ class PlanReport:
         )
 
 
-class Progress:
-    """A bar on a terminal: starts done, best energy, seconds. Says nothing if the stream is no terminal."""
+def progress_bar(stream: TextIO) -> Progress:
+    """Bar that shows the least energy so far."""
 
-    def __init__(self, stream: TextIO) -> None:
-        self._stream, self._shown, self._begin = stream, stream.isatty(), time.monotonic()
+    def best(energy: float | None) -> str:
+        return "no verified plan yet" if energy is None else f"best {energy:.1f} J"
 
-    def __enter__(self) -> Progress:
-        self._show("building the optimisation problem ...")
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._show("")
-
-    def __call__(self, done: int, total: int, best_energy: float | None) -> None:
-        """Show that `done` of `total` starts have finished; the best energy so far in J."""
-        filled = _BAR * done // max(total, 1)
-        best = "no verified plan yet" if best_energy is None else f"best {best_energy:.1f} J"
-        seconds = time.monotonic() - self._begin
-        bar = "#" * filled + "." * (_BAR - filled)
-        self._show(f"[{bar}] {done}/{total} starts, {best}, {seconds:.0f} s")
-
-    def _show(self, text: str) -> None:
-        if self._shown:
-            self._stream.write(f"\r{text}\x1b[K")  # erases the rest of the line
-            self._stream.flush()
+    return Progress(stream, "building the optimisation problem ...", best)
 
 
 def _planned(options: argparse.Namespace, task: MotionTask) -> MotionPlan:
     from ocptip.motion.plan import plan_motion
 
-    if sys.stderr.isatty() and not _kernels_are_compiled():
-        print("compiling the contact solver (first run only, some seconds) ...", file=sys.stderr)
-    with Progress(sys.stderr) as progress:
+    say_if_compiling()
+    with progress_bar(sys.stderr) as progress:
         return plan_motion(
             task, starts=options.starts, seed=options.seed, jobs=options.jobs, progress=progress
         )
@@ -238,20 +209,6 @@ def _base(options: argparse.Namespace) -> str | None:
     from ocptip.motion.cases import motion_cases
 
     return (options.base or "effective") if options.task in motion_cases() else None
-
-
-def _directory(options: argparse.Namespace, task: MotionTask) -> Path:
-    """Where files go; refused before anything is computed if they cannot."""
-    from ocptip.errors import InputError
-
-    path = Path(options.out or "ocptip-plan-" + re.sub(r"[^\w.-]+", "-", task.name))
-    if path.exists() and not path.is_dir():
-        raise InputError(f"--out: {path} is not a directory")
-    if not path.parent.is_dir():
-        raise InputError(f"--out: no such directory: {path.parent}")
-    if not os.access(path if path.is_dir() else path.parent, os.W_OK):
-        raise InputError(f"--out: no permission to write into {path if path.is_dir() else path.parent}")
-    return path
 
 
 def _written(report: PlanReport, directory: Path, *, figures: bool) -> OSError | None:

@@ -1,0 +1,86 @@
+"""What the commands that plan have in common: progress bar, folder for files, aligned summary."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import TextIO
+
+from ocptip.cli import _kernels_are_compiled
+
+_BAR = 24  # characters
+
+
+class Progress:
+    """A bar on a terminal: starts done, best value, seconds. Says nothing if the stream is no terminal.
+
+    Args:
+        stream: where to.
+        begin: shown until the first start has finished.
+        best: what to say of the best value so far, which may be None.
+    """
+
+    def __init__(self, stream: TextIO, begin: str, best: Callable[[float | None], str]) -> None:
+        self._stream, self._shown, self._begin = stream, stream.isatty(), time.monotonic()
+        self._first, self._best = begin, best
+
+    def __enter__(self) -> Progress:
+        self._show(self._first)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._show("")
+
+    def __call__(self, done: int, total: int, best: float | None) -> None:
+        """Show that `done` of `total` starts have finished, and the best value so far."""
+        filled = _BAR * done // max(total, 1)
+        bar = "#" * filled + "." * (_BAR - filled)
+        seconds = time.monotonic() - self._begin
+        self._show(f"[{bar}] {done}/{total} starts, {self._best(best)}, {seconds:.0f} s")
+
+    def _show(self, text: str) -> None:
+        if self._shown:
+            self._stream.write(f"\r{text}\x1b[K")  # erases the rest of the line
+            self._stream.flush()
+
+
+def say_if_compiling() -> None:
+    """On a terminal, say why the first run takes longer."""
+    if sys.stderr.isatty() and not _kernels_are_compiled():
+        print("compiling the contact solver (first run only, some seconds) ...", file=sys.stderr)
+
+
+def output_directory(options: argparse.Namespace, command: str, name: str) -> Path:
+    """Where files go; refused before anything is computed if they cannot.
+
+    Raises:
+        InputError: --out is no directory, has no parent, or may not be written.
+    """
+    from ocptip.errors import InputError
+
+    path = Path(options.out or f"ocptip-{command}-" + re.sub(r"[^\w.-]+", "-", name))
+    if path.exists() and not path.is_dir():
+        raise InputError(f"--out: {path} is not a directory")
+    if not path.parent.is_dir():
+        raise InputError(f"--out: no such directory: {path.parent}")
+    if not os.access(path if path.is_dir() else path.parent, os.W_OK):
+        raise InputError(f"--out: no permission to write into {path if path.is_dir() else path.parent}")
+    return path
+
+
+def summary(head: str, lines: Sequence[tuple[str, str]], written: Sequence[Path]) -> str:
+    """A headline and aligned lines (name, text), the written files last."""
+    lines = list(lines)
+    if written:
+        names = ", ".join(path.name for path in written)
+        lines.append(("written", f"{written[0].parent}{os.sep}: {names}"))
+    width = max(len(name) for name, _ in lines)
+    return "\n".join([head, *(f"{name:<{width}}  {text}" for name, text in lines)])
