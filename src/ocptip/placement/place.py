@@ -91,7 +91,7 @@ def _place(
         first = sampling.spread(work.evaluator, candidates, count, _POSTURES_APART, postures=True)
         chosen = turned(work.evaluator, candidates.select(first))
         chosen = improved(work.evaluator, chosen, rng)
-        chosen = chosen.select(sampling.spread(work.evaluator, chosen, starts))
+        chosen = chosen.select(sampling.spread(work.evaluator, chosen, starts, postures=True))
     found: list[Placement] = []
     tried: list[Placement] = []
     reports = []
