@@ -430,7 +430,7 @@ def test_readme_commands_are_one_line_each_and_ci_runs_them(root):
     assert job.startswith("python3 -m venv .venv && ")
     assert job.endswith("/ocptip plan A")
     assert tests.startswith("python3 -m venv .venv && ")
-    assert tests.endswith(".venv/bin/pytest -q")
+    assert tests.endswith(".venv/bin/pytest -q -n auto")
     ci = (root / ".ci" / "run").read_text(encoding="utf-8")
     assert "README.md" in ci  # it reads the commands from there
     assert "set -euo pipefail" in ci
