@@ -15,30 +15,19 @@ Prints the tables and writes OUT/contact_timing.json and .md.
 from __future__ import annotations
 
 import argparse
-import json
-import os
-import platform
 import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
-from contact_robustness import (
-    COMPILED,
-    GRAVITY,
-    MASS,
-    Case,
-    Conventional,
-    arguments,
-    judge,
-    platform_on,
-    random_loads,
-    table,
-    versions,
-)
+from common import machine, say, table
+from contact_problems import GRAVITY, MASS, Case, platform_on, random_loads
+from contact_solvers import COMPILED, Conventional, arguments
+from contact_yardstick import judge
 
 from ocptip.contact import Support, solve, solve_many
+from ocptip.files import versions, write_json, write_text
 from ocptip.reserves import Slip
 
 FACETS = 12
@@ -65,7 +54,7 @@ def automaton_against_conventional(feet: Sequence[int], loads: int, rounds: int,
     wrenches = random_loads(loads, seed)
     rows = []
     for n in feet:
-        progress(f"automaton against conventional, {n} feet")
+        say(f"automaton against conventional, {n} feet")
         support = platform_on(n, FACETS)
         case = Case("circle", n, FACETS, [(support, wrenches)], timed=True)
         calls, variants = {}, {}
@@ -148,7 +137,7 @@ def many_states(count: int, rounds: int) -> list[dict]:
     support = platform_on(3, FACETS)
     rows = []
     for name, level in (("standing", 1.0), ("partly slipping", 2.0)):
-        progress(f"many states, {name}")
+        say(f"many states, {name}")
         path = smooth_path(count, level)
         every = path[:: max(1, count // SINGLE_CALLS)]
         # the single calls take one state of the path after the other, as a caller without batches would
@@ -187,7 +176,7 @@ def slip_reserve(feet: Sequence[int], count: int, rounds: int) -> list[dict]:
     rows = []
     for n in feet:
         for name, level in (("standing", 1.0), ("partly slipping", 2.0)):
-            progress(f"slip reserve, {n} feet, {name}")
+            say(f"slip reserve, {n} feet, {name}")
             support = platform_on(n, FACETS)
             path, slip = smooth_path(count, level), Slip(support)
             states = solve_many(support, path)
@@ -301,12 +290,6 @@ def _met(reached: bool) -> str:
     return "met" if reached else "missed"
 
 
-def progress(what: str) -> None:
-    """One line on a terminal, nothing elsewhere."""
-    if sys.stderr.isatty():
-        print(f"\r\033[K{what}", end="", file=sys.stderr, flush=True)
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, required=True, help="folder for the table")
@@ -321,8 +304,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     options.out.mkdir(parents=True, exist_ok=True)
     data = {
         "options": {name: value for name, value in vars(options).items() if name != "out"},
-        "versions": versions("numpy", "numba", "clarabel"),
-        "machine": {"architecture": platform.machine(), "cores": os.cpu_count()},
+        "versions": versions(("numpy", "numba", "clarabel")),
+        "machine": machine(),
         "targets": TARGETS,
         "automaton": automaton_against_conventional(
             options.feet, options.loads, options.rounds, options.seed
@@ -330,10 +313,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         "many_states": many_states(options.states, options.rounds),
         "slip_reserve": slip_reserve(RESERVE_FEET, min(RESERVE_STATES, options.states), options.rounds),
     }
-    progress("")
+    say("")
     text = markdown(data)
-    (options.out / "contact_timing.json").write_text(json.dumps(data, indent=1) + "\n")
-    (options.out / "contact_timing.md").write_text(text)
+    write_json(options.out / "contact_timing.json", data, indent=1)
+    write_text(options.out / "contact_timing.md", text)
     print(text, end="")
     return 0
 

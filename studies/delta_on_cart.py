@@ -16,15 +16,14 @@ Writes delta_on_cart.json, .md and .png, and the plan's own files in the folder 
 from __future__ import annotations
 
 import argparse
-import json
 import platform
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
-import ocptip
 from ocptip.errors import PlanningError
+from ocptip.files import versions, write_json, write_text
 from ocptip.motion import (
     ArmMotion,
     MotionProof,
@@ -82,11 +81,15 @@ def shortest(task: MotionTask, motion_of: Callable[[MotionTask, float], Motion])
 
 
 def cheapest(task: MotionTask, motion_of: Callable[[MotionTask, float], Motion]) -> Motion:
-    """Of the allowed motions, up to four times slower than the fastest, the one of least energy."""
+    """Of the allowed motions, up to four times slower than the fastest, the one of least energy.
+
+    A slower motion is not always allowed: gravity may need the acceleration of a faster one. Hence each is
+    proved, the cheapest first.
+    """
     fastest = shortest(task, motion_of)
-    durations = fastest.end * np.geomspace(1.0, 4.0, 61)
-    motions = [motion_of(task, duration) for duration in durations]
-    return min(motions, key=task.robot.energy)
+    slower = [motion_of(task, duration) for duration in fastest.end * np.geomspace(1.0, 4.0, 61)[1:]]
+    motions = sorted([fastest, *slower], key=task.robot.energy)
+    return next(m for m in motions if m is fastest or prove(task.robot, m, task.limits).verified)
 
 
 def row(name: str, proof: MotionProof) -> dict[str, object]:
@@ -178,20 +181,15 @@ def main(arguments: list[str] | None = None) -> int:
     data = {
         "task": _TASK.name,
         "options": {"starts": options.starts, "seed": options.seed},
-        "versions": {
-            "ocptip": ocptip.__version__,
-            "numpy": np.__version__,
-            "python": platform.python_version(),
-            "machine": platform.machine(),
-        },
+        "versions": {**versions(("numpy",)), "machine": platform.machine()},
         "motions": rows,
         "starts": [
             {"number": s.number, "status": s.status, "energy_J": s.energy, "cpu_s": s.cpu_seconds}
             for s in plan.starts
         ],
     }
-    (options.out / f"{_NAME}.json").write_text(json.dumps(data, indent=1), encoding="utf-8")
-    (options.out / f"{_NAME}.md").write_text(text, encoding="utf-8")
+    write_json(options.out / f"{_NAME}.json", data, indent=1)
+    write_text(options.out / f"{_NAME}.md", text)
     plot(samples, task, options.out / f"{_NAME}.png")
     write_plan(options.out / "plan", plan, samples=samples["planned"])
     print(text, end="")

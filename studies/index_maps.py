@@ -12,12 +12,10 @@ of the inverse kinematics within the joint limits, for each index on its own. Wr
 from __future__ import annotations
 
 import argparse
-import json
 import platform
 import sys
 import time
 from collections.abc import Sequence
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +24,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from ocptip.errors import InputError
+from ocptip.files import versions, write_json
 from ocptip.indices import OperationEllipsoid, arm_by_name, arm_pose, index_values
 from ocptip.indices.arm_design import joint_range, random_poses
 from ocptip.robots import ArmModel, gripper_pose
@@ -238,10 +237,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "joint_plane": summary(plane),
         "workspace": summary(space),
         "seconds": seconds,
-        "machine": f"{platform.machine()}, Python {platform.python_version()}",
-        "versions": {package: metadata.version(package) for package in ("ocptip", "numpy", "casadi")},
+        "machine": platform.machine(),
+        "versions": versions(("numpy", "casadi")),
     }
-    (options.out / "index_maps.json").write_text(json.dumps(record, indent=2, allow_nan=False) + "\n")
+    write_json(options.out / "index_maps.json", record)
     for name in ("joint_plane", "workspace"):
         print(f"{name}: {seconds[name]:.1f} s")
         for index, row in record[name].items():

@@ -11,13 +11,11 @@ same workspace (positions within a quarter of the mean leg length, rotations up 
 from __future__ import annotations
 
 import argparse
-import json
 import math
-import platform as machine
+import platform
 import sys
 import time
 from collections.abc import Sequence
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +28,7 @@ from matplotlib.ticker import MaxNLocator
 from scipy.spatial.transform import Rotation
 
 from ocptip.errors import OcptipError
+from ocptip.files import versions, write_json, write_text
 from ocptip.indices import (
     FlightSimulator,
     PlatformPose,
@@ -298,10 +297,10 @@ def report(data: dict[str, Any]) -> str:
             f"| {name} | {row['best_pose']:.3f} | {row['minimum']:.3f} | {q['5.0']:.3f} | {row['mean']:.3f} "
             f"| {q['95.0']:.3f} |"
         )
-    versions = ", ".join(f"{name} {number}" for name, number in data["versions"].items())
+    software = ", ".join(f"{name} {number}" for name, number in data["versions"].items())
     lines += [
         "",
-        f"Seed {data['options']['seed']}; {versions}; {data['seconds']:.0f} s on {data['machine']}.",
+        f"Seed {data['options']['seed']}; {software}; {data['seconds']:.0f} s on {data['machine']}.",
     ]
     return "\n".join(lines) + "\n"
 
@@ -312,9 +311,8 @@ def run(out: Path, members: int, starts: int, poses: int, seed: int) -> str:
     out.mkdir(parents=True, exist_ok=True)
     data: dict[str, Any] = {
         "options": {"members": members, "starts": starts, "poses": poses, "seed": seed},
-        "versions": {"python": machine.python_version()}
-        | {name: version(name) for name in ("numpy", "scipy", "ocptip")},
-        "machine": machine.machine(),
+        "versions": versions(("numpy", "scipy")),
+        "machine": platform.machine(),
         "families": check_members(members, rng),
         "search": search_optimal(starts, seed).to_dict(),
         "workspaces": workspaces(poses, rng),
@@ -326,15 +324,9 @@ def run(out: Path, members: int, starts: int, poses: int, seed: int) -> str:
     draw(out / "optimal_platforms.png")
     data["seconds"] = round(time.perf_counter() - begin, 1)
     text = report(data)
-    _write(out / "optimal_platforms.json", json.dumps(data, indent=1))
-    _write(out / "optimal_platforms.md", text)
+    write_json(out / "optimal_platforms.json", data, indent=1)
+    write_text(out / "optimal_platforms.md", text)
     return text
-
-
-def _write(path: Path, text: str) -> None:
-    temporary = path.with_name(path.name + ".part")
-    temporary.write_text(text)
-    temporary.replace(path)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

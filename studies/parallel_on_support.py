@@ -15,7 +15,6 @@ direction, for `ocptip stand`.
 from __future__ import annotations
 
 import argparse
-import json
 import platform
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -23,8 +22,8 @@ from pathlib import Path
 
 import numpy as np
 
-import ocptip
 from ocptip.contact import Support, UnilateralContact, solve_many
+from ocptip.files import versions, write_json, write_text
 from ocptip.parallel import MountedRobot, ParallelRobot, PlatformMotion, delta, ups6
 from ocptip.reserves import Slip, TipOver
 
@@ -296,16 +295,11 @@ def main(arguments: list[str] | None = None) -> int:
             "directions": options.directions,
             "limit": options.limit,
         },
-        "versions": {
-            "ocptip": ocptip.__version__,
-            "numpy": np.__version__,
-            "python": platform.python_version(),
-            "machine": platform.machine(),
-        },
+        "versions": {**versions(("numpy",)), "machine": platform.machine()},
         "results": results,
     }
-    (options.out / f"{_NAME}.json").write_text(json.dumps(data, indent=1), encoding="utf-8")
-    (options.out / f"{_NAME}.md").write_text(text, encoding="utf-8")
+    write_json(options.out / f"{_NAME}.json", data, indent=1)
+    write_text(options.out / f"{_NAME}.md", text)
     plot(results, options.limit, options.out / f"{_NAME}.png")
     print(text, end="")
     return 0

@@ -12,7 +12,6 @@ Writes parallel_operations.json, .md and .png.
 from __future__ import annotations
 
 import argparse
-import json
 import platform
 import subprocess
 import tempfile
@@ -20,11 +19,11 @@ import time
 from pathlib import Path
 from typing import Any
 
-import casadi as ca
 import matplotlib
 import numpy as np
 
 from ocptip.errors import InputError
+from ocptip.files import versions, write_json, write_text
 from ocptip.parallel.codegen import find_compiler, write_c
 from ocptip.parallel.kinematics import Kinematics
 from ocptip.parallel.lean import LeanFunction, lean_function
@@ -191,8 +190,7 @@ def environment(flag: str) -> dict[str, str]:
         done = subprocess.run([compiler, "--version"], capture_output=True, text=True, check=False)
         version = done.stdout.splitlines()[0]
     return {
-        "python": platform.python_version(),
-        "casadi": ca.CasadiMeta.version(),
+        **versions(("casadi",)),
         "machine": platform.machine(),
         "compiler": f"{version} {flag}",
     }
@@ -283,8 +281,8 @@ def main() -> None:
     options.out.mkdir(parents=True, exist_ok=True)
     print("function       best   ours  less compiled  machine generated  (us, us, s)")
     result = study(options.repeats, options.flag)
-    (options.out / "parallel_operations.json").write_text(json.dumps(result, indent=1) + "\n")
-    (options.out / "parallel_operations.md").write_text(markdown(result))
+    write_json(options.out / "parallel_operations.json", result, indent=1)
+    write_text(options.out / "parallel_operations.md", markdown(result))
     plot(result, options.out / "parallel_operations.png")
     print(f"wrote parallel_operations.json, .md and .png to {options.out}")
 

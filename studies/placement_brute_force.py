@@ -7,14 +7,14 @@ the best of its blocks it is refined three times. `place` may not be more than 0
 
     python studies/placement_brute_force.py --out results [--tasks 10] [--evaluations 1000000] [--seed 0]
 
-Every finished task is kept in placement_brute_force.json; start again to go on, with --again to run `place`
-anew on the tasks that are done. Run it on an idle core, or read the CPU seconds.
+Every finished task is kept in placement_brute_force.json with the state of the source that made it; start
+again to go on, with --again to run `place` anew on the tasks that are done. Tasks of other --seed and
+--evaluations stay there, too. Run it on an idle core, or read the CPU seconds.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import time
 from itertools import count, islice
@@ -22,12 +22,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from common import RowFile, say, source_state, state_notes
 from scipy.spatial.transform import Rotation
 
 from ocptip.contact import Support, UnilateralContact
 from ocptip.errors import PlanningError
+from ocptip.files import plain, write_text
 from ocptip.motion import experiment_task, load_task
-from ocptip.motion.output import atomic_file, plain, versions
 from ocptip.motion.robot import StandingRobot
 from ocptip.placement import (
     GripperTask,
@@ -41,6 +42,8 @@ from ocptip.placement import (
 from ocptip.placement.scan import Scan, scan
 from ocptip.robots import Pillar, Wall
 
+# subpackages and modules of ocptip that decide the numbers
+STATE = ("contact", "indices", "ipopt", "motion", "placement", "reserves", "robots")
 ALLOWED = 0.005  # of the grid's total
 START_SETS = 5  # seeds of `place` per task
 PROBE = 12_000  # random placements that show where tasks are in reach
@@ -169,8 +172,7 @@ def _best(found: Scan) -> tuple[float, list[float] | None]:
 def compared(seed: int, number: int, evaluations: int) -> dict[str, Any]:
     """One row: the grid's best and what `place` finds from several start sets."""
     problem = random_problem(seed, number)
-    row: dict[str, Any] = {"number": number, "seed": seed, "evaluations": evaluations}
-    row["robot"] = problem.robot.arm.name
+    row: dict[str, Any] = {"number": number, "robot": problem.robot.arm.name}
     row["grid"] = brute_force(problem, evaluations)
     return plain(row | {"sets": start_sets(problem)})
 
@@ -207,7 +209,7 @@ def excess(row: dict[str, Any]) -> list[float]:
     ]
 
 
-def markdown(rows: list[dict[str, Any]]) -> str:
+def markdown(rows: list[dict[str, Any]], notes: list[str]) -> str:
     """The comparison as a table."""
     done = [row for row in rows if solvable(row)]
     lines = [
@@ -235,7 +237,7 @@ def markdown(rows: list[dict[str, Any]]) -> str:
             f"({np.median(wall):.2f} s wall), largest {max(cpu):.2f} s. "
             f"Without solution in grid and `place`: {len(rows) - len(done)} further random tasks.",
         ]
-    return "\n".join(lines) + "\n"
+    return "\n".join([*lines, *(["", *notes] if notes else [])]) + "\n"
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -249,31 +251,27 @@ def main(arguments: list[str] | None = None) -> int:
     if options.tasks < 1 or options.evaluations < 1000:
         parser.error("--tasks must be at least 1, --evaluations at least 1000")
     options.out.mkdir(parents=True, exist_ok=True)
-    path = options.out / "placement_brute_force.json"
-    rows = json.loads(path.read_text())["rows"] if path.exists() else []
-    wanted = {"seed": options.seed, "evaluations": options.evaluations}
-    rows = [row for row in rows if wanted.items() <= row.items()]
-    for row in rows if options.again else ():
-        row["sets"] = start_sets(random_problem(options.seed, row["number"]))
-        _keep(path, rows)
+    asked, state = {"seed": options.seed, "evaluations": options.evaluations}, source_state(*STATE)
+    kept = RowFile(options.out / "placement_brute_force.json", asked, ("number",), state)
+    for row in kept.own if options.again else ():
+        sets = start_sets(random_problem(options.seed, row["number"]))
+        kept.put(row | {"sets": sets, "grid_state": _grid_state(row)})
     for number in islice(count(1), 20 * options.tasks):
-        if sum(solvable(row) for row in rows) >= options.tasks:
+        if sum(solvable(row) for row in kept.own) >= options.tasks:
             break
-        if any(row["number"] == number for row in rows):
-            continue
-        if sys.stderr.isatty():
-            print(f"\r\033[Ktask {number} ...", end="", file=sys.stderr, flush=True)
-        rows.append(compared(options.seed, number, options.evaluations))
-        _keep(path, rows)
-    with atomic_file(options.out / "placement_brute_force.md") as stream:
-        stream.write(markdown(rows).encode())
-    print(markdown(rows), end="")
+        if kept.find(number=number) is None:
+            say(f"task {number} ...")
+            kept.put(compared(options.seed, number, options.evaluations))
+    rows = kept.own
+    text = markdown(rows, state_notes([_grid_state(row) for row in rows], state))
+    write_text(options.out / "placement_brute_force.md", text)
+    print(text, end="")
     return 0
 
 
-def _keep(path: Path, rows: list[dict[str, Any]]) -> None:
-    with atomic_file(path) as stream:
-        stream.write((json.dumps({"versions": versions(), "rows": rows}, indent=1) + "\n").encode())
+def _grid_state(row: dict[str, Any]) -> str | None:
+    """State of the source that made the grid: older than that of the row where `place` was run anew."""
+    return row.get("grid_state", row.get("state"))
 
 
 if __name__ == "__main__":

@@ -6,13 +6,13 @@ alone find only the convex parts of a front; local optima fill in some of the re
 
     python studies/placement_pareto.py --out results [--task TASK.toml] [--steps 6] [--starts 6]
 
-Every finished weight is kept in placement_pareto.json; start again to go on.
+Every finished weight is kept in placement_pareto.json with digests of its task file and of the source that
+made it; start again to go on. Rows of other tasks, --starts and --seed stay there, too.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import time
 from dataclasses import replace
@@ -20,17 +20,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from common import RowFile, say, source_state, state_notes, task_digest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from scipy.spatial import ConvexHull
 
 from ocptip.errors import PlanningError
-from ocptip.motion.output import atomic_file, plain, versions
+from ocptip.files import atomic_file, plain, write_text
 from ocptip.placement import Weights, place
 from ocptip.placement.problem import PlacementProblem
 from ocptip.placement.task_file import load_placement
 
 TASK = Path(__file__).parent / "tasks" / "place_incline.toml"
+# subpackages and modules of ocptip that decide the numbers
+STATE = ("contact", "indices", "ipopt", "motion", "placement", "reserves", "robots")
 CRITERIA = ("GN", "GT", "GE")
 WORDS = {"GN": "tip-over GN", "GT": "slip GT", "GE": "power at rest GE [W]"}
 BETTER = 1e-4  # relative: by less than this nothing is beaten
@@ -49,7 +52,7 @@ def solved(
     """All placements found with some weights."""
     gn, gt, ge = (float(w) for w in weights)
     own = replace(problem, weights=Weights(GN=gn, GT=gt, GK=0.0, GE=ge))
-    row: dict[str, Any] = {"weights": list(weights), "starts": starts, "seed": seed}
+    row: dict[str, Any] = {"weights": list(weights)}
     cpu = time.process_time()
     try:
         result = place(own, starts=starts, seed=seed)
@@ -149,7 +152,7 @@ def _bases(
     ax.legend(unique.values(), unique.keys(), frameon=False, fontsize=9)
 
 
-def markdown(name: str, rows: list[dict[str, Any]]) -> str:
+def markdown(name: str, rows: list[dict[str, Any]], notes: list[str]) -> str:
     """Ends and size of the front."""
     values, points = pooled(rows)
     kept = front(values)
@@ -169,7 +172,7 @@ def markdown(name: str, rows: list[dict[str, Any]]) -> str:
         active = "; ".join(points[at]["active"]) or "none"
         cells = [f"least {criterion}", *(f"{v:.4g}" for v in values[at]), where, active]
         lines.append(f"| {' | '.join(cells)} |")
-    return "\n".join(lines) + "\n"
+    return "\n".join([*lines, *(["", *notes] if notes else [])]) + "\n"
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -184,27 +187,20 @@ def main(arguments: list[str] | None = None) -> int:
         parser.error("--steps and --starts must be at least 1")
     task = load_placement(options.task)
     options.out.mkdir(parents=True, exist_ok=True)
-    path = options.out / "placement_pareto.json"
-    old = json.loads(path.read_text()) if path.exists() else {}
-    key = {"task": options.task.name, "steps": options.steps}
-    rows = old["rows"] if old and key.items() <= old.items() else []
-    rows = [r for r in rows if (r["starts"], r["seed"]) == (options.starts, options.seed)]
+    asked = {"task": options.task.name, "task_digest": task_digest(options.task)}
+    asked |= {"starts": options.starts, "seed": options.seed}
+    state = source_state(*STATE)
+    kept = RowFile(options.out / "placement_pareto.json", asked, ("weights",), state)
     for weights in weight_grid(options.steps):
-        if any(row["weights"] == list(weights) for row in rows):
-            continue
-        if sys.stderr.isatty():
-            print(f"\r\033[Kweights {weights} ...", end="", file=sys.stderr, flush=True)
-        rows.append(solved(task.problem, weights, options.starts, options.seed))
-        with atomic_file(path) as stream:
-            stream.write(
-                (json.dumps({**key, "versions": versions(), "rows": rows}, indent=1) + "\n").encode()
-            )
+        if kept.find(weights=list(weights)) is None:
+            say(f"weights {weights} ...")
+            kept.put(solved(task.problem, weights, options.starts, options.seed))
+    rows = [row for row in kept.own if sum(row["weights"]) == options.steps]
     if not any(row["placements"] for row in rows):
         print(f"{options.task.name}: no placement for any weights: {rows[0]['reason']}", file=sys.stderr)
         return 1
-    text = markdown(task.name, rows)
-    with atomic_file(options.out / "placement_pareto.md") as stream:
-        stream.write(text.encode())
+    text = markdown(task.name, rows, state_notes([row.get("state") for row in rows], state))
+    write_text(options.out / "placement_pareto.md", text)
     with atomic_file(options.out / "placement_pareto.png") as stream:
         draw(task.problem, task.name, rows).savefig(stream, format="png", dpi=100)
     print(text, end="")

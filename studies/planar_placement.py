@@ -15,7 +15,6 @@ front and the rear axle can tip. All quantities are in one consistent system of 
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 import time
 from pathlib import Path
@@ -23,6 +22,7 @@ from typing import Any
 
 import casadi as cs
 import numpy as np
+from common import say
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
@@ -31,7 +31,7 @@ from matplotlib.patches import Patch as Swatch
 from matplotlib.patches import Rectangle
 
 from ocptip.contact import Support, UnilateralContact
-from ocptip.motion.output import atomic_file, plain, versions
+from ocptip.files import atomic_file, versions, write_json, write_text
 from ocptip.motion.robot import StandingRobot
 from ocptip.placement import (
     Evaluator,
@@ -227,8 +227,7 @@ def start_sets(sets: int, starts: int, seed: int, reference: float) -> dict[str,
                 "single_starts": len(result.starts),
             }
         )
-        if sys.stderr.isatty():
-            print(f"\r\033[K{number + 1} of {sets} start sets", end="", file=sys.stderr, flush=True)
+        say(f"{number + 1} of {sets} start sets")
     found = [row["total"] - reference <= SAME for row in rows]
     return {
         "sets": sets,
@@ -368,10 +367,8 @@ def main(arguments: list[str] | None = None) -> int:
         "start_sets": start_sets(options.sets, options.starts, options.seed, optima[0]["total"]),
         "versions": versions(),
     }
-    with atomic_file(options.out / "placement_planar.json") as stream:
-        stream.write((json.dumps(plain(data), indent=1) + "\n").encode())
-    with atomic_file(options.out / "placement_planar.md") as stream:
-        stream.write(markdown(data).encode())
+    write_json(options.out / "placement_planar.json", data, indent=1)
+    write_text(options.out / "placement_planar.md", markdown(data))
     with atomic_file(options.out / "placement_planar.png") as stream:
         draw(optima, options.points).savefig(stream, format="png", dpi=110)
     print(markdown(data), end="")

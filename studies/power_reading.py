@@ -6,41 +6,39 @@ the reading: ratios found by others may belong to the literal one. Here referenc
 
     python studies/power_reading.py --out results [--cases A B] [--starts 8] [--jobs 2]
 
-Every finished case is kept in power_reading.json; start again to go on.
+Every finished case is kept in power_reading.json with the state of the source that made it; start again to go
+on. Rows of other --starts and --seed stay there, too.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from common import RowFile, say, source_state, state_notes
 
 from ocptip.errors import OcptipError
+from ocptip.files import write_text
 from ocptip.motion import MotionTask, experiment_task, motion_cases, plan_motion, prove
-from ocptip.motion.output import atomic_file, versions
-from ocptip.motion.robot import BASES, StandingRobot
+from ocptip.motion.robot import BASES
 from ocptip.robots import PowerMaps
 
-READINGS = ("load", "drive")
+STATE = ("contact", "ipopt", "motion", "reserves", "robots")  # of ocptip: what decides the numbers
 
 
 def task_of(case: str, base: str, reading: str) -> MotionTask:
     """The task of a case with a reading of the power maps."""
     task = experiment_task(case, base)
-    robot = task.robot
-    motors = PowerMaps.modular(torque_reading=reading)
-    moment = robot.tip_over.reference_moment
-    return replace(task, robot=StandingRobot(robot.arm, robot.support, motors, reference_moment=moment))
+    return replace(task, robot=task.robot.with_motors(PowerMaps.modular(torque_reading=reading)))
 
 
 def planned(case: str, base: str, starts: int, seed: int, jobs: int) -> dict:
     """One row: plan with the literal reading, both energies of both motions."""
     literal, usual = (task_of(case, base, reading) for reading in ("drive", "load"))
-    row = {"case": case, "base": base, "starts": starts, "seed": seed}
+    row: dict = {"case": case, "base": base}
     for reading, task in (("drive", literal), ("load", usual)):
         row[f"reference_{reading}_J"] = task.robot.energy(task.reference)
     try:
@@ -54,8 +52,9 @@ def planned(case: str, base: str, starts: int, seed: int, jobs: int) -> dict:
     return row | {"ratio": proof.energy / row["reference_drive_J"]}
 
 
-def markdown(rows: list[dict]) -> str:
+def markdown(rows: list[dict], notes: list[str]) -> str:
     """Tables by base, and averages."""
+    rows = sorted(rows, key=lambda r: r["case"])
     text = "# Plans with the power maps read literally (drive torque)\n"
     for base in BASES:
         own = [r for r in rows if r["base"] == base]
@@ -75,7 +74,7 @@ def markdown(rows: list[dict]) -> str:
             text += (
                 f"\nAverage ratio of {len(ratios)} cases {np.mean(ratios):.3f}, largest {max(ratios):.3f}.\n"
             )
-    return text
+    return text + ("\n" + "\n".join(notes) + "\n" if notes else "")
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -90,23 +89,17 @@ def main(arguments: list[str] | None = None) -> int:
     if options.starts < 1 or options.jobs < 1:
         parser.error("--starts and --jobs must be at least 1")
     options.out.mkdir(parents=True, exist_ok=True)
-    path = options.out / "power_reading.json"
-    rows = json.loads(path.read_text())["rows"] if path.exists() else []
-    todo = [(base, case) for base in options.bases for case in options.cases]
-    for base, case in todo:
-        key = {"case": case, "base": base, "starts": options.starts, "seed": options.seed}
-        if any(key.items() <= row.items() for row in rows):
-            continue
-        if sys.stderr.isatty():
-            print(f"\r\033[K{base} {case} ...", end="", file=sys.stderr, flush=True)
-        rows = [r for r in rows if (r["base"], r["case"]) != (base, case)]
-        rows.append(planned(case, base, options.starts, options.seed, options.jobs))
-        rows.sort(key=lambda r: (list(BASES).index(r["base"]), r["case"]))
-        with atomic_file(path) as stream:
-            stream.write((json.dumps({"versions": versions(), "rows": rows}, indent=1) + "\n").encode())
-    with atomic_file(options.out / "power_reading.md") as stream:
-        stream.write(markdown(rows).encode())
-    print(markdown(rows), end="")
+    state = source_state(*STATE)
+    asked = {"starts": options.starts, "seed": options.seed}
+    kept = RowFile(options.out / "power_reading.json", asked, ("base", "case"), state)
+    for base, case in [(base, case) for base in options.bases for case in options.cases]:
+        if kept.find(base=base, case=case) is None:
+            say(f"{base} {case} ...")
+            kept.put(planned(case, base, options.starts, options.seed, options.jobs))
+    rows = kept.own
+    text = markdown(rows, state_notes([row.get("state") for row in rows], state))
+    write_text(options.out / "power_reading.md", text)
+    print(text, end="")
     return 0
 
 

@@ -5,7 +5,8 @@ solver: the contact laws and the equation of motion, `ContactStates.law_violatio
 solution" counts as right only because it is the outcome of a search over all modes; the number of those
 is printed. In a share of the problems the verdict is compared with the convex equilibrium test.
 
-Resumable: finished chunks are kept in the output folder; start again to go on.
+Resumable: finished chunks are kept in the output folder with the state of the source that made them; start
+again to go on.
 
     python studies/random_problems.py --out results/random_problems --problems 1000000
 """
@@ -15,20 +16,18 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import platform
-import sys
 import time
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 
-import numba
 import numpy as np
-import scipy
+from common import progress, source_state
 from random_supports import random_support, random_wrenches
 
 from ocptip.contact import equilibrium, solve_many
 from ocptip.errors import SolverError
+from ocptip.files import versions, write_json
 
 WRENCHES = 20
 CHUNK = 20_000
@@ -100,6 +99,11 @@ def run_chunk(seed: int, chunk: int) -> dict:
     }
 
 
+def state() -> str:
+    """Short digest of the solver's source code and of all versions."""
+    return source_state("contact")
+
+
 def summary(chunks: list[dict], seed: int) -> dict:
     """Add up the chunks."""
     attempts, contacts = Counter(), Counter()
@@ -127,12 +131,9 @@ def summary(chunks: list[dict], seed: int) -> dict:
         "unsolved": unsolved[:50],
         "microseconds_per_problem": 1e6 * sum(c["solve_seconds"] for c in chunks) / total,
         "seed": seed,
-        "versions": {
-            "python": platform.python_version(),
-            "numpy": np.__version__,
-            "scipy": scipy.__version__,
-            "numba": numba.__version__,
-        },
+        "versions": versions(("numpy", "scipy", "numba")),
+        "chunks_of_another_state_of_the_source": sum(c.get("state") not in (None, state()) for c in chunks),
+        "chunks_of_an_unknown_state_of_the_source": sum("state" not in c for c in chunks),
     }
 
 
@@ -147,17 +148,15 @@ def main() -> None:
     count = -(-options.problems // CHUNK)
     paths = [options.out / f"chunk_{options.seed}_{i:04d}.json" for i in range(count)]
     todo = [i for i in range(count) if not paths[i].exists()]
+    state()  # before the work, during which the source may change
     with ProcessPoolExecutor(options.workers) as pool:
         futures = {pool.submit(run_chunk, options.seed, i): i for i in todo}
         for done, future in enumerate(as_completed(futures), 1):
             i, result = futures[future], future.result()
-            temporary = paths[i].with_suffix(".part")
-            temporary.write_text(json.dumps(result))
-            temporary.replace(paths[i])
-            if sys.stderr.isatty():
-                print(f"\r{done}/{len(todo)} chunks", end="", file=sys.stderr)
+            write_json(paths[i], {**result, "state": state()}, indent=None)
+            progress(done, len(todo), "chunks")
     total = summary([json.loads(p.read_text()) for p in paths], options.seed)
-    (options.out / "random_problems.json").write_text(json.dumps(total, indent=2))
+    write_json(options.out / "random_problems.json", total)
     for key, value in total.items():
         print(f"{key}: {value}")
 

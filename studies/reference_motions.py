@@ -9,13 +9,9 @@ planned motions: same arm, same data.
 from __future__ import annotations
 
 import argparse
-import json
-import platform
 from pathlib import Path
 
-import casadi
-import numpy as np
-
+from ocptip.files import versions, write_json, write_text
 from ocptip.motion.cases import motion_cases
 from ocptip.motion.proof import prove
 from ocptip.motion.robot import BASES, StandingRobot, experiment_robot
@@ -86,14 +82,9 @@ def main() -> None:
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     table = rows()
-    versions = {
-        "python": platform.python_version(),
-        "numpy": np.__version__,
-        "casadi": casadi.__version__,
-    }
-    result = {"versions": versions, "rows": table}
-    (options.out / "reference_motions.json").write_text(json.dumps(result, indent=1))
-    (options.out / "reference_motions.md").write_text(markdown(table))
+    result = {"versions": versions(("numpy", "casadi")), "rows": table}
+    write_json(options.out / "reference_motions.json", result, indent=1)
+    write_text(options.out / "reference_motions.md", markdown(table))
     print(markdown(table), end="")
 
 

@@ -57,6 +57,13 @@ normal = [-1, 0]
 friction = 0.9
 """
 
+POINT_CONTACT = """\
+[[contact]]
+kind = "unilateral"
+position = [0, 0, 0]
+friction = 0.5
+"""
+
 PLANAR_SCENE = """\
 [base]
 mass = 20
@@ -118,7 +125,7 @@ def test_json_has_the_promised_keys(capsys, scene_file):
     assert result["GT_full"] <= result["GT"] + 1e-9
     assert result["residual"] < 1e-9
     assert isinstance(result["pivots"], int)
-    assert set(result["versions"]) == {"ocptip", "numpy", "scipy", "numba", "clarabel"}
+    assert set(result["versions"]) >= {"ocptip", "numpy", "scipy", "numba", "clarabel"}
     assert result["versions"]["ocptip"] == ocptip.__version__
 
 
@@ -179,6 +186,53 @@ def test_not_standing_is_exit_code_1_and_says_what_moves(capsys, scenes):
     assert (result["persistent"], result["stability"]) == (False, "none")
     assert result["GN"] > 1
     assert np.linalg.norm(result["acceleration"]) > 0.1
+
+
+def test_a_base_on_a_point_has_no_reserve(capsys, tmp_path):
+    path = tmp_path / "point.toml"
+    path.write_text(CHIMNEY_SCENE.split("[[contact]]")[0].replace("[0, 0]", "[0, 0, 1]") + POINT_CONTACT)
+    code, result = stand_json(capsys, path)
+    assert (code, result["persistent"], result["without_reserve"], result["GN"]) == (0, True, "tips", 1)
+    main(["stand", str(path)])
+    text = capsys.readouterr().out
+    assert text.startswith("point.toml: IN BALANCE WITHOUT ANY RESERVE: the least push tips it.")
+    assert "STANDS" not in text
+    assert "Under exactly this load; there is no reserve." in text
+
+
+def test_a_base_at_the_slip_force_has_no_reserve(capsys, tmp_path):
+    path = tmp_path / "plane.toml"
+    for force, expected in ((98.1, "slips"), (98.0, None)):
+        path.write_text(PLANAR_SCENE + f"[[load]]\nforce = [{force}, 0]\npoint = [0, 0]\n")
+        code, result = stand_json(capsys, path)
+        assert (code, result["without_reserve"]) == (0, expected)
+
+
+@pytest.mark.parametrize("inertia", [1e-12, 1e12])
+def test_a_motion_beyond_the_resolution_is_said(capsys, scenes, tmp_path, inertia):
+    path = tmp_path / "scene.toml"
+    text = (scenes / "pushed_cart.toml").read_text()
+    path.write_text(re.sub("inertia = .*", f"inertia = {[inertia] * 3}", text))
+    assert main(["stand", str(path)]) == 1
+    text = capsys.readouterr().out
+    assert text.startswith("scene.toml: DOES NOT STAND: it moves, but how is beyond the numerical resolution")
+    assert "none: No admissible contact forces" in text
+
+
+def test_an_unexpected_error_is_exit_code_3_in_one_line(capsys, scene_file, monkeypatch):
+    def broken(scene, **_):
+        raise TypeError("first line\nsecond line")
+
+    monkeypatch.setattr(stand_module, "stand", broken)
+    monkeypatch.delenv("OCPTIP_DEBUG", raising=False)
+    assert main(["stand", str(scene_file)]) == 3
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("ocptip: internal error: TypeError: first line second line; please report it")
+    assert err.count("\n") == 1
+    monkeypatch.setenv("OCPTIP_DEBUG", "1")
+    assert main(["stand", str(scene_file)]) == 3
+    assert "Traceback" in capsys.readouterr().err
 
 
 def test_sliding_is_named(capsys, scene_file):
@@ -278,6 +332,10 @@ def test_gn_reference_moment(capsys, scene_file):
     _, result = stand_json(capsys, scene_file, "--gn-reference", 10)
     reserve = result["tipping_axis"]["moment_reserve"]
     assert result["GN"] == pytest.approx(10 / (10 + reserve))
+    best = "0.09: the best at rest without load"
+    for options in ([], ["--gn-reference", "10"]):  # which holds for the support's own moment
+        main(["stand", str(scene_file), *options])
+        assert (best in capsys.readouterr().out) == (not options)
 
 
 @pytest.mark.parametrize(

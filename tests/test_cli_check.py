@@ -1,10 +1,14 @@
 """`ocptip check`: verdicts, exit codes, numbers of the library, and mistakes in one line."""
 
 import json
+from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from ocptip.cli import main
+from ocptip.cli.check import _offsets
 from ocptip.motion import ArmMotion, RampCommand, experiment_task, load_task, prove
 from ocptip.motion.output import sample_motion, write_motion_csv
 
@@ -84,7 +88,6 @@ def test_a_broken_limit_is_exit_code_1_and_marked(capsys, plan):
     ("option", "name"),
     [
         ("--gt", "GT"),
-        ("--torque", "torque_ratio"),
         ("--torque-ratio", "torque_ratio"),
         ("--clearance", "clearance_m"),
     ],
@@ -155,7 +158,7 @@ def test_a_motion_that_does_not_fit_start_and_goal_is_noted(capsys, plan, tmp_pa
     moved = tmp_path / "moved.json"
     moved.write_text(json.dumps(data))
     main(["check", str(moved)])
-    assert "note: the motion starts 0.5 degrees off the task's start" in capsys.readouterr().out
+    assert "note: the motion starts 0.5 deg off the task's start" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
@@ -167,12 +170,21 @@ def test_a_motion_that_does_not_fit_start_and_goal_is_noted(capsys, plan, tmp_pa
         (["{plan}", "--task", "{dir}/none.toml"], "{dir}/none.toml: no such file"),
         (["{plan}", "--task", "x.toml", "--base", "printed"], "--base: only for --case"),
         (["{anonymous}"], "{anonymous}: names no case; say which robot by --case A..H or --task TASK.toml"),
+        (
+            ["{other}"],
+            "{other}: is for 'UR5 on a cart', which is no printed case (A, B, C, D, E, F, G, H); say which "
+            "robot by --task TASK.toml or --case A..H",
+        ),
         (["{broken}"], "broken.json: broken JSON"),
-        (["{short}", "--case", "A"], "motion: has 1 joints, the arm has 6"),
-        (["{plan}", "--gn", "0"], "--gn: must be > 0"),
+        (["{short}", "--case", "A"], "short.json: motion: has 1 joints, the arm has 6"),
+        (["{plan}", "--gn", "0"], "--gn: must be above 0 and at most 1"),
+        (["{plan}", "--gt", "5"], "--gt: must be above 0 and at most 1"),
         (["{plan}", "--gt", "nan"], "--gt: must be finite"),
         (["{plan}", "--clearance", "-1"], "--clearance: must be >= 0"),
         (["{plan}", "--step", "0"], "--step: must be > 0"),
+        (["{plan}", "--step", "1e-9"], "plan.json: step: the motion lasts"),
+        (["{plan}", "--time-scale", "1e300"], "--time-scale: must be between 1e-06 and 1e+06"),
+        (["{huge}", "--case", "A"], "huge.json: commands[1][1].phi_e: magnitudes above 1e+12 (SI units)"),
         (["{plan}", "--time-scale", "1", "-2"], "--time-scale: must be > 0"),
     ],
 )
@@ -180,7 +192,9 @@ def test_bad_input_is_exit_code_2_in_one_line(capsys, plan, tmp_path, arguments,
     names = {"dir": tmp_path, "plan": plan}
     one_joint = '{"start": [0], "commands": [[{"phi_e": 9, "speed": 9, "acceleration": 9}]]'
     for name, text in (
-        ("anonymous", one_joint + ', "case": "UR5 on a cart"}'),
+        ("anonymous", one_joint + "}"),
+        ("other", one_joint + ', "case": "UR5 on a cart"}'),
+        ("huge", one_joint.replace('"phi_e": 9', '"phi_e": 1e300') + "}"),
         ("short", one_joint + "}"),
         ("broken", "{"),
     ):
@@ -199,3 +213,11 @@ def test_wrong_command_line_is_one_line(capsys, arguments):
         main(["check", *arguments])
     assert caught.value.code == 2
     assert capsys.readouterr().err.startswith("ocptip: ")
+
+
+def test_offsets_of_lengths_are_lengths(task):
+    cart = load_task(Path(__file__).parents[1] / "studies/tasks/delta_cart.toml")
+    off = np.full_like(cart.start, 1e-3)
+    moved = SimpleNamespace(start=cart.start + off, goal=cart.goal)
+    assert _offsets(moved, cart) == {"m": (pytest.approx(1e-3), 0.0)}
+    assert _offsets(task.reference, task)["deg"] == pytest.approx((0.0, 0.0), abs=1e-9)

@@ -5,8 +5,13 @@ from __future__ import annotations
 import json
 
 import compare_nelder_mead as study
+import compare_runs
 import numpy as np
 import pytest
+from compare_methods import METHODS as ALL_METHODS
+from compare_methods import Settings
+from compare_runs import BASE, NO_MOTION, Runs, run_one, slowed
+from compare_summary import markdown, restarted, statistics
 
 from ocptip.motion import ArmMotion, experiment_task, prove
 
@@ -24,11 +29,11 @@ def short(tmp_path_factory):
     """Folder, records, rows of one start of case A; the seconds of ours are set, so that CMA-ES ends soon."""
     out = tmp_path_factory.mktemp("compare")
     assert study.main(command(out, "--methods", *METHODS)) == 0
-    settings = study.Settings(max_seconds=0.4)
-    runs = study.Runs(out / "runs.jsonl", settings)
-    runs.add(study.run_one("A", 0, "ours", settings) | {"wall_s": 0.05, "cpu_s": 0.05})
+    settings = Settings(max_seconds=0.4)
+    runs = Runs(out / "runs.jsonl", settings)
+    runs.add(run_one("A", 0, "ours", settings) | {"wall_s": 0.05, "cpu_s": 0.05})
     assert study.main(command(out, "--methods", "ours", "cma", *METHODS)) == 0
-    runs = study.Runs(out / "runs.jsonl", study.Settings(max_seconds=0.4))
+    runs = Runs(out / "runs.jsonl", Settings(max_seconds=0.4))
     rows = json.loads((out / "compare_nelder_mead.json").read_text())["rows"]
     return out, runs.records, rows
 
@@ -36,7 +41,7 @@ def short(tmp_path_factory):
 def test_every_method_improves_and_says_what_it_did(short):
     pytest.importorskip("cma")
     _, records, _ = short
-    assert {key[2] for key in records} == set(study.METHODS)
+    assert {key[2] for key in records} == set(ALL_METHODS)
     for (_, _, method), r in records.items():
         if method == "ours":
             continue
@@ -52,7 +57,7 @@ def test_every_method_improves_and_says_what_it_did(short):
 def test_energy_and_proof_are_those_of_the_motion_written(short):
     _, records, _ = short
     r = records["A", 0, "nelder-mead"]
-    task = experiment_task("A", study.BASE)
+    task = experiment_task("A", BASE)
     motion = ArmMotion.from_dict(r["motion"])
     proof = prove(task.robot, motion, task.limits)
     assert r["energy_J"] == pytest.approx(proof.energy, rel=1e-9)
@@ -105,7 +110,7 @@ def test_goes_on_after_a_kill_in_the_middle_of_a_line(short, tmp_path, monkeypat
         asked.append(key_and_more[:3])
         return records[key_and_more[:3]]
 
-    monkeypatch.setattr(study, "run_one", stand_in)
+    monkeypatch.setattr(compare_runs, "run_one", stand_in)
     methods = [key[2] for key in records]
     assert study.main(command(tmp_path, "--methods", *methods)) == 0
     assert len(asked) == 1
@@ -120,23 +125,23 @@ def test_other_settings_need_another_folder(short, capsys):
 
 
 def test_slowing_finds_the_least_factor_that_is_verified():
-    task = experiment_task("B", study.BASE)
+    task = experiment_task("B", BASE)
     motion = task.reference.time_scaled(0.9)
-    found = study.slowed(task, motion, prove(task.robot, motion, task.limits))
+    found = slowed(task, motion, prove(task.robot, motion, task.limits))
     factor = found["factor"]
     assert 1.0 < factor < 1.5
     slow, less = (prove(task.robot, motion.time_scaled(f), task.limits) for f in (factor, factor - 0.003))
     assert slow.verified
     assert not less.verified
     assert found["energy_J"] == pytest.approx(slow.energy)
-    assert study.slowed(task, motion.time_scaled(2), slow)["factor"] == 1.0
+    assert slowed(task, motion.time_scaled(2), slow)["factor"] == 1.0
 
 
 def test_medians_count_missing_results_as_infinite():
-    empty = {"case": "A", "method": "ours", "cpu_s": 1.0, "evaluations": 5} | study.NO_MOTION
-    row = study.statistics([empty | {"start": 0}], {})
+    empty = {"case": "A", "method": "ours", "cpu_s": 1.0, "evaluations": 5} | NO_MOTION
+    row = statistics([empty | {"start": 0}], {})
     assert row["energy_J"] == row["least_J"] == np.inf
-    assert "none" in study.markdown([{"case": "A", "method": "ours", **row}])
+    assert "none" in markdown([{"case": "A", "method": "ours", **row}], [])
 
 
 @pytest.mark.parametrize(
@@ -164,6 +169,6 @@ def test_restarts_count_time_per_success():
     runs += [record("A", n, "cma", e, 10.0) for n, e in enumerate((102.0, 103.0, 101.5))]
     runs += [record("A", n, "slsqp", 200.0, 4.0) for n in range(3)]
     records = {(r["case"], r["start"], r["method"]): r for r in runs}
-    assert study.restarted(records, "A", "cma") == (pytest.approx(30 / 2 / 2), 2)
-    assert study.restarted(records, "A", "slsqp") == (pytest.approx(12 / 2), 0)
-    assert study.restarted(records, "A", "ours") is None
+    assert restarted(records, "A", "cma") == (pytest.approx(30 / 2 / 2), 2)
+    assert restarted(records, "A", "slsqp") == (pytest.approx(12 / 2), 0)
+    assert restarted(records, "A", "ours") is None

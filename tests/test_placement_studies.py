@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import shutil
+from pathlib import Path
 
 import numpy as np
 import placement_brute_force
@@ -149,7 +151,19 @@ def test_brute_force_bookkeeping(tmp_path, monkeypatch, capsys):
     found = [{"seed": 0, "total": 0.1, "seconds": 1.0, "cpu_seconds": 0.5}]
     monkeypatch.setattr(placement_brute_force, "start_sets", lambda _: found)
     assert placement_brute_force.main([*options, "--again"]) == 0
-    assert "at most 0.5 % worse than the grid; worst +0.00 %" in capsys.readouterr().out
+    again = capsys.readouterr().out
+    assert "at most 0.5 % worse than the grid; worst +0.00 %" in again
+
+    # another seed leaves these rows alone, and other sources are named
+    monkeypatch.setattr(placement_brute_force, "compared", row)
+    assert placement_brute_force.main([*options, "--seed", "1"]) == 0
+    monkeypatch.setattr(placement_brute_force, "compared", None)
+    capsys.readouterr()
+    assert placement_brute_force.main(options) == 0
+    assert capsys.readouterr().out == again
+    monkeypatch.setattr(placement_brute_force, "source_state", lambda *_: "new")
+    assert placement_brute_force.main([*options, "--again"]) == 0
+    assert "another state of the source code" in capsys.readouterr().out  # of the grids
 
 
 def test_a_solution_that_only_the_grid_finds_counts_as_a_failure():
@@ -195,3 +209,29 @@ def test_pareto_study_keeps_what_is_done(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(placement_pareto, "solved", None)
     assert placement_pareto.main(options) == 0
     assert capsys.readouterr().out == first
+
+    # the same name with other content is another task; its rows come beside the old ones
+    changed = tmp_path / placement_pareto.TASK.name
+    changed.write_text(placement_pareto.TASK.read_text() + "# changed\n")
+    points = points[:2]
+    monkeypatch.setattr(placement_pareto, "solved", solved)
+    assert placement_pareto.main([*options, "--task", str(changed)]) == 0
+    assert "3 weights, 6 placements" in capsys.readouterr().out
+    monkeypatch.setattr(placement_pareto, "solved", None)
+    assert placement_pareto.main(options) == 0
+    assert capsys.readouterr().out == first
+    rows = json.loads((tmp_path / "placement_pareto.json").read_text())["rows"]
+    assert len(rows) == 6
+    assert len({row["task_digest"] for row in rows}) == 2
+    assert len({row["state"] for row in rows}) == 1
+
+
+def test_committed_rows_are_still_read(tmp_path, monkeypatch, capsys):
+    results = Path(placement_pareto.__file__).parent / "results"
+    for study, computed in ((placement_pareto, "solved"), (placement_brute_force, "compared")):
+        name = study.__name__
+        shutil.copy(results / f"{name}.json", tmp_path)
+        monkeypatch.setattr(study, computed, None)
+        assert study.main(["--out", str(tmp_path)]) == 0
+        assert (tmp_path / f"{name}.json").read_bytes() == (results / f"{name}.json").read_bytes()
+        assert capsys.readouterr().out.startswith((results / f"{name}.md").read_text())

@@ -8,6 +8,8 @@ import shutil
 from concurrent.futures import ThreadPoolExecutor
 
 import plan_cases
+import plan_cases_journal
+import plan_cases_times
 import pytest
 import ramp_gap
 
@@ -26,9 +28,9 @@ def study(tmp_path_factory):
     """Folder of a run of one start."""
     out = tmp_path_factory.mktemp("plan_cases")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(plan_cases, "ProcessPoolExecutor", lambda *_, **__: ThreadPoolExecutor(1))
-        patch.setattr(plan_cases, "CALLS", 2)
-        patch.setattr(plan_cases, "BUILDINGS", 1)
+        patch.setattr(plan_cases_times, "ProcessPoolExecutor", lambda *_, **__: ThreadPoolExecutor(1))
+        patch.setattr(plan_cases_times, "CALLS", 2)
+        patch.setattr(plan_cases_times, "BUILDINGS", 1)
         assert plan_cases.main([*CALL, str(out), "--starts", "1"]) == 0
     return out
 
@@ -91,8 +93,8 @@ def test_one_start(study, capsys):
 
 
 def test_nothing_is_run_twice(copy, monkeypatch, capsys):
-    monkeypatch.setattr(plan_cases, "_run", None)
-    monkeypatch.setattr(plan_cases, "ProcessPoolExecutor", None)
+    monkeypatch.setattr(plan_cases_journal, "run_start", None)
+    monkeypatch.setattr(plan_cases_times, "ProcessPoolExecutor", None)
     before = {name: (copy / name).read_bytes() for name in ("plan_cases.jsonl", "plan_cases.json")}
     assert plan_cases.main([*CALL, str(copy), "--starts", "1"]) == 0
     assert {name: (copy / name).read_bytes() for name in before} == before
@@ -113,7 +115,7 @@ def test_goes_on_after_a_line_that_was_being_written(copy, monkeypatch):
     assert journal.read_bytes() == broken
     assert "1 of 50 starts have ended" in (copy / "plan_cases.md").read_text()
 
-    monkeypatch.setattr(plan_cases, "_run", StandIn(json.loads(whole)["energy_J"]))
+    monkeypatch.setattr(plan_cases_journal, "run_start", StandIn(json.loads(whole)["energy_J"]))
     assert plan_cases.main([*CALL, str(copy), "--starts", "4", "--no-times"]) == 0
     lines = [json.loads(line) for line in journal.read_text().splitlines()]
     assert [line["number"] for line in lines] == [0, 1, 2, 3]
@@ -138,13 +140,25 @@ def test_broken_line_is_named(copy, capsys):
     assert "line 1 is broken" in capsys.readouterr().err
 
 
+def test_two_writers_keep_each_others_starts(copy):
+    path = copy / "plan_cases.jsonl"
+    one, other = (plan_cases_journal.Journal(path, 0) for _ in range(2))
+    (line,) = one.lines.values()
+    one.add({**line, "number": 1})
+    other.add({**line, "number": 2})
+    with path.open("ab") as stream:
+        stream.write(b'{"set": "printed", "case"')  # a third one was killed
+    one.add({**line, "number": 3})
+    assert [key[2] for key in plan_cases_journal.Journal(path, 0).lines] == [0, 1, 2, 3]
+
+
 def test_interrupt_keeps_what_is_done(copy, monkeypatch, capsys):
     def run(payload, number, seed):
         if number == 2:
             raise KeyboardInterrupt
         raise SolverError("came to grief")
 
-    monkeypatch.setattr(plan_cases, "_run", run)
+    monkeypatch.setattr(plan_cases_journal, "run_start", run)
     assert plan_cases.main([*CALL, str(copy), "--starts", "4"]) == 130
     assert "start again" in capsys.readouterr().err
     (row,) = results(copy)["rows"]
@@ -152,14 +166,14 @@ def test_interrupt_keeps_what_is_done(copy, monkeypatch, capsys):
     assert "came to grief" in row["failures"]["1"]
 
     # what ended in an error is tried again
-    monkeypatch.setattr(plan_cases, "_run", StandIn(row["plan"]["energy_J"]))
+    monkeypatch.setattr(plan_cases_journal, "run_start", StandIn(row["plan"]["energy_J"]))
     assert plan_cases.main([*CALL, str(copy), "--starts", "4", "--no-times"]) == 0
     (row,) = results(copy)["rows"]
     assert (row["starts"], row["verified"]) == (4, 3)
 
 
 def test_tables_without_any_plan(copy, monkeypatch):
-    monkeypatch.setattr(plan_cases, "_run", without_motion)
+    monkeypatch.setattr(plan_cases_journal, "run_start", without_motion)
     (copy / "plan_cases.jsonl").unlink()
     assert plan_cases.main([*CALL, str(copy), "--starts", "2", "--no-times"]) == 0
     (row,) = results(copy)["rows"]
@@ -170,13 +184,13 @@ def test_tables_without_any_plan(copy, monkeypatch):
 
 
 def test_limits_of_the_sets():
-    reference = plan_cases.reference_proof("reference", "B").worst
-    limits = plan_cases.task_of("reference", "B").limits
+    reference = plan_cases_journal.reference_proof("reference", "B").worst
+    limits = plan_cases_journal.task_of("reference", "B").limits
     assert reference["GN"].value == limits.GN
     assert reference["GT"].value == limits.GT
     for name in ("printed", "effective"):
-        assert plan_cases.task_of(name, "B").limits.GN == 0.9
-    masses = [plan_cases.task_of(name, "B").robot.mass for name in plan_cases.SETS]
+        assert plan_cases_journal.task_of(name, "B").limits.GN == 0.9
+    masses = [plan_cases_journal.task_of(name, "B").robot.mass for name in plan_cases_journal.SETS]
     assert masses[0] == masses[2] != masses[1]
 
 

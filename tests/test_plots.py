@@ -10,8 +10,10 @@ from matplotlib.colors import to_hex
 from PIL import Image
 
 from ocptip import InputError, Slip, TipOver, plot_scene, read_scene, solve_many
-from ocptip.plots import LOAD, NEAREST, draw_scene
-from ocptip.scene import scene_from_dict
+from ocptip.contact import Load
+from ocptip.plots import draw_scene
+from ocptip.scene import Scene, scene_from_dict
+from ocptip.scene_panels import LOAD, NEAREST
 
 EXAMPLES = ["tripod_with_arm", "rover_on_slope", "clamped_tripod", "pushed_cart"]
 
@@ -222,3 +224,27 @@ def test_png_is_a_picture(scenes, tmp_path):
     assert (tmp_path / "stand.png").stat().st_mode & 0o044  # readable by others like any new file
     with pytest.raises(InputError, match=r"\.png, \.pdf or \.svg"):
         plot_scene(scene, states, tip, slip, tmp_path / "stand.gif")
+
+
+@pytest.mark.parametrize("name", ["tripod_with_arm", "pushed_cart", None])
+def test_what_a_load_leaves_out_is_zero(scenes, name):
+    """Loads without moment, point or force are drawn like those with zeros."""
+    scene = scene_from_dict(PLANAR) if name is None else read_scene(scenes / f"{name}.toml")
+    size = 2 if scene.planar else 3
+    force, point, zero = [4.0, -7.0, 3.0][:size], [0.1, 0.2, 0.3][:size], [0.0] * size
+    short = [
+        Load(force, point=point),
+        Load(force),
+        Load(moment=8.0 if scene.planar else [0.0, 0.0, 8.0]),
+        Load(force=zero),
+    ]
+    no_moment = 0.0 if scene.planar else zero
+    full = [Load(force, no_moment, point), Load(force, no_moment, zero)]
+    full += [Load(zero, short[2].moment, zero), Load(zero, no_moment, zero)]
+    seen = []
+    for loads in (short, full):
+        one = Scene(scene.name, scene.support, tuple(loads), scene.support.wrench(loads))
+        figure = draw_scene(one, *evaluate(one))
+        seen.append(sorted((t.get_text(), *np.round(t.get_position(), 9)) for t in figure.texts))
+    assert seen[0] == seen[1]
+    assert any(text.startswith("load 3: 8 N m") for text, *_ in seen[0])

@@ -7,8 +7,11 @@ import json
 import numpy as np
 import pytest
 import ramp_gap
-from ramp_gap import FreeForm, FreeMotion
+from free_form import NODES, FreeForm, tipping_moments
+from free_motion import FreeMotion, minimum_jerk, via_motion
+from ramp_gap_search import Search, dense_check
 
+from ocptip.contact import solve_many
 from ocptip.motion import experiment_robot, motion_case
 
 
@@ -23,8 +26,8 @@ def task():
 def found(task):
     """The best motion of six intervals from minimum jerk, slip included, and its problem."""
     case, robot = task
-    search = ramp_gap.Search(robot, case.start, case.goal, active=frozenset({"slip"}))
-    return search.from_guess(ramp_gap.minimum_jerk(case.start, case.goal, 2.0, 6))
+    search = Search(robot, case.start, case.goal, active=frozenset({"slip"}))
+    return search.from_guess(minimum_jerk(case.start, case.goal, 2.0, 6))
 
 
 def test_positions_integrate_from_accelerations_rest_to_rest(task, found):
@@ -56,32 +59,32 @@ def test_energy_is_that_of_the_library_and_below_the_reference(task, found):
 
 def test_limits_hold_at_nodes_and_in_between(task, found):
     _, robot = task
-    nodes = [x.reshape(-1, 6) for x in found.motion.inside(ramp_gap.NODES)]
+    nodes = [x.reshape(-1, 6) for x in found.motion.inside(NODES)]
     _, wrenches = robot.loads(*nodes)
-    states = ramp_gap.solve_many(robot.support, wrenches)
+    states = solve_many(robot.support, wrenches)
     assert robot.tip_over.evaluate(states).GN.max() < 0.9 + 1e-6
     assert robot.slip.evaluate(states, derivatives=False).GT.max() < 0.9 + 1e-6
     assert found.worst.kept
-    assert found.worst == ramp_gap.dense_check(robot, found.motion)
+    assert found.worst == dense_check(robot, found.motion)
     assert max(found.worst.GN, found.worst.GT, found.worst.speed) > 0.85
     np.testing.assert_array_equal(found.motion.signs, found.signs)
 
 
 def test_tipping_moments_are_linear(task):
     _, robot = task
-    A, b = ramp_gap.tipping_moments(robot)
+    A, b = tipping_moments(robot)
     wrench = robot.support.weight * robot.mass / robot.support.mass + [3.0, -2, 5, 1, 2, -1]
-    states = ramp_gap.solve_many(robot.support, wrench[None])
+    states = solve_many(robot.support, wrench[None])
     np.testing.assert_allclose(robot.tip_over.evaluate(states).moments[0], A @ wrench + b, atol=1e-9)
 
 
 def test_clamped_base_is_refused():
     with pytest.raises(ValueError, match="unilateral"):
-        ramp_gap.tipping_moments(experiment_robot(motion_case("C"), "printed"))
+        tipping_moments(experiment_robot(motion_case("C"), "printed"))
 
 
 def test_refined_motion_is_the_same():
-    motion = ramp_gap.via_motion(np.zeros(6), np.ones(6), 0.5 * np.arange(-3, 3), 1.7, 4)
+    motion = via_motion(np.zeros(6), np.ones(6), 0.5 * np.arange(-3, 3), 1.7, 4)
     times = np.linspace(0, 1.7, 50)[:-1]
     for before, after in zip(motion.states(times), motion.refined().states(times), strict=True):
         np.testing.assert_allclose(after, before, atol=1e-12)
@@ -98,7 +101,7 @@ def test_turning_points():
 def test_passive_wrists_follow_their_ramp(task):
     case, robot = task
     problem = FreeForm(robot, case.start, case.goal, 4, passive=(3, 4, 5), iterations=60)
-    motion, report = problem.solve(ramp_gap.minimum_jerk(case.start, case.goal, 2.0, 4), eps=0.2)
+    motion, report = problem.solve(minimum_jerk(case.start, case.goal, 2.0, 4), eps=0.2)
     assert report["success"]
     ramp = case.reference_motion(robot.arm.limits.speed, robot.arm.limits.acceleration)
     ramp = ramp.time_scaled(motion.duration / ramp.end)
@@ -154,6 +157,16 @@ def test_study_writes_everything_and_goes_on(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(ramp_gap, "run_pair", None)
     assert ramp_gap.main(call) == 0
     assert json.loads((tmp_path / "out" / "ramp_gap.json").read_text()) == data
+    pairs = tmp_path / "out" / "ramp_gap_pairs"
+    texts = {path: path.read_text() for path in pairs.iterdir()}
+    kept = {path.name.split("-")[1]: json.loads(text) for path, text in texts.items()}
+    monkeypatch.setattr(ramp_gap, "run_pair", lambda _, base, *__: {**kept[base], "ramp_plan_J": 1.0})
+    assert ramp_gap.main([*call, "--seed", "1"]) == 0  # other options do not take the place of these
+    assert {path: path.read_text() for path in texts} == texts
+    monkeypatch.setattr(ramp_gap, "run_pair", None)
+    monkeypatch.setattr(ramp_gap, "source_state", lambda *_: "new")
+    assert ramp_gap.main(call) == 0
+    assert "another state of the source code" in (tmp_path / "out" / "ramp_gap.md").read_text()
 
     plan.write_text(json.dumps({**reference.to_dict(), "energy_J": 100.0}))
     assert ramp_gap.main(call) == 1

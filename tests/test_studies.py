@@ -5,8 +5,11 @@ from __future__ import annotations
 import json
 import sys
 
+import contact_problems
 import contact_robustness
+import contact_solvers
 import contact_timing
+import contact_yardstick
 import numpy as np
 import peers
 import pytest
@@ -14,7 +17,7 @@ import random_problems
 import reserve_timing
 from random_supports import random_support, random_wrenches
 
-from ocptip.contact import solve_many
+from ocptip.contact import UnilateralContact, solve_many
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +70,7 @@ def test_robustness_study_can_be_interrupted(tmp_path, monkeypatch, capsys):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(contact_robustness, "run_peer", stop)
-    monkeypatch.setattr(contact_robustness.EXTERNAL[0], "available", lambda: True, raising=False)
+    monkeypatch.setattr(contact_solvers.EXTERNAL[0], "available", lambda: True, raising=False)
     assert contact_robustness.main(["--out", str(tmp_path), "--loads", "2", "--feet", "3"]) == 130
     assert "start again" in capsys.readouterr().err
     assert len(list(tmp_path.glob("contact_robustness_cases/*.json"))) == 1
@@ -85,7 +88,7 @@ def test_robustness_study_refuses_bad_options(options, tmp_path, capsys):
 def test_loads_are_those_of_the_published_generator():
     """Written out as in the findings that the study repeats: the draws of numpy's generator, one by one."""
     rng = np.random.default_rng(0)
-    for wrench in contact_robustness.random_loads(5, 0):
+    for wrench in contact_problems.random_loads(5, 0):
         level = rng.uniform(0, 1)
         expected = np.r_[
             rng.normal(size=2) * 250 * level,
@@ -96,16 +99,16 @@ def test_loads_are_those_of_the_published_generator():
 
 
 def test_pyramid_yardstick_accepts_solutions_and_sees_errors():
-    support = contact_robustness.platform_on(4, 8)
-    wrenches = contact_robustness.random_loads(50, 1)
+    support = contact_problems.platform_on(4, 8)
+    wrenches = contact_problems.random_loads(50, 1)
     forces = solve_many(support, wrenches).contact_forces
-    assert np.all(contact_robustness.violation(support, wrenches, forces, True) >= 0)
-    assert np.max(contact_robustness.violation(support, wrenches, forces, False)) < 1e-12
+    assert np.all(contact_yardstick.violation(support, wrenches, forces, True) >= 0)
+    assert np.max(contact_yardstick.violation(support, wrenches, forces, False)) < 1e-12
     # forces that are missing, scaled up, or adhesive
     for wrong in (0 * forces, 1.001 * forces, forces - [1.0, 0.0, 0.0]):
-        off = contact_robustness.violation(support, wrenches, wrong, False)
-        assert np.min(off) > contact_robustness.WRONG
-    assert np.all(~(contact_robustness.violation(support, wrenches, np.nan * forces, False) <= 1e-6))
+        off = contact_yardstick.violation(support, wrenches, wrong, False)
+        assert np.min(off) > contact_yardstick.WRONG
+    assert np.all(~(contact_yardstick.violation(support, wrenches, np.nan * forces, False) <= 1e-6))
 
 
 @pytest.mark.parametrize(
@@ -125,8 +128,8 @@ def test_pyramid_yardstick_accepts_solutions_and_sees_errors():
 )
 def test_cone_yardstick(force, motion, expected):
     """Worked by hand: mass 10 kg, friction 0.5, violations as shares of 100 N."""
-    contact = contact_robustness.UnilateralContact(position=[0, 0, 0], friction=0.5)
-    off = contact_robustness.cone_violation(
+    contact = UnilateralContact(position=[0, 0, 0], friction=0.5)
+    off = contact_yardstick.cone_violation(
         contact, np.array([force], dtype=float), np.array([motion], dtype=float), np.array([100.0]), 10.0
     )
     assert off[0] == pytest.approx(expected, abs=1e-12)
@@ -134,8 +137,8 @@ def test_cone_yardstick(force, motion, expected):
 
 @pytest.mark.parametrize("peer", peers.available_peers(), ids=lambda peer: peer.name)
 def test_peers_hold_the_weight(peer):
-    support = contact_robustness.platform_on(3, 8)
-    answer = peer.solve(*contact_robustness.arguments(support), support.weight)
+    support = contact_problems.platform_on(3, 8)
+    answer = peer.solve(*contact_solvers.arguments(support), support.weight)
     if answer.converged and not peer.name.endswith("raw"):
         np.testing.assert_allclose(answer.acceleration, 0.0, atol=1e-6)
         assert answer.forces[:, 0].sum() == pytest.approx(588.6, rel=1e-6)
@@ -184,7 +187,10 @@ def test_random_problems_goes_on_where_it_stopped(tmp_path, monkeypatch, capsys)
     monkeypatch.setattr(random_problems, "run_chunk", None)
     monkeypatch.setattr(sys, "argv", ["random_problems.py", "--out", str(tmp_path), "--problems", "20"])
     random_problems.main()
-    assert json.loads((tmp_path / "random_problems.json").read_text())["problems"] == 20
+    total = json.loads((tmp_path / "random_problems.json").read_text())
+    assert total["problems"] == 20
+    assert total["chunks_of_an_unknown_state_of_the_source"] == 1
+    assert total["chunks_of_another_state_of_the_source"] == 0
     assert "wrong_answers: 0" in capsys.readouterr().out
 
 

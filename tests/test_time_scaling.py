@@ -8,6 +8,8 @@ import math
 import numpy as np
 import pytest
 import time_scaling
+import time_scaling_losses as losses
+import time_scaling_trends
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -25,8 +27,8 @@ def printed(case, base):
 
 def bracket(robot, motion, taus=(0.9, 1.0)):
     """Results by tau, and the two tau around the first loss."""
-    values = {tau: time_scaling.scaled(robot, motion, tau) for tau in taus}
-    return values, time_scaling.critical(values, lambda tau: time_scaling.scaled(robot, motion, tau))
+    values = {tau: losses.scaled(robot, motion, tau) for tau in taus}
+    return values, losses.critical(values, lambda tau: losses.scaled(robot, motion, tau))
 
 
 def tipping(robot, motion, times):
@@ -44,15 +46,15 @@ def tipping(robot, motion, times):
 def test_lift_off_begins_where_the_moments_say(case):
     """Moments are affine in 1/tau^2: tau* = largest sqrt(-moving/rest), without any contact solver."""
     robot, motion = printed(case, "effective")
-    rest, moving = tipping(robot, motion, time_scaling.cells(motion)[0])
+    rest, moving = tipping(robot, motion, losses.cells(motion)[0])
     assert rest.min() > 0
     exact = math.sqrt(np.max(-moving / rest))
     values, (low, high) = bracket(robot, motion)
-    assert 0 < high - low <= time_scaling.TOLERANCE
+    assert 0 < high - low <= losses.TOLERANCE
     assert low - 1e-5 <= exact <= high + 1e-5
     assert values[high].stands
     assert values[high].GN < 1 <= values[low].GN
-    loss = time_scaling.first_loss(robot, motion, values[low])
+    loss = losses.first_loss(robot, motion, values[low])
     axis = int(np.argmin(np.min(rest + moving / low**2, axis=0)))
     assert loss["kind"] == "lift-off"
     assert loss["contacts"] == (np.flatnonzero(robot.tip_over.axes[axis].lift) + 1).tolist()
@@ -62,7 +64,7 @@ def test_slip_begins_where_no_forces_hold_the_base():
     """Judged by convex programs on the friction pyramids; the printed motion of A slips before it tips."""
     robot, motion = printed("A", "printed")
     values, (low, high) = bracket(robot, motion, (0.6, 0.7))
-    loss = time_scaling.first_loss(robot, motion, values[low])
+    loss = losses.first_loss(robot, motion, values[low])
     assert loss["kind"] == "slip"
     q, qd, qdd = (x[0] for x in motion.states([loss["time_s"] / low]))
     stands = {}
@@ -74,38 +76,38 @@ def test_slip_begins_where_no_forces_hold_the_base():
 
 def test_scaled_motion_is_the_proved_one():
     robot, motion = printed("B", "effective")
-    one, worst = time_scaling.scaled(robot, motion, 1.0), prove(robot, motion).worst
+    one, worst = losses.scaled(robot, motion, 1.0), prove(robot, motion).worst
     assert (one.GN, one.GT, one.torque_ratio) == tuple(
         pytest.approx(worst[name].value, rel=1e-9) for name in ("GN", "GT", "torque_ratio")
     )
     assert one.stands
     assert one.lost_s == one.longest_s == max(one.lifted_s) == max(one.slid_s) == one.unsolved == 0
-    fast = time_scaling.scaled(robot, motion, 0.8)
+    fast = losses.scaled(robot, motion, 0.8)
     assert fast.speed_ratio == pytest.approx(one.speed_ratio / 0.8)
     assert fast.acceleration_ratio == pytest.approx(one.acceleration_ratio / 0.64)
 
 
 def test_lost_time_is_that_of_negative_moments():
     robot, motion = printed("B", "effective")
-    fast = time_scaling.scaled(robot, motion, 0.9)
+    fast = losses.scaled(robot, motion, 0.9)
     times = np.linspace(0, motion.end, 20_001)
     times = (times[1:] + times[:-1]) / 2
     rest, moving = tipping(robot, motion, times)
     falls = np.min(rest + moving / 0.81, axis=1) < 0
     widths = np.full(len(times), 0.9 * motion.end / len(times))
-    assert fast.lost_s == pytest.approx(widths @ falls, abs=4 * time_scaling.CELL)
-    longest = time_scaling.longest_run(falls, widths)
+    assert fast.lost_s == pytest.approx(widths @ falls, abs=4 * losses.CELL)
+    longest = losses.longest_run(falls, widths)
     assert longest > 0.03
-    assert fast.longest_s == pytest.approx(longest, abs=2 * time_scaling.CELL)
+    assert fast.longest_s == pytest.approx(longest, abs=2 * losses.CELL)
     assert max(fast.lifted_s) == pytest.approx(fast.longest_s) == pytest.approx(fast.lost_s)
     assert not fast.stands
 
 
 def test_cells_fill_the_motion():
     motion = printed("G", "printed")[1]
-    times, widths = time_scaling.cells(motion)
+    times, widths = losses.cells(motion)
     assert widths.sum() == pytest.approx(motion.end)
-    assert widths.max() <= time_scaling.CELL
+    assert widths.max() <= losses.CELL
     assert np.all(np.diff(times) > 0)
     for event in motion.event_times[1:-1]:
         near = np.sort(np.abs(times - event))[:2]
@@ -120,7 +122,7 @@ def test_longest_run(entries):
         run = run + width if marked else 0.0
         best = max(best, run)
     marked, widths = np.array([e[0] for e in entries], bool), np.array([e[1] for e in entries], float)
-    assert time_scaling.longest_run(marked, widths) == pytest.approx(best, abs=1e-12)
+    assert losses.longest_run(marked, widths) == pytest.approx(best, abs=1e-12)
 
 
 class Fake:
@@ -136,8 +138,8 @@ def test_critical_scaling_is_found_beyond_the_grid(star):
         return Fake(tau > star)
 
     values = {tau: at(tau) for tau in (0.9, 1.0, 1.1)}
-    low, high = time_scaling.critical(values, at)
-    assert low <= star < high <= low + time_scaling.TOLERANCE
+    low, high = losses.critical(values, at)
+    assert low <= star < high <= low + losses.TOLERANCE
     assert {low, high} <= set(values)
 
 
@@ -148,25 +150,25 @@ def test_first_of_several_critical_scalings():
         return Fake(tau > 1.04 or 0.93 < tau < 0.97)
 
     values = {tau: at(tau) for tau in np.linspace(0.9, 1.1, 21).tolist()}
-    low, high = time_scaling.critical(values, at)
+    low, high = losses.critical(values, at)
     assert low <= 1.04 < high
 
 
 @pytest.mark.parametrize("stands", [True, False])
 def test_no_critical_scaling(stands):
-    assert time_scaling.critical({1.0: Fake(stands)}, lambda _: Fake(stands)) is None
+    assert losses.critical({1.0: Fake(stands)}, lambda _: Fake(stands)) is None
 
 
 def test_rest_on_the_path():
     robot, motion = printed("B", "effective")
-    assert time_scaling.rests_anywhere(robot, motion)
+    assert losses.rests_anywhere(robot, motion)
     tall = experiment_robot(motion_case("H"), "effective")
     stretched = ArmMotion.from_commands(
         np.zeros(6), [[RampCommand(x, 1.0, 1.0)] for x in (0.1, np.pi / 2, 0.0, 0.0, 0.0, 0.0)]
     )
-    rest, _ = tipping(tall, stretched, time_scaling.cells(stretched)[0])
+    rest, _ = tipping(tall, stretched, losses.cells(stretched)[0])
     assert rest.min() < 0
-    assert not time_scaling.rests_anywhere(tall, stretched)
+    assert not losses.rests_anywhere(tall, stretched)
 
 
 # --- heights ------------------------------------------------------------------------------------------------
@@ -180,7 +182,7 @@ def test_heights_are_potential_energy(case):
     q = rng.uniform(-2, 2, 6)
     rest = evaluate_dynamics(arm, q[None], np.zeros((1, 6)), np.zeros((1, 6)), gravity=[0, 0, -9.81])
     h = 1e-6
-    up, down = (time_scaling.arm_heights(arm, q + s * h * np.eye(6), 2)[0] for s in (1, -1))
+    up, down = (time_scaling_trends.arm_heights(arm, q + s * h * np.eye(6), 2)[0] for s in (1, -1))
     slope = np.sum(arm.masses) * 9.81 * (up - down) / (2 * h)
     np.testing.assert_allclose(slope, rest.torque[0], atol=1e-7)
 
@@ -191,7 +193,7 @@ def test_straight_motion_is_neither_raised_nor_lowered():
     commands = [[RampCommand(g, abs(w), 2 * abs(w))] for g, w in zip(case.goal, way, strict=True)]
     motion = ArmMotion.from_commands(case.start, commands)
     arm = experiment_robot(case, "printed").arm
-    found = time_scaling.heights(arm, motion, 2)
+    found = time_scaling_trends.heights(arm, motion, 2)
     assert max(abs(found[key]) for key in found if key.endswith("_m")) < 1e-12
 
 
@@ -207,7 +209,7 @@ def test_bent_motion_is_raised_by_what_its_joint_does():
     length = np.hypot(*arm.offsets[1][:2])
     tilt = np.arctan2(*arm.offsets[1][:2])
     expected = length * (np.cos(lowest - tilt) - np.cos(case.start[1] - tilt))
-    found = time_scaling.heights(arm, motion, 2)
+    found = time_scaling_trends.heights(arm, motion, 2)
     assert expected > 0.02
     assert found["link_raised_m"] == pytest.approx(expected, rel=1e-3)
     assert found["raised_m"] > 0
@@ -288,11 +290,11 @@ def test_printed_motions_show_the_trends_of_the_source():
     rows = []
     for case in map(motion_case, "ABCDEFGH"):
         robot, motion = printed(case.name, "printed")
-        heights = time_scaling.heights(robot.arm, motion, 3 if case.arm == "W1P1P2W2" else 2)
+        heights = time_scaling_trends.heights(robot.arm, motion, 3 if case.arm == "W1P1P2W2" else 2)
         rows.append(
             {"case": case.name, "base": "printed", "motion": "printed", "duration_s": motion.end, **heights}
         )
-    found = {t["trend"]: t for t in time_scaling.trends(rows)}
+    found = {t["trend"]: t for t in time_scaling_trends.trends(rows)}
     for key in ("large", "clamp", "arm", "raised", "lowered"):
         assert found[key]["not_found"] == []
     assert found["raised"]["found"] == list("BCEFH")
@@ -304,7 +306,7 @@ def test_trends_that_do_not_hold_are_told():
     flat = {"raised_m": 0.004, "lowered_m": 0.012, "base": "effective", "motion": "ours"}
     durations = {"A": 2.0, "B": 2.005, "D": 3.0, "E": 2.0, "G": 1.0, "H": 1.5}
     rows = [{"case": case, "duration_s": s, **flat} for case, s in durations.items()]
-    found = {t["trend"]: t for t in time_scaling.trends(rows)}
+    found = {t["trend"]: t for t in time_scaling_trends.trends(rows)}
     assert found["large"]["found"] == ["G<H"]
     assert found["large"]["not_found"] == ["A<B", "D<E"]
     assert found["clamp"]["found"] == found["clamp"]["not_found"] == []

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+LARGEST = 1e12
+"""Largest magnitude of input, SI units: beyond it rounding and overflow would decide, not mechanics."""
+
 
 class OcptipError(Exception):
     """Root of all errors raised on purpose by ocptip."""
@@ -46,11 +49,45 @@ def finite_array(name: str, value: object, shape: tuple[int | None, ...]) -> np.
     return array
 
 
+def bounded_array(
+    name: str, value: object, shape: tuple[int | None, ...], *, largest: float = LARGEST
+) -> np.ndarray:
+    """As `finite_array`, but magnitudes above `largest` raise InputError, too."""
+    array = finite_array(name, value, shape)
+    refuse_huge(name, array, largest)
+    return array
+
+
+def refuse_huge(name: str, value: float | np.ndarray, largest: float = LARGEST) -> None:
+    """Raise InputError naming the largest number if its magnitude is above `largest`."""
+    values = np.ravel(value)
+    if values.size and np.max(np.abs(values)) > largest:
+        worst = values[np.argmax(np.abs(values))]
+        raise InputError(f"{name}: magnitudes above {largest:g} (SI units) are refused, got {worst:g}")
+
+
+def rotation_matrix(name: str, value: object, *, tolerance: float = 1e-9) -> np.ndarray:
+    """Return `value` as a rotation matrix (3, 3), orthonormal up to the tolerance, or raise InputError."""
+    matrix = finite_array(name, value, (3, 3))
+    error, determinant = float(np.abs(matrix @ matrix.T - np.eye(3)).max()), np.linalg.det(matrix)
+    if error > tolerance or determinant < 0:
+        raise InputError(f"{name}: not a rotation matrix (orthonormal to {error:.1e}, det {determinant:.3g})")
+    return matrix
+
+
 def positive_number(name: str, value: object, *, zero_allowed: bool = False) -> float:
     """Return `value` as a positive finite float, or raise InputError naming it."""
     number = number_from(name, value)
     if number < 0 or (number == 0 and not zero_allowed):
         raise InputError(f"{name}: must be {'>= 0' if zero_allowed else '> 0'}, got {value!r}")
+    return number
+
+
+def share_of_one(name: str, value: object) -> float:
+    """Return `value` as a float above 0 and at most 1, or raise InputError naming it."""
+    number = number_from(name, value)
+    if not 0 < number <= 1:
+        raise InputError(f"{name}: must be above 0 and at most 1, got {value!r}")
     return number
 
 

@@ -18,7 +18,8 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from ocptip.motion.output import atomic_file, sample_motion
+from ocptip.files import atomic_file
+from ocptip.motion.output import sample_motion
 from ocptip.motion.standing import MotionSamples
 
 if TYPE_CHECKING:
@@ -60,14 +61,14 @@ def draw_plan(
     for name, draw in _FIGURES.items():
         paths.append(directory / f"{name}.png")
         with atomic_file(paths[-1]) as stream:
-            draw(curves).savefig(stream, format="png", dpi=DPI)
+            _drawn(draw, curves).savefig(stream, format="png", dpi=DPI)
     return paths
 
 
 def plan_figures(plan: MotionPlan, samples: MotionSamples | None = None) -> dict[str, Figure]:
     """The same as matplotlib figures, by the names of the files without ending."""
     curves = _Curves(plan, samples or sample_motion(plan.task.robot, plan.motion))
-    return {name: draw(curves) for name, draw in _FIGURES.items()}
+    return {name: _drawn(draw, curves) for name, draw in _FIGURES.items()}
 
 
 @dataclass(frozen=True)
@@ -82,12 +83,6 @@ class _Curves:
         """Samples of the reference motion."""
         motion = self.plan.task.reference
         return None if motion is None else sample_motion(self.plan.task.robot, motion)
-
-    @property
-    def end(self) -> float:
-        """Right end of the time axis, s: plan and reference are both seen in full."""
-        reference = self.plan.task.reference
-        return max(self.plan.motion.end, 0.0 if reference is None else reference.end) or 1.0
 
     @property
     def times(self) -> np.ndarray:
@@ -359,10 +354,23 @@ def _normal_forces(ax: Any, curves: _Curves) -> None:
     _finish(ax, curves, _all("Normal forces of contacts", curves.normal_forces), "force on the base [N]")
 
 
+def _drawn(draw: Callable[[_Curves], Figure], curves: _Curves) -> Figure:
+    """A figure whose time axes end with the motion, or with the reference where that is drawn and longer."""
+    figure = draw(curves)
+    lines = [line.get_gid() or "" for ax in figure.axes for line in ax.lines]
+    ends = [curves.plan.motion.end]
+    if any(gid.endswith("-reference") for gid in lines):
+        ends.append(curves.plan.task.reference.end)
+    for ax in figure.axes:
+        ax.set_xlim(0.0, max(ends) or 1.0)
+    return figure
+
+
 def _figure(curves: _Curves, size: tuple[float, float], rows: int, columns: int) -> tuple[Figure, np.ndarray]:
     figure = Figure(figsize=size, layout="constrained")
     FigureCanvasAgg(figure)
     figure.suptitle(curves.title, fontsize=13, fontweight="bold")
+    figure.supxlabel("grey lines: a ramp of a joint begins or ends", fontsize=9, color="#6f6f6f")
     axes = figure.subplots(rows, columns, squeeze=False, sharex=True)
     return figure, axes
 
@@ -373,7 +381,6 @@ def _finish(
     """Events, time axis, title, and the legend between title and panel, where it covers no curve."""
     for t in curves.plan.motion.event_times:
         ax.axvline(t, color=EVENT, lw=0.8, zorder=0)
-    ax.set_xlim(0.0, curves.end)
     ax.set_xlabel("time [s]")
     ax.set_ylabel(label)
     ax.xaxis.set_tick_params(labelbottom=True)

@@ -23,7 +23,7 @@ from matplotlib.patches import Circle, Polygon
 from matplotlib.patches import Patch as Swatch
 from scipy.spatial import ConvexHull, QhullError
 
-from ocptip.motion.output import atomic_file
+from ocptip.files import atomic_file
 from ocptip.placement.maps import CELLS, PlacementMap
 from ocptip.placement.problem import CRITERIA, PlacementProblem
 from ocptip.placement.result import Placement
@@ -131,14 +131,16 @@ def _map_figure(name: str, placements: Sequence[Placement], chart: PlacementMap)
         if not best.feasible:
             word, style = "least infeasible", _NEAREST
         handles.append(Line2D([], [], ls="", label=word, **style))
-        if others:
+        if _apart(best, others):
             handles.append(
                 Line2D([], [], ls="", marker="o", mfc="white", mec=BASE, ms=8, label="alternatives")
             )
     figure.legend(handles=handles, loc="outside lower center", ncol=min(len(handles), 8), frameon=False)
     hidden = [p for i, p in enumerate(chart.patch.parameters) if i not in chart.shown]
     by = f"best {' and '.join(hidden)} and joint angles" if hidden else "best joint angles"
-    figure.suptitle(f"{name}: {chart.patch.name}, {by} for each place", fontsize=14, fontweight="bold")
+    figure.suptitle(
+        f"{name}: {chart.patch.name}, {by} for each place (dark: worse)", fontsize=14, fontweight="bold"
+    )
     return figure
 
 
@@ -282,6 +284,9 @@ def _robot_figure(name: str, placements: Sequence[Placement]) -> Figure:
         Line2D([], [], color=BASE, marker="s", ms=7, ls="-", label="contacts and mount"),
         Line2D([], [], color=LOAD, marker=">", ls="-", label="process force on the gripper"),
     ]
+    if len(best.problem.base_spheres):
+        circle = {"marker": "o", "mfc": "none", "mec": BASE, "ls": "", "mew": 0.6, "ms": 10}
+        handles.append(Line2D([], [], **circle, label="spheres of the base"))
     if _apart(best, placements[1:]):
         handles.append(Line2D([], [], color=OTHER, lw=2, label="alternatives, by number"))
     if any(not forbidden for _, forbidden in _obstacles(best.problem)):

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from ocptip.contact import Binding, Load, Support
+from ocptip.contact.support import refuse_impossible_inertia
 from ocptip.errors import InputError, positive_number
 from ocptip.tables import (
     TOP_KEYS,
@@ -111,10 +112,14 @@ def _support(data: dict[str, Any], contacts: Sequence[Binding]) -> Support:
     if inertia is not None:
         refuse_non_numbers("base.inertia", inertia)
     try:
-        return Support(contacts, mass=mass, center_of_mass=center_of_mass, inertia=inertia, gravity=gravity)
+        support = Support(
+            contacts, mass=mass, center_of_mass=center_of_mass, inertia=inertia, gravity=gravity
+        )
+        refuse_impossible_inertia(support)
     except InputError as error:
         message = str(error)
-        raise InputError(f"base.{message}" if message.startswith("inertia") else message) from None
+        raise InputError(f"base.{message}" if message.startswith(("inertia", "mass")) else message) from None
+    return support
 
 
 def _contacts(tables: list[dict[str, Any]]) -> list[Binding]:
@@ -123,17 +128,12 @@ def _contacts(tables: list[dict[str, Any]]) -> list[Binding]:
     contacts: list[Binding] = []
     for number, table in enumerate(tables, start=1):
         where = f"contact[{number}]"
-        contact = _contact(table, where)
-        if contacts and contact.dimension != contacts[0].dimension:
-            raise InputError(
-                f"{where}.position: expected {contacts[0].dimension} numbers like contact[1], "
-                f"got {contact.dimension}"
-            )
-        contacts.append(contact)
+        contacts.append(_contact(table, where, contacts[0].dimension if contacts else None))
     return contacts
 
 
-def _contact(table: dict[str, Any], where: str) -> Binding:
+def _contact(table: dict[str, Any], where: str, dimension: int | None) -> Binding:
+    """One contact; dimension: that of the contacts before it, None for the first."""
     kinds = sorted(Binding.registry)
     if "kind" not in table:
         raise InputError(f"{where}.kind: missing; known: {', '.join(kinds)}")
@@ -151,6 +151,10 @@ def _contact(table: dict[str, Any], where: str) -> Binding:
         elif not {"bool", "str"} & set(str(field.type).replace("|", " ").split()):
             refuse_non_numbers(f"{where}.{key}", parameters[key])
     position = parameters["position"]
+    if dimension is not None and isinstance(position, list) and len(position) != dimension:
+        raise InputError(
+            f"{where}.position: expected {dimension} numbers like contact[1], got {len(position)}"
+        )
     if isinstance(position, list) and len(position) == 2:
         parameters.setdefault("normal", [0.0, 1.0])
     try:

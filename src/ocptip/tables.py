@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ocptip.errors import InputError, positive_number
+from ocptip.errors import InputError, finite_array, positive_number, refuse_huge
 
 TOP_KEYS = ("gravity", "base", "contact", "load")
 """Keys of scenes that are often put below a table by mistake, where TOML takes them for the table's."""
@@ -116,6 +116,20 @@ def rpy_at(where: str, value: object) -> np.ndarray:
     return Rotation.from_euler("xyz", vector_at(where, value, 3), degrees=True).as_matrix()
 
 
+def rotation_in(table: dict[str, Any], where: str, *, optional: bool = False) -> np.ndarray:
+    """(3, 3) of a table's `rpy_deg` or `rotation`; identity if they are optional and both missing."""
+    given = [key for key in ("rpy_deg", "rotation") if key in table]
+    if len(given) == 2 or not (given or optional):
+        many = "both" if given else "none"
+        raise InputError(f"{where}.rpy_deg: expected either rpy_deg or rotation, got {many}")
+    if "rpy_deg" in given:
+        return rpy_at(f"{where}.rpy_deg", table["rpy_deg"])
+    if "rotation" in given:
+        refuse_non_numbers(f"{where}.rotation", table["rotation"])
+        return finite_array(f"{where}.rotation", table["rotation"], (3, 3))
+    return np.eye(3)
+
+
 def text_at(where: str, value: object) -> str:
     """A text that is not blank."""
     if not isinstance(value, str) or not value.strip():
@@ -143,7 +157,7 @@ def refuse_unknown(table: Iterable[str], known: Iterable[str], prefix: str, also
 
 
 def refuse_non_numbers(where: str, value: object) -> None:
-    """Raise unless `value` is a finite number or lists of such (true is no number, "1" neither)."""
+    """Raise unless `value` is a finite number, not huge, or lists of such (true and "1" are none)."""
     if isinstance(value, list):
         for item in value:
             refuse_non_numbers(where, item)
@@ -155,6 +169,7 @@ def refuse_non_numbers(where: str, value: object) -> None:
         raise InputError(f"{where}: number too large")
     if not np.isfinite(float(value)):
         raise InputError(f"{where}: must be finite, got {value}")
+    refuse_huge(where, float(value))
 
 
 def suggestion(word: object, known: Sequence[str]) -> str:

@@ -58,7 +58,7 @@ def feet(positions, *, facets=8, friction=0.5, **options) -> Support:
     contacts = [UnilateralContact(position=p, normal=up, friction=friction, facets=facets) for p in positions]
     options.setdefault("center_of_mass", 0.6 * up)
     options.setdefault("inertia", [3.0, 4.0, 5.0] if d == 3 else 4.0)
-    return Support(contacts, mass=60.0, **options)
+    return Support(contacts, **{"mass": 60.0, **options})
 
 
 def polygon(n: int, radius: float = 0.35) -> np.ndarray:

@@ -6,6 +6,7 @@ from contact_cases import CLAMPS, KINDS, binding, feet, kind_name, mixed, parame
 from scipy.spatial.transform import Rotation
 
 from ocptip.contact import Load, RigidClamp, Support, UnilateralContact
+from ocptip.contact.support import INERTIA_RANGE, refuse_impossible_inertia
 from ocptip.errors import InputError, OcptipError
 
 PLATFORM = feet(polygon(3))
@@ -148,7 +149,56 @@ BAD_LOADS = [
 @pytest.mark.parametrize(("name", "load"), BAD_LOADS, ids=str)
 def test_bad_loads_are_refused_with_their_number(name, load):
     with pytest.raises(InputError, match=rf"^load\[1\]\.{name}: "):
-        PLATFORM.wrench([Load(), load])
+        PLATFORM.wrench([Load(force=[0.0, 0.0, 0.0]), load])
+
+
+def test_a_load_without_force_and_moment_is_refused():
+    for options in ({}, {"point": [0, 0, 1.0]}):
+        with pytest.raises(InputError, match=r"^force: missing"):
+            Load(**options)
+
+
+def test_a_single_load_needs_no_list():
+    load = Load(force=[1.0, 2.0, 3.0], point=[0.1, 0.2, 0.3])
+    np.testing.assert_array_equal(PLATFORM.wrench(load), PLATFORM.wrench([load]))
+
+
+@pytest.mark.parametrize(
+    ("loads", "message"), [(3.0, "loads: expected a Load"), ([[1, 2, 3]], r"load\[0\]: expected")]
+)
+def test_what_is_no_load_is_refused(loads, message):
+    with pytest.raises(InputError, match=message):
+        PLATFORM.wrench(loads)
+
+
+def test_huge_numbers_are_refused():
+    with pytest.raises(InputError, match=r"^load\[0\]\.force: magnitudes above 1e\+12"):
+        PLATFORM.wrench(Load(force=[1e13, 0, 0]))
+    for name, options in (
+        ("mass", {"mass": 1e13}),
+        ("center_of_mass", {"center_of_mass": [0, 0, 1e13]}),
+        ("gravity", {"gravity": [0, 0, -1e13]}),
+    ):
+        with pytest.raises(InputError, match=rf"^{name}: magnitudes above"):
+            Support(PLATFORM.contacts, **{"mass": 60.0, **options})
+
+
+@pytest.mark.parametrize("factor", [1e-6, 1.0, 1e9])
+def test_the_conditioned_inertia_is_in_the_usual_range(factor):
+    given = feet(polygon(3), inertia=factor * np.array([3.0, 4.0, 5.0]))
+    conditioned, usual = given.conditioned, given.mass * given.length**2
+    values = np.linalg.eigvalsh(conditioned.inertia)
+    assert (conditioned is given) == (factor == 1)
+    assert usual / INERTIA_RANGE * 0.999 <= values[0] <= values[-1] <= usual * INERTIA_RANGE * 1.001
+    assert conditioned.conditioned.inertia_is_within(1.001 * INERTIA_RANGE)
+    assert not given.inertia_is_within(1.0)
+    refuse_impossible_inertia(conditioned)
+
+
+def test_inertia_that_no_body_has():
+    refuse_impossible_inertia(feet(polygon(3), inertia=[1.0, 1.0, 2.0]))
+    with pytest.raises(InputError, match=r"^inertia: no body has these principal values \(1, 1, 25 kg"):
+        refuse_impossible_inertia(feet(polygon(3), inertia=[1.0, 25.0, 1.0]))
 
 
 def test_all_errors_share_one_root():

@@ -17,7 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from ocptip.contact import Support, UnilateralContact, solve, solve_many
+from ocptip.contact import ForceConstantHalfRigidClamp, Support, UnilateralContact, solve, solve_many
 
 every_kind = pytest.mark.parametrize("kind", KINDS, ids=kind_name)
 every_space = pytest.mark.parametrize("planar", [True, False], ids=["planar", "spatial"])
@@ -154,3 +154,36 @@ def test_one_state_s_map_is_its_batch_s_map():
     support = feet(polygon(4))
     states = solve_many(support, disturbed_weight(np.random.default_rng(0), support, 5))
     np.testing.assert_array_equal(states[3].force_map, states.force_maps[3])
+
+
+@pytest.mark.parametrize("factor", [1e-9, 1e-6, 1e6, 1e9])
+@pytest.mark.parametrize("clamped", [False, True])
+def test_a_resting_base_of_unusual_inertia_has_the_same_normal_forces_and_derivatives(factor, clamped):
+    def states(value):
+        kind = ForceConstantHalfRigidClamp if clamped else UnilateralContact
+        feet = [UnilateralContact(position=p, **parameters(UnilateralContact)) for p in polygon(3)[:2]]
+        feet.append(kind(position=polygon(3)[2], **parameters(kind)))
+        support = Support(feet, mass=60.0, center_of_mass=[0, 0, 0.6], inertia=value)
+        return solve_many(support, support.weight + np.diag([20.0, -30.0, 10.0, 5.0, -8.0, 3.0]))
+
+    inertia = np.array([3.0, 4.0, 5.0])
+    usual, other = states(inertia), states(factor * inertia)
+    assert usual.persistent.all()
+    assert other.persistent.all()
+    # three feet: normal forces are unique, how tangential forces pull against each other is not
+    np.testing.assert_allclose(other.contact_forces[..., 0], usual.contact_forces[..., 0], atol=1e-9 * 600)
+    np.testing.assert_allclose(other.force_maps[:, :, 0], usual.force_maps[:, :, 0], atol=1e-9)
+    balanced = other.forces.sum(axis=1) + other.wrenches[:, :3]
+    np.testing.assert_allclose(balanced, 0, atol=1e-9 * 600)
+    sums = np.einsum("kij,skjw->siw", other.support.frames, other.force_maps)
+    np.testing.assert_allclose(sums, np.broadcast_to(-np.eye(3, 6), sums.shape), atol=1e-9)
+
+
+@pytest.mark.parametrize("factor", [1e-6, 1e6])
+def test_a_moving_base_moves_with_its_own_inertia(factor):
+    """A wheel on no contact that holds it: the free base's acceleration."""
+    foot = UnilateralContact(position=[0.0, 0.0, -0.5], **parameters(UnilateralContact))
+    support = Support([foot], mass=2.0, inertia=0.5 * factor)
+    state = solve_many(support, [[0.0, 0.0, 30.0, 0.0, 0.0, 7.0]])[0]
+    assert state.modes == ["separate"]
+    np.testing.assert_allclose(state.acceleration, [0, 0, 15.0, 0, 0, 14.0 / factor], rtol=1e-9)

@@ -20,6 +20,7 @@ from ocptip.contact import (
     ForceConstantTwoSidedClamp,
     ForceVariableHalfRigidClamp,
     ForceVariableTwoSidedClamp,
+    Load,
     RigidClamp,
     Support,
     UnilateralContact,
@@ -31,6 +32,7 @@ from ocptip.contact import (
 )
 from ocptip.contact.laws import normal_range
 from ocptip.errors import InputError
+from ocptip.reserves import Slip, TipOver
 
 WEIGHT = 60 * GRAVITY
 CONVEX = (UnilateralContact, ForceConstantHalfRigidClamp, ForceConstantTwoSidedClamp)
@@ -360,6 +362,66 @@ def test_a_large_preload_does_not_hide_a_moment_that_nothing_balances():
 def test_a_counterexample_never_stands(moment):
     result = stability(clamped_about_a_line(), [0, 0, 0, moment, 0, 0])
     assert result.counterexample is None or not result.counterexample.persistent
+
+
+FOUR_FEET = [[0.3, 0.25, 0.0], [0.3, -0.25, 0.0], [-0.3, -0.25, 0.0], [-0.3, 0.25, 0.0]]
+POWERS = [10.0**k for k in range(-6, 10)]
+
+
+def cart(mass=40.0, inertia=(4.0, 3.5, 2.5), friction=0.9):
+    return feet(
+        FOUR_FEET, friction=friction, facets=12, mass=mass, inertia=inertia, center_of_mass=[0, 0, 0.5]
+    )
+
+
+def judged(support, force):
+    """Verdict, modes, GN and GT under a horizontal push at the handle."""
+    wrench = support.wrench(Load(force=force, point=[0.0, 0.0, 1.0]))
+    verdict, states = stability(support, wrench), solve_many(support, wrench[None])
+    assert verdict.decided
+    reserves = TipOver(support).evaluate(states).GN[0], Slip(support, "full").evaluate(states).GT[0]
+    return verdict.verdict, states.persistent[0], states.modes(0), reserves
+
+
+@pytest.mark.parametrize(("push", "word"), [(100.0, "strong"), (260.0, "none")])
+def test_verdicts_do_not_depend_on_the_units_of_mass_and_force(push, word):
+    *first, reserves = judged(cart(), [push, 0, 0])
+    assert first[0] == word
+    for factor in POWERS:
+        *same, scaled = judged(cart(40.0 * factor, factor * np.array([4.0, 3.5, 2.5])), [push * factor, 0, 0])
+        assert same == first, factor
+        assert scaled == pytest.approx(reserves, rel=1e-6), factor
+
+
+@pytest.mark.parametrize(("push", "word"), [(100.0, "strong"), (260.0, "none")])
+def test_verdicts_do_not_depend_on_the_inertia(push, word):
+    *first, reserves = judged(cart(), [push, 0, 0])
+    assert first[0] == word
+    for factor in POWERS:
+        *same, other = judged(cart(inertia=factor * np.array([4.0, 3.5, 2.5])), [push, 0, 0])
+        assert same == first, factor
+        if word == "strong":  # forces of a base that moves depend on how it moves
+            assert other == pytest.approx(reserves, rel=1e-6), factor
+
+
+@pytest.mark.parametrize("mass", [1e6, 1e7, 1e8, 1e9, 1e12])
+def test_a_heavy_base_of_small_inertia_stands_for_sure(mass):
+    assert judged(cart(mass), [260.0, 0, 0])[:3] == ("strong", True, ["stick"] * 4)
+
+
+def test_large_friction_is_refused_and_below_it_the_work_is_bounded():
+    support = cart(4000.0, friction=1e3)
+    verdict = stability(support, support.wrench(Load(force=[260.0, 0, 0], point=[0, 0, 1.0])), max_nodes=200)
+    assert verdict.state.persistent
+    assert verdict.nodes <= 200
+    with pytest.raises(InputError, match=r"^friction: must be <= 1000"):
+        cart(friction=1e8)
+
+
+@pytest.mark.parametrize("function", [solve, equilibrium, stability])
+def test_huge_wrenches_are_refused(function):
+    with pytest.raises(InputError, match=r"^wrench: magnitudes above"):
+        function(cart(), [1e308] * 6)
 
 
 def test_undecided_is_called_weak_and_says_so():

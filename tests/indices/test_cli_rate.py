@@ -156,6 +156,7 @@ def test_platform_file(capsys, tmp_path):
         (["KUKA", *POSE], "arm: no arm 'KUKA'; there are FP1W2F"),
         (["FSFS", *POSE[:5]], "POSE: FSFS has 6 joints, got 5 angles"),
         (["FSFS", *POSE[:5], "nan"], "POSE: contains NaN"),
+        (["6UPS", "0", "0", "1e200", "0", "0", "0"], "POSE: magnitudes above 1e+12 (SI units) are refused"),
         (["FSFS", *POSE, "--rates", "1", "2"], "--rates: FSFS has 6 joints, got 2 rates"),
         (["FSFS", *POSE, "--rates", "1", "2", "3", "4", "5", "inf"], "rates: contains NaN or infinity"),
         (["FSFS", *POSE, "--ellipsoid", "0.1", "0", "0.1"], "--ellipsoid: half_axes"),

@@ -9,7 +9,6 @@ from ocptip.errors import InputError
 from ocptip.indices.optimal_domains import (
     HALF_RANGE,
     TOUCHING_POINT,
-    angle_borders,
     discriminants,
     inner_borders,
     main_roots,
@@ -64,29 +63,6 @@ def test_special_points():
     assert not main_roots(0.5, HALF_RANGE + 1e-6)
     assert set(main_roots(0.5, 2 / 3 * math.sqrt(6))) == {1}
     assert main_roots(0.5, 2 / 3 * math.sqrt(6))[1] == pytest.approx(0, abs=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("t", "r1", "other"),
-    [
-        (0.09284698744, 1.72934680750, outer_border),
-        (0.53727775658, 1.95363846420, lambda t: inner_borders(t)[1]),
-        (0.59278998698, 2.05195821570, lambda t: inner_borders(t)[1]),
-    ],
-)
-def test_curve_of_equal_angles_meets_the_borders(t, r1, other):
-    for sign in (1, -1):
-        assert angle_borders(sign * t)[1] == pytest.approx(r1, abs=1e-9)
-        assert other(sign * t) == pytest.approx(r1, abs=1e-9)
-
-
-def test_curve_of_equal_angles_touches_or_crosses():
-    def gap(t, border):
-        return border(t) - angle_borders(t)[1]
-
-    assert gap(0.0928470 - 1e-3, outer_border) > 0 < gap(0.0928470 + 1e-3, outer_border)
-    upper = [gap(t, lambda x: inner_borders(x)[1]) for t in (0.536, 0.539, 0.59, 0.596)]
-    assert upper[0] * upper[1] < 0 < upper[2] * upper[3]
 
 
 @pytest.mark.parametrize("t", [0.5, -0.5])

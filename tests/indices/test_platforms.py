@@ -120,5 +120,5 @@ def test_leg_without_length_is_refused():
 @pytest.mark.parametrize("rotation", [-np.eye(3), np.eye(3) + 0.01, np.zeros((3, 3))])
 def test_no_rotation_matrix_is_refused(rotation):
     pose = random_pose(np.random.default_rng(2))
-    with pytest.raises(InputError, match="rotation: no rotation matrix"):
+    with pytest.raises(InputError, match="rotation: not a rotation matrix"):
         StewartPlatform(pose.base, pose.platform).at([0, 0, 1], rotation)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import csv
 import json
 import os
@@ -13,14 +12,12 @@ import pytest
 from plan_stand_in import stand_in_plan
 
 from ocptip.errors import InputError
+from ocptip.files import versions
 from ocptip.motion import ArmMotion, RampCommand
 from ocptip.motion.output import (
-    atomic_file,
     joint_trajectory,
-    plain,
     plan_to_dict,
     sample_motion,
-    versions,
     write_motion_csv,
     write_plan,
 )
@@ -236,21 +233,6 @@ def test_no_file_is_left_half_written(plan, tmp_path, monkeypatch):
     assert [p.name for p in tmp_path.iterdir()] == ["plan.json"]
 
 
-def test_an_error_within_the_block_leaves_the_old_file(tmp_path):
-    target = tmp_path / "a.txt"
-    target.write_text("old")
-
-    def half():
-        with atomic_file(target) as stream:
-            stream.write(b"new")
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        half()
-    assert target.read_text() == "old"
-    assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
-
-
 def test_errors_name_the_path(plan, tmp_path):
     with pytest.raises(FileNotFoundError) as caught:
         write_plan(tmp_path / "missing" / "out", plan)
@@ -264,11 +246,3 @@ def test_errors_name_the_path(plan, tmp_path):
     with pytest.raises(FileExistsError) as caught:
         write_plan(tmp_path / "file", plan)
     assert caught.value.filename == str(tmp_path / "file")
-
-
-def test_plain_data():
-    value = {"a": np.arange(2), 1: (np.float64("inf"), True, None), "o": np.bool_(False), "s": slice(1)}
-    original = copy.deepcopy(value)
-    expected = {"a": [0, 1], "1": [None, True, None], "o": False, "s": "slice(None, 1, None)"}
-    assert plain(value) == expected
-    assert set(value) == set(original)

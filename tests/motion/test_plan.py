@@ -2,8 +2,11 @@
 
 import dataclasses
 import os
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+import time
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
+from threading import Timer
 
 import numpy as np
 import pytest
@@ -18,7 +21,8 @@ from ocptip.motion import (
     plan_motion,
     prove,
 )
-from ocptip.motion.search import Attempt, StartResult
+from ocptip.motion.plan import worker_pool
+from ocptip.motion.search import Attempt, Search, StartResult
 from ocptip.robots import Pillar, gripper_pose
 
 
@@ -202,6 +206,7 @@ def test_a_task_that_cannot_be_planned_is_refused_with_its_numbers(task):
         ({"starts": 0}, "starts: must be a whole number >= 1, got 0"),
         ({"starts": 2.0}, "starts: must be a whole number >= 1, got 2.0"),
         ({"starts": True}, "starts: .* got True"),
+        ({"seed": -1}, "seed: must be a whole number >= 0, got -1"),
         ({"jobs": 0}, "jobs: must be a whole number >= 1, got 0"),
     ],
 )
@@ -289,6 +294,62 @@ def test_an_interrupt_after_starts_that_all_failed_is_one(case_b, scripted):
     scripted(None, case_b.reference, None)
     with pytest.raises(KeyboardInterrupt):
         plan_motion(case_b, starts=3, jobs=1, progress=Progress(stop_after=2))
+
+
+class Dying(Executor):
+    """Runs the first starts, then its worker dies."""
+
+    def __init__(self, survivors):
+        self.survivors = survivors
+
+    def submit(self, function, /, *args, **kwargs):
+        future = Future()
+        if self.survivors > 0:
+            future.set_result(function(*args, **kwargs))
+        else:
+            error = BrokenProcessPool("killed")
+            Timer(0.1, lambda: future.cancelled() or future.set_exception(error)).start()
+        self.survivors -= 1
+        return future
+
+
+def test_a_dead_worker_leaves_the_best_verified_start(case_b, scripted):
+    scripted(case_b.reference.time_scaled(1.4))
+    with pytest.warns(RuntimeWarning, match="a worker process died after 1 of 3 starts"):
+        plan = plan_motion(case_b, starts=3, executor=Dying(1))
+    assert plan.interrupted
+    assert plan.verified
+    with pytest.raises(PlanningError, match="a worker process died after 0 of 3 starts"):
+        plan_motion(case_b, starts=3, executor=Dying(0))
+
+
+def test_workers_end_with_an_interrupt():
+    workers = []
+
+    def interrupted():
+        with worker_pool(None, 1, 2) as pool:
+            pool.submit(time.sleep, 0).result()
+            pool.submit(time.sleep, 60)
+            workers.extend(pool._processes.values())
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert workers
+    for worker in workers:
+        worker.join(10)
+        assert not worker.is_alive()
+
+
+@pytest.mark.parametrize("error", [np.linalg.LinAlgError("singular"), ZeroDivisionError("by zero")])
+def test_numerical_trouble_ends_one_start_only(task, monkeypatch, error):
+    def fail(*arguments):
+        raise error
+
+    monkeypatch.setattr(Search, "_coarse", fail)
+    attempt = Search(task).run(0, 0)
+    assert attempt.result.status == f"no motion: {error}"
+    assert not attempt.result.verified
 
 
 def test_one_command_per_joint(task):

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from strategies import numbers, phases
 
 from ocptip.motion import JointRamps, earliest_end, passive_command, phases_to_commands
-from ocptip.motion.profile_kernels import smooth_steps
+from ocptip.motion.profile_kernels import joint_states
 from ocptip.motion.profiles import Layout, Nodes, Profiles
 
 START = np.array([0.3, -0.2, 0.1])
@@ -165,12 +165,31 @@ def test_second_derivatives_are_added():
     np.testing.assert_allclose(twice, 2 * once)
 
 
+def smooth_steps(t, half_width):
+    """The step's second and first integral, itself, two derivatives, each (N,), at times after a corner."""
+    none, one = np.zeros((1, 1, 1)), np.ones((1, 1))
+    steps = joint_states(
+        t,
+        np.ones((len(t), 1)),
+        none,
+        half_width,
+        np.zeros(1),
+        one,
+        0 * one,
+        none,
+        none,
+        np.zeros((1, 1), int),
+        np.zeros(1, int),
+    )[2]
+    return steps[:, 0, 0].T
+
+
 @pytest.mark.parametrize("half_width", [0.004, 0.3])
 def test_the_smooth_step_is_the_integral_of_its_slope(half_width):
     t = np.linspace(-1.5, 1.5, 301) * half_width
     h = 1e-5 * half_width
-    phi2, phi1, phi0, slope, bend = smooth_steps(t, half_width).T
-    ahead, behind = (smooth_steps(s, half_width).T for s in (t + h, t - h))
+    phi2, phi1, phi0, slope, bend = smooth_steps(t, half_width)
+    ahead, behind = (smooth_steps(s, half_width) for s in (t + h, t - h))
     for integral, value, scale in ((0, phi1, half_width), (1, phi0, 1), (2, slope, 1 / half_width)):
         reference = (ahead[integral] - behind[integral]) / (2 * h)
         np.testing.assert_allclose(value, reference, atol=1e-7 * scale)

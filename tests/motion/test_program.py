@@ -10,8 +10,9 @@ from ocptip.contact import Support, UnilateralContact
 from ocptip.motion import MotionTask, StandingRobot, experiment_task, prove
 from ocptip.motion.events import order_of
 from ocptip.motion.formulation import Formulation, Smoothing
-from ocptip.motion.program import ENERGY_UNIT, RowSet, TipMap
+from ocptip.motion.program import ENERGY_UNIT, RowSet
 from ocptip.motion.starts import random_start
+from ocptip.reserves import TipMap
 from ocptip.robots import DCMotors, floor, load_arm
 
 SEEDS = (1, 4, 9)
@@ -163,8 +164,8 @@ def test_use_is_one_exactly_where_the_worst_quantity_is_at_its_limit(effective, 
     use = np.where(real, program.use(x), 0)
     assert np.max(use) == pytest.approx(1.0, abs=1e-5)
     assert np.argmax(use) == np.argmax(np.where(real, samples.slip.GT, 0))
-    program.limits = dataclasses.replace(program.limits, GT=9.0, torque_ratio=0.05)
-    ratios = np.max(np.abs(samples.torques) / robot.arm.limits.torque, axis=1) / 0.05
+    program.limits = dataclasses.replace(program.limits, GT=1.0, torque_ratio=0.01)
+    ratios = np.max(np.abs(samples.torques) / robot.arm.limits.torque, axis=1) / 0.01
     np.testing.assert_allclose(program.use(x)[real], ratios[real], rtol=1e-6)
 
 
@@ -276,8 +277,8 @@ def test_rows_that_do_not_take_part_do_not_exist(effective):
 def test_tip_map_of_feet_in_different_planes():
     """Not affine: moments and slopes come from the contact states."""
     robot = geared_task((0.0, 0.05, -0.03)).robot
-    tip = TipMap(robot)
-    assert tip.affine is None
+    tip = TipMap(robot.tip_over)
+    assert robot.tip_over.affine_moments is None
     rng = np.random.default_rng(2)
     loaded = np.array([0, 0, -9.81 * robot.mass, 0, 0, 0])
     wrenches = loaded + rng.normal(size=(30, 6)) * [30, 30, 30, 10, 10, 10]

@@ -1,8 +1,11 @@
 """The check of a finished motion finds what happens between coarse samples."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+import ocptip.motion.proof as proof_module
 from ocptip.errors import InputError
 from ocptip.motion.cases import motion_case
 from ocptip.motion.passive import ArmMotion
@@ -16,6 +19,18 @@ def reference(name, base):
     robot = experiment_robot(case, base)
     limits = robot.arm.limits
     return robot, case.reference_motion(limits.speed, limits.acceleration)
+
+
+def test_a_grid_of_too_many_instants_is_refused():
+    robot, motion = reference("A", "printed")
+    with pytest.raises(
+        InputError, match=r"^step: the motion lasts .* s, which would be .* instants at steps"
+    ):
+        prove(robot, motion, step=1e-9)
+    slow = RampCommand(motion.goal[0], 1.0, 1e-12)
+    commands = [(slow,), *(joint.commands for joint in motion.joints[1:])]
+    with pytest.raises(InputError, match="an acceleration that is far too small"):
+        prove(robot, ArmMotion.from_commands(motion.start, commands))
 
 
 def test_printed_motions_are_verified_with_the_printed_base():
@@ -49,6 +64,7 @@ def test_violations_name_quantity_time_and_limit():
     assert len(proof.violations) == 1
     assert proof.violations[0].startswith("GN is 0.99")
     assert "must be <= 0.9" in proof.violations[0]
+    assert proof.stands
     assert prove(robot, motion, MotionLimits(GN=0.999)).verified
 
 
@@ -58,6 +74,24 @@ def test_a_motion_that_tips_is_refused():
     assert not proof.verified
     assert proof.worst["GN"].value > 1
     assert any("slips or lifts" in v for v in proof.violations)
+    assert not proof.stands
+
+
+@pytest.mark.parametrize("flaw", ["unsolved", "moving"])
+def test_without_verified_contact_states_nothing_stands(monkeypatch, flaw):
+    robot, motion = reference("A", "printed")
+    evaluate = proof_module._evaluate
+
+    def flawed(*arguments):
+        found = evaluate(*arguments)
+        return replace(found, **({"unsolved": [0.5]} if flaw == "unsolved" else {"standing": False}))
+
+    monkeypatch.setattr(proof_module, "_evaluate", flawed)
+    proof = prove(robot, motion)
+    assert max(proof.worst[name].value for name in ("GN", "GT")) < 0.9
+    assert not proof.verified
+    assert not proof.stands
+    assert proof.to_dict()["stands"] is False
 
 
 def test_joint_limits_are_checked_exactly():
@@ -90,7 +124,9 @@ def test_results_are_plain_data():
     assert data["worst"]["torque_ratio"]["detail"].startswith("joint ")
 
 
-@pytest.mark.parametrize("bad", [{"GN": 0.0}, {"GT": float("nan")}, {"clearance": -1.0}])
+@pytest.mark.parametrize(
+    "bad", [{"GN": 0.0}, {"GN": 1.2}, {"GT": 5.0}, {"GT": float("nan")}, {"clearance": -1.0}]
+)
 def test_bad_limits_are_named(bad):
     with pytest.raises(InputError, match=next(iter(bad))):
         MotionLimits(**bad)

@@ -72,6 +72,19 @@ def test_reference_moment_is_a_tenth_of_total_weight_times_inradius():
         assert robot.tip_over.reference_moment == pytest.approx(robot.mass * 9.81 * inradius / 10)
 
 
+def test_other_motors_change_nothing_else():
+    robot, motion = reference("C", "effective")
+    other = robot.with_motors(PowerMaps.modular(torque_reading="drive"))
+    assert other.collision.labels == robot.collision.labels
+    assert other.tip_over.reference_moment == robot.tip_over.reference_moment
+    assert other.slip.redistribution == robot.slip.redistribution
+    times = np.linspace(0.1, motion.end - 0.1, 7)
+    ours, theirs = robot.samples(motion, times), other.samples(motion, times)
+    np.testing.assert_array_equal(ours.clearances, theirs.clearances)
+    np.testing.assert_array_equal(ours.wrenches, theirs.wrenches)
+    assert other.energy(motion) != pytest.approx(robot.energy(motion), rel=1e-3)
+
+
 def test_bad_input_is_named():
     arm = load_arm("FSFS")
     planar = Support([UnilateralContact(position=[0, 0], normal=[0, 1], friction=1.0)])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -71,12 +72,38 @@ def test_a_vertical_delta_is_not_accepted(capsys, monkeypatch):
     assert "no code: the robot does not move as described" in text.out
 
 
+def test_targets_are_checked_before_anything_is_computed(capsys, monkeypatch):
+    def not_called(*_, **__):
+        raise AssertionError("computed")
+
+    monkeypatch.setattr(command, "examine", not_called)
+    assert main(["parallel", "3RRR", "--c", "3rrr.c"]) == 2
+    assert "--c: expected a file NAME.c with NAME an identifier, got '3rrr.c'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("pattern", "new", "expected"),
+    [
+        ("home = .*", "home = [50.0, 0.0, 0.0]", "home: leg 1 does not reach its coupling point"),
+        ("actuated = .*", "actuated = [7]", "leg[1].actuated: the leg has 3 joints, got [7]"),
+    ],
+)
+def test_errors_of_a_robot_file_name_file_and_key(capsys, root, tmp_path, pattern, new, expected):
+    text = (root / "studies" / "robots" / "planar_3rrr.toml").read_text()
+    path = tmp_path / "robot.toml"
+    path.write_text(re.sub(pattern, new, text, count=1))
+    assert main(["parallel", str(path)]) == 2
+    err = capsys.readouterr().err
+    assert err.startswith(f"ocptip: robot.toml: {expected}")
+    assert err.count("\n") == 1
+
+
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
         (["hexapod"], "hexapod: expected one of 3RRR"),
-        (["3RRR", "--c", "robot.txt"], "expected a file NAME.c"),
-        (["3RRR", "--c", "nowhere/robot.c"], "folder 'nowhere' does not exist"),
+        (["3RRR", "--c", "robot.txt"], "ocptip: --c: expected a file NAME.c"),
+        (["3RRR", "--c", "nowhere/robot.c"], "ocptip: --c: the folder 'nowhere' does not exist"),
         (["missing.toml"], "missing.toml"),
     ],
 )

@@ -10,11 +10,12 @@ from parallel_twin import Twin, random_robot, rod_delta
 
 from ocptip.errors import InputError
 from ocptip.parallel import READY_MADE, Leg, MDHRow, ParallelRobot, Parameter
-from ocptip.parallel.chain import Evaluator, leg_dynamics, leg_kinematics, serial_topology
+from ocptip.parallel.chain import leg_dynamics, leg_kinematics, serial_topology
 from ocptip.parallel.closed_form import SIGNS, closed_form, leg_type, nearest_branch
 from ocptip.parallel.constraint_route import lagrange_leg
 from ocptip.parallel.description import FIXED, PRISMATIC, elementary_rotation
 from ocptip.parallel.tree_route import leg_newton_euler
+from ocptip.robots.point import PointFunction
 
 
 def general_rows(rng: np.random.Generator) -> tuple[MDHRow, ...]:
@@ -153,7 +154,7 @@ def test_rigid_coupling_row():
     assert topology.n_joints == 2
     assert topology.joints == (0, 1, None)
     evaluator = leg_kinematics(topology)
-    assert isinstance(evaluator, Evaluator)
+    assert isinstance(evaluator, PointFunction)
     _, origins, J, _ = evaluator(np.array([0.3, 0.5]), np.zeros(2), np.eye(3))
     np.testing.assert_allclose(origins[:, 2], 0.5 * np.array([np.sin(0.3), -np.cos(0.3), 0]), atol=1e-15)
     assert J.shape == (6, 2)

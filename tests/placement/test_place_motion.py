@@ -90,3 +90,14 @@ def test_shortest_way_keeps_poses_and_constraints(swing):
 def test_one_task_is_no_motion():
     with pytest.raises(InputError, match="a motion needs two gripper tasks"):
         place_for_motion(drilling())
+
+
+@pytest.mark.parametrize("name", ["candidates", "starts", "jobs", "placement_starts"])
+def test_numbers_are_checked_before_anything_is_computed(monkeypatch, name):
+    def fail(*arguments, **options):
+        raise AssertionError("computed")
+
+    monkeypatch.setattr("ocptip.placement.motion.place", fail)
+    tasks = [GripperTask([0.4, 0.0, z], orientation="free", name=f"at {z}") for z in (0.5, 0.6)]
+    with pytest.raises(InputError, match=f"^{name}: must be a whole number >= 1, got 0"):
+        place_for_motion(drilling(tasks=tasks), **{name: 0})

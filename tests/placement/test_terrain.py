@@ -41,6 +41,26 @@ def test_box_keeps_bounds_and_reach():
     assert low[0] == high[0] == 5.0
 
 
+@pytest.mark.parametrize(
+    ("bounds", "sampled"),
+    [
+        ((190, 350), (190, 350)),
+        ((100, 260), (100, 260)),
+        ((-350, -190), (-350, -190)),
+        ((-10, 10), (-10, 10)),
+        ((-400, 400), (-180, 180)),
+        ((100, 800), (100, 460)),
+        ((-800, -300), (-660, -300)),
+        ((200, np.inf), (200, 560)),
+        ((-np.inf, -200), (-560, -200)),
+        ((-np.inf, np.inf), (-180, 180)),
+    ],
+)
+def test_angles_are_sampled_over_their_bounds_or_one_turn_of_them(bounds, sampled):
+    low, high = plane(angle=np.deg2rad(bounds)).box(np.zeros(3), 2.0)
+    assert np.rad2deg([low[2], high[2]]) == pytest.approx(sampled)
+
+
 def test_constraints_of_a_custom_terrain():
     values = hills().constraint_values([[0.0, 0.0, 0.0], [-0.1, 0.05, 1.0]])
     assert values[:, 0] == pytest.approx([0.0, -0.0075])

@@ -46,6 +46,16 @@ def test_block_on_a_slope(mode, n, degrees):
 
 
 @pytest.mark.parametrize("mode", MODES)
+def test_no_states_have_no_reserves(mode):
+    support = feet(corners(4))
+    states = solve_many(support, np.empty((0, 6)))
+    reserve = Slip(support, mode).evaluate(states)
+    assert reserve.GT.shape == (0,)
+    assert reserve.gradient.shape == (0, 6)
+    assert TipOver(support).evaluate(states).GN.shape == (0,)
+
+
+@pytest.mark.parametrize("mode", MODES)
 def test_weight_alone_needs_no_friction(mode):
     support = feet(corners(4))
     reserve = Slip(support, mode).evaluate(solve_many(support, [support.weight]))

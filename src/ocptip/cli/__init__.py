@@ -1,7 +1,7 @@
 """The `ocptip` command: parses arguments, prints, and turns every expected error into one line.
 
 Exit codes: 0 the base stands (the motion is verified), 1 it does not (or no verified answer was found), 2 bad
-input.
+input, 3 an error in ocptip itself, with its traceback if OCPTIP_DEBUG is set in the environment.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
-STANDS, MOVES, BAD_INPUT = 0, 1, 2
+STANDS, MOVES, BAD_INPUT, INTERNAL_ERROR = 0, 1, 2, 3
+DEBUG = "OCPTIP_DEBUG"
 
 
 class _Parser(argparse.ArgumentParser):
@@ -38,7 +39,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")
     options = _parser().parse_args(arguments)
-    return options.run(options)
+    try:
+        return options.run(options)
+    except Exception as error:  # Python itself would exit with 1, which means "does not stand"
+        if os.environ.get(DEBUG):
+            import traceback
+
+            traceback.print_exc()
+        text = " ".join(f"{type(error).__name__}: {error}".split())
+        print(
+            f"ocptip: internal error: {text}; please report it ({DEBUG}=1 shows the traceback)",
+            file=sys.stderr,
+        )
+        return INTERNAL_ERROR
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -90,12 +103,10 @@ def _add_check(commands: argparse._SubParsersAction) -> None:
     for option, text in (
         ("--gn", "largest tip-over reserve GN"),
         ("--gt", "largest slip reserve GT"),
-        ("--torque --torque-ratio", "largest joint torque, relative to its limit"),
+        ("--torque-ratio", "largest joint torque, relative to its limit"),
         ("--clearance", "smallest clearance, m"),
     ):
-        check.add_argument(
-            *option.split(), metavar="X", type=float, help=f"{text} (default: that of the task)"
-        )
+        check.add_argument(option, metavar="X", type=float, help=f"{text} (default: that of the task)")
     check.add_argument(
         "--time-scale", metavar="F", type=float, nargs="+", default=[], help="check also with all times x F"
     )
@@ -146,7 +157,7 @@ def _check(options: argparse.Namespace) -> int:
             choose_task(options.motion, options.case, options.base, options.task),
             gn=options.gn,
             gt=options.gt,
-            torque=options.torque,
+            torque_ratio=options.torque_ratio,
             clearance=options.clearance,
         )
         if sys.stderr.isatty() and not _kernels_are_compiled():

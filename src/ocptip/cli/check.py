@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.cli.numbers import quantity, ratio
-from ocptip.cli.stand import _aligned, _plain, versions
-from ocptip.errors import InputError, positive_number
+from ocptip.cli.stand import _aligned
+from ocptip.errors import InputError, positive_number, share_of_one
+from ocptip.files import plain, versions
 from ocptip.motion import (
     MotionLimits,
     MotionProof,
@@ -26,6 +26,7 @@ from ocptip.motion import (
     prove,
 )
 from ocptip.motion.sampled import Motion
+from ocptip.numbers import quantity, ratio
 
 _ROWS = {
     "GN": "tip-over GN",
@@ -42,7 +43,8 @@ _ROWS = {
 _UNITS = {"clearance_m": ("mm", 1e3), "angle_margin_deg": ("deg", 1.0)}
 _LEAST = (*_UNITS, "coordinate_margin", "singularity")
 _MARGINS = ("angle_margin_deg", "coordinate_margin")
-_SAME_ANGLE = 0.01  # degrees
+_SCALE = 1e6  # factors of time up to this and down to its inverse
+_SAME = {"deg": 0.01, "m": 1e-4}  # offsets up to this are not worth a note
 
 
 @dataclass(frozen=True)
@@ -54,7 +56,8 @@ class CheckReport:
         task: the robot and the limits.
         proof: of the motion as it is.
         scaled: proofs of the same path with all times multiplied by a factor, in the order asked for.
-        offsets: largest difference (degrees) of the motion's start and goal from the task's.
+        offsets: by unit ("deg" for angles, "m" for lengths, as far as the coordinates have such), the largest
+            difference of the motion's start and of its goal from the task's.
         interpolation: what was proved between samples; None for ramp commands.
     """
 
@@ -62,7 +65,7 @@ class CheckReport:
     task: MotionTask
     proof: MotionProof
     scaled: tuple[tuple[float, MotionProof], ...]
-    offsets: tuple[float, float]
+    offsets: dict[str, tuple[float, float]]
     interpolation: str | None
 
     @property
@@ -72,15 +75,19 @@ class CheckReport:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data; what is not finite becomes None."""
-        return _plain(
+        offsets = {
+            f"{place}_offset_{unit}": offset
+            for unit, pair in self.offsets.items()
+            for place, offset in zip(("start", "goal"), pair, strict=True)
+        }
+        return plain(
             {
                 "motion": self.motion,
                 "task": self.task.name,
                 **self.proof.to_dict(),
                 "limits": dataclasses.asdict(self.task.limits),
                 "interpolation": self.interpolation,
-                "start_offset_deg": self.offsets[0],
-                "goal_offset_deg": self.offsets[1],
+                **offsets,
                 "time_scale": [{"factor": factor, **proof.to_dict()} for factor, proof in self.scaled],
                 "versions": versions(),
             }
@@ -104,10 +111,10 @@ class CheckReport:
                 f"note: proved is the curve through the samples, {self.interpolation}; where accelerations"
             ]
             lines += ["      jump between samples it overshoots, see ocptip.motion.sampled"]
-        for where, offset in zip(("starts", "ends"), self.offsets, strict=True):
-            if offset > _SAME_ANGLE:
-                place = "start" if where == "starts" else "goal"
-                lines += [f"note: the motion {where} {offset:.4g} degrees off the task's {place}"]
+        for unit, pair in self.offsets.items():
+            for verb, place, offset in zip(("starts", "ends"), ("start", "goal"), pair, strict=True):
+                if offset > _SAME[unit]:
+                    lines += [f"note: the motion {verb} {offset:.4g} {unit} off the task's {place}"]
         if self.scaled:
             lines += ["", *_scale_table(self.scaled)]
         return "\n".join(lines)
@@ -131,17 +138,33 @@ def check(
         step: first spacing of the grid, s.
 
     Raises:
-        InputError: the motion does not fit the arm, or a factor or the step is not positive.
+        InputError: the motion does not fit the arm, is too long for the step, or a factor or the step is not
+            positive.
     """
     step = positive_number("--step", step)
     for factor in factors:
         positive_number("--time-scale", factor)
-    proof = prove(task.robot, motion, task.limits, step=step)
-    scaled = [(f, prove(task.robot, motion.time_scaled(f), task.limits, step=step)) for f in factors]
-    pairs = ((motion.start, task.start), (motion.goal, task.goal))
-    start, goal = (float(np.max(np.abs(np.rad2deg(ours - theirs)))) for ours, theirs in pairs)
+        if not 1 / _SCALE <= factor <= _SCALE:
+            raise InputError(f"--time-scale: must be between {1 / _SCALE:g} and {_SCALE:g}, got {factor:g}")
+    try:
+        proof = prove(task.robot, motion, task.limits, step=step)
+        scaled = [(f, prove(task.robot, motion.time_scaled(f), task.limits, step=step)) for f in factors]
+    except InputError as error:
+        raise InputError(f"{name}: {error}") from None
     curve = motion.interpolation if isinstance(motion, SampledMotion) else None
-    return CheckReport(name, task, proof, tuple(scaled), (start, goal), curve)
+    return CheckReport(name, task, proof, tuple(scaled), _offsets(motion, task), curve)
+
+
+def _offsets(motion: Motion, task: MotionTask) -> dict[str, tuple[float, float]]:
+    """Largest differences of start and goal from the task's, angles in degrees and lengths in m."""
+    angular = np.array([unit == "rad" for unit in task.robot.units])
+    off = np.abs([motion.start - task.start, motion.goal - task.goal])
+    found = {}
+    for unit, factor, which in (("deg", 180 / np.pi, angular), ("m", 1.0, ~angular)):
+        if which.any():
+            start, goal = factor * off[:, which].max(axis=1)
+            found[unit] = float(start), float(goal)
+    return found
 
 
 def with_limits(
@@ -149,7 +172,7 @@ def with_limits(
     *,
     gn: float | None = None,
     gt: float | None = None,
-    torque: float | None = None,
+    torque_ratio: float | None = None,
     clearance: float | None = None,
 ) -> MotionTask:
     """The same task with those limits replaced that are given.
@@ -157,13 +180,12 @@ def with_limits(
     Raises:
         InputError: a limit that cannot be; names the option.
     """
-    options = {"GN": ("--gn", gn), "GT": ("--gt", gt), "torque_ratio": ("--torque", torque)}
-    options["clearance"] = ("--clearance", clearance)
-    values = {
-        name: positive_number(option, value, zero_allowed=name == "clearance")
-        for name, (option, value) in options.items()
-        if value is not None
-    }
+    reserves = {"GN": ("--gn", gn), "GT": ("--gt", gt)}
+    others = {"torque_ratio": ("--torque-ratio", torque_ratio), "clearance": ("--clearance", clearance)}
+    values = {name: share_of_one(*one) for name, one in reserves.items() if one[1] is not None}
+    for name, (option, value) in others.items():
+        if value is not None:
+            values[name] = positive_number(option, value, zero_allowed=name == "clearance")
     limits: MotionLimits = dataclasses.replace(task.limits, **values)
     return dataclasses.replace(task, limits=limits)
 
@@ -188,6 +210,11 @@ def choose_task(
         return load_task(task_file)
     origin = motion_origin(motion_file)
     known = origin.get("case") in motion_cases()
+    if case is None and "case" in origin and not known:
+        raise InputError(
+            f"{motion_file}: is for {origin['case']!r}, which is no printed case "
+            f"({', '.join(motion_cases())}); say which robot by --task TASK.toml or --case A..H"
+        )
     if case is None and not known:
         raise InputError(f"{motion_file}: names no case; say which robot by --case A..H or --task TASK.toml")
     if base is None:

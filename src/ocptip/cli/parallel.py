@@ -1,9 +1,10 @@
-"""`ocptip parallel`: mobility of a parallel robot, what its equations cost, and their C code."""
+"""`ocptip parallel`: mobility of a parallel robot, what its equations cost, their C code, other formats."""
 
 from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from ocptip.parallel.singularity import Singularity
 
 _FORMS = ("S", "X", "Z", "A", "AA")
+_SUFFIXES = {"c": (".c",), "urdf": (".urdf",), "mjcf": (".xml", ".mjcf")}
 _FORCES = {"S": "tau_s", "X": "tau_s", "Z": "tau_z", "A": "tau_a", "AA": "tau_a"}
 
 
@@ -25,9 +27,9 @@ def add_parser(commands: Any) -> None:
     """Add `parallel` to the commands of the parser. Loads no numerics."""
     parallel = commands.add_parser(
         "parallel",
-        help="mobility, cost and C code of a parallel robot's inverse dynamics",
+        help="mobility, cost and C code of a parallel robot's inverse dynamics; URDF, MJCF",
         description="Checks a parallel robot's mobility, counts the operations of its inverse dynamics and "
-        "writes them as C code.",
+        "writes them as C code. Writes the robot for other programs.",
         epilog="exit code: 0 the robot moves as described, 1 it does not, 2 bad input",
     )
     parallel.add_argument(
@@ -35,6 +37,8 @@ def add_parser(commands: Any) -> None:
     )
     parallel.add_argument("--json", action="store_true", help="print JSON instead of the table")
     parallel.add_argument("--c", metavar="FILE", help="write C source, and a header beside it")
+    parallel.add_argument("--urdf", metavar="FILE", help="write the robot as URDF (a tree, loops cut)")
+    parallel.add_argument("--mjcf", metavar="FILE", help="write the robot as a MuJoCo model with its loops")
     parallel.add_argument(
         "--dynpar",
         type=int,
@@ -58,15 +62,23 @@ def run(options: argparse.Namespace) -> int:
     from ocptip.errors import InputError, OcptipError
 
     try:
-        report = examine(read_robot(options.robot), form=options.form, dynpar=options.dynpar)
+        _check_targets(options)
+        description = read_robot(options.robot)
+        try:
+            report = examine(description, form=options.form, dynpar=options.dynpar)
+        except InputError as error:
+            raise InputError(f"{Path(options.robot).name}: {error}") from None
+        asked = {"urdf": options.urdf, "mjcf": options.mjcf}
+        models = [report.model(which, path) for which, path in asked.items() if path is not None]
         if options.c is not None:
             report = report.with_code(options.c)
+        report = report.with_models(models)
     except InputError as error:
         return _refuse(f"{error}")
     except OcptipError as error:
         return _refuse(f"computation failed: {error}")
     except OSError as error:
-        return _refuse(f"{error.filename or options.c or options.robot}: {error.strerror or error}")
+        return _refuse(f"{error.filename or options.robot}: {error.strerror or error}")
     _print(report.to_json() if options.json else report.to_text())
     return STANDS if report.mobility.consistent else MOVES
 
@@ -82,6 +94,7 @@ class ParallelReport:
         functions: forces and Jacobian as generated; empty if there are none.
         without_code: why there are none.
         written: the C files.
+        models: files in other formats.
     """
 
     description: RobotDescription
@@ -90,6 +103,7 @@ class ParallelReport:
     functions: tuple[LeanFunction, ...]
     without_code: str
     written: CFiles | None = None
+    models: tuple[Path, ...] = ()
 
     def with_code(self, path: str) -> ParallelReport:
         """The same after writing the functions as C source.
@@ -107,13 +121,55 @@ class ParallelReport:
             raise InputError(f"--c: no code for {self.description.name}: {self.without_code}")
         return dataclasses.replace(self, written=write_c(self.functions, path))
 
+    def with_models(self, models: Sequence[tuple[Path, str]]) -> ParallelReport:
+        """The same after writing the robot in other formats.
+
+        Args:
+            models: as :meth:`model` makes them.
+
+        Raises:
+            OSError: one cannot be written.
+        """
+        import dataclasses
+
+        from ocptip.files import write_text
+
+        for path, text in models:
+            write_text(path, text)
+        return dataclasses.replace(self, models=(*self.models, *(path for path, _ in models)))
+
+    def model(self, which: str, path: str) -> tuple[Path, str]:
+        """The robot in another format, and the file to write it to.
+
+        Args:
+            which: "urdf" or "mjcf".
+            path: of the file.
+
+        Raises:
+            InputError: the format cannot hold the robot, or path does not fit.
+        """
+        from ocptip.errors import InputError
+        from ocptip.parallel.export import export_target, to_mjcf, to_urdf
+
+        make = {"urdf": to_urdf, "mjcf": to_mjcf}[which]
+        try:
+            return export_target(path, _SUFFIXES[which]), make(self.description)
+        except InputError as error:
+            raise InputError(f"--{which}: {error}") from None
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """All files that were written."""
+        code = (self.written.source, self.written.header) if self.written else ()
+        return (*code, *self.models)
+
     def to_dict(self) -> dict[str, Any]:
         """Plain data; what is not finite becomes None."""
-        from ocptip.cli.stand import _plain, versions
+        from ocptip.files import plain, versions
 
         robot = self.description
         forces = self.functions[0] if self.functions else None
-        return _plain(
+        return plain(
             {
                 "robot": robot.name,
                 "legs": len(robot.legs),
@@ -126,7 +182,7 @@ class ParallelReport:
                 "inertia_parameters": list(forces.inertia_names) if forces else None,
                 "operations": {f.function.name(): f.count.to_dict() for f in self.functions},
                 "without_code": self.without_code or None,
-                "written": [str(self.written.source), str(self.written.header)] if self.written else [],
+                "written": [str(path) for path in self.files],
                 "versions": versions(),
             }
         )
@@ -159,9 +215,30 @@ class ParallelReport:
         width = max(len(name) for name, _ in rows)
         lines += ["", *(f"{name:<{width}}  {text}" for name, text in rows), ""]
         lines += _count_table(self.functions) if self.functions else [f"no code: {self.without_code}"]
-        if self.written:
-            lines += ["", f"wrote {self.written.source} and {self.written.header}"]
+        if self.files:
+            lines += ["", f"wrote {' and '.join(map(str, self.files))}"]
         return "\n".join(lines)
+
+
+def _check_targets(options: argparse.Namespace) -> None:
+    """Refuse files that could not be written, before anything is computed.
+
+    Raises:
+        InputError: another ending, a name that C does not allow, or no such folder; names the option.
+    """
+    from ocptip.errors import InputError
+    from ocptip.parallel.export import export_target
+
+    for option, suffixes in _SUFFIXES.items():
+        path = getattr(options, option)
+        if path is None:
+            continue
+        try:
+            target = export_target(path, suffixes)
+        except InputError as error:
+            raise InputError(f"--{option}: {str(error).removeprefix('path: ')}") from None
+        if option == "c" and not target.stem.isidentifier():
+            raise InputError(f"--c: expected a file NAME.c with NAME an identifier, got {path!r}")
 
 
 def read_robot(name: str) -> RobotDescription:
@@ -189,15 +266,22 @@ def examine(description: RobotDescription, *, form: str = "A", dynpar: int = 3) 
     Args:
         description: the robot.
         form, dynpar: of the forces; see :func:`ocptip.parallel.lean.lean_function`.
+
+    Raises:
+        InputError: a leg does not reach the home pose.
     """
+    from ocptip.errors import InputError
     from ocptip.parallel.lean import lean_function
     from ocptip.parallel.robot import ParallelRobot
 
-    robot = ParallelRobot(description, check=False)
-    mobility = robot.mobility()
-    if not mobility.consistent:
+    try:
+        robot = ParallelRobot(description, check=False)
+        mobility = robot.mobility()
+        home = robot.singularity(description.home) if mobility.consistent else None
+    except InputError as error:
+        raise InputError(f"home: {str(error).removeprefix('home: ').removeprefix('pose: ')}") from None
+    if home is None:
         return ParallelReport(description, mobility, None, (), "the robot does not move as described")
-    home = robot.singularity(description.home)
     if not description.coupling_form:
         return ParallelReport(
             description,
@@ -205,7 +289,7 @@ def examine(description: RobotDescription, *, form: str = "A", dynpar: int = 3) 
             home,
             (),
             "generated code needs legs with as many joints up to the coupling point as there are free "
-            "translations, and motors on those joints",
+            f"translations, and motors on those joints, but {description.coupling_obstacle}",
         )
     functions = (
         lean_function(description, form=form, dynpar=dynpar, name=_FORCES[form]),
@@ -215,7 +299,7 @@ def examine(description: RobotDescription, *, form: str = "A", dynpar: int = 3) 
 
 
 def _measures(home: Singularity) -> str:
-    from ocptip.cli.numbers import ratio
+    from ocptip.numbers import ratio
 
     parts = {"legs": home.legs.min(), "platform": home.platform, "angles": home.representation}
     return ", ".join(f"{ratio(float(value))} ({name})" for name, value in parts.items())

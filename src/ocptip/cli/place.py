@@ -33,7 +33,7 @@ def add_parser(commands: Any) -> None:
     place.add_argument("task", metavar="TASK.toml", help="the task (format: see docs/placement.md)")
     place.add_argument("--out", metavar="DIR", help="where files go (default: ocptip-place-<name>)")
     place.add_argument("--json", action="store_true", help="print JSON instead of the summary")
-    place.add_argument("--starts", metavar="N", type=int, default=6, help="starts (default: 6)")
+    place.add_argument("--starts", metavar="N", type=int, default=5, help="starts (default: 5)")
     place.add_argument("--seed", metavar="N", type=int, default=0, help="of the starts (default: 0)")
     place.add_argument("--no-figures", action="store_true", help="write no figures")
     place.set_defaults(run=run)

@@ -106,12 +106,13 @@ class PlanReport:
         """What plan.json holds beside the plan: `extra`, and `time_scale` if it was asked for."""
         if not self.time_scale:
             return self.extra
-        rows = [{"factor": f, "stands": _stands(p), **p.to_dict()} for f, p in self.time_scale]
+        rows = [{"factor": f, **p.to_dict()} for f, p in self.time_scale]
         return {**self.extra, "time_scale": rows}
 
     def to_json(self) -> str:
         """The content of plan.json and the list `written`, as JSON text."""
-        from ocptip.motion.output import plain, plan_to_dict
+        from ocptip.files import plain
+        from ocptip.motion.output import plan_to_dict
 
         data = {**plan_to_dict(self.plan), **self.entries(), "written": self.written}
         return json.dumps(plain(data), indent=2, allow_nan=False)
@@ -171,7 +172,7 @@ def _planned(options: argparse.Namespace, task: MotionTask) -> MotionPlan:
 
 def _check_numbers(options: argparse.Namespace) -> None:
     """Refuse options that cannot be, by the names they have on the command line."""
-    from ocptip.errors import InputError, positive_number
+    from ocptip.errors import InputError, positive_number, share_of_one
 
     for name, least in (("starts", 1), ("seed", 0), ("jobs", 1)):
         value = getattr(options, name)
@@ -179,7 +180,11 @@ def _check_numbers(options: argparse.Namespace) -> None:
             raise InputError(f"--{name}: must be >= {least}, got {value}")
     for name in _LIMIT_OPTIONS:
         if (value := getattr(options, name)) is not None:
-            positive_number(f"--{name.replace('_', '-')}", value, zero_allowed=name == "clearance")
+            option = f"--{name.replace('_', '-')}"
+            if name in ("gn", "gt"):
+                share_of_one(option, value)
+            else:
+                positive_number(option, value, zero_allowed=name == "clearance")
     for factor in options.time_scale:
         positive_number("--time-scale", factor)
 
@@ -242,14 +247,9 @@ def _scaled(plan: MotionPlan, factor: float) -> tuple[float, MotionProof]:
     return factor, prove(plan.task.robot, plan.motion.time_scaled(factor), plan.task.limits)
 
 
-def _stands(proof: MotionProof) -> bool:
-    """True if no contact is lost, whatever other limits are broken."""
-    return proof.worst["GN"].value < 1 and proof.worst["GT"].value < 1
-
-
 def _scale_text(proof: MotionProof) -> str:
     if proof.verified:
         values = ", ".join(f"{name} {proof.worst[name].value:.3f}" for name in ("GN", "GT"))
         return f"stands, all limits kept: {values}, {proof.energy:.1f} J in {proof.duration:.3f} s"
-    verdict = "stands, but breaks limits" if _stands(proof) else "LOSES A CONTACT"
+    verdict = "stands, but breaks limits" if proof.stands else "LOSES A CONTACT"
     return f"{verdict}: {'; '.join(proof.violations)}"

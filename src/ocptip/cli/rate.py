@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from ocptip.robots import ArmModel
 
 _WIDTH = 110
-_PACKAGES = ("ocptip", "numpy", "casadi")
 _URDF_SUFFIXES = (".urdf", ".xml")
 _HEXAPOD = "6UPS"
 
@@ -80,6 +79,7 @@ def add_parser(commands: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Rate and print; returns the exit code."""
     from ocptip.errors import InputError, OcptipError
+    from ocptip.files import versions
 
     try:
         data, text = _rate_platform(options) if _is_platform(options.robot) else _rate_arm(options)
@@ -87,7 +87,7 @@ def run(options: argparse.Namespace) -> int:
         return _refuse(f"{error}")
     except OcptipError as error:
         return _refuse(f"computation failed: {error}")
-    data["versions"] = _versions()
+    data["versions"] = versions()
     _print(json.dumps(data, indent=2, allow_nan=False) if options.json else text)
     return MOVES if data["singular"] else STANDS
 
@@ -99,13 +99,13 @@ def _is_platform(robot: str) -> bool:
 def _rate_arm(options: argparse.Namespace) -> tuple[dict[str, Any], str]:
     import numpy as np
 
-    from ocptip.errors import InputError, finite_array
+    from ocptip.errors import InputError, bounded_array
     from ocptip.indices.rate import rate_arm
 
     model = _arm(options)
     if len(options.pose) != model.n:
         raise InputError(f"POSE: {model.name} has {model.n} joints, got {len(options.pose)} angles (degrees)")
-    q = np.radians(finite_array("POSE", options.pose, (model.n,)))
+    q = np.radians(bounded_array("POSE", options.pose, (model.n,)))
     if options.rates is not None and len(options.rates) != model.n:
         raise InputError(f"--rates: {model.name} has {model.n} joints, got {len(options.rates)} rates")
     rating = rate_arm(model, q, ellipsoid=_ellipsoid(options), rates=options.rates)
@@ -132,7 +132,7 @@ def _rate_arm(options: argparse.Namespace) -> tuple[dict[str, Any], str]:
 
 
 def _rate_platform(options: argparse.Namespace) -> tuple[dict[str, Any], str]:
-    from ocptip.errors import InputError, finite_array
+    from ocptip.errors import InputError, bounded_array
     from ocptip.indices.platform_files import read_platform, rotation_from_degrees
     from ocptip.indices.platform_rating import rate_platform
     from ocptip.indices.singular_motion import singular_motion
@@ -153,8 +153,8 @@ def _rate_platform(options: argparse.Namespace) -> tuple[dict[str, Any], str]:
             raise InputError(
                 f"POSE: a platform needs x y z (m), rotation vector (deg), got {len(options.pose)} numbers"
             )
-        position = finite_array("POSE", options.pose[:3], (3,))
-        rotation = rotation_from_degrees("POSE", options.pose[3:])
+        position = bounded_array("POSE", options.pose[:3], (3,))
+        rotation = rotation_from_degrees("POSE", bounded_array("POSE", options.pose[3:], (3,)))
     ellipsoid = _ellipsoid(options) or file.ellipsoid
     entries = rate_platform(file.platform, position, rotation, ellipsoid)
     pose = file.platform.at(position, rotation)
@@ -268,15 +268,3 @@ def _meaning(entry: IndexEntry) -> str:
 
 def _numbers(values: np.ndarray, decimals: int) -> str:
     return ", ".join(f"{round(x, decimals) + 0.0:.{decimals}f}" for x in values)
-
-
-def _versions() -> dict[str, str]:
-    from importlib import metadata
-
-    found = {}
-    for package in _PACKAGES:
-        try:
-            found[package] = metadata.version(package)
-        except metadata.PackageNotFoundError:
-            found[package] = "not installed"
-    return found

@@ -6,6 +6,7 @@ import argparse
 import os
 import re
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -71,8 +72,12 @@ def output_directory(options: argparse.Namespace, command: str, name: str) -> Pa
         raise InputError(f"--out: {path} is not a directory")
     if not path.parent.is_dir():
         raise InputError(f"--out: no such directory: {path.parent}")
-    if not os.access(path if path.is_dir() else path.parent, os.W_OK):
-        raise InputError(f"--out: no permission to write into {path if path.is_dir() else path.parent}")
+    place = path if path.is_dir() else path.parent
+    try:
+        with tempfile.TemporaryDirectory(dir=place, prefix=".ocptip-"):
+            pass
+    except OSError as error:
+        raise InputError(f"--out: cannot write into {place}: {error.strerror}") from None
     return path
 
 

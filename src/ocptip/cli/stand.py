@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import json
-import math
 from dataclasses import dataclass
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-import ocptip
-from ocptip.cli.numbers import percent, quantity, ratio, without_noise
 from ocptip.contact import ContactState, ContactStates, StabilityVerdict, solve_many, stability
+from ocptip.contact.solver import BEYOND_RESOLUTION, STATUS
 from ocptip.errors import InputError
+from ocptip.files import plain, versions
+from ocptip.numbers import percent, quantity, ratio, without_noise
 from ocptip.reserves import Slip, SlipReserve, TipOver, TipOverReserve
 from ocptip.scene import Scene
 
 PLOT_FORMATS = (".png", ".pdf", ".svg")
-_PACKAGES = ("numpy", "scipy", "numba", "clarabel")
+_NO_RESERVE = 1 - 1e-9  # reserve values from here on are 1 but for rounding
 _PLURAL = {"slide": "slide", "separate": "lift off", "yield": "yield"}
 _SINGULAR = {"slide": "slides", "separate": "lifts off", "yield": "yields"}
 
@@ -34,6 +31,7 @@ class StandReport:
         tip, slip: the two reserves of that state.
         slip_full: the slip reserve with the normal forces redistributed, too.
         verdict: whether every solution of the contact laws stands.
+        reference_given: the reference moment of GN is the user's, not the support's.
     """
 
     scene: Scene
@@ -42,6 +40,7 @@ class StandReport:
     slip: SlipReserve
     slip_full: SlipReserve
     verdict: StabilityVerdict
+    reference_given: bool = False
 
     @property
     def state(self) -> ContactState:
@@ -53,14 +52,24 @@ class StandReport:
         """True if nothing slips and nothing lifts off."""
         return self.state.persistent
 
+    @property
+    def without_reserve(self) -> str:
+        """What the least further load does to a base that just stands: "tips" or "slips"; else empty."""
+        if not self.persistent:
+            return ""
+        if self.tip.GN[0] >= _NO_RESERVE:
+            return "tips"
+        return "slips" if self.slip_full.GT[0] >= _NO_RESERVE else ""
+
     def to_dict(self) -> dict[str, Any]:
         """Plain data; contacts in the order of the file, NaN and infinity as None."""
         state = self.state
         axis, counterexample = _nearest_axis(self), self.verdict.counterexample
-        return _plain(
+        return plain(
             {
                 "scene": self.scene.name,
                 "persistent": self.persistent,
+                "without_reserve": self.without_reserve or None,
                 "solved": state.solved,
                 "status": state.status,
                 "stability": self.verdict.verdict,
@@ -94,11 +103,16 @@ class StandReport:
 
     def _headline(self) -> list[str]:
         state = self.state
+        other = " Another solution stands, see stability." if self.verdict.weak else ""
+        if state.status == STATUS[BEYOND_RESOLUTION]:
+            return [f"{self.scene.name}: DOES NOT STAND: {state.status}.{other}"]
         if not state.solved:
             return [f"{self.scene.name}: NO ANSWER: {state.status}"]
         if not state.persistent:
-            other = " Another solution stands, see stability." if self.verdict.weak else ""
             return [f"{self.scene.name}: DOES NOT STAND. {_what_moves(state.modes)}.{other}"]
+        if self.without_reserve:
+            what = {"tips": "the least push tips it", "slips": "the least push makes it slip"}
+            return [f"{self.scene.name}: IN BALANCE WITHOUT ANY RESERVE: {what[self.without_reserve]}."]
         if self.verdict.verdict == "weak":
             return [f"{self.scene.name}: STANDS in this solution, but that is not sure, see stability."]
         return [f"{self.scene.name}: STANDS. Nothing slips, nothing lifts off."]
@@ -125,18 +139,20 @@ class StandReport:
         return _aligned(rows, left=(1, 3))
 
     def _summary(self) -> list[str]:
+        rest = "" if self.reference_given else "; 0.09: the best at rest without load"
         state, slip, full = self.state, self.slip.GT[0], self.slip_full.GT[0]
         lines = [
             (
                 "tip-over GN",
-                f"{ratio(self.tip.GN[0])} (1: a contact lifts off; 0.09: the best at rest without load)",
+                f"{ratio(self.tip.GN[0])} (1: a contact lifts off{rest})",
             ),
             ("slip GT", f"{ratio(slip)} (1: the friction is used up)"),
         ]
         if ratio(full) != ratio(slip):
             lines.append(("", f"{ratio(full)} if normal forces may shift between contacts, too"))
         lines.append(("tipping axis", _axis_text(self)))
-        lines.append(("stability", f"{self.verdict.verdict}: {self.verdict.explanation}"))
+        only = " Under exactly this load; there is no reserve." if self.without_reserve else ""
+        lines.append(("stability", f"{self.verdict.verdict}: {self.verdict.explanation}{only}"))
         if state.solved and not state.persistent:
             values = ", ".join(f"{a:.3g}" for a in without_noise(state.acceleration))
             lines.append(("acceleration", f"[{values}] m/s^2, rad/s^2"))
@@ -169,6 +185,7 @@ def stand(scene: Scene, *, reference_moment: float | None = None) -> StandReport
         slip=Slip(scene.support).evaluate(states, derivatives=False),
         slip_full=Slip(scene.support, "full").evaluate(states, derivatives=False),
         verdict=stability(scene.support, scene.wrench),
+        reference_given=reference_moment is not None,
     )
 
 
@@ -185,11 +202,6 @@ def check_plot_target(target: str) -> None:
         raise InputError(f"--plot: {target} is a directory")
     if not path.parent.is_dir():
         raise InputError(f"--plot: no such directory: {path.parent}")
-
-
-def versions() -> dict[str, str]:
-    """Versions of ocptip and of the packages that decide its numbers."""
-    return {"ocptip": ocptip.__version__, **{name: metadata.version(name) for name in _PACKAGES}}
 
 
 def _nearest_axis(report: StandReport) -> dict[str, Any] | None:
@@ -241,18 +253,3 @@ def _aligned(rows: list[list[str]], left: tuple[int, ...]) -> list[str]:
         ]
         lines.append("  ".join(cells).rstrip())
     return lines
-
-
-def _plain(value: Any) -> Any:
-    """Dictionaries, lists and numbers that JSON knows; what is not finite becomes None."""
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

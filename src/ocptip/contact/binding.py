@@ -16,7 +16,17 @@ import numpy as np
 
 from ocptip.contact import pyramid
 from ocptip.contact.automaton import Automaton, Mode, build_automaton
-from ocptip.errors import BindingDefinitionError, InputError, finite_array, positive_number
+from ocptip.errors import (
+    BindingDefinitionError,
+    InputError,
+    bounded_array,
+    finite_array,
+    positive_number,
+    refuse_huge,
+)
+
+LARGEST_FRICTION = 1e3
+"""Largest friction coefficient: rubber has 1 to 2, what interlocks perhaps 10."""
 
 _NORMAL_TOLERANCE = 1e-12
 
@@ -83,10 +93,13 @@ class Binding(ABC):
             Binding.registry[kind] = cls
 
     def __post_init__(self) -> None:
-        position = finite_array("position", self.position, (None,))
+        position = bounded_array("position", self.position, (None,))
         if position.size not in (2, 3):
             raise InputError(f"position: expected 2 or 3 numbers, got {position.size}")
-        normal = finite_array("normal", self.normal, (position.size,))
+        normal = finite_array("normal", self.normal, (None,))
+        if position.size == 2 and normal.size == 3:
+            raise InputError("position: has 2 numbers, normal has 3; both have 3, or both 2 in the plane")
+        normal = finite_array("normal", normal, (position.size,))
         length = float(np.linalg.norm(normal))
         if length < _NORMAL_TOLERANCE:
             raise InputError(f"normal: must not be zero, got {list(self.normal)}")
@@ -215,7 +228,20 @@ class Columns:
 def positive_parameters(binding: Binding, *names: str) -> None:
     """Check that the named parameters of a binding are positive finite numbers and store them as floats."""
     for name in names:
-        object.__setattr__(binding, name, positive_number(name, getattr(binding, name)))
+        number = positive_number(name, getattr(binding, name))
+        refuse_huge(name, number)
+        object.__setattr__(binding, name, number)
+
+
+def friction_parameters(binding: Binding, *names: str) -> None:
+    """As `positive_parameters`, for friction coefficients: up to `LARGEST_FRICTION`."""
+    positive_parameters(binding, *names)
+    for name in names:
+        if getattr(binding, name) > LARGEST_FRICTION:
+            raise InputError(
+                f"{name}: must be <= {LARGEST_FRICTION:g} (rubber has 1 to 2, what interlocks 10), got "
+                f"{getattr(binding, name):g}"
+            )
 
 
 def normal_vector(binding: Binding, sign: float = 1.0) -> np.ndarray:

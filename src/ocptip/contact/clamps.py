@@ -17,6 +17,7 @@ from ocptip.contact.binding import (
     ForcePiece,
     PoolVariable,
     edge_vectors,
+    friction_parameters,
     normal_vector,
     positive_parameters,
     sliding_variables,
@@ -32,7 +33,7 @@ class _Clamp(Binding):
     friction_lower: float
 
     def check_parameters(self) -> None:
-        positive_parameters(self, "friction_upper", "friction_lower")
+        friction_parameters(self, "friction_upper", "friction_lower")
 
     @property
     def directions(self) -> int:

@@ -31,6 +31,7 @@ MOTION_TOLERANCE = 3e-9
 EXHAUSTED, FOUND, LIMIT = "exhausted", "found", "node limit"
 
 _LP_TOLERANCE = 1e-10
+_LP_ITERATIONS = 5000  # of a program; without a limit HiGHS may cycle on columns of very different size
 _RESIDUAL = 1e-9
 _POSITIVE = 1e-9
 _INFEASIBLE = 1e-7
@@ -282,6 +283,7 @@ def _linear_program(cost: np.ndarray, equations: np.ndarray, rhs: np.ndarray):
     options = {
         "primal_feasibility_tolerance": _LP_TOLERANCE,
         "dual_feasibility_tolerance": _LP_TOLERANCE,
+        "maxiter": _LP_ITERATIONS,
     }
     for method in ("highs", "highs-ds", "highs-ipm"):
         result = linprog(cost, A_eq=equations, b_eq=rhs, method=method, options=options)

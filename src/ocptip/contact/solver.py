@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from ocptip.contact import laws, mode_search, pivoting
-from ocptip.contact.support import Support
-from ocptip.errors import InputError, finite_array
+from ocptip.contact.support import LARGEST_WRENCH, ContactSystem, Support
+from ocptip.errors import InputError, bounded_array, finite_array
 
 RESIDUAL_TOLERANCE = 1e-9
 """Largest natural residual, relative to the largest right-hand side, of a state called solved."""
@@ -23,14 +23,23 @@ RESIDUAL_TOLERANCE = 1e-9
 REST_TOLERANCE = 1e-9
 """Accelerations below this, relative to the free acceleration of the contacts, count as rest."""
 
-NO_SOLUTION = -1
+NO_SOLUTION, BEYOND_RESOLUTION = -1, -2
+_LAWFUL = 1e-6
+_RESOLVED = 1e9  # ratio of the inertia to the usual one, or its inverse, up to which motions are computed
 _ATTEMPTS = 80
 _FIRST_RANDOM = 4
 _MAX_PIVOTS = 2000
 
+_ARRAYS = (
+    "wrenches", "solved", "status_codes", "subsets", "basic", "pivots", "attempts", "residual",
+    "contact_forces", "contact_accelerations",
+)  # fmt: skip
+
 STATUS = {
     pivoting.SOLVED: "solved",
     NO_SOLUTION: "no solution exists: no combination of modes satisfies the contact laws",
+    BEYOND_RESOLUTION: "it moves, but how is beyond the numerical resolution: the inertia is too far from "
+    "mass times the support's length squared",
     pivoting.RAY: "no solution found: every path ended in a ray",
     pivoting.PIVOT_LIMIT: "no solution found: pivot limit reached",
     pivoting.SINGULAR: "no solution found: singular basis",
@@ -82,11 +91,7 @@ class ContactStates:
 
     def select(self, indices: object) -> ContactStates:
         """The selected states (any index of a NumPy array) as a batch of their own."""
-        names = (
-            "wrenches", "solved", "status_codes", "subsets", "basic", "pivots", "attempts", "residual",
-            "contact_forces", "contact_accelerations",
-        )  # fmt: skip
-        return ContactStates(self.support, **{name: getattr(self, name)[indices] for name in names})
+        return ContactStates(self.support, **{name: getattr(self, name)[indices] for name in _ARRAYS})
 
     def status(self, index: int) -> str:
         """Status of one state as a sentence."""
@@ -100,9 +105,11 @@ class ContactStates:
     @cached_property
     def acceleration(self) -> np.ndarray:
         """(N, 6) acceleration of the base: of its centre of mass (m/s^2) and angular (rad/s^2)."""
-        d = self.support.dimension
-        flat = self.contact_forces.reshape(len(self), self.support.n_contacts * d)
-        support = self.support
+        return self._acceleration(self.support)
+
+    def _acceleration(self, support: Support) -> np.ndarray:
+        """(N, 6) acceleration that the forces would give to a base with the inertia of `support`."""
+        flat = self.contact_forces.reshape(len(self), support.n_contacts * support.dimension)
         return (self.wrenches + flat @ support.wrench_matrix.T) @ support.inverse_mass
 
     @cached_property
@@ -113,17 +120,20 @@ class ContactStates:
         it does not stand then.
         """
         d = self.support.dimension
-        turning = np.max(np.abs(self.acceleration[:, d:]), axis=1) * self.support.length
-        turns = turning > self.rest_limit
+        usual = self.support.conditioned
+        acceleration = self.acceleration if usual is self.support else self._acceleration(usual)
+        turning = np.max(np.abs(acceleration[:, d:]), axis=1)
+        turns = turning * self.support.length > self.rest_limit
         return self.solved & np.all(self._at_rest, axis=1) & ~turns
 
     @cached_property
     def scale(self) -> np.ndarray:
         """(N,) acceleration to which rest and violations are compared, m/s^2.
 
-        The largest of the right-hand sides and of the accelerations of the free base.
+        The largest of the right-hand sides and of the accelerations of the free base, whose inertia is taken
+        within the usual range (`Support.conditioned`).
         """
-        support, d = self.support, self.support.dimension
+        support, d = self.support.conditioned, self.support.dimension
         rhs = np.max(np.abs(support.system.rhs(self.wrenches)), axis=1) / support.mass
         free = self.wrenches @ support.inverse_mass
         free[:, d:] *= support.length
@@ -185,13 +195,12 @@ class ContactStates:
         solved. Within one basis forces are affine in the wrench; where a basic variable is zero the map
         is a one-sided derivative.
         """
-        system = self.support.system
-        return self._shaped_maps(system.force_matrix)
+        return self._shaped_maps(self.support.conditioned.system.force_matrix)
 
     @cached_property
     def acceleration_maps(self) -> np.ndarray:
         """Exact derivative of the contact accelerations, (N, n, d, 6) in contact axes; as `force_maps`."""
-        system = self.support.system
+        system = self.support.conditioned.system
         return self._shaped_maps(system.acceleration_matrix / self.support.mass)
 
     def _shaped_maps(self, quantity: np.ndarray) -> np.ndarray:
@@ -204,19 +213,27 @@ class ContactStates:
     @cached_property
     def _basis_solutions(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Distinct bases: columns (U, m), d(basic)/d(wrench) (U, m, 6), and the basis of each state (N,)."""
-        system = self.support.system
-        unique, which = np.unique(self.subsets, axis=0, return_inverse=True)
-        columns = system.active_columns(np.maximum(unique, 0))
-        bases = np.moveaxis(system.matrix[:, columns], 1, 0)
-        unsolved = unique[:, 0] < 0
-        bases[unsolved] = np.eye(bases.shape[1])
-        try:
-            solutions = np.linalg.solve(bases, system.rhs_matrix)
-        except np.linalg.LinAlgError:
-            # a basis found by the search over all modes may be singular: take the smallest change
-            solutions = np.linalg.pinv(bases, rcond=1e-11) @ system.rhs_matrix
-        solutions[unsolved] = np.nan
+        support = self.support
+        # where the base rests, the derivatives do not depend on the inertia: take the one that rounds least
+        resting = self.persistent if support.conditioned is not support else np.zeros(len(self), dtype=bool)
+        unique, which = np.unique(np.column_stack([self.subsets, resting]), axis=0, return_inverse=True)
+        subsets, rests = unique[:, :-1], unique[:, -1] == 1
+        columns = support.conditioned.system.active_columns(np.maximum(subsets, 0))
+        solutions = np.full((*columns.shape, support.wrench_size), np.nan)
+        for one, rows in ((support.conditioned, rests), (support, (subsets[:, 0] >= 0) & ~rests)):
+            if np.any(rows):
+                solutions[rows] = _derivatives(one.system, columns[rows])
         return columns, solutions, which.reshape(-1)
+
+
+def _derivatives(system: ContactSystem, columns: np.ndarray) -> np.ndarray:
+    """(U, m, 6) derivatives of the basic variables with respect to the wrench; bases of columns (U, m)."""
+    bases = np.moveaxis(system.matrix[:, columns], 1, 0)
+    try:
+        return np.linalg.solve(bases, system.rhs_matrix)
+    except np.linalg.LinAlgError:
+        # a basis found by the search over all modes may be singular: take the smallest change
+        return np.linalg.pinv(bases, rcond=1e-11) @ system.rhs_matrix
 
 
 @dataclass(frozen=True)
@@ -244,7 +261,8 @@ class ContactState:
     def status(self) -> str:
         """Status as a sentence, with advice where there is no solution."""
         text = self.states.status(self.index)
-        return text if self.solved else f"{text}. {ADVICE}"
+        beyond = self.states.status_codes[self.index] == BEYOND_RESOLUTION
+        return text if self.solved or beyond else f"{text}. {ADVICE}"
 
     @property
     def persistent(self) -> bool:
@@ -316,9 +334,9 @@ def solve(support: Support, wrench: object) -> ContactState:
             weight included (`support.wrench(loads)` adds it); (3,) for a planar support.
 
     Raises:
-        InputError: wrong shape, NaN or infinity.
+        InputError: wrong shape, NaN, infinity or a number above 1e24.
     """
-    wrench = finite_array("wrench", wrench, (support.wrench_size,))
+    wrench = bounded_array("wrench", wrench, (support.wrench_size,), largest=LARGEST_WRENCH)
     return solve_many(support, wrench[None])[0]
 
 
@@ -351,8 +369,59 @@ def solve_many(
         if initial.support is not support:
             raise InputError("initial: is a state of another support")
         start = initial.states.subsets[initial.index].astype(np.int64)
+    if support.conditioned is support:
+        return _solve_all(support, wrenches, warm_start, start, search)
+    # a base that rests does so with any inertia: the given one decides only how the others move
+    states = _solve_all(support.conditioned, wrenches, warm_start, start, search)
+    moving = np.flatnonzero(~states.persistent)
+    states = replace(states, support=support)
+    if len(moving) == 0:
+        return states
+    try:
+        others = _solve_moving(support, wrenches[moving], warm_start, start)
+    except InputError:  # a contact's own equations are singular at the given inertia
+        others = None
+    if others is None:
+        return _without_answer(states, moving[states.solved[moving]])
+    # rounding, magnified by the ratio of inertias: laws are broken, or no contact is seen to move that does
+    unseen = np.all(others._at_rest, axis=1) & ~others.persistent & ~np.all(states._at_rest[moving], axis=1)
+    unlawful = others.law_violation() > _LAWFUL
+    lost = np.flatnonzero(others.solved & states.solved[moving] & (unseen | unlawful))
+    return _replaced(states, moving, _without_answer(others, lost))
+
+
+def _solve_moving(support, wrenches, warm_start, start) -> ContactStates | None:
+    """Solve with an unusual inertia as it is; None if it is beyond what can be resolved."""
+    if not support.inertia_is_within(_RESOLVED):
+        return None
+    return _solve_all(support, wrenches, warm_start, start, search=False)
+
+
+def _solve_all(support, wrenches, warm_start, start, search) -> ContactStates:
+    """Solve with the inertia as it is, by pivoting and, if asked for, by search."""
     states = _pivot_all(support, wrenches, warm_start, start, 1, np.ones(len(wrenches), dtype=np.uint64))
     return _search_unsolved(states) if search else states
+
+
+def _without_answer(states: ContactStates, indices: np.ndarray) -> ContactStates:
+    """The same states with those at the indices marked as beyond the numerical resolution."""
+    changes = {
+        "solved": False, "status_codes": BEYOND_RESOLUTION, "subsets": -1, "basic": np.nan,
+        "residual": np.inf, "contact_forces": np.nan, "contact_accelerations": np.nan,
+    }  # fmt: skip
+    parts = {}
+    for name, value in changes.items():
+        parts[name] = getattr(states, name).copy()
+        parts[name][indices] = value
+    return ContactStates(**{**{name: getattr(states, name) for name in ("support", *_ARRAYS)}, **parts})
+
+
+def _replaced(states: ContactStates, indices: np.ndarray, others: ContactStates) -> ContactStates:
+    """The same states with those at the indices taken from others."""
+    parts = {name: getattr(states, name).copy() for name in _ARRAYS}
+    for name, part in parts.items():
+        part[indices] = getattr(others, name)
+    return ContactStates(states.support, **parts)
 
 
 def solve_randomly(support: Support, wrench: object, count: int, seed: int = 0) -> ContactStates:

@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from ocptip.contact.binding import Binding
-from ocptip.errors import InputError, finite_array, positive_number
+from ocptip.errors import LARGEST, InputError, bounded_array, finite_array, positive_number, refuse_huge
 
 STANDARD_GRAVITY = 9.81
+LARGEST_WRENCH = LARGEST**2
+"""Largest element of a wrench, N and N m: forces times distances, and many of them."""
+
+INERTIA_RANGE = 1e3
+"""Principal inertias between mass times length squared divided by this and times this count as usual."""
+
 _RANK_TOLERANCE = 1e-9
+_TRIANGLE_TOLERANCE = 1e-6
+_MOST_UNUSUAL = 1e15
 
 
 @dataclass(frozen=True)
@@ -23,11 +31,18 @@ class Load:
         force: N, base axes, shape (3,) or (2,); None: no force.
         moment: N m, base axes, shape (3,), or a number in the plane; None: no moment.
         point: where the force acts, m, base axes; None: the origin.
+
+    Raises:
+        InputError: neither a force nor a moment.
     """
 
     force: Sequence[float] | None = None
     moment: Sequence[float] | float | None = None
     point: Sequence[float] | None = None
+
+    def __post_init__(self) -> None:
+        if self.force is None and self.moment is None:
+            raise InputError("force: missing (a load needs a force or a moment)")
 
 
 class Support:
@@ -42,12 +57,12 @@ class Support:
         mass: of the base, kg.
         center_of_mass: of the base, m; default the origin.
         inertia: about the centre of mass, kg m^2: (3, 3), or three principal values, or one number in
-            the plane. It decides how a base moves that does not stand, not whether it stands. Default:
-            mass times the squared distance of the farthest contact.
+            the plane. It decides how a base moves that does not stand, not whether contact forces can hold
+            it. Default: mass times the squared distance of the farthest contact.
         gravity: m/s^2; default 9.81 against the last base axis.
 
     Raises:
-        InputError: naming what is wrong.
+        InputError: naming what is wrong; numbers above 1e12 are, too.
     """
 
     def __init__(
@@ -69,12 +84,15 @@ class Support:
                 raise InputError(f"contacts[{i}]: planar and spatial contacts cannot be mixed")
         d = self.contacts[0].dimension
         self.mass = positive_number("mass", mass)
+        refuse_huge("mass", self.mass)
+        if self.mass < 1 / LARGEST:
+            raise InputError(f"mass: must be at least {1 / LARGEST:g} kg, got {mass!r}")
         if center_of_mass is None:
             center_of_mass = np.zeros(d)
-        self.center_of_mass = finite_array("center_of_mass", center_of_mass, (d,))
+        self.center_of_mass = bounded_array("center_of_mass", center_of_mass, (d,))
         if gravity is None:
             gravity = [0.0] * (d - 1) + [-STANDARD_GRAVITY]
-        self.gravity = finite_array("gravity", gravity, (d,))
+        self.gravity = bounded_array("gravity", gravity, (d,))
         self.arms = np.array([c.position for c in self.contacts]) - self.center_of_mass
         farthest = float(np.max(np.linalg.norm(self.arms, axis=1)))
         self.length = farthest if farthest > 0 else 1.0
@@ -117,6 +135,33 @@ class Support:
         inverse[d:, d:] = np.linalg.inv(self.inertia)
         return inverse
 
+    @cached_property
+    def conditioned(self) -> Support:
+        """The same support with principal inertias moved into the usual range (`INERTIA_RANGE`).
+
+        It stands and falls under the same loads. Where inertia is far outside (a heavy base taken as a point,
+        a wrong unit), rounding in the equations of motion hides that the base rests; here it does not. The
+        support itself if nothing has to be moved.
+        """
+        if self.inertia_is_within(INERTIA_RANGE):
+            return self
+        values, axes = np.linalg.eigh(self.inertia)
+        usual = self.mass * self.length**2
+        moved = np.clip(values, usual / INERTIA_RANGE, usual * INERTIA_RANGE)
+        inertia = (axes * moved) @ axes.T
+        return Support(
+            self.contacts,
+            mass=self.mass,
+            center_of_mass=self.center_of_mass,
+            inertia=0.5 * (inertia + inertia.T),
+            gravity=self.gravity,
+        )
+
+    def inertia_is_within(self, factor: float) -> bool:
+        """True if all principal inertias are within this factor of mass times length squared."""
+        ratios = np.linalg.eigvalsh(self.inertia) / (self.mass * self.length**2)
+        return bool(ratios[0] >= 1 / factor and ratios[-1] <= factor)
+
     @property
     def weight(self) -> np.ndarray:
         """Wrench of the base's own weight about its centre of mass."""
@@ -124,21 +169,28 @@ class Support:
         wrench[: self.dimension] = self.mass * self.gravity
         return wrench
 
-    def wrench(self, loads: Sequence[Load] = ()) -> np.ndarray:
-        """Wrench of the base's weight and of all loads about its centre of mass.
+    def wrench(self, loads: Load | Sequence[Load] = ()) -> np.ndarray:
+        """Wrench of the base's weight and of all loads (or of a single one) about its centre of mass.
 
         Raises:
-            InputError: a load with wrong shapes, NaN or infinity.
+            InputError: something that is no `Load`, or a load with wrong shapes, NaN, infinity or numbers
+                above 1e12.
         """
         total = self.weight
         d = self.dimension
+        if isinstance(loads, Load):
+            loads = (loads,)
+        elif not isinstance(loads, Iterable):
+            raise InputError(f"loads: expected a Load or a list of them, got {loads!r}")
         for i, load in enumerate(loads):
+            if not isinstance(load, Load):
+                raise InputError(f"load[{i}]: expected a Load, got {type(load).__name__}")
             zero = np.zeros(d)
-            force = zero if load.force is None else finite_array(f"load[{i}].force", load.force, (d,))
-            point = zero if load.point is None else finite_array(f"load[{i}].point", load.point, (d,))
+            force = zero if load.force is None else bounded_array(f"load[{i}].force", load.force, (d,))
+            point = zero if load.point is None else bounded_array(f"load[{i}].point", load.point, (d,))
             moment = 0.0
             if load.moment is not None:
-                moment = finite_array(f"load[{i}].moment", load.moment, (3,) if d == 3 else ())
+                moment = bounded_array(f"load[{i}].moment", load.moment, (3,) if d == 3 else ())
             total[:d] += force
             total[d:] += moment + moments_of(point - self.center_of_mass, force[None])[0]
         return total
@@ -162,15 +214,36 @@ def _inertia(value: object, default: float, dimension: int) -> np.ndarray:
         return np.eye(size) * default
     array = np.asarray(value, dtype=object)
     if array.ndim == 0:
-        return np.eye(size) * positive_number("inertia", value)
-    if array.ndim == 1 and size == 3:
+        matrix = np.eye(size) * positive_number("inertia", value)
+    elif array.ndim == 1 and size == 3:
         matrix = np.diag(finite_array("inertia", value, (3,)))
     else:
         matrix = finite_array("inertia", value, (size, size))
     symmetric = np.max(np.abs(matrix - matrix.T)) <= 1e-9 * np.max(np.abs(matrix))
-    if not symmetric or np.linalg.eigvalsh(matrix)[0] <= 0:
+    principal = np.linalg.eigvalsh(matrix)
+    if not symmetric or principal[0] <= 0:
         raise InputError(f"inertia: must be symmetric and positive definite, got {value!r}")
+    if principal[0] < default / _MOST_UNUSUAL or principal[-1] > default * _MOST_UNUSUAL:
+        shown = ", ".join(f"{x:.4g}" for x in principal)
+        raise InputError(
+            f"inertia: principal values ({shown} kg m^2) that no body of this mass and size has; mass times "
+            f"squared distance of the farthest contact is {default:.4g} kg m^2"
+        )
     return matrix
+
+
+def refuse_impossible_inertia(support: Support) -> None:
+    """Raise InputError if no distribution of mass has the support's inertia (triangle inequality).
+
+    The contact laws do not need it; data that break it have a wrong unit, axis or sign.
+    """
+    principal = np.linalg.eigvalsh(support.inertia)
+    if len(principal) == 3 and principal[2] > (1 + _TRIANGLE_TOLERANCE) * (principal[0] + principal[1]):
+        shown = ", ".join(f"{x:.4g}" for x in principal)
+        raise InputError(
+            f"inertia: no body has these principal values ({shown} kg m^2): the largest must not exceed the "
+            "sum of the other two"
+        )
 
 
 class ContactSystem:

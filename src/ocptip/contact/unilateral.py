@@ -13,8 +13,8 @@ from ocptip.contact.binding import (
     ForcePiece,
     PoolVariable,
     edge_vectors,
+    friction_parameters,
     normal_vector,
-    positive_parameters,
     sliding_variables,
 )
 
@@ -24,7 +24,7 @@ class UnilateralContact(Binding):
     """Ordinary unilateral frictional contact (3.1).
 
     Attributes:
-        friction: Coulomb coefficient mu > 0.
+        friction: Coulomb coefficient mu > 0, at most 1000.
     """
 
     kind: ClassVar[str] = "unilateral"
@@ -32,7 +32,7 @@ class UnilateralContact(Binding):
     friction: float
 
     def check_parameters(self) -> None:
-        positive_parameters(self, "friction")
+        friction_parameters(self, "friction")
 
     def pool(self) -> list[PoolVariable]:
         forces = edge_vectors(self, self.friction)

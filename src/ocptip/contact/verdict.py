@@ -24,11 +24,14 @@ from scipy.sparse import csc_matrix
 from ocptip.contact import laws, mode_search
 from ocptip.contact.binding import Binding, ForcePiece
 from ocptip.contact.solver import REST_TOLERANCE, ContactState, solution_from_search, solve, solve_randomly
-from ocptip.contact.support import Support
-from ocptip.errors import SolverError, finite_array
+from ocptip.contact.support import LARGEST_WRENCH, Support
+from ocptip.errors import SolverError, bounded_array
 
 MARGIN_TOLERANCE = 1e-7
 """Margins above minus this (relative to the force unit) count as standing."""
+
+_CLEAR_MOTION = 1e-6
+"""Acceleration, relative to the free base's, from which a solution of a random start counts as moving."""
 
 _RANDOM_STARTS = 64
 _TOLERANCES = (1e-10, 1e-8, 1e-6)
@@ -117,10 +120,10 @@ def stability(support: Support, wrench: object, *, max_nodes: int = 5000) -> Sta
         max_nodes: limit of the search for a moving solution.
 
     Raises:
-        InputError: wrong shape, NaN or infinity.
+        InputError: wrong shape, NaN, infinity or a number above 1e24.
         SolverError: a convex program ended without a verdict.
     """
-    wrench = finite_array("wrench", wrench, (support.wrench_size,))
+    wrench = bounded_array("wrench", wrench, (support.wrench_size,), largest=LARGEST_WRENCH)
     state = solve(support, wrench)
     pyramid = equilibrium(support, wrench, cone=False)
     cone = equilibrium(support, wrench, cone=True)
@@ -140,23 +143,28 @@ def stability(support: Support, wrench: object, *, max_nodes: int = 5000) -> Sta
     if not (pyramid.stands or state.persistent):
         return verdict("none", "No admissible contact forces balance the load: the base moves.")
     moving = None if not state.solved or state.persistent else state
+    judged = support.conditioned
     if moving is None:
-        moving = _moving_from_random_starts(support, wrench)
+        moving = _moving_from_random_starts(judged, wrench)
     nodes = 0
     if moving is None:
-        search = mode_search.find_motion(support.system, wrench, max_nodes)
+        search = mode_search.find_motion(judged.system, wrench, max_nodes)
         nodes = search.nodes
         if search.status == mode_search.EXHAUSTED:
             return verdict("strong", "Every solution of the contact laws stands.", nodes=nodes)
         if search.status == mode_search.LIMIT:
             return verdict(
                 "weak",
-                f"A standing solution exists; whether a moving one does was not decided within "
-                f"{nodes} programs.",
+                "A standing solution exists; whether a moving one does "
+                + (
+                    f"was not decided within {nodes} programs."
+                    if nodes >= max_nodes
+                    else f"is beyond the numerical resolution ({nodes} programs)."
+                ),
                 decided=False,
                 nodes=nodes,
             )
-        moving = solution_from_search(support, wrench, search)
+        moving = solution_from_search(judged, wrench, search)
     return verdict(
         "weak",
         "The contact laws have a solution that stands and one that moves "
@@ -175,10 +183,10 @@ def equilibrium(support: Support, wrench: object, *, cone: bool = True) -> Equil
         cone: Coulomb's true cones; False: the friction pyramids.
 
     Raises:
-        InputError: wrong shape, NaN or infinity.
+        InputError: wrong shape, NaN, infinity or a number above 1e24.
         SolverError: a program ended without a verdict.
     """
-    wrench = finite_array("wrench", wrench, (support.wrench_size,))
+    wrench = bounded_array("wrench", wrench, (support.wrench_size,), largest=LARGEST_WRENCH)
     scaling = np.ones(len(wrench))
     scaling[support.dimension :] = 1.0 / support.length
     offsets = [c.force_offset() for c in support.contacts] + [
@@ -289,9 +297,16 @@ def _margin(
 
 
 def _moving_from_random_starts(support: Support, wrench: np.ndarray) -> ContactState | None:
-    """A verified solution that moves, found by pivoting from random bases; None if all of them stand."""
+    """A verified solution that moves, found by pivoting from random bases; None if all of them stand.
+
+    Slower motion than `_CLEAR_MOTION` may be rounding: it is left to the search over all modes.
+    """
     states = solve_randomly(support, wrench, _RANDOM_STARTS)
-    moving = np.flatnonzero(states.solved & ~states.persistent & (states.law_violation() < _LAW_TOLERANCE))
+    turning = np.abs(states.acceleration[:, support.dimension :]) * support.length
+    fastest = np.maximum(np.abs(states.contact_accelerations).max(axis=(1, 2)), turning.max(axis=1))
+    clear = fastest > _CLEAR_MOTION * states.scale
+    lawful = states.law_violation() < _LAW_TOLERANCE
+    moving = np.flatnonzero(states.solved & ~states.persistent & clear & lawful)
     return states.select(moving[:1])[0] if len(moving) else None
 
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ocptip.errors import InputError, finite_array
+from ocptip.files import plain
 from ocptip.indices.lines import dual_cross
 from ocptip.indices.operation import checked_inertias
 from ocptip.indices.reviewed import RANK_TOLERANCE, checked_jacobian
@@ -127,8 +128,7 @@ class SingularityDistance:
             "energy_inf": self.energy_inf,
             "energy_2": self.energy_2,
         }
-        data = {key: _plain(value) for key, value in pairs.items()}
-        return {**data, "status": self.status if isinstance(self.status, str) else self.status.tolist()}
+        return plain({**pairs, "status": self.status})
 
     def _signs(self) -> np.ndarray:
         return np.sign(self.determinant)[..., None] * np.sign(self.gradient)
@@ -282,10 +282,3 @@ def _checked_rates(rates: object) -> np.ndarray:
     if not np.isfinite(array).all():
         raise InputError(f"rates: contain NaN or infinity: {array.tolist()}")
     return array
-
-
-def _plain(value: np.ndarray | None) -> Any:
-    if value is None:
-        return None
-    array = np.asarray(value)
-    return np.where(np.isfinite(array), array, None).tolist()

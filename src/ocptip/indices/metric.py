@@ -13,10 +13,9 @@ from functools import cached_property
 
 import numpy as np
 
-from ocptip.errors import InputError, finite_array, positive_number
+from ocptip.errors import InputError, finite_array, positive_number, rotation_matrix
 from ocptip.indices.lines import skew
 
-_AXES_TOLERANCE = 1e-9
 _FLATNESS = 1e-9
 
 
@@ -39,11 +38,8 @@ class OperationEllipsoid:
 
     def __post_init__(self) -> None:
         center = finite_array("center", self.center, (3,))
-        axes = finite_array("axes", self.axes, (3, 3))
+        axes = rotation_matrix("axes", self.axes)
         half_axes = finite_array("half_axes", self.half_axes, (3,))
-        error = float(np.abs(axes.T @ axes - np.eye(3)).max())
-        if error > _AXES_TOLERANCE or np.linalg.det(axes) < 0:
-            raise InputError(f"axes: no rotation matrix (orthonormal to {error:.2g}, determinant must be +1)")
         if not half_axes.min() > _FLATNESS * half_axes.max():
             raise InputError(
                 f"half_axes: all must be > 0 and of comparable size, got {half_axes.tolist()}; "

@@ -95,26 +95,6 @@ def inner_borders(t: float) -> tuple[float, float]:
     return values[0], values[1]
 
 
-def angle_borders(t: float) -> tuple[float, float]:
-    """|r1| where W = 0, the angle Phi1 of both signs H-, H+ being the same (7.63 to 7.65); NaN if not real.
-
-    Raises:
-        InputError: t outside of -1 < t < 1, or 0.
-    """
-    t = shape_parameter(t)
-    u = t * t
-    S3 = 12800 * u**7 - 6400 * u**6 + 4224 * u**5 + 128 * u**4 + 344 * u**3 - 84 * u * u - 67 * u - 10
-    S3 *= (2 * u + 1) * (u - 1)
-    if S3 < 0.0:
-        return math.nan, math.nan
-    H2 = 4.0 * t * (40 * u * u + 4 * u + 1) * math.sqrt(S3)
-    top = 25600 * u**7 - 13056 * u**5 + 5632 * u**4 - 864 * u**3 - 2136 * u * u - 551 * u - 45
-    divisor = (u - 1) * (8 * u + 1)
-    divisor *= 5120 * u**5 - 2048 * u**4 - 2688 * u**3 + 976 * u * u + 584 * u + 81
-    squares = sorted((top + sign * H2) / divisor for sign in (-1.0, 1.0))
-    return tuple(4.0 / math.sqrt(3.0) * math.sqrt(s) if s >= 0.0 else math.nan for s in squares)
-
-
 def special_limit(t: float) -> float:
     """Largest |r1| of the special family for t (7.82).
 

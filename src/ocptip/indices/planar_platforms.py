@@ -14,12 +14,7 @@ from typing import Literal
 import numpy as np
 
 from ocptip.errors import InputError, number_from
-from ocptip.indices.platforms import (
-    anchor_pair,
-    centroid_and_extent,
-    refuse_zero_legs,
-    scaled_copy,
-)
+from ocptip.indices.platforms import AnchoredPose
 
 MINIMUM_LEGS = 3
 ANCHOR_RADIUS = 2.0 / math.sqrt(3.0)
@@ -30,7 +25,7 @@ LARGEST_R = 4.0 / 3.0 * math.sqrt(2.0)
 
 
 @dataclass(frozen=True, eq=False)
-class PlanarPlatformPose:
+class PlanarPlatformPose(AnchoredPose):
     """A planar platform in a pose: all anchor points in the base frame.
 
     Attributes:
@@ -41,29 +36,7 @@ class PlanarPlatformPose:
         InputError: too few legs, different numbers of anchors, no finite numbers, a leg of length zero.
     """
 
-    base: np.ndarray
-    platform: np.ndarray
-
-    def __post_init__(self) -> None:
-        base, platform = anchor_pair(self.base, self.platform, 2, MINIMUM_LEGS)
-        object.__setattr__(self, "base", base)
-        object.__setattr__(self, "platform", platform)
-        refuse_zero_legs(self.lengths, self.scale[1])
-
-    @property
-    def n_legs(self) -> int:
-        """Number of legs."""
-        return len(self.base)
-
-    @cached_property
-    def legs(self) -> np.ndarray:
-        """(n, 2) l_i = p_i - b_i, m."""
-        return self.platform - self.base
-
-    @cached_property
-    def lengths(self) -> np.ndarray:
-        """(n,) leg lengths, m."""
-        return np.linalg.norm(self.legs, axis=1)
+    _DIMENSION, _FEWEST_LEGS = 2, MINIMUM_LEGS
 
     @cached_property
     def jacobian(self) -> np.ndarray:
@@ -81,21 +54,6 @@ class PlanarPlatformPose:
             turn = points[:, 0] * normal[:, 1] - points[:, 1] * normal[:, 0]
             rows.append(np.column_stack([turn, normal]))
         return np.vstack(rows)
-
-    @cached_property
-    def scale(self) -> tuple[np.ndarray, float]:
-        """Centroid of all anchors and their rms distance from it: origin and unit for the numerics."""
-        return centroid_and_extent(self.base, self.platform)
-
-    @cached_property
-    def scaled(self) -> PlanarPlatformPose:
-        """The same pose with the centroid as origin and the extent as unit length."""
-        return scaled_copy(self)
-
-    @cached_property
-    def singular_values(self) -> np.ndarray:
-        """(3,) singular values of the Jacobian in the scaled frame, largest first: dimensionless."""
-        return np.linalg.svd(self.scaled.jacobian, compute_uv=False)
 
     def screw_from_scaled(self, screws: np.ndarray) -> np.ndarray:
         """Planar screws (3, k) of the scaled frame as screws of the base frame."""

@@ -18,7 +18,6 @@ axes_deg = [rx, ry, rz]         # rotation vector of its axes, degrees
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -29,7 +28,7 @@ from scipy.spatial.transform import Rotation
 from ocptip.errors import InputError, finite_array
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.platforms import StewartPlatform
-from ocptip.tables import read_toml
+from ocptip.tables import read_toml, refuse_unknown, required, subtable, text_at
 
 _UNITS = {"m": 1.0, "mm": 1e-3}
 _KEYS = ("name", "unit", "base", "platform", "home", "operation_ellipsoid")
@@ -62,7 +61,7 @@ def read_platform(path: str | os.PathLike[str]) -> PlatformFile:
     return platform_from_dict(read_toml(path), name=path.name)
 
 
-def platform_from_dict(data: Mapping[str, Any], *, name: str = "platform") -> PlatformFile:
+def platform_from_dict(data: dict[str, Any], *, name: str = "platform") -> PlatformFile:
     """Build a platform from the content of a platform file.
 
     Args:
@@ -78,8 +77,8 @@ def platform_from_dict(data: Mapping[str, Any], *, name: str = "platform") -> Pl
         raise InputError(f"{name}: {error}") from None
 
 
-def _platform(data: Mapping[str, Any], name: str) -> PlatformFile:
-    _refuse_unknown(data, _KEYS, "")
+def _platform(data: dict[str, Any], name: str) -> PlatformFile:
+    refuse_unknown(data, _KEYS, "")
     unit = data.get("unit", "m")
     if not isinstance(unit, str) or unit not in _UNITS:
         raise InputError(f"unit: expected one of {', '.join(_UNITS)}, got {unit!r}")
@@ -87,9 +86,7 @@ def _platform(data: Mapping[str, Any], name: str) -> PlatformFile:
     for key in ("base", "platform"):
         if key not in data:
             raise InputError(f"{key}: missing")
-    title = data.get("name", name)
-    if not isinstance(title, str):
-        raise InputError(f"name: expected a text, got {title!r}")
+    title = text_at("name", data.get("name", name))
     anchors = [finite_array(key, data[key], (None, 3)) * scale for key in ("base", "platform")]
     platform = StewartPlatform(*anchors, title)
     home = _table(data, "home", ("position", "rotation_deg"))
@@ -107,14 +104,14 @@ def rotation_from_degrees(name: str, vector: object) -> np.ndarray:
     return Rotation.from_rotvec(np.radians(finite_array(name, vector, (3,)))).as_matrix()
 
 
-def _ellipsoid(data: Mapping[str, Any], scale: float) -> OperationEllipsoid | None:
+def _ellipsoid(data: dict[str, Any], scale: float) -> OperationEllipsoid | None:
     if "operation_ellipsoid" not in data:
         return None
     table = _table(data, "operation_ellipsoid", ("center", "half_axes", "axes_deg"))
-    if "half_axes" not in table:
-        raise InputError("operation_ellipsoid.half_axes: missing")
     center = finite_array("operation_ellipsoid.center", table.get("center", [0.0, 0.0, 0.0]), (3,))
-    half_axes = finite_array("operation_ellipsoid.half_axes", table["half_axes"], (3,))
+    half_axes = finite_array(
+        "operation_ellipsoid.half_axes", required(table, "half_axes", "operation_ellipsoid"), (3,)
+    )
     axes = rotation_from_degrees("operation_ellipsoid.axes_deg", table.get("axes_deg", [0.0, 0.0, 0.0]))
     try:
         return OperationEllipsoid(center * scale, axes, half_axes * scale)
@@ -122,15 +119,7 @@ def _ellipsoid(data: Mapping[str, Any], scale: float) -> OperationEllipsoid | No
         raise InputError(f"operation_ellipsoid.{error}") from None
 
 
-def _table(data: Mapping[str, Any], key: str, known: tuple[str, ...]) -> Mapping[str, Any]:
-    table = data.get(key, {})
-    if not isinstance(table, Mapping):
-        raise InputError(f"{key}: expected a table [{key}], got {table!r}")
-    _refuse_unknown(table, known, f"{key}.")
+def _table(data: dict[str, Any], key: str, known: tuple[str, ...]) -> dict[str, Any]:
+    table = subtable(data, key, optional=True)
+    refuse_unknown(table, known, f"{key}.")
     return table
-
-
-def _refuse_unknown(table: Mapping[str, Any], known: tuple[str, ...], prefix: str) -> None:
-    for key in table:
-        if key not in known:
-            raise InputError(f"{prefix}{key}: unknown key; known: {', '.join(known)}")

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from ocptip.errors import finite_array
+from ocptip.errors import finite_array, rotation_matrix
 from ocptip.indices.controllability import control_number
 from ocptip.indices.entry import IndexEntry
 from ocptip.indices.metric import OperationEllipsoid
@@ -19,7 +19,7 @@ from ocptip.indices.platform_reviewed import (
     manipulability,
     rigidity_rate,
 )
-from ocptip.indices.platforms import MINIMUM_LEGS, PlatformPose, StewartPlatform, rotation_matrix
+from ocptip.indices.platforms import MINIMUM_LEGS, PlatformPose, StewartPlatform
 
 _NO_ELLIPSOID = "not rated: needs an operation ellipsoid"
 

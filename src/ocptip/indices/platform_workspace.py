@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ocptip.errors import InputError, finite_array
+from ocptip.indices.lines import skew
 from ocptip.indices.platforms import LEG_TOLERANCE, RANK_TOLERANCE, PlatformPose, StewartPlatform
 
 PERCENTILES = (5.0, 25.0, 50.0, 75.0, 95.0)
@@ -78,9 +79,9 @@ def control_numbers(platform: StewartPlatform, positions: object, rotations: obj
     b, p, legs, lengths = b[exists], p[exists], legs[exists], lengths[exists]
     units = legs / lengths[..., None]
     J = np.concatenate([np.cross(b, units), units], axis=2)
-    across = _skew(units / lengths[..., None])
+    across = skew(units / lengths[..., None])
     A = np.concatenate(
-        [np.concatenate([-across @ _skew(points), across], axis=3) for points in (p, b)], axis=1
+        [np.concatenate([-across @ skew(points), across], axis=3) for points in (p, b)], axis=1
     ).reshape(len(b), 6 * n, 6)
     R = np.linalg.qr(A, mode="r")
     pivots = np.abs(np.diagonal(R, axis1=1, axis2=2))
@@ -163,11 +164,3 @@ def _regular(J: np.ndarray) -> np.ndarray:
         return np.zeros(0, dtype=bool)
     values = np.linalg.svd(J, compute_uv=False)
     return values[:, -1] > RANK_TOLERANCE * values[:, 0]
-
-
-def _skew(vectors: np.ndarray) -> np.ndarray:
-    matrices = np.zeros((*vectors.shape, 3))
-    x, y, z = np.moveaxis(vectors, -1, 0)
-    matrices[..., 0, 1], matrices[..., 0, 2], matrices[..., 1, 2] = -z, y, -x
-    matrices[..., 1, 0], matrices[..., 2, 0], matrices[..., 2, 1] = z, -y, x
-    return matrices

@@ -11,20 +11,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeVar
+from typing import ClassVar, Self
 
 import numpy as np
 
-from ocptip.errors import InputError, finite_array
+from ocptip.errors import InputError, finite_array, rotation_matrix
 from ocptip.indices.lines import cross, skew
-
-Pose = TypeVar("Pose")
 
 MINIMUM_LEGS = 6
 LEG_TOLERANCE = 1e-9
 """Legs shorter than this share of the platform's extent have no direction."""
-
-ROTATION_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,22 +66,17 @@ class StewartPlatform:
 
 
 @dataclass(frozen=True, eq=False)
-class PlatformPose:
-    """A platform in a pose: all anchor points in the base frame.
-
-    Attributes:
-        base: (n, 3) anchors b_i in the base frame, m; n >= 6.
-        platform: (n, 3) anchors p_i in the base frame, m.
-
-    Raises:
-        InputError: as for :class:`StewartPlatform`, and a leg of length zero.
-    """
+class AnchoredPose:
+    """All anchor points of a platform in a pose; in space :class:`PlatformPose`, or in the plane."""
 
     base: np.ndarray
     platform: np.ndarray
 
+    _DIMENSION: ClassVar[int]
+    _FEWEST_LEGS: ClassVar[int]
+
     def __post_init__(self) -> None:
-        base, platform = anchor_pair(self.base, self.platform, 3, MINIMUM_LEGS)
+        base, platform = anchor_pair(self.base, self.platform, self._DIMENSION, self._FEWEST_LEGS)
         object.__setattr__(self, "base", base)
         object.__setattr__(self, "platform", platform)
         refuse_zero_legs(self.lengths, self.scale[1])
@@ -97,13 +88,52 @@ class PlatformPose:
 
     @cached_property
     def legs(self) -> np.ndarray:
-        """(n, 3) l_i = p_i - b_i, m."""
+        """(n, dimension) l_i = p_i - b_i, m."""
         return self.platform - self.base
 
     @cached_property
     def lengths(self) -> np.ndarray:
         """(n,) leg lengths, m."""
         return np.sqrt(np.einsum("ij,ij->i", self.legs, self.legs))
+
+    @property
+    def jacobian(self) -> np.ndarray:
+        """J: leg rates per screw."""
+        raise NotImplementedError
+
+    @cached_property
+    def scale(self) -> tuple[np.ndarray, float]:
+        """Centroid of all anchors and their rms distance from it: origin and unit for the numerics."""
+        return centroid_and_extent(self.base, self.platform)
+
+    @cached_property
+    def scaled(self) -> Self:
+        """The same pose with the centroid as origin and the extent as unit length; not checked again."""
+        centre, extent = self.scale
+        copy = object.__new__(type(self))
+        object.__setattr__(copy, "base", (self.base - centre) / extent)
+        object.__setattr__(copy, "platform", (self.platform - centre) / extent)
+        return copy
+
+    @cached_property
+    def singular_values(self) -> np.ndarray:
+        """Singular values of the Jacobian in the scaled frame, largest first: dimensionless."""
+        return np.linalg.svd(self.scaled.jacobian, compute_uv=False)
+
+
+@dataclass(frozen=True, eq=False)
+class PlatformPose(AnchoredPose):
+    """A platform in a pose: all anchor points in the base frame.
+
+    Attributes:
+        base: (n, 3) anchors b_i in the base frame, m; n >= 6.
+        platform: (n, 3) anchors p_i in the base frame, m.
+
+    Raises:
+        InputError: as for :class:`StewartPlatform`, and a leg of length zero.
+    """
+
+    _DIMENSION, _FEWEST_LEGS = 3, MINIMUM_LEGS
 
     @cached_property
     def spears(self) -> np.ndarray:
@@ -120,10 +150,10 @@ class PlatformPose:
     def passive_map(self) -> np.ndarray:
         """A: (6 n, 6) angular velocities of all passive joints per screw, 1/s; |A q|^2 = sum of (6.5)."""
         directions, inverse = self.spears[:, :3], 1.0 / self.lengths
-        across = skew_matrices(directions * inverse[:, None])
+        across = skew(directions * inverse[:, None])
         rows = np.empty((2, self.n_legs, 3, 6))
         for k, points in enumerate((self.platform, self.base)):
-            rows[k, :, :, :3] = -across @ skew_matrices(points)
+            rows[k, :, :, :3] = -across @ skew(points)
             rows[k, :, :, 3:] = across
         return rows.reshape(-1, 6)
 
@@ -136,21 +166,6 @@ class PlatformPose:
     def Z(self) -> np.ndarray:
         """(6, 6) q' Z q = sum of squared angular velocities of the passive joints (section 7.2)."""
         return self.passive_map.T @ self.passive_map
-
-    @cached_property
-    def scale(self) -> tuple[np.ndarray, float]:
-        """Centroid of all anchors and their rms distance from it: origin and unit for the numerics."""
-        return centroid_and_extent(self.base, self.platform)
-
-    @cached_property
-    def scaled(self) -> PlatformPose:
-        """The same pose with the centroid as origin and the extent as unit length."""
-        return scaled_copy(self)
-
-    @cached_property
-    def singular_values(self) -> np.ndarray:
-        """(6,) singular values of the Jacobian in the scaled frame, largest first: dimensionless."""
-        return np.linalg.svd(self.scaled.jacobian, compute_uv=False)
 
     @property
     def singular(self) -> bool:
@@ -211,39 +226,9 @@ def refuse_zero_legs(lengths: np.ndarray, extent: float) -> None:
         )
 
 
-def scaled_copy(pose: Pose) -> Pose:
-    """A pose with the centroid of the anchors as origin and their extent as unit length.
-
-    The copy skips the checks that the pose has passed.
-    """
-    centre, extent = pose.scale
-    copy = object.__new__(type(pose))
-    object.__setattr__(copy, "base", (pose.base - centre) / extent)
-    object.__setattr__(copy, "platform", (pose.platform - centre) / extent)
-    return copy
-
-
 def centroid_and_extent(base: np.ndarray, platform: np.ndarray) -> tuple[np.ndarray, float]:
     """Centroid of both anchor sets and root mean square distance from it."""
     points = np.concatenate([base, platform])
     centre = points.sum(axis=0) / len(points)
     arms = (points - centre).ravel()
     return centre, float(np.sqrt(arms @ arms / len(points)))
-
-
-def rotation_matrix(name: str, value: object) -> np.ndarray:
-    """Return `value` as a rotation matrix (3, 3), or raise InputError naming it."""
-    matrix = finite_array(name, value, (3, 3))
-    error = float(np.abs(matrix @ matrix.T - np.eye(3)).max())
-    if error > ROTATION_TOLERANCE or np.linalg.det(matrix) < 0:
-        raise InputError(f"{name}: no rotation matrix (R R' - 1 up to {error:.2g}, determinant must be +1)")
-    return matrix
-
-
-def skew_matrices(vectors: np.ndarray) -> np.ndarray:
-    """(n, 3, 3) cross product matrices of vectors (n, 3)."""
-    matrices = np.zeros((len(vectors), 3, 3))
-    x, y, z = vectors.T
-    matrices[:, 0, 1], matrices[:, 0, 2], matrices[:, 1, 2] = -z, y, -x
-    matrices[:, 1, 0], matrices[:, 2, 0], matrices[:, 2, 1] = z, -y, x
-    return matrices

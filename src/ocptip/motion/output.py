@@ -11,17 +11,14 @@ import dataclasses
 import json
 import math
 import os
-import platform
-import tempfile
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
-from importlib import metadata
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ocptip.errors import positive_number
+from ocptip.files import plain, versions, write_text
 from ocptip.motion.passive import MERGE
 from ocptip.motion.sampled import Motion
 from ocptip.motion.standing import MotionSamples, StandingMechanism
@@ -37,7 +34,6 @@ TRAJECTORY_STEP = 0.01
 
 PLAN, MOTION, TRAJECTORY = "plan.json", "motion.csv", "trajectory.json"
 
-_PACKAGES = ("ocptip", "casadi", "numpy", "scipy", "numba", "clarabel", "pin")
 _START_KEYS = {
     "number": "number",
     "status": "status",
@@ -86,11 +82,6 @@ def plan_to_dict(plan: MotionPlan) -> dict[str, Any]:
     return plain(data)
 
 
-def versions() -> dict[str, str]:
-    """Return the versions of Python, ocptip and the packages that decide a plan's numbers."""
-    return {"python": platform.python_version(), **{name: metadata.version(name) for name in _PACKAGES}}
-
-
 def sample_motion(robot: StandingMechanism, motion: Motion, step: float = STEP) -> MotionSamples:
     """Sample a motion every `step` seconds and on both sides of every event.
 
@@ -129,8 +120,7 @@ def write_motion_csv(path: str | os.PathLike[str], samples: MotionSamples) -> No
     Raises:
         OSError: the file cannot be written; names it.
     """
-    with atomic_file(path) as stream:
-        stream.write(_csv(samples).encode("utf-8"))
+    write_text(path, _csv(samples))
 
 
 def joint_trajectory(plan: MotionPlan, step: float = TRAJECTORY_STEP) -> dict[str, Any]:
@@ -194,52 +184,8 @@ def write_plan(
     }
     directory.mkdir(exist_ok=True)
     for name, text in texts.items():
-        with atomic_file(directory / name) as stream:
-            stream.write(text.encode("utf-8"))
+        write_text(directory / name, text)
     return [directory / name for name in texts]
-
-
-@contextmanager
-def atomic_file(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
-    """Open a file for writing that takes the place of `path` only when the block ends without an error.
-
-    Raises:
-        OSError: it cannot be written; names `path`.
-    """
-    path = Path(path)
-    temporary = ""
-    try:
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
-        with os.fdopen(handle, "wb") as stream:
-            yield stream
-        umask = os.umask(0)  # mkstemp makes private files; this one gets the permissions of any other
-        os.umask(umask)
-        os.chmod(temporary, 0o666 & ~umask)
-        os.replace(temporary, path)
-    except BaseException as error:
-        if temporary:
-            Path(temporary).unlink(missing_ok=True)
-        if isinstance(error, OSError):
-            raise OSError(error.errno, error.strerror or str(error), str(path)) from error
-        raise
-
-
-def plain(value: Any) -> Any:
-    """Return dictionaries, lists, texts and numbers that JSON knows; what is not finite becomes None.
-
-    Data classes become dictionaries; objects of other kinds their `str`.
-    """
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        value = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        value = value.tolist()
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value if value is None or isinstance(value, bool | int | str) else str(value)
 
 
 class _OneSided:

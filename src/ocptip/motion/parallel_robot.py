@@ -13,12 +13,12 @@ import casadi as cs
 import numpy as np
 
 from ocptip.contact import Support
-from ocptip.errors import InputError, finite_array, positive_number
+from ocptip.errors import InputError, finite_array, positive_number, rotation_matrix
 from ocptip.motion.passive import gauss_legendre
 from ocptip.motion.sampled import Motion
 from ocptip.motion.standing import FurtherLimits, StandingMechanism
 from ocptip.parallel import ParallelRobot, moving_mass
-from ocptip.parallel.description import PRISMATIC, rotation_matrix
+from ocptip.parallel.description import PRISMATIC
 from ocptip.parallel.minimal_form import minimal_form
 from ocptip.reserves.slip import Redistribution
 from ocptip.robots import BatchFunction, JointLimits, Motors

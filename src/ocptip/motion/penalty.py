@@ -25,8 +25,7 @@ Of quantities that vary in time the maximum is asked for. Two ways to find it:
   start to end (torques, which jump at events: one cubic for each interval between events). Reserves jump at
   events, too: the spline overshoots there, and refuses motions that are near the limits but keep them.
 
-does not apply (contacts lift off, slip, carry nothing, or do not lie in one plane), from
-`ocptip.reserves.Slip`.
+Neither is a proof. GT comes from `ocptip.reserves.Slip`.
 """
 
 from __future__ import annotations

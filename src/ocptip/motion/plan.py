@@ -6,7 +6,9 @@ import multiprocessing
 import os
 import pickle
 import signal
+import threading
 import time
+import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
@@ -20,10 +22,11 @@ from ocptip.errors import InputError, PlanningError
 from ocptip.motion.passive import ArmMotion
 from ocptip.motion.proof import MotionProof
 from ocptip.motion.search import Attempt, Search, StartResult
-from ocptip.motion.task import MotionTask, require_plannable
+from ocptip.motion.task import MotionTask, is_whole, require_plannable
 
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 _TASKS_IN_MEMORY = 4  # per worker
+_PATIENCE = 5.0  # s
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,8 +83,8 @@ def plan_motion(
     """Plan the ramp motion of least electric energy that keeps all limits of a task.
 
     Every start is a random motion, improved by Ipopt and proved on a dense time grid. The result depends on
-    task, starts and seed only, not on where the starts run. An interrupt (Ctrl-C) ends the planning with
-    the best verified plan so far.
+    task, starts and seed only, not on where the starts run. An interrupt (Ctrl-C) or the death of a worker
+    (then with a RuntimeWarning) ends the planning with the best verified plan so far.
 
     Args:
         task: see :func:`ocptip.motion.experiment_task` and :func:`ocptip.motion.load_task`.
@@ -94,12 +97,15 @@ def plan_motion(
         progress: called as progress(done, starts, least energy of a verified plan so far in J or None).
 
     Raises:
-        InputError: the task cannot be planned (all reasons with their numbers), or starts, jobs < 1.
+        InputError: the task cannot be planned (all reasons with their numbers), or starts, jobs or seed
+            are no such numbers.
         PlanningError: no start gave a verified plan; the message names the nearest one's violations.
     """
     for name, value in (("starts", starts), ("jobs", 1 if jobs is None else jobs)):
-        if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+        if not is_whole(value) or value < 1:
             raise InputError(f"{name}: must be a whole number >= 1, got {value!r}")
+    if not is_whole(seed) or seed < 0:
+        raise InputError(f"seed: must be a whole number >= 0, got {seed!r}")
     require_plannable(task)
     began = time.perf_counter()
     attempts: list[Attempt] = []
@@ -109,7 +115,7 @@ def plan_motion(
         progress(0, starts, None)
     source = _in_process(task, starts, seed) if executor is None and jobs == 1 else None
     try:
-        with _pool(executor, jobs, starts) if source is None else _nothing() as pool:
+        with worker_pool(executor, jobs, starts) if source is None else _nothing() as pool:
             for attempt in source or _in_pool(pool, task, starts, seed):
                 attempts.append(attempt)
                 if attempt.result.verified and (best is None or _rank(attempt) < _rank(best)):
@@ -117,10 +123,12 @@ def plan_motion(
                 if progress:
                     progress(len(attempts), starts, best.result.energy if best else None)
     except BrokenExecutor as error:
-        raise PlanningError(
-            f"a worker process died after {len(attempts)} of {starts} starts ({error}); out of memory? With "
-            "jobs=1 no workers are needed"
-        ) from error
+        died = f"a worker process died after {len(attempts)} of {starts} starts ({error}); out of memory? "
+        died += "With jobs=1 no workers are needed"
+        if best is None:
+            raise PlanningError(died) from error
+        warnings.warn(f"{died}. The plan is the best of those starts", RuntimeWarning, stacklevel=2)
+        interrupted = True
     except KeyboardInterrupt:
         if best is None:
             raise
@@ -166,16 +174,17 @@ def _in_process(task: MotionTask, starts: int, seed: int) -> Iterator[Attempt]:
 
 def _in_pool(pool: Executor, task: MotionTask, starts: int, seed: int) -> Iterator[Attempt]:
     payload = pickle.dumps(task)
-    futures: list[Future] = [pool.submit(_run, payload, number, seed) for number in range(starts)]
+    futures: list[Future] = [pool.submit(run_start, payload, number, seed) for number in range(starts)]
     try:
         for future in as_completed(futures):
             yield future.result()
     finally:
-        for future in futures:
-            future.cancel()
+        if not isinstance(pool, _Workers):  # which cancels by itself
+            for future in futures:
+                future.cancel()
 
 
-def _run(payload: bytes, number: int, seed: int) -> Attempt:
+def run_start(payload: bytes, number: int, seed: int) -> Attempt:
     with threadpool_limits(1):
         return _search(payload).run(number, seed)
 
@@ -187,23 +196,27 @@ def _search(payload: bytes) -> Search:
 
 
 @contextmanager
-def _pool(executor: Executor | None, jobs: int | None, starts: int) -> Iterator[Executor]:
-    """The caller's executor, left open, or a process pool that ends with the planning."""
+def worker_pool(executor: Executor | None, jobs: int | None, starts: int) -> Iterator[Executor]:
+    """The caller's executor, left open, or a process pool that ends with the planning.
+
+    Where the planning ends early, so do the workers: nobody waits for starts that nobody reads.
+    """
     if executor is not None:
         yield executor
         return
-    workers = min(jobs or _cores(), starts)
+    count = min(jobs or cores(), starts)
     # Ipopt's libraries start threads of their own, out of reach of threadpoolctl: in the workers, which see
     # the environment before they load anything, one thread each.
     before = {name: os.environ.get(name) for name in _THREADS}
     os.environ.update(dict.fromkeys(_THREADS, "1"))
-    pool = ProcessPoolExecutor(
-        workers, mp_context=multiprocessing.get_context("spawn"), initializer=_leave_interrupts_to_parent
-    )
+    pool = _Workers(count, mp_context=multiprocessing.get_context("spawn"), initializer=_serve)
     try:
         yield pool
+        pool.shutdown(wait=False)
+    except BaseException:
+        pool.end()
+        raise
     finally:
-        pool.shutdown(wait=False, cancel_futures=True)
         for name, value in before.items():
             if value is None:
                 os.environ.pop(name, None)
@@ -211,11 +224,55 @@ def _pool(executor: Executor | None, jobs: int | None, starts: int) -> Iterator[
                 os.environ[name] = value
 
 
-def _leave_interrupts_to_parent() -> None:
+class _Workers(ProcessPoolExecutor):
+    """A process pool whose workers leave interrupts to their parent, and that can be ended at once."""
+
+    def submit(self, *arguments: Any, **options: Any) -> Future:
+        """Like the base class, which may start a worker here: from its first instruction it is spared."""
+        with _interrupts_held():
+            return super().submit(*arguments, **options)
+
+    def end(self) -> None:
+        """End the workers with what they are doing; 3.14 has `terminate_workers`.
+
+        Before, starts that wait must be cancelled by the pool's own thread: it stumbles over a cancelled one
+        when it finds its workers gone.
+        """
+        futures = [item.future for item in list(self._pending_work_items.values())]
+        workers = list((self._processes or {}).values())
+        self.shutdown(wait=False, cancel_futures=True)
+        latest = time.monotonic() + _PATIENCE
+        while not all(f.done() or f.running() for f in futures) and time.monotonic() < latest:
+            time.sleep(0.01)
+        for worker in workers:
+            worker.terminate()
+
+
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Interrupts of this thread come afterwards; a process started here gets none at all."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _serve() -> None:
+    """In a worker: leave interrupts to the parent, and do not outlive it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
+    def watch() -> None:
+        multiprocessing.parent_process().join()
+        os._exit(1)
 
-def _cores() -> int:
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 

@@ -24,15 +24,6 @@ def _smooth_step(t, e):
 
 
 @compiled
-def smooth_steps(t, half_width):
-    """The smooth step's (phi2, phi1, phi0, phi', phi'') at times t ((N,)) since the corner, (N, 5)."""
-    result = np.empty((len(t), 5))
-    for i in range(len(t)):
-        result[i] = _smooth_step(t[i], half_width)
-    return result
-
-
-@compiled
 def joint_states(t, T, masks, half_width, start, alpha, tau, d_alpha, d_tau, columns, counts):
     """States of n joints at N nodes.
 

@@ -24,8 +24,8 @@ from ocptip.errors import SolverError
 from ocptip.motion.node_physics import NodeJacobian, NodePhysics
 from ocptip.motion.profiles import Layout, Nodes, NodeStates
 from ocptip.motion.proof import MotionLimits
-from ocptip.motion.standing import StandingMechanism
-from ocptip.robots import BatchFunction
+from ocptip.reserves import TipMap
+from ocptip.robots import BatchFunction, PointFunction
 
 NEGLIGIBLE = 1e-9  # a node whose multipliers are all below this is left out of the Hessian
 ENERGY_UNIT = 100.0  # J; the objective is energy / ENERGY_UNIT
@@ -77,63 +77,23 @@ class Structure:
 
     def rows(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Values (rows,) and Jacobian (rows, nx)."""
-        g, jacobian = self._first(x)
-        return g.copy(), jacobian.reshape(len(x), -1).T
+        return tuple(self._first(x))
 
     def hessian(self, x: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
         """Hessian (nx, nx) of multipliers . rows."""
-        return self._second(x, multipliers)[0].reshape(len(x), -1).T
+        return self._second(x, multipliers)[0]
 
     @cached_property
-    def _first(self) -> _SinglePoint:
+    def _first(self) -> PointFunction:
         x = cs.SX.sym("x", len(self.x_lower))
         g = self.function(x)
-        return _SinglePoint(cs.Function("structure", [x], [cs.densify(g), cs.densify(cs.jacobian(g, x))]))
+        return PointFunction(cs.Function("structure", [x], [g, cs.jacobian(g, x)]))
 
     @cached_property
-    def _second(self) -> _SinglePoint:
+    def _second(self) -> PointFunction:
         x, lam = cs.SX.sym("x", len(self.x_lower)), cs.SX.sym("lam", len(self.lower))
         hessian, _ = cs.hessian(cs.dot(lam, self.function(x)), x)
-        return _SinglePoint(cs.Function("structure_hessian", [x, lam], [cs.densify(hessian)]))
-
-
-class _SinglePoint:
-    """A CasADi function of dense vectors, evaluated in place; results are valid until the next call."""
-
-    def __init__(self, function: cs.Function) -> None:
-        self._buffer, self._run = function.buffer()
-        self._inputs = [np.empty(function.numel_in(i)) for i in range(function.n_in())]
-        self._results = [np.empty(function.numel_out(i)) for i in range(function.n_out())]
-        for i, array in enumerate(self._inputs):
-            self._buffer.set_arg(i, memoryview(array))
-        for i, array in enumerate(self._results):
-            self._buffer.set_res(i, memoryview(array))
-
-    def __call__(self, *arguments: np.ndarray) -> list[np.ndarray]:
-        for array, argument in zip(self._inputs, arguments, strict=True):
-            array[:] = argument
-        self._run()
-        return self._results
-
-
-class TipMap:
-    """Moments of the normal reserves about the tipping axes as affine functions of the wrench."""
-
-    def __init__(self, robot: StandingMechanism) -> None:
-        tip = robot.tip_over
-        self.count = 0 if tip.free_rotation else len(tip.axes)
-        self.affine = tip.affine_moments if self.count else None
-        self.tip = tip
-
-    def __call__(self, wrenches: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Moments (N, axes) and their derivatives (N, axes, 6)."""
-        if self.count == 0:
-            return np.empty((len(wrenches), 0)), np.empty((len(wrenches), 0, 6))
-        if self.affine is not None:
-            slope, offset = self.affine
-            return wrenches @ slope.T + offset, np.broadcast_to(slope, (len(wrenches), *slope.shape))
-        reserve = self.tip.evaluate(solve_many(self.tip.support, wrenches))
-        return reserve.moments, reserve.moment_gradients
+        return PointFunction(cs.Function("structure_hessian", [x, lam], [hessian]))
 
 
 @dataclass(eq=False)
@@ -179,7 +139,7 @@ class MotionProgram:
         self.physics, self.limits, self.layout = physics, limits, layout
         self.robot = physics.robot
         self.nodes, self.weights, self.directions, self.structure = nodes, weights, directions, structure
-        self.tip_map = TipMap(self.robot)
+        self.tip_map = TipMap(self.robot.tip_over)
         moment = self.robot.tip_over.reference_moment
         self._least_moment = None if moment is None else moment * (1 / limits.GN - 1)
         self._further = self.robot.further_limits

@@ -12,12 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.errors import positive_number
+from ocptip.errors import InputError, positive_number, share_of_one
 from ocptip.motion.sampled import Motion
 from ocptip.motion.standing import MotionSamples, StandingMechanism
 
 INSIDE = 1.5e-9
 """Distance from events at which the two sides are sampled, s."""
+
+MOST_INSTANTS = 1_000_000
+"""Largest number of instants of the first grid: some 3 GB of memory."""
 
 _MIN_POINTS = 5
 _ROUNDS = 8
@@ -32,8 +35,8 @@ class MotionLimits:
     """Limits a motion has to keep; the joints' own limits come from the arm.
 
     Attributes:
-        GN: largest tip-over reserve value (1 tips).
-        GT: largest slip reserve value (1 slips).
+        GN: largest tip-over reserve value, at most 1, which tips.
+        GT: largest slip reserve value, at most 1, which slips.
         torque_ratio: largest |torque| / limit of any joint.
         clearance: smallest distance of collision spheres, m.
     """
@@ -44,8 +47,9 @@ class MotionLimits:
     clearance: float = 0.0
 
     def __post_init__(self) -> None:
-        for name in ("GN", "GT", "torque_ratio"):
-            positive_number(name, getattr(self, name))
+        for name in ("GN", "GT"):
+            share_of_one(name, getattr(self, name))
+        positive_number("torque_ratio", self.torque_ratio)
         positive_number("clearance", self.clearance, zero_allowed=True)
 
 
@@ -79,6 +83,7 @@ class MotionProof:
             mechanism's further limits by their names.
         violations: one sentence per broken limit, empty if verified.
         samples: number of instants evaluated.
+        stands: no contact is lost at any sampled instant, whatever other limits are broken.
     """
 
     verified: bool
@@ -87,6 +92,7 @@ class MotionProof:
     worst: dict[str, Worst]
     violations: tuple[str, ...]
     samples: int
+    stands: bool
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
@@ -97,6 +103,7 @@ class MotionProof:
             "worst": {name: vars(worst).copy() for name, worst in self.worst.items()},
             "violations": list(self.violations),
             "samples": self.samples,
+            "stands": self.stands,
         }
 
 
@@ -112,11 +119,19 @@ def prove(
         step: first spacing of the grid inside the intervals between events, s.
 
     Raises:
-        InputError: the motion does not fit the arm, or step is not positive.
+        InputError: the motion does not fit the arm, step is not positive, or so small that the grid would
+            have more than `MOST_INSTANTS`.
     """
     limits = limits or MotionLimits()
     step = positive_number("step", step)
     worst: dict[str, Worst] = _exact_limits(robot, motion)
+    instants = motion.end / step + _MIN_POINTS * len(motion.intervals)
+    if not instants <= MOST_INSTANTS:
+        raise InputError(
+            f"step: the motion lasts {motion.end:.4g} s, which would be {instants:.2g} instants at steps of "
+            f"{step:.4g} s, more than {MOST_INSTANTS:.0e}; take larger steps, or look for a speed or an "
+            "acceleration that is far too small"
+        )
     grids = [_Grid(left + INSIDE, right - INSIDE, step) for left, right in motion.intervals]
     grids += [_Grid(t, t, step) for t in (-INSIDE, motion.end + INSIDE)]
     samples, unsolved, standing = 0, [], True
@@ -160,6 +175,7 @@ def prove(
         worst=worst,
         violations=tuple(violations),
         samples=samples,
+        stands=standing and not unsolved and all(worst[name].value < 1 for name in ("GN", "GT")),
     )
 
 

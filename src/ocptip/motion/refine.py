@@ -11,11 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ocptip.ipopt import Solution, solve
 from ocptip.motion.events import EventOrder, order_of
 from ocptip.motion.formulation import Formulation
-from ocptip.motion.ipopt import Solution, solve
 from ocptip.motion.passive import ArmMotion
-from ocptip.motion.program import ENERGY_UNIT, MotionProgram
+from ocptip.motion.program import MotionProgram
 from ocptip.motion.proof import MotionLimits
 
 SHARES = np.linspace(0.0, 1.0, 17)  # where intervals are looked at between nodes
@@ -32,16 +32,12 @@ class Exact:
     Attributes:
         order: of the events.
         program, solution: of the last solve.
-        energy: J.
-        feasible: all rows hold, at the shares in between, too.
         extra: nodes (interval, share) added between the quadrature's.
     """
 
     order: EventOrder
     program: MotionProgram
     solution: Solution
-    energy: float
-    feasible: bool
     extra: list[tuple[int, float]]
 
 
@@ -86,7 +82,7 @@ class Refiner:
         watch = [(i, float(s)) for i in range(intervals) for s in SHARES]
         watched = formulation.ordered_program(limits, order, x, watch)
         own = watched.n_nodes - len(watch)
-        share, missing = (FIRST, True) if extra is None else (1 + FEASIBLE, True)
+        share = FIRST if extra is None else 1 + FEASIBLE
         extra = list(extra or [])
         rows = multipliers = None
         anchor = x
@@ -99,7 +95,6 @@ class Refiner:
                 for name in rows.FAMILIES:
                     getattr(program.rows, name)[:old] |= getattr(rows, name)
                 if not fresh and not program.near_rows(x, 1 - FEASIBLE) - rows:
-                    missing = False
                     break
             extra += fresh
             if rows is not None:
@@ -122,8 +117,7 @@ class Refiner:
             x, share, start_mu, last = solution.x, 1 + FEASIBLE, 1e-6, program
             if solution.violation > 0.1:
                 break
-        feasible = not missing and solution.violation <= FEASIBLE
-        return Exact(order, last, solution, solution.objective * ENERGY_UNIT, feasible, extra)
+        return Exact(order, last, solution, extra)
 
     @staticmethod
     def _watch_out(

@@ -43,6 +43,9 @@ class StandingRobot(StandingMechanism):
         obstacles: floor, walls, pillars in base axes, against which the arm's spheres are checked.
         reference_moment, redistribution: see `StandingMechanism`.
 
+    Attributes:
+        arm, obstacles: as given.
+
     Raises:
         InputError: a planar support, or no gravity and no reference moment.
     """
@@ -60,7 +63,7 @@ class StandingRobot(StandingMechanism):
         if support.dimension != 3:
             raise InputError("support: an arm needs a spatial support, got a planar one")
         self.arm = arm
-        self._obstacles, self._made_with = tuple(obstacles), (reference_moment, redistribution)
+        self.obstacles, self._made_with = tuple(obstacles), (reference_moment, redistribution)
         super().__init__(
             support,
             motors,
@@ -92,9 +95,13 @@ class StandingRobot(StandingMechanism):
         )
         return torque, wrench + support.weight
 
+    def with_motors(self, motors: Motors) -> StandingRobot:
+        """The same robot with other drives."""
+        return _restored(self.arm, self.support, motors, self.obstacles, self._made_with)
+
     def __reduce__(self) -> tuple:
         """Pickle by what it was made of: CasADi's functions are built anew on the other side."""
-        return _restored, (self.arm, self.support, self.motors, self._obstacles, self._made_with)
+        return _restored, (self.arm, self.support, self.motors, self.obstacles, self._made_with)
 
 
 def experiment_robot(case: MotionCase, base: str = "printed", *, facets: int = _FACETS) -> StandingRobot:

@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicHermiteSpline, CubicSpline, PPoly
 
-from ocptip.errors import InputError, finite_array, positive_number
+from ocptip.errors import InputError, finite_array, positive_number, refuse_huge
 from ocptip.motion.passive import MERGE, ArmMotion, gauss_legendre
 from ocptip.motion.ramps import checked_times
 from ocptip.tables import read_text
@@ -239,7 +239,9 @@ def load_motion(path: str | os.PathLike[str]) -> Motion:
     text = read_text(path)
     try:
         if text.lstrip().startswith(("{", "[")):
-            return ArmMotion.from_dict(_json(text))
+            motion = ArmMotion.from_dict(_json(text))
+            _refuse_huge_commands(motion)
+            return motion
         return _from_csv(text)
     except InputError as error:
         raise InputError(f"{path.name}: {error}") from None
@@ -254,6 +256,14 @@ def motion_origin(path: str | os.PathLike[str]) -> dict[str, str]:
     except InputError as error:
         raise InputError(f"{path.name}: {error}") from None
     return {key: data[key] for key in ("case", "base") if isinstance(data.get(key), str)}
+
+
+def _refuse_huge_commands(motion: ArmMotion) -> None:
+    for number, joint in enumerate(motion.joints, start=1):
+        refuse_huge(f"start[{number}]", joint.phi_start)
+        for which, command in enumerate(joint.commands, start=1):
+            for key, value in vars(command).items():
+                refuse_huge(f"commands[{number}][{which}].{key}", value)
 
 
 def _json(text: str) -> Any:
@@ -336,4 +346,5 @@ def _cell(line: int, name: str, text: str) -> float:
         raise InputError(f"line {line}, {name}: expected a number, got {text!r}") from None
     if not np.isfinite(value):
         raise InputError(f"line {line}, {name}: must be finite, got {text.strip()}")
+    refuse_huge(f"line {line}, {name}", value)
     return value

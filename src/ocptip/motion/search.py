@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ocptip.errors import InputError, SolverError
+from ocptip.ipopt import Solution, solve
 from ocptip.motion.formulation import Formulation, Smoothing
-from ocptip.motion.ipopt import Solution, solve
 from ocptip.motion.passive import ArmMotion
 from ocptip.motion.program import MotionProgram
 from ocptip.motion.proof import MotionLimits, MotionProof, prove
@@ -29,6 +29,7 @@ SOLVED = 1e-4  # largest violation of an exact program that is good enough to be
 HOPELESS = 0.05  # largest violation from which a motion is worth its proof
 TIGHTENINGS = 5
 TIGHTENED = {"GN": 2e-3, "GT": 2e-3, "torque_ratio": 2e-3, "clearance_m": 1e-3}  # at most this much at once
+NUMERICAL = (InputError, SolverError, ArithmeticError, np.linalg.LinAlgError)
 INNER = 1e-4  # the exact program's limits are tighter by this share: rounding cannot break the task's
 
 
@@ -92,13 +93,13 @@ class Search:
         began, clock = time.perf_counter(), _Clock()
         task = self.task
         rng = np.random.default_rng([seed, number])
-        start = random_start(
-            task.robot, task.start, task.goal, task.optimised, task.commands, task.limits, rng
-        )
-        clock.stage("start")
         best: tuple[ArmMotion, MotionProof] | None = None
         status = ""
         try:
+            start = random_start(
+                task.robot, task.start, task.goal, task.optimised, task.commands, task.limits, rng
+            )
+            clock.stage("start")
             x = self._coarse(start, clock)
             clock.stage("coarse")
             for cycle in range(CYCLES + FURTHER):
@@ -115,7 +116,7 @@ class Search:
                 best = found
                 if found[1].verified and (cycle + 1 >= CYCLES or not _at_the_limit(found[1])):
                     break
-        except (InputError, SolverError) as error:
+        except NUMERICAL as error:  # one start of many: what was found before counts
             status = f"no motion: {error}"
         motion, proof = best or (None, None)
         if proof is not None:
@@ -212,7 +213,7 @@ class Search:
                 exact = refiner.again(exact, [proof.worst[name].time for name in faults])
                 clock.stage("exact")
                 found = self._motion_and_proof(refiner, exact, clock)
-            except (InputError, SolverError):
+            except NUMERICAL:
                 break  # what was found before counts
             proof = found[1]
             if _better(proof, best[1]) or not best[1].verified:

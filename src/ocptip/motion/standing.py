@@ -143,7 +143,7 @@ class StandingMechanism(ABC):
         further_limits: of what :meth:`further` gives.
 
     Raises:
-        InputError: a planar support, or no gravity and no reference moment.
+        InputError: no gravity and no reference moment. (That the support is spatial, subclasses check.)
     """
 
     kind = "arm"

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ocptip.motion.passive import ArmMotion
-from ocptip.motion.program import TipMap
 from ocptip.motion.proof import MotionLimits
 from ocptip.motion.ramps import RampCommand
 from ocptip.motion.standing import StandingMechanism
+from ocptip.reserves import TipMap
 
 DETOUR = 1.2  # rad; random targets lie this far beyond start and goal at most
 DRAWS = 300
@@ -86,7 +86,7 @@ def _path_violation(robot: StandingMechanism, motion: ArmMotion, limits: MotionL
     tip = robot.tip_over
     if tip.axes and not tip.free_rotation:
         needed = tip.reference_moment * (1 / limits.GN - 1) * (1 + PATH_MARGIN)
-        moments, _ = TipMap(robot)(wrenches)
+        moments, _ = TipMap(tip)(wrenches)
         worst.append((needed - np.min(moments)) / tip.reference_moment)
     return float(np.max(worst))
 

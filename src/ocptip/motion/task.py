@@ -15,6 +15,7 @@ from ocptip.motion.proof import MotionLimits
 from ocptip.motion.robot import experiment_robot
 from ocptip.motion.standing import StandingMechanism
 
+MOST_COMMANDS = 12
 _ANGLE_TOLERANCE = 1e-9  # rad
 _CONTACT_VERBS = {"slide": "slides", "separate": "lifts off", "yield": "yields"}
 
@@ -29,7 +30,7 @@ class MotionTask:
         start, goal: joint angles, (n,), rad, or the platform's coordinates, m and rad.
         limits: reserves, torques, clearance.
         optimised: joints with ramp parameters, counted from 0, increasing; the others are passive.
-        commands: ramp commands per optimised joint.
+        commands: ramp commands per optimised joint, at most 12.
         reference: a motion to compare with.
     """
 
@@ -57,8 +58,7 @@ class MotionTask:
         if any(b <= a for a, b in pairwise(joints)):
             raise InputError(f"optimised: joints must increase, got {joints}")
         object.__setattr__(self, "optimised", tuple(map(int, joints)))
-        if not is_whole(self.commands) or self.commands < 1:
-            raise InputError(f"commands: must be a whole number >= 1, got {self.commands!r}")
+        check_commands("commands", self.commands)
         if self.reference is not None and self.reference.n != n:
             raise InputError(f"reference: has {self.reference.n} joints, the {self.robot.kind} has {n}")
 
@@ -161,6 +161,12 @@ def _standing_refusals(robot: StandingMechanism, limits: MotionLimits, wrenches:
             f"{int(np.argmax(usage)) + 1} uses {100 * usage.max():.0f} % of its friction)"
         )
     return found
+
+
+def check_commands(name: str, commands: object) -> None:
+    """Raise InputError if this cannot be a number of ramp commands; more than a dozen gain nothing."""
+    if not is_whole(commands) or not 1 <= commands <= MOST_COMMANDS:
+        raise InputError(f"{name}: must be a whole number >= 1 and <= {MOST_COMMANDS}, got {commands!r}")
 
 
 def is_whole(value: object) -> bool:

@@ -48,50 +48,35 @@ plus these tables. SI units; keys in degrees say so. Joints are counted from 1.
 
 Of several branches of a pose that one is taken whose joint way from start to goal, in seconds at full speed
 and summed over the joints, is shortest among those that stand at rest within all limits and without
-collision (if there is none: the shortest; :func:`refusals` then says what is wrong). Angles that limits allow
-more than once are taken near zero in the start and near the start in the goal.
+collision (if there is none: among those with the fewest reasons against them, which :func:`refusals` tells).
+Angles that limits allow more than once are taken near zero in the start and near the start in the goal.
 """
 
 from __future__ import annotations
 
 import os
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ocptip.errors import InputError, finite_array, positive_number
-from ocptip.motion.motor_table import MOTOR_KEYS, dc_motors
+from ocptip.errors import InputError, positive_number
+from ocptip.motion.arm_table import arm_from_table, motors_from_tables, obstacles_from_tables
 from ocptip.motion.parallel_robot import StandingParallelRobot
 from ocptip.motion.parallel_table import parallel_robot
 from ocptip.motion.proof import MotionLimits
 from ocptip.motion.robot import StandingRobot
 from ocptip.motion.standing import StandingMechanism
-from ocptip.motion.task import MotionTask, is_whole, posture_refusals
-from ocptip.robots import (
-    ArmModel,
-    DCMotors,
-    Motors,
-    Pillar,
-    PowerMaps,
-    Wall,
-    arm_from_urdf,
-    floor,
-    load_arm,
-    solve_inverse_kinematics,
-    spheres_along_links,
-)
+from ocptip.motion.task import MotionTask, check_commands, is_whole, posture_refusals
+from ocptip.robots import ArmModel, Pillar, Wall, solve_inverse_kinematics
+from ocptip.robots.joint_angles import within_limits
 from ocptip.scene import scene_from_dict
 from ocptip.tables import (
-    direction_at,
     number_at,
-    per_joint_at,
     read_toml,
-    refuse_non_numbers,
     refuse_unknown,
     required,
-    rpy_at,
+    rotation_in,
     subtable,
     subtables,
     text_at,
@@ -101,27 +86,6 @@ from ocptip.tables import (
 
 _SCENE = ("gravity", "base", "contact")
 _TABLES = ("name", *_SCENE, "arm", "robot", "motors", "obstacle", "motion", "limits")
-_URDF_KEYS = (
-    "base_link",
-    "tool_frame",
-    "locked_deg",
-    "locked_m",
-    "armature",
-    "sphere_radius",
-    "excluded_links",
-)
-_ARM_LIMITS = {
-    "angle_min_deg": ("angle_min", np.pi / 180),
-    "angle_max_deg": ("angle_max", np.pi / 180),
-    "speed_deg_s": ("speed", np.pi / 180),
-    "acceleration_deg_s2": ("acceleration", np.pi / 180),
-    "torque_Nm": ("torque", 1.0),
-}
-_OBSTACLE_KEYS = {
-    "floor": ("height",),
-    "wall": ("normal", "distance", "name"),
-    "pillar": ("point", "radius", "axis", "name"),
-}
 _MOTION_KEYS = ("start_deg", "start_pose", "goal_deg", "goal_pose", "optimised", "commands")
 _PARALLEL_MOTION_KEYS = ("start", "goal", "optimised", "commands")
 _LIMIT_KEYS = ("GN", "GT", "torque_ratio", "clearance")
@@ -147,12 +111,12 @@ def load_task(path: str | os.PathLike[str]) -> MotionTask:
         if "robot" in data:
             parallel = parallel_robot(data, scene.support, moment, path.parent)
             return _parallel_task(name, parallel, limits, subtable(data, "motion"))
-        arm = _arm(subtable(data, "arm"), path.parent)
+        arm = arm_from_table(subtable(data, "arm"), path.parent)
         robot = StandingRobot(
             arm,
             scene.support,
-            _motors(data, arm),
-            obstacles=_obstacles(subtables(data, "obstacle"), arm),
+            motors_from_tables(data, arm),
+            obstacles=_obstacles(data, arm),
             reference_moment=moment,
         )
         return _task(name, robot, limits, subtable(data, "motion"))
@@ -184,8 +148,7 @@ def _ramp_task(
     if not joints or len(set(joints)) != len(joints):
         raise InputError(f"motion.optimised: expected different joints, at least one, got {optimised!r}")
     commands = table.get("commands", 3)
-    if not is_whole(commands) or commands < 1:
-        raise InputError(f"motion.commands: must be a whole number >= 1, got {commands!r}")
+    check_commands("motion.commands", commands)
     return MotionTask(name, robot, start, goal, limits, tuple(sorted(joints)), commands)
 
 
@@ -201,24 +164,16 @@ def _candidates(arm: ArmModel, table: dict[str, Any], key: str) -> np.ndarray:
     """Joint angles (k, n), rad: those given, or all branches of the pose given."""
     angles, pose = f"{key}_deg", f"{key}_pose"
     if (angles in table) == (pose in table):
-        raise InputError(
-            f"motion.{angles}: expected either {angles} or {pose}, got {_how_many(angles in table)}"
-        )
+        many = "both" if angles in table else "none"
+        raise InputError(f"motion.{angles}: expected either {angles} or {pose}, got {many}")
     if angles in table:
         return np.deg2rad(vector_at(f"motion.{angles}", table[angles], arm.n))[None]
     where, given = f"motion.{pose}", table[pose]
     if not isinstance(given, dict):
         raise InputError(f"{where}: expected a table with position and rpy_deg or rotation, got {given!r}")
     refuse_unknown(given, ("position", "rpy_deg", "rotation"), f"{where}.")
-    if ("rpy_deg" in given) == ("rotation" in given):
-        both = _how_many("rotation" in given)
-        raise InputError(f"{where}.rpy_deg: expected either rpy_deg or rotation, got {both}")
+    rotation = rotation_in(given, where)
     position = vector_at(f"{where}.position", required(given, "position", where), 3)
-    if "rpy_deg" in given:
-        rotation = rpy_at(f"{where}.rpy_deg", given["rpy_deg"])
-    else:
-        refuse_non_numbers(f"{where}.rotation", given["rotation"])
-        rotation = finite_array(f"{where}.rotation", given["rotation"], (3, 3))
     return with_place(where, solve_inverse_kinematics, arm, position, rotation).branches
 
 
@@ -229,137 +184,23 @@ def _shortest(
     arm = robot.arm.limits
     if len(starts) == len(goals) == 1:
         return starts[0], goals[0]
-    usable = [[not posture_refusals(robot, limits, q) for q in candidates] for candidates in (starts, goals)]
+    reasons = [[len(posture_refusals(robot, limits, q)) for q in branches] for branches in (starts, goals)]
     weights = 1 / np.where(np.isfinite(arm.speed), arm.speed, 1.0)
     ranked = []
     for s, start in enumerate(starts):
         for g, goal in enumerate(goals):
-            near = goal
-            if len(goals) > 1:  # a pose: angles may be whole turns away
-                turned = goal + 2 * np.pi * np.round((start - goal) / (2 * np.pi))
-                near = np.where((turned >= arm.angle_min) & (turned <= arm.angle_max), turned, goal)
+            # Branches of a pose, unlike the angles of a posture, may be taken whole turns away.
+            near = within_limits(robot.arm, goal, start) if len(goals) > 1 else goal
             way = float(np.abs(near - start) @ weights)
-            ranked.append((not (usable[0][s] and usable[1][g]), way, len(ranked), start, near))
+            ranked.append((reasons[0][s] + reasons[1][g], way, len(ranked), start, near))
     return min(ranked, key=lambda entry: entry[:3])[3:]
 
 
-def _arm(table: dict[str, Any], folder: Path) -> ArmModel:
-    kinds = [key for key in ("name", "urdf") if key in table]
-    if len(kinds) != 1:
-        raise InputError(f"arm.urdf: expected either name or urdf, got {_how_many(bool(kinds))}")
-    common = (*kinds, "mount_position", "mount_rpy_deg", "limits")
-    if kinds == ["name"]:
-        refuse_unknown(table, common, "arm.")
-        arm = with_place("arm.name", load_arm, text_at("arm.name", table["name"]))
-    else:
-        refuse_unknown(table, (*common, *_URDF_KEYS), "arm.")
-        arm = _arm_from_urdf(table, folder)
-    if "limits" in table:
-        arm = _with_limits(arm, subtable(table, "limits", prefix="arm."))
-    position = vector_at("arm.mount_position", required(table, "mount_position", "arm"), 3)
-    rotation = rpy_at("arm.mount_rpy_deg", table.get("mount_rpy_deg", [0, 0, 0]))
-    return arm.mounted(position, rotation)
-
-
-def _arm_from_urdf(table: dict[str, Any], folder: Path) -> ArmModel:
-    file = folder / text_at("arm.urdf", table["urdf"])
-    names = {key: text_at(f"arm.{key}", required(table, key, "arm")) for key in ("base_link", "tool_frame")}
-    locked = {}
-    for key, scale in (("locked_deg", np.pi / 180), ("locked_m", 1.0)):
-        for joint, value in subtable(table, key, prefix="arm.", optional=True).items():
-            locked[joint] = scale * number_at(f"arm.{key}.{joint}", value)
-    try:
-        arm = arm_from_urdf(file, **names, locked_joints=locked)
-    except InputError as error:
-        inner = str(error).split(":")[0].split("[")[0] in (*names, "locked_joints")
-        message = str(error).replace("locked_joints", "locked_deg or locked_m")
-        raise InputError(f"arm.{'' if inner else 'urdf: '}{message}") from None
-    if "armature" in table:
-        arm = replace(arm, armature=per_joint_at("arm.armature", table["armature"], arm.n, zero_allowed=True))
-    return _with_spheres(arm, table)
-
-
-def _with_spheres(arm: ArmModel, table: dict[str, Any]) -> ArmModel:
-    """The arm with spheres along its links; `excluded_links` may name links without spheres."""
-    where = "arm.excluded_links"
-    excluded = table.get("excluded_links", [])
-    if "sphere_radius" not in table:
-        if excluded:
-            raise InputError(f"{where}: without arm.sphere_radius there are no spheres to exclude")
-        return arm
-    radii = per_joint_at("arm.sphere_radius", table["sphere_radius"], arm.n, zero_allowed=True)
-    lengths = np.linalg.norm(arm.offsets, axis=1)
-    links = [i + 1 for i in np.flatnonzero((radii > 0) & (lengths > 0))]
-    sets = [spheres for i in links for spheres in spheres_along_links(arm, radii[i - 1], links=[i])]
-    names = {spheres.link: spheres.name for spheres in sets}
-    if not isinstance(excluded, list):
-        raise InputError(f"{where}: expected pairs of links, got {excluded!r}")
-    pairs = []
-    for pair in excluded:
-        if not isinstance(pair, list) or len(pair) != 2 or not all(i in names for i in pair):
-            raise InputError(f"{where}: expected two of the links {', '.join(map(str, names))}, got {pair!r}")
-        pairs.append((names[pair[0]], names[pair[1]]))
-    return arm.with_spheres(sets, excluded_pairs=pairs)
-
-
-def _with_limits(arm: ArmModel, table: dict[str, Any]) -> ArmModel:
-    refuse_unknown(table, _ARM_LIMITS, "arm.limits.")
-    limits = {}
-    for key, value in table.items():
-        name, scale = _ARM_LIMITS[key]
-        signed = name.startswith("angle")
-        limits[name] = scale * per_joint_at(f"arm.limits.{key}", value, arm.n, signed=signed)
-    try:
-        return arm.with_limits(**limits)
-    except InputError as error:
-        raise InputError(f"arm.{error}") from None
-
-
-def _motors(data: dict[str, Any], arm: ArmModel) -> Motors:
-    modular = "name" in data["arm"]
-    if "motors" not in data and not modular:
-        raise InputError(
-            'motors: missing table [motors]; give kind = "dc" with motor data, or kind = "estimated"'
-        )
-    table = subtable(data, "motors", optional=modular)
-    kind = table.get("kind", "modular" if modular else None)
-    if kind not in MOTOR_KEYS:
-        raise InputError(f"motors.kind: expected one of {', '.join(MOTOR_KEYS)}, got {kind!r}")
-    refuse_unknown(table, MOTOR_KEYS[kind], "motors.", also=("kind",))
-    if kind == "modular":
-        if not modular:
-            raise InputError("motors.kind: the power maps 'modular' are for the modular arms only")
-        return PowerMaps.modular()
-    if kind == "estimated":
-        values = {key: number_at(f"motors.{key}", value) for key, value in table.items() if key != "kind"}
-        return with_place("motors", DCMotors.estimated, arm, **values)
-    return dc_motors(table, arm.n)
-
-
-def _obstacles(tables: list[dict[str, Any]], arm: ArmModel) -> list[Wall | Pillar]:
+def _obstacles(data: dict[str, Any], arm: ArmModel) -> list[Wall | Pillar]:
+    tables = subtables(data, "obstacle")
     if tables and not arm.sphere_sets:
         raise InputError("obstacle: the arm has no collision spheres to check; give arm.sphere_radius")
-    found: list[Wall | Pillar] = []
-    for number, table in enumerate(tables, 1):
-        where = f"obstacle[{number}]"
-        kind = table.get("kind")
-        if kind not in _OBSTACLE_KEYS:
-            raise InputError(f"{where}.kind: expected one of {', '.join(_OBSTACLE_KEYS)}, got {kind!r}")
-        refuse_unknown(table, _OBSTACLE_KEYS[kind], f"{where}.", also=("kind",))
-        name = text_at(f"{where}.name", table.get("name", kind))
-        if kind == "floor":
-            found.append(floor(number_at(f"{where}.height", required(table, "height", where))))
-        elif kind == "wall":
-            normal = direction_at(f"{where}.normal", required(table, "normal", where))
-            found.append(
-                Wall(normal, number_at(f"{where}.distance", required(table, "distance", where)), name)
-            )
-        else:
-            point = vector_at(f"{where}.point", required(table, "point", where), 3)
-            radius = number_at(f"{where}.radius", required(table, "radius", where))
-            axis = direction_at(f"{where}.axis", table.get("axis", [0, 0, 1]))
-            found.append(Pillar(point, positive_number(f"{where}.radius", radius), axis, name))
-    return found
+    return obstacles_from_tables(tables)
 
 
 def _limits(table: dict[str, Any]) -> tuple[MotionLimits, float | None]:
@@ -382,7 +223,3 @@ def _joint(where: str, item: object, names: tuple[str, ...]) -> int:
     if isinstance(item, str) and item in names:
         return names.index(item)
     raise InputError(f"{where}: no joint {item!r}; there are 1 to {len(names)}: {', '.join(names)}")
-
-
-def _how_many(any_given: bool) -> str:
-    return "both" if any_given else "none"

@@ -23,6 +23,7 @@ from ocptip.parallel.description import (
     RobotDescription,
 )
 from ocptip.parallel.description_file import read_parallel_robot, robot_from_dict
+from ocptip.parallel.export import to_mjcf, to_urdf, urdf_cuts, urdf_home
 from ocptip.parallel.kinematics import JointPositions, Kinematics, PlatformPose
 from ocptip.parallel.lean import LeanFunction, lean_function
 from ocptip.parallel.mobility import Mobility, mobility
@@ -33,6 +34,8 @@ from ocptip.parallel.simulation import Trajectory, simulate
 from ocptip.parallel.singularity import ImplicitPair, Singularity
 from ocptip.parallel.standing import MountedRobot, MountedSamples, PlatformMotion, base_wrench, moving_mass
 from ocptip.parallel.terms import Terms
+from ocptip.parallel.urdf import UrdfRobot, convert_parallel_urdf, read_parallel_urdf
+from ocptip.parallel.urdf_legs import Cut
 
 __all__ = [
     "KINDS",
@@ -40,6 +43,7 @@ __all__ = [
     "BodyInertia",
     "BranchedLeg",
     "Crossing",
+    "Cut",
     "ForceSensitivities",
     "Forces",
     "ImplicitPair",
@@ -65,7 +69,9 @@ __all__ = [
     "Singularity",
     "Terms",
     "Trajectory",
+    "UrdfRobot",
     "base_wrench",
+    "convert_parallel_urdf",
     "count_operations",
     "crossings",
     "delta",
@@ -78,10 +84,15 @@ __all__ = [
     "numeric_base_parameters",
     "prrr4",
     "read_parallel_robot",
+    "read_parallel_urdf",
     "robot_from_dict",
     "rpr3",
     "rrr3",
     "simulate",
+    "to_mjcf",
+    "to_urdf",
     "ups6",
+    "urdf_cuts",
+    "urdf_home",
     "write_c",
 ]

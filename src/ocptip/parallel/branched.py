@@ -58,7 +58,7 @@ class BranchedLeg:
         bodies: one inertia per row, from the first one; missing ones have no mass.
         loops: pairs of rows whose origins coincide (inner loops).
         base_rotation, base_position: as in :class:`ocptip.parallel.description.Leg`.
-        drive_inertia, viscous, coulomb: per row, as in `Leg`.
+        drive_inertia, viscous, coulomb: per joint, as in `Leg`; fixed rows are not counted.
         guess: joint values near the home pose; empty: searched.
     """
 
@@ -88,10 +88,13 @@ class BranchedLeg:
         set_(self, "parents", parents)
         if not self.ends:
             raise InputError("ends: a leg needs at least one end at the platform")
-        used = [e.row for e in self.ends] + [row for pair in self.loops for row in pair]
-        for row in used:
-            if not 0 <= row < count:
-                raise InputError(f"ends, loops: there is no row {row + 1}, only {count}")
+        for number, end in enumerate(self.ends, start=1):
+            if not 0 <= end.row < count:
+                raise InputError(f"ends[{number}].row: there is no row {end.row + 1}, only {count}")
+        for number, pair in enumerate(self.loops, start=1):
+            for row in pair:
+                if not 0 <= row < count:
+                    raise InputError(f"loops[{number}]: there is no row {row + 1}, only {count}")
         bodies = tuple(self.bodies)
         if not 1 <= len(bodies) <= count or not all(isinstance(b, BodyInertia) for b in bodies):
             raise InputError(f"bodies: expected 1 to {count} BodyInertia, got {len(bodies)} values")
@@ -101,7 +104,7 @@ class BranchedLeg:
         set_(self, "base_rotation", elementary_rotations("base_rotation", self.base_rotation))
         set_(self, "base_position", check_entries("base_position", self.base_position))
         for name in ("drive_inertia", "viscous", "coulomb"):
-            set_(self, name, joint_numbers(name, getattr(self, name), count))
+            set_(self, name, joint_numbers(name, getattr(self, name), self.n_joints))
         set_(self, "guess", tuple(float(v) for v in finite_array("guess", self.guess, (None,))))
         if len(self.guess) not in (0, self.n_joints):
             raise InputError(f"guess: expected {self.n_joints} numbers, got {len(self.guess)}")

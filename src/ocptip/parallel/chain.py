@@ -6,15 +6,14 @@ A leg is a tree of bodies over MDH rows; a serial leg is the tree without branch
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
 import casadi as cs
-import numpy as np
 
 from ocptip.parallel.description import FIXED, REVOLUTE, Entry, MDHRow, exact_cos_sin, value_of
+from ocptip.robots.point import PointFunction
 
 _CACHED = 64
 
@@ -49,39 +48,6 @@ class Topology:
     def n_joints(self) -> int:
         """Number of joints."""
         return sum(row.sigma != FIXED for row in self.rows)
-
-
-class Evaluator:
-    """A CasADi function evaluated on NumPy arrays, without CasADi's conversions; one state per call.
-
-    Outputs come dense, as new arrays: (rows,) for a column, else (rows, columns). Safe between threads.
-    """
-
-    def __init__(self, function: cs.Function) -> None:
-        symbols = [cs.SX.sym(function.name_in(i), *function.size_in(i)) for i in range(function.n_in())]
-        dense = [cs.densify(out) for out in function.call(symbols)]
-        names = function.name_in(), function.name_out()
-        self.function = cs.Function(function.name(), symbols, dense, *names)
-        self._buffer, self._run = self.function.buffer()
-        self._in = [np.zeros(function.numel_in(i)) for i in range(function.n_in())]
-        self._shape = [function.size_out(i) for i in range(function.n_out())]
-        self._out = [np.zeros(rows * columns) for rows, columns in self._shape]
-        for i, array in enumerate(self._in):
-            self._buffer.set_arg(i, memoryview(array))
-        for i, array in enumerate(self._out):
-            self._buffer.set_res(i, memoryview(array))
-        self._lock = threading.Lock()
-
-    def __call__(self, *arguments: np.ndarray) -> list[np.ndarray]:
-        """Evaluate; one array per input, matrices as (rows, columns)."""
-        with self._lock:
-            for target, argument in zip(self._in, arguments, strict=True):
-                target[:] = np.ravel(argument, order="F")
-            self._run()
-            return [
-                array.copy() if columns == 1 else array.reshape(rows, columns, order="F").copy()
-                for array, (rows, columns) in zip(self._out, self._shape, strict=True)
-            ]
 
 
 @dataclass(frozen=True)
@@ -152,7 +118,7 @@ def frames(topology: Topology, q: cs.SX, qd: cs.SX, base: cs.SX) -> Frames:
 
 
 @lru_cache(maxsize=_CACHED)
-def leg_kinematics(topology: Topology) -> Evaluator:
+def leg_kinematics(topology: Topology) -> PointFunction:
     """Frames and end motion of a leg.
 
     In: `q`, `qd` (n,); `base` (3, 3) leg base axes to world axes. Out: `rotations` (3, 3 k) of all rows side
@@ -172,13 +138,13 @@ def leg_kinematics(topology: Topology) -> Evaluator:
         cs.vertcat(*(f.drifts[e] for e in topology.ends)),
     ]
     names = ["rotations", "origins", "jacobian", "drift"]
-    return Evaluator(
+    return PointFunction(
         cs.Function("leg_kinematics", [q, qd, base], cs.cse(outputs), ["q", "qd", "base"], names)
     )
 
 
 @lru_cache(maxsize=_CACHED)
-def leg_dynamics(topology: Topology) -> Evaluator:
+def leg_dynamics(topology: Topology) -> PointFunction:
     """Mass matrix, Coriolis and gravity forces, base wrench and energies of a leg.
 
     In: `q`, `qd` (n,); `base` (3, 3); `gravity` (3,), world axes; `inertia` (10 bodies,) in DynPar 2 order.
@@ -211,7 +177,7 @@ def leg_dynamics(topology: Topology) -> Evaluator:
     outputs = [M, c, gravity, momentum, load, energy]
     names = ["mass", "coriolis", "gravity_force", "momentum", "load", "energy"]
     inputs = [q, qd, base, g, p]
-    return Evaluator(
+    return PointFunction(
         cs.Function("leg_dynamics", inputs, cs.cse(outputs), ["q", "qd", "base", "gravity", "inertia"], names)
     )
 

@@ -14,12 +14,13 @@ import casadi as cs
 import numpy as np
 
 from ocptip.errors import InputError
-from ocptip.parallel.chain import Evaluator, Topology, mdh_parts
+from ocptip.parallel.chain import Topology, mdh_parts
 from ocptip.parallel.closures import LegClosure
 from ocptip.parallel.description import Leg
 from ocptip.parallel.kinematics import Kinematics
 from ocptip.parallel.rotations import PlatformCoordinates
 from ocptip.parallel.terms import Terms
+from ocptip.robots.point import PointFunction
 
 _RANK = 1e-11
 
@@ -74,7 +75,7 @@ class ConstraintRoute:
 
 
 @lru_cache(maxsize=64)
-def lagrange_leg(topology: Topology, n: int) -> Evaluator:
+def lagrange_leg(topology: Topology, n: int) -> PointFunction:
     """M, c, g of a leg's first n joints from its energies (3.19 to 3.21); inputs as `chain.leg_dynamics`."""
     q, qd = cs.SX.sym("q", n), cs.SX.sym("qd", n)
     base, gravity = cs.SX.sym("base", 3, 3), cs.SX.sym("gravity", 3)
@@ -84,19 +85,21 @@ def lagrange_leg(topology: Topology, n: int) -> Evaluator:
     for k in range(topology.bodies):
         T, U = _energies(rotations[k], origins[k], q, qd, p[10 * k : 10 * k + 10], gravity)
         kinetic, potential = kinetic + T, potential + U
-    return Evaluator(_lagrange("lagrange_leg", kinetic, potential, q, qd, [q, qd, base, gravity, p]))
+    return PointFunction(_lagrange("lagrange_leg", kinetic, potential, q, qd, [q, qd, base, gravity, p]))
 
 
-def _platform_function(kinematics: Kinematics) -> Evaluator:
+def _platform_function(kinematics: Kinematics) -> PointFunction:
     m = kinematics.platform.m
     z, zd, gravity = cs.SX.sym("z", m), cs.SX.sym("zd", m), cs.SX.sym("gravity", 3)
     r, R = _symbolic_pose(kinematics.platform, z)
     p = cs.SX(kinematics.description.platform.inertia.vector)
     T, U = _energies(R, r, z, zd, p, gravity)
-    return Evaluator(_lagrange("lagrange_platform", T, U, z, zd, [z, zd, gravity]))
+    return PointFunction(_lagrange("lagrange_platform", T, U, z, zd, [z, zd, gravity]))
 
 
-def _closure_function(kinematics: Kinematics, leg: LegClosure, complete: bool) -> tuple[Evaluator, Evaluator]:
+def _closure_function(
+    kinematics: Kinematics, leg: LegClosure, complete: bool
+) -> tuple[PointFunction, PointFunction]:
     """(A, B) of (z, q), and A' z' + B' q' of (z, q, z', q')."""
     m, n = kinematics.platform.m, leg.n if complete else leg.point
     z, q, zd, qd = (cs.SX.sym(name, size) for name, size in (("z", m), ("q", n), ("zd", m), ("qd", n)))
@@ -118,7 +121,7 @@ def _closure_function(kinematics: Kinematics, leg: LegClosure, complete: bool) -
     rate = A @ zd + B @ qd
     drift = cs.jtimes(rate, z, zd) + cs.jtimes(rate, q, qd)
     first = cs.Function("closure", [z, q], cs.cse([A, B]))
-    return Evaluator(first), Evaluator(cs.Function("closure_drift", [z, q, zd, qd], cs.cse([drift])))
+    return PointFunction(first), PointFunction(cs.Function("closure_drift", [z, q, zd, qd], cs.cse([drift])))
 
 
 def _frames(topology: Topology, q: cs.SX, base: cs.SX) -> tuple[list[cs.SX], list[cs.SX]]:

@@ -59,10 +59,11 @@ def crossings(kinematics: Kinematics, path: object, tolerance: float = SINGULAR)
         InputError: another kind of robot, wrong shape, or a pose out of reach.
     """
     description = kinematics.description
+    counts = f"{len(description.actuated)} motors move {description.m} coordinates"
     if not description.coupling_form or len(description.actuated) != description.m:
         raise InputError(
             "crossings: need legs with as many joints up to the coupling point as free translations, and as "
-            "many motors as coordinates"
+            f"many motors as coordinates, but {description.coupling_obstacle or counts}"
         )
     poses = finite_array("path", path, (None, kinematics.m))
     found: list[Crossing] = []

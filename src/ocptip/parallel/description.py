@@ -399,18 +399,27 @@ class RobotDescription:
         return tuple(i for i in range(3) if self.platform.mask[i])
 
     @property
-    def coupling_form(self) -> bool:
-        """True if every leg has as many joints up to its coupling point as there are free translations.
+    def coupling_obstacle(self) -> str:
+        """Why the coupling-point formulation (3.42) does not apply, "" if it does; names the leg from 1.
 
-        Only then is J_B square and the coupling-point formulation (3.42) applies; else the complete legs are
-        needed.
+        Only if every leg has as many joints up to its coupling point as there are free translations is J_B
+        square; else the complete legs are needed.
         """
         rows = len(self.position_rows)
-        return (
-            not self.redundant
-            and all(isinstance(leg, Leg) and leg.n == rows for leg in self.legs)
-            and all(joint < self.legs[leg].n for leg, joint in self.actuated)
-        )
+        for number, leg in enumerate(self.legs, start=1):
+            if not isinstance(leg, Leg):
+                return f"leg {number} branches or has loops of its own"
+            if leg.n != rows:
+                return f"leg {number} has {leg.n} joints up to its coupling point, not {rows}"
+        for leg, joint in self.actuated:
+            if joint >= self.legs[leg].n:
+                return f"leg {leg + 1} has a motor on joint {joint + 1}, behind its coupling point"
+        return "joints are redundant" if self.redundant else ""
+
+    @property
+    def coupling_form(self) -> bool:
+        """True if the coupling-point formulation (3.42) applies, see `coupling_obstacle`."""
+        return not self.coupling_obstacle
 
     @property
     def inertia_vector(self) -> np.ndarray:

@@ -6,11 +6,13 @@ looks right there and has four degrees of freedom. So the closures of the comple
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ocptip.errors import InputError
+from ocptip.parallel.closures import LegClosure
 from ocptip.parallel.kinematics import Kinematics
 
 _RANK = 1e-8
@@ -121,9 +123,13 @@ def require_mobility(kinematics: Kinematics) -> Mobility:
 
 def closure_matrix(kinematics: Kinematics, z: np.ndarray, q: tuple[np.ndarray, ...]) -> np.ndarray:
     """(rows, joints + 6) Jacobian of all closures with respect to joint rates and platform twist."""
-    _, R = kinematics.pose(z)
-    blocks, starts = [], np.concatenate([[0], np.cumsum([leg.n for leg in kinematics.legs])])
-    for i, leg in enumerate(kinematics.legs):
+    return stacked_closures(kinematics.legs, q, kinematics.pose(z)[1])
+
+
+def stacked_closures(legs: Sequence[LegClosure], q: Sequence[np.ndarray], R: np.ndarray) -> np.ndarray:
+    """The same for legs and platform rotation R (3, 3)."""
+    blocks, starts = [], np.concatenate([[0], np.cumsum([leg.n for leg in legs])])
+    for i, leg in enumerate(legs):
         J, _ = leg.jacobian(q[i])
         block = np.zeros((len(J), starts[-1] + 6))
         block[:, starts[i] : starts[i + 1]] = J

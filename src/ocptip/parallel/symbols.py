@@ -103,7 +103,8 @@ def require_coupling_form(description: RobotDescription) -> None:
         rows = len(description.position_rows)
         raise InputError(
             f"{description.name}: the lean formulation needs legs of {rows} joints up to the coupling point "
-            "and motors on those joints; use the general engine (projection 'constraint', 'tree' or 'kkt')"
+            f"and motors on those joints, but {description.coupling_obstacle}; use the general engine, "
+            "`ParallelRobot`"
         )
     for number, leg in enumerate(description.legs, start=1):
         if not all(body.massless for body in leg.bodies[leg.n :]):

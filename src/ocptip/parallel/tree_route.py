@@ -13,17 +13,10 @@ import numpy as np
 
 from ocptip.errors import InputError
 from ocptip.parallel.closures import LegClosure
-from ocptip.parallel.description import (
-    FIXED,
-    REVOLUTE,
-    BodyInertia,
-    Leg,
-    MDHRow,
-    elementary_rotation,
-    value_of,
-)
+from ocptip.parallel.description import REVOLUTE, BodyInertia, Leg
 from ocptip.parallel.kinematics import Kinematics, RobotMotion
-from ocptip.parallel.rotations import cross, skew
+from ocptip.parallel.mdh import moved_inertia, row_frame
+from ocptip.parallel.rotations import cross
 
 _RANK = 1e-11
 
@@ -48,10 +41,12 @@ def tree_forces(
         InputError: the robot is not of this kind.
     """
     description, legs = kinematics.description, kinematics.legs
-    if not isinstance(legs[0].leg, Leg) or len(description.actuated) != description.m:
+    if not isinstance(legs[0].leg, Leg):
+        raise InputError("projection: 'tree' needs a serial first leg, but leg 1 branches or has loops")
+    if len(description.actuated) != description.m:
         raise InputError(
-            "projection: 'tree' needs a serial first leg and as many motors as coordinates, got "
-            f"{len(description.actuated)} motors and {description.m} coordinates"
+            f"projection: 'tree' needs as many motors as coordinates, got {len(description.actuated)} motors "
+            f"and {description.m} coordinates"
         )
     starts = np.concatenate([[0], np.cumsum([leg.n for leg in legs])])
     active = [int(starts[leg]) + joint for leg, joint in description.actuated]
@@ -88,7 +83,7 @@ def leg_newton_euler(
     topology, rows = leg.topology, leg.topology.rows
     turns, arms, w, wd, a = [], [], [], [], []
     for row, parent, joint in zip(rows, topology.parents, topology.joints, strict=True):
-        A, arm = _step(row, 0.0 if joint is None else q[joint])
+        A, arm = row_frame(row, 0.0 if joint is None else q[joint])
         if parent < 0:
             w0, wd0, a0 = np.zeros(3), np.zeros(3), leg.base.T @ -gravity
         else:
@@ -151,17 +146,6 @@ def _cut_loops(
     return np.vstack(rows), np.concatenate(drifts)
 
 
-def _step(row: MDHRow, joint: float) -> tuple[np.ndarray, np.ndarray]:
-    """Rotation to frame a(j) and origin of frame j in it (2.11)."""
-    gamma, alpha = elementary_rotation("z", row.gamma), elementary_rotation("x", row.alpha)
-    theta = value_of(row.theta) + (joint if row.sigma == REVOLUTE else 0.0)
-    r = value_of(row.r) + (joint if row.sigma not in (REVOLUTE, FIXED) else 0.0)
-    before = gamma @ alpha
-    arm = np.array([0.0, 0.0, value_of(row.b)]) + gamma @ [value_of(row.d), 0.0, 0.0] + before @ [0.0, 0.0, r]
-    c, s = np.cos(theta), np.sin(theta)
-    return before @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), arm
-
-
 def _inertial_load(
     body: BodyInertia, w: np.ndarray, wd: np.ndarray, a: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -173,8 +157,4 @@ def _inertial_load(
 def _on_end(platform: BodyInertia, leg: LegClosure) -> BodyInertia:
     """The platform's inertia about the leg's last frame, in its axes."""
     turn = leg.end_rotations[0]
-    s, inertia, mass = turn @ platform.first_moment, turn @ platform.inertia @ turn.T, platform.mass
-    d = -turn @ leg.couplings[0]  # from the coupling point to the platform's origin
-    # Inertia about another point: I + skew terms of the first moment and of the mass.
-    shifted = inertia - skew(d) @ skew(s) - skew(s) @ skew(d) - mass * skew(d) @ skew(d)
-    return BodyInertia(mass, s + mass * d, 0.5 * (shifted + shifted.T))
+    return moved_inertia(platform, (turn, -turn @ leg.couplings[0]))

@@ -1,7 +1,8 @@
 """All criteria and constraints of many candidate placements, in NumPy: the fast model, and the judge.
 
-Searches and maps rank candidates with it; every placement returned is judged by it. It shares neither the
-expressions nor the derivatives of the nonlinear program.
+Searches and maps rank candidates with it; every placement returned is judged by it. The nonlinear program has
+its own expressions and derivatives; in common are the moments about the tipping axes (`TipMap`) and the
+definitions of indices and motor power.
 """
 
 from __future__ import annotations
@@ -12,10 +13,9 @@ from functools import cached_property
 import numpy as np
 
 from ocptip.contact import ContactStates, UnilateralContact, solve_many
-from ocptip.motion.program import TipMap
 from ocptip.placement.manipulability import MEASURES, index_of, measures
 from ocptip.placement.problem import PlacementProblem
-from ocptip.reserves import Slip
+from ocptip.reserves import Slip, TipMap
 from ocptip.robots import BatchFunction, Pillar, Wall, gripper_pose
 from ocptip.robots.collision import Floor, sphere_centres
 from ocptip.robots.dynamics import dynamics_batch
@@ -34,7 +34,8 @@ class Rows:
     """Constraints of one kind at N candidates.
 
     Attributes:
-        kind: "tip-over", "slip", "torque", "joint angle", "clearance", ...
+        kind: of the base alone "bounds", "contact area", "terrain" or "base clearance"; of a task "reach",
+            "joint angle", "torque", "tip-over", "GN", "GT", "persistence", "manipulability" or "clearance".
         labels: m names.
         values: (N, m) in `unit`.
         limits: (m,).
@@ -105,7 +106,7 @@ class Evaluator:
         self.arm, self.support = robot.arm, robot.support
         self.fast_slip = Slip(self.support) if robot.slip.redistribution == "full" else robot.slip
         self._dynamics = dynamics_batch(self.arm)
-        self.tip_map = TipMap(robot)
+        self.tip_map = TipMap(robot.tip_over)
         limits = problem.limits
         reference = robot.tip_over.reference_moment
         self.moment_unit = 2 * (reference or 1.0)

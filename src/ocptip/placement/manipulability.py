@@ -11,9 +11,8 @@ import casadi as cs
 import numpy as np
 
 from ocptip.indices import OperationEllipsoid, index_function, index_values
-from ocptip.placement.points import PointFunction
 from ocptip.placement.problem import PlacementLimits
-from ocptip.robots import ArmModel, gripper_kinematics
+from ocptip.robots import ArmModel, PointFunction, gripper_kinematics
 from ocptip.robots.kinematics import gripper_batch
 
 MEASURES = ("condition", "singular_ratio")

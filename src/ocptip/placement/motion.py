@@ -93,7 +93,7 @@ def place_for_motion(
     jobs: int | None = 1,
     optimised: tuple[int, ...] = (0, 1, 2),
     commands: int = 3,
-    placement_starts: int = 6,
+    placement_starts: int = 5,
 ) -> MotionPlacementResult:
     """Find the placement from which the arm moves from gripper task to gripper task with the least energy.
 
@@ -117,6 +117,10 @@ def place_for_motion(
     """
     if len(problem.tasks) < 2:
         raise InputError("tasks: a motion needs two gripper tasks or more, got one")
+    numbers = {"candidates": candidates, "starts": starts, "jobs": 1 if jobs is None else jobs}
+    for name, value in (numbers | {"placement_starts": placement_starts}).items():
+        if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+            raise InputError(f"{name}: must be a whole number >= 1, got {value!r}")
     static = place(problem, starts=max(placement_starts, candidates), seed=seed, keep=candidates)
     evaluator, found = Evaluator(problem), []
     for placement in static.placements:
@@ -159,7 +163,7 @@ def placed_robot(placement: Placement) -> StandingRobot:
         robot.arm,
         support,
         robot.motors,
-        obstacles=[*robot._obstacles, *around],
+        obstacles=[*robot.obstacles, *around],
         reference_moment=robot.tip_over.reference_moment,
         redistribution=robot.slip.redistribution,
     )

@@ -5,7 +5,6 @@ Inside the library: SI units and rad; in the file lengths in m, and angles in de
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -15,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ocptip.motion.output import atomic_file, plain, versions
+from ocptip.files import plain, versions, write_json
 from ocptip.placement.problem import CRITERIA, PlacementProblem
 from ocptip.placement.result import NoPlacementError, Placement, PlacementResult
 
@@ -127,9 +126,7 @@ def write_placement(directory: str | os.PathLike[str], data: Mapping[str, Any]) 
     """
     directory = Path(directory)
     directory.mkdir(exist_ok=True)
-    text = json.dumps(plain(data), indent=2, allow_nan=False) + "\n"
-    with atomic_file(directory / PLACEMENT) as stream:
-        stream.write(text.encode("utf-8"))
+    write_json(directory / PLACEMENT, data)
     return directory / PLACEMENT
 
 

@@ -14,10 +14,9 @@ from ocptip.motion.robot import StandingRobot
 from ocptip.placement.evaluate import ANGLE_UNIT, LENGTH_UNIT, Evaluator
 from ocptip.placement.forces import ContactForces
 from ocptip.placement.manipulability import LogMeasures, limited
-from ocptip.placement.points import PointFunction
 from ocptip.placement.power import HoldingPower
 from ocptip.placement.problem import GripperTask
-from ocptip.robots import gripper_kinematics, inverse_dynamics
+from ocptip.robots import PointFunction, gripper_kinematics, inverse_dynamics
 from ocptip.robots.collision import Floor, sphere_centres
 
 _PROBES = 8

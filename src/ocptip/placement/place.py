@@ -9,17 +9,17 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ocptip.errors import InputError
-from ocptip.motion.ipopt import Solution, solve
+from ocptip.ipopt import Solution, solve
 from ocptip.placement import starts as sampling
-from ocptip.placement.branches import search
 from ocptip.placement.elastic import ElasticProgram
 from ocptip.placement.evaluate import POSE_TOLERANCE, Evaluator
 from ocptip.placement.physics import PatchPhysics
 from ocptip.placement.problem import PlacementProblem
 from ocptip.placement.program import PlacementProgram
-from ocptip.placement.refine import improved, turned
+from ocptip.placement.refine import around, improved, turned
 from ocptip.placement.result import NoPlacementError, Placement, PlacementResult, StartReport, judge
 from ocptip.placement.selection import held_cases, near_gaps, pieces
+from ocptip.robots.pose_search import search
 
 _TOLERANCE = 1e-8
 _KEPT = 1e-5  # violation of a program's rows up to which its result is used
@@ -31,16 +31,18 @@ _HELD = 0.5  # share of the slip limit from which a load case takes part that is
 _ROUNDS = 12
 _PROGRESS = 1e-6  # of the objective, from one box to the next
 _IMPROVED_PER_START = 10
+_AROUND, _COPIES, _AFAR = 3, 10, 0.2  # results looked around in the end, draws at each, of the scales
+_AGAIN = 3  # starts per program started once more from there
 _POSTURES_APART = 0.4  # of the scales, and of half the unit vectors of joint angles
 _ELASTIC_STARTS = 4
-_SAME = 0.01  # of the parameters' scales and rad: results nearer than this are one
+_SAME = 0.03  # of the parameters' scales and rad: places nearer than this are one
 _MOST_STATED = 4
 
 
 def place(
     problem: PlacementProblem,
     *,
-    starts: int = 6,
+    starts: int = 5,
     seed: int = 0,
     samples: int = 4000,
     keep: int = 5,
@@ -49,12 +51,13 @@ def place(
     """Find the best placements of a problem (4.38).
 
     The terrain is sampled, all branches of the inverse kinematics are judged, and the most promising ones are
-    improved by a local search and start nonlinear programs (Ipopt, exact derivatives). Every result is judged
-    anew before it counts. The result depends on problem, numbers and seed only.
+    improved by a local search and start nonlinear programs (Ipopt, exact derivatives). Around the best
+    results the local search looks for further optima, which start a third as many programs again. Every
+    result is judged anew before it counts. The result depends on problem, numbers and seed only.
 
     Args:
         problem: task, terrain, limits, weights.
-        starts: number of programs solved.
+        starts: number of programs solved first.
         seed: of the sample.
         samples: placements sampled per round.
         keep: number of distinct placements returned at most.
@@ -69,6 +72,8 @@ def place(
     for name, value in (("starts", starts), ("samples", samples), ("keep", keep)):
         if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
             raise InputError(f"{name}: must be a whole number >= 1, got {value!r}")
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise InputError(f"seed: must be a whole number >= 0, got {seed!r}")
     began = time.perf_counter()
     with threadpool_limits(1):
         return _place(problem, starts, seed, samples, keep, progress, began)
@@ -95,14 +100,24 @@ def _place(
     found: list[Placement] = []
     tried: list[Placement] = []
     reports = []
-    for number in range(len(chosen) if candidates.reached else 0):
-        placement, report = work.run(number, *chosen[number])
-        reports.append(report)
-        tried.append(placement)
-        if placement.feasible:
-            found.append(placement)
-        if progress:
-            progress(number + 1, len(chosen), min((p.total for p in found), default=None))
+    more = -(-starts // _AGAIN)
+
+    def solve_from(those: sampling.Candidates) -> None:
+        for i in range(len(those)):
+            placement, report = work.run(len(reports), *those[i])
+            reports.append(report)
+            tried.append(placement)
+            if placement.feasible:
+                found.append(placement)
+            if progress:
+                progress(len(reports), len(chosen) + more, min((p.total for p in found), default=None))
+
+    if candidates.reached:
+        solve_from(chosen)
+    if found:
+        best = [(p.patch, p.parameters, p.angles) for p in _distinct(found)[:_AROUND]]
+        near = around(work.evaluator, best, _COPIES, _AFAR, rng)
+        solve_from(near.select(range(min(more, len(near)))))
     if not found:
         nearest = work.nearest(chosen, tried)
         if not nearest.feasible:
@@ -112,7 +127,7 @@ def _place(
         found = [placement if placement.feasible else nearest]
     return PlacementResult(
         problem=problem,
-        placements=tuple(_distinct(found)[:keep]),
+        placements=_several(_distinct(found), keep),
         starts=tuple(reports),
         sampled=candidates.sampled,
         reached=candidates.reached,
@@ -292,16 +307,29 @@ def _distinct(found: list[Placement]) -> list[Placement]:
     return kept
 
 
+def _several(distinct: list[Placement], keep: int) -> tuple[Placement, ...]:
+    """Those to return, by objective: different places before different postures at one place."""
+    places: list[Placement] = []
+    postures: list[Placement] = []
+    for placement in distinct:
+        known = any(_same_place(placement, other) for other in places)
+        (postures if known else places).append(placement)
+    return tuple(sorted((places + postures)[:keep], key=lambda p: p.total))
+
+
 def _same(a: Placement, b: Placement) -> bool:
+    turn = a.angles - b.angles
+    turn = np.arctan2(np.sin(turn), np.cos(turn))
+    return _same_place(a, b) and bool(np.max(np.abs(turn)) < 4 * _SAME)
+
+
+def _same_place(a: Placement, b: Placement) -> bool:
     if a.patch != b.patch:
         return False
     terrain = a.problem.terrain[a.patch]
     apart = a.parameters - b.parameters
     apart = np.where(terrain.angular, np.arctan2(np.sin(apart), np.cos(apart)), apart)
-    turn = a.angles - b.angles
-    turn = np.arctan2(np.sin(turn), np.cos(turn))
-    scales = a.problem.scales(a.patch)
-    return bool(np.max(np.abs(apart) / scales) < _SAME and np.max(np.abs(turn)) < 4 * _SAME)
+    return bool(np.max(np.abs(apart) / a.problem.scales(a.patch)) < _SAME)
 
 
 def _refusal(nearest: Placement, candidates: sampling.Candidates) -> str:

@@ -9,7 +9,14 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from ocptip.errors import InputError, finite_array, number_from, positive_number
+from ocptip.errors import (
+    InputError,
+    finite_array,
+    number_from,
+    positive_number,
+    rotation_matrix,
+    share_of_one,
+)
 from ocptip.motion.robot import StandingRobot
 from ocptip.placement.power import HoldingPower, TorqueCost
 from ocptip.placement.terrain import Patch
@@ -19,6 +26,7 @@ Orientation = Literal["full", "axis", "free"]
 CRITERIA = ("GN", "GT", "GK", "GE")
 INDICES = ("dm_2", "pi_oe", "inv_cdn_oe", "manipulability")
 _SAME_LEVEL = 1e-9  # relative to the support's length
+_ROTATION_TOLERANCE = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,11 +122,7 @@ class GripperTask:
             value = finite_array(f"{self.name}: {key}", getattr(self, key), shape)
             value.flags.writeable = False
             object.__setattr__(self, key, value)
-        if (
-            np.abs(self.rotation @ self.rotation.T - np.eye(3)).max() > 1e-8
-            or np.linalg.det(self.rotation) < 0
-        ):
-            raise InputError(f"{self.name}: rotation: not a rotation matrix: {self.rotation.tolist()}")
+        rotation_matrix(f"{self.name}: rotation", self.rotation, tolerance=_ROTATION_TOLERANCE)
         if abs(np.linalg.norm(self.tool_axis) - 1) > 1e-9:
             raise InputError(f"{self.name}: tool_axis: must have length 1, got {self.tool_axis.tolist()}")
         if self.orientation not in get_args(Orientation):
@@ -172,9 +176,8 @@ class PlacementLimits:
         for name in ("clearance", "base_clearance"):
             positive_number(name, getattr(self, name), zero_allowed=True)
         for name in ("GN", "GT"):
-            value = getattr(self, name)
-            if value is not None and not 0 < positive_number(name, value) <= 1:
-                raise InputError(f"{name}: must be above 0 and at most 1, or None, got {value!r}")
+            if getattr(self, name) is not None:
+                share_of_one(name, getattr(self, name))
         for name in ("condition", "singular_ratio", "index_min"):
             if getattr(self, name) is not None:
                 positive_number(name, getattr(self, name))
@@ -322,9 +325,7 @@ class PlacementProblem:
                 )
             setter(self, "ground_frame", (np.array([0.0, 0.0, heights.mean()]), np.eye(3)))
         position, rotation = self.ground_frame
-        rotation = finite_array("ground_frame[1]", rotation, (3, 3))
-        if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-8 or np.linalg.det(rotation) < 0:
-            raise InputError(f"ground_frame[1]: not a rotation matrix: {rotation.tolist()}")
+        rotation = rotation_matrix("ground_frame[1]", rotation, tolerance=_ROTATION_TOLERANCE)
         setter(self, "ground_frame", (finite_array("ground_frame[0]", position, (3,)), rotation))
         if self.energy is None:
             setter(self, "energy", HoldingPower(self.robot.motors))

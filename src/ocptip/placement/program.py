@@ -55,7 +55,7 @@ class _Point:
 
 
 class PlacementProgram:
-    """Values and derivatives for `ocptip.motion.ipopt.solve`.
+    """Values and derivatives for `ocptip.ipopt.solve`.
 
     Args:
         physics: of the patch.

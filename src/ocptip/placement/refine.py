@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from ocptip.placement.branches import search, within_limits
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.starts import Candidates, exact_scores, joined, turns_beneath
+from ocptip.robots.joint_angles import within_limits
+from ocptip.robots.pose_search import search
 
 _ROUNDS = 10
 _DRAWS = 12  # per candidate and round
@@ -46,6 +47,35 @@ def improved(evaluator: Evaluator, candidates: Candidates, rng: np.random.Genera
             kept.append(int(i))
     found = Candidates(patches, parameters, angles, totals, margins, candidates.sampled, candidates.reached)
     return found.select(kept)
+
+
+def around(
+    evaluator: Evaluator,
+    places: list[tuple[int, np.ndarray, np.ndarray]],
+    copies: int,
+    afar: float,
+    rng: np.random.Generator,
+) -> Candidates:
+    """What the local search finds from points around given places, the best first.
+
+    Args:
+        places: patch, parameters (k,) and angles (tasks, n) of each.
+        copies: points drawn around each.
+        afar: how far from it: standard deviation, in the parameters' scales and, doubled, in rad.
+    """
+    problem, patches, parameters, angles = evaluator.problem, [], [], []
+    for patch, p, q in places:
+        terrain = problem.terrain[patch]
+        steps = afar * rng.normal(size=(copies, len(p))) * _units(evaluator, patch)
+        drawn = np.clip(p + steps, terrain.lower, terrain.upper)
+        first = q + 2 * afar * rng.normal(size=(copies, *q.shape))
+        reached, exact = followed(evaluator, patch, drawn, first)
+        patches += [patch] * int(exact.sum())
+        parameters += list(drawn[exact])
+        angles += list(reached[exact])
+    unknown = np.full(len(patches), np.nan)
+    drawn = Candidates(np.array(patches, dtype=int), parameters, np.array(angles), unknown, unknown, 0, 0)
+    return improved(evaluator, drawn, rng) if len(patches) else drawn
 
 
 def turned(evaluator: Evaluator, candidates: Candidates) -> Candidates:
@@ -93,6 +123,11 @@ def _mounts(evaluator: Evaluator, patch: int, parameters: np.ndarray) -> np.ndar
     return origin + base @ evaluator.arm.mount_position
 
 
+def _units(evaluator: Evaluator, patch: int) -> np.ndarray:
+    """How far the parameters (k,) of a patch are moved at a time, relative to each other."""
+    return evaluator.problem.scales(patch) * np.where(evaluator.problem.terrain[patch].angular, _TURN, 1.0)
+
+
 def _improved_on(
     evaluator: Evaluator, patch: int, parameters: np.ndarray, angles: np.ndarray, rng: np.random.Generator
 ) -> tuple[np.ndarray, ...]:
@@ -101,7 +136,7 @@ def _improved_on(
     N, k = parameters.shape
     best_p, best_q = parameters.copy(), angles.copy()
     score, total, margin = _scores(evaluator, patch, best_p, best_q)
-    unit = evaluator.problem.scales(patch) * np.where(terrain.angular, _TURN, 1.0)
+    unit = _units(evaluator, patch)
     radius = np.full(N, _RADIUS)
     for _ in range(_ROUNDS):
         steps = rng.normal(size=(N, _DRAWS, k)) * radius[:, None, None] * unit

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from ocptip.errors import PlanningError
-from ocptip.placement.evaluate import Evaluator, Rows, smallest_margin
+from ocptip.files import plain
+from ocptip.placement.evaluate import Evaluator, Rows
 from ocptip.placement.problem import CRITERIA, PlacementProblem
 
 FEASIBLE = 1e-6
@@ -121,11 +122,11 @@ class Placement:
             "angles_rad": {
                 task.name: q.tolist() for task, q in zip(self.problem.tasks, self.angles, strict=True)
             },
-            "criteria": {name: _number(value) for name, value in self.criteria.items()},
-            "total": _number(self.total),
+            "criteria": plain(self.criteria),
+            "total": plain(self.total),
             "feasible": self.feasible,
             "active": [str(m) for m in self.active],
-            "margins": [{k: _number(v) for k, v in m.to_dict().items()} for m in self.margins],
+            "margins": [plain(m.to_dict()) for m in self.margins],
             "pose_error": self.pose_error,
             "start": self.start,
         }
@@ -185,7 +186,7 @@ class PlacementResult:
             "placements": [p.to_dict() for p in self.placements],
             "weights": vars(self.problem.weights).copy(),
             "references": dict(self.problem.references),
-            "starts": [{k: _number(v) for k, v in vars(s).items()} for s in self.starts],
+            "starts": plain(self.starts),
             "sampled": self.sampled,
             "reached": self.reached,
             "seed": self.seed,
@@ -242,14 +243,6 @@ def judge(
     )
 
 
-def is_feasible(evaluator: Evaluator, patch: int, parameters: np.ndarray, angles: np.ndarray) -> np.ndarray:
-    """(N,) whether placements (N, k), (N, tasks, n) keep all constraints."""
-    margin = smallest_margin(evaluator.ground(patch, parameters), len(parameters))
-    for t in range(angles.shape[1]):
-        margin = np.minimum(margin, evaluator.task(t, patch, parameters, angles[:, t]).margin())
-    return margin >= -FEASIBLE
-
-
 def _margins(rows: tuple[Rows, ...], task: int) -> list[Margin]:
     result = []
     for r in rows:
@@ -271,9 +264,3 @@ def _margins(rows: tuple[Rows, ...], task: int) -> list[Margin]:
             for i in shown
         ]
     return result
-
-
-def _number(value: Any) -> Any:
-    if isinstance(value, float) and not np.isfinite(value):
-        return None
-    return value

@@ -8,8 +8,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import qmc
 
-from ocptip.placement.branches import branches, has_closed_form, search
 from ocptip.placement.evaluate import Evaluator, smallest_margin
+from ocptip.robots import branches_within_limits, closed_form_family
+from ocptip.robots.pose_search import search
 
 _ENOUGH = 600  # standing places from which all tasks can be reached
 _ROUNDS = 3
@@ -83,7 +84,7 @@ def solutions(
     wanted, arm = problem.tasks[task], evaluator.arm
     origin, base = evaluator.place(patch, parameters)
     N = len(origin)
-    if has_closed_form(arm) and not approach:
+    if closed_form_family(arm) is not None and not approach:
         rounds = []
         for _ in range(1 if wanted.orientation == "full" else _ROLLS):
             rotation = wanted.rotation
@@ -92,7 +93,7 @@ def solutions(
                 rotation = rotation @ Rotation.from_rotvec(roll[:, None] * wanted.tool_axis).as_matrix()
             elif wanted.orientation == "free":
                 rotation = Rotation.random(N, rng).as_matrix()
-            rounds.append(branches(arm, *evaluator.targets(task, origin, base, rotation)))
+            rounds.append(branches_within_limits(arm, *evaluator.targets(task, origin, base, rotation)))
         return np.concatenate(rounds, axis=1)
     position, rotation = evaluator.targets(task, origin, base)
     low = np.maximum(arm.limits.angle_min, -np.pi)
@@ -114,7 +115,7 @@ def sample(evaluator: Evaluator, rng: np.random.Generator, count: int) -> Candid
         count: placements per round and terrain; rounds go on until enough of them reach all tasks.
     """
     problem, kept, sampled, reached = evaluator.problem, [], 0, 0
-    if not has_closed_form(evaluator.arm):
+    if closed_form_family(evaluator.arm) is None:
         count //= _SEARCH_COSTS
     shares = np.full(len(problem.terrain), max(count // len(problem.terrain), 32))
     for _ in range(_ROUNDS):

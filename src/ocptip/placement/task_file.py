@@ -55,15 +55,14 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 from ocptip.errors import InputError, finite_array
+from ocptip.motion.arm_table import arm_from_table, motors_from_tables, obstacles_from_tables
 from ocptip.motion.robot import StandingRobot
 from ocptip.motion.task import is_whole
-from ocptip.motion.task_file import _arm, _motors, _obstacles
 from ocptip.placement.power import TorqueCost
 from ocptip.placement.problem import (
     CRITERIA,
@@ -85,7 +84,7 @@ from ocptip.tables import (
     refuse_non_numbers,
     refuse_unknown,
     required,
-    rpy_at,
+    rotation_in,
     subtable,
     subtables,
     text_at,
@@ -126,7 +125,6 @@ _TASK_KEYS = ("name", "position", "rpy_deg", "rotation", "orientation", "tool_ax
 _LOAD_KEYS = ("name", "force", "moment")
 _SAMPLE_KEYS = ("magnitude", "directions", "axis", "half_angle_deg")
 _STEEPEST = 80.0  # degrees
-_BASE: Any = SimpleNamespace(sphere_sets=("base",))  # in place of an arm where only the base is checked
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,12 +165,12 @@ def _placement(data: dict[str, Any], path: Path) -> PlacementTask:
     ).support
     if support.dimension != 3:
         raise InputError("contact[1].position: an arm needs a spatial support; give three numbers")
-    arm = _arm(subtable(data, "arm"), path.parent)
+    arm = arm_from_table(subtable(data, "arm"), path.parent)
     limits, moment = _limits(subtable(data, "limits", optional=True))
     robot = StandingRobot(
         arm,
         support,
-        _motors(data, arm),
+        motors_from_tables(data, arm),
         obstacles=_shapes(data, "base_obstacle", arm),
         reference_moment=moment,
     )
@@ -220,7 +218,7 @@ def _shapes(
         if len(tables) > 1 and kind != "floor":
             table = {"name": f"{kind} {number}", **table}
         try:
-            found += _obstacles([table], _BASE if base_only else arm)
+            found += obstacles_from_tables([table])
         except InputError as error:
             raise InputError(str(error).replace("obstacle[1]", f"{key}[{number}]", 1)) from None
     return found
@@ -269,14 +267,7 @@ def _plane(table: dict[str, Any], where: str, count: int, number: int) -> Patch:
 
 def _task(table: dict[str, Any], where: str, default: str) -> GripperTask:
     refuse_unknown(table, _TASK_KEYS, f"{where}.")
-    if "rpy_deg" in table and "rotation" in table:
-        raise InputError(f"{where}.rpy_deg: expected either rpy_deg or rotation, got both")
-    rotation = np.eye(3)
-    if "rpy_deg" in table:
-        rotation = rpy_at(f"{where}.rpy_deg", table["rpy_deg"])
-    elif "rotation" in table:
-        refuse_non_numbers(f"{where}.rotation", table["rotation"])
-        rotation = finite_array(f"{where}.rotation", table["rotation"], (3, 3))
+    rotation = rotation_in(table, where, optional=True)
     name = text_at(f"{where}.name", table.get("name", default))
     loads: list[ProcessLoad] = []
     for number, load in enumerate(_nested(table, where), 1):

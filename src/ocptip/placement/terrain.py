@@ -113,11 +113,14 @@ class Patch:
         return result
 
     def box(self, centre: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
-        """Finite bounds (k,), (k,) for sampling: world coordinates within `reach` of `centre` (3,), m."""
+        """Finite bounds (k,), (k,) for sampling: world coordinates within `reach` of `centre` (3,), m.
+
+        Angles take part with one turn at most.
+        """
         low, high = self.lower.copy(), self.upper.copy()
         for i in range(self.size):
             if self.angular[i]:
-                low[i], high[i] = max(low[i], -np.pi), min(high[i], np.pi)
+                low[i], high[i] = _one_turn(low[i], high[i])
         for axis, i in enumerate(self.horizontal or ()):
             low[i], high[i] = max(low[i], centre[axis] - reach), min(high[i], centre[axis] + reach)
             if low[i] > high[i]:  # the whole patch lies beyond: its nearest edge
@@ -238,3 +241,11 @@ def custom_terrain(
         constraints=constraints,
         constraint_names=tuple(names),
     )
+
+
+def _one_turn(low: float, high: float) -> tuple[float, float]:
+    """An interval of angles cut to one turn, to that from -pi to pi if it lies inside."""
+    if high - low <= 2 * np.pi:
+        return low, high
+    first = min(max(low, -np.pi), high - 2 * np.pi)
+    return first, first + 2 * np.pi

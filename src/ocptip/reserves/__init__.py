@@ -7,6 +7,6 @@ others, unloaded, move only along their tangent planes (possible with normals in
 """
 
 from ocptip.reserves.slip import Slip, SlipReserve
-from ocptip.reserves.tipping import TipOver, TipOverReserve, TippingAxis
+from ocptip.reserves.tipping import TipMap, TipOver, TipOverReserve, TippingAxis
 
-__all__ = ["Slip", "SlipReserve", "TipOver", "TipOverReserve", "TippingAxis"]
+__all__ = ["Slip", "SlipReserve", "TipMap", "TipOver", "TipOverReserve", "TippingAxis"]

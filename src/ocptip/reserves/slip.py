@@ -159,7 +159,7 @@ class Slip:
     def _result(self, work: _Work, derivatives: bool) -> SlipReserve:
         states = work.states
         solved = states.solved & (work.gap <= GAP_TOLERANCE * np.maximum(1.0, work.ratio))
-        change = (work.forces - work.start).reshape(len(states), -1)
+        change = (work.forces - work.start).reshape(len(states), self._matrix.shape[1])
         residual = np.max(np.abs(change @ self._matrix.T), axis=1) / work.scale
         sliding = np.flatnonzero(work.slide)
         unknown = np.where(states.solved, 0.0, np.nan)

@@ -15,7 +15,7 @@ from itertools import combinations
 import numpy as np
 from scipy.optimize import linprog
 
-from ocptip.contact.solver import ContactStates
+from ocptip.contact.solver import ContactStates, solve_many
 from ocptip.contact.support import Support
 from ocptip.errors import InputError, SolverError, positive_number
 from ocptip.reserves.force_sets import ForceSets
@@ -234,6 +234,32 @@ class TipOverReserve:
     @cached_property
     def _normal_maps(self) -> np.ndarray:
         return self.states.force_maps[:, :, 0, :]
+
+
+class TipMap:
+    """Moments of the normal reserves about the tipping axes as functions of the wrench.
+
+    Args:
+        tip_over: of the support.
+
+    Attributes:
+        count: of the axes; 0 where nothing resists a rotation.
+    """
+
+    def __init__(self, tip_over: TipOver) -> None:
+        self.count = 0 if tip_over.free_rotation else len(tip_over.axes)
+        self._affine = tip_over.affine_moments if self.count else None
+        self._tip_over = tip_over
+
+    def __call__(self, wrenches: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Moments (N, axes), N m, and their derivatives (N, axes, 6) at wrenches (N, 6), N and N m."""
+        if self.count == 0:
+            return np.empty((len(wrenches), 0)), np.empty((len(wrenches), 0, 6))
+        if self._affine is not None:
+            slope, offset = self._affine
+            return wrenches @ slope.T + offset, np.broadcast_to(slope, (len(wrenches), *slope.shape))
+        reserve = self._tip_over.evaluate(solve_many(self._tip_over.support, wrenches))
+        return reserve.moments, reserve.moment_gradients
 
 
 def _product(reserves: np.ndarray, lifts: np.ndarray, axis: int = -1) -> np.ndarray:

@@ -1,7 +1,7 @@
 """Serial arms: models, kinematics, dynamics, drives and collision spheres."""
 
 from ocptip.robots.batch import BatchFunction
-from ocptip.robots.closed_form import closed_form_branches, closed_form_family
+from ocptip.robots.closed_form import branches_within_limits, closed_form_branches, closed_form_family
 from ocptip.robots.collision import CollisionModel, GapLabel, Pillar, Wall, floor, spheres_along_links
 from ocptip.robots.dynamics import (
     STANDARD_GRAVITY,
@@ -30,6 +30,7 @@ from ocptip.robots.modular import (
     start_and_goal,
 )
 from ocptip.robots.motors import DCMotors, Motors, PowerMaps
+from ocptip.robots.point import PointFunction
 from ocptip.robots.urdf import arm_from_pinocchio, arm_from_urdf
 
 __all__ = [
@@ -47,6 +48,7 @@ __all__ = [
     "Links",
     "Motors",
     "Pillar",
+    "PointFunction",
     "PowerMaps",
     "SphereSet",
     "Wall",
@@ -54,6 +56,7 @@ __all__ = [
     "arm_from_urdf",
     "arm_names",
     "assemble_links",
+    "branches_within_limits",
     "closed_form_branches",
     "closed_form_family",
     "dynamics_batch",

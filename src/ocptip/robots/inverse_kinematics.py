@@ -9,12 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from ocptip.errors import InputError, finite_array
+from ocptip.errors import InputError, finite_array, rotation_matrix
+from ocptip.robots import joint_angles
 from ocptip.robots.closed_form import closed_form_branches, closed_form_family
 from ocptip.robots.kinematics import gripper_batch
 from ocptip.robots.model import ArmModel, joint_states
+from ocptip.robots.pose_search import levenberg_marquardt, pose_errors
 
 RESIDUAL_TOLERANCE = 1e-10  # m and rad
 SINGULAR_TOLERANCE = 1e-7  # m and rad, where rounding next to a singular pose leaves no better
@@ -25,7 +26,8 @@ _MAX_ROUNDS = 12
 _MAX_ITERATIONS = 60
 _SAME_BRANCH = 1e-5  # rad
 _MAX_BRANCHES = 64
-_LIMIT_SLACK = 1e-9  # rad
+_LEAST_DAMPING = 1e-24
+_ROTATION_TOLERANCE = 1e-8
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,9 +105,7 @@ def solve_inverse_kinematics(
             unknown method, no closed form for this arm.
     """
     goal = finite_array("position", position, (3,))
-    turn = finite_array("rotation", rotation, (3, 3))
-    if np.abs(turn @ turn.T - np.eye(3)).max() > 1e-8 or np.linalg.det(turn) < 0:
-        raise InputError(f"rotation: not a rotation matrix: {turn.tolist()}")
+    turn = rotation_matrix("rotation", rotation, tolerance=_ROTATION_TOLERANCE)
     if method not in _METHODS:
         raise InputError(f"method: must be one of {', '.join(_METHODS)}, got {method!r}")
     family = closed_form_family(model)
@@ -122,10 +122,13 @@ def solve_inverse_kinematics(
         found = _polished(model, closed_form_branches(model, goal, turn), goal, turn)
     if not len(found):
         raise InputError(_miss_message(model, goal, turn, seed))
-    inside, found_in_limits = _copies_within_limits(model, found, wanted)
-    branches = found_in_limits[inside] if within_limits else found_in_limits
+    copies = joint_angles.within_limits(model, found, wanted)
+    inside = np.isfinite(copies).all(axis=1)
+    nearest = found + 2 * np.pi * np.round((wanted - found) / (2 * np.pi))
+    copies = np.where(np.isfinite(copies), copies, nearest)
+    branches = copies[inside] if within_limits else copies
     if not len(branches):
-        raise InputError(_limits_message(model, found_in_limits))
+        raise InputError(_limits_message(model, copies))
     branches = branches[np.lexsort(np.round(branches, 7).T[::-1])]
     return InverseKinematics(
         branches=branches,
@@ -143,7 +146,7 @@ def solve_inverse_kinematics(
 def pose_residuals(model: ArmModel, q: np.ndarray, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
     """Largest component of position error (m) and rotation-vector error (rad) at q (N, n), rad; (N,)."""
     states, _ = joint_states("q", q, model.n)
-    return np.abs(_errors(model, states, position, rotation)[0]).max(axis=1)
+    return np.abs(pose_errors(model, states, position, rotation)[0]).max(axis=1)
 
 
 def _search(
@@ -159,7 +162,7 @@ def _search(
         # The first rounds start within the limits; later ones anywhere, to see what lies beyond.
         unit = random.random((_STARTS_PER_ROUND, model.n))
         first = low + unit * (high - low) if turn % 2 == 0 else np.pi * (2 * unit - 1)
-        solutions, steps = _levenberg_marquardt(model, first, position, rotation)
+        solutions, steps = _solutions(model, first, position, rotation)
         starts += len(first)
         iterations += steps
         known = len(found)
@@ -170,56 +173,14 @@ def _search(
     return found, starts, iterations
 
 
-def _levenberg_marquardt(
-    model: ArmModel, first: np.ndarray, position: np.ndarray, rotation: np.ndarray
+def _solutions(
+    model: ArmModel, starts: np.ndarray, position: np.ndarray, rotation: np.ndarray
 ) -> tuple[np.ndarray, int]:
-    """Solutions (k, n) reached from the starts (N, n) and the number of iterations, all starts at once."""
-    q = first.copy()
-    error, jacobian = _errors(model, q, position, rotation)
-    damping = np.full(len(q), 1e-2)
-    steps = 0
-    while steps < _MAX_ITERATIONS:
-        active = np.abs(error).max(axis=1) > RESIDUAL_TOLERANCE / 100
-        active &= damping < 1e6
-        if not active.any():
-            break
-        steps += 1
-        e, J, lam = error[active], jacobian[active], damping[active]
-        step = _damped_step(J, e, lam)
-        step /= np.maximum(1.0, np.abs(step).max(axis=1, keepdims=True))  # at most 1 rad per joint
-        trial = q[active] + step
-        trial_error, trial_jacobian = _errors(model, trial, position, rotation)
-        better = (trial_error**2).sum(axis=1) < (e**2).sum(axis=1)
-        index = np.flatnonzero(active)
-        accepted = index[better]
-        q[accepted], error[accepted], jacobian[accepted] = (
-            trial[better],
-            trial_error[better],
-            trial_jacobian[better],
-        )
-        damping[index] = np.where(better, np.maximum(lam * 0.1, 1e-24), lam * 5)
-    good = np.abs(error).max(axis=1) <= RESIDUAL_TOLERANCE
-    return q[good], steps
-
-
-def _damped_step(J: np.ndarray, e: np.ndarray, damping: np.ndarray) -> np.ndarray:
-    """Minimisers (N, n) of |J s - e|^2 + damping |s|^2."""
-    if damping.min() > 1e-10:
-        normal = J.transpose(0, 2, 1) @ J + damping[:, None, None] * np.eye(J.shape[2])
-        return np.linalg.solve(normal, J.transpose(0, 2, 1) @ e[:, :, None])[:, :, 0]
-    # Close to the goal damping fades; next to singular poses the normal equations then lose all digits.
-    u, s, vt = np.linalg.svd(J, full_matrices=False)
-    along = (e[:, None, :] @ u)[:, 0] * s / (s**2 + damping[:, None])
-    return (along[:, None, :] @ vt)[:, 0]
-
-
-def _errors(
-    model: ArmModel, q: np.ndarray, position: np.ndarray, rotation: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Pose errors (N, 6), m then rotation vector in rad, base axes, and the Jacobian (N, 6, n)."""
-    at, turned, jacobian = gripper_batch(model)(q)
-    turn = Rotation.from_matrix(rotation @ turned.transpose(0, 2, 1)).as_rotvec()
-    return np.hstack([position - at, turn]), jacobian
+    """Solutions (k, n) reached from the starts (N, n) and the number of iterations."""
+    q, error, steps = levenberg_marquardt(
+        model, starts, position, rotation, iterations=_MAX_ITERATIONS, least_damping=_LEAST_DAMPING
+    )
+    return q[error <= RESIDUAL_TOLERANCE], steps
 
 
 def _polished(model: ArmModel, q: np.ndarray, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
@@ -227,7 +188,7 @@ def _polished(model: ArmModel, q: np.ndarray, position: np.ndarray, rotation: np
     if not len(q):
         return q
     good = pose_residuals(model, q, position, rotation) <= RESIDUAL_TOLERANCE
-    rough, _ = _levenberg_marquardt(model, q[~good], position, rotation)
+    rough, _ = _solutions(model, q[~good], position, rotation)
     branches = np.vstack([q[good], rough])
     if not len(branches):
         # Within 1e-7 rad of a singular pose rounding leaves no better branch than this one, and no direction
@@ -251,21 +212,6 @@ def _distinct(known: np.ndarray, found: np.ndarray) -> np.ndarray:
     return np.array(result).reshape(-1, known.shape[1])
 
 
-def _copies_within_limits(
-    model: ArmModel, found: np.ndarray, near: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Whether each branch (k, n) fits the limits (k,), and its copy (k, n) nearest to `near` within them."""
-    low = model.limits.angle_min - _LIMIT_SLACK
-    high = model.limits.angle_max + _LIMIT_SLACK
-    turns = np.round((near - found) / (2 * np.pi))
-    # Whole turns that keep an angle inside; where none does, the window is empty and `turns` stays.
-    lowest, highest = np.ceil((low - found) / (2 * np.pi)), np.floor((high - found) / (2 * np.pi))
-    fits = lowest <= highest
-    turns = np.where(fits, np.clip(turns, lowest, np.maximum(lowest, highest)), turns)
-    copies = found + 2 * np.pi * turns
-    return fits.all(axis=1), copies
-
-
 def _conditioning(model: ArmModel, q: np.ndarray) -> np.ndarray:
     jacobian = gripper_batch(model)(q)[2].copy()
     jacobian[:, :3] /= max(float(np.linalg.norm(model.offsets, axis=1).sum()), 1e-12)
@@ -275,10 +221,10 @@ def _conditioning(model: ArmModel, q: np.ndarray) -> np.ndarray:
 def _miss_message(model: ArmModel, position: np.ndarray, rotation: np.ndarray, seed: int) -> str:
     q = np.pi * (2 * np.random.default_rng(seed).random((_STARTS_PER_ROUND, model.n)) - 1)
     for _ in range(_MAX_ITERATIONS):
-        error, J = _errors(model, q, position, rotation)
+        error, J = pose_errors(model, q, position, rotation)
         normal = J.transpose(0, 2, 1) @ J + 1e-3 * np.eye(model.n)
         q = q + np.linalg.solve(normal, J.transpose(0, 2, 1) @ error[:, :, None])[:, :, 0]
-    best = min(_errors(model, q, position, rotation)[0], key=lambda e: float(e @ e))
+    best = min(pose_errors(model, q, position, rotation)[0], key=lambda e: float(e @ e))
     where = ", ".join(f"{1e3 * x:.1f}" for x in position)
     return (
         f"pose: arm {model.name!r} cannot reach position ({where}) mm with this orientation; the nearest of "

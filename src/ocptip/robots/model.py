@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ocptip.errors import InputError, finite_array
+from ocptip.errors import InputError, finite_array, rotation_matrix
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +108,6 @@ class ArmModel:
         armature: (n,), kg m^2: rotor inertia times gear ratio squared. Adds armature * qdd to the joint
             torque and nothing to the base wrench, as in Pinocchio; zero for arms whose link inertias hold the
             rotors.
-        gripper: name of the gripper frame.
         sphere_sets: collision spheres.
         collision_pairs: names of sphere sets checked against each other.
         floor_sets: names of sphere sets checked against the floor.
@@ -127,7 +126,6 @@ class ArmModel:
     mount_position: np.ndarray = field(default_factory=lambda: np.zeros(3))
     mount_rotation: np.ndarray = field(default_factory=lambda: np.eye(3))
     armature: np.ndarray | None = None
-    gripper: str = "gripper"
     sphere_sets: tuple[SphereSet, ...] = ()
     collision_pairs: tuple[tuple[str, str], ...] = ()
     floor_sets: tuple[str, ...] = ()
@@ -155,9 +153,9 @@ class ArmModel:
         if len(self.limits.speed) != n:
             raise InputError(f"limits: expected {n} joints, got {len(self.limits.speed)}")
         for index, matrix in enumerate(self.rotations):
-            _require_rotation(f"rotations[{index}]", matrix)
-        _require_rotation("tool_rotation", self.tool_rotation)
-        _require_rotation("mount_rotation", self.mount_rotation)
+            rotation_matrix(f"rotations[{index}]", matrix)
+        rotation_matrix("tool_rotation", self.tool_rotation)
+        rotation_matrix("mount_rotation", self.mount_rotation)
         for name in ("masses", "armature"):
             if (getattr(self, name) < 0).any():
                 raise InputError(f"{name}: must be >= 0, got {getattr(self, name)}")
@@ -250,11 +248,3 @@ def joint_states(name: str, value: object, joints: int) -> tuple[np.ndarray, boo
 def _frozen(array: np.ndarray) -> np.ndarray:
     array.flags.writeable = False
     return array
-
-
-def _require_rotation(name: str, matrix: np.ndarray) -> None:
-    error = np.abs(matrix @ matrix.T - np.eye(3)).max()
-    if error > 1e-9 or np.linalg.det(matrix) < 0:
-        raise InputError(
-            f"{name}: not a rotation matrix (orthonormal to {error:.1e}, det {np.linalg.det(matrix):.3g})"
-        )

@@ -163,7 +163,6 @@ def _arm(
         tool_rotation=turns[-1].T @ tool.rotation,
         mount_position=placements[0].translation,
         armature=finite_array("armature", chosen, (n,)),
-        gripper=tool_frame,
     )
 
 

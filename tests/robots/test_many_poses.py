@@ -1,12 +1,22 @@
 """Inverse kinematics of many poses at once against the closed forms pose by pose."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ocptip.motion.task_file import load_task
-from ocptip.placement.branches import branches, has_closed_form, search, within_limits
-from ocptip.robots import gripper_pose, load_arm, solve_inverse_kinematics
+from ocptip.robots import (
+    arm_from_urdf,
+    branches_within_limits,
+    gripper_pose,
+    load_arm,
+    solve_inverse_kinematics,
+)
+from ocptip.robots.joint_angles import within_limits
+from ocptip.robots.pose_search import search
+
+URDF = Path(__file__).parent / "data" / "ur5.urdf"
 
 
 def random_angles(arm, count, seed=0):
@@ -15,16 +25,15 @@ def random_angles(arm, count, seed=0):
 
 
 @pytest.fixture(scope="module", params=["FP1W2F", "FSFS", "W1P1P2W2", "ur5"])
-def arm(request, root):
+def arm(request):
     if request.param == "ur5":
-        return load_task(root / "studies" / "tasks" / "ur5_cart.toml").robot.arm
+        return arm_from_urdf(URDF, base_link="base_link", tool_frame="tool0")
     return load_arm(request.param)
 
 
 def test_branches_are_those_of_the_closed_form(arm):
-    assert has_closed_form(arm)
     positions, rotations = gripper_pose(arm, random_angles(arm, 40))
-    found = branches(arm, positions, rotations)
+    found = branches_within_limits(arm, positions, rotations)
     for own, position, rotation in zip(found, positions, rotations, strict=True):
         expected = solve_inverse_kinematics(arm, position, rotation).branches
         own = own[np.isfinite(own).all(axis=1)]
@@ -34,8 +43,18 @@ def test_branches_are_those_of_the_closed_form(arm):
         assert apart.min(axis=0).max() < 1e-6
 
 
+def test_singular_poses_are_reached_by_at_least_one_branch(arm):
+    q = np.random.default_rng(3).integers(-1, 2, (60, 6)) * np.pi / 2
+    positions, rotations = gripper_pose(arm, q)
+    found = branches_within_limits(arm, positions, rotations)
+    for own, position, rotation in zip(found, positions, rotations, strict=True):
+        one_by_one = solve_inverse_kinematics(arm, position, rotation, within_limits=False)
+        inside = np.isfinite(within_limits(arm, one_by_one.branches)).all(axis=1)
+        assert np.isfinite(own).all(axis=1).any() == inside.any()
+
+
 def test_unreachable_poses_have_no_branches(arm):
-    assert np.isnan(branches(arm, np.array([[9.0, 0.0, 0.0]]), np.eye(3)[None])).all()
+    assert np.isnan(branches_within_limits(arm, np.array([[9.0, 0.0, 0.0]]), np.eye(3)[None])).all()
 
 
 def test_search_finds_poses_near_its_start_and_honours_free_directions(arm):
@@ -69,3 +88,4 @@ def test_within_limits_takes_the_copy_nearest_to_zero():
     angles = np.array([0.1, 0.2, -0.3, 0.0, 0.0, 9.0])
     assert within_limits(arm, angles)[5] == pytest.approx(9.0 - 2 * np.pi)
     assert np.isnan(within_limits(arm, np.full(6, 3.0))[0])
+    assert within_limits(arm, angles, near=14.0)[5] == pytest.approx(9.0 + 2 * np.pi)

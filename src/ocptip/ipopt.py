@@ -40,7 +40,6 @@ class Solution:
         converged: it met its tolerance, or the acceptable one.
         iterations: of this solve.
         seconds: wall time.
-        derivative_seconds: of these, in the program's functions.
     """
 
     x: np.ndarray
@@ -52,7 +51,6 @@ class Solution:
     converged: bool
     iterations: int
     seconds: float
-    derivative_seconds: float
 
 
 class _Function(cs.Callback):
@@ -137,15 +135,6 @@ def solve(
     dense = cs.Sparsity.dense
     at_x = {"x": dense(nx, 1), "p": dense(0, 0)}
     upper_part = tuple(np.array([(i, j) for j in range(nx) for i in range(j + 1)]).T)
-    spent = [0.0]
-
-    def timed(work: Callable[[list, list], None]) -> Callable[[list, list], None]:
-        def run(arguments: list, results: list) -> None:
-            start = time.perf_counter()
-            work(arguments, results)
-            spent[0] += time.perf_counter() - start
-
-        return run
 
     def put(target: np.ndarray | None, value: np.ndarray | float) -> None:
         if target is not None:
@@ -166,14 +155,14 @@ def solve(
 
     f1, gx = dense(1, 1), dense(nx, 1)
     functions = [
-        _Function("nlp", at_x, {"f": f1, "g": dense(ng, 1)}, timed(values)),
-        _Function("nlp_grad_f", at_x, {"f": f1, "grad_f_x": gx}, timed(gradient)),
-        _Function("nlp_jac_g", at_x, {"g": dense(ng, 1), "jac_g_x": dense(ng, nx)}, timed(jacobian)),
+        _Function("nlp", at_x, {"f": f1, "g": dense(ng, 1)}, values),
+        _Function("nlp_grad_f", at_x, {"f": f1, "grad_f_x": gx}, gradient),
+        _Function("nlp_jac_g", at_x, {"g": dense(ng, 1), "jac_g_x": dense(ng, nx)}, jacobian),
         _Function(
             "nlp_hess_l",
             at_x | {"lam_f": f1, "lam_g": dense(ng, 1)},
             {"triu_hess_gamma_x_x": cs.Sparsity.upper(nx)},
-            timed(hessian),
+            hessian,
         ),
     ]
     options = {
@@ -248,5 +237,4 @@ def solve(
         converged=status in ("Solve_Succeeded", "Solved_To_Acceptable_Level"),
         iterations=int(stats["iter_count"]),
         seconds=time.perf_counter() - start,
-        derivative_seconds=spent[0],
     )

@@ -1,0 +1,26 @@
+"""Angles of joints that may turn more than once: copies a whole number of turns away."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ocptip.robots.model import ArmModel
+
+_SLACK = 1e-9  # rad: rounding must not take an angle at its limit away
+
+
+def within_limits(model: ArmModel, angles: np.ndarray, near: np.ndarray | float = 0.0) -> np.ndarray:
+    """Copies of joint angles, whole turns away, that are nearest to `near` within the joint limits.
+
+    Args:
+        angles: (..., n), rad.
+        near: rad, broadcast to `angles`.
+
+    Returns:
+        (..., n), rad; NaN where no copy is within the limits.
+    """
+    low, high = model.limits.angle_min - _SLACK, model.limits.angle_max + _SLACK
+    turn = 2 * np.pi
+    fewest, most = np.ceil((low - angles) / turn), np.floor((high - angles) / turn)
+    turns = np.clip(np.round((near - angles) / turn), fewest, np.maximum(fewest, most))
+    return np.where(fewest <= most, angles + turn * turns, np.nan)
