@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import importlib
-import multiprocessing
 import time
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import asdict
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from common import JsonLines, leave_interrupts_to_parent, machine, progress, source_state
+from common import JsonLines, machine, progress, source_state
 from compare_methods import SEARCHES, Recorder, Settings, TimeIsUpError
 from threadpoolctl import threadpool_limits
 
@@ -20,6 +19,7 @@ from ocptip.errors import OcptipError
 from ocptip.files import versions
 from ocptip.motion import ArmMotion, MotionProof, MotionTask, experiment_task, prove
 from ocptip.motion.penalty import MotionPenalty
+from ocptip.motion.plan import worker_pool
 from ocptip.motion.search import Search
 
 BASE = "effective"
@@ -186,16 +186,10 @@ def _executed(keys: Sequence[Key], runs: Runs, settings: Settings, jobs: int) ->
         for key in keys:
             yield run_one(*key, settings, runs.seconds_for(key))
         return
-    context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(
-        min(jobs, len(keys)), mp_context=context, initializer=leave_interrupts_to_parent
-    )
-    try:
+    with worker_pool(None, jobs, len(keys)) as pool:
         futures = [pool.submit(run_one, *key, settings, runs.seconds_for(key)) for key in keys]
         for future in as_completed(futures):
             yield future.result()
-    finally:
-        pool.shutdown(wait=False, cancel_futures=True)
 
 
 def environment() -> dict:

@@ -9,7 +9,7 @@ from planar_placement import planar_problem
 
 from ocptip.placement import NoPlacementError, PlacementLimits, PlacementResult, place
 
-TASK = """
+ROBOT = """
 [base]
 mass = 10.0
 center_of_mass = [0.0, 0.0, 0.1]
@@ -32,7 +32,11 @@ friction = 0.5
 [arm]
 name = "FP1W2F"
 mount_position = [0.0, 0.0, 0.3]
+"""
 
+TASK = (
+    ROBOT
+    + """
 [[task]]
 name = "press"
 position = [0.1, 0.0, 0.5]
@@ -41,6 +45,7 @@ rpy_deg = [180, 0, 0]
 [[task.load]]
 force = [0.0, 0.0, 10.0]
 """
+)
 
 
 @cache

@@ -91,6 +91,18 @@ def share_of_one(name: str, value: object) -> float:
     return number
 
 
+def is_whole(value: object) -> bool:
+    """Whether a value is an integer, not a bool."""
+    return isinstance(value, int | np.integer) and not isinstance(value, bool)
+
+
+def whole_number(name: str, value: object, least: int) -> int:
+    """Return `value` as an int of at least `least`, or raise InputError naming it."""
+    if not is_whole(value) or value < least:
+        raise InputError(f"{name}: must be a whole number >= {least}, got {value!r}")
+    return int(value)
+
+
 def number_from(name: str, value: object) -> float:
     """Return `value` as a finite float, or raise InputError naming it."""
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):

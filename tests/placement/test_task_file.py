@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from placed_example import ROBOT
 
 from ocptip.errors import InputError
 from ocptip.placement import HoldingPower, TorqueCost
@@ -16,33 +17,13 @@ from ocptip.robots.collision import Floor
 
 TASKS = Path(__file__).parents[2] / "studies" / "tasks"
 
-MINIMAL = """
-[base]
-mass = 10.0
-center_of_mass = [0.0, 0.0, 0.1]
-
-[[contact]]
-kind = "unilateral"
-position = [0.2, 0.2, 0.0]
-friction = 0.5
-
-[[contact]]
-kind = "unilateral"
-position = [0.2, -0.2, 0.0]
-friction = 0.5
-
-[[contact]]
-kind = "unilateral"
-position = [-0.2, 0.0, 0.0]
-friction = 0.5
-
-[arm]
-name = "FP1W2F"
-mount_position = [0.0, 0.0, 0.3]
-
+MINIMAL = (
+    ROBOT
+    + """
 [[task]]
 position = [0.5, 0.0, 0.5]
 """
+)
 
 
 @pytest.fixture

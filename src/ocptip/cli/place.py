@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
 from ocptip.cli import MOVES, STANDS, _print, _refuse
-from ocptip.cli.runs import Progress, output_directory, say_if_compiling, summary
+from ocptip.cli.runs import Progress, output_directory, require_least, say_if_compiling, summary
 
 if TYPE_CHECKING:
     from ocptip.placement.result import Margin, NoPlacementError, Placement, PlacementResult
@@ -175,12 +175,7 @@ def _placed(options: argparse.Namespace, task: PlacementTask) -> PlacementResult
 
 
 def _check_numbers(options: argparse.Namespace) -> None:
-    from ocptip.errors import InputError
-
-    for name, least in (("starts", 1), ("seed", 0)):
-        value = getattr(options, name)
-        if value < least:
-            raise InputError(f"--{name}: must be >= {least}, got {value}")
+    require_least(options, starts=1, seed=0)
 
 
 def _written(report: PlaceReport | RefusalReport, directory: Path, *, figures: bool) -> OSError | None:

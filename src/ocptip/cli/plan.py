@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
 from ocptip.cli import MOVES, STANDS, _print, _refuse
-from ocptip.cli.runs import Progress, output_directory, say_if_compiling, summary
+from ocptip.cli.runs import Progress, output_directory, require_least, say_if_compiling, summary
 
 if TYPE_CHECKING:
     from ocptip.motion.plan import MotionPlan
@@ -172,12 +172,9 @@ def _planned(options: argparse.Namespace, task: MotionTask) -> MotionPlan:
 
 def _check_numbers(options: argparse.Namespace) -> None:
     """Refuse options that cannot be, by the names they have on the command line."""
-    from ocptip.errors import InputError, positive_number, share_of_one
+    from ocptip.errors import positive_number, share_of_one
 
-    for name, least in (("starts", 1), ("seed", 0), ("jobs", 1)):
-        value = getattr(options, name)
-        if value is not None and value < least:
-            raise InputError(f"--{name}: must be >= {least}, got {value}")
+    require_least(options, starts=1, seed=0, jobs=1)
     for name in _LIMIT_OPTIONS:
         if (value := getattr(options, name)) is not None:
             option = f"--{name.replace('_', '-')}"

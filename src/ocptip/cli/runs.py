@@ -59,6 +59,16 @@ def say_if_compiling() -> None:
         print("compiling the contact solver (first run only, some seconds) ...", file=sys.stderr)
 
 
+def require_least(options: argparse.Namespace, **least: int) -> None:
+    """Raise InputError if an option that is given is below its least value; names it as it is typed."""
+    from ocptip.errors import InputError
+
+    for name, bound in least.items():
+        value = getattr(options, name)
+        if value is not None and value < bound:
+            raise InputError(f"--{name}: must be >= {bound}, got {value}")
+
+
 def output_directory(options: argparse.Namespace, command: str, name: str) -> Path:
     """Where files go; refused before anything is computed if they cannot.
 

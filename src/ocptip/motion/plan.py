@@ -18,11 +18,11 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
-from ocptip.errors import InputError, PlanningError
+from ocptip.errors import PlanningError, whole_number
 from ocptip.motion.passive import ArmMotion
 from ocptip.motion.proof import MotionProof
 from ocptip.motion.search import Attempt, Search, StartResult
-from ocptip.motion.task import MotionTask, is_whole, require_plannable
+from ocptip.motion.task import MotionTask, require_plannable
 
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 _TASKS_IN_MEMORY = 4  # per worker
@@ -102,10 +102,8 @@ def plan_motion(
         PlanningError: no start gave a verified plan; the message names the nearest one's violations.
     """
     for name, value in (("starts", starts), ("jobs", 1 if jobs is None else jobs)):
-        if not is_whole(value) or value < 1:
-            raise InputError(f"{name}: must be a whole number >= 1, got {value!r}")
-    if not is_whole(seed) or seed < 0:
-        raise InputError(f"seed: must be a whole number >= 0, got {seed!r}")
+        whole_number(name, value, 1)
+    whole_number("seed", seed, 0)
     require_plannable(task)
     began = time.perf_counter()
     attempts: list[Attempt] = []

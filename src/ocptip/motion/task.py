@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from ocptip.contact import solve_many
-from ocptip.errors import InputError, finite_array
+from ocptip.errors import InputError, finite_array, is_whole
 from ocptip.motion.cases import motion_case
 from ocptip.motion.passive import ArmMotion
 from ocptip.motion.proof import MotionLimits
@@ -167,8 +167,3 @@ def check_commands(name: str, commands: object) -> None:
     """Raise InputError if this cannot be a number of ramp commands; more than a dozen gain nothing."""
     if not is_whole(commands) or not 1 <= commands <= MOST_COMMANDS:
         raise InputError(f"{name}: must be a whole number >= 1 and <= {MOST_COMMANDS}, got {commands!r}")
-
-
-def is_whole(value: object) -> bool:
-    """Whether a value is an integer, not a bool."""
-    return isinstance(value, int | np.integer) and not isinstance(value, bool)

@@ -60,14 +60,14 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.errors import InputError, positive_number
+from ocptip.errors import InputError, is_whole, positive_number
 from ocptip.motion.arm_table import arm_from_table, motors_from_tables, obstacles_from_tables
 from ocptip.motion.parallel_robot import StandingParallelRobot
 from ocptip.motion.parallel_table import parallel_robot
 from ocptip.motion.proof import MotionLimits
 from ocptip.motion.robot import StandingRobot
 from ocptip.motion.standing import StandingMechanism
-from ocptip.motion.task import MotionTask, check_commands, is_whole, posture_refusals
+from ocptip.motion.task import MotionTask, check_commands, posture_refusals
 from ocptip.robots import ArmModel, Pillar, Wall, solve_inverse_kinematics
 from ocptip.robots.joint_angles import within_limits
 from ocptip.scene import scene_from_dict

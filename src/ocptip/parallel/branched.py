@@ -8,15 +8,14 @@ import numpy as np
 
 from ocptip.errors import InputError, finite_array
 from ocptip.parallel.description import (
-    FIXED,
     BodyInertia,
     Entry,
+    LegBase,
     MDHRow,
     check_entries,
     elementary_rotations,
+    frozen_rotation,
     joint_numbers,
-    product_of,
-    rotation_matrix,
     value_of,
 )
 
@@ -39,7 +38,7 @@ class LegEnd:
     def __post_init__(self) -> None:
         object.__setattr__(self, "coupling", check_entries("coupling", self.coupling))
         if self.end_rotation is not None:
-            object.__setattr__(self, "end_rotation", rotation_matrix("end_rotation", self.end_rotation))
+            object.__setattr__(self, "end_rotation", frozen_rotation("end_rotation", self.end_rotation))
 
     @property
     def coupling_point(self) -> np.ndarray:
@@ -48,7 +47,7 @@ class LegEnd:
 
 
 @dataclass(frozen=True, eq=False)
-class BranchedLeg:
+class BranchedLeg(LegBase):
     """A leg whose bodies form a tree, with one or more ends at the platform and optional inner loops.
 
     Attributes:
@@ -108,21 +107,6 @@ class BranchedLeg:
         set_(self, "guess", tuple(float(v) for v in finite_array("guess", self.guess, (None,))))
         if len(self.guess) not in (0, self.n_joints):
             raise InputError(f"guess: expected {self.n_joints} numbers, got {len(self.guess)}")
-
-    @property
-    def n_joints(self) -> int:
-        """Number of joints."""
-        return sum(row.sigma != FIXED for row in self.rows)
-
-    @property
-    def base_matrix(self) -> np.ndarray:
-        """(3, 3) leg base axes to world axes."""
-        return product_of(self.base_rotation)
-
-    @property
-    def origin(self) -> np.ndarray:
-        """(3,), m, world axes."""
-        return np.array([value_of(e) for e in self.base_position])
 
     @property
     def entries(self) -> tuple[Entry, ...]:

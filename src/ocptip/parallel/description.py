@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ocptip.errors import InputError, finite_array, number_from, positive_number
+from ocptip.errors import InputError, finite_array, number_from, positive_number, rotation_matrix
 
 REVOLUTE, PRISMATIC, FIXED = 0, 1, 2
 COORDINATES = ("x", "y", "z", "phi1", "phi2", "phi3")
@@ -169,8 +169,27 @@ class BodyInertia:
         return not self.vector.any()
 
 
+class LegBase:
+    """What all legs have: joints, and a base frame. A leg gives `rows`, `base_rotation`, `base_position`."""
+
+    @property
+    def n_joints(self) -> int:
+        """Number of all joints, coupling joints included."""
+        return sum(row.sigma != FIXED for row in self.rows)
+
+    @property
+    def base_matrix(self) -> np.ndarray:
+        """(3, 3) leg base axes to world axes, R_A."""
+        return product_of(self.base_rotation)
+
+    @property
+    def origin(self) -> np.ndarray:
+        """(3,), m, world axes: origin of the leg's base frame, r_A."""
+        return np.array([value_of(e) for e in self.base_position])
+
+
 @dataclass(frozen=True, eq=False)
-class Leg:
+class Leg(LegBase):
     """A serial leg from the base to the platform.
 
     Attributes:
@@ -230,7 +249,7 @@ class Leg:
         set_(self, "base_position", check_entries("base_position", self.base_position))
         set_(self, "coupling", check_entries("coupling", self.coupling))
         if self.end_rotation is not None:
-            set_(self, "end_rotation", rotation_matrix("end_rotation", self.end_rotation))
+            set_(self, "end_rotation", frozen_rotation("end_rotation", self.end_rotation))
         for name in ("drive_inertia", "viscous", "coulomb"):
             set_(self, name, joint_numbers(name, getattr(self, name), count))
         set_(self, "branch", tuple(self.branch))
@@ -248,21 +267,6 @@ class Leg:
                     f"rows[{number}]: the joints behind the coupling point must turn about it; give n = "
                     f"{number - 1} or more if this joint moves the point"
                 )
-
-    @property
-    def n_joints(self) -> int:
-        """Number of all joints, coupling joints included."""
-        return sum(row.sigma != FIXED for row in self.rows)
-
-    @property
-    def base_matrix(self) -> np.ndarray:
-        """(3, 3) leg base axes to world axes, R_A."""
-        return product_of(self.base_rotation)
-
-    @property
-    def origin(self) -> np.ndarray:
-        """(3,), m, world axes: origin of the leg's base frame, r_A."""
-        return np.array([value_of(e) for e in self.base_position])
 
     @property
     def coupling_point(self) -> np.ndarray:
@@ -450,14 +454,10 @@ def elementary_rotations(name: str, value: object) -> tuple[tuple[str, Entry], .
     return tuple(result)
 
 
-def rotation_matrix(name: str, value: object) -> np.ndarray:
-    """Check a (3, 3) rotation matrix."""
-    matrix = _frozen(name, value, (3, 3))
-    error = np.abs(matrix @ matrix.T - np.eye(3)).max()
-    if error > 1e-9 or np.linalg.det(matrix) < 0:
-        raise InputError(
-            f"{name}: not a rotation matrix (orthonormal to {error:.1e}, det {np.linalg.det(matrix):.3g})"
-        )
+def frozen_rotation(name: str, value: object) -> np.ndarray:
+    """Check a (3, 3) rotation matrix; read-only."""
+    matrix = rotation_matrix(name, value)
+    matrix.flags.writeable = False
     return matrix
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ocptip.errors import InputError, SolverError, finite_array
-from ocptip.parallel.description import rotation_matrix
+from ocptip.parallel.description import frozen_rotation
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.parallel.rotations import cross
 from ocptip.parallel.terms import platform_terms
@@ -90,7 +90,7 @@ class MountedRobot:
             finite_array("position", position, (3,)),
             finite_array("about", about, (3,)),
         )
-        self.rotation = np.eye(3) if rotation is None else rotation_matrix("rotation", rotation)
+        self.rotation = np.eye(3) if rotation is None else frozen_rotation("rotation", rotation)
         own = self.rotation @ robot.description.gravity
         self.gravity = own if gravity is None else finite_array("gravity", gravity, (3,))
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ocptip.contact import Support
-from ocptip.errors import InputError, OcptipError, PlanningError
+from ocptip.errors import InputError, OcptipError, PlanningError, whole_number
 from ocptip.motion.plan import MotionPlan, plan_motion
 from ocptip.motion.proof import MotionLimits
 from ocptip.motion.robot import StandingRobot
@@ -119,8 +119,7 @@ def place_for_motion(
         raise InputError("tasks: a motion needs two gripper tasks or more, got one")
     numbers = {"candidates": candidates, "starts": starts, "jobs": 1 if jobs is None else jobs}
     for name, value in (numbers | {"placement_starts": placement_starts}).items():
-        if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-            raise InputError(f"{name}: must be a whole number >= 1, got {value!r}")
+        whole_number(name, value, 1)
     static = place(problem, starts=max(placement_starts, candidates), seed=seed, keep=candidates)
     evaluator, found = Evaluator(problem), []
     for placement in static.placements:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ocptip.errors import InputError
+from ocptip.errors import InputError, whole_number
 from ocptip.ipopt import Solution, solve
 from ocptip.placement import starts as sampling
 from ocptip.placement.elastic import ElasticProgram
@@ -70,10 +70,8 @@ def place(
             are missed at the least-infeasible place.
     """
     for name, value in (("starts", starts), ("samples", samples), ("keep", keep)):
-        if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
-            raise InputError(f"{name}: must be a whole number >= 1, got {value!r}")
-    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
-        raise InputError(f"seed: must be a whole number >= 0, got {seed!r}")
+        whole_number(name, value, 1)
+    whole_number("seed", seed, 0)
     began = time.perf_counter()
     with threadpool_limits(1):
         return _place(problem, starts, seed, samples, keep, progress, began)

@@ -59,10 +59,9 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.errors import InputError, finite_array
+from ocptip.errors import InputError, finite_array, is_whole
 from ocptip.motion.arm_table import arm_from_table, motors_from_tables, obstacles_from_tables
 from ocptip.motion.robot import StandingRobot
-from ocptip.motion.task import is_whole
 from ocptip.placement.power import TorqueCost
 from ocptip.placement.problem import (
     CRITERIA,
