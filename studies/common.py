@@ -17,13 +17,28 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import ocptip
-from ocptip.errors import InputError
-from ocptip.files import plain, versions, write_json
+from ocptip.basics.errors import InputError
+from ocptip.basics.write import plain, versions, write_json
 
 try:
     import fcntl
 except ImportError:  # Windows: one process at a time
     fcntl = None  # type: ignore[assignment]
+
+EXAMPLES = Path(ocptip.__file__).parent / "examples"
+RESULTS = Path(__file__).parent / "results"
+PLANNING = (
+    "basics",
+    "contact",
+    "motion",
+    "numerics",
+    "published",
+    "reserves",
+    "robots",
+    "standing",
+    "trajectories",
+)
+"""Packages that decide the numbers of plans."""
 
 # --- text ---------------------------------------------------------------------------------------------------
 
@@ -83,14 +98,14 @@ def digest(data: Any) -> str:
 
 @cache
 def source_state(*packages: str) -> str:
-    """Short digest of the source code of subpackages and modules of ocptip and of all versions.
+    """Short digest of the source code of packages of ocptip and of all versions.
 
     It tells what made a result.
     """
     found = hashlib.sha256(json.dumps(versions(), sort_keys=True).encode())
     root = Path(ocptip.__file__).parent
     for package in packages:
-        for path in sorted((root / package).rglob("*.py")) or [root / f"{package}.py"]:
+        for path in sorted((root / package).rglob("*.py")):
             found.update(path.read_bytes())
     return found.hexdigest()[:12]
 

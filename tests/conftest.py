@@ -6,16 +6,16 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parent.parent
+from tests import places
 
 
 @pytest.fixture(scope="session")
 def root() -> Path:
     """The repository."""
-    return ROOT
+    return places.ROOT
 
 
 @pytest.fixture(scope="session")
-def scenes(root: Path) -> Path:
+def scenes() -> Path:
     """The directory of the example scenes."""
-    return root / "studies" / "scenes"
+    return places.EXAMPLES / "scenes"

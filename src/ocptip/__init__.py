@@ -18,6 +18,7 @@ import importlib
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from ocptip.basics.errors import InputError, OcptipError
     from ocptip.contact import (
         Binding,
         ForceConstantHalfRigidClamp,
@@ -32,10 +33,9 @@ if TYPE_CHECKING:
         solve_many,
         stability,
     )
-    from ocptip.errors import InputError, OcptipError
-    from ocptip.plots import plot_scene
+    from ocptip.pictures.scene import plot_scene
     from ocptip.reserves import Slip, TipOver
-    from ocptip.scene import Scene, read_scene
+    from ocptip.task_files.scene import Scene, read_scene
 
     __version__: str
 
@@ -45,17 +45,17 @@ _HOME = {
     "ForceConstantTwoSidedClamp": "ocptip.contact",
     "ForceVariableHalfRigidClamp": "ocptip.contact",
     "ForceVariableTwoSidedClamp": "ocptip.contact",
-    "InputError": "ocptip.errors",
+    "InputError": "ocptip.basics.errors",
     "Load": "ocptip.contact",
-    "OcptipError": "ocptip.errors",
+    "OcptipError": "ocptip.basics.errors",
     "RigidClamp": "ocptip.contact",
-    "Scene": "ocptip.scene",
+    "Scene": "ocptip.task_files.scene",
     "Slip": "ocptip.reserves",
     "Support": "ocptip.contact",
     "TipOver": "ocptip.reserves",
     "UnilateralContact": "ocptip.contact",
-    "plot_scene": "ocptip.plots",
-    "read_scene": "ocptip.scene",
+    "plot_scene": "ocptip.pictures.scene",
+    "read_scene": "ocptip.task_files.scene",
     "solve": "ocptip.contact",
     "solve_many": "ocptip.contact",
     "stability": "ocptip.contact",
@@ -87,7 +87,9 @@ __all__ = [
 
 def __getattr__(name: str) -> object:
     if name == "__version__":
-        value: object = _version()
+        from ocptip.basics.version import version
+
+        value: object = version()
     elif name in _HOME:
         value = getattr(importlib.import_module(_HOME[name]), name)
     else:
@@ -98,13 +100,3 @@ def __getattr__(name: str) -> object:
 
 def __dir__() -> list[str]:
     return sorted({*globals(), *__all__})
-
-
-def _version() -> str:
-    """The version of the installed package; pyproject.toml is its only source."""
-    from importlib import metadata
-
-    try:
-        return metadata.version("ocptip")
-    except metadata.PackageNotFoundError:
-        return "0+not.installed"

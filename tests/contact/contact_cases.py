@@ -3,17 +3,17 @@
 import numpy as np
 from scipy.optimize import nnls
 
-from ocptip.contact import (
-    Binding,
-    ContactStates,
+from ocptip.contact.bindings.binding import Binding
+from ocptip.contact.bindings.clamps import (
     ForceConstantHalfRigidClamp,
     ForceConstantTwoSidedClamp,
     ForceVariableHalfRigidClamp,
     ForceVariableTwoSidedClamp,
     RigidClamp,
-    Support,
-    UnilateralContact,
 )
+from ocptip.contact.bindings.unilateral import UnilateralContact
+from ocptip.contact.solver import ContactStates
+from ocptip.contact.support import Support
 
 KINDS = (
     UnilateralContact,

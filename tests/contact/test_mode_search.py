@@ -4,7 +4,17 @@ import itertools
 
 import numpy as np
 import pytest
-from contact_cases import (
+from scipy.optimize import linprog, nnls
+
+from ocptip.contact.bindings.clamps import RigidClamp
+from ocptip.contact.bindings.unilateral import UnilateralContact
+from ocptip.contact.mode_search import EXHAUSTED, FOUND, LIMIT, find_motion, find_solution
+from ocptip.contact.solver import NO_SOLUTION, solution_from_search, solve, solve_many
+from ocptip.contact.support import Support
+from ocptip.contact.verdict import equilibrium
+from studies.contact.random_supports import CLAMPS as RANDOM_CLAMPS
+from studies.contact.random_supports import random_binding, random_support, random_wrenches
+from tests.contact.contact_cases import (
     CLAMPS,
     KINDS,
     binding,
@@ -15,13 +25,6 @@ from contact_cases import (
     parameters,
     polygon,
 )
-from random_supports import CLAMPS as RANDOM_CLAMPS
-from random_supports import random_binding, random_support, random_wrenches
-from scipy.optimize import linprog, nnls
-
-from ocptip.contact import RigidClamp, Support, UnilateralContact, equilibrium, solve, solve_many
-from ocptip.contact.mode_search import EXHAUSTED, FOUND, LIMIT, find_motion, find_solution
-from ocptip.contact.solver import NO_SOLUTION, solution_from_search
 
 
 def mode_columns(system):

@@ -4,7 +4,17 @@ import json
 
 import numpy as np
 import pytest
-from contact_cases import (
+
+from ocptip.basics.errors import InputError
+from ocptip.contact import solver
+from ocptip.contact.bindings import laws, pyramid
+from ocptip.contact.bindings.clamps import ForceConstantTwoSidedClamp, RigidClamp
+from ocptip.contact.bindings.unilateral import UnilateralContact
+from ocptip.contact.solver import solve, solve_many, solve_randomly
+from ocptip.contact.support import Support
+from studies.contact.peers import PinocchioADMM
+from studies.contact.random_supports import random_support, random_wrenches
+from tests.contact.contact_cases import (
     CLAMPS,
     GRAVITY,
     KINDS,
@@ -18,23 +28,7 @@ from contact_cases import (
     platform_loads,
     polygon,
 )
-from oracles.exact_lemke import exact_stewart_trinkle
-from peers import PinocchioADMM
-from random_supports import random_support, random_wrenches
-
-from ocptip.contact import (
-    ForceConstantTwoSidedClamp,
-    RigidClamp,
-    Support,
-    UnilateralContact,
-    laws,
-    pyramid,
-    solve,
-    solve_many,
-    solver,
-)
-from ocptip.contact.solver import solve_randomly
-from ocptip.errors import InputError
+from tests.oracles.exact_lemke import exact_stewart_trinkle
 
 WEIGHT = 60 * GRAVITY
 every_kind = pytest.mark.parametrize("kind", KINDS, ids=kind_name)

@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
-from contact_cases import CLAMPS, KINDS, binding, feet, kind_name, mixed, parameters, polygon
 from scipy.spatial.transform import Rotation
 
-from ocptip.contact import Load, RigidClamp, Support, UnilateralContact
-from ocptip.contact.support import INERTIA_RANGE, refuse_impossible_inertia
-from ocptip.errors import InputError, OcptipError
+from ocptip.basics.errors import InputError, OcptipError
+from ocptip.contact.bindings.clamps import RigidClamp
+from ocptip.contact.bindings.unilateral import UnilateralContact
+from ocptip.contact.support import INERTIA_RANGE, Load, Support, refuse_impossible_inertia
+from tests.contact.contact_cases import CLAMPS, KINDS, binding, feet, kind_name, mixed, parameters, polygon
 
 PLATFORM = feet(polygon(3))
 PLANAR = feet([[-0.4, 0.0], [0.4, 0.0]])

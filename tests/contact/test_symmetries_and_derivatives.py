@@ -2,7 +2,15 @@
 
 import numpy as np
 import pytest
-from contact_cases import (
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from ocptip.contact.bindings.clamps import ForceConstantHalfRigidClamp
+from ocptip.contact.bindings.unilateral import UnilateralContact
+from ocptip.contact.solver import solve, solve_many
+from ocptip.contact.support import Support
+from tests.contact.contact_cases import (
     GRAVITY,
     KINDS,
     assert_valid,
@@ -13,11 +21,6 @@ from contact_cases import (
     parameters,
     polygon,
 )
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from scipy.spatial.transform import Rotation
-
-from ocptip.contact import ForceConstantHalfRigidClamp, Support, UnilateralContact, solve, solve_many
 
 every_kind = pytest.mark.parametrize("kind", KINDS, ids=kind_name)
 every_space = pytest.mark.parametrize("planar", [True, False], ids=["planar", "spatial"])

@@ -2,7 +2,25 @@
 
 import numpy as np
 import pytest
-from contact_cases import (
+from scipy.optimize import linprog
+
+from ocptip.basics.errors import InputError
+from ocptip.contact.bindings import pyramid
+from ocptip.contact.bindings.clamps import (
+    ForceConstantHalfRigidClamp,
+    ForceConstantTwoSidedClamp,
+    ForceVariableHalfRigidClamp,
+    ForceVariableTwoSidedClamp,
+    RigidClamp,
+)
+from ocptip.contact.bindings.laws import normal_range
+from ocptip.contact.bindings.unilateral import UnilateralContact
+from ocptip.contact.solver import solve, solve_many
+from ocptip.contact.support import Load, Support
+from ocptip.contact.verdict import equilibrium, stability
+from ocptip.reserves.slip import Slip
+from ocptip.reserves.tipping import TipOver
+from tests.contact.contact_cases import (
     GRAVITY,
     KINDS,
     binding,
@@ -13,26 +31,6 @@ from contact_cases import (
     platform_loads,
     polygon,
 )
-from scipy.optimize import linprog
-
-from ocptip.contact import (
-    ForceConstantHalfRigidClamp,
-    ForceConstantTwoSidedClamp,
-    ForceVariableHalfRigidClamp,
-    ForceVariableTwoSidedClamp,
-    Load,
-    RigidClamp,
-    Support,
-    UnilateralContact,
-    equilibrium,
-    pyramid,
-    solve,
-    solve_many,
-    stability,
-)
-from ocptip.contact.laws import normal_range
-from ocptip.errors import InputError
-from ocptip.reserves import Slip, TipOver
 
 WEIGHT = 60 * GRAVITY
 CONVEX = (UnilateralContact, ForceConstantHalfRigidClamp, ForceConstantTwoSidedClamp)

@@ -5,8 +5,11 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ocptip.indices import OperationEllipsoid, arm_pose, irb_2000, singularity_distance
+from ocptip.indices.arms.axes import arm_pose
+from ocptip.indices.arms.distance import singularity_distance
 from ocptip.indices.lines import spear
+from ocptip.indices.metric import OperationEllipsoid
+from ocptip.published.arms import irb_2000
 
 
 def random_axes(rng: np.random.Generator, count: int = 6) -> np.ndarray:

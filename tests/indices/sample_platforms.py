@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from ocptip.indices.metric import OperationEllipsoid
-from ocptip.indices.platforms import PlatformPose
+from ocptip.indices.platforms.platform import PlatformPose
 
 SEEDS = st.integers(0, 2**32 - 1)
 LEGS = st.sampled_from([6, 7, 9])

@@ -3,10 +3,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sample_platforms import SEEDS
 from scipy.linalg import eigh
 
-from ocptip.errors import InputError
+from ocptip.basics.errors import InputError
 from ocptip.indices.encodings import (
     PIVOT_MARGIN,
     isotropy_surrogate,
@@ -14,6 +13,7 @@ from ocptip.indices.encodings import (
     ratio_constraint,
     soft_smallest_eigenvalue,
 )
+from tests.indices.sample_platforms import SEEDS
 
 SX = ca.SX.sym("A", 4, 4)
 

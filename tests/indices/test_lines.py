@@ -2,9 +2,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from sample_axes import random_pose
 
-from ocptip.errors import InputError
+from ocptip.basics.errors import InputError
 from ocptip.indices.lines import (
     BUNDLE_TYPES,
     PENCIL_TYPES,
@@ -21,6 +20,7 @@ from ocptip.indices.lines import (
     skew,
     spear,
 )
+from tests.indices.sample_axes import random_pose
 
 seeds = st.integers(0, 2**32 - 1).map(np.random.default_rng)
 

@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from sample_axes import random_ellipsoid, random_pose
 
-from ocptip.errors import InputError
+from ocptip.basics.errors import InputError
 from ocptip.indices.lines import adjoint, distance_to_point, point_velocity, screw_decompose
 from ocptip.indices.metric import OperationEllipsoid, point_metric, velocity_map
+from tests.indices.sample_axes import random_ellipsoid, random_pose
 
 seeds = st.integers(0, 2**32 - 1).map(np.random.default_rng)
 

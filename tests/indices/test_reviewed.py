@@ -2,12 +2,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from sample_axes import random_axes, random_ellipsoid, random_pose
 
-from ocptip.errors import InputError
+from ocptip.basics.errors import InputError
+from ocptip.indices.arms.operation import operation_indices
 from ocptip.indices.lines import adjoint
 from ocptip.indices.metric import OperationEllipsoid
-from ocptip.indices.operation import operation_indices
 from ocptip.indices.reviewed import (
     PLATONIC_SOLIDS,
     inv_cdn,
@@ -16,6 +15,7 @@ from ocptip.indices.reviewed import (
     manipulability,
     platonic_points,
 )
+from tests.indices.sample_axes import random_axes, random_ellipsoid, random_pose
 
 seeds = st.integers(0, 2**32 - 1).map(np.random.default_rng)
 EDGES = {"tetrahedron": 3, "octahedron": 4, "cube": 3, "icosahedron": 5, "dodecahedron": 3}

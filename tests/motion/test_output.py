@@ -9,18 +9,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from plan_stand_in import stand_in_plan
 
-from ocptip.errors import InputError
-from ocptip.files import versions
-from ocptip.motion import ArmMotion, RampCommand
-from ocptip.motion.output import (
-    joint_trajectory,
-    plan_to_dict,
-    sample_motion,
-    write_motion_csv,
-    write_plan,
-)
+from ocptip.basics.errors import InputError
+from ocptip.basics.write import versions
+from ocptip.motion.output import joint_trajectory, plan_to_dict, sample_motion, write_motion_csv, write_plan
+from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.ramps import RampCommand
+from tests.pictures.plan_stand_in import stand_in_plan
 
 PER_JOINT = ("q{}_deg", "qd{}_deg_s", "qdd{}_deg_s2", "tau{}_Nm", "power{}_W")
 

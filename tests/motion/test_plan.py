@@ -11,19 +11,17 @@ from threading import Timer
 import numpy as np
 import pytest
 
-from ocptip.errors import InputError, PlanningError
-from ocptip.motion import (
-    ArmMotion,
-    MotionLimits,
-    StandingRobot,
-    experiment_task,
-    load_task,
-    plan_motion,
-    prove,
-)
-from ocptip.motion.plan import worker_pool
-from ocptip.motion.search import Attempt, Search, StartResult
-from ocptip.robots import Pillar, gripper_pose
+from ocptip.basics.errors import InputError, PlanningError
+from ocptip.motion.check import prove
+from ocptip.motion.plan import plan_motion, worker_pool
+from ocptip.motion.planner.one_start import Attempt, Search, StartResult
+from ocptip.published.tasks import experiment_task
+from ocptip.robots.geometry import Pillar
+from ocptip.robots.kinematics import gripper_pose
+from ocptip.standing.arm import StandingRobot
+from ocptip.standing.limits import MotionLimits
+from ocptip.task_files.motion import load_task
+from ocptip.trajectories.arm_motion import ArmMotion
 
 
 @pytest.fixture(scope="module")
@@ -407,7 +405,7 @@ def test_all_printed_cases(name, base):
 
 
 def assert_ur5_is_planned(root, starts):
-    task = load_task(root / "studies" / "tasks" / "ur5_cart.toml")
+    task = load_task(root / "src/ocptip/examples/tasks" / "ur5_cart.toml")
     plan = plan_motion(task, starts=starts, jobs=1)
     assert plan.verified
     assert_keeps_all_limits(task, plan.motion)

@@ -6,19 +6,17 @@ import re
 import numpy as np
 import pytest
 
-from ocptip.errors import InputError
-from ocptip.motion import (
-    ArmMotion,
-    MotionLimits,
-    MotionTask,
-    RampCommand,
-    experiment_task,
-    load_task,
-    prove,
-    refusals,
-    require_plannable,
-)
-from ocptip.robots import DCMotors, PowerMaps, gripper_pose, solve_inverse_kinematics
+from ocptip.basics.errors import InputError
+from ocptip.motion.check import prove
+from ocptip.motion.task import MotionTask, refusals, require_plannable
+from ocptip.published.tasks import experiment_task
+from ocptip.robots.inverse.inverse_kinematics import solve_inverse_kinematics
+from ocptip.robots.kinematics import gripper_pose
+from ocptip.robots.motors import DCMotors, PowerMaps
+from ocptip.standing.limits import MotionLimits
+from ocptip.task_files.motion import load_task
+from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.ramps import RampCommand
 
 FEET = """\
 [base]
@@ -112,7 +110,7 @@ def changed(text, **replacements):
 
 @pytest.fixture(scope="module")
 def ur5(root):
-    return load_task(root / "studies" / "tasks" / "ur5_cart.toml")
+    return load_task(root / "src/ocptip/examples/tasks" / "ur5_cart.toml")
 
 
 def test_printed_cases_are_tasks_that_can_be_planned():
@@ -434,7 +432,7 @@ def test_ur5_agrees_with_the_published_lengths_and_masses(ur5):
 
 
 def test_ur5_refuses_what_cannot_be(root, tmp_path):
-    folder = root / "studies" / "tasks"
+    folder = root / "src/ocptip/examples/tasks"
     text = (folder / "ur5_cart.toml").read_text()
     (tmp_path / "ur5.urdf").write_text((folder / "ur5.urdf").read_text())
     far = text.replace("0.30, -0.50, 1.05", "0.30, -1.50, 1.05")

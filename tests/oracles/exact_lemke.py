@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ocptip.contact.pyramid import corrected_friction, edge_directions
+from ocptip.contact.bindings.pyramid import corrected_friction, edge_directions
 
 
 class ExactLcpSolution(NamedTuple):
@@ -163,7 +163,7 @@ def stewart_trinkle_lcp(
 ) -> tuple[list[list[Fraction]], list[Fraction], list[list[Fraction]]]:
     """Exact matrix and vector of the contact LCP, and the (6, n (S + 1)) map of forces to wrenches.
 
-    Unknowns as in ocptip.baselines.StewartTrinkleContactProblem, accelerations in m/s^2.
+    Unknowns as in studies.baselines.contact_lcp.StewartTrinkleContactProblem, accelerations in m/s^2.
     """
     n = len(friction)
     slopes = rational([corrected_friction(mu, facets) / np.cos(np.pi / facets) for mu in friction])

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ocptip.parallel.description import (
+from ocptip.parallel.description.ready_made import KINDS, make_robot
+from ocptip.parallel.description.robot_description import (
     PRISMATIC,
     BodyInertia,
     RobotDescription,
@@ -17,9 +18,8 @@ from ocptip.parallel.description import (
     product_of,
     value_of,
 )
-from ocptip.parallel.kinematics import Kinematics
-from ocptip.parallel.ready_made import KINDS, make_robot
-from ocptip.parallel.rotations import PlatformCoordinates
+from ocptip.parallel.description.rotations import PlatformCoordinates
+from ocptip.parallel.kinematics.platform import Kinematics
 
 KIND_NAMES = tuple(KINDS)
 _FILE = Path(__file__).with_name("golden_cases.json")

@@ -7,8 +7,16 @@ import math
 
 import numpy as np
 
-from ocptip.parallel import BodyInertia, Leg, MDHRow, Platform, RobotDescription, delta, rrr3
-from ocptip.parallel.description import PRISMATIC, elementary_rotation
+from ocptip.parallel.description.ready_made import delta, rrr3
+from ocptip.parallel.description.robot_description import (
+    PRISMATIC,
+    BodyInertia,
+    Leg,
+    MDHRow,
+    Platform,
+    RobotDescription,
+    elementary_rotation,
+)
 
 QUARTER = math.pi / 2
 

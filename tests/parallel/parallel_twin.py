@@ -6,10 +6,10 @@ import dataclasses
 
 import numpy as np
 import pinocchio as pin
-from parallel_cases import golden, random_state
 
-from ocptip.parallel.branched import BranchedLeg, LegEnd
-from ocptip.parallel.description import (
+from ocptip.parallel.description.branched import BranchedLeg, LegEnd
+from ocptip.parallel.description.ready_made import delta, delta_end_rotation
+from ocptip.parallel.description.robot_description import (
     PRISMATIC,
     REVOLUTE,
     BodyInertia,
@@ -18,8 +18,8 @@ from ocptip.parallel.description import (
     elementary_rotation,
     value_of,
 )
-from ocptip.parallel.ready_made import delta, delta_end_rotation
 from ocptip.parallel.robot import ParallelRobot
+from tests.parallel.parallel_cases import golden, random_state
 
 
 def on_branch(description: RobotDescription, q: np.ndarray) -> RobotDescription:

@@ -6,10 +6,12 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from ocptip.errors import InputError
-from ocptip.parallel import READY_MADE, ParallelRobot, base_wrench, delta, rpr3, rrr3
-from ocptip.parallel.closed_form_sx import closed_form_expression
+from ocptip.basics.errors import InputError
+from ocptip.parallel.base_wrench import base_wrench
+from ocptip.parallel.description.ready_made import READY_MADE, delta, rpr3, rrr3
 from ocptip.parallel.minimal_form import minimal_form
+from ocptip.parallel.robot import ParallelRobot
+from ocptip.parallel.symbolic.closed_form_sx import closed_form_expression
 
 KINDS = list(READY_MADE)
 GRAVITY = np.array([1.0, -2.0, -9.0])

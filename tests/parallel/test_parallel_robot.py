@@ -7,13 +7,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from parallel_cases import KIND_NAMES
-from parallel_examples import extra_leg, five_axes, redundant_leg
-from parallel_twin import random_robot, relative
 
-from ocptip.errors import InputError, SolverError
-from ocptip.parallel import READY_MADE, ParallelRobot, delta, simulate, ups6
-from ocptip.parallel.singularity import characteristic_length
+from ocptip.basics.errors import InputError, SolverError
+from ocptip.parallel.analysis.singularity import characteristic_length
+from ocptip.parallel.description.ready_made import READY_MADE, delta, ups6
+from ocptip.parallel.robot import ParallelRobot
+from ocptip.parallel.simulation import simulate
+from tests.parallel.parallel_cases import KIND_NAMES
+from tests.parallel.parallel_examples import extra_leg, five_axes, redundant_leg
+from tests.parallel.parallel_twin import random_robot, relative
 
 ROBOTS = {name: ParallelRobot(make()) for name, make in READY_MADE.items()}
 

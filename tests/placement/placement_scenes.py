@@ -8,21 +8,18 @@ import casadi as cs
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ocptip.contact import ForceConstantHalfRigidClamp, Support, UnilateralContact
-from ocptip.motion import experiment_robot
-from ocptip.motion.cases import motion_case
-from ocptip.motion.robot import StandingRobot
-from ocptip.placement import (
-    GripperTask,
-    PlacementLimits,
-    PlacementProblem,
-    ProcessLoad,
-    TorqueCost,
-    Weights,
-    custom_terrain,
-    plane,
-)
-from ocptip.robots import ArmModel, JointLimits, Pillar, PowerMaps, Wall, load_arm
+from ocptip.contact.bindings.clamps import ForceConstantHalfRigidClamp
+from ocptip.contact.bindings.unilateral import UnilateralContact
+from ocptip.contact.support import Support
+from ocptip.placement.power import TorqueCost
+from ocptip.placement.problem import GripperTask, PlacementLimits, PlacementProblem, ProcessLoad, Weights
+from ocptip.placement.terrain import custom_terrain, plane
+from ocptip.published.arms import load_arm, modular_motors
+from ocptip.published.cases import motion_case
+from ocptip.published.tasks import experiment_robot
+from ocptip.robots.geometry import Pillar, Wall
+from ocptip.robots.model import ArmModel, JointLimits
+from ocptip.standing.arm import StandingRobot
 
 INTO_WALL = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])  # gripper z along the world's x
 
@@ -41,7 +38,7 @@ def four_feet(redistribution: str = "full") -> StandingRobot:
         for x, y in ((0.2, 0.15), (0.2, -0.15), (-0.2, -0.15), (-0.2, 0.15))
     ]
     support = Support(feet, mass=15.0, center_of_mass=[0.02, 0.0, -0.15])
-    return StandingRobot(load_arm("FP1W2F"), support, PowerMaps.modular(), redistribution=redistribution)
+    return StandingRobot(load_arm("FP1W2F"), support, modular_motors(), redistribution=redistribution)
 
 
 @cache
@@ -56,7 +53,7 @@ def clamped(step: float = 0.0) -> StandingRobot:
         ),
     ]
     support = Support(contacts, mass=8.0, center_of_mass=[0.0, 0.0, -0.15])
-    return StandingRobot(load_arm("W1P1P2W2"), support, PowerMaps.modular())
+    return StandingRobot(load_arm("W1P1P2W2"), support, modular_motors())
 
 
 def drilling(robot: StandingRobot | None = None, **options: object) -> PlacementProblem:
@@ -105,7 +102,7 @@ def planar_problem(force: float = 5.0) -> PlacementProblem:
     p = cs.SX.sym("p", 2)
     lift = cs.Function("lift", [p], [cs.vertcat(-p[0], 0, -p[1]), cs.SX.eye(3)])
     return PlacementProblem(
-        StandingRobot(planar_arm(), support, PowerMaps.modular()),
+        StandingRobot(planar_arm(), support, modular_motors()),
         GripperTask([0.0, 0.0, 0.0], loads=[ProcessLoad([-force, 0.0, 0.0])], orientation="free"),
         custom_terrain(lift, [-12.0, 2.0], [12.0, 13.0], name="lift"),
         weights=Weights(GN=0.25, GT=0.0, GK=0.0, GE=0.75),

@@ -4,7 +4,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from placement_scenes import (
+from scipy.optimize import minimize
+
+from ocptip.basics.errors import InputError, PlanningError
+from ocptip.indices.arms.rate import rate_arm
+from ocptip.indices.metric import OperationEllipsoid
+from ocptip.placement.evaluate import Evaluator, smallest_margin
+from ocptip.placement.place import place
+from ocptip.placement.problem import GripperTask, PlacementLimits, ProcessLoad, Weights, sampled_loads
+from ocptip.placement.result import NoPlacementError, judge
+from ocptip.placement.scan import scan
+from ocptip.placement.search.refine import followed
+from ocptip.placement.terrain import plane
+from ocptip.robots.geometry import Pillar
+from tests.placement.placement_scenes import (
     INTO_WALL,
     clamped,
     drilling,
@@ -14,26 +27,6 @@ from placement_scenes import (
     planar_problem,
     random_task,
 )
-from scipy.optimize import minimize
-
-from ocptip.errors import InputError, PlanningError
-from ocptip.indices import OperationEllipsoid, rate_arm
-from ocptip.placement import (
-    Evaluator,
-    GripperTask,
-    NoPlacementError,
-    PlacementLimits,
-    ProcessLoad,
-    Weights,
-    judge,
-    place,
-    plane,
-    sampled_loads,
-    scan,
-)
-from ocptip.placement.evaluate import smallest_margin
-from ocptip.placement.refine import followed
-from ocptip.robots import Pillar
 
 
 @pytest.fixture(scope="module")

@@ -2,21 +2,16 @@
 
 import numpy as np
 import pytest
-from placement_scenes import drilling, four_feet, modular_robot
 
-from ocptip.errors import InputError
-from ocptip.placement import (
-    Evaluator,
-    GripperTask,
-    PlacementProblem,
-    Weights,
-    judge,
-    place_for_motion,
-    placed_robot,
-    plane,
-)
-from ocptip.placement.motion import in_base_axes, shortest_way
-from ocptip.robots import Pillar, Wall, experiment_poses
+from ocptip.basics.errors import InputError
+from ocptip.placement.evaluate import Evaluator
+from ocptip.placement.for_motion import in_base_axes, place_for_motion, placed_robot, shortest_way
+from ocptip.placement.problem import GripperTask, PlacementProblem, Weights
+from ocptip.placement.result import judge
+from ocptip.placement.terrain import plane
+from ocptip.published.arms import experiment_poses
+from ocptip.robots.geometry import Pillar, Wall
+from tests.placement.placement_scenes import drilling, four_feet, modular_robot
 
 
 def test_placed_robot_feels_the_loads_of_the_evaluation():
@@ -75,7 +70,7 @@ def test_placements_are_ranked_by_planned_energy(swing):
 
 
 def test_shortest_way_keeps_poses_and_constraints(swing):
-    from ocptip.placement import place
+    from ocptip.placement.place import place
 
     placement = place(swing, starts=2).best
     evaluator = Evaluator(swing)
@@ -97,7 +92,7 @@ def test_numbers_are_checked_before_anything_is_computed(monkeypatch, name):
     def fail(*arguments, **options):
         raise AssertionError("computed")
 
-    monkeypatch.setattr("ocptip.placement.motion.place", fail)
+    monkeypatch.setattr("ocptip.placement.for_motion.place", fail)
     tasks = [GripperTask([0.4, 0.0, z], orientation="free", name=f"at {z}") for z in (0.5, 0.6)]
     with pytest.raises(InputError, match=f"^{name}: must be a whole number >= 1, got 0"):
         place_for_motion(drilling(tasks=tasks), **{name: 0})

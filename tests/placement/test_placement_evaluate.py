@@ -5,15 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from placement_scenes import INTO_WALL, clamped, drilling, four_feet, hills
 
-from ocptip.contact import solve
-from ocptip.motion.task_file import load_task
-from ocptip.placement import Evaluator, GripperTask, PlacementLimits, ProcessLoad, placed_robot, plane
-from ocptip.placement.evaluate import TaskEvaluation
+from ocptip.contact.solver import solve
+from ocptip.placement.evaluate import Evaluator, TaskEvaluation
+from ocptip.placement.for_motion import placed_robot
 from ocptip.placement.manipulability import LogMeasures, index_of, measures
+from ocptip.placement.problem import GripperTask, PlacementLimits, ProcessLoad
 from ocptip.placement.result import judge
-from ocptip.robots import Pillar, Wall, gripper_pose, link_frames
+from ocptip.placement.terrain import plane
+from ocptip.robots.geometry import Pillar, Wall
+from ocptip.robots.kinematics import gripper_pose, link_frames
+from ocptip.task_files.motion import load_task
+from tests.placement.placement_scenes import INTO_WALL, clamped, drilling, four_feet, hills
 
 PARAMETERS = np.array([[-0.5, 0.1, 0.4], [-0.45, -0.2, -2.0], [-0.6, 0.0, 3.0]])
 
@@ -52,9 +55,9 @@ def test_torques_are_the_derivative_of_the_potential_energy(terrain):
 
 
 def test_torques_are_those_of_pinocchio(root):
-    robot = load_task(root / "studies" / "tasks" / "ur5_cart.toml").robot
+    robot = load_task(root / "src/ocptip/examples/tasks" / "ur5_cart.toml").robot
     problem = drilling(robot, tasks=GripperTask([0, 0, 0.9], INTO_WALL, [ProcessLoad([-80, 0, 0])]))
-    model = pin.buildModelFromUrdf(str(root / "studies" / "tasks" / "ur5.urdf"))
+    model = pin.buildModelFromUrdf(str(root / "src/ocptip/examples/tasks" / "ur5.urdf"))
     data = model.createData()
     q = angles(robot)
     found = evaluated(problem, q)

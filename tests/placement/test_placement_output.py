@@ -6,10 +6,10 @@ import json
 
 import numpy as np
 import pytest
-from placed_example import found, refused
 from scipy.spatial.transform import Rotation
 
 from ocptip.placement.output import placement_to_dict, refusal_to_dict, result_to_dict, write_placement
+from tests.pictures.placed_example import found, refused
 
 
 def test_result_in_plain_numbers(tmp_path):

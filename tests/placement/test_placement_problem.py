@@ -2,23 +2,30 @@
 
 import numpy as np
 import pytest
-from placement_scenes import INTO_WALL, drilling, four_feet, modular_robot, planar_arm, planar_problem
 
-from ocptip.contact import Support, UnilateralContact
-from ocptip.errors import InputError
-from ocptip.motion.robot import StandingRobot
-from ocptip.placement import (
+from ocptip.basics.errors import InputError
+from ocptip.contact.bindings.unilateral import UnilateralContact
+from ocptip.contact.support import Support
+from ocptip.placement.power import HoldingPower, TorqueCost
+from ocptip.placement.problem import (
     GripperTask,
-    HoldingPower,
     PlacementLimits,
     PlacementProblem,
     ProcessLoad,
-    TorqueCost,
     Weights,
-    plane,
     sampled_loads,
 )
-from ocptip.robots import PowerMaps, load_arm
+from ocptip.placement.terrain import plane
+from ocptip.published.arms import load_arm, modular_motors
+from ocptip.standing.arm import StandingRobot
+from tests.placement.placement_scenes import (
+    INTO_WALL,
+    drilling,
+    four_feet,
+    modular_robot,
+    planar_arm,
+    planar_problem,
+)
 
 
 def test_sampled_loads_cover_a_cone_evenly():
@@ -70,7 +77,7 @@ def test_references():
 
 
 def test_holding_power_does_not_depend_on_the_torques_sign():
-    power = HoldingPower(PowerMaps.modular())
+    power = HoldingPower(modular_motors())
     torque = np.array([[10.0, -5.0, 3.0, 1.0, -1.0, 0.1]])
     assert power.values(torque) == pytest.approx(power.values(-torque))
     value, slope, bend = power.derivatives(6)(torque)
@@ -110,13 +117,13 @@ def test_refusals():
     with pytest.raises(InputError, match="the arm has 6 joints, the torque cost 2"):
         drilling(energy=TorqueCost([1.0, 1.0]))
     with pytest.raises(InputError, match="needs 6 free parameters, arm 'planar' on this terrain has 5"):
-        PlacementProblem(StandingRobot(planar_arm(), four_feet().support, PowerMaps.modular()), task, plane())
+        PlacementProblem(StandingRobot(planar_arm(), four_feet().support, modular_motors()), task, plane())
     with pytest.raises(InputError, match="GE needs a reference power"):
         PlacementProblem(
             StandingRobot(
                 load_arm("FSFS").with_limits(torque=np.full(6, np.inf)),
                 four_feet().support,
-                PowerMaps.modular(),
+                modular_motors(),
             ),
             task,
             plane(),
@@ -127,7 +134,7 @@ def test_contacts_at_different_heights_need_a_ground_frame():
     feet = [
         UnilateralContact(position=p, friction=0.5) for p in ([0.3, 0, 0], [-0.2, 0.3, 0.1], [-0.2, -0.3, 0])
     ]
-    robot = StandingRobot(load_arm("FSFS"), Support(feet, mass=9.0), PowerMaps.modular())
+    robot = StandingRobot(load_arm("FSFS"), Support(feet, mass=9.0), modular_motors())
     task = GripperTask([0, 0, 0.5])
     with pytest.raises(InputError, match="ground_frame: the contacts have different heights"):
         PlacementProblem(robot, task, plane())

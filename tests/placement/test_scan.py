@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
-from placement_scenes import INTO_WALL, drilling, modular_robot
 
-from ocptip.errors import InputError
-from ocptip.placement import Evaluator, GripperTask, PlacementLimits, ProcessLoad, scan
-from ocptip.placement.starts import exact_scores, solutions
+from ocptip.basics.errors import InputError
+from ocptip.placement.evaluate import Evaluator
+from ocptip.placement.problem import GripperTask, PlacementLimits, ProcessLoad
+from ocptip.placement.scan import scan
+from ocptip.placement.search.starts import exact_scores, solutions
+from tests.placement.placement_scenes import INTO_WALL, drilling, modular_robot
 
 
 @pytest.fixture(scope="module")

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from placement_scenes import hills
 
-from ocptip.errors import InputError
-from ocptip.placement import custom_terrain, plane
+from ocptip.basics.errors import InputError
+from ocptip.placement.terrain import custom_terrain, plane
+from tests.placement.placement_scenes import hills
 
 SLOPE = st.floats(-2, 2)
 

@@ -2,16 +2,16 @@
 
 import numpy as np
 
-from ocptip.contact import (
+from ocptip.contact.bindings.clamps import (
     ForceConstantHalfRigidClamp,
     ForceConstantTwoSidedClamp,
     ForceVariableHalfRigidClamp,
     ForceVariableTwoSidedClamp,
     RigidClamp,
-    Support,
-    UnilateralContact,
-    solve_many,
 )
+from ocptip.contact.bindings.unilateral import UnilateralContact
+from ocptip.contact.solver import solve_many
+from ocptip.contact.support import Support
 
 MASS, RADIUS, HEIGHT, FRICTION = 60.0, 0.35, 0.6, 0.5
 GRAVITY = 9.81

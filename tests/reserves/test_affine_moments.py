@@ -4,10 +4,24 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from reserve_scenes import CLAMPS, FRICTION, GRAVITY, HEIGHT, MASS, RADIUS, clamp, corners, feet, wrenches
 
-from ocptip.contact import ForceConstantHalfRigidClamp, Support, UnilateralContact, solve_many
-from ocptip.reserves import TipOver
+from ocptip.contact.bindings.clamps import ForceConstantHalfRigidClamp
+from ocptip.contact.bindings.unilateral import UnilateralContact
+from ocptip.contact.solver import solve_many
+from ocptip.contact.support import Support
+from ocptip.reserves.tipping import TipOver
+from tests.reserves.reserve_scenes import (
+    CLAMPS,
+    FRICTION,
+    GRAVITY,
+    HEIGHT,
+    MASS,
+    RADIUS,
+    clamp,
+    corners,
+    feet,
+    wrenches,
+)
 
 
 def turned_support(rng, n, kinds=()):

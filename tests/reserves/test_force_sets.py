@@ -1,9 +1,11 @@
 import numpy as np
 import pytest
-from reserve_scenes import CLAMPS, clamp, clamped, corners, feet
 
-from ocptip.contact import RigidClamp, Support, solve_many
+from ocptip.contact.bindings.clamps import RigidClamp
+from ocptip.contact.solver import solve_many
+from ocptip.contact.support import Support
 from ocptip.reserves.force_sets import ForceSets, force_scale
+from tests.reserves.reserve_scenes import CLAMPS, clamp, clamped, corners, feet
 
 
 def limit_of(kind, normal_force):

@@ -2,8 +2,19 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from random_supports import random_support, random_wrenches
-from reserve_scenes import (
+from scipy.optimize import linprog
+
+from ocptip.basics.errors import InputError
+from ocptip.contact.bindings.clamps import RigidClamp
+from ocptip.contact.bindings.unilateral import UnilateralContact
+from ocptip.contact.solver import solve_many
+from ocptip.contact.support import Load, Support
+from ocptip.reserves import minimax
+from ocptip.reserves.minimax import ConeBatch, lengths
+from ocptip.reserves.slip import Slip
+from ocptip.reserves.tipping import TipOver
+from studies.contact.random_supports import random_support, random_wrenches
+from tests.reserves.reserve_scenes import (
     CLAMPS,
     FRICTION,
     GRAVITY,
@@ -17,12 +28,6 @@ from reserve_scenes import (
     relative_errors,
     wrenches,
 )
-from scipy.optimize import linprog
-
-from ocptip.contact import Load, RigidClamp, Support, UnilateralContact, solve_many
-from ocptip.errors import InputError
-from ocptip.reserves import Slip, TipOver, minimax
-from ocptip.reserves.minimax import ConeBatch, lengths
 
 MODES = ("tangential", "full")
 

@@ -2,8 +2,20 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from random_supports import random_support, random_wrenches
-from reserve_scenes import (
+
+from ocptip.basics.errors import InputError
+from ocptip.contact.bindings.clamps import (
+    ForceConstantHalfRigidClamp,
+    ForceConstantTwoSidedClamp,
+    ForceVariableHalfRigidClamp,
+    RigidClamp,
+)
+from ocptip.contact.bindings.unilateral import UnilateralContact
+from ocptip.contact.solver import solve_many
+from ocptip.contact.support import Load, Support
+from ocptip.reserves.tipping import TipOver
+from studies.contact.random_supports import random_support, random_wrenches
+from tests.reserves.reserve_scenes import (
     CLAMPS,
     GRAVITY,
     HEIGHT,
@@ -17,19 +29,6 @@ from reserve_scenes import (
     relative_errors,
     wrenches,
 )
-
-from ocptip.contact import (
-    ForceConstantHalfRigidClamp,
-    ForceConstantTwoSidedClamp,
-    ForceVariableHalfRigidClamp,
-    Load,
-    RigidClamp,
-    Support,
-    UnilateralContact,
-    solve_many,
-)
-from ocptip.errors import InputError
-from ocptip.reserves import TipOver
 
 
 def one(support, *loads):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 
-from ocptip.robots import ArmModel
+from ocptip.robots.model import ArmModel
 
 
 def twin(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ocptip.robots import ArmModel, JointLimits
+from ocptip.robots.model import ArmModel, JointLimits
 
 
 def random_rotation(rng: np.random.Generator) -> np.ndarray:

@@ -8,19 +8,15 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pinocchio_twin import dynamics, twin
-from sample_arms import random_arm
 
-from ocptip.errors import InputError
-from ocptip.robots import (
-    ArmModel,
-    arm_from_pinocchio,
-    arm_names,
-    evaluate_dynamics,
-    inverse_dynamics,
-    link_frames,
-    load_arm,
-)
+from ocptip.basics.errors import InputError
+from ocptip.published.arms import arm_names, load_arm
+from ocptip.robots.dynamics import evaluate_dynamics, inverse_dynamics
+from ocptip.robots.kinematics import link_frames
+from ocptip.robots.model import ArmModel
+from ocptip.robots.urdf import arm_from_pinocchio
+from tests.robots.pinocchio_twin import dynamics, twin
+from tests.robots.sample_arms import random_arm
 
 TOLERANCE = 1e-10
 

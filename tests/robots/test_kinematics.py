@@ -3,20 +3,19 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-from pinocchio_twin import twin
-from sample_arms import random_arm
 from scipy.spatial.transform import Rotation
 
-from ocptip.errors import InputError
-from ocptip.robots import (
-    arm_names,
+from ocptip.basics.errors import InputError
+from ocptip.published.arms import arm_names, load_arm
+from ocptip.robots.kinematics import (
     forward_kinematics,
     gripper_kinematics,
     gripper_pose,
     jacobian,
     link_frames,
-    load_arm,
 )
+from tests.robots.pinocchio_twin import twin
+from tests.robots.sample_arms import random_arm
 
 ARMS = [*(load_arm(name).mounted([0.1, 0.2, 0.3]) for name in arm_names()), random_arm(1, 7)]
 

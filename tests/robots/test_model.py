@@ -5,10 +5,12 @@ import pickle
 
 import numpy as np
 import pytest
-from sample_arms import random_arm
 
-from ocptip.errors import InputError
-from ocptip.robots import JointLimits, SphereSet, gripper_pose, load_arm
+from ocptip.basics.errors import InputError
+from ocptip.published.arms import load_arm
+from ocptip.robots.kinematics import gripper_pose
+from ocptip.robots.model import JointLimits, SphereSet
+from tests.robots.sample_arms import random_arm
 
 
 @pytest.mark.parametrize(

@@ -5,12 +5,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sample_arms import random_arm
 
-from ocptip.errors import InputError
-from ocptip.robots import DCMotors, PowerMaps, load_arm
+from ocptip.basics.errors import InputError
+from ocptip.published.arms import load_arm, modular_motors
+from ocptip.robots.motors import DCMotors, PowerMaps
+from tests.robots.sample_arms import random_arm
 
-MAPS = PowerMaps.modular()
+MAPS = modular_motors()
 DC = DCMotors(np.full(6, 5.0), np.full(6, 0.3), np.full(6, 0.1), np.full(6, 4.0), regeneration=0.4)
 LIMITS = load_arm("FSFS").limits
 
@@ -54,14 +55,14 @@ def test_load_reading_conserves_energy_and_the_literal_one_does_not():
     w = speed.reshape(-1, 1) * LIMITS.speed
     surplus = MAPS.power(tau, w) - tau * w
     assert surplus.min() > 0  # every state draws more than it delivers
-    literal = PowerMaps.modular(torque_reading="drive").power(tau, w) - tau * w
+    literal = modular_motors(torque_reading="drive").power(tau, w) - tau * w
     assert literal.min() < -100  # a drive that delivers 100 W more than it draws
 
 
 @settings(max_examples=50, deadline=None)
 @given(torque=SIX, speed=SIX)
 @pytest.mark.parametrize(
-    "motors", [MAPS, PowerMaps.modular(torque_reading="drive"), DC], ids=["load", "drive", "dc"]
+    "motors", [MAPS, modular_motors(torque_reading="drive"), DC], ids=["load", "drive", "dc"]
 )
 def test_casadi_and_numpy_agree(motors, torque, speed):
     tau, w = unit_states(torque, speed)
@@ -116,7 +117,7 @@ def test_datasheet_and_estimate():
         (lambda: MAPS.power(np.zeros((2, 6)), np.zeros(6)), "speed: expected shape 2 x 6, got 6"),
         (lambda: MAPS.power(np.zeros(6), np.full(6, np.nan)), "speed: contains NaN"),
         (lambda: MAPS.power(np.zeros(6), np.zeros(6), np.zeros(6)), r"direction: must be \+1 or -1"),
-        (lambda: PowerMaps.modular(torque_reading="x"), "torque_reading: must be 'load' or 'drive'"),
+        (lambda: modular_motors(torque_reading="x"), "torque_reading: must be 'load' or 'drive'"),
         (lambda: PowerMaps(np.zeros((6, 11))), "coefficients: expected shape n x 12"),
         (lambda: DCMotors([0.0], [1.0], [1.0], [1.0]), "motor_constant: must be > 0"),
         (lambda: DCMotors([1.0], [1.0], [1.0], [1.0], 1.5), "regeneration: must be 0 to 1, got 1.5"),

@@ -1,16 +1,15 @@
 """Arms out of URDF files: chains with all kinds of joints and branches, against Pinocchio's own numbers."""
 
-from pathlib import Path
-
 import numpy as np
 import pinocchio as pin
 import pytest
-from pinocchio_twin import dynamics, twin
 
-from ocptip.errors import InputError
-from ocptip.robots import arm_from_pinocchio, arm_from_urdf, evaluate_dynamics, gripper_pose
-
-UR5 = Path(__file__).parent / "data" / "ur5.urdf"
+from ocptip.basics.errors import InputError
+from ocptip.robots.dynamics import evaluate_dynamics
+from ocptip.robots.kinematics import gripper_pose
+from ocptip.robots.urdf import arm_from_pinocchio, arm_from_urdf
+from tests.places import UR5
+from tests.robots.pinocchio_twin import dynamics, twin
 
 
 def link(name: str, mass: float = 1.0) -> str:

@@ -11,22 +11,18 @@ from typing import Any
 
 import numpy as np
 
+from ocptip.basics.errors import InputError, positive_number, share_of_one
+from ocptip.basics.text import quantity, ratio
+from ocptip.basics.write import plain, versions
 from ocptip.cli.stand import _aligned
-from ocptip.errors import InputError, positive_number, share_of_one
-from ocptip.files import plain, versions
-from ocptip.motion import (
-    MotionLimits,
-    MotionProof,
-    MotionTask,
-    SampledMotion,
-    experiment_task,
-    load_task,
-    motion_cases,
-    motion_origin,
-    prove,
-)
-from ocptip.motion.sampled import Motion
-from ocptip.numbers import quantity, ratio
+from ocptip.motion.check import MotionProof, prove
+from ocptip.motion.task import MotionTask
+from ocptip.published.cases import motion_cases
+from ocptip.published.tasks import experiment_task
+from ocptip.standing.limits import MotionLimits
+from ocptip.task_files.motion import load_task
+from ocptip.trajectories.read import motion_origin
+from ocptip.trajectories.sampled import Motion, SampledMotion
 
 _ROWS = {
     "GN": "tip-over GN",
@@ -110,7 +106,7 @@ class CheckReport:
             lines += [
                 f"note: proved is the curve through the samples, {self.interpolation}; where accelerations"
             ]
-            lines += ["      jump between samples it overshoots, see ocptip.motion.sampled"]
+            lines += ["      jump between samples it overshoots, see ocptip.trajectories.sampled"]
         for unit, pair in self.offsets.items():
             for verb, place, offset in zip(("starts", "ends"), ("start", "goal"), pair, strict=True):
                 if offset > _SAME[unit]:

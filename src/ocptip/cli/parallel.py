@@ -9,14 +9,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ocptip.cli import MOVES, STANDS, _print, _refuse
+from ocptip.cli.command import MOVES, STANDS, _print, _refuse
 
 if TYPE_CHECKING:
-    from ocptip.parallel.codegen import CFiles
-    from ocptip.parallel.description import RobotDescription
-    from ocptip.parallel.lean import LeanFunction
-    from ocptip.parallel.mobility import Mobility
-    from ocptip.parallel.singularity import Singularity
+    from ocptip.parallel.analysis.mobility import Mobility
+    from ocptip.parallel.analysis.singularity import Singularity
+    from ocptip.parallel.code.codegen import CFiles
+    from ocptip.parallel.code.lean import LeanFunction
+    from ocptip.parallel.description.robot_description import RobotDescription
 
 _FORMS = ("S", "X", "Z", "A", "AA")
 _SUFFIXES = {"c": (".c",), "urdf": (".urdf",), "mjcf": (".xml", ".mjcf")}
@@ -59,7 +59,7 @@ def add_parser(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Check, count, write and print; returns the exit code."""
-    from ocptip.errors import InputError, OcptipError
+    from ocptip.basics.errors import InputError, OcptipError
 
     try:
         _check_targets(options)
@@ -114,8 +114,8 @@ class ParallelReport:
         """
         import dataclasses
 
-        from ocptip.errors import InputError
-        from ocptip.parallel.codegen import write_c
+        from ocptip.basics.errors import InputError
+        from ocptip.parallel.code.codegen import write_c
 
         if not self.functions:
             raise InputError(f"--c: no code for {self.description.name}: {self.without_code}")
@@ -132,7 +132,7 @@ class ParallelReport:
         """
         import dataclasses
 
-        from ocptip.files import write_text
+        from ocptip.basics.write import write_text
 
         for path, text in models:
             write_text(path, text)
@@ -148,8 +148,8 @@ class ParallelReport:
         Raises:
             InputError: the format cannot hold the robot, or path does not fit.
         """
-        from ocptip.errors import InputError
-        from ocptip.parallel.export import export_target, to_mjcf, to_urdf
+        from ocptip.basics.errors import InputError
+        from ocptip.parallel.formats.export import export_target, to_mjcf, to_urdf
 
         make = {"urdf": to_urdf, "mjcf": to_mjcf}[which]
         try:
@@ -165,7 +165,7 @@ class ParallelReport:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data; what is not finite becomes None."""
-        from ocptip.files import plain, versions
+        from ocptip.basics.write import plain, versions
 
         robot = self.description
         forces = self.functions[0] if self.functions else None
@@ -226,8 +226,8 @@ def _check_targets(options: argparse.Namespace) -> None:
     Raises:
         InputError: another ending, a name that C does not allow, or no such folder; names the option.
     """
-    from ocptip.errors import InputError
-    from ocptip.parallel.export import export_target
+    from ocptip.basics.errors import InputError
+    from ocptip.parallel.formats.export import export_target
 
     for option, suffixes in _SUFFIXES.items():
         path = getattr(options, option)
@@ -247,15 +247,15 @@ def read_robot(name: str) -> RobotDescription:
     Raises:
         InputError: neither, or a file with an error.
     """
-    from ocptip.errors import InputError
-    from ocptip.parallel.ready_made import READY_MADE
+    from ocptip.basics.errors import InputError
+    from ocptip.parallel.description.ready_made import READY_MADE
 
     by_name = {known.lower(): make for known, make in READY_MADE.items()}
     if name.lower() in by_name:
         return by_name[name.lower()]()
     if not Path(name).suffix:
         raise InputError(f"{name}: expected one of {', '.join(READY_MADE)}, or a robot file NAME.toml")
-    from ocptip.parallel.description_file import read_parallel_robot
+    from ocptip.task_files.parallel import read_parallel_robot
 
     return read_parallel_robot(name)
 
@@ -265,13 +265,13 @@ def examine(description: RobotDescription, *, form: str = "A", dynpar: int = 3) 
 
     Args:
         description: the robot.
-        form, dynpar: of the forces; see :func:`ocptip.parallel.lean.lean_function`.
+        form, dynpar: of the forces; see :func:`ocptip.parallel.code.lean.lean_function`.
 
     Raises:
         InputError: a leg does not reach the home pose.
     """
-    from ocptip.errors import InputError
-    from ocptip.parallel.lean import lean_function
+    from ocptip.basics.errors import InputError
+    from ocptip.parallel.code.lean import lean_function
     from ocptip.parallel.robot import ParallelRobot
 
     try:
@@ -299,7 +299,7 @@ def examine(description: RobotDescription, *, form: str = "A", dynpar: int = 3) 
 
 
 def _measures(home: Singularity) -> str:
-    from ocptip.numbers import ratio
+    from ocptip.basics.text import ratio
 
     parts = {"legs": home.legs.min(), "platform": home.platform, "angles": home.representation}
     return ", ".join(f"{ratio(float(value))} ({name})" for name, value in parts.items())

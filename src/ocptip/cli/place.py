@@ -10,12 +10,21 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
-from ocptip.cli import MOVES, STANDS, _print, _refuse
-from ocptip.cli.runs import Progress, output_directory, require_least, say_if_compiling, summary
+from ocptip.cli.command import (
+    MOVES,
+    STANDS,
+    Progress,
+    _print,
+    _refuse,
+    output_directory,
+    require_least,
+    say_if_compiling,
+    summary,
+)
 
 if TYPE_CHECKING:
     from ocptip.placement.result import Margin, NoPlacementError, Placement, PlacementResult
-    from ocptip.placement.task_file import PlacementTask
+    from ocptip.task_files.placement import PlacementTask
 
 _MEANING = {"GN": "tip-over", "GT": "slip", "GK": "force space", "GE": "power at rest"}
 _MOST_VIOLATED = 6
@@ -41,12 +50,12 @@ def add_parser(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Place, write and print; returns the exit code."""
-    from ocptip.errors import InputError, OcptipError
+    from ocptip.basics.errors import InputError, OcptipError
     from ocptip.placement.result import NoPlacementError
 
     try:
         _check_numbers(options)
-        from ocptip.placement.task_file import load_placement
+        from ocptip.task_files.placement import load_placement
 
         task = load_placement(options.task)
         directory = output_directory(options, "place", task.name)
@@ -185,7 +194,7 @@ def _written(report: PlaceReport | RefusalReport, directory: Path, *, figures: b
     try:
         report.written.append(write_placement(directory, report.entries()))
         if figures:
-            from ocptip.placement_plots import draw_placement
+            from ocptip.pictures.placement import draw_placement
 
             if sys.stderr.isatty():
                 print("drawing ...", end="", file=sys.stderr, flush=True)

@@ -9,12 +9,21 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
-from ocptip.cli import MOVES, STANDS, _print, _refuse
-from ocptip.cli.runs import Progress, output_directory, require_least, say_if_compiling, summary
+from ocptip.cli.command import (
+    MOVES,
+    STANDS,
+    Progress,
+    _print,
+    _refuse,
+    output_directory,
+    require_least,
+    say_if_compiling,
+    summary,
+)
 
 if TYPE_CHECKING:
+    from ocptip.motion.check import MotionProof
     from ocptip.motion.plan import MotionPlan
-    from ocptip.motion.proof import MotionProof
     from ocptip.motion.task import MotionTask
 
 BASES = ("printed", "effective")
@@ -58,7 +67,7 @@ def add_parser(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Plan, write and print; returns the exit code."""
-    from ocptip.errors import InputError, OcptipError, PlanningError
+    from ocptip.basics.errors import InputError, OcptipError, PlanningError
 
     report = None
     try:
@@ -111,7 +120,7 @@ class PlanReport:
 
     def to_json(self) -> str:
         """The content of plan.json and the list `written`, as JSON text."""
-        from ocptip.files import plain
+        from ocptip.basics.write import plain
         from ocptip.motion.output import plan_to_dict
 
         data = {**plan_to_dict(self.plan), **self.entries(), "written": self.written}
@@ -172,7 +181,7 @@ def _planned(options: argparse.Namespace, task: MotionTask) -> MotionPlan:
 
 def _check_numbers(options: argparse.Namespace) -> None:
     """Refuse options that cannot be, by the names they have on the command line."""
-    from ocptip.errors import positive_number, share_of_one
+    from ocptip.basics.errors import positive_number, share_of_one
 
     require_least(options, starts=1, seed=0, jobs=1)
     for name in _LIMIT_OPTIONS:
@@ -189,10 +198,10 @@ def _check_numbers(options: argparse.Namespace) -> None:
 def _task(options: argparse.Namespace) -> MotionTask:
     from dataclasses import replace
 
-    from ocptip.errors import InputError
-    from ocptip.motion.proof import MotionLimits
-    from ocptip.motion.task import experiment_task
-    from ocptip.motion.task_file import load_task
+    from ocptip.basics.errors import InputError
+    from ocptip.published.tasks import experiment_task
+    from ocptip.standing.limits import MotionLimits
+    from ocptip.task_files.motion import load_task
 
     values = {limit: getattr(options, name) for name, limit in _LIMIT_OPTIONS.items()}
     limits = {name: value for name, value in values.items() if value is not None}
@@ -208,7 +217,7 @@ def _task(options: argparse.Namespace) -> MotionTask:
 
 def _base(options: argparse.Namespace) -> str | None:
     """Base data of a case; None for a task file."""
-    from ocptip.motion.cases import motion_cases
+    from ocptip.published.cases import motion_cases
 
     return (options.base or "effective") if options.task in motion_cases() else None
 
@@ -222,7 +231,7 @@ def _written(report: PlanReport, directory: Path, *, figures: bool) -> OSError |
     try:
         report.written += write_plan(directory, plan, samples=samples, extra=report.entries())
         if figures:
-            from ocptip.motion_plots import draw_plan
+            from ocptip.pictures.plan import draw_plan
 
             report.written += draw_plan(directory, plan, samples)
     except OSError as error:
@@ -239,7 +248,7 @@ def _without_plan(options: argparse.Namespace, task: MotionTask, reason: str) ->
 
 
 def _scaled(plan: MotionPlan, factor: float) -> tuple[float, MotionProof]:
-    from ocptip.motion.proof import prove
+    from ocptip.motion.check import prove
 
     return factor, prove(plan.task.robot, plan.motion.time_scaled(factor), plan.task.limits)
 

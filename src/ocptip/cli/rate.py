@@ -9,14 +9,14 @@ import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ocptip.cli import MOVES, STANDS, _print, _refuse
+from ocptip.cli.command import MOVES, STANDS, _print, _refuse
 
 if TYPE_CHECKING:
     import numpy as np
 
     from ocptip.indices.entry import IndexEntry
     from ocptip.indices.metric import OperationEllipsoid
-    from ocptip.robots import ArmModel
+    from ocptip.robots.model import ArmModel
 
 _WIDTH = 110
 _URDF_SUFFIXES = (".urdf", ".xml")
@@ -78,8 +78,8 @@ def add_parser(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Rate and print; returns the exit code."""
-    from ocptip.errors import InputError, OcptipError
-    from ocptip.files import versions
+    from ocptip.basics.errors import InputError, OcptipError
+    from ocptip.basics.write import versions
 
     try:
         data, text = _rate_platform(options) if _is_platform(options.robot) else _rate_arm(options)
@@ -99,8 +99,8 @@ def _is_platform(robot: str) -> bool:
 def _rate_arm(options: argparse.Namespace) -> tuple[dict[str, Any], str]:
     import numpy as np
 
-    from ocptip.errors import InputError, bounded_array
-    from ocptip.indices.rate import rate_arm
+    from ocptip.basics.errors import InputError, bounded_array
+    from ocptip.indices.arms.rate import rate_arm
 
     model = _arm(options)
     if len(options.pose) != model.n:
@@ -132,17 +132,17 @@ def _rate_arm(options: argparse.Namespace) -> tuple[dict[str, Any], str]:
 
 
 def _rate_platform(options: argparse.Namespace) -> tuple[dict[str, Any], str]:
-    from ocptip.errors import InputError, bounded_array
-    from ocptip.indices.platform_files import read_platform, rotation_from_degrees
-    from ocptip.indices.platform_rating import rate_platform
-    from ocptip.indices.singular_motion import singular_motion
+    from ocptip.basics.errors import InputError, bounded_array
+    from ocptip.indices.platforms.rate import rate_platform
+    from ocptip.indices.platforms.singular_motion import singular_motion
+    from ocptip.task_files.platform_points import read_platform, rotation_from_degrees
 
     for name in ("rates", "base_link", "tool_frame", "lock"):
         if getattr(options, name):
             raise InputError(f"--{name.replace('_', '-')}: not for platforms")
     if options.robot.upper() == _HEXAPOD:
-        from ocptip.indices.parallel_platforms import platform_of_robot
-        from ocptip.parallel import ups6
+        from ocptip.indices.platforms.from_parallel import platform_of_robot
+        from ocptip.parallel.description.ready_made import ups6
 
         file = platform_of_robot(ups6())
     else:
@@ -177,8 +177,8 @@ def _rate_platform(options: argparse.Namespace) -> tuple[dict[str, Any], str]:
 
 
 def _arm(options: argparse.Namespace) -> ArmModel:
-    from ocptip.errors import InputError
-    from ocptip.indices.arms import arm_by_name
+    from ocptip.basics.errors import InputError
+    from ocptip.published.arms import arm_by_name
 
     if Path(options.robot).suffix.lower() not in _URDF_SUFFIXES:
         for name in ("base_link", "tool_frame", "lock"):
@@ -188,7 +188,7 @@ def _arm(options: argparse.Namespace) -> ArmModel:
     for name in ("base_link", "tool_frame"):
         if getattr(options, name) is None:
             raise InputError(f"--{name.replace('_', '-')}: needed for a URDF file")
-    from ocptip.robots import arm_from_urdf
+    from ocptip.robots.urdf import arm_from_urdf
 
     return arm_from_urdf(
         options.robot,
@@ -199,7 +199,7 @@ def _arm(options: argparse.Namespace) -> ArmModel:
 
 
 def _lock(text: str) -> tuple[str, str]:
-    from ocptip.errors import InputError
+    from ocptip.basics.errors import InputError
 
     name, equals, value = text.partition("=")
     if not (name and equals):
@@ -209,7 +209,7 @@ def _lock(text: str) -> tuple[str, str]:
 
 def _angle_or_length(text: str) -> float:
     """ "30" (degrees) in rad, "0.2m" in m."""
-    from ocptip.errors import InputError
+    from ocptip.basics.errors import InputError
 
     try:
         return float(text[:-1]) if text.endswith("m") else math.radians(float(text))
@@ -218,7 +218,7 @@ def _angle_or_length(text: str) -> float:
 
 
 def _ellipsoid(options: argparse.Namespace) -> OperationEllipsoid | None:
-    from ocptip.errors import InputError
+    from ocptip.basics.errors import InputError
     from ocptip.indices.metric import OperationEllipsoid
 
     if options.ellipsoid is None:

@@ -7,13 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ocptip.contact import ContactState, ContactStates, StabilityVerdict, solve_many, stability
-from ocptip.contact.solver import BEYOND_RESOLUTION, STATUS
-from ocptip.errors import InputError
-from ocptip.files import plain, versions
-from ocptip.numbers import percent, quantity, ratio, without_noise
-from ocptip.reserves import Slip, SlipReserve, TipOver, TipOverReserve
-from ocptip.scene import Scene
+from ocptip.basics.errors import InputError
+from ocptip.basics.text import percent, quantity, ratio, without_noise
+from ocptip.basics.write import plain, versions
+from ocptip.contact.solver import BEYOND_RESOLUTION, STATUS, ContactState, ContactStates, solve_many
+from ocptip.contact.verdict import StabilityVerdict, stability
+from ocptip.reserves.slip import Slip, SlipReserve
+from ocptip.reserves.tipping import TipOver, TipOverReserve
+from ocptip.task_files.scene import Scene
 
 PLOT_FORMATS = (".png", ".pdf", ".svg")
 _NO_RESERVE = 1 - 1e-9  # reserve values from here on are 1 but for rounding
@@ -168,7 +169,7 @@ def stand(scene: Scene, *, reference_moment: float | None = None) -> StandReport
 
     Args:
         scene: the scene.
-        reference_moment: M0 of GN, N m; None: from the support, see :class:`ocptip.TipOver`.
+        reference_moment: M0 of GN, N m; None: from the support, see :class:`ocptip.reserves.tipping.TipOver`.
 
     Raises:
         InputError: a reference moment that is not positive and finite, or none where gravity is zero.

@@ -22,7 +22,7 @@ import numpy as np
 from scipy.optimize import linprog
 from scipy.sparse import csc_matrix
 
-from ocptip.contact import laws
+from ocptip.contact.bindings import laws
 from ocptip.contact.support import ContactSystem
 
 MOTION_TOLERANCE = 3e-9

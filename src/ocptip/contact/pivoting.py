@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ocptip.compiled import compiled, compiled_inline
+from ocptip.numerics.compiled import compiled, compiled_inline
 
 SOLVED, RAY, PIVOT_LIMIT, SINGULAR, INACCURATE = 0, 1, 2, 3, 4
 

@@ -13,9 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.contact import laws, mode_search, pivoting
+from ocptip.basics.errors import InputError, bounded_array, finite_array
+from ocptip.contact import mode_search, pivoting
+from ocptip.contact.bindings import laws
 from ocptip.contact.support import LARGEST_WRENCH, ContactSystem, Support
-from ocptip.errors import InputError, bounded_array, finite_array
 
 RESIDUAL_TOLERANCE = 1e-9
 """Largest natural residual, relative to the largest right-hand side, of a state called solved."""

@@ -8,8 +8,15 @@ from functools import cached_property
 
 import numpy as np
 
-from ocptip.contact.binding import Binding
-from ocptip.errors import LARGEST, InputError, bounded_array, finite_array, positive_number, refuse_huge
+from ocptip.basics.errors import (
+    LARGEST,
+    InputError,
+    bounded_array,
+    finite_array,
+    positive_number,
+    refuse_huge,
+)
+from ocptip.contact.bindings.binding import Binding
 
 STANDARD_GRAVITY = 9.81
 LARGEST_WRENCH = LARGEST**2

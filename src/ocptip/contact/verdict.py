@@ -21,11 +21,12 @@ import clarabel
 import numpy as np
 from scipy.sparse import csc_matrix
 
-from ocptip.contact import laws, mode_search
-from ocptip.contact.binding import Binding, ForcePiece
+from ocptip.basics.errors import SolverError, bounded_array
+from ocptip.contact import mode_search
+from ocptip.contact.bindings import laws
+from ocptip.contact.bindings.binding import Binding, ForcePiece
 from ocptip.contact.solver import REST_TOLERANCE, ContactState, solution_from_search, solve, solve_randomly
 from ocptip.contact.support import LARGEST_WRENCH, Support
-from ocptip.errors import SolverError, bounded_array
 
 MARGIN_TOLERANCE = 1e-7
 """Margins above minus this (relative to the force unit) count as standing."""

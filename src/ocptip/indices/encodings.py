@@ -17,7 +17,7 @@ from typing import Literal
 import casadi as ca
 import numpy as np
 
-from ocptip.errors import InputError, positive_number
+from ocptip.basics.errors import InputError, positive_number
 
 Symbolic = ca.SX | ca.MX
 Method = Literal["ldl", "lifted", "trace"]

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.errors import InputError, finite_array
+from ocptip.basics.errors import InputError, finite_array
 
 TRANSLATION_TOLERANCE = 1e-12
 """rad/m: screws with less angular velocity per linear velocity are taken for translations."""

@@ -11,7 +11,7 @@ import itertools
 
 import numpy as np
 
-from ocptip.errors import InputError, finite_array, positive_number
+from ocptip.basics.errors import InputError, finite_array, positive_number
 from ocptip.indices.lines import cross
 from ocptip.indices.metric import velocity_map
 
@@ -54,7 +54,7 @@ def inv_cdn_cl(jacobian: np.ndarray, point: object, length: float) -> np.ndarray
     Args:
         point: (..., 3), m, base frame.
         length: characteristic length, m. See `OperationEllipsoid.characteristic_length` for a way to choose
-            it, and `ocptip.indices.arm_design.characteristic_length` for the classical one.
+            it, and `ocptip.indices.arms.design.characteristic_length` for the classical one.
 
     Raises:
         InputError: bad shapes, length not positive.

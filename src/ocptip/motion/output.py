@@ -17,11 +17,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ocptip.errors import positive_number
-from ocptip.files import plain, versions, write_text
-from ocptip.motion.passive import MERGE
-from ocptip.motion.sampled import Motion
-from ocptip.motion.standing import MotionSamples, StandingMechanism
+from ocptip.basics.errors import positive_number
+from ocptip.basics.write import plain, versions, write_text
+from ocptip.standing.mechanism import MotionSamples, StandingMechanism
+from ocptip.trajectories.arm_motion import MERGE
+from ocptip.trajectories.sampled import Motion
 
 if TYPE_CHECKING:
     from ocptip.motion.plan import MotionPlan

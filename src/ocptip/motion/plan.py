@@ -18,11 +18,11 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
-from ocptip.errors import PlanningError, whole_number
-from ocptip.motion.passive import ArmMotion
-from ocptip.motion.proof import MotionProof
-from ocptip.motion.search import Attempt, Search, StartResult
+from ocptip.basics.errors import PlanningError, whole_number
+from ocptip.motion.check import MotionProof
+from ocptip.motion.planner.one_start import Attempt, Search, StartResult
 from ocptip.motion.task import MotionTask, require_plannable
+from ocptip.trajectories.arm_motion import ArmMotion
 
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
 _TASKS_IN_MEMORY = 4  # per worker
@@ -87,7 +87,7 @@ def plan_motion(
     (then with a RuntimeWarning) ends the planning with the best verified plan so far.
 
     Args:
-        task: see :func:`ocptip.motion.experiment_task` and :func:`ocptip.motion.load_task`.
+        task: made by hand, or one of `ocptip.published.tasks` or `ocptip.task_files.motion`.
         starts: number of random starts.
         seed: of the random motions.
         executor: runs the starts: any `concurrent.futures` executor, such as `dask_client.get_executor()`.

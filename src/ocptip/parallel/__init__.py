@@ -8,13 +8,25 @@ A robot in a few lines::
     print(robot.mobility().dof, robot.inverse_dynamics([0, 0, -0.45], [1, 0, 0], [0, 0, 5]).motors)
 """
 
-from ocptip.parallel.actuation import MotorForces, limited_motor_forces, motor_forces
-from ocptip.parallel.base_parameters import numeric_base_parameters
-from ocptip.parallel.branched import BranchedLeg, LegEnd
-from ocptip.parallel.codegen import write_c
-from ocptip.parallel.counting import OperationCount, count_operations
-from ocptip.parallel.crossings import Crossing, crossings
-from ocptip.parallel.description import (
+from ocptip.parallel.analysis.crossings import Crossing, crossings
+from ocptip.parallel.analysis.mobility import Mobility, mobility
+from ocptip.parallel.analysis.singularity import ImplicitPair, Singularity
+from ocptip.parallel.base_wrench import MountedRobot, MountedSamples, PlatformMotion, base_wrench, moving_mass
+from ocptip.parallel.code.codegen import write_c
+from ocptip.parallel.code.counting import OperationCount, count_operations
+from ocptip.parallel.code.lean import LeanFunction, lean_function
+from ocptip.parallel.description.branched import BranchedLeg, LegEnd
+from ocptip.parallel.description.ready_made import (
+    KINDS,
+    READY_MADE,
+    delta,
+    make_robot,
+    prrr4,
+    rpr3,
+    rrr3,
+    ups6,
+)
+from ocptip.parallel.description.robot_description import (
     BodyInertia,
     Leg,
     MDHRow,
@@ -22,20 +34,16 @@ from ocptip.parallel.description import (
     Platform,
     RobotDescription,
 )
-from ocptip.parallel.description_file import read_parallel_robot, robot_from_dict
-from ocptip.parallel.export import to_mjcf, to_urdf, urdf_cuts, urdf_home
-from ocptip.parallel.kinematics import JointPositions, Kinematics, PlatformPose
-from ocptip.parallel.lean import LeanFunction, lean_function
-from ocptip.parallel.mobility import Mobility, mobility
-from ocptip.parallel.ready_made import KINDS, READY_MADE, delta, make_robot, prrr4, rpr3, rrr3, ups6
+from ocptip.parallel.dynamics.actuation import MotorForces, limited_motor_forces, motor_forces
+from ocptip.parallel.dynamics.base_parameters import numeric_base_parameters
+from ocptip.parallel.dynamics.sensitivities import ForceSensitivities, Sensitivities
+from ocptip.parallel.dynamics.terms import Terms
+from ocptip.parallel.formats.export import to_mjcf, to_urdf, urdf_cuts, urdf_home
+from ocptip.parallel.formats.urdf import UrdfRobot, convert_parallel_urdf, read_parallel_urdf
+from ocptip.parallel.formats.urdf_legs import Cut
+from ocptip.parallel.kinematics.platform import JointPositions, Kinematics, PlatformPose
 from ocptip.parallel.robot import Forces, JointRates, ParallelRobot
-from ocptip.parallel.sensitivities import ForceSensitivities, Sensitivities
 from ocptip.parallel.simulation import Trajectory, simulate
-from ocptip.parallel.singularity import ImplicitPair, Singularity
-from ocptip.parallel.standing import MountedRobot, MountedSamples, PlatformMotion, base_wrench, moving_mass
-from ocptip.parallel.terms import Terms
-from ocptip.parallel.urdf import UrdfRobot, convert_parallel_urdf, read_parallel_urdf
-from ocptip.parallel.urdf_legs import Cut
 
 __all__ = [
     "KINDS",
@@ -83,9 +91,7 @@ __all__ = [
     "moving_mass",
     "numeric_base_parameters",
     "prrr4",
-    "read_parallel_robot",
     "read_parallel_urdf",
-    "robot_from_dict",
     "rpr3",
     "rrr3",
     "simulate",

@@ -11,20 +11,20 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from ocptip.errors import InputError
-from ocptip.parallel.closed_form import leg_type, nearest_branch
-from ocptip.parallel.closed_form_sx import closed_form_expression
-from ocptip.parallel.description import PRISMATIC, Leg
-from ocptip.parallel.elimination import elimination_order
-from ocptip.parallel.leg_dynamics import LegState
-from ocptip.parallel.leg_jacobian import LegModel
-from ocptip.parallel.leg_plans import choose_plans
-from ocptip.parallel.platform_sx import platform_wrench
-from ocptip.parallel.projection import Arguments, Projection
+from ocptip.basics.errors import InputError
+from ocptip.parallel.analysis.elimination import elimination_order
+from ocptip.parallel.analysis.singularity import characteristic_length
+from ocptip.parallel.code.leg_plans import choose_plans
+from ocptip.parallel.description.robot_description import PRISMATIC, Leg
+from ocptip.parallel.kinematics.closed_form import leg_type, nearest_branch
 from ocptip.parallel.robot import ParallelRobot
-from ocptip.parallel.singularity import characteristic_length
-from ocptip.parallel.spatial_sx import Vector, cross, plus, scaled, spin_moment, times, zero
-from ocptip.parallel.symbols import (
+from ocptip.parallel.symbolic.closed_form_sx import closed_form_expression
+from ocptip.parallel.symbolic.leg_dynamics import LegState
+from ocptip.parallel.symbolic.leg_jacobian import LegModel
+from ocptip.parallel.symbolic.platform_sx import platform_wrench
+from ocptip.parallel.symbolic.projection import Arguments, Projection
+from ocptip.parallel.symbolic.spatial_sx import Vector, cross, plus, scaled, spin_moment, times, zero
+from ocptip.parallel.symbolic.symbols import (
     geometry_symbols,
     inertia_layout,
     inertia_values,
@@ -43,7 +43,7 @@ class MinimalForm:
         motor_forces: (m,), N or N m.
         motor_speeds: (m,), m/s or rad/s.
         wrench: (6,), N and N m: of the robot on its base, about the robot's world origin, world axes; see
-            :func:`ocptip.parallel.standing.base_wrench`.
+            :func:`ocptip.parallel.base_wrench.base_wrench`.
         measures: (k,) distances from singular poses, at most 1, 0 in such a pose; see `measure_names`.
         measure_names: "leg 2 elbow" (type I), "platform" (type II).
     """

@@ -10,24 +10,24 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from ocptip.errors import InputError, SolverError, finite_array
-from ocptip.parallel.constraint_route import ConstraintRoute
-from ocptip.parallel.crossings import Crossing, crossings
-from ocptip.parallel.description import RobotDescription
-from ocptip.parallel.kinematics import JointPositions, Kinematics, PlatformPose, RobotMotion
-from ocptip.parallel.kkt_route import KKTAccelerations, KKTSystem
-from ocptip.parallel.mobility import Mobility, mobility
-from ocptip.parallel.regressor import regressor
-from ocptip.parallel.singularity import Singularity, require_regular, singularity
-from ocptip.parallel.terms import Terms, converted, motor_drift, needs_complete_legs, quasi_terms
-from ocptip.parallel.tree_route import tree_forces
+from ocptip.basics.errors import InputError, SolverError, finite_array
+from ocptip.parallel.analysis.crossings import Crossing, crossings
+from ocptip.parallel.analysis.mobility import Mobility, mobility
+from ocptip.parallel.analysis.singularity import Singularity, require_regular, singularity
+from ocptip.parallel.description.robot_description import RobotDescription
+from ocptip.parallel.dynamics.regressor import regressor
+from ocptip.parallel.dynamics.terms import Terms, converted, motor_drift, needs_complete_legs, quasi_terms
+from ocptip.parallel.kinematics.platform import JointPositions, Kinematics, PlatformPose, RobotMotion
+from ocptip.parallel.routes.constraint import ConstraintRoute
+from ocptip.parallel.routes.kkt import KKTAccelerations, KKTSystem
+from ocptip.parallel.routes.tree import tree_forces
 
 if TYPE_CHECKING:
-    from ocptip.parallel.base_parameters import NumericBaseParameters
-    from ocptip.parallel.codegen import CFiles
-    from ocptip.parallel.counting import OperationCount
-    from ocptip.parallel.lean import LeanFunction
-    from ocptip.parallel.leg_base_parameters import LegBaseParameters
+    from ocptip.parallel.code.codegen import CFiles
+    from ocptip.parallel.code.counting import OperationCount
+    from ocptip.parallel.code.lean import LeanFunction
+    from ocptip.parallel.dynamics.base_parameters import NumericBaseParameters
+    from ocptip.parallel.symbolic.leg_base_parameters import LegBaseParameters
 
 Projection = Literal["coupling", "constraint", "tree", "kkt"]
 PROJECTIONS = ("coupling", "constraint", "tree", "kkt")
@@ -322,8 +322,8 @@ class ParallelRobot:
         return crossings(self.kinematics, path)
 
     def lean(self, outputs: Sequence[str] = ("tau",), **options: object) -> LeanFunction:
-        """Generated function of the robot; see :func:`ocptip.parallel.lean.lean_function`."""
-        from ocptip.parallel.lean import lean_function
+        """Generated function of the robot; see :func:`ocptip.parallel.code.lean.lean_function`."""
+        from ocptip.parallel.code.lean import lean_function
 
         return lean_function(self.description, outputs, **options)
 
@@ -335,7 +335,7 @@ class ParallelRobot:
         self, path: str | os.PathLike[str], outputs: Sequence[str] = ("tau",), **options: object
     ) -> CFiles:
         """Write the motor forces (form "A"), or what the options ask for, as C source with a header."""
-        from ocptip.parallel.codegen import write_c
+        from ocptip.parallel.code.codegen import write_c
 
         return write_c(self.lean(outputs, **{"form": "A", **options}), path)
 
@@ -343,8 +343,8 @@ class ParallelRobot:
         self, how: Literal["leg", "numeric"] = "leg", **options: object
     ) -> LegBaseParameters | NumericBaseParameters:
         """Base parameters: leg-wise closed form, or of the whole robot by QR."""
-        from ocptip.parallel.base_parameters import numeric_base_parameters
-        from ocptip.parallel.leg_base_parameters import leg_base_parameters
+        from ocptip.parallel.dynamics.base_parameters import numeric_base_parameters
+        from ocptip.parallel.symbolic.leg_base_parameters import leg_base_parameters
 
         if how not in ("leg", "numeric"):
             raise InputError(f"how: must be 'leg' or 'numeric', got {how!r}")

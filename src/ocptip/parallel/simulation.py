@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ocptip.errors import InputError, finite_array, positive_number
+from ocptip.basics.errors import InputError, finite_array, positive_number
 from ocptip.parallel.robot import ParallelRobot
 
 MotorLaw = Callable[[float, np.ndarray, np.ndarray], np.ndarray]

@@ -1,7 +1,7 @@
 """Where the base should stand: optimal placement at rest (chapter 4)."""
 
 from ocptip.placement.evaluate import Evaluator
-from ocptip.placement.motion import MotionPlacement, MotionPlacementResult, place_for_motion, placed_robot
+from ocptip.placement.for_motion import MotionPlacement, MotionPlacementResult, place_for_motion, placed_robot
 from ocptip.placement.place import place
 from ocptip.placement.power import HoldingPower, TorqueCost
 from ocptip.placement.problem import (

@@ -12,13 +12,16 @@ from functools import cached_property
 
 import numpy as np
 
-from ocptip.contact import ContactStates, UnilateralContact, solve_many
+from ocptip.contact.bindings.unilateral import UnilateralContact
+from ocptip.contact.solver import ContactStates, solve_many
+from ocptip.numerics.batch import BatchFunction
 from ocptip.placement.manipulability import MEASURES, index_of, measures
 from ocptip.placement.problem import PlacementProblem
-from ocptip.reserves import Slip, TipMap
-from ocptip.robots import BatchFunction, Pillar, Wall, gripper_pose
-from ocptip.robots.collision import Floor, sphere_centres
+from ocptip.reserves.slip import Slip
+from ocptip.reserves.tipping import TipMap
 from ocptip.robots.dynamics import dynamics_batch
+from ocptip.robots.geometry import Floor, Pillar, Wall, sphere_centres
+from ocptip.robots.kinematics import gripper_pose
 
 POSE_TOLERANCE = 1e-6
 """Largest error of the gripper's position (m) and orientation (rad)."""

@@ -10,10 +10,13 @@ from __future__ import annotations
 import casadi as cs
 import numpy as np
 
-from ocptip.indices import OperationEllipsoid, index_function, index_values
+from ocptip.indices.arms.symbolic import index_function
+from ocptip.indices.arms.values import index_values
+from ocptip.indices.metric import OperationEllipsoid
+from ocptip.numerics.point import PointFunction
 from ocptip.placement.problem import PlacementLimits
-from ocptip.robots import ArmModel, PointFunction, gripper_kinematics
-from ocptip.robots.kinematics import gripper_batch
+from ocptip.robots.kinematics import gripper_batch, gripper_kinematics
+from ocptip.robots.model import ArmModel
 
 MEASURES = ("condition", "singular_ratio")
 _STEP = 1e-5  # rad; second derivatives are central differences of exact gradients

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ocptip.files import plain, versions, write_json
+from ocptip.basics.write import plain, versions, write_json
 from ocptip.placement.problem import CRITERIA, PlacementProblem
 from ocptip.placement.result import NoPlacementError, Placement, PlacementResult
 

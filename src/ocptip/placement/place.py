@@ -8,18 +8,18 @@ from collections.abc import Callable
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from ocptip.errors import InputError, whole_number
-from ocptip.ipopt import Solution, solve
-from ocptip.placement import starts as sampling
-from ocptip.placement.elastic import ElasticProgram
+from ocptip.basics.errors import InputError, whole_number
+from ocptip.numerics.ipopt import Solution, solve
 from ocptip.placement.evaluate import POSE_TOLERANCE, Evaluator
-from ocptip.placement.physics import PatchPhysics
 from ocptip.placement.problem import PlacementProblem
-from ocptip.placement.program import PlacementProgram
-from ocptip.placement.refine import around, improved, turned
 from ocptip.placement.result import NoPlacementError, Placement, PlacementResult, StartReport, judge
-from ocptip.placement.selection import held_cases, near_gaps, pieces
-from ocptip.robots.pose_search import search
+from ocptip.placement.search import starts as sampling
+from ocptip.placement.search.elastic import ElasticProgram
+from ocptip.placement.search.physics import PatchPhysics
+from ocptip.placement.search.program import PlacementProgram
+from ocptip.placement.search.refine import around, improved, turned
+from ocptip.placement.search.selection import held_cases, near_gaps, pieces
+from ocptip.robots.inverse.pose_search import search
 
 _TOLERANCE = 1e-8
 _KEPT = 1e-5  # violation of a program's rows up to which its result is used

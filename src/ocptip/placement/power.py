@@ -8,8 +8,9 @@ from functools import cached_property
 import casadi as cs
 import numpy as np
 
-from ocptip.errors import InputError, finite_array
-from ocptip.robots import BatchFunction, Motors
+from ocptip.basics.errors import InputError, finite_array
+from ocptip.numerics.batch import BatchFunction
+from ocptip.robots.motors import Motors
 
 
 class HoldingPower:

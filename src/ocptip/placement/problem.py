@@ -9,7 +9,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from ocptip.errors import (
+from ocptip.basics.errors import (
     InputError,
     finite_array,
     number_from,
@@ -17,10 +17,10 @@ from ocptip.errors import (
     rotation_matrix,
     share_of_one,
 )
-from ocptip.motion.robot import StandingRobot
 from ocptip.placement.power import HoldingPower, TorqueCost
 from ocptip.placement.terrain import Patch
-from ocptip.robots import Pillar, Wall
+from ocptip.robots.geometry import Pillar, Wall
+from ocptip.standing.arm import StandingRobot
 
 Orientation = Literal["full", "axis", "free"]
 CRITERIA = ("GN", "GT", "GK", "GE")

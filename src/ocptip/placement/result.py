@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.errors import PlanningError
-from ocptip.files import plain
+from ocptip.basics.errors import PlanningError
+from ocptip.basics.write import plain
 from ocptip.placement.evaluate import Evaluator, Rows
 from ocptip.placement.problem import CRITERIA, PlacementProblem
 

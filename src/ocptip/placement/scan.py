@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ocptip.errors import InputError, finite_array
+from ocptip.basics.errors import InputError, finite_array
 from ocptip.placement.evaluate import Evaluator, Rows, TaskEvaluation
 from ocptip.placement.problem import CRITERIA, PlacementProblem
 from ocptip.placement.result import FEASIBLE
-from ocptip.placement.starts import solutions
+from ocptip.placement.search.starts import solutions
 
 _CHUNK = 2000  # placements at once
 _PER_ROUND = 64  # states whose contacts are solved per round, shared among the groups

@@ -14,8 +14,8 @@ from functools import cached_property
 import casadi as cs
 import numpy as np
 
-from ocptip.errors import InputError, finite_array
-from ocptip.robots import BatchFunction
+from ocptip.basics.errors import InputError, finite_array
+from ocptip.numerics.batch import BatchFunction
 
 _PROBES = 16
 _ROTATION_TOLERANCE = 1e-9

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ocptip.contact.laws import normal_range
+from ocptip.contact.bindings.laws import normal_range
 from ocptip.contact.solver import ContactStates
 from ocptip.contact.support import Support
 

@@ -14,9 +14,9 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from ocptip.basics.errors import InputError
 from ocptip.contact.solver import ContactStates
 from ocptip.contact.support import Support
-from ocptip.errors import InputError
 from ocptip.reserves.force_sets import LOAD_TOLERANCE, ForceSets, force_scale
 from ocptip.reserves.fractional import NEGLIGIBLE_LIMIT, minimise_fraction
 from ocptip.reserves.minimax import GAP_TOLERANCE, ZERO_USAGE, forces_of, lengths, minimise_usage

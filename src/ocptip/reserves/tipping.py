@@ -15,9 +15,9 @@ from itertools import combinations
 import numpy as np
 from scipy.optimize import linprog
 
+from ocptip.basics.errors import InputError, SolverError, positive_number
 from ocptip.contact.solver import ContactStates, solve_many
 from ocptip.contact.support import Support
-from ocptip.errors import InputError, SolverError, positive_number
 from ocptip.reserves.force_sets import ForceSets
 
 GEOMETRY_TOLERANCE = 1e-9

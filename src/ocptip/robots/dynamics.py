@@ -13,8 +13,8 @@ from functools import lru_cache
 import casadi as cs
 import numpy as np
 
-from ocptip.errors import InputError, finite_array
-from ocptip.robots.batch import BatchFunction
+from ocptip.basics.errors import InputError, finite_array
+from ocptip.numerics.batch import BatchFunction
 from ocptip.robots.kinematics import relative_rotation
 from ocptip.robots.model import ArmModel, joint_states
 

@@ -8,7 +8,7 @@ from functools import lru_cache
 import casadi as cs
 import numpy as np
 
-from ocptip.robots.batch import BatchFunction
+from ocptip.numerics.batch import BatchFunction
 from ocptip.robots.model import ArmModel, joint_states
 
 _CACHED_MODELS = 64

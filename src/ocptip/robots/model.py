@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ocptip.errors import InputError, finite_array, rotation_matrix
+from ocptip.basics.errors import InputError, finite_array, rotation_matrix
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,9 +13,8 @@ from typing import Any, Protocol
 import casadi as cs
 import numpy as np
 
-from ocptip.errors import InputError, finite_array, positive_number
+from ocptip.basics.errors import InputError, finite_array, positive_number
 from ocptip.robots.model import ArmModel
-from ocptip.robots.modular import module_data
 
 
 class Motors(Protocol):
@@ -64,13 +63,6 @@ class PowerMaps:
         positive_number("voltage", self.voltage)
         if self.torque_reading not in ("load", "drive"):
             raise InputError(f"torque_reading: must be 'load' or 'drive', got {self.torque_reading!r}")
-
-    @classmethod
-    def modular(cls, *, torque_reading: str = "load") -> PowerMaps:
-        """The maps of the six drive modules, table 6.1."""
-        table = module_data()["power_map"]
-        coefficients = np.array([table["c"][f"c{k}"] for k in range(1, 13)]).T
-        return cls(coefficients, table["U_V"], torque_reading)
 
     def power(self, torque: np.ndarray, speed: np.ndarray, direction: np.ndarray | None = None) -> np.ndarray:
         """Electric power, W; see :class:`Motors`.

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from ocptip.errors import InputError, finite_array, number_from
+from ocptip.basics.errors import InputError, finite_array, number_from
 from ocptip.robots.model import ArmModel, JointLimits
 
 _NO_LIMIT = 1e30  # Pinocchio writes the largest float where a URDF gives no limit

@@ -1,0 +1,1 @@
+"""What every package needs: errors, reading of TOML, files that appear whole, numbers as people read them."""

@@ -1,0 +1,100 @@
+"""Files that appear complete or not at all, data for strict JSON, and the versions behind a result."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import os
+import platform
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from importlib import metadata
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from ocptip.basics.version import version
+
+PACKAGES = ("casadi", "numpy", "scipy", "numba", "clarabel", "pin")
+"""The packages that decide the numbers of plans and placements."""
+
+
+@contextmanager
+def atomic_file(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
+    """Open a file for writing that takes the place of `path` only when the block ends without an error.
+
+    Raises:
+        OSError: it cannot be written; names `path`.
+    """
+    path = Path(path)
+    temporary = ""
+    try:
+        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".part")
+        with os.fdopen(handle, "wb") as stream:
+            yield stream
+        umask = os.umask(0)  # mkstemp makes private files; this one gets the permissions of any other
+        os.umask(umask)
+        os.chmod(temporary, 0o666 & ~umask)
+        os.replace(temporary, path)
+    except BaseException as error:
+        if temporary:
+            Path(temporary).unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            raise OSError(error.errno, error.strerror or str(error), str(path)) from error
+        raise
+
+
+def write_text(path: str | os.PathLike[str], text: str) -> None:
+    """Write a text as UTF-8; an interruption leaves either the old file or the new one.
+
+    Raises:
+        OSError: the file cannot be written; names it.
+    """
+    with atomic_file(path) as stream:
+        stream.write(text.encode("utf-8"))
+
+
+def write_json(path: str | os.PathLike[str], data: Any, *, indent: int | None = 2) -> None:
+    """Write data, made :func:`plain`, as strict JSON; an interruption leaves the old file or the new one.
+
+    Args:
+        path: of the file.
+        data: anything that `plain` takes.
+        indent: spaces per level; None for a single line.
+
+    Raises:
+        OSError: the file cannot be written; names it.
+    """
+    write_text(path, json.dumps(plain(data), indent=indent, allow_nan=False) + "\n")
+
+
+def plain(value: Any) -> Any:
+    """Return dictionaries, lists, texts and numbers that JSON knows; what is not finite becomes None.
+
+    Data classes become dictionaries; objects of other kinds their `str`.
+    """
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        value = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if value is None or isinstance(value, bool | int | str) else str(value)
+
+
+def versions(packages: Sequence[str] = PACKAGES) -> dict[str, str]:
+    """Return the versions of Python, ocptip and these packages; "not installed" for the missing ones."""
+    found = {"python": platform.python_version(), "ocptip": version()}
+    for package in packages:
+        try:
+            found[package] = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            found[package] = "not installed"
+    return found

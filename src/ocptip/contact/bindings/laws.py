@@ -1,0 +1,90 @@
+"""The contact laws themselves, as a check that knows nothing of pools, modes or bases.
+
+A contact force K = (K_n, K_t) and a contact acceleration a = (a_n, a_t) obey the laws if
+
+* K_n lies in the binding's range, a_n > 0 only at its lower and a_n < 0 only at its upper end;
+* K_t lies in the polygon (the pyramid's cross-section) that belongs to K_n;
+* no other force in that polygon would dissipate more: -a_t' K_t is the polygon's support function.
+
+Source: sections 2.4 and 3 (maximum dissipation is the polyhedral form of "friction opposes sliding").
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+
+from ocptip.contact.bindings import pyramid
+from ocptip.contact.bindings.binding import Binding
+
+
+def normal_range(binding: Binding) -> tuple[float, float]:
+    """Smallest and largest normal force (N) the binding can carry; infinite where it cannot give way."""
+    pieces = binding.force_pieces()
+    return min(p.normal_min for p in pieces), max(p.normal_max for p in pieces)
+
+
+def friction_limit(binding: Binding, normal_force: np.ndarray) -> np.ndarray:
+    """Radius (N) of the true friction cone's cross-section at the given normal forces (N)."""
+    normal_force = np.asarray(normal_force, dtype=float)
+    limit = np.zeros_like(normal_force)
+    nearest = np.full_like(normal_force, np.inf)
+    for piece in binding.force_pieces():
+        inside = np.clip(normal_force, piece.normal_min, piece.normal_max)
+        distance = np.abs(normal_force - inside)
+        radius = np.maximum(piece.radius + piece.slope * inside, 0.0)
+        limit = np.where(distance < nearest, radius, limit)
+        nearest = np.minimum(distance, nearest)
+    return limit
+
+
+def polygon(binding: Binding) -> tuple[np.ndarray, np.ndarray]:
+    """Face normals (S, d-1) and vertices (S, d-1) of the pyramid's cross-section for a limit of 1 N."""
+    return _polygon(binding.planar, binding.facets)
+
+
+@lru_cache(maxsize=64)
+def _polygon(planar: bool, facets: int) -> tuple[np.ndarray, np.ndarray]:
+    if planar:
+        faces = vertices = np.array([[1.0], [-1.0]])
+    else:
+        inner = pyramid.corrected_friction(1.0, facets)
+        faces = pyramid.face_directions(facets) / inner
+        vertices = pyramid.edge_directions(facets) * (inner / np.cos(np.pi / facets))
+    for array in (faces, vertices):
+        array.flags.writeable = False
+    return faces, vertices
+
+
+def law_violation(
+    binding: Binding, force: np.ndarray, acceleration: np.ndarray, force_unit: float, mass: float
+) -> np.ndarray:
+    """How far forces and accelerations of one binding are from obeying its laws.
+
+    Args:
+        binding: the binding.
+        force: (N, d) contact forces in contact axes, N.
+        acceleration: (N, d) contact point accelerations in contact axes, m/s^2.
+        force_unit: (N,) or number: force by which violations are divided, N.
+        mass: kg; accelerations are compared as forces mass * a.
+
+    Returns:
+        (N,) the largest relative violation.
+    """
+    normal, tangential = force[:, 0] / force_unit, force[:, 1:] / np.reshape(force_unit, (-1, 1))
+    a = acceleration * mass / np.reshape(force_unit, (-1, 1))
+    low, high = (bound / force_unit for bound in normal_range(binding))
+    violation = np.maximum(np.maximum(low - normal, normal - high), 0.0)
+    at_low = np.minimum(np.maximum(a[:, 0], 0.0), np.maximum(normal - low, 0.0))
+    at_high = np.minimum(np.maximum(-a[:, 0], 0.0), np.maximum(high - normal, 0.0))
+    violation = np.maximum(violation, np.maximum(at_low, at_high))
+    faces, vertices = polygon(binding)
+    limit = friction_limit(binding, force[:, 0]) / force_unit
+    outside = np.max(tangential @ faces.T, axis=1) - limit
+    violation = np.maximum(violation, outside)
+    best = limit * np.max(-a[:, 1:] @ vertices.T, axis=1)
+    shortfall = best + np.sum(a[:, 1:] * tangential, axis=1)
+    # power is a product: its excess over the dissipation is the violation of the smaller factor
+    size = np.maximum(1.0, np.maximum(np.max(np.abs(a), axis=1), limit))
+    return np.maximum(violation, shortfall / size)

@@ -1,0 +1,103 @@
+"""The ordinary contact: no penetration, no adhesion, Coulomb friction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from ocptip.contact.bindings.automaton import Mode
+from ocptip.contact.bindings.binding import (
+    Binding,
+    ForcePiece,
+    PoolVariable,
+    edge_vectors,
+    friction_parameters,
+    normal_vector,
+    sliding_variables,
+)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class UnilateralContact(Binding):
+    """Ordinary unilateral frictional contact (3.1).
+
+    Attributes:
+        friction: Coulomb coefficient mu > 0, at most 1000.
+    """
+
+    kind: ClassVar[str] = "unilateral"
+
+    friction: float
+
+    def check_parameters(self) -> None:
+        friction_parameters(self, "friction")
+
+    def pool(self) -> list[PoolVariable]:
+        forces = edge_vectors(self, self.friction)
+        return [
+            PoolVariable("gn", acceleration=normal_vector(self)),
+            *sliding_variables(self),
+            *(PoolVariable(f"l{h + 1}", force=k) for h, k in enumerate(forces)),
+        ]
+
+    def modes(self) -> list[Mode]:
+        if self.planar:
+            return [
+                Mode("stick", ("l1", "l2")),
+                Mode("slide", ("g+", "l2")),
+                Mode("separate", ("gn", "g+")),
+                Mode("separate", ("gn", "g-")),
+                Mode("slide", ("g-", "l1")),
+            ]
+        s = self.facets
+        modes = [Mode("stick", triple) for triple in stick_triples(s)]
+        for h in range(1, s + 1):
+            g, g_next = f"g{h}", f"g{following(h, s)}"
+            l_before, l_here = f"l{preceding(h, s)}", f"l{h}"
+            modes.append(Mode("slide", (g, l_before, l_here)))
+            modes.append(Mode("slide", (g, g_next, l_here)))
+            modes.append(Mode("separate", ("gn", g, g_next)))
+        return modes
+
+    def force_pieces(self) -> list[ForcePiece]:
+        return [ForcePiece(0.0, np.inf, 0.0, self.friction)]
+
+
+def preceding(h: int, facets: int) -> int:
+    """Cyclic predecessor of the 1-based index h."""
+    return facets if h == 1 else h - 1
+
+
+def following(h: int, facets: int) -> int:
+    """Cyclic successor of the 1-based index h."""
+    return 1 if h == facets else h + 1
+
+
+def stick_triples(facets: int, first: int = 1) -> list[tuple[str, str, str]]:
+    """Edges of the pyramid in triples that fill it: a triangulation of its cross-section.
+
+    Any triangulation gives a closed mode list with S - 2 stick modes. The source takes a fan from one
+    edge, across which a force may have to pass S - 2 triangles; here every triangle halves the rest, so
+    that no more than about log2(S) pivots lead from a face to the middle.
+
+    Args:
+        facets: number S of edges.
+        first: number of the cone's first edge variable (S + 1 for a second cone).
+    """
+    triples = []
+
+    def fill(a: int, b: int) -> None:
+        if b - a > 1:
+            c = (a + b) // 2
+            triples.append((a, c, b))
+            fill(a, c)
+            fill(c, b)
+
+    third, two_thirds = facets // 3, 2 * facets // 3
+    triples.append((0, third, two_thirds))
+    fill(0, third)
+    fill(third, two_thirds)
+    fill(two_thirds, facets)
+    return [tuple(f"l{first + e % facets}" for e in triple) for triple in triples]

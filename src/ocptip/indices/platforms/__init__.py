@@ -1,0 +1,1 @@
+"""Indices of Stewart-Gough and planar platforms."""

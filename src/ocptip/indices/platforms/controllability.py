@@ -1,0 +1,107 @@
+"""Control number CTN of Stewart-Gough platforms and of planar RPR platforms.
+
+Near a singularity small changes of leg lengths move the platform uncontrollably. What can be measured of that
+are the angular velocities of the passive joints: with the sum of squared leg rates fixed to one, the sum of
+squared passive joint rates lies between lambda_- and lambda_+ (rad^2/m^2): CTN = sqrt(lambda_- / lambda_+).
+CTN is 0 exactly in singular poses and 1 where every motion moves the passive joints equally much. It depends
+on the anchors themselves, not only on the lines of the legs. Source: sections 7.1 to 7.3, (6.4) to (6.7), and
+8.1 for the planar case.
+
+Numerically: with J the leg rates and A = Q R the passive joint rates per screw, the singular values of
+J R^-1 are 1/sqrt(lambda). That loses no digits near a singularity, as the eigenvalues of J'J would.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.linalg.lapack import dtrtrs
+
+from ocptip.basics.errors import InputError
+from ocptip.indices.platforms.planar import PlanarPlatformPose
+from ocptip.indices.platforms.platform import PlatformPose, rank_defect
+
+
+@dataclass(frozen=True, eq=False)
+class ControlNumber:
+    """Control number of a pose with its evidence.
+
+    Attributes:
+        value: CTN, 0 (singular) to 1.
+        lambdas: (6,), in the plane (3,): stationary values of the sum of squared passive joint rates per sum
+            of squared leg rates, rad^2/m^2, smallest first; infinite where the legs hold still.
+        screws: (6, 6) column k is the screw of lambdas[k] in the base frame (angular velocity rad/s, then
+            velocity of the point at the origin m/s), scaled to a unit sum of squared passive joint rates.
+            In the plane (3, 3): rotation, then velocity. None where `indeterminate`.
+        residual: largest |A'A-orthogonality or J'J-orthogonality defect| of the screws.
+        indeterminate: True if a motion exists that no joint of any leg feels (all legs on one line or all
+            parallel): the pose is singular and the eigenvalue problem is not defined.
+    """
+
+    value: float
+    lambdas: np.ndarray
+    screws: np.ndarray | None
+    residual: float
+    indeterminate: bool
+
+    @property
+    def singular(self) -> bool:
+        """True if CTN is zero."""
+        return self.value == 0.0
+
+    @property
+    def least_controllable(self) -> np.ndarray | None:
+        """Screw e_+ of lambda_+: the motion with the most passive rotation per leg motion."""
+        return None if self.screws is None else self.screws[:, -1]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data; infinity as None."""
+        return {
+            "value": self.value,
+            "lambdas": [float(x) if np.isfinite(x) else None for x in self.lambdas],
+            "least_controllable": None if self.screws is None else self.screws[:, -1].tolist(),
+            "residual": self.residual,
+            "indeterminate": self.indeterminate,
+        }
+
+
+def control_number(pose: PlatformPose | PlanarPlatformPose) -> ControlNumber:
+    """Control number of a platform in a pose (6.7), n >= 6 legs, or n >= 3 legs in the plane.
+
+    Raises:
+        InputError: no such pose.
+    """
+    if not isinstance(pose, PlatformPose | PlanarPlatformPose):
+        raise InputError(f"pose: expected a PlatformPose or PlanarPlatformPose, got {type(pose).__name__}")
+    scaled, extent = pose.scaled, pose.scale[1]
+    J, A = scaled.jacobian, scaled.passive_map
+    size = J.shape[1]
+    R = np.linalg.qr(A, mode="r")
+    pivots = np.abs(np.diagonal(R))
+    if pivots.min() <= _BLIND * pivots.max():
+        return ControlNumber(0.0, np.full(size, np.inf), None, 0.0, True)
+    forms = dtrtrs(R, J.T, trans=1)[0].T
+    _, values, rows = np.linalg.svd(forms, full_matrices=False)
+    screws = dtrtrs(R, rows.T)[0]
+    feels, drives = A @ screws, J @ screws
+    residual = max(
+        float(np.abs(feels.T @ feels - np.eye(size)).max()),
+        float(np.abs(drives.T @ drives - np.diag(values**2)).max() / max(values[0] ** 2, _TINY)),
+    )
+    suspicious = values[-1] < _SUSPICIOUS * values[0]
+    finite = size - (rank_defect(pose.singular_values) if suspicious else 0)
+    lambdas = np.full(size, np.inf)
+    lambdas[:finite] = 1.0 / (values[:finite] * extent) ** 2
+    value = float(values[-1] / values[0]) if finite == size else 0.0
+    return ControlNumber(value, lambdas, pose.screw_from_scaled(screws), residual, False)
+
+
+_SUSPICIOUS = 1e-6
+"""Above this share the Jacobian cannot be rank deficient."""
+
+_BLIND = 1e-12
+"""Pivots of the passive joint rates below this share of the largest are zero."""
+
+_TINY = np.finfo(float).tiny

@@ -1,0 +1,122 @@
+"""Planar RPR platforms: n >= 3 legs in a plane, and their poses with control number 1.
+
+A planar screw is q = (angular velocity, velocity of the point at the origin), three numbers; everything else
+is as for Stewart-Gough platforms with the third coordinate zero. Source: section 8, (7.8) to (7.15).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from ocptip.basics.errors import InputError, number_from
+from ocptip.indices.platforms.platform import AnchoredPose
+
+MINIMUM_LEGS = 3
+ANCHOR_RADIUS = 2.0 / math.sqrt(3.0)
+"""Radius of the circle of the anchors y_i: fixes the scale of the optimal poses."""
+
+LARGEST_R = 4.0 / 3.0 * math.sqrt(2.0)
+"""Largest leg length |r| of an optimal planar pose in that scale."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlanarPlatformPose(AnchoredPose):
+    """A planar platform in a pose: all anchor points in the base frame.
+
+    Attributes:
+        base: (n, 2) anchors b_i in the base frame, m; n >= 3.
+        platform: (n, 2) anchors p_i in the base frame, m.
+
+    Raises:
+        InputError: too few legs, different numbers of anchors, no finite numbers, a leg of length zero.
+    """
+
+    _DIMENSION, _FEWEST_LEGS = 2, MINIMUM_LEGS
+
+    @cached_property
+    def jacobian(self) -> np.ndarray:
+        """J: (n, 3) leg rates per planar screw; row i is (moment about the origin, direction)."""
+        unit = self.legs / self.lengths[:, None]
+        moment = self.base[:, 0] * unit[:, 1] - self.base[:, 1] * unit[:, 0]
+        return np.column_stack([moment, unit])
+
+    @cached_property
+    def passive_map(self) -> np.ndarray:
+        """A: (2 n, 3) angular velocities of the passive joints per planar screw."""
+        normal = np.column_stack([-self.legs[:, 1], self.legs[:, 0]]) / (self.lengths**2)[:, None]
+        rows = []
+        for points in (self.platform, self.base):
+            turn = points[:, 0] * normal[:, 1] - points[:, 1] * normal[:, 0]
+            rows.append(np.column_stack([turn, normal]))
+        return np.vstack(rows)
+
+    def screw_from_scaled(self, screws: np.ndarray) -> np.ndarray:
+        """Planar screws (3, k) of the scaled frame as screws of the base frame."""
+        centre, extent = self.scale
+        spin, linear = screws[0], screws[1:]
+        return np.vstack([spin, extent * linear + np.outer([centre[1], -centre[0]], spin)])
+
+
+def optimal_planar_angle(r: float, branch: Literal["-", "+"]) -> float:
+    """Angle Phi between the radius to y_i and the leg at which CTN = 1, rad (7.13, 7.14).
+
+    Args:
+        r: leg length with sign (negative: the mirror image), 0 < |r| <= 4 sqrt(2) / 3.
+        branch: "-" or "+", the two solutions.
+
+    Raises:
+        InputError: r or branch outside of that.
+    """
+    r = number_from("r", r)
+    if not 0.0 < abs(r) <= LARGEST_R * (1.0 + 1e-12):
+        raise InputError(f"r: expected 0 < |r| <= 4 sqrt(2) / 3 = {LARGEST_R:.6f}, got {r}")
+    if branch not in ("-", "+"):
+        raise InputError(f"branch: expected '-' or '+', got {branch!r}")
+    root = math.sqrt(max(32.0 - 9.0 * r * r, 0.0))
+    cosine = -(abs(r) * math.sqrt(3.0) + (root if branch == "+" else -root)) / 8.0
+    return math.copysign(math.acos(cosine), r)
+
+
+def optimal_planar_pose(
+    r: float, branch: Literal["-", "+"] = "-", n: int = 3, exchanged: object = ()
+) -> PlanarPlatformPose:
+    """Planar platform of n legs closed under rotations by 2 pi / n in a pose with CTN = 1 (section 8.2).
+
+    The base anchors x_i carry legs of length |r| to platform anchors y_i on a circle of radius 2/sqrt(3); all
+    three eigenvalues are 2/r^2.
+
+    Args:
+        r, branch: see :func:`optimal_planar_angle`.
+        n: number of legs, >= 3.
+        exchanged: indices of legs whose base and platform anchors change places.
+
+    Raises:
+        InputError: an argument outside of its range.
+    """
+    angle = optimal_planar_angle(r, branch)
+    if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < MINIMUM_LEGS:
+        raise InputError(f"n: expected an integer >= {MINIMUM_LEGS}, got {n!r}")
+    phi = 2.0 * np.pi * np.arange(n) / n
+    y = ANCHOR_RADIUS * np.column_stack([np.cos(phi), np.sin(phi)])
+    x = y + abs(r) * np.column_stack([np.cos(angle + phi), np.sin(angle + phi)])
+    chosen = leg_indices("exchanged", exchanged, n)
+    base, platform = x.copy(), y.copy()
+    base[chosen], platform[chosen] = y[chosen], x[chosen]
+    return PlanarPlatformPose(base, platform)
+
+
+def leg_indices(name: str, value: object, n: int) -> list[int]:
+    """Return `value` as indices of legs 0..n-1, or raise InputError naming it."""
+    try:
+        chosen = [int(leg) for leg in value]
+    except (TypeError, ValueError):
+        raise InputError(f"{name}: expected indices of legs, got {value!r}") from None
+    for leg in chosen:
+        if not 0 <= leg < n:
+            raise InputError(f"{name}: legs are counted 0 to {n - 1}, got {leg}")
+    return chosen

@@ -1,0 +1,176 @@
+"""Indices of Stewart-Gough platforms from the literature: what they measure and where they mislead.
+
+None of them sees where on its line an anchor sits (except the rigidity rate, which sees the platform anchors
+only). Source: sections 3.3 and 3.4, (5.1), (6.2). The quality index (6.1)
+is a search and lives in :mod:`ocptip.indices.designs.platform_search`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ocptip.basics.errors import InputError, finite_array, positive_number
+from ocptip.indices.lines import cross
+from ocptip.indices.metric import velocity_map
+from ocptip.indices.platforms.platform import MINIMUM_LEGS, RANK_TOLERANCE, PlatformPose
+
+
+@dataclass(frozen=True, eq=False)
+class BestComplex:
+    """Best approximating linear complexes of a platform's legs.
+
+    Attributes:
+        sigma_r: smallest root sum of squared leg rates (m/s) at unit angular velocity: scales with lengths.
+        complex_r: (6,) the screw (c, c_hat) that attains it, |c| = 1: the legs nearly are its path normals.
+        sigma_s: the same for unit translations, dimensionless.
+        direction_s: (3,) the translation that attains it.
+    """
+
+    sigma_r: float
+    complex_r: np.ndarray
+    sigma_s: float
+    direction_s: np.ndarray
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data."""
+        return {
+            "sigma_r": self.sigma_r,
+            "complex_r": self.complex_r.tolist(),
+            "sigma_s": self.sigma_s,
+            "direction_s": self.direction_s.tolist(),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class RigidityRate:
+    """Rigidity rate of a six-legged platform.
+
+    Attributes:
+        angle: phi, 0 (singular) to pi/2, rad.
+        motion: (7,) infinitesimal self-motion (q, q_hat, s): angular velocity, velocity of the point at the
+            origin, rate of scaling; velocity of x is q_hat + q x x + s x. Unit length in the scaled frame of
+            the pose. None where it is not unique.
+        residual: largest leg rate the motion causes, in the scaled frame.
+    """
+
+    angle: float
+    motion: np.ndarray | None
+    residual: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data."""
+        motion = None if self.motion is None else self.motion.tolist()
+        return {"angle": self.angle, "motion": motion, "residual": self.residual}
+
+
+def manipulability(pose: PlatformPose) -> float:
+    """|det J|, m^3; for more than six legs sqrt(det J'J) (section 3.4).
+
+    Scales with the third power of lengths and may be largest next to a singularity: not comparable between
+    platforms.
+    """
+    return 0.0 if pose.singular else float(np.prod(pose.singular_values) * pose.scale[1] ** 3)
+
+
+def inverse_condition_number(pose: PlatformPose) -> float:
+    """1/CDN of J'J with respect to the identity, 0 to 1 (5.1, 5.2).
+
+    Adds angles to lengths: depends on the unit (here metres) and on the origin of the base frame.
+    """
+    return _ratio(pose, np.linalg.svd(pose.jacobian, compute_uv=False))
+
+
+def inverse_condition_number_cl(pose: PlatformPose, operation_point: object, length: object) -> float:
+    """1/CDN_CL: origin in the operation point, velocities divided by a characteristic length (3.4).
+
+    The same as 1/CDN_OE for a sphere of radius length * sqrt(3/2) about the operation point.
+
+    Args:
+        pose: the platform.
+        operation_point: (3,) in the base frame, m.
+        length: characteristic length, m.
+
+    Raises:
+        InputError: an argument outside of its range.
+    """
+    point = finite_array("operation_point", operation_point, (3,))
+    length = positive_number("length", length)
+    forms = pose.jacobian.copy()
+    forms[:, :3] -= cross(point, forms[:, 3:])
+    forms[:, 3:] *= length
+    return _ratio(pose, np.linalg.svd(forms, compute_uv=False))
+
+
+def inverse_condition_number_points(pose: PlatformPose, points: object) -> float:
+    """Three-point condition number: 1/CDN with the sum of squared velocities of points of the platform.
+
+    Args:
+        pose: the platform.
+        points: (k, 3) points of the platform in the base frame, m; k >= 3, not on one line.
+
+    Raises:
+        InputError: fewer points, or all of them on one line.
+    """
+    points = finite_array("points", points, (None, 3))
+    centred = points - points.mean(axis=0) if len(points) else points
+    spread = np.linalg.svd(centred, compute_uv=False) if len(points) >= 3 else np.zeros(3)
+    if len(points) < 3 or spread[1] <= 1e-9 * spread[0]:
+        raise InputError(
+            f"points: expected at least three points that are not on one line, got {len(points)}"
+        )
+    R = np.linalg.qr(velocity_map(points), mode="r")
+    return _ratio(pose, np.linalg.svd(np.linalg.solve(R.T, pose.jacobian.T), compute_uv=False))
+
+
+def best_complex(pose: PlatformPose) -> BestComplex:
+    """Best approximating linear complexes (6.2): two numbers, because translations need their own.
+
+    sigma_R^2 is the smallest eigenvalue of A - F G^-1 F', with the blocks A, F, G of J'J; computed here from
+    the singular values of the moments' part orthogonal to the directions.
+    """
+    scaled, (centre, extent) = pose.scaled.jacobian, pose.scale
+    moments, directions = scaled[:, :3], scaled[:, 3:]
+    left, values, rows = np.linalg.svd(directions, full_matrices=False)
+    used = values > RANK_TOLERANCE * values[0]
+    left = left[:, used]
+    rest = moments - left @ (left.T @ moments)
+    _, distances, axes = np.linalg.svd(rest, full_matrices=False)
+    c = axes[-1]
+    linear = -(rows[used].T / values[used]) @ (left.T @ (moments @ c))
+    screw = np.concatenate([c, extent * linear + cross(centre, c)])
+    zero = RANK_TOLERANCE * pose.singular_values[0]
+    sigma_r = 0.0 if distances[-1] <= zero else float(distances[-1] * extent)
+    return BestComplex(sigma_r, screw, 0.0 if values[-1] <= zero else float(values[-1]), rows[-1])
+
+
+def rigidity_rate(pose: PlatformPose) -> RigidityRate:
+    """Rigidity rate: angle of the self-motion with scalings to the displacements (section 3.4).
+
+    With the legs' lengths fixed a platform that may also be scaled has one infinitesimal self-motion
+    (q, q_hat, s); phi = atan2(|s|, |q|), the bilinear form q.q + s^2.
+
+    Raises:
+        InputError: the platform has more than six legs: then there is no such motion in general.
+    """
+    if pose.n_legs != MINIMUM_LEGS:
+        raise InputError(f"pose: the rigidity rate is defined for six legs, got {pose.n_legs}")
+    scaled = pose.scaled
+    units = scaled.spears[:, :3]
+    rows = np.column_stack([scaled.jacobian, np.einsum("ij,ij->i", units, scaled.platform)])
+    _, values, directions = np.linalg.svd(rows)
+    motion = directions[-1]
+    residual = float(np.abs(rows @ motion).max())
+    unique = values[-1] > RANK_TOLERANCE * values[0]
+    centre, extent = pose.scale
+    q, linear, s = motion[:3], motion[3:6], motion[6]
+    moved = np.concatenate([q, extent * linear - cross(q, centre) - s * centre, [s]])
+    if pose.singular:
+        return RigidityRate(0.0, moved if unique else None, residual)
+    return RigidityRate(float(np.arctan2(abs(s), np.linalg.norm(q))), moved, residual)
+
+
+def _ratio(pose: PlatformPose, values: np.ndarray) -> float:
+    return 0.0 if pose.singular else float(values[-1] / values[0])

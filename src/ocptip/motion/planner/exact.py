@@ -1,0 +1,149 @@
+"""From a solution of the smooth programs to an exact one.
+
+The order of events is fixed in each solve. Events that all but meet are simultaneous, so that no
+empty interval between them puts up constraints. Between solves, instants between the nodes at which a limit
+is broken become further nodes (an exchange method for the semi-infinite constraints).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ocptip.motion.planner.event_order import EventOrder, order_of
+from ocptip.motion.planner.formulation import Formulation
+from ocptip.motion.planner.program import MotionProgram
+from ocptip.numerics.ipopt import Solution, solve
+from ocptip.standing.limits import MotionLimits
+from ocptip.trajectories.arm_motion import ArmMotion
+
+SHARES = np.linspace(0.0, 1.0, 17)  # where intervals are looked at between nodes
+NEAR, FIRST = 0.75, 0.3  # use of a limit from which a row takes part, and a further node is made at the start
+FEASIBLE = 1e-5
+ROUNDS = 4
+PUSH = 1e-4
+
+
+@dataclass(eq=False)
+class Exact:
+    """An exact solution with a given order.
+
+    Attributes:
+        order: of the events.
+        program, solution: of the last solve.
+        extra: nodes (interval, share) added between the quadrature's.
+    """
+
+    order: EventOrder
+    program: MotionProgram
+    solution: Solution
+    extra: list[tuple[int, float]]
+
+
+class Refiner:
+    """Solves ordered programs of one formulation and counts what they cost.
+
+    Args:
+        formulation: of the task.
+        limits: tightened as the caller likes.
+    """
+
+    def __init__(self, formulation: Formulation, limits: MotionLimits) -> None:
+        self.formulation, self.limits = formulation, limits
+        self.iterations, self.solves = 0, 0
+
+    def first(self, x: np.ndarray, merge: float) -> Exact:
+        """The exact solution with the order that x has; events within `merge` seconds become simultaneous."""
+        order, x = order_of(self.formulation, x, merge)
+        return self.solve_order(order, x, start_mu=1e-3)
+
+    def again(self, exact: Exact, instants: list[float]) -> Exact:
+        """The same with further nodes at the given times (s) of its motion."""
+        x = self.formulation.polished(exact.order, exact.program.structure, exact.solution.x)
+        times = exact.order.rows @ x
+        extra = list(exact.extra)
+        for t in instants:
+            i = int(np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2))
+            length = times[i + 1] - times[i]
+            extra.append((i, float(np.clip((t - times[i]) / length, 0, 1)) if length > 0 else 0.5))
+        return self.solve_order(exact.order, x, start_mu=1e-5, extra=extra)
+
+    def solve_order(
+        self,
+        order: EventOrder,
+        x: np.ndarray,
+        start_mu: float,
+        extra: list[tuple[int, float]] | None = None,
+    ) -> Exact:
+        """Solve with rows and nodes added until none is missing."""
+        formulation, limits = self.formulation, self.limits
+        intervals = len(order.rows) - 1
+        watch = [(i, float(s)) for i in range(intervals) for s in SHARES]
+        watched = formulation.ordered_program(limits, order, x, watch)
+        own = watched.n_nodes - len(watch)
+        share = FIRST if extra is None else 1 + FEASIBLE
+        extra = list(extra or [])
+        rows = multipliers = None
+        anchor = x
+        for _ in range(ROUNDS):
+            fresh = [e for e in self._watch_out(watched, own, watch, x, share) if e not in extra]
+            program = formulation.ordered_program(limits, order, anchor, extra + fresh)
+            program.rows = program.near_rows(x, NEAR)
+            if rows is not None:
+                old = program.n_nodes - len(fresh)
+                for name in rows.FAMILIES:
+                    getattr(program.rows, name)[:old] |= getattr(rows, name)
+                if not fresh and not program.near_rows(x, 1 - FEASIBLE) - rows:
+                    break
+            extra += fresh
+            if rows is not None:
+                multipliers = program.carried(multipliers[0], rows), multipliers[1]
+            rows = program.rows
+            structure = program.structure
+            solution = solve(
+                program,
+                x,
+                (structure.x_lower, structure.x_upper),
+                program.bounds(),
+                multipliers=multipliers,
+                start_mu=start_mu,
+                tolerance=1e-5,
+                max_iterations=60,
+                push=PUSH,
+            )
+            multipliers = solution.multipliers, solution.bound_multipliers
+            self.iterations, self.solves = self.iterations + solution.iterations, self.solves + 1
+            x, share, start_mu, last = solution.x, 1 + FEASIBLE, 1e-6, program
+            if solution.violation > 0.1:
+                break
+        return Exact(order, last, solution, extra)
+
+    @staticmethod
+    def _watch_out(
+        watched: MotionProgram, own: int, watch: list[tuple[int, float]], x: np.ndarray, share: float
+    ) -> list[tuple[int, float]]:
+        """Points that should become nodes: where a limit is broken most in each interval.
+
+        At the first look (share below 1) the ends of intervals that use at least this share of a limit.
+        """
+        if share < 1:
+            near = watched.near_rows(x, share)
+            hit = near.tip.any(axis=1) | near.slip | near.torque.any(axis=1) | near.gap.any(axis=1)
+            hit = (hit | near.angle.any(axis=1) | near.further.any(axis=1))[own:]
+            return [place for place, h in zip(watch, hit, strict=True) if h and place[1] in (0.0, 1.0)]
+        use = watched.use(x)[own:].reshape(-1, len(SHARES))
+        chosen, step = [], SHARES[1]
+        for i, u in enumerate(use):
+            padded = np.concatenate([[-np.inf], u, [-np.inf]])
+            for k in np.flatnonzero((u > share) & (u >= padded[:-2]) & (u >= padded[2:])):
+                place = SHARES[k]
+                if 0 < k < len(u) - 1 and (bend := 2 * u[k] - u[k - 1] - u[k + 1]) > 0:
+                    place += step * np.clip(0.5 * (u[k + 1] - u[k - 1]) / bend, -1, 1)
+                chosen.append((i, float(place)))
+        return chosen
+
+    def motion(self, exact: Exact) -> ArmMotion:
+        """The ramp motion of an exact solution."""
+        x = self.formulation.polished(exact.order, exact.program.structure, exact.solution.x)
+        return self.formulation.motion(x)

@@ -1,0 +1,370 @@
+"""Programs of a motion task: one that leaves the order of events open, and one with the order fixed.
+
+The smooth program replaces the jumps of accelerations (and of power at zero speed) by short smooth
+transitions at nodes spread evenly over the motion; it is as smooth as Ipopt wants it, whatever the order of
+the joints' events, and finds order and signs. The ordered program is exact: Gauss-Legendre nodes inside the
+intervals between events (5.25), with the order of the events and the signs of all speeds as constraints.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as cs
+import numpy as np
+
+from ocptip.motion.planner.event_order import SLOWEST, EventOrder, order_of, unit_row
+from ocptip.motion.planner.node_physics import node_physics
+from ocptip.motion.planner.profiles import Layout, Nodes, Profiles
+from ocptip.motion.planner.program import MotionProgram, Structure
+from ocptip.standing.limits import MotionLimits
+from ocptip.standing.mechanism import StandingMechanism
+from ocptip.trajectories.arm_motion import ArmMotion, earliest_end, passive_command
+from ocptip.trajectories.ramps import RampCommand, phases_to_commands
+
+SMOOTH_NODES = 48
+SHORTEST = 1e-3  # least duration of a ramp in an ordered program, s
+GENTLEST = 0.05  # least acceleration of a ramp, rad/s^2
+MIDDLE_CRUISE = 1e-3  # s, where a middle command slows the joint down
+ORDER, SHORT = 4, (0.08, 0.01)  # Gauss nodes per interval; one less below each of these lengths, s
+POLISHING = 20  # Newton steps at most
+MEET = 1e-6  # s: events nearer to each other than this have met
+
+
+@dataclass(frozen=True)
+class Smoothing:
+    """How sharp a smooth program is.
+
+    Attributes:
+        width: s; half width of a step of an acceleration; None for the node spacing.
+        power: rad/s; the jump of a drive's power is spread over twice this speed.
+        brake: rad/s; rounding of |speed| in the brake law.
+        shortest: least duration of a ramp, in half widths.
+    """
+
+    width: float | None
+    power: float
+    brake: float
+    shortest: float
+
+
+COARSE = Smoothing(None, 0.1, 0.05, 2.0)
+
+
+class Formulation:
+    """Programs of one task.
+
+    Args:
+        robot: the arm on its support.
+        start, goal: (n,), rad.
+        joints: optimised joints, 0-based.
+        commands: K, ramp commands of each.
+        longest: upper bound of durations, s.
+    """
+
+    def __init__(
+        self,
+        robot: StandingMechanism,
+        start: np.ndarray,
+        goal: np.ndarray,
+        joints: tuple[int, ...],
+        commands: int,
+        longest: float = 30.0,
+    ) -> None:
+        self.robot, self.start, self.goal, self.longest = robot, start, goal, longest
+        self.layout = Layout(robot.n, joints, commands)
+        self.smooth_physics, self.physics = node_physics(robot, smooth=True), node_physics(robot)
+        arm = robot.limits
+        passive = [j for j in range(robot.n) if j not in joints]
+        self._latest: tuple[EventOrder, Structure] | None = None
+        ends = earliest_end((goal - start)[passive], arm.speed[passive], arm.acceleration[passive])
+        self.earliest = float(np.max(ends, initial=0.0))
+
+    # --- variables and motions ----------------------------------------------------------------------------
+
+    def variables(self, motion: ArmMotion) -> np.ndarray:
+        """Variables of the smooth program for a motion whose optimised joints have K commands each."""
+        layout = self.layout
+        x = np.zeros(layout.size)
+        for j, joint in enumerate(layout.joints):
+            ramps = motion.joints[joint]
+            x[layout.w(j)], x[layout.c(j)] = ramps.peaks, ramps.cruises
+            x[layout.d(j)] = np.maximum(ramps.ramps, 1e-3)
+        x[layout.end], x[layout.one] = motion.end, 1.0
+        return x
+
+    def motion(self, x: np.ndarray) -> ArmMotion:
+        """The exact ramp motion of a solution, rebuilt by way of its commands.
+
+        Raises:
+            InputError: no commands produce these phases.
+        """
+        layout, arm = self.layout, self.robot.limits
+        commands: list[tuple[RampCommand, ...]] = [
+            (passive_command(self.start[j], self.goal[j], x[layout.end], arm.speed[j], arm.acceleration[j]),)
+            for j in range(layout.n)
+        ]
+        for j, joint in enumerate(layout.joints):
+            if self.goal[joint] == self.start[joint] and np.all(np.abs(x[layout.w(j)]) <= SLOWEST):
+                commands[joint] = (RampCommand(self.goal[joint], 1.0, 1.0),)
+                continue
+            commands[joint] = phases_to_commands(
+                self.start[joint],
+                x[layout.w(j)],
+                x[layout.d(j)],
+                x[layout.c(j)],
+                phi_goal=self.goal[joint],
+                tolerance=1e-5,
+            )
+        return ArmMotion.from_commands(self.start, commands)
+
+    def polished(self, order: EventOrder, structure: Structure, x: np.ndarray) -> np.ndarray:
+        """x moved a little (least squares) so that all equalities hold to rounding, order rows that bind too.
+
+        Ipopt leaves errors of about 1e-8 s, in which simultaneous events would follow one another.
+        """
+        count = len(structure.lower)
+        equal = structure.lower == structure.upper
+        x = np.clip(x, structure.x_lower, structure.x_upper)
+        for edge in (structure.x_lower, structure.x_upper):
+            x = np.where(np.abs(x - edge) < 1e-6, edge, x)
+        binding = equal.copy()
+        binding[count - (len(order.groups) - 1) :] |= structure.rows(x)[0][-(len(order.groups) - 1) :] < MEET
+        for chosen in (binding, equal):  # order rows that cannot all be met are left as they are
+            moved = self._newton(chosen, structure, x)
+            if moved is not None:
+                return moved
+        return x
+
+    @staticmethod
+    def _newton(chosen: np.ndarray, structure: Structure, x: np.ndarray) -> np.ndarray | None:
+        """x at which the chosen rows vanish, or None; variables that meet a bound stay there."""
+        free = (x > structure.x_lower) & (x < structure.x_upper)
+        for _ in range(POLISHING):
+            values, jacobian = structure.rows(x)
+            error = values[chosen]
+            if np.max(np.abs(error), initial=0.0) < 1e-13:
+                return x
+            step = np.linalg.lstsq(jacobian[chosen][:, free], -error, rcond=1e-10)[0]
+            x = x.copy()
+            x[free] += step
+            outside = (x < structure.x_lower) | (x > structure.x_upper)
+            x = np.clip(x, structure.x_lower, structure.x_upper)
+            free &= ~outside
+        return x if np.max(np.abs(structure.rows(x)[0][chosen])) < 1e-10 else None
+
+    # --- programs ------------------------------------------------------------------------------------------
+
+    def coarse_program(self, limits: MotionLimits, end: float, nodes: int = SMOOTH_NODES) -> MotionProgram:
+        """The smooth program with nodes spread evenly, for motions of about `end` seconds."""
+        layout = self.layout
+        spacing = end / nodes
+        times, weights = np.zeros((nodes, layout.size)), np.zeros((nodes, layout.size))
+        times[:, layout.end] = (np.arange(nodes) + 0.5) / nodes
+        weights[:, layout.end] = 1.0 / nodes
+        return self._smooth_program(limits, COARSE, spacing, times, weights)
+
+    def fine_program(self, limits: MotionLimits, smoothing: Smoothing, x: np.ndarray) -> MotionProgram:
+        """The smooth program with nodes that follow the events of a motion near x.
+
+        The integrand is one smooth function of time, so that the sum over pieces from event to event is the
+        integral even when events pass each other.
+        """
+        layout, width = self.layout, smoothing.width
+        order, _ = order_of(self, x)
+        shift = width * unit_row(layout, layout.one)
+        rows = [
+            row[: layout.size]
+            for row, group in zip(order.rows, order.groups, strict=True)
+            if ".x" not in group[0]
+        ]
+        zones = [[rows[0], rows[0] + shift, 1]]
+        for row in rows[1:]:
+            if row @ x - zones[-1][1] @ x < width:
+                zones[-1][1:] = row + shift, zones[-1][2] + 1
+            else:
+                zones.append([row - shift, row + shift, 1])
+        zones[-1][1] = rows[-1]
+        pieces = []
+        for i, (left, right, count) in enumerate(zones):
+            pieces.append((left, right, 1 + count))
+            if i + 1 < len(zones):
+                length = (zones[i + 1][0] - right) @ x
+                pieces.append((right, zones[i + 1][0], 3 if length > SHORT[0] else 2))
+        times, weights = [], []
+        for left, right, order_ in pieces:
+            abscissae, gauss = np.polynomial.legendre.leggauss(min(order_, 8))
+            for a, g in zip((abscissae + 1) / 2, gauss / 2, strict=True):
+                times.append(left + a * (right - left))
+                weights.append(g * (right - left))
+        return self._smooth_program(limits, smoothing, width, np.array(times), np.array(weights))
+
+    def _smooth_program(
+        self, limits: MotionLimits, smoothing: Smoothing, width: float, times: np.ndarray, weights: np.ndarray
+    ) -> MotionProgram:
+        layout, arm = self.layout, self.robot.limits
+        profiles = Profiles(layout, self.start, self.goal, arm.speed, rounding=0.5 * width)
+        nodes = Nodes(profiles, times, half_width=width)
+        speeds = np.full((len(times), layout.n), smoothing.power)
+        return MotionProgram(
+            self.smooth_physics,
+            limits,
+            layout,
+            nodes,
+            weights,
+            speeds,
+            self._smooth_structure(smoothing, width),
+        )
+
+    def ordered_program(
+        self, limits: MotionLimits, order: EventOrder, x: np.ndarray, extra: list[tuple[int, float]]
+    ) -> MotionProgram:
+        """The exact program with the events in the given order.
+
+        Args:
+            limits: to keep at the nodes.
+            order: of the events.
+            x: near the solution; short intervals there get fewer nodes.
+            extra: (interval, share of the interval) of further nodes, for rows only.
+        """
+        layout = order.layout
+        arm = self.robot.limits
+        profiles = Profiles(layout, self.start, self.goal, arm.speed)
+        events = order.rows
+        where = []
+        for i, length in enumerate(np.diff(events @ x)):
+            nodes = ORDER - sum(length < short for short in SHORT)
+            abscissae, gauss = np.polynomial.legendre.leggauss(nodes)
+            where += [(i, s, g) for s, g in zip((abscissae + 1) / 2, gauss / 2, strict=True)]
+        where += [(i, s, 0.0) for i, s in extra]
+        index = np.array([i for i, _, _ in where])
+        shares, quadrature = np.array([s for _, s, _ in where]), np.array([g for _, _, g in where])
+        left, right = events[index], events[index + 1]
+        times = left + shares[:, None] * (right - left)
+        weights = quadrature[:, None] * (right - left)
+        masks = (order.corner_positions[None] <= index[:, None, None]).astype(float)
+        placed = Nodes(profiles, times, masks=masks, regime=order.regime)
+        directions = order.directions[index]
+        if self.physics.smooth:  # the order says nothing about the motors' directions
+            directions = np.full(directions.shape, COARSE.power)
+        program = MotionProgram(
+            self.physics, limits, layout, placed, weights, directions, self._structure_of(order)
+        )
+        return program
+
+    # --- structure rows ---------------------------------------------------------------------------------
+
+    def _smooth_structure(self, smoothing: Smoothing, width: float) -> Structure:
+        layout, arm = self.layout, self.robot.limits
+        x = cs.SX.sym("x", layout.size)
+        rows = _Rows()
+        lower, upper = np.full(layout.size, smoothing.shortest * width), np.full(layout.size, self.longest)
+        for j, joint in enumerate(layout.joints):
+            w, d, c = x[layout.w(j)], x[layout.d(j)], x[layout.c(j)]
+            before = _delayed(w)
+            change = w - before
+            self._arrive(rows, joint, before, w, d, c)
+            rows.equal(
+                (_rounded(w[-1], smoothing.brake) * d[-2] - _rounded(change[-1], smoothing.brake) * d[-1])
+                * 10
+            )
+            rows.at_least(arm.acceleration[joint] * d[:-1] - change)
+            rows.at_least(arm.acceleration[joint] * d[:-1] + change)
+            rows.at_least(arm.acceleration[joint] * d[-1] - w[-1])
+            rows.at_least(arm.acceleration[joint] * d[-1] + w[-1])
+            rows.at_least(x[layout.end] - cs.sum1(d) - cs.sum1(c))
+            lower[layout.w(j)], upper[layout.w(j)] = -arm.speed[joint], arm.speed[joint]
+            lower[layout.c(j)] = 0.0
+        lower[layout.end] = max(self.earliest, 0.05)
+        lower[layout.one] = upper[layout.one] = 1.0
+        return rows.structure(x, lower, upper)
+
+    def _structure_of(self, order: EventOrder) -> Structure:
+        """Structure rows of an order; programs of one order follow each other."""
+        if self._latest is None or self._latest[0] is not order:
+            self._latest = order, self._ordered_structure(order)
+        return self._latest[1]
+
+    def _ordered_structure(self, order: EventOrder) -> Structure:
+        layout, arm = order.layout, self.robot.limits
+        x = cs.SX.sym("x", layout.size)
+        rows = _Rows()
+        lower, upper = np.full(layout.size, SHORTEST), np.full(layout.size, self.longest)
+        crossing = layout.one + 1
+        for j, joint in enumerate(layout.joints):
+            w, d, c = x[layout.w(j)], x[layout.d(j)], x[layout.c(j)]
+            before = _delayed(w)
+            signs, changes = order.speed_signs[j], order.change_signs[j]
+            self._arrive(rows, joint, before, w, d, c)
+            size = [changes[k] * (w[k] - before[k]) for k in range(layout.commands)]
+            rows.equal((signs[-1] * w[-1] * d[-2] - size[-1] * d[-1]) * 10)
+            angle = self.start[joint]
+            lower[layout.c(j)] = 0.0
+            for k in range(layout.commands):
+                rows.at_least((1 - 1e-7) * arm.acceleration[joint] * d[k] - size[k])
+                rows.at_least(size[k] - GENTLEST * d[k])
+                angle += 0.5 * (before[k] + w[k]) * d[k] + w[k] * c[k]
+                if k < layout.commands - 1:  # the target stays within the joint's limits
+                    limit = arm.angle_max[joint] if signs[k] > 0 else arm.angle_min[joint]
+                    if np.isfinite(limit):
+                        rows.at_least(2 * signs[k] * (limit - angle) * size[k] - w[k] ** 2 * d[k])
+                slows = k > 0 and signs[k] == signs[k - 1] and changes[k] != signs[k]
+                if slows and k < layout.commands - 1:
+                    lower[layout.c(j).start + k] = MIDDLE_CRUISE
+                if k > 0 and signs[k] != signs[k - 1]:
+                    since = x[crossing] - cs.sum1(d[:k]) - cs.sum1(c[:k])
+                    rows.equal((since * size[k] - d[k] * signs[k - 1] * w[k - 1]) * 10)
+                    lower[crossing] = 0.0
+                    crossing += 1
+                i = layout.w(j).start + k
+                bounds = sorted((signs[k] * SLOWEST, signs[k] * arm.speed[joint]))
+                lower[i], upper[i] = bounds
+        lower[layout.end] = max(self.earliest, 0.05)
+        lower[layout.one] = upper[layout.one] = 1.0
+        for joint, trapezoid in order.regime.items():
+            change = 2 * abs(self.goal[joint] - self.start[joint]) / arm.speed[joint]
+            if trapezoid:
+                upper[layout.end] = min(upper[layout.end], change)
+            else:
+                lower[layout.end] = max(lower[layout.end], change)
+        for first, other in order.equalities:
+            rows.equal(cs.dot(cs.DM(order.times[other] - order.times[first]), x))
+        steps = order.rows[1:] - order.rows[:-1]
+        rows.at_least(cs.mtimes(cs.DM(steps), x))
+        return rows.structure(x, lower, upper)
+
+    def _arrive(self, rows: _Rows, joint: int, before: cs.SX, w: cs.SX, d: cs.SX, c: cs.SX) -> None:
+        way = cs.dot(0.5 * (before + w), d[:-1]) + cs.dot(w, c) + 0.5 * w[-1] * d[-1]
+        rows.equal((way - (self.goal[joint] - self.start[joint])) * 10)
+
+
+def _delayed(w: cs.SX) -> cs.SX:
+    """Speeds before each ramp: 0, w_1 .. w_{K-1}."""
+    return cs.vertcat(0, *cs.vertsplit(w)[:-1])
+
+
+class _Rows:
+    """Collects rows and their bounds."""
+
+    def __init__(self) -> None:
+        self.rows: list[cs.SX] = []
+        self.upper: list[float] = []
+
+    def equal(self, row: cs.SX) -> None:
+        self._add(row, 0.0)
+
+    def at_least(self, row: cs.SX) -> None:
+        self._add(row, np.inf)
+
+    def _add(self, row: cs.SX, upper: float) -> None:
+        self.rows.append(row)
+        self.upper += [upper] * row.numel()
+
+    def structure(self, x: cs.SX, lower: np.ndarray, upper: np.ndarray) -> Structure:
+        function = cs.Function("structure", [x], [cs.vertcat(*self.rows)])
+        return Structure(function, np.zeros(len(self.upper)), np.array(self.upper), lower, upper)
+
+
+def _rounded(value: cs.SX, radius: float) -> cs.SX:
+    """|value| with its kink rounded."""
+    return cs.sqrt(value**2 + radius**2)

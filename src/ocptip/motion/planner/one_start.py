@@ -1,0 +1,272 @@
+"""One start of the planner: random motion, smooth programs of growing sharpness, exact program, proof."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ocptip.basics.errors import InputError, SolverError
+from ocptip.motion.check import MotionProof, prove
+from ocptip.motion.planner.exact import Exact, Refiner
+from ocptip.motion.planner.formulation import Formulation, Smoothing
+from ocptip.motion.planner.program import MotionProgram
+from ocptip.motion.planner.random_start import random_start
+from ocptip.motion.task import MotionTask
+from ocptip.numerics.ipopt import Solution, solve
+from ocptip.standing.limits import MotionLimits
+from ocptip.trajectories.arm_motion import ArmMotion
+
+WIDTHS = (0.010, 0.004)  # s: half widths of the steps in the fine programs
+PULL = 1e-3  # keeps a program regular where phases do nothing, see `MotionProgram.pull`
+COARSE_ROWS, FINE_ROWS = 0.7, 0.75  # use of a limit from which node rows take part
+COARSE_ROUNDS = 3
+CYCLES = 2  # fine and exact programs are run again from the exact motion, which often finds a better order
+FURTHER = 1  # cycles more where none has given a verified motion
+BINDING = 0.97  # share of a reserve's limit from which the contacts decide; only then a second cycle pays
+MERGES = (0.004, 0.0, 0.012)  # s: events nearer than this become simultaneous; tried in this order
+SOLVED = 1e-4  # largest violation of an exact program that is good enough to be tightened
+HOPELESS = 0.05  # largest violation from which a motion is worth its proof
+TIGHTENINGS = 5
+TIGHTENED = {"GN": 2e-3, "GT": 2e-3, "torque_ratio": 2e-3, "clearance_m": 1e-3}  # at most this much at once
+NUMERICAL = (InputError, SolverError, ArithmeticError, np.linalg.LinAlgError)
+INNER = 1e-4  # the exact program's limits are tighter by this share: rounding cannot break the task's
+
+
+@dataclass(frozen=True)
+class StartResult:
+    """What became of one start.
+
+    Attributes:
+        number: of the start; with the seed it decides the random motion.
+        status: "verified", or what is missing.
+        energy: J, NaN if no motion came out.
+        verified: the motion keeps all limits on the dense grid.
+        iterations: of Ipopt, all solves together.
+        seconds: wall time.
+        cpu_seconds: CPU time of its thread, which other work on the machine disturbs less.
+        solves: number of programs solved.
+        stages: CPU seconds by stage: start, coarse, fine, exact, proof.
+    """
+
+    number: int
+    status: str
+    energy: float
+    verified: bool
+    iterations: int
+    seconds: float
+    cpu_seconds: float
+    solves: int
+    stages: dict[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """A start's result with its motion and proof, both None if no motion came out."""
+
+    result: StartResult
+    motion: ArmMotion | None
+    proof: MotionProof | None
+
+
+class Search:
+    """Runs starts of one task; the programs' functions are built once.
+
+    Args:
+        task: a plannable task.
+    """
+
+    def __init__(self, task: MotionTask) -> None:
+        self.task = task
+        self.formulation = Formulation(task.robot, task.start, task.goal, task.optimised, task.commands)
+        limits = task.limits
+        self.inner = replace(
+            limits,
+            GN=limits.GN * (1 - INNER),
+            GT=limits.GT * (1 - INNER),
+            torque_ratio=limits.torque_ratio * (1 - INNER),
+            clearance=limits.clearance + 1e-5,
+        )
+
+    def run(self, number: int, seed: int) -> Attempt:
+        """The start of that number."""
+        began, clock = time.perf_counter(), _Clock()
+        task = self.task
+        rng = np.random.default_rng([seed, number])
+        best: tuple[ArmMotion, MotionProof] | None = None
+        status = ""
+        try:
+            start = random_start(
+                task.robot, task.start, task.goal, task.optimised, task.commands, task.limits, rng
+            )
+            clock.stage("start")
+            x = self._coarse(start, clock)
+            clock.stage("coarse")
+            for cycle in range(CYCLES + FURTHER):
+                x = self._fine(x, clock)
+                clock.stage("fine")
+                refiner = Refiner(self.formulation, self.inner)
+                found, x, status = self._exact(refiner, x, clock)
+                clock.iterations += refiner.iterations
+                clock.solves += refiner.solves
+                if found is None:
+                    continue
+                if best is not None and not _better(found[1], best[1]):
+                    break
+                best = found
+                if found[1].verified and (cycle + 1 >= CYCLES or not _at_the_limit(found[1])):
+                    break
+        except NUMERICAL as error:  # one start of many: what was found before counts
+            status = f"no motion: {error}"
+        motion, proof = best or (None, None)
+        if proof is not None:
+            status = "verified" if proof.verified else f"not verified: {'; '.join(proof.violations)}"
+        result = StartResult(
+            number=number,
+            status=status,
+            energy=proof.energy if proof else float("nan"),
+            verified=bool(proof and proof.verified),
+            iterations=clock.iterations,
+            seconds=time.perf_counter() - began,
+            cpu_seconds=clock.total(),
+            solves=clock.solves,
+            stages=clock.stages,
+        )
+        return Attempt(result, motion, proof)
+
+    def _coarse(self, start: ArmMotion, clock: _Clock) -> np.ndarray:
+        """Variables after the coarse programs; anew while the motion becomes much shorter than the grid."""
+        formulation, limits = self.formulation, self.task.limits
+        x = formulation.variables(start)
+        at_end = formulation.layout.end
+        for round_ in range(COARSE_ROUNDS):
+            end = x[at_end] = max(x[at_end], formulation.earliest)
+            program = formulation.coarse_program(limits, end)
+            mu, push = (1e-2, 1e-2) if round_ == 0 else (1e-3, 1e-3)
+            x = self._solve(program, x, COARSE_ROWS, mu, push, clock).x
+            if x[at_end] > 0.8 * end:
+                break
+        return x
+
+    def _fine(self, x: np.ndarray, clock: _Clock) -> np.ndarray:
+        for width in WIDTHS:
+            program = self.formulation.fine_program(
+                self.task.limits, Smoothing(width, 3 * width, 1.5 * width, 2.0), x
+            )
+            x = self._solve(program, x, FINE_ROWS, 1e-4, 1e-4, clock).x
+        return x
+
+    def _exact(
+        self, refiner: Refiner, x: np.ndarray, clock: _Clock
+    ) -> tuple[tuple[ArmMotion, MotionProof] | None, np.ndarray, str]:
+        """A proved exact motion near x, its variables, and what is missing if there is none.
+
+        Where the order of events found at x leads nowhere, others that x suggests are tried.
+        """
+        best = None
+        for merge in MERGES:
+            exact = refiner.first(x, merge)
+            if best is None or exact.solution.violation < best.solution.violation:
+                best = exact
+            if best.solution.violation <= SOLVED:
+                break
+        clock.stage("exact")
+        x = best.solution.x[: self.formulation.layout.size]
+        if best.solution.violation > HOPELESS:
+            missing = (
+                f"no motion: exact program not solved (Ipopt: {best.solution.status}, largest violation of a "
+                f"limit {best.solution.violation:.2g} in its units)"
+            )
+            return None, x, missing
+        return self._proved(refiner, best, clock), x, ""
+
+    @staticmethod
+    def _solve(
+        program: MotionProgram, x: np.ndarray, share: float, mu: float, push: float, clock: _Clock
+    ) -> Solution:
+        program.rows = program.near_rows(x, share)
+        program.anchor, program.pull = x.copy(), PULL
+        structure = program.structure
+        solution = solve(
+            program,
+            x,
+            (structure.x_lower, structure.x_upper),
+            program.bounds(),
+            start_mu=mu,
+            push=push,
+            tolerance=1e-3,
+        )
+        clock.iterations += solution.iterations
+        clock.solves += 1
+        return solution
+
+    def _proved(self, refiner: Refiner, exact: Exact, clock: _Clock) -> tuple[ArmMotion, MotionProof]:
+        """The exact motion and its proof; solved again, a little tighter, where the proof finds a fault."""
+        best = self._motion_and_proof(refiner, exact, clock)
+        proof = best[1]
+        for _ in range(TIGHTENINGS):
+            faults = [name for name in TIGHTENED if _excess(proof, name) > 0]
+            if proof.verified or not faults:
+                break
+            refiner.limits = self._tightened(refiner.limits, proof, faults)
+            try:
+                exact = refiner.again(exact, [proof.worst[name].time for name in faults])
+                clock.stage("exact")
+                found = self._motion_and_proof(refiner, exact, clock)
+            except NUMERICAL:
+                break  # what was found before counts
+            proof = found[1]
+            if _better(proof, best[1]) or not best[1].verified:
+                best = found
+        return best
+
+    def _motion_and_proof(
+        self, refiner: Refiner, exact: Exact, clock: _Clock
+    ) -> tuple[ArmMotion, MotionProof]:
+        motion = refiner.motion(exact)
+        proof = prove(self.task.robot, motion, self.task.limits)
+        clock.stage("proof")
+        return motion, proof
+
+    @staticmethod
+    def _tightened(limits: MotionLimits, proof: MotionProof, faults: list[str]) -> MotionLimits:
+        changes = {}
+        for name in faults:
+            step = min(_excess(proof, name), TIGHTENED[name])
+            field = name.removesuffix("_m")
+            value = getattr(limits, field)
+            changes[field] = value + step if field == "clearance" else max(value - step, value / 2)
+        return replace(limits, **changes)
+
+
+def _excess(proof: MotionProof, name: str) -> float:
+    """How much a worst value breaks its limit."""
+    worst = proof.worst[name]
+    return worst.limit - worst.value if name == "clearance_m" else worst.value - worst.limit
+
+
+def _better(proof: MotionProof, than: MotionProof) -> bool:
+    return (proof.verified, -proof.energy) > (than.verified, -than.energy)
+
+
+def _at_the_limit(proof: MotionProof) -> bool:
+    """Whether the contacts decide the motion; if not, there is little that another order could give."""
+    return any(proof.worst[name].value > BINDING * proof.worst[name].limit for name in ("GN", "GT"))
+
+
+class _Clock:
+    """Adds up CPU time of the thread by stage, iterations and solves."""
+
+    def __init__(self) -> None:
+        self.began = self.last = time.thread_time()
+        self.stages: dict[str, float] = {}
+        self.iterations = self.solves = 0
+
+    def stage(self, name: str) -> None:
+        now = time.thread_time()
+        self.stages[name] = self.stages.get(name, 0.0) + now - self.last
+        self.last = now
+
+    def total(self) -> float:
+        return time.thread_time() - self.began

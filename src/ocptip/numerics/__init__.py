@@ -1,0 +1,1 @@
+"""What everything computes with: Ipopt, compiled kernels, batches of CasADi functions."""

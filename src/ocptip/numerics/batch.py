@@ -1,0 +1,58 @@
+"""CasADi functions evaluated on NumPy arrays of many states, without CasADi's per-call conversions."""
+
+from __future__ import annotations
+
+import casadi as cs
+import numpy as np
+
+from ocptip.numerics.tape import Tape
+
+
+class BatchFunction:
+    """A CasADi function of column vectors and matrices, evaluated for N states at once.
+
+    Args:
+        function: the single-state function; it stays available as attribute `function`.
+
+    Sparse outputs are made dense. Safe to share between threads.
+
+    Raises:
+        NotImplementedError: the function has operations that `Tape` does not know.
+    """
+
+    def __init__(self, function: cs.Function) -> None:
+        if not function.is_a("SXFunction"):
+            function = function.expand()
+        symbols = function.sx_in()
+        dense = [cs.densify(out) for out in function.call(symbols)]
+        names = function.name_in(), function.name_out()
+        self.function = cs.Function(function.name(), symbols, dense, *names)
+        self._tape = Tape(self.function)
+        self._in = [function.numel_in(i) for i in range(function.n_in())]
+        self._out = [function.size_out(i) for i in range(function.n_out())]
+
+    def __call__(self, *arguments: np.ndarray) -> list[np.ndarray]:
+        """Evaluate at N states.
+
+        Args:
+            arguments: one per input, (N, rows) for a column vector, or (rows,) if it is the same for all
+                states.
+
+        Returns:
+            One array per output: (N, rows) for a column vector, (N, rows, columns) for a matrix.
+        """
+        count = max((len(a) for a in arguments if np.ndim(a) > 1), default=1)
+        inputs = np.empty((sum(self._in), count))
+        row = 0
+        for argument, size in zip(arguments, self._in, strict=True):
+            inputs[row : row + size] = (
+                np.asarray(argument).T if np.ndim(argument) > 1 else np.reshape(argument, (-1, 1))
+            )
+            row += size
+        outputs = np.ascontiguousarray(self._tape(inputs).T)
+        results, row = [], 0
+        for rows, columns in self._out:
+            part = outputs[:, row : row + rows * columns]
+            row += rows * columns
+            results.append(part if columns == 1 else part.reshape(count, columns, rows).transpose(0, 2, 1))
+        return results

@@ -1,0 +1,1 @@
+"""Mobility, singular poses and their crossings, which variables can be eliminated."""

@@ -1,0 +1,211 @@
+"""Singular poses: of a leg (type I), of the platform (type II), of the Euler angles (section 13).
+
+Type I: a leg's own Jacobian loses rank, the platform loses a motion. Type II: locked motors no longer hold
+the platform, motor forces grow without bound. Both measures are made comparable by a characteristic length
+L: angles count as lengths L times angle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ocptip.basics.errors import SolverError
+from ocptip.parallel.description.robot_description import REVOLUTE, Leg
+from ocptip.parallel.kinematics.platform import Kinematics, RobotMotion
+
+SINGULAR = 1e-7
+"""Measures below this count as singular."""
+
+
+@dataclass(frozen=True, eq=False)
+class ImplicitPair:
+    """A s' = diag(b) q_a', smooth through singular poses of both types.
+
+    Attributes:
+        A: (n_a, m); det A = 0 is type II.
+        b: (n_a,); b_i = 0 is type I of motor i's leg.
+    """
+
+    A: np.ndarray
+    b: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Singularity:
+    """How far a pose is from being singular.
+
+    Attributes:
+        legs: per leg the smallest singular value of its Jacobian, revolute columns divided by L: type I.
+        platform: smallest singular value of J_a, angles weighted with L: type II. If a leg is singular, that
+            of A with rows of length 1 instead, or infinite without a pair.
+        representation: smallest singular value of the free columns of E: Euler angles.
+        length: L, m.
+        pair: the implicit pair, or None where motors do not act on one force line of their leg.
+        kinds: names of what is singular: "leg 2 (type I)", "platform (type II)", "representation".
+    """
+
+    legs: np.ndarray
+    platform: float
+    representation: float
+    length: float
+    pair: ImplicitPair | None
+    kinds: tuple[str, ...]
+
+    @property
+    def regular(self) -> bool:
+        """True if nothing is singular."""
+        return not self.kinds
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain data."""
+        finite = np.isfinite(self.platform)
+        return {
+            "legs": self.legs.tolist(),
+            "platform": self.platform if finite else None,
+            "representation": self.representation,
+            "length": self.length,
+            "A": None if self.pair is None else self.pair.A.tolist(),
+            "b": None if self.pair is None else self.pair.b.tolist(),
+            "singular": list(self.kinds),
+        }
+
+
+def characteristic_length(kinematics: Kinematics) -> float:
+    """L, m: mean distance of the coupling points from the platform's origin; 1 if all are there."""
+    distances = [np.linalg.norm(kappa) for leg in kinematics.legs for kappa in leg.couplings]
+    mean = float(np.mean(distances))
+    return mean if mean > 0 else 1.0
+
+
+def singularity(
+    kinematics: Kinematics,
+    z: np.ndarray,
+    q: Sequence[np.ndarray],
+    *,
+    complete: bool,
+    tolerance: float = SINGULAR,
+) -> Singularity:
+    """Measures of a pose.
+
+    Args:
+        kinematics: of the robot.
+        z: (m,).
+        q: joint positions per leg: all, or up to the coupling points.
+        complete: whether `q` holds all joints.
+        tolerance: below it a measure counts as singular.
+    """
+    length = characteristic_length(kinematics)
+    legs = np.array([_leg_measure(kinematics, i, q[i], length, complete) for i in range(len(q))])
+    representation = kinematics.platform.conditioning(z[: kinematics.platform.m])
+    kinds = [f"leg {i + 1} (type I)" for i in np.flatnonzero(legs < tolerance)]
+    platform = np.inf
+    if not kinds:
+        motion = kinematics.motion(z, np.zeros(kinematics.m), q, complete=complete)
+        platform = platform_measure(kinematics, motion, length)
+    pair = implicit_pair(kinematics, z, q) if kinematics.description.coupling_form else None
+    if kinds and pair is not None and pair.A.shape[0] == pair.A.shape[1]:
+        scaled = _weighted(kinematics, pair.A, length, motors=False)
+        scaled = scaled / np.maximum(np.linalg.norm(scaled, axis=1, keepdims=True), 1e-300)
+        platform = float(np.linalg.svd(scaled, compute_uv=False)[-1])
+    if platform < tolerance:
+        kinds.append("platform (type II)")
+    if representation < tolerance:
+        kinds.append("representation")
+    return Singularity(legs, platform, representation, length, pair, tuple(kinds))
+
+
+def platform_measure(kinematics: Kinematics, motion: RobotMotion, length: float) -> float:
+    """Smallest of the m singular values of J_a, angles weighted with L; 0 with too few motors."""
+    J = kinematics.actuated_jacobian(motion)
+    if J.shape[0] < J.shape[1]:
+        return 0.0
+    return float(np.linalg.svd(_weighted(kinematics, J, length, motors=True), compute_uv=False)[-1])
+
+
+def implicit_pair(kinematics: Kinematics, z: np.ndarray, q: Sequence[np.ndarray]) -> ImplicitPair:
+    """A and b of A s' = diag(b) q_a' for robots in coupling-point form.
+
+    With u the force direction against which no other joint of the leg works: A_i = u' U_i, b_i = u' J_B e.
+    """
+    description = kinematics.description
+    _, R = kinematics.pose(z)
+    T = kinematics.platform.selection(z)
+    rows_used = list(description.position_rows)
+    A, b = [], []
+    for index, joint in description.actuated:
+        leg = kinematics.legs[index]
+        J = leg.point_jacobian(q[index], rows_used)
+        u = _force_direction(np.delete(J, joint, axis=1))
+        A.append(u @ leg.platform_side(R)[rows_used] @ T)
+        b.append(u @ J[:, joint])
+    return ImplicitPair(np.array(A), np.array(b))
+
+
+def require_regular(
+    kinematics: Kinematics,
+    z: np.ndarray,
+    q: Sequence[np.ndarray],
+    *,
+    complete: bool,
+    legs_only: bool = False,
+) -> None:
+    """Refuse a pose in which the dynamics would divide by zero.
+
+    Args:
+        kinematics, z, q, complete: as for :func:`singularity`.
+        legs_only: type II is no obstacle (forward dynamics).
+
+    Raises:
+        SolverError: naming the type of the singularity and its measure.
+    """
+    found = singularity(kinematics, z, q, complete=complete)
+    kinds = [kind for kind in found.kinds if kind.startswith("leg") or not legs_only]
+    kinds = [kind for kind in kinds if kind != "representation"]
+    if kinds:
+        raise SolverError(
+            f"{kinematics.description.name}: singular pose {np.round(z, 6).tolist()}: {', '.join(kinds)}; "
+            f"measures: legs {found.legs.min():.2g}, platform {found.platform:.2g} (singular: < {SINGULAR:g})"
+        )
+
+
+def _leg_measure(kinematics: Kinematics, i: int, q: np.ndarray, length: float, complete: bool) -> float:
+    leg = kinematics.legs[i]
+    sigmas = [row.sigma for row in leg.topology.rows if row.sigma in (0, 1)]
+    if complete:
+        J = leg.jacobian(q)[0].copy()
+        columns = leg.free
+        if isinstance(leg.leg, Leg):
+            J[3:] *= length
+    else:
+        J = leg.point_jacobian(q, kinematics.description.position_rows)
+        columns = list(range(leg.point))
+    scale = [length if sigmas[c] == REVOLUTE else 1.0 for c in columns]
+    singular_values = np.linalg.svd(J[:, columns] / scale, compute_uv=False)
+    return float(singular_values[len(columns) - 1]) if len(singular_values) >= len(columns) else 0.0
+
+
+def _weighted(kinematics: Kinematics, J: np.ndarray, length: float, *, motors: bool) -> np.ndarray:
+    description = kinematics.description
+    weighted = J.copy()
+    for column, i in enumerate(kinematics.platform.indices):
+        if i >= 3:
+            weighted[:, column] /= length
+    if motors:
+        for row, (leg, joint) in enumerate(description.actuated):
+            rows = [r for r in description.legs[leg].rows if r.sigma in (0, 1)]
+            if rows[joint].sigma == REVOLUTE:
+                weighted[row] *= length
+    return weighted
+
+
+def _force_direction(passive: np.ndarray) -> np.ndarray:
+    """A vector orthogonal to the columns (n, n-1): the perpendicular in the plane, or the cross product."""
+    n = passive.shape[0]
+    if n == 1:
+        return np.ones(1)
+    if n == 2:
+        return np.array([-passive[1, 0], passive[0, 0]])
+    return np.cross(passive[:, 0], passive[:, 1])

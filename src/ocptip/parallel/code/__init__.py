@@ -1,0 +1,1 @@
+"""Lean functions: counted, tidied, written as C."""

@@ -1,0 +1,276 @@
+"""Lean symbolic functions of a parallel robot: inverse dynamics, its parts, Jacobians and regressors.
+
+One function holds any of these outputs, in one of five forms (section 6 of the method):
+
+    form  accelerations         forces
+    "S"   s'' = (r'', omega')   tau_s, dual to s'
+    "X"   z'' (Euler)           tau_s
+    "Z"   z''                   tau_z = H^T tau_s
+    "A"   s''                   tau_a, motors
+    "AA"  q_a'' of the motors   tau_a
+
+Rates are s' for "S" and "A", z' else; "A" takes z' and z'' if asked to. With fewer than three free rotations
+s' is z'. The operations are those of
+:mod:`ocptip.parallel.symbolic.projection`, written leg by leg after the plan with the fewest operations and
+then tidied.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from ocptip.basics.errors import InputError, SolverError, finite_array
+from ocptip.parallel.code.counting import OperationCount, count_operations
+from ocptip.parallel.code.lean_builder import Builder, Options
+from ocptip.parallel.code.leg_plans import choose_plans
+from ocptip.parallel.code.tidy import tidy
+from ocptip.parallel.description.robot_description import RobotDescription
+from ocptip.parallel.symbolic.leg_base_parameters import leg_base_parameters
+from ocptip.parallel.symbolic.symbols import (
+    CENTRAL,
+    InertiaLayout,
+    inertia_layout,
+    inertia_values,
+    joint_term_values,
+)
+
+FORMS = ("S", "X", "Z", "A", "AA")
+OUTPUTS = ("tau", "M", "c", "g", "J_a", "qd", "qdd", "W", "W_M", "W_c", "W_g", "W_joint")
+
+
+@dataclass(frozen=True, eq=False)
+class LeanFunction:
+    """A generated function and the robot's own numbers for it.
+
+    Attributes:
+        function: CasADi function with named inputs and outputs.
+        form: "S", "X", "Z", "A" or "AA".
+        dynpar: form of the inertia parameters, 1, 2 or 3.
+        inertia_names, inertia: names and values of the inertia parameters.
+        geometry_names, geometry: the same for the named parameters of the geometry (empty if they are
+            numbers).
+        gravity: (3,), m/s^2, world axes.
+        joint_terms: (3, n N) drive inertia, viscous and Coulomb friction of all joints, leg by leg.
+    """
+
+    function: ca.Function
+    form: str
+    dynpar: int
+    inertia_names: tuple[str, ...]
+    inertia: np.ndarray
+    geometry_names: tuple[str, ...]
+    geometry: np.ndarray
+    gravity: np.ndarray
+    joint_terms: np.ndarray
+
+    @property
+    def count(self) -> OperationCount:
+        """Operations by the rule of :mod:`ocptip.parallel.code.counting`."""
+        return count_operations(self.function)
+
+    def __call__(
+        self,
+        z: object,
+        rates: object,
+        accelerations: object,
+        q: object,
+        *,
+        inertia: object = None,
+        geometry: object = None,
+        gravity: object = None,
+        wrench: object = None,
+        joint_terms: object = None,
+    ) -> dict[str, np.ndarray]:
+        """Evaluate.
+
+        Args:
+            z: (m,) platform coordinates, m and rad.
+            rates, accelerations: (m,) as the form wants them.
+            q: (n, N) joint variables up to the coupling points, one column per leg.
+            inertia, geometry, gravity, joint_terms: instead of the robot's own.
+            wrench: (6,) external force (N) and moment (N m) about the platform's origin, world axes; default
+                0.
+
+        Returns:
+            Every output by its name; column vectors as (k,) arrays.
+
+        Raises:
+            InputError: wrong shape, not finite, or an input this function does not have.
+            SolverError: the result is not finite: a singular pose.
+        """
+        given = {
+            "z": z,
+            self.function.name_in(1): rates,
+            self.function.name_in(2): accelerations,
+            "q": q,
+            "inertia": self.inertia if inertia is None else inertia,
+            "geometry": self.geometry if geometry is None else geometry,
+            "gravity": self.gravity if gravity is None else gravity,
+        }
+        names = self.function.name_in()
+        for name, value, default in (
+            ("wrench", wrench, np.zeros(6)),
+            ("joint_terms", joint_terms, self.joint_terms),
+        ):
+            if name in names:
+                given[name] = default if value is None else value
+            elif value is not None:
+                raise InputError(f"{name}: this function was generated without it")
+        arguments = []
+        for name in names:
+            rows, columns = self.function.size_in(name)
+            shape = (rows,) if columns == 1 and name != "q" else (rows, columns)
+            arguments.append(finite_array(name, given[name], shape))
+        results = self.function.call(arguments)
+        outputs = {}
+        for name, result in zip(self.function.name_out(), results, strict=True):
+            array = np.array(result)
+            if not np.all(np.isfinite(array)):
+                raise SolverError(
+                    f"{name}: not finite at z = {np.asarray(z).tolist()}: a leg or the platform is singular"
+                )
+            outputs[name] = array[:, 0] if name in _VECTORS else array
+        return outputs
+
+    def fast(self) -> Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, ...]]:
+        """A callable without checks for inner loops: some microseconds instead of hundreds.
+
+        Returns:
+            Function of (z, rates, accelerations, q) with the robot's own parameters that gives the outputs in
+            order. The arrays are overwritten by the next call; make one callable per thread.
+        """
+        buffer, evaluate = self.function.buffer()
+        names = self.function.name_in()
+        own = {"inertia": self.inertia, "geometry": self.geometry, "gravity": self.gravity}
+        own |= {"wrench": np.zeros(6), "joint_terms": self.joint_terms}
+        given = [np.zeros(self.function.size_in(k), order="F") for k in range(len(names))]
+        for k, name in enumerate(names):
+            if name in own:
+                given[k][:] = own[name].reshape(given[k].shape)
+            buffer.set_arg(k, memoryview(given[k].ravel(order="K")))
+        results = [np.zeros(self.function.size_out(k), order="F") for k in range(self.function.n_out())]
+        for k, result in enumerate(results):
+            buffer.set_res(k, memoryview(result.ravel(order="K")))
+        state = [one.ravel(order="K") for one in given[:4]]
+        outputs = tuple(
+            result[:, 0] if name in _VECTORS else result
+            for result, name in zip(results, self.function.name_out(), strict=True)
+        )
+
+        def call(
+            z: np.ndarray, rates: np.ndarray, accelerations: np.ndarray, q: np.ndarray
+        ) -> tuple[np.ndarray, ...]:
+            state[0][:], state[1][:], state[2][:] = z, rates, accelerations
+            state[3][:] = q.ravel(order="F")
+            evaluate()
+            return outputs
+
+        # CasADi's buffer holds bare pointers: it and all arrays must live as long as the callable.
+        call.alive = (buffer, given, results)
+        return call
+
+
+_VECTORS = ("tau", "c", "g")
+
+
+def lean_function(
+    description: RobotDescription,
+    outputs: Sequence[str] = ("tau",),
+    *,
+    form: str = "X",
+    dynpar: int = 2,
+    euler: bool = False,
+    wrench: bool = False,
+    joint_terms: bool | None = None,
+    numeric_geometry: bool = False,
+    name: str = "dynamics",
+) -> LeanFunction:
+    """Generate a function of the robot.
+
+    Inputs, by name: z (m), zd or sd (m), zdd, sdd or qadd (m), q (n x N), geometry, inertia, gravity (3) and,
+    if asked for, wrench (6) and joint_terms (3 x n N). q is not checked for closure.
+
+    Motor forces of four and more coupled coordinates are eliminated in a fixed order, chosen at the home
+    pose. Where the force lines of its first three motors become parallel to a plane the code divides by
+    zero although the robot is regular; near such poses take form "S" with "J_a" and
+    :func:`ocptip.parallel.dynamics.actuation.motor_forces`.
+
+    Args:
+        description: a robot whose legs have as many joints up to the coupling point as there are free
+            translations.
+        outputs: any of "tau", its parts "M", "c", "g" (tau = M a + c + g), "J_a", all joint rates "qd" and
+            accelerations "qdd" (n x N), the regressor "W" of tau and of its parts "W_M", "W_c", "W_g" with
+            respect to the inertia parameters, and "W_joint" with respect to joint_terms (column by column).
+        form: see above.
+        dynpar: inertia parameters about the centres of mass (1), about the frames' origins (2), or the
+            leg-wise base parameters (3).
+        euler: form "A" with z' and z'' as inputs.
+        wrench: external platform wrench as input; it adds -wrench to tau_s.
+        joint_terms: drive inertia and friction of all joints as input; default: if the robot has any.
+        numeric_geometry: write the numbers of this robot instead of named parameters.
+        name: of the function.
+
+    Raises:
+        InputError: unknown name or form, a robot the formulation does not cover, a regressor of DynPar 1, or
+            motor forces where the number of motors is not that of the free coordinates.
+    """
+    if joint_terms is None:
+        joint_terms = bool(joint_term_values(description).any()) if description.coupling_form else False
+    options = Options(form, dynpar, form in ("S", "A") and not euler, wrench, joint_terms, numeric_geometry)
+    _check_options(outputs, options, euler)
+    layout = inertia_layout(description)
+    kept, names, values = _inertia_choice(description, layout, dynpar)
+    purpose = "motors" if form in ("A", "AA") else "tau_s"
+    plans = choose_plans(description, layout, kept, "rows" if set(outputs) == {"J_a"} else purpose)
+    builder = Builder(description, layout, plans, kept, options)
+    results = [builder.output(which) for which in outputs]
+    function = ca.Function(
+        name, builder.inputs, [ca.densify(result) for result in results], builder.input_names, list(outputs)
+    )
+    parameters = {} if numeric_geometry else description.parameters
+    return LeanFunction(
+        function=tidy(function),
+        form=form,
+        dynpar=dynpar,
+        inertia_names=tuple(names),
+        inertia=values,
+        geometry_names=tuple(parameters),
+        geometry=np.array(list(parameters.values()), dtype=float),
+        gravity=np.array(description.gravity),
+        joint_terms=joint_term_values(description),
+    )
+
+
+def _check_options(outputs: Sequence[str], options: Options, euler: bool) -> None:
+    form, dynpar = options.form, options.dynpar
+    if isinstance(outputs, str) or not outputs or any(which not in OUTPUTS for which in outputs):
+        raise InputError(f"outputs: expected names among {', '.join(OUTPUTS)}, got {outputs!r}")
+    if len(set(outputs)) != len(outputs):
+        raise InputError(f"outputs: a name occurs twice in {outputs!r}")
+    if form not in FORMS:
+        raise InputError(f"form: must be one of {', '.join(FORMS)}, got {form!r}")
+    if dynpar not in (1, 2, 3):
+        raise InputError(f"dynpar: must be 1, 2 or 3, got {dynpar!r}")
+    linear = [which for which in outputs if which in ("W", "W_M", "W_c", "W_g")]
+    if dynpar == 1 and linear:
+        raise InputError(f"outputs: {linear[0]} needs dynpar 2 or 3; the forces are not linear in DynPar 1")
+    if euler and form != "A":
+        raise InputError(f"euler: only form A has the choice, got form {form}")
+    if "W_joint" in outputs and not options.joint_terms:
+        raise InputError("outputs: W_joint needs joint_terms=True")
+
+
+def _inertia_choice(
+    description: RobotDescription, layout: InertiaLayout, dynpar: int
+) -> tuple[list[bool], list[str], np.ndarray]:
+    """Which parameters the function has, their names and values."""
+    if dynpar == 1:
+        return [True] * layout.size, layout.names(CENTRAL), inertia_values(description, 1)
+    if dynpar == 2:
+        return [True] * layout.size, layout.names(), inertia_values(description)
+    base = leg_base_parameters(description)
+    return list(base.kept), list(base.names), base.values

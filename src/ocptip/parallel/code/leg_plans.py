@@ -1,0 +1,114 @@
+"""Choice of how the code of each leg is written: the plan with the fewest operations, found by counting."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Literal
+
+import casadi as ca
+
+from ocptip.basics.errors import InputError
+from ocptip.parallel.code.counting import count_operations
+from ocptip.parallel.code.tidy import tidy
+from ocptip.parallel.description.robot_description import RobotDescription
+from ocptip.parallel.symbolic.leg_dynamics import (
+    actuator_row,
+    can_inject,
+    coupling_force,
+    driven_force,
+    leg_motion,
+)
+from ocptip.parallel.symbolic.leg_jacobian import LegModel, LegPlan, leg_jacobian
+from ocptip.parallel.symbolic.symbols import InertiaLayout, geometry_symbols, leg_model
+
+Purpose = Literal["motors", "tau_s", "rows"]
+
+_FOUND: dict[tuple[str, str], LegPlan] = {}
+"""Plans by purpose and structure of the leg: the search takes longer than the code it is for."""
+
+
+def choose_plans(
+    description: RobotDescription, layout: InertiaLayout, kept: Sequence[bool], purpose: Purpose
+) -> tuple[LegPlan, ...]:
+    """The plan of every leg; legs of equal structure are searched once.
+
+    Args:
+        description: the robot.
+        layout: of its inertia parameters.
+        kept: which parameters are not eliminated.
+        purpose: what is wanted: motor forces, tau_s, or nothing but the rows of J_a.
+
+    Raises:
+        InputError: a planar leg whose plane is in no link frame a coordinate plane.
+    """
+    plans = []
+    geometry = geometry_symbols(description)
+    n = layout.bodies
+    for index in range(len(description.legs)):
+        own = range(*layout.leg_slice(index).indices(layout.size))
+        inertia = ca.vertcat(*(ca.SX.sym(f"p{k}") if kept[i] else ca.SX(0.0) for k, i in enumerate(own)))
+        joints = ca.SX.sym("q", n)
+        leg = leg_model(description, index, joints, geometry, inertia, ca.SX.zeros(3, n))
+        key = (purpose, _structure(description, index, own, kept))
+        if key not in _FOUND:
+            _FOUND[key] = _search(leg, purpose)
+        plans.append(_FOUND[key])
+    return tuple(plans)
+
+
+def _structure(description: RobotDescription, index: int, own: Sequence[int], kept: Sequence[bool]) -> str:
+    leg = description.legs[index]
+    shape = [
+        (row.sigma, *(entry if isinstance(entry, float) else "?" for entry in row.entries))
+        for row in leg.rows[: leg.n + 1]
+    ]
+    base = [(axis, angle if isinstance(angle, float) else "?") for axis, angle in leg.base_rotation]
+    driven = [joint for owner, joint in description.actuated if owner == index]
+    return repr((shape, base, driven, description.position_rows, [bool(kept[i]) for i in own]))
+
+
+def _search(leg: LegModel, purpose: Purpose) -> LegPlan:
+    """Best frame, then best change from base to coupling point, then the rest, each by counting."""
+    known: dict[LegPlan, int] = {}
+
+    def cost(plan: LegPlan) -> int:
+        if plan not in known:
+            known[plan] = _cost(leg, plan, purpose)
+        return known[plan]
+
+    frames = [frame for frame in range(1, leg.size + 1) if _fits(leg, frame)]
+    if not frames:
+        leg_jacobian(leg, leg.size)
+    best = min((LegPlan(frame, leg.size) for frame in frames), key=cost)
+    tips = [dataclasses.replace(best, tip=tip) for tip in range(1, leg.size + 2)]
+    best = min(tips, key=cost)
+    best = min((dataclasses.replace(best, frame=frame) for frame in frames), key=cost)
+    if purpose == "motors" and can_inject(leg):
+        best = min(best, dataclasses.replace(best, inject=True), key=cost)
+    return best
+
+
+def _fits(leg: LegModel, frame: int) -> bool:
+    try:
+        leg_jacobian(leg, frame)
+    except InputError:
+        return False
+    return True
+
+
+def _cost(leg: LegModel, plan: LegPlan, purpose: Purpose) -> int:
+    velocity, acceleration, gravity = ca.SX.sym("v", 3), ca.SX.sym("a", 3), ca.SX.sym("g", 3)
+    moved = [[one[k] if k in leg.axes else ca.SX(0.0) for k in range(3)] for one in (velocity, acceleration)]
+    motion = leg_motion(leg, *moved, [gravity[k] for k in range(3)], plan)
+    if purpose == "rows":
+        rows = [actuator_row(leg, motion, plan, joint) for joint in leg.actuated]
+        out = [row[k] for row in rows for k in leg.axes] or [ca.SX(0.0)]
+    elif purpose == "motors" and len(leg.actuated) == 1:
+        driven = driven_force(leg, motion, plan)
+        vectors = (driven.force, driven.direction)
+        out = [v[k] for v in vectors for k in leg.axes] + [driven.effort, driven.lever]
+    else:
+        out = [coupling_force(leg, motion, plan)[k] for k in leg.axes]
+    expression = ca.vertcat(*out)
+    return count_operations(tidy(ca.Function("leg", ca.symvar(expression), [expression]))).weighted

@@ -1,0 +1,499 @@
+"""Description of a parallel robot: leg tables, base frames, coupling points, platform, motors.
+
+An entry of a table is either a number, which is part of the structure (0 and multiples of pi/2 are exact), or
+a named :class:`Parameter`, which stays a symbol in generated code. The same name in several legs is the same
+symbol and must have the same value.
+
+Legs, joints and bodies are counted from 0 in the code, and from 1 in messages and files.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ocptip.basics.errors import InputError, finite_array, number_from, positive_number, rotation_matrix
+
+REVOLUTE, PRISMATIC, FIXED = 0, 1, 2
+COORDINATES = ("x", "y", "z", "phi1", "phi2", "phi3")
+CONVENTIONS = ("xyz", "xzy", "yxz", "yzx", "zxy", "zyx", "xyx", "xzx", "yxy", "yzy", "zxz", "zyz")
+DYNPAR2 = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
+_RIGHT_ANGLE = math.pi / 2
+_EXACT = 1e-12
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A named number of the geometry, m or rad.
+
+    Attributes:
+        name: a Python identifier; equal names mean the same parameter.
+        value: of this robot.
+    """
+
+    name: str
+    value: float
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name.isidentifier():
+            raise InputError(f"parameter: the name must be an identifier, got {self.name!r}")
+        object.__setattr__(self, "value", number_from(f"parameter {self.name}", self.value))
+
+
+Entry = float | Parameter
+
+
+def value_of(entry: Entry) -> float:
+    """The number behind an entry."""
+    return entry.value if isinstance(entry, Parameter) else float(entry)
+
+
+def right_angles(entry: Entry) -> int | None:
+    """k in 0..3 if the entry is a number that equals k pi/2 (modulo 2 pi), else None."""
+    if isinstance(entry, Parameter):
+        return None
+    turns = entry / _RIGHT_ANGLE
+    return round(turns) % 4 if abs(turns - round(turns)) < _EXACT * max(1.0, abs(turns)) else None
+
+
+def exact_cos_sin(entry: Entry) -> tuple[float, float]:
+    """Cosine and sine; exactly 0, 1 or -1 at multiples of pi/2 that are not named parameters."""
+    k = right_angles(entry)
+    if k is None:
+        return math.cos(value_of(entry)), math.sin(value_of(entry))
+    return (1.0, 0.0, -1.0, 0.0)[k], (0.0, 1.0, 0.0, -1.0)[k]
+
+
+def elementary_rotation(axis: str, entry: Entry) -> np.ndarray:
+    """(3, 3) rotation about a coordinate axis ("x", "y", "z") by an angle, exact at multiples of pi/2."""
+    c, s = exact_cos_sin(entry)
+    i = "xyz".index(axis)
+    j, k = (i + 1) % 3, (i + 2) % 3
+    matrix = np.zeros((3, 3))
+    matrix[i, i] = 1.0
+    matrix[j, j] = matrix[k, k] = c
+    matrix[k, j], matrix[j, k] = s, -s
+    return matrix
+
+
+@dataclass(frozen=True)
+class MDHRow:
+    """One joint: transformation from frame a(j) to frame j (2.11),
+
+    T = Rz(gamma) Tz(b) Rx(alpha) Tx(d) Rz(theta) Tz(r); the joint variable is added to theta (revolute) or r.
+
+    Attributes:
+        sigma: 0 revolute, 1 prismatic, 2 fixed (only where a leg ends rigidly at the platform).
+        gamma, alpha, theta: rad.
+        b, d, r: m.
+    """
+
+    sigma: int = REVOLUTE
+    gamma: Entry = 0.0
+    b: Entry = 0.0
+    alpha: Entry = 0.0
+    d: Entry = 0.0
+    theta: Entry = 0.0
+    r: Entry = 0.0
+
+    def __post_init__(self) -> None:
+        if isinstance(self.sigma, bool) or self.sigma not in (REVOLUTE, PRISMATIC, FIXED):
+            raise InputError(f"sigma: must be 0 (revolute), 1 (prismatic) or 2 (fixed), got {self.sigma!r}")
+        object.__setattr__(self, "sigma", int(self.sigma))
+        for name in ("gamma", "b", "alpha", "d", "theta", "r"):
+            object.__setattr__(self, name, _entry(name, getattr(self, name)))
+
+    @property
+    def entries(self) -> tuple[Entry, ...]:
+        """gamma, b, alpha, d, theta, r."""
+        return (self.gamma, self.b, self.alpha, self.d, self.theta, self.r)
+
+
+@dataclass(frozen=True, eq=False)
+class BodyInertia:
+    """Mass, first moment and inertia about the frame's origin (DynPar 2), body axes.
+
+    No physical limits are checked: identified or grouped parameters may belong to no real body.
+
+    Attributes:
+        mass: kg.
+        first_moment: (3,), kg m: mass times centre of mass.
+        inertia: (3, 3), kg m^2, about the origin of the body's frame.
+    """
+
+    mass: float = 0.0
+    first_moment: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    inertia: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "mass", number_from("mass", self.mass))
+        object.__setattr__(self, "first_moment", _frozen("first_moment", self.first_moment, (3,)))
+        matrix = _frozen("inertia", self.inertia, (3, 3))
+        if np.abs(matrix - matrix.T).max() > 1e-9 * max(1e-300, np.abs(matrix).max()):
+            raise InputError(f"inertia: must be symmetric, got {matrix.tolist()}")
+        object.__setattr__(self, "inertia", matrix)
+
+    @classmethod
+    def about_center(
+        cls, mass: float, center: Sequence[float] = (0.0, 0.0, 0.0), inertia: object = (0.0, 0.0, 0.0)
+    ) -> BodyInertia:
+        """From DynPar 1.
+
+        Args:
+            mass: kg, >= 0.
+            center: (3,), m, centre of mass in the body frame.
+            inertia: about the centre of mass, body axes, kg m^2: (3, 3), or (6,) as xx, xy, xz, yy, yz, zz,
+                or three principal values.
+        """
+        mass = positive_number("mass", mass, zero_allowed=True)
+        c = finite_array("center", center, (3,))
+        return cls(mass, mass * c, _symmetric(inertia) + mass * (c @ c * np.eye(3) - np.outer(c, c)))
+
+    @classmethod
+    def from_vector(cls, parameters: Sequence[float]) -> BodyInertia:
+        """From (10,) XX, XY, XZ, YY, YZ, ZZ, MX, MY, MZ, M."""
+        p = finite_array("parameters", parameters, (10,))
+        return cls(p[9], p[6:9], _symmetric(p[:6]))
+
+    @property
+    def vector(self) -> np.ndarray:
+        """(10,) DynPar 2: XX, XY, XZ, YY, YZ, ZZ, MX, MY, MZ, M."""
+        return np.concatenate([self.inertia[np.triu_indices(3)], self.first_moment, [self.mass]])
+
+    @property
+    def massless(self) -> bool:
+        """True if all ten parameters are zero."""
+        return not self.vector.any()
+
+
+class LegBase:
+    """What all legs have: joints, and a base frame. A leg gives `rows`, `base_rotation`, `base_position`."""
+
+    @property
+    def n_joints(self) -> int:
+        """Number of all joints, coupling joints included."""
+        return sum(row.sigma != FIXED for row in self.rows)
+
+    @property
+    def base_matrix(self) -> np.ndarray:
+        """(3, 3) leg base axes to world axes, R_A."""
+        return product_of(self.base_rotation)
+
+    @property
+    def origin(self) -> np.ndarray:
+        """(3,), m, world axes: origin of the leg's base frame, r_A."""
+        return np.array([value_of(e) for e in self.base_position])
+
+
+@dataclass(frozen=True, eq=False)
+class Leg(LegBase):
+    """A serial leg from the base to the platform.
+
+    Attributes:
+        rows: MDH rows of all joints, the coupling joints at the platform included; row n (from 0) belongs to
+            the coupling frame, whose origin is the coupling point.
+        n: number of joints up to the coupling point, 1 <= n < len(rows).
+        bodies: inertias of bodies 1..n; more, up to one per row, if coupling bodies have mass.
+        base_rotation: elementary rotations (axis, angle) whose product turns leg base axes to world axes.
+        base_position: (3,) entries, m: origin of the base frame, world axes.
+        coupling: (3,) entries, m: coupling point in the platform frame (kappa).
+        end_rotation: (3, 3) platform axes to the last frame of the leg. None: the robot is assembled in its
+            home pose with the coupling joints as `guess` says, or at zero; but a universal joint so that its
+            second axis is parallel to the leg's first axis, where it can be, and a spherical one with its
+            middle axis at a quarter turn, where its axes would coincide.
+        drive_inertia, viscous, coulomb: one number per row: inertia of the drive seen at the joint (kg m^2 or
+            kg), viscous and Coulomb friction; empty: none.
+        branch: signs that choose among closed-form solutions, see `parallel.kinematics.closed_form`; empty:
+            all positive.
+        guess: joint values near the home pose, for tables without a closed form; empty: searched.
+    """
+
+    rows: tuple[MDHRow, ...]
+    n: int
+    bodies: tuple[BodyInertia, ...]
+    base_rotation: tuple[tuple[str, Entry], ...] = ()
+    base_position: tuple[Entry, ...] = (0.0, 0.0, 0.0)
+    coupling: tuple[Entry, ...] = (0.0, 0.0, 0.0)
+    end_rotation: np.ndarray | None = None
+    drive_inertia: tuple[float, ...] = ()
+    viscous: tuple[float, ...] = ()
+    coulomb: tuple[float, ...] = ()
+    branch: tuple[int, ...] = ()
+    guess: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        rows = tuple(self.rows)
+        for number, row in enumerate(rows, start=1):
+            if not isinstance(row, MDHRow):
+                raise InputError(f"rows[{number}]: expected an MDHRow, got {type(row).__name__}")
+        count = len(rows)
+        if isinstance(self.n, bool) or not isinstance(self.n, int) or not 1 <= self.n < count:
+            raise InputError(
+                f"n: joints up to the coupling point, must be 1..{count - 1} for {count} rows (the row after "
+                f"the last one places the coupling point), got {self.n!r}"
+            )
+        fixed = [number for number, row in enumerate(rows, start=1) if row.sigma == FIXED]
+        if fixed and (fixed != [count] or self.n != count - 1):
+            raise InputError(f"rows[{fixed[0]}].sigma: only the row of the coupling point may be fixed")
+        self._check_coupling(rows)
+        bodies = tuple(self.bodies)
+        if not self.n <= len(bodies) <= count or not all(isinstance(b, BodyInertia) for b in bodies):
+            raise InputError(f"bodies: expected {self.n} to {count} BodyInertia, got {len(bodies)} values")
+        set_ = object.__setattr__
+        set_(self, "rows", rows)
+        set_(self, "bodies", bodies)
+        set_(self, "base_rotation", elementary_rotations("base_rotation", self.base_rotation))
+        set_(self, "base_position", check_entries("base_position", self.base_position))
+        set_(self, "coupling", check_entries("coupling", self.coupling))
+        if self.end_rotation is not None:
+            set_(self, "end_rotation", frozen_rotation("end_rotation", self.end_rotation))
+        for name in ("drive_inertia", "viscous", "coulomb"):
+            set_(self, name, joint_numbers(name, getattr(self, name), count))
+        set_(self, "branch", tuple(self.branch))
+        if any(sign not in (1, -1) for sign in self.branch):
+            raise InputError(f"branch: expected signs 1 or -1, got {self.branch!r}")
+        set_(self, "guess", tuple(float(v) for v in finite_array("guess", self.guess, (None,))))
+        if len(self.guess) not in (0, self.n, self.n_joints):
+            raise InputError(f"guess: expected {self.n} or {self.n_joints} numbers, got {len(self.guess)}")
+
+    def _check_coupling(self, rows: tuple[MDHRow, ...]) -> None:
+        for number, row in enumerate(rows[self.n :], start=self.n + 1):
+            offsets = (row.b, row.d, row.r) if number > self.n + 1 else ()
+            if row.sigma == PRISMATIC or any(isinstance(v, Parameter) or v != 0 for v in offsets):
+                raise InputError(
+                    f"rows[{number}]: the joints behind the coupling point must turn about it; give n = "
+                    f"{number - 1} or more if this joint moves the point"
+                )
+
+    @property
+    def coupling_point(self) -> np.ndarray:
+        """(3,), m, platform axes: kappa."""
+        return np.array([value_of(e) for e in self.coupling])
+
+    @property
+    def entries(self) -> tuple[Entry, ...]:
+        """All entries of the leg's geometry."""
+        table = [entry for row in self.rows for entry in row.entries]
+        angles = [angle for _, angle in self.base_rotation]
+        return (*table, *angles, *self.base_position, *self.coupling)
+
+
+@dataclass(frozen=True, eq=False)
+class Platform:
+    """The platform.
+
+    Attributes:
+        mask: which of x, y, z, phi1, phi2, phi3 are free; the others stay zero.
+        convention: three axis letters of the intrinsic rotations R_P = R_a(phi1) R_b(phi2) R_c(phi3).
+        inertia: about the platform's origin P, platform axes.
+    """
+
+    mask: tuple[bool, ...]
+    convention: str = "xyz"
+    inertia: BodyInertia = field(default_factory=BodyInertia)
+
+    def __post_init__(self) -> None:
+        mask = tuple(self.mask)
+        if len(mask) != 6 or not all(isinstance(m, bool | np.bool_ | int) and m in (0, 1) for m in mask):
+            raise InputError(
+                f"mask: expected six truth values for {', '.join(COORDINATES)}, got {self.mask!r}"
+            )
+        if not any(mask):
+            raise InputError("mask: at least one platform coordinate must be free")
+        object.__setattr__(self, "mask", tuple(bool(m) for m in mask))
+        if self.convention not in CONVENTIONS:
+            raise InputError(f"convention: must be one of {', '.join(CONVENTIONS)}, got {self.convention!r}")
+        if not isinstance(self.inertia, BodyInertia):
+            raise InputError(f"inertia: expected a BodyInertia, got {type(self.inertia).__name__}")
+
+    @property
+    def coordinates(self) -> tuple[str, ...]:
+        """Names of the free coordinates."""
+        return tuple(name for name, free in zip(COORDINATES, self.mask, strict=True) if free)
+
+    @property
+    def m(self) -> int:
+        """Number of free coordinates."""
+        return sum(self.mask)
+
+
+@dataclass(frozen=True, eq=False)
+class RobotDescription:
+    """Everything that defines a parallel robot.
+
+    Attributes:
+        name: for messages and titles.
+        legs: the legs.
+        platform: the platform.
+        actuated: (leg, joint) pairs from 0, in the order of the motor forces.
+        home: (m,) coordinates of a pose in the workspace, m and rad: the platform's free ones, then the
+            redundant joints'.
+        gravity: (3,), m/s^2, world axes.
+        redundant: (leg, joint) pairs whose positions are coordinates besides the platform's, because the
+            platform's pose does not fix them (kinematic redundancy).
+    """
+
+    name: str
+    legs: tuple[Leg, ...]
+    platform: Platform
+    actuated: tuple[tuple[int, int], ...]
+    home: np.ndarray
+    gravity: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, -9.81]))
+    redundant: tuple[tuple[int, int], ...] = ()
+
+    def __post_init__(self) -> None:
+        legs = tuple(self.legs)
+        if not legs:
+            raise InputError("legs: a parallel robot needs at least one leg")
+        object.__setattr__(self, "legs", legs)
+        if not isinstance(self.platform, Platform):
+            raise InputError(f"platform: expected a Platform, got {type(self.platform).__name__}")
+        object.__setattr__(self, "actuated", self._pairs("actuated"))
+        if not self.actuated:
+            raise InputError("actuated: a robot needs at least one motor")
+        object.__setattr__(self, "redundant", self._pairs("redundant"))
+        object.__setattr__(self, "home", _frozen("home", self.home, (self.m,)))
+        object.__setattr__(self, "gravity", _frozen("gravity", self.gravity, (3,)))
+        _ = self.parameters
+
+    def _pairs(self, name: str) -> tuple[tuple[int, int], ...]:
+        pairs = []
+        for number, pair in enumerate(getattr(self, name), start=1):
+            try:
+                leg, joint = (int(v) for v in pair)
+            except (TypeError, ValueError):
+                raise InputError(f"{name}[{number}]: expected (leg, joint), got {pair!r}") from None
+            if not 0 <= leg < len(self.legs):
+                raise InputError(f"{name}[{number}]: there is no leg {leg + 1}, only {len(self.legs)}")
+            if not 0 <= joint < self.legs[leg].n_joints:
+                raise InputError(
+                    f"{name}[{number}]: leg {leg + 1} has {self.legs[leg].n_joints} joints, got {joint + 1}"
+                )
+            pairs.append((leg, joint))
+        if len(set(pairs)) != len(pairs):
+            raise InputError(f"{name}: a joint is listed twice: {getattr(self, name)!r}")
+        return tuple(pairs)
+
+    @property
+    def m(self) -> int:
+        """Number of coordinates: free ones of the platform and redundant joints."""
+        return self.platform.m + len(self.redundant)
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Named parameters and their values, in the order in which they first appear."""
+        found: dict[str, float] = {}
+        for leg in self.legs:
+            for entry in leg.entries:
+                if isinstance(entry, Parameter):
+                    known = found.setdefault(entry.name, entry.value)
+                    if known != entry.value:
+                        raise InputError(
+                            f"parameter {entry.name}: has the values {known} and {entry.value}; equal names "
+                            "mean the same parameter"
+                        )
+        return found
+
+    @property
+    def position_rows(self) -> tuple[int, ...]:
+        """Free translations (0, 1, 2): the rows of the position closure."""
+        return tuple(i for i in range(3) if self.platform.mask[i])
+
+    @property
+    def coupling_obstacle(self) -> str:
+        """Why the coupling-point formulation (3.42) does not apply, "" if it does; names the leg from 1.
+
+        Only if every leg has as many joints up to its coupling point as there are free translations is J_B
+        square; else the complete legs are needed.
+        """
+        rows = len(self.position_rows)
+        for number, leg in enumerate(self.legs, start=1):
+            if not isinstance(leg, Leg):
+                return f"leg {number} branches or has loops of its own"
+            if leg.n != rows:
+                return f"leg {number} has {leg.n} joints up to its coupling point, not {rows}"
+        for leg, joint in self.actuated:
+            if joint >= self.legs[leg].n:
+                return f"leg {leg + 1} has a motor on joint {joint + 1}, behind its coupling point"
+        return "joints are redundant" if self.redundant else ""
+
+    @property
+    def coupling_form(self) -> bool:
+        """True if the coupling-point formulation (3.42) applies, see `coupling_obstacle`."""
+        return not self.coupling_obstacle
+
+    @property
+    def inertia_vector(self) -> np.ndarray:
+        """DynPar 2 of all bodies: leg by leg bodies 1..n, the platform last, 10 numbers each."""
+        legs = [body.vector for leg in self.legs for body in leg.bodies]
+        return np.concatenate([*legs, self.platform.inertia.vector])
+
+
+def product_of(rotations: Sequence[tuple[str, Entry]]) -> np.ndarray:
+    """(3, 3) product of elementary rotations, the first one on the left."""
+    matrix = np.eye(3)
+    for axis, angle in rotations:
+        matrix = matrix @ elementary_rotation(axis, angle)
+    return matrix
+
+
+def elementary_rotations(name: str, value: object) -> tuple[tuple[str, Entry], ...]:
+    """Check a sequence of (axis letter, angle)."""
+    result = []
+    for number, pair in enumerate(value, start=1):
+        try:
+            axis, angle = pair
+        except (TypeError, ValueError):
+            raise InputError(f"{name}[{number}]: expected (axis, angle), got {pair!r}") from None
+        if axis not in ("x", "y", "z"):
+            raise InputError(f"{name}[{number}]: the axis must be x, y or z, got {axis!r}")
+        result.append((axis, _entry(f"{name}[{number}]", angle)))
+    return tuple(result)
+
+
+def frozen_rotation(name: str, value: object) -> np.ndarray:
+    """Check a (3, 3) rotation matrix; read-only."""
+    matrix = rotation_matrix(name, value)
+    matrix.flags.writeable = False
+    return matrix
+
+
+def _entry(name: str, value: object) -> Entry:
+    return value if isinstance(value, Parameter) else number_from(name, value)
+
+
+def check_entries(name: str, values: Sequence[Entry]) -> tuple[Entry, ...]:
+    """Check three entries."""
+    values = tuple(values)
+    if len(values) != 3:
+        raise InputError(f"{name}: expected 3 entries, got {len(values)}")
+    return tuple(_entry(f"{name}[{number}]", v) for number, v in enumerate(values, start=1))
+
+
+def joint_numbers(name: str, values: Sequence[float], count: int) -> tuple[float, ...]:
+    """Check numbers >= 0, one per row; missing ones are zero."""
+    if len(values) == 0:
+        return (0.0,) * count
+    if len(values) > count:
+        raise InputError(f"{name}: expected at most {count} numbers, one per row, got {len(values)}")
+    checked = [positive_number(f"{name}[{i}]", v, zero_allowed=True) for i, v in enumerate(values, start=1)]
+    return (*checked, *[0.0] * (count - len(checked)))
+
+
+def _symmetric(value: object) -> np.ndarray:
+    shape = np.shape(value)
+    if shape == (6,):
+        xx, xy, xz, yy, yz, zz = finite_array("inertia", value, (6,))
+        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    if shape == (3,):
+        return np.diag(finite_array("inertia", value, (3,)))
+    return finite_array("inertia", value, (3, 3))
+
+
+def _frozen(name: str, value: object, shape: tuple[int | None, ...]) -> np.ndarray:
+    array = finite_array(name, value, shape)
+    array.flags.writeable = False
+    return array

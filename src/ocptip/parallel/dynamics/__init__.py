@@ -1,0 +1,1 @@
+"""Parts of the equations of motion, redundant motors, base parameters, sensitivities."""

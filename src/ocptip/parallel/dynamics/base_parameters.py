@@ -1,0 +1,198 @@
+"""Base parameters of a whole parallel robot, by numbers (section 7b).
+
+The regressor of the generalised force is stacked over closed configurations of the robot; its rank is the
+number of base parameters. Equal legs show one parameter less than leg by leg: a point mass at the end of all
+legs cannot be told from platform mass.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+
+from ocptip.basics.errors import InputError, SolverError, finite_array, positive_number
+from ocptip.parallel.analysis.singularity import characteristic_length
+from ocptip.parallel.code.lean import lean_function
+from ocptip.parallel.description.robot_description import RobotDescription
+from ocptip.parallel.kinematics.platform import Kinematics
+from ocptip.parallel.symbolic.leg_base_parameters import LegBaseParameters, leg_base_parameters
+from ocptip.parallel.symbolic.symbols import InertiaLayout, inertia_layout, inertia_values
+
+__all__ = [
+    "LegBaseParameters",
+    "NumericBaseParameters",
+    "leg_base_parameters",
+    "numeric_base_parameters",
+    "rank_parameters",
+    "stacked_regressor",
+]
+
+_ROWS_PER_COLUMN = 3
+_PATIENCE = 20
+
+
+@dataclass(frozen=True, eq=False)
+class NumericBaseParameters:
+    """Base parameters of the whole robot from a stacked regressor, p_base = p_1 + K p_2.
+
+    Attributes:
+        independent: indices (in the inertia layout) of p_1.
+        dependent: indices of p_2, whose columns are combinations of those of p_1.
+        without_effect: indices of columns that are zero.
+        grouping: K, (len(independent), len(dependent)).
+        singular_values: of the scaled regressor, largest first.
+        gap: decades between the smallest singular value that counts and the largest that does not.
+        residual: largest relative difference between W p and W_1 p_base over the stacked rows.
+    """
+
+    independent: tuple[int, ...]
+    dependent: tuple[int, ...]
+    without_effect: tuple[int, ...]
+    grouping: np.ndarray
+    singular_values: np.ndarray
+    gap: float
+    residual: float
+
+    @property
+    def rank(self) -> int:
+        """Number of base parameters."""
+        return len(self.independent)
+
+    def values(self, parameters: object) -> np.ndarray:
+        """(rank,) base parameters of a parameter vector in the order of the layout."""
+        size = self.rank + len(self.dependent) + len(self.without_effect)
+        p = finite_array("parameters", parameters, (size,))
+        return p[list(self.independent)] + self.grouping @ p[list(self.dependent)]
+
+    def embedded(self, parameters: object) -> np.ndarray:
+        """The full vector (p_base, 0) that has the same motor forces."""
+        full = np.zeros(self.rank + len(self.dependent) + len(self.without_effect))
+        full[list(self.independent)] = self.values(parameters)
+        return full
+
+
+def numeric_base_parameters(
+    description: RobotDescription, *, seed: int = 0, spread: float = 0.3, tolerance: float = 1e-9
+) -> NumericBaseParameters:
+    """Base parameters of the robot from random closed configurations around its home pose.
+
+    Args:
+        description: the robot.
+        seed: of the configurations.
+        spread: their half width around home: rotations in rad, translations relative to the characteristic
+            length.
+        tolerance: see :func:`rank_parameters`.
+
+    Raises:
+        InputError: a robot without the coupling form.
+        SolverError: too few of the configurations can be reached.
+    """
+    regressor = stacked_regressor(description, seed=seed, spread=spread)
+    return rank_parameters(
+        regressor, inertia_values(description), inertia_layout(description), tolerance=tolerance
+    )
+
+
+def stacked_regressor(description: RobotDescription, *, seed: int = 0, spread: float = 0.3) -> np.ndarray:
+    """(rows, layout.size) regressor of tau_s over random closed configurations, each scaled to norm 1.
+
+    Args, raises: see :func:`numeric_base_parameters`.
+    """
+    spread = positive_number("spread", spread)
+    kinematics, function = Kinematics(description), lean_function(description, ("W",), form="S")
+    rng = np.random.default_rng(seed)
+    m = description.platform.m
+    length = characteristic_length(kinematics)
+    names = description.platform.coordinates
+    width = spread * np.array([1.0 if name.startswith("phi") else length for name in names])
+    wanted = -(-_ROWS_PER_COLUMN * len(function.inertia) // m)
+    blocks: list[np.ndarray] = []
+    missed = 0
+    while len(blocks) < wanted and missed < _PATIENCE + 5 * len(blocks):
+        z = description.home + width * rng.uniform(-1, 1, m)
+        rates, accelerations = rng.uniform(-2, 2, (2, m))
+        try:
+            q = np.column_stack(kinematics.point_joints(z).q)
+        except InputError:
+            missed += 1
+            continue
+        block = function(z, rates, 5 * accelerations, q)["W"]
+        blocks.append(block / np.linalg.norm(block))
+    if len(blocks) < wanted:
+        raise SolverError(
+            f"{description.name}: only {len(blocks)} of {wanted} random poses within {spread} of home can be "
+            "reached; reduce the spread"
+        )
+    return np.vstack(blocks)
+
+
+def rank_parameters(
+    regressor: object, parameters: object, layout: InertiaLayout, *, tolerance: float = 1e-9
+) -> NumericBaseParameters:
+    """Base parameters from a regressor stacked over closed configurations.
+
+    Args:
+        regressor: (rows, layout.size) with W p = forces; use many more rows than columns.
+        parameters: (layout.size,) of the robot, for the residual.
+        layout: order of the columns.
+        tolerance: columns and singular values below it, relative to the largest, count as zero.
+
+    Raises:
+        InputError: wrong shape, or fewer rows than columns.
+    """
+    stacked = finite_array("regressor", regressor, (None, layout.size))
+    p = finite_array("parameters", parameters, (layout.size,))
+    if len(stacked) < layout.size:
+        raise InputError(f"regressor: needs at least {layout.size} rows, got {len(stacked)}")
+    norms = np.linalg.norm(stacked, axis=0)
+    with_effect = np.flatnonzero(norms > tolerance * norms.max())
+    scaled = stacked[:, with_effect] / norms[with_effect]
+    singular = scipy.linalg.svdvals(scaled)
+    rank = int(np.count_nonzero(singular > tolerance * singular[0]))
+    independent = _preferred(scaled, with_effect, layout, rank, tolerance)
+    dependent = [k for k in with_effect if k not in set(independent)]
+    grouping, *_ = scipy.linalg.lstsq(stacked[:, independent], stacked[:, dependent])
+    grouping[np.abs(grouping) < 1e-10 * max(1.0, np.abs(grouping).max(initial=0.0))] = 0.0
+    forces = stacked @ p
+    base = p[independent] + grouping @ p[dependent]
+    residual = np.abs(stacked[:, independent] @ base - forces).max() / max(np.abs(forces).max(), 1e-300)
+    below = singular[rank] if rank < len(singular) else 0.0
+    gap = float(np.log10(singular[rank - 1] / below)) if below > 0 else float("inf")
+    without = tuple(int(k) for k in np.flatnonzero(norms <= tolerance * norms.max()))
+    return NumericBaseParameters(
+        tuple(int(k) for k in independent),
+        tuple(int(k) for k in dependent),
+        without,
+        grouping,
+        singular,
+        gap,
+        residual,
+    )
+
+
+def _preferred(
+    scaled: np.ndarray, columns: np.ndarray, layout: InertiaLayout, rank: int, tolerance: float
+) -> list[int]:
+    """Independent columns, greedily: platform first, then masses and first moments, then late bodies."""
+    order = sorted(range(len(columns)), key=lambda k: _preference(int(columns[k]), layout))
+    basis = np.zeros((len(scaled), 0))
+    chosen: list[int] = []
+    for k in order:
+        rest = scaled[:, k] - basis @ (basis.T @ scaled[:, k])
+        rest -= basis @ (basis.T @ rest)
+        norm = np.linalg.norm(rest)
+        if norm > np.sqrt(tolerance) and len(chosen) < rank:
+            basis = np.column_stack([basis, rest / norm])
+            chosen.append(k)
+    if len(chosen) < rank:
+        _, _, pivots = scipy.linalg.qr(scaled, mode="economic", pivoting=True)
+        chosen = list(pivots[:rank])
+    return sorted(int(columns[k]) for k in chosen)
+
+
+def _preference(index: int, layout: InertiaLayout) -> tuple[int, int, int]:
+    on_platform = index >= layout.size - 10
+    body = layout.bodies if on_platform else index // 10 % layout.bodies
+    return 0 if on_platform else 1, 0 if index % 10 >= 6 else 1, -body

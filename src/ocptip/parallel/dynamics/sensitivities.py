@@ -1,0 +1,149 @@
+"""Derivatives of motor forces with respect to geometry and inertia parameters, the platform's motion held
+fixed.
+
+A change of geometry also changes the joint angles at which the legs reach the platform; that part follows
+from the position closures: dq = -(dh/dq)^-1 dh.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from ocptip.basics.errors import InputError, finite_array
+from ocptip.parallel.code.leg_plans import choose_plans
+from ocptip.parallel.code.tidy import tidy
+from ocptip.parallel.description.robot_description import RobotDescription
+from ocptip.parallel.symbolic.block_solver import BlockSystem
+from ocptip.parallel.symbolic.projection import Arguments, Projection
+from ocptip.parallel.symbolic.symbols import (
+    geometry_symbols,
+    inertia_layout,
+    inertia_values,
+    joint_term_values,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Sensitivities:
+    """Derivatives at one state.
+
+    Attributes:
+        forces: (k,) motor forces tau_a, or tau_s.
+        geometry: (k, number of named parameters) total derivatives.
+        inertia: (k, number of inertia parameters, DynPar 2).
+        joints: (n N, number of named parameters) derivatives of the joint variables, leg by leg.
+        closure: largest closure error of the given joint variables, m.
+        geometry_names, inertia_names: of the columns.
+    """
+
+    forces: np.ndarray
+    geometry: np.ndarray
+    inertia: np.ndarray
+    joints: np.ndarray
+    closure: float
+    geometry_names: tuple[str, ...]
+    inertia_names: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain data."""
+        return {
+            "forces": self.forces.tolist(),
+            "geometry": {n: self.geometry[:, k].tolist() for k, n in enumerate(self.geometry_names)},
+            "inertia": {n: self.inertia[:, k].tolist() for k, n in enumerate(self.inertia_names)},
+            "closure": self.closure,
+        }
+
+
+class ForceSensitivities:
+    """Generated derivatives of a robot's forces.
+
+    Args:
+        description: the robot; with as many motors as coordinates for motor forces.
+        motor_forces: derivatives of tau_a (else of tau_s).
+
+    Raises:
+        InputError: a robot without the coupling form, or another number of motors.
+    """
+
+    def __init__(self, description: RobotDescription, *, motor_forces: bool = True) -> None:
+        layout = inertia_layout(description)
+        m, n, legs = description.platform.m, layout.bodies, len(description.legs)
+        plans = choose_plans(description, layout, [True] * layout.size, "motors" if motor_forces else "tau_s")
+        geometry = geometry_symbols(description)
+        arguments = Arguments(
+            pose=ca.SX.sym("z", m),
+            rates=ca.SX.sym("sd", m),
+            accelerations=ca.SX.sym("sdd", m),
+            q=ca.SX.sym("q", n, legs),
+            geometry=geometry,
+            inertia=ca.SX.sym("inertia", layout.size),
+            gravity=ca.SX.sym("gravity", 3),
+            wrench=ca.SX.zeros(6),
+            joint_terms=ca.SX.sym("joint_terms", 3, n * legs),
+            quasi=True,
+        )
+        projection = Projection(description, layout, plans, arguments)
+        forces = projection.motor_forces() if motor_forces else projection.generalized_force()
+        named = ca.vertcat(*geometry.values()) if geometry else ca.SX(0, 1)
+        joints = _joint_derivatives(projection.closures(), arguments.q, named)
+        total = ca.jacobian(forces, named) + ca.jacobian(forces, ca.vec(arguments.q)) @ joints
+        inputs = [arguments.pose, arguments.rates, arguments.accelerations, arguments.q, named]
+        inputs += [arguments.inertia, arguments.gravity, arguments.joint_terms]
+        names = ["z", "sd", "sdd", "q", "geometry", "inertia", "gravity", "joint_terms"]
+        outputs = [forces, total, ca.jacobian(forces, arguments.inertia), joints, projection.closures()]
+        self.function: ca.Function = tidy(
+            ca.Function(
+                "sensitivities",
+                inputs,
+                [ca.densify(one) for one in outputs],
+                names,
+                ["forces", "by_geometry", "by_inertia", "joints_by_geometry", "closure"],
+            )
+        )
+        self._names = tuple(geometry), tuple(layout.names())
+        self._own = [list(description.parameters.values()), inertia_values(description), description.gravity]
+        self._own.append(joint_term_values(description))
+
+    def __call__(self, z: object, sd: object, sdd: object, q: object) -> Sensitivities:
+        """Evaluate.
+
+        Args:
+            z, sd, sdd: (m,) platform coordinates, quasi-velocities and their derivatives.
+            q: (n, N) joint variables up to the coupling points at z.
+
+        Raises:
+            InputError: wrong shapes, or joint variables that do not close the legs to 1e-6.
+        """
+        given = []
+        for k, (name, value) in enumerate(zip(("z", "sd", "sdd", "q"), (z, sd, sdd, q), strict=True)):
+            rows, columns = self.function.size_in(k)
+            given.append(finite_array(name, value, (rows, columns) if name == "q" else (rows,)))
+        forces, geometry, inertia, joints, closure = (
+            np.array(one) for one in self.function.call([*given, *self._own])
+        )
+        error = float(np.abs(closure).max())
+        if error > 1e-6:
+            raise InputError(
+                f"q: the legs miss the platform's coupling points by {error:.2g} m; use the "
+                "inverse kinematics"
+            )
+        return Sensitivities(forces[:, 0], geometry, inertia, joints, error, *self._names)
+
+
+def _joint_derivatives(closures: ca.SX, q: ca.SX, named: ca.SX) -> ca.SX:
+    """dq / d(geometry) of all legs, leg by leg."""
+    blocks = []
+    n, legs = q.shape
+    for leg in range(legs):
+        by_joints = ca.jacobian(closures[:, leg], q[:, leg])
+        by_geometry = ca.jacobian(closures[:, leg], named)
+        system = BlockSystem([[ca.SX(by_joints[i, j]) for j in range(n)] for i in range(n)])
+        columns = [
+            ca.vertcat(*system.solve([-ca.SX(by_geometry[i, k]) for i in range(n)]))
+            for k in range(by_geometry.size2())
+        ]
+        blocks.append(ca.horzcat(*columns))
+    return ca.vertcat(*blocks)

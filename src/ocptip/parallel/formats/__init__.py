@@ -1,0 +1,1 @@
+"""Parallel robots from and to URDF and MJCF."""

@@ -1,0 +1,1 @@
+"""Positions and velocities: chains, closures of legs, joint angles of a pose."""

@@ -1,0 +1,233 @@
+"""Kinematics and dynamics of one leg as compiled CasADi functions: straightforward form, world axes.
+
+A leg is a tree of bodies over MDH rows; a serial leg is the tree without branches. Dynamics by body Jacobians
+(section 4 of the derivation, generalised (3.19)); the lean form for code generation is a separate module.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as cs
+
+from ocptip.numerics.point import PointFunction
+from ocptip.parallel.description.robot_description import (
+    FIXED,
+    REVOLUTE,
+    Entry,
+    MDHRow,
+    exact_cos_sin,
+    value_of,
+)
+
+_CACHED = 64
+
+
+@dataclass(frozen=True)
+class Topology:
+    """What the functions of a leg depend on besides base frame and inertias.
+
+    Attributes:
+        rows: MDH rows.
+        parents: row whose frame each row starts from, -1 for the base frame.
+        ends: rows whose frames the closures use.
+        bodies: number of rows, from the first one, that carry a body with inertia.
+    """
+
+    rows: tuple[MDHRow, ...]
+    parents: tuple[int, ...]
+    ends: tuple[int, ...]
+    bodies: int
+
+    @property
+    def joints(self) -> tuple[int | None, ...]:
+        """Index of each row's joint variable, None for a fixed row."""
+        result: list[int | None] = []
+        count = 0
+        for row in self.rows:
+            result.append(None if row.sigma == FIXED else count)
+            count += row.sigma != FIXED
+        return tuple(result)
+
+    @property
+    def n_joints(self) -> int:
+        """Number of joints."""
+        return sum(row.sigma != FIXED for row in self.rows)
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Symbolic frames of a leg, world axes, positions from the base frame's origin.
+
+    Attributes:
+        rotations: (3, 3) per row.
+        origins: (3,) per row.
+        jacobians: (6, n) per row: velocity of the origin, angular velocity.
+        drifts: (6,) per row: the accelerations at q'' = 0.
+        speeds: (3,) per row: angular velocity.
+    """
+
+    rotations: list[cs.SX]
+    origins: list[cs.SX]
+    jacobians: list[cs.SX]
+    drifts: list[cs.SX]
+    speeds: list[cs.SX]
+
+
+def mdh_parts(row: MDHRow, joint: cs.SX | float) -> tuple[cs.SX, cs.SX, cs.SX]:
+    """Parts of the transformation (2.11) of one row.
+
+    Returns:
+        fixed: (3, 3) turn that does not depend on a revolute joint, Rz(gamma) Rx(alpha).
+        turn: (3, 3) Rz(theta), with the joint angle.
+        offset: (3,) origin of frame j in frame a(j).
+    """
+    fixed = _turn("z", row.gamma) @ _turn("x", row.alpha)
+    angle, slide = row.theta, row.r
+    along = _number(slide) if row.sigma in (REVOLUTE, FIXED) else _number(slide) + joint
+    turn = _joint_turn(angle, joint) if row.sigma == REVOLUTE else _turn("z", angle)
+    offset = cs.vertcat(0, 0, _number(row.b)) + _turn("z", row.gamma) @ cs.vertcat(_number(row.d), 0, 0)
+    return fixed, turn, offset + fixed @ cs.vertcat(0, 0, along)
+
+
+def frames(topology: Topology, q: cs.SX, qd: cs.SX, base: cs.SX) -> Frames:
+    """Frames, Jacobians and drift accelerations of all rows."""
+    n = topology.n_joints
+    rotations, origins, jacobians, drifts, speeds = [], [], [], [], []
+    for row, parent, joint in zip(topology.rows, topology.parents, topology.joints, strict=True):
+        if parent < 0:
+            R, p, J = base, cs.SX.zeros(3), cs.SX(6, n)
+            a, alpha, w = cs.SX.zeros(3), cs.SX.zeros(3), cs.SX.zeros(3)
+        else:
+            R, p, J = rotations[parent], origins[parent], jacobians[parent]
+            a, alpha, w = drifts[parent][:3], drifts[parent][3:], speeds[parent]
+        fixed, turn, offset = mdh_parts(row, 0.0 if joint is None else q[joint])
+        arm, turned = R @ offset, R @ fixed
+        axis = turned[:, 2]
+        J = cs.vertcat(J[:3, :] - cs.skew(arm) @ J[3:, :], J[3:, :])
+        a = a + cs.cross(alpha, arm) + cs.cross(w, cs.cross(w, arm))
+        if joint is not None:
+            if row.sigma == REVOLUTE:
+                J[3:, joint] = axis
+                alpha = alpha + cs.cross(w, axis * qd[joint])
+                w = w + axis * qd[joint]
+            else:
+                J[:3, joint] = axis
+                a = a + 2 * cs.cross(w, axis * qd[joint])
+        rotations.append(turned @ turn)
+        origins.append(p + arm)
+        jacobians.append(J)
+        drifts.append(cs.vertcat(a, alpha))
+        speeds.append(w)
+    return Frames(rotations, origins, jacobians, drifts, speeds)
+
+
+@lru_cache(maxsize=_CACHED)
+def leg_kinematics(topology: Topology) -> PointFunction:
+    """Frames and end motion of a leg.
+
+    In: `q`, `qd` (n,); `base` (3, 3) leg base axes to world axes. Out: `rotations` (3, 3 k) of all rows side
+    by side, `origins` (3, k) from the base frame's origin, `jacobian` (6 e, n) and `drift` (6 e,) of the end
+    frames: velocity of the origin, angular velocity; world axes.
+    """
+    q, qd, base = (
+        cs.SX.sym("q", topology.n_joints),
+        cs.SX.sym("qd", topology.n_joints),
+        cs.SX.sym("base", 3, 3),
+    )
+    f = frames(topology, q, qd, base)
+    outputs = [
+        cs.horzcat(*f.rotations),
+        cs.horzcat(*f.origins),
+        cs.vertcat(*(f.jacobians[e] for e in topology.ends)),
+        cs.vertcat(*(f.drifts[e] for e in topology.ends)),
+    ]
+    names = ["rotations", "origins", "jacobian", "drift"]
+    return PointFunction(
+        cs.Function("leg_kinematics", [q, qd, base], cs.cse(outputs), ["q", "qd", "base"], names)
+    )
+
+
+@lru_cache(maxsize=_CACHED)
+def leg_dynamics(topology: Topology) -> PointFunction:
+    """Mass matrix, Coriolis and gravity forces, base wrench and energies of a leg.
+
+    In: `q`, `qd` (n,); `base` (3, 3); `gravity` (3,), world axes; `inertia` (10 bodies,) in DynPar 2 order.
+    Out: `mass` (n, n), `coriolis` (n,), `gravity_force` (n,): tau = M q'' + c + g; `momentum` (6, n) and
+    `load` (6,): the wrench that moves and carries the leg's bodies is momentum q'' + load, force and moment
+    about the base frame's origin, world axes; `energy` (2,): kinetic and potential, J.
+    """
+    n = topology.n_joints
+    q, qd, base, g = cs.SX.sym("q", n), cs.SX.sym("qd", n), cs.SX.sym("base", 3, 3), cs.SX.sym("g", 3)
+    p = cs.SX.sym("p", 10 * topology.bodies)
+    f = frames(topology, q, qd, base)
+    M, c, gravity = cs.SX.zeros(n, n), cs.SX.zeros(n), cs.SX.zeros(n)
+    momentum, load, potential = cs.SX.zeros(6, n), cs.SX.zeros(6), cs.SX(0)
+    for k in range(topology.bodies):
+        R, J, w = f.rotations[k], f.jacobians[k], f.speeds[k]
+        A, mass, s, inertia = spatial_inertia(p[10 * k : 10 * k + 10], R)
+        gyro = cs.vertcat(cs.cross(w, cs.cross(w, s)), cs.cross(w, inertia @ w))
+        inertial = A @ f.drifts[k] + gyro
+        weight = cs.vertcat(mass * g, cs.cross(s, g))
+        M += J.T @ A @ J
+        c += J.T @ inertial
+        gravity -= J.T @ weight
+        shift = cs.vertcat(
+            cs.horzcat(cs.SX.eye(3), cs.SX(3, 3)), cs.horzcat(cs.skew(f.origins[k]), cs.SX.eye(3))
+        )
+        momentum += shift @ A @ J
+        load += shift @ (inertial - weight)
+        potential -= cs.dot(g, mass * f.origins[k] + s)
+    energy = cs.vertcat(0.5 * cs.dot(qd, M @ qd), potential)
+    outputs = [M, c, gravity, momentum, load, energy]
+    names = ["mass", "coriolis", "gravity_force", "momentum", "load", "energy"]
+    inputs = [q, qd, base, g, p]
+    return PointFunction(
+        cs.Function("leg_dynamics", inputs, cs.cse(outputs), ["q", "qd", "base", "gravity", "inertia"], names)
+    )
+
+
+def spatial_inertia(p: cs.SX, R: cs.SX) -> tuple[cs.SX, cs.SX, cs.SX, cs.SX]:
+    """Inertia of one body from DynPar 2, about its frame's origin, world axes.
+
+    Returns:
+        A: (6, 6), wrench = A acceleration + velocity terms; mass; first moment (3,); inertia (3, 3).
+    """
+    about = cs.vertcat(
+        cs.horzcat(p[0], p[1], p[2]), cs.horzcat(p[1], p[3], p[4]), cs.horzcat(p[2], p[4], p[5])
+    )
+    mass, s, inertia = p[9], R @ p[6:9], R @ about @ R.T
+    A = cs.vertcat(cs.horzcat(mass * cs.SX.eye(3), -cs.skew(s)), cs.horzcat(cs.skew(s), inertia))
+    return A, mass, s, inertia
+
+
+def serial_topology(rows: Sequence[MDHRow], bodies: int) -> Topology:
+    """Topology of a serial leg whose last frame is at the platform."""
+    return Topology(tuple(rows), tuple(range(-1, len(rows) - 1)), (len(rows) - 1,), bodies)
+
+
+def _number(entry: Entry) -> float:
+    return value_of(entry)
+
+
+def _turn(axis: str, entry: Entry) -> cs.SX:
+    c, s = exact_cos_sin(entry)
+    return _turn_of(axis, c, s)
+
+
+def _joint_turn(offset: Entry, angle: cs.SX | float) -> cs.SX:
+    shifted = value_of(offset) + angle
+    return _turn_of("z", cs.cos(shifted), cs.sin(shifted))
+
+
+def _turn_of(axis: str, c: cs.SX | float, s: cs.SX | float) -> cs.SX:
+    matrix = cs.SX(3, 3)
+    i = "xyz".index(axis)
+    j, k = (i + 1) % 3, (i + 2) % 3
+    matrix[i, i] = 1
+    for row, column, value in ((j, j, c), (k, k, c), (k, j, s), (j, k, -s)):
+        if not (isinstance(value, float) and value == 0.0):
+            matrix[row, column] = value
+    return matrix

@@ -1,0 +1,212 @@
+"""One leg between base and platform: frames, closure equations, joint rates and dynamics in numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ocptip.parallel.description.branched import BranchedLeg
+from ocptip.parallel.description.robot_description import Leg
+from ocptip.parallel.description.rotations import cross, rotation_vector, skew
+from ocptip.parallel.kinematics.chain import Topology, leg_dynamics, leg_kinematics, serial_topology
+
+
+@dataclass(frozen=True, eq=False)
+class LegMotion:
+    """Joint rates of a leg as functions of the robot's quasi-velocities.
+
+    Attributes:
+        q: (n,) joint positions.
+        Jq: (n, m): q' = Jq s'.
+        drift: (n,): q'' = Jq s'' + drift.
+        qd: (n,).
+        mismatch: largest part of the platform's motion, relative, that the joints cannot follow.
+    """
+
+    q: np.ndarray
+    Jq: np.ndarray
+    drift: np.ndarray
+    qd: np.ndarray
+    mismatch: float
+
+
+class LegClosure:
+    """A leg with its base frame in numbers.
+
+    Closure rows: per end of the leg the position of the coupling point and the orientation, world axes; then
+    the inner loops of a branched leg.
+
+    Attributes:
+        n: number of joints, coupling joints included.
+        point: number of joints up to the coupling point; n for branched legs.
+        locked: joints that are coordinates of their own (kinematic redundancy).
+        end_rotations: (3, 3) platform axes to end frame, per end, or None where the orientation is free.
+    """
+
+    def __init__(self, number: int, leg: Leg | BranchedLeg, locked: Sequence[int] = ()) -> None:
+        self.number, self.leg = number, leg
+        self.base, self.origin = leg.base_matrix, leg.origin
+        if isinstance(leg, Leg):
+            self.topology = serial_topology(leg.rows, len(leg.bodies))
+            self.couplings = [leg.coupling_point]
+            self.end_rotations: list[np.ndarray | None] = [leg.end_rotation]
+            self.loops, self.point = 0, leg.n
+        else:
+            ends = [*(e.row for e in leg.ends), *(row for pair in leg.loops for row in pair)]
+            self.topology = Topology(leg.rows, leg.parents, tuple(ends), len(leg.bodies))
+            self.couplings = [e.coupling_point for e in leg.ends]
+            self.end_rotations = [e.end_rotation for e in leg.ends]
+            self.loops, self.point = len(leg.loops), self.topology.n_joints
+        self.n = self.topology.n_joints
+        self.locked = list(locked)
+        self.free = [j for j in range(self.n) if j not in self.locked]
+        self.inertia = np.concatenate([body.vector for body in leg.bodies])
+        self._kinematics, self._dynamics = leg_kinematics(self.topology), leg_dynamics(self.topology)
+        arms = np.abs(self._kinematics(np.zeros(self.n), np.zeros(self.n), self.base)[1])
+        self.length = max(1.0, float(arms.max()), float(np.abs(self.origin).max()))
+
+    def frames(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Rotations (k, 3, 3) and origins (k, 3), m, of all rows, world axes."""
+        rotations, origins, _, _ = self._kinematics(q, np.zeros(self.n), self.base)
+        return rotations.reshape(3, -1, 3).transpose(1, 0, 2), origins.T + self.origin
+
+    def residual(self, q: np.ndarray, r: np.ndarray, R: np.ndarray) -> np.ndarray:
+        """Closure errors h(q, pose) of all rows, m and rad, world axes."""
+        rotations, origins = self.frames(q)
+        parts = []
+        for end, kappa, turn in zip(self.end_rows, self.couplings, self.end_rotations, strict=True):
+            parts.append(origins[end] - r - R @ kappa)
+            if turn is not None:
+                target = R @ turn.T
+                parts.append(rotation_vector(rotations[end] @ target.T))
+        for a, b in self._loop_rows:
+            parts.append(origins[a] - origins[b])
+        return np.concatenate(parts)
+
+    def jacobian(self, q: np.ndarray, qd: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """J_c (rows, n) and J_c' q' (rows,) of the closure rows."""
+        rates = np.zeros(self.n) if qd is None else qd
+        _, _, J, drift = self._kinematics(q, rates, self.base)
+        both = np.column_stack([J, drift])
+        parts = []
+        for e, turn in enumerate(self.end_rotations):
+            parts.append(both[6 * e : 6 * e + (3 if turn is None else 6)])
+        first = len(self.end_rotations)
+        for k in range(first, first + 2 * self.loops, 2):
+            parts.append(both[6 * k : 6 * k + 3] - both[6 * k + 6 : 6 * k + 9])
+        stacked = np.vstack(parts)
+        return stacked[:, :-1], stacked[:, -1]
+
+    def platform_side(self, R: np.ndarray) -> np.ndarray:
+        """C (rows, 6): the platform's twist t = (r', omega) moves the closure rows by C t."""
+        parts = []
+        for kappa, turn in zip(self.couplings, self.end_rotations, strict=True):
+            parts.append(np.hstack([np.eye(3), -skew(R @ kappa)]))
+            if turn is not None:
+                parts.append(np.hstack([np.zeros((3, 3)), np.eye(3)]))
+        parts.append(np.zeros((3 * self.loops, 6)))
+        return np.vstack(parts)
+
+    def platform_drift(self, R: np.ndarray, omega: np.ndarray) -> np.ndarray:
+        """C' t (rows,)."""
+        parts = []
+        for kappa, turn in zip(self.couplings, self.end_rotations, strict=True):
+            parts.append(cross(omega, cross(omega, R @ kappa)))
+            if turn is not None:
+                parts.append(np.zeros(3))
+        parts.append(np.zeros(3 * self.loops))
+        return np.concatenate(parts)
+
+    def dynamics(self, q: np.ndarray, qd: np.ndarray, gravity: np.ndarray) -> list[np.ndarray]:
+        """Outputs of `kinematics.chain.leg_dynamics`; drive inertia and friction included."""
+        M, c, g, *rest = self.body_dynamics(q, qd, gravity, self.inertia)
+        M = M + np.diag(np.asarray(self.leg.drive_inertia)[: self.n])
+        c = c + np.asarray(self.leg.viscous)[: self.n] * qd
+        c += np.asarray(self.leg.coulomb)[: self.n] * np.sign(qd)
+        return [M, c, g, *rest]
+
+    def body_dynamics(
+        self, q: np.ndarray, qd: np.ndarray, gravity: np.ndarray, inertia: np.ndarray
+    ) -> list[np.ndarray]:
+        """The same for given inertia parameters (10 bodies,), without drive inertia and friction."""
+        return self._dynamics(q, qd, self.base, gravity, inertia)
+
+    def motion(
+        self,
+        q: np.ndarray,
+        R: np.ndarray,
+        T: np.ndarray,
+        T_drift: np.ndarray,
+        s: np.ndarray,
+        rho: list[int],
+    ) -> LegMotion:
+        """Rates of all joints of the complete leg (section 12 of the derivation).
+
+        Args:
+            q: (n,).
+            R: platform rotation.
+            T, T_drift: twist of the platform t = T s', t' = T s'' + T_drift.
+            s: (m + k,) quasi-velocities, then the rates of the redundant joints.
+            rho: columns of s that belong to this leg's locked joints.
+        """
+        m = T.shape[1]
+        C = self.platform_side(R)
+        J, _ = self.jacobian(q)
+        right = np.zeros((len(J), len(s)))
+        right[:, :m] = C @ T
+        right[:, rho] -= J[:, self.locked]
+        inverse = np.linalg.pinv(J[:, self.free], rcond=1e-11)
+        Jq = np.zeros((self.n, len(s)))
+        Jq[self.free] = inverse @ right
+        Jq[self.locked, rho] = 1.0
+        mismatch = np.abs(J[:, self.free] @ Jq[self.free] - right).max() / max(1.0, np.abs(right).max())
+        qd = Jq @ s
+        _, drift = self.jacobian(q, qd)
+        t = T @ s[:m]
+        bias = np.zeros(self.n)
+        bias[self.free] = inverse @ (C @ T_drift + self.platform_drift(R, t[3:]) - drift)
+        return LegMotion(q, Jq, bias, qd, float(mismatch))
+
+    def point_motion(
+        self,
+        q: np.ndarray,
+        R: np.ndarray,
+        T: np.ndarray,
+        T_drift: np.ndarray,
+        s: np.ndarray,
+        rows: Sequence[int],
+    ) -> LegMotion:
+        """Rates of the joints up to the coupling point (3.42); J_B is square there."""
+        J, C = self.point_jacobian(q, rows), self.platform_side(R)[:3]
+        U = C[list(rows)] @ T
+        try:
+            Jq = np.linalg.solve(J, U)
+        except np.linalg.LinAlgError:
+            Jq = np.full((self.point, len(s)), np.inf)
+        qd = Jq @ s
+        full = np.zeros(self.n)
+        full[: self.point] = q
+        rates = np.zeros(self.n)
+        rates[: self.point] = qd
+        _, drift = self.jacobian(full, rates)
+        t = T @ s
+        accelerated = (C @ T_drift + self.platform_drift(R, t[3:])[:3] - drift[:3])[list(rows)]
+        return LegMotion(q, Jq, np.linalg.solve(J, accelerated), qd, 0.0)
+
+    def point_jacobian(self, q: np.ndarray, rows: Sequence[int]) -> np.ndarray:
+        """J_B (rows, point): velocity of the coupling point per joint rate, world axes."""
+        full = np.zeros(self.n)
+        full[: self.point] = q[: self.point]
+        return self.jacobian(full)[0][list(rows), : self.point]
+
+    @property
+    def end_rows(self) -> tuple[int, ...]:
+        """Rows whose frames are fixed on the platform."""
+        return self.topology.ends[: len(self.end_rotations)]
+
+    @property
+    def _loop_rows(self) -> list[tuple[int, int]]:
+        rows = self.topology.ends[len(self.end_rotations) :]
+        return list(zip(rows[::2], rows[1::2], strict=True))

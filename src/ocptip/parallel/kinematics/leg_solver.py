@@ -1,0 +1,251 @@
+"""Inverse kinematics of a leg: closed form where its table allows, damped Newton otherwise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+
+from ocptip.basics.errors import InputError
+from ocptip.parallel.description.branched import BranchedLeg
+from ocptip.parallel.description.robot_description import Leg
+from ocptip.parallel.kinematics.closed_form import closed_form, leg_type, nearest_branch
+from ocptip.parallel.kinematics.closures import LegClosure
+
+STEP_LIMIT = 0.5
+"""Largest Newton step of one joint, rad or m."""
+
+CLOSURE_TOLERANCE = 1e-10
+"""Largest closure error that counts as closed, m (relative to the leg's length, at least 1 m) and rad."""
+
+_EXACT = 1e-14
+_ITERATIONS = 100
+_RESTARTS = 30
+_SEED = 20181
+
+
+class LegSolver(LegClosure):
+    """A leg that finds its joint positions.
+
+    Attributes:
+        home: (n,) joint positions in the home pose, once assembled.
+    """
+
+    def __init__(self, number: int, leg: Leg | BranchedLeg, locked: Sequence[int] = ()) -> None:
+        super().__init__(number, leg, locked)
+        self.home: np.ndarray | None = None
+        self._branch = getattr(leg, "branch", ())
+
+    def assemble(self, r: np.ndarray, R: np.ndarray, locked: np.ndarray) -> None:
+        """Solve the home pose, fix an end rotation that follows from it, and remember the joint positions.
+
+        Raises:
+            InputError: the leg does not reach the pose.
+        """
+        given = np.array(self.leg.guess)
+        if len(given) and not self.locked and leg_type(self.leg):
+            start = self.solve_point(r, R, given[: self.point])[0]
+            self._branch = nearest_branch(self.leg, self._local_target(r, R), start)
+        if not isinstance(self.leg, Leg) or self.end_rotations[0] is not None:
+            self.home = self.solve(r, R, given if len(given) == self.n else None, locked)[0]
+            return
+        q = np.zeros(self.n)
+        q[: len(given)] = given
+        if self.locked:
+            q[self.locked] = locked
+            q[: self.point] = self._point_with_locked(q[: self.point], r + R @ self.couplings[0])
+        else:
+            q[: self.point] = self.solve_point(r, R, q[: self.point] if len(given) else None)[0]
+        if len(given) < self.n:
+            q[self.point :] = self._coupling_home(q)
+        self.end_rotations[0] = self.frames(q)[0][-1].T @ R
+        self.home = q
+
+    def solve(
+        self, r: np.ndarray, R: np.ndarray, guess: np.ndarray | None, locked: np.ndarray
+    ) -> tuple[np.ndarray, float, int]:
+        """Joint positions at a platform pose, all closure rows.
+
+        Args:
+            r, R: position (3,), m, and rotation (3, 3) of the platform.
+            guess: (n,) or None: closed form, home values, or a seeded search.
+            locked: values of the locked joints.
+
+        Returns:
+            q (n,), largest closure error, Newton iterations.
+
+        Raises:
+            InputError: the leg does not reach the pose.
+        """
+        best, worst, used = None, np.inf, 0
+        staged = isinstance(self.leg, Leg) and not self.locked
+        for number, start in enumerate(self._starts(r, R, guess)):
+            start[self.locked] = locked
+            if staged and (guess is None or number > 0):
+                start = self._newton(start, r, R, list(range(self.point, self.n)))[0]
+            q, error, iterations = self._newton(start, r, R, self.free)
+            used += iterations
+            if error < worst:
+                best, worst = q, error
+            if worst <= CLOSURE_TOLERANCE * self.length:
+                return best, worst, used
+        raise InputError(
+            f"pose: leg {self.number + 1} does not reach it: closure error {worst:.2g} (m, rad) after {used} "
+            f"Newton steps at position {np.round(r, 6).tolist()} m"
+        )
+
+    def solve_point(
+        self, r: np.ndarray, R: np.ndarray, guess: np.ndarray | None = None
+    ) -> tuple[np.ndarray, float, int]:
+        """Positions (point,) of the joints up to the coupling point: closed form, else Newton on three rows.
+
+        Raises:
+            InputError: the coupling point is out of reach.
+        """
+        target = r + R @ self.couplings[0]
+        q = closed_form(self.leg, self._local_target(r, R), self._branch) if guess is None else None
+        if q is not None:
+            return q, float(np.abs(self._point_error(q, target)).max()), 0
+        if guess is None and leg_type(self.leg):
+            raise InputError(
+                f"pose: leg {self.number + 1} does not reach its coupling point "
+                f"{np.round(target, 6).tolist()}"
+            )
+        best, worst, used = None, np.inf, 0
+        for start in self._point_starts(guess):
+            q, error, iterations = self._newton_point(start, target)
+            used += iterations
+            if error < worst:
+                best, worst = q, error
+            if worst <= CLOSURE_TOLERANCE * self.length:
+                return best, worst, used
+        raise InputError(
+            f"pose: leg {self.number + 1} does not reach its coupling point {np.round(target, 6).tolist()}: "
+            f"error {worst:.2g} m after {used} Newton steps"
+        )
+
+    def _coupling_home(self, q: np.ndarray) -> np.ndarray:
+        """Angles of the coupling joints in the home pose, see `Leg.end_rotation`."""
+        angles = np.zeros(self.n - self.point)
+        axes = self.frames(q)[0][:, :, 2]
+        if len(angles) == 2:
+            angles[0] = _turn_to_parallel(axes[self.point], axes[self.point + 1], axes[0])
+        elif len(angles) > 2 and np.linalg.svd(axes[self.point :], compute_uv=False)[2] < 1e-9:
+            angles[1] = np.pi / 2
+        return angles
+
+    def _point_with_locked(self, start: np.ndarray, target: np.ndarray) -> np.ndarray:
+        """Joints up to the coupling point with some of them locked."""
+        free = [j for j in self.free if j < self.point]
+
+        def slope(values):
+            return self.point_jacobian(values, (0, 1, 2))[:, free]
+
+        q, error, steps = _damped_newton(start, free, lambda values: self._point_error(values, target), slope)
+        if error > CLOSURE_TOLERANCE * self.length:
+            raise InputError(
+                f"home: leg {self.number + 1} does not reach its coupling point from its guess: "
+                f"error {error:.2g} m after {steps} Newton steps"
+            )
+        return q
+
+    def _starts(self, r: np.ndarray, R: np.ndarray, guess: np.ndarray | None) -> Iterator[np.ndarray]:
+        if guess is not None:
+            yield np.array(guess, dtype=float)
+        tail = np.zeros(self.n) if self.home is None else self.home
+        if len(self.leg.guess) == self.n and self.home is None:
+            tail = np.array(self.leg.guess)
+        first = tail[: self.point]
+        if isinstance(self.leg, Leg) and not self.locked:
+            first = self.solve_point(r, R)[0]
+        yield np.concatenate([first, tail[self.point :]])
+        rng = np.random.default_rng(_SEED)
+        for _ in range(_RESTARTS):
+            start = rng.uniform(-np.pi, np.pi, self.n)
+            if isinstance(self.leg, Leg) and not self.locked:
+                start[: self.point] = first
+            yield start
+
+    def _point_starts(self, guess: np.ndarray | None) -> Iterator[np.ndarray]:
+        for given in (guess, self.leg.guess or None, self.home):
+            if given is not None:
+                yield np.array(given, dtype=float)[: self.point]
+        rng = np.random.default_rng(_SEED)
+        for _ in range(_RESTARTS):
+            yield rng.uniform(-np.pi, np.pi, self.point)
+
+    def _newton(
+        self, q: np.ndarray, r: np.ndarray, R: np.ndarray, free: list[int]
+    ) -> tuple[np.ndarray, float, int]:
+        if not free:
+            return q, 0.0, 0
+
+        def error(values):
+            return self.residual(values, r, R)
+
+        def slope(values):
+            return self.jacobian(values)[0][:, free]
+
+        return _damped_newton(q, free, error, slope)
+
+    def _local_target(self, r: np.ndarray, R: np.ndarray) -> np.ndarray:
+        return self.base.T @ (r + R @ self.couplings[0] - self.origin)
+
+    def _newton_point(self, q: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, float, int]:
+        def error(values):
+            return self._point_error(values, target)
+
+        def slope(values):
+            return self.point_jacobian(values, (0, 1, 2))
+
+        return _damped_newton(q, list(range(self.point)), error, slope)
+
+    def _point_error(self, q: np.ndarray, target: np.ndarray) -> np.ndarray:
+        full = np.zeros(self.n)
+        full[: self.point] = q
+        return self.frames(full)[1][self.end_rows[0]] - target
+
+
+def _turn_to_parallel(about: np.ndarray, axis: np.ndarray, goal: np.ndarray) -> float:
+    """Smallest angle about a unit vector that makes another one parallel to a third; 0 if none does."""
+    best = np.pi
+    for sign in (1.0, -1.0):
+        if abs(about @ (axis - sign * goal)) > 1e-9:
+            continue
+        start, end = np.cross(about, axis), sign * np.cross(about, goal)
+        if np.linalg.norm(start) > 1e-9:
+            angle = np.arctan2(about @ np.cross(start, end), start @ end)
+            best = min(best, float(angle), key=abs)
+    return 0.0 if best == np.pi else best
+
+
+def _damped_newton(
+    q: np.ndarray,
+    free: list[int],
+    error: Callable[[np.ndarray], np.ndarray],
+    slope: Callable[[np.ndarray], np.ndarray],
+) -> tuple[np.ndarray, float, int]:
+    """Gauss-Newton with a step limit and halving; stops where rounding ends the progress."""
+    q = np.array(q, dtype=float)
+    h = error(q)
+    size = np.linalg.norm(h)
+    for iteration in range(_ITERATIONS):
+        if size < _EXACT:
+            return q, float(np.abs(h).max()), iteration
+        step = np.linalg.lstsq(slope(q), -h, rcond=1e-10)[0]
+        step *= min(1.0, STEP_LIMIT / max(np.abs(step).max(), 1e-300))
+        for _ in range(12):
+            trial = q.copy()
+            trial[free] += step
+            h_trial = error(trial)
+            size_trial = np.linalg.norm(h_trial)
+            if size_trial < size:
+                break
+            step = step / 2
+        else:
+            break
+        stalled = size_trial > 0.99 * size and size < 1e-9
+        q, h, size = trial, h_trial, size_trial
+        if stalled:
+            break
+    return q, float(np.abs(h).max()), iteration + 1

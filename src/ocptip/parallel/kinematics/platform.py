@@ -1,0 +1,285 @@
+"""Inverse and forward kinematics of a parallel robot, all joints included."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ocptip.basics.errors import InputError, SolverError, finite_array
+from ocptip.parallel.description.robot_description import Leg, RobotDescription
+from ocptip.parallel.description.rotations import PlatformCoordinates
+from ocptip.parallel.kinematics.closures import LegMotion
+from ocptip.parallel.kinematics.leg_solver import CLOSURE_TOLERANCE, STEP_LIMIT, LegSolver
+
+_ITERATIONS = 100
+
+
+@dataclass(frozen=True, eq=False)
+class JointPositions:
+    """All joint positions at a pose, with the evidence.
+
+    Attributes:
+        q: per leg (n_f,), rad or m.
+        residual: largest closure error, m or rad.
+        iterations: Newton steps, all legs.
+    """
+
+    q: tuple[np.ndarray, ...]
+    residual: float
+    iterations: int
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain data."""
+        return {
+            "q": [leg.tolist() for leg in self.q],
+            "residual": self.residual,
+            "iterations": self.iterations,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class PlatformPose:
+    """Solution of the forward kinematics.
+
+    Attributes:
+        z: (m,) free platform coordinates, then redundant joints.
+        joints: all joint positions there.
+        residual: largest error of the motor positions, rad or m.
+        iterations: Newton steps.
+        assembly_mode: sign of det J_a (1, -1; 0 if J_a is not square): solutions with different signs belong
+            to different assembly modes.
+    """
+
+    z: np.ndarray
+    joints: JointPositions
+    residual: float
+    iterations: int
+    assembly_mode: int
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain data."""
+        return {
+            "z": self.z.tolist(),
+            "residual": self.residual,
+            "iterations": self.iterations,
+            "assembly_mode": self.assembly_mode,
+            "joints": self.joints.to_dict(),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class RobotMotion:
+    """Position and rates of everything at one instant.
+
+    Attributes:
+        z: (m,) coordinates; s: (m,) quasi-velocities.
+        r, R: position (3,), m, and rotation (3, 3) of the platform.
+        T: (6, m) twist t = T s'; T_drift: (6,) t' = T s'' + T_drift. Redundant joints have zero columns.
+        t: (6,) twist of the platform, world axes.
+        legs: motion of every leg.
+    """
+
+    z: np.ndarray
+    s: np.ndarray
+    r: np.ndarray
+    R: np.ndarray
+    T: np.ndarray
+    T_drift: np.ndarray
+    t: np.ndarray
+    legs: tuple[LegMotion, ...]
+
+
+class Kinematics:
+    """Kinematics of a robot; assembles it once in its home pose.
+
+    Args:
+        description: of the robot.
+
+    Raises:
+        InputError: a leg does not reach the home pose.
+    """
+
+    def __init__(self, description: RobotDescription) -> None:
+        self.description = description
+        self.platform = PlatformCoordinates(description.platform)
+        locked: list[list[int]] = [[] for _ in description.legs]
+        self._rho: list[list[int]] = [[] for _ in description.legs]
+        for k, (leg, joint) in enumerate(description.redundant):
+            locked[leg].append(joint)
+            self._rho[leg].append(self.platform.m + k)
+        self.legs = [
+            LegSolver(i, leg, joints)
+            for i, (leg, joints) in enumerate(zip(description.legs, locked, strict=True))
+        ]
+        self._assemble()
+
+    @property
+    def m(self) -> int:
+        """Number of coordinates."""
+        return self.description.m
+
+    def coordinates(self, name: str, value: object) -> np.ndarray:
+        """Check m numbers."""
+        return finite_array(name, value, (self.m,))
+
+    def pose(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Position (3,), m, and rotation (3, 3) of the platform."""
+        return self.platform.pose(z[: self.platform.m])
+
+    def joints(self, z: object, guess: Sequence[np.ndarray] | None = None) -> JointPositions:
+        """All joint positions at a pose, coupling joints included (section 9).
+
+        Args:
+            z: (m,).
+            guess: per leg (n_f,), e.g. of the pose before; None: closed form or home values.
+
+        Raises:
+            InputError: a leg does not reach the pose.
+        """
+        z = self.coordinates("z", z)
+        r, R = self.pose(z)
+        found, worst, used = [], 0.0, 0
+        for i, leg in enumerate(self.legs):
+            start = None if guess is None else finite_array(f"guess[{i + 1}]", guess[i], (leg.n,))
+            q, error, iterations = leg.solve(r, R, start, z[self._rho[i]])
+            found.append(q)
+            worst, used = max(worst, error), used + iterations
+        return JointPositions(tuple(found), worst, used)
+
+    def point_joints(self, z: object, guess: Sequence[np.ndarray] | None = None) -> JointPositions:
+        """Joint positions up to the coupling points only.
+
+        Raises:
+            InputError: a coupling point is out of reach, or the legs are not serial.
+        """
+        z = self.coordinates("z", z)
+        r, R = self.pose(z)
+        found, worst, used = [], 0.0, 0
+        for i, leg in enumerate(self.legs):
+            if not isinstance(leg.leg, Leg) or leg.locked:
+                raise InputError(f"leg {i + 1}: has branches or redundant joints; use the complete leg")
+            start = None if guess is None else finite_array(f"guess[{i + 1}]", guess[i], (leg.point,))
+            q, error, iterations = leg.solve_point(r, R, start)
+            found.append(q)
+            worst, used = max(worst, error), used + iterations
+        return JointPositions(tuple(found), worst, used)
+
+    def motion(self, z: np.ndarray, s: np.ndarray, q: Sequence[np.ndarray], *, complete: bool) -> RobotMotion:
+        """Rates at given joint positions.
+
+        Args:
+            z, s: (m,) coordinates and quasi-velocities.
+            q: per leg, (n_f,) or, if not `complete`, (n,).
+            complete: all joints by least squares, else joints up to the coupling point by J_B^-1.
+        """
+        free = self.platform.m
+        r, R = self.pose(z)
+        T = self.platform.selection(z[:free])
+        drift = self.platform.selection_drift(z[:free], s[:free])
+        legs = []
+        for leg, joints, rho in zip(self.legs, q, self._rho, strict=True):
+            if complete:
+                legs.append(leg.motion(joints, R, T, drift, s, rho))
+            else:
+                legs.append(
+                    leg.point_motion(joints[: leg.point], R, T, drift, s, self.description.position_rows)
+                )
+        wide = np.hstack([T, np.zeros((6, self.m - free))])
+        return RobotMotion(z, s, r, R, wide, drift, wide @ s, tuple(legs))
+
+    def quasi(self, z: np.ndarray, zd: np.ndarray, zdd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """s' = H z' and s'' = H z'' + H' z' (3.41)."""
+        H, D = self.rate_matrices(z, zd)
+        return H @ zd, H @ zdd + D @ zd
+
+    def rate_matrices(self, z: np.ndarray, zd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """H and H', (m, m); ones for redundant joints."""
+        free = self.platform.m
+        H, D = np.eye(self.m), np.zeros((self.m, self.m))
+        H[:free, :free] = self.platform.rates(z[:free])
+        D[:free, :free] = self.platform.rates_derivative(z[:free], zd[:free])
+        return H, D
+
+    def actuated_jacobian(self, motion: RobotMotion) -> np.ndarray:
+        """J_a (n_a, m): q_a' = J_a s' (3.45, 3.46)."""
+        return np.array([motion.legs[leg].Jq[joint] for leg, joint in self.description.actuated])
+
+    def forward(
+        self, qa: object, guess: object | None = None, joints: Sequence[np.ndarray] | None = None
+    ) -> PlatformPose:
+        """Platform pose from motor positions, Newton with J_a.
+
+        Args:
+            qa: (n_a,) motor positions, rad or m.
+            guess: (m,) pose to start from; default home. Which of several solutions is found depends on it.
+            joints: joint positions at the guess, per leg.
+
+        Raises:
+            SolverError: no convergence; the message names the residual.
+            InputError: wrong shapes, or the guess is out of reach.
+        """
+        description = self.description
+        qa = finite_array("qa", qa, (len(description.actuated),))
+        start = self.coordinates("guess", description.home if guess is None else guess)
+        z, state = start, self.joints(start, joints)
+        before = np.inf
+        for iteration in range(_ITERATIONS):
+            error = _wrapped(self._motors(state.q) - qa, description)
+            size = float(np.abs(error).max())
+            # The last steps of Newton's method bring nothing but cost nothing: stop where rounding does.
+            if size == 0.0 or (size < CLOSURE_TOLERANCE and size > 0.1 * before):
+                Ja = self._motor_jacobian(z, state.q)
+                sign = int(np.sign(np.linalg.det(Ja))) if Ja.shape[0] == Ja.shape[1] else 0
+                return PlatformPose(z, state, size, iteration, sign)
+            before = size
+            Ja = self._motor_jacobian(z, state.q) @ self.rate_matrices(z, np.zeros(self.m))[0]
+            step = np.linalg.lstsq(Ja, -error, rcond=1e-12)[0]
+            step *= min(1.0, STEP_LIMIT / max(np.abs(step).max(), 1e-300))
+            z, state = self._walk(z, step, state, size, qa)
+        raise SolverError(
+            f"forward kinematics: no pose found in {_ITERATIONS} steps from guess {start.tolist()}; motor "
+            f"positions still differ by {size:.2g}"
+        )
+
+    def _walk(
+        self, z: np.ndarray, step: np.ndarray, state: JointPositions, size: float, qa: np.ndarray
+    ) -> tuple[np.ndarray, JointPositions]:
+        """Longest of the halved steps that stays reachable and comes nearer; else the shortest."""
+        best = z, state
+        for _ in range(12):
+            try:
+                trial = self.joints(z + step, state.q)
+            except InputError:
+                step = step / 2
+                continue
+            best = z + step, trial
+            error = np.abs(_wrapped(self._motors(trial.q) - qa, self.description)).max()
+            if error < size:
+                return best
+            step = step / 2
+        return best
+
+    def _motors(self, q: Sequence[np.ndarray]) -> np.ndarray:
+        return np.array([q[leg][joint] for leg, joint in self.description.actuated])
+
+    def _motor_jacobian(self, z: np.ndarray, q: Sequence[np.ndarray]) -> np.ndarray:
+        return self.actuated_jacobian(self.motion(z, np.zeros(self.m), q, complete=True))
+
+    def _assemble(self) -> None:
+        """Solve the home pose; fix end rotations that follow from it."""
+        z = self.description.home
+        r, R = self.pose(z)
+        for leg, rho in zip(self.legs, self._rho, strict=True):
+            leg.assemble(r, R, z[rho])
+
+
+def _wrapped(error: np.ndarray, description: RobotDescription) -> np.ndarray:
+    """Differences of revolute motors to within half a turn."""
+    result = error.copy()
+    for k, (leg, joint) in enumerate(description.actuated):
+        rows = [row for row in description.legs[leg].rows if row.sigma != 2]
+        if rows[joint].sigma == 0:
+            result[k] = np.remainder(error[k] + np.pi, 2 * np.pi) - np.pi
+    return result

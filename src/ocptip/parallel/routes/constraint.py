@@ -1,0 +1,161 @@
+"""Equations of motion from closure constraints by automatic differentiation (ParaDyn, (3.12) to (3.36)).
+
+h(z, q) = 0, A = dh/dz, B = dh/dq, q' = -B^-1 A z' = J z', J' = -B^-1 (A' + B' J). Legs and platform follow
+from their energies (Lagrange), the platform in its Euler coordinates. Nothing here uses a geometric Jacobian,
+so that this route checks the others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+import casadi as cs
+import numpy as np
+
+from ocptip.basics.errors import InputError
+from ocptip.numerics.point import PointFunction
+from ocptip.parallel.description.robot_description import Leg
+from ocptip.parallel.description.rotations import PlatformCoordinates
+from ocptip.parallel.dynamics.terms import Terms
+from ocptip.parallel.kinematics.chain import Topology, mdh_parts
+from ocptip.parallel.kinematics.closures import LegClosure
+from ocptip.parallel.kinematics.platform import Kinematics
+
+_RANK = 1e-11
+
+
+class ConstraintRoute:
+    """Equations of motion in the form Z by closure constraints.
+
+    Args:
+        kinematics: of the robot.
+        complete: all joints with position and orientation closures, else the joints up to the coupling point
+            with position closures only.
+    """
+
+    def __init__(self, kinematics: Kinematics, *, complete: bool) -> None:
+        if kinematics.description.redundant:
+            raise InputError("projection: 'constraint' knows no redundant joints; use 'coupling' or 'kkt'")
+        self._kinematics, self._complete = kinematics, complete
+        self._platform = _platform_function(kinematics)
+        self._closures = [_closure_function(kinematics, leg, complete) for leg in kinematics.legs]
+
+    def terms(
+        self, z: np.ndarray, zd: np.ndarray, q: Sequence[np.ndarray], gravity: np.ndarray
+    ) -> tuple[Terms, np.ndarray]:
+        """Form Z and J_z (n_a, m): q_a' = J_z z'.
+
+        Args:
+            z, zd: (m,).
+            q: joint positions per leg.
+            gravity: (3,), m/s^2, world axes.
+        """
+        M, c, g = self._platform(z, zd, gravity)
+        M, c, g = M.reshape(len(z), len(z)), np.ravel(c), np.ravel(g)
+        rows = {}
+        for i, (leg, closure) in enumerate(zip(self._kinematics.legs, self._closures, strict=True)):
+            n = leg.n if self._complete else leg.point
+            A, B = (part.reshape(-1, k) for part, k in zip(closure[0](z, q[i][:n]), (len(z), n), strict=True))
+            inverse = np.linalg.pinv(B, rcond=_RANK)
+            J = -inverse @ A
+            qd = J @ zd
+            drift = -inverse @ np.ravel(closure[1](z, q[i][:n], zd, qd)[0])
+            M_i, c_i, g_i = lagrange_leg(leg.topology, n)(q[i][:n], qd, leg.base, gravity, leg.inertia)
+            drive, viscous, coulomb = (
+                np.asarray(v)[:n] for v in (leg.leg.drive_inertia, leg.leg.viscous, leg.leg.coulomb)
+            )
+            M_i = M_i.reshape(n, n) + np.diag(drive)
+            M = M + J.T @ M_i @ J
+            c = c + J.T @ (M_i @ drift + c_i + viscous * qd + coulomb * np.sign(qd))
+            g = g + J.T @ g_i
+            rows[i] = J
+        motors = np.array([rows[leg][joint] for leg, joint in self._kinematics.description.actuated])
+        return Terms("Z", M, c, g), motors
+
+
+@lru_cache(maxsize=64)
+def lagrange_leg(topology: Topology, n: int) -> PointFunction:
+    """M, c, g of a leg's first n joints from its energies (3.19 to 3.21); inputs as `chain.leg_dynamics`."""
+    q, qd = cs.SX.sym("q", n), cs.SX.sym("qd", n)
+    base, gravity = cs.SX.sym("base", 3, 3), cs.SX.sym("gravity", 3)
+    p = cs.SX.sym("p", 10 * topology.bodies)
+    kinetic, potential = cs.SX(0), cs.SX(0)
+    rotations, origins = _frames(topology, cs.vertcat(q, cs.SX.zeros(topology.n_joints - n)), base)
+    for k in range(topology.bodies):
+        T, U = _energies(rotations[k], origins[k], q, qd, p[10 * k : 10 * k + 10], gravity)
+        kinetic, potential = kinetic + T, potential + U
+    return PointFunction(_lagrange("lagrange_leg", kinetic, potential, q, qd, [q, qd, base, gravity, p]))
+
+
+def _platform_function(kinematics: Kinematics) -> PointFunction:
+    m = kinematics.platform.m
+    z, zd, gravity = cs.SX.sym("z", m), cs.SX.sym("zd", m), cs.SX.sym("gravity", 3)
+    r, R = _symbolic_pose(kinematics.platform, z)
+    p = cs.SX(kinematics.description.platform.inertia.vector)
+    T, U = _energies(R, r, z, zd, p, gravity)
+    return PointFunction(_lagrange("lagrange_platform", T, U, z, zd, [z, zd, gravity]))
+
+
+def _closure_function(
+    kinematics: Kinematics, leg: LegClosure, complete: bool
+) -> tuple[PointFunction, PointFunction]:
+    """(A, B) of (z, q), and A' z' + B' q' of (z, q, z', q')."""
+    m, n = kinematics.platform.m, leg.n if complete else leg.point
+    z, q, zd, qd = (cs.SX.sym(name, size) for name, size in (("z", m), ("q", n), ("zd", m), ("qd", n)))
+    r, R = _symbolic_pose(kinematics.platform, z)
+    padded = cs.vertcat(q, cs.SX.zeros(leg.n - n))
+    rotations, origins = _frames(leg.topology, padded, cs.SX(leg.base))
+    ends = leg.topology.ends
+    h = []
+    for end, kappa, turn in zip(ends, leg.couplings, leg.end_rotations, strict=False):
+        h.append(cs.SX(leg.origin) + origins[end] - r - R @ cs.SX(kappa))
+        if complete and turn is not None:
+            h.append(cs.vec(rotations[end] @ cs.SX(turn) - R))
+    for a, b in zip(ends[len(leg.couplings) :: 2], ends[len(leg.couplings) + 1 :: 2], strict=True):
+        h.append(origins[a] - origins[b])
+    closure = cs.vertcat(*h)
+    if not complete and isinstance(leg.leg, Leg):
+        closure = closure[list(kinematics.description.position_rows)]
+    A, B = cs.jacobian(closure, z), cs.jacobian(closure, q)
+    rate = A @ zd + B @ qd
+    drift = cs.jtimes(rate, z, zd) + cs.jtimes(rate, q, qd)
+    first = cs.Function("closure", [z, q], cs.cse([A, B]))
+    return PointFunction(first), PointFunction(cs.Function("closure_drift", [z, q, zd, qd], cs.cse([drift])))
+
+
+def _frames(topology: Topology, q: cs.SX, base: cs.SX) -> tuple[list[cs.SX], list[cs.SX]]:
+    """Rotations and origins of all rows, world axes, from the base frame's origin."""
+    rotations: list[cs.SX] = []
+    origins: list[cs.SX] = []
+    for row, parent, joint in zip(topology.rows, topology.parents, topology.joints, strict=True):
+        R, p = (base, cs.SX.zeros(3)) if parent < 0 else (rotations[parent], origins[parent])
+        fixed, turn, offset = mdh_parts(row, 0.0 if joint is None else q[joint])
+        rotations.append(R @ fixed @ turn)
+        origins.append(p + R @ offset)
+    return rotations, origins
+
+
+def _energies(R: cs.SX, r: cs.SX, q: cs.SX, qd: cs.SX, p: cs.SX, gravity: cs.SX) -> tuple[cs.SX, cs.SX]:
+    """Kinetic and potential energy of a body; its velocity by differentiating the pose."""
+    v = cs.jtimes(r, q, qd)
+    spin = R.T @ cs.reshape(cs.jtimes(cs.vec(R), q, qd), 3, 3)
+    w = cs.vertcat(spin[2, 1], spin[0, 2], spin[1, 0])
+    inertia = cs.vertcat(
+        cs.horzcat(p[0], p[1], p[2]), cs.horzcat(p[1], p[3], p[4]), cs.horzcat(p[2], p[4], p[5])
+    )
+    s, mass = p[6:9], p[9]
+    T = 0.5 * mass * cs.dot(v, v) + cs.dot(R.T @ v, cs.cross(w, s)) + 0.5 * cs.dot(w, inertia @ w)
+    return T, -cs.dot(gravity, mass * r + R @ s)
+
+
+def _lagrange(name: str, T: cs.SX, U: cs.SX, q: cs.SX, qd: cs.SX, inputs: list[cs.SX]) -> cs.Function:
+    momentum = cs.gradient(T, qd)
+    M = cs.jacobian(momentum, qd)
+    c = cs.jtimes(momentum, q, qd) - cs.gradient(T, q)
+    return cs.Function(name, inputs, cs.cse([M, c, cs.gradient(U, q)]))
+
+
+def _symbolic_pose(platform: PlatformCoordinates, z: cs.SX) -> tuple[cs.SX, cs.SX]:
+    r, R = platform.pose([z[i] for i in range(platform.m)])
+    return cs.SX(r), cs.SX(R)

@@ -1,0 +1,1 @@
+"""CasADi expressions of legs and platform in the order in which elimination needs them."""

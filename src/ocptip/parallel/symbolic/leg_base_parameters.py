@@ -1,0 +1,130 @@
+"""Base parameters of a parallel robot leg by leg, in closed form (section 7a).
+
+Rules of Gautier and Khalil: what a joint cannot tell apart moves to the body before it. Of a revolute joint
+that is a body of revolution about its axis, of a prismatic joint the whole inertia tensor.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import casadi as ca
+import numpy as np
+
+from ocptip.basics.errors import InputError
+from ocptip.parallel.description.robot_description import (
+    PRISMATIC,
+    MDHRow,
+    RobotDescription,
+    elementary_rotation,
+    value_of,
+)
+from ocptip.parallel.symbolic.leg_jacobian import LegPlan
+from ocptip.parallel.symbolic.projection import Arguments, Projection
+from ocptip.parallel.symbolic.symbols import InertiaLayout, geometry_symbols, inertia_layout, inertia_values
+
+_XX, _YY, _MZ, _M = 0, 3, 8, 9
+_UPPER = np.triu_indices(3)
+
+
+@dataclass(frozen=True, eq=False)
+class LegBaseParameters:
+    """Base parameters by the leg-wise closed form, in the order of the inertia layout.
+
+    Attributes:
+        kept: of all parameters of the layout, which are base parameters.
+        names: of those kept, each the name of the parameter into which others were grouped.
+        values: of those kept.
+        full: (layout.size,) the same values with zeros where eliminated: a DynPar 2 vector with equal motor
+            forces.
+    """
+
+    kept: tuple[bool, ...]
+    names: tuple[str, ...]
+    values: np.ndarray
+    full: np.ndarray
+
+
+def leg_base_parameters(description: RobotDescription) -> LegBaseParameters:
+    """Group the parameters of every leg from its coupling point to the base, in closed form (section 7a).
+
+    Raises:
+        InputError: a robot without the coupling form.
+    """
+    layout = inertia_layout(description)
+    values = inertia_values(description)
+    kept = np.zeros(layout.size, dtype=bool)
+    for group in layout.groups:
+        leg = description.legs[group[0]]
+        own = layout.leg_slice(group[0])
+        table = values[own].reshape(leg.n, 10)
+        keep = np.ones((leg.n, 10), dtype=bool)
+        for j in range(leg.n - 1, -1, -1):
+            if leg.rows[j].sigma == PRISMATIC:
+                moved = np.concatenate([table[j, :6], np.zeros(4)])
+                keep[j, :6] = False
+            else:
+                # A body of revolution about the joint's axis looks the same at every angle.
+                moved = np.zeros(10)
+                moved[[_XX, _YY]] = table[j, _YY]
+                moved[[_MZ, _M]] = table[j, [_MZ, _M]]
+                keep[j, [_YY, _MZ, _M]] = False
+            table[j] -= moved
+            if j:
+                table[j - 1] += transform_inertia(leg.rows[j]) @ moved
+        values[own] = table.ravel()
+        kept[own] = keep.ravel()
+    kept[layout.platform_slice] = True
+    kept &= _effective(description, layout, kept)
+    names = np.array(layout.names())
+    full = np.where(kept, values, 0.0)
+    return LegBaseParameters(tuple(kept.tolist()), tuple(names[kept].tolist()), values[kept], full)
+
+
+def transform_inertia(row: MDHRow) -> np.ndarray:
+    """(10, 10) parameters of a body given in frame j, expressed in frame a(j), at joint variable zero."""
+    if row.sigma == PRISMATIC and value_of(row.r) != 0.0:
+        row = MDHRow(row.sigma, row.gamma, row.b, row.alpha, row.d, row.theta, 0.0)
+    turned = elementary_rotation("z", row.gamma) @ elementary_rotation("x", row.alpha)
+    offset = turned @ np.array([value_of(row.d), 0.0, value_of(row.r)]) + [0.0, 0.0, value_of(row.b)]
+    rotation = turned @ elementary_rotation("z", row.theta)
+    columns = []
+    for unit in np.eye(10):
+        upper = np.zeros((3, 3))
+        upper[_UPPER] = unit[:6]
+        tensor = rotation @ (upper + np.triu(upper, 1).T) @ rotation.T
+        first, mass = rotation @ unit[6:9], unit[9]
+        twice = np.outer(first, offset) + np.outer(offset, first)
+        tensor = tensor + (2 * (first @ offset) + mass * (offset @ offset)) * np.eye(3)
+        tensor = tensor - twice - mass * np.outer(offset, offset)
+        columns.append(np.concatenate([tensor[_UPPER], first + mass * offset, [mass]]))
+    return np.array(columns).T
+
+
+def _effective(description: RobotDescription, layout: InertiaLayout, kept: np.ndarray) -> np.ndarray:
+    """Which parameters occur in the generalised force at all."""
+    m, n, legs = description.platform.m, layout.bodies, len(description.legs)
+    inertia = ca.SX.sym("inertia", layout.size)
+    arguments = Arguments(
+        pose=ca.SX.sym("z", m),
+        rates=ca.SX.sym("zd", m),
+        accelerations=ca.SX.sym("zdd", m),
+        q=ca.SX.sym("q", n, legs),
+        geometry=geometry_symbols(description),
+        inertia=ca.vertcat(*(inertia[k] if kept[k] else ca.SX(0.0) for k in range(layout.size))),
+        gravity=ca.SX.sym("gravity", 3),
+        wrench=ca.SX.zeros(6),
+        joint_terms=ca.SX.zeros(3, n * legs),
+        quasi=True,
+    )
+    force = None
+    for frame in range(n, 0, -1):
+        try:
+            projection = Projection(description, layout, [LegPlan(frame, n)] * legs, arguments)
+        except InputError:
+            if frame == 1:
+                raise
+            continue
+        force = projection.generalized_force()
+        break
+    return np.array(ca.which_depends(force, inertia, 1, False))

@@ -1,0 +1,277 @@
+"""One leg of a parallel robot in its link frames: joint rates from the coupling point, and the forces back to
+it.
+
+Every vector is kept in the frame of its link and passed on by planar rotations. The motion of the coupling
+point determines the joint rates (the leg's Jacobian is square), so that origins near the platform can take
+their acceleration from it instead of from the base.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import casadi as ca
+
+from ocptip.parallel.symbolic.block_solver import BlockSystem
+from ocptip.parallel.symbolic.leg_jacobian import LegModel, LegPlan, leg_jacobian
+from ocptip.parallel.symbolic.spatial_sx import (
+    Vector,
+    acceleration_matrix,
+    cross,
+    dot,
+    minus,
+    plus,
+    scaled,
+    spin_moment,
+    times,
+    unit,
+    zero,
+)
+
+
+@dataclass(frozen=True)
+class LegState:
+    """Motion of a leg as its coupling point prescribes it.
+
+    Attributes:
+        jacobian, rows: coupling-point velocity (components `rows` in the plan's frame) from the joint rates.
+        rates, accelerations: q' and q''.
+        omegas, alphas, matrices, origins: per body, in its own frame: angular velocity and acceleration, Om
+            of both, and acceleration of the origin minus gravity.
+    """
+
+    jacobian: BlockSystem
+    rows: list[int]
+    rates: list[ca.SX]
+    accelerations: list[ca.SX]
+    omegas: list[Vector]
+    alphas: list[Vector]
+    matrices: list[list[Vector]]
+    origins: list[Vector]
+
+
+@dataclass(frozen=True)
+class DrivenForce:
+    """A leg's load, split so that its passive joints are free of moments.
+
+    The force F on the platform side cancels the passive moments; `effort` remains at the driven joint. A
+    force lambda along `direction` at the coupling point adds `lever` lambda to it.
+
+    Attributes:
+        force, direction: world axes.
+        effort, lever: of the driven joint.
+    """
+
+    force: Vector
+    direction: Vector
+    effort: ca.SX
+    lever: ca.SX
+
+
+def leg_motion(
+    leg: LegModel, velocity: Vector, acceleration: Vector, gravity: Vector, plan: LegPlan
+) -> LegState:
+    """Joint rates (3.42) and accelerations from the coupling point, and the motion of all bodies.
+
+    Args:
+        leg: the leg.
+        velocity, acceleration: of the coupling point, world axes.
+        gravity: acceleration of gravity, world axes.
+        plan: how to write it.
+    """
+    jacobian, rows = leg_jacobian(leg, plan.frame)
+    to_frame = leg.rotation(plan.frame, 0)
+    velocity = to_frame(velocity)
+    rates = jacobian.solve([velocity[row] for row in rows])
+    omegas, carried = _angular_velocities(leg, rates)
+    still = [ca.SX(0.0)] * leg.size
+    coasting = _angular_accelerations(leg, rates, still, carried)
+    drift = _drift(leg, rates, omegas, coasting, plan.frame)
+    acceleration = to_frame(acceleration)
+    accelerations = jacobian.solve([acceleration[row] - drift[row] for row in rows])
+    alphas = _angular_accelerations(leg, rates, accelerations, carried)
+    matrices = [acceleration_matrix(w, a) for w, a in zip(omegas, alphas, strict=True)]
+    falls = []
+    for one in leg.turns:
+        gravity = one.inverse(gravity)
+        falls.append(gravity)
+    tip = minus(acceleration, falls[plan.frame - 1])
+    origins = _origins(leg, rates, accelerations, omegas, matrices, falls[0], tip, plan)
+    return LegState(jacobian, rows, rates, accelerations, omegas, alphas, matrices, origins)
+
+
+def leg_efforts(leg: LegModel, motion: LegState) -> list[ca.SX]:
+    """tau_i of all joints by backward Newton-Euler recursion, (3.14), friction and drives included."""
+    efforts, _ = _backward(leg, motion, leg.size, 1, (zero(), zero()))
+    return efforts
+
+
+def coupling_force(leg: LegModel, motion: LegState, plan: LegPlan) -> Vector:
+    """J_B^-T tau_i in world axes: the leg's load as a force at its coupling point, (3.48)."""
+    force = _spread(motion, motion.jacobian.solve_transposed(leg_efforts(leg, motion)))
+    return leg.rotation(0, plan.frame)(force)
+
+
+def actuator_row(leg: LegModel, motion: LegState, plan: LegPlan, joint: int) -> Vector:
+    """Row `joint` of J_B^-1 in world axes: the joint's rate per velocity of the coupling point."""
+    right = [ca.SX(float(j == joint)) for j in range(leg.size)]
+    return leg.rotation(0, plan.frame)(_spread(motion, motion.jacobian.solve_transposed(right)))
+
+
+def driven_force(leg: LegModel, motion: LegState, plan: LegPlan) -> DrivenForce:
+    """The load of a leg with one driven joint, split into motor effort and force on the platform.
+
+    No division by the leg's determinant: the lever goes to zero in a singularity of the leg.
+    """
+    (driven,) = leg.actuated
+    to_world = leg.rotation(0, plan.frame)
+    row = motion.jacobian.own_row(driven)
+    if row is None:
+        efforts = leg_efforts(leg, motion)
+        effort, efforts[driven] = efforts[driven], ca.SX(0.0)
+        force = _spread(motion, motion.jacobian.solve_transposed(efforts))
+        return DrivenForce(to_world(force), actuator_row(leg, motion, plan, driven), effort, ca.SX(1.0))
+    matrix = motion.jacobian.matrix
+    others = [r for r in range(leg.size) if r != row]
+    passive = [j for j in range(leg.size) if j != driven]
+    column = [matrix[r][driven] for r in range(leg.size)]
+
+    def cancel(moments: Sequence[ca.SX], along: float) -> list[ca.SX]:
+        found: list[ca.SX] = [ca.SX(along)] * leg.size
+        if passive:
+            system = BlockSystem([[matrix[r][j] for j in passive] for r in others])
+            for r, value in zip(others, system.solve_transposed(moments), strict=True):
+                found[r] = value
+        return found
+
+    direction = cancel([-matrix[row][j] for j in passive], 1.0)
+    lever = dot(direction, column)
+    if plan.inject and can_inject(leg):
+        efforts, outer = _backward(leg, motion, leg.size, 2, (zero(), zero()))
+        force = _spread(motion, cancel(efforts[1:], 0.0))
+        relieved = minus(outer[0], leg.rotation(2, plan.frame)(force))
+        (effort, *_), _ = _backward(leg, motion, 1, 1, (relieved, zero()))
+    else:
+        efforts = leg_efforts(leg, motion)
+        components = cancel([efforts[j] for j in passive], 0.0)
+        force = _spread(motion, components)
+        effort = efforts[driven] - dot(column, components)
+    return DrivenForce(to_world(force), to_world(_spread(motion, direction)), effort, lever)
+
+
+def can_inject(leg: LegModel) -> bool:
+    """True if only joint 1 is driven and joint 2 turns about a parallel axis."""
+    parallel = leg.size > 1 and all(one.axis == 2 for one in leg.turns[1].turns)
+    return leg.actuated == (0,) and parallel and leg.revolute[0] and leg.revolute[1]
+
+
+def _spread(motion: LegState, components: Sequence[ca.SX]) -> Vector:
+    spread = zero()
+    for row, value in zip(motion.rows, components, strict=True):
+        spread[row] = value
+    return spread
+
+
+def _angular_velocities(leg: LegModel, rates: Sequence[ca.SX]) -> tuple[list[Vector], list[Vector]]:
+    """Per body its angular velocity, and before that the previous body's, both in its frame."""
+    omega, omegas, carried = zero(), [], []
+    for j in range(leg.size):
+        before = leg.turns[j].inverse(omega) if j else zero()
+        omega = plus(before, scaled(rates[j], unit(2))) if leg.revolute[j] else before
+        carried.append(before)
+        omegas.append(omega)
+    return omegas, carried
+
+
+def _angular_accelerations(
+    leg: LegModel, rates: Sequence[ca.SX], accelerations: Sequence[ca.SX], carried: Sequence[Vector]
+) -> list[Vector]:
+    alpha, alphas = zero(), []
+    for j in range(leg.size):
+        alpha = leg.turns[j].inverse(alpha) if j else zero()
+        if leg.revolute[j]:
+            x, y, _ = carried[j]
+            alpha = [alpha[0] + y * rates[j], alpha[1] - x * rates[j], alpha[2] + accelerations[j]]
+        alphas.append(alpha)
+    return alphas
+
+
+def _sliding(leg: LegModel, j: int, rate: ca.SX, acceleration: ca.SX, omega: Vector) -> Vector:
+    """Acceleration of the origin of frame j (from 0) relative to the point of body j - 1 under it."""
+    if leg.revolute[j]:
+        return zero()
+    return [2 * (omega[1] * rate), -(2 * (omega[0] * rate)), acceleration]
+
+
+def _drift(
+    leg: LegModel, rates: Sequence[ca.SX], omegas: Sequence[Vector], alphas: Sequence[Vector], frame: int
+) -> Vector:
+    """J_B' q' in the axes of a link frame: acceleration of the coupling point without joint accelerations."""
+    still = ca.SX(0.0)
+    matrices = [acceleration_matrix(w, a) for w, a in zip(omegas, alphas, strict=True)]
+    swing = [times(matrices[j], leg.segments[j]) for j in range(leg.size)]
+    slides = [_sliding(leg, j, rates[j], still, omegas[j]) for j in range(leg.size)]
+    inward = slides[0]
+    for j in range(1, frame):
+        inward = plus(leg.turns[j].inverse(plus(inward, swing[j - 1])), slides[j])
+    outward = swing[leg.size - 1]
+    for j in range(leg.size - 1, frame - 1, -1):
+        outward = plus(leg.turns[j](plus(outward, slides[j])), swing[j - 1])
+    return plus(inward, outward)
+
+
+def _origins(
+    leg: LegModel,
+    rates: Sequence[ca.SX],
+    accelerations: Sequence[ca.SX],
+    omegas: Sequence[Vector],
+    matrices: Sequence[list[Vector]],
+    fall: Vector,
+    tip: Vector,
+    plan: LegPlan,
+) -> list[Vector]:
+    slides = [_sliding(leg, j, rates[j], accelerations[j], omegas[j]) for j in range(leg.size)]
+    origins: list[Vector] = [zero()] * leg.size
+    current = plus(scaled(-1, fall), slides[0])
+    for j in range(leg.size):
+        if j:
+            outer = plus(current, times(matrices[j - 1], leg.segments[j - 1]))
+            current = plus(leg.turns[j].inverse(outer), slides[j])
+        origins[j] = current
+    current = leg.rotation(leg.size, plan.frame)(tip)
+    for j in range(leg.size - 1, plan.tip - 2, -1):
+        current = minus(current, times(matrices[j], leg.segments[j]))
+        origins[j] = current
+        if j:
+            current = leg.turns[j](minus(current, slides[j]))
+    return origins
+
+
+def _backward(
+    leg: LegModel, motion: LegState, start: int, stop: int, outer: tuple[Vector, Vector]
+) -> tuple[list[ca.SX], tuple[Vector, Vector]]:
+    """Efforts of joints start..stop (from 1, inwards); `outer`: force and moment of body start + 1."""
+    force, moment = outer
+    efforts: list[ca.SX] = [ca.SX(0.0)] * leg.size
+    for j in range(start - 1, stop - 2, -1):
+        own_force, own_moment = _body_wrench(leg.inertia[j], motion, j)
+        if j + 1 < leg.size:
+            passed = leg.turns[j + 1](force)
+            moment = plus(own_moment, leg.turns[j + 1](moment), cross(leg.segments[j], passed))
+            force = plus(own_force, passed)
+        else:
+            force, moment = own_force, own_moment
+        effort = moment[2] if leg.revolute[j] else force[2]
+        effort = effort + leg.rotor[j] * motion.accelerations[j] + leg.viscous[j] * motion.rates[j]
+        if not leg.coulomb[j].is_zero():
+            effort = effort + leg.coulomb[j] * ca.sign(motion.rates[j])
+        efforts[j] = effort
+    return efforts, (force, moment)
+
+
+def _body_wrench(inertia: Sequence[ca.SX], motion: LegState, body: int) -> tuple[Vector, Vector]:
+    first, mass = list(inertia[6:9]), inertia[9]
+    force = plus(scaled(mass, motion.origins[body]), times(motion.matrices[body], first))
+    moment = spin_moment(inertia, motion.omegas[body], motion.alphas[body], motion.matrices[body])
+    return force, plus(moment, cross(first, motion.origins[body]))

@@ -1,0 +1,1 @@
+"""Figures of scenes, plans and placements; the only part that imports matplotlib."""

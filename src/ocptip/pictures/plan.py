@@ -1,0 +1,450 @@
+"""Figures of a plan: angles, speeds, torques, power and energy, reserves, normal forces, friction used.
+
+An overview of six panels and a figure for each quantity, all over the same time axis. Faint vertical lines
+are the events of the ramps, where accelerations jump. Joints and contacts are numbered from 1; a joint or
+contact has the same colour in all figures. A reference motion of the task, if there is one, is dashed.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from ocptip.basics.write import atomic_file
+from ocptip.motion.output import sample_motion
+from ocptip.standing.mechanism import MotionSamples
+
+if TYPE_CHECKING:
+    from ocptip.motion.plan import MotionPlan
+
+# Okabe and Ito's palette, told apart with any colour vision; its yellow is too pale for lines on white.
+COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
+STYLES = ("-", (0, (5, 1.2)), (0, (1.2, 1.2)))  # beyond seven joints or contacts
+GN, GT, ENERGY, POWER = "#0072b2", "#d55e00", "#000000", "#009e73"
+LIMIT, EVENT = "#8b0000", "#e3e3e3"
+DPI = 130
+
+_LEGEND_SIZE, _LEGEND_HANDLE, _LEGEND_GAP = 8.5, 1.8, 1.2  # points; the others in units of it
+
+_DASHED = (0, (4, 2))
+_LIMIT_STYLE = {"color": LIMIT, "lw": 1.3, "ls": (0, (6, 2))}
+_WORST = {"marker": "o", "ms": 8, "mfc": "none", "mew": 1.8, "ls": "", "zorder": 6}
+
+
+def draw_plan(
+    directory: str | os.PathLike[str], plan: MotionPlan, samples: MotionSamples | None = None
+) -> list[Path]:
+    """Draw all figures of a plan into a directory as PNG; files of the same name are replaced.
+
+    Args:
+        directory: made if it does not exist; the one above it must.
+        plan: the plan, any object with the attributes of `MotionPlan`.
+        samples: of its motion, from :func:`ocptip.motion.output.sample_motion`; computed if None.
+
+    Returns:
+        The paths, `plan.png` (the overview) first.
+
+    Raises:
+        OSError: a file or the directory cannot be written; names it.
+    """
+    directory = Path(directory)
+    directory.mkdir(exist_ok=True)
+    curves, paths = _Curves(plan, samples or sample_motion(plan.task.robot, plan.motion)), []
+    for name, draw in _FIGURES.items():
+        paths.append(directory / f"{name}.png")
+        with atomic_file(paths[-1]) as stream:
+            _drawn(draw, curves).savefig(stream, format="png", dpi=DPI)
+    return paths
+
+
+def plan_figures(plan: MotionPlan, samples: MotionSamples | None = None) -> dict[str, Figure]:
+    """The same as matplotlib figures, by the names of the files without ending."""
+    curves = _Curves(plan, samples or sample_motion(plan.task.robot, plan.motion))
+    return {name: _drawn(draw, curves) for name, draw in _FIGURES.items()}
+
+
+@dataclass(frozen=True)
+class _Curves:
+    """The numbers of a plan as they are drawn."""
+
+    plan: MotionPlan
+    samples: MotionSamples
+
+    @cached_property
+    def reference(self) -> MotionSamples | None:
+        """Samples of the reference motion."""
+        motion = self.plan.task.reference
+        return None if motion is None else sample_motion(self.plan.task.robot, motion)
+
+    @property
+    def times(self) -> np.ndarray:
+        """(N,), s."""
+        return self.samples.times
+
+    @property
+    def joint_names(self) -> list[str]:
+        """Number and name, or just the name if that is but the number."""
+        names = self.plan.task.robot.names
+        return [n if n == f"joint {j}" else f"{j}: {n}" for j, n in enumerate(names, 1)]
+
+    @property
+    def joint_limits(self) -> Any:
+        """Limits of joints, or of a platform's coordinates and motors."""
+        return self.plan.task.robot.limits
+
+    @property
+    def units(self) -> list[str]:
+        """Per joint deg, or m for a straight coordinate."""
+        return ["m" if unit == "m" else "deg" for unit in self.plan.task.robot.units]
+
+    @property
+    def scales(self) -> np.ndarray:
+        """(n,) factors from SI units to `units`."""
+        return np.array([1.0 if unit == "m" else 180 / np.pi for unit in self.units])
+
+    @cached_property
+    def normal_range(self) -> np.ndarray:
+        """(n, 2) least and greatest normal force each contact can bear, N; infinite for none."""
+        pieces = [contact.force_pieces() for contact in self.plan.task.robot.support.contacts]
+        return np.array([[min(p.normal_min for p in own), max(p.normal_max for p in own)] for own in pieces])
+
+    @property
+    def normal_forces(self) -> np.ndarray:
+        """(N, n), N."""
+        return self.samples.states.contact_forces[:, :, 0]
+
+    @property
+    def title(self) -> str:
+        """Case, verdict, energy and duration."""
+        proof = self.plan.proof
+        verdict = "verified" if proof.verified else "NOT verified"
+        return f"{self.plan.task.name}: {verdict}, {proof.energy:.1f} J in {proof.duration:.3f} s"
+
+
+def _overview(curves: _Curves) -> Figure:
+    figure, axes = _figure(curves, (14.0, 11.5), 3, 2)
+    (angles, speeds), (torques, power), (reserves, forces) = axes
+    _angles(angles, curves)
+    limits = curves.joint_limits
+    _shares(
+        speeds,
+        curves,
+        _all("Speed / limit of joints", curves.samples.speeds),
+        curves.samples.speeds,
+        limits.speed,
+        1.0,
+    )
+    ratio = curves.plan.task.limits.torque_ratio
+    _shares(
+        torques,
+        curves,
+        _all("Torque / limit of joints", curves.samples.torques),
+        curves.samples.torques,
+        limits.torque,
+        ratio,
+    )
+    _total_power(power, curves)
+    _reserves(reserves, curves, ("GN", "GT"))
+    _normal_forces(forces, curves)
+    return figure
+
+
+def _angle_figure(curves: _Curves) -> Figure:
+    figure, axes = _figure(curves, (9.5, 5.5), 1, 1)
+    _angles(axes[0, 0], curves, curves.joint_names)
+    return figure
+
+
+def _speed_figure(curves: _Curves) -> Figure:
+    units, scales = [f"{unit}/s" for unit in curves.units], curves.scales
+    return _joint_panels(curves, "speed", units, scales * curves.samples.speeds, "speed", scales)
+
+
+def _torque_figure(curves: _Curves) -> Figure:
+    units, ratio = list(curves.plan.task.robot.motor_units), curves.plan.task.limits.torque_ratio
+    return _joint_panels(curves, "torque", units, curves.samples.torques, "torque", ratio)
+
+
+def _power_figure(curves: _Curves) -> Figure:
+    figure, axes = _figure(curves, (9.5, 8.5), 2, 1)
+    power, energy = axes[:, 0]
+    for j, values in enumerate(curves.samples.powers.T):
+        power.plot(curves.times, values, **_style(j), lw=1.2, label=f"joint {j + 1}", gid=f"power-{j + 1}")
+    total = curves.samples.powers.sum(axis=1)
+    power.plot(curves.times, total, color="#5f5f5f", lw=2.4, zorder=1.5, label="total", gid="power")
+    _finish(power, curves, "Electric power", "power [W]")
+    power.set_ylim(bottom=min(0.0, power.get_ylim()[0]) if power.dataLim.ymin < 0 else 0.0)
+    _energy(energy, curves)
+    _finish(energy, curves, "Electric energy since the start", "energy [J]")
+    return figure
+
+
+def _reserve_figure(curves: _Curves) -> Figure:
+    figure, axes = _figure(curves, (9.5, 8.5), 2, 1)
+    for ax, name in zip(axes[:, 0], ("GN", "GT"), strict=True):
+        _reserves(ax, curves, (name,))
+    return figure
+
+
+def _normal_figure(curves: _Curves) -> Figure:
+    figure, axes = _figure(curves, (9.5, 5.5), 1, 1)
+    _normal_forces(axes[0, 0], curves)
+    return figure
+
+
+def _friction_figure(curves: _Curves) -> Figure:
+    figure, axes = _figure(curves, (9.5, 5.5), 1, 1)
+    ax, limit = axes[0, 0], curves.plan.task.limits.GT
+    for k, usage in enumerate(curves.samples.slip.usage.T):
+        # Contacts often share the largest use; thinner lines on top let the ones below be seen.
+        width = max(3.9 - 1.2 * k, 1.2)
+        ax.plot(
+            curves.times, 100 * usage, **_style(k), lw=width, label=f"contact {k + 1}", gid=f"use-{k + 1}"
+        )
+    ax.axhline(100 * limit, **_LIMIT_STYLE, label=f"limit of GT, {100 * limit:.3g} %", gid="limit")
+    _finish(ax, curves, "Friction used", "tangential force / friction limit [%]")
+    ax.set_ylim(bottom=0.0)
+    return figure
+
+
+def _angles(ax: Any, curves: _Curves, names: Iterable[str] | None = None) -> None:
+    names = names or [str(j + 1) for j in range(curves.samples.angles.shape[1])]
+    for j, (name, values) in enumerate(zip(names, (curves.scales * curves.samples.angles).T, strict=True)):
+        ax.plot(curves.times, values, **_style(j), label=name, gid=f"angle-{j + 1}")
+    if set(curves.units) == {"deg"}:
+        title, label = _all("Angles of joints", curves.samples.angles), "angle [deg]"
+    else:
+        title, label = "Coordinates", f"coordinate [{', '.join(sorted(set(curves.units), reverse=True))}]"
+    _finish(ax, curves, title, label)
+
+
+def _shares(
+    ax: Any, curves: _Curves, title: str, values: np.ndarray, limits: np.ndarray, largest: float
+) -> None:
+    """Joint quantities as shares of their limits; joints without limit are left out."""
+    if not np.any(np.isfinite(limits)):
+        ax.text(0.5, 0.5, "no joint has such a limit", ha="center", va="bottom", transform=ax.transAxes)
+    for j in np.flatnonzero(np.isfinite(limits)):
+        ax.plot(
+            curves.times,
+            100 * values[:, j] / limits[j],
+            **_style(j),
+            label=str(j + 1),
+            gid=f"share-{j + 1}",
+        )
+    for side, label in ((100, "limit"), (-100, None)):
+        ax.axhline(side * largest, **_LIMIT_STYLE, label=label)
+    _finish(ax, curves, title, "share of the limit [%]")
+
+
+def _joint_panels(
+    curves: _Curves,
+    quantity: str,
+    units: list[str],
+    values: np.ndarray,
+    limit_name: str,
+    factor: float | np.ndarray,
+) -> Figure:
+    """One panel per joint with its own limits."""
+    n, limits = values.shape[1], factor * getattr(curves.joint_limits, limit_name)
+    columns = min(n, 2)
+    rows = -(-n // columns)
+    figure, axes = _figure(curves, (12.0, 0.8 + 2.7 * rows), rows, columns)
+    for j, ax in enumerate(axes.ravel()):
+        if j >= n:
+            ax.remove()
+            continue
+        unit = units[j]
+        ax.plot(curves.times, values[:, j], **_style(j), label=quantity, gid=f"{quantity}-{j + 1}")
+        peak = float(np.max(np.abs(values[:, j])))
+        if np.isfinite(limits[j]):
+            for side, label in ((1, f"limit {limits[j]:.4g} {unit}"), (-1, None)):
+                ax.axhline(side * limits[j], **_LIMIT_STYLE, label=label)
+            most = f"{100 * peak / limits[j]:.0f} % of the limit"
+        else:
+            most = "no limit"
+        name = curves.joint_names[j]
+        _finish(
+            ax,
+            curves,
+            f"{name[:1].upper()}{name[1:]}: at most {peak:.3g} {unit}, {most}",
+            f"{quantity} [{unit}]",
+        )
+    return figure
+
+
+def _total_power(ax: Any, curves: _Curves) -> None:
+    """Power on the left axis, energy on the right one."""
+    total = curves.samples.powers.sum(axis=1)
+    ax.fill_between(curves.times, 0.0, total, color=POWER, alpha=0.15, lw=0)
+    ax.plot(curves.times, total, color=POWER, label="power", gid="power")
+    right = ax.twinx()
+    _energy(right, curves)
+    right.set_ylabel("energy [J]")
+    handles, labels = right.get_legend_handles_labels()
+    ax.margins(y=0.08)
+    _finish(ax, curves, "Electric power and energy", "power [W]", (handles, labels))
+    low, high = ax.get_ylim()
+    if low < 0:  # both zeros at the same height
+        top = right.get_ylim()[1]
+        right.set_ylim(top * low / high, top)
+
+
+def _energy(ax: Any, curves: _Curves) -> None:
+    for samples, style in ((curves.samples, {"ls": "-"}), (curves.reference, {"ls": _DASHED, "lw": 1.4})):
+        if samples is not None:
+            energy = _cumulated(samples)
+            own = samples is curves.samples
+            label = f"{'energy' if own else 'reference'}, {energy[-1]:.1f} J"
+            gid = "energy" if own else "energy-reference"
+            ax.plot(samples.times, energy, color=ENERGY, **style, label=label, gid=gid)
+    ax.set_ylim(min(0.0, ax.get_ylim()[0]) if ax.dataLim.ymin < 0 else 0.0, 1.06 * ax.dataLim.ymax)
+
+
+def _reserves(ax: Any, curves: _Curves, names: tuple[str, ...]) -> None:
+    """Reserves with their limits; a ring marks the worst instant that the proof has found."""
+    limits = {name: getattr(curves.plan.task.limits, name) for name in names}
+    for name in names:
+        color = GN if name == "GN" else GT
+        ax.plot(curves.times, _reserve(curves.samples, name), color=color, label=name, gid=name)
+    for name in names:
+        color, worst = GN if name == "GN" else GT, curves.plan.proof.worst[name]
+        ax.plot(
+            [worst.time],
+            [worst.value],
+            **_WORST,
+            mec=color,
+            label=None if name != names[0] else "worst",
+            gid=f"{name}-worst",
+        )
+        if curves.reference is not None:
+            style = {"color": color, "ls": _DASHED, "lw": 1.2, "alpha": 0.75, "zorder": 1.8}
+            values, label = _reserve(curves.reference, name), None if name != names[0] else "reference"
+            ax.plot(curves.reference.times, values, **style, label=label, gid=f"{name}-reference")
+    for value in dict.fromkeys(limits.values()):
+        which = " and ".join(name for name in names if limits[name] == value)
+        label = "limit" if len(set(limits.values())) == 1 else f"limit of {which}"
+        ax.axhline(value, **_LIMIT_STYLE, label=f"{label} {value:.3g}", gid="limit")
+    most = {name: curves.plan.proof.worst[name] for name in names}
+    words = {"GN": "Tip-over GN", "GT": "slip GT"}
+    title = ", ".join(f"{words[n]} at most {w.value:.3f} at {w.time:.3f} s" for n, w in most.items())
+    _finish(ax, curves, title[:1].upper() + title[1:], f"{', '.join(names)} (1: contact lost)")
+    ax.set_ylim(bottom=0.0)
+
+
+def _normal_forces(ax: Any, curves: _Curves) -> None:
+    for k, values in enumerate(curves.normal_forces.T):
+        ax.plot(curves.times, values, **_style(k), label=str(k + 1), gid=f"normal-{k + 1}")
+    for side, word in ((0, "least"), (1, "most")):
+        bounds = curves.normal_range[:, side]
+        for value in np.unique(bounds[np.isfinite(bounds)]):
+            which = np.flatnonzero(bounds == value)
+            own = {"color": _style(which[0])["color"]} if len(which) < len(bounds) else {}
+            of = "" if len(which) == len(bounds) else f" ({', '.join(str(k + 1) for k in which)})"
+            style = {**_LIMIT_STYLE, **(own if len(which) == 1 else {})}
+            ax.axhline(value, **style, label=f"{word}{of}: {value:.4g} N", gid=f"{word}-normal")
+    _finish(ax, curves, _all("Normal forces of contacts", curves.normal_forces), "force on the base [N]")
+
+
+def _drawn(draw: Callable[[_Curves], Figure], curves: _Curves) -> Figure:
+    """A figure whose time axes end with the motion, or with the reference where that is drawn and longer."""
+    figure = draw(curves)
+    lines = [line.get_gid() or "" for ax in figure.axes for line in ax.lines]
+    ends = [curves.plan.motion.end]
+    if any(gid.endswith("-reference") for gid in lines):
+        ends.append(curves.plan.task.reference.end)
+    for ax in figure.axes:
+        ax.set_xlim(0.0, max(ends) or 1.0)
+    return figure
+
+
+def _figure(curves: _Curves, size: tuple[float, float], rows: int, columns: int) -> tuple[Figure, np.ndarray]:
+    figure = Figure(figsize=size, layout="constrained")
+    FigureCanvasAgg(figure)
+    figure.suptitle(curves.title, fontsize=13, fontweight="bold")
+    figure.supxlabel("grey lines: a ramp of a joint begins or ends", fontsize=9, color="#6f6f6f")
+    axes = figure.subplots(rows, columns, squeeze=False, sharex=True)
+    return figure, axes
+
+
+def _finish(
+    ax: Any, curves: _Curves, title: str, label: str, more: tuple[list[Any], list[str]] = ([], [])
+) -> None:
+    """Events, time axis, title, and the legend between title and panel, where it covers no curve."""
+    for t in curves.plan.motion.event_times:
+        ax.axvline(t, color=EVENT, lw=0.8, zorder=0)
+    ax.set_xlabel("time [s]")
+    ax.set_ylabel(label)
+    ax.xaxis.set_tick_params(labelbottom=True)
+    ax.grid(axis="y", color="#ececec", lw=0.8)
+    ax.set_axisbelow(True)
+    handles, labels = ax.get_legend_handles_labels()
+    handles, labels = handles + more[0], labels + more[1]
+    columns = _legend_columns(ax, labels)
+    ax.set_title(title, loc="left", fontsize=11, pad=7 + 14 * -(-len(labels) // columns))
+    ax.legend(
+        handles,
+        labels,
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
+        ncol=columns,
+        frameon=False,
+        fontsize=_LEGEND_SIZE,
+        handlelength=_LEGEND_HANDLE,
+        columnspacing=_LEGEND_GAP,
+        borderaxespad=0.2,
+        borderpad=0.2,
+    )
+
+
+def _legend_columns(ax: Any, labels: list[str]) -> int:
+    """Most columns that are not wider than the panel; a wider legend would squeeze all panels."""
+    panel = 72 * ax.figure.get_figwidth() / ax.get_subplotspec().get_gridspec().ncols - 70
+    widths = [_LEGEND_SIZE * (0.6 * len(text) + _LEGEND_HANDLE + 0.8 + _LEGEND_GAP) for text in labels]
+    for columns in range(len(labels), 1, -1):
+        if sum(max(own) for own in np.array_split(widths, columns)) <= panel:
+            return columns
+    return 1
+
+
+def _all(what: str, values: np.ndarray) -> str:
+    """Title of a panel whose legend holds but numbers: "Angles of joints 1 to 6"."""
+    return f"{what} 1 to {values.shape[1]}" if values.shape[1] > 1 else f"{what} 1"
+
+
+def _style(number: int) -> dict[str, Any]:
+    """Colour and line style of a joint or contact."""
+    return {
+        "color": COLORS[number % len(COLORS)],
+        "ls": STYLES[number // len(COLORS) % len(STYLES)],
+    }
+
+
+def _reserve(samples: MotionSamples, name: str) -> np.ndarray:
+    return samples.tip.GN if name == "GN" else samples.slip.GT
+
+
+def _cumulated(samples: MotionSamples) -> np.ndarray:
+    """Energy since the start, (N,), J, by the trapezoidal rule."""
+    power = samples.powers.sum(axis=1)
+    return np.concatenate([[0.0], np.cumsum(0.5 * np.diff(samples.times) * (power[1:] + power[:-1]))])
+
+
+_FIGURES: dict[str, Callable[[_Curves], Figure]] = {
+    "plan": _overview,
+    "angles": _angle_figure,
+    "speeds": _speed_figure,
+    "torques": _torque_figure,
+    "power": _power_figure,
+    "reserves": _reserve_figure,
+    "normal_forces": _normal_figure,
+    "friction": _friction_figure,
+}

@@ -1,0 +1,227 @@
+"""Placement for a motion: good placements at rest, ranked by the energy of the motions planned on them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ocptip.basics.errors import InputError, OcptipError, PlanningError, whole_number
+from ocptip.contact.support import Support
+from ocptip.motion.plan import MotionPlan, plan_motion
+from ocptip.motion.task import MotionTask
+from ocptip.placement.evaluate import Evaluator
+from ocptip.placement.place import place
+from ocptip.placement.problem import PlacementProblem
+from ocptip.placement.result import FEASIBLE, Placement, PlacementResult, judge
+from ocptip.placement.search.starts import solutions
+from ocptip.robots.geometry import Pillar, Wall
+from ocptip.standing.arm import StandingRobot
+from ocptip.standing.limits import MotionLimits
+
+
+@dataclass(frozen=True, eq=False)
+class MotionPlacement:
+    """One placement with the motions planned from each gripper task to the next.
+
+    Attributes:
+        placement: with the joint angles at which the motions start and end.
+        plans: one per leg; None where no verified motion was found.
+        refusals: one sentence per leg, empty where there is a plan.
+    """
+
+    placement: Placement
+    plans: tuple[MotionPlan | None, ...]
+    refusals: tuple[str, ...]
+
+    @property
+    def verified(self) -> bool:
+        """All legs have a verified plan."""
+        return all(plan is not None and plan.verified for plan in self.plans)
+
+    @property
+    def energy(self) -> float:
+        """Electric energy of all legs, J; infinite if one has no plan."""
+        return float(sum(np.inf if plan is None else plan.energy for plan in self.plans))
+
+    @property
+    def duration(self) -> float:
+        """Of all legs, s; infinite if one has no plan."""
+        return float(sum(np.inf if plan is None else plan.duration for plan in self.plans))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        return {
+            "placement": self.placement.to_dict(),
+            "verified": self.verified,
+            "energy_J": self.energy if np.isfinite(self.energy) else None,
+            "duration_s": self.duration if np.isfinite(self.duration) else None,
+            "legs": [None if plan is None else plan.proof.to_dict() for plan in self.plans],
+            "refusals": list(self.refusals),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class MotionPlacementResult:
+    """Placements ranked by the energy of their motions.
+
+    Attributes:
+        ranked: the least energy first; those without plan last.
+        static: what the placement at rest found.
+    """
+
+    ranked: tuple[MotionPlacement, ...]
+    static: PlacementResult
+
+    @property
+    def best(self) -> MotionPlacement:
+        """The placement with the least planned energy."""
+        return self.ranked[0]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        return {"ranked": [m.to_dict() for m in self.ranked], "seconds_static": self.static.seconds}
+
+
+def place_for_motion(
+    problem: PlacementProblem,
+    *,
+    candidates: int = 3,
+    starts: int = 2,
+    seed: int = 0,
+    jobs: int | None = 1,
+    optimised: tuple[int, ...] = (0, 1, 2),
+    commands: int = 3,
+    placement_starts: int = 5,
+) -> MotionPlacementResult:
+    """Find the placement from which the arm moves from gripper task to gripper task with the least energy.
+
+    The best distinct placements at rest (all tasks, all constraints) are candidates. On each the branches of
+    the tasks are chosen so that the joint ways, in seconds at full speed, are shortest, and every leg is
+    planned by `ocptip.motion.plan.plan_motion`, unloaded, within the same limits.
+
+    Args:
+        problem: with two tasks or more, in the order in which they are visited.
+        candidates: number of placements to plan on.
+        starts: of the motion planner, per leg.
+        seed: of placements and plans.
+        jobs: processes of the motion planner.
+        optimised, commands: see `MotionTask`.
+        placement_starts: of `place`.
+
+    Raises:
+        InputError: fewer than two tasks.
+        NoPlacementError: no placement serves all tasks at rest.
+        PlanningError: no candidate has a verified motion; the message names what is in the way on each.
+    """
+    if len(problem.tasks) < 2:
+        raise InputError("tasks: a motion needs two gripper tasks or more, got one")
+    numbers = {"candidates": candidates, "starts": starts, "jobs": 1 if jobs is None else jobs}
+    for name, value in (numbers | {"placement_starts": placement_starts}).items():
+        whole_number(name, value, 1)
+    static = place(problem, starts=max(placement_starts, candidates), seed=seed, keep=candidates)
+    evaluator, found = Evaluator(problem), []
+    for placement in static.placements:
+        aligned = shortest_way(evaluator, placement, seed)
+        robot = placed_robot(aligned)
+        plans, refusals = [], []
+        for start, goal, name in _legs(aligned):
+            task = MotionTask(name, robot, start, goal, _limits(problem), tuple(optimised), commands)
+            try:
+                plans.append(plan_motion(task, starts=starts, seed=seed, jobs=jobs))
+                refusals.append("")
+            except OcptipError as error:
+                plans.append(None)
+                refusals.append(str(error))
+        found.append(MotionPlacement(aligned, tuple(plans), tuple(refusals)))
+    ranked = tuple(sorted(found, key=lambda m: m.energy))
+    if not ranked[0].verified:
+        reasons = "; ".join(dict.fromkeys(r for m in ranked for r in m.refusals if r))
+        raise PlanningError(f"no verified motion on any of {len(ranked)} placements: {reasons}")
+    return MotionPlacementResult(ranked, static)
+
+
+def placed_robot(placement: Placement) -> StandingRobot:
+    """The robot at its place: gravity, walls and pillars of the world in base axes.
+
+    Its tip-over reserve keeps the reference moment of the problem's robot.
+    """
+    problem = placement.problem
+    robot, base, origin = problem.robot, placement.base_rotation, placement.base_position
+    old = robot.support
+    support = Support(
+        old.contacts,
+        mass=old.mass,
+        center_of_mass=old.center_of_mass,
+        inertia=old.inertia,
+        gravity=base.T @ problem.gravity,
+    )
+    around = [in_base_axes(obstacle, origin, base) for obstacle in problem.obstacles]
+    return StandingRobot(
+        robot.arm,
+        support,
+        robot.motors,
+        obstacles=[*robot.obstacles, *around],
+        reference_moment=robot.tip_over.reference_moment,
+        redistribution=robot.slip.redistribution,
+    )
+
+
+def in_base_axes(obstacle: Wall | Pillar, origin: np.ndarray, base: np.ndarray) -> Wall | Pillar:
+    """An obstacle of the world in the axes of a base at origin (3,), m, with rotation (3, 3) to the world."""
+    if isinstance(obstacle, Wall):
+        distance = float(obstacle.distance - obstacle.normal @ origin)
+        return replace(obstacle, normal=base.T @ obstacle.normal, distance=distance)
+    return replace(obstacle, point=base.T @ (obstacle.point - origin), axis=base.T @ obstacle.axis)
+
+
+def shortest_way(evaluator: Evaluator, placement: Placement, seed: int = 0) -> Placement:
+    """The same placement with the branches between which the joints move least, judged again.
+
+    Only branches that keep all constraints of their task count; where a task has none besides the given one,
+    that one stays.
+    """
+    limits = evaluator.arm.limits
+    rng = np.random.default_rng(seed)
+    weights = 1 / np.where(np.isfinite(limits.speed), limits.speed, 1.0)
+    layers = []
+    for t, own in enumerate(placement.angles):
+        q = solutions(evaluator, t, placement.patch, placement.parameters[None], rng)[0]
+        q = np.vstack([own, q[np.isfinite(q).all(axis=1)]])
+        parameters = np.tile(placement.parameters, (len(q), 1))
+        kept = evaluator.task(t, placement.patch, parameters, q).margin() >= -FEASIBLE
+        kept[0] = True
+        layers.append(q[kept])
+    cost, path = np.zeros(len(layers[0])), [[q] for q in layers[0]]
+    for q in layers[1:]:
+        options = []
+        for goal in q:
+            near = [_near(goal, way[-1], limits.angle_min, limits.angle_max) for way in path]
+            ways = [c + np.abs(g - way[-1]) @ weights for c, way, g in zip(cost, path, near, strict=True)]
+            best = int(np.argmin(ways))
+            options.append((ways[best], [*path[best], near[best]]))
+        cost, path = np.array([c for c, _ in options]), [way for _, way in options]
+    angles = np.array(path[int(np.argmin(cost))])
+    return judge(evaluator, placement.patch, placement.parameters, angles, placement.start)
+
+
+def _near(goal: np.ndarray, start: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """The copy of an angle, whole turns away, that is nearest to the start within its limits."""
+    turned = goal + 2 * np.pi * np.round((start - goal) / (2 * np.pi))
+    return np.where((turned >= low) & (turned <= high), turned, goal)
+
+
+def _legs(placement: Placement) -> list[tuple[np.ndarray, np.ndarray, str]]:
+    names, angles = [task.name for task in placement.problem.tasks], placement.angles
+    return [(angles[t], angles[t + 1], f"{names[t]} to {names[t + 1]}") for t in range(len(names) - 1)]
+
+
+def _limits(problem: PlacementProblem) -> MotionLimits:
+    limits = problem.limits
+    return MotionLimits(
+        GN=limits.GN or 1.0,
+        GT=limits.GT or 1.0,
+        torque_ratio=limits.torque_ratio,
+        clearance=limits.clearance,
+    )

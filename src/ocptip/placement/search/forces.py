@@ -1,0 +1,115 @@
+"""Contact forces as variables of the nonlinear program, where they may be redistributed in full.
+
+The slip reserve is itself the optimum of a cone program over the contact forces that hold the base (4.12). As
+a function of the wrench it has kinks, and placements like to lie in them, where no gradient vanishes. Inside
+a nonlinear program both optimisations become one, which is smooth: forces that balance the wrench, with all
+usages below one bound. This is the reserve with redistribution "full", and with three contacts on a plane,
+whose normal forces follow from the wrench, also the one with "tangential".
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ocptip.contact.solver import solve_many
+from ocptip.contact.support import Support
+from ocptip.reserves.force_sets import ForceSets, force_scale
+from ocptip.reserves.slip import LARGEST_SQUEEZE, Slip
+
+ROUNDING = 1e-7
+"""Added to friction limits that are divided by, in units of the weight."""
+
+
+class ContactForces:
+    """Balance and friction of contact forces F (3 n,), contact axes, in units of `unit`.
+
+    Each contact keeps to one convex piece of its force set: the one that holds its force in the contact
+    solver's state at the start. (Ordinary contacts have only one.)
+
+    Args:
+        support: the base on its contacts.
+        slip: its slip reserve.
+        unit: N.
+    """
+
+    def __init__(self, support: Support, slip: Slip, unit: float) -> None:
+        self.support, self.slip, self.unit = support, slip, unit
+        self.size = 3 * support.n_contacts
+        scale = np.r_[1, 1, 1, np.full(3, 1 / support.length)]
+        self.per_force = scale[:, None] * support.wrench_matrix
+        self.per_wrench = np.diag(scale) / unit
+        self._sets = ForceSets(support)
+
+    def start(self, wrenches: np.ndarray) -> tuple[np.ndarray, list[Piece]]:
+        """Forces (N, 3 n) of the redistributed states under wrenches (N, 6), and the pieces they lie in."""
+        states = solve_many(self.support, wrenches, warm_start=False)
+        reserve = self.slip.evaluate(states, derivatives=False)
+        forces = np.concatenate([reserve.normal_forces[:, :, None], reserve.tangential_forces], axis=2)
+        forces = np.nan_to_num(forces)
+        limits = self._sets.limits(np.nan_to_num(states.contact_forces[:, :, 0]), force_scale(states))
+        squeeze = LARGEST_SQUEEZE
+        pieces = [
+            Piece(
+                radius=limits.radius[i] / self.unit,
+                slope=limits.slope[i],
+                lower=np.maximum(limits.normal_min[i] / self.unit, -squeeze),
+                upper=np.minimum(limits.normal_max[i] / self.unit, squeeze),
+            )
+            for i in range(len(wrenches))
+        ]
+        return forces.reshape(len(wrenches), -1) / self.unit, pieces
+
+    def balance(self, forces: np.ndarray, wrench: np.ndarray) -> np.ndarray:
+        """(6,) sums of forces and of moments per length, which vanish in equilibrium."""
+        return self.per_force @ forces + self.per_wrench @ wrench
+
+
+class Piece:
+    """Convex pieces of the force sets of n contacts: |K_t| <= radius + slope K_n, lower <= K_n <= upper."""
+
+    def __init__(self, radius: np.ndarray, slope: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> None:
+        self.radius, self.slope, self.lower, self.upper = radius, slope, lower, upper
+
+    def __eq__(self, other: object) -> bool:
+        names = ("radius", "slope", "lower", "upper")
+        return isinstance(other, Piece) and all(
+            np.array_equal(getattr(self, name), getattr(other, name)) for name in names
+        )
+
+    __hash__ = None
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Of the forces (3 n,)."""
+        wide = np.full_like(self.lower, np.inf)
+        low, high = ((end, sign * wide, sign * wide) for end, sign in ((self.lower, -1), (self.upper, 1)))
+        return np.column_stack(low).ravel(), np.column_stack(high).ravel()
+
+    def rows(self, forces: np.ndarray, bound: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """|K_t|^2 / limit - bound^2 limit (n,), must be <= 0; slopes (n, 3 n) by force and (n,) by `bound`.
+
+        In this form the cone has no tip at K_t = 0.
+        """
+        F = forces.reshape(-1, 3)
+        limit = self.radius + self.slope * F[:, 0]
+        square, room = np.sum(F[:, 1:] ** 2, axis=1), limit + ROUNDING
+        slope = np.zeros((len(F), *F.shape))
+        own = np.arange(len(F))
+        slope[own, own, 0] = -self.slope * (square / room**2 + bound**2)
+        slope[own, own, 1:] = 2 * F[:, 1:] / room[:, None]
+        return square / room - bound**2 * limit, slope.reshape(len(F), -1), -2 * bound * limit
+
+    def hessian(
+        self, forces: np.ndarray, bound: float, multipliers: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, float]:
+        """Second derivatives of multipliers . rows: (3 n, 3 n), (3 n,) by force and bound, twice by bound."""
+        F = forces.reshape(-1, 3)
+        limit = self.radius + self.slope * F[:, 0]
+        room = limit + ROUNDING
+        result, mixed = np.zeros((F.size, F.size)), np.zeros_like(F)
+        for k, (_, *T) in enumerate(F):
+            at = slice(3 * k, 3 * k + 3)
+            # square / room is |v|^2 with v = (K_t) / sqrt(room), its Hessian 2 B' B / room
+            B = np.array([[-T[0] * self.slope[k] / room[k], 1, 0], [-T[1] * self.slope[k] / room[k], 0, 1]])
+            result[at, at] = multipliers[k] * 2 / room[k] * (B.T @ B)
+        mixed[:, 0] = -2 * bound * multipliers * self.slope
+        return result, mixed.ravel(), float(-2 * multipliers @ limit)

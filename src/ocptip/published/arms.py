@@ -1,0 +1,278 @@
+"""The three modular arms of the experiment, assembled from drive modules, adapters and cables (6.9 to 6.12).
+
+The data files (`data/arms.json`, `data/powercube_modules.json`, `data/cases.json`) are in millimetres, grams
+and degrees; they are converted here, once.
+"""
+
+from __future__ import annotations
+
+import difflib
+import json
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+
+import numpy as np
+
+from ocptip.basics.errors import InputError
+from ocptip.indices.arms.axes import arm_from_spears
+from ocptip.robots.inverse.inverse_kinematics import solve_inverse_kinematics
+from ocptip.robots.model import ArmModel, JointLimits, SphereSet
+from ocptip.robots.motors import PowerMaps
+
+_GRAM, _MM, _GRAM_MM2 = 1e-3, 1e-3, 1e-9
+
+# Which of the eight branches the experiment used ((5.41) is missing in the text at hand): the one nearest to
+# these angles, in degrees. Joints 1 to 3 follow from tables E.1 and E.2 and single the branch out but for the
+# wrist of FP1W2F. There joint 4 hardly turns (otherwise its passive ramps would cruise); of the two pairs
+# left this one keeps joint 4 farther from its limits. FSFS: joint 4 turns by 253.1 degrees, as the cruise of
+# its passive ramp says.
+_START_BRANCH = {
+    "FP1W2F": (-90.1, 35.1, -17.8, 45.0, -37.1, 179.9),
+    "FSFS": (-90.6, 98.7, 108.8, -132.3, -42.9, 12.8),
+    "W1P1P2W2": (-72.5, 17.4, -28.8, -133.8, 0.0, 107.5),
+}
+_GOAL_BRANCH = {
+    "FP1W2F": (89.9, 30.2, -8.1, 44.7, 18.3, 0.2),
+    "FSFS": (37.0, 101.9, 50.7, 120.9, 99.7, -33.1),
+    "W1P1P2W2": (107.2, -20.2, -72.5, -58.5, 16.1, -84.0),
+}
+
+
+def arm_names() -> tuple[str, ...]:
+    """Names of the arms that :func:`load_arm` knows."""
+    return tuple(_data("arms")["arms"])
+
+
+@cache
+def load_arm(name: str, *, geometry: str = "refined") -> ArmModel:
+    """One of the experiment's arms, mounted with Q_1 in the base origin; move it with `ArmModel.mounted`.
+
+    Args:
+        name: FP1W2F (industrial, spherical wrist), FSFS (skew axes) or W1P1P2W2 (three parallel axes).
+        geometry: "refined" (one length per arm corrected by 0.05 mm so that the inverse kinematics reproduces
+            the printed motions to 0.001 degrees) or "printed" (0.015 degrees).
+
+    Raises:
+        InputError: unknown arm or geometry; the message lists the known.
+    """
+    arms = _data("arms")["arms"]
+    if name not in arms:
+        near = difflib.get_close_matches(str(name).upper(), arms, n=1, cutoff=0.5)
+        hint = f"; did you mean {near[0]}?" if near else ""
+        raise InputError(f"arm: no arm {name!r}; there are {', '.join(arms)}{hint}")
+    if geometry not in ("refined", "printed"):
+        raise InputError(f"geometry: must be 'refined' or 'printed', got {geometry!r}")
+    data = arms[name]
+    offsets = np.array(data["r_QQ"], dtype=float)
+    if geometry == "refined":
+        for key, value in data["refined_r_QQ"].items():
+            if key != "why":
+                link, axis = _link_and_axis(key)
+                offsets[link - 1, axis] = value
+    links = assemble_links(name)
+    sets = tuple(
+        SphereSet(
+            label,
+            spheres.get("link", 0),
+            np.array(spheres["centres_from_Q_mm" if "link" in spheres else "centres_from_Q1_mm"]) * _MM,
+            np.array(spheres["R_mm"]) * _MM,
+        )
+        for label, spheres in data["spheres"].items()
+    )
+    pairs = tuple((first, second) for first, second in data["self_collision_pairs"])
+    floor = tuple(data["floor_bodies"])
+    only_floor = {label for label in floor if label.endswith("floor")}
+    return ArmModel(
+        name=name,
+        joint_names=tuple(f"joint {i}" for i in range(1, 7)),
+        rotations=np.array([_orthonormal(matrix) for matrix in data["A0"]]),
+        offsets=offsets * _MM,
+        masses=links.masses,
+        centres=links.centres,
+        inertias=links.inertias,
+        limits=_limits(data["phi_max_exceptions_deg"]),
+        sphere_sets=sets,
+        collision_pairs=pairs,
+        floor_sets=floor,
+        obstacle_sets=tuple(s.name for s in sets if s.link > 0 and s.name not in only_floor),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Links:
+    """Mass properties of the six links.
+
+    Attributes:
+        masses: (6,), kg (6.9).
+        centres: (6, 3), m: Q_i to S_i in frame i (6.10).
+        inertias: (6, 3, 3), kg m^2, about S_i, axes of frame i (6.11, 6.12).
+    """
+
+    masses: np.ndarray
+    centres: np.ndarray
+    inertias: np.ndarray
+
+
+def assemble_links(name: str) -> Links:
+    """Mass properties of an arm's links from their parts.
+
+    A link is the second half of its own module (which carries the module's mass), the adapter, the first half
+    of the next module, and cables as point masses on both. Module halves may have a negative axial inertia,
+    the adapters' own inertias are not known and taken as zero.
+    """
+    tables = _data("arms")
+    data = tables["arms"][name]
+    masses, centres, inertias = [], [], []
+    for i in range(6):
+        next_origin = np.array(data["r_QQ"][i], dtype=float)
+        # Both cables are measured from Q_i (text of (B.20)), unlike in (6.10).
+        parts = (
+            (tables["m_M2_g"][i], data["r_QM_own"][i]),
+            (tables["m_M1_g"][i], next_origin + data["r_QM_next_from_Qk"][i]),
+            (data["m_A_g"][i], data["r_QA"][i]),
+            (data["m_K2_g"][i], data["r_QK2"][i]),
+            (data["m_K1_g"][i], data["r_QK1"][i]),
+        )
+        mass = np.array([m for m, _ in parts]) * _GRAM
+        points = np.array([point for _, point in parts], dtype=float) * _MM
+        total = mass.sum()
+        centre = mass @ points / total if total else np.zeros(3)
+        own = np.array(data["theta_M2_gmm2"][i]) + np.array(data["theta_M1_gmm2"][i])
+        steiner = sum(m * _steiner(point - centre) for m, point in zip(mass, points, strict=True))
+        masses.append(total)
+        centres.append(centre)
+        inertias.append(own * _GRAM_MM2 + steiner)
+    return Links(np.array(masses), np.array(centres), np.array(inertias))
+
+
+@dataclass(frozen=True, eq=False)
+class GripperPose:
+    """A pose of the gripper relative to Q_1.
+
+    Attributes:
+        position: (3,), m, Q_1 to G, base axes.
+        rotation: (3, 3), gripper to base axes.
+    """
+
+    position: np.ndarray
+    rotation: np.ndarray
+
+
+def experiment_poses() -> tuple[GripperPose, GripperPose]:
+    """Start and goal of the eight cases, recovered from three arms; roll about z_6 is a choice (x_6 = x)."""
+    poses = _data("cases")["gripper_poses_recovered"]
+    start, goal = (
+        GripperPose(np.array(poses[key]["r_Q1G_mm"]) * _MM, _orthonormal(poses[key]["A_B6"]))
+        for key in ("start", "end")
+    )
+    return start, goal
+
+
+def start_and_goal(name: str, *, geometry: str = "refined") -> tuple[np.ndarray, np.ndarray]:
+    """Joint angles (6,), (6,), rad, of an arm at the experiment's start and goal poses.
+
+    Raises:
+        InputError: unknown arm or geometry.
+    """
+    model = load_arm(name, geometry=geometry)
+    angles = []
+    for pose, branch in zip(experiment_poses(), (_START_BRANCH, _GOAL_BRANCH), strict=True):
+        solutions = solve_inverse_kinematics(model, pose.position, pose.rotation)
+        angles.append(solutions.nearest(np.deg2rad(branch[name])))
+    return angles[0], angles[1]
+
+
+@cache
+def _data(name: str) -> dict:
+    return json.loads((files("ocptip.published") / "data" / f"{name}.json").read_text(encoding="utf-8"))
+
+
+def module_data() -> dict:
+    """The raw table of the drive modules (`data/powercube_modules.json`), units in its keys."""
+    return _data("powercube_modules")
+
+
+def modular_motors(*, torque_reading: str = "load") -> PowerMaps:
+    """The power maps of the six drive modules, table 6.1.
+
+    Args:
+        torque_reading: see `PowerMaps`.
+    """
+    table = module_data()["power_map"]
+    coefficients = np.array([table["c"][f"c{k}"] for k in range(1, 13)]).T
+    return PowerMaps(coefficients, table["U_V"], torque_reading)
+
+
+def _limits(angle_max_exceptions: dict[str, float]) -> JointLimits:
+    table = module_data()["joint_limits"]
+    angle_max = np.array(table["phi_max_deg"], dtype=float)
+    for joint, value in angle_max_exceptions.items():
+        angle_max[int(joint) - 1] = value
+    return JointLimits(
+        angle_min=np.deg2rad(table["phi_min_deg"]),
+        angle_max=np.deg2rad(angle_max),
+        speed=np.deg2rad(table["phidot_lim_deg_s"]),
+        acceleration=np.deg2rad(table["phiddot_lim_deg_s2"]),
+        torque=np.array(table["torque_max_Nm"], dtype=float),
+    )
+
+
+def _link_and_axis(key: str) -> tuple[int, int]:
+    """'r_QQ[3].y' as (3, 1)."""
+    return int(key[key.index("[") + 1 : key.index("]")]), "xyz".index(key[-1])
+
+
+def _orthonormal(matrix: list[list[float]]) -> np.ndarray:
+    """The nearest rotation: the table's sines and cosines are rounded to 16 digits."""
+    u, _, vt = np.linalg.svd(np.array(matrix, dtype=float))
+    rotation = u @ vt
+    rotation[np.abs(rotation) < 1e-15] = 0.0
+    return rotation
+
+
+def _steiner(r: np.ndarray) -> np.ndarray:
+    """Moment of inertia of a unit point mass at r (6.12)."""
+    return r @ r * np.eye(3) - np.outer(r, r)
+
+
+AXES_ONLY_ARMS = ("IRB2000",)
+"""Arms known by their axes alone: no masses, no collision spheres, no drives."""
+
+
+@cache
+def irb_2000() -> ArmModel:
+    """The ABB IRB 2000 by its axes (section 11.1); z vertical, x forward; gripper z on axis 6, x vertical."""
+    text = (files("ocptip.published") / "data" / "irb_2000.json").read_text(encoding="utf-8")
+    data = json.loads(text)
+    upright = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])  # (u, v, w) to (x, y, z)
+    axes = [[*axis["direction"], *(np.array(axis["moment_mm"]) * 1e-3)] for axis in data["axes"]]
+    spears = np.array(axes, dtype=float)
+    lower, upper = np.radians(data["angle_min_deg"]), np.radians(data["angle_max_deg"])
+    none = np.full(len(spears), np.inf)
+    return arm_from_spears(
+        data["name"],
+        np.hstack([spears[:, :3] @ upright.T, spears[:, 3:] @ upright.T]),
+        tool_position=upright @ np.array(data["tool_position_mm"]) * 1e-3,
+        tool_rotation=upright,
+        limits=JointLimits(lower, upper, none, none, none),
+    )
+
+
+def known_arms() -> tuple[str, ...]:
+    """Names for :func:`arm_by_name`."""
+    return (*arm_names(), *AXES_ONLY_ARMS)
+
+
+def arm_by_name(name: str) -> ArmModel:
+    """A built-in arm: those of `ocptip.published.arms.load_arm` and the arms known by their axes alone.
+
+    Raises:
+        InputError: unknown name; the message lists the known.
+    """
+    wanted = name.upper().replace(" ", "").replace("_", "")
+    if wanted in AXES_ONLY_ARMS:
+        return irb_2000()
+    if wanted in arm_names():
+        return load_arm(wanted)
+    raise InputError(f"arm: no arm {name!r}; there are {', '.join(known_arms())}")

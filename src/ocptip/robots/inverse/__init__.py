@@ -1,0 +1,1 @@
+"""Joint angles of a gripper pose: closed form where there is one, else by search."""

@@ -1,0 +1,245 @@
+"""Inverse kinematics: all branches of a gripper pose, in closed form where the arm has one, else by search.
+
+The search is a Levenberg-Marquardt iteration from many seeded starts at once, repeated until further starts
+find nothing new. Either way every branch returned has been put through the forward kinematics again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ocptip.basics.errors import InputError, finite_array, rotation_matrix
+from ocptip.robots.inverse import joint_angles
+from ocptip.robots.inverse.closed_form import closed_form_branches, closed_form_family
+from ocptip.robots.inverse.pose_search import levenberg_marquardt, pose_errors
+from ocptip.robots.kinematics import gripper_batch
+from ocptip.robots.model import ArmModel, joint_states
+
+RESIDUAL_TOLERANCE = 1e-10  # m and rad
+SINGULAR_TOLERANCE = 1e-7  # m and rad, where rounding next to a singular pose leaves no better
+_METHODS = ("auto", "closed-form", "search")
+_STARTS_PER_ROUND = 128
+_QUIET_ROUNDS = 3  # rounds without a new branch after which the search ends
+_MAX_ROUNDS = 12
+_MAX_ITERATIONS = 60
+_SAME_BRANCH = 1e-5  # rad
+_MAX_BRANCHES = 64
+_LEAST_DAMPING = 1e-24
+_ROTATION_TOLERANCE = 1e-8
+
+
+@dataclass(frozen=True, eq=False)
+class InverseKinematics:
+    """Branches of one pose, sorted by joint 1, then 2, and so on.
+
+    Attributes:
+        branches: (k, n), rad, within the joint limits unless asked otherwise; of the copies an angle has
+            every full turn, the one nearest to `near`.
+        residuals: (k,): largest error of position (m) and orientation (rad) after forward kinematics; at most
+            1e-10, or 1e-7 next to a singular pose where rounding leaves no better.
+        conditioning: (k,): smallest singular value of the Jacobian (lengths in units of the arm's reach);
+            near zero the branch is singular: it may be one of a continuum or a double root.
+        outside_limits: number of further branches that violate joint limits.
+        method: "closed-form" or "search".
+        family: name of the closed form's family, or None.
+        starts, iterations: of the search (0 in closed form).
+        seed: of the search.
+    """
+
+    branches: np.ndarray
+    residuals: np.ndarray
+    conditioning: np.ndarray
+    outside_limits: int
+    method: str
+    family: str | None
+    starts: int
+    iterations: int
+    seed: int
+
+    def nearest(self, q: np.ndarray) -> np.ndarray:
+        """The branch (n,), rad, with the smallest sum of squared differences to q (n,), rad."""
+        wanted = finite_array("q", q, (self.branches.shape[1],))
+        return self.branches[np.argmin(((self.branches - wanted) ** 2).sum(axis=1))]
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain lists and numbers for JSON; angles in rad."""
+        return {
+            "branches_rad": self.branches.tolist(),
+            "residuals": self.residuals.tolist(),
+            "conditioning": self.conditioning.tolist(),
+            "outside_limits": self.outside_limits,
+            "method": self.method,
+            "family": self.family,
+            "starts": self.starts,
+            "iterations": self.iterations,
+            "seed": self.seed,
+        }
+
+
+def solve_inverse_kinematics(
+    model: ArmModel,
+    position: np.ndarray,
+    rotation: np.ndarray,
+    *,
+    method: str = "auto",
+    near: np.ndarray | None = None,
+    within_limits: bool = True,
+    seed: int = 0,
+) -> InverseKinematics:
+    """All joint angles that bring the gripper to a pose.
+
+    Args:
+        model: the arm, any number of joints. With more than six the solutions form a continuum and the search
+            returns up to 64 points of it; with fewer most poses are out of reach.
+        position: (3,), m, of G in the base frame.
+        rotation: (3, 3), gripper to base axes.
+        method: "auto" (closed form if the arm has one), "closed-form" or "search".
+        near: (n,), rad: which copy of an angle to take where limits leave several; zeros by default.
+        within_limits: leave out branches that violate joint limits.
+        seed: of the search's starts.
+
+    Raises:
+        InputError: unreachable pose (with the nearest miss, or the limits in the way), not a rotation,
+            unknown method, no closed form for this arm.
+    """
+    goal = finite_array("position", position, (3,))
+    turn = rotation_matrix("rotation", rotation, tolerance=_ROTATION_TOLERANCE)
+    if method not in _METHODS:
+        raise InputError(f"method: must be one of {', '.join(_METHODS)}, got {method!r}")
+    family = closed_form_family(model)
+    if method == "closed-form" and family is None:
+        raise InputError(f"method: arm {model.name!r} has no closed form; use 'search'")
+    wanted = np.zeros(model.n) if near is None else finite_array("near", near, (model.n,))
+
+    starts = iterations = 0
+    if method == "search" or family is None:
+        used = "search"
+        found, starts, iterations = _search(model, goal, turn, seed)
+    else:
+        used = "closed-form"
+        found = _polished(model, closed_form_branches(model, goal, turn), goal, turn)
+    if not len(found):
+        raise InputError(_miss_message(model, goal, turn, seed))
+    copies = joint_angles.within_limits(model, found, wanted)
+    inside = np.isfinite(copies).all(axis=1)
+    nearest = found + 2 * np.pi * np.round((wanted - found) / (2 * np.pi))
+    copies = np.where(np.isfinite(copies), copies, nearest)
+    branches = copies[inside] if within_limits else copies
+    if not len(branches):
+        raise InputError(_limits_message(model, copies))
+    branches = branches[np.lexsort(np.round(branches, 7).T[::-1])]
+    return InverseKinematics(
+        branches=branches,
+        residuals=pose_residuals(model, branches, goal, turn),
+        conditioning=_conditioning(model, branches),
+        outside_limits=int((~inside).sum()),
+        method=used,
+        family=family,
+        starts=starts,
+        iterations=iterations,
+        seed=seed,
+    )
+
+
+def pose_residuals(model: ArmModel, q: np.ndarray, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+    """Largest component of position error (m) and rotation-vector error (rad) at q (N, n), rad; (N,)."""
+    states, _ = joint_states("q", q, model.n)
+    return np.abs(pose_errors(model, states, position, rotation)[0]).max(axis=1)
+
+
+def _search(
+    model: ArmModel, position: np.ndarray, rotation: np.ndarray, seed: int
+) -> tuple[np.ndarray, int, int]:
+    """Branches (k, n) in (-pi, pi], number of starts and iterations."""
+    random = np.random.default_rng(seed)
+    low = np.maximum(model.limits.angle_min, -np.pi)
+    high = np.minimum(model.limits.angle_max, np.pi)
+    found = np.empty((0, model.n))
+    quiet = starts = iterations = 0
+    for turn in range(_MAX_ROUNDS):
+        # The first rounds start within the limits; later ones anywhere, to see what lies beyond.
+        unit = random.random((_STARTS_PER_ROUND, model.n))
+        first = low + unit * (high - low) if turn % 2 == 0 else np.pi * (2 * unit - 1)
+        solutions, steps = _solutions(model, first, position, rotation)
+        starts += len(first)
+        iterations += steps
+        known = len(found)
+        found = _distinct(found, solutions)
+        quiet = 0 if len(found) > known else quiet + 1
+        if quiet >= _QUIET_ROUNDS or len(found) >= _MAX_BRANCHES:
+            break
+    return found, starts, iterations
+
+
+def _solutions(
+    model: ArmModel, starts: np.ndarray, position: np.ndarray, rotation: np.ndarray
+) -> tuple[np.ndarray, int]:
+    """Solutions (k, n) reached from the starts (N, n) and the number of iterations."""
+    q, error, steps = levenberg_marquardt(
+        model, starts, position, rotation, iterations=_MAX_ITERATIONS, least_damping=_LEAST_DAMPING
+    )
+    return q[error <= RESIDUAL_TOLERANCE], steps
+
+
+def _polished(model: ArmModel, q: np.ndarray, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
+    """Closed-form branches that pass forward kinematics; double roots get their lost digits back."""
+    if not len(q):
+        return q
+    good = pose_residuals(model, q, position, rotation) <= RESIDUAL_TOLERANCE
+    rough, _ = _solutions(model, q[~good], position, rotation)
+    branches = np.vstack([q[good], rough])
+    if not len(branches):
+        # Within 1e-7 rad of a singular pose rounding leaves no better branch than this one, and no direction
+        # in which to look for one; its residual says how good it is.
+        branches = q[pose_residuals(model, q, position, rotation) <= SINGULAR_TOLERANCE]
+    return _distinct(np.empty((0, model.n)), branches)
+
+
+def _distinct(known: np.ndarray, found: np.ndarray) -> np.ndarray:
+    """`known` (k, n) and after it the new ones of `found` (m, n), wrapped to (-pi, pi]."""
+    result = list(known)
+    for q in np.arctan2(np.sin(found), np.cos(found)):
+        if len(result) >= _MAX_BRANCHES:
+            break
+        if result:
+            gap = q - np.array(result)
+            gap = np.abs(np.arctan2(np.sin(gap), np.cos(gap))).max(axis=1)
+            if gap.min() < _SAME_BRANCH:
+                continue
+        result.append(q)
+    return np.array(result).reshape(-1, known.shape[1])
+
+
+def _conditioning(model: ArmModel, q: np.ndarray) -> np.ndarray:
+    jacobian = gripper_batch(model)(q)[2].copy()
+    jacobian[:, :3] /= max(float(np.linalg.norm(model.offsets, axis=1).sum()), 1e-12)
+    return np.linalg.svd(jacobian, compute_uv=False)[:, -1]
+
+
+def _miss_message(model: ArmModel, position: np.ndarray, rotation: np.ndarray, seed: int) -> str:
+    q = np.pi * (2 * np.random.default_rng(seed).random((_STARTS_PER_ROUND, model.n)) - 1)
+    for _ in range(_MAX_ITERATIONS):
+        error, J = pose_errors(model, q, position, rotation)
+        normal = J.transpose(0, 2, 1) @ J + 1e-3 * np.eye(model.n)
+        q = q + np.linalg.solve(normal, J.transpose(0, 2, 1) @ error[:, :, None])[:, :, 0]
+    best = min(pose_errors(model, q, position, rotation)[0], key=lambda e: float(e @ e))
+    where = ", ".join(f"{1e3 * x:.1f}" for x in position)
+    return (
+        f"pose: arm {model.name!r} cannot reach position ({where}) mm with this orientation; the nearest of "
+        f"{_STARTS_PER_ROUND} tries misses by {1e3 * np.linalg.norm(best[:3]):.2f} mm and "
+        f"{np.rad2deg(np.linalg.norm(best[3:])):.2f} degrees"
+    )
+
+
+def _limits_message(model: ArmModel, branches: np.ndarray) -> str:
+    low, high = model.limits.angle_min, model.limits.angle_max
+    excess = np.maximum(np.maximum(low - branches, branches - high), 0)
+    branch = int(np.argmin(excess.max(axis=1)))
+    joint = int(np.argmax(excess[branch]))
+    return (
+        f"pose: reachable only beyond joint limits ({len(branches)} branches); the nearest needs "
+        f"{model.joint_names[joint]!r} at {np.rad2deg(branches[branch, joint]):.2f} degrees, limits "
+        f"{np.rad2deg(low[joint]):.2f} to {np.rad2deg(high[joint]):.2f}"
+    )

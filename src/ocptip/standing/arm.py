@@ -1,0 +1,100 @@
+"""An arm on a base that only stands, and the arm of the printed experiments on its base."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import casadi as cs
+import numpy as np
+
+from ocptip.basics.errors import InputError
+from ocptip.contact.support import Support
+from ocptip.reserves.slip import Redistribution
+from ocptip.robots.dynamics import evaluate_dynamics, inverse_dynamics
+from ocptip.robots.geometry import CollisionModel, Pillar, Wall
+from ocptip.robots.model import ArmModel
+from ocptip.robots.motors import Motors
+from ocptip.standing.mechanism import StandingMechanism
+
+
+class StandingRobot(StandingMechanism):
+    """An arm mounted on a base that stands on a support.
+
+    Args:
+        arm: its mount (`mount_position`, `mount_rotation`) in the base axes of the support.
+        support: the base with its contacts; its mass and centre of mass without the arm.
+        motors: drives of the joints.
+        obstacles: floor, walls, pillars in base axes, against which the arm's spheres are checked.
+        reference_moment, redistribution: see `StandingMechanism`.
+
+    Attributes:
+        arm, obstacles: as given.
+
+    Raises:
+        InputError: a planar support, or no gravity and no reference moment.
+    """
+
+    def __init__(
+        self,
+        arm: ArmModel,
+        support: Support,
+        motors: Motors,
+        *,
+        obstacles: Sequence[Wall | Pillar] = (),
+        reference_moment: float | None = None,
+        redistribution: Redistribution | None = None,
+    ) -> None:
+        if support.dimension != 3:
+            raise InputError("support: an arm needs a spatial support, got a planar one")
+        self.arm = arm
+        self.obstacles, self._made_with = tuple(obstacles), (reference_moment, redistribution)
+        super().__init__(
+            support,
+            motors,
+            arm.limits,
+            CollisionModel(arm, obstacles),
+            float(np.sum(arm.masses)),
+            reference_moment,
+            redistribution,
+        )
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the joints."""
+        return tuple(self.arm.joint_names)
+
+    def loads(self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Joint torques (N, n), N m, and the total wrench (N, 6) on the base about its centre of mass."""
+        support = self.support
+        dynamics = evaluate_dynamics(
+            self.arm, q, qd, qdd, gravity=support.gravity, about=support.center_of_mass
+        )
+        return dynamics.torque, dynamics.wrench + support.weight
+
+    def load_expressions(self, q: cs.SX, qd: cs.SX, qdd: cs.SX) -> tuple[cs.SX, cs.SX]:
+        """The same as CasADi columns."""
+        support = self.support
+        torque, wrench = inverse_dynamics(self.arm)(
+            q, qd, qdd, support.gravity, [0, 0, 0], [0, 0, 0], support.center_of_mass
+        )
+        return torque, wrench + support.weight
+
+    def with_motors(self, motors: Motors) -> StandingRobot:
+        """The same robot with other drives."""
+        return _restored(self.arm, self.support, motors, self.obstacles, self._made_with)
+
+    def __reduce__(self) -> tuple:
+        """Pickle by what it was made of: CasADi's functions are built anew on the other side."""
+        return _restored, (self.arm, self.support, self.motors, self.obstacles, self._made_with)
+
+
+def _restored(
+    arm: ArmModel,
+    support: Support,
+    motors: Motors,
+    obstacles: tuple[Wall | Pillar, ...],
+    made_with: tuple[float | None, Redistribution | None],
+) -> StandingRobot:
+    return StandingRobot(
+        arm, support, motors, obstacles=obstacles, reference_moment=made_with[0], redistribution=made_with[1]
+    )

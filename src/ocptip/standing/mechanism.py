@@ -1,0 +1,277 @@
+"""A mechanism on a base that only stands: everything that happens while it moves, at any instant.
+
+Here mechanisms and `contact` meet: the mechanism's base wrench plus the base's weight is the wrench under
+which the support has to stand. What moves in velocity ramps are n coordinates: the joints of an arm, or the
+platform coordinates of a parallel robot. There are as many motors as coordinates.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+from typing import Literal, Protocol
+
+import casadi as cs
+import numpy as np
+
+from ocptip.basics.errors import InputError, positive_number
+from ocptip.contact.solver import ContactStates, solve_many
+from ocptip.contact.support import Support
+from ocptip.reserves.slip import Redistribution, Slip, SlipReserve
+from ocptip.reserves.tipping import TipOver, TipOverReserve
+from ocptip.robots.model import JointLimits
+from ocptip.robots.motors import Motors
+from ocptip.trajectories.sampled import Motion
+
+
+class Collisions(Protocol):
+    """Signed distances of a mechanism; `ocptip.robots.geometry.CollisionModel` is one."""
+
+    labels: tuple
+    function: cs.Function
+
+    def gaps(self, q: np.ndarray) -> np.ndarray:
+        """(N, m), m, at coordinates (N, n)."""
+        ...
+
+    def worst(self, q: np.ndarray) -> tuple[float, object, int]:
+        """Smallest distance, what it is between, and the state's index."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class FurtherLimits:
+    """Limits of a mechanism on functions of its state that are neither torques nor coordinates.
+
+    Attributes:
+        names: (k,), of quantities; a proof reports the worst of each name.
+        details: (k,), which one, e.g. "motor 2".
+        lower, upper: (k,), infinite where there is none.
+        units: (k,), numbers that make the quantity about 1.
+    """
+
+    names: tuple[str, ...] = ()
+    details: tuple[str, ...] = ()
+    lower: np.ndarray = field(default_factory=lambda: np.empty(0))
+    upper: np.ndarray = field(default_factory=lambda: np.empty(0))
+    units: np.ndarray = field(default_factory=lambda: np.empty(0))
+
+    @property
+    def count(self) -> int:
+        """Number of quantities k."""
+        return len(self.names)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """Names of the quantities for columns of tables, such as "motor_speed_motor_2"."""
+        pairs = zip(self.names, self.details, strict=True)
+        return tuple(f"{name}_{detail.replace(' ', '_')}" for name, detail in pairs)
+
+    @property
+    def limited(self) -> np.ndarray:
+        """(k,) True where there is a limit."""
+        return np.isfinite(self.lower) | np.isfinite(self.upper)
+
+    def described(self, k: int, excess: float) -> tuple[float, float, bool]:
+        """Value of a quantity (its size, if it has an upper limit), limit, and whether that is the least.
+
+        Args:
+            k: which quantity.
+            excess: of :meth:`excess`.
+        """
+        if np.isfinite(self.upper[k]):
+            return float(self.upper[k] + excess * self.units[k]), float(self.upper[k]), False
+        return float(self.lower[k] - excess * self.units[k]), float(self.lower[k]), True
+
+    def excess(self, values: np.ndarray) -> np.ndarray:
+        """How far values (..., k) are beyond their limits, in their units; negative within."""
+        return np.maximum(self.lower - values, values - self.upper) / self.units
+
+
+@dataclass(frozen=True, eq=False)
+class MotionSamples:
+    """What happens at N instants of a motion.
+
+    Attributes:
+        times: (N,), s.
+        angles, speeds, accelerations: (N, n), rad, rad/s, rad/s^2 (straight coordinates: m, m/s, m/s^2).
+        torques: (N, n), N m, torques of the joints (forces of linear motors: N).
+        powers: (N, n), W, electric power of the motors.
+        wrenches: (N, 6), N and N m: on the base about its centre of mass, its weight included.
+        states: contact states under these wrenches.
+        tip, slip: reserves GN and GT of these states.
+        clearances: (N,), m, smallest distance of collision spheres; infinite without any.
+        further: (N, k) quantities of :class:`FurtherLimits`; (N, 0) for an arm.
+        units: of the coordinates, "rad" or "m"; empty: rad.
+        motor_units: "N m" or "N"; empty: N m.
+        further_names: (k,) of the columns of `further`.
+    """
+
+    times: np.ndarray
+    angles: np.ndarray
+    speeds: np.ndarray
+    accelerations: np.ndarray
+    torques: np.ndarray
+    powers: np.ndarray
+    wrenches: np.ndarray
+    states: ContactStates
+    tip: TipOverReserve
+    slip: SlipReserve
+    clearances: np.ndarray
+    further: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+    units: tuple[str, ...] = ()
+    motor_units: tuple[str, ...] = ()
+    further_names: tuple[str, ...] = ()
+
+
+class StandingMechanism(ABC):
+    """A mechanism mounted on a base that stands on a support; what proofs and programs know of it.
+
+    Args:
+        support: the base with its contacts; its mass and centre of mass without the mechanism.
+        motors: n drives.
+        limits: of the coordinates and the motors' torques or forces, (n,) each.
+        collision: signed distances.
+        mass: of the mechanism, kg.
+        reference_moment: M0 of the tip-over reserve, N m; default: a tenth of the best moment reserve of the
+            base loaded with the weight of base and mechanism.
+        redistribution: of the slip reserve, see `reserves.slip.Slip`; default "tangential" for up to three
+            contacts and "full" for more, where the normal forces are one choice of many and only the best
+            choice is a property of the load.
+
+    Attributes:
+        kind: word for messages.
+        direct_drives: every motor moves one coordinate, at that coordinate's speed.
+        further_limits: of what :meth:`further` gives.
+
+    Raises:
+        InputError: no gravity and no reference moment. (That the support is spatial, subclasses check.)
+    """
+
+    kind = "arm"
+    direct_drives = True
+    further_limits = FurtherLimits()
+
+    def __init__(
+        self,
+        support: Support,
+        motors: Motors,
+        limits: JointLimits,
+        collision: Collisions,
+        mass: float,
+        reference_moment: float | None,
+        redistribution: Redistribution | None,
+    ) -> None:
+        self.support, self.motors, self.limits, self.collision = support, motors, limits, collision
+        self.mass = support.mass + mass
+        if reference_moment is None:
+            own = TipOver(support).reference_moment
+            reference_moment = None if own is None else own * self.mass / support.mass
+        else:
+            reference_moment = positive_number("reference_moment", reference_moment)
+        self.tip_over = TipOver(support, reference_moment)
+        self.slip = Slip(support, redistribution or ("tangential" if support.n_contacts <= 3 else "full"))
+
+    # --- what a mechanism provides --------------------------------------------------------------------
+
+    @property
+    @abstractmethod
+    def names(self) -> tuple[str, ...]:
+        """Names of the coordinates."""
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of the coordinates, "rad" or "m"."""
+        return ("rad",) * self.n
+
+    @property
+    def motor_units(self) -> tuple[str, ...]:
+        """Units of the motors' torques or forces, "N m" or "N"."""
+        return ("N m",) * self.n
+
+    @abstractmethod
+    def loads(self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Torques (N, n), N m, and the total wrench (N, 6) on the base about its centre of mass."""
+
+    @abstractmethod
+    def load_expressions(self, q: cs.SX, qd: cs.SX, qdd: cs.SX) -> tuple[cs.SX, cs.SX]:
+        """The same as CasADi columns (n,) and (6,)."""
+
+    def motor_speeds(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
+        """(N, n), rad/s or m/s."""
+        return qd
+
+    def further(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
+        """Quantities of `further_limits`, (N, k)."""
+        return np.empty((len(q), 0))
+
+    def further_expressions(self, q: cs.SX, qd: cs.SX) -> cs.SX:
+        """The same as CasADi column (k,); without direct drives the last n are the motors' speeds."""
+        return cs.SX(0, 1)
+
+    # --- what follows from it ---------------------------------------------------------------------------
+
+    @property
+    def n(self) -> int:
+        """Number of coordinates and of motors."""
+        return len(self.limits.speed)
+
+    def samples(
+        self, motion: Motion, times: np.ndarray, *, side: Literal["left", "right"] = "right"
+    ) -> MotionSamples:
+        """Everything that happens at the given instants ((N,), s) of a motion.
+
+        Args:
+            motion: of as many joints as the arm has.
+            times: s.
+            side: where accelerations jump, the limit from this side.
+
+        Raises:
+            InputError: the motion has another number of joints.
+        """
+        times = np.asarray(times, dtype=float)
+        q, qd, qdd = motion.states(times, side=side)
+        self.require_fit(q.shape[-1])
+        torques, wrenches = self.loads(q, qd, qdd)
+        states = self.contact_states(wrenches)
+        gaps = self.collision.gaps(q)
+        return MotionSamples(
+            times=times,
+            angles=q,
+            speeds=qd,
+            accelerations=qdd,
+            torques=torques,
+            powers=self.motors.power(torques, self.motor_speeds(q, qd)),
+            wrenches=wrenches,
+            states=states,
+            tip=self.tip_over.evaluate(states),
+            slip=self.slip.evaluate(states, derivatives=False),
+            clearances=np.min(gaps, axis=1, initial=np.inf),
+            further=self.further(q, qd),
+            units=self.units,
+            motor_units=self.motor_units,
+            further_names=self.further_limits.labels,
+        )
+
+    def require_fit(self, joints: int) -> None:
+        """Raise InputError unless a motion has as many joints."""
+        if joints != self.n:
+            raise InputError(f"motion: has {joints} joints, the {self.kind} has {self.n}")
+
+    def contact_states(self, wrenches: np.ndarray) -> ContactStates:
+        """States of the contacts under total wrenches (N, 6) on the base."""
+        return solve_many(self.support, wrenches)
+
+    def energy(self, motion: Motion, *, order: int = 4) -> float:
+        """Electric energy of a motion, J: Gauss-Legendre quadrature between the events (5.25)."""
+        times, weights = self.quadrature(motion, order)
+        if len(times) == 0:
+            return 0.0
+        q, qd, qdd = motion.states(times)
+        torques, _ = self.loads(q, qd, qdd)
+        power = self.motors.power(torques, self.motor_speeds(q, qd))
+        return float(weights @ np.sum(power, axis=1))
+
+    def quadrature(self, motion: Motion, order: int) -> tuple[np.ndarray, np.ndarray]:
+        """Gauss-Legendre nodes and weights, s, in intervals in which the electric power is smooth."""
+        return motion.quadrature(order)

@@ -1,0 +1,1 @@
+"""Readers of users' TOML files, one file per kind of table."""

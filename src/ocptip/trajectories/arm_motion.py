@@ -1,0 +1,311 @@
+"""Passive joints (5.12 to 5.19), and the motion of a whole arm: all joints' ramps, events, quadrature.
+
+Only some joints, those near the base, are optimised. Each of the others gets one ramp from start to goal and
+ends with the motion. Angles in rad, times in s, start of the motion at t = 0.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ocptip.basics.errors import InputError, finite_array, number_from, positive_number
+from ocptip.trajectories.ramps import JointRamps, RampCommand
+
+MERGE = 1e-9  # events nearer to each other than this are one, s
+_COMMAND_KEYS = ("phi_e", "speed", "acceleration")
+
+
+def earliest_end(way: ArrayLike, speed_limit: ArrayLike, acceleration_limit: ArrayLike) -> np.ndarray:
+    """Return the least duration (s) of a ramp from rest to rest over `way` (rad), (5.13), (5.14); broadcasts.
+
+    Args:
+        way: angle to go, either sign, rad.
+        speed_limit: > 0, rad/s.
+        acceleration_limit: > 0, rad/s^2.
+    """
+    way, v, a = np.abs(way), np.asarray(speed_limit), np.asarray(acceleration_limit)
+    return np.where(a * way <= v**2, 2 * np.sqrt(way / a), way / v + v / a)
+
+
+def passive_command(
+    phi_start: float, phi_goal: float, end: float, speed_limit: float, acceleration_limit: float
+) -> RampCommand:
+    """Return the one command that moves a passive joint from rest to rest within exactly `end` seconds.
+
+    The ramp reaches the speed limit if it can, with the lowest acceleration that still ends in time (5.16):
+    t' = end - |way| / v_lim; else it is a symmetric triangle, t' = end / 2 (5.17). The command's speed is
+    v_lim in both. A joint that has nowhere to go does not move.
+
+    Args:
+        phi_start: rad.
+        phi_goal: rad.
+        end: when it is to end, s; at least :func:`earliest_end`.
+        speed_limit: v_lim, rad/s.
+        acceleration_limit: rad/s^2.
+
+    Raises:
+        InputError: the joint cannot be there so early, or a limit is not > 0.
+    """
+    way = abs(number_from("phi_goal", phi_goal) - number_from("phi_start", phi_start))
+    v = positive_number("speed_limit", speed_limit)
+    a_limit = positive_number("acceleration_limit", acceleration_limit)
+    if way == 0:
+        return RampCommand(phi_goal, v, a_limit)
+    earliest = float(earliest_end(way, v, a_limit))
+    if not number_from("end", end) >= earliest * (1 - 1e-12):
+        raise InputError(f"end: must be >= {earliest:.6g} s at the joint's limits, got {end!r}")
+    acceleration = v / (end - way / v) if way > 0.5 * v * end else 4 * way / end**2
+    return RampCommand(phi_goal, v, min(acceleration, a_limit))  # above it by rounding only
+
+
+@dataclass(frozen=True, eq=False)
+class ArmMotion:
+    """The motion of all n joints of an arm, each with its own ramps, all from rest at t = 0.
+
+    Attributes:
+        joints: the joints' ramps, base first.
+    """
+
+    joints: tuple[JointRamps, ...]
+
+    def __post_init__(self) -> None:
+        """Raise InputError if there is no joint."""
+        object.__setattr__(self, "joints", tuple(self.joints))
+        if not self.joints:
+            raise InputError("joints: at least one is needed, got none")
+
+    @classmethod
+    def from_commands(cls, start: ArrayLike, commands: Sequence[Sequence[RampCommand]]) -> ArmMotion:
+        """Return the motion from rest at angles `start` ((n,), rad) under each joint's commands.
+
+        Raises:
+            InputError: numbers of joints differ, or a joint has no command; names the joint, counted from 1.
+        """
+        start = finite_array("start", start, (len(commands),))
+        joints = []
+        for number, (phi, of_joint) in enumerate(zip(start, commands, strict=True), 1):
+            try:
+                joints.append(JointRamps.from_commands(phi, of_joint))
+            except InputError as error:
+                raise InputError(f"joint {number}: {error}") from None
+        return cls(tuple(joints))
+
+    @classmethod
+    def with_passive(
+        cls,
+        start: ArrayLike,
+        goal: ArrayLike,
+        commands: Sequence[Sequence[RampCommand] | None],
+        speed_limits: ArrayLike,
+        acceleration_limits: ArrayLike,
+    ) -> ArmMotion:
+        """Return the motion in which the joints without commands are passive and end together (5.12 to 5.19).
+
+        The end is that of the last joint with commands, or the earliest possible end of the slowest passive
+        joint if that is later (5.15).
+
+        Args:
+            start, goal: angles, (n,), rad; the goal is read for passive joints only.
+            commands: per joint its commands, or None if it is passive.
+            speed_limits: (n,), rad/s, read for passive joints only.
+            acceleration_limits: (n,), rad/s^2, likewise.
+
+        Raises:
+            InputError: see :meth:`from_commands`; a limit of a passive joint is not > 0; shapes do not fit.
+        """
+        n = len(commands)
+        start, goal = finite_array("start", start, (n,)), finite_array("goal", goal, (n,))
+        v = finite_array("speed_limits", speed_limits, (n,))
+        a = finite_array("acceleration_limits", acceleration_limits, (n,))
+        passive = [j for j in range(n) if commands[j] is None]
+        for j in passive:
+            positive_number(f"speed_limits of joint {j + 1}", v[j])
+            positive_number(f"acceleration_limits of joint {j + 1}", a[j])
+        optimised = [j for j in range(n) if commands[j] is not None]
+        ends = [float(earliest_end(goal[j] - start[j], v[j], a[j])) for j in passive]
+        for j in optimised:
+            try:
+                ends.append(JointRamps.from_commands(start[j], commands[j]).end)
+            except InputError as error:
+                raise InputError(f"joint {j + 1}: {error}") from None
+        completed = list(commands)
+        for j in passive:
+            completed[j] = [passive_command(start[j], goal[j], max(ends), v[j], a[j])]
+        return cls.from_commands(start, completed)
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return len(self.joints)
+
+    @property
+    def start(self) -> np.ndarray:
+        """Angles before the motion, (n,), rad."""
+        return np.array([joint.phi_start for joint in self.joints])
+
+    @property
+    def goal(self) -> np.ndarray:
+        """Angles after the motion, (n,), rad."""
+        return np.array([joint.phi_end for joint in self.joints])
+
+    @property
+    def end(self) -> float:
+        """When the last joint has come to rest, s."""
+        return max(joint.end for joint in self.joints)
+
+    @property
+    def angle_ranges(self) -> np.ndarray:
+        """Least and greatest angle of each joint during the motion, overshoot included, (n, 2), rad."""
+        return np.array([joint.angle_range for joint in self.joints])
+
+    @property
+    def speed_peaks(self) -> np.ndarray:
+        """Greatest |speed| of each joint, (n,), rad/s."""
+        return np.array([np.max(np.abs(joint.speeds)) for joint in self.joints])
+
+    @property
+    def acceleration_peaks(self) -> np.ndarray:
+        """Greatest |acceleration| of each joint, (n,), rad/s^2."""
+        return np.array([np.max(np.abs(joint.accelerations)) for joint in self.joints])
+
+    def states(
+        self, times: ArrayLike, *, side: Literal["left", "right"] = "right"
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return angles (rad), speeds (rad/s), accelerations (rad/s^2) at N times (s): three arrays (N, n).
+
+        See :meth:`JointRamps.states` for `side` and errors; a single time gives (n,).
+        """
+        states = [joint.states(times, side=side) for joint in self.joints]
+        angles, speeds, accelerations = (np.stack(values, axis=-1) for values in zip(*states, strict=True))
+        return angles, speeds, accelerations
+
+    @cached_property
+    def crossings(self) -> np.ndarray:
+        """When any joint's speed changes sign, sorted, (K,), s (5.27). A passive joint's does not."""
+        times = np.concatenate([joint.crossings for joint in self.joints])
+        return np.sort(times[np.isfinite(times)])
+
+    @cached_property
+    def event_times(self) -> np.ndarray:
+        """Boundaries of all joints' phases and all zero crossings of speeds, sorted, (S,), s (5.24), (5.26).
+
+        From 0 to the end. Events within 1 ns of each other are one, so that no interval is shorter. An arm
+        that does not move has but the event 0.
+        """
+        end = self.end
+        times = np.unique(np.concatenate([self.crossings, *(joint.times for joint in self.joints)]))
+        kept = [0.0]
+        for t in times:
+            if t - kept[-1] > MERGE and end - t > MERGE:
+                kept.append(float(t))
+        return np.array([*kept, end] if end > MERGE else kept)
+
+    @property
+    def intervals(self) -> np.ndarray:
+        """Intervals between events, (S - 1, 2), s: within each, torque and power are smooth."""
+        return np.column_stack([self.event_times[:-1], self.event_times[1:]])
+
+    def quadrature(self, order: int = 4) -> tuple[np.ndarray, np.ndarray]:
+        """Return Gauss-Legendre nodes (s) inside all intervals and their weights (s), (5.25); both (N,).
+
+        `weights @ f(nodes)` is the integral over the motion, exact for polynomials up to degree
+        2 order - 1 in each interval. N = (S - 1) order, sorted by time.
+
+        Raises:
+            InputError: order is not a whole number >= 1.
+        """
+        return gauss_legendre(self.intervals, order)
+
+    def time_scaled(self, factor: float) -> ArmMotion:
+        """Return the same path with all times multiplied by `factor` > 0 (below 1: faster)."""
+        factor = positive_number("factor", factor)
+        scaled = [
+            [RampCommand(c.phi_e, c.speed / factor, c.acceleration / factor**2) for c in joint.commands]
+            for joint in self.joints
+        ]
+        return ArmMotion.from_commands(self.start, scaled)
+
+    def to_dict(self, units: Sequence[str] = ()) -> dict[str, Any]:
+        """Return `start` (degrees) and `commands`, per joint a list of commands in degrees and seconds.
+
+        Args:
+            units: of the joints, "rad" or "m"; where one is "m", start and commands of that joint are in
+                metres and seconds, and `units`, "deg" or "m" per joint, is added.
+        """
+        lengths = [unit == "m" for unit in units] or [False] * self.n
+        commands = [
+            [_command_dict(command, length) for command in joint.commands]
+            for joint, length in zip(self.joints, lengths, strict=True)
+        ]
+        start = [
+            v if length else np.rad2deg(v) for v, length in zip(self.start.tolist(), lengths, strict=True)
+        ]
+        named = {"units": ["m" if length else "deg" for length in lengths]} if any(lengths) else {}
+        return {**named, "start": start, "commands": commands}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> ArmMotion:
+        """Return the motion written by :meth:`to_dict`; keys that it does not write are ignored.
+
+        Raises:
+            InputError: a key is missing or unknown, or a value cannot be used; names joint and command.
+        """
+        if not isinstance(data, Mapping):
+            raise InputError(f"motion: expected a table with start and commands, got {data!r}")
+        if missing := [key for key in ("start", "commands") if key not in data]:
+            raise InputError(f"motion: {missing[0]} is missing")
+        joints = data["commands"]
+        if not _is_list(joints) or not all(map(_is_list, joints)):
+            raise InputError("commands: expected one list of commands per joint")
+        units = data.get("units", ["deg"] * len(joints))
+        if not _is_list(units) or len(units) != len(joints) or not set(units) <= {"deg", "m"}:
+            raise InputError(f"units: expected deg or m per joint, got {units!r}")
+        lengths = [unit == "m" for unit in units]
+        commands = [
+            [_command_from(entry, f"joint {j}, command {k}", length) for k, entry in enumerate(joint, 1)]
+            for j, (joint, length) in enumerate(zip(joints, lengths, strict=True), 1)
+        ]
+        start = finite_array("start", data["start"], (len(joints),))
+        return cls.from_commands(np.where(lengths, start, np.deg2rad(start)), commands)
+
+
+def gauss_legendre(intervals: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the Gauss-Legendre nodes (s) in all intervals ((S, 2), s) and their weights (s), both (N,).
+
+    Raises:
+        InputError: order is not a whole number >= 1.
+    """
+    if isinstance(order, bool) or not isinstance(order, int | np.integer) or order < 1:
+        raise InputError(f"order: must be a whole number >= 1, got {order!r}")
+    x, w = np.polynomial.legendre.leggauss(order)
+    left, right = intervals.T
+    half = 0.5 * (right - left)[:, None]
+    return (0.5 * (left + right)[:, None] + half * x).ravel(), (half * w).ravel()
+
+
+def _is_list(value: object) -> bool:
+    return isinstance(value, Sequence) and not isinstance(value, str)
+
+
+def _command_dict(command: RampCommand, length: bool) -> dict[str, float]:
+    values = {key: getattr(command, key) for key in _COMMAND_KEYS}
+    return values if length else {key: math.degrees(value) for key, value in values.items()}
+
+
+def _command_from(entry: object, where: str, length: bool) -> RampCommand:
+    """Read {"phi_e": deg, "speed": deg/s, "acceleration": deg/s^2}, or the same in m."""
+    if not isinstance(entry, Mapping) or set(entry) != set(_COMMAND_KEYS):
+        raise InputError(f"{where}: expected exactly the keys {', '.join(_COMMAND_KEYS)}, got {entry!r}")
+    try:
+        checks = {"phi_e": number_from, "speed": positive_number, "acceleration": positive_number}
+        values = [checks[key](key, entry[key]) for key in _COMMAND_KEYS]
+        return RampCommand(*(values if length else map(math.radians, values)))
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None

@@ -1,0 +1,409 @@
+"""Velocity ramps of one joint: commands to motion (5.2 to 5.9), motion to commands, states at any time.
+
+A drive takes commands (target angle, speed, acceleration) and moves by itself: it ramps its speed with
+constant acceleration to a peak, cruises, and brakes with the same acceleration to rest at the target. The
+next command is given when this braking would begin (t''), so only the last command brakes. n commands hence
+give 2 n + 1 phases of constant acceleration
+
+    ramp 1, cruise 1, ramp 2, cruise 2, ..., ramp n, cruise n, brake
+
+with the speeds 0, w_1, w_1, w_2, w_2, ..., w_n, w_n, 0 at their boundaries. Phases may be empty (length 0; no
+cruise is the triangle of (5.3)). They stay in the arrays: phase 2 k - 2 always is the ramp of command k.
+
+Symbols: phi angle, w speed, a acceleration (> 0), d_k ramp duration, c_k cruise duration, d_{n+1} brake
+duration; t'_k end of ramp, t''_k end of cruise. Angles in rad, times in s, start of the motion at t = 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ocptip.basics.errors import InputError, finite_array, number_from, positive_number
+
+_IDLE = 1.0  # speed (rad/s) and acceleration (rad/s^2) of a command that moves nothing; any value would do
+
+
+@dataclass(frozen=True)
+class RampCommand:
+    """One command to a joint's drive.
+
+    Attributes:
+        phi_e: target angle, rad.
+        speed: speed v > 0 to cruise at, rad/s; without effect if the target is too near to reach it.
+        acceleration: a > 0 of speeding up and of braking, rad/s^2.
+    """
+
+    phi_e: float
+    speed: float
+    acceleration: float
+
+    def __post_init__(self) -> None:
+        """Raise InputError if phi_e is not finite, or speed or acceleration is not > 0."""
+        object.__setattr__(self, "phi_e", number_from("phi_e", self.phi_e))
+        object.__setattr__(self, "speed", positive_number("speed", self.speed))
+        object.__setattr__(self, "acceleration", positive_number("acceleration", self.acceleration))
+
+
+class ServoRamp(NamedTuple):
+    """What the drive does until it would brake: ramp to `peak` (rad/s, signed), cruise; durations in s."""
+
+    peak: np.ndarray
+    ramp: np.ndarray
+    cruise: np.ndarray
+
+
+def servo_ramp(
+    phi_a: ArrayLike, w_a: ArrayLike, phi_e: ArrayLike, speed: ArrayLike, acceleration: ArrayLike
+) -> ServoRamp:
+    """Return the drive's answer to a command given in the state (phi_a, w_a), (5.2) to (5.8).
+
+    All arguments broadcast. With D+ and D- the ways covered by reaching +v or -v and braking at once (5.5):
+    at least D+ to go: cruise at +v; at most D-: cruise at -v; between: no cruise, a peak below v (5.8).
+    If braking at once leads exactly to the target, and v is not below the speed, the peak is 0: the joint
+    comes to rest at t' = t''.
+
+    Args:
+        phi_a: angle when the command is given, rad.
+        w_a: speed when the command is given, rad/s.
+        phi_e: target angle, rad.
+        speed: v > 0, rad/s.
+        acceleration: a > 0, rad/s^2.
+
+    Returns:
+        Peak speed, ramp duration and cruise duration, each of the broadcast shape.
+    """
+    phi_a, w_a, phi_e, v, a = np.broadcast_arrays(phi_a, w_a, phi_e, speed, acceleration)
+    way = phi_e - phi_a
+    way_plus = 0.5 * (w_a + v) * np.abs(v - w_a) / a + 0.5 * v**2 / a
+    way_minus = 0.5 * (w_a - v) * np.abs(v + w_a) / a - 0.5 * v**2 / a
+    u = np.sign(0.5 * w_a * np.abs(w_a) / a - way)
+    triangle_peak = -u * np.sqrt(np.maximum(0.5 * w_a**2 - u * a * way, 0.0))
+    forward, backward = way >= way_plus, way <= way_minus
+    peak = np.where(forward, v, np.where(backward, -v, triangle_peak)) + 0.0  # no -0.0
+    cruise = np.where(forward, way - way_plus, np.where(backward, way_minus - way, 0.0)) / v
+    return ServoRamp(peak, np.abs(peak - w_a) / a, cruise)
+
+
+def checked_times(times: ArrayLike, side: str) -> np.ndarray:
+    """Return times (any shape, s) as floats.
+
+    Raises:
+        InputError: a time is not finite, or side is neither "left" nor "right".
+    """
+    t = np.asarray(times, dtype=float)
+    if not np.all(np.isfinite(t)):
+        raise InputError("times: contains NaN or infinity")
+    if side not in ("left", "right"):
+        raise InputError(f'side: must be "left" or "right", got {side!r}')
+    return t
+
+
+@dataclass(frozen=True, eq=False)
+class JointRamps:
+    """The motion of one joint under successive commands: 2 n + 1 phases of constant acceleration.
+
+    Made by :meth:`from_commands`. The joint rests before t = 0 and after the end.
+
+    Attributes:
+        commands: the n commands.
+        times: boundaries of the phases, (2 n + 2,), s, from 0, not decreasing.
+        angles: angle at the boundaries, (2 n + 2,), rad; the last is the last command's phi_e, exactly.
+        speeds: speed at the boundaries, (2 n + 2,), rad/s.
+        accelerations: acceleration within the phases, (2 n + 1,), rad/s^2; 0 in a ramp of length 0.
+    """
+
+    commands: tuple[RampCommand, ...]
+    times: np.ndarray
+    angles: np.ndarray
+    speeds: np.ndarray
+    accelerations: np.ndarray
+
+    @classmethod
+    def from_commands(cls, phi_start: float, commands: Sequence[RampCommand]) -> JointRamps:
+        """Return the motion from rest at phi_start (rad); command k + 1 is given at t'' of command k (5.4).
+
+        Raises:
+            InputError: phi_start is not finite, or there is no command.
+        """
+        phi = phi_start = number_from("phi_start", phi_start)
+        commands = tuple(commands)
+        if not commands:
+            raise InputError("commands: at least one ramp command is needed, got none")
+        times, angles, speeds, accelerations = [0.0], [phi], [0.0], []
+        for command in commands:
+            w = speeds[-1]
+            peak, ramp, cruise = map(
+                float, servo_ramp(phi, w, command.phi_e, command.speed, command.acceleration)
+            )
+            # Backwards from the target, so that the joint ends there exactly.
+            phi = command.phi_e - 0.5 * peak * abs(peak) / command.acceleration
+            times += [times[-1] + ramp, times[-1] + ramp + cruise]
+            angles += [phi - peak * cruise, phi]
+            speeds += [peak, peak]
+            accelerations += [float(np.sign(peak - w)) * command.acceleration, 0.0]
+        times.append(times[-1] + abs(peak) / command.acceleration)
+        angles.append(command.phi_e)
+        speeds.append(0.0)
+        accelerations.append(-float(np.sign(peak)) * command.acceleration + 0.0)
+        arrays = [np.array(values) for values in (times, angles, speeds, accelerations)]
+        for array in arrays:
+            array.flags.writeable = False
+        return cls(commands, *arrays)
+
+    @property
+    def phi_start(self) -> float:
+        """Angle before the motion, rad."""
+        return float(self.angles[0])
+
+    @property
+    def phi_end(self) -> float:
+        """Angle after the motion, rad."""
+        return float(self.angles[-1])
+
+    @property
+    def end(self) -> float:
+        """When the joint has come to rest, s."""
+        return float(self.times[-1])
+
+    @property
+    def durations(self) -> np.ndarray:
+        """Durations of the phases, (2 n + 1,), s."""
+        return np.diff(self.times)
+
+    @property
+    def peaks(self) -> np.ndarray:
+        """Speed w_k at the end of each command's ramp and during its cruise, (n,), rad/s."""
+        return self.speeds[1:-1:2]
+
+    @property
+    def ramps(self) -> np.ndarray:
+        """Ramp durations d_1 .. d_n and the duration d_{n+1} of braking, (n + 1,), s."""
+        return self.durations[::2]
+
+    @property
+    def cruises(self) -> np.ndarray:
+        """Cruise durations c_k, (n,), s."""
+        return self.durations[1::2]
+
+    @property
+    def ramp_ends(self) -> np.ndarray:
+        """t' of each command, (n,), s."""
+        return self.times[1:-1:2]
+
+    @property
+    def brake_starts(self) -> np.ndarray:
+        """t'' of each command, (n,), s: the next one is given, or the joint brakes."""
+        return self.times[2:-1:2]
+
+    @property
+    def command_ends(self) -> np.ndarray:
+        """t_e of each command, (n,), s: when the joint would rest if no other followed; the last: `end`."""
+        return self.brake_starts + np.abs(self.peaks) / self._command_accelerations
+
+    @cached_property
+    def crossings(self) -> np.ndarray:
+        """When the speed changes sign within each command's ramp, (n,), s, NaN where it does not (5.28)."""
+        before, after = self.speeds[:-2:2], self.peaks
+        crossing = self.times[:-2:2] + np.abs(before) / self._command_accelerations
+        return np.where(before * after < 0, crossing, np.nan)
+
+    @cached_property
+    def angle_range(self) -> tuple[float, float]:
+        """Least and greatest angle of the motion, rad, exact: overshoot at reversals included (5.35)."""
+        turns = self.crossings[np.isfinite(self.crossings)]
+        angles = np.concatenate([self.angles, self.states(turns)[0]])
+        return float(angles.min()), float(angles.max())
+
+    @property
+    def margins(self) -> np.ndarray:
+        """How far each target is from where braking at once would lead, (n,), rad.
+
+        Where it is 0 for a moving joint, before the last command, the motion jumps: with a little less way to
+        go the joint stops and turns back, and t'' comes later by |w_a| / a at most.
+        """
+        w_a = self.speeds[:-2:2]
+        way = np.array([command.phi_e for command in self.commands]) - self.angles[:-2:2]
+        return np.abs(way - 0.5 * w_a * np.abs(w_a) / self._command_accelerations)
+
+    def states(
+        self, times: ArrayLike, *, side: Literal["left", "right"] = "right"
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return angle (rad), speed (rad/s) and acceleration (rad/s^2) at times (any shape, s), (5.9).
+
+        Args:
+            times: when; before 0 and after the end the joint rests.
+            side: "right": at a boundary of phases the acceleration after it, "left": the one before it.
+
+        Raises:
+            InputError: a time is not finite, or side is another word.
+        """
+        t = checked_times(times, side)
+        phase = np.searchsorted(self.times, t, side=side)  # 0: rest before, 1 .. 2 n + 1: moving, then: rest
+        t_0, phi_0, w_0, a_0 = self._padded
+        w, a, elapsed = w_0[phase], a_0[phase], t - t_0[phase]
+        return phi_0[phase] + elapsed * (w + 0.5 * a * elapsed), w + a * elapsed, a
+
+    @cached_property
+    def _command_accelerations(self) -> np.ndarray:
+        return np.array([command.acceleration for command in self.commands])
+
+    @cached_property
+    def _padded(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Start times, angles, speeds, accelerations: rest before, phases, rest after; (2 n + 3,) each."""
+        starts = (np.concatenate([values[:1], values]) for values in (self.times, self.angles, self.speeds))
+        return *starts, np.concatenate([[0.0], self.accelerations, [0.0]])
+
+
+def phase_violations(
+    peaks: ArrayLike,
+    ramps: ArrayLike,
+    cruises: ArrayLike,
+    *,
+    resolution: float = 1e-9,
+    tolerance: float = 1e-7,
+) -> list[str]:
+    """Return why no commands produce these phases, one sentence per reason; empty if there are some.
+
+    Commands exist if and only if, for k = 1 .. n with w_0 = 0,
+
+    1. d_k >= 0 and c_k >= 0;
+    2. w_k differs from w_{k-1} exactly if d_k > 0 (a_k is finite and > 0);
+    3. d_{n+1} = |w_n| d_n / |w_n - w_{n-1}|: the drive brakes with a_n (free if d_n = 0, w_n = w_{n-1} != 0);
+    4. w_k is not 0, except that a command may move nothing (w_{k-1} = d_k = c_k = 0), and that the last one
+       may only brake (c_n = d_{n+1} = 0);
+    5. for 1 < k < n the target keeps a margin from where braking at once would lead
+       (:attr:`JointRamps.margins`): |w_k| c_k if the joint slows down or keeps its speed without turning,
+       |w_k| c_k + (w_k^2 - w_{k-1}^2) / a_k if it speeds up, |w_k| c_k + w_k^2 / a_k if it turns. Only
+       slowing down without cruise has none.
+
+    Turning needs no condition of its own: with speed |w_k| and a_k = |w_k - w_{k-1}| / d_k the way to the
+    target is D+ + w_k c_k or D- + w_k c_k of (5.5) for w_k > 0 or < 0, whatever w_{k-1}.
+
+    Args:
+        peaks: w_1 .. w_n, signed, (n,), rad/s.
+        ramps: d_1 .. d_n and the brake duration d_{n+1}, (n + 1,), s.
+        cruises: c_1 .. c_n, (n,), s.
+        resolution: least margin of condition 5, rad: how finely targets are stored or sent.
+        tolerance: how much durations (s) may break conditions 1 and 3, and speeds (rad/s) condition 2.
+
+    Raises:
+        InputError: shapes do not fit, or numbers are not finite.
+    """
+    w, d, c = _phase_arrays(peaks, ramps, cruises)
+    n, found = len(w), []
+    for name, values in (("ramp", d), ("cruise", c)):
+        negative = ((k, x) for k, x in enumerate(values, 1) if x < -tolerance)
+        found += [f"{name} {k}: lasts {x:.6g} s, must be >= 0" for k, x in negative]
+    if found:
+        return found
+    w, d, c = _snapped(w, d, c, tolerance)
+    for k, (w_a, w_k, d_k, c_k) in enumerate(zip([0.0, *w[:-1]], w, d, c, strict=False), 1):
+        where = f"command {k} (from {w_a:.6g} to {w_k:.6g} rad/s in {d_k:.6g} s, then {c_k:.6g} s of cruise)"
+        if w_k == 0 and w_a == 0 and d_k == 0 and c_k == 0:
+            continue
+        if w_k == 0 and not (k == n and c_k == 0 and w_a != 0):
+            found.append(f"{where}: no command makes a joint rest on its way; keep |w_{k}| > 0")
+        elif d_k == 0 and w_k != w_a:
+            found.append(f"{where}: a jump of the speed; the ramp must last")
+        elif d_k > 0 and w_k == w_a:
+            found.append(f"{where}: a ramp that changes no speed; count its time as cruise")
+        elif 1 < k < n and (margin := _margin(w_a, w_k, d_k, c_k)) <= resolution:
+            found.append(
+                f"{where}: the target is {margin:.3g} rad from where braking at once leads, must be more "
+                f"than {resolution:.3g}; slowing down needs some cruise, or leave out the command"
+            )
+    w_a, brake = (w[-2] if n > 1 else 0.0), d[-1]
+    if d[-2] > 0 and w[-1] != w_a:
+        wanted = abs(w[-1]) * d[-2] / abs(w[-1] - w_a)
+        if abs(brake - wanted) > tolerance:
+            found.append(f"braking: lasts {brake:.6g} s, must last {wanted:.6g} s at the last ramp's rate")
+    elif (w[-1] == 0) != (brake == 0):
+        found.append(f"braking: lasts {brake:.6g} s, but the speed before it is {w[-1]:.6g} rad/s")
+    return found
+
+
+def phases_to_commands(
+    phi_start: float,
+    peaks: ArrayLike,
+    ramps: ArrayLike,
+    cruises: ArrayLike,
+    *,
+    phi_goal: float | None = None,
+    resolution: float = 1e-9,
+    tolerance: float = 1e-7,
+) -> tuple[RampCommand, ...]:
+    """Return the commands that make a joint run through these phases: the inverse of the servo law.
+
+    Command k has speed |w_k| (in a triangle, where more would change nothing: the peak), acceleration
+    a_k = |w_k - w_{k-1}| / d_k, and as target the angle where braking from w_k with a_k would end if begun at
+    the end of cruise k. Where a_k is free (no ramp: w_k = w_{k-1}) it is the one of the command before, for
+    the last command |w_n| / d_{n+1}. A ramp of small a_k puts its target far ahead: keep phi_e in the limits.
+
+    Args:
+        phi_start: angle before the motion, rad.
+        peaks, ramps, cruises, resolution, tolerance: see :func:`phase_violations`.
+        phi_goal: if given, the last target is set to it, rad; must be within 1e-6 rad of the computed one.
+
+    Raises:
+        InputError: no commands do this (all reasons are listed), or phi_goal is not where the phases lead.
+    """
+    phi = number_from("phi_start", phi_start)
+    if violations := phase_violations(peaks, ramps, cruises, resolution=resolution, tolerance=tolerance):
+        raise InputError("phases: no ramp commands produce them: " + "; ".join(violations))
+    w, d, c = _snapped(*_phase_arrays(peaks, ramps, cruises), tolerance)
+    commands: list[RampCommand] = []
+    w_a = 0.0
+    for k, (w_k, d_k, c_k) in enumerate(zip(w, d, c, strict=False)):
+        speed = abs(w_k) or abs(w_a) or _IDLE
+        if d_k > 0:
+            acceleration = abs(w_k - w_a) / d_k
+        elif w_k == 0:
+            acceleration = _IDLE
+        else:
+            acceleration = abs(w_k) / d[-1] if k == len(w) - 1 else commands[-1].acceleration
+        phi += 0.5 * (w_a + w_k) * d_k + w_k * c_k
+        commands.append(RampCommand(phi + 0.5 * w_k * abs(w_k) / acceleration, speed, acceleration))
+        w_a = w_k
+    if phi_goal is not None:
+        last = commands[-1]
+        if not abs(last.phi_e - number_from("phi_goal", phi_goal)) <= 1e-6:
+            raise InputError(f"phi_goal: the phases lead to {last.phi_e!r} rad, not to {phi_goal!r}")
+        commands[-1] = RampCommand(phi_goal, last.speed, last.acceleration)
+    return tuple(commands)
+
+
+def _phase_arrays(
+    peaks: ArrayLike, ramps: ArrayLike, cruises: ArrayLike
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    w = finite_array("peaks", peaks, (None,))
+    if not len(w):
+        raise InputError("peaks: at least one command is needed, got none")
+    return w, finite_array("ramps", ramps, (len(w) + 1,)), finite_array("cruises", cruises, (len(w),))
+
+
+def _snapped(
+    w: np.ndarray, d: np.ndarray, c: np.ndarray, tolerance: float
+) -> tuple[list[float], list[float], list[float]]:
+    """Durations just below 0 as 0; no ramp where its length and its change of speed are next to nothing."""
+    speeds, d, c = [0.0, *w.tolist()], np.maximum(d, 0.0).tolist(), np.maximum(c, 0.0).tolist()
+    for k in range(len(w)):
+        if d[k] <= tolerance and abs(speeds[k + 1] - speeds[k]) <= tolerance:
+            speeds[k + 1], d[k] = speeds[k], 0.0
+    return speeds[1:], d, c
+
+
+def _margin(w_a: float, w_k: float, d_k: float, c_k: float) -> float:
+    """Way left between the target of a command and where braking at once would lead, rad."""
+    way = abs(w_k) * c_k
+    if d_k == 0:
+        return way
+    acceleration = abs(w_k - w_a) / d_k
+    if w_a * w_k <= 0:
+        return way + w_k**2 / acceleration
+    return way + max(w_k**2 - w_a**2, 0.0) / acceleration

@@ -1,0 +1,152 @@
+"""Reading motions from files: ramp commands as JSON, samples as CSV."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ocptip.basics.errors import InputError, refuse_huge
+from ocptip.basics.toml import read_text
+from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.sampled import Motion, SampledMotion
+
+_NEAREST = 1e-4  # s: least distance of rows read from a file
+
+
+_SAME = 1e-8  # rad and rad/s: rows at one time may differ by this (rounding)
+
+
+_COLUMN = re.compile(r"(?P<kind>q|qd)(?P<joint>[1-9][0-9]*)_(?P<unit>deg|rad)(?P<per_second>_s)?")
+
+
+def load_motion(path: str | os.PathLike[str]) -> Motion:
+    """Read a motion from a file: JSON with `start` and `commands`, or CSV with samples.
+
+    JSON: as :meth:`ArmMotion.from_dict`; `plan.json` is one such file. CSV: a header with the columns
+    `time_s`, `q1_deg` .. `qn_deg` and, if at hand, `qd1_deg_s` .. `qdn_deg_s` (or `_rad`, `_rad_s`), in any
+    order; other columns are ignored. A time may be repeated (left and right of a jump of the acceleration) if
+    angles and speeds are the same.
+
+    Raises:
+        InputError: the file cannot be read or holds no motion; names file, and key or line and column.
+    """
+    path = Path(path)
+    text = read_text(path)
+    try:
+        if text.lstrip().startswith(("{", "[")):
+            motion = ArmMotion.from_dict(_json(text))
+            _refuse_huge_commands(motion)
+            return motion
+        return _from_csv(text)
+    except InputError as error:
+        raise InputError(f"{path.name}: {error}") from None
+
+
+def motion_origin(path: str | os.PathLike[str]) -> dict[str, str]:
+    """Return what a motion file says about its robot: the texts `case` and `base`, those that it has."""
+    path = Path(path)
+    text = read_text(path)
+    try:
+        data = _json(text) if text.lstrip().startswith("{") else {}
+    except InputError as error:
+        raise InputError(f"{path.name}: {error}") from None
+    return {key: data[key] for key in ("case", "base") if isinstance(data.get(key), str)}
+
+
+def _refuse_huge_commands(motion: ArmMotion) -> None:
+    for number, joint in enumerate(motion.joints, start=1):
+        refuse_huge(f"start[{number}]", joint.phi_start)
+        for which, command in enumerate(joint.commands, start=1):
+            for key, value in vars(command).items():
+                refuse_huge(f"commands[{number}][{which}].{key}", value)
+
+
+def _json(text: str) -> Any:
+    try:
+        return json.loads(text)
+    except json.JSONDecodeError as error:
+        raise InputError(f"broken JSON: {error}") from None
+    except RecursionError:
+        raise InputError("broken JSON: nested too deeply") from None
+
+
+def _from_csv(text: str) -> SampledMotion:
+    lines = [(k, row) for k, row in enumerate(csv.reader(text.splitlines()), 1) if any(map(str.strip, row))]
+    if not lines:
+        raise InputError("is empty; expected a header with time_s, q1_deg, q2_deg, ...")
+    header = [name.strip() for name in lines[0][1]]
+    time, angles, speeds = _columns(header)
+    wanted = [time, *angles, *speeds]
+    table = np.empty((len(lines) - 1, len(wanted)))
+    for row, (number, cells) in enumerate(lines[1:]):
+        if len(cells) != len(header):
+            raise InputError(
+                f"line {number}: expected {len(header)} values as in the header, got {len(cells)}"
+            )
+        table[row] = [_cell(number, header[c], cells[c]) for c in wanted]
+    table[:, 1:] *= [np.deg2rad(1.0) if "_deg" in header[c] else 1.0 for c in wanted[1:]]
+    for row in range(1, len(table)):
+        later = table[row, 0] - table[row - 1, 0]
+        if later < 0:
+            raise InputError(
+                f"line {lines[row + 1][0]}: time_s {table[row, 0]:.9g} comes after {table[row - 1, 0]:.9g}"
+            )
+        if later == 0 and np.abs(table[row, 1:] - table[row - 1, 1:]).max() > _SAME:
+            raise InputError(
+                f"line {lines[row + 1][0]}: time_s {table[row, 0]:.9g} again, with other angles or speeds"
+            )
+    table, n = _spaced(table), len(angles)
+    return SampledMotion(table[:, 0], table[:, 1 : n + 1], table[:, n + 1 :] if speeds else None)
+
+
+def _spaced(table: np.ndarray) -> np.ndarray:
+    """The rows whose times (first column) are not too near to the one kept before; the last row always."""
+    kept: list[int] = []
+    for row, time in enumerate(table[:, 0]):
+        if not kept or time - table[kept[-1], 0] >= _NEAREST:
+            kept.append(row)
+    if kept and kept[-1] != len(table) - 1:
+        if len(kept) > 1:
+            kept.pop()
+        kept.append(len(table) - 1)
+    return table[kept]
+
+
+def _columns(header: Sequence[str]) -> tuple[int, list[int], list[int]]:
+    """Column of the time, columns of the joints' angles, and of their speeds if there are any."""
+    if header.count("time_s") != 1:
+        raise InputError(f"header: expected one column time_s, got {', '.join(header)}")
+    found: dict[str, dict[int, int]] = {"q": {}, "qd": {}}
+    for column, name in enumerate(header):
+        match = _COLUMN.fullmatch(name)
+        if match is None or (match["kind"] == "qd") != bool(match["per_second"]):
+            continue
+        joints, joint = found[match["kind"]], int(match["joint"])
+        if joint in joints:
+            raise InputError(f"header: {header[joints[joint]]} and {name} are the same quantity")
+        joints[joint] = column
+    n = max([0, *found["q"], *found["qd"]])
+    for kind, example in (("q", "deg"), ("qd", "deg_s")):
+        missing = [joint for joint in range(1, n + 1) if joint not in found[kind]]
+        if (kind == "q" or found[kind]) and (missing or not n):
+            raise InputError(f"header: {kind}{(missing or [1])[0]}_{example} is missing")
+    angles, speeds = ([found[kind][joint] for joint in sorted(found[kind])] for kind in ("q", "qd"))
+    return header.index("time_s"), angles, speeds
+
+
+def _cell(line: int, name: str, text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        raise InputError(f"line {line}, {name}: expected a number, got {text!r}") from None
+    if not np.isfinite(value):
+        raise InputError(f"line {line}, {name}: must be finite, got {text.strip()}")
+    refuse_huge(f"line {line}, {name}", value)
+    return value

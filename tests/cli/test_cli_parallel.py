@@ -1,0 +1,141 @@
+"""`ocptip parallel`."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+from ocptip.cli import parallel as command
+from ocptip.cli.main import main
+from ocptip.parallel.description.ready_made import READY_MADE, delta
+
+
+@pytest.mark.parametrize("name", ["3RRR", "3rpr", "Delta", "4prrr", "6ups"])
+def test_ready_made_robots(capsys, name):
+    assert main(["parallel", name, "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["mobility"]["dof"] == len(report["coordinates"]) == len(report["actuated"])
+    assert report["home_pose"]["singular"] == []
+    assert set(report["operations"]) == {"tau_a", "jacobian"}
+    assert report["dynpar"] == 3
+    assert report["written"] == []
+    assert "ocptip" in report["versions"]
+
+
+def test_table_says_the_same_as_json(capsys):
+    assert main(["parallel", "3RRR"]) == 0
+    text = capsys.readouterr().out
+    assert main(["parallel", "3RRR", "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert "3RRR: 3 legs, moves as described." in text
+    assert "actuated joints" in text
+    assert "1.1, 2.1, 3.1" in text
+    assert str(report["operations"]["tau_a"]["weighted"]) in text
+    assert text.isascii()
+
+
+def test_c_code(capsys, tmp_path):
+    target = tmp_path / "hexapod.c"
+    assert main(["parallel", "6UPS", "--c", str(target), "--dynpar", "2", "--form", "Z"]) == 0
+    text = capsys.readouterr().out
+    assert "tau_z (form Z, DynPar 2)" in text
+    assert f"wrote {target}" in text
+    source = target.read_text()
+    assert "int tau_z(" in source
+    assert "int jacobian(" in source
+
+
+def test_a_vertical_delta_is_not_accepted(capsys, monkeypatch):
+    """All first axes vertical: the position closures do not see it, the mobility does."""
+    tilted = delta()
+
+    def upright():
+        import dataclasses
+
+        legs = tuple(
+            dataclasses.replace(
+                leg, base_rotation=(("z", 2 * np.pi * k / 3 + 0.3),), end_rotation=None, guess=()
+            )
+            for k, leg in enumerate(tilted.legs)
+        )
+        return dataclasses.replace(tilted, legs=legs, name="upright", home=[0.0, 0.0, -0.4])
+
+    monkeypatch.setitem(READY_MADE, "Delta", upright)
+    code = main(["parallel", "Delta"])
+    text = capsys.readouterr()
+    assert code == 1
+    assert "DOES NOT MOVE AS DESCRIBED" in text.out
+    assert "the mechanism has mobility 4, but 3 coordinates are described" in text.out
+    assert "no code: the robot does not move as described" in text.out
+
+
+def test_targets_are_checked_before_anything_is_computed(capsys, monkeypatch):
+    def not_called(*_, **__):
+        raise AssertionError("computed")
+
+    monkeypatch.setattr(command, "examine", not_called)
+    assert main(["parallel", "3RRR", "--c", "3rrr.c"]) == 2
+    assert "--c: expected a file NAME.c with NAME an identifier, got '3rrr.c'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("pattern", "new", "expected"),
+    [
+        ("home = .*", "home = [50.0, 0.0, 0.0]", "home: leg 1 does not reach its coupling point"),
+        ("actuated = .*", "actuated = [7]", "leg[1].actuated: the leg has 3 joints, got [7]"),
+    ],
+)
+def test_errors_of_a_robot_file_name_file_and_key(capsys, root, tmp_path, pattern, new, expected):
+    text = (root / "src/ocptip/examples/robots" / "planar_3rrr.toml").read_text()
+    path = tmp_path / "robot.toml"
+    path.write_text(re.sub(pattern, new, text, count=1))
+    assert main(["parallel", str(path)]) == 2
+    err = capsys.readouterr().err
+    assert err.startswith(f"ocptip: robot.toml: {expected}")
+    assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["hexapod"], "hexapod: expected one of 3RRR"),
+        (["3RRR", "--c", "robot.txt"], "ocptip: --c: expected a file NAME.c"),
+        (["3RRR", "--c", "nowhere/robot.c"], "ocptip: --c: the folder 'nowhere' does not exist"),
+        (["missing.toml"], "missing.toml"),
+    ],
+)
+def test_bad_input_is_one_line(capsys, arguments, expected):
+    assert main(["parallel", *arguments]) == 2
+    err = capsys.readouterr().err
+    assert expected in err
+    assert err.count("\n") == 1
+    assert err.startswith("ocptip: ")
+
+
+def test_robot_without_generated_code(capsys, monkeypatch, tmp_path):
+    import dataclasses
+
+    def passive_motor():
+        robot = READY_MADE["3RPR"]()
+        return dataclasses.replace(robot, actuated=((0, 1), (1, 1), (2, 2)))
+
+    monkeypatch.setattr(command, "read_robot", lambda name: passive_motor())
+    assert main(["parallel", "3RPR"]) == 0
+    assert "no code: generated code needs legs" in capsys.readouterr().out
+    assert main(["parallel", "3RPR", "--c", str(tmp_path / "x.c")]) == 2
+    assert "--c: no code for 3RPR" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_robot_file(capsys, root, tmp_path):
+    """The example file is a 3RRR: about the operations of the ready-made one."""
+    target = tmp_path / "planar.c"
+    example = root / "src/ocptip/examples/robots" / "planar_3rrr.toml"
+    assert main(["parallel", str(example), "--json", "--c", str(target)]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["mobility"]["dof"] == 3
+    assert report["operations"]["tau_a"]["weighted"] <= 700
+    assert report["written"] == [str(target), str(target.with_suffix(".h"))]

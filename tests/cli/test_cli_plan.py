@@ -1,0 +1,265 @@
+"""`ocptip plan` around the planner: options, summary, files, exit codes. The planner itself is replaced."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import re
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from ocptip.basics import errors
+from ocptip.cli.main import main
+from ocptip.cli.plan import PlanReport, progress_bar
+from ocptip.motion.output import plan_to_dict
+from ocptip.pictures import plan as motion_plots
+from ocptip.published import tasks as task
+from ocptip.standing.limits import MotionLimits
+from ocptip.task_files import motion as task_file
+from ocptip.trajectories.arm_motion import ArmMotion
+from tests.pictures.plan_stand_in import stand_in_plan
+
+FILES = ["plan.json", "motion.csv", "trajectory.json"]
+
+
+class Terminal(io.StringIO):
+    """A stream that says it is a terminal."""
+
+    def isatty(self):
+        return True
+
+
+@pytest.fixture
+def planner(monkeypatch, tmp_path):
+    """Replaces the planner; `result` is what it returns or raises, `calls` are what it was given."""
+    state = SimpleNamespace(result=stand_in_plan(), calls=[])
+
+    def plan_motion(task, **options):
+        state.calls.append((task, options))
+        if progress := options.get("progress"):
+            progress(0, 2, None)
+            progress(1, 2, 231.04)
+        if isinstance(state.result, BaseException):
+            raise state.result
+        return state.result
+
+    monkeypatch.setitem(sys.modules, "ocptip.motion.plan", SimpleNamespace(plan_motion=plan_motion))
+    monkeypatch.chdir(tmp_path)
+    return state
+
+
+def run(capsys, *arguments):
+    """Exit code, stdout, stderr."""
+    code = main(["plan", *map(str, arguments)])
+    return code, *capsys.readouterr()
+
+
+def test_files_figures_and_summary(planner, capsys, tmp_path, monkeypatch):
+    monkeypatch.setattr(motion_plots, "_FIGURES", {"plan": motion_plots._FIGURES["plan"]})
+    code, out, err = run(capsys, "C")
+    assert (code, err) == (0, "")  # piped: no progress bar
+    lines = out.splitlines()
+    worst = planner.result.proof.worst["GN"]
+    assert lines[0] == (
+        f"C: VERIFIED. 221.9 J in 2.126 s, worst reserve GN {worst.value:.3f} (limit 0.9) at "
+        f"{worst.time:.3f} s, 1.000 of the reference's 221.9 J."
+    )
+    assert lines[1] == "starts   1 of 2 verified, 43 iterations, 2.5 s, seed 3"
+    directory = tmp_path / "ocptip-plan-C"
+    names = [*FILES, "plan.png"]
+    assert lines[2] == f"written  ocptip-plan-C/: {', '.join(names)}"
+    assert sorted(path.name for path in directory.iterdir()) == sorted(names)
+    assert out.isascii()
+    assert (directory / "plan.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_options_reach_the_planner(planner, capsys, tmp_path):
+    numbers = ["--starts", 5, "--seed", 7, "--jobs", 2]
+    limits = ["--gn", 0.8, "--gt", 0.7, "--torque-ratio", 0.5, "--clearance", 0.02]
+    code, *_ = run(capsys, "C", "--no-figures", "--out", tmp_path / "x", *numbers, *limits)
+    assert code == 0
+    (given, options), *_ = planner.calls
+    assert (options["starts"], options["seed"], options["jobs"]) == (5, 7, 2)
+    assert given.limits == MotionLimits(GN=0.8, GT=0.7, torque_ratio=0.5, clearance=0.02)
+    assert sorted(path.name for path in (tmp_path / "x").iterdir()) == sorted(FILES)
+
+
+@pytest.mark.parametrize(("arguments", "mass"), [([], 3.45), (["--base", "printed"], 6.582)])
+def test_contacts_bind_with_the_default_base(planner, capsys, tmp_path, arguments, mass):
+    assert run(capsys, "C", *arguments, "--no-figures")[0] == 0
+    assert planner.calls[0][0].robot.support.mass == mass
+    data = json.loads((tmp_path / "ocptip-plan-C" / "plan.json").read_text(encoding="utf-8"))
+    assert data["base"] == (arguments or ["effective"])[-1]
+    motion = ArmMotion.from_dict(data)
+    np.testing.assert_allclose(motion.states(0.7)[0], planner.result.motion.states(0.7)[0], atol=1e-12)
+
+
+def test_a_task_file_and_limits_over_those_of_the_file(planner, capsys, tmp_path, monkeypatch):
+    read = task.experiment_task("C", "effective", MotionLimits(GN=0.5, GT=0.6))
+    monkeypatch.setattr(task_file, "load_task", lambda path: read)
+    assert run(capsys, "my.toml", "--no-figures", "--gt", 0.8)[0] == 0
+    assert planner.calls[0][0].limits == MotionLimits(GN=0.5, GT=0.8)
+    assert "base" not in json.loads((tmp_path / "ocptip-plan-C" / "plan.json").read_text(encoding="utf-8"))
+    assert run(capsys, "my.toml", "--no-figures")[0] == 0
+    assert planner.calls[1][0] is read
+
+
+def test_json_is_that_of_the_file_and_the_paths(planner, capsys, tmp_path):
+    def refuse(name):
+        raise AssertionError(f"{name} is no JSON")
+
+    code, out, err = run(capsys, "C", "--json", "--no-figures", "--time-scale", 1.2)
+    assert (code, err) == (0, "")
+    printed = json.loads(out, parse_constant=refuse)
+    assert printed.pop("written") == [f"ocptip-plan-C/{name}" for name in FILES]
+    assert printed == json.loads((tmp_path / "ocptip-plan-C" / "plan.json").read_text(encoding="utf-8"))
+    assert set(printed) == set(plan_to_dict(planner.result)) | {"base", "time_scale"}
+    assert printed["time_scale"][0]["factor"] == 1.2
+
+
+def test_time_scale_says_what_still_stands(planner, capsys):
+    planner.result = stand_in_plan("B", limits=MotionLimits(GN=0.999))
+    code, out, _ = run(capsys, "B", "--no-figures", "--time-scale", 1.1, 0.999, 0.5)
+    assert code == 0  # the plan itself is verified
+    slower, quicker, quick = (line for line in out.splitlines() if line.startswith("time x"))
+    assert re.fullmatch(
+        r"time x 1.1 +stands, all limits kept: GN 0\.\d{3}, GT 0\.\d{3}, [\d.]+ J in [\d.]+ s", slower
+    )
+    assert quicker.startswith("time x 0.999  ")
+    assert quick.startswith("time x 0.5    LOSES A CONTACT: ")
+    assert "a contact slips or lifts off" in quick
+
+
+def test_time_scale_beyond_a_limit_but_standing():
+    plan = stand_in_plan("C", limits=MotionLimits(GN=0.89))
+    faster = stand_in_plan("C", factor=0.99, limits=MotionLimits(GN=0.89))
+    text = PlanReport(plan, time_scale=[(0.99, faster.proof)]).to_text()
+    assert "time x 0.99  stands, but breaks limits: GN is 0." in text
+    assert PlanReport(plan, time_scale=[(0.99, faster.proof)]).entries()["time_scale"][0]["stands"] is True
+
+
+def test_without_a_reference_there_is_no_ratio(planner, capsys):
+    planner.result = stand_in_plan(reference=False)
+    _, out, _ = run(capsys, "C", "--no-figures")
+    assert out.splitlines()[0].endswith(" s.")
+    assert "reference" not in out
+
+
+def test_an_interrupted_search_keeps_the_best(planner, capsys):
+    planner.result = stand_in_plan(interrupted=True)
+    code, out, _ = run(capsys, "C", "--no-figures")
+    assert code == 0
+    assert "\ninterrupted  this is the best of the starts that had finished\n" in out
+
+
+def test_interrupted_before_anything_was_found(planner, capsys, tmp_path):
+    planner.result = KeyboardInterrupt()
+    code, out, err = run(capsys, "C")
+    assert (code, out) == (1, "")
+    assert err == "ocptip: interrupted before there was a verified plan\n"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_no_verified_plan_is_exit_code_1(planner, capsys, tmp_path):
+    planner.result = errors.PlanningError("none of 8 starts: GN is 0.912 at 1.2 s, must be <= 0.9")
+    code, out, err = run(capsys, "C")
+    assert (code, err) == (1, "")
+    assert out == "C: NO VERIFIED PLAN. none of 8 starts: GN is 0.912 at 1.2 s, must be <= 0.9\n"
+    code, out, _ = run(capsys, "C", "--json")
+    assert code == 1
+    assert json.loads(out) == {"case": "C", "verified": False, "status": str(planner.result)}
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_plan_that_is_not_verified_says_what_it_breaks(planner, capsys):
+    planner.result = stand_in_plan("B")
+    code, out, _ = run(capsys, "B", "--no-figures")
+    assert code == 1
+    assert out.startswith("B: NOT VERIFIED. ")
+    assert "Broken: GN is 0.99" in out.splitlines()[0]
+
+
+def test_refused_tasks_are_exit_code_2(planner, capsys, tmp_path):
+    planner.result = errors.InputError("start: collision of link 3 with the floor, 12 mm deep")
+    code, out, err = run(capsys, "C")
+    assert (code, out) == (2, "")
+    assert err == "ocptip: start: collision of link 3 with the floor, 12 mm deep\n"
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["K"], "K: neither a case (A to H) nor a task file (.toml)"),
+        (["nowhere.toml"], "nowhere.toml: no such file"),
+        (["nowhere.toml", "--base", "printed"], "--base: belongs to the cases A to H"),
+        (["C", "--starts", "0"], "--starts: must be >= 1, got 0"),
+        (["C", "--jobs", "0"], "--jobs: must be >= 1, got 0"),
+        (["C", "--seed", "-1"], "--seed: must be >= 0, got -1"),
+        (["C", "--gn", "0"], "--gn: must be above 0 and at most 1"),
+        (["C", "--gt", "5"], "--gt: must be above 0 and at most 1"),
+        (["C", "--torque-ratio", "nan"], "--torque-ratio: must be finite"),
+        (["C", "--clearance", "-0.1"], "--clearance: must be >= 0"),
+        (["C", "--time-scale", "0.9", "0"], "--time-scale: must be > 0"),
+        (["C", "--out", "{dir}/a/b"], "--out: no such directory: {dir}/a"),
+        (["C", "--out", "{dir}/file"], "--out: {dir}/file is not a directory"),
+    ],
+)
+def test_bad_input_is_one_line_before_anything_is_computed(planner, capsys, tmp_path, arguments, expected):
+    (tmp_path / "file").write_text("")
+    code, out, err = run(capsys, *(a.format(dir=tmp_path) for a in arguments))
+    assert (code, out) == (2, "")
+    assert err.startswith(f"ocptip: {expected.format(dir=tmp_path)}")
+    assert err.count("\n") == 1
+    assert planner.calls == []
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+@pytest.mark.parametrize(
+    "arguments", [["plan"], ["plan", "C", "--base", "x"], ["plan", "C", "--starts", "1.5"]]
+)
+def test_wrong_command_line_is_one_line(capsys, arguments):
+    with pytest.raises(SystemExit) as caught:
+        main(arguments)
+    assert caught.value.code == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_a_disk_that_is_full_costs_files_but_not_the_result(planner, capsys, monkeypatch):
+    def full_disk(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "replace", full_disk)
+    code, out, err = run(capsys, "C", "--json")
+    assert code == 2
+    assert json.loads(out)["written"] == []
+    assert json.loads(out)["commands"] == planner.result.motion.to_dict()["commands"]
+    assert err == "ocptip: ocptip-plan-C/plan.json: No space left on device\n"
+
+
+def test_figures_are_only_drawn_when_wanted(planner, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "ocptip.pictures.plan", None)  # its import would fail
+    assert run(capsys, "C", "--no-figures")[0] == 0
+
+
+def test_progress_bar_on_a_terminal_is_erased_at_the_end(planner, capsys, monkeypatch):
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stderr", terminal)
+    assert main(["plan", "C", "--no-figures"]) == 0
+    shown = terminal.getvalue().split("\r")
+    assert "building" in shown[1]
+    assert re.fullmatch(r"\[\.{24}\] 0/2 starts, no verified plan yet, \d+ s\x1b\[K", shown[2])
+    assert re.fullmatch(r"\[#{12}\.{12}\] 1/2 starts, best 231\.0 J, \d+ s\x1b\[K", shown[3])
+    assert shown[-1] == "\x1b[K"
+    assert all(len(text) < 80 for text in shown)
+
+
+def test_progress_says_nothing_into_a_pipe():
+    pipe = io.StringIO()
+    with progress_bar(pipe) as progress:
+        progress(1, 2, 3.0)
+    assert pipe.getvalue() == ""

@@ -1,0 +1,75 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from scipy.spatial.transform import Rotation
+
+from ocptip.basics.errors import InputError
+from ocptip.indices.platforms.controllability import control_number
+from ocptip.indices.platforms.flight_simulator import OPTIMAL_CTN, FlightSimulator
+from ocptip.indices.platforms.platform import StewartPlatform
+from ocptip.indices.platforms.reviewed import manipulability
+from ocptip.indices.platforms.workspace import control_numbers, workspace_statistics
+from tests.indices.sample_platforms import LEGS, SEEDS
+
+
+def ctn(pose):
+    return control_number(pose).value
+
+
+@settings(max_examples=15, deadline=None)
+@given(SEEDS, LEGS)
+def test_many_poses_at_once_as_one_by_one(seed, n):
+    rng = np.random.default_rng(seed)
+    platform = StewartPlatform(rng.normal(size=(n, 3)), rng.normal(size=(n, 3)))
+    positions = rng.normal(size=(5, 3)) + np.array([0, 0, 2.0])
+    rotations = Rotation.random(5, random_state=rng).as_matrix()
+    values = control_numbers(platform, positions, rotations)
+    single = [ctn(platform.at(t, R)) for t, R in zip(positions, rotations, strict=True)]
+    np.testing.assert_allclose(values, single, rtol=1e-8)
+    fixed = control_numbers(platform, positions[0], rotations)
+    np.testing.assert_allclose(fixed[1], ctn(platform.at(positions[0], rotations[1])), rtol=1e-8)
+
+
+def test_singular_and_impossible_poses_in_a_batch():
+    design = FlightSimulator.optimal()
+    turn = Rotation.from_rotvec([[0, 0, 0], [0, 0, np.pi / 2]]).as_matrix()
+    values = control_numbers(design.platform, design.position, turn)
+    assert values[0] == pytest.approx(OPTIMAL_CTN)
+    assert values[1] == 0.0
+    rng = np.random.default_rng(0)
+    base = rng.normal(size=(6, 3))
+    values = control_numbers(StewartPlatform(base, base), [[0, 0, 0], [0, 0, 1.0]], np.eye(3))
+    assert np.isnan(values[0])
+    assert values[1] == 0.0
+
+
+def test_statistics_over_a_slice():
+    design = FlightSimulator.optimal()
+    x, y = np.meshgrid(np.linspace(-0.5, 0.5, 11), np.linspace(-0.5, 0.5, 11))
+    positions = np.column_stack([x.ravel(), y.ravel(), np.full(121, design.height)])
+    result = workspace_statistics(design.platform, positions)
+    assert result.maximum == pytest.approx(OPTIMAL_CTN, abs=1e-12)
+    np.testing.assert_allclose(positions[result.best][:2], 0, atol=1e-12)
+    assert np.abs(positions[result.worst][:2]).tolist() == [0.5, 0.5]
+    assert result.minimum < result.percentiles[5.0] < result.percentiles[50.0] < result.maximum
+    assert result.mean == pytest.approx(result.values.mean())
+    other = workspace_statistics(design.platform, positions, index=ctn)
+    np.testing.assert_allclose(other.values, result.values, rtol=1e-9)
+    volumes = workspace_statistics(design.platform, positions, index=manipulability)
+    assert volumes.maximum == pytest.approx(manipulability(design.platform.at(positions[volumes.best])))
+    data = result.to_dict()
+    assert data["poses"] == 121
+    assert data["undefined"] == 0
+
+
+def test_bad_arguments_are_refused():
+    design = FlightSimulator.optimal()
+    with pytest.raises(InputError, match="rotations: expected 2 as positions, got 3"):
+        control_numbers(design.platform, np.ones((2, 3)), np.tile(np.eye(3), (3, 1, 1)))
+    with pytest.raises(InputError, match="rotations: no rotation matrices"):
+        control_numbers(design.platform, np.ones((2, 3)), 2 * np.eye(3))
+    with pytest.raises(InputError, match="positions: expected shape"):
+        workspace_statistics(design.platform, np.ones((2, 2)))
+    base = np.random.default_rng(0).normal(size=(6, 3))
+    with pytest.raises(InputError, match="exists in no pose"):
+        workspace_statistics(StewartPlatform(base, base), [[0.0, 0.0, 0.0]])

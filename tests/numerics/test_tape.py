@@ -1,0 +1,83 @@
+"""The block interpreter against CasADi's own virtual machine."""
+
+from __future__ import annotations
+
+import casadi as cs
+import numpy as np
+import pytest
+
+from ocptip.numerics.batch import BatchFunction
+from ocptip.numerics.tape import BLOCK, Tape
+
+UNARY = {
+    "neg": lambda x: -x,
+    "square": lambda x: x**2,
+    "twice": lambda x: x + x,
+    "root": lambda x: cs.sqrt(cs.fabs(x)),
+    "sin": cs.sin,
+    "cos": cs.cos,
+    "tan": cs.tan,
+    "asin": lambda x: cs.asin(x / 10),
+    "acos": lambda x: cs.acos(x / 10),
+    "atan": cs.atan,
+    "exp": cs.exp,
+    "log": lambda x: cs.log(1 + x**2),
+    "sign": cs.sign,
+    "inverse": lambda x: 1 / (x + 20),
+    "cube": lambda x: x**3,
+    "fraction": lambda x: cs.fabs(x) ** 1.7,
+}
+BINARY = {
+    "difference": lambda x, y: x - y,
+    "quotient": lambda x, y: x / (y + 20),
+    "power": lambda x, y: cs.fabs(x) ** y,
+    "atan2": cs.atan2,
+    "least": cs.fmin,
+    "largest": cs.fmax,
+    "less": lambda x, y: x < y,
+    "at most": lambda x, y: x <= y,
+    "equal": lambda x, y: cs.eq(x, y),
+    "unequal": lambda x, y: cs.ne(x, y),
+    "choice": lambda x, y: cs.if_else(cs.logic_and(x > 0, cs.logic_or(y > 0, cs.logic_not(x < 1))), x, y),
+}
+
+
+@pytest.mark.parametrize("count", [1, 7, BLOCK, 2 * BLOCK + 3])
+@pytest.mark.parametrize("name", [*UNARY, *BINARY])
+def test_every_operation_is_casadis(name, count):
+    x, y = cs.SX.sym("x", 3), cs.SX.sym("y", 3)
+    result = UNARY[name](x) if name in UNARY else BINARY[name](x, y)
+    function = cs.Function("f", [x, y], [result, cs.dot(x, result) + 2])
+    rng = np.random.default_rng(0)
+    at, other = rng.uniform(-3, 3, (2, count, 3))
+    other[0, 0] = at[0, 0]
+    first, second = BatchFunction(function)(at, other)
+    for k in range(0, count, max(1, count // 5)):
+        expected = [np.array(value) for value in function(at[k], other[k])]
+        np.testing.assert_allclose(first[k], expected[0].ravel(), rtol=1e-14, atol=1e-300)
+        np.testing.assert_allclose(second[k], expected[1].ravel(), rtol=1e-14)
+
+
+def test_matrices_shared_arguments_and_sparse_results():
+    x, p = cs.SX.sym("x", 2), cs.SX.sym("p", 1)
+    matrix = cs.SX(3, 2)
+    matrix[0, 1], matrix[2, 0] = x[0] * p, x[1]
+    batch = BatchFunction(cs.Function("f", [x, p], [matrix]))
+    at = np.arange(8.0).reshape(4, 2)
+    result = batch(at, np.array([2.0]))[0]
+    assert result.shape == (4, 3, 2)
+    np.testing.assert_array_equal(result[:, 0, 1], 2 * at[:, 0])
+    np.testing.assert_array_equal(result[:, 2, 0], at[:, 1])
+    assert np.count_nonzero(result[0]) == 1  # x = (0, 1)
+
+
+def test_an_mx_function_is_expanded():
+    x = cs.MX.sym("x", 2)
+    batch = BatchFunction(cs.Function("f", [x], [cs.sum1(x) ** 2]))
+    np.testing.assert_allclose(batch(np.array([[1.0, 2.0], [3.0, 4.0]]))[0][:, 0], [9.0, 49.0])
+
+
+def test_an_unknown_operation_is_named():
+    x = cs.SX.sym("x")
+    with pytest.raises(NotImplementedError, match="CasADi operation"):
+        Tape(cs.Function("f", [x], [cs.erf(x)]))

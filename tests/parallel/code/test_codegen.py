@@ -1,0 +1,81 @@
+"""C code: written completely or not at all, and equal to the virtual machine when compiled."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ocptip.basics.errors import InputError, SolverError
+from ocptip.parallel.code import codegen
+from ocptip.parallel.code.codegen import compile_shared, find_compiler, write_c
+from ocptip.parallel.code.lean import lean_function
+from tests.parallel.parallel_cases import KIND_NAMES, error, golden
+
+needs_compiler = pytest.mark.skipif(find_compiler() is None, reason="no C compiler on this machine")
+
+
+def arguments(lean, case):
+    return [case.z, case.zd, case.zdd, case.q, lean.geometry, lean.inertia, lean.gravity]
+
+
+@needs_compiler
+@pytest.mark.parametrize("kind", KIND_NAMES)
+def test_compiled_code_equals_the_virtual_machine(kind, tmp_path):
+    case = golden(kind)
+    lean = lean_function(case.robot, ("tau", "J_a"), form="A", dynpar=3, euler=True)
+    compiled = compile_shared(write_c(lean, tmp_path / "robot.c"), flags=("-O1",))
+    inputs = arguments(lean, case)
+    for ours, theirs in zip(compiled.call(inputs), lean.function.call(inputs), strict=True):
+        assert error(np.array(ours), np.array(theirs)) < 1e-12
+    assert error(np.array(compiled.call(inputs)[0]).ravel(), case.expected["tau_a"]) < 1e-9
+
+
+def test_source_names_its_arguments_and_allocates_nothing(tmp_path):
+    lean = lean_function(golden("3RPR").robot, form="A", dynpar=3, name="forces")
+    other = lean_function(golden("3RPR").robot, ("J_a",), form="S", name="jacobian")
+    files = write_c([lean, other], tmp_path / "robot.c", main=True)
+    text = files.source.read_text()
+    assert "ZZ1, MX1, MY1, MX2, MZ2, M2, ZZP, MXP, MYP, MP" in text
+    assert "res[0]: J_a, 3 x 3" in text
+    assert f"{lean.count.multiplications} multiplications" in text
+    assert "int main(" in text
+    assert "malloc" not in text.split("int main(")[0]
+    assert "int forces(const" in files.header.read_text()
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["robot.c", "robot.h"]
+
+
+def test_nothing_is_left_behind_when_writing_fails(tmp_path, monkeypatch):
+    target = tmp_path / "robot.c"
+    target.write_text("old")
+
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(codegen.os, "replace", full)
+    with pytest.raises(OSError, match="No space"):
+        write_c(lean_function(golden("3RPR").robot), target)
+    assert [p.name for p in tmp_path.iterdir()] == ["robot.c"]
+    assert target.read_text() == "old"
+
+
+def test_bad_targets(tmp_path):
+    lean = lean_function(golden("3RPR").robot)
+    for name in ("robot.cpp", "my-robot.c", "robot"):
+        with pytest.raises(InputError, match=r"expected a file NAME\.c"):
+            write_c(lean, tmp_path / name)
+    with pytest.raises(InputError, match="does not exist"):
+        write_c(lean, tmp_path / "nowhere" / "robot.c")
+    with pytest.raises(InputError, match="different names"):
+        write_c([lean, lean], tmp_path / "robot.c")
+
+
+def test_compiler_trouble_is_reported(tmp_path, monkeypatch):
+    files = write_c(lean_function(golden("3RPR").robot), tmp_path / "robot.c")
+    monkeypatch.setattr(codegen, "find_compiler", lambda: None)
+    with pytest.raises(SolverError, match="no C compiler"):
+        compile_shared(files)
+    monkeypatch.undo()
+    if find_compiler() is not None:
+        files.source.write_text("int broken(")
+        with pytest.raises(SolverError, match="failed on"):
+            compile_shared(files)

@@ -1,0 +1,61 @@
+"""A plan without planning: the printed motion of a case, for tests of what is done with plans."""
+
+from __future__ import annotations
+
+from functools import cache
+from types import SimpleNamespace
+
+from ocptip.motion.check import prove
+from ocptip.published.tasks import experiment_task
+from ocptip.standing.limits import MotionLimits
+
+
+@cache
+def stand_in_plan(name="C", base="effective", *, factor=1.0, limits=None, reference=True, interrupted=False):
+    """All attributes of a `MotionPlan`; the motion is the printed one with all times multiplied by factor."""
+    limits = limits or MotionLimits()
+    printed = experiment_task(name, base, limits)
+    task = (
+        SimpleNamespace(**vars(printed))
+        if reference
+        else SimpleNamespace(**{**vars(printed), "reference": None})
+    )
+    motion = printed.reference.time_scaled(factor)
+    proof = prove(task.robot, motion, limits)
+    nan = float("nan")
+    starts = (
+        SimpleNamespace(
+            number=1,
+            status="verified",
+            energy=proof.energy,
+            verified=True,
+            iterations=31,
+            seconds=1.2,
+            cpu_seconds=1.1,
+            solves=2,
+        ),
+        SimpleNamespace(
+            number=2,
+            status="infeasible",
+            energy=nan,
+            verified=False,
+            iterations=12,
+            seconds=0.7,
+            cpu_seconds=0.6,
+            solves=1,
+        ),
+    )
+    return SimpleNamespace(
+        task=task,
+        motion=motion,
+        proof=proof,
+        starts=starts,
+        best=0,
+        seed=3,
+        seconds=2.5,
+        interrupted=interrupted,
+        options={"starts": 2, "limits": limits},
+        energy=proof.energy,
+        duration=proof.duration,
+        verified=proof.verified,
+    )

@@ -1,0 +1,218 @@
+"""Figures of a plan: curves carry the right numbers, labels have units, nothing is cut off or covered."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from ocptip.motion.output import sample_motion
+from ocptip.pictures import plan as motion_plots
+from ocptip.pictures.plan import COLORS, draw_plan, plan_figures
+from ocptip.standing.limits import MotionLimits
+from tests.pictures.plan_stand_in import stand_in_plan
+
+NAMES = ["plan", "angles", "speeds", "torques", "power", "reserves", "normal_forces", "friction"]
+
+
+def drawn(name, **options):
+    """Samples and figures of a case's stand-in."""
+    plan = stand_in_plan(name, **options)
+    samples = sample_motion(plan.task.robot, plan.motion)
+    return plan, samples, plan_figures(plan, samples)
+
+
+@pytest.fixture(scope="module")
+def clamped():
+    return drawn("C", factor=1.05)
+
+
+@pytest.fixture(scope="module")
+def free():
+    return drawn("A")
+
+
+def curve(figure, gid):
+    """x and y of the only line of that name."""
+    (line,) = figure.findobj(lambda artist: artist.get_gid() == gid)
+    return np.asarray(line.get_xdata(), dtype=float), np.asarray(line.get_ydata(), dtype=float)
+
+
+def legend(ax):
+    return [text.get_text() for text in ax.get_legend().get_texts()]
+
+
+def test_curves_are_the_samples(clamped):
+    plan, samples, figures = clamped
+    assert list(figures) == NAMES
+    limits = plan.task.robot.arm.limits
+    for figure, gid, values in (
+        ("plan", "angle-2", np.rad2deg(samples.angles[:, 1])),
+        ("angles", "angle-6", np.rad2deg(samples.angles[:, 5])),
+        ("speeds", "speed-1", np.rad2deg(samples.speeds[:, 0])),
+        ("torques", "torque-2", samples.torques[:, 1]),
+        ("power", "power-3", samples.powers[:, 2]),
+        ("power", "power", samples.powers.sum(axis=1)),
+        ("plan", "power", samples.powers.sum(axis=1)),
+        ("reserves", "GN", samples.tip.GN),
+        ("plan", "GT", samples.slip.GT),
+        ("normal_forces", "normal-3", samples.states.contact_forces[:, 2, 0]),
+        ("friction", "use-1", 100 * samples.slip.usage[:, 0]),
+    ):
+        x, y = curve(figures[figure], gid)
+        np.testing.assert_array_equal(x, samples.times)
+        np.testing.assert_allclose(y, values, err_msg=gid)
+    speeds, torques = figures["plan"].axes[1:3]
+    for ax, share in ((speeds, samples.speeds / limits.speed), (torques, samples.torques / limits.torque)):
+        (line,) = ax.findobj(lambda artist: artist.get_gid() == "share-2")
+        np.testing.assert_allclose(line.get_ydata(), 100 * share[:, 1])
+
+
+def test_energy_ends_at_that_of_the_proof_and_the_reference_is_dashed(clamped):
+    plan, _, figures = clamped
+    for name in ("plan", "power"):
+        x, y = curve(figures[name], "energy")
+        assert y[-1] == pytest.approx(plan.energy, rel=1e-5)
+        x, y = curve(figures[name], "energy-reference")
+        assert x[-1] == plan.task.reference.end
+        assert y[-1] == pytest.approx(plan.task.robot.energy(plan.task.reference), rel=1e-5)
+    for gid in ("GN-reference", "GT-reference", "energy-reference"):
+        figure = figures["power" if gid.startswith("energy") else "reserves"]
+        (line,) = figure.findobj(lambda artist, gid=gid: artist.get_gid() == gid)
+        assert line.is_dashed()
+
+
+def test_without_reference_nothing_is_dashed_but_limits():
+    _, _, figures = drawn("C", reference=False)
+    assert not figures["plan"].findobj(lambda artist: str(artist.get_gid()).endswith("reference"))
+    assert "reference" not in legend(figures["reserves"].axes[0])
+
+
+def test_worst_instants_are_marked(clamped):
+    plan, _, figures = clamped
+    for name in ("GN", "GT"):
+        worst = plan.proof.worst[name]
+        for figure in ("plan", "reserves"):
+            x, y = curve(figures[figure], f"{name}-worst")
+            assert (x[0], y[0]) == (worst.time, worst.value)
+    assert f"at most {plan.proof.worst['GN'].value:.3f}" in figures["reserves"].axes[0].get_title("left")
+
+
+def test_limits_are_those_of_the_task():
+    plan, _, figures = drawn("C", limits=MotionLimits(GN=0.95, GT=0.8, torque_ratio=0.6))
+    gn, gt = figures["reserves"].axes
+    for ax, value in ((gn, 0.95), (gt, 0.8)):
+        (line,) = ax.findobj(lambda artist: artist.get_gid() == "limit")
+        assert line.get_ydata()[0] == value
+    assert {"limit of GN 0.95", "limit of GT 0.8"} <= set(legend(figures["plan"].axes[4]))
+    assert curve(figures["friction"], "limit")[1][0] == pytest.approx(80)
+    largest = 0.6 * plan.task.robot.arm.limits.torque[1]
+    assert legend(figures["torques"].axes[1])[1] == f"limit {largest:.4g} N m"
+
+
+def test_clamp_force_is_the_least_normal_force_of_its_contact(clamped, free):
+    assert "least (3): -29.33 N" in legend(clamped[2]["normal_forces"].axes[0])
+    assert "least (1, 2): 0 N" in legend(clamped[2]["normal_forces"].axes[0])
+    assert legend(free[2]["normal_forces"].axes[0])[-1] == "least: 0 N"
+
+
+def test_every_panel_has_time_units_legend_and_events(clamped):
+    plan, _, figures = clamped
+    for name, figure in figures.items():
+        assert plan.task.name in figure.get_suptitle()
+        for ax in figure.axes:
+            if ax.get_legend() is None:  # the right axis of power and energy
+                assert ax.get_ylabel() == "energy [J]"
+                continue
+            assert ax.get_xlabel() == "time [s]", name
+            assert ax.get_ylabel()[-1] in "])", name
+            lines = [line.get_xdata() for line in ax.lines]
+            vertical = {x[0] for x in lines if len(x) == 2 and x[0] == x[1]}
+            assert set(plan.motion.event_times) <= vertical
+
+
+def check_texts(name, figure):
+    """All texts are inside the figure, none covers another, legends cover no curve and squeeze no panel."""
+    figure.draw_without_rendering()
+    columns = figure.axes[0].get_subplotspec().get_gridspec().ncols
+    assert columns * figure.axes[0].get_window_extent().width > 0.8 * figure.bbox.width, name
+    texts = [figure._suptitle]
+    for ax in figure.axes:
+        texts += [ax._left_title, ax.xaxis.label, ax.yaxis.label]
+        if ax.get_legend() is not None:
+            texts += ax.get_legend().get_texts()
+            assert ax.get_legend().get_window_extent().y0 >= ax.get_window_extent().y1 - 1
+    boxes = [(text.get_text(), text.get_window_extent()) for text in texts if text.get_text()]
+    for i, (first, a) in enumerate(boxes):
+        assert min(a.x0, a.y0) >= 0, (name, first)
+        assert a.x1 <= figure.bbox.x1, (name, first)
+        assert a.y1 <= figure.bbox.y1, (name, first)
+        for second, b in boxes[:i]:
+            assert not a.overlaps(b), (name, first, second)
+
+
+@pytest.mark.parametrize("case", ["clamped", "free"])
+def test_no_text_is_cut_off_or_covered(case, request):
+    for name, figure in request.getfixturevalue(case)[2].items():
+        check_texts(name, figure)
+
+
+def test_many_joints_without_limits_can_be_drawn():
+    """A robot from a URDF: nine joints with long names, no torque limits, four wheels, no obstacles."""
+    plan = stand_in_plan("C", reference=False)
+    samples = sample_motion(plan.task.robot, plan.motion)
+    nine = [0, 1, 2, 3, 4, 5, 0, 1, 2]
+    wide = {
+        name: getattr(samples, name)[:, nine]
+        for name in ("angles", "speeds", "accelerations", "torques", "powers")
+    }
+    samples = dataclasses.replace(samples, **wide, clearances=np.full(len(samples.times), np.inf))
+    robot, limits = plan.task.robot, plan.task.robot.arm.limits
+    unlimited = SimpleNamespace(speed=limits.speed[nine], torque=np.full(9, np.inf))
+    wide_robot = SimpleNamespace(
+        names=tuple(f"shoulder_lift_joint_{j}" for j in range(9)),
+        units=("rad",) * 9,
+        motor_units=("N m",) * 9,
+        limits=unlimited,
+        support=robot.support,
+    )
+    task = SimpleNamespace(**{**vars(plan.task), "robot": wide_robot})
+    figures = plan_figures(SimpleNamespace(**{**vars(plan), "task": task}), samples)
+    assert "no limit" in figures["torques"].axes[0].get_title("left")
+    assert len(figures["torques"].axes) == 9
+    assert "1: shoulder_lift_joint_0" in legend(figures["angles"].axes[0])
+    styles = {(line.get_color(), str(line._dash_pattern)) for line in figures["angles"].axes[0].lines[:9]}
+    assert len(styles) == 9 > len(COLORS)
+    for name, figure in figures.items():
+        check_texts(name, figure)
+
+
+def test_files_are_pictures_and_complete(tmp_path, monkeypatch, free):
+    plan, samples, _ = free
+    monkeypatch.setattr(
+        motion_plots, "_FIGURES", {n: motion_plots._FIGURES[n] for n in ("angles", "friction")}
+    )
+    paths = draw_plan(tmp_path / "out", plan, samples)
+    assert [path.name for path in paths] == ["angles.png", "friction.png"]
+    for path in paths:
+        with Image.open(path) as image:
+            assert image.format == "PNG"
+            pixels = np.asarray(image.convert("L"), dtype=float)
+        assert min(pixels.shape) > 600
+        assert pixels.std() > 10
+    before = paths[0].read_bytes()
+
+    def full_disk(*_):
+        raise OSError(28, "No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "replace", full_disk)
+        with pytest.raises(OSError, match="No space") as caught:
+            draw_plan(tmp_path / "out", plan, samples)
+    assert caught.value.filename == str(paths[0])
+    assert paths[0].read_bytes() == before
+    assert len(list((tmp_path / "out").iterdir())) == 2

@@ -1,0 +1,107 @@
+"""The house: packages in floors, imports point down, no circles, readers in one place."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.places import ROOT
+
+SOURCE = ROOT / "src"
+FLOORS = [
+    "basics",
+    "numerics",
+    "contact",
+    "reserves",
+    "robots",
+    "trajectories",
+    "parallel",
+    "indices",
+    "standing",
+    "motion",
+    "placement",
+    "published",
+    "task_files",
+    "pictures",
+    "cli",
+]
+"""From the bottom up."""
+
+
+def _modules() -> dict[str, Path]:
+    found = {}
+    for path in SOURCE.rglob("*.py"):
+        parts = path.relative_to(SOURCE).with_suffix("").parts
+        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return found
+
+
+MODULES = _modules()
+
+
+def _imports(name: str) -> Iterator[str]:
+    """Modules of ocptip that a module imports, anywhere in it."""
+    for node in ast.walk(ast.parse(MODULES[name].read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{name}: relative import"
+            for alias in node.names:
+                full = f"{node.module}.{alias.name}"
+                yield from (m for m in (full if full in MODULES else node.module,) if m in MODULES)
+        elif isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names if alias.name in MODULES)
+
+
+ARROWS = {name: sorted(set(_imports(name)) - {name}) for name in MODULES}
+
+
+def _floor(name: str) -> int:
+    return FLOORS.index(name.split(".")[1])
+
+
+def test_every_package_has_a_floor():
+    assert {name.split(".")[1] for name in MODULES if "." in name} == set(FLOORS)
+    assert [path.name for path in (SOURCE / "ocptip").glob("*.py")] == ["__init__.py"]
+
+
+@pytest.mark.parametrize("name", sorted(set(MODULES) - {"ocptip"}))
+def test_imports_point_down(name):
+    for other in ARROWS[name]:
+        assert other != "ocptip", "only users import the root"
+        assert _floor(other) <= _floor(name), f"{name} imports {other}, which is above it"
+
+
+def test_no_circles():
+    done: set[str] = set()
+
+    def visit(name: str, way: tuple[str, ...]) -> None:
+        assert name not in way, f"circle: {' -> '.join((*way[way.index(name) :], name))}"
+        if name not in done:
+            for other in ARROWS[name]:
+                visit(other, (*way, name))
+            done.add(name)
+
+    for name in MODULES:
+        visit(name, ())
+
+
+def test_inside_package_inits_only_export_what_is_theirs():
+    for name, path in MODULES.items():
+        if path.name == "__init__.py" and name != "ocptip":
+            assert all(other.startswith(name + ".") for other in ARROWS[name]), name
+
+
+def test_only_pictures_draw():
+    for name, path in MODULES.items():
+        if re.search(r"^\s*(import|from) matplotlib", path.read_text(encoding="utf-8"), re.MULTILINE):
+            assert name.startswith("ocptip.pictures."), name
+
+
+def test_core_prints_nothing():
+    for name, path in MODULES.items():
+        calls = ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        names = {c.func.id for c in calls if isinstance(c, ast.Call) and isinstance(c.func, ast.Name)}
+        assert "print" not in names or name.startswith("ocptip.cli."), name
