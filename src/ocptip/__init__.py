@@ -89,12 +89,10 @@ def __getattr__(name: str) -> object:
     if name == "__version__":
         from ocptip.basics.version import version
 
-        value: object = version()
-    elif name in _HOME:
-        value = getattr(importlib.import_module(_HOME[name]), name)
-    else:
+        return version()
+    if name not in _HOME:
         raise AttributeError(f"module 'ocptip' has no attribute {name!r}")
-    globals()[name] = value
+    globals()[name] = value = getattr(importlib.import_module(_HOME[name]), name)
     return value
 
 

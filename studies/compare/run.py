@@ -3,7 +3,7 @@
 Every method plans the same motions: the cases A to H on the effective base, where the contacts bind, from
 the same random starts. Methods:
 
-- ours: `ocptip.motion.planner.one_start.Search`, smooth and exact programs solved by Ipopt, then proved;
+- ours: `ocptip.motion.planner.one_start.Search`, smooth and exact programs solved by Ipopt, then checked;
 - nelder-mead: the source's method, adapted centroid and bounds, on the penalised cost (5.38);
 - nelder-mead-plain: the same without the adapted centroid;
 - cma: CMA-ES on the same cost, restarted with twice the population until its time is over: ten times what
@@ -13,7 +13,7 @@ the same random starts. Methods:
 All but ours search the parameters of `studies.baselines.penalty`, whose model of energy, contacts, collisions
 is that of the planner; of all points evaluated the one with the least penalised cost is their result. They
 see limits at the nodes and at both ends of all intervals; the source's cubic splines (--between spline)
-refuse good motions, which would be an unfair handicap. Every result is checked by `prove` on the dense grid;
+refuse good motions, which would be an unfair handicap. Every result is checked on the dense grid;
 one that breaks a limit there is slowed down until it keeps all of them, and the energy of that is given, too.
 Seconds are of CPU, one thread per run, without start-up and compilation, and without that final check but
 for ours, where it is part of the method.

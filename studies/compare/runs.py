@@ -1,4 +1,4 @@
-"""The runs of the comparison with Nelder-Mead: one method from one start, proved; all runs, kept as lines."""
+"""The runs of the comparison with Nelder-Mead: a method from a start, checked; all runs, kept as lines."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from ocptip.basics.errors import OcptipError
 from ocptip.basics.write import versions
-from ocptip.motion.check import MotionProof, prove
+from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.plan import worker_pool
 from ocptip.motion.planner.one_start import Search
 from ocptip.motion.task import MotionTask
@@ -38,7 +38,7 @@ def prepared(case: str, settings: Settings) -> tuple[MotionTask, Search, MotionP
     task = experiment_task(case, BASE)
     penalty = MotionPenalty(task, weight=settings.weight, between=settings.between)
     p = penalty.random_start(0, settings.seed)
-    prove(task.robot, penalty.motion(p), task.limits)
+    check_motion(task.robot, penalty.motion(p), task.limits)
     penalty(np.full(penalty.size, 0.9))  # too fast: contacts slip and lift off
     return task, Search(task), penalty
 
@@ -64,7 +64,7 @@ def run_one(case: str, start: int, method: str, settings: Settings, seconds: flo
         wall, cpu = time.perf_counter(), time.process_time()
         if method == "ours":
             attempt = search.run(start, settings.seed)
-            motion, proof = attempt.motion, attempt.proof
+            motion, checked = attempt.motion, attempt.check
             record |= {"status": attempt.result.status, "evaluations": attempt.result.iterations}
             timed = time.perf_counter() - wall, time.process_time() - cpu
         else:
@@ -78,11 +78,11 @@ def run_one(case: str, start: int, method: str, settings: Settings, seconds: flo
                 status = f"failed: {error}"
             timed = time.perf_counter() - wall, time.process_time() - cpu
             motion = penalty.motion(recorder.best_p)
-            proof = prove(task.robot, motion, task.limits)
+            checked = check_motion(task.robot, motion, task.limits)
             record |= {"status": status, "evaluations": recorder.count, "cost": recorder.best}
             record["history"] = thinned([*recorder.history, (timed[1], recorder.count, recorder.best)])
         record |= {"wall_s": timed[0], "cpu_s": timed[1]}
-        return record | (outcome(task, penalty, motion, proof) if motion is not None else NO_MOTION)
+        return record | (outcome(task, penalty, motion, checked) if motion is not None else NO_MOTION)
 
 
 NO_MOTION = {
@@ -91,32 +91,32 @@ NO_MOTION = {
 }  # fmt: skip
 
 
-def outcome(task: MotionTask, penalty: MotionPenalty, motion: ArmMotion, proof: MotionProof) -> dict:
-    """What a result is worth: energy, proof, and energy of the motion slowed down until it is verified."""
+def outcome(task: MotionTask, penalty: MotionPenalty, motion: ArmMotion, checked: MotionCheck) -> dict:
+    """What a result is worth: energy, checked, and energy of the motion slowed down until it is verified."""
     try:
         p = penalty.parameters(motion)
         inside = bool(np.all((p >= -1e-9) & (p <= 1 + 1e-9)))
     except OcptipError:
         inside = None
     return {
-        "energy_J": proof.energy,
-        "duration_s": proof.duration,
-        "verified": proof.verified,
-        "worst": {name: proof.worst[name].value for name in ("GN", "GT", "torque_ratio", "clearance_m")},
-        "violations": list(proof.violations),
-        "slowed": slowed(task, motion, proof),
+        "energy_J": checked.energy,
+        "duration_s": checked.duration,
+        "verified": checked.verified,
+        "worst": {name: checked.worst[name].value for name in ("GN", "GT", "torque_ratio", "clearance_m")},
+        "violations": list(checked.violations),
+        "slowed": slowed(task, motion, checked),
         "inside_bounds": inside,
         "motion": motion.to_dict(),
     }
 
 
-def slowed(task: MotionTask, motion: ArmMotion, proof: MotionProof) -> dict | None:
+def slowed(task: MotionTask, motion: ArmMotion, checked: MotionCheck) -> dict | None:
     """Least factor of time (to about `SLOWING`) that makes a motion verified; None if there is none."""
-    if proof.verified:
-        return {"factor": 1.0, "energy_J": proof.energy}
+    if checked.verified:
+        return {"factor": 1.0, "energy_J": checked.energy}
 
-    def at(factor: float) -> MotionProof:
-        return prove(task.robot, motion.time_scaled(factor), task.limits)
+    def at(factor: float) -> MotionCheck:
+        return check_motion(task.robot, motion.time_scaled(factor), task.limits)
 
     low, high = 1.0, 1.0 + 4 * SLOWING
     while not (found := at(high)).verified:
@@ -125,8 +125,8 @@ def slowed(task: MotionTask, motion: ArmMotion, proof: MotionProof) -> dict | No
             return None
     while high - low > SLOWING * high:
         middle = 0.5 * (low + high)
-        if (proved := at(middle)).verified:
-            high, found = middle, proved
+        if (checked := at(middle)).verified:
+            high, found = middle, checked
         else:
             low = middle
     return {"factor": high, "energy_J": found.energy}

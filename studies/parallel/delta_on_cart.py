@@ -3,7 +3,7 @@
     python -m studies.parallel.delta_on_cart --out FOLDER [--starts 8] [--seed 0] [--jobs 1]
 
 Three motions from the same start to the same goal, all within the same limits (tip-over, slip, motor torques
-and speeds, distance from singular poses), each proved on a dense time grid:
+and speeds, distance from singular poses), each checked on a dense time grid:
 
 - planned: ramps of all three coordinates, least electric energy (`ocptip.motion.plan.plan_motion`),
 - straight ramps: one symmetric ramp per coordinate, together on a straight line, of the duration of least
@@ -24,7 +24,7 @@ import numpy as np
 
 from ocptip.basics.errors import PlanningError
 from ocptip.basics.write import versions, write_json, write_text
-from ocptip.motion.check import MotionProof, prove
+from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.output import sample_motion, write_plan
 from ocptip.motion.plan import plan_motion
 from ocptip.motion.task import MotionTask
@@ -64,13 +64,13 @@ def straight_smooth(task: MotionTask, duration: float) -> SampledMotion:
 
 
 def shortest(task: MotionTask, motion_of: Callable[[MotionTask, float], Motion]) -> Motion:
-    """The fastest motion that the proof allows, by bisection of the duration to four digits."""
+    """The fastest motion that the check allows, by bisection of the duration to four digits."""
     fast, slow = _RANGE
-    if not prove(task.robot, motion_of(task, slow), task.limits).verified:
+    if not check_motion(task.robot, motion_of(task, slow), task.limits).verified:
         raise SystemExit(f"not allowed even in {slow} s")
     while slow - fast > _DIGITS * slow:
         middle = 0.5 * (fast + slow)
-        if prove(task.robot, motion_of(task, middle), task.limits).verified:
+        if check_motion(task.robot, motion_of(task, middle), task.limits).verified:
             slow = middle
         else:
             fast = middle
@@ -81,24 +81,24 @@ def cheapest(task: MotionTask, motion_of: Callable[[MotionTask, float], Motion])
     """Of the allowed motions, up to four times slower than the fastest, the one of least energy.
 
     A slower motion is not always allowed: gravity may need the acceleration of a faster one. Hence each is
-    proved, the cheapest first.
+    checked, the cheapest first.
     """
     fastest = shortest(task, motion_of)
     slower = [motion_of(task, duration) for duration in fastest.end * np.geomspace(1.0, 4.0, 61)[1:]]
     motions = sorted([fastest, *slower], key=task.robot.energy)
-    return next(m for m in motions if m is fastest or prove(task.robot, m, task.limits).verified)
+    return next(m for m in motions if m is fastest or check_motion(task.robot, m, task.limits).verified)
 
 
-def row(name: str, proof: MotionProof) -> dict[str, object]:
+def row(name: str, checked: MotionCheck) -> dict[str, object]:
     """One motion's numbers."""
     worst = {
-        key: proof.worst[key].value for key in ("GN", "GT", "torque_ratio", "motor_speed", "singularity")
+        key: checked.worst[key].value for key in ("GN", "GT", "torque_ratio", "motor_speed", "singularity")
     }
     return {
         "motion": name,
-        "verified": proof.verified,
-        "duration_s": proof.duration,
-        "energy_J": proof.energy,
+        "verified": checked.verified,
+        "duration_s": checked.duration,
+        "energy_J": checked.energy,
         **worst,
     }
 
@@ -113,7 +113,7 @@ def table(rows: list[dict], options: argparse.Namespace, task: MotionTask) -> st
         f"speed {np.min(task.robot.platform_limits.motor_speed):g} rad/s; {options.starts} starts, seed "
         f"{options.seed}. Written by `studies/parallel/delta_on_cart.py`.",
         "",
-        "| motion | proved | duration [s] | energy [J] | GN | GT | torque / limit | motor speed [rad/s] | "
+        "| motion | checked | duration [s] | energy [J] | GN | GT | torque / limit | motor speed [rad/s] | "
         "distance from singular poses |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
@@ -172,7 +172,7 @@ def main(arguments: list[str] | None = None) -> int:
         "straight ramps": cheapest(task, straight_ramps),
         "straight, smooth": cheapest(task, straight_smooth),
     }
-    rows = [row(name, prove(task.robot, motion, task.limits)) for name, motion in motions.items()]
+    rows = [row(name, check_motion(task.robot, motion, task.limits)) for name, motion in motions.items()]
     samples = {name: sample_motion(task.robot, motion, 0.002) for name, motion in motions.items()}
     text = table(rows, options, task)
     data = {

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from ocptip.basics.errors import OcptipError
 from ocptip.basics.write import plain
-from ocptip.motion.check import MotionProof, prove
+from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.plan import MotionPlan, run_start, worker_pool
 from ocptip.motion.planner.one_start import Attempt, StartResult
 from ocptip.motion.task import MotionTask
@@ -83,15 +83,15 @@ def task_of(set_name: str, case: str) -> MotionTask:
     task = experiment_task(case, one.base)
     if not one.own_reserves:
         return task
-    worst = reference_proof(set_name, case).worst
+    worst = reference_check(set_name, case).worst
     return replace(task, limits=MotionLimits(GN=worst["GN"].value, GT=worst["GT"].value))
 
 
 @cache
-def reference_proof(set_name: str, case: str) -> MotionProof:
+def reference_check(set_name: str, case: str) -> MotionCheck:
     """The printed motion of a case on the base of a set."""
     task = experiment_task(case, SETS[set_name].base)
-    return prove(task.robot, task.reference)
+    return check_motion(task.robot, task.reference)
 
 
 def state() -> str:
@@ -211,17 +211,17 @@ def _outcome(call: Callable[..., Attempt], *arguments: object) -> tuple[Attempt 
 
 
 def best_plan(journal: Journal, set_name: str, case: str, options: Options) -> MotionPlan | None:
-    """The motion of least energy among the verified ones of a pair, proved anew; None if there is none."""
+    """The motion of least energy among the verified ones of a pair, checked anew; None if there is none."""
     lines = journal.of(set_name, case, options.starts)
     task = task_of(set_name, case)
     for line in sorted((x for x in lines if x["verified"]), key=lambda x: (x["energy_J"], x["number"])):
         motion = ArmMotion.from_dict(line["motion"])
-        proof = prove(task.robot, motion, task.limits)
-        if proof.verified:
+        checked = check_motion(task.robot, motion, task.limits)
+        if checked.verified:
             return MotionPlan(
                 task=task,
                 motion=motion,
-                proof=proof,
+                check=checked,
                 starts=tuple(map(result_of, lines)),
                 best=line["number"],
                 seed=options.seed,

@@ -21,7 +21,7 @@ import numpy as np
 
 from ocptip.basics.errors import OcptipError
 from ocptip.basics.write import write_text
-from ocptip.motion.check import prove
+from ocptip.motion.check import check_motion
 from ocptip.motion.plan import plan_motion
 from ocptip.motion.task import MotionTask
 from ocptip.published.arms import modular_motors
@@ -46,11 +46,11 @@ def planned(case: str, base: str, starts: int, seed: int, jobs: int) -> dict:
         plan = plan_motion(literal, starts=starts, seed=seed, jobs=jobs)
     except OcptipError as error:
         return row | {"verified": False, "reason": str(error)}
-    proof = prove(literal.robot, plan.motion, literal.limits)
-    row |= {"verified": proof.verified, "duration_s": proof.duration, "plan_drive_J": proof.energy}
-    row |= {name: proof.worst[name].value for name in ("GN", "GT", "speed_ratio")}
+    checked = check_motion(literal.robot, plan.motion, literal.limits)
+    row |= {"verified": checked.verified, "duration_s": checked.duration, "plan_drive_J": checked.energy}
+    row |= {name: checked.worst[name].value for name in ("GN", "GT", "speed_ratio")}
     row["plan_load_J"] = usual.robot.energy(plan.motion)
-    return row | {"ratio": proof.energy / row["reference_drive_J"]}
+    return row | {"ratio": checked.energy / row["reference_drive_J"]}
 
 
 def markdown(rows: list[dict], notes: list[str]) -> str:

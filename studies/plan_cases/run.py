@@ -6,9 +6,9 @@ Three sets of limits:
 - effective: effective base data, the same limits;
 - reference: printed base data, GN and GT nowhere worse than in the printed motion of the case itself.
 
-Every start is a random motion, searched and proved as by `ocptip plan`; nothing of the printed motions but
+Every start is a random motion, searched and checked as by `ocptip plan`; nothing of the printed motions but
 these limits enters. Every finished start is a line of OUT/plan_cases.jsonl at once: start again to go on;
-several processes may work on one OUT. OUT/plans holds the best verified motion of each case and set, proved
+several processes may work on one OUT. OUT/plans holds the best verified motion of each case and set, checked
 anew. Energies depend on the seed only; seconds are CPU times of single starts, each in one thread. Building
 and evaluation of the programs are timed in fresh processes after all starts.
 
@@ -28,13 +28,13 @@ import numpy as np
 
 from ocptip.basics.errors import OcptipError
 from ocptip.basics.write import plain, versions, write_text
-from ocptip.motion.check import MotionProof
+from ocptip.motion.check import MotionCheck
 from ocptip.motion.output import write_plan
 from ocptip.motion.plan import MotionPlan, cores
 from ocptip.published.cases import motion_cases
 from studies.common import json_text, machine, say
 from studies.plan_cases.figures import draw_ratios, draw_starts
-from studies.plan_cases.journal import SETS, Journal, Options, best_plan, reference_proof, run_starts, task_of
+from studies.plan_cases.journal import SETS, Journal, Options, best_plan, reference_check, run_starts, task_of
 from studies.plan_cases.tables import (
     BUILDING_SECONDS,
     EVALUATION_SECONDS,
@@ -50,7 +50,7 @@ from studies.plan_cases.times import measure_times, read_times, times_path
 
 def row_of(set_name: str, case: str, lines: list[dict], plan: MotionPlan | None) -> dict:
     """Everything about one pair."""
-    reference, limits = reference_proof(set_name, case), task_of(set_name, case).limits
+    reference, limits = reference_check(set_name, case), task_of(set_name, case).limits
     energies = np.array([x["energy_J"] if x["verified"] else np.nan for x in lines], dtype=float)
     ended = [x for x in lines if not x["error"]]
     seconds = [x["cpu_seconds"] for x in ended]
@@ -58,15 +58,15 @@ def row_of(set_name: str, case: str, lines: list[dict], plan: MotionPlan | None)
     def median(values: Sequence[float]) -> float | None:
         return float(np.median(values)) if len(values) else None
 
-    def worst(proof: MotionProof) -> dict[str, float]:
-        return {name: proof.worst[name].value for name in ("GN", "GT", "torque_ratio", "clearance_m")}
+    def worst(checked: MotionCheck) -> dict[str, float]:
+        return {name: checked.worst[name].value for name in ("GN", "GT", "torque_ratio", "clearance_m")}
 
     return plain({
         "set": set_name,
         "case": case,
         "limits": asdict(limits),
         "reference": {"energy_J": reference.energy, "duration_s": reference.duration, **worst(reference)},
-        "plan": plan and {"energy_J": plan.energy, "duration_s": plan.duration, **worst(plan.proof)},
+        "plan": plan and {"energy_J": plan.energy, "duration_s": plan.duration, **worst(plan.check)},
         "ratio": plan and plan.energy / reference.energy,
         "best": plan and plan.best,
         "starts": len(lines),

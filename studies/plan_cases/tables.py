@@ -9,7 +9,7 @@ from studies.plan_cases.journal import SETS
 from studies.plan_cases.times import BUILDINGS, CALLS, PARTS
 
 NEAR = 0.02  # a start is near the best if its energy is at most this share above it
-STAGES = ("start", "coarse", "fine", "exact", "proof")
+STAGES = ("start", "coarse", "fine", "exact", "check")
 LARGEST_RATIO, NEAR_SHARE = 0.98, 0.90  # targets
 START_SECONDS, BUILDING_SECONDS, EVALUATION_SECONDS = 2.0, 5.0, 0.012  # targets
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ocptip.motion.check import INSIDE, prove
+from ocptip.motion.check import INSIDE, check_motion
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.mechanism import MotionSamples
 from ocptip.trajectories.arm_motion import ArmMotion
@@ -25,7 +25,7 @@ class Scaled:
     Attributes:
         tau: all times are multiplied by it.
         stands: every contact persists at every instant looked at, and every state is solved.
-        GN, GT: worst, by `prove`; above 1 they contain the acceleration of a contact, m/s^2.
+        GN, GT: worst, by `check_motion`; above 1 they contain the acceleration of a contact, m/s^2.
         GN_time, GT_time: when, s.
         lost_s, longest_s: total and longest time in which the base does not stand, s; 0 if that is so only at
             the ends of intervals between events.
@@ -87,7 +87,7 @@ def moving(samples: MotionSamples) -> tuple[np.ndarray, np.ndarray]:
 def scaled(robot: StandingRobot, motion: ArmMotion, tau: float) -> Scaled:
     """Worst values and lost contacts of a motion with all times multiplied by tau."""
     motion = motion.time_scaled(tau)
-    worst = prove(robot, motion).worst
+    worst = check_motion(robot, motion).worst
     times, widths = cells(motion)
     samples = robot.samples(motion, times)
     gone, (lifts, slides) = lost(samples), moving(samples)

@@ -5,7 +5,7 @@ The experiment of the source scales all times of a motion by tau (below 1: faste
 of base data. Then come the source's observations about its own plans (5.9), each computed from motions: how
 long they take with large and small triangle, with and without clamp, and whether they raise or lower the arm.
 
-At every tau the exact motion goes through `prove`, and once more cell by cell (0.5 ms) for the time in which
+At every tau the exact motion is checked, and once more looked at cell by cell (0.5 ms) for the time in which
 a contact is lost. That is the time in which the contacts cannot hold the base at rest; what the base does
 once it has left them is not computed. Drives are not limited here; a column tells what they can do.
 

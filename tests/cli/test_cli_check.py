@@ -8,7 +8,7 @@ import pytest
 
 from ocptip.cli.check import _offsets
 from ocptip.cli.main import main
-from ocptip.motion.check import prove
+from ocptip.motion.check import check_motion
 from ocptip.motion.output import sample_motion, write_motion_csv
 from ocptip.published.tasks import experiment_task
 from ocptip.task_files.motion import load_task
@@ -39,16 +39,16 @@ def check_json(capsys, *arguments):
     return code, json.loads(capsys.readouterr().out, parse_constant=refuse)
 
 
-def test_json_holds_the_proof_of_the_library(capsys, plan, task):
+def test_json_holds_the_check_of_the_library(capsys, plan, task):
     code, result = check_json(capsys, plan)
-    proof = prove(task.robot, task.reference, task.limits)
+    checked = check_motion(task.robot, task.reference, task.limits)
     assert (code, result["verified"], result["motion"], result["task"]) == (0, True, "plan.json", "C")
-    assert result["energy_J"] == pytest.approx(proof.energy, rel=1e-9)
-    assert result["duration_s"] == pytest.approx(proof.duration, rel=1e-9)
-    for name, worst in proof.worst.items():
+    assert result["energy_J"] == pytest.approx(checked.energy, rel=1e-9)
+    assert result["duration_s"] == pytest.approx(checked.duration, rel=1e-9)
+    for name, worst in checked.worst.items():
         assert result["worst"][name]["value"] == pytest.approx(worst.value, rel=1e-6), name
         assert result["worst"][name]["limit"] == worst.limit
-    assert result["worst"]["GN"]["time"] == pytest.approx(proof.worst["GN"].time, abs=1e-3)
+    assert result["worst"]["GN"]["time"] == pytest.approx(checked.worst["GN"].time, abs=1e-3)
     assert result["worst"]["speed_ratio"]["time"] is None
     assert result["limits"] == {"GN": 0.9, "GT": 0.9, "torque_ratio": 1.0, "clearance": 0.0}
     assert (result["violations"], result["time_scale"]) == ([], [])
@@ -110,7 +110,7 @@ def test_time_scale_lists_each_factor_and_keeps_the_exit_code(capsys, plan, task
         (1.2, True),
         (0.9, False),
     ]
-    fast = prove(task.robot, task.reference.time_scaled(0.9), task.limits)
+    fast = check_motion(task.robot, task.reference.time_scaled(0.9), task.limits)
     assert result["time_scale"][1]["worst"]["GN"]["value"] == pytest.approx(fast.worst["GN"].value, rel=1e-6)
     assert main(["check", str(plan), "--time-scale", "1.2", "0.9"]) == 0
     slow, quick = capsys.readouterr().out.splitlines()[-2:]
@@ -128,7 +128,7 @@ def test_samples_are_checked_like_commands(capsys, plan, task, tmp_path):
     assert samples["worst"]["GN"]["value"] == pytest.approx(commands["worst"]["GN"]["value"], rel=1e-3)
     assert (commands["interpolation"], samples["interpolation"]) == (None, "cubic Hermite polynomials")
     assert main(["check", str(csv), "--case", "C", "--base", "effective"]) == 0
-    assert "note: proved is the curve through the samples" in capsys.readouterr().out
+    assert "note: checked is the curve through the samples" in capsys.readouterr().out
     assert samples["energy_J"] == pytest.approx(commands["energy_J"], rel=1e-5)
 
 

@@ -63,7 +63,7 @@ def test_files_figures_and_summary(planner, capsys, tmp_path, monkeypatch):
     code, out, err = run(capsys, "C")
     assert (code, err) == (0, "")  # piped: no progress bar
     lines = out.splitlines()
-    worst = planner.result.proof.worst["GN"]
+    worst = planner.result.check.worst["GN"]
     assert lines[0] == (
         f"C: VERIFIED. 221.9 J in 2.126 s, worst reserve GN {worst.value:.3f} (limit 0.9) at "
         f"{worst.time:.3f} s, 1.000 of the reference's 221.9 J."
@@ -137,9 +137,9 @@ def test_time_scale_says_what_still_stands(planner, capsys):
 def test_time_scale_beyond_a_limit_but_standing():
     plan = stand_in_plan("C", limits=MotionLimits(GN=0.89))
     faster = stand_in_plan("C", factor=0.99, limits=MotionLimits(GN=0.89))
-    text = PlanReport(plan, time_scale=[(0.99, faster.proof)]).to_text()
+    text = PlanReport(plan, time_scale=[(0.99, faster.check)]).to_text()
     assert "time x 0.99  stands, but breaks limits: GN is 0." in text
-    assert PlanReport(plan, time_scale=[(0.99, faster.proof)]).entries()["time_scale"][0]["stands"] is True
+    assert PlanReport(plan, time_scale=[(0.99, faster.check)]).entries()["time_scale"][0]["stands"] is True
 
 
 def test_without_a_reference_there_is_no_ratio(planner, capsys):

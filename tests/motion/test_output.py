@@ -43,13 +43,13 @@ def plan():
 
 def test_plan_has_the_promised_keys(plan):
     data = strict(json.dumps(plan_to_dict(plan), allow_nan=False))
-    proof = plan.proof
+    checked = plan.check
     assert data["case"] == "C"
-    assert (data["energy_J"], data["duration_s"]) == (proof.energy, proof.duration)
+    assert (data["energy_J"], data["duration_s"]) == (checked.energy, checked.duration)
     assert data["verified"] is True
     assert data["violations"] == []
     for name in ("GN", "GT", "torque_ratio", "clearance_m"):
-        worst = proof.worst[name]
+        worst = checked.worst[name]
         expected = {"value": worst.value, "time": worst.time, "limit": worst.limit, "detail": worst.detail}
         assert data["worst"][name] == expected
     assert data["worst"]["speed_ratio"]["time"] is None  # NaN: holds for no single instant
@@ -57,7 +57,7 @@ def test_plan_has_the_promised_keys(plan):
     assert [len(commands) for commands in data["commands"]] == [3, 3, 3, 1, 1, 1]
     assert set(data["commands"][0][0]) == {"phi_e", "speed", "acceleration"}
     first, second = data["starts"]
-    assert (first["energy_J"], first["verified"], first["solves"]) == (proof.energy, True, 2)
+    assert (first["energy_J"], first["verified"], first["solves"]) == (checked.energy, True, 2)
     assert (second["energy_J"], second["status"]) == (None, "infeasible")
     assert (data["iterations"], data["seconds"], data["seed"]) == (43, 2.5, 3)
     assert data["interrupted"] is False
@@ -154,10 +154,10 @@ def test_power_of_the_samples_integrates_to_the_energy():
         assert energy == pytest.approx(plan.energy, rel=1e-5)
 
 
-def test_worst_values_of_the_proof_are_seen_in_the_samples(plan):
+def test_worst_values_of_the_check_are_seen_in_the_samples(plan):
     samples = sample_motion(plan.task.robot, plan.motion)
-    assert np.max(samples.tip.GN) == pytest.approx(plan.proof.worst["GN"].value, rel=1e-3)
-    assert np.max(samples.slip.GT) == pytest.approx(plan.proof.worst["GT"].value, rel=1e-3)
+    assert np.max(samples.tip.GN) == pytest.approx(plan.check.worst["GN"].value, rel=1e-3)
+    assert np.max(samples.slip.GT) == pytest.approx(plan.check.worst["GT"].value, rel=1e-3)
 
 
 def test_a_motion_that_rests_is_one_sample(plan):

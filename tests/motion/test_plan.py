@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from ocptip.basics.errors import InputError, PlanningError
-from ocptip.motion.check import prove
+from ocptip.motion.check import check_motion
 from ocptip.motion.plan import plan_motion, worker_pool
 from ocptip.motion.planner.one_start import Attempt, Search, StartResult
 from ocptip.published.tasks import experiment_task
@@ -65,7 +65,7 @@ def assert_same(plan, other):
 
 
 def assert_keeps_all_limits(task, motion):
-    """Independent of the proof: everything every 0.1 ms, and 2 ns from each event on either side.
+    """Independent of the check: everything every 0.1 ms, and 2 ns from each event on either side.
 
     Not at the events: there rounding would mix states before and after of joints that switch together.
     """
@@ -89,7 +89,7 @@ def assert_keeps_all_limits(task, motion):
 def test_the_plan_is_verified_and_needs_less_energy_than_the_printed_motion(task, plan):
     plan, _ = plan
     assert plan.verified
-    assert plan.proof.violations == ()
+    assert plan.check.violations == ()
     assert plan.energy < 0.98 * task.robot.energy(task.reference)
     assert plan.energy == pytest.approx(task.robot.energy(plan.motion), rel=1e-12)
     assert plan.duration == plan.motion.end
@@ -98,7 +98,7 @@ def test_the_plan_is_verified_and_needs_less_energy_than_the_printed_motion(task
 
 def test_the_plan_uses_its_limits_up(task, plan):
     """In an optimum something binds: a reserve, a speed or an acceleration."""
-    worst = plan[0].proof.worst
+    worst = plan[0].check.worst
     use = [
         worst[name].value / worst[name].limit for name in ("GN", "GT", "speed_ratio", "acceleration_ratio")
     ]
@@ -118,13 +118,13 @@ def test_every_limit_holds_on_an_independent_dense_grid(task, plan):
 
 
 def test_the_written_motion_is_verified_too(task, plan):
-    """The proof from the commands in degrees alone, by a robot that was built anew."""
+    """The check from the commands in degrees alone, by a robot that was built anew."""
     read = ArmMotion.from_dict(plan[0].motion.to_dict())
     robot = experiment_task("A", "effective").robot
     for step in (0.01, 0.003):
-        proof = prove(robot, read, task.limits, step=step)
-        assert proof.verified, proof.violations
-        assert proof.energy == pytest.approx(plan[0].energy, rel=1e-9)
+        checked = check_motion(robot, read, task.limits, step=step)
+        assert checked.verified, checked.violations
+        assert checked.energy == pytest.approx(plan[0].energy, rel=1e-9)
 
 
 def test_the_result_tells_what_was_done(task, plan):
@@ -223,11 +223,11 @@ class Scripted:
 
     def run(self, number, seed):
         motion = self.motions[number]
-        proof = motion and prove(self.task.robot, motion, self.task.limits)
-        verified = bool(proof and proof.verified)
+        checked = motion and check_motion(self.task.robot, motion, self.task.limits)
+        verified = bool(checked and checked.verified)
         status = "verified" if verified else "no motion: nothing to be had at 17 N m"
-        energy = proof.energy if proof else float("nan")
-        return Attempt(StartResult(number, status, energy, verified, 1, 0.1, 0.1, 1, {}), motion, proof)
+        energy = checked.energy if checked else float("nan")
+        return Attempt(StartResult(number, status, energy, verified, 1, 0.1, 0.1, 1, {}), motion, checked)
 
 
 @pytest.fixture
@@ -409,8 +409,8 @@ def assert_ur5_is_planned(root, starts):
     plan = plan_motion(task, starts=starts, jobs=1)
     assert plan.verified
     assert_keeps_all_limits(task, plan.motion)
-    proof = prove(task.robot, ArmMotion.from_dict(plan.motion.to_dict()), task.limits)
-    assert proof.verified, proof.violations
+    checked = check_motion(task.robot, ArmMotion.from_dict(plan.motion.to_dict()), task.limits)
+    assert checked.verified, checked.violations
 
 
 def test_a_ur5_on_a_cart(root):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ocptip.basics.errors import InputError
-from ocptip.motion.check import prove
+from ocptip.motion.check import check_motion
 from ocptip.motion.task import MotionTask, refusals, require_plannable
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.inverse.inverse_kinematics import solve_inverse_kinematics
@@ -414,10 +414,10 @@ def test_ur5_on_a_cart_stands_but_would_tip_at_full_speed(ur5):
     np.testing.assert_allclose(position, [0.3, -0.5, 1.05], atol=1e-9)
     np.testing.assert_allclose(rotation[:, 2], [0, 0, -1], atol=1e-9)
     motion = fast_motion(ur5)
-    proof = prove(ur5.robot, motion, ur5.limits)
-    assert proof.worst["GN"].value > 1
-    assert any("slips or lifts off" in violation for violation in proof.violations)
-    assert prove(ur5.robot, motion.time_scaled(1.5), ur5.limits).verified
+    checked = check_motion(ur5.robot, motion, ur5.limits)
+    assert checked.worst["GN"].value > 1
+    assert any("slips or lifts off" in violation for violation in checked.violations)
+    assert check_motion(ur5.robot, motion.time_scaled(1.5), ur5.limits).verified
 
 
 def test_ur5_agrees_with_the_published_lengths_and_masses(ur5):

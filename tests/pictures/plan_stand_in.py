@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cache
 from types import SimpleNamespace
 
-from ocptip.motion.check import prove
+from ocptip.motion.check import check_motion
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.limits import MotionLimits
 
@@ -21,13 +21,13 @@ def stand_in_plan(name="C", base="effective", *, factor=1.0, limits=None, refere
         else SimpleNamespace(**{**vars(printed), "reference": None})
     )
     motion = printed.reference.time_scaled(factor)
-    proof = prove(task.robot, motion, limits)
+    checked = check_motion(task.robot, motion, limits)
     nan = float("nan")
     starts = (
         SimpleNamespace(
             number=1,
             status="verified",
-            energy=proof.energy,
+            energy=checked.energy,
             verified=True,
             iterations=31,
             seconds=1.2,
@@ -48,14 +48,14 @@ def stand_in_plan(name="C", base="effective", *, factor=1.0, limits=None, refere
     return SimpleNamespace(
         task=task,
         motion=motion,
-        proof=proof,
+        check=checked,
         starts=starts,
         best=0,
         seed=3,
         seconds=2.5,
         interrupted=interrupted,
         options={"starts": 2, "limits": limits},
-        energy=proof.energy,
-        duration=proof.duration,
-        verified=proof.verified,
+        energy=checked.energy,
+        duration=checked.duration,
+        verified=checked.verified,
     )

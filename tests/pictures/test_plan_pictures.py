@@ -72,7 +72,7 @@ def test_curves_are_the_samples(clamped):
         np.testing.assert_allclose(line.get_ydata(), 100 * share[:, 1])
 
 
-def test_energy_ends_at_that_of_the_proof_and_the_reference_is_dashed(clamped):
+def test_energy_ends_at_that_of_the_check_and_the_reference_is_dashed(clamped):
     plan, _, figures = clamped
     for name in ("plan", "power"):
         x, y = curve(figures[name], "energy")
@@ -95,11 +95,11 @@ def test_without_reference_nothing_is_dashed_but_limits():
 def test_worst_instants_are_marked(clamped):
     plan, _, figures = clamped
     for name in ("GN", "GT"):
-        worst = plan.proof.worst[name]
+        worst = plan.check.worst[name]
         for figure in ("plan", "reserves"):
             x, y = curve(figures[figure], f"{name}-worst")
             assert (x[0], y[0]) == (worst.time, worst.value)
-    assert f"at most {plan.proof.worst['GN'].value:.3f}" in figures["reserves"].axes[0].get_title("left")
+    assert f"at most {plan.check.worst['GN'].value:.3f}" in figures["reserves"].axes[0].get_title("left")
 
 
 def test_limits_are_those_of_the_task():

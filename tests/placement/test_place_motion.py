@@ -64,7 +64,7 @@ def test_placements_are_ranked_by_planned_energy(swing):
     plan = best.plans[0]
     assert plan.task.start == pytest.approx(best.placement.angles[0])
     assert plan.task.goal == pytest.approx(best.placement.angles[1])
-    assert plan.proof.worst["GN"].value <= 0.9 + 1e-6
+    assert plan.check.worst["GN"].value <= 0.9 + 1e-6
     data = result.to_dict()
     assert data["ranked"][0]["energy_J"] == pytest.approx(best.energy)
 

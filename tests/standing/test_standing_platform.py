@@ -1,4 +1,4 @@
-"""A Delta and a hexapod on a cart: what they do to it, and motions planned and proved for them."""
+"""A Delta and a hexapod on a cart: what they do to it, and motions planned and checked for them."""
 
 import pickle
 from dataclasses import replace
@@ -9,7 +9,7 @@ import pytest
 from ocptip.basics.errors import InputError
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.support import Support
-from ocptip.motion.check import prove
+from ocptip.motion.check import check_motion
 from ocptip.motion.output import joint_trajectory, plan_to_dict, sample_motion, write_motion_csv
 from ocptip.motion.plan import plan_motion
 from ocptip.motion.planner.formulation import Formulation
@@ -191,21 +191,21 @@ def plan(task):
     return plan_motion(task, starts=1, seed=0, jobs=1)
 
 
-def test_delta_on_a_cart_is_planned_and_proved(task, plan):
+def test_delta_on_a_cart_is_planned_and_checked(task, plan):
     """At the limit of the reserves, cheaper than straight ramps as fast as they stand."""
     assert plan.verified
-    worst = plan.proof.worst
+    worst = plan.check.worst
     assert max(worst["GN"].value, worst["GT"].value) > 0.88
     assert worst["singularity"].value > task.robot.platform_limits.singularity
     assert worst["motor_speed"].value < 9.0
     np.testing.assert_allclose(plan.motion.goal, task.goal, atol=1e-9)
     straight = straight_motion(task)
-    assert prove(task.robot, straight, task.limits).verified
+    assert check_motion(task.robot, straight, task.limits).verified
     assert plan.energy < 0.97 * task.robot.energy(straight)
 
 
 def straight_motion(task):
-    """All coordinates in one ramp each, in proportion, slowed down until the proof holds."""
+    """All coordinates in one ramp each, in proportion, slowed down until the check holds."""
     way = task.goal - task.start
     largest = np.abs(way).max()
 
@@ -219,7 +219,7 @@ def straight_motion(task):
     fast, slow = 0.1, 4.0
     for _ in range(14):
         middle = 0.5 * (fast + slow)
-        verified = prove(task.robot, at(middle), task.limits, step=0.02).verified
+        verified = check_motion(task.robot, at(middle), task.limits, step=0.02).verified
         fast, slow = (fast, middle) if verified else (middle, slow)
     return at(slow)
 
@@ -259,9 +259,9 @@ def test_energy_is_the_integral_of_the_power(task, plan):
     assert robot.energy(plan.motion) == pytest.approx(power.sum(axis=1).mean() * plan.duration, rel=2e-5)
 
 
-def test_proof_names_singularity_and_motor_speed(task, plan):
+def test_check_names_singularity_and_motor_speed(task, plan):
     """Limits just beyond what the plan uses are violations with value, instant and place."""
-    used = {name: plan.proof.worst[name] for name in ("singularity", "motor_speed")}
+    used = {name: plan.check.worst[name] for name in ("singularity", "motor_speed")}
     limits = replace(
         task.robot.platform_limits,
         singularity=used["singularity"].value + 1e-3,
@@ -270,17 +270,17 @@ def test_proof_names_singularity_and_motor_speed(task, plan):
     robot = StandingParallelRobot(
         task.robot.robot, task.robot.support, task.robot.motors, limits, position=(0, 0, 0.9)
     )
-    proof = prove(robot, plan.motion, task.limits)
-    assert not proof.verified
-    assert len(proof.violations) == 2
+    checked = check_motion(robot, plan.motion, task.limits)
+    assert not checked.verified
+    assert len(checked.violations) == 2
     for name, sign in (("singularity", ">="), ("motor_speed", "<=")):
-        (said,) = [v for v in proof.violations if v.startswith(name)]
+        (said,) = [v for v in checked.violations if v.startswith(name)]
         assert sign in said
         assert used[name].detail in said
-        assert proof.worst[name].value == pytest.approx(used[name].value, rel=1e-6)
+        assert checked.worst[name].value == pytest.approx(used[name].value, rel=1e-6)
 
 
-def test_a_motion_through_a_singular_pose_is_not_proved(task):
+def test_a_motion_through_a_singular_pose_is_not_checked(task):
     """Straight through the arm's stretched pose and back: out of reach on the way, finite, refused."""
     limits = replace(task.robot.platform_limits, lower=[-0.9, -0.9, -0.9], upper=[0.9, 0.9, -0.3])
     robot = StandingParallelRobot(
@@ -291,23 +291,23 @@ def test_a_motion_through_a_singular_pose_is_not_proved(task):
         [RampCommand(0.0, 0.5, 1.0)],
         [RampCommand(-0.5, 0.5, 1.0)],
     ]
-    proof = prove(robot, ArmMotion.from_commands([0.0, 0.0, -0.5], commands), task.limits)
-    assert not proof.verified
-    assert proof.worst["singularity"].value < 0
-    assert any(v.startswith("singularity") for v in proof.violations)
+    checked = check_motion(robot, ArmMotion.from_commands([0.0, 0.0, -0.5], commands), task.limits)
+    assert not checked.verified
+    assert checked.worst["singularity"].value < 0
+    assert any(v.startswith("singularity") for v in checked.violations)
     far = MotionTask("far", robot, [0.0, 0.0, -0.5], [0.85, 0.0, -0.5])
     assert any("singularity of leg" in reason for reason in refusals(far))
 
 
 def test_motor_speed_limit_shapes_the_plan(task, plan):
     """Half the motor speed of the free plan: the new plan keeps it and is slower."""
-    limits = replace(task.robot.platform_limits, motor_speed=0.5 * plan.proof.worst["motor_speed"].value)
+    limits = replace(task.robot.platform_limits, motor_speed=0.5 * plan.check.worst["motor_speed"].value)
     robot = StandingParallelRobot(
         task.robot.robot, task.robot.support, task.robot.motors, limits, position=(0, 0, 0.9)
     )
     slower = plan_motion(replace(task, robot=robot), starts=1, jobs=1)
     assert slower.verified
-    assert slower.proof.worst["motor_speed"].value <= limits.motor_speed + 1e-9
+    assert slower.check.worst["motor_speed"].value <= limits.motor_speed + 1e-9
     assert slower.duration > plan.duration
 
 
@@ -404,13 +404,13 @@ def test_robots_without_minimal_form_are_refused(task):
     with pytest.raises(InputError, match="motors: the robot has 3"):
         StandingParallelRobot(task.robot.robot, task.robot.support, dc_motors(2), task.robot.platform_limits)
     with pytest.raises(InputError, match="motion: has 2 joints, the robot has 3"):
-        prove(task.robot, ArmMotion.from_commands([0, 0], [[RampCommand(1, 1, 1)]] * 2))
+        check_motion(task.robot, ArmMotion.from_commands([0, 0], [[RampCommand(1, 1, 1)]] * 2))
     with pytest.raises(InputError, match="that of an arm"):
         MotionPenalty(task)
 
 
 @pytest.mark.slow
-def test_hexapod_on_a_cart_is_planned_and_proved(standing):
+def test_hexapod_on_a_cart_is_planned_and_checked(standing):
     """Sideways, up and tilted: all six coordinates are optimised."""
     robot = standing["hexapod"]
     task = MotionTask(

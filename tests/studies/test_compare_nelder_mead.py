@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from ocptip.motion.check import prove
+from ocptip.motion.check import check_motion
 from ocptip.published.tasks import experiment_task
 from ocptip.trajectories.arm_motion import ArmMotion
 from studies.compare import run as study
@@ -56,15 +56,15 @@ def test_every_method_improves_and_says_what_it_did(short):
         assert r["status"]
 
 
-def test_energy_and_proof_are_those_of_the_motion_written(short):
+def test_energy_and_check_are_those_of_the_motion_written(short):
     _, records, _ = short
     r = records["A", 0, "nelder-mead"]
     task = experiment_task("A", BASE)
     motion = ArmMotion.from_dict(r["motion"])
-    proof = prove(task.robot, motion, task.limits)
-    assert r["energy_J"] == pytest.approx(proof.energy, rel=1e-9)
-    assert r["verified"] == proof.verified
-    assert r["worst"]["GN"] == pytest.approx(proof.worst["GN"].value, rel=1e-6)
+    checked = check_motion(task.robot, motion, task.limits)
+    assert r["energy_J"] == pytest.approx(checked.energy, rel=1e-9)
+    assert r["verified"] == checked.verified
+    assert r["worst"]["GN"] == pytest.approx(checked.worst["GN"].value, rel=1e-6)
     assert r["inside_bounds"]
 
 
@@ -129,10 +129,12 @@ def test_other_settings_need_another_folder(short, capsys):
 def test_slowing_finds_the_least_factor_that_is_verified():
     task = experiment_task("B", BASE)
     motion = task.reference.time_scaled(0.9)
-    found = slowed(task, motion, prove(task.robot, motion, task.limits))
+    found = slowed(task, motion, check_motion(task.robot, motion, task.limits))
     factor = found["factor"]
     assert 1.0 < factor < 1.5
-    slow, less = (prove(task.robot, motion.time_scaled(f), task.limits) for f in (factor, factor - 0.003))
+    slow, less = (
+        check_motion(task.robot, motion.time_scaled(f), task.limits) for f in (factor, factor - 0.003)
+    )
     assert slow.verified
     assert not less.verified
     assert found["energy_J"] == pytest.approx(slow.energy)

@@ -16,7 +16,7 @@ def test_the_cheapest_is_one_of_the_allowed_motions(monkeypatch):
 
     monkeypatch.setattr(delta_on_cart, "shortest", lambda *_: motion_of(task, 1.0))
     monkeypatch.setattr(
-        delta_on_cart, "prove", lambda _, motion, __: SimpleNamespace(verified=motion.end < 2.5)
+        delta_on_cart, "check_motion", lambda _, motion, __: SimpleNamespace(verified=motion.end < 2.5)
     )
     found = delta_on_cart.cheapest(task, motion_of)
     assert 2.3 < found.end < 2.5

@@ -9,7 +9,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 from ocptip.basics.errors import InputError
-from ocptip.motion.check import prove
+from ocptip.motion.check import check_motion
 from ocptip.motion.planner.random_start import random_start
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.limits import MotionLimits
@@ -108,7 +108,7 @@ def test_limits_of_the_task_count(task, random_points):
 def test_verified_references_are_feasible_and_others_are_not(name, between):
     task = experiment_task(name, "printed")
     penalty = MotionPenalty(task, between=between)
-    assert prove(task.robot, task.reference, task.limits).verified
+    assert check_motion(task.robot, task.reference, task.limits).verified
     value = penalty.of_motion(task.reference)
     # the spline overshoots at jumps, so that it may see what is not there; nothing comes near here
     assert value.feasible

@@ -10,7 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from ocptip.basics.errors import SolverError
-from ocptip.motion.check import prove
+from ocptip.motion.check import check_motion
 from ocptip.motion.planner.one_start import Attempt, StartResult
 from ocptip.published.tasks import experiment_task
 from studies.plan_cases import journal as plan_cases_journal
@@ -19,7 +19,7 @@ from studies.plan_cases import times as plan_cases_times
 from studies.ramp_gap import run as ramp_gap
 
 CALL = ["--cases", "A", "--sets", "printed", "--jobs", "1", "--out"]
-STAGES = {"start": 0.01, "coarse": 1.0, "fine": 0.5, "exact": 0.4, "proof": 0.1}
+STAGES = {"start": 0.01, "coarse": 1.0, "fine": 0.5, "exact": 0.4, "check": 0.1}
 ENERGIES = {1: 1.01, 2: 1.5, 3: 1.0}  # of stand-ins, as shares of the first start's
 
 
@@ -61,7 +61,7 @@ class StandIn:
         status = "verified" if verified else "not verified: too fast"
         energy, seconds = ENERGIES[number] * self.first, 10.0 * number
         result = StartResult(number, status, energy, verified, 100 * number, seconds, seconds, 6, STAGES)
-        return Attempt(result, task.reference, prove(task.robot, task.reference, task.limits))
+        return Attempt(result, task.reference, check_motion(task.robot, task.reference, task.limits))
 
 
 def without_motion(payload, number, seed):
@@ -88,7 +88,7 @@ def test_one_start(study, capsys):
     for name in ("printed", "ratios"):
         assert (study / f"plan_cases_{name}.png").read_bytes().startswith(b"\x89PNG")
     plan = ramp_gap.read_plan(study / "plans", "A", "printed")
-    assert prove(task.robot, plan).verified
+    assert check_motion(task.robot, plan).verified
     assert data["versions"]["casadi"]
 
 
@@ -184,7 +184,7 @@ def test_tables_without_any_plan(copy, monkeypatch):
 
 
 def test_limits_of_the_sets():
-    reference = plan_cases_journal.reference_proof("reference", "B").worst
+    reference = plan_cases_journal.reference_check("reference", "B").worst
     limits = plan_cases_journal.task_of("reference", "B").limits
     assert reference["GN"].value == limits.GN
     assert reference["GT"].value == limits.GT

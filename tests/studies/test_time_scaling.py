@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.contact.verdict import equilibrium
-from ocptip.motion.check import prove
+from ocptip.motion.check import check_motion
 from ocptip.published.cases import motion_case
 from ocptip.published.tasks import experiment_robot
 from ocptip.robots.dynamics import evaluate_dynamics
@@ -78,9 +78,9 @@ def test_slip_begins_where_no_forces_hold_the_base():
     assert stands == {low: False, high: True}
 
 
-def test_scaled_motion_is_the_proved_one():
+def test_scaled_motion_is_the_checked_one():
     robot, motion = printed("B", "effective")
-    one, worst = losses.scaled(robot, motion, 1.0), prove(robot, motion).worst
+    one, worst = losses.scaled(robot, motion, 1.0), check_motion(robot, motion).worst
     assert (one.GN, one.GT, one.torque_ratio) == tuple(
         pytest.approx(worst[name].value, rel=1e-9) for name in ("GN", "GT", "torque_ratio")
     )

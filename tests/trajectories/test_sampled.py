@@ -1,4 +1,4 @@
-"""Motions given by samples: the curve between them, its exact extremes, its proof, and files of motions."""
+"""Motions given by samples: the curve between them, its exact extremes, its checked, and files of motions."""
 
 import json
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ocptip.basics.errors import InputError
-from ocptip.motion.check import prove
+from ocptip.motion.check import check_motion
 from ocptip.motion.output import sample_motion, write_motion_csv
 from ocptip.published.tasks import experiment_task
 from ocptip.trajectories.arm_motion import ArmMotion
@@ -112,34 +112,34 @@ def test_time_scaling_keeps_the_path():
 
 
 @pytest.mark.parametrize("name", ["C", "G"])
-def test_proof_of_samples_with_events_is_that_of_the_commands(tmp_path, name):
+def test_check_of_samples_with_events_is_that_of_the_commands(tmp_path, name):
     task = experiment_task(name, "effective")
-    exact = prove(task.robot, task.reference, task.limits)
+    exact = check_motion(task.robot, task.reference, task.limits)
     path = tmp_path / "motion.csv"
     write_motion_csv(path, sample_motion(task.robot, task.reference))
-    proof = prove(task.robot, load_motion(path), task.limits)
-    assert proof.verified == exact.verified
-    assert proof.energy == pytest.approx(exact.energy, rel=1e-5)
-    assert proof.duration == pytest.approx(exact.duration, abs=1e-9)
+    checked = check_motion(task.robot, load_motion(path), task.limits)
+    assert checked.verified == exact.verified
+    assert checked.energy == pytest.approx(exact.energy, rel=1e-5)
+    assert checked.duration == pytest.approx(exact.duration, abs=1e-9)
     for key, worst in exact.worst.items():
-        assert proof.worst[key].value == pytest.approx(worst.value, rel=2e-4, abs=1e-6), key
+        assert checked.worst[key].value == pytest.approx(worst.value, rel=2e-4, abs=1e-6), key
 
 
-def test_proof_of_plain_samples_is_near(tmp_path):
+def test_check_of_plain_samples_is_near(tmp_path):
     """Angles only, 100 per second, no events: the spline's own verdict, on the strict side."""
     task = experiment_task("C", "effective")
-    exact = prove(task.robot, task.reference, task.limits)
-    proof = prove(task.robot, sampled(task.reference, 214, speeds=False, events=False), task.limits)
-    assert proof.energy == pytest.approx(exact.energy, rel=5e-3)
-    assert proof.worst["speed_ratio"].value == pytest.approx(exact.worst["speed_ratio"].value, rel=0.02)
+    exact = check_motion(task.robot, task.reference, task.limits)
+    checked = check_motion(task.robot, sampled(task.reference, 214, speeds=False, events=False), task.limits)
+    assert checked.energy == pytest.approx(exact.energy, rel=5e-3)
+    assert checked.worst["speed_ratio"].value == pytest.approx(exact.worst["speed_ratio"].value, rel=0.02)
     for key in ("GN", "GT", "torque_ratio"):
-        assert exact.worst[key].value * 0.99 < proof.worst[key].value < exact.worst[key].value * 1.5, key
+        assert exact.worst[key].value * 0.99 < checked.worst[key].value < exact.worst[key].value * 1.5, key
 
 
 def test_a_motion_of_another_number_of_joints_is_refused():
     task = experiment_task("A")
     with pytest.raises(InputError, match="2 joints, the arm has 6"):
-        prove(task.robot, sampled(RAMP, 5))
+        check_motion(task.robot, sampled(RAMP, 5))
 
 
 def test_joints_that_rest_have_no_events():

@@ -1,4 +1,4 @@
-"""`ocptip check`: the proof of a given motion on a given robot, as a table or as JSON. No optimisation."""
+"""`ocptip check`: the check of a given motion on a given robot, as a table or as JSON. No optimisation."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ocptip.basics.errors import InputError, positive_number, share_of_one
 from ocptip.basics.text import quantity, ratio
 from ocptip.basics.write import plain, versions
 from ocptip.cli.stand import _aligned
-from ocptip.motion.check import MotionProof, prove
+from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.task import MotionTask
 from ocptip.published.cases import motion_cases
 from ocptip.published.tasks import experiment_task
@@ -50,24 +50,24 @@ class CheckReport:
     Attributes:
         motion: name of the motion's file.
         task: the robot and the limits.
-        proof: of the motion as it is.
-        scaled: proofs of the same path with all times multiplied by a factor, in the order asked for.
+        check: of the motion as it is.
+        scaled: checks of the same path with all times multiplied by a factor, in the order asked for.
         offsets: by unit ("deg" for angles, "m" for lengths, as far as the coordinates have such), the largest
             difference of the motion's start and of its goal from the task's.
-        interpolation: what was proved between samples; None for ramp commands.
+        interpolation: what was checked between samples; None for ramp commands.
     """
 
     motion: str
     task: MotionTask
-    proof: MotionProof
-    scaled: tuple[tuple[float, MotionProof], ...]
+    check: MotionCheck
+    scaled: tuple[tuple[float, MotionCheck], ...]
     offsets: dict[str, tuple[float, float]]
     interpolation: str | None
 
     @property
     def verified(self) -> bool:
         """True if the motion as it is keeps all limits."""
-        return self.proof.verified
+        return self.check.verified
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data; what is not finite becomes None."""
@@ -80,11 +80,11 @@ class CheckReport:
             {
                 "motion": self.motion,
                 "task": self.task.name,
-                **self.proof.to_dict(),
+                **self.check.to_dict(),
                 "limits": dataclasses.asdict(self.task.limits),
                 "interpolation": self.interpolation,
                 **offsets,
-                "time_scale": [{"factor": factor, **proof.to_dict()} for factor, proof in self.scaled],
+                "time_scale": [{"factor": factor, **checked.to_dict()} for factor, checked in self.scaled],
                 "versions": versions(),
             }
         )
@@ -95,16 +95,16 @@ class CheckReport:
 
     def to_text(self) -> str:
         """The table for people: verdict, worst instants, energy. ASCII only, but for names."""
-        proof = self.proof
-        verdict = "VERIFIED. All limits hold" if proof.verified else "NOT VERIFIED"
+        checked = self.check
+        verdict = "VERIFIED. All limits hold" if checked.verified else "NOT VERIFIED"
         lines = [f"{self.motion} on {self.task.name}: {verdict}."]
-        lines += [f"  {violation}" for violation in proof.violations]
-        lines += ["", *_worst_table(proof), ""]
-        lines += [f"energy {quantity(proof.energy, 'J')}, duration {quantity(proof.duration, 's')}"]
-        lines += [f"checked at {proof.samples} instants"]
+        lines += [f"  {violation}" for violation in checked.violations]
+        lines += ["", *_worst_table(checked), ""]
+        lines += [f"energy {quantity(checked.energy, 'J')}, duration {quantity(checked.duration, 's')}"]
+        lines += [f"checked at {checked.samples} instants"]
         if self.interpolation:
             lines += [
-                f"note: proved is the curve through the samples, {self.interpolation}; where accelerations"
+                f"note: checked is the curve through the samples, {self.interpolation}; where accelerations"
             ]
             lines += ["      jump between samples it overshoots, see ocptip.trajectories.sampled"]
         for unit, pair in self.offsets.items():
@@ -124,7 +124,7 @@ def check(
     factors: Sequence[float] = (),
     step: float = 0.01,
 ) -> CheckReport:
-    """Prove a motion, and the same path faster or slower.
+    """Check a motion, and the same path faster or slower.
 
     Args:
         name: of the motion, for the table.
@@ -143,12 +143,14 @@ def check(
         if not 1 / _SCALE <= factor <= _SCALE:
             raise InputError(f"--time-scale: must be between {1 / _SCALE:g} and {_SCALE:g}, got {factor:g}")
     try:
-        proof = prove(task.robot, motion, task.limits, step=step)
-        scaled = [(f, prove(task.robot, motion.time_scaled(f), task.limits, step=step)) for f in factors]
+        checked = check_motion(task.robot, motion, task.limits, step=step)
+        scaled = [
+            (f, check_motion(task.robot, motion.time_scaled(f), task.limits, step=step)) for f in factors
+        ]
     except InputError as error:
         raise InputError(f"{name}: {error}") from None
     curve = motion.interpolation if isinstance(motion, SampledMotion) else None
-    return CheckReport(name, task, proof, tuple(scaled), _offsets(motion, task), curve)
+    return CheckReport(name, task, checked, tuple(scaled), _offsets(motion, task), curve)
 
 
 def _offsets(motion: Motion, task: MotionTask) -> dict[str, tuple[float, float]]:
@@ -219,13 +221,13 @@ def choose_task(
     return experiment_task(case or origin["case"], base)
 
 
-def _worst_table(proof: MotionProof) -> list[str]:
+def _worst_table(checked: MotionCheck) -> list[str]:
     rows = [["quantity", "worst", "limit", "time", "where", ""]]
     for name, title in _ROWS.items():
-        if name not in proof.worst:
+        if name not in checked.worst:
             continue
-        worst = proof.worst[name]
-        broken = any(violation.startswith(f"{name} ") for violation in proof.violations)
+        worst = checked.worst[name]
+        broken = any(violation.startswith(f"{name} ") for violation in checked.violations)
         time = f"{worst.time:.3f} s" if math.isfinite(worst.time) else "-"
         sign = ">=" if name in _LEAST else "<="
         limit = f"{sign} {_value(name, worst.limit)}"
@@ -235,14 +237,14 @@ def _worst_table(proof: MotionProof) -> list[str]:
     return _aligned(rows, left=(0, 4, 5))
 
 
-def _scale_table(scaled: Sequence[tuple[float, MotionProof]]) -> list[str]:
+def _scale_table(scaled: Sequence[tuple[float, MotionCheck]]) -> list[str]:
     names = [name for name in _ROWS if name not in _MARGINS and name in scaled[0][1].worst]
     rows = [["times x", "verdict", "duration", "energy", *(_ROWS[name] for name in names)]]
-    for factor, proof in scaled:
-        verdict = "verified" if proof.verified else "NOT VERIFIED"
-        numbers = [_value(name, proof.worst[name].value) for name in names]
+    for factor, checked in scaled:
+        verdict = "verified" if checked.verified else "NOT VERIFIED"
+        numbers = [_value(name, checked.worst[name].value) for name in names]
         rows.append(
-            [f"{factor:g}", verdict, f"{proof.duration:.3f} s", quantity(proof.energy, "J"), *numbers]
+            [f"{factor:g}", verdict, f"{checked.duration:.3f} s", quantity(checked.energy, "J"), *numbers]
         )
     return _aligned(rows, left=(1,))
 

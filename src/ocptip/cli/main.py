@@ -99,7 +99,7 @@ def _add_check(commands: argparse._SubParsersAction) -> None:
     check = commands.add_parser(
         "check",
         help="does a given motion keep all limits at every instant?",
-        description="Proves a motion, or says what it violates and when: reserves, torques, clearance, "
+        description="Checks a motion, or says what it violates and when: reserves, torques, clearance, "
         "speeds, accelerations, angles.",
         epilog="exit code: 0 the motion as given is verified, 1 it is not, 2 bad input",
     )

@@ -22,7 +22,7 @@ from ocptip.cli.command import (
 )
 
 if TYPE_CHECKING:
-    from ocptip.motion.check import MotionProof
+    from ocptip.motion.check import MotionCheck
     from ocptip.motion.plan import MotionPlan
     from ocptip.motion.task import MotionTask
 
@@ -35,7 +35,7 @@ def add_parser(commands: Any) -> None:
     plan = commands.add_parser(
         "plan",
         help="the arm motion of least energy that loses no contact",
-        description="Plans the ramp motion of least electric energy that keeps all contacts, and proves it.",
+        description="Plans the ramp motion of least electric energy that keeps all contacts, and checks it.",
         epilog="exit code: 0 a verified plan, 1 none was found, 2 bad input",
     )
     plan.add_argument("task", metavar="A..H|TASK.toml", help="a published case, or a task file (see README)")
@@ -101,13 +101,13 @@ class PlanReport:
 
     Attributes:
         plan: the plan.
-        time_scale: factors with the proofs of the plan run that much slower.
+        time_scale: factors with the checks of the plan run that much slower.
         extra: further entries of plan.json.
         written: files.
     """
 
     plan: MotionPlan
-    time_scale: list[tuple[float, MotionProof]] = field(default_factory=list)
+    time_scale: list[tuple[float, MotionCheck]] = field(default_factory=list)
     extra: dict[str, Any] = field(default_factory=dict)
     written: list[Path] = field(default_factory=list)
 
@@ -131,23 +131,23 @@ class PlanReport:
         lines = [("starts", self._starts())]
         if self.plan.interrupted:
             lines.append(("interrupted", "this is the best of the starts that had finished"))
-        lines += [(f"time x {factor:g}", _scale_text(proof)) for factor, proof in self.time_scale]
+        lines += [(f"time x {factor:g}", _scale_text(checked)) for factor, checked in self.time_scale]
         return summary(self.headline(), lines, self.written)
 
     def headline(self) -> str:
         """Status, energy, duration, worst reserve, ratio to the reference."""
-        plan, proof = self.plan, self.plan.proof
-        name = max(("GN", "GT"), key=lambda n: proof.worst[n].value / proof.worst[n].limit)
-        worst = proof.worst[name]
+        plan, checked = self.plan, self.plan.check
+        name = max(("GN", "GT"), key=lambda n: checked.worst[n].value / checked.worst[n].limit)
+        worst = checked.worst[name]
         parts = [
             f"{plan.task.name}: {'VERIFIED' if plan.verified else 'NOT VERIFIED'}. "
-            f"{proof.energy:.1f} J in {proof.duration:.3f} s",
+            f"{checked.energy:.1f} J in {checked.duration:.3f} s",
             f"worst reserve {name} {worst.value:.3f} (limit {worst.limit:g}) at {worst.time:.3f} s",
         ]
         if plan.task.reference is not None:
             energy = plan.task.robot.energy(plan.task.reference)
-            parts.append(f"{proof.energy / energy:.3f} of the reference's {energy:.1f} J")
-        broken = "" if plan.verified else f" Broken: {'; '.join(proof.violations)}."
+            parts.append(f"{checked.energy / energy:.3f} of the reference's {energy:.1f} J")
+        broken = "" if plan.verified else f" Broken: {'; '.join(checked.violations)}."
         return ", ".join(parts) + "." + broken
 
     def _starts(self) -> str:
@@ -247,15 +247,15 @@ def _without_plan(options: argparse.Namespace, task: MotionTask, reason: str) ->
     return MOVES
 
 
-def _scaled(plan: MotionPlan, factor: float) -> tuple[float, MotionProof]:
-    from ocptip.motion.check import prove
+def _scaled(plan: MotionPlan, factor: float) -> tuple[float, MotionCheck]:
+    from ocptip.motion.check import check_motion
 
-    return factor, prove(plan.task.robot, plan.motion.time_scaled(factor), plan.task.limits)
+    return factor, check_motion(plan.task.robot, plan.motion.time_scaled(factor), plan.task.limits)
 
 
-def _scale_text(proof: MotionProof) -> str:
-    if proof.verified:
-        values = ", ".join(f"{name} {proof.worst[name].value:.3f}" for name in ("GN", "GT"))
-        return f"stands, all limits kept: {values}, {proof.energy:.1f} J in {proof.duration:.3f} s"
-    verdict = "stands, but breaks limits" if proof.stands else "LOSES A CONTACT"
-    return f"{verdict}: {'; '.join(proof.violations)}"
+def _scale_text(checked: MotionCheck) -> str:
+    if checked.verified:
+        values = ", ".join(f"{name} {checked.worst[name].value:.3f}" for name in ("GN", "GT"))
+        return f"stands, all limits kept: {values}, {checked.energy:.1f} J in {checked.duration:.3f} s"
+    verdict = "stands, but breaks limits" if checked.stands else "LOSES A CONTACT"
+    return f"{verdict}: {'; '.join(checked.violations)}"

@@ -1,4 +1,4 @@
-"""Proof after the plan: does a motion keep all limits at every instant, not only at quadrature nodes?
+"""Check after the plan: does a motion keep all limits at every instant, not only at quadrature nodes?
 
 The exact motion is sampled in every interval between events, up to 1.5 ns from each event on either side
 (torques and reserves jump there; joints that switch together do so within 1 ns), and refined around the worst
@@ -49,7 +49,7 @@ class Worst:
 
 
 @dataclass(frozen=True)
-class MotionProof:
+class MotionCheck:
     """Outcome of the check of a motion.
 
     Attributes:
@@ -85,14 +85,14 @@ class MotionProof:
         }
 
 
-def prove(
+def check_motion(
     robot: StandingMechanism, motion: Motion, limits: MotionLimits | None = None, *, step: float = 0.01
-) -> MotionProof:
+) -> MotionCheck:
     """Check a motion against all limits on a dense grid that is refined around the worst instants.
 
     Args:
         robot: the arm on its support.
-        motion: the exact ramp motion, or samples: then the proof is of the curve through them.
+        motion: the exact ramp motion, or samples: then the checked is of the curve through them.
         limits: default 0.9 for both reserves, the arm's torques, no collision.
         step: first spacing of the grid inside the intervals between events, s.
 
@@ -146,7 +146,7 @@ def prove(
         )
     elif not standing:
         violations.append("a contact slips or lifts off")
-    return MotionProof(
+    return MotionCheck(
         verified=not violations,
         energy=robot.energy(motion),
         duration=motion.end,

@@ -54,17 +54,17 @@ def plan_to_dict(plan: MotionPlan) -> dict[str, Any]:
     `reference` holds energy and duration of the task's reference motion and the ratio of the plan's energy
     to it, or is None.
     """
-    proof, units = plan.proof, plan.task.robot.units
+    checked, units = plan.check, plan.task.robot.units
     motion = plan.motion.to_dict(units)
     goal = plan.motion.goal
     data = {
         "case": plan.task.name,
         **({"base": plan.options["base"]} if "base" in plan.options else {}),
-        "energy_J": proof.energy,
-        "duration_s": proof.duration,
-        "verified": proof.verified,
-        "violations": proof.violations,
-        "worst": proof.worst,
+        "energy_J": checked.energy,
+        "duration_s": checked.duration,
+        "verified": checked.verified,
+        "violations": checked.violations,
+        "worst": checked.worst,
         **({"units": motion["units"]} if "units" in motion else {}),
         "start": motion["start"],
         "goal": np.where(np.array(units) == "rad", np.rad2deg(goal), goal),
@@ -267,4 +267,4 @@ def _reference(plan: MotionPlan) -> dict[str, float] | None:
     if reference is None:
         return None
     energy = plan.task.robot.energy(reference)
-    return {"energy_J": energy, "duration_s": reference.end, "ratio": plan.proof.energy / energy}
+    return {"energy_J": energy, "duration_s": reference.end, "ratio": plan.check.energy / energy}

@@ -1,4 +1,4 @@
-"""Plans a motion: random starts in parallel, each searched and proved; the best verified one wins."""
+"""Plans a motion: random starts in parallel, each searched and checked; the best verified one wins."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from typing import Any
 from threadpoolctl import threadpool_limits
 
 from ocptip.basics.errors import PlanningError, whole_number
-from ocptip.motion.check import MotionProof
+from ocptip.motion.check import MotionCheck
 from ocptip.motion.planner.one_start import Attempt, Search, StartResult
 from ocptip.motion.task import MotionTask, require_plannable
 from ocptip.trajectories.arm_motion import ArmMotion
@@ -36,7 +36,7 @@ class MotionPlan:
     Attributes:
         task: what was asked for.
         motion: the exact ramp motion.
-        proof: of all limits, on the dense grid.
+        check: of all limits, on the dense grid.
         starts: what became of each start that finished, by number.
         best: number of the start the motion comes from.
         seed: of the starts.
@@ -47,7 +47,7 @@ class MotionPlan:
 
     task: MotionTask
     motion: ArmMotion
-    proof: MotionProof
+    check: MotionCheck
     starts: tuple[StartResult, ...]
     best: int
     seed: int
@@ -58,17 +58,17 @@ class MotionPlan:
     @property
     def energy(self) -> float:
         """Electric energy, J."""
-        return self.proof.energy
+        return self.check.energy
 
     @property
     def duration(self) -> float:
         """Duration, s."""
-        return self.proof.duration
+        return self.check.duration
 
     @property
     def verified(self) -> bool:
         """Every limit holds on the dense grid."""
-        return self.proof.verified
+        return self.check.verified
 
 
 def plan_motion(
@@ -82,7 +82,7 @@ def plan_motion(
 ) -> MotionPlan:
     """Plan the ramp motion of least electric energy that keeps all limits of a task.
 
-    Every start is a random motion, improved by Ipopt and proved on a dense time grid. The result depends on
+    Every start is a random motion, improved by Ipopt and checked on a dense time grid. The result depends on
     task, starts and seed only, not on where the starts run. An interrupt (Ctrl-C) or the death of a worker
     (then with a RuntimeWarning) ends the planning with the best verified plan so far.
 
@@ -136,7 +136,7 @@ def plan_motion(
     return MotionPlan(
         task=task,
         motion=best.motion,
-        proof=best.proof,
+        check=best.check,
         starts=tuple(sorted((a.result for a in attempts), key=lambda r: r.number)),
         best=best.result.number,
         seed=seed,
@@ -152,11 +152,11 @@ def _rank(attempt: Attempt) -> tuple[float, int]:
 
 def _why_not(attempts: list[Attempt]) -> str:
     """Says how the starts ended, and what the one with the fewest violations lacks."""
-    moving = [a for a in attempts if a.proof is not None]
+    moving = [a for a in attempts if a.check is not None]
     if not moving:
         return f"none of {len(attempts)} starts gave a motion; the first: {attempts[0].result.status}"
-    nearest = min(moving, key=lambda a: (len(a.proof.violations), _rank(a)))
-    violations = "; ".join(nearest.proof.violations)
+    nearest = min(moving, key=lambda a: (len(a.check.violations), _rank(a)))
+    violations = "; ".join(nearest.check.violations)
     return (
         f"none of {len(attempts)} starts gave a verified motion; start {nearest.result.number}: {violations}"
     )

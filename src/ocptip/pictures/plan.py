@@ -124,9 +124,9 @@ class _Curves:
     @property
     def title(self) -> str:
         """Case, verdict, energy and duration."""
-        proof = self.plan.proof
-        verdict = "verified" if proof.verified else "NOT verified"
-        return f"{self.plan.task.name}: {verdict}, {proof.energy:.1f} J in {proof.duration:.3f} s"
+        checked = self.plan.check
+        verdict = "verified" if checked.verified else "NOT verified"
+        return f"{self.plan.task.name}: {verdict}, {checked.energy:.1f} J in {checked.duration:.3f} s"
 
 
 def _overview(curves: _Curves) -> Figure:
@@ -310,13 +310,13 @@ def _energy(ax: Any, curves: _Curves) -> None:
 
 
 def _reserves(ax: Any, curves: _Curves, names: tuple[str, ...]) -> None:
-    """Reserves with their limits; a ring marks the worst instant that the proof has found."""
+    """Reserves with their limits; a ring marks the worst instant that the check has found."""
     limits = {name: getattr(curves.plan.task.limits, name) for name in names}
     for name in names:
         color = GN if name == "GN" else GT
         ax.plot(curves.times, _reserve(curves.samples, name), color=color, label=name, gid=name)
     for name in names:
-        color, worst = GN if name == "GN" else GT, curves.plan.proof.worst[name]
+        color, worst = GN if name == "GN" else GT, curves.plan.check.worst[name]
         ax.plot(
             [worst.time],
             [worst.value],
@@ -333,7 +333,7 @@ def _reserves(ax: Any, curves: _Curves, names: tuple[str, ...]) -> None:
         which = " and ".join(name for name in names if limits[name] == value)
         label = "limit" if len(set(limits.values())) == 1 else f"limit of {which}"
         ax.axhline(value, **_LIMIT_STYLE, label=f"{label} {value:.3g}", gid="limit")
-    most = {name: curves.plan.proof.worst[name] for name in names}
+    most = {name: curves.plan.check.worst[name] for name in names}
     words = {"GN": "Tip-over GN", "GT": "slip GT"}
     title = ", ".join(f"{words[n]} at most {w.value:.3f} at {w.time:.3f} s" for n, w in most.items())
     _finish(ax, curves, title[:1].upper() + title[1:], f"{', '.join(names)} (1: contact lost)")

@@ -57,7 +57,7 @@ class MotionPlacement:
             "verified": self.verified,
             "energy_J": self.energy if np.isfinite(self.energy) else None,
             "duration_s": self.duration if np.isfinite(self.duration) else None,
-            "legs": [None if plan is None else plan.proof.to_dict() for plan in self.plans],
+            "legs": [None if plan is None else plan.check.to_dict() for plan in self.plans],
             "refusals": list(self.refusals),
         }
 

@@ -44,7 +44,7 @@ class FurtherLimits:
     """Limits of a mechanism on functions of its state that are neither torques nor coordinates.
 
     Attributes:
-        names: (k,), of quantities; a proof reports the worst of each name.
+        names: (k,), of quantities; a check reports the worst of each name.
         details: (k,), which one, e.g. "motor 2".
         lower, upper: (k,), infinite where there is none.
         units: (k,), numbers that make the quantity about 1.
@@ -125,7 +125,7 @@ class MotionSamples:
 
 
 class StandingMechanism(ABC):
-    """A mechanism mounted on a base that stands on a support; what proofs and programs know of it.
+    """A mechanism mounted on a base that stands on a support; what checks and programs know of it.
 
     Args:
         support: the base with its contacts; its mass and centre of mass without the mechanism.

@@ -194,10 +194,10 @@ def test_weighted_indices(rng):
     assert [more.pi_oe, more.inv_cdn_oe] == pytest.approx([weighted.pi_oe, weighted.inv_cdn_oe])
     Z = J.T @ ellipsoid.W(*pose) @ J
     values = eigh(Z, np.diag(inertias / 2), eigvals_only=True)
-    assert weighted.inv_cdn_oe == pytest.approx(np.sqrt(max(values[0], 0) / values[-1]), rel=1e-5)
+    assert weighted.inv_cdn_oe == pytest.approx(np.sqrt(max(values[0], 0) / values[-1]), rel=1e-5, abs=1e-8)
     constant = 2 / inertias[5] * np.sum(distance_to_point(J[:, 5], ellipsoid.vertices(*pose)) ** 2)  # (3.19)
     assert weighted.design_constant == pytest.approx(constant)
-    assert weighted.pi_oe == pytest.approx(np.sqrt(max(values[0], 0) / constant), rel=1e-5)
+    assert weighted.pi_oe == pytest.approx(np.sqrt(max(values[0], 0) / constant), rel=1e-5, abs=1e-8)
     energy = weighted.rates**2 @ inertias / 2
     assert energy == pytest.approx(np.ones(6))
     assert 0 <= weighted.inv_cdn_oe <= weighted.pi_oe <= 1

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ocptip.motion.check import prove
+from ocptip.motion.check import check_motion
 from ocptip.motion.planner.exact import FEASIBLE, SHARES, Refiner
 from ocptip.motion.planner.formulation import Formulation
 from ocptip.motion.planner.program import ENERGY_UNIT
@@ -53,7 +53,7 @@ def test_its_motion_has_its_energy_and_its_order(task, refined):
 def test_limits_bind_and_hold_between_the_nodes(task, refined):
     """The motion uses a limit up, and on a dense grid breaks none by more than the watch's blind spots."""
     refiner, exact, _ = refined
-    worst = prove(task.robot, refiner.motion(exact), LIMITS).worst
+    worst = check_motion(task.robot, refiner.motion(exact), LIMITS).worst
     use = {name: worst[name].value / worst[name].limit for name in ("GN", "GT", "torque_ratio")}
     assert max(use.values()) < 1.005
     assert max(use["GN"], use["GT"], worst["speed_ratio"].value) > 0.999

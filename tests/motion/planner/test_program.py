@@ -8,7 +8,7 @@ import pytest
 
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.support import Support
-from ocptip.motion.check import prove
+from ocptip.motion.check import check_motion
 from ocptip.motion.planner.event_order import order_of
 from ocptip.motion.planner.formulation import Formulation, Smoothing
 from ocptip.motion.planner.program import ENERGY_UNIT, RowSet
@@ -117,7 +117,7 @@ def test_quadrature_lies_inside_the_intervals_between_events(planned, seed):
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_rows_are_the_reserves_of_the_motion_at_the_nodes(planned, seed):
-    """The same numbers the proof looks at: GN, GT, torques, distances, angles."""
+    """The same numbers the check looks at: GN, GT, torques, distances, angles."""
     program, x, motion, _ = planned.ordered(seed)
     robot = planned.task.robot
     times = program.nodes.times @ x
@@ -144,7 +144,7 @@ def test_rows_are_the_reserves_of_the_motion_at_the_nodes(planned, seed):
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_bounds_are_those_of_the_proof(planned, seed):
+def test_bounds_are_those_of_the_check(planned, seed):
     """GN at its limit is the tip row at its bound; nodes that use no limit fully break no bound."""
     program, x, motion, _ = planned.ordered(seed)
     limits, tip = planned.task.limits, planned.task.robot.tip_over
@@ -312,7 +312,9 @@ def test_structure_rows_hold_for_a_motion_of_the_servo_law(planned, seed):
     assert np.max(np.abs(rows[equal])) < 1e-8
     # a random motion has triangles, whose next command comes at once: middle commands without cruise
     assert np.min(rows[~equal]) > -1e-8
-    assert prove(planned.task.robot, motion, planned.task.limits).worst["acceleration_ratio"].value <= 1
+    assert (
+        check_motion(planned.task.robot, motion, planned.task.limits).worst["acceleration_ratio"].value <= 1
+    )
 
 
 @pytest.mark.parametrize("merge", [0.0, 0.03])

@@ -1,4 +1,4 @@
-"""One start of the planner: random motion, smooth programs of growing sharpness, exact program, proof."""
+"""One start of the planner: random motion, smooth programs of growing sharpness, exact program, checked."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ocptip.basics.errors import InputError, SolverError
-from ocptip.motion.check import MotionProof, prove
+from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.planner.exact import Exact, Refiner
 from ocptip.motion.planner.formulation import Formulation, Smoothing
 from ocptip.motion.planner.program import MotionProgram
@@ -27,7 +27,7 @@ FURTHER = 1  # cycles more where none has given a verified motion
 BINDING = 0.97  # share of a reserve's limit from which the contacts decide; only then a second cycle pays
 MERGES = (0.004, 0.0, 0.012)  # s: events nearer than this become simultaneous; tried in this order
 SOLVED = 1e-4  # largest violation of an exact program that is good enough to be tightened
-HOPELESS = 0.05  # largest violation from which a motion is worth its proof
+HOPELESS = 0.05  # largest violation from which a motion is worth its check
 TIGHTENINGS = 5
 TIGHTENED = {"GN": 2e-3, "GT": 2e-3, "torque_ratio": 2e-3, "clearance_m": 1e-3}  # at most this much at once
 NUMERICAL = (InputError, SolverError, ArithmeticError, np.linalg.LinAlgError)
@@ -47,7 +47,7 @@ class StartResult:
         seconds: wall time.
         cpu_seconds: CPU time of its thread, which other work on the machine disturbs less.
         solves: number of programs solved.
-        stages: CPU seconds by stage: start, coarse, fine, exact, proof.
+        stages: CPU seconds by stage: start, coarse, fine, exact, checked.
     """
 
     number: int
@@ -63,11 +63,11 @@ class StartResult:
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
-    """A start's result with its motion and proof, both None if no motion came out."""
+    """A start's result with its motion and checked, both None if no motion came out."""
 
     result: StartResult
     motion: ArmMotion | None
-    proof: MotionProof | None
+    check: MotionCheck | None
 
 
 class Search:
@@ -94,7 +94,7 @@ class Search:
         began, clock = time.perf_counter(), _Clock()
         task = self.task
         rng = np.random.default_rng([seed, number])
-        best: tuple[ArmMotion, MotionProof] | None = None
+        best: tuple[ArmMotion, MotionCheck] | None = None
         status = ""
         try:
             start = random_start(
@@ -119,21 +119,21 @@ class Search:
                     break
         except NUMERICAL as error:  # one start of many: what was found before counts
             status = f"no motion: {error}"
-        motion, proof = best or (None, None)
-        if proof is not None:
-            status = "verified" if proof.verified else f"not verified: {'; '.join(proof.violations)}"
+        motion, checked = best or (None, None)
+        if checked is not None:
+            status = "verified" if checked.verified else f"not verified: {'; '.join(checked.violations)}"
         result = StartResult(
             number=number,
             status=status,
-            energy=proof.energy if proof else float("nan"),
-            verified=bool(proof and proof.verified),
+            energy=checked.energy if checked else float("nan"),
+            verified=bool(checked and checked.verified),
             iterations=clock.iterations,
             seconds=time.perf_counter() - began,
             cpu_seconds=clock.total(),
             solves=clock.solves,
             stages=clock.stages,
         )
-        return Attempt(result, motion, proof)
+        return Attempt(result, motion, checked)
 
     def _coarse(self, start: ArmMotion, clock: _Clock) -> np.ndarray:
         """Variables after the coarse programs; anew while the motion becomes much shorter than the grid."""
@@ -159,8 +159,8 @@ class Search:
 
     def _exact(
         self, refiner: Refiner, x: np.ndarray, clock: _Clock
-    ) -> tuple[tuple[ArmMotion, MotionProof] | None, np.ndarray, str]:
-        """A proved exact motion near x, its variables, and what is missing if there is none.
+    ) -> tuple[tuple[ArmMotion, MotionCheck] | None, np.ndarray, str]:
+        """A checked exact motion near x, its variables, and what is missing if there is none.
 
         Where the order of events found at x leads nowhere, others that x suggests are tried.
         """
@@ -179,7 +179,7 @@ class Search:
                 f"limit {best.solution.violation:.2g} in its units)"
             )
             return None, x, missing
-        return self._proved(refiner, best, clock), x, ""
+        return self._checked(refiner, best, clock), x, ""
 
     @staticmethod
     def _solve(
@@ -201,58 +201,58 @@ class Search:
         clock.solves += 1
         return solution
 
-    def _proved(self, refiner: Refiner, exact: Exact, clock: _Clock) -> tuple[ArmMotion, MotionProof]:
-        """The exact motion and its proof; solved again, a little tighter, where the proof finds a fault."""
-        best = self._motion_and_proof(refiner, exact, clock)
-        proof = best[1]
+    def _checked(self, refiner: Refiner, exact: Exact, clock: _Clock) -> tuple[ArmMotion, MotionCheck]:
+        """The exact motion and its check; solved again, a little tighter, where the check finds a fault."""
+        best = self._motion_and_check(refiner, exact, clock)
+        checked = best[1]
         for _ in range(TIGHTENINGS):
-            faults = [name for name in TIGHTENED if _excess(proof, name) > 0]
-            if proof.verified or not faults:
+            faults = [name for name in TIGHTENED if _excess(checked, name) > 0]
+            if checked.verified or not faults:
                 break
-            refiner.limits = self._tightened(refiner.limits, proof, faults)
+            refiner.limits = self._tightened(refiner.limits, checked, faults)
             try:
-                exact = refiner.again(exact, [proof.worst[name].time for name in faults])
+                exact = refiner.again(exact, [checked.worst[name].time for name in faults])
                 clock.stage("exact")
-                found = self._motion_and_proof(refiner, exact, clock)
+                found = self._motion_and_check(refiner, exact, clock)
             except NUMERICAL:
                 break  # what was found before counts
-            proof = found[1]
-            if _better(proof, best[1]) or not best[1].verified:
+            checked = found[1]
+            if _better(checked, best[1]) or not best[1].verified:
                 best = found
         return best
 
-    def _motion_and_proof(
+    def _motion_and_check(
         self, refiner: Refiner, exact: Exact, clock: _Clock
-    ) -> tuple[ArmMotion, MotionProof]:
+    ) -> tuple[ArmMotion, MotionCheck]:
         motion = refiner.motion(exact)
-        proof = prove(self.task.robot, motion, self.task.limits)
-        clock.stage("proof")
-        return motion, proof
+        checked = check_motion(self.task.robot, motion, self.task.limits)
+        clock.stage("check")
+        return motion, checked
 
     @staticmethod
-    def _tightened(limits: MotionLimits, proof: MotionProof, faults: list[str]) -> MotionLimits:
+    def _tightened(limits: MotionLimits, checked: MotionCheck, faults: list[str]) -> MotionLimits:
         changes = {}
         for name in faults:
-            step = min(_excess(proof, name), TIGHTENED[name])
+            step = min(_excess(checked, name), TIGHTENED[name])
             field = name.removesuffix("_m")
             value = getattr(limits, field)
             changes[field] = value + step if field == "clearance" else max(value - step, value / 2)
         return replace(limits, **changes)
 
 
-def _excess(proof: MotionProof, name: str) -> float:
+def _excess(checked: MotionCheck, name: str) -> float:
     """How much a worst value breaks its limit."""
-    worst = proof.worst[name]
+    worst = checked.worst[name]
     return worst.limit - worst.value if name == "clearance_m" else worst.value - worst.limit
 
 
-def _better(proof: MotionProof, than: MotionProof) -> bool:
-    return (proof.verified, -proof.energy) > (than.verified, -than.energy)
+def _better(checked: MotionCheck, than: MotionCheck) -> bool:
+    return (checked.verified, -checked.energy) > (than.verified, -than.energy)
 
 
-def _at_the_limit(proof: MotionProof) -> bool:
+def _at_the_limit(checked: MotionCheck) -> bool:
     """Whether the contacts decide the motion; if not, there is little that another order could give."""
-    return any(proof.worst[name].value > BINDING * proof.worst[name].limit for name in ("GN", "GT"))
+    return any(checked.worst[name].value > BINDING * checked.worst[name].limit for name in ("GN", "GT"))
 
 
 class _Clock:
