@@ -10,14 +10,14 @@ import platform
 import signal
 import sys
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import ocptip
-from ocptip.basics.errors import InputError
+from ocptip.basics.errors import InputError, OcptipError
 from ocptip.basics.write import plain, versions, write_json
 
 try:
@@ -40,6 +40,9 @@ PLANNING = (
 )
 """Packages that decide the numbers of plans."""
 
+PLACING = (*PLANNING, "indices", "placement", "task_files")
+"""Packages that decide the numbers of placements."""
+
 # --- text ---------------------------------------------------------------------------------------------------
 
 
@@ -59,6 +62,11 @@ def percent(share: float | None, digits: int = 0) -> str:
     return "-" if share is None else f"{100 * share:.{digits}f} %"
 
 
+def software(versions: Mapping[str, str]) -> str:
+    """Packages with their versions."""
+    return ", ".join(f"{package} {number}" for package, number in versions.items())
+
+
 def json_text(data: Mapping[str, Any], rows: str = "rows") -> str:
     """Strict JSON with the entry `rows` one line per row."""
     compact = json.dumps(plain(data[rows]), separators=(",", ":"), allow_nan=False).replace("},{", "},\n{")
@@ -76,6 +84,29 @@ def progress(done: int, total: int, what: str) -> None:
     """A bar on a terminal, nothing elsewhere; the line ends when all is done."""
     bar = "#" * (30 * done // max(total, 1))
     say(f"[{bar:<30}] {done}/{total} {what}" + ("\n" if done == total else ""))
+
+
+def ended(name: str, study: Callable[[], str], kept: str = "nothing written.") -> int:
+    """Run a study and print the text it returns.
+
+    Args:
+        name: of the study, for messages.
+        study: refuses its input by OSError, ValueError or OcptipError.
+        kept: what is left of it when it is interrupted.
+
+    Returns:
+        Exit code: 0; 1 if it refuses, 130 if it is interrupted, both with a line on stderr.
+    """
+    try:
+        text = study()
+    except (OSError, ValueError, OcptipError) as error:
+        print(f"{name}: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print(f"\nInterrupted; {kept}", file=sys.stderr)
+        return 130
+    print(text, end="")
+    return 0
 
 
 def leave_interrupts_to_parent() -> None:

@@ -25,7 +25,7 @@ Of quantities that vary in time the maximum is asked for. Two ways to find it:
   start to end (torques, which jump at events: one cubic for each interval between events). Reserves jump at
   events, too: the spline overshoots there, and refuses motions that are near the limits but keep them.
 
-Neither is a checked. GT comes from `ocptip.reserves.slip.Slip`.
+Neither checks a motion. GT comes from `ocptip.reserves.slip.Slip`.
 """
 
 from __future__ import annotations

@@ -37,10 +37,9 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from ocptip.basics.errors import OcptipError
 from ocptip.basics.write import write_json, write_text
 from ocptip.published.cases import motion_cases
-from studies.common import state_notes
+from studies.common import ended, state_notes
 from studies.compare.figures import draw_convergence, draw_energies, draw_motions
 from studies.compare.methods import METHODS, Settings
 from studies.compare.runs import Runs, run_all
@@ -86,16 +85,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     if given.starts < 1 or given.jobs < 1 or not given.max_seconds > 0 or not given.weight > 0:
         parser.error("--starts and --jobs must be at least 1, --max-seconds and --weight above 0")
     settings = Settings(given.seed, given.max_seconds, given.weight, given.between)
-    try:
-        starts = 0 if given.summary_only else given.starts
-        print(run(given.out, given.cases, starts, given.methods, settings, given.jobs), end="")
-    except (ValueError, OcptipError) as error:
-        print(f"compare_nelder_mead: {error}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print("\nInterrupted; finished runs are kept, start again to go on.", file=sys.stderr)
-        return 130
-    return 0
+    starts = 0 if given.summary_only else given.starts
+    return ended(
+        "compare_nelder_mead",
+        lambda: run(given.out, given.cases, starts, given.methods, settings, given.jobs),
+        "finished runs are kept, start again to go on.",
+    )
 
 
 if __name__ == "__main__":

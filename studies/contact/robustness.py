@@ -27,7 +27,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from ocptip.basics.write import versions, write_text
-from studies.common import json_text, keep_result, kept_result, machine, progress
+from studies.common import ended, json_text, keep_result, kept_result, machine, progress
 from studies.contact.problems import DEGENERATE_LOADS, FACETS, FEET, all_cases
 from studies.contact.robustness_report import draw, markdown
 from studies.contact.solvers import EXTERNAL, run_compiled, run_peer
@@ -75,6 +75,15 @@ def run(out: Path, feet: Sequence[int], loads: int, seed: int) -> dict:
     }
 
 
+def write_all(out: Path, data: dict) -> str:
+    """Write results, tables and figure; return the tables."""
+    text = markdown(data)
+    write_text(out / "contact_robustness.json", json_text(data, "results"))
+    write_text(out / "contact_robustness.md", text)
+    draw(data, out / "contact_robustness.png")
+    return text
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, required=True, help="folder for cases, table and figure")
@@ -84,17 +93,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = parser.parse_args(argv)
     if options.loads < 1 or min(options.feet) < 1:
         parser.error("--loads and --feet must be at least 1")
-    try:
-        data = run(options.out, options.feet, options.loads, options.seed)
-    except KeyboardInterrupt:
-        print("\nInterrupted; finished cases are kept, start again to go on.", file=sys.stderr)
-        return 130
-    text = markdown(data)
-    write_text(options.out / "contact_robustness.json", json_text(data, "results"))
-    write_text(options.out / "contact_robustness.md", text)
-    draw(data, options.out / "contact_robustness.png")
-    print(text, end="")
-    return 0
+    return ended(
+        "contact_robustness",
+        lambda: write_all(options.out, run(options.out, options.feet, options.loads, options.seed)),
+        "finished cases are kept, start again to go on.",
+    )
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
-from studies.common import table
+from studies.common import software, table
 from studies.contact.problems import DEGENERATE_FEET, DEGENERATE_LOADS, FACETS, FRICTION, HEIGHT, MASS, RADIUS
 from studies.contact.solvers import SOLVERS
 
@@ -116,9 +116,8 @@ def markdown(data: dict) -> str:
         text = ", ".join(f"{kind}: {count}" for kind, count in kinds.most_common() if count)
         rows.append([name, str(sum(r["problems"] for r in results if r["solver"] == name)), text or "none"])
     lines += [*table(["solver", "problems", "failures"], rows), ""]
-    software = ", ".join(f"{package} {number}" for package, number in data["versions"].items())
-    machine = data["machine"]
-    lines += [f"{software}; {machine['architecture']}, {machine['cores']} cores, shared with other work."]
+    facts = f"{data['machine']['architecture']}, {data['machine']['cores']} cores, shared with other work."
+    lines += [f"{software(data['versions'])}; {facts}"]
     return "\n".join(lines) + "\n"
 
 

@@ -26,7 +26,7 @@ from ocptip.basics.write import versions, write_json, write_text
 from ocptip.contact.solver import solve, solve_many
 from ocptip.contact.support import Support
 from ocptip.reserves.slip import Slip
-from studies.common import machine, say, table
+from studies.common import machine, say, software, table
 from studies.contact.problems import GRAVITY, MASS, Case, platform_on, random_loads
 from studies.contact.solvers import COMPILED, Conventional, arguments
 from studies.contact.yardstick import judge
@@ -61,7 +61,7 @@ def automaton_against_conventional(feet: Sequence[int], loads: int, rounds: int,
         calls, variants = {}, {}
         for solver in COMPILED:
             if solver.name.endswith("textbook"):
-                continue  # fails on most of these problems, see contact_robustness.py
+                continue  # fails on most of these problems, see `robustness`
             calls[solver.name] = solver.prepare(support, wrenches)
             answers = solver.read(calls[solver.name](), support, wrenches)
             tally = judge(case, solver.name, [answers], true_cone=False)
@@ -277,9 +277,8 @@ def markdown(data: dict) -> str:
     ]
     head = ["support, path", "value", "with derivative", "states solved, too", "certified", "target"]
     lines += [*table(head, rows), ""]
-    software = ", ".join(f"{package} {number}" for package, number in data["versions"].items())
     machine = data["machine"]
-    lines += [f"{software}; {machine['architecture']}, {machine['cores']} cores."]
+    lines += [f"{software(data['versions'])}; {machine['architecture']}, {machine['cores']} cores."]
     return "\n".join(lines) + "\n"
 
 

@@ -30,7 +30,7 @@ from ocptip.indices.arms.design import joint_range, random_poses
 from ocptip.indices.arms.values import index_values
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.published.arms import arm_by_name
-from ocptip.robots.inverse.closed_form import closed_form_branches, closed_form_family
+from ocptip.robots.inverse.closed_form import branches_within_limits, closed_form_family
 from ocptip.robots.kinematics import gripper_pose
 from ocptip.robots.model import ArmModel
 
@@ -49,7 +49,6 @@ APPROACHES = {
 LARGEST_ANGLE = 2.0  # rad, end of the colour scale of DM, which grows without bound at stationary points
 REACH_SAMPLES = 4000
 COARSE = 31
-POSE_ERROR = 1e-8
 
 
 def joint_plane(
@@ -78,17 +77,12 @@ def workspace_slice(
     maps = {name: np.full((grid, grid), np.nan) for name in INDICES}
     maps["branches"] = np.zeros((grid, grid))
     for row, z in enumerate(zs):
-        found = [branches_within_limits(model, np.array([x, 0.0, z]), rotation) for x in xs]
-        counts = np.array([len(q) for q in found])
-        maps["branches"][row] = counts
-        if not counts.any():
+        columns, q = reaching(model, xs, np.full(grid, z), rotation)
+        maps["branches"][row] = np.bincount(columns, minlength=grid)
+        if not len(q):
             continue
-        values = index_values(model, np.concatenate(found), ellipsoid=ellipsoid, names=INDICES)
-        columns = np.repeat(np.arange(grid), counts)
-        for name, value in values.items():
-            best = np.full(grid, -np.inf)
-            np.maximum.at(best, columns, value)
-            maps[name][row] = np.where(counts > 0, best, np.nan)
+        for name, value in index_values(model, q, ellipsoid=ellipsoid, names=INDICES).items():
+            np.fmax.at(maps[name][row], columns, value)
     return {"x": xs, "y": zs, **maps}
 
 
@@ -98,9 +92,8 @@ def reached_box(model: ArmModel, rotation: np.ndarray) -> tuple[tuple[float, flo
     radius = np.hypot(reached[:, 0], reached[:, 1]).max()
     xs = np.linspace(-radius, radius, COARSE)
     zs = np.linspace(reached[:, 2].min(), reached[:, 2].max(), COARSE)
-    inside = np.array(
-        [[len(branches_within_limits(model, np.array([x, 0.0, z]), rotation)) for x in xs] for z in zs]
-    )
+    inside = np.zeros((COARSE, COARSE), dtype=bool)
+    inside.flat[reaching(model, np.tile(xs, COARSE), np.repeat(zs, COARSE), rotation)[0]] = True
     if not inside.any():
         raise InputError(f"--approach: {model.name} reaches no point of the slice with this orientation")
     return tuple(
@@ -112,20 +105,14 @@ def reached_box(model: ArmModel, rotation: np.ndarray) -> tuple[tuple[float, flo
     )
 
 
-def branches_within_limits(model: ArmModel, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-    """(k, 6), rad: the branches that reach the pose with full turns added so that the limits hold."""
-    q = closed_form_branches(model, position, rotation)
-    if not len(q):
-        return q
-    lower, upper = joint_range(model)
-    turns = np.ceil((lower - q) / (2 * np.pi) - 1e-12)
-    q = q + 2 * np.pi * turns
-    q = q[(q <= upper + 1e-12).all(axis=1)]
-    if not len(q):
-        return q
-    reached, turned = gripper_pose(model, q)
-    error = np.abs(reached - position).max(axis=1) + np.abs(turned - rotation).max(axis=(1, 2))
-    return q[error < POSE_ERROR]
+def reaching(
+    model: ArmModel, x: np.ndarray, z: np.ndarray, rotation: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """All branches within the limits: number (k,) of the point x, z (N,), m, and joint angles (k, 6), rad."""
+    positions = np.column_stack([x, np.zeros(len(x)), z])
+    found = branches_within_limits(model, positions, np.tile(rotation, (len(x), 1, 1)))
+    exists = np.isfinite(found).all(axis=2)
+    return np.nonzero(exists)[0], found[exists]
 
 
 def summary(maps: dict[str, np.ndarray]) -> dict[str, Any]:

@@ -28,7 +28,6 @@ import numpy as np
 from matplotlib.ticker import MaxNLocator
 from scipy.spatial.transform import Rotation
 
-from ocptip.basics.errors import OcptipError
 from ocptip.basics.write import versions, write_json, write_text
 from ocptip.indices.designs.isotropic_families import isotropic_u1, isotropic_u2
 from ocptip.indices.designs.optimal_domains import (
@@ -52,6 +51,7 @@ from ocptip.indices.platforms.isotropy import platform_conditioning
 from ocptip.indices.platforms.planar import LARGEST_R, PlanarPlatformPose, optimal_planar_pose
 from ocptip.indices.platforms.platform import PlatformPose, StewartPlatform
 from ocptip.indices.platforms.workspace import control_numbers, workspace_statistics
+from studies.common import ended, software, table
 
 FIRST, SECOND, BODY, GROUND = "#0b6e99", "#d1603d", "#2e8b57", "#555555"
 LARGEST_ANGLE = math.radians(20.0)
@@ -265,20 +265,30 @@ def _draw_map(axis: Any, name: str, pose: PlatformPose) -> Any:
 
 def report(data: dict[str, Any]) -> str:
     """The results as Markdown."""
+    families = [
+        [
+            name,
+            str(row["members"]),
+            f"{row['largest_deviation_from_1']:.1e}",
+            f"{row['smallest_singular_value']:.1e}",
+        ]
+        for name, row in data["families"].items()
+    ]
+    search = data["search"]
+    found = ", ".join(f"{count} of {name}" for name, count in search["families"].items())
+    designs = [
+        [
+            name,
+            *(f"{x:.3f}" for x in (row["best_pose"], row["minimum"], q["5.0"], row["mean"], q["95.0"])),
+        ]
+        for name, row in data["workspaces"].items()
+        for q in [row["percentiles"]]
+    ]
+    head = ["family", "members", "largest deviation of the index from 1", "smallest singular value"]
     lines = [
         "# Optimal Stewart-Gough platforms",
         "",
-        "| family | members | largest deviation of the index from 1 | smallest singular value |",
-        "|---|---|---|---|",
-    ]
-    for name, row in data["families"].items():
-        lines.append(
-            f"| {name} | {row['members']} | {row['largest_deviation_from_1']:.1e} "
-            f"| {row['smallest_singular_value']:.1e} |"
-        )
-    search = data["search"]
-    found = ", ".join(f"{count} of {name}" for name, count in search["families"].items())
-    lines += [
+        *table(head, families),
         "",
         f"Search for further families from {search['starts']} random starts: {found}; "
         f"{search['unsolved'] + search['singular']} starts without a regular solution.",
@@ -286,19 +296,10 @@ def report(data: dict[str, Any]) -> str:
         f"Control number over {data['options']['poses']} poses within a quarter of the mean leg length and "
         "20 degrees of the best pose:",
         "",
-        "| design | best pose | minimum | 5 % | mean | 95 % |",
-        "|---|---|---|---|---|---|",
-    ]
-    for name, row in data["workspaces"].items():
-        q = row["percentiles"]
-        lines.append(
-            f"| {name} | {row['best_pose']:.3f} | {row['minimum']:.3f} | {q['5.0']:.3f} | {row['mean']:.3f} "
-            f"| {q['95.0']:.3f} |"
-        )
-    software = ", ".join(f"{name} {number}" for name, number in data["versions"].items())
-    lines += [
+        *table(["design", "best pose", "minimum", "5 %", "mean", "95 %"], designs),
         "",
-        f"Seed {data['options']['seed']}; {software}; {data['seconds']:.0f} s on {data['machine']}.",
+        f"Seed {data['options']['seed']}; {software(data['versions'])}; {data['seconds']:.0f} s on "
+        f"{data['machine']}.",
     ]
     return "\n".join(lines) + "\n"
 
@@ -337,12 +338,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     given = parser.parse_args(argv)
     if min(given.members, given.starts, given.poses) < 1 or given.seed < 0:
         parser.error("--members, --starts and --poses must be at least 1, --seed at least 0")
-    try:
-        print(run(given.out, given.members, given.starts, given.poses, given.seed), end="")
-    except (OSError, OcptipError) as error:
-        print(f"optimal_platforms: {error}", file=sys.stderr)
-        return 1
-    return 0
+    return ended(
+        "optimal_platforms", lambda: run(given.out, given.members, given.starts, given.poses, given.seed)
+    )
 
 
 if __name__ == "__main__":

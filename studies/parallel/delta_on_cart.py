@@ -33,7 +33,7 @@ from ocptip.task_files.motion import load_task
 from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.sampled import SampledMotion
-from studies.common import EXAMPLES
+from studies.common import EXAMPLES, table
 
 _NAME = "delta_on_cart"
 _TASK = EXAMPLES / "tasks/delta_cart.toml"
@@ -103,7 +103,7 @@ def row(name: str, checked: MotionCheck) -> dict[str, object]:
     }
 
 
-def table(rows: list[dict], options: argparse.Namespace, task: MotionTask) -> str:
+def markdown(rows: list[dict], options: argparse.Namespace, task: MotionTask) -> str:
     """The results in Markdown."""
     limits = task.limits
     lines = [
@@ -113,17 +113,22 @@ def table(rows: list[dict], options: argparse.Namespace, task: MotionTask) -> st
         f"speed {np.min(task.robot.platform_limits.motor_speed):g} rad/s; {options.starts} starts, seed "
         f"{options.seed}. Written by `studies/parallel/delta_on_cart.py`.",
         "",
-        "| motion | checked | duration [s] | energy [J] | GN | GT | torque / limit | motor speed [rad/s] | "
-        "distance from singular poses |",
-        "|---|---|---|---|---|---|---|---|---|",
     ]
-    for r in rows:
-        lines.append(
-            f"| {r['motion']} | {'yes' if r['verified'] else 'no'} | {r['duration_s']:.4f} | "
-            f"{r['energy_J']:.2f} | {r['GN']:.3f} | {r['GT']:.3f} | {r['torque_ratio']:.3f} | "
-            f"{r['motor_speed']:.2f} | {r['singularity']:.3f} |"
-        )
-    return "\n".join(lines) + "\n"
+    head = ["motion", "checked", "duration [s]", "energy [J]", "GN", "GT", "torque / limit"]
+    head += ["motor speed [rad/s]", "distance from singular poses"]
+    cells = [
+        [
+            r["motion"],
+            "yes" if r["verified"] else "no",
+            f"{r['duration_s']:.4f}",
+            f"{r['energy_J']:.2f}",
+            *(f"{r[name]:.3f}" for name in ("GN", "GT", "torque_ratio")),
+            f"{r['motor_speed']:.2f}",
+            f"{r['singularity']:.3f}",
+        ]
+        for r in rows
+    ]
+    return "\n".join([*lines, *table(head, cells)]) + "\n"
 
 
 def plot(found: dict[str, MotionSamples], task: MotionTask, target: Path) -> None:
@@ -174,7 +179,7 @@ def main(arguments: list[str] | None = None) -> int:
     }
     rows = [row(name, check_motion(task.robot, motion, task.limits)) for name, motion in motions.items()]
     samples = {name: sample_motion(task.robot, motion, 0.002) for name, motion in motions.items()}
-    text = table(rows, options, task)
+    text = markdown(rows, options, task)
     data = {
         "task": _TASK.name,
         "options": {"starts": options.starts, "seed": options.seed},

@@ -31,6 +31,7 @@ from ocptip.parallel.description.ready_made import delta, ups6
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipOver
+from studies.common import table
 
 _NAME = "parallel_on_support"
 _BISECTIONS = 40
@@ -228,7 +229,7 @@ def run(case: Case, samples: int, directions: int, limit: float, out: Path) -> d
     }
 
 
-def table(results: list[dict], limit: float, samples: int) -> str:
+def markdown(results: list[dict], limit: float, samples: int) -> str:
     """The results in Markdown."""
     lines = [
         "# Parallel robots on a three-footed cart: shortest durations",
@@ -236,18 +237,18 @@ def table(results: list[dict], limit: float, samples: int) -> str:
         f"GN and GT below {limit} at {samples} samples; written by `studies/parallel/on_support.py`.",
     ]
     for result in results:
-        lines += [
-            "",
-            f"## {result['case']}",
-            "",
-            "| direction [deg] | duration [s] | GN | GT | bound by | largest motor force |",
-            "|---|---|---|---|---|---|",
+        rows = [
+            [
+                f"{row['direction_deg']:.0f}",
+                f"{row['duration_s']:.4f}",
+                *(f"{row[name]:.3f}" for name in ("GN", "GT")),
+                row["bound_by"],
+                f"{row['largest_motor']:.1f}",
+            ]
+            for row in result["directions"]
         ]
-        for row in result["directions"]:
-            lines.append(
-                f"| {row['direction_deg']:.0f} | {row['duration_s']:.4f} | {row['GN']:.3f} | {row['GT']:.3f} "
-                f"| {row['bound_by']} | {row['largest_motor']:.1f} |"
-            )
+        head = ["direction [deg]", "duration [s]", "GN", "GT", "bound by", "largest motor force"]
+        lines += ["", f"## {result['case']}", "", *table(head, rows, left=0)]
     return "\n".join(lines) + "\n"
 
 
@@ -293,7 +294,7 @@ def main(arguments: list[str] | None = None) -> int:
         parser.error("--samples must be at least 3, --directions at least 1 and --limit in (0, 1]")
     options.out.mkdir(parents=True, exist_ok=True)
     results = [run(case, options.samples, options.directions, options.limit, options.out) for case in cases()]
-    text = table(results, options.limit, options.samples)
+    text = markdown(results, options.limit, options.samples)
     data = {
         "options": {
             "samples": options.samples,

@@ -28,6 +28,7 @@ from ocptip.parallel.code.codegen import find_compiler, write_c
 from ocptip.parallel.code.lean import LeanFunction, lean_function
 from ocptip.parallel.description.ready_made import READY_MADE
 from ocptip.parallel.kinematics.platform import Kinematics
+from studies.common import software, table
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
@@ -217,20 +218,16 @@ def markdown(result: dict[str, Any]) -> str:
         "frames' origins, 3 base parameters. Published: table 5.7. The Delta is the real one (tilted base",
         "frames); the published Delta has vertical axes, which are cheaper.",
         "",
-        "| function | openSYMORO | Abdellatif | ParaDyn | DynPar 1 | DynPar 2 | DynPar 3 | below the best |",
-        "|---|---|---|---|---|---|---|---|",
     ]
+    rows = []
     for row in result["rows"]:
         published = [str(row["published"].get(m, "-")) for m in METHODS]
         ours = [row["operations"][f"DynPar {d}"]["weighted"] for d in (1, 2, 3)]
         saved = f"{1 - ours[2] / min(row['published'].values()):.0%}" if row["published"] else "-"
-        lines.append(f"| {row['function']} | {' | '.join([*published, *map(str, ours), saved])} |")
-    lines += [
-        "",
-        "| function (DynPar 3) | +- | x | / | sin cos | := | without := | all := | compiled, us | "
-        "virtual machine, us | generated in, s |",
-        "|---|---|---|---|---|---|---|---|---|---|---|",
-    ]
+        rows.append([row["function"], *published, *map(str, ours), saved])
+    head = ["function", *METHODS, *(f"DynPar {d}" for d in (1, 2, 3)), "below the best"]
+    lines += [*table(head, rows), ""]
+    rows = []
     names = ("additions", "multiplications", "divisions", "trigonometric", "assignments", "arithmetic")
     for row in result["rows"]:
         numbers = [str(row["operations"]["DynPar 3"][name]) for name in names]
@@ -238,13 +235,15 @@ def markdown(result: dict[str, Any]) -> str:
         numbers.append(str(operations["arithmetic"] + sum(operations[name] for name in names[:4])))
         compiled = "-" if row["compiled_ns"] is None else f"{row['compiled_ns'] / 1e3:.2f}"
         times = [compiled, f"{row['virtual_machine_ns'] / 1e3:.2f}", f"{row['generation_s']:.2f}"]
-        lines.append(f"| {row['function']} | {' | '.join([*numbers, *times])} |")
-    facts = ", ".join(f"{name} {value}" for name, value in result["environment"].items())
+        rows.append([row["function"], *numbers, *times])
+    head = ["function (DynPar 3)", "+-", "x", "/", "sin cos", ":=", "without :=", "all :="]
+    head += ["compiled, us", "virtual machine, us", "generated in, s"]
     lines += [
+        *table(head, rows),
         "",
         "*Without :=*: arithmetic only. *All :=*: the least favourable reading, every operation assigned.",
     ]
-    lines += ["", f"Best of {result['repeats']} runs. {facts}.", ""]
+    lines += ["", f"Best of {result['repeats']} runs. {software(result['environment'])}.", ""]
     return "\n".join(lines)
 
 

@@ -36,10 +36,8 @@ from ocptip.published.tasks import experiment_task
 from ocptip.robots.geometry import Pillar, Wall
 from ocptip.standing.arm import StandingRobot
 from ocptip.task_files.motion import load_task
-from studies.common import EXAMPLES, PLANNING, RowFile, say, source_state, state_notes
+from studies.common import EXAMPLES, PLACING, RowFile, say, source_state, state_notes, table
 
-# subpackages and modules of ocptip that decide the numbers
-STATE = (*PLANNING, "indices", "placement", "task_files")
 ALLOWED = 0.005  # of the grid's total
 START_SETS = 5  # seeds of `place` per task
 PROBE = 12_000  # random placements that show where tasks are in reach
@@ -208,20 +206,16 @@ def excess(row: dict[str, Any]) -> list[float]:
 def markdown(rows: list[dict[str, Any]], notes: list[str]) -> str:
     """The comparison as a table."""
     done = [row for row in rows if solvable(row)]
-    lines = [
-        "# `place` against a grid",
-        "",
-        "| task | robot | states | grid total | best set | worst set | CPU s per set | grid CPU s |",
-        "|" + "---|" * 8,
-    ]
+    cells = []
     for row in done:
         grid, worse = row["grid"], excess(row)
         total = "none" if grid["total"] is None else f"{grid['total']:.5f}"
         seconds = np.median([entry["cpu_seconds"] for entry in row["sets"]])
-        lines.append(
-            f"| {row['number']} | {row['robot']} | {grid['states']} | {total} | {100 * min(worse):+.2f} % | "
-            f"{100 * max(worse):+.2f} % | {seconds:.2f} | {grid['cpu_seconds']:.0f} |"
-        )
+        shares = [f"{100 * value:+.2f} %" for value in (min(worse), max(worse))]
+        times = [f"{seconds:.2f}", f"{grid['cpu_seconds']:.0f}"]
+        cells.append([str(row["number"]), row["robot"], str(grid["states"]), total, *shares, *times])
+    head = ["task", "robot", "states", "grid total", "best set", "worst set", "CPU s per set", "grid CPU s"]
+    lines = ["# `place` against a grid", "", *table(head, cells, left=2)]
     if done:
         worse = [value for row in done for value in excess(row)]
         cpu, wall = ([e[key] for row in done for e in row["sets"]] for key in ("cpu_seconds", "seconds"))
@@ -247,7 +241,7 @@ def main(arguments: list[str] | None = None) -> int:
     if options.tasks < 1 or options.evaluations < 1000:
         parser.error("--tasks must be at least 1, --evaluations at least 1000")
     options.out.mkdir(parents=True, exist_ok=True)
-    asked, state = {"seed": options.seed, "evaluations": options.evaluations}, source_state(*STATE)
+    asked, state = {"seed": options.seed, "evaluations": options.evaluations}, source_state(*PLACING)
     kept = RowFile(options.out / "placement_brute_force.json", asked, ("number",), state)
     for row in kept.own if options.again else ():
         sets = start_sets(random_problem(options.seed, row["number"]))

@@ -29,11 +29,9 @@ from ocptip.basics.write import atomic_file, plain, write_text
 from ocptip.placement.place import place
 from ocptip.placement.problem import PlacementProblem, Weights
 from ocptip.task_files.placement import load_placement
-from studies.common import EXAMPLES, PLANNING, RowFile, say, source_state, state_notes, task_digest
+from studies.common import EXAMPLES, PLACING, RowFile, say, source_state, state_notes, table, task_digest
 
 TASK = EXAMPLES / "tasks" / "place_incline.toml"
-# subpackages and modules of ocptip that decide the numbers
-STATE = (*PLANNING, "indices", "placement", "task_files")
 CRITERIA = ("GN", "GT", "GE")
 WORDS = {"GN": "tip-over GN", "GT": "slip GT", "GE": "power at rest GE [W]"}
 BETTER = 1e-4  # relative: by less than this nothing is beaten
@@ -163,15 +161,15 @@ def markdown(name: str, rows: list[dict[str, Any]], notes: list[str]) -> str:
         f"{len(rows)} weights, {len(values)} placements, {int(kept.sum())} on the front; median "
         f"{np.median(seconds):.2f} s of CPU per weight. GE in W.",
         "",
-        "| end | GN | GT | GE | parameters | active |",
-        "|---|---|---|---|---|---|",
     ]
+    ends = []
     for c, criterion in enumerate(CRITERIA):
         at = int(np.flatnonzero(kept)[np.argmin(values[kept, c])])
         where = ", ".join(f"{v:.3f}" for v in points[at]["parameters"])
         active = "; ".join(points[at]["active"]) or "none"
-        cells = [f"least {criterion}", *(f"{v:.4g}" for v in values[at]), where, active]
-        lines.append(f"| {' | '.join(cells)} |")
+        ends.append([f"least {criterion}", *(f"{v:.4g}" for v in values[at]), where, active])
+    head = ["end", *CRITERIA, "parameters", "active"]
+    lines += table(head, ends, left=len(head))
     return "\n".join([*lines, *(["", *notes] if notes else [])]) + "\n"
 
 
@@ -189,7 +187,7 @@ def main(arguments: list[str] | None = None) -> int:
     options.out.mkdir(parents=True, exist_ok=True)
     asked = {"task": options.task.name, "task_digest": task_digest(options.task)}
     asked |= {"starts": options.starts, "seed": options.seed}
-    state = source_state(*STATE)
+    state = source_state(*PLACING)
     kept = RowFile(options.out / "placement_pareto.json", asked, ("weights",), state)
     for weights in weight_grid(options.steps):
         if kept.find(weights=list(weights)) is None:

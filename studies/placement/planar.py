@@ -40,7 +40,7 @@ from ocptip.placement.terrain import custom_terrain
 from ocptip.robots.model import ArmModel, JointLimits
 from ocptip.robots.motors import DCMotors
 from ocptip.standing.arm import StandingRobot
-from studies.common import say
+from studies.common import say, table
 
 DIMENSIONS = {
     "link lengths": (4.7, 4.5),
@@ -325,16 +325,15 @@ def markdown(data: dict[str, Any]) -> str:
         "",
     ]
     lines += [f"- {name}: {value}" for name, value in DIMENSIONS.items()]
-    lines += [
-        "",
-        "| minimum | p1 | p2 | q1 [deg] | q2 [deg] | M1 | M2 | GN | GE | total |",
-        "|" + "---|" * 10,
-    ]
+    rows = []
     for number, e in enumerate(data["minima"]):
         cells = [f"{v:.3f}" for v in e["p"]] + [f"{v:.1f}" for v in e["angles_deg"]]
         cells += [f"{e['M1']:.3f}", f"{e['M2']:.3f}", f"{e['GN']:.4f}", f"{e['GE']:.3f}", f"{e['total']:.5f}"]
-        lines.append(f"| {'local' if number else 'global'} | {' | '.join(cells)} |")
+        rows.append(["local" if number else "global", *cells])
+    head = ["minimum", "p1", "p2", "q1 [deg]", "q2 [deg]", "M1", "M2", "GN", "GE", "total"]
     lines += [
+        "",
+        *table(head, rows),
         "",
         f"{found['found']} of {found['sets']} random start sets of {found['starts']} starts found the global "
         f"minimum (total at most {SAME:g} above the grid's; {100 * found['share']:.1f} %), worst excess "

@@ -27,7 +27,7 @@ from ocptip.motion.task import MotionTask
 from ocptip.published.arms import modular_motors
 from ocptip.published.cases import motion_cases
 from ocptip.published.tasks import BASES, experiment_task
-from studies.common import PLANNING, RowFile, say, source_state, state_notes
+from studies.common import PLANNING, RowFile, say, source_state, state_notes, table
 
 
 def task_of(case: str, base: str, reading: str) -> MotionTask:
@@ -61,15 +61,15 @@ def markdown(rows: list[dict], notes: list[str]) -> str:
         own = [r for r in rows if r["base"] == base]
         if not own:
             continue
-        text += f"\n## {base} base\n\n| case | reference [J] | ours [J] | ratio | duration [s] | GN | GT |\n"
-        text += "|---|---|---|---|---|---|---|\n"
+        names = ("ratio", "duration_s", "GN", "GT")
+        cells = []
         for r in own:
+            found = ["no plan", *[""] * len(names)]
             if r["verified"]:
-                cells = f"{r['plan_drive_J']:.1f} | {r['ratio']:.3f} | {r['duration_s']:.3f} | "
-                cells += f"{r['GN']:.3f} | {r['GT']:.3f}"
-            else:
-                cells = "no plan | | | | "
-            text += f"| {r['case']} | {r['reference_drive_J']:.1f} | {cells} |\n"
+                found = [f"{r['plan_drive_J']:.1f}", *(f"{r[name]:.3f}" for name in names)]
+            cells.append([r["case"], f"{r['reference_drive_J']:.1f}", *found])
+        head = ["case", "reference [J]", "ours [J]", "ratio", "duration [s]", "GN", "GT"]
+        text += "\n".join([f"\n## {base} base\n", *table(head, cells)]) + "\n"
         ratios = [r["ratio"] for r in own if r["verified"]]
         if ratios:
             text += (

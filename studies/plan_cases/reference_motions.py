@@ -17,11 +17,12 @@ from ocptip.published.arms import modular_motors
 from ocptip.published.cases import motion_cases
 from ocptip.published.tasks import BASES, experiment_robot
 from ocptip.standing.arm import StandingRobot
+from studies.common import table
 
 
 def rows() -> list[dict]:
     """One row per case and base."""
-    table = []
+    found = []
     for base in BASES:
         for case in motion_cases().values():
             robot = experiment_robot(case, base)
@@ -31,7 +32,7 @@ def rows() -> list[dict]:
             literal = StandingRobot(
                 robot.arm, robot.support, modular_motors(torque_reading="drive"), reference_moment=1.0
             )
-            table.append(
+            found.append(
                 {
                     "base": base,
                     "case": case.name,
@@ -49,7 +50,7 @@ def rows() -> list[dict]:
                     "keeps_0.9": checked.verified,
                 }
             )
-    return table
+    return found
 
 
 COLUMNS = {
@@ -70,11 +71,10 @@ COLUMNS = {
 }
 
 
-def markdown(table: list[dict]) -> str:
+def markdown(found: list[dict]) -> str:
     """The rows as a Markdown table."""
-    lines = [list(COLUMNS), ["---"] * len(COLUMNS)]
-    lines += [[column(row) for column in COLUMNS.values()] for row in table]
-    return "".join(f"| {' | '.join(line)} |\n" for line in lines)
+    cells = [[column(row) for column in COLUMNS.values()] for row in found]
+    return "\n".join(table(list(COLUMNS), cells, left=3)) + "\n"
 
 
 def main() -> None:
@@ -82,11 +82,11 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True)
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
-    table = rows()
-    result = {"versions": versions(("numpy", "casadi")), "rows": table}
+    found = rows()
+    result = {"versions": versions(("numpy", "casadi")), "rows": found}
     write_json(options.out / "reference_motions.json", result, indent=1)
-    write_text(options.out / "reference_motions.md", markdown(table))
-    print(markdown(table), end="")
+    write_text(options.out / "reference_motions.md", markdown(found))
+    print(markdown(found), end="")
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from studies.common import number, percent, table
+from studies.common import number, percent, software, table
 from studies.plan_cases.journal import SETS
 from studies.plan_cases.times import BUILDINGS, CALLS, PARTS
 
@@ -57,8 +57,7 @@ def remarks(data: dict) -> list[str]:
         found.append(f"- Starts without a verified motion: {failed}; why, by number, in plan_cases.json.")
     if len(states := {one for r in rows for one in r["states"]}) > 1:
         found.append(f"- The starts come from {len(states)} states of the planner's source code or packages.")
-    named = ", ".join(f"{name} {number}" for name, number in data["versions"].items())
-    return [*found, f"- Versions: {named}."]
+    return [*found, f"- Versions: {software(data['versions'])}."]
 
 
 def average(values: Sequence[float | None]) -> float | None:

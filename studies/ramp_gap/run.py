@@ -4,7 +4,7 @@ The free-form problem has the same arm, base, power maps and limits as `ocptip p
 as it likes: six speeds that are piecewise quadratic in time on N equal intervals, continuous at their ends,
 while the accelerations may jump there (as those of ramps do). Doubling N keeps every motion of the coarser
 grid, so the energies fall from grid to grid (but for the tightening of limits) and bound the optimum from
-above. See `free_motion` for the motions, `free_form` for the problem, `ramp_gap_search` for its solution.
+above. See `free_motion` for the motions, `free_form` for the problem, `search` for its solution.
 
 Joints that creep take the cheaper side of their power maps. Ramps can do so, too; the results also tell the
 energy if such joints count as at rest, where the maps are read for positive direction. All energies are those
@@ -30,12 +30,11 @@ from pathlib import Path
 
 import numpy as np
 
-from ocptip.basics.errors import OcptipError
 from ocptip.basics.write import plain, versions, write_json, write_text
 from ocptip.published.cases import motion_case, motion_cases
 from ocptip.published.tasks import BASES, experiment_robot
 from ocptip.trajectories.arm_motion import ArmMotion
-from studies.common import PLANNING, keep_result, kept_result, machine, say, source_state, state_notes
+from studies.common import PLANNING, ended, keep_result, kept_result, machine, say, source_state, state_notes
 from studies.ramp_gap.free_form import CREEP
 from studies.ramp_gap.free_motion import motion_dict
 from studies.ramp_gap.report import draw, markdown, price
@@ -180,15 +179,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     if given.plans and not given.plans.is_dir():
         parser.error(f"--plans: there is no folder {given.plans}")
     options = Options(tuple(grids), given.randoms, given.seed, given.iterations, not given.no_wrists)
-    try:
-        print(run(given.out, given.cases, given.plans, options), end="")
-    except (ValueError, OcptipError) as error:
-        print(f"ramp_gap: {error}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print("\nInterrupted; finished pairs are kept, start again to go on.", file=sys.stderr)
-        return 130
-    return 0
+    return ended(
+        "ramp_gap",
+        lambda: run(given.out, given.cases, given.plans, options),
+        "finished pairs are kept, start again to go on.",
+    )
 
 
 if __name__ == "__main__":

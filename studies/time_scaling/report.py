@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ocptip.contact.bindings.pyramid import radius_error
-from studies.common import table
+from studies.common import software, table
 from studies.time_scaling.losses import CELL, TOLERANCE
 from studies.time_scaling.trends import CHANGED, DURATION_TRENDS, HEIGHT_TRENDS, SHORTER, sources
 
@@ -34,8 +34,7 @@ def markdown(data: dict) -> str:
         lines += [f"## Worst GN / GT against tau, {base} base", "", *table(*_reserves(mine)), ""]
     lines += ["## What the experiment saw (7.4)", "", *_experiment(rows), ""]
     lines += ["## Trends of the source's plans (5.9)", "", *_trends(data), ""]
-    software = ", ".join(f"{package} {number}" for package, number in data["versions"].items())
-    return "\n".join([*lines, f"{software}; {data['machine']['architecture']}."]) + "\n"
+    return "\n".join([*lines, f"{software(data['versions'])}; {data['machine']['architecture']}."]) + "\n"
 
 
 NOTES = f"""\

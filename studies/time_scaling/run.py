@@ -16,7 +16,8 @@ at which it stands. The study checks both.
 
     python -m studies.time_scaling.run --out results [--plans results/plans] [--cases A B] [--step 0.01]
 
-`--plans DIR`: plans as DIR/A-effective/plan.json, as `plan_cases.py` writes them; missing ones are left out.
+`--plans DIR`: plans as DIR/A-effective/plan.json, as `studies.plan_cases.run` writes them; missing ones are
+left out.
 Writes OUT/time_scaling.json, .md and .png.
 """
 
@@ -31,13 +32,13 @@ from pathlib import Path
 
 import numpy as np
 
-from ocptip.basics.errors import InputError, OcptipError
+from ocptip.basics.errors import InputError
 from ocptip.basics.write import atomic_file, plain, versions
 from ocptip.published.cases import MotionCase, motion_case, motion_cases
 from ocptip.published.tasks import BASES, experiment_robot
 from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.read import load_motion, motion_origin
-from studies.common import RESULTS, json_text, machine, progress
+from studies.common import RESULTS, ended, json_text, machine, progress
 from studies.time_scaling.losses import CELL, critical, first_loss, rests_anywhere, scaled
 from studies.time_scaling.report import FACETS, FASTEST, KINDS, SLOWEST, draw, markdown
 from studies.time_scaling.trends import heights, trends
@@ -125,6 +126,17 @@ def run(plans: Path, cases: Sequence[str], bases: Sequence[str], step: float) ->
     })  # fmt: skip
 
 
+def write_all(out: Path, data: dict) -> str:
+    """Write results, tables and figure; return the tables."""
+    text = markdown(data)
+    files = {"json": json_text(data).encode(), "md": text.encode(), "png": draw(data)}
+    out.mkdir(parents=True, exist_ok=True)
+    for suffix, content in files.items():
+        with atomic_file(out / f"time_scaling.{suffix}") as stream:
+            stream.write(content)
+    return text
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     names = list(motion_cases())
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -142,26 +154,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.error(f"--plans: there is no folder {given.plans}")
     cases, bases = ([x for x in known if x in asked] for known, asked in
                     ((names, given.cases), (BASES, given.bases)))  # fmt: skip
-    try:
-        data = run(given.plans, cases, bases, given.step)
-    except OcptipError as error:
-        print(f"time_scaling: {error}", file=sys.stderr)
-        return 1
-    except KeyboardInterrupt:
-        print("\nInterrupted; nothing written.", file=sys.stderr)
-        return 130
-    text = markdown(data)
-    files = {
-        "json": json_text(data).encode(),
-        "md": text.encode(),
-        "png": draw(data),
-    }
-    given.out.mkdir(parents=True, exist_ok=True)
-    for suffix, content in files.items():
-        with atomic_file(given.out / f"time_scaling.{suffix}") as stream:
-            stream.write(content)
-    print(text, end="")
-    return 0
+    return ended("time_scaling", lambda: write_all(given.out, run(given.plans, cases, bases, given.step)))
 
 
 if __name__ == "__main__":
