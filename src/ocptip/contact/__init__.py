@@ -1,7 +1,6 @@
 """Contact physics: bindings, mode automata, the automaton-governed Lemke solver, stability verdicts."""
 
-from ocptip.contact.bindings.automaton import Automaton, Mode, build_automaton
-from ocptip.contact.bindings.binding import Binding, ForcePiece, PoolVariable
+from ocptip.contact.bindings.binding import Binding
 from ocptip.contact.bindings.clamps import (
     ForceConstantHalfRigidClamp,
     ForceConstantTwoSidedClamp,
@@ -10,30 +9,20 @@ from ocptip.contact.bindings.clamps import (
     RigidClamp,
 )
 from ocptip.contact.bindings.unilateral import UnilateralContact
-from ocptip.contact.solver import ContactState, ContactStates, solve, solve_many
+from ocptip.contact.solver import solve, solve_many
 from ocptip.contact.support import Load, Support
-from ocptip.contact.verdict import Equilibrium, StabilityVerdict, equilibrium, stability
+from ocptip.contact.verdict import stability
 
 __all__ = [
-    "Automaton",
     "Binding",
-    "ContactState",
-    "ContactStates",
-    "Equilibrium",
     "ForceConstantHalfRigidClamp",
     "ForceConstantTwoSidedClamp",
-    "ForcePiece",
     "ForceVariableHalfRigidClamp",
     "ForceVariableTwoSidedClamp",
     "Load",
-    "Mode",
-    "PoolVariable",
     "RigidClamp",
-    "StabilityVerdict",
     "Support",
     "UnilateralContact",
-    "build_automaton",
-    "equilibrium",
     "solve",
     "solve_many",
     "stability",

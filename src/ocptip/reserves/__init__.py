@@ -6,7 +6,10 @@ others, unloaded, move only along their tangent planes (possible with normals in
 `ContactStates.persistent` sees every motion.
 """
 
-from ocptip.reserves.slip import Slip, SlipReserve
-from ocptip.reserves.tipping import TipMap, TipOver, TipOverReserve, TippingAxis
+from ocptip.reserves.slip import Slip
+from ocptip.reserves.tipping import TipOver
 
-__all__ = ["Slip", "SlipReserve", "TipMap", "TipOver", "TipOverReserve", "TippingAxis"]
+__all__ = [
+    "Slip",
+    "TipOver",
+]

@@ -1,0 +1,112 @@
+"""README and docs: every Python block runs, every command line is understood, names and links are there."""
+
+from __future__ import annotations
+
+import importlib
+import re
+import shlex
+import subprocess
+import sys
+
+import pytest
+
+from ocptip.cli.main import main
+from tests.places import ROOT
+
+PAGES = [
+    ROOT / "README.md",
+    ROOT / "studies" / "README.md",
+    *sorted((ROOT / "docs").glob("*.md")),
+]
+TEXTS = {str(page.relative_to(ROOT)): page.read_text(encoding="utf-8") for page in PAGES}
+BLOCKS = {
+    f"{name}-{number}": code
+    for name, text in TEXTS.items()
+    for number, code in enumerate(re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL), 1)
+}
+SLOW = ("plan_motion(", "place(")  # calls that take many seconds
+COMMANDS = sorted({
+    line.split("#")[0].strip()
+    for text in TEXTS.values()
+    for line in re.findall(r"^    (ocptip .*)$", text, flags=re.MULTILINE)
+})  # fmt: skip
+SCRIPTS = sorted({name for text in TEXTS.values() for name in re.findall(r"-m (studies\.[\w.]+)", text)})
+LINKS = [
+    pytest.param(name, link, id=f"{name}-{link}")
+    for name, text in TEXTS.items()
+    for link in sorted(set(re.findall(r"\]\(([^)#]+)\)", text)))
+    if "://" not in link
+]
+NAMES = sorted({
+    name
+    for text in TEXTS.values()
+    for name in re.findall(r"(?:`|pydoc )((?:ocptip|studies)\.[\w.]*\w)", text)
+})  # fmt: skip
+FILES = sorted({
+    name for text in TEXTS.values() for name in re.findall(r"`((?:src|studies|tests|docs)/[\w./-]*)`", text)
+})  # fmt: skip
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """An empty folder in which the paths of the examples lead to the repository's files."""
+    (tmp_path / "src").symlink_to(ROOT / "src")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize("name", BLOCKS)
+def test_imports_of_python_block(name):
+    lines = re.findall(r"^(?:import|from) .*$", BLOCKS[name], flags=re.MULTILINE)
+    exec("\n".join(lines), {})
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        pytest.param(code, id=name, marks=pytest.mark.slow if any(call in code for call in SLOW) else ())
+        for name, code in BLOCKS.items()
+    ],
+)
+def test_python_block_runs(folder, code):
+    """As a script of its own, as a reader would run it: some start processes."""
+    (folder / "example.py").write_text(code, encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "example.py"], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_command_runs(folder, capsys, command):
+    assert main(shlex.split(command)[1:]) == 0
+    assert capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", SCRIPTS)
+def test_study_has_a_script_of_this_name(name):
+    assert callable(importlib.import_module(name).main)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_name_exists(name):
+    """Of a module, of something in a module, or of something in that."""
+    *parts, last = name.split(".")
+    try:
+        importlib.import_module(name)
+    except ModuleNotFoundError:
+        try:
+            owner = importlib.import_module(".".join(parts))
+        except ModuleNotFoundError:
+            owner = getattr(importlib.import_module(".".join(parts[:-1])), parts[-1])
+        assert hasattr(owner, last), name
+
+
+@pytest.mark.parametrize(("name", "link"), LINKS)
+def test_link_leads_somewhere(name, link):
+    assert ((ROOT / name).parent / link).exists()
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_file_exists(name):
+    assert (ROOT / name).exists()
