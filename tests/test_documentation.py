@@ -1,4 +1,4 @@
-"""README and docs: every Python block runs, every command line is understood, names and links are there."""
+"""README and docs: Python blocks and command lines run; names (those in docstrings, too) and links exist."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ PAGES = [
     ROOT / "studies" / "README.md",
     *sorted((ROOT / "docs").glob("*.md")),
 ]
+SOURCES = [path for folder in ("src", "studies", "tests") for path in (ROOT / folder).rglob("*.py")]
 TEXTS = {str(page.relative_to(ROOT)): page.read_text(encoding="utf-8") for page in PAGES}
 BLOCKS = {
     f"{name}-{number}": code
@@ -39,7 +40,7 @@ LINKS = [
 ]
 NAMES = sorted({
     name
-    for text in TEXTS.values()
+    for text in (*TEXTS.values(), *(path.read_text(encoding="utf-8") for path in SOURCES))
     for name in re.findall(r"(?:`|pydoc )((?:ocptip|studies)\.[\w.]*\w)", text)
 })  # fmt: skip
 FILES = sorted({

@@ -1,4 +1,4 @@
-"""Motions given by samples: the curve between them, its exact extremes, its checked, and files of motions."""
+"""Motions given by samples: the curve between them, its exact extremes, its check, and files of motions."""
 
 import json
 

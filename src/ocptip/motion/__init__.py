@@ -1,4 +1,4 @@
-"""Motion by velocity ramps of an arm or a parallel robot: servo law, printed cases, planning, checked."""
+"""Motions of an arm or a parallel robot that stands: what to plan, plans, checks, files."""
 
 from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.output import write_plan

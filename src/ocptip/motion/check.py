@@ -92,7 +92,7 @@ def check_motion(
 
     Args:
         robot: the arm on its support.
-        motion: the exact ramp motion, or samples: then the checked is of the curve through them.
+        motion: the exact ramp motion, or samples: then the check is of the curve through them.
         limits: default 0.9 for both reserves, the arm's torques, no collision.
         step: first spacing of the grid inside the intervals between events, s.
 

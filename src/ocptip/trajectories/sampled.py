@@ -1,6 +1,6 @@
 """A motion given by samples, a cubic between each two of them; reading motions of either form from files.
 
-A checked is about every instant, samples are at some. Which curve is meant between them decides the verdict:
+A check is about every instant, samples are at some. Which curve is meant between them decides the verdict:
 
 - Angles and speeds: the cubic Hermite polynomial of each interval, as trajectory controllers do with points
   that have positions and speeds. Speeds are continuous, accelerations jump at samples. A ramp motion comes

@@ -1,4 +1,4 @@
-"""One start of the planner: random motion, smooth programs of growing sharpness, exact program, checked."""
+"""One start of the planner: random motion, smooth programs of growing sharpness, exact program, check."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class StartResult:
         seconds: wall time.
         cpu_seconds: CPU time of its thread, which other work on the machine disturbs less.
         solves: number of programs solved.
-        stages: CPU seconds by stage: start, coarse, fine, exact, checked.
+        stages: CPU seconds by stage: start, coarse, fine, exact, check.
     """
 
     number: int
