@@ -31,6 +31,12 @@ COMMANDS = sorted({
     for text in TEXTS.values()
     for line in re.findall(r"^    (ocptip .*)$", text, flags=re.MULTILINE)
 })  # fmt: skip
+USAGES = sorted({
+    (command, option)
+    for text in TEXTS.values()
+    for command, options in re.findall(r"`ocptip (\w+) ([^`]*)`", text)
+    for option in re.findall(r"--[\w-]+", options)
+})  # fmt: skip
 SCRIPTS = sorted({name for text in TEXTS.values() for name in re.findall(r"-m (studies\.[\w.]+)", text)})
 LINKS = [
     pytest.param(name, link, id=f"{name}-{link}")
@@ -43,6 +49,10 @@ NAMES = sorted({
     for text in (*TEXTS.values(), *(path.read_text(encoding="utf-8") for path in SOURCES))
     for name in re.findall(r"(?:`|pydoc )((?:ocptip|studies)\.[\w.]*\w)", text)
 })  # fmt: skip
+PACKAGES = [
+    "ocptip",
+    *(f"ocptip.{path.parent.name}" for path in (ROOT / "src" / "ocptip").glob("*/__init__.py")),
+]
 FILES = sorted({
     name for text in TEXTS.values() for name in re.findall(r"`((?:src|studies|tests|docs)/[\w./-]*)`", text)
 })  # fmt: skip
@@ -84,6 +94,13 @@ def test_command_runs(folder, capsys, command):
     assert capsys.readouterr().out
 
 
+@pytest.mark.parametrize(("command", "option"), USAGES)
+def test_option_exists(capsys, command, option):
+    with pytest.raises(SystemExit):
+        main([command, "--help"])
+    assert option in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("name", SCRIPTS)
 def test_study_has_a_script_of_this_name(name):
     assert callable(importlib.import_module(name).main)
@@ -101,6 +118,14 @@ def test_name_exists(name):
         except ModuleNotFoundError:
             owner = getattr(importlib.import_module(".".join(parts[:-1])), parts[-1])
         assert hasattr(owner, last), name
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_what_a_package_exports_is_documented(package):
+    """So that the public surface stays what README and docs explain."""
+    for name in getattr(importlib.import_module(package), "__all__", ()):
+        if not name.startswith("__"):
+            assert any(re.search(rf"\b{name}\b", text) for text in TEXTS.values()), name
 
 
 @pytest.mark.parametrize(("name", "link"), LINKS)

@@ -1,13 +1,11 @@
 """Motions of an arm or a parallel robot that stands: what to plan, plans, checks, files."""
 
-from ocptip.motion.check import MotionCheck, check_motion
+from ocptip.motion.check import check_motion
 from ocptip.motion.output import write_plan
-from ocptip.motion.plan import MotionPlan, plan_motion
+from ocptip.motion.plan import plan_motion
 from ocptip.motion.task import MotionTask, refusals
 
 __all__ = [
-    "MotionCheck",
-    "MotionPlan",
     "MotionTask",
     "check_motion",
     "plan_motion",
