@@ -106,6 +106,13 @@ def test_study_has_a_script_of_this_name(name):
     assert callable(importlib.import_module(name).main)
 
 
+def test_page_of_the_studies_lists_all_scripts():
+    listed = re.findall(r"^\| `([\w.]+)` \|", TEXTS["studies/README.md"], flags=re.MULTILINE)
+    folder = ROOT / "studies"
+    scripts = [path for path in folder.glob("*/*.py") if '"__main__"' in path.read_text(encoding="utf-8")]
+    assert sorted(listed) == sorted(".".join(p.relative_to(folder).with_suffix("").parts) for p in scripts)
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_name_exists(name):
     """Of a module, of something in a module, or of something in that."""
