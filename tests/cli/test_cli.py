@@ -15,7 +15,7 @@ import pytest
 
 import ocptip
 from ocptip.cli import stand as stand_module
-from ocptip.cli.command import _kernels_are_compiled
+from ocptip.cli.progress import _kernels_are_compiled
 from ocptip.cli.main import main
 from ocptip.contact import pivoting
 from ocptip.contact.solver import solve_many
@@ -223,10 +223,10 @@ def test_a_motion_beyond_the_resolution_is_said(capsys, scenes, tmp_path, inerti
 
 
 def test_an_unexpected_error_is_exit_code_3_in_one_line(capsys, scene_file, monkeypatch):
-    def broken(scene, **_):
+    def broken(*_):
         raise TypeError("first line\nsecond line")
 
-    monkeypatch.setattr(stand_module, "stand", broken)
+    monkeypatch.setattr(stand_module, "stability", broken)
     monkeypatch.delenv("OCPTIP_DEBUG", raising=False)
     assert main(["stand", str(scene_file)]) == 3
     out, err = capsys.readouterr()
@@ -454,7 +454,7 @@ def test_help_and_version_load_no_numerics():
 
 
 def test_cold_kernels_are_recognised(capsys, scene_file, tmp_path):
-    code = "from ocptip.cli.command import _kernels_are_compiled as check; print(check())"
+    code = "from ocptip.cli.progress import _kernels_are_compiled as check; print(check())"
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
     cold = subprocess.run(
         [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True

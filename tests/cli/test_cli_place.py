@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-from importlib import import_module
 from types import SimpleNamespace
 
 import numpy as np
@@ -43,7 +42,7 @@ def search(monkeypatch):
             raise state.result
         return state.result
 
-    monkeypatch.setattr(import_module("ocptip.placement.place"), "place", place)
+    monkeypatch.setattr("ocptip.cli.place.place", place)
     return state
 
 
@@ -149,7 +148,7 @@ def test_files_that_cannot_be_written_do_not_cost_the_result(task, search, capsy
     def refuse(*_):
         raise OSError(28, "No space left on device", "out/placement.json")
 
-    monkeypatch.setattr("ocptip.placement.output.write_placement", refuse)
+    monkeypatch.setattr("ocptip.cli.place.write_placement", refuse)
     code, out, err = run(capsys, task, "--no-figures")
     assert code == 2
     assert out.startswith("press: FOUND")
@@ -159,7 +158,7 @@ def test_files_that_cannot_be_written_do_not_cost_the_result(task, search, capsy
 def test_interruption(task, search, capsys):
     search.result = KeyboardInterrupt()
     code, out, err = run(capsys, task)
-    assert (code, out) == (1, "")
+    assert (code, out) == (130, "")
     assert "interrupted" in err
 
 

@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 
 from ocptip.basics import errors
+from ocptip.cli import plan as command
 from ocptip.cli.main import main
 from ocptip.cli.plan import PlanReport, progress_bar
 from ocptip.motion.output import plan_to_dict
 from ocptip.pictures import plan as motion_plots
 from ocptip.published import tasks as task
 from ocptip.standing.limits import MotionLimits
-from ocptip.task_files import motion as task_file
 from ocptip.trajectories.arm_motion import ArmMotion
 from tests.pictures.plan_stand_in import stand_in_plan
 
@@ -47,7 +47,7 @@ def planner(monkeypatch, tmp_path):
             raise state.result
         return state.result
 
-    monkeypatch.setitem(sys.modules, "ocptip.motion.plan", SimpleNamespace(plan_motion=plan_motion))
+    monkeypatch.setattr(command, "plan_motion", plan_motion)
     monkeypatch.chdir(tmp_path)
     return state
 
@@ -100,7 +100,7 @@ def test_contacts_bind_with_the_default_base(planner, capsys, tmp_path, argument
 
 def test_a_task_file_and_limits_over_those_of_the_file(planner, capsys, tmp_path, monkeypatch):
     read = task.experiment_task("C", "effective", MotionLimits(GN=0.5, GT=0.6))
-    monkeypatch.setattr(task_file, "load_task", lambda path: read)
+    monkeypatch.setattr(command, "load_task", lambda path: read)
     assert run(capsys, "my.toml", "--no-figures", "--gt", 0.8)[0] == 0
     assert planner.calls[0][0].limits == MotionLimits(GN=0.5, GT=0.8)
     assert "base" not in json.loads((tmp_path / "ocptip-plan-C" / "plan.json").read_text(encoding="utf-8"))
@@ -159,7 +159,7 @@ def test_an_interrupted_search_keeps_the_best(planner, capsys):
 def test_interrupted_before_anything_was_found(planner, capsys, tmp_path):
     planner.result = KeyboardInterrupt()
     code, out, err = run(capsys, "C")
-    assert (code, out) == (1, "")
+    assert (code, out) == (130, "")
     assert err == "ocptip: interrupted before there was a verified plan\n"
     assert list(tmp_path.iterdir()) == []
 

@@ -1,27 +1,30 @@
-"""`ocptip check`: the check of a given motion on a given robot, as a table or as JSON. No optimisation."""
+"""`ocptip check`: the check of a given motion on a given robot. No optimisation."""
 
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
+from argparse import Namespace
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ocptip.basics.errors import InputError, positive_number, share_of_one
+from ocptip.basics.errors import InputError, positive_number
 from ocptip.basics.text import quantity, ratio
-from ocptip.basics.write import plain, versions
-from ocptip.cli.stand import _aligned
+from ocptip.basics.write import versions
+from ocptip.cli.command import Report
+from ocptip.cli.layout import table
+from ocptip.cli.options import with_limits
+from ocptip.cli.progress import say_if_compiling
 from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.task import MotionTask
 from ocptip.published.cases import motion_cases
 from ocptip.published.tasks import experiment_task
-from ocptip.standing.limits import MotionLimits
 from ocptip.task_files.motion import load_task
-from ocptip.trajectories.read import motion_origin
+from ocptip.trajectories.read import load_motion, motion_origin
 from ocptip.trajectories.sampled import Motion, SampledMotion
 
 _ROWS = {
@@ -43,8 +46,31 @@ _SCALE = 1e6  # factors of time up to this and down to its inverse
 _SAME = {"deg": 0.01, "m": 1e-4}  # offsets up to this are not worth a note
 
 
-@dataclass(frozen=True)
-class CheckReport:
+def run(options: Namespace) -> CheckReport:
+    """Check the motion, and the same path faster or slower, on the robot that is named."""
+    motion = load_motion(options.motion)
+    task = with_limits(_task(options), options)
+    step = positive_number("--step", options.step)
+    for factor in options.time_scale:
+        positive_number("--time-scale", factor)
+        if not 1 / _SCALE <= factor <= _SCALE:
+            raise InputError(f"--time-scale: must be between {1 / _SCALE:g} and {_SCALE:g}, got {factor:g}")
+    say_if_compiling()
+    name = Path(options.motion).name
+    try:
+        checked = check_motion(task.robot, motion, task.limits, step=step)
+        scaled = [
+            (f, check_motion(task.robot, motion.time_scaled(f), task.limits, step=step))
+            for f in options.time_scale
+        ]
+    except InputError as error:
+        raise InputError(f"{name}: {error}") from None
+    curve = motion.interpolation if isinstance(motion, SampledMotion) else None
+    return CheckReport(name, task, checked, scaled, _offsets(motion, task), curve)
+
+
+@dataclass
+class CheckReport(Report):
     """What `ocptip check` knows about a motion.
 
     Attributes:
@@ -60,41 +86,35 @@ class CheckReport:
     motion: str
     task: MotionTask
     check: MotionCheck
-    scaled: tuple[tuple[float, MotionCheck], ...]
+    scaled: list[tuple[float, MotionCheck]]
     offsets: dict[str, tuple[float, float]]
     interpolation: str | None
 
     @property
-    def verified(self) -> bool:
+    def good(self) -> bool:
         """True if the motion as it is keeps all limits."""
         return self.check.verified
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data; what is not finite becomes None."""
+        """Verdict, worst values with their times, limits."""
         offsets = {
             f"{place}_offset_{unit}": offset
             for unit, pair in self.offsets.items()
             for place, offset in zip(("start", "goal"), pair, strict=True)
         }
-        return plain(
-            {
-                "motion": self.motion,
-                "task": self.task.name,
-                **self.check.to_dict(),
-                "limits": dataclasses.asdict(self.task.limits),
-                "interpolation": self.interpolation,
-                **offsets,
-                "time_scale": [{"factor": factor, **checked.to_dict()} for factor, checked in self.scaled],
-                "versions": versions(),
-            }
-        )
-
-    def to_json(self) -> str:
-        """The same as JSON text."""
-        return json.dumps(self.to_dict(), indent=2, allow_nan=False)
+        return {
+            "motion": self.motion,
+            "task": self.task.name,
+            **self.check.to_dict(),
+            "limits": dataclasses.asdict(self.task.limits),
+            "interpolation": self.interpolation,
+            **offsets,
+            "time_scale": [{"factor": factor, **checked.to_dict()} for factor, checked in self.scaled],
+            "versions": versions(),
+        }
 
     def to_text(self) -> str:
-        """The table for people: verdict, worst instants, energy. ASCII only, but for names."""
+        """Verdict, worst instants, energy."""
         checked = self.check
         verdict = "VERIFIED. All limits hold" if checked.verified else "NOT VERIFIED"
         lines = [f"{self.motion} on {self.task.name}: {verdict}."]
@@ -116,41 +136,26 @@ class CheckReport:
         return "\n".join(lines)
 
 
-def check(
-    name: str,
-    motion: Motion,
-    task: MotionTask,
-    *,
-    factors: Sequence[float] = (),
-    step: float = 0.01,
-) -> CheckReport:
-    """Check a motion, and the same path faster or slower.
-
-    Args:
-        name: of the motion, for the table.
-        motion: to be checked.
-        task: its robot and limits; start and goal are only compared.
-        factors: > 0, by which all times are multiplied.
-        step: first spacing of the grid, s.
-
-    Raises:
-        InputError: the motion does not fit the arm, is too long for the step, or a factor or the step is not
-            positive.
-    """
-    step = positive_number("--step", step)
-    for factor in factors:
-        positive_number("--time-scale", factor)
-        if not 1 / _SCALE <= factor <= _SCALE:
-            raise InputError(f"--time-scale: must be between {1 / _SCALE:g} and {_SCALE:g}, got {factor:g}")
-    try:
-        checked = check_motion(task.robot, motion, task.limits, step=step)
-        scaled = [
-            (f, check_motion(task.robot, motion.time_scaled(f), task.limits, step=step)) for f in factors
-        ]
-    except InputError as error:
-        raise InputError(f"{name}: {error}") from None
-    curve = motion.interpolation if isinstance(motion, SampledMotion) else None
-    return CheckReport(name, task, checked, tuple(scaled), _offsets(motion, task), curve)
+def _task(options: Namespace) -> MotionTask:
+    """The task that is named, or the case that the motion's file names, by default with the file's base."""
+    if options.task is not None:
+        if options.base is not None:
+            raise InputError("--base: only for --case; a task file has its own base")
+        return load_task(options.task)
+    origin = motion_origin(options.motion)
+    named = origin.get("case")
+    if options.case is None and named is None:
+        raise InputError(
+            f"{options.motion}: names no case; say which robot by --case A..H or --task TASK.toml"
+        )
+    if options.case is None and named not in motion_cases():
+        raise InputError(
+            f"{options.motion}: is for {named!r}, which is no printed case ({', '.join(motion_cases())}); "
+            "say which robot by --task TASK.toml or --case A..H"
+        )
+    case = options.case or named
+    base = origin.get("base") if case == named else None
+    return experiment_task(case, options.base or base or "effective")
 
 
 def _offsets(motion: Motion, task: MotionTask) -> dict[str, tuple[float, float]]:
@@ -163,62 +168,6 @@ def _offsets(motion: Motion, task: MotionTask) -> dict[str, tuple[float, float]]
             start, goal = factor * off[:, which].max(axis=1)
             found[unit] = float(start), float(goal)
     return found
-
-
-def with_limits(
-    task: MotionTask,
-    *,
-    gn: float | None = None,
-    gt: float | None = None,
-    torque_ratio: float | None = None,
-    clearance: float | None = None,
-) -> MotionTask:
-    """The same task with those limits replaced that are given.
-
-    Raises:
-        InputError: a limit that cannot be; names the option.
-    """
-    reserves = {"GN": ("--gn", gn), "GT": ("--gt", gt)}
-    others = {"torque_ratio": ("--torque-ratio", torque_ratio), "clearance": ("--clearance", clearance)}
-    values = {name: share_of_one(*one) for name, one in reserves.items() if one[1] is not None}
-    for name, (option, value) in others.items():
-        if value is not None:
-            values[name] = positive_number(option, value, zero_allowed=name == "clearance")
-    limits: MotionLimits = dataclasses.replace(task.limits, **values)
-    return dataclasses.replace(task, limits=limits)
-
-
-def choose_task(
-    motion_file: str, case: str | None = None, base: str | None = None, task_file: str | None = None
-) -> MotionTask:
-    """The task named on the command line, or the case that the motion's file names.
-
-    Args:
-        motion_file: read for its `case` and `base` only.
-        case, base: of a printed case; the default base is the file's if the case is the file's, else
-            "effective".
-        task_file: a task file instead.
-
-    Raises:
-        InputError: none or unknown, or a base together with a task file.
-    """
-    if task_file is not None:
-        if base is not None:
-            raise InputError("--base: only for --case; a task file has its own base")
-        return load_task(task_file)
-    origin = motion_origin(motion_file)
-    known = origin.get("case") in motion_cases()
-    if case is None and "case" in origin and not known:
-        raise InputError(
-            f"{motion_file}: is for {origin['case']!r}, which is no printed case "
-            f"({', '.join(motion_cases())}); say which robot by --task TASK.toml or --case A..H"
-        )
-    if case is None and not known:
-        raise InputError(f"{motion_file}: names no case; say which robot by --case A..H or --task TASK.toml")
-    if base is None:
-        own = known and case in (None, origin["case"])
-        base = origin.get("base", "effective") if own else "effective"
-    return experiment_task(case or origin["case"], base)
 
 
 def _worst_table(checked: MotionCheck) -> list[str]:
@@ -234,7 +183,7 @@ def _worst_table(checked: MotionCheck) -> list[str]:
         rows.append(
             [title, _value(name, worst.value), limit, time, worst.detail or "-", "BROKEN" if broken else ""]
         )
-    return _aligned(rows, left=(0, 4, 5))
+    return table(rows, left=(0, 4, 5))
 
 
 def _scale_table(scaled: Sequence[tuple[float, MotionCheck]]) -> list[str]:
@@ -246,7 +195,7 @@ def _scale_table(scaled: Sequence[tuple[float, MotionCheck]]) -> list[str]:
         rows.append(
             [f"{factor:g}", verdict, f"{checked.duration:.3f} s", quantity(checked.energy, "J"), *numbers]
         )
-    return _aligned(rows, left=(1,))
+    return table(rows, left=(1,))
 
 
 def _value(name: str, value: float) -> str:

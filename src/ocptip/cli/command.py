@@ -1,106 +1,153 @@
-"""What the commands that plan have in common: progress bar, folder for files, aligned summary."""
+"""Runs any command: arguments in; text or JSON, files and exit code out. Loads no numerics."""
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
-import re
 import sys
-import tempfile
-import time
-from collections.abc import Callable, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path
-from types import TracebackType
-from typing import TextIO
+from typing import Any
 
-STANDS, MOVES, BAD_INPUT, INTERNAL_ERROR = 0, 1, 2, 3
-_BAR = 24  # characters
-
-
-class Progress:
-    """A bar on a terminal: starts done, best value, seconds. Says nothing if the stream is no terminal.
-
-    Args:
-        stream: where to.
-        begin: shown until the first start has finished.
-        best: what to say of the best value so far, which may be None.
-    """
-
-    def __init__(self, stream: TextIO, begin: str, best: Callable[[float | None], str]) -> None:
-        self._stream, self._shown, self._begin = stream, stream.isatty(), time.monotonic()
-        self._first, self._best = begin, best
-
-    def __enter__(self) -> Progress:
-        self._show(self._first)
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._show("")
-
-    def __call__(self, done: int, total: int, best: float | None) -> None:
-        """Show that `done` of `total` starts have finished, and the best value so far."""
-        filled = _BAR * done // max(total, 1)
-        bar = "#" * filled + "." * (_BAR - filled)
-        seconds = time.monotonic() - self._begin
-        self._show(f"[{bar}] {done}/{total} starts, {self._best(best)}, {seconds:.0f} s")
-
-    def _show(self, text: str) -> None:
-        if self._shown:
-            self._stream.write(f"\r{text}\x1b[K")  # erases the rest of the line
-            self._stream.flush()
-
-
-def say_if_compiling() -> None:
-    """On a terminal, say why the first run takes longer."""
-    if sys.stderr.isatty() and not _kernels_are_compiled():
-        print("compiling the contact solver (first run only, some seconds) ...", file=sys.stderr)
-
-
-def require_least(options: argparse.Namespace, **least: int) -> None:
-    """Raise InputError if an option that is given is below its least value; names it as it is typed."""
-    from ocptip.basics.errors import InputError
-
-    for name, bound in least.items():
-        value = getattr(options, name)
-        if value is not None and value < bound:
-            raise InputError(f"--{name}: must be >= {bound}, got {value}")
-
-
-def output_directory(options: argparse.Namespace, command: str, name: str) -> Path:
-    """Where files go; refused before anything is computed if they cannot.
-
-    Raises:
-        InputError: --out is no directory, has no parent, or may not be written.
-    """
-    from ocptip.basics.errors import InputError
-
-    path = Path(options.out or f"ocptip-{command}-" + re.sub(r"[^\w.-]+", "-", name))
-    if path.exists() and not path.is_dir():
-        raise InputError(f"--out: {path} is not a directory")
-    if not path.parent.is_dir():
-        raise InputError(f"--out: no such directory: {path.parent}")
-    place = path if path.is_dir() else path.parent
-    try:
-        with tempfile.TemporaryDirectory(dir=place, prefix=".ocptip-"):
-            pass
-    except OSError as error:
-        raise InputError(f"--out: cannot write into {place}: {error.strerror}") from None
-    return path
-
-
-def summary(head: str, lines: Sequence[tuple[str, str]], written: Sequence[Path]) -> str:
-    """A headline and aligned lines (name, text), the written files last."""
-    lines = list(lines)
-    if written:
-        names = ", ".join(path.name for path in written)
-        lines.append(("written", f"{written[0].parent}{os.sep}: {names}"))
-    width = max(len(name) for name, _ in lines)
-    return "\n".join([head, *(f"{name:<{width}}  {text}" for name, text in lines)])
-
-
+YES, NO, BAD_INPUT, INTERNAL_ERROR, INTERRUPTED = 0, 1, 2, 3, 130
 DEBUG = "OCPTIP_DEBUG"
+
+
+@dataclass
+class Report(ABC):
+    """What a command answers.
+
+    Attributes:
+        written: the files that were written.
+    """
+
+    written: list[Path] = field(default_factory=list, init=False)
+
+    @property
+    @abstractmethod
+    def good(self) -> bool:
+        """Whether the answer is yes: it stands, it is verified, it was found."""
+
+    @abstractmethod
+    def to_text(self) -> str:
+        """The answer for people. ASCII only, but for names."""
+
+    @abstractmethod
+    def to_dict(self) -> dict[str, Any]:
+        """The answer as data."""
+
+    def to_json(self) -> str:
+        """The answer as strict JSON; what is not finite becomes null."""
+        from ocptip.basics.write import plain
+
+        return json.dumps(plain(self.to_dict()), indent=2, allow_nan=False)
+
+    def write(self) -> Iterator[Path]:
+        """Write the files that were asked for, and name each when it is complete."""
+        return iter(())
+
+    @property
+    def exit_code(self) -> int:
+        """Of the command."""
+        return YES if self.good else NO
+
+
+Argument = Callable[[Any], None]
+"""Adds itself to a parser."""
+
+
+def argument(name: str, metavar: str | tuple[str, ...] | None, text: str, **options: Any) -> Argument:
+    """An argument with its help, as `argparse` takes it."""
+    if metavar:
+        options["metavar"] = metavar
+    return lambda parser: parser.add_argument(name, help=text, **options)
+
+
+def either(*arguments: Argument) -> Argument:
+    """Arguments of which one may be given."""
+
+    def add(parser: Any) -> None:
+        group = parser.add_mutually_exclusive_group()
+        for one in arguments:
+            one(group)
+
+    return add
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command; the function `run` of the module `ocptip.cli.NAME` turns its options into a report.
+
+    Attributes:
+        name: as it is typed.
+        help: for the list of commands.
+        description: for its own help.
+        codes: what the exit codes 0 and 1 mean.
+        arguments: all but --json.
+    """
+
+    name: str
+    help: str
+    description: str
+    codes: str
+    arguments: Sequence[Argument]
+
+    def add_to(self, commands: Any) -> None:
+        """Add it to the subparsers of the command line."""
+        epilog = f"exit code: {self.codes}, {BAD_INPUT} bad input"
+        parser = commands.add_parser(self.name, help=self.help, description=self.description, epilog=epilog)
+        for add in self.arguments:
+            add(parser)
+        parser.add_argument("--json", action="store_true", help="print JSON instead of text")
+
+    def execute(self, options: argparse.Namespace) -> int:
+        """Run, write, print; every error becomes one line on stderr. Returns the exit code."""
+        try:
+            report: Report = import_module(f"ocptip.cli.{self.name}").run(options)
+            failure = _written(report)
+            _print(report.to_json() if options.json else report.to_text())
+            return report.exit_code if failure is None else _explain(failure)
+        except KeyboardInterrupt as stop:
+            return _say(f"interrupted {stop}".rstrip(), INTERRUPTED)
+        except Exception as error:  # Python itself would exit with 1, which means "no"
+            return _explain(error)
+
+
+def _written(report: Report) -> OSError | None:
+    """Write the files; an error is returned, not raised: a full disk must not cost the result."""
+    try:
+        for path in report.write():
+            report.written.append(path)
+    except OSError as error:
+        return error
+    return None
+
+
+def _explain(error: Exception) -> int:
+    """One line on stderr, and the exit code."""
+    from ocptip.basics.errors import InputError, OcptipError
+
+    if isinstance(error, InputError):
+        return _say(f"{error}", BAD_INPUT)
+    if isinstance(error, OcptipError):
+        return _say(f"computation failed: {error}", BAD_INPUT)
+    if isinstance(error, OSError) and error.filename:
+        return _say(f"{error.filename}: {error.strerror or error}", BAD_INPUT)
+    if os.environ.get(DEBUG):
+        import traceback
+
+        traceback.print_exception(error)
+    text = f"{type(error).__name__}: {error}; please report it ({DEBUG}=1 shows the traceback)"
+    return _say(f"internal error: {text}", INTERNAL_ERROR)
+
+
+def _say(message: str, code: int) -> int:
+    print("ocptip: " + " ".join(message.splitlines()), file=sys.stderr)
+    return code
 
 
 def _print(text: str) -> None:
@@ -109,18 +156,3 @@ def _print(text: str) -> None:
     except BrokenPipeError:
         # The reader (`| head`) has left; without this Python would complain when it flushes at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
-def _refuse(message: str) -> int:
-    print("ocptip: " + message.replace("\n", " "), file=sys.stderr)
-    return BAD_INPUT
-
-
-def _kernels_are_compiled() -> bool:
-    """True if Numba's cache holds the solver (where the cache is: beside the source, or in the user's)."""
-    from pathlib import Path
-
-    from ocptip.contact import pivoting
-
-    cache = Path(pivoting.solve_batch.stats.cache_path or os.devnull)
-    return any(cache.glob("pivoting.solve_batch-*.nbi"))

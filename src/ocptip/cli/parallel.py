@@ -2,89 +2,45 @@
 
 from __future__ import annotations
 
-import argparse
-import json
-from collections.abc import Sequence
-from dataclasses import dataclass
+from argparse import Namespace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from ocptip.cli.command import MOVES, STANDS, _print, _refuse
+from ocptip.basics.errors import InputError
+from ocptip.basics.text import ratio
+from ocptip.basics.write import versions, write_text
+from ocptip.cli.command import Report
+from ocptip.cli.layout import named, table
+from ocptip.parallel.analysis.mobility import Mobility
+from ocptip.parallel.analysis.singularity import Singularity
+from ocptip.parallel.code.codegen import write_c
+from ocptip.parallel.code.lean import LeanFunction, lean_function
+from ocptip.parallel.description.ready_made import READY_MADE
+from ocptip.parallel.description.robot_description import RobotDescription
+from ocptip.parallel.formats.export import export_target, to_mjcf, to_urdf
+from ocptip.parallel.robot import ParallelRobot
+from ocptip.task_files.parallel import read_parallel_robot
 
-if TYPE_CHECKING:
-    from ocptip.parallel.analysis.mobility import Mobility
-    from ocptip.parallel.analysis.singularity import Singularity
-    from ocptip.parallel.code.codegen import CFiles
-    from ocptip.parallel.code.lean import LeanFunction
-    from ocptip.parallel.description.robot_description import RobotDescription
-
-_FORMS = ("S", "X", "Z", "A", "AA")
-_SUFFIXES = {"c": (".c",), "urdf": (".urdf",), "mjcf": (".xml", ".mjcf")}
+_SUFFIXES = {"urdf": (".urdf",), "mjcf": (".xml", ".mjcf"), "c": (".c",)}
 _FORCES = {"S": "tau_s", "X": "tau_s", "Z": "tau_z", "A": "tau_a", "AA": "tau_a"}
 
 
-def add_parser(commands: Any) -> None:
-    """Add `parallel` to the commands of the parser. Loads no numerics."""
-    parallel = commands.add_parser(
-        "parallel",
-        help="mobility, cost and C code of a parallel robot's inverse dynamics; URDF, MJCF",
-        description="Checks a parallel robot's mobility, counts the operations of its inverse dynamics and "
-        "writes them as C code. Writes the robot for other programs.",
-        epilog="exit code: 0 the robot moves as described, 1 it does not, 2 bad input",
-    )
-    parallel.add_argument(
-        "robot", metavar="NAME|FILE.toml", help="3RRR, 3RPR, Delta, 4PRRR or 6UPS, or a robot file"
-    )
-    parallel.add_argument("--json", action="store_true", help="print JSON instead of the table")
-    parallel.add_argument("--c", metavar="FILE", help="write C source, and a header beside it")
-    parallel.add_argument("--urdf", metavar="FILE", help="write the robot as URDF (a tree, loops cut)")
-    parallel.add_argument("--mjcf", metavar="FILE", help="write the robot as a MuJoCo model with its loops")
-    parallel.add_argument(
-        "--dynpar",
-        type=int,
-        choices=(1, 2, 3),
-        default=3,
-        help="inertia parameters: 1 about the centre of mass, 2 about the frames' origins, 3 base parameters "
-        "(default)",
-    )
-    parallel.add_argument(
-        "--form",
-        choices=_FORMS,
-        default="A",
-        help="accelerations and forces: S s'' and tau_s, X z'' and tau_s, Z z'' and tau_z, A s'' and motor "
-        "forces (default), AA q_a'' and motor forces",
-    )
-    parallel.set_defaults(run=run)
-
-
-def run(options: argparse.Namespace) -> int:
-    """Check, count, write and print; returns the exit code."""
-    from ocptip.basics.errors import InputError, OcptipError
-
+def run(options: Namespace) -> ParallelReport:
+    """Examine the robot, and make the files that are asked for."""
+    files = targets(options)
+    description = read_robot(options.robot)
     try:
-        _check_targets(options)
-        description = read_robot(options.robot)
-        try:
-            report = examine(description, form=options.form, dynpar=options.dynpar)
-        except InputError as error:
-            raise InputError(f"{Path(options.robot).name}: {error}") from None
-        asked = {"urdf": options.urdf, "mjcf": options.mjcf}
-        models = [report.model(which, path) for which, path in asked.items() if path is not None]
-        if options.c is not None:
-            report = report.with_code(options.c)
-        report = report.with_models(models)
+        report = examine(description, form=options.form, dynpar=options.dynpar)
     except InputError as error:
-        return _refuse(f"{error}")
-    except OcptipError as error:
-        return _refuse(f"computation failed: {error}")
-    except OSError as error:
-        return _refuse(f"{error.filename or options.robot}: {error.strerror or error}")
-    _print(report.to_json() if options.json else report.to_text())
-    return STANDS if report.mobility.consistent else MOVES
+        raise InputError(f"{Path(options.robot).name}: {error}") from None
+    report.add_files(files)
+    return report
 
 
-@dataclass(frozen=True)
-class ParallelReport:
+@dataclass
+class ParallelReport(Report):
     """What `ocptip parallel` knows about a robot.
 
     Attributes:
@@ -93,8 +49,8 @@ class ParallelReport:
         home: singularity measures of the home pose; None if the mobility is not as described.
         functions: forces and Jacobian as generated; empty if there are none.
         without_code: why there are none.
-        written: the C files.
-        models: files in other formats.
+        code: where the functions go as C source; None for nowhere.
+        models: files in other formats with their texts.
     """
 
     description: RobotDescription
@@ -102,97 +58,64 @@ class ParallelReport:
     home: Singularity | None
     functions: tuple[LeanFunction, ...]
     without_code: str
-    written: CFiles | None = None
-    models: tuple[Path, ...] = ()
-
-    def with_code(self, path: str) -> ParallelReport:
-        """The same after writing the functions as C source.
-
-        Raises:
-            InputError: there are no functions, or path is not a C file.
-            OSError: it cannot be written.
-        """
-        import dataclasses
-
-        from ocptip.basics.errors import InputError
-        from ocptip.parallel.code.codegen import write_c
-
-        if not self.functions:
-            raise InputError(f"--c: no code for {self.description.name}: {self.without_code}")
-        return dataclasses.replace(self, written=write_c(self.functions, path))
-
-    def with_models(self, models: Sequence[tuple[Path, str]]) -> ParallelReport:
-        """The same after writing the robot in other formats.
-
-        Args:
-            models: as :meth:`model` makes them.
-
-        Raises:
-            OSError: one cannot be written.
-        """
-        import dataclasses
-
-        from ocptip.basics.write import write_text
-
-        for path, text in models:
-            write_text(path, text)
-        return dataclasses.replace(self, models=(*self.models, *(path for path, _ in models)))
-
-    def model(self, which: str, path: str) -> tuple[Path, str]:
-        """The robot in another format, and the file to write it to.
-
-        Args:
-            which: "urdf" or "mjcf".
-            path: of the file.
-
-        Raises:
-            InputError: the format cannot hold the robot, or path does not fit.
-        """
-        from ocptip.basics.errors import InputError
-        from ocptip.parallel.formats.export import export_target, to_mjcf, to_urdf
-
-        make = {"urdf": to_urdf, "mjcf": to_mjcf}[which]
-        try:
-            return export_target(path, _SUFFIXES[which]), make(self.description)
-        except InputError as error:
-            raise InputError(f"--{which}: {error}") from None
+    code: Path | None = None
+    models: list[tuple[Path, str]] = field(default_factory=list)
 
     @property
-    def files(self) -> tuple[Path, ...]:
-        """All files that were written."""
-        code = (self.written.source, self.written.header) if self.written else ()
-        return (*code, *self.models)
+    def good(self) -> bool:
+        """True if the robot moves as described."""
+        return self.mobility.consistent
+
+    def add_files(self, targets: Mapping[str, Path]) -> None:
+        """Say which files :meth:`write` is to write.
+
+        Args:
+            targets: from :func:`targets`.
+
+        Raises:
+            InputError: a format cannot hold the robot, or there are no functions; names the option.
+        """
+        for option, make in (("urdf", to_urdf), ("mjcf", to_mjcf)):
+            if option in targets:
+                try:
+                    self.models.append((targets[option], make(self.description)))
+                except InputError as error:
+                    raise InputError(f"--{option}: {error}") from None
+        self.code = targets.get("c")
+        if self.code and not self.functions:
+            raise InputError(f"--c: no code for {self.description.name}: {self.without_code}")
+
+    def write(self) -> Iterator[Path]:
+        """Write the C code with its header, then the other formats."""
+        if self.code:
+            files = write_c(self.functions, self.code)
+            yield from (files.source, files.header)
+        for path, text in self.models:
+            write_text(path, text)
+            yield path
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data; what is not finite becomes None."""
-        from ocptip.basics.write import plain, versions
-
+        """Mobility, home pose, operations, files."""
         robot = self.description
         forces = self.functions[0] if self.functions else None
-        return plain(
-            {
-                "robot": robot.name,
-                "legs": len(robot.legs),
-                "coordinates": list(robot.platform.coordinates),
-                "actuated": [[leg + 1, joint + 1] for leg, joint in robot.actuated],
-                "mobility": self.mobility.to_dict(),
-                "home_pose": None if self.home is None else self.home.to_dict(),
-                "form": forces.form if forces else None,
-                "dynpar": forces.dynpar if forces else None,
-                "inertia_parameters": list(forces.inertia_names) if forces else None,
-                "operations": {f.function.name(): f.count.to_dict() for f in self.functions},
-                "without_code": self.without_code or None,
-                "written": [str(path) for path in self.files],
-                "versions": versions(),
-            }
-        )
-
-    def to_json(self) -> str:
-        """The same as JSON text."""
-        return json.dumps(self.to_dict(), indent=2, allow_nan=False)
+        return {
+            "robot": robot.name,
+            "legs": len(robot.legs),
+            "coordinates": list(robot.platform.coordinates),
+            "actuated": [[leg + 1, joint + 1] for leg, joint in robot.actuated],
+            "mobility": self.mobility.to_dict(),
+            "home_pose": None if self.home is None else self.home.to_dict(),
+            "form": forces.form if forces else None,
+            "dynpar": forces.dynpar if forces else None,
+            "inertia_parameters": list(forces.inertia_names) if forces else None,
+            "operations": {f.function.name(): f.count.to_dict() for f in self.functions},
+            "without_code": self.without_code or None,
+            "written": self.written,
+            "versions": versions(),
+        }
 
     def to_text(self) -> str:
-        """The table for people. ASCII only, but for names."""
+        """Mobility, home pose, operations, files."""
         robot, mobility = self.description, self.mobility
         moves = "moves as described" if mobility.consistent else "DOES NOT MOVE AS DESCRIBED"
         lines = [f"{robot.name}: {len(robot.legs)} legs, {moves}."]
@@ -212,33 +135,31 @@ class ParallelReport:
         if self.functions:
             names = self.functions[0].inertia_names
             rows.append(("inertia parameters", f"{len(names)}: {', '.join(names)}"))
-        width = max(len(name) for name, _ in rows)
-        lines += ["", *(f"{name:<{width}}  {text}" for name, text in rows), ""]
+        lines += ["", *named(rows), ""]
         lines += _count_table(self.functions) if self.functions else [f"no code: {self.without_code}"]
-        if self.files:
-            lines += ["", f"wrote {' and '.join(map(str, self.files))}"]
+        if self.written:
+            lines += ["", f"wrote {' and '.join(map(str, self.written))}"]
         return "\n".join(lines)
 
 
-def _check_targets(options: argparse.Namespace) -> None:
-    """Refuse files that could not be written, before anything is computed.
+def targets(options: Namespace) -> dict[str, Path]:
+    """Files that are asked for, by their options; refused before anything is computed if they cannot be.
 
     Raises:
         InputError: another ending, a name that C does not allow, or no such folder; names the option.
     """
-    from ocptip.basics.errors import InputError
-    from ocptip.parallel.formats.export import export_target
-
+    found = {}
     for option, suffixes in _SUFFIXES.items():
         path = getattr(options, option)
         if path is None:
             continue
         try:
-            target = export_target(path, suffixes)
+            found[option] = export_target(path, suffixes)
         except InputError as error:
             raise InputError(f"--{option}: {str(error).removeprefix('path: ')}") from None
-        if option == "c" and not target.stem.isidentifier():
+        if option == "c" and not found[option].stem.isidentifier():
             raise InputError(f"--c: expected a file NAME.c with NAME an identifier, got {path!r}")
+    return found
 
 
 def read_robot(name: str) -> RobotDescription:
@@ -247,16 +168,11 @@ def read_robot(name: str) -> RobotDescription:
     Raises:
         InputError: neither, or a file with an error.
     """
-    from ocptip.basics.errors import InputError
-    from ocptip.parallel.description.ready_made import READY_MADE
-
     by_name = {known.lower(): make for known, make in READY_MADE.items()}
     if name.lower() in by_name:
         return by_name[name.lower()]()
     if not Path(name).suffix:
         raise InputError(f"{name}: expected one of {', '.join(READY_MADE)}, or a robot file NAME.toml")
-    from ocptip.task_files.parallel import read_parallel_robot
-
     return read_parallel_robot(name)
 
 
@@ -270,10 +186,6 @@ def examine(description: RobotDescription, *, form: str = "A", dynpar: int = 3) 
     Raises:
         InputError: a leg does not reach the home pose.
     """
-    from ocptip.basics.errors import InputError
-    from ocptip.parallel.code.lean import lean_function
-    from ocptip.parallel.robot import ParallelRobot
-
     try:
         robot = ParallelRobot(description, check=False)
         mobility = robot.mobility()
@@ -299,15 +211,11 @@ def examine(description: RobotDescription, *, form: str = "A", dynpar: int = 3) 
 
 
 def _measures(home: Singularity) -> str:
-    from ocptip.basics.text import ratio
-
     parts = {"legs": home.legs.min(), "platform": home.platform, "angles": home.representation}
     return ", ".join(f"{ratio(float(value))} ({name})" for name, value in parts.items())
 
 
 def _count_table(functions: tuple[LeanFunction, ...]) -> list[str]:
-    from ocptip.cli.stand import _aligned
-
     rows = [["operations", "+-", "x", "/", "sin cos", ":=", "weighted"]]
     for one in functions:
         count = one.count
@@ -315,4 +223,4 @@ def _count_table(functions: tuple[LeanFunction, ...]) -> list[str]:
         title = f"{one.function.name()} (form {one.form}, DynPar {one.dynpar})"
         title = title if one.function.name() != "jacobian" else "J_a"
         rows.append([title, *map(str, numbers), str(count.assignments), str(count.weighted)])
-    return _aligned(rows, left=(0,))
+    return table(rows, left=(0,))

@@ -2,168 +2,44 @@
 
 from __future__ import annotations
 
-import argparse
-import json
-import math
 import sys
-from dataclasses import dataclass, field
+from argparse import Namespace
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import Any, TextIO
 
-from ocptip.cli.command import (
-    MOVES,
-    STANDS,
-    Progress,
-    _print,
-    _refuse,
-    output_directory,
-    require_least,
-    say_if_compiling,
-    summary,
-)
+import numpy as np
+from scipy.spatial.transform import Rotation
 
-if TYPE_CHECKING:
-    from ocptip.placement.result import Margin, NoPlacementError, Placement, PlacementResult
-    from ocptip.task_files.placement import PlacementTask
+from ocptip.cli.command import Report
+from ocptip.cli.layout import summary
+from ocptip.cli.options import output_directory, require_least
+from ocptip.cli.progress import Progress, say_if_compiling
+from ocptip.placement.output import refusal_to_dict, result_to_dict, write_placement
+from ocptip.placement.place import place
+from ocptip.placement.result import Margin, NoPlacementError, Placement, PlacementResult
+from ocptip.task_files.placement import load_placement
 
 _MEANING = {"GN": "tip-over", "GT": "slip", "GK": "force space", "GE": "power at rest"}
 _MOST_VIOLATED = 6
 _SAME = 2e-3  # m, rad: bases nearer than this are at the same place
 
 
-def add_parser(commands: Any) -> None:
-    """Add `place` to the commands of the parser. Loads no numerics."""
-    place = commands.add_parser(
-        "place",
-        help="where should the base stand for given gripper poses and process forces?",
-        description="Finds the best places for the base of a task file, with all constraints checked.",
-        epilog="exit code: 0 found and verified, 1 no placement keeps all constraints, 2 bad input",
-    )
-    place.add_argument("task", metavar="TASK.toml", help="the task (format: see docs/placement.md)")
-    place.add_argument("--out", metavar="DIR", help="where files go (default: ocptip-place-<name>)")
-    place.add_argument("--json", action="store_true", help="print JSON instead of the summary")
-    place.add_argument("--starts", metavar="N", type=int, default=5, help="starts (default: 5)")
-    place.add_argument("--seed", metavar="N", type=int, default=0, help="of the starts (default: 0)")
-    place.add_argument("--no-figures", action="store_true", help="write no figures")
-    place.set_defaults(run=run)
-
-
-def run(options: argparse.Namespace) -> int:
-    """Place, write and print; returns the exit code."""
-    from ocptip.basics.errors import InputError, OcptipError
-    from ocptip.placement.result import NoPlacementError
-
+def run(options: Namespace) -> Report:
+    """Place; where there is no placement, the report says why."""
+    require_least(options, starts=1, seed=0)
+    task = load_placement(options.task)
+    directory = output_directory(options, task.name)
+    say_if_compiling()
     try:
-        _check_numbers(options)
-        from ocptip.task_files.placement import load_placement
-
-        task = load_placement(options.task)
-        directory = output_directory(options, "place", task.name)
-        try:
-            report: PlaceReport | RefusalReport = PlaceReport(task, _placed(options, task))
-        except NoPlacementError as error:
-            report = RefusalReport(task, error)
-        failure = _written(report, directory, figures=not options.no_figures)
-    except InputError as error:
-        return _refuse(f"{error}")
-    except OcptipError as error:
-        return _refuse(f"computation failed: {error}")
+        with progress_bar(sys.stderr) as progress:
+            answer = place(task.problem, starts=options.starts, seed=options.seed, progress=progress)
+    except NoPlacementError as error:
+        answer = error
     except KeyboardInterrupt:
-        _refuse("interrupted before there was a result")
-        return MOVES
-    _print(report.to_json() if options.json else report.to_text())
-    if failure is not None:
-        return _refuse(f"{failure.filename or directory}: {failure.strerror or failure}")
-    return STANDS if report.found else MOVES
-
-
-@dataclass
-class PlaceReport:
-    """What `ocptip place` says of a result.
-
-    Attributes:
-        task: the task.
-        result: from `place`.
-        written: files.
-    """
-
-    task: PlacementTask
-    result: PlacementResult
-    written: list[Path] = field(default_factory=list)
-    found: bool = True
-
-    @property
-    def placements(self) -> tuple[Placement, ...]:
-        """All placements, the best one first."""
-        return self.result.placements
-
-    def entries(self) -> dict[str, Any]:
-        """Content of placement.json."""
-        from ocptip.placement.output import result_to_dict
-
-        return result_to_dict(self.task.name, self.result)
-
-    def to_json(self) -> str:
-        """The content of placement.json and the list `written`, as JSON text."""
-        return _json(self.entries(), self.written)
-
-    def to_text(self) -> str:
-        """Pose, angles, criteria, margins, active constraints, alternatives. ASCII but for names."""
-        result, best = self.result, self.result.best
-        kept = sum(start.feasible for start in result.starts)
-        head = (
-            f"{self.task.name}: FOUND, all constraints verified. Total {best.total:.4f}; {kept} of "
-            f"{len(result.starts)} starts kept all constraints, {result.seconds:.1f} s, seed {result.seed}."
-        )
-        lines = [*_pose_lines(best), *_criteria_lines(best), *_margin_lines(best)]
-        active = "; ".join(str(m) for m in best.active) or "none: the optimum is inside all limits"
-        lines.append(("active", active))
-        for number, other in enumerate(result.placements[1:], 2):
-            lines.append((f"no. {number}", _alternative(other, result.placements[: number - 1])))
-        return summary(head, lines, self.written)
-
-
-@dataclass
-class RefusalReport:
-    """What `ocptip place` says where there is no placement.
-
-    Attributes:
-        task: the task.
-        error: why, with the least-infeasible placement.
-        written: files.
-    """
-
-    task: PlacementTask
-    error: NoPlacementError
-    written: list[Path] = field(default_factory=list)
-    found: bool = False
-
-    @property
-    def placements(self) -> tuple[Placement, ...]:
-        """The least-infeasible one."""
-        return (self.error.nearest,)
-
-    def entries(self) -> dict[str, Any]:
-        """Content of placement.json."""
-        from ocptip.placement.output import refusal_to_dict
-
-        return refusal_to_dict(self.task.name, self.error)
-
-    def to_json(self) -> str:
-        """The content of placement.json and the list `written`, as JSON text."""
-        return _json(self.entries(), self.written)
-
-    def to_text(self) -> str:
-        """Which constraints cannot be met, and by how much at the least-infeasible place."""
-        nearest = self.error.nearest
-        lines = [("nearest", "the least-infeasible placement found:"), *_pose_lines(nearest)]
-        violated = nearest.violations
-        lines += [("broken", str(margin)) for margin in violated[:_MOST_VIOLATED]]
-        if len(violated) > _MOST_VIOLATED:
-            lines.append(("", f"and {len(violated) - _MOST_VIOLATED} more, see placement.json"))
-        reason = str(self.error)
-        head = f"{self.task.name}: NO PLACEMENT. {reason[:1].upper()}{reason[1:]}."
-        return summary(head, lines, self.written)
+        raise KeyboardInterrupt("before there was a result") from None
+    return PlaceReport(task.name, answer, directory, figures=not options.no_figures)
 
 
 def progress_bar(stream: TextIO) -> Progress:
@@ -175,45 +51,82 @@ def progress_bar(stream: TextIO) -> Progress:
     return Progress(stream, "looking for places to start from ...", best)
 
 
-def _placed(options: argparse.Namespace, task: PlacementTask) -> PlacementResult:
-    from ocptip.placement.place import place
+@dataclass
+class PlaceReport(Report):
+    """Placements, or why there are none.
 
-    say_if_compiling()
-    with progress_bar(sys.stderr) as progress:
-        return place(task.problem, starts=options.starts, seed=options.seed, progress=progress)
+    Attributes:
+        name: of the task.
+        answer: from `place`.
+        directory: where files go.
+        figures: whether figures are among them.
+    """
 
+    name: str
+    answer: PlacementResult | NoPlacementError
+    directory: Path
+    figures: bool
 
-def _check_numbers(options: argparse.Namespace) -> None:
-    require_least(options, starts=1, seed=0)
+    @property
+    def good(self) -> bool:
+        """True if all constraints are kept."""
+        return isinstance(self.answer, PlacementResult)
 
+    def entries(self) -> dict[str, Any]:
+        """Content of placement.json."""
+        to_dict = result_to_dict if self.good else refusal_to_dict
+        return to_dict(self.name, self.answer)
 
-def _written(report: PlaceReport | RefusalReport, directory: Path, *, figures: bool) -> OSError | None:
-    """Write files and figures; an error is returned, not raised, so that the result is still printed."""
-    from ocptip.placement.output import write_placement
+    def to_dict(self) -> dict[str, Any]:
+        """The content of placement.json and the list `written`."""
+        return {**self.entries(), "written": self.written}
 
-    try:
-        report.written.append(write_placement(directory, report.entries()))
-        if figures:
+    def write(self) -> Iterator[Path]:
+        """Write placement.json and figures."""
+        yield write_placement(self.directory, self.entries())
+        if self.figures:
             from ocptip.pictures.placement import draw_placement
 
-            if sys.stderr.isatty():
-                print("drawing ...", end="", file=sys.stderr, flush=True)
-            report.written += draw_placement(directory, report.task.name, report.placements)
-            if sys.stderr.isatty():
-                print("\r\x1b[K", end="", file=sys.stderr, flush=True)
-    except OSError as error:
-        return error
-    return None
+            placements = self.answer.placements if self.good else (self.answer.nearest,)
+            with Progress(sys.stderr, "drawing ..."):
+                drawn = draw_placement(self.directory, self.name, placements)
+            yield from drawn
+
+    def to_text(self) -> str:
+        """The best place, or the least-infeasible one and which constraints it breaks."""
+        head, lines = _found(self.answer) if self.good else _refusal(self.answer)
+        return summary(f"{self.name}: {head}", lines, self.written)
 
 
-def _json(entries: dict[str, Any], written: list[Path]) -> str:
-    return json.dumps({**entries, "written": [str(path) for path in written]}, indent=2, allow_nan=False)
+def _found(result: PlacementResult) -> tuple[str, list[tuple[str, str]]]:
+    """Pose, angles, criteria, margins, active constraints, alternatives."""
+    best = result.best
+    kept = sum(start.feasible for start in result.starts)
+    head = (
+        f"FOUND, all constraints verified. Total {best.total:.4f}; {kept} of {len(result.starts)} starts "
+        f"kept all constraints, {result.seconds:.1f} s, seed {result.seed}."
+    )
+    lines = [*_pose_lines(best), *_criteria_lines(best), *_margin_lines(best)]
+    active = "; ".join(str(m) for m in best.active) or "none: the optimum is inside all limits"
+    lines.append(("active", active))
+    for number, other in enumerate(result.placements[1:], 2):
+        lines.append((f"no. {number}", _alternative(other, result.placements[: number - 1])))
+    return head, lines
+
+
+def _refusal(error: NoPlacementError) -> tuple[str, list[tuple[str, str]]]:
+    """Which constraints cannot be met, and by how much at the least-infeasible place."""
+    lines = [("nearest", "the least-infeasible placement found:"), *_pose_lines(error.nearest)]
+    violated = error.nearest.violations
+    lines += [("broken", str(margin)) for margin in violated[:_MOST_VIOLATED]]
+    if len(violated) > _MOST_VIOLATED:
+        lines.append(("", f"and {len(violated) - _MOST_VIOLATED} more, see placement.json"))
+    reason = str(error)
+    return f"NO PLACEMENT. {reason[:1].upper()}{reason[1:]}.", lines
 
 
 def _where(placement: Placement) -> str:
     """Parameters as people read them: "x 1.028 m, y 0.228 m, angle 33.6 deg"."""
-    import numpy as np
-
     terrain = placement.problem.terrain[placement.patch]
     parts = [
         f"{name} {np.rad2deg(value):.1f} deg" if angular else f"{name} {value:.3f} m"
@@ -226,8 +139,6 @@ def _where(placement: Placement) -> str:
 
 def _alternative(placement: Placement, earlier: tuple[Placement, ...]) -> str:
     """Total, place and criteria; for a place that was listed before only its number."""
-    import numpy as np
-
     for number, other in enumerate(earlier, 1):
         apart = np.linalg.norm(placement.base_position - other.base_position)
         if apart < _SAME and np.linalg.norm(placement.base_rotation - other.base_rotation) < _SAME:
@@ -239,9 +150,6 @@ def _alternative(placement: Placement, earlier: tuple[Placement, ...]) -> str:
 
 
 def _pose_lines(placement: Placement) -> list[tuple[str, str]]:
-    import numpy as np
-    from scipy.spatial.transform import Rotation
-
     problem = placement.problem
     x, y, z = placement.base_position + 0.0
     roll, pitch, yaw = Rotation.from_matrix(placement.base_rotation).as_euler("xyz", degrees=True) + 0.0
@@ -292,7 +200,7 @@ def _margin_lines(placement: Placement) -> list[tuple[str, str]]:
 def _margin(margin: Margin) -> str:
     unit, scale = margin.unit, 1.0
     if unit == "rad":
-        unit, scale = "deg", 180 / math.pi
+        unit, scale = "deg", 180 / np.pi
     value, limit, unit = scale * margin.value, scale * margin.limit, f" {unit}" if unit else ""
     sign = "<=" if margin.upper else ">="
     room = abs(limit - value)

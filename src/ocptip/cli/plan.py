@@ -2,114 +2,93 @@
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
+from argparse import Namespace
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import Any, TextIO
 
-from ocptip.cli.command import (
-    MOVES,
-    STANDS,
-    Progress,
-    _print,
-    _refuse,
-    output_directory,
-    require_least,
-    say_if_compiling,
-    summary,
-)
-
-if TYPE_CHECKING:
-    from ocptip.motion.check import MotionCheck
-    from ocptip.motion.plan import MotionPlan
-    from ocptip.motion.task import MotionTask
-
-BASES = ("printed", "effective")
-_LIMIT_OPTIONS = {"gn": "GN", "gt": "GT", "torque_ratio": "torque_ratio", "clearance": "clearance"}
+from ocptip.basics.errors import InputError, PlanningError, positive_number
+from ocptip.cli.command import Report
+from ocptip.cli.layout import summary
+from ocptip.cli.options import output_directory, require_least, with_limits
+from ocptip.cli.progress import Progress, say_if_compiling
+from ocptip.motion.check import MotionCheck, check_motion
+from ocptip.motion.output import plan_to_dict, sample_motion, write_plan
+from ocptip.motion.plan import MotionPlan, plan_motion
+from ocptip.motion.task import MotionTask
+from ocptip.published.cases import motion_cases
+from ocptip.published.tasks import experiment_task
+from ocptip.task_files.motion import load_task
 
 
-def add_parser(commands: Any) -> None:
-    """Add `plan` to the commands of the parser. Loads no numerics."""
-    plan = commands.add_parser(
-        "plan",
-        help="the arm motion of least energy that loses no contact",
-        description="Plans the ramp motion of least electric energy that keeps all contacts, and checks it.",
-        epilog="exit code: 0 a verified plan, 1 none was found, 2 bad input",
-    )
-    plan.add_argument("task", metavar="A..H|TASK.toml", help="a published case, or a task file (see README)")
-    plan.add_argument(
-        "--base", choices=BASES, help="base data of the cases (default: effective, there contacts bind)"
-    )
-    plan.add_argument("--starts", metavar="N", type=int, default=8, help="random starts (default: 8)")
-    plan.add_argument("--seed", metavar="N", type=int, default=0, help="of the starts (default: 0)")
-    plan.add_argument("--jobs", metavar="N", type=int, help="processes (default: one per core)")
-    plan.add_argument("--gn", metavar="X", type=float, help="largest tip-over value GN (default: 0.9)")
-    plan.add_argument("--gt", metavar="X", type=float, help="largest slip value GT (default: 0.9)")
-    plan.add_argument(
-        "--torque-ratio", metavar="X", type=float, help="largest torque / limit of any joint (default: 1)"
-    )
-    plan.add_argument("--clearance", metavar="M", type=float, help="least distance to obstacles (default: 0)")
-    plan.add_argument(
-        "--time-scale",
-        metavar="F",
-        type=float,
-        nargs="+",
-        default=[],
-        help="check the plan with all times multiplied by F, too (0.95: faster)",
-    )
-    plan.add_argument("--out", metavar="DIR", help="where files go (default: ocptip-plan-<name>)")
-    plan.add_argument("--no-figures", action="store_true", help="write no figures")
-    plan.add_argument("--json", action="store_true", help="print JSON instead of the summary")
-    plan.set_defaults(run=run)
-
-
-def run(options: argparse.Namespace) -> int:
-    """Plan, write and print; returns the exit code."""
-    from ocptip.basics.errors import InputError, OcptipError, PlanningError
-
-    report = None
+def run(options: Namespace) -> Report:
+    """Plan; where there is no plan, the report says why."""
+    require_least(options, starts=1, seed=0, jobs=1)
+    for factor in options.time_scale:
+        positive_number("--time-scale", factor)
+    task, base = _task(options)
+    directory = output_directory(options, task.name)
+    say_if_compiling()
     try:
-        _check_numbers(options)
-        task = _task(options)
-        directory = output_directory(options, "plan", task.name)
-        try:
-            plan = _planned(options, task)
-        except PlanningError as error:
-            return _without_plan(options, task, str(error))
-        report = PlanReport(plan, time_scale=[_scaled(plan, factor) for factor in options.time_scale])
-        if base := _base(options):
-            report.extra["base"] = base
-        failure = _written(report, directory, figures=not options.no_figures)
-    except InputError as error:
-        return _refuse(f"{error}")
-    except OcptipError as error:
-        return _refuse(f"computation failed: {error}")
+        with progress_bar(sys.stderr) as progress:
+            plan = plan_motion(
+                task, starts=options.starts, seed=options.seed, jobs=options.jobs, progress=progress
+            )
+    except PlanningError as error:
+        return NoPlanReport(task.name, f"{error}")
     except KeyboardInterrupt:
-        _refuse("interrupted" + ("" if report else " before there was a verified plan"))
-        return MOVES
-    _print(report.to_json() if options.json else report.to_text())
-    if failure is not None:
-        return _refuse(f"{failure.filename or directory}: {failure.strerror or failure}")
-    return STANDS if plan.verified else MOVES
+        raise KeyboardInterrupt("before there was a verified plan") from None
+    scaled = [
+        (f, check_motion(task.robot, plan.motion.time_scaled(f), task.limits)) for f in options.time_scale
+    ]
+    return PlanReport(plan, scaled, {"base": base} if base else {}, directory, figures=not options.no_figures)
+
+
+def progress_bar(stream: TextIO) -> Progress:
+    """Bar that shows the least energy so far."""
+
+    def best(energy: float | None) -> str:
+        return "no verified plan yet" if energy is None else f"best {energy:.1f} J"
+
+    return Progress(stream, "building the optimisation problem ...", best)
+
+
+def _task(options: Namespace) -> tuple[MotionTask, str | None]:
+    """The task, and the base data if it is a case."""
+    if options.task in motion_cases():
+        base = options.base or "effective"
+        return with_limits(experiment_task(options.task, base), options), base
+    if Path(options.task).suffix.lower() != ".toml":
+        raise InputError(f"{options.task}: neither a case (A to H) nor a task file (.toml)")
+    if options.base is not None:
+        raise InputError(f"--base: belongs to the cases A to H, got {options.task}")
+    return with_limits(load_task(options.task), options), None
 
 
 @dataclass
-class PlanReport:
-    """What `ocptip plan` says.
+class PlanReport(Report):
+    """A plan.
 
     Attributes:
         plan: the plan.
         time_scale: factors with the checks of the plan run that much slower.
         extra: further entries of plan.json.
-        written: files.
+        directory: where files go.
+        figures: whether figures are among them.
     """
 
     plan: MotionPlan
     time_scale: list[tuple[float, MotionCheck]] = field(default_factory=list)
     extra: dict[str, Any] = field(default_factory=dict)
-    written: list[Path] = field(default_factory=list)
+    directory: Path = Path()
+    figures: bool = True
+
+    @property
+    def good(self) -> bool:
+        """True if the plan is verified."""
+        return self.plan.verified
 
     def entries(self) -> dict[str, Any]:
         """What plan.json holds beside the plan: `extra`, and `time_scale` if it was asked for."""
@@ -118,13 +97,18 @@ class PlanReport:
         rows = [{"factor": f, **p.to_dict()} for f, p in self.time_scale]
         return {**self.extra, "time_scale": rows}
 
-    def to_json(self) -> str:
-        """The content of plan.json and the list `written`, as JSON text."""
-        from ocptip.basics.write import plain
-        from ocptip.motion.output import plan_to_dict
+    def to_dict(self) -> dict[str, Any]:
+        """The content of plan.json and the list `written`."""
+        return {**plan_to_dict(self.plan), **self.entries(), "written": self.written}
 
-        data = {**plan_to_dict(self.plan), **self.entries(), "written": self.written}
-        return json.dumps(plain(data), indent=2, allow_nan=False)
+    def write(self) -> Iterator[Path]:
+        """Write plan.json, tables and figures."""
+        samples = sample_motion(self.plan.task.robot, self.plan.motion)
+        yield from write_plan(self.directory, self.plan, samples=samples, extra=self.entries())
+        if self.figures:
+            from ocptip.pictures.plan import draw_plan
+
+            yield from draw_plan(self.directory, self.plan, samples)
 
     def to_text(self) -> str:
         """The summary in one line, then starts, time scales and files. ASCII only, but for names."""
@@ -160,97 +144,26 @@ class PlanReport:
         )
 
 
-def progress_bar(stream: TextIO) -> Progress:
-    """Bar that shows the least energy so far."""
+@dataclass
+class NoPlanReport(Report):
+    """That there is no plan.
 
-    def best(energy: float | None) -> str:
-        return "no verified plan yet" if energy is None else f"best {energy:.1f} J"
+    Attributes:
+        name: of the task.
+        reason: how near the search came.
+    """
 
-    return Progress(stream, "building the optimisation problem ...", best)
+    name: str
+    reason: str
+    good = False
 
+    def to_dict(self) -> dict[str, Any]:
+        """The task's name and the reason."""
+        return {"case": self.name, "verified": False, "status": self.reason}
 
-def _planned(options: argparse.Namespace, task: MotionTask) -> MotionPlan:
-    from ocptip.motion.plan import plan_motion
-
-    say_if_compiling()
-    with progress_bar(sys.stderr) as progress:
-        return plan_motion(
-            task, starts=options.starts, seed=options.seed, jobs=options.jobs, progress=progress
-        )
-
-
-def _check_numbers(options: argparse.Namespace) -> None:
-    """Refuse options that cannot be, by the names they have on the command line."""
-    from ocptip.basics.errors import positive_number, share_of_one
-
-    require_least(options, starts=1, seed=0, jobs=1)
-    for name in _LIMIT_OPTIONS:
-        if (value := getattr(options, name)) is not None:
-            option = f"--{name.replace('_', '-')}"
-            if name in ("gn", "gt"):
-                share_of_one(option, value)
-            else:
-                positive_number(option, value, zero_allowed=name == "clearance")
-    for factor in options.time_scale:
-        positive_number("--time-scale", factor)
-
-
-def _task(options: argparse.Namespace) -> MotionTask:
-    from dataclasses import replace
-
-    from ocptip.basics.errors import InputError
-    from ocptip.published.tasks import experiment_task
-    from ocptip.standing.limits import MotionLimits
-    from ocptip.task_files.motion import load_task
-
-    values = {limit: getattr(options, name) for name, limit in _LIMIT_OPTIONS.items()}
-    limits = {name: value for name, value in values.items() if value is not None}
-    if base := _base(options):
-        return experiment_task(options.task, base, MotionLimits(**limits))
-    if Path(options.task).suffix.lower() != ".toml":
-        raise InputError(f"{options.task}: neither a case (A to H) nor a task file (.toml)")
-    if options.base is not None:
-        raise InputError(f"--base: belongs to the cases A to H, got {options.task}")
-    task = load_task(options.task)
-    return replace(task, limits=replace(task.limits, **limits)) if limits else task
-
-
-def _base(options: argparse.Namespace) -> str | None:
-    """Base data of a case; None for a task file."""
-    from ocptip.published.cases import motion_cases
-
-    return (options.base or "effective") if options.task in motion_cases() else None
-
-
-def _written(report: PlanReport, directory: Path, *, figures: bool) -> OSError | None:
-    """Write files and figures; an error is returned, not raised, so that the result is still printed."""
-    from ocptip.motion.output import sample_motion, write_plan
-
-    plan = report.plan
-    samples = sample_motion(plan.task.robot, plan.motion)
-    try:
-        report.written += write_plan(directory, plan, samples=samples, extra=report.entries())
-        if figures:
-            from ocptip.pictures.plan import draw_plan
-
-            report.written += draw_plan(directory, plan, samples)
-    except OSError as error:
-        return error
-    return None
-
-
-def _without_plan(options: argparse.Namespace, task: MotionTask, reason: str) -> int:
-    if options.json:
-        _print(json.dumps({"case": task.name, "verified": False, "status": reason}, indent=2))
-    else:
-        _print(f"{task.name}: NO VERIFIED PLAN. {reason}")
-    return MOVES
-
-
-def _scaled(plan: MotionPlan, factor: float) -> tuple[float, MotionCheck]:
-    from ocptip.motion.check import check_motion
-
-    return factor, check_motion(plan.task.robot, plan.motion.time_scaled(factor), plan.task.limits)
+    def to_text(self) -> str:
+        """The reason in one line."""
+        return f"{self.name}: NO VERIFIED PLAN. {self.reason}"
 
 
 def _scale_text(checked: MotionCheck) -> str:

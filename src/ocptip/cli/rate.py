@@ -2,106 +2,81 @@
 
 from __future__ import annotations
 
-import argparse
-import json
 import math
 import textwrap
+from argparse import Namespace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from ocptip.cli.command import MOVES, STANDS, _print, _refuse
+import numpy as np
 
-if TYPE_CHECKING:
-    import numpy as np
-
-    from ocptip.indices.entry import IndexEntry
-    from ocptip.indices.metric import OperationEllipsoid
-    from ocptip.robots.model import ArmModel
+from ocptip.basics.errors import InputError, bounded_array
+from ocptip.basics.write import versions
+from ocptip.cli.command import Report
+from ocptip.cli.layout import named
+from ocptip.indices.arms.rate import rate_arm
+from ocptip.indices.entry import IndexEntry
+from ocptip.indices.metric import OperationEllipsoid
+from ocptip.indices.platforms.from_parallel import platform_of_robot
+from ocptip.indices.platforms.rate import rate_platform
+from ocptip.indices.platforms.singular_motion import singular_motion
+from ocptip.parallel.description.ready_made import ups6
+from ocptip.published.arms import arm_by_name
+from ocptip.robots.model import ArmModel
+from ocptip.robots.urdf import arm_from_urdf
+from ocptip.task_files.platform_points import read_platform, rotation_from_degrees
 
 _WIDTH = 110
 _URDF_SUFFIXES = (".urdf", ".xml")
+_URDF_OPTIONS = ("base_link", "tool_frame", "lock")
 _HEXAPOD = "6UPS"
 
 
-def add_parser(commands: Any) -> None:
-    """Add `rate` to the commands of the parser. Loads no numerics."""
-    rate = commands.add_parser(
-        "rate",
-        help="how well conditioned is a pose of an arm or a platform?",
-        description="Prints the performance indices of a pose: value, range, meaning.",
-        epilog="exit code: 0 a regular pose, 1 a singular one, 2 bad input",
-    )
-    rate.add_argument(
-        "robot",
-        metavar="ROBOT",
-        help="an arm (FP1W2F, FSFS, W1P1P2W2, IRB2000), a URDF file, the platform 6UPS, or a platform file "
-        "(.toml)",
-    )
-    rate.add_argument(
-        "pose",
-        metavar="POSE",
-        nargs="*",
-        type=float,
-        help="arm: joint angles, degrees; platform: x y z in m and rotation vector in degrees (default: its "
-        "home pose)",
-    )
-    rate.add_argument(
-        "--rates",
-        metavar="W",
-        nargs="+",
-        type=float,
-        help="joint rates (any unit) of a motion: rates it, too",
-    )
-    rate.add_argument(
-        "--ellipsoid",
-        metavar=("A", "B", "C"),
-        nargs=3,
-        type=float,
-        help="half-axes of the operation ellipsoid along the axes of the gripper or platform frame, m "
-        "(default for arms: sphere of 0.1)",
-    )
-    rate.add_argument(
-        "--center", metavar=("X", "Y", "Z"), nargs=3, type=float, help="its centre in that frame, m (0 0 0)"
-    )
-    rate.add_argument("--base-link", metavar="LINK", help="URDF: link that rests")
-    rate.add_argument("--tool-frame", metavar="FRAME", help="URDF: link or frame of the end-effector")
-    rate.add_argument(
-        "--lock",
-        metavar="JOINT=DEG",
-        action="append",
-        default=[],
-        help="URDF: joint that does not move, at this angle (sliding joints: JOINT=0.2m); may be repeated",
-    )
-    rate.add_argument("--json", action="store_true", help="print JSON instead of the table")
-    rate.set_defaults(run=run)
+@dataclass
+class RateReport(Report):
+    """The rating of a pose.
+
+    Attributes:
+        robot: its name.
+        entries: the indices.
+        lines: what else the table says, by name.
+        data: what the JSON holds.
+    """
+
+    robot: str
+    entries: Sequence[IndexEntry]
+    lines: list[tuple[str, str]]
+    data: dict[str, Any]
+
+    @property
+    def good(self) -> bool:
+        """True for a regular pose."""
+        return not self.data["singular"]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Pose, indices, ellipsoid, versions."""
+        return {**self.data, "versions": versions()}
+
+    def to_text(self) -> str:
+        """Every index with its range and meaning, then motions and ellipsoid."""
+        rows = [("index", "value", "range", "meaning"), *map(_row, self.entries)]
+        widths = [max(len(row[k]) for row in rows) for k in range(3)]
+        text = [f"{self.robot}: {'regular' if self.good else 'SINGULAR'} pose.", ""]
+        for row in rows:
+            head = "  ".join(f"{cell:<{width}}" for cell, width in zip(row[:3], widths, strict=True)) + "  "
+            text.append(textwrap.fill(row[3], _WIDTH, initial_indent=head, subsequent_indent=" " * len(head)))
+        return "\n".join([*text, "", *named(self.lines)])
 
 
-def run(options: argparse.Namespace) -> int:
-    """Rate and print; returns the exit code."""
-    from ocptip.basics.errors import InputError, OcptipError
-    from ocptip.basics.write import versions
-
-    try:
-        data, text = _rate_platform(options) if _is_platform(options.robot) else _rate_arm(options)
-    except InputError as error:
-        return _refuse(f"{error}")
-    except OcptipError as error:
-        return _refuse(f"computation failed: {error}")
-    data["versions"] = versions()
-    _print(json.dumps(data, indent=2, allow_nan=False) if options.json else text)
-    return MOVES if data["singular"] else STANDS
+def run(options: Namespace) -> RateReport:
+    """Rate the arm or the platform in its pose."""
+    is_platform = options.robot.upper() == _HEXAPOD or Path(options.robot).suffix.lower() == ".toml"
+    return _rate_platform(options) if is_platform else _rate_arm(options)
 
 
-def _is_platform(robot: str) -> bool:
-    return robot.upper() == _HEXAPOD or Path(robot).suffix.lower() == ".toml"
-
-
-def _rate_arm(options: argparse.Namespace) -> tuple[dict[str, Any], str]:
-    import numpy as np
-
-    from ocptip.basics.errors import InputError, bounded_array
-    from ocptip.indices.arms.rate import rate_arm
-
+def _rate_arm(options: Namespace) -> RateReport:
     model = _arm(options)
     if len(options.pose) != model.n:
         raise InputError(f"POSE: {model.name} has {model.n} joints, got {len(options.pose)} angles (degrees)")
@@ -109,17 +84,11 @@ def _rate_arm(options: argparse.Namespace) -> tuple[dict[str, Any], str]:
     if options.rates is not None and len(options.rates) != model.n:
         raise InputError(f"--rates: {model.name} has {model.n} joints, got {len(options.rates)} rates")
     rating = rate_arm(model, q, ellipsoid=_ellipsoid(options), rates=options.rates)
-    lines = [
-        (
-            "worst rates",
-            _numbers(rating.operation.worst_rates, 3) + "  (joint rates that move the tool least)",
-        )
-    ]
+    worst = _numbers(rating.operation.worst_rates, 3)
+    lines = [("worst rates", f"{worst}  (joint rates that move the tool least)")]
     if rating.distance is not None and rating["dm_2"].status == "ok":
-        step = np.degrees(rating.distance.step_2)
-        lines.append(
-            ("shortest way", _numbers(step, 1) + "  deg of joints 2 to 5 to the singularity (linearised)")
-        )
+        step = _numbers(np.degrees(rating.distance.step_2), 1)
+        lines.append(("shortest way", f"{step}  deg of joints 2 to 5 to the singularity (linearised)"))
     half_axes, center = rating.ellipsoid.half_axes, rating.ellipsoid.center
     lines.append(
         ("ellipsoid", f"half-axes {_numbers(half_axes, 4)} m, centre {_numbers(center, 4)} m, gripper frame")
@@ -128,25 +97,13 @@ def _rate_arm(options: argparse.Namespace) -> tuple[dict[str, Any], str]:
     if outside.size:
         lines.append(("note", f"outside of the joint limits: joint {', '.join(str(k + 1) for k in outside)}"))
     data = {**rating.to_dict(), "outside_limits": (outside + 1).tolist()}
-    return data, _table(model.name, rating.singular, rating.entries, lines)
+    return RateReport(model.name, rating.entries, lines, data)
 
 
-def _rate_platform(options: argparse.Namespace) -> tuple[dict[str, Any], str]:
-    from ocptip.basics.errors import InputError, bounded_array
-    from ocptip.indices.platforms.rate import rate_platform
-    from ocptip.indices.platforms.singular_motion import singular_motion
-    from ocptip.task_files.platform_points import read_platform, rotation_from_degrees
-
-    for name in ("rates", "base_link", "tool_frame", "lock"):
-        if getattr(options, name):
-            raise InputError(f"--{name.replace('_', '-')}: not for platforms")
-    if options.robot.upper() == _HEXAPOD:
-        from ocptip.indices.platforms.from_parallel import platform_of_robot
-        from ocptip.parallel.description.ready_made import ups6
-
-        file = platform_of_robot(ups6())
-    else:
-        file = read_platform(options.robot)
+def _rate_platform(options: Namespace) -> RateReport:
+    _refuse_given(options, ("rates", *_URDF_OPTIONS), "not for platforms")
+    hexapod = options.robot.upper() == _HEXAPOD
+    file = platform_of_robot(ups6()) if hexapod else read_platform(options.robot)
     position, rotation = file.position, file.rotation
     if options.pose:
         if len(options.pose) != 6:
@@ -173,54 +130,42 @@ def _rate_platform(options: argparse.Namespace) -> tuple[dict[str, Any], str]:
         "indices": [entry.to_dict() for entry in entries],
         "singular_motion": motion.to_dict(),
     }
-    return data, _table(file.platform.name, pose.singular, entries, lines)
+    return RateReport(file.platform.name, entries, lines, data)
 
 
-def _arm(options: argparse.Namespace) -> ArmModel:
-    from ocptip.basics.errors import InputError
-    from ocptip.published.arms import arm_by_name
-
+def _arm(options: Namespace) -> ArmModel:
     if Path(options.robot).suffix.lower() not in _URDF_SUFFIXES:
-        for name in ("base_link", "tool_frame", "lock"):
-            if getattr(options, name):
-                raise InputError(f"--{name.replace('_', '-')}: only for URDF files")
+        _refuse_given(options, _URDF_OPTIONS, "only for URDF files")
         return arm_by_name(options.robot)
     for name in ("base_link", "tool_frame"):
         if getattr(options, name) is None:
             raise InputError(f"--{name.replace('_', '-')}: needed for a URDF file")
-    from ocptip.robots.urdf import arm_from_urdf
-
     return arm_from_urdf(
         options.robot,
         base_link=options.base_link,
         tool_frame=options.tool_frame,
-        locked_joints={name: _angle_or_length(value) for name, value in map(_lock, options.lock)},
+        locked_joints=dict(map(_lock, options.lock)),
     )
 
 
-def _lock(text: str) -> tuple[str, str]:
-    from ocptip.basics.errors import InputError
-
-    name, equals, value = text.partition("=")
-    if not (name and equals):
-        raise InputError(f"--lock: expected JOINT=DEGREES or JOINT=LENGTHm, got {text!r}")
-    return name, value
+def _refuse_given(options: Namespace, names: Sequence[str], why: str) -> None:
+    for name in names:
+        if getattr(options, name):
+            raise InputError(f"--{name.replace('_', '-')}: {why}")
 
 
-def _angle_or_length(text: str) -> float:
-    """ "30" (degrees) in rad, "0.2m" in m."""
-    from ocptip.basics.errors import InputError
-
+def _lock(text: str) -> tuple[str, float]:
+    """Joint and angle ("elbow=30", degrees) in rad, or length ("lift=0.2m") in m."""
+    name, _, value = text.partition("=")
     try:
-        return float(text[:-1]) if text.endswith("m") else math.radians(float(text))
+        if not name:
+            raise ValueError
+        return name, float(value[:-1]) if value.endswith("m") else math.radians(float(value))
     except ValueError:
         raise InputError(f"--lock: expected JOINT=DEGREES or JOINT=LENGTHm, got {text!r}") from None
 
 
-def _ellipsoid(options: argparse.Namespace) -> OperationEllipsoid | None:
-    from ocptip.basics.errors import InputError
-    from ocptip.indices.metric import OperationEllipsoid
-
+def _ellipsoid(options: Namespace) -> OperationEllipsoid | None:
     if options.ellipsoid is None:
         if options.center is not None:
             raise InputError("--center: needs --ellipsoid")
@@ -232,38 +177,13 @@ def _ellipsoid(options: argparse.Namespace) -> OperationEllipsoid | None:
         raise InputError(f"--ellipsoid: {error}") from None
 
 
-def _table(
-    robot: str,
-    singular: bool,
-    entries: tuple[IndexEntry, ...] | list[IndexEntry],
-    lines: list[tuple[str, str]],
-) -> str:
-    verdict = "SINGULAR pose" if singular else "regular pose"
-    rows = [("index", "value", "range", "meaning")]
-    rows += [(e.symbol, _value(e), _range(e), _meaning(e)) for e in entries]
-    widths = [max(len(row[k]) for row in rows) for k in range(3)]
-    text = [f"{robot}: {verdict}.", ""]
-    for row in rows:
-        head = "  ".join(f"{cell:<{width}}" for cell, width in zip(row[:3], widths, strict=True)) + "  "
-        text.append(textwrap.fill(row[3], _WIDTH, initial_indent=head, subsequent_indent=" " * len(head)))
-    width = max(len(name) for name, _ in lines)
-    return "\n".join([*text, "", *(f"{name:<{width}}  {content}" for name, content in lines)])
-
-
-def _value(entry: IndexEntry) -> str:
-    if math.isnan(entry.value):
-        return "-"
-    number = "infinite" if math.isinf(entry.value) else f"{entry.value + 0.0:.4g}"
-    return number if entry.unit == "1" else f"{number} {entry.unit}"
-
-
-def _range(entry: IndexEntry) -> str:
-    bounds = (f"{entry.lower:.3g}", "inf" if math.isinf(entry.upper) else f"{entry.upper:.3g}")
-    return f"{bounds[0]} .. {bounds[1]}"
-
-
-def _meaning(entry: IndexEntry) -> str:
-    return entry.meaning if entry.status == "ok" else f"{entry.meaning} ({entry.status})"
+def _row(entry: IndexEntry) -> tuple[str, str, str, str]:
+    """Symbol, value, range, meaning."""
+    value = "infinite" if math.isinf(entry.value) else f"{entry.value + 0.0:.4g}"
+    value = "-" if math.isnan(entry.value) else value if entry.unit == "1" else f"{value} {entry.unit}"
+    upper = "inf" if math.isinf(entry.upper) else f"{entry.upper:.3g}"
+    meaning = entry.meaning if entry.status == "ok" else f"{entry.meaning} ({entry.status})"
+    return entry.symbol, value, f"{entry.lower:.3g} .. {upper}", meaning
 
 
 def _numbers(values: np.ndarray, decimals: int) -> str:

@@ -1,20 +1,24 @@
-"""`ocptip stand`: everything about one scene, as a table or as JSON."""
+"""`ocptip stand`: everything about one scene."""
 
 from __future__ import annotations
 
-import json
+from argparse import Namespace
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from ocptip.basics.errors import InputError
 from ocptip.basics.text import percent, quantity, ratio, without_noise
-from ocptip.basics.write import plain, versions
+from ocptip.basics.write import versions
+from ocptip.cli.command import Report
+from ocptip.cli.layout import named, table
+from ocptip.cli.progress import say_if_compiling
 from ocptip.contact.solver import BEYOND_RESOLUTION, STATUS, ContactState, ContactStates, solve_many
 from ocptip.contact.verdict import StabilityVerdict, stability
 from ocptip.reserves.slip import Slip, SlipReserve
 from ocptip.reserves.tipping import TipOver, TipOverReserve
-from ocptip.task_files.scene import Scene
+from ocptip.task_files.scene import Scene, read_scene
 
 PLOT_FORMATS = (".png", ".pdf", ".svg")
 _NO_RESERVE = 1 - 1e-9  # reserve values from here on are 1 but for rounding
@@ -22,8 +26,32 @@ _PLURAL = {"slide": "slide", "separate": "lift off", "yield": "yield"}
 _SINGULAR = {"slide": "slides", "separate": "lifts off", "yield": "yields"}
 
 
-@dataclass(frozen=True)
-class StandReport:
+def run(options: Namespace) -> StandReport:
+    """Solve the scene; evaluate its reserves and its stability."""
+    if options.plot is not None:
+        check_plot_target(options.plot)
+    scene = read_scene(options.scene)
+    support, reference = scene.support, options.gn_reference
+    say_if_compiling()
+    states = solve_many(support, scene.wrench[None])
+    try:
+        tip_over = TipOver(support, reference)
+    except InputError as error:
+        raise InputError(str(error).replace("reference_moment", "--gn-reference")) from None
+    return StandReport(
+        scene=scene,
+        states=states,
+        tip=tip_over.evaluate(states),
+        slip=Slip(support).evaluate(states, derivatives=False),
+        slip_full=Slip(support, "full").evaluate(states, derivatives=False),
+        verdict=stability(support, scene.wrench),
+        reference_given=reference is not None,
+        plot=options.plot,
+    )
+
+
+@dataclass
+class StandReport(Report):
     """What `ocptip stand` knows about a scene.
 
     Attributes:
@@ -33,6 +61,7 @@ class StandReport:
         slip_full: the slip reserve with the normal forces redistributed, too.
         verdict: whether every solution of the contact laws stands.
         reference_given: the reference moment of GN is the user's, not the support's.
+        plot: the file of its picture, None for none.
     """
 
     scene: Scene
@@ -42,6 +71,7 @@ class StandReport:
     slip_full: SlipReserve
     verdict: StabilityVerdict
     reference_given: bool = False
+    plot: str | None = None
 
     @property
     def state(self) -> ContactState:
@@ -49,57 +79,59 @@ class StandReport:
         return self.states[0]
 
     @property
-    def persistent(self) -> bool:
+    def good(self) -> bool:
         """True if nothing slips and nothing lifts off."""
         return self.state.persistent
 
     @property
     def without_reserve(self) -> str:
         """What the least further load does to a base that just stands: "tips" or "slips"; else empty."""
-        if not self.persistent:
+        if not self.good:
             return ""
         if self.tip.GN[0] >= _NO_RESERVE:
             return "tips"
         return "slips" if self.slip_full.GT[0] >= _NO_RESERVE else ""
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data; contacts in the order of the file, NaN and infinity as None."""
+        """Everything; contacts in the order of the file."""
         state = self.state
         axis, counterexample = _nearest_axis(self), self.verdict.counterexample
-        return plain(
-            {
-                "scene": self.scene.name,
-                "persistent": self.persistent,
-                "without_reserve": self.without_reserve or None,
-                "solved": state.solved,
-                "status": state.status,
-                "stability": self.verdict.verdict,
-                "stability_explanation": self.verdict.explanation,
-                "stability_decided": self.verdict.decided,
-                "counterexample": None if counterexample is None else counterexample.modes,
-                "kinds": [contact.kind for contact in self.scene.support.contacts],
-                "modes": state.modes,
-                "forces": state.forces,
-                "friction_used": self.slip.usage[0],
-                "normal_reserves": self.tip.normal_reserves[0],
-                "acceleration": state.acceleration,
-                "GN": self.tip.GN[0],
-                "GT": self.slip.GT[0],
-                "GT_full": self.slip_full.GT[0],
-                "tipping_axis": axis,
-                "wrench": self.scene.wrench,
-                "residual": state.residual,
-                "pivots": state.pivots,
-                "versions": versions(),
-            }
-        )
+        return {
+            "scene": self.scene.name,
+            "persistent": self.good,
+            "without_reserve": self.without_reserve or None,
+            "solved": state.solved,
+            "status": state.status,
+            "stability": self.verdict.verdict,
+            "stability_explanation": self.verdict.explanation,
+            "stability_decided": self.verdict.decided,
+            "counterexample": None if counterexample is None else counterexample.modes,
+            "kinds": [contact.kind for contact in self.scene.support.contacts],
+            "modes": state.modes,
+            "forces": state.forces,
+            "friction_used": self.slip.usage[0],
+            "normal_reserves": self.tip.normal_reserves[0],
+            "acceleration": state.acceleration,
+            "GN": self.tip.GN[0],
+            "GT": self.slip.GT[0],
+            "GT_full": self.slip_full.GT[0],
+            "tipping_axis": axis,
+            "wrench": self.scene.wrench,
+            "residual": state.residual,
+            "pivots": state.pivots,
+            "versions": versions(),
+        }
 
-    def to_json(self) -> str:
-        """The same as JSON text."""
-        return json.dumps(self.to_dict(), indent=2, allow_nan=False)
+    def write(self) -> Iterator[Path]:
+        """Draw the picture, if one is wanted."""
+        if self.plot is not None:
+            from ocptip.pictures.scene import plot_scene
+
+            plot_scene(self.scene, self.states, self.tip, self.slip, self.plot)
+            yield Path(self.plot)
 
     def to_text(self) -> str:
-        """The table for people: verdict, contacts, reserves, evidence. ASCII only, but for names."""
+        """Verdict, contacts, reserves, evidence."""
         return "\n".join([*self._headline(), "", *self._contact_table(), "", *self._summary()])
 
     def _headline(self) -> list[str]:
@@ -122,31 +154,19 @@ class StandReport:
         state, support = self.state, self.scene.support
         forces = without_noise(state.contact_forces)
         position = "position x, y [m]" if self.scene.planar else "position x, y, z [m]"
-        rows = [
-            ["contact", "kind", position, "mode", "normal force", "friction used", "normal reserve"],
-        ]
+        rows = [["contact", "kind", position, "mode", "normal force", "friction used", "normal reserve"]]
         for k, contact in enumerate(support.contacts):
-            rows.append(
-                [
-                    str(k + 1),
-                    contact.kind,
-                    ", ".join(f"{x:.3f}" for x in contact.position + 0.0),
-                    state.modes[k],
-                    quantity(forces[k, 0], "N"),
-                    percent(self.slip.usage[0, k]),
-                    quantity(self.tip.normal_reserves[0, k], "N"),
-                ]
-            )
-        return _aligned(rows, left=(1, 3))
+            where = ", ".join(f"{x:.3f}" for x in contact.position + 0.0)
+            force, reserve = quantity(forces[k, 0], "N"), quantity(self.tip.normal_reserves[0, k], "N")
+            used = percent(self.slip.usage[0, k])
+            rows.append([str(k + 1), contact.kind, where, state.modes[k], force, used, reserve])
+        return table(rows, left=(1, 3))
 
     def _summary(self) -> list[str]:
         rest = "" if self.reference_given else "; 0.09: the best at rest without load"
         state, slip, full = self.state, self.slip.GT[0], self.slip_full.GT[0]
         lines = [
-            (
-                "tip-over GN",
-                f"{ratio(self.tip.GN[0])} (1: a contact lifts off{rest})",
-            ),
+            ("tip-over GN", f"{ratio(self.tip.GN[0])} (1: a contact lifts off{rest})"),
             ("slip GT", f"{ratio(slip)} (1: the friction is used up)"),
         ]
         if ratio(full) != ratio(slip):
@@ -160,42 +180,11 @@ class StandReport:
         lines.append(("solver", f"{state.pivots} pivots, residual {state.residual:.1g} (relative)"))
         if state.solved and not self.slip.solved[0]:
             lines.append(("note", f"slip reserve: {self.slip.status[0]}"))
-        width = max(len(name) for name, _ in lines)
-        return [f"{name:<{width}}  {text}" for name, text in lines]
-
-
-def stand(scene: Scene, *, reference_moment: float | None = None) -> StandReport:
-    """Solve a scene and evaluate its reserves and its stability.
-
-    Args:
-        scene: the scene.
-        reference_moment: M0 of GN, N m; None: from the support, see :class:`ocptip.reserves.tipping.TipOver`.
-
-    Raises:
-        InputError: a reference moment that is not positive and finite, or none where gravity is zero.
-    """
-    states = solve_many(scene.support, scene.wrench[None])
-    try:
-        tip_over = TipOver(scene.support, reference_moment)
-    except InputError as error:
-        raise InputError(str(error).replace("reference_moment", "--gn-reference")) from None
-    return StandReport(
-        scene=scene,
-        states=states,
-        tip=tip_over.evaluate(states),
-        slip=Slip(scene.support).evaluate(states, derivatives=False),
-        slip_full=Slip(scene.support, "full").evaluate(states, derivatives=False),
-        verdict=stability(scene.support, scene.wrench),
-        reference_given=reference_moment is not None,
-    )
+        return named(lines)
 
 
 def check_plot_target(target: str) -> None:
-    """Refuse a plot file that could not be written, before anything is computed.
-
-    Raises:
-        InputError: unknown file format, or no such directory.
-    """
+    """Raise InputError for a file that could not be written, before anything is computed."""
     path = Path(target)
     if path.suffix.lower() not in PLOT_FORMATS:
         raise InputError(f"--plot: expected a file name ending in {', '.join(PLOT_FORMATS)}, got {target!r}")
@@ -242,15 +231,3 @@ def _what_moves(modes: list[str]) -> str:
             parts.append(f"contacts {listed} {_PLURAL.get(mode, mode)}")
     text = "; ".join(parts)
     return text[:1].upper() + text[1:]
-
-
-def _aligned(rows: list[list[str]], left: tuple[int, ...]) -> list[str]:
-    widths = [max(len(row[c]) for row in rows) for c in range(len(rows[0]))]
-    lines = []
-    for row in rows:
-        cells = [
-            f"{cell:<{w}}" if c in left else f"{cell:>{w}}"
-            for c, (cell, w) in enumerate(zip(row, widths, strict=True))
-        ]
-        lines.append("  ".join(cells).rstrip())
-    return lines

@@ -1,0 +1,173 @@
+"""Everything that can be typed: the commands and their arguments.
+
+A new command is an entry here and a module of its name with `run(options) -> Report`. Only that module loads
+numerics.
+"""
+
+from __future__ import annotations
+
+from ocptip.cli.command import Argument, Command, argument, either
+
+LIMITS = (
+    argument("--gn", "X", "largest tip-over value GN (default: the task's)", type=float),
+    argument("--gt", "X", "largest slip value GT (default: the task's)", type=float),
+    argument("--torque-ratio", "X", "largest torque / limit of any joint (default: the task's)", type=float),
+    argument("--clearance", "M", "least distance to obstacles (default: the task's)", type=float),
+)
+SEED = argument("--seed", "N", "of the starts (default: 0)", type=int, default=0)
+FILES = (
+    argument("--out", "DIR", "where files go (default: ocptip-COMMAND-NAME)"),
+    argument("--no-figures", None, "write no figures", action="store_true"),
+)
+
+
+def _time_scale(text: str) -> Argument:
+    return argument("--time-scale", "F", text, type=float, nargs="+", default=[])
+
+
+COMMANDS = (
+    Command(
+        "stand",
+        "verdict, reserves and contact forces of a scene",
+        "Does the base of a scene file stand? Prints verdict, contact forces and reserves.",
+        "0 it stands, 1 it does not (or no verified answer)",
+        (
+            argument("scene", "SCENE.toml", "the scene (format: see docs/scenes.md)"),
+            argument("--plot", "FILE", "draw the scene into a .png, .pdf or .svg file"),
+            argument(
+                "--gn-reference",
+                "NM",
+                "reference moment M0 of GN, N m (default: a tenth of the largest moment reserve at rest)",
+                type=float,
+            ),
+        ),
+    ),
+    Command(
+        "plan",
+        "the arm motion of least energy that loses no contact",
+        "Plans the ramp motion of least electric energy that keeps all contacts, and checks it.",
+        "0 a verified plan, 1 none was found",
+        (
+            argument("task", "A..H|TASK.toml", "a published case, or a task file (see README)"),
+            argument(
+                "--base",
+                None,
+                "base data of the cases (default: effective, there contacts bind)",
+                choices=("printed", "effective"),
+            ),
+            argument("--starts", "N", "random starts (default: 8)", type=int, default=8),
+            SEED,
+            argument("--jobs", "N", "processes (default: one per core)", type=int),
+            *LIMITS,
+            _time_scale("check the plan with all times multiplied by F, too (0.95: faster)"),
+            *FILES,
+        ),
+    ),
+    Command(
+        "place",
+        "where should the base stand for given gripper poses and process forces?",
+        "Finds the best places for the base of a task file, with all constraints checked.",
+        "0 found and verified, 1 no placement keeps all constraints",
+        (
+            argument("task", "TASK.toml", "the task (format: see docs/placement.md)"),
+            argument("--starts", "N", "starts (default: 5)", type=int, default=5),
+            SEED,
+            *FILES,
+        ),
+    ),
+    Command(
+        "check",
+        "does a given motion keep all limits at every instant?",
+        "Checks a motion, or says what it violates and when: reserves, torques, clearance, speeds, "
+        "accelerations, angles.",
+        "0 the motion as given is verified, 1 it is not",
+        (
+            argument("motion", "MOTION", "plan.json or other ramp commands, or samples as CSV"),
+            either(
+                argument("--case", "A..H", "a printed case (default: the one the motion names)"),
+                argument("--task", "TASK.toml", "robot, support and limits of a task file"),
+            ),
+            argument("--base", "SET", "base data of a case: printed or effective (default)"),
+            *LIMITS,
+            _time_scale("check also with all times x F"),
+            argument("--step", "S", "first spacing, s (0.01)", type=float, default=0.01),
+        ),
+    ),
+    Command(
+        "rate",
+        "how well conditioned is a pose of an arm or a platform?",
+        "Prints the performance indices of a pose: value, range, meaning.",
+        "0 a regular pose, 1 a singular one",
+        (
+            argument(
+                "robot", "ROBOT", "FP1W2F, FSFS, W1P1P2W2, IRB2000, a URDF, 6UPS, or a platform file (.toml)"
+            ),
+            argument(
+                "pose",
+                "POSE",
+                "arm: joint angles, degrees; platform: x y z in m and rotation vector in degrees (default: "
+                "its home pose)",
+                nargs="*",
+                type=float,
+            ),
+            argument(
+                "--rates", "W", "joint rates (any unit) of a motion: rates it, too", nargs="+", type=float
+            ),
+            argument(
+                "--ellipsoid",
+                ("A", "B", "C"),
+                "half-axes of the operation ellipsoid along the axes of the gripper or platform frame, m "
+                "(default for arms: sphere of 0.1)",
+                nargs=3,
+                type=float,
+            ),
+            argument("--center", ("X", "Y", "Z"), "its centre in that frame, m (0 0 0)", nargs=3, type=float),
+            argument("--base-link", "LINK", "URDF: link that rests"),
+            argument("--tool-frame", "FRAME", "URDF: link or frame of the end-effector"),
+            argument(
+                "--lock",
+                "JOINT=DEG",
+                "URDF: joint that does not move, at this angle (sliding joints: JOINT=0.2m); may be repeated",
+                action="append",
+                default=[],
+            ),
+        ),
+    ),
+    Command(
+        "parallel",
+        "mobility, cost and C code of a parallel robot's inverse dynamics; URDF, MJCF",
+        "Checks a parallel robot's mobility, counts the operations of its inverse dynamics and writes them "
+        "as C code. Writes the robot for other programs.",
+        "0 the robot moves as described, 1 it does not",
+        (
+            argument("robot", "NAME|FILE.toml", "3RRR, 3RPR, Delta, 4PRRR or 6UPS, or a robot file"),
+            argument("--c", "FILE", "write C source, and a header beside it"),
+            argument("--urdf", "FILE", "write the robot as URDF (a tree, loops cut)"),
+            argument("--mjcf", "FILE", "write the robot as a MuJoCo model with its loops"),
+            argument(
+                "--dynpar",
+                None,
+                "inertia parameters: 1 about the centre of mass, 2 about the frames' origins, 3 base "
+                "parameters (default)",
+                type=int,
+                choices=(1, 2, 3),
+                default=3,
+            ),
+            argument(
+                "--form",
+                None,
+                "accelerations and forces: S s'' and tau_s, X z'' and tau_s, Z z'' and tau_z, A s'' and "
+                "motor forces (default), AA q_a'' and motor forces",
+                choices=("S", "X", "Z", "A", "AA"),
+                default="A",
+            ),
+        ),
+    ),
+    Command(
+        "examples",
+        "copy the example files into a directory",
+        "Copies scenes, tasks, platforms and robots to begin with. Never replaces a file that differs.",
+        "0 all of them are there",
+        (argument("directory", "DIR", "where they go; made if it does not exist"),),
+    ),
+)

@@ -1,0 +1,33 @@
+"""Text in columns."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+
+def table(rows: Sequence[Sequence[str]], left: Sequence[int]) -> list[str]:
+    """Lines of a table; the columns in `left` are flush left, the others right."""
+    widths = [max(len(row[c]) for row in rows) for c in range(len(rows[0]))]
+    return [
+        "  ".join(
+            f"{cell:<{w}}" if c in left else f"{cell:>{w}}"
+            for c, (cell, w) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
+        for row in rows
+    ]
+
+
+def named(lines: Sequence[tuple[str, str]]) -> list[str]:
+    """Lines of names and texts, the texts below each other."""
+    width = max(len(name) for name, _ in lines)
+    return [f"{name:<{width}}  {text}" for name, text in lines]
+
+
+def summary(head: str, lines: Sequence[tuple[str, str]], written: Sequence[Path]) -> str:
+    """A headline and named lines, the written files last."""
+    if written:
+        names = ", ".join(path.name for path in written)
+        lines = [*lines, ("written", f"{written[0].parent}{os.sep}: {names}")]
+    return "\n".join([head, *named(lines)])
