@@ -15,8 +15,8 @@ import pytest
 
 import ocptip
 from ocptip.cli import stand as stand_module
-from ocptip.cli.progress import _kernels_are_compiled
 from ocptip.cli.main import main
+from ocptip.cli.progress import _kernels_are_compiled
 from ocptip.contact import pivoting
 from ocptip.contact.solver import solve_many
 from ocptip.reserves.slip import Slip

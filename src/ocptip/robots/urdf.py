@@ -6,12 +6,16 @@ import difflib
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pinocchio as pin
 
 from ocptip.basics.errors import InputError, finite_array, number_from
 from ocptip.robots.model import ArmModel, JointLimits
+from ocptip.robots.pinocchio import load_pinocchio
+
+if TYPE_CHECKING:
+    import pinocchio as pin
 
 _NO_LIMIT = 1e30  # Pinocchio writes the largest float where a URDF gives no limit
 
@@ -53,6 +57,7 @@ def arm_from_urdf(
     file = Path(path)
     if not file.is_file():
         raise InputError(f"{file}: no such file")
+    pin = load_pinocchio()
     try:
         robot = pin.buildModelFromUrdf(str(file))
     except (ValueError, RuntimeError) as error:
@@ -109,6 +114,7 @@ def arm_from_pinocchio(
 
 def _lock(robot: pin.Model, locked: Mapping[str, float], moving: list[int]) -> pin.Model:
     """Lock all joints but `moving`; where no angle is given (ahead of the base) it does not matter."""
+    pin = load_pinocchio()
     configuration = pin.neutral(robot)
     for name, value in locked.items():
         angle = number_from(f"locked_joints[{name!r}]", value)
@@ -209,6 +215,7 @@ def _z_onto(axis: np.ndarray) -> np.ndarray:
 
 
 def _frame(robot: pin.Model, argument: str, name: str) -> int:
+    pin = load_pinocchio()
     bodies = [f.name for f in robot.frames if f.type == pin.FrameType.BODY]
     if argument == "base_link":
         known: Iterable[str] = [*bodies, "universe"]

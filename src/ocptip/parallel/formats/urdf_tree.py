@@ -6,13 +6,17 @@ import difflib
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pinocchio as pin
 
 from ocptip.basics.errors import InputError, number_from
 from ocptip.parallel.description.mdh import Frame, JointAxis, compose, inverse
 from ocptip.parallel.description.robot_description import PRISMATIC, REVOLUTE, BodyInertia
+from ocptip.robots.pinocchio import load_pinocchio
+
+if TYPE_CHECKING:
+    import pinocchio as pin
 
 
 class UrdfTree:
@@ -30,6 +34,7 @@ class UrdfTree:
         file = Path(path)
         if not file.is_file():
             raise InputError(f"{file}: no such file")
+        pin = load_pinocchio()
         try:
             self._model = pin.buildModelFromUrdf(str(file))
         except (ValueError, RuntimeError) as error:
@@ -89,7 +94,7 @@ class UrdfTree:
 
     def frames(self, q: np.ndarray) -> dict[str, Frame]:
         """Frames of all links at joint positions (n,), world axes."""
-        configuration = pin.neutral(self._model)
+        configuration = load_pinocchio().neutral(self._model)
         for joint, value in enumerate(q, start=1):
             model = self._model.joints[joint]
             first = model.idx_q
@@ -106,7 +111,7 @@ class UrdfTree:
     def inertia(self, joint: int, frame: Frame) -> BodyInertia:
         """Inertia of a joint's body about a frame of it, given at zero joint positions in world axes."""
         R, p = compose(inverse(frame), self._zero[joint])
-        moved = pin.SE3(R, p).act(self._model.inertias[joint])
+        moved = load_pinocchio().SE3(R, p).act(self._model.inertias[joint])
         return BodyInertia.about_center(moved.mass, moved.lever, 0.5 * (moved.inertia + moved.inertia.T))
 
     def damping(self, joint: int) -> tuple[float, float]:
@@ -128,7 +133,7 @@ class UrdfTree:
 
     def _placements(self, configuration: np.ndarray) -> list[Frame]:
         data = self._model.createData()
-        pin.forwardKinematics(self._model, data, configuration)
+        load_pinocchio().forwardKinematics(self._model, data, configuration)
         return [_pair(placement) for placement in data.oMi]
 
 

@@ -1,0 +1,106 @@
+"""What every command does alike: exit codes, Ctrl-C, files that cannot be written, quick help."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import pytest
+
+from ocptip.basics import errors
+from ocptip.cli.command import Report
+from ocptip.cli.commands import COMMANDS
+from ocptip.cli.main import main
+
+ARGUMENTS = {
+    "stand": ["a.toml"],
+    "plan": ["A"],
+    "place": ["a.toml"],
+    "check": ["a.json"],
+    "rate": ["FSFS"],
+    "parallel": ["6UPS"],
+    "examples": ["ex"],
+}
+NAMES = [command.name for command in COMMANDS]
+
+
+@dataclass
+class Answer(Report):
+    good: bool = True
+    failure: Exception | None = None
+
+    def to_text(self):
+        return "text"
+
+    def to_dict(self):
+        return {"number": float("inf")}
+
+    def write(self):
+        yield "first"
+        if self.failure:
+            raise self.failure
+
+
+def answered(monkeypatch, name, answer, *more):
+    """Exit code of a command whose `run` returns or raises this."""
+
+    def run(options):
+        if isinstance(answer, BaseException):
+            raise answer
+        return answer
+
+    monkeypatch.setitem(sys.modules, f"ocptip.cli.{name}", SimpleNamespace(run=run))
+    return main([name, *ARGUMENTS[name], *more])
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_answers(monkeypatch, capsys, name):
+    assert answered(monkeypatch, name, Answer()) == 0
+    assert answered(monkeypatch, name, Answer(good=False)) == 1
+    assert capsys.readouterr() == ("text\ntext\n", "")
+    assert answered(monkeypatch, name, Answer(), "--json") == 0
+    assert json.loads(capsys.readouterr().out) == {"number": None}
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(
+    ("error", "code", "line"),
+    [
+        (errors.InputError("x: is bad"), 2, "x: is bad"),
+        (errors.SolverError("stuck"), 2, "computation failed: stuck"),
+        (PermissionError(13, "Permission denied", "secret.toml"), 2, "secret.toml: Permission denied"),
+        (KeyboardInterrupt(), 130, "interrupted"),
+        (KeyboardInterrupt("before the end"), 130, "interrupted before the end"),
+        (ZeroDivisionError("a\nb"), 3, "internal error: ZeroDivisionError: a b; please report it"),
+        (OSError(12, "Cannot allocate memory"), 3, "internal error: OSError: [Errno 12] Cannot allocate"),
+    ],
+    ids=lambda value: type(value).__name__ if isinstance(value, BaseException) else "",
+)
+def test_errors_are_one_line(monkeypatch, capsys, name, error, code, line):
+    monkeypatch.delenv("OCPTIP_DEBUG", raising=False)
+    assert answered(monkeypatch, name, error) == code
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith(f"ocptip: {line}")
+    assert err.count("\n") == 1
+
+
+def test_a_file_that_cannot_be_written_does_not_cost_the_answer(monkeypatch, capsys):
+    answer = Answer(failure=OSError(28, "No space left on device", "map.png"))
+    assert answered(monkeypatch, "stand", answer) == 2
+    assert capsys.readouterr() == ("text\n", "ocptip: map.png: No space left on device\n")
+    assert answer.written == ["first"]
+
+
+def test_help_of_every_command_loads_no_numerics():
+    code = (
+        "import sys\nfrom ocptip.cli.main import main\n"
+        "for name in sys.argv[1:]:\n"
+        "    try:\n        main([name, '--help'])\n"
+        "    except SystemExit as stop:\n        assert not stop.code, stop.code\n"
+        "loaded = {'numpy', 'numba', 'scipy', 'matplotlib'} & set(sys.modules)\nassert not loaded, loaded\n"
+    )
+    subprocess.run([sys.executable, "-c", code, *NAMES], check=True, capture_output=True)
