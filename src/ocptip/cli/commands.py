@@ -9,10 +9,17 @@ from __future__ import annotations
 from ocptip.cli.command import Argument, Command, argument, either
 
 LIMITS = (
-    argument("--gn", "X", "largest tip-over value GN (default: the task's)", type=float),
-    argument("--gt", "X", "largest slip value GT (default: the task's)", type=float),
-    argument("--torque-ratio", "X", "largest torque / limit of any joint (default: the task's)", type=float),
-    argument("--clearance", "M", "least distance to obstacles (default: the task's)", type=float),
+    argument("--gn", "X", "largest tip-over value GN (default: that of the task, or 0.9)", type=float),
+    argument("--gt", "X", "largest slip value GT (default: that of the task, or 0.9)", type=float),
+    argument(
+        "--torque-ratio",
+        "X",
+        "largest torque / limit of any joint (default: that of the task, or 1)",
+        type=float,
+    ),
+    argument(
+        "--clearance", "M", "least distance to obstacles, m (default: that of the task, or 0)", type=float
+    ),
 )
 SEED = argument("--seed", "N", "of the starts (default: 0)", type=int, default=0)
 FILES = (
