@@ -56,6 +56,28 @@ class Report(ABC):
         return YES if self.good else NO
 
 
+class Answer(Report):
+    """A report that is complete from the start, for commands that write no files.
+
+    Args:
+        good, text, data: what `good`, `to_text` and `to_dict` are.
+    """
+
+    good = False
+
+    def __init__(self, good: bool, text: str, data: dict[str, Any]) -> None:
+        super().__init__()
+        self.good, self._text, self._data = good, text, data
+
+    def to_text(self) -> str:
+        """The text."""
+        return self._text
+
+    def to_dict(self) -> dict[str, Any]:
+        """The data."""
+        return self._data
+
+
 Argument = Callable[[Any], None]
 """Adds itself to a parser."""
 

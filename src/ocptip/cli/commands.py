@@ -8,18 +8,14 @@ from __future__ import annotations
 
 from ocptip.cli.command import Argument, Command, argument, either
 
-LIMITS = (
-    argument("--gn", "X", "largest tip-over value GN (default: that of the task, or 0.9)", type=float),
-    argument("--gt", "X", "largest slip value GT (default: that of the task, or 0.9)", type=float),
-    argument(
-        "--torque-ratio",
-        "X",
-        "largest torque / limit of any joint (default: that of the task, or 1)",
-        type=float,
-    ),
-    argument(
-        "--clearance", "M", "least distance to obstacles, m (default: that of the task, or 0)", type=float
-    ),
+LIMITS = tuple(
+    argument(option, unit, f"{text} (default: that of the task, or {default})", type=float)
+    for option, unit, text, default in (
+        ("--gn", "X", "largest tip-over value GN", 0.9),
+        ("--gt", "X", "largest slip value GT", 0.9),
+        ("--torque-ratio", "X", "largest torque / limit of any joint", 1),
+        ("--clearance", "M", "least distance to obstacles, m", 0),
+    )
 )
 SEED = argument("--seed", "N", "of the starts (default: 0)", type=int, default=0)
 FILES = (

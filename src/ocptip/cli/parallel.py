@@ -49,8 +49,8 @@ class ParallelReport(Report):
         home: singularity measures of the home pose; None if the mobility is not as described.
         functions: forces and Jacobian as generated; empty if there are none.
         without_code: why there are none.
-        code: where the functions go as C source; None for nowhere.
         models: files in other formats with their texts.
+        code: where the functions go as C source; None for nowhere.
     """
 
     description: RobotDescription
@@ -58,8 +58,8 @@ class ParallelReport(Report):
     home: Singularity | None
     functions: tuple[LeanFunction, ...]
     without_code: str
-    code: Path | None = None
     models: list[tuple[Path, str]] = field(default_factory=list)
+    code: Path | None = None
 
     @property
     def good(self) -> bool:
@@ -67,14 +67,7 @@ class ParallelReport(Report):
         return self.mobility.consistent
 
     def add_files(self, targets: Mapping[str, Path]) -> None:
-        """Say which files :meth:`write` is to write.
-
-        Args:
-            targets: from :func:`targets`.
-
-        Raises:
-            InputError: a format cannot hold the robot, or there are no functions; names the option.
-        """
+        """Say which files to write; InputError if a format cannot hold the robot or there is no code."""
         for option, make in (("urdf", to_urdf), ("mjcf", to_mjcf)):
             if option in targets:
                 try:
@@ -143,18 +136,13 @@ class ParallelReport(Report):
 
 
 def targets(options: Namespace) -> dict[str, Path]:
-    """Files that are asked for, by their options; refused before anything is computed if they cannot be.
-
-    Raises:
-        InputError: another ending, a name that C does not allow, or no such folder; names the option.
-    """
+    """Files that are asked for, by option; InputError before anything is computed if they cannot be."""
     found = {}
-    for option, suffixes in _SUFFIXES.items():
-        path = getattr(options, option)
-        if path is None:
+    for option in _SUFFIXES:
+        if (path := getattr(options, option)) is None:
             continue
         try:
-            found[option] = export_target(path, suffixes)
+            found[option] = export_target(path, _SUFFIXES[option])
         except InputError as error:
             raise InputError(f"--{option}: {str(error).removeprefix('path: ')}") from None
         if option == "c" and not found[option].stem.isidentifier():
@@ -163,11 +151,7 @@ def targets(options: Namespace) -> dict[str, Path]:
 
 
 def read_robot(name: str) -> RobotDescription:
-    """A ready-made robot by its name (upper or lower case), or the one of a file.
-
-    Raises:
-        InputError: neither, or a file with an error.
-    """
+    """A ready-made robot by its name (upper or lower case), or the one of a file."""
     by_name = {known.lower(): make for known, make in READY_MADE.items()}
     if name.lower() in by_name:
         return by_name[name.lower()]()
@@ -177,15 +161,7 @@ def read_robot(name: str) -> RobotDescription:
 
 
 def examine(description: RobotDescription, *, form: str = "A", dynpar: int = 3) -> ParallelReport:
-    """Mobility, and if it is as described the generated functions.
-
-    Args:
-        description: the robot.
-        form, dynpar: of the forces; see :func:`ocptip.parallel.code.lean.lean_function`.
-
-    Raises:
-        InputError: a leg does not reach the home pose.
-    """
+    """Mobility, and if it is as described the generated functions, see :func:`lean_function`."""
     try:
         robot = ParallelRobot(description, check=False)
         mobility = robot.mobility()
@@ -195,14 +171,11 @@ def examine(description: RobotDescription, *, form: str = "A", dynpar: int = 3) 
     if home is None:
         return ParallelReport(description, mobility, None, (), "the robot does not move as described")
     if not description.coupling_form:
-        return ParallelReport(
-            description,
-            mobility,
-            home,
-            (),
+        why = (
             "generated code needs legs with as many joints up to the coupling point as there are free "
-            f"translations, and motors on those joints, but {description.coupling_obstacle}",
+            f"translations, and motors on those joints, but {description.coupling_obstacle}"
         )
+        return ParallelReport(description, mobility, home, (), why)
     functions = (
         lean_function(description, form=form, dynpar=dynpar, name=_FORCES[form]),
         lean_function(description, ("J_a",), form="S", dynpar=dynpar, name="jacobian"),

@@ -45,10 +45,7 @@ def run(options: Namespace) -> Report:
 def progress_bar(stream: TextIO) -> Progress:
     """Bar that shows the least total so far."""
 
-    def best(least: float | None) -> str:
-        return "no placement yet" if least is None else f"least total {least:.4f}"
-
-    return Progress(stream, "looking for places to start from ...", best)
+    return Progress(stream, "looking for places to start from ...", "no placement yet", "least total {:.4f}")
 
 
 @dataclass

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from ocptip.basics.errors import InputError, PlanningError, positive_number
-from ocptip.cli.command import Report
+from ocptip.cli.command import Answer, Report
 from ocptip.cli.layout import summary
 from ocptip.cli.options import output_directory, require_least, with_limits
 from ocptip.cli.progress import Progress, say_if_compiling
@@ -37,7 +37,8 @@ def run(options: Namespace) -> Report:
                 task, starts=options.starts, seed=options.seed, jobs=options.jobs, progress=progress
             )
     except PlanningError as error:
-        return NoPlanReport(task.name, f"{error}")
+        data = {"case": task.name, "verified": False, "status": f"{error}"}
+        return Answer(False, f"{task.name}: NO VERIFIED PLAN. {error}", data)
     except KeyboardInterrupt:
         raise KeyboardInterrupt("before there was a verified plan") from None
     scaled = [
@@ -49,10 +50,7 @@ def run(options: Namespace) -> Report:
 def progress_bar(stream: TextIO) -> Progress:
     """Bar that shows the least energy so far."""
 
-    def best(energy: float | None) -> str:
-        return "no verified plan yet" if energy is None else f"best {energy:.1f} J"
-
-    return Progress(stream, "building the optimisation problem ...", best)
+    return Progress(stream, "building the optimisation problem ...", "no verified plan yet", "best {:.1f} J")
 
 
 def _task(options: Namespace) -> tuple[MotionTask, str | None]:
@@ -142,28 +140,6 @@ class PlanReport(Report):
             f"{verified} of {len(starts)} verified, {iterations} iterations, "
             f"{self.plan.seconds:.1f} s, seed {self.plan.seed}"
         )
-
-
-@dataclass
-class NoPlanReport(Report):
-    """That there is no plan.
-
-    Attributes:
-        name: of the task.
-        reason: how near the search came.
-    """
-
-    name: str
-    reason: str
-    good = False
-
-    def to_dict(self) -> dict[str, Any]:
-        """The task's name and the reason."""
-        return {"case": self.name, "verified": False, "status": self.reason}
-
-    def to_text(self) -> str:
-        """The reason in one line."""
-        return f"{self.name}: NO VERIFIED PLAN. {self.reason}"
 
 
 def _scale_text(checked: MotionCheck) -> str:

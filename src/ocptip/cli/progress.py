@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
 from typing import TextIO
@@ -21,12 +20,13 @@ class Progress:
     Args:
         stream: where to.
         begin: shown until the first start has finished.
-        best: what to say of the best value so far, which may be None.
+        none: what to say as long as no start has a value.
+        best: format of the best value so far.
     """
 
-    def __init__(self, stream: TextIO, begin: str, best: Callable[[float | None], str] = str) -> None:
+    def __init__(self, stream: TextIO, begin: str, none: str = "", best: str = "") -> None:
         self._stream, self._shown, self._begin = stream, stream.isatty(), time.monotonic()
-        self._first, self._best = begin, best
+        self._first, self._none, self._best = begin, none, best
 
     def __enter__(self) -> Progress:
         self._show(self._first)
@@ -42,7 +42,8 @@ class Progress:
         filled = _BAR * done // max(total, 1)
         bar = "#" * filled + "." * (_BAR - filled)
         seconds = time.monotonic() - self._begin
-        self._show(f"[{bar}] {done}/{total} starts, {self._best(best)}, {seconds:.0f} s")
+        said = self._none if best is None else self._best.format(best)
+        self._show(f"[{bar}] {done}/{total} starts, {said}, {seconds:.0f} s")
 
     def _show(self, text: str) -> None:
         if self._shown:

@@ -6,7 +6,6 @@ import math
 import textwrap
 from argparse import Namespace
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ import numpy as np
 
 from ocptip.basics.errors import InputError, bounded_array
 from ocptip.basics.write import versions
-from ocptip.cli.command import Report
+from ocptip.cli.command import Answer, Report
 from ocptip.cli.layout import named
 from ocptip.indices.arms.rate import rate_arm
 from ocptip.indices.entry import IndexEntry
@@ -34,49 +33,13 @@ _URDF_OPTIONS = ("base_link", "tool_frame", "lock")
 _HEXAPOD = "6UPS"
 
 
-@dataclass
-class RateReport(Report):
-    """The rating of a pose.
-
-    Attributes:
-        robot: its name.
-        entries: the indices.
-        lines: what else the table says, by name.
-        data: what the JSON holds.
-    """
-
-    robot: str
-    entries: Sequence[IndexEntry]
-    lines: list[tuple[str, str]]
-    data: dict[str, Any]
-
-    @property
-    def good(self) -> bool:
-        """True for a regular pose."""
-        return not self.data["singular"]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Pose, indices, ellipsoid, versions."""
-        return {**self.data, "versions": versions()}
-
-    def to_text(self) -> str:
-        """Every index with its range and meaning, then motions and ellipsoid."""
-        rows = [("index", "value", "range", "meaning"), *map(_row, self.entries)]
-        widths = [max(len(row[k]) for row in rows) for k in range(3)]
-        text = [f"{self.robot}: {'regular' if self.good else 'SINGULAR'} pose.", ""]
-        for row in rows:
-            head = "  ".join(f"{cell:<{width}}" for cell, width in zip(row[:3], widths, strict=True)) + "  "
-            text.append(textwrap.fill(row[3], _WIDTH, initial_indent=head, subsequent_indent=" " * len(head)))
-        return "\n".join([*text, "", *named(self.lines)])
-
-
-def run(options: Namespace) -> RateReport:
+def run(options: Namespace) -> Report:
     """Rate the arm or the platform in its pose."""
     is_platform = options.robot.upper() == _HEXAPOD or Path(options.robot).suffix.lower() == ".toml"
     return _rate_platform(options) if is_platform else _rate_arm(options)
 
 
-def _rate_arm(options: Namespace) -> RateReport:
+def _rate_arm(options: Namespace) -> Report:
     model = _arm(options)
     if len(options.pose) != model.n:
         raise InputError(f"POSE: {model.name} has {model.n} joints, got {len(options.pose)} angles (degrees)")
@@ -97,10 +60,10 @@ def _rate_arm(options: Namespace) -> RateReport:
     if outside.size:
         lines.append(("note", f"outside of the joint limits: joint {', '.join(str(k + 1) for k in outside)}"))
     data = {**rating.to_dict(), "outside_limits": (outside + 1).tolist()}
-    return RateReport(model.name, rating.entries, lines, data)
+    return _answer(rating.entries, lines, data)
 
 
-def _rate_platform(options: Namespace) -> RateReport:
+def _rate_platform(options: Namespace) -> Report:
     _refuse_given(options, ("rates", *_URDF_OPTIONS), "not for platforms")
     hexapod = options.robot.upper() == _HEXAPOD
     file = platform_of_robot(ups6()) if hexapod else read_platform(options.robot)
@@ -130,7 +93,7 @@ def _rate_platform(options: Namespace) -> RateReport:
         "indices": [entry.to_dict() for entry in entries],
         "singular_motion": motion.to_dict(),
     }
-    return RateReport(file.platform.name, entries, lines, data)
+    return _answer(entries, lines, data)
 
 
 def _arm(options: Namespace) -> ArmModel:
@@ -175,6 +138,19 @@ def _ellipsoid(options: Namespace) -> OperationEllipsoid | None:
         return OperationEllipsoid(center=center, half_axes=options.ellipsoid)
     except InputError as error:
         raise InputError(f"--ellipsoid: {error}") from None
+
+
+def _answer(entries: Sequence[IndexEntry], lines: list[tuple[str, str]], data: dict[str, Any]) -> Report:
+    """Every index with its range and meaning, then the named lines."""
+    rows = [("index", "value", "range", "meaning"), *map(_row, entries)]
+    widths = [max(len(row[k]) for row in rows) for k in range(3)]
+    regular = not data["singular"]
+    text = [f"{data['robot']}: {'regular' if regular else 'SINGULAR'} pose.", ""]
+    for row in rows:
+        head = "  ".join(f"{cell:<{width}}" for cell, width in zip(row[:3], widths, strict=True)) + "  "
+        text.append(textwrap.fill(row[3], _WIDTH, initial_indent=head, subsequent_indent=" " * len(head)))
+    text = "\n".join([*text, "", *named(lines)])
+    return Answer(regular, text, {**data, "versions": versions()})
 
 
 def _row(entry: IndexEntry) -> tuple[str, str, str, str]:
