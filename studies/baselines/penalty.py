@@ -39,7 +39,7 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import Bounds
 
 from ocptip.basics.errors import InputError, finite_array, positive_number
-from ocptip.contact.solver import ContactStates
+from ocptip.contact.states import ContactStates
 from ocptip.motion.check import INSIDE
 from ocptip.motion.planner.random_start import DETOUR, random_start
 from ocptip.motion.task import MotionTask, require_plannable

@@ -18,7 +18,8 @@ import clarabel
 import numpy as np
 
 from ocptip.contact.bindings.unilateral import UnilateralContact
-from ocptip.contact.solver import ContactStates, solve_many
+from ocptip.contact.solver import solve_many
+from ocptip.contact.states import ContactStates
 from ocptip.contact.support import Support
 from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipOver

@@ -12,7 +12,7 @@ from ocptip.contact.bindings.clamps import (
     RigidClamp,
 )
 from ocptip.contact.bindings.unilateral import UnilateralContact
-from ocptip.contact.solver import ContactStates
+from ocptip.contact.states import ContactStates
 from ocptip.contact.support import Support
 
 KINDS = (

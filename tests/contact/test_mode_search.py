@@ -9,7 +9,8 @@ from scipy.optimize import linprog, nnls
 from ocptip.contact.bindings.clamps import RigidClamp
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.mode_search import EXHAUSTED, FOUND, LIMIT, find_motion, find_solution
-from ocptip.contact.solver import NO_SOLUTION, solution_from_search, solve, solve_many
+from ocptip.contact.solver import solution_from_search, solve, solve_many
+from ocptip.contact.states import NO_SOLUTION
 from ocptip.contact.support import Support
 from ocptip.contact.verdict import equilibrium
 from studies.contact.random_supports import CLAMPS as RANDOM_CLAMPS

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import ArrayLike
 
 LARGEST = 1e12
 """Largest magnitude of input, SI units: beyond it rounding and overflow would decide, not mechanics."""
@@ -28,7 +31,7 @@ class PlanningError(OcptipError):
     """No verified motion was found; the message says how near the search came."""
 
 
-def finite_array(name: str, value: object, shape: tuple[int | None, ...]) -> np.ndarray:
+def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> np.ndarray:
     """Return `value` as a float array of the given shape (None: any length), or raise InputError."""
     try:
         given = np.array(value)
@@ -50,7 +53,7 @@ def finite_array(name: str, value: object, shape: tuple[int | None, ...]) -> np.
 
 
 def bounded_array(
-    name: str, value: object, shape: tuple[int | None, ...], *, largest: float = LARGEST
+    name: str, value: ArrayLike, shape: tuple[int | None, ...], *, largest: float = LARGEST
 ) -> np.ndarray:
     """As `finite_array`, but magnitudes above `largest` raise InputError, too."""
     array = finite_array(name, value, shape)
@@ -66,7 +69,7 @@ def refuse_huge(name: str, value: float | np.ndarray, largest: float = LARGEST) 
         raise InputError(f"{name}: magnitudes above {largest:g} (SI units) are refused, got {worst:g}")
 
 
-def rotation_matrix(name: str, value: object, *, tolerance: float = 1e-9) -> np.ndarray:
+def rotation_matrix(name: str, value: ArrayLike, *, tolerance: float = 1e-9) -> np.ndarray:
     """Return `value` as a rotation matrix (3, 3), orthonormal up to the tolerance, or raise InputError."""
     matrix = finite_array(name, value, (3, 3))
     error, determinant = float(np.abs(matrix @ matrix.T - np.eye(3)).max()), np.linalg.det(matrix)
@@ -75,7 +78,7 @@ def rotation_matrix(name: str, value: object, *, tolerance: float = 1e-9) -> np.
     return matrix
 
 
-def positive_number(name: str, value: object, *, zero_allowed: bool = False) -> float:
+def positive_number(name: str, value: Any, *, zero_allowed: bool = False) -> float:
     """Return `value` as a positive finite float, or raise InputError naming it."""
     number = number_from(name, value)
     if number < 0 or (number == 0 and not zero_allowed):
@@ -83,7 +86,7 @@ def positive_number(name: str, value: object, *, zero_allowed: bool = False) -> 
     return number
 
 
-def share_of_one(name: str, value: object) -> float:
+def share_of_one(name: str, value: Any) -> float:
     """Return `value` as a float above 0 and at most 1, or raise InputError naming it."""
     number = number_from(name, value)
     if not 0 < number <= 1:
@@ -91,19 +94,19 @@ def share_of_one(name: str, value: object) -> float:
     return number
 
 
-def is_whole(value: object) -> bool:
+def is_whole(value: Any) -> bool:
     """Whether a value is an integer, not a bool."""
     return isinstance(value, int | np.integer) and not isinstance(value, bool)
 
 
-def whole_number(name: str, value: object, least: int) -> int:
+def whole_number(name: str, value: Any, least: int) -> int:
     """Return `value` as an int of at least `least`, or raise InputError naming it."""
     if not is_whole(value) or value < least:
         raise InputError(f"{name}: must be a whole number >= {least}, got {value!r}")
     return int(value)
 
 
-def number_from(name: str, value: object) -> float:
+def number_from(name: str, value: Any) -> float:
     """Return `value` as a finite float, or raise InputError naming it."""
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
         raise InputError(f"{name}: expected a number, got {value!r}")

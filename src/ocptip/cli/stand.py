@@ -14,7 +14,8 @@ from ocptip.basics.write import versions
 from ocptip.cli.command import Report
 from ocptip.cli.layout import named, table
 from ocptip.cli.progress import say_if_compiling
-from ocptip.contact.solver import BEYOND_RESOLUTION, STATUS, ContactState, ContactStates, solve_many
+from ocptip.contact.solver import solve_many
+from ocptip.contact.states import BEYOND_RESOLUTION, STATUS, ContactState, ContactStates
 from ocptip.contact.verdict import StabilityVerdict, stability
 from ocptip.reserves.slip import Slip, SlipReserve
 from ocptip.reserves.tipping import TipOver, TipOverReserve

@@ -268,14 +268,14 @@ class _MotionSearch(_SolutionSearch):
         power = self.power[columns]
         if np.linalg.matrix_rank(matrix, tol=_RANK_TOLERANCE) == len(columns):
             basic, *_ = np.linalg.lstsq(matrix, self.rhs, rcond=None)
-            return np.min(basic) < -_RESIDUAL or not self._answers(columns, basic)
+            return bool(np.min(basic) < -_RESIDUAL) or not self._answers(columns, basic)
         result = _linear_program(-power, matrix, self.rhs)
         if result is None:
             return False
         return result.status == 2 or (result.status == 0 and not self._answers(columns, result.x))
 
     def _answers(self, columns: np.ndarray, basic: np.ndarray) -> bool:
-        return self.load @ (self.Y[:, columns] @ basic + self.y0) > self.least
+        return bool(self.load @ (self.Y[:, columns] @ basic + self.y0) > self.least)
 
 
 def _linear_program(cost: np.ndarray, equations: np.ndarray, rhs: np.ndarray):

@@ -17,78 +17,26 @@ from __future__ import annotations
 
 import numpy as np
 
-from ocptip.numerics.compiled import compiled, compiled_inline
+from ocptip.contact.basis import (
+    apply_inverse,
+    column_image,
+    exchange,
+    factorise,
+    largest_residual,
+    load_basis,
+    polish,
+)
+from ocptip.numerics.compiled import compiled
 
 SOLVED, RAY, PIVOT_LIMIT, SINGULAR, INACCURATE = 0, 1, 2, 3, 4
 
 _ZERO = 1e-13
-_REFINED = 1e-14
-_SINGULAR_TOLERANCE = 1e-11
 _PIVOT_TOLERANCE = 1e-9
 _TIE_TOLERANCE = 1e-10
 _NEGATIVE_TOLERANCE = 1e-10
 _REFACTOR_EVERY = 64
 _CRASH_CONTACTS, _CRASH_STEPS = 3, 12
 _CRASH_PIVOT = 1e-3
-
-
-@compiled
-def _load_basis(row_start, n, subset, subsets, subset_start, element, owner):
-    """Put the current subsets into the slots, in canonical order (contact by contact)."""
-    for k in range(n):
-        size = row_start[k + 1] - row_start[k]
-        base = subset_start[k] + subset[k] * size
-        for place in range(size):
-            element[row_start[k] + place] = subsets[base + place]
-            owner[row_start[k] + place] = k
-
-
-@compiled
-def _factorise(columns, first_column, element, owner, cover, basis_t, inverse_t):
-    """Invert the basis of the current slots (owner -1: the artificial variable) by Gauss-Jordan.
-
-    Both matrices are kept transposed, so that rows of memory are columns of the basis. Returns False if
-    the basis is singular.
-    """
-    m = basis_t.shape[0]
-    for slot in range(m):
-        if owner[slot] < 0:
-            for i in range(m):
-                basis_t[slot, i] = -cover[i]
-        else:
-            c = first_column[owner[slot]] + element[slot]
-            for i in range(m):
-                basis_t[slot, i] = columns[c, i]
-        for i in range(inverse_t.shape[1]):
-            inverse_t[slot, i] = 0.0
-        inverse_t[slot, slot] = 1.0
-    for c in range(m):
-        best, row = abs(basis_t[c, c]), c
-        for i in range(c + 1, m):
-            if abs(basis_t[i, c]) > best:
-                best, row = abs(basis_t[i, c]), i
-        if best < _SINGULAR_TOLERANCE:
-            return False
-        if row != c:
-            for j in range(m):
-                t = basis_t[c, j]
-                basis_t[c, j] = basis_t[row, j]
-                basis_t[row, j] = t
-                t = inverse_t[c, j]
-                inverse_t[c, j] = inverse_t[row, j]
-                inverse_t[row, j] = t
-        f = 1.0 / basis_t[c, c]
-        for j in range(m):
-            basis_t[c, j] *= f
-            inverse_t[c, j] *= f
-        for i in range(m):
-            f = basis_t[i, c]
-            if i != c and f != 0.0:
-                for j in range(c, m):
-                    basis_t[i, j] -= f * basis_t[c, j]
-                for j in range(m):
-                    inverse_t[i, j] -= f * inverse_t[c, j]
-    return True
 
 
 @compiled
@@ -155,60 +103,13 @@ def _press(
         while subsets[place] != element[r]:
             place += 1
         c = first_column[k] + entering[place]
-        _image(inverse_t, columns, c, extent, d)
+        column_image(inverse_t, columns, c, extent, d)
         if abs(d[r]) < _CRASH_PIVOT:
             return step
         element[r] = entering[place]
         subset[k] = successor[place]
-        _pivot(inverse_t, x, p, d, r)
+        exchange(inverse_t, x, p, d, r)
     return _CRASH_STEPS
-
-
-@compiled_inline
-def _image(inverse_t, columns, c, extent, d):
-    """d = inverse @ column c (the inverse is stored transposed: whole rows of memory are added).
-
-    Here and in `_pivot` no single zeros are skipped: the branches would cost more than the products.
-    """
-    for i in range(d.shape[0]):
-        d[i] = 0.0
-    for j in range(extent[c, 0], extent[c, 1]):
-        f = columns[c, j]
-        for i in range(d.shape[0]):
-            d[i] += f * inverse_t[j, i]
-
-
-@compiled_inline
-def _apply(inverse_t, b, out):
-    """out = inverse @ b."""
-    for i in range(out.shape[0]):
-        out[i] = 0.0
-    for j in range(b.shape[0]):
-        for i in range(out.shape[0]):
-            out[i] += b[j] * inverse_t[j, i]
-
-
-@compiled_inline
-def _pivot(inverse_t, x, p, d, r):
-    """Replace slot r by the column whose image is d, in the inverse and in the two right-hand sides."""
-    width = d.shape[0]
-    f = 1.0 / d[r]
-    keep = d[r]
-    d[r] = 0.0
-    for j in range(inverse_t.shape[0]):
-        g = inverse_t[j, r] * f
-        for i in range(width):
-            inverse_t[j, i] -= g * d[i]
-        inverse_t[j, r] = g
-    g = x[r] * f
-    for i in range(width):
-        x[i] -= g * d[i]
-    x[r] = g
-    g = p[r] * f
-    for i in range(width):
-        p[i] -= g * d[i]
-    p[r] = g
-    d[r] = keep
 
 
 @compiled
@@ -241,7 +142,7 @@ def _lemke(
         for i in range(m):
             cover[i] += columns[c, i] * e[slot]
     leaving_contact, leaving_element = owner[artificial], element[artificial]
-    _pivot(inverse_t, x, p, d, artificial)
+    exchange(inverse_t, x, p, d, artificial)
     owner[artificial] = -1
     pivots = 1
     while pivots < max_pivots:
@@ -254,7 +155,7 @@ def _lemke(
         subset[k] = successor[place]
 
         c = first_column[k] + new_element
-        _image(inverse_t, columns, c, extent, d)
+        column_image(inverse_t, columns, c, extent, d)
         dmax = 1.0
         for i in range(m):
             if d[i] > dmax:
@@ -280,55 +181,17 @@ def _lemke(
                     best = key
                     r = i
         leaving_contact, leaving_element = owner[r], element[r]
-        _pivot(inverse_t, x, p, d, r)
+        exchange(inverse_t, x, p, d, r)
         owner[r] = k
         element[r] = new_element
         pivots += 1
         if leaving_contact < 0:
             return SOLVED, pivots
         if pivots % _REFACTOR_EVERY == 0:
-            if not _factorise(columns, first_column, element, owner, cover, basis_t, inverse_t):
+            if not factorise(columns, first_column, element, owner, cover, basis_t, inverse_t):
                 return SINGULAR, pivots
-            _apply(inverse_t, rhs, x)
+            apply_inverse(inverse_t, rhs, x)
     return PIVOT_LIMIT, pivots
-
-
-@compiled
-def _polish(columns, first_column, element, owner, inverse_t, rhs, x, d, work):
-    """Basic values of the current basis with iterative refinement: (smallest, residual)."""
-    m = element.shape[0]
-    _apply(inverse_t, rhs, x)
-    worst = np.inf
-    for step in range(3):
-        worst = _residual(columns, first_column, element, owner, rhs, x, work)
-        if worst < _REFINED or step == 2:
-            break
-        _apply(inverse_t, work, d)
-        for i in range(m):
-            x[i] += d[i]
-    smallest = np.inf
-    for i in range(m):
-        if not x[i] >= smallest:
-            smallest = x[i]
-    return smallest, worst
-
-
-@compiled
-def _residual(columns, first_column, element, owner, rhs, x, work):
-    """Largest element of work = rhs - (basic columns) x."""
-    m = element.shape[0]
-    for i in range(m):
-        work[i] = rhs[i]
-    for slot in range(m):
-        c = first_column[owner[slot]] + element[slot]
-        v = x[slot]
-        for i in range(m):
-            work[i] -= columns[c, i] * v
-    worst = 0.0
-    for i in range(m):
-        if not abs(work[i]) <= worst:
-            worst = abs(work[i])
-    return worst
 
 
 @compiled
@@ -387,8 +250,8 @@ def solve_batch(
     if warm and initial[0] >= 0:
         for k in range(n):
             subset[k] = initial[k]
-        _load_basis(row_start, n, subset, subsets, subset_start, element, owner)
-        have_basis = _factorise(columns, first_column, element, owner, cover, basis_t, inverse_t)
+        load_basis(row_start, n, subset, subsets, subset_start, element, owner)
+        have_basis = factorise(columns, first_column, element, owner, cover, basis_t, inverse_t)
 
     for state in range(rhs_all.shape[0]):
         scale = 0.0
@@ -419,15 +282,15 @@ def solve_batch(
                         choice[k] = start_first[k] + int(_next_random(generator) * start_count[k])
                 for k in range(n):
                     subset[k] = start_subset[choice[k]]
-                _load_basis(row_start, n, subset, subsets, subset_start, element, owner)
+                load_basis(row_start, n, subset, subsets, subset_start, element, owner)
                 if block_start:
                     _block_inverse(row_start, choice, start_inverse, inverse_t)
-                elif not _factorise(columns, first_column, element, owner, cover, basis_t, inverse_t):
+                elif not factorise(columns, first_column, element, owner, cover, basis_t, inverse_t):
                     status = SINGULAR
                     have_basis = False
                     attempt += 1
                     continue
-            _apply(inverse_t, rhs, x)
+            apply_inverse(inverse_t, rhs, x)
             if attempt == 1:
                 total += _press(
                     columns, extent, first_column, row_start, subsets, subset_start, successor, entering,
@@ -446,14 +309,12 @@ def solve_batch(
             total += pivots
             have_basis = False
             if status == SOLVED:
-                smallest, residual = _polish(
-                    columns, first_column, element, owner, inverse_t, rhs, x, d, work
-                )
+                smallest, residual = polish(columns, first_column, element, owner, inverse_t, rhs, x, d, work)
                 # the updated inverse may have drifted: factorise afresh before giving up
-                if not smallest >= -_NEGATIVE_TOLERANCE and _factorise(
+                if not smallest >= -_NEGATIVE_TOLERANCE and factorise(
                     columns, first_column, element, owner, cover, basis_t, inverse_t
                 ):
-                    smallest, residual = _polish(
+                    smallest, residual = polish(
                         columns, first_column, element, owner, inverse_t, rhs, x, d, work
                     )
                 if smallest < 0.0 or gauge.shape[1] > 0:
@@ -462,7 +323,7 @@ def solve_batch(
                         x[i] = max(x[i], 0.0)
                     residual = max(
                         -smallest,
-                        _residual(check_matrix, first_column, element, owner, rhs, x, work),
+                        largest_residual(check_matrix, first_column, element, owner, rhs, x, work),
                     )
                 if residual <= tolerance:
                     have_basis = True

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import (
     LARGEST,
@@ -43,9 +44,9 @@ class Load:
         InputError: neither a force nor a moment.
     """
 
-    force: Sequence[float] | None = None
-    moment: Sequence[float] | float | None = None
-    point: Sequence[float] | None = None
+    force: ArrayLike | None = None
+    moment: ArrayLike | None = None
+    point: ArrayLike | None = None
 
     def __post_init__(self) -> None:
         if self.force is None and self.moment is None:
@@ -77,9 +78,9 @@ class Support:
         contacts: Sequence[Binding],
         *,
         mass: float = 1.0,
-        center_of_mass: Sequence[float] | None = None,
-        inertia: object = None,
-        gravity: Sequence[float] | None = None,
+        center_of_mass: ArrayLike | None = None,
+        inertia: ArrayLike | None = None,
+        gravity: ArrayLike | None = None,
     ) -> None:
         self.contacts = tuple(contacts)
         if not self.contacts:
@@ -215,7 +216,7 @@ def moments_of(arm: np.ndarray, forces: np.ndarray) -> np.ndarray:
     return (arm[0] * forces[:, 1] - arm[1] * forces[:, 0])[:, None]
 
 
-def _inertia(value: object, default: float, dimension: int) -> np.ndarray:
+def _inertia(value: ArrayLike | None, default: float, dimension: int) -> np.ndarray:
     size = 3 if dimension == 3 else 1
     if value is None:
         return np.eye(size) * default
@@ -377,7 +378,7 @@ class ContactSystem:
             if count[-1] == 0:
                 raise InputError(f"contacts[{k}]: no mode of this contact has independent columns")
         self.start_subset = np.array(subset_ids, dtype=np.int64)
-        self.start_inverse = np.ascontiguousarray(np.moveaxis(inverses, 0, -1))
+        self.start_inverse = np.ascontiguousarray(np.moveaxis(np.array(inverses), 0, -1))
         self.start_first = np.array(first, dtype=np.int64)
         self.start_count = np.array(count, dtype=np.int64)
         self.lifts = np.any(self.acceleration_matrix[:: self.support.dimension] > 0, axis=0)

@@ -14,18 +14,20 @@ all three agree; with four or more feet, contacts that face each other, or clamp
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import clarabel
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.sparse import csc_matrix
 
 from ocptip.basics.errors import SolverError, bounded_array
 from ocptip.contact import mode_search
 from ocptip.contact.bindings import laws
 from ocptip.contact.bindings.binding import Binding, ForcePiece
-from ocptip.contact.solver import REST_TOLERANCE, ContactState, solution_from_search, solve, solve_randomly
+from ocptip.contact.solver import solution_from_search, solve, solve_randomly
+from ocptip.contact.states import REST_TOLERANCE, ContactState
 from ocptip.contact.support import LARGEST_WRENCH, Support
 
 MARGIN_TOLERANCE = 1e-7
@@ -111,7 +113,7 @@ class StabilityVerdict:
         }
 
 
-def stability(support: Support, wrench: object, *, max_nodes: int = 5000) -> StabilityVerdict:
+def stability(support: Support, wrench: ArrayLike, *, max_nodes: int = 5000) -> StabilityVerdict:
     """Judge whether a support stands under a wrench, and how sure that is.
 
     Args:
@@ -175,7 +177,7 @@ def stability(support: Support, wrench: object, *, max_nodes: int = 5000) -> Sta
     )
 
 
-def equilibrium(support: Support, wrench: object, *, cone: bool = True) -> Equilibrium:
+def equilibrium(support: Support, wrench: ArrayLike, *, cone: bool = True) -> Equilibrium:
     """Test by convex programs whether admissible contact forces balance a wrench (weak stability).
 
     Args:
@@ -205,22 +207,20 @@ def equilibrium(support: Support, wrench: object, *, cone: bool = True) -> Equil
         motion = -unreachable * scaling
         return Equilibrium(False, -np.inf, None, motion / np.max(np.abs(unreachable)), 0)
     matrix = basis.T @ (scaling[:, None] * support.wrench_matrix)
-    best: Equilibrium | None = None
-    programs = 0
+    outcomes: list[Equilibrium] = []
     pieces = [contact.force_pieces() for contact in support.contacts]
     for choice in itertools.product(*pieces):
-        programs += 1
         margin, forces, dual = _margin(support.contacts, choice, matrix, basis.T @ target, unit, cone)
         certificate = None
         if margin < -MARGIN_TOLERANCE and all(len(p) == 1 for p in pieces):
             motion = scaling * (basis @ dual)
             motion = motion if motion @ wrench > 0 else -motion
             certificate = motion / np.max(np.abs(motion / scaling))
-        if best is None or margin * unit > best.margin:
-            best = Equilibrium(margin >= -MARGIN_TOLERANCE, margin * unit, forces, certificate, programs)
-        if best.stands and programs >= _ALL_COMBINATIONS:
+        stands = margin >= -MARGIN_TOLERANCE
+        outcomes.append(Equilibrium(stands, margin * unit, forces, certificate, 1))
+        if len(outcomes) >= _ALL_COMBINATIONS and any(outcome.stands for outcome in outcomes):
             break
-    return Equilibrium(best.stands, best.margin, best.forces, best.certificate, programs)
+    return replace(max(outcomes, key=lambda outcome: outcome.margin), programs=len(outcomes))
 
 
 def _margin(
@@ -278,6 +278,7 @@ def _margin(
     cost = np.zeros(size)
     cost[-1] = -1.0
     matrices = csc_matrix((size, size)), cost, csc_matrix(np.vstack(blocks)), np.concatenate(limits), cones
+    ended = ""
     for tolerance in _TOLERANCES:
         settings = clarabel.DefaultSettings()
         settings.verbose = False
@@ -291,10 +292,8 @@ def _margin(
                 return float(x[-1]), x[:-1].reshape(n, d) * unit, dual
         if status in ("PrimalInfeasible", "AlmostPrimalInfeasible"):
             return -np.inf, None, dual
-    raise SolverError(
-        f"equilibrium: the convex program ended with status {status} "
-        f"(primal residual {solution.r_prim:.1e}, dual residual {solution.r_dual:.1e})"
-    )
+        ended = f"{status} (primal residual {solution.r_prim:.1e}, dual residual {solution.r_dual:.1e})"
+    raise SolverError(f"equilibrium: the convex program ended with status {ended}")
 
 
 def _moving_from_random_starts(support: Support, wrench: np.ndarray) -> ContactState | None:

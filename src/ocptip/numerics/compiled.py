@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Literal
 
 import numba
 
 
-def compiled(function: Callable, **options: object) -> Callable:
+def compiled(function: Callable, *, inline: Literal["never", "always"] = "never") -> Callable:
     """Compile a function on first use; keep the code for the next start of the program if a cache exists.
 
     Numba refuses to decorate if it finds no writable folder for its cache (a read-only installation of a
     user without a home): then the function is compiled anew in every process.
     """
     try:
-        return numba.njit(cache=True, error_model="numpy", **options)(function)
+        return numba.njit(cache=True, error_model="numpy", inline=inline)(function)
     except RuntimeError:
-        return numba.njit(error_model="numpy", **options)(function)
+        return numba.njit(error_model="numpy", inline=inline)(function)
 
 
 def compiled_inline(function: Callable) -> Callable:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import casadi as cs
 import numpy as np
@@ -16,15 +16,19 @@ class Program(Protocol):
 
     def values(self, x: np.ndarray) -> tuple[float, np.ndarray]:
         """Objective and rows."""
+        ...
 
     def gradient(self, x: np.ndarray) -> np.ndarray:
         """Of the objective."""
+        ...
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
         """Of the rows (rows, nx)."""
+        ...
 
     def hessian(self, x: np.ndarray, sigma: float, multipliers: np.ndarray) -> np.ndarray:
         """Of sigma * objective + multipliers . rows."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,11 +93,11 @@ class _Function(cs.Callback):
     def has_eval_buffer(self) -> bool:
         return True
 
-    def eval_buffer(self, arguments: tuple, results: tuple) -> int:
+    def eval_buffer(self, arg: tuple, res: tuple) -> int:
         try:
             self._evaluate(
-                [None if a is None else np.frombuffer(a) for a in arguments],
-                [None if r is None else np.frombuffer(r) for r in results],
+                [None if a is None else np.frombuffer(a) for a in arg],
+                [None if r is None else np.frombuffer(r) for r in res],
             )
         except BaseException as error:  # handed on behind the solver, which would swallow it
             self.error = error
@@ -131,40 +135,11 @@ def solve(
     Raises:
         Exception: whatever the program's functions raise, KeyboardInterrupt included.
     """
-    nx, ng = len(x0), len(bounds[0])
-    dense = cs.Sparsity.dense
-    at_x = {"x": dense(nx, 1), "p": dense(0, 0)}
-    upper_part = tuple(np.array([(i, j) for j in range(nx) for i in range(j + 1)]).T)
-
-    def put(target: np.ndarray | None, value: np.ndarray | float) -> None:
-        if target is not None:
-            target[:] = value
-
-    def values(a: list, r: list) -> None:
-        f, g = program.values(a[0])
-        put(r[0], f), put(r[1], g)
-
-    def gradient(a: list, r: list) -> None:
-        put(r[0], program.values(a[0])[0]), put(r[1], program.gradient(a[0]))
-
-    def jacobian(a: list, r: list) -> None:
-        put(r[0], program.values(a[0])[1]), put(r[1], program.jacobian(a[0]).ravel(order="F"))
-
-    def hessian(a: list, r: list) -> None:
-        put(r[0], program.hessian(a[0], float(a[2][0]), a[3])[upper_part])
-
-    f1, gx = dense(1, 1), dense(nx, 1)
-    functions = [
-        _Function("nlp", at_x, {"f": f1, "g": dense(ng, 1)}, values),
-        _Function("nlp_grad_f", at_x, {"f": f1, "grad_f_x": gx}, gradient),
-        _Function("nlp_jac_g", at_x, {"g": dense(ng, 1), "jac_g_x": dense(ng, nx)}, jacobian),
-        _Function(
-            "nlp_hess_l",
-            at_x | {"lam_f": f1, "lam_g": dense(ng, 1)},
-            {"triu_hess_gamma_x_x": cs.Sparsity.upper(nx)},
-            hessian,
-        ),
-    ]
+    functions = _functions(program, len(x0), len(bounds[0]))
+    limits: dict[str, Any] = {"max_iter": max_iterations}
+    if seconds is not None:
+        limits["max_wall_time"] = max(seconds, 1e-3)
+    warm = {} if multipliers is None else _warm_start(start_mu, push)
     options = {
         "grad_f": functions[1],
         "jac_g": functions[2],
@@ -174,36 +149,8 @@ def solve(
         "calc_lam_p": False,
         "error_on_fail": False,
         "show_eval_warnings": False,
-        "ipopt": {
-            "print_level": 0,
-            "sb": "yes",
-            "linear_solver": "mumps",
-            "tol": tolerance,
-            "acceptable_tol": 100 * tolerance,
-            "acceptable_iter": 5,
-            "acceptable_obj_change_tol": tolerance,
-            "acceptable_constr_viol_tol": tolerance,
-            "max_iter": max_iterations,
-            "mu_init": start_mu,
-            "mu_strategy": strategy,
-            "bound_relax_factor": 0.0,
-            "bound_push": push,
-            "bound_frac": push,
-            "slack_bound_push": push,
-            "slack_bound_frac": push,
-        },
+        "ipopt": _ipopt_options(tolerance, start_mu, strategy, push) | limits | warm,
     }
-    if seconds is not None:
-        options["ipopt"]["max_wall_time"] = max(seconds, 1e-3)
-    if multipliers is not None:
-        options["ipopt"] |= {
-            "warm_start_init_point": "yes",
-            "warm_start_bound_push": push,
-            "warm_start_bound_frac": push,
-            "warm_start_slack_bound_push": push,
-            "warm_start_slack_bound_frac": push,
-            "warm_start_mult_bound_push": start_mu,
-        }
     start = time.perf_counter()
     solver = cs.nlpsol("solver", "ipopt", functions[0], options)
     arguments = {
@@ -221,16 +168,11 @@ def solve(
             raise function.error
     stats = solver.stats()
     x, g = np.array(result["x"]).ravel(), np.array(result["g"]).ravel()
-    violation = 0.0
-    for value, (low, high) in ((x, x_bounds), (g, bounds)):
-        violation = max(
-            violation, float(np.max(low - value, initial=0.0)), float(np.max(value - high, initial=0.0))
-        )
     status = stats["return_status"]
     return Solution(
         x=x,
         objective=float(result["f"]),
-        violation=violation,
+        violation=max(_violation(x, x_bounds), _violation(g, bounds)),
         multipliers=np.array(result["lam_g"]).ravel(),
         bound_multipliers=np.array(result["lam_x"]).ravel(),
         status=status,
@@ -238,3 +180,80 @@ def solve(
         iterations=int(stats["iter_count"]),
         seconds=time.perf_counter() - start,
     )
+
+
+def _functions(program: Program, nx: int, ng: int) -> list[_Function]:
+    """The program as CasADi wants it: values, gradient, Jacobian and Hessian, with the names it expects."""
+    dense = cs.Sparsity.dense
+    upper_part = tuple(np.array([(i, j) for j in range(nx) for i in range(j + 1)]).T)
+
+    def put(target: np.ndarray | None, value: np.ndarray | float) -> None:
+        if target is not None:
+            target[:] = value
+
+    def values(a: list, r: list) -> None:
+        f, g = program.values(a[0])
+        put(r[0], f)
+        put(r[1], g)
+
+    def gradient(a: list, r: list) -> None:
+        put(r[0], program.values(a[0])[0])
+        put(r[1], program.gradient(a[0]))
+
+    def jacobian(a: list, r: list) -> None:
+        put(r[0], program.values(a[0])[1])
+        put(r[1], program.jacobian(a[0]).ravel(order="F"))
+
+    def hessian(a: list, r: list) -> None:
+        put(r[0], program.hessian(a[0], float(a[2][0]), a[3])[upper_part])
+
+    at_x, f1 = {"x": dense(nx, 1), "p": dense(0, 0)}, dense(1, 1)
+    return [
+        _Function("nlp", at_x, {"f": f1, "g": dense(ng, 1)}, values),
+        _Function("nlp_grad_f", at_x, {"f": f1, "grad_f_x": dense(nx, 1)}, gradient),
+        _Function("nlp_jac_g", at_x, {"g": dense(ng, 1), "jac_g_x": dense(ng, nx)}, jacobian),
+        _Function(
+            "nlp_hess_l",
+            at_x | {"lam_f": f1, "lam_g": dense(ng, 1)},
+            {"triu_hess_gamma_x_x": cs.Sparsity.upper(nx)},
+            hessian,
+        ),
+    ]
+
+
+def _ipopt_options(tolerance: float, start_mu: float, strategy: str, push: float) -> dict[str, Any]:
+    return {
+        "print_level": 0,
+        "sb": "yes",
+        "linear_solver": "mumps",
+        "tol": tolerance,
+        "acceptable_tol": 100 * tolerance,
+        "acceptable_iter": 5,
+        "acceptable_obj_change_tol": tolerance,
+        "acceptable_constr_viol_tol": tolerance,
+        "mu_init": start_mu,
+        "mu_strategy": strategy,
+        "bound_relax_factor": 0.0,
+        "bound_push": push,
+        "bound_frac": push,
+        "slack_bound_push": push,
+        "slack_bound_frac": push,
+    }
+
+
+def _warm_start(start_mu: float, push: float) -> dict[str, Any]:
+    """Options of a start with multipliers."""
+    return {
+        "warm_start_init_point": "yes",
+        "warm_start_bound_push": push,
+        "warm_start_bound_frac": push,
+        "warm_start_slack_bound_push": push,
+        "warm_start_slack_bound_frac": push,
+        "warm_start_mult_bound_push": start_mu,
+    }
+
+
+def _violation(values: np.ndarray, bounds: tuple[np.ndarray, np.ndarray]) -> float:
+    """By how much values leave their bounds at most; 0 inside."""
+    low, high = bounds
+    return max(float(np.max(low - values, initial=0.0)), float(np.max(values - high, initial=0.0)))

@@ -28,10 +28,11 @@ class PointFunction:
         self._buffer, self._run = dense.buffer()
         self._arguments = [np.zeros(dense.numel_in(i)) for i in range(dense.n_in())]
         self._results = [np.zeros(dense.size_out(i), order="F") for i in range(dense.n_out())]
+        # CasADi's type hints count a buffer's size as an argument of its own
         for i, array in enumerate(self._arguments):
-            self._buffer.set_arg(i, memoryview(array))
+            self._buffer.set_arg(i, array.data)  # pyright: ignore[reportCallIssue]
         for i, array in enumerate(self._results):
-            self._buffer.set_res(i, memoryview(array.reshape(-1, order="F")))
+            self._buffer.set_res(i, array.reshape(-1, order="F").data)  # pyright: ignore[reportCallIssue]
         self._lock = threading.Lock()
 
     def __call__(self, *arguments: np.ndarray) -> list[np.ndarray]:

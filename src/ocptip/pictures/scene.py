@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 from ocptip.basics.errors import InputError
 from ocptip.basics.write import atomic_file
-from ocptip.contact.solver import ContactStates
+from ocptip.contact.states import ContactStates
 from ocptip.pictures.labels import Labels
 from ocptip.pictures.scene_panels import LOAD, draw_friction_bars, draw_plane, draw_space, draw_top, fit_space
 from ocptip.pictures.scene_picture import ScenePicture

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ocptip.basics.text import percent, quantity, ratio, without_noise
-from ocptip.contact.solver import ContactStates
+from ocptip.contact.states import ContactStates
 from ocptip.reserves.force_sets import ForceSets, force_scale
 from ocptip.reserves.slip import SlipReserve
 from ocptip.reserves.tipping import TipOverReserve

@@ -13,7 +13,8 @@ from functools import cached_property
 import numpy as np
 
 from ocptip.contact.bindings.unilateral import UnilateralContact
-from ocptip.contact.solver import ContactStates, solve_many
+from ocptip.contact.solver import solve_many
+from ocptip.contact.states import ContactStates
 from ocptip.numerics.batch import BatchFunction
 from ocptip.placement.manipulability import MEASURES, index_of, measures
 from ocptip.placement.problem import PlacementProblem

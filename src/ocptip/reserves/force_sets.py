@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ocptip.contact.bindings.laws import normal_range
-from ocptip.contact.solver import ContactStates
+from ocptip.contact.states import ContactStates
 from ocptip.contact.support import Support
 
 LOAD_TOLERANCE = 1e-9

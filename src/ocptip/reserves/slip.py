@@ -15,7 +15,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from ocptip.basics.errors import InputError
-from ocptip.contact.solver import ContactStates
+from ocptip.contact.states import ContactStates
 from ocptip.contact.support import Support
 from ocptip.reserves.force_sets import LOAD_TOLERANCE, ForceSets, force_scale
 from ocptip.reserves.fractional import NEGLIGIBLE_LIMIT, minimise_fraction

@@ -16,7 +16,8 @@ import numpy as np
 from scipy.optimize import linprog
 
 from ocptip.basics.errors import InputError, SolverError, positive_number
-from ocptip.contact.solver import ContactStates, solve_many
+from ocptip.contact.solver import solve_many
+from ocptip.contact.states import ContactStates
 from ocptip.contact.support import Support
 from ocptip.reserves.force_sets import ForceSets
 
@@ -131,7 +132,7 @@ class TipOver:
         if self.free_rotation:
             ratio = np.ones(count)
             nearest[:] = 0 if self.axes else -1
-        elif self.axes:
+        elif self.axes and self.reference_moment is not None:
             nearest = np.argmin(moments, axis=1)
             smallest = np.maximum(moments[np.arange(count), nearest], 0.0)
             ratio = self.reference_moment / (self.reference_moment + smallest)

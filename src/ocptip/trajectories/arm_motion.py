@@ -15,7 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ocptip.basics.errors import InputError, finite_array, number_from, positive_number
+from ocptip.basics.errors import InputError, finite_array, number_from, positive_number, whole_number
 from ocptip.trajectories.ramps import JointRamps, RampCommand
 
 MERGE = 1e-9  # events nearer to each other than this are one, s
@@ -128,16 +128,19 @@ class ArmMotion:
         for j in passive:
             positive_number(f"speed_limits of joint {j + 1}", v[j])
             positive_number(f"acceleration_limits of joint {j + 1}", a[j])
-        optimised = [j for j in range(n) if commands[j] is not None]
         ends = [float(earliest_end(goal[j] - start[j], v[j], a[j])) for j in passive]
-        for j in optimised:
+        for j, of_joint in enumerate(commands):
+            if of_joint is None:
+                continue
             try:
-                ends.append(JointRamps.from_commands(start[j], commands[j]).end)
+                ends.append(JointRamps.from_commands(start[j], of_joint).end)
             except InputError as error:
                 raise InputError(f"joint {j + 1}: {error}") from None
-        completed = list(commands)
-        for j in passive:
-            completed[j] = [passive_command(start[j], goal[j], max(ends), v[j], a[j])]
+        end = max(ends, default=0.0)
+        completed = [
+            [passive_command(start[j], goal[j], end, v[j], a[j])] if of_joint is None else of_joint
+            for j, of_joint in enumerate(commands)
+        ]
         return cls.from_commands(start, completed)
 
     @property
@@ -282,15 +285,13 @@ def gauss_legendre(intervals: np.ndarray, order: int) -> tuple[np.ndarray, np.nd
     Raises:
         InputError: order is not a whole number >= 1.
     """
-    if isinstance(order, bool) or not isinstance(order, int | np.integer) or order < 1:
-        raise InputError(f"order: must be a whole number >= 1, got {order!r}")
-    x, w = np.polynomial.legendre.leggauss(order)
+    x, w = np.polynomial.legendre.leggauss(whole_number("order", order, 1))
     left, right = intervals.T
     half = 0.5 * (right - left)[:, None]
     return (0.5 * (left + right)[:, None] + half * x).ravel(), (half * w).ravel()
 
 
-def _is_list(value: object) -> bool:
+def _is_list(value: Any) -> bool:
     return isinstance(value, Sequence) and not isinstance(value, str)
 
 
@@ -299,7 +300,7 @@ def _command_dict(command: RampCommand, length: bool) -> dict[str, float]:
     return values if length else {key: math.degrees(value) for key, value in values.items()}
 
 
-def _command_from(entry: object, where: str, length: bool) -> RampCommand:
+def _command_from(entry: Any, where: str, length: bool) -> RampCommand:
     """Read {"phi_e": deg, "speed": deg/s, "acceleration": deg/s^2}, or the same in m."""
     if not isinstance(entry, Mapping) or set(entry) != set(_COMMAND_KEYS):
         raise InputError(f"{where}: expected exactly the keys {', '.join(_COMMAND_KEYS)}, got {entry!r}")

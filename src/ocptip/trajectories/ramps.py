@@ -147,10 +147,11 @@ class JointRamps:
             angles += [phi - peak * cruise, phi]
             speeds += [peak, peak]
             accelerations += [float(np.sign(peak - w)) * command.acceleration, 0.0]
-        times.append(times[-1] + abs(peak) / command.acceleration)
-        angles.append(command.phi_e)
+        last, peak = commands[-1], speeds[-1]
+        times.append(times[-1] + abs(peak) / last.acceleration)
+        angles.append(last.phi_e)
         speeds.append(0.0)
-        accelerations.append(-float(np.sign(peak)) * command.acceleration + 0.0)
+        accelerations.append(-float(np.sign(peak)) * last.acceleration + 0.0)
         arrays = [np.array(values) for values in (times, angles, speeds, accelerations)]
         for array in arrays:
             array.flags.writeable = False
@@ -256,8 +257,10 @@ class JointRamps:
     @cached_property
     def _padded(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Start times, angles, speeds, accelerations: rest before, phases, rest after; (2 n + 3,) each."""
-        starts = (np.concatenate([values[:1], values]) for values in (self.times, self.angles, self.speeds))
-        return *starts, np.concatenate([[0.0], self.accelerations, [0.0]])
+        times, angles, speeds = (
+            np.concatenate([values[:1], values]) for values in (self.times, self.angles, self.speeds)
+        )
+        return times, angles, speeds, np.concatenate([[0.0], self.accelerations, [0.0]])
 
 
 def phase_violations(
@@ -391,11 +394,12 @@ def _snapped(
     w: np.ndarray, d: np.ndarray, c: np.ndarray, tolerance: float
 ) -> tuple[list[float], list[float], list[float]]:
     """Durations just below 0 as 0; no ramp where its length and its change of speed are next to nothing."""
-    speeds, d, c = [0.0, *w.tolist()], np.maximum(d, 0.0).tolist(), np.maximum(c, 0.0).tolist()
+    speeds = [0.0, *w.tolist()]
+    ramps, cruises = np.maximum(d, 0.0).tolist(), np.maximum(c, 0.0).tolist()
     for k in range(len(w)):
-        if d[k] <= tolerance and abs(speeds[k + 1] - speeds[k]) <= tolerance:
-            speeds[k + 1], d[k] = speeds[k], 0.0
-    return speeds[1:], d, c
+        if ramps[k] <= tolerance and abs(speeds[k + 1] - speeds[k]) <= tolerance:
+            speeds[k + 1], ramps[k] = speeds[k], 0.0
+    return speeds[1:], ramps, cruises
 
 
 def _margin(w_a: float, w_k: float, d_k: float, c_k: float) -> float:

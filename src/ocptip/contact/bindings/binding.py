@@ -10,7 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -81,12 +81,12 @@ class Binding(ABC):
     kind: ClassVar[str]
     registry: ClassVar[dict[str, type[Binding]]] = {}
 
-    position: Sequence[float] = field()
-    normal: Sequence[float] = field(default=(0.0, 0.0, 1.0))
+    position: Sequence[float] | np.ndarray = field()
+    normal: Sequence[float] | np.ndarray = field(default=(0.0, 0.0, 1.0))
     facets: int = 8
-    tangent: Sequence[float] | None = None
+    tangent: Sequence[float] | np.ndarray | None = None
 
-    def __init_subclass__(cls, **kwargs: object) -> None:
+    def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
         kind = cls.__dict__.get("kind")
         if kind is not None:

@@ -63,7 +63,11 @@ class RigidClamp(_Clamp):
     kind: ClassVar[str] = "rigid-clamp"
 
     def pool(self) -> list[PoolVariable]:
-        return [*sliding_variables(self), *_cone_variables(self)]
+        edges = _cone_edges(self)
+        return [
+            *sliding_variables(self),
+            *(PoolVariable(f"l{h + 1}", force=k) for h, k in enumerate(edges)),
+        ]
 
     def modes(self) -> list[Mode]:
         if self.planar:
@@ -225,11 +229,10 @@ class _TwoSidedClamp(_PreloadedClamp):
 
     def _jaw_variables(self) -> list[PoolVariable]:
         i = self.lever_ratio
-        cones = _cone_variables(self)
         weights = [i / (1.0 + i)] * self.directions + [1.0 / (1.0 + i)] * self.directions
         return [
-            PoolVariable(v.name, force=v.force, auxiliary=(w * abs(v.force[0]),))
-            for v, w in zip(cones, weights, strict=True)
+            PoolVariable(f"l{h}", force=k, auxiliary=(w * abs(k[0]),))
+            for h, (k, w) in enumerate(zip(_cone_edges(self), weights, strict=True), 1)
         ]  # (A.5)
 
     def _between_piece(self) -> ForcePiece:
@@ -336,8 +339,8 @@ class ForceConstantTwoSidedClamp(_TwoSidedClamp):
         return [self._between_piece()]
 
 
-def _cone_variables(clamp: _Clamp) -> list[PoolVariable]:
-    """Edge forces l1.. of the upper cone (+n), then of the lower cone (-n), same tangential directions."""
+def _cone_edges(clamp: _Clamp) -> np.ndarray:
+    """Edges l1.. of the upper cone (+n), then of the lower cone (-n), same tangential directions."""
     upper = edge_vectors(clamp, clamp.friction_upper)
     lower = edge_vectors(clamp, clamp.friction_lower, -1.0)
-    return [PoolVariable(f"l{h + 1}", force=k) for h, k in enumerate(np.vstack([upper, lower]))]
+    return np.vstack([upper, lower])

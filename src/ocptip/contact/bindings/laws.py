@@ -58,7 +58,11 @@ def _polygon(planar: bool, facets: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def law_violation(
-    binding: Binding, force: np.ndarray, acceleration: np.ndarray, force_unit: float, mass: float
+    binding: Binding,
+    force: np.ndarray,
+    acceleration: np.ndarray,
+    force_unit: float | np.ndarray,
+    mass: float,
 ) -> np.ndarray:
     """How far forces and accelerations of one binding are from obeying its laws.
 

@@ -8,17 +8,18 @@ special case with the two directions +t and -t. Source of the construction: equa
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
-from ocptip.basics.errors import InputError
+from ocptip.basics.errors import InputError, is_whole
 
 MIN_FACETS, MAX_FACETS = 3, 256
 
 
-def check_facets(name: str, facets: object) -> int:
+def check_facets(name: str, facets: Any) -> int:
     """Return the facet count as an int, or raise InputError."""
-    whole = isinstance(facets, int | np.integer) and not isinstance(facets, bool)
-    if not whole or not MIN_FACETS <= facets <= MAX_FACETS:
+    if not is_whole(facets) or not MIN_FACETS <= facets <= MAX_FACETS:
         raise InputError(f"{name}: must be an integer from {MIN_FACETS} to {MAX_FACETS}, got {facets!r}")
     return int(facets)
 

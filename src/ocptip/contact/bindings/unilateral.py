@@ -86,7 +86,7 @@ def stick_triples(facets: int, first: int = 1) -> list[tuple[str, str, str]]:
         facets: number S of edges.
         first: number of the cone's first edge variable (S + 1 for a second cone).
     """
-    triples = []
+    triples: list[tuple[int, int, int]] = []
 
     def fill(a: int, b: int) -> None:
         if b - a > 1:
@@ -100,4 +100,5 @@ def stick_triples(facets: int, first: int = 1) -> list[tuple[str, str, str]]:
     fill(0, third)
     fill(third, two_thirds)
     fill(two_thirds, facets)
-    return [tuple(f"l{first + e % facets}" for e in triple) for triple in triples]
+    names = [f"l{first + e}" for e in range(facets)]
+    return [(names[a], names[b], names[c % facets]) for a, b, c in triples]
