@@ -20,6 +20,7 @@ from ocptip.indices.arms.distance import (
     stationary_motion_angle,
 )
 from ocptip.indices.arms.operation import OperationIndices, operation_indices
+from ocptip.indices.meanings import ARM
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.reviewed import inv_cdn, inv_cdn_cl, inv_cdn_points, manipulability
 from ocptip.robots.model import ArmModel
@@ -29,21 +30,7 @@ DEFAULT_ELLIPSOID = OperationEllipsoid.sphere(0.1)
 
 SIX_AXES = "defined for six axes only"
 
-ARM_INDICES = (
-    "pi_oe",
-    "inv_cdn_oe",
-    "dm_inf",
-    "dm_2",
-    "manipulability",
-    "inv_cdn",
-    "inv_cdn_cl",
-    "inv_cdn_points",
-    "pi_oe_weighted",
-    "inv_cdn_oe_weighted",
-    "dm_inf_weighted",
-    "dm_2_weighted",
-    "sigma",
-)
+ARM_INDICES = tuple(ARM)
 """Names of all indices of an arm, as in `index_values` and `ArmRating`; sigma rates a motion."""
 
 
