@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from ocptip.pictures import placement as placement_plots
 from ocptip.pictures.placement import CAUSES, draw_placement, placement_figures
+from ocptip.pictures.world_view import half_plane
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.maps import PlacementMap
 from ocptip.placement.place import place
@@ -139,9 +139,9 @@ def test_terrain_of_one_parameter_gets_curves():
 
 
 def test_half_plane_is_clipped_to_the_picture():
-    corners = placement_plots._half_plane(np.array([1.0, 0.0]), 0.25, ((0, 1), (0, 2)))
+    corners = half_plane(np.array([1.0, 0.0]), 0.25, ((0, 1), (0, 2)))
     np.testing.assert_allclose(sorted(corners.tolist()), [[0.25, 0], [0.25, 2], [1, 0], [1, 2]])
-    assert len(placement_plots._half_plane(np.array([1.0, 0.0]), 3.0, ((0, 1), (0, 2)))) == 0
+    assert len(half_plane(np.array([1.0, 0.0]), 3.0, ((0, 1), (0, 2)))) == 0
 
 
 def test_scan_agrees_with_the_judge(placed):

@@ -12,7 +12,8 @@ from PIL import Image
 
 from ocptip.motion.output import sample_motion
 from ocptip.pictures import plan as motion_plots
-from ocptip.pictures.plan import COLORS, draw_plan, plan_figures
+from ocptip.pictures.frame import COLORS
+from ocptip.pictures.plan import draw_plan, plan_figures
 from ocptip.standing.limits import MotionLimits
 from tests.pictures.plan_stand_in import stand_in_plan
 

@@ -9,30 +9,34 @@ is in the way of the one that violates least.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Circle, Polygon
 from matplotlib.patches import Patch as Swatch
-from scipy.spatial import ConvexHull, QhullError
+from matplotlib.patches import Polygon
 
-from ocptip.basics.write import atomic_file
+from ocptip.pictures.frame import new_figure, save_figures
+from ocptip.pictures.world_view import (
+    BASE,
+    COLORS,
+    FORBIDDEN,
+    GROUND,
+    LOAD,
+    OTHER,
+    SOLID,
+    View,
+    obstacles_of,
+)
 from ocptip.placement.maps import CELLS, PlacementMap
-from ocptip.placement.problem import CRITERIA, PlacementProblem
+from ocptip.placement.problem import CRITERIA
 from ocptip.placement.result import Placement
 from ocptip.placement.terrain import Patch
-from ocptip.robots.geometry import Pillar, Wall
-from ocptip.robots.kinematics import link_frames
 
-COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")  # of tasks
-BASE, OTHER, LOAD, SOLID, FORBIDDEN, GROUND = "#3a3a3a", "#9a9a9a", "#b3261e", "#8c8c8c", "#e07b00", "#6b4f2a"
 BEST = "#d00000"
 CAUSES = {
     "reach": ("out of reach", "#e8e8e8"),
@@ -59,9 +63,7 @@ _NAMES = {
     "GK": "Force space GK",
     "GE": "Power GE",
 }
-_ARROW = 0.16  # length of a process force, share of the picture
 _SAME = 0.05  # m, rad: bases nearer than this are drawn once
-_ALONG = 0.05  # sine of the angle up to which a wall or an axis counts as seen edge-on
 
 
 def draw_placement(
@@ -81,21 +83,18 @@ def draw_placement(
     Raises:
         OSError: a file or the directory cannot be written; names it.
     """
-    directory, paths = Path(directory), []
-    directory.mkdir(exist_ok=True)
-    for key, figure in placement_figures(name, placements, cells=cells).items():
-        paths.append(directory / f"{key}.png")
-        with atomic_file(paths[-1]) as stream:
-            figure.savefig(stream, format="png", dpi=DPI)
-    return paths
+    return save_figures(directory, _figures(name, placements, cells), DPI)
 
 
 def placement_figures(name: str, placements: Sequence[Placement], *, cells: int = CELLS) -> dict[str, Figure]:
     """The same as matplotlib figures, by the names of the files without ending."""
-    best = placements[0]
+    return {key: draw() for key, draw in _figures(name, placements, cells).items()}
+
+
+def _figures(name: str, placements: Sequence[Placement], cells: int) -> dict[str, Callable[[], Figure]]:
     return {
-        "placement": _robot_figure(name, placements),
-        "map": _map_figure(name, placements, PlacementMap.of(best, cells)),
+        "placement": lambda: _robot_figure(name, placements),
+        "map": lambda: _map_figure(name, placements, PlacementMap.of(placements[0], cells)),
     }
 
 
@@ -111,8 +110,7 @@ def _map_figure(name: str, placements: Sequence[Placement], chart: PlacementMap)
     rows = 1 if len(panels) <= 3 else 2
     shape = np.ptp(chart.axes[-1]) / np.ptp(chart.axes[0]) if chart.patch.horizontal else 0.8
     height = rows * (3.4 * float(np.clip(shape, 0.4, 1.5)) + 0.9) + 0.9
-    figure = Figure(figsize=(15.0, height), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(15.0, height)
     axes = figure.subplots(rows, -(-len(panels) // rows), squeeze=False).ravel()
     others = [p for p in placements[1:] if p.patch == best.patch]
     for ax, panel in zip(axes, panels, strict=False):
@@ -170,8 +168,8 @@ def _map_panel(figure: Figure, ax: Any, panel: str, chart: PlacementMap, best: P
     if chart.patch.horizontal:
         ax.set_aspect("equal")
         limits = (x[0], x[-1]), (y[0], y[-1])
-        view = _View(np.eye(3)[:2], np.array([0.0, 0.0, best.base_position[2]]))
-        for obstacle, forbidden in _obstacles(best.problem):
+        view = View(np.eye(3)[:2], np.array([0.0, 0.0, best.base_position[2]]))
+        for obstacle, forbidden in obstacles_of(best.problem):
             view.obstacle(ax, obstacle, limits, forbidden=forbidden)
         for number, task in enumerate(best.problem.tasks):
             ax.plot(*task.position[:2], "+", ms=11, mew=2.2, color=COLORS[number % len(COLORS)])
@@ -239,17 +237,16 @@ def _label(patch: Patch, i: int) -> str:
 
 def _robot_figure(name: str, placements: Sequence[Placement]) -> Figure:
     best = placements[0]
-    figure = Figure(figsize=(15.0, 8.7), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(15.0, 8.7)
     top, side = figure.subplots(1, 2)
     apart = np.abs(best.problem.tasks[0].position - best.base_position)
     across = 0 if apart[0] >= apart[1] else 1  # the horizontal axis of the side view
     away = 1 - across
     views = (
-        (top, _View(np.eye(3)[:2], np.array([0.0, 0.0, best.base_position[2]])), "xy", "From above"),
+        (top, View(np.eye(3)[:2], np.array([0.0, 0.0, best.base_position[2]])), "xy", "From above"),
         (
             side,
-            _View(np.eye(3)[[across, 2]], best.base_position * np.eye(3)[away]),
+            View(np.eye(3)[[across, 2]], best.base_position * np.eye(3)[away]),
             "xy"[across] + "z",
             f"From the side, along {'xy'[away]}",
         ),
@@ -261,7 +258,7 @@ def _robot_figure(name: str, placements: Sequence[Placement]) -> Figure:
             _bounds(ax, best, limits)
         else:
             view.ground(ax, best, limits)
-        for obstacle, forbidden in _obstacles(best.problem):
+        for obstacle, forbidden in obstacles_of(best.problem):
             view.obstacle(ax, obstacle, limits, forbidden=forbidden)
         for other, label in _apart(best, others):
             view.base(ax, other, OTHER, label=label)
@@ -290,7 +287,7 @@ def _robot_figure(name: str, placements: Sequence[Placement]) -> Figure:
         handles.append(Line2D([], [], **circle, label="spheres of the base"))
     if _apart(best, placements[1:]):
         handles.append(Line2D([], [], color=OTHER, lw=2, label="alternatives, by number"))
-    if any(not forbidden for _, forbidden in _obstacles(best.problem)):
+    if any(not forbidden for _, forbidden in obstacles_of(best.problem)):
         handles.append(Swatch(fc=SOLID, ec=SOLID, alpha=0.5, label="obstacle"))
     if best.problem.keep_out:
         handles.append(Swatch(fc="none", ec=FORBIDDEN, hatch="///", label="not for the base"))
@@ -298,125 +295,6 @@ def _robot_figure(name: str, placements: Sequence[Placement]) -> Figure:
     verdict = f"total {best.total:.4f}" if best.feasible else "NOT feasible, the least-infeasible placement"
     figure.suptitle(f"{name}: {verdict}", fontsize=14, fontweight="bold")
     return figure
-
-
-@dataclass(frozen=True, eq=False)
-class _View:
-    """A parallel projection of the world.
-
-    Attributes:
-        axes: (2, 3) unit vectors to the right and up, world axes.
-        through: (3,), m: a point of the plane in which walls and ground are cut.
-    """
-
-    axes: np.ndarray
-    through: np.ndarray
-
-    @property
-    def depth(self) -> np.ndarray:
-        """(3,) unit vector out of the picture."""
-        return np.cross(*self.axes)
-
-    def flat(self, points: np.ndarray) -> np.ndarray:
-        """(..., 2), m."""
-        return np.asarray(points) @ self.axes.T
-
-    def limits(self, placements: Sequence[Placement]) -> tuple[tuple[float, float], tuple[float, float]]:
-        """A square about bases, arms and process forces."""
-        points = []
-        for placement in placements:
-            points.append(_world(placement, placement.problem.base_spheres[:, :3]))
-            points += [chain for chain, _ in _chains(placement)]
-        flat = self.flat(np.concatenate(points))
-        arrows = self.arrows(placements[0].problem, float(np.ptp(flat, axis=0).max()))
-        flat = np.vstack([flat, *(end for arrow in arrows for end in arrow)])
-        middle, half = (flat.max(axis=0) + flat.min(axis=0)) / 2, 0.58 * np.ptp(flat, axis=0).max() + 0.05
-        return tuple((float(m - half), float(m + half)) for m in middle)
-
-    def arrows(self, problem: PlacementProblem, span: float) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Tips, in G, and tails (2,) of the process forces; the longest one is a share of the span, m."""
-        forces = [(task, load.force) for task in problem.tasks for load in task.loads]
-        longest = max((float(np.linalg.norm(force)) for _, force in forces), default=0.0)
-        if not longest:
-            return []
-        scale = _ARROW * span / longest
-        return [(self.flat(t.position), self.flat(t.position - scale * force)) for t, force in forces]
-
-    def base(
-        self, ax: Any, placement: Placement, color: str, *, spheres: bool = False, label: str = ""
-    ) -> None:
-        """Outline and positions of the contacts, the way to the mount, the spheres of the base."""
-        problem = placement.problem
-        contacts = self.flat(_world(placement, [c.position for c in problem.robot.support.contacts]))
-        mount = self.flat(_world(placement, [problem.ground_frame[0], problem.robot.arm.mount_position]))
-        outline = _hull(contacts)
-        ax.add_patch(Polygon(outline, closed=True, fc="none", ec=color, lw=1.6 if spheres else 1.0))
-        size = 6 if spheres else 3
-        ax.plot(*contacts.T, ls="", marker="s", ms=size, color=color, gid=f"contacts-{label or 'best'}")
-        if spheres:
-            ax.add_patch(Polygon(outline, closed=True, fc=color, alpha=0.12, ec="none"))
-            ax.plot(*mount.T, color=color, lw=4, solid_capstyle="round")
-            centres = self.flat(_world(placement, problem.base_spheres[:, :3]))
-            for centre, radius in zip(centres, problem.base_spheres[:, 3], strict=True):
-                ax.add_patch(Circle(centre, radius, fc="none", ec=color, lw=0.6, ls=":"))
-        if label:
-            ax.annotate(label, outline[0], (4, 4), textcoords="offset points", color=color, fontsize=10)
-
-    def arms(self, ax: Any, placement: Placement, *, faint: bool = False) -> None:
-        """The arm in every task."""
-        radii = [r for spheres in placement.problem.robot.arm.sphere_sets for r in spheres.radii]
-        for number, (chain, centres) in enumerate(_chains(placement)):
-            color = OTHER if faint else COLORS[number % len(COLORS)]
-            style = (
-                {"lw": 0.8, "alpha": 0.5} if faint else {"lw": 4.0, "marker": "o", "ms": 6, "mfc": "white"}
-            )
-            gid = "other-arm" if faint else f"arm-{number + 1}"
-            ax.plot(*self.flat(chain).T, color=color, **style, solid_capstyle="round", gid=gid)
-            if not faint:
-                for centre, radius in zip(self.flat(centres), radii, strict=True):
-                    ax.add_patch(Circle(centre, radius, fc=color, ec="none", alpha=0.10))
-
-    def loads(self, ax: Any, placement: Placement, limits: Any) -> None:
-        """Process forces, as arrows that end in G."""
-        for tip, tail in self.arrows(placement.problem, limits[0][1] - limits[0][0]):
-            if np.linalg.norm(tip - tail) > 1e-3:
-                arrow = {"arrowstyle": "-|>", "color": LOAD, "lw": 1.8, "shrinkA": 0, "shrinkB": 4}
-                ax.annotate("", tip, tail, arrowprops=arrow, zorder=6)
-
-    def obstacle(self, ax: Any, obstacle: Wall | Pillar, limits: Any, *, forbidden: bool) -> None:
-        """The part of a wall or pillar that the picture shows."""
-        style = {"fc": SOLID, "ec": "#5a5a5a", "alpha": 0.5, "lw": 1.2}
-        if forbidden:
-            style = {"fc": "none", "ec": FORBIDDEN, "hatch": "///", "lw": 1.0, "alpha": 0.6}
-        if isinstance(obstacle, Wall):
-            if abs(obstacle.normal @ self.depth) > 1 - _ALONG:
-                return  # seen from the front
-            level = obstacle.distance - obstacle.normal @ self.depth * (self.through @ self.depth)
-            corners = _half_plane(self.flat(obstacle.normal), level, limits)
-            if len(corners):
-                ax.add_patch(Polygon(corners, closed=True, **style))
-            return
-        axis, point = self.flat(obstacle.axis), self.flat(obstacle.point)
-        if np.linalg.norm(axis) < _ALONG:
-            ax.add_patch(Circle(point, obstacle.radius, **style))
-            return
-        along = axis / np.linalg.norm(axis)
-        side = obstacle.radius * np.array([-along[1], along[0]])
-        far = 10 * (limits[0][1] - limits[0][0]) * along
-        ax.add_patch(
-            Polygon([point - far - side, point - far + side, point + far + side, point + far - side], **style)
-        )
-
-    def ground(self, ax: Any, placement: Placement, limits: Any) -> None:
-        """The tangent plane of the ground under the base."""
-        terrain = placement.problem.terrain[placement.patch]
-        origin, turn = terrain.poses(placement.parameters)
-        normal = turn[0] @ np.array([0.0, 0.0, 1.0])
-        inward = -self.flat(normal)
-        level = inward @ self.flat(origin[0])
-        corners = _half_plane(inward, level, limits)
-        if len(corners):
-            ax.add_patch(Polygon(corners, closed=True, fc=GROUND, alpha=0.18, ec=GROUND, lw=1.2, zorder=0))
 
 
 def _apart(best: Placement, others: Sequence[Placement]) -> list[tuple[Placement, str]]:
@@ -433,20 +311,6 @@ def _apart(best: Placement, others: Sequence[Placement]) -> list[tuple[Placement
     return [(placement, ", ".join(numbers)) for placement, numbers in groups[1:]]
 
 
-def _half_plane(normal: np.ndarray, level: float, limits: Any) -> np.ndarray:
-    """Corners (k, 2) of the picture's part with normal . point >= level."""
-    (left, right), (bottom, top) = limits
-    frame = np.array([[left, bottom], [right, bottom], [right, top], [left, top]])
-    corners = []
-    for a, b in zip(frame, np.roll(frame, -1, axis=0), strict=True):
-        u, v = normal @ a - level, normal @ b - level
-        if u >= 0:
-            corners.append(a)
-        if u * v < 0:
-            corners.append(a + (b - a) * u / (u - v))
-    return np.array(corners)
-
-
 def _bounds(ax: Any, placement: Placement, limits: Any) -> None:
     """Edges of the patch in the view from above."""
     patch = placement.problem.terrain[placement.patch]
@@ -459,42 +323,3 @@ def _bounds(ax: Any, placement: Placement, limits: Any) -> None:
     ax.add_patch(
         Polygon([(x0, y0), (x1, y0), (x1, y1), (x0, y1)], fc=GROUND, alpha=0.08, ec=GROUND, zorder=0)
     )
-
-
-def _obstacles(problem: PlacementProblem) -> Iterator[tuple[Wall | Pillar, bool]]:
-    """Obstacles of the world, and whether they are for the base only."""
-    for obstacle in problem.keep_out:
-        yield obstacle, True
-    for obstacle in problem.obstacles:
-        yield obstacle, False
-
-
-def _world(placement: Placement, points: Any) -> np.ndarray:
-    """Points (k, 3) in base axes, in the world."""
-    return placement.base_position + np.asarray(points) @ placement.base_rotation.T
-
-
-def _chains(placement: Placement) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Per task the joints and G (n + 1, 3), and the centres of the arm's spheres (k, 3), in the world."""
-    arm = placement.problem.robot.arm
-    for q in placement.angles:
-        frames = link_frames(arm, q)
-        mount = arm.mount_rotation, arm.mount_position
-        centres = []
-        for spheres in arm.sphere_sets:
-            turn, origin = (
-                (frames.rotations[spheres.link - 1], frames.origins[spheres.link - 1])
-                if spheres.link
-                else mount
-            )
-            centres.append(origin + spheres.centres @ turn.T)
-        flat = np.concatenate(centres) if centres else np.empty((0, 3))
-        yield _world(placement, frames.origins), _world(placement, flat)
-
-
-def _hull(points: np.ndarray) -> np.ndarray:
-    """Corners (k, 2) of the convex hull; all points where they lie on a line."""
-    try:
-        return points[ConvexHull(points).vertices]
-    except QhullError:
-        return points

@@ -10,23 +10,20 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from ocptip.basics.write import atomic_file
 from ocptip.motion.output import sample_motion
+from ocptip.pictures.frame import COLORS, new_figure, save_figures
 from ocptip.standing.mechanism import MotionSamples
 
 if TYPE_CHECKING:
     from ocptip.motion.plan import MotionPlan
 
-# Okabe and Ito's palette, told apart with any colour vision; its yellow is too pale for lines on white.
-COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
 STYLES = ("-", (0, (5, 1.2)), (0, (1.2, 1.2)))  # beyond seven joints or contacts
 GN, GT, ENERGY, POWER = "#0072b2", "#d55e00", "#000000", "#009e73"
 LIMIT, EVENT = "#8b0000", "#e3e3e3"
@@ -55,20 +52,17 @@ def draw_plan(
     Raises:
         OSError: a file or the directory cannot be written; names it.
     """
-    directory = Path(directory)
-    directory.mkdir(exist_ok=True)
-    curves, paths = _Curves(plan, samples or sample_motion(plan.task.robot, plan.motion)), []
-    for name, draw in _FIGURES.items():
-        paths.append(directory / f"{name}.png")
-        with atomic_file(paths[-1]) as stream:
-            _drawn(draw, curves).savefig(stream, format="png", dpi=DPI)
-    return paths
+    return save_figures(directory, _figures(plan, samples), DPI)
 
 
 def plan_figures(plan: MotionPlan, samples: MotionSamples | None = None) -> dict[str, Figure]:
     """The same as matplotlib figures, by the names of the files without ending."""
+    return {name: draw() for name, draw in _figures(plan, samples).items()}
+
+
+def _figures(plan: MotionPlan, samples: MotionSamples | None) -> dict[str, Callable[[], Figure]]:
     curves = _Curves(plan, samples or sample_motion(plan.task.robot, plan.motion))
-    return {name: _drawn(draw, curves) for name, draw in _FIGURES.items()}
+    return {name: partial(_drawn, draw, curves) for name, draw in _FIGURES.items()}
 
 
 @dataclass(frozen=True)
@@ -367,8 +361,7 @@ def _drawn(draw: Callable[[_Curves], Figure], curves: _Curves) -> Figure:
 
 
 def _figure(curves: _Curves, size: tuple[float, float], rows: int, columns: int) -> tuple[Figure, np.ndarray]:
-    figure = Figure(figsize=size, layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(*size)
     figure.suptitle(curves.title, fontsize=13, fontweight="bold")
     figure.supxlabel("grey lines: a ramp of a joint begins or ends", fontsize=9, color="#6f6f6f")
     axes = figure.subplots(rows, columns, squeeze=False, sharex=True)

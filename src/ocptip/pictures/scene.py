@@ -11,12 +11,12 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from ocptip.basics.errors import InputError
 from ocptip.basics.write import atomic_file
 from ocptip.contact.states import ContactStates
+from ocptip.pictures.frame import new_figure
 from ocptip.pictures.labels import Labels
 from ocptip.pictures.scene_panels import LOAD, draw_friction_bars, draw_plane, draw_space, draw_top, fit_space
 from ocptip.pictures.scene_picture import ScenePicture
@@ -64,8 +64,7 @@ def draw_scene(
     """The same as a matplotlib figure, see `plot_scene`."""
     picture = ScenePicture(scene, states, tip, slip, index)
     labels = Labels()
-    figure = Figure(figsize=(13.0, 7.0), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure(13.0, 7.0)
     color = "black" if states.persistent[index] else LOAD
     figure.suptitle(picture.title, fontsize=14, fontweight="bold", color=color)
     if scene.planar:

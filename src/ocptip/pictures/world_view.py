@@ -1,0 +1,195 @@
+"""A robot where it stands, with obstacles, ground and process forces, projected into a picture's plane."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.patches import Circle, Polygon
+from scipy.spatial import ConvexHull, QhullError
+
+from ocptip.pictures import frame
+from ocptip.placement.problem import PlacementProblem
+from ocptip.placement.result import Placement
+from ocptip.robots.geometry import Pillar, Wall
+from ocptip.robots.kinematics import link_frames
+
+COLORS = frame.COLORS[:6]  # of tasks
+BASE, OTHER, LOAD, SOLID, FORBIDDEN, GROUND = "#3a3a3a", "#9a9a9a", "#b3261e", "#8c8c8c", "#e07b00", "#6b4f2a"
+
+_ARROW = 0.16  # length of a process force, share of the picture
+_ALONG = 0.05  # sine of the angle up to which a wall or an axis counts as seen edge-on
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A parallel projection of the world.
+
+    Attributes:
+        axes: (2, 3) unit vectors to the right and up, world axes.
+        through: (3,), m: a point of the plane in which walls and ground are cut.
+    """
+
+    axes: np.ndarray
+    through: np.ndarray
+
+    @property
+    def depth(self) -> np.ndarray:
+        """(3,) unit vector out of the picture."""
+        return np.cross(*self.axes)
+
+    def flat(self, points: np.ndarray) -> np.ndarray:
+        """(..., 2), m."""
+        return np.asarray(points) @ self.axes.T
+
+    def limits(self, placements: Sequence[Placement]) -> tuple[tuple[float, float], tuple[float, float]]:
+        """A square about bases, arms and process forces."""
+        points = []
+        for placement in placements:
+            points.append(in_world(placement, placement.problem.base_spheres[:, :3]))
+            points += [chain for chain, _ in chains(placement)]
+        flat = self.flat(np.concatenate(points))
+        arrows = self.arrows(placements[0].problem, float(np.ptp(flat, axis=0).max()))
+        flat = np.vstack([flat, *(end for arrow in arrows for end in arrow)])
+        middle, half = (flat.max(axis=0) + flat.min(axis=0)) / 2, 0.58 * np.ptp(flat, axis=0).max() + 0.05
+        return tuple((float(m - half), float(m + half)) for m in middle)
+
+    def arrows(self, problem: PlacementProblem, span: float) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Tips, in G, and tails (2,) of the process forces; the longest one is a share of the span, m."""
+        forces = [(task, load.force) for task in problem.tasks for load in task.loads]
+        longest = max((float(np.linalg.norm(force)) for _, force in forces), default=0.0)
+        if not longest:
+            return []
+        scale = _ARROW * span / longest
+        return [(self.flat(t.position), self.flat(t.position - scale * force)) for t, force in forces]
+
+    def base(
+        self, ax: Any, placement: Placement, color: str, *, spheres: bool = False, label: str = ""
+    ) -> None:
+        """Outline and positions of the contacts, the way to the mount, the spheres of the base."""
+        problem = placement.problem
+        contacts = self.flat(in_world(placement, [c.position for c in problem.robot.support.contacts]))
+        mount = self.flat(in_world(placement, [problem.ground_frame[0], problem.robot.arm.mount_position]))
+        outline = _hull(contacts)
+        ax.add_patch(Polygon(outline, closed=True, fc="none", ec=color, lw=1.6 if spheres else 1.0))
+        size = 6 if spheres else 3
+        ax.plot(*contacts.T, ls="", marker="s", ms=size, color=color, gid=f"contacts-{label or 'best'}")
+        if spheres:
+            ax.add_patch(Polygon(outline, closed=True, fc=color, alpha=0.12, ec="none"))
+            ax.plot(*mount.T, color=color, lw=4, solid_capstyle="round")
+            centres = self.flat(in_world(placement, problem.base_spheres[:, :3]))
+            for centre, radius in zip(centres, problem.base_spheres[:, 3], strict=True):
+                ax.add_patch(Circle(centre, radius, fc="none", ec=color, lw=0.6, ls=":"))
+        if label:
+            ax.annotate(label, outline[0], (4, 4), textcoords="offset points", color=color, fontsize=10)
+
+    def arms(self, ax: Any, placement: Placement, *, faint: bool = False) -> None:
+        """The arm in every task."""
+        radii = [r for spheres in placement.problem.robot.arm.sphere_sets for r in spheres.radii]
+        for number, (chain, centres) in enumerate(chains(placement)):
+            color = OTHER if faint else COLORS[number % len(COLORS)]
+            style = (
+                {"lw": 0.8, "alpha": 0.5} if faint else {"lw": 4.0, "marker": "o", "ms": 6, "mfc": "white"}
+            )
+            gid = "other-arm" if faint else f"arm-{number + 1}"
+            ax.plot(*self.flat(chain).T, color=color, **style, solid_capstyle="round", gid=gid)
+            if not faint:
+                for centre, radius in zip(self.flat(centres), radii, strict=True):
+                    ax.add_patch(Circle(centre, radius, fc=color, ec="none", alpha=0.10))
+
+    def loads(self, ax: Any, placement: Placement, limits: Any) -> None:
+        """Process forces, as arrows that end in G."""
+        for tip, tail in self.arrows(placement.problem, limits[0][1] - limits[0][0]):
+            if np.linalg.norm(tip - tail) > 1e-3:
+                arrow = {"arrowstyle": "-|>", "color": LOAD, "lw": 1.8, "shrinkA": 0, "shrinkB": 4}
+                ax.annotate("", tip, tail, arrowprops=arrow, zorder=6)
+
+    def obstacle(self, ax: Any, obstacle: Wall | Pillar, limits: Any, *, forbidden: bool) -> None:
+        """The part of a wall or pillar that the picture shows."""
+        style = {"fc": SOLID, "ec": "#5a5a5a", "alpha": 0.5, "lw": 1.2}
+        if forbidden:
+            style = {"fc": "none", "ec": FORBIDDEN, "hatch": "///", "lw": 1.0, "alpha": 0.6}
+        if isinstance(obstacle, Wall):
+            if abs(obstacle.normal @ self.depth) > 1 - _ALONG:
+                return  # seen from the front
+            level = obstacle.distance - obstacle.normal @ self.depth * (self.through @ self.depth)
+            corners = half_plane(self.flat(obstacle.normal), level, limits)
+            if len(corners):
+                ax.add_patch(Polygon(corners, closed=True, **style))
+            return
+        axis, point = self.flat(obstacle.axis), self.flat(obstacle.point)
+        if np.linalg.norm(axis) < _ALONG:
+            ax.add_patch(Circle(point, obstacle.radius, **style))
+            return
+        along = axis / np.linalg.norm(axis)
+        side = obstacle.radius * np.array([-along[1], along[0]])
+        far = 10 * (limits[0][1] - limits[0][0]) * along
+        ax.add_patch(
+            Polygon([point - far - side, point - far + side, point + far + side, point + far - side], **style)
+        )
+
+    def ground(self, ax: Any, placement: Placement, limits: Any) -> None:
+        """The tangent plane of the ground under the base."""
+        terrain = placement.problem.terrain[placement.patch]
+        origin, turn = terrain.poses(placement.parameters)
+        normal = turn[0] @ np.array([0.0, 0.0, 1.0])
+        inward = -self.flat(normal)
+        level = inward @ self.flat(origin[0])
+        corners = half_plane(inward, level, limits)
+        if len(corners):
+            ax.add_patch(Polygon(corners, closed=True, fc=GROUND, alpha=0.18, ec=GROUND, lw=1.2, zorder=0))
+
+
+def half_plane(normal: np.ndarray, level: float, limits: Any) -> np.ndarray:
+    """Corners (k, 2) of the picture's part with normal . point >= level."""
+    (left, right), (bottom, top) = limits
+    frame = np.array([[left, bottom], [right, bottom], [right, top], [left, top]])
+    corners = []
+    for a, b in zip(frame, np.roll(frame, -1, axis=0), strict=True):
+        u, v = normal @ a - level, normal @ b - level
+        if u >= 0:
+            corners.append(a)
+        if u * v < 0:
+            corners.append(a + (b - a) * u / (u - v))
+    return np.array(corners)
+
+
+def obstacles_of(problem: PlacementProblem) -> Iterator[tuple[Wall | Pillar, bool]]:
+    """Obstacles of the world, and whether they are for the base only."""
+    for obstacle in problem.keep_out:
+        yield obstacle, True
+    for obstacle in problem.obstacles:
+        yield obstacle, False
+
+
+def in_world(placement: Placement, points: Any) -> np.ndarray:
+    """Points (k, 3) in base axes, in the world."""
+    return placement.base_position + np.asarray(points) @ placement.base_rotation.T
+
+
+def chains(placement: Placement) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Per task the joints and G (n + 1, 3), and the centres of the arm's spheres (k, 3), in the world."""
+    arm = placement.problem.robot.arm
+    for q in placement.angles:
+        frames = link_frames(arm, q)
+        mount = arm.mount_rotation, arm.mount_position
+        centres = []
+        for spheres in arm.sphere_sets:
+            turn, origin = (
+                (frames.rotations[spheres.link - 1], frames.origins[spheres.link - 1])
+                if spheres.link
+                else mount
+            )
+            centres.append(origin + spheres.centres @ turn.T)
+        flat = np.concatenate(centres) if centres else np.empty((0, 3))
+        yield in_world(placement, frames.origins), in_world(placement, flat)
+
+
+def _hull(points: np.ndarray) -> np.ndarray:
+    """Corners (k, 2) of the convex hull; all points where they lie on a line."""
+    try:
+        return points[ConvexHull(points).vertices]
+    except QhullError:
+        return points
