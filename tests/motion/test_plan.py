@@ -321,6 +321,13 @@ def test_a_dead_worker_leaves_the_best_verified_start(case_b, scripted):
         plan_motion(case_b, starts=3, executor=Dying(0))
 
 
+def test_workers_have_one_thread_and_the_environment_is_left_alone(monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "7")
+    with worker_pool(None, 1, 1) as pool:
+        assert pool.submit(os.getenv, "OMP_NUM_THREADS").result() == "1"
+        assert os.environ["OMP_NUM_THREADS"] == "7"
+
+
 def test_workers_end_with_an_interrupt():
     workers = []
 

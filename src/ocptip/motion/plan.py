@@ -22,9 +22,10 @@ from ocptip.basics.errors import PlanningError, whole_number
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.planner.one_start import Attempt, Search, StartResult
 from ocptip.motion.task import MotionTask, require_plannable
+from ocptip.numerics.process_state import environment
 from ocptip.trajectories.arm_motion import ArmMotion
 
-_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+_THREADS = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 _TASKS_IN_MEMORY = 4  # per worker
 _PATIENCE = 5.0  # s
 
@@ -203,10 +204,6 @@ def worker_pool(executor: Executor | None, jobs: int | None, starts: int) -> Ite
         yield executor
         return
     count = min(jobs or cores(), starts)
-    # Ipopt's libraries start threads of their own, out of reach of threadpoolctl: in the workers, which see
-    # the environment before they load anything, one thread each.
-    before = {name: os.environ.get(name) for name in _THREADS}
-    os.environ.update(dict.fromkeys(_THREADS, "1"))
     pool = _Workers(count, mp_context=multiprocessing.get_context("spawn"), initializer=_serve)
     try:
         yield pool
@@ -214,20 +211,18 @@ def worker_pool(executor: Executor | None, jobs: int | None, starts: int) -> Ite
     except BaseException:
         pool.end()
         raise
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
 
 
 class _Workers(ProcessPoolExecutor):
     """A process pool whose workers leave interrupts to their parent, and that can be ended at once."""
 
     def submit(self, *arguments: Any, **options: Any) -> Future:
-        """Like the base class, which may start a worker here: from its first instruction it is spared."""
-        with _interrupts_held():
+        """Like the base class, which may start a worker here: from its first instruction it is spared.
+
+        Ipopt's libraries start threads of their own, out of reach of threadpoolctl: a worker, which takes
+        over the environment before it loads anything, gets one of each.
+        """
+        with _interrupts_held(), environment(_THREADS):
             return super().submit(*arguments, **options)
 
     def end(self) -> None:

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 import casadi as ca
 
 from ocptip.basics.errors import InputError
+from ocptip.numerics.process_state import expressions_as_written
 
 _UNARY = {
     ca.OP_SIN: ca.sin,
@@ -267,8 +268,7 @@ def _written(function: ca.Function, graph: _Graph, outputs: list[dict[int, Value
     inputs = [ca.SX.sym(function.name_in(i), function.sparsity_in(i)) for i in range(function.n_in())]
     nonzeros = [one.nz[:] for one in inputs]
     flipped = _flipped(graph, outputs, uses)
-    ca.GlobalOptions.setSimplificationOnTheFly(False)
-    try:
+    with expressions_as_written():
         values: dict[int, ca.SX] = {}
         for node, key in enumerate(graph.nodes):
             if uses[node]:
@@ -286,8 +286,6 @@ def _written(function: ca.Function, graph: _Graph, outputs: list[dict[int, Value
                 entries.append(values[node] if sign > 0 else negative[node])
             results.append(ca.SX(function.sparsity_out(index), ca.vertcat(*entries)) if entries else result)
         return ca.Function(function.name(), inputs, results, function.name_in(), function.name_out())
-    finally:
-        ca.GlobalOptions.setSimplificationOnTheFly(True)
 
 
 def _flipped(graph: _Graph, outputs: list[dict[int, Value]], uses: list[int]) -> set[int]:
