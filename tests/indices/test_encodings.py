@@ -1,4 +1,4 @@
-import casadi as ca
+import casadi as cs
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -15,7 +15,7 @@ from ocptip.indices.encodings import (
 )
 from tests.indices.sample_platforms import SEEDS
 
-SX = ca.SX.sym("A", 4, 4)
+SX = cs.SX.sym("A", 4, 4)
 
 
 def random_spd(rng, m, spread=1.0):
@@ -24,12 +24,12 @@ def random_spd(rng, m, spread=1.0):
 
 
 def evaluated(expression, *pairs):
-    function = ca.Function("f", [symbol for symbol, _ in pairs], [expression])
+    function = cs.Function("f", [symbol for symbol, _ in pairs], [expression])
     return np.array(function(*[value for _, value in pairs]))
 
 
 @settings(max_examples=40, deadline=None)
-@given(SEEDS, st.floats(0.2, 3), st.sampled_from([ca.SX, ca.MX]))
+@given(SEEDS, st.floats(0.2, 3), st.sampled_from([cs.SX, cs.MX]))
 def test_pivots_have_the_signs_of_the_eigenvalues(seed, floor, kind):
     A = random_spd(np.random.default_rng(seed), 4)
     symbol = kind.sym("A", 4, 4)
@@ -77,7 +77,7 @@ def test_soft_eigenvalue_is_conservative(seed, p):
 def test_surrogate_bounds_the_index(seed, p, scale):
     rng = np.random.default_rng(seed)
     A, B = random_spd(rng, 4), random_spd(rng, 4)
-    second = ca.SX.sym("B", 4, 4)
+    second = cs.SX.sym("B", 4, 4)
     surrogate = float(evaluated(isotropy_surrogate(SX, second, p), (SX, A), (second, scale * B))[0, 0])
     values = eigh(B, A, eigvals_only=True)
     index = np.sqrt(values[0] / values[-1])
@@ -91,7 +91,7 @@ def test_surrogate_bounds_the_index(seed, p, scale):
 def test_ratio_is_met_at_the_start_exactly_where_the_index_is(seed, method, share):
     rng = np.random.default_rng(seed)
     A, B = random_spd(rng, 4, 0.3), random_spd(rng, 4, 0.3)
-    second = ca.SX.sym("B", 4, 4)
+    second = cs.SX.sym("B", 4, 4)
     values = eigh(B, A, eigvals_only=True)
     index = np.sqrt(values[0] / values[-1])
     bound = min(share * index, 1.0)
@@ -108,7 +108,7 @@ def test_ratio_is_met_at_the_start_exactly_where_the_index_is(seed, method, shar
 def test_trace_form_of_the_ratio_is_conservative():
     rng = np.random.default_rng(0)
     A, B = random_spd(rng, 4, 0.3), random_spd(rng, 4, 0.3)
-    second = ca.SX.sym("B", 4, 4)
+    second = cs.SX.sym("B", 4, 4)
     values = eigh(B, A, eigvals_only=True)
     index = np.sqrt(values[0] / values[-1])
     block = ratio_constraint(SX, second, 0.2, method="trace", p=8)
@@ -121,13 +121,13 @@ def test_trace_form_of_the_ratio_is_conservative():
 def test_largest_smallest_eigenvalue_is_found(method):
     """max t such that D(x) >= t, D = diag(1 + x, 2 - x, 3) turned: t = 1.5, where two eigenvalues meet."""
     Q = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
-    x, t = ca.SX.sym("x"), ca.SX.sym("t")
-    A = ca.DM(Q) @ ca.diag(ca.vertcat(1 + x, 2 - x, 3)) @ ca.DM(Q.T)
+    x, t = cs.SX.sym("x"), cs.SX.sym("t")
+    A = cs.DM(Q) @ cs.diag(cs.vertcat(1 + x, 2 - x, 3)) @ cs.DM(Q.T)
     block = psd_constraint(A, floor=t, method=method, p=8)
-    variables = ca.vertcat(x, t, block.variables)
+    variables = cs.vertcat(x, t, block.variables)
     numeric = Q @ np.diag([1.2, 1.8, 3.0]) @ Q.T
     start = np.concatenate([[0.2, 0.5], block.guess(numeric)])
-    solver = ca.nlpsol(
+    solver = cs.nlpsol(
         "s",
         "ipopt",
         {"x": variables, "f": -t, "g": block.g},
@@ -145,15 +145,15 @@ def test_largest_smallest_eigenvalue_is_found(method):
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: psd_constraint(ca.SX.sym("A", 2, 3)), "A: expected a square SX or MX matrix"),
+        (lambda: psd_constraint(cs.SX.sym("A", 2, 3)), "A: expected a square SX or MX matrix"),
         (lambda: psd_constraint(np.eye(3)), "A: expected a square SX or MX matrix, got ndarray"),
         (lambda: psd_constraint(SX, method="minors"), "method: expected one of ldl, lifted, trace"),
         (lambda: psd_constraint(SX, method="trace", p=3), "p: expected a power of two, got 3"),
         (lambda: ratio_constraint(SX, SX, 1.2), "ratio: an index is at most 1"),
         (lambda: ratio_constraint(SX, SX, 0.0), "ratio: must be > 0"),
         (lambda: ratio_constraint(SX, SX, 0.5, method="x"), "method: expected one of"),
-        (lambda: isotropy_surrogate(SX, ca.SX.sym("B", 3, 3)), "B: expected the same kind and shape"),
-        (lambda: isotropy_surrogate(SX, ca.MX.sym("B", 4, 4)), "B: expected the same kind and shape"),
+        (lambda: isotropy_surrogate(SX, cs.SX.sym("B", 3, 3)), "B: expected the same kind and shape"),
+        (lambda: isotropy_surrogate(SX, cs.MX.sym("B", 4, 4)), "B: expected the same kind and shape"),
     ],
 )
 def test_bad_arguments_are_refused(call, message):

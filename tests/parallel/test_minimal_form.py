@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-import casadi as ca
+import casadi as cs
 import numpy as np
 import pytest
 
@@ -24,7 +24,7 @@ def robot(request):
 
 def compiled(form):
     outputs = [form.q, form.motor_forces, form.motor_speeds, form.wrench, form.measures]
-    function = ca.Function("form", [form.z, form.zd, form.zdd], outputs)
+    function = cs.Function("form", [form.z, form.zd, form.zdd], outputs)
     return lambda z, zd, zdd: [np.array(v) for v in function(z, zd, zdd)]
 
 
@@ -131,4 +131,4 @@ def test_what_cannot_be_eliminated_is_refused():
     with pytest.raises(InputError, match="2 motors for 3 coordinates"):
         minimal_form(ParallelRobot(replace(description, actuated=description.actuated[:2]), check=False))
     with pytest.raises(InputError, match="2 branch signs"):
-        closed_form_expression(leg, ca.vertsplit(ca.SX.sym("t", 3)), (1,))
+        closed_form_expression(leg, cs.vertsplit(cs.SX.sym("t", 3)), (1,))

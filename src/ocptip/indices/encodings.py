@@ -14,12 +14,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
-import casadi as ca
+import casadi as cs
 import numpy as np
 
 from ocptip.basics.errors import InputError, positive_number
 
-Symbolic = ca.SX | ca.MX
+Symbolic = cs.SX | cs.MX
 Method = Literal["ldl", "lifted", "trace"]
 METHODS = ("ldl", "lifted", "trace")
 
@@ -69,12 +69,12 @@ def psd_constraint(
     if method == "trace":
         # The trace alone does not see the signs of the eigenvalues.
         pivots = [pivot - PIVOT_MARGIN for pivot in _ldl(A)[1]]
-        return _inequality(ca.vertcat(soft_smallest_eigenvalue(A, p) - floor, *pivots))
-    shifted = A - floor * ca.DM.eye(m)
+        return _inequality(cs.vertcat(soft_smallest_eigenvalue(A, p) - floor, *pivots))
+    shifted = A - floor * cs.DM.eye(m)
     if method == "ldl":
         # A pivot of -1e-8, which an optimiser takes for zero, would make all later ones meaningless.
         pivots = _ldl(shifted)[1]
-        return _inequality(ca.vertcat(*[pivot - PIVOT_MARGIN for pivot in pivots[:-1]], pivots[-1]))
+        return _inequality(cs.vertcat(*[pivot - PIVOT_MARGIN for pivot in pivots[:-1]], pivots[-1]))
     if method == "lifted":
         return _lifted(shifted, floor, name)
     raise InputError(f"method: expected one of {', '.join(METHODS)}, got {method!r}")
@@ -118,10 +118,10 @@ def ratio_constraint(
         return np.concatenate([[middle], lower.guess(b - middle * a), upper.guess(middle * a - ratio**2 * b)])
 
     return ConstraintBlock(
-        ca.vertcat(lower.g, upper.g, s),
+        cs.vertcat(lower.g, upper.g, s),
         np.concatenate([lower.lower, upper.lower, [0.0]]),
         np.concatenate([lower.upper, upper.upper, [np.inf]]),
-        ca.vertcat(s, lower.variables, upper.variables),
+        cs.vertcat(s, lower.variables, upper.variables),
         guess,
     )
 
@@ -148,7 +148,7 @@ def isotropy_surrogate(A: Symbolic, B: Symbolic, p: int = 8) -> Symbolic:
 def soft_smallest_eigenvalue(A: Symbolic, p: int = 8) -> Symbolic:
     """(tr A^-p)^(-1/p): between m^(-1/p) and 1 times the smallest eigenvalue of a positive definite A."""
     m = _order("A", A)
-    return _power_trace(_solve(A, type(A)(ca.DM.eye(m))), p) ** (-1.0 / p)
+    return _power_trace(_solve(A, type(A)(cs.DM.eye(m))), p) ** (-1.0 / p)
 
 
 def _lifted(matrix: Symbolic, floor: Symbolic | float, name: str) -> ConstraintBlock:
@@ -159,8 +159,8 @@ def _lifted(matrix: Symbolic, floor: Symbolic | float, name: str) -> ConstraintB
     for k, (i, j) in enumerate(places):
         L[i, j] = entries[k]
     product = L @ L.T
-    equal = ca.vertcat(*[matrix[i, j] - product[i, j] for i, j in places])
-    diagonal = ca.vertcat(*[entries[k] for k, (i, j) in enumerate(places) if i == j])
+    equal = cs.vertcat(*[matrix[i, j] - product[i, j] for i, j in places])
+    diagonal = cs.vertcat(*[entries[k] for k, (i, j) in enumerate(places) if i == j])
     count, value = len(places), _constant(floor)
 
     def guess(a: np.ndarray) -> np.ndarray:
@@ -171,7 +171,7 @@ def _lifted(matrix: Symbolic, floor: Symbolic | float, name: str) -> ConstraintB
         return np.array([factor[i, j] for i, j in places])
 
     return ConstraintBlock(
-        ca.vertcat(equal, diagonal),
+        cs.vertcat(equal, diagonal),
         np.zeros(count + m),
         np.concatenate([np.zeros(count), np.full(m, np.inf)]),
         entries,
@@ -218,7 +218,7 @@ def _solve(A: Symbolic, B: Symbolic) -> Symbolic:
     for i in reversed(range(m)):
         for k in range(i + 1, m):
             rows[i] = rows[i] - L[k][i] * rows[k]
-    return ca.vertcat(*rows)
+    return cs.vertcat(*rows)
 
 
 def _power_trace(M: Symbolic, p: int) -> Symbolic:
@@ -227,11 +227,11 @@ def _power_trace(M: Symbolic, p: int) -> Symbolic:
         raise InputError(f"p: expected a power of two, got {p!r}")
     while p > 2:
         M, p = M @ M, p // 2
-    return ca.trace(M) if p == 1 else ca.sum1(ca.sum2(M * M.T))
+    return cs.trace(M) if p == 1 else cs.sum1(cs.sum2(M * M.T))
 
 
 def _order(name: str, A: Symbolic) -> int:
-    if not isinstance(A, ca.SX | ca.MX) or A.shape[0] != A.shape[1]:
+    if not isinstance(A, cs.SX | cs.MX) or A.shape[0] != A.shape[1]:
         raise InputError(f"{name}: expected a square SX or MX matrix, got {type(A).__name__}")
     return A.shape[0]
 
@@ -244,6 +244,6 @@ def _same_order(A: Symbolic, B: Symbolic) -> int:
 
 def _constant(value: Symbolic | float) -> float:
     """The number behind a floor; 0 for an expression, whose value is not known to `guess`."""
-    if isinstance(value, ca.SX | ca.MX):
-        return float(ca.DM(value)) if value.is_constant() else 0.0
+    if isinstance(value, cs.SX | cs.MX):
+        return float(cs.DM(value)) if value.is_constant() else 0.0
     return float(value)

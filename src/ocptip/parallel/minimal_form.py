@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import casadi as ca
+import casadi as cs
 import numpy as np
 
 from ocptip.basics.errors import InputError
@@ -48,14 +48,14 @@ class MinimalForm:
         measure_names: "leg 2 elbow" (type I), "platform" (type II).
     """
 
-    z: ca.SX
-    zd: ca.SX
-    zdd: ca.SX
-    q: ca.SX
-    motor_forces: ca.SX
-    motor_speeds: ca.SX
-    wrench: ca.SX
-    measures: ca.SX
+    z: cs.SX
+    zd: cs.SX
+    zdd: cs.SX
+    q: cs.SX
+    motor_forces: cs.SX
+    motor_speeds: cs.SX
+    wrench: cs.SX
+    measures: cs.SX
     measure_names: tuple[str, ...]
 
 
@@ -79,22 +79,22 @@ def minimal_form(robot: ParallelRobot, gravity: object | None = None) -> Minimal
     description = robot.description
     _require_closed_form(robot)
     m, legs = robot.m, description.legs
-    z, zd, zdd = (ca.SX.sym(name, m) for name in ("z", "zd", "zdd"))
-    position, rotation = robot.kinematics.platform.pose(ca.vertsplit(z))
+    z, zd, zdd = (cs.SX.sym(name, m) for name in ("z", "zd", "zdd"))
+    position, rotation = robot.kinematics.platform.pose(cs.vertsplit(z))
     columns, measures, names = [], [], []
     at_home = robot.kinematics.point_joints(description.home).q
     home_position, home_rotation = robot.kinematics.platform.pose(description.home)
     for number, leg in enumerate(legs):
-        point = ca.SX(position) + ca.SX(rotation) @ ca.DM(leg.coupling_point)
-        target = ca.DM(leg.base_matrix.T) @ (point - ca.DM(leg.origin))
+        point = cs.SX(position) + cs.SX(rotation) @ cs.DM(leg.coupling_point)
+        target = cs.DM(leg.base_matrix.T) @ (point - cs.DM(leg.origin))
         point_home = home_position + home_rotation @ leg.coupling_point - leg.origin
         branch = nearest_branch(leg, leg.base_matrix.T @ point_home, at_home[number])
-        found = closed_form_expression(leg, ca.vertsplit(target), branch)
-        columns.append(ca.vertcat(*found.q))
+        found = closed_form_expression(leg, cs.vertsplit(target), branch)
+        columns.append(cs.vertcat(*found.q))
         stretch = [(length / _home_length(leg, at_home[number])) ** 2 for length in found.lengths]
-        measures += [*found.measures.values(), *(ca.fmin(value, 1) for value in stretch)]
+        measures += [*found.measures.values(), *(cs.fmin(value, 1) for value in stretch)]
         names += [f"leg {number + 1} {name}" for name in (*found.measures, *["length"] * len(stretch))]
-    q = ca.horzcat(*columns)
+    q = cs.horzcat(*columns)
     layout = inertia_layout(description)
     plans = choose_plans(description, layout, [True] * layout.size, "motors")
     arguments = Arguments(
@@ -103,10 +103,10 @@ def minimal_form(robot: ParallelRobot, gravity: object | None = None) -> Minimal
         accelerations=zdd,
         q=q,
         geometry=geometry_symbols(description, numeric=True),
-        inertia=ca.SX(ca.sparsify(ca.DM(inertia_values(description)))),
-        gravity=ca.SX(ca.DM(description.gravity if gravity is None else np.asarray(gravity, dtype=float))),
-        wrench=ca.SX.zeros(6),
-        joint_terms=ca.SX(ca.DM(joint_term_values(description))),
+        inertia=cs.SX(cs.sparsify(cs.DM(inertia_values(description)))),
+        gravity=cs.SX(cs.DM(description.gravity if gravity is None else np.asarray(gravity, dtype=float))),
+        wrench=cs.SX.zeros(6),
+        joint_terms=cs.SX(cs.DM(joint_term_values(description))),
         quasi=False,
     )
     projection = Projection(description, layout, plans, arguments)
@@ -115,11 +115,11 @@ def minimal_form(robot: ParallelRobot, gravity: object | None = None) -> Minimal
     outputs = [
         q,
         projection.motor_forces(order),
-        ca.vertcat(*(rates[joint, leg] for leg, joint in description.actuated)),
+        cs.vertcat(*(rates[joint, leg] for leg, joint in description.actuated)),
         -_carried(projection),
-        ca.vertcat(*measures, _platform_measure(robot, projection.jacobian(), z)),
+        cs.vertcat(*measures, _platform_measure(robot, projection.jacobian(), z)),
     ]
-    return MinimalForm(z, zd, zdd, *map(ca.densify, ca.cse(outputs)), (*names, "platform"))
+    return MinimalForm(z, zd, zdd, *map(cs.densify, cs.cse(outputs)), (*names, "platform"))
 
 
 def _require_closed_form(robot: ParallelRobot) -> None:
@@ -149,22 +149,22 @@ def _home_length(leg: Leg, q: np.ndarray) -> float:
     return float(next(abs(v) for v, row in zip(q, leg.rows, strict=False) if row.sigma == PRISMATIC))
 
 
-def _platform_measure(robot: ParallelRobot, jacobian: ca.SX, z: ca.SX) -> ca.SX:
+def _platform_measure(robot: ParallelRobot, jacobian: cs.SX, z: cs.SX) -> cs.SX:
     """Volume spanned by the unit rows of J_a, positive at home."""
     platform, length = robot.description.platform, characteristic_length(robot.kinematics)
     shifts = sum(platform.mask[:3])
     weights = [1.0] * shifts + [1.0 / length] * (robot.m - shifts)
-    rows = jacobian @ ca.diag(ca.DM(weights))
-    unit = ca.vertcat(*(row / ca.norm_2(row) for row in ca.vertsplit(rows)))
-    volume = ca.det(unit)
-    home = float(ca.Function("home", [z], [volume])(robot.description.home))
+    rows = jacobian @ cs.diag(cs.DM(weights))
+    unit = cs.vertcat(*(row / cs.norm_2(row) for row in cs.vertsplit(rows)))
+    volume = cs.det(unit)
+    home = float(cs.Function("home", [z], [volume])(robot.description.home))
     return volume if home >= 0 else -volume
 
 
-def _carried(projection: Projection) -> ca.SX:
+def _carried(projection: Projection) -> cs.SX:
     """Force and moment about the world origin that move and carry all bodies, (6,), world axes."""
     arguments, layout = projection.arguments, projection.layout
-    parameters = ca.vertsplit(arguments.inertia[layout.platform_slice])
+    parameters = cs.vertsplit(arguments.inertia[layout.platform_slice])
     wrenches = [
         (*platform_wrench(parameters, projection.platform, projection.gravity), projection.platform.position)
     ]
@@ -179,7 +179,7 @@ def _carried(projection: Projection) -> ca.SX:
     for force, moment, point in wrenches:
         total_force = plus(total_force, force)
         total_moment = plus(total_moment, moment, cross(point, force))
-    return ca.vertcat(*total_force, *total_moment)
+    return cs.vertcat(*total_force, *total_moment)
 
 
 def _inertial(leg: LegModel, motion: LegState, body: int) -> tuple[Vector, Vector]:

@@ -1,6 +1,6 @@
 import math
 
-import casadi as ca
+import casadi as cs
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -22,7 +22,7 @@ from tests.indices.sample_platforms import SEEDS, random_ellipsoid, random_pose
 QUIET = {"print_time": False, "ipopt": {"print_level": 0, "sb": "yes", "max_iter": 600}}
 
 
-def symbolic(platform, kind=ca.SX):
+def symbolic(platform, kind=cs.SX):
     pose = kind.sym("pose", 6)
     return pose, SymbolicPlatform(platform, pose[:3], roll_pitch_yaw(pose[3:]))
 
@@ -45,7 +45,7 @@ def test_forms_have_the_eigenvalues_of_the_numeric_ones(seed):
     oe = random_ellipsoid(rng)
     x = rng.normal(size=6) * 0.5
     R = rotation(x[3:])
-    forms = ca.Function("f", [pose], [model.N, model.Z, model.W(oe), model.manipulability])
+    forms = cs.Function("f", [pose], [model.N, model.Z, model.W(oe), model.manipulability])
     N, Z, W, volume = (np.array(v) for v in forms(x))
     here = platform.at(x[:3], R)
     values = eigh(N, Z, eigvals_only=True)
@@ -63,17 +63,17 @@ def test_forms_have_the_eigenvalues_of_the_numeric_ones(seed):
 @given(SEEDS)
 def test_determinant_and_scaling_motion_of_six_legs(seed):
     rng, platform = random_platform(seed)
-    pose, model = symbolic(platform, ca.MX)
+    pose, model = symbolic(platform, cs.MX)
     x = rng.normal(size=6) * 0.3
     here = platform.at(x[:3], rotation(x[3:]))
-    forms = ca.Function("f", [pose], [model.manipulability, model.scaling_rows])
+    forms = cs.Function("f", [pose], [model.manipulability, model.scaling_rows])
     volume, rows = (np.array(v) for v in forms(x))
     assert abs(volume[0, 0]) == pytest.approx(manipulability(here), rel=1e-7)
     rate = rigidity_rate(here).angle
     for bound, holds in ((0.9 * rate, True), (min(1.1 * rate, math.pi / 2 - 1e-6), False)):
         block = model.rigidity(max(bound, 1e-6))
         motion = block.guess(rows)
-        g = np.array(ca.Function("g", [pose, block.variables], [block.g])(x, motion)).ravel()
+        g = np.array(cs.Function("g", [pose, block.variables], [block.g])(x, motion)).ravel()
         np.testing.assert_allclose(g[:7], 0, atol=1e-9)
         if holds and rate > 1e-4:
             assert g[7] > -1e-12
@@ -91,7 +91,7 @@ def test_sigmas_are_where_their_matrices_stop_being_positive(seed):
     for make, value in ((model.sigma_r, best.sigma_r), (model.sigma_s, best.sigma_s)):
         for factor, holds in ((0.99, True), (1.01, False)):
             block = make(factor * value, method="ldl")
-            pivots = np.array(ca.Function("g", [pose], [block.g])(x)).ravel()
+            pivots = np.array(cs.Function("g", [pose], [block.g])(x)).ravel()
             assert (pivots.min() > 0) == holds
 
 
@@ -110,13 +110,13 @@ def test_closest_pose_with_a_control_number(method, p, upper):
     assert value(target) == pytest.approx(0.171, abs=1e-3)
     pose, model = symbolic(design.platform)
     block = model.control_number(0.3, method=method, p=p)
-    forms = ca.Function("f", [pose], [model.N, model.Z])
+    forms = cs.Function("f", [pose], [model.N, model.Z])
     start = np.concatenate([design.position, [0.05, 0.0, 0.1]])
     guess = block.guess(*[np.array(m) for m in forms(start)])
-    solver = ca.nlpsol(
+    solver = cs.nlpsol(
         "s",
         "ipopt",
-        {"x": ca.vertcat(pose, block.variables), "f": ca.sumsqr(pose - target), "g": block.g},
+        {"x": cs.vertcat(pose, block.variables), "f": cs.sumsqr(pose - target), "g": block.g},
         QUIET,
     )
     solution = solver(x0=np.concatenate([start, guess]), lbg=block.lower, ubg=block.upper)
@@ -130,7 +130,7 @@ def test_best_pose_by_the_surrogate():
     """From a bad pose the smooth objective climbs near the optimum, where four eigenvalues meet."""
     design = FlightSimulator.optimal()
     pose, model = symbolic(design.platform)
-    solver = ca.nlpsol("s", "ipopt", {"x": pose, "f": -ca.log(model.control_surrogate(8))}, QUIET)
+    solver = cs.nlpsol("s", "ipopt", {"x": pose, "f": -cs.log(model.control_surrogate(8))}, QUIET)
     solution = solver(x0=[0.2, 0.1, 0.6, 0.2, 0.1, 0.1], lbx=[-0.6] * 6, ubx=[1.0] * 6)
     x = np.array(solution["x"]).ravel()
     assert solver.stats()["success"]
@@ -141,7 +141,7 @@ def test_conditioning_as_constraint():
     design, oe = FlightSimulator.optimal(), OperationEllipsoid.sphere(1.0, [0, 0, 0.1])
     pose, model = symbolic(design.platform)
     block = model.conditioning(oe, 0.49)
-    forms = ca.Function("f", [pose], [model.N, model.W(oe)])
+    forms = cs.Function("f", [pose], [model.N, model.W(oe)])
     start = np.concatenate([design.position, np.zeros(3)])
 
     def value(x):
@@ -150,34 +150,34 @@ def test_conditioning_as_constraint():
 
     assert value(start) < 0.48
     guess = block.guess(*[np.array(m) for m in forms(start)])
-    solver = ca.nlpsol(
+    solver = cs.nlpsol(
         "s",
         "ipopt",
-        {"x": ca.vertcat(pose, block.variables), "f": ca.sumsqr(pose - start), "g": block.g},
+        {"x": cs.vertcat(pose, block.variables), "f": cs.sumsqr(pose - start), "g": block.g},
         QUIET,
     )
     solution = solver(x0=np.concatenate([start, guess]), lbg=block.lower, ubg=block.upper)
     assert solver.stats()["success"]
     reached = np.array(solution["x"]).ravel()[:6]
     assert value(reached) == pytest.approx(0.49, abs=1e-5)
-    surrogate = ca.Function("f", [pose], [model.conditioning_surrogate(oe)])
+    surrogate = cs.Function("f", [pose], [model.conditioning_surrogate(oe)])
     assert value(reached) <= float(surrogate(reached)) <= 6 ** (1 / 8) * value(reached)
 
 
 def test_planar_forms_and_constraint():
     design = optimal_planar_pose(1.2, "+", 4)
-    pose = ca.SX.sym("pose", 3)
+    pose = cs.SX.sym("pose", 3)
     J, N, Z = planar_forms(design.base, design.platform, pose)
     assert J.shape == (4, 3)
     x = np.array([0.3, -0.2, 0.4])
     c, s = math.cos(x[2]), math.sin(x[2])
     here = PlanarPlatformPose(design.base, design.platform @ [[c, s], [-s, c]] + x[:2])
-    values = eigh(*[np.array(m) for m in ca.Function("f", [pose], [N, Z])(x)], eigvals_only=True)
+    values = eigh(*[np.array(m) for m in cs.Function("f", [pose], [N, Z])(x)], eigvals_only=True)
     assert math.sqrt(values[0] / values[-1]) == pytest.approx(control_number(here).value, rel=1e-8)
     block = ratio_constraint(N, Z, 0.9)
-    guess = block.guess(*[np.array(m) for m in ca.Function("f", [pose], [N, Z])(np.zeros(3))])
-    solver = ca.nlpsol(
-        "s", "ipopt", {"x": ca.vertcat(pose, block.variables), "f": ca.sumsqr(pose - x), "g": block.g}, QUIET
+    guess = block.guess(*[np.array(m) for m in cs.Function("f", [pose], [N, Z])(np.zeros(3))])
+    solver = cs.nlpsol(
+        "s", "ipopt", {"x": cs.vertcat(pose, block.variables), "f": cs.sumsqr(pose - x), "g": block.g}, QUIET
     )
     solution = solver(x0=np.concatenate([np.zeros(3), guess]), lbg=block.lower, ubg=block.upper)
     reached = np.array(solution["x"]).ravel()[:3]
@@ -191,11 +191,11 @@ def test_bad_arguments_are_refused():
     _, model = symbolic(platform)
     _, seven = symbolic(random_platform(0, 7)[1])
     with pytest.raises(InputError, match="position: expected an SX or MX expression of shape"):
-        SymbolicPlatform(platform, np.zeros(3), ca.SX.eye(3))
+        SymbolicPlatform(platform, np.zeros(3), cs.SX.eye(3))
     with pytest.raises(InputError, match="rotation: expected an SX or MX expression of shape"):
-        SymbolicPlatform(platform, ca.SX.sym("t", 3), ca.SX.eye(2))
+        SymbolicPlatform(platform, cs.SX.sym("t", 3), cs.SX.eye(2))
     with pytest.raises(InputError, match="the same kind of expression"):
-        SymbolicPlatform(platform, ca.SX.sym("t", 3), ca.MX.eye(3))
+        SymbolicPlatform(platform, cs.SX.sym("t", 3), cs.MX.eye(3))
     with pytest.raises(InputError, match="defined for six legs, got 7"):
         seven.rigidity(0.3)
     with pytest.raises(InputError, match="bound: expected 0 < bound < pi/2"):

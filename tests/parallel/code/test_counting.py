@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import casadi as ca
+import casadi as cs
 import pytest
 
 from ocptip.parallel.code.counting import OperationCount, count_operations
 from ocptip.parallel.code.lean import lean_function
 from tests.parallel.parallel_cases import golden
 
-x, y, z = (ca.SX.sym(name) for name in "xyz")
+x, y, z = (cs.SX.sym(name) for name in "xyz")
 
 
 @pytest.mark.parametrize(
@@ -17,17 +17,17 @@ x, y, z = (ca.SX.sym(name) for name in "xyz")
     [
         ([x + y], OperationCount(1, 0, 0, 0, 1)),
         ([x], OperationCount(0, 0, 0, 0, 1)),
-        ([ca.SX(3.0)], OperationCount(0, 0, 0, 0, 0)),
+        ([cs.SX(3.0)], OperationCount(0, 0, 0, 0, 0)),
         ([-(x * y)], OperationCount(1, 1, 0, 0, 1)),
         ([2 * x], OperationCount(1, 0, 0, 0, 1)),
         ([x * x / y], OperationCount(0, 1, 1, 0, 1)),
-        ([ca.sin(x) * ca.cos(x)], OperationCount(0, 1, 0, 2, 1)),
-        (ca.cse([(x + y) * z, (x + y) * (x + y)]), OperationCount(1, 2, 0, 0, 3)),
-        ([ca.sqrt(x)], OperationCount(0, 0, 0, 0, 1, 1)),
+        ([cs.sin(x) * cs.cos(x)], OperationCount(0, 1, 0, 2, 1)),
+        (cs.cse([(x + y) * z, (x + y) * (x + y)]), OperationCount(1, 2, 0, 0, 3)),
+        ([cs.sqrt(x)], OperationCount(0, 0, 0, 0, 1, 1)),
     ],
 )
 def test_rule_on_small_functions(outputs, expected):
-    assert count_operations(ca.Function("f", [x, y, z], outputs)) == expected
+    assert count_operations(cs.Function("f", [x, y, z], outputs)) == expected
 
 
 def test_weights():

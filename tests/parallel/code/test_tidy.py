@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import casadi as ca
+import casadi as cs
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -12,23 +12,23 @@ from ocptip.basics.errors import InputError
 from ocptip.parallel.code.counting import count_operations
 from ocptip.parallel.code.tidy import tidy
 
-X = [ca.SX.sym(name) for name in "abcd"]
+X = [cs.SX.sym(name) for name in "abcd"]
 
 
-def made(*expressions: ca.SX) -> ca.Function:
-    return ca.Function("f", X, list(expressions))
+def made(*expressions: cs.SX) -> cs.Function:
+    return cs.Function("f", X, list(expressions))
 
 
 EXPRESSIONS = st.recursive(
-    st.sampled_from(X) | st.integers(-2, 2).map(ca.SX),
+    st.sampled_from(X) | st.integers(-2, 2).map(cs.SX),
     lambda inner: st.one_of(
         st.tuples(inner, inner).map(lambda p: p[0] + p[1]),
         st.tuples(inner, inner).map(lambda p: p[0] - p[1]),
         st.tuples(inner, inner).map(lambda p: p[0] * p[1]),
-        st.tuples(inner, inner).map(lambda p: p[0] / (2 + ca.sin(p[1]))),
+        st.tuples(inner, inner).map(lambda p: p[0] / (2 + cs.sin(p[1]))),
         inner.map(lambda x: -x),
-        inner.map(ca.sin),
-        inner.map(ca.cos),
+        inner.map(cs.sin),
+        inner.map(cs.cos),
         inner.map(lambda x: x * x),
     ),
     max_leaves=25,
@@ -44,7 +44,7 @@ def test_value_is_kept_and_work_does_not_grow(first, second):
     values, expected = np.array(found(*at)).ravel(), np.array(plain(*at)).ravel()
     scale = max(1.0, np.abs(expected).max())
     assert values == pytest.approx(expected, abs=1e-9 * scale)
-    merged = ca.Function("f", X, ca.cse([first, second, first * second - first]))
+    merged = cs.Function("f", X, cs.cse([first, second, first * second - first]))
     # A sign that was pulled out may come back as a negation of an output.
     assert count_operations(found).arithmetic <= count_operations(merged).arithmetic + 3
 
@@ -58,7 +58,7 @@ def test_value_is_kept_and_work_does_not_grow(first, second):
         (lambda a, b, c, d: [a * b + a * c - a * d], (2, 1, 0)),
         (lambda a, b, c, d: [-(a - b)], (1, 0, 0)),
         (lambda a, b, c, d: [-(c * (a - b))], (1, 1, 0)),
-        (lambda a, b, c, d: [ca.sin(a - b) + ca.sin(b - a)], (0, 0, 0)),
+        (lambda a, b, c, d: [cs.sin(a - b) + cs.sin(b - a)], (0, 0, 0)),
     ],
 )
 def test_what_it_finds(expression, operations):
@@ -67,17 +67,17 @@ def test_what_it_finds(expression, operations):
 
 
 def test_names_sparsity_and_matrix_inputs_stay():
-    x = ca.SX.sym("x", 2, 3)
-    sparse = ca.SX(3, 2)
+    x = cs.SX.sym("x", 2, 3)
+    sparse = cs.SX(3, 2)
     sparse[1, 0] = x[0, 1] / x[1, 2]
-    function = ca.Function(
-        "g", [x, ca.SX(0, 1)], [sparse, ca.SX.zeros(2, 2)], ["x", "empty"], ["y", "nought"]
+    function = cs.Function(
+        "g", [x, cs.SX(0, 1)], [sparse, cs.SX.zeros(2, 2)], ["x", "empty"], ["y", "nought"]
     )
     found = tidy(function)
     assert (found.name(), found.name_in(), found.name_out()) == ("g", ["x", "empty"], ["y", "nought"])
     assert found.sparsity_out(0) == function.sparsity_out(0)
     value = np.arange(1.0, 7.0).reshape(2, 3)
-    assert np.array(ca.DM(found(value, [])[0]))[1, 0] == 2 / 6
+    assert np.array(cs.DM(found(value, [])[0]))[1, 0] == 2 / 6
 
 
 def test_casadi_simplifies_again_afterwards():
@@ -87,4 +87,4 @@ def test_casadi_simplifies_again_afterwards():
 
 def test_unknown_operation_is_refused():
     with pytest.raises(InputError, match="not known here"):
-        tidy(made(ca.atan2(X[0], X[1])))
+        tidy(made(cs.atan2(X[0], X[1])))

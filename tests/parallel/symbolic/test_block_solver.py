@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import casadi as ca
+import casadi as cs
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -12,12 +12,12 @@ from ocptip.basics.errors import InputError
 from ocptip.parallel.symbolic.block_solver import BlockSystem, adjugate
 
 
-def symbolic(matrix: np.ndarray) -> list[list[ca.SX]]:
-    return [[ca.SX(float(v)) for v in row] for row in matrix]
+def symbolic(matrix: np.ndarray) -> list[list[cs.SX]]:
+    return [[cs.SX(float(v)) for v in row] for row in matrix]
 
 
 def numbers(entries) -> np.ndarray:
-    return np.array(ca.DM(ca.evalf(ca.vertcat(*entries)))).ravel()
+    return np.array(cs.DM(cs.evalf(cs.vertcat(*entries)))).ravel()
 
 
 @settings(deadline=None)
@@ -31,7 +31,7 @@ def test_solutions(size, seed, density):
         return
     right = rng.uniform(-1, 1, size)
     system = BlockSystem(symbolic(matrix))
-    b = [ca.SX(float(v)) for v in right]
+    b = [cs.SX(float(v)) for v in right]
     assert numbers(system.solve(b)) == pytest.approx(np.linalg.solve(matrix, right), abs=1e-7)
     if size <= 3:
         assert numbers(system.solve_transposed(b)) == pytest.approx(
@@ -40,8 +40,8 @@ def test_solutions(size, seed, density):
 
 
 def test_blocks_follow_the_structure():
-    a = [ca.SX.sym(f"a{k}") for k in range(5)]
-    o = ca.SX(0)
+    a = [cs.SX.sym(f"a{k}") for k in range(5)]
+    o = cs.SX(0)
     system = BlockSystem([[o, a[0], o], [a[1], a[2], o], [o, a[3], a[4]]])
     assert system.blocks[0] == ([0], [1])
     assert system.own_row(0) == 1
@@ -51,11 +51,11 @@ def test_blocks_follow_the_structure():
 @pytest.mark.parametrize("size", [2, 3])
 def test_zero_pivots_do_no_harm(size):
     matrix = np.roll(np.eye(size), 1, axis=0) + 0.5 * np.tri(size, k=-1).T
-    names = ca.SX.sym("m", size, size)
+    names = cs.SX.sym("m", size, size)
     entries = [[names[i, j] for j in range(size)] for i in range(size)]
-    right = ca.SX.sym("b", size)
+    right = cs.SX.sym("b", size)
     solution = BlockSystem(entries).solve([right[k] for k in range(size)])
-    function = ca.Function("solve", [names, right], [ca.vertcat(*solution)])
+    function = cs.Function("solve", [names, right], [cs.vertcat(*solution)])
     b = np.arange(1.0, size + 1)
     assert matrix[0, 0] == 0
     assert np.array(function(matrix, b)).ravel() == pytest.approx(np.linalg.solve(matrix, b))
@@ -70,6 +70,6 @@ def test_adjugate():
 
 
 def test_structurally_singular_matrix_is_refused():
-    a, o = ca.SX.sym("a"), ca.SX(0)
+    a, o = cs.SX.sym("a"), cs.SX(0)
     with pytest.raises(InputError, match="structurally singular"):
         BlockSystem([[a, a, o], [o, o, o], [a, a, a]])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import casadi as ca
+import casadi as cs
 import numpy as np
 import pytest
 from hypothesis import given
@@ -16,7 +16,7 @@ ANGLES = st.floats(-7, 7)
 
 
 def numbers(entries) -> np.ndarray:
-    return np.array(ca.DM(ca.evalf(ca.vertcat(*entries)))).ravel()
+    return np.array(cs.DM(cs.evalf(cs.vertcat(*entries)))).ravel()
 
 
 @given(chain=st.lists(st.tuples(st.integers(0, 2), ANGLES), max_size=5))
@@ -33,18 +33,18 @@ def test_chain_is_the_product_of_its_rotations(chain):
 
 @pytest.mark.parametrize("quarters", [-3, -2, -1, 0, 1, 2, 3, 5])
 def test_right_angles_cost_nothing(quarters):
-    v = ca.SX.sym("v", 3)
+    v = cs.SX.sym("v", 3)
     turned = Rotation([turn(0, quarters * np.pi / 2)])([v[k] for k in range(3)])
-    function = ca.Function("f", [v], turned)
+    function = cs.Function("f", [v], turned)
     operations = {function.instruction_id(k) for k in range(function.n_instructions())}
-    assert operations <= {ca.OP_INPUT, ca.OP_OUTPUT, ca.OP_NEG}
+    assert operations <= {cs.OP_INPUT, cs.OP_OUTPUT, cs.OP_NEG}
     assert all(
         entry.is_zero() or entry.is_one() or (-entry).is_one() for entry in Rotation([turn(2, 0)])(unit(0))
     )
 
 
 def test_neighbouring_turns_merge_and_cancel():
-    q = ca.SX.sym("q")
+    q = cs.SX.sym("q")
     assert len(Rotation([turn(2, q), turn(2, 0.3), turn(0, 0.2)]).turns) == 2
     assert Rotation([turn(1, np.pi / 2), turn(1, -np.pi / 2)]).turns == ()
 

@@ -12,7 +12,7 @@ import math
 from dataclasses import dataclass
 from functools import cached_property
 
-import casadi as ca
+import casadi as cs
 import numpy as np
 
 from ocptip.basics.errors import InputError, number_from, positive_number
@@ -48,7 +48,7 @@ class SymbolicPlatform:
     def __post_init__(self) -> None:
         for name, shape in (("position", (3, 1)), ("rotation", (3, 3))):
             value = getattr(self, name)
-            if not isinstance(value, ca.SX | ca.MX) or value.shape != shape:
+            if not isinstance(value, cs.SX | cs.MX) or value.shape != shape:
                 raise InputError(f"{name}: expected an SX or MX expression of shape {shape}, got {value!r}")
         if type(self.position) is not type(self.rotation):
             raise InputError("rotation: expected the same kind of expression (SX or MX) as position")
@@ -62,8 +62,8 @@ class SymbolicPlatform:
     @cached_property
     def forms(self) -> tuple[Symbolic, Symbolic, Symbolic]:
         """J (n, 6), N and Z (6, 6) in units of the extent, screws about the origin of the platform frame."""
-        base = [(ca.DM(b) - self.position) / self.extent for b in self.platform.base]
-        moving = [self.rotation @ ca.DM(p) / self.extent for p in self.platform.platform]
+        base = [(cs.DM(b) - self.position) / self.extent for b in self.platform.base]
+        moving = [self.rotation @ cs.DM(p) / self.extent for p in self.platform.platform]
         return leg_forms(base, moving)
 
     @property
@@ -86,15 +86,15 @@ class SymbolicPlatform:
         unit = OperationEllipsoid(
             ellipsoid.center / self.extent, ellipsoid.axes, ellipsoid.half_axes / self.extent
         )
-        turn = ca.diagcat(self.rotation, self.rotation)
-        return turn @ ca.DM(unit.W()) @ turn.T
+        turn = cs.diagcat(self.rotation, self.rotation)
+        return turn @ cs.DM(unit.W()) @ turn.T
 
     @property
     def manipulability(self) -> Symbolic:
         """det J with its sign for six legs, sqrt(det J'J) for more, m^3."""
         if self.platform.n_legs == MINIMUM_LEGS:
-            return ca.det(self.J) * self.extent**3
-        return ca.sqrt(ca.det(self.N)) * self.extent**3
+            return cs.det(self.J) * self.extent**3
+        return cs.sqrt(cs.det(self.N)) * self.extent**3
 
     def control_number(self, bound: float, *, method: Method = "lifted", p: int = 8) -> ConstraintBlock:
         """CTN >= bound; `guess(N, Z)`."""
@@ -126,7 +126,7 @@ class SymbolicPlatform:
             raise InputError("method: sigma_R takes 'ldl' or 'lifted', got 'trace'")
         square = (positive_number("bound", bound) / self.extent) ** 2
         return psd_constraint(
-            self.N - ca.diag(ca.DM([square] * 3 + [0.0] * 3)), method=method, name="sigma_r"
+            self.N - cs.diag(cs.DM([square] * 3 + [0.0] * 3)), method=method, name="sigma_r"
         )
 
     def sigma_s(self, bound: float, *, method: Method = "lifted", p: int = 8) -> ConstraintBlock:
@@ -152,9 +152,9 @@ class SymbolicPlatform:
             raise InputError(f"bound: expected 0 < bound < pi/2 rad, got {bound}")
         motion = type(self.position).sym("scaling_motion", 7)
         q, s = motion[:3], motion[6]
-        rate = math.cos(bound) ** 2 * s**2 - math.sin(bound) ** 2 * ca.sumsqr(q)
+        rate = math.cos(bound) ** 2 * s**2 - math.sin(bound) ** 2 * cs.sumsqr(q)
         return ConstraintBlock(
-            ca.vertcat(self.scaling_rows @ motion, ca.sumsqr(motion) - 1.0, rate),
+            cs.vertcat(self.scaling_rows @ motion, cs.sumsqr(motion) - 1.0, rate),
             np.zeros(8),
             np.concatenate([np.zeros(7), [np.inf]]),
             motion,
@@ -166,11 +166,11 @@ class SymbolicPlatform:
         """(6, 7) leg rates per motion with scaling (q, q_hat, s), see `rigidity_rate`."""
         column = []
         for i, p in enumerate(self.platform.platform):
-            column.append(self.J[i, 3:] @ (self.rotation @ ca.DM(p) / self.extent))
-        return ca.horzcat(self.J, ca.vertcat(*column))
+            column.append(self.J[i, 3:] @ (self.rotation @ cs.DM(p) / self.extent))
+        return cs.horzcat(self.J, cs.vertcat(*column))
 
 
-def leg_forms(base: list[Symbolic | ca.DM], platform: list[Symbolic]) -> tuple[Symbolic, Symbolic, Symbolic]:
+def leg_forms(base: list[Symbolic | cs.DM], platform: list[Symbolic]) -> tuple[Symbolic, Symbolic, Symbolic]:
     """J, N and Z from anchors, all in one frame (section 7.2); anchors (3, 1), or (2, 1) for the plane.
 
     In the plane the screws are (rotation, velocity) and the matrices (n, 3) and (3, 3).
@@ -178,14 +178,14 @@ def leg_forms(base: list[Symbolic | ca.DM], platform: list[Symbolic]) -> tuple[S
     rows, Z = [], 0.0
     for b, p in zip(base, platform, strict=True):
         leg = p - b
-        square = ca.sumsqr(leg)
-        direction = leg / ca.sqrt(square)
+        square = cs.sumsqr(leg)
+        direction = leg / cs.sqrt(square)
         row = _velocity_map(b).T @ direction
         rows.append(row.T)
         for point in (p, b):
             velocity = _velocity_map(point)
             Z = Z + (velocity.T @ velocity - row @ row.T) / square
-    J = ca.vertcat(*rows)
+    J = cs.vertcat(*rows)
     return J, J.T @ J, Z
 
 
@@ -198,26 +198,26 @@ def planar_forms(
         base, platform: (n, 2) anchors in the base frame and in the platform frame, m.
         pose: (3, 1) expression: position of the platform frame, m, and angle, rad.
     """
-    c, s = ca.cos(pose[2]), ca.sin(pose[2])
-    rotation = ca.vertcat(ca.horzcat(c, -s), ca.horzcat(s, c))
-    moving = [rotation @ ca.DM(p) for p in np.asarray(platform, dtype=float)]
-    fixed = [ca.DM(b) - pose[:2] for b in np.asarray(base, dtype=float)]
+    c, s = cs.cos(pose[2]), cs.sin(pose[2])
+    rotation = cs.vertcat(cs.horzcat(c, -s), cs.horzcat(s, c))
+    moving = [rotation @ cs.DM(p) for p in np.asarray(platform, dtype=float)]
+    fixed = [cs.DM(b) - pose[:2] for b in np.asarray(base, dtype=float)]
     return leg_forms(fixed, moving)
 
 
 def roll_pitch_yaw(angles: Symbolic) -> Symbolic:
     """(3, 3) rotation Rz(yaw) Ry(pitch) Rx(roll) of (roll, pitch, yaw), rad; smooth everywhere."""
-    cx, cy, cz = ca.cos(angles[0]), ca.cos(angles[1]), ca.cos(angles[2])
-    sx, sy, sz = ca.sin(angles[0]), ca.sin(angles[1]), ca.sin(angles[2])
-    return ca.vertcat(
-        ca.horzcat(cz * cy, cz * sy * sx - sz * cx, cz * sy * cx + sz * sx),
-        ca.horzcat(sz * cy, sz * sy * sx + cz * cx, sz * sy * cx - cz * sx),
-        ca.horzcat(-sy, cy * sx, cy * cx),
+    cx, cy, cz = cs.cos(angles[0]), cs.cos(angles[1]), cs.cos(angles[2])
+    sx, sy, sz = cs.sin(angles[0]), cs.sin(angles[1]), cs.sin(angles[2])
+    return cs.vertcat(
+        cs.horzcat(cz * cy, cz * sy * sx - sz * cx, cz * sy * cx + sz * sx),
+        cs.horzcat(sz * cy, sz * sy * sx + cz * cx, sz * sy * cx - cz * sx),
+        cs.horzcat(-sy, cy * sx, cy * cx),
     )
 
 
-def _velocity_map(point: Symbolic | ca.DM) -> Symbolic:
+def _velocity_map(point: Symbolic | cs.DM) -> Symbolic:
     """Velocity of a point per screw: (3, 6) in space, (2, 3) in the plane."""
     if point.shape[0] == 2:
-        return ca.horzcat(ca.vertcat(-point[1], point[0]), ca.DM.eye(2))
-    return ca.horzcat(-ca.skew(point), ca.DM.eye(3))
+        return cs.horzcat(cs.vertcat(-point[1], point[0]), cs.DM.eye(2))
+    return cs.horzcat(-cs.skew(point), cs.DM.eye(3))

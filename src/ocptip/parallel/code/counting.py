@@ -10,21 +10,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import casadi as ca
+import casadi as cs
 
 _KINDS = {
-    ca.OP_ADD: "additions",
-    ca.OP_SUB: "additions",
-    ca.OP_NEG: "additions",
-    ca.OP_TWICE: "additions",
-    ca.OP_MUL: "multiplications",
-    ca.OP_SQ: "multiplications",
-    ca.OP_DIV: "divisions",
-    ca.OP_INV: "divisions",
-    ca.OP_SIN: "trigonometric",
-    ca.OP_COS: "trigonometric",
+    cs.OP_ADD: "additions",
+    cs.OP_SUB: "additions",
+    cs.OP_NEG: "additions",
+    cs.OP_TWICE: "additions",
+    cs.OP_MUL: "multiplications",
+    cs.OP_SQ: "multiplications",
+    cs.OP_DIV: "divisions",
+    cs.OP_INV: "divisions",
+    cs.OP_SIN: "trigonometric",
+    cs.OP_COS: "trigonometric",
 }
-_FREE = {ca.OP_INPUT, ca.OP_CONST, ca.OP_OUTPUT, ca.OP_PARAMETER}
+_FREE = {cs.OP_INPUT, cs.OP_CONST, cs.OP_OUTPUT, cs.OP_PARAMETER}
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class OperationCount:
         }
 
 
-def count_operations(function: ca.Function) -> OperationCount:
+def count_operations(function: cs.Function) -> OperationCount:
     """Count the operations of an SX function by the rule of this module.
 
     Args:
@@ -95,9 +95,9 @@ def count_operations(function: ca.Function) -> OperationCount:
     outputs = 0
     for k in range(function.n_instructions()):
         code = function.instruction_id(k)
-        if code == ca.OP_OUTPUT:
+        if code == cs.OP_OUTPUT:
             source = writer[function.instruction_input(k)[0]]
-            outputs += function.instruction_id(source) != ca.OP_CONST
+            outputs += function.instruction_id(source) != cs.OP_CONST
             uses[source] = uses.get(source, 0) + 1
             continue
         if code not in _FREE:

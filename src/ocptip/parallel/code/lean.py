@@ -20,7 +20,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import casadi as ca
+import casadi as cs
 import numpy as np
 
 from ocptip.basics.errors import InputError, SolverError, finite_array
@@ -57,7 +57,7 @@ class LeanFunction:
         joint_terms: (3, n N) drive inertia, viscous and Coulomb friction of all joints, leg by leg.
     """
 
-    function: ca.Function
+    function: cs.Function
     form: str
     dynpar: int
     inertia_names: tuple[str, ...]
@@ -228,8 +228,8 @@ def lean_function(
     plans = choose_plans(description, layout, kept, "rows" if set(outputs) == {"J_a"} else purpose)
     builder = Builder(description, layout, plans, kept, options)
     results = [builder.output(which) for which in outputs]
-    function = ca.Function(
-        name, builder.inputs, [ca.densify(result) for result in results], builder.input_names, list(outputs)
+    function = cs.Function(
+        name, builder.inputs, [cs.densify(result) for result in results], builder.input_names, list(outputs)
     )
     parameters = {} if numeric_geometry else description.parameters
     return LeanFunction(

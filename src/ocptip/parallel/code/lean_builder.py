@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import casadi as ca
+import casadi as cs
 
 from ocptip.basics.errors import InputError
 from ocptip.parallel.analysis.elimination import elimination_order
@@ -55,33 +55,33 @@ class Builder:
         m, n, count = description.platform.m, layout.bodies, len(description.legs)
         self.description, self.layout, self.plans = description, layout, plans
         self.form, self.quasi = options.form, options.quasi
-        self.z = ca.SX.sym("z", m)
-        self.rates = ca.SX.sym(options.rates, m)
-        self.accelerations = ca.SX.sym(options.accelerations, m)
-        self.q = ca.SX.sym("q", n, count)
+        self.z = cs.SX.sym("z", m)
+        self.rates = cs.SX.sym(options.rates, m)
+        self.accelerations = cs.SX.sym(options.accelerations, m)
+        self.q = cs.SX.sym("q", n, count)
         self.geometry = geometry_symbols(description, options.numeric_geometry)
         named = [] if options.numeric_geometry else list(self.geometry.values())
-        self.inertia = ca.SX.sym("inertia", sum(kept))
-        self.gravity = ca.SX.sym("gravity", 3)
+        self.inertia = cs.SX.sym("inertia", sum(kept))
+        self.gravity = cs.SX.sym("gravity", 3)
         given = iter(self.inertia[k] for k in range(sum(kept)))
-        full = ca.vertcat(*(next(given) if keep else ca.SX(0.0) for keep in kept))
+        full = cs.vertcat(*(next(given) if keep else cs.SX(0.0) for keep in kept))
         self.full_inertia = origin_inertia(full) if options.dynpar == 1 else full
         self.inputs = [self.z, self.rates, self.accelerations, self.q]
-        self.inputs += [ca.vertcat(*named) if named else ca.SX(0, 1), self.inertia, self.gravity]
+        self.inputs += [cs.vertcat(*named) if named else cs.SX(0, 1), self.inertia, self.gravity]
         self.input_names = ["z", options.rates, options.accelerations, "q", "geometry", "inertia", "gravity"]
-        self.wrench, self.joint_terms = ca.SX.zeros(6), ca.SX.zeros(3, n * count)
+        self.wrench, self.joint_terms = cs.SX.zeros(6), cs.SX.zeros(3, n * count)
         if options.wrench:
-            self.wrench = ca.SX.sym("wrench", 6)
+            self.wrench = cs.SX.sym("wrench", 6)
             self.inputs.append(self.wrench)
             self.input_names.append("wrench")
         if options.joint_terms:
-            self.joint_terms = ca.SX.sym("joint_terms", 3, n * count)
+            self.joint_terms = cs.SX.sym("joint_terms", 3, n * count)
             self.inputs.append(self.joint_terms)
             self.input_names.append("joint_terms")
         self.order = elimination_order(description) if self.form in ("A", "AA") else None
         self._parts: dict[tuple[bool, bool, bool], Projection] = {}
 
-    def output(self, which: str) -> ca.SX:
+    def output(self, which: str) -> cs.SX:
         """One output of `OUTPUTS`."""
         if which == "J_a":
             return self._projection(True, True, True).jacobian()
@@ -91,28 +91,28 @@ class Builder:
         if which == "M":
             return self._mass_matrix()
         if which == "W_joint":
-            return ca.jacobian(self._tau(True, True, True), ca.vec(self.joint_terms))
+            return cs.jacobian(self._tau(True, True, True), cs.vec(self.joint_terms))
         part = which.removeprefix("W_")
         flags = {"M": (False, True, False), "c": (True, False, False), "g": (False, False, True)}
         tau = self._tau(*flags.get(part, (True, True, True)))
-        return ca.jacobian(tau, self.inertia) if which.startswith("W") else tau
+        return cs.jacobian(tau, self.inertia) if which.startswith("W") else tau
 
     def _projection(self, moving: bool, accelerating: bool, falling: bool) -> Projection:
         key = (moving, accelerating, falling)
         if key not in self._parts:
             m = self.z.numel()
-            rates = self.rates if moving else ca.SX.zeros(m)
-            accelerations = self.accelerations if accelerating else ca.SX.zeros(m)
+            rates = self.rates if moving else cs.SX.zeros(m)
+            accelerations = self.accelerations if accelerating else cs.SX.zeros(m)
             if self.form == "AA":
                 accelerations = self._platform_acceleration(rates, accelerations)
-            gravity = self.gravity if falling else ca.SX.zeros(3)
+            gravity = self.gravity if falling else cs.SX.zeros(3)
             # Of the parts of tau the external wrench belongs to c, together with the friction.
-            wrench = self.wrench if moving else ca.SX.zeros(6)
+            wrench = self.wrench if moving else cs.SX.zeros(6)
             self._parts[key] = self._project(rates, accelerations, gravity, wrench)
         return self._parts[key]
 
     def _project(
-        self, rates: ca.SX, accelerations: ca.SX, gravity: ca.SX | None = None, wrench: ca.SX | None = None
+        self, rates: cs.SX, accelerations: cs.SX, gravity: cs.SX | None = None, wrench: cs.SX | None = None
     ) -> Projection:
         arguments = Arguments(
             pose=self.z,
@@ -121,38 +121,38 @@ class Builder:
             q=self.q,
             geometry=self.geometry,
             inertia=self.full_inertia,
-            gravity=ca.SX.zeros(3) if gravity is None else gravity,
-            wrench=ca.SX.zeros(6) if wrench is None else wrench,
+            gravity=cs.SX.zeros(3) if gravity is None else gravity,
+            wrench=cs.SX.zeros(6) if wrench is None else wrench,
             joint_terms=self.joint_terms,
             quasi=self.quasi,
         )
         return Projection(self.description, self.layout, self.plans, arguments)
 
-    def _platform_acceleration(self, rates: ca.SX, driven: ca.SX) -> ca.SX:
+    def _platform_acceleration(self, rates: cs.SX, driven: cs.SX) -> cs.SX:
         """z'' from q_a'' of the motors: J_z z'' = q_a'' - (q_a'' at z'' = 0)."""
-        still = self._project(rates, ca.SX.zeros(rates.numel()))
-        probe = ca.SX.sym("probe", rates.numel())
-        answer = self._project(ca.SX.zeros(rates.numel()), probe).driven_accelerations()
-        jacobian = ca.jacobian(answer, probe)
+        still = self._project(rates, cs.SX.zeros(rates.numel()))
+        probe = cs.SX.sym("probe", rates.numel())
+        answer = self._project(cs.SX.zeros(rates.numel()), probe).driven_accelerations()
+        jacobian = cs.jacobian(answer, probe)
         if jacobian.size1() != jacobian.size2():
             raise InputError(
                 f"{self.description.name}: form AA needs as many motors as free coordinates, got "
                 f"{jacobian.size1()} for {jacobian.size2()}"
             )
         size = jacobian.size1()
-        system = BlockSystem([[ca.SX(jacobian[i, j]) for j in range(size)] for i in range(size)])
+        system = BlockSystem([[cs.SX(jacobian[i, j]) for j in range(size)] for i in range(size)])
         drift = still.driven_accelerations()
-        return ca.vertcat(*system.solve([driven[k] - drift[k] for k in range(size)]))
+        return cs.vertcat(*system.solve([driven[k] - drift[k] for k in range(size)]))
 
-    def _tau(self, moving: bool, accelerating: bool, falling: bool) -> ca.SX:
+    def _tau(self, moving: bool, accelerating: bool, falling: bool) -> cs.SX:
         projection = self._projection(moving, accelerating, falling)
         if self.form in ("A", "AA"):
             return projection.motor_forces(self.order)
         return projection.euler_force() if self.form == "Z" else projection.generalized_force()
 
-    def _mass_matrix(self) -> ca.SX:
-        matrix = ca.jacobian(self._tau(False, True, False), self.accelerations)
+    def _mass_matrix(self) -> cs.SX:
+        matrix = cs.jacobian(self._tau(False, True, False), self.accelerations)
         symmetric = self.form in ("S", "Z", "AA") or (
             self.form == "X" and sum(self.description.platform.mask[3:]) < 3
         )
-        return ca.tril2symm(ca.tril(matrix)) if symmetric else matrix
+        return cs.tril2symm(cs.tril(matrix)) if symmetric else matrix

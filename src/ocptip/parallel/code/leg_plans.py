@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Literal
 
-import casadi as ca
+import casadi as cs
 
 from ocptip.basics.errors import InputError
 from ocptip.parallel.code.counting import count_operations
@@ -47,9 +47,9 @@ def choose_plans(
     n = layout.bodies
     for index in range(len(description.legs)):
         own = range(*layout.leg_slice(index).indices(layout.size))
-        inertia = ca.vertcat(*(ca.SX.sym(f"p{k}") if kept[i] else ca.SX(0.0) for k, i in enumerate(own)))
-        joints = ca.SX.sym("q", n)
-        leg = leg_model(description, index, joints, geometry, inertia, ca.SX.zeros(3, n))
+        inertia = cs.vertcat(*(cs.SX.sym(f"p{k}") if kept[i] else cs.SX(0.0) for k, i in enumerate(own)))
+        joints = cs.SX.sym("q", n)
+        leg = leg_model(description, index, joints, geometry, inertia, cs.SX.zeros(3, n))
         key = (purpose, _structure(description, index, own, kept))
         if key not in _FOUND:
             _FOUND[key] = _search(leg, purpose)
@@ -98,17 +98,17 @@ def _fits(leg: LegModel, frame: int) -> bool:
 
 
 def _cost(leg: LegModel, plan: LegPlan, purpose: Purpose) -> int:
-    velocity, acceleration, gravity = ca.SX.sym("v", 3), ca.SX.sym("a", 3), ca.SX.sym("g", 3)
-    moved = [[one[k] if k in leg.axes else ca.SX(0.0) for k in range(3)] for one in (velocity, acceleration)]
+    velocity, acceleration, gravity = cs.SX.sym("v", 3), cs.SX.sym("a", 3), cs.SX.sym("g", 3)
+    moved = [[one[k] if k in leg.axes else cs.SX(0.0) for k in range(3)] for one in (velocity, acceleration)]
     motion = leg_motion(leg, *moved, [gravity[k] for k in range(3)], plan)
     if purpose == "rows":
         rows = [actuator_row(leg, motion, plan, joint) for joint in leg.actuated]
-        out = [row[k] for row in rows for k in leg.axes] or [ca.SX(0.0)]
+        out = [row[k] for row in rows for k in leg.axes] or [cs.SX(0.0)]
     elif purpose == "motors" and len(leg.actuated) == 1:
         driven = driven_force(leg, motion, plan)
         vectors = (driven.force, driven.direction)
         out = [v[k] for v in vectors for k in leg.axes] + [driven.effort, driven.lever]
     else:
         out = [coupling_force(leg, motion, plan)[k] for k in leg.axes]
-    expression = ca.vertcat(*out)
-    return count_operations(tidy(ca.Function("leg", ca.symvar(expression), [expression]))).weighted
+    expression = cs.vertcat(*out)
+    return count_operations(tidy(cs.Function("leg", cs.symvar(expression), [expression]))).weighted

@@ -12,21 +12,21 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, field
 
-import casadi as ca
+import casadi as cs
 
 from ocptip.basics.errors import InputError
 from ocptip.numerics.process_state import expressions_as_written
 
 _UNARY = {
-    ca.OP_SIN: ca.sin,
-    ca.OP_COS: ca.cos,
-    ca.OP_SQRT: ca.sqrt,
-    ca.OP_TANH: ca.tanh,
-    ca.OP_SIGN: ca.sign,
-    ca.OP_FABS: ca.fabs,
+    cs.OP_SIN: cs.sin,
+    cs.OP_COS: cs.cos,
+    cs.OP_SQRT: cs.sqrt,
+    cs.OP_TANH: cs.tanh,
+    cs.OP_SIGN: cs.sign,
+    cs.OP_FABS: cs.fabs,
 }
-_ODD = {ca.OP_SIN, ca.OP_TANH, ca.OP_SIGN}
-_EVEN = {ca.OP_COS, ca.OP_FABS}
+_ODD = {cs.OP_SIN, cs.OP_TANH, cs.OP_SIGN}
+_EVEN = {cs.OP_COS, cs.OP_FABS}
 
 Value = tuple[int, int]  # sign (+1, -1), node
 
@@ -100,7 +100,7 @@ class _Graph:
         return (key[2][1],) if key[0] == "fun" else ()
 
 
-def tidy(function: ca.Function, passes: int = 3) -> ca.Function:
+def tidy(function: cs.Function, passes: int = 3) -> cs.Function:
     """The same function in fewer operations.
 
     Args:
@@ -119,18 +119,18 @@ def tidy(function: ca.Function, passes: int = 3) -> ca.Function:
     return _written(function, graph, outputs)
 
 
-def _read(function: ca.Function) -> tuple[_Graph, list[dict[int, Value]]]:
+def _read(function: cs.Function) -> tuple[_Graph, list[dict[int, Value]]]:
     graph = _Graph()
     work: dict[int, Value] = {}
     outputs: list[dict[int, Value]] = [{} for _ in range(function.n_out())]
     for k in range(function.n_instructions()):
         code = function.instruction_id(k)
         source, target = function.instruction_input(k), function.instruction_output(k)
-        if code == ca.OP_OUTPUT:
+        if code == cs.OP_OUTPUT:
             outputs[target[0]][target[1]] = work[source[0]]
-        elif code == ca.OP_INPUT:
+        elif code == cs.OP_INPUT:
             work[target[0]] = (1, graph.node("in", source[0], source[1]))
-        elif code == ca.OP_CONST:
+        elif code == cs.OP_CONST:
             work[target[0]] = graph.constant(function.instruction_constant(k))
         else:
             work[target[0]] = _operation(graph, code, [work[i] for i in source])
@@ -140,21 +140,21 @@ def _read(function: ca.Function) -> tuple[_Graph, list[dict[int, Value]]]:
 def _operation(graph: _Graph, code: int, given: list[Value]) -> Value:
     a, b = given[0], given[-1]
     negative = (-b[0], b[1])
-    if code == ca.OP_ADD:
+    if code == cs.OP_ADD:
         return graph.add(a, b)
-    if code == ca.OP_SUB:
+    if code == cs.OP_SUB:
         return graph.add(a, negative)
-    if code == ca.OP_MUL:
+    if code == cs.OP_MUL:
         return graph.mul(a, b)
-    if code == ca.OP_DIV:
+    if code == cs.OP_DIV:
         return graph.mul(a, graph.inverse(b))
-    if code == ca.OP_NEG:
+    if code == cs.OP_NEG:
         return -a[0], a[1]
-    if code == ca.OP_SQ:
+    if code == cs.OP_SQ:
         return graph.mul(a, a)
-    if code == ca.OP_TWICE:
+    if code == cs.OP_TWICE:
         return graph.mul(a, graph.constant(2.0))
-    if code == ca.OP_INV:
+    if code == cs.OP_INV:
         return graph.inverse(a)
     if code in _UNARY:
         return graph.function(code, a)
@@ -263,20 +263,20 @@ def _sum(graph: _Graph, terms: list[tuple[int, list[int]]]) -> Value:
     return value
 
 
-def _written(function: ca.Function, graph: _Graph, outputs: list[dict[int, Value]]) -> ca.Function:
+def _written(function: cs.Function, graph: _Graph, outputs: list[dict[int, Value]]) -> cs.Function:
     uses = _uses(graph, outputs)
-    inputs = [ca.SX.sym(function.name_in(i), function.sparsity_in(i)) for i in range(function.n_in())]
+    inputs = [cs.SX.sym(function.name_in(i), function.sparsity_in(i)) for i in range(function.n_in())]
     nonzeros = [one.nz[:] for one in inputs]
     flipped = _flipped(graph, outputs, uses)
     with expressions_as_written():
-        values: dict[int, ca.SX] = {}
+        values: dict[int, cs.SX] = {}
         for node, key in enumerate(graph.nodes):
             if uses[node]:
                 values[node] = _expression(graph, node, key, values, uses, nonzeros, flipped)
-        negative: dict[int, ca.SX] = {}
+        negative: dict[int, cs.SX] = {}
         results = []
         for index, output in enumerate(outputs):
-            result = ca.SX(function.sparsity_out(index))
+            result = cs.SX(function.sparsity_out(index))
             entries = []
             for k in range(result.nnz()):
                 sign, node = output[k]
@@ -284,8 +284,8 @@ def _written(function: ca.Function, graph: _Graph, outputs: list[dict[int, Value
                 if sign < 0 and node not in negative:
                     negative[node] = -values[node]
                 entries.append(values[node] if sign > 0 else negative[node])
-            results.append(ca.SX(function.sparsity_out(index), ca.vertcat(*entries)) if entries else result)
-        return ca.Function(function.name(), inputs, results, function.name_in(), function.name_out())
+            results.append(cs.SX(function.sparsity_out(index), cs.vertcat(*entries)) if entries else result)
+        return cs.Function(function.name(), inputs, results, function.name_in(), function.name_out())
 
 
 def _flipped(graph: _Graph, outputs: list[dict[int, Value]], uses: list[int]) -> set[int]:
@@ -313,15 +313,15 @@ def _expression(
     graph: _Graph,
     node: int,
     key: tuple,
-    values: dict[int, ca.SX],
+    values: dict[int, cs.SX],
     uses: list[int],
-    nonzeros: list[ca.SX],
+    nonzeros: list[cs.SX],
     flipped: set[int],
-) -> ca.SX:
+) -> cs.SX:
     if key[0] == "in":
         return nonzeros[key[1]][key[2]]
     if key[0] == "const":
-        return ca.SX(key[1])
+        return cs.SX(key[1])
     if key[0] == "add":
         a, b = values[key[1]], values[key[2]]
         if key[3] > 0:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import casadi as ca
+import casadi as cs
 import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array
@@ -74,31 +74,31 @@ class ForceSensitivities:
         plans = choose_plans(description, layout, [True] * layout.size, "motors" if motor_forces else "tau_s")
         geometry = geometry_symbols(description)
         arguments = Arguments(
-            pose=ca.SX.sym("z", m),
-            rates=ca.SX.sym("sd", m),
-            accelerations=ca.SX.sym("sdd", m),
-            q=ca.SX.sym("q", n, legs),
+            pose=cs.SX.sym("z", m),
+            rates=cs.SX.sym("sd", m),
+            accelerations=cs.SX.sym("sdd", m),
+            q=cs.SX.sym("q", n, legs),
             geometry=geometry,
-            inertia=ca.SX.sym("inertia", layout.size),
-            gravity=ca.SX.sym("gravity", 3),
-            wrench=ca.SX.zeros(6),
-            joint_terms=ca.SX.sym("joint_terms", 3, n * legs),
+            inertia=cs.SX.sym("inertia", layout.size),
+            gravity=cs.SX.sym("gravity", 3),
+            wrench=cs.SX.zeros(6),
+            joint_terms=cs.SX.sym("joint_terms", 3, n * legs),
             quasi=True,
         )
         projection = Projection(description, layout, plans, arguments)
         forces = projection.motor_forces() if motor_forces else projection.generalized_force()
-        named = ca.vertcat(*geometry.values()) if geometry else ca.SX(0, 1)
+        named = cs.vertcat(*geometry.values()) if geometry else cs.SX(0, 1)
         joints = _joint_derivatives(projection.closures(), arguments.q, named)
-        total = ca.jacobian(forces, named) + ca.jacobian(forces, ca.vec(arguments.q)) @ joints
+        total = cs.jacobian(forces, named) + cs.jacobian(forces, cs.vec(arguments.q)) @ joints
         inputs = [arguments.pose, arguments.rates, arguments.accelerations, arguments.q, named]
         inputs += [arguments.inertia, arguments.gravity, arguments.joint_terms]
         names = ["z", "sd", "sdd", "q", "geometry", "inertia", "gravity", "joint_terms"]
-        outputs = [forces, total, ca.jacobian(forces, arguments.inertia), joints, projection.closures()]
-        self.function: ca.Function = tidy(
-            ca.Function(
+        outputs = [forces, total, cs.jacobian(forces, arguments.inertia), joints, projection.closures()]
+        self.function: cs.Function = tidy(
+            cs.Function(
                 "sensitivities",
                 inputs,
-                [ca.densify(one) for one in outputs],
+                [cs.densify(one) for one in outputs],
                 names,
                 ["forces", "by_geometry", "by_inertia", "joints_by_geometry", "closure"],
             )
@@ -133,17 +133,17 @@ class ForceSensitivities:
         return Sensitivities(forces[:, 0], geometry, inertia, joints, error, *self._names)
 
 
-def _joint_derivatives(closures: ca.SX, q: ca.SX, named: ca.SX) -> ca.SX:
+def _joint_derivatives(closures: cs.SX, q: cs.SX, named: cs.SX) -> cs.SX:
     """dq / d(geometry) of all legs, leg by leg."""
     blocks = []
     n, legs = q.shape
     for leg in range(legs):
-        by_joints = ca.jacobian(closures[:, leg], q[:, leg])
-        by_geometry = ca.jacobian(closures[:, leg], named)
-        system = BlockSystem([[ca.SX(by_joints[i, j]) for j in range(n)] for i in range(n)])
+        by_joints = cs.jacobian(closures[:, leg], q[:, leg])
+        by_geometry = cs.jacobian(closures[:, leg], named)
+        system = BlockSystem([[cs.SX(by_joints[i, j]) for j in range(n)] for i in range(n)])
         columns = [
-            ca.vertcat(*system.solve([-ca.SX(by_geometry[i, k]) for i in range(n)]))
+            cs.vertcat(*system.solve([-cs.SX(by_geometry[i, k]) for i in range(n)]))
             for k in range(by_geometry.size2())
         ]
-        blocks.append(ca.horzcat(*columns))
-    return ca.vertcat(*blocks)
+        blocks.append(cs.horzcat(*columns))
+    return cs.vertcat(*blocks)

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import casadi as ca
+import casadi as cs
 
 from ocptip.basics.errors import InputError
 from ocptip.parallel.symbolic.spatial_sx import cross, dot, times
 
-Matrix = list[list[ca.SX]]
+Matrix = list[list[cs.SX]]
 
 
 class BlockSystem:
@@ -35,9 +35,9 @@ class BlockSystem:
         needs = [[j for j in range(size) if j != i and pattern[row_of[i]][j]] for i in range(size)]
         self.blocks = [([row_of[i] for i in group], group) for group in _components(needs)]
 
-    def solve(self, right: Sequence[ca.SX]) -> list[ca.SX]:
+    def solve(self, right: Sequence[cs.SX]) -> list[cs.SX]:
         """x of A x = b."""
-        known: dict[int, ca.SX] = {}
+        known: dict[int, cs.SX] = {}
         for rows, columns in self.blocks:
             rest = []
             for r in rows:
@@ -49,9 +49,9 @@ class BlockSystem:
             known.update(zip(columns, solve_dense(block, rest), strict=True))
         return [known[c] for c in range(len(self.matrix))]
 
-    def solve_transposed(self, right: Sequence[ca.SX]) -> list[ca.SX]:
+    def solve_transposed(self, right: Sequence[cs.SX]) -> list[cs.SX]:
         """y of A^T y = b."""
-        known: dict[int, ca.SX] = {}
+        known: dict[int, cs.SX] = {}
         for rows, columns in reversed(self.blocks):
             rest = []
             for c in columns:
@@ -71,10 +71,10 @@ class BlockSystem:
         return None
 
 
-def solve_dense(matrix: Matrix, right: Sequence[ca.SX]) -> list[ca.SX]:
+def solve_dense(matrix: Matrix, right: Sequence[cs.SX]) -> list[cs.SX]:
     """x of A x = b for a small dense matrix; zero right-hand sides stay structurally zero."""
     if all(value.is_zero() for value in right):
-        return [ca.SX(0.0) for _ in right]
+        return [cs.SX(0.0) for _ in right]
     size = len(matrix)
     if size == 1:
         return [right[0] / matrix[0][0]]
@@ -92,13 +92,13 @@ def solve_dense(matrix: Matrix, right: Sequence[ca.SX]) -> list[ca.SX]:
     return _schur(matrix, right)
 
 
-def adjugate(matrix: Matrix) -> tuple[Matrix, ca.SX]:
+def adjugate(matrix: Matrix) -> tuple[Matrix, cs.SX]:
     """Adjugate and determinant of a 3 x 3 matrix."""
     rows = [cross(matrix[1], matrix[2]), cross(matrix[2], matrix[0]), cross(matrix[0], matrix[1])]
     return [[rows[j][i] for j in range(3)] for i in range(3)], dot(matrix[0], rows[0])
 
 
-def _schur(matrix: Matrix, right: Sequence[ca.SX]) -> list[ca.SX]:
+def _schur(matrix: Matrix, right: Sequence[cs.SX]) -> list[cs.SX]:
     adjoint, determinant = adjugate([row[:3] for row in matrix[:3]])
     inverse = 1 / determinant
     columns = [[row[k] for row in matrix[:3]] for k in range(3, len(matrix))] + [list(right[:3])]

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import casadi as ca
+import casadi as cs
 
 from ocptip.basics.errors import InputError
 from ocptip.parallel.description.robot_description import Leg, value_of
@@ -31,12 +31,12 @@ class LegExpression:
         lengths: (k,), m: of prismatic legs, 0 in a singular pose.
     """
 
-    q: list[ca.SX]
-    measures: dict[str, ca.SX]
-    lengths: list[ca.SX]
+    q: list[cs.SX]
+    measures: dict[str, cs.SX]
+    lengths: list[cs.SX]
 
 
-def closed_form_expression(leg: Leg, target: Sequence[ca.SX], branch: Sequence[int] = ()) -> LegExpression:
+def closed_form_expression(leg: Leg, target: Sequence[cs.SX], branch: Sequence[int] = ()) -> LegExpression:
     """Joint values that put the coupling point at a target.
 
     Args:
@@ -56,59 +56,59 @@ def closed_form_expression(leg: Leg, target: Sequence[ca.SX], branch: Sequence[i
     return _SOLVERS[kind](leg, target, signs)
 
 
-def _rrr(leg: Leg, target: Sequence[ca.SX], signs: tuple[int, ...]) -> LegExpression:
+def _rrr(leg: Leg, target: Sequence[cs.SX], signs: tuple[int, ...]) -> LegExpression:
     q, bend = _two_links(target[0], target[1], _length(leg, 1), _length(leg, 2), signs[0])
     return LegExpression(q, {"elbow": bend}, [])
 
 
-def _prrr(leg: Leg, target: Sequence[ca.SX], signs: tuple[int, ...]) -> LegExpression:
+def _prrr(leg: Leg, target: Sequence[cs.SX], signs: tuple[int, ...]) -> LegExpression:
     q, bend = _two_links(target[0], target[1], _length(leg, 2), _length(leg, 3), signs[0])
     return LegExpression([target[2], *q], {"elbow": bend}, [])
 
 
-def _rpr(_: Leg, target: Sequence[ca.SX], signs: tuple[int, ...]) -> LegExpression:
-    length = ca.sqrt(target[0] ** 2 + target[1] ** 2 + _SMALL)
+def _rpr(_: Leg, target: Sequence[cs.SX], signs: tuple[int, ...]) -> LegExpression:
+    length = cs.sqrt(target[0] ** 2 + target[1] ** 2 + _SMALL)
     r = signs[0] * length
-    return LegExpression([ca.atan2(target[0] / r, -target[1] / r), r], {}, [length])
+    return LegExpression([cs.atan2(target[0] / r, -target[1] / r), r], {}, [length])
 
 
-def _ups(_: Leg, target: Sequence[ca.SX], signs: tuple[int, ...]) -> LegExpression:
-    length = ca.sqrt(target[0] ** 2 + target[1] ** 2 + target[2] ** 2 + _SMALL)
+def _ups(_: Leg, target: Sequence[cs.SX], signs: tuple[int, ...]) -> LegExpression:
+    length = cs.sqrt(target[0] ** 2 + target[1] ** 2 + target[2] ** 2 + _SMALL)
     r = signs[0] * length
     x, y, z = (value / r for value in target)
     tilt = x**2 + y**2
-    s2 = signs[1] * ca.sqrt(tilt + _SMALL)
-    return LegExpression([ca.atan2(y / s2, x / s2), ca.atan2(s2, -z), r], {"swing": tilt}, [length])
+    s2 = signs[1] * cs.sqrt(tilt + _SMALL)
+    return LegExpression([cs.atan2(y / s2, x / s2), cs.atan2(s2, -z), r], {"swing": tilt}, [length])
 
 
-def _ruu(leg: Leg, target: Sequence[ca.SX], signs: tuple[int, ...]) -> LegExpression:
+def _ruu(leg: Leg, target: Sequence[cs.SX], signs: tuple[int, ...]) -> LegExpression:
     rod = _length(leg, 3)
     s3 = target[2] / rod
     cut = _cut(s3)
-    q3 = ca.asin(cut) if signs[0] > 0 else ca.pi - ca.asin(cut)
-    across = signs[0] * rod * ca.sqrt(1 - cut**2)
+    q3 = cs.asin(cut) if signs[0] > 0 else cs.pi - cs.asin(cut)
+    across = signs[0] * rod * cs.sqrt(1 - cut**2)
     q, bend = _two_links(target[0], target[1], _length(leg, 1), across, signs[1])
     return LegExpression([*q, q3], {"elbow": bend, "rod": 1 - s3**2}, [])
 
 
-def _two_links(x: ca.SX, y: ca.SX, l1: float, l2: ca.SX | float, sign: int) -> tuple[list[ca.SX], ca.SX]:
+def _two_links(x: cs.SX, y: cs.SX, l1: float, l2: cs.SX | float, sign: int) -> tuple[list[cs.SX], cs.SX]:
     """q1, q2, and sin(q2)^2."""
     cosine = (x * x + y * y - l1 * l1 - l2 * l2) / (2 * l1 * l2)
     cut = _cut(cosine)
-    q2 = sign * ca.acos(cut)
-    across = sign * l2 * ca.sqrt(1 - cut**2)
-    return [ca.atan2(y, x) - ca.atan2(across, l1 + l2 * cut), q2], 1 - cosine**2
+    q2 = sign * cs.acos(cut)
+    across = sign * l2 * cs.sqrt(1 - cut**2)
+    return [cs.atan2(y, x) - cs.atan2(across, l1 + l2 * cut), q2], 1 - cosine**2
 
 
-def _cut(value: ca.SX) -> ca.SX:
-    return ca.fmin(ca.fmax(value, -_CUT), _CUT)
+def _cut(value: cs.SX) -> cs.SX:
+    return cs.fmin(cs.fmax(value, -_CUT), _CUT)
 
 
 def _length(leg: Leg, row: int) -> float:
     return value_of(leg.rows[row].d)
 
 
-_SOLVERS: dict[str, Callable[[Leg, Sequence[ca.SX], tuple[int, ...]], LegExpression]] = {
+_SOLVERS: dict[str, Callable[[Leg, Sequence[cs.SX], tuple[int, ...]], LegExpression]] = {
     "RRR": _rrr,
     "RPR": _rpr,
     "PRRR": _prrr,

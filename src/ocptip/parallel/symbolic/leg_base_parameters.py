@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import casadi as ca
+import casadi as cs
 import numpy as np
 
 from ocptip.basics.errors import InputError
@@ -104,17 +104,17 @@ def transform_inertia(row: MDHRow) -> np.ndarray:
 def _effective(description: RobotDescription, layout: InertiaLayout, kept: np.ndarray) -> np.ndarray:
     """Which parameters occur in the generalised force at all."""
     m, n, legs = description.platform.m, layout.bodies, len(description.legs)
-    inertia = ca.SX.sym("inertia", layout.size)
+    inertia = cs.SX.sym("inertia", layout.size)
     arguments = Arguments(
-        pose=ca.SX.sym("z", m),
-        rates=ca.SX.sym("zd", m),
-        accelerations=ca.SX.sym("zdd", m),
-        q=ca.SX.sym("q", n, legs),
+        pose=cs.SX.sym("z", m),
+        rates=cs.SX.sym("zd", m),
+        accelerations=cs.SX.sym("zdd", m),
+        q=cs.SX.sym("q", n, legs),
         geometry=geometry_symbols(description),
-        inertia=ca.vertcat(*(inertia[k] if kept[k] else ca.SX(0.0) for k in range(layout.size))),
-        gravity=ca.SX.sym("gravity", 3),
-        wrench=ca.SX.zeros(6),
-        joint_terms=ca.SX.zeros(3, n * legs),
+        inertia=cs.vertcat(*(inertia[k] if kept[k] else cs.SX(0.0) for k in range(layout.size))),
+        gravity=cs.SX.sym("gravity", 3),
+        wrench=cs.SX.zeros(6),
+        joint_terms=cs.SX.zeros(3, n * legs),
         quasi=True,
     )
     force = None
@@ -127,4 +127,4 @@ def _effective(description: RobotDescription, layout: InertiaLayout, kept: np.nd
             continue
         force = projection.generalized_force()
         break
-    return np.array(ca.which_depends(force, inertia, 1, False))
+    return np.array(cs.which_depends(force, inertia, 1, False))

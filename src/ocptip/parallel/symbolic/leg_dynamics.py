@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import casadi as ca
+import casadi as cs
 
 from ocptip.parallel.symbolic.block_solver import BlockSystem
 from ocptip.parallel.symbolic.leg_jacobian import LegModel, LegPlan, leg_jacobian
@@ -43,8 +43,8 @@ class LegState:
 
     jacobian: BlockSystem
     rows: list[int]
-    rates: list[ca.SX]
-    accelerations: list[ca.SX]
+    rates: list[cs.SX]
+    accelerations: list[cs.SX]
     omegas: list[Vector]
     alphas: list[Vector]
     matrices: list[list[Vector]]
@@ -65,8 +65,8 @@ class DrivenForce:
 
     force: Vector
     direction: Vector
-    effort: ca.SX
-    lever: ca.SX
+    effort: cs.SX
+    lever: cs.SX
 
 
 def leg_motion(
@@ -85,7 +85,7 @@ def leg_motion(
     velocity = to_frame(velocity)
     rates = jacobian.solve([velocity[row] for row in rows])
     omegas, carried = _angular_velocities(leg, rates)
-    still = [ca.SX(0.0)] * leg.size
+    still = [cs.SX(0.0)] * leg.size
     coasting = _angular_accelerations(leg, rates, still, carried)
     drift = _drift(leg, rates, omegas, coasting, plan.frame)
     acceleration = to_frame(acceleration)
@@ -101,7 +101,7 @@ def leg_motion(
     return LegState(jacobian, rows, rates, accelerations, omegas, alphas, matrices, origins)
 
 
-def leg_efforts(leg: LegModel, motion: LegState) -> list[ca.SX]:
+def leg_efforts(leg: LegModel, motion: LegState) -> list[cs.SX]:
     """tau_i of all joints by backward Newton-Euler recursion, (3.14), friction and drives included."""
     efforts, _ = _backward(leg, motion, leg.size, 1, (zero(), zero()))
     return efforts
@@ -115,7 +115,7 @@ def coupling_force(leg: LegModel, motion: LegState, plan: LegPlan) -> Vector:
 
 def actuator_row(leg: LegModel, motion: LegState, plan: LegPlan, joint: int) -> Vector:
     """Row `joint` of J_B^-1 in world axes: the joint's rate per velocity of the coupling point."""
-    right = [ca.SX(float(j == joint)) for j in range(leg.size)]
+    right = [cs.SX(float(j == joint)) for j in range(leg.size)]
     return leg.rotation(0, plan.frame)(_spread(motion, motion.jacobian.solve_transposed(right)))
 
 
@@ -129,16 +129,16 @@ def driven_force(leg: LegModel, motion: LegState, plan: LegPlan) -> DrivenForce:
     row = motion.jacobian.own_row(driven)
     if row is None:
         efforts = leg_efforts(leg, motion)
-        effort, efforts[driven] = efforts[driven], ca.SX(0.0)
+        effort, efforts[driven] = efforts[driven], cs.SX(0.0)
         force = _spread(motion, motion.jacobian.solve_transposed(efforts))
-        return DrivenForce(to_world(force), actuator_row(leg, motion, plan, driven), effort, ca.SX(1.0))
+        return DrivenForce(to_world(force), actuator_row(leg, motion, plan, driven), effort, cs.SX(1.0))
     matrix = motion.jacobian.matrix
     others = [r for r in range(leg.size) if r != row]
     passive = [j for j in range(leg.size) if j != driven]
     column = [matrix[r][driven] for r in range(leg.size)]
 
-    def cancel(moments: Sequence[ca.SX], along: float) -> list[ca.SX]:
-        found: list[ca.SX] = [ca.SX(along)] * leg.size
+    def cancel(moments: Sequence[cs.SX], along: float) -> list[cs.SX]:
+        found: list[cs.SX] = [cs.SX(along)] * leg.size
         if passive:
             system = BlockSystem([[matrix[r][j] for j in passive] for r in others])
             for r, value in zip(others, system.solve_transposed(moments), strict=True):
@@ -166,14 +166,14 @@ def can_inject(leg: LegModel) -> bool:
     return leg.actuated == (0,) and parallel and leg.revolute[0] and leg.revolute[1]
 
 
-def _spread(motion: LegState, components: Sequence[ca.SX]) -> Vector:
+def _spread(motion: LegState, components: Sequence[cs.SX]) -> Vector:
     spread = zero()
     for row, value in zip(motion.rows, components, strict=True):
         spread[row] = value
     return spread
 
 
-def _angular_velocities(leg: LegModel, rates: Sequence[ca.SX]) -> tuple[list[Vector], list[Vector]]:
+def _angular_velocities(leg: LegModel, rates: Sequence[cs.SX]) -> tuple[list[Vector], list[Vector]]:
     """Per body its angular velocity, and before that the previous body's, both in its frame."""
     omega, omegas, carried = zero(), [], []
     for j in range(leg.size):
@@ -185,7 +185,7 @@ def _angular_velocities(leg: LegModel, rates: Sequence[ca.SX]) -> tuple[list[Vec
 
 
 def _angular_accelerations(
-    leg: LegModel, rates: Sequence[ca.SX], accelerations: Sequence[ca.SX], carried: Sequence[Vector]
+    leg: LegModel, rates: Sequence[cs.SX], accelerations: Sequence[cs.SX], carried: Sequence[Vector]
 ) -> list[Vector]:
     alpha, alphas = zero(), []
     for j in range(leg.size):
@@ -197,7 +197,7 @@ def _angular_accelerations(
     return alphas
 
 
-def _sliding(leg: LegModel, j: int, rate: ca.SX, acceleration: ca.SX, omega: Vector) -> Vector:
+def _sliding(leg: LegModel, j: int, rate: cs.SX, acceleration: cs.SX, omega: Vector) -> Vector:
     """Acceleration of the origin of frame j (from 0) relative to the point of body j - 1 under it."""
     if leg.revolute[j]:
         return zero()
@@ -205,10 +205,10 @@ def _sliding(leg: LegModel, j: int, rate: ca.SX, acceleration: ca.SX, omega: Vec
 
 
 def _drift(
-    leg: LegModel, rates: Sequence[ca.SX], omegas: Sequence[Vector], alphas: Sequence[Vector], frame: int
+    leg: LegModel, rates: Sequence[cs.SX], omegas: Sequence[Vector], alphas: Sequence[Vector], frame: int
 ) -> Vector:
     """J_B' q' in the axes of a link frame: acceleration of the coupling point without joint accelerations."""
-    still = ca.SX(0.0)
+    still = cs.SX(0.0)
     matrices = [acceleration_matrix(w, a) for w, a in zip(omegas, alphas, strict=True)]
     swing = [times(matrices[j], leg.segments[j]) for j in range(leg.size)]
     slides = [_sliding(leg, j, rates[j], still, omegas[j]) for j in range(leg.size)]
@@ -223,8 +223,8 @@ def _drift(
 
 def _origins(
     leg: LegModel,
-    rates: Sequence[ca.SX],
-    accelerations: Sequence[ca.SX],
+    rates: Sequence[cs.SX],
+    accelerations: Sequence[cs.SX],
     omegas: Sequence[Vector],
     matrices: Sequence[list[Vector]],
     fall: Vector,
@@ -250,10 +250,10 @@ def _origins(
 
 def _backward(
     leg: LegModel, motion: LegState, start: int, stop: int, outer: tuple[Vector, Vector]
-) -> tuple[list[ca.SX], tuple[Vector, Vector]]:
+) -> tuple[list[cs.SX], tuple[Vector, Vector]]:
     """Efforts of joints start..stop (from 1, inwards); `outer`: force and moment of body start + 1."""
     force, moment = outer
-    efforts: list[ca.SX] = [ca.SX(0.0)] * leg.size
+    efforts: list[cs.SX] = [cs.SX(0.0)] * leg.size
     for j in range(start - 1, stop - 2, -1):
         own_force, own_moment = _body_wrench(leg.inertia[j], motion, j)
         if j + 1 < leg.size:
@@ -265,12 +265,12 @@ def _backward(
         effort = moment[2] if leg.revolute[j] else force[2]
         effort = effort + leg.rotor[j] * motion.accelerations[j] + leg.viscous[j] * motion.rates[j]
         if not leg.coulomb[j].is_zero():
-            effort = effort + leg.coulomb[j] * ca.sign(motion.rates[j])
+            effort = effort + leg.coulomb[j] * cs.sign(motion.rates[j])
         efforts[j] = effort
     return efforts, (force, moment)
 
 
-def _body_wrench(inertia: Sequence[ca.SX], motion: LegState, body: int) -> tuple[Vector, Vector]:
+def _body_wrench(inertia: Sequence[cs.SX], motion: LegState, body: int) -> tuple[Vector, Vector]:
     first, mass = list(inertia[6:9]), inertia[9]
     force = plus(scaled(mass, motion.origins[body]), times(motion.matrices[body], first))
     moment = spin_moment(inertia, motion.omegas[body], motion.alphas[body], motion.matrices[body])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import casadi as ca
+import casadi as cs
 
 from ocptip.basics.errors import InputError
 from ocptip.parallel.symbolic.block_solver import BlockSystem
@@ -27,15 +27,15 @@ class LegModel:
         axes: world directions (0, 1, 2) in which the coupling point can move, n of them.
     """
 
-    q: list[ca.SX]
+    q: list[cs.SX]
     revolute: list[bool]
     turns: list[Rotation]
     origin: Vector
     segments: list[Vector]
-    inertia: list[list[ca.SX]]
-    rotor: list[ca.SX]
-    viscous: list[ca.SX]
-    coulomb: list[ca.SX]
+    inertia: list[list[cs.SX]]
+    rotor: list[cs.SX]
+    viscous: list[cs.SX]
+    coulomb: list[cs.SX]
     actuated: tuple[int, ...]
     axes: tuple[int, ...]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import casadi as ca
+import casadi as cs
 
 from ocptip.parallel.symbolic.spatial_sx import (
     Rotation,
@@ -64,9 +64,9 @@ class PlatformState:
 def platform_motion(
     mask: Sequence[bool],
     convention: str,
-    pose: Sequence[ca.SX],
-    rates: Sequence[ca.SX],
-    accelerations: Sequence[ca.SX],
+    pose: Sequence[cs.SX],
+    rates: Sequence[cs.SX],
+    accelerations: Sequence[cs.SX],
     quasi: bool,
 ) -> PlatformState:
     """Motion of the platform from its free coordinates.
@@ -101,7 +101,7 @@ def platform_motion(
 
 
 def platform_wrench(
-    inertia: Sequence[ca.SX], motion: PlatformState, gravity: Vector
+    inertia: Sequence[cs.SX], motion: PlatformState, gravity: Vector
 ) -> tuple[Vector, Vector]:
     """Force and moment about the platform's origin, world axes, that move the platform, (3.47).
 
@@ -119,11 +119,11 @@ def platform_wrench(
     return force, plus(times(motion.rotation, spin), cross(first, fall))
 
 
-def reduced(mask: Sequence[bool], basis: Sequence[Vector], force: Vector, moment: Vector) -> list[ca.SX]:
+def reduced(mask: Sequence[bool], basis: Sequence[Vector], force: Vector, moment: Vector) -> list[cs.SX]:
     """Generalised force of the free coordinates: free components of the force, moment along the free axes."""
     return [force[k] for k in range(3) if mask[k]] + [dot(axis, moment) for axis in basis]
 
 
-def _spread(mask: Sequence[bool], values: Sequence[ca.SX]) -> list[ca.SX]:
+def _spread(mask: Sequence[bool], values: Sequence[cs.SX]) -> list[cs.SX]:
     given = iter(values)
-    return [next(given) if free else ca.SX(0.0) for free in mask]
+    return [next(given) if free else cs.SX(0.0) for free in mask]

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import casadi as ca
+import casadi as cs
 
 from ocptip.basics.errors import InputError
 from ocptip.parallel.description.robot_description import RobotDescription
@@ -43,15 +43,15 @@ class Arguments:
         quasi: True if rates and accelerations are quasi-velocities r', omega and their derivatives.
     """
 
-    pose: ca.SX
-    rates: ca.SX
-    accelerations: ca.SX
-    q: ca.SX
-    geometry: dict[str, ca.SX]
-    inertia: ca.SX
-    gravity: ca.SX
-    wrench: ca.SX
-    joint_terms: ca.SX
+    pose: cs.SX
+    rates: cs.SX
+    accelerations: cs.SX
+    q: cs.SX
+    geometry: dict[str, cs.SX]
+    inertia: cs.SX
+    gravity: cs.SX
+    wrench: cs.SX
+    joint_terms: cs.SX
     quasi: bool
 
 
@@ -101,10 +101,10 @@ class Projection:
             self.arms.append(arm)
             self.motions.append(leg_motion(model, velocity, acceleration, self.gravity, plans[i]))
 
-    def _reduced(self, force: Vector, moment: Vector) -> list[ca.SX]:
+    def _reduced(self, force: Vector, moment: Vector) -> list[cs.SX]:
         return reduced(self.mask, self.platform.basis, force, moment)
 
-    def _total(self, forces: Sequence[Vector]) -> list[ca.SX]:
+    def _total(self, forces: Sequence[Vector]) -> list[cs.SX]:
         """Platform wrench minus external wrench plus coupling forces, on the free coordinates."""
         parameters = self.arguments.inertia[self.layout.platform_slice]
         force, moment = platform_wrench([parameters[k] for k in range(10)], self.platform, self.gravity)
@@ -117,11 +117,11 @@ class Projection:
     def _each(self, function: Callable[..., object]) -> list:
         return [function(*one) for one in zip(self.legs, self.motions, self.plans, strict=True)]
 
-    def generalized_force(self) -> ca.SX:
+    def generalized_force(self) -> cs.SX:
         """tau_s (3.48), dual to the free components of (r', omega)."""
-        return ca.vertcat(*self._total(self._each(coupling_force)))
+        return cs.vertcat(*self._total(self._each(coupling_force)))
 
-    def euler_force(self) -> ca.SX:
+    def euler_force(self) -> cs.SX:
         """tau_z = H^T tau_s, dual to the derivatives of the free coordinates."""
         force = self.generalized_force()
         if not all(self.mask[3:]):
@@ -129,20 +129,20 @@ class Projection:
         free = sum(self.mask[:3])
         moment = [force[free + k] for k in range(3)]
         turned = [
-            sum((a * b for a, b in zip(axis, moment, strict=True)), ca.SX(0.0))
+            sum((a * b for a, b in zip(axis, moment, strict=True)), cs.SX(0.0))
             for axis in self.platform.euler
         ]
-        return ca.vertcat(*[force[k] for k in range(free)], *turned)
+        return cs.vertcat(*[force[k] for k in range(free)], *turned)
 
-    def jacobian(self) -> ca.SX:
+    def jacobian(self) -> cs.SX:
         """J_a (3.45)-(3.46), n_a x m: rates of the driven joints from s'."""
         rows = []
         for leg, joint in self.description.actuated:
             row = actuator_row(self.legs[leg], self.motions[leg], self.plans[leg], joint)
-            rows.append(ca.horzcat(*self._reduced(row, cross(self.arms[leg], row))))
-        return ca.vertcat(*rows)
+            rows.append(cs.horzcat(*self._reduced(row, cross(self.arms[leg], row))))
+        return cs.vertcat(*rows)
 
-    def closures(self) -> ca.SX:
+    def closures(self) -> cs.SX:
         """(n, N) legs' coupling points minus the platform's, zero if closed (section 9)."""
         columns = []
         for leg, arm in zip(self.legs, self.arms, strict=True):
@@ -150,24 +150,24 @@ class Projection:
             for j, segment in enumerate(leg.segments, start=1):
                 end = plus(end, leg.rotation(0, j)(segment))
             gap = minus(end, plus(self.platform.position, arm))
-            columns.append(ca.vertcat(*(gap[axis] for axis in leg.axes)))
-        return ca.horzcat(*columns)
+            columns.append(cs.vertcat(*(gap[axis] for axis in leg.axes)))
+        return cs.horzcat(*columns)
 
-    def joint_rates(self) -> ca.SX:
+    def joint_rates(self) -> cs.SX:
         """(n, N) rates of all joints up to the coupling points, (3.42)."""
-        return ca.horzcat(*(ca.vertcat(*motion.rates) for motion in self.motions))
+        return cs.horzcat(*(cs.vertcat(*motion.rates) for motion in self.motions))
 
-    def joint_accelerations(self) -> ca.SX:
+    def joint_accelerations(self) -> cs.SX:
         """(n, N) accelerations of the same joints."""
-        return ca.horzcat(*(ca.vertcat(*motion.accelerations) for motion in self.motions))
+        return cs.horzcat(*(cs.vertcat(*motion.accelerations) for motion in self.motions))
 
-    def driven_accelerations(self) -> ca.SX:
+    def driven_accelerations(self) -> cs.SX:
         """(n_a,) accelerations of the driven joints."""
-        return ca.vertcat(
+        return cs.vertcat(
             *(self.motions[leg].accelerations[joint] for leg, joint in self.description.actuated)
         )
 
-    def motor_forces(self, order: Sequence[int] | None = None) -> ca.SX:
+    def motor_forces(self, order: Sequence[int] | None = None) -> cs.SX:
         """tau_a of J_a^T tau_a = tau_s, (3.53), for as many motors as free coordinates.
 
         Args:
@@ -180,13 +180,13 @@ class Projection:
                 "not determined by the equations alone (see ocptip.parallel.dynamics.actuation)"
             )
         forces: list[Vector] = []
-        of_motor: dict[tuple[int, int], tuple[ca.SX, ca.SX, list[ca.SX]]] = {}
+        of_motor: dict[tuple[int, int], tuple[cs.SX, cs.SX, list[cs.SX]]] = {}
         for i, (leg, motion, plan) in enumerate(zip(self.legs, self.motions, self.plans, strict=True)):
             if len(leg.actuated) != 1:
                 forces.append(coupling_force(leg, motion, plan))
                 for joint in leg.actuated:
                     row = actuator_row(leg, motion, plan, joint)
-                    of_motor[i, joint] = ca.SX(0.0), ca.SX(1.0), self._reduced(row, cross(self.arms[i], row))
+                    of_motor[i, joint] = cs.SX(0.0), cs.SX(1.0), self._reduced(row, cross(self.arms[i], row))
                 continue
             driven = driven_force(leg, motion, plan)
             forces.append(driven.force)
@@ -197,7 +197,7 @@ class Projection:
         system = BlockSystem([[columns[k][row] for k in order] for row in range(m)])
         solved = system.solve(self._total(forces))
         pulls = [solved[list(order).index(k)] for k in range(m)]
-        return ca.vertcat(
+        return cs.vertcat(
             *(
                 of_motor[motor][0] + of_motor[motor][1] * pull
                 for motor, pull in zip(motors, pulls, strict=True)

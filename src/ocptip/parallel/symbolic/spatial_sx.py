@@ -11,9 +11,9 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-import casadi as ca
+import casadi as cs
 
-Vector = list[ca.SX]
+Vector = list[cs.SX]
 
 _QUARTER = math.pi / 2
 _EXACT = {0: (1.0, 0.0), 1: (0.0, 1.0), 2: (-1.0, 0.0), 3: (0.0, -1.0)}
@@ -25,8 +25,8 @@ class Turn:
     """Rotation about one coordinate axis (0, 1, 2) by an angle given as cosine and sine."""
 
     axis: int
-    cos: ca.SX
-    sin: ca.SX
+    cos: cs.SX
+    sin: cs.SX
 
     @property
     def inverse(self) -> Turn:
@@ -55,16 +55,16 @@ class Turn:
         return turned
 
 
-def turn(axis: int, angle: ca.SX | float) -> Turn:
+def turn(axis: int, angle: cs.SX | float) -> Turn:
     """A turn by an angle in radians; numbers that are multiples of pi/2 get an exact cosine and sine."""
-    angle = ca.SX(angle)
+    angle = cs.SX(angle)
     if angle.is_constant():
         value = float(angle)
         quarters = round(value / _QUARTER)
         if abs(value - quarters * _QUARTER) <= _QUARTER_TOLERANCE * max(1.0, abs(value)):
             cos, sin = _EXACT[quarters % 4]
-            return Turn(axis, ca.SX(cos), ca.SX(sin))
-    return Turn(axis, ca.cos(angle), ca.sin(angle))
+            return Turn(axis, cs.SX(cos), cs.SX(sin))
+    return Turn(axis, cs.cos(angle), cs.sin(angle))
 
 
 class Rotation:
@@ -101,17 +101,17 @@ class Rotation:
 
 def unit(axis: int) -> Vector:
     """Unit vector along a coordinate axis."""
-    return [ca.SX(1.0 if k == axis else 0.0) for k in range(3)]
+    return [cs.SX(1.0 if k == axis else 0.0) for k in range(3)]
 
 
 def zero() -> Vector:
     """The zero vector."""
-    return [ca.SX(0.0) for _ in range(3)]
+    return [cs.SX(0.0) for _ in range(3)]
 
 
-def vector(values: Sequence[ca.SX | float]) -> Vector:
+def vector(values: Sequence[cs.SX | float]) -> Vector:
     """A vector of SX scalars."""
-    return [ca.SX(value) for value in values]
+    return [cs.SX(value) for value in values]
 
 
 def plus(*vectors: Vector) -> Vector:
@@ -127,7 +127,7 @@ def minus(a: Vector, b: Vector) -> Vector:
     return [x - y for x, y in zip(a, b, strict=True)]
 
 
-def scaled(factor: ca.SX | float, vector_: Vector) -> Vector:
+def scaled(factor: cs.SX | float, vector_: Vector) -> Vector:
     """factor * v."""
     return [factor * x for x in vector_]
 
@@ -137,7 +137,7 @@ def cross(a: Vector, b: Vector) -> Vector:
     return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 
 
-def dot(a: Sequence[ca.SX], b: Sequence[ca.SX]) -> ca.SX:
+def dot(a: Sequence[cs.SX], b: Sequence[cs.SX]) -> cs.SX:
     """Inner product."""
     total = a[0] * b[0]
     for x, y in zip(a[1:], b[1:], strict=True):
@@ -145,7 +145,7 @@ def dot(a: Sequence[ca.SX], b: Sequence[ca.SX]) -> ca.SX:
     return total
 
 
-def times(matrix: Sequence[Sequence[ca.SX]], vector_: Sequence[ca.SX]) -> Vector:
+def times(matrix: Sequence[Sequence[cs.SX]], vector_: Sequence[cs.SX]) -> Vector:
     """Matrix times vector."""
     return [dot(row, vector_) for row in matrix]
 
@@ -161,7 +161,7 @@ def acceleration_matrix(omega: Vector, alpha: Vector) -> list[Vector]:
     ]
 
 
-def spin_moment(inertia: Sequence[ca.SX], omega: Vector, alpha: Vector, matrix: Sequence[Vector]) -> Vector:
+def spin_moment(inertia: Sequence[cs.SX], omega: Vector, alpha: Vector, matrix: Sequence[Vector]) -> Vector:
     """I omega' + omega x (I omega) about the origin of the frame, with the entries of Om.
 
     Args:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import casadi as ca
+import casadi as cs
 import numpy as np
 
 from ocptip.basics.errors import InputError
@@ -120,19 +120,19 @@ def require_coupling_form(description: RobotDescription) -> None:
             )
 
 
-def geometry_symbols(description: RobotDescription, numeric: bool = False) -> dict[str, ca.SX]:
+def geometry_symbols(description: RobotDescription, numeric: bool = False) -> dict[str, cs.SX]:
     """The named parameters as symbols, or as numbers."""
     values = description.parameters.items()
-    return {name: ca.SX(value) if numeric else ca.SX.sym(name) for name, value in values}
+    return {name: cs.SX(value) if numeric else cs.SX.sym(name) for name, value in values}
 
 
 def leg_model(
     description: RobotDescription,
     index: int,
-    q: ca.SX,
-    geometry: dict[str, ca.SX],
-    inertia: ca.SX,
-    joint_terms: ca.SX,
+    q: cs.SX,
+    geometry: dict[str, cs.SX],
+    inertia: cs.SX,
+    joint_terms: cs.SX,
 ) -> LegModel:
     """A leg in symbols.
 
@@ -148,10 +148,10 @@ def leg_model(
     joints = [q[j] for j in range(leg.n)]
     sliding = [row.sigma == PRISMATIC for row in leg.rows[: leg.n]]
 
-    def symbol(entry: Entry) -> ca.SX:
-        return geometry[entry.name] if isinstance(entry, Parameter) else ca.SX(entry)
+    def symbol(entry: Entry) -> cs.SX:
+        return geometry[entry.name] if isinstance(entry, Parameter) else cs.SX(entry)
 
-    chains: list[list[tuple[int, ca.SX]]] = []
+    chains: list[list[tuple[int, cs.SX]]] = []
     segments: list[Vector] = []
     for j, row in enumerate(leg.rows[: leg.n + 1]):
         moves = j < leg.n
@@ -187,7 +187,7 @@ def leg_model(
     )
 
 
-def origin_inertia(central: ca.SX) -> ca.SX:
+def origin_inertia(central: cs.SX) -> cs.SX:
     """Parameters about the frames' origins (DynPar 2) from those about the centres of mass (DynPar 1)."""
     converted = []
     for start in range(0, central.numel(), 10):
@@ -195,12 +195,12 @@ def origin_inertia(central: ca.SX) -> ca.SX:
         mx, my, mz = m * cx, m * cy, m * cz
         converted += [xx + my * cy + mz * cz, xy - mx * cy, xz - mx * cz]
         converted += [yy + mx * cx + mz * cz, yz - my * cz, zz + mx * cx + my * cy, mx, my, mz, m]
-    return ca.vertcat(*converted)
+    return cs.vertcat(*converted)
 
 
-def _turns(chain: Sequence[tuple[int, ca.SX]]) -> list[Turn]:
+def _turns(chain: Sequence[tuple[int, cs.SX]]) -> list[Turn]:
     """Turns of a chain; neighbouring symbolic angles about one axis become one angle."""
-    added: list[tuple[int, ca.SX]] = []
+    added: list[tuple[int, cs.SX]] = []
     for axis, angle in chain:
         if angle.is_zero():
             continue
@@ -210,10 +210,10 @@ def _turns(chain: Sequence[tuple[int, ca.SX]]) -> list[Turn]:
 
 
 def _pass_on(
-    chains: list[list[tuple[int, ca.SX]]],
+    chains: list[list[tuple[int, cs.SX]]],
     segments: Sequence[Vector],
     sliding: Sequence[bool],
-    bodies: Sequence[Sequence[ca.SX]],
+    bodies: Sequence[Sequence[cs.SX]],
 ) -> None:
     """Leave a rotation about the axis of a sliding point mass to the next joint, where it joins an angle."""
     for j in range(len(sliding) - 1):
@@ -224,9 +224,9 @@ def _pass_on(
             chains[j + 1].insert(0, chains[j].pop())
 
 
-def coupling_entries(leg: Leg, geometry: dict[str, ca.SX]) -> Vector:
+def coupling_entries(leg: Leg, geometry: dict[str, cs.SX]) -> Vector:
     """kappa of a leg in symbols."""
-    return [geometry[e.name] if isinstance(e, Parameter) else ca.SX(e) for e in leg.coupling]
+    return [geometry[e.name] if isinstance(e, Parameter) else cs.SX(e) for e in leg.coupling]
 
 
 def _same_bodies(leg: Leg, other: Leg) -> bool:
