@@ -24,13 +24,12 @@ import numpy as np
 
 from ocptip.basics.write import versions, write_json, write_text
 from ocptip.contact.bindings.unilateral import UnilateralContact
-from ocptip.contact.solver import solve_many
 from ocptip.contact.support import Support
-from ocptip.parallel.base_wrench import MountedRobot, PlatformMotion
 from ocptip.parallel.description.ready_made import delta, ups6
 from ocptip.parallel.robot import ParallelRobot
-from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipOver
+from ocptip.robots.motors import DCMotors
+from ocptip.standing.platform import NumericParallelRobot, PlatformLimits
 from studies.common import table
 
 _NAME = "parallel_on_support"
@@ -43,14 +42,12 @@ class Case:
 
     Attributes:
         name: for files and titles.
-        mounted: the robot on its place.
-        support: the cart.
+        robot: on its place on the cart.
         path: of normalised time (N,) in 0..1 and direction (rad): z and its two derivatives, (N, m) each.
     """
 
     name: str
-    mounted: MountedRobot
-    support: Support
+    robot: NumericParallelRobot
     path: Callable[[np.ndarray, float], tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 
@@ -100,13 +97,16 @@ def cases() -> list[Case]:
         ("hexapod", ups6(), 0.2, 30.0, 0.3, sway),
     ):
         support = cart(height=height, mass=mass)
-        mounted = MountedRobot(
-            ParallelRobot(description),
+        robot = ParallelRobot(description)
+        standing = NumericParallelRobot(
+            robot,
+            support,
+            DCMotors(np.ones(robot.m), *np.zeros((3, robot.m))),  # power is not asked for
+            PlatformLimits(),
             position=(0.0, 0.0, place),
-            about=support.center_of_mass,
-            gravity=support.gravity,
+            reference_moment=TipOver(support).reference_moment,
         )
-        result.append(Case(name, mounted, support, path))
+        result.append(Case(name, standing, path))
     return result
 
 
@@ -133,21 +133,18 @@ def wrenches(case: Case, direction: float, samples: int) -> Wrenches:
     """One pass of inverse dynamics at rest and one at a duration of 1 s."""
     tau = np.linspace(0.0, 1.0, samples)
     z, zd, zdd = case.path(tau, direction)
-    still = case.mounted.samples(PlatformMotion(tau, z, 0 * z, 0 * z))
-    moving = case.mounted.samples(PlatformMotion(tau, z, zd, zdd))
+    still = case.robot.samples_of(tau, z, 0 * z, 0 * z)
+    moving = case.robot.samples_of(tau, z, zd, zdd)
     return Wrenches(
-        still.wrenches + case.support.weight,
-        moving.wrenches - still.wrenches,
-        still.motors,
-        moving.motors - still.motors,
+        still.wrenches, moving.wrenches - still.wrenches, still.torques, moving.torques - still.torques
     )
 
 
 def reserves(case: Case, total: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """GN, GT and whether the cart stands, of total wrenches (N, 6)."""
-    states = solve_many(case.support, total)
-    tip = TipOver(case.support).evaluate(states)
-    slip = Slip(case.support).evaluate(states, derivatives=False)
+    states = case.robot.contact_states(total)
+    tip = case.robot.tip_over.evaluate(states)
+    slip = case.robot.slip.evaluate(states, derivatives=False)
     return tip.GN, slip.GT, states.persistent
 
 
@@ -177,7 +174,7 @@ def shortest_duration(case: Case, found: Wrenches, limit: float) -> float:
 
 def scene_text(case: Case, wrench: np.ndarray, title: str) -> str:
     """A scene file of the cart under one wrench of the robot about the cart's centre of mass."""
-    support = case.support
+    support = case.robot.support
     com = ", ".join(repr(float(v)) for v in support.center_of_mass)
     lines = [f"# {title}", "[base]", f"mass = {support.mass!r}", f"center_of_mass = [{com}]"]
     for contact in support.contacts:
@@ -219,10 +216,10 @@ def run(case: Case, samples: int, directions: int, limit: float, out: Path) -> d
             title = (
                 f"{case.name} on its cart, direction {np.rad2deg(direction):.0f} deg, T = {duration:.4f} s"
             )
-            text = scene_text(case, found.at(duration)[worst] - case.support.weight, title)
+            text = scene_text(case, found.at(duration)[worst] - case.robot.support.weight, title)
     (out / f"{_NAME}_{case.name}.toml").write_text(text, encoding="utf-8")
     return {
-        "robot": case.mounted.robot.description.name,
+        "robot": case.robot.robot.description.name,
         "case": case.name,
         "directions": rows,
         "slowest": {name: np.asarray(value).tolist() for name, value in profile.items()},

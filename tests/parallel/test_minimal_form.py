@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from ocptip.basics.errors import InputError
-from ocptip.parallel.base_wrench import base_wrench
 from ocptip.parallel.description.ready_made import READY_MADE, delta, rpr3, rrr3
+from ocptip.parallel.dynamics.base_wrench import base_wrench
 from ocptip.parallel.minimal_form import minimal_form
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.parallel.symbolic.closed_form_sx import closed_form_expression

@@ -16,12 +16,11 @@ from ocptip.motion.planner.formulation import Formulation
 from ocptip.motion.planner.node_physics import node_physics
 from ocptip.motion.planner.random_start import random_start
 from ocptip.motion.task import MotionTask, refusals
-from ocptip.parallel.base_wrench import MountedRobot
 from ocptip.parallel.description.ready_made import delta, rrr3, ups6
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.robots.motors import DCMotors
 from ocptip.standing.limits import MotionLimits
-from ocptip.standing.platform import PlatformLimits, StandingParallelRobot
+from ocptip.standing.platform import NumericParallelRobot, PlatformLimits, StandingParallelRobot
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.ramps import RampCommand
@@ -89,12 +88,13 @@ def test_loads_are_those_of_the_numeric_robot(standing, name):
     """Motor forces of the inverse dynamics, wrench of the mounted robot, speeds by J_a: other code."""
     robot = standing[name]
     support, parallel = robot.support, robot.robot
-    mounted = MountedRobot(
+    numeric = NumericParallelRobot(
         parallel,
+        support,
+        robot.motors,
+        robot.platform_limits,
         position=robot.position,
         rotation=robot.rotation,
-        about=support.center_of_mass,
-        gravity=support.gravity,
     )
     z, zd, zdd = states(robot, 6, 1)
     forces, wrenches = robot.loads(z, zd, zdd)
@@ -103,8 +103,8 @@ def test_loads_are_those_of_the_numeric_robot(standing, name):
         gravity = robot.rotation.T @ support.gravity
         expected = parallel.inverse_dynamics(z[k], zd[k], zdd[k], gravity=gravity).motors
         np.testing.assert_allclose(forces[k], expected, rtol=1e-9, atol=1e-9)
-        expected = mounted.wrench(z[k], zd[k], zdd[k]) + support.weight
-        np.testing.assert_allclose(wrenches[k], expected, rtol=1e-9, atol=1e-8)
+        expected = numeric.loads(z[k : k + 1], zd[k : k + 1], zdd[k : k + 1])[1]
+        np.testing.assert_allclose(wrenches[k], expected[0], rtol=1e-9, atol=1e-8)
         s, _ = parallel.kinematics.quasi(z[k], zd[k], zdd[k])
         np.testing.assert_allclose(speeds[k], parallel.jacobian(z[k]) @ s, rtol=1e-9, atol=1e-10)
 
@@ -227,15 +227,13 @@ def straight_motion(task):
 def test_the_plan_holds_for_the_numeric_robot(task, plan):
     """Reserves, motor forces and regularity along the plan by the routes that know no CasADi expression."""
     robot, parallel = task.robot, task.robot.robot
-    support = robot.support
-    mounted = MountedRobot(
-        parallel, position=robot.position, about=support.center_of_mass, gravity=support.gravity
+    numeric = NumericParallelRobot(
+        parallel, robot.support, robot.motors, robot.platform_limits, position=robot.position
     )
     times = np.linspace(1e-6, plan.duration - 1e-6, 60)
     z, zd, zdd = plan.motion.states(times)
     assert parallel.crossings(z) == ()
-    wrenches = np.array([mounted.wrench(*state) for state in zip(z, zd, zdd, strict=True)]) + support.weight
-    reached = robot.contact_states(wrenches)
+    reached = robot.contact_states(numeric.loads(z, zd, zdd)[1])
     assert reached.persistent.all()
     assert robot.tip_over.evaluate(reached).GN.max() <= task.limits.GN + 1e-7
     assert robot.slip.evaluate(reached, derivatives=False).GT.max() <= task.limits.GT + 1e-7

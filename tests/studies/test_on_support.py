@@ -36,7 +36,7 @@ def test_faster_than_that_is_not_allowed_and_slower_is(small):
     duration = data["results"][0]["directions"][0]["duration_s"]
     assert study.allowed(case, found.at(1.001 * duration), 0.8)
     assert not study.allowed(case, found.at(0.999 * duration), 0.8)
-    assert not np.all(solve_many(case.support, found.at(0.5 * duration)).persistent)
+    assert not np.all(solve_many(case.robot.support, found.at(0.5 * duration)).persistent)
 
 
 def test_scaling_of_the_wrench_is_exact():
@@ -44,9 +44,9 @@ def test_scaling_of_the_wrench_is_exact():
     found = study.wrenches(case, 0.7, 5)
     T, tau = 0.4, np.linspace(0, 1, 5)
     z, zd, zdd = case.path(tau, 0.7)
-    slow = case.mounted.samples(study.PlatformMotion(T * tau, z, zd / T, zdd / T**2))
-    np.testing.assert_allclose(found.at(T), slow.wrenches + case.support.weight, atol=1e-9)
-    np.testing.assert_allclose(found.motors(T), slow.motors, atol=1e-8)
+    slow = case.robot.samples_of(T * tau, z, zd / T, zdd / T**2)
+    np.testing.assert_allclose(found.at(T), slow.wrenches, atol=1e-9)
+    np.testing.assert_allclose(found.motors(T), slow.torques, atol=1e-8)
 
 
 @pytest.mark.parametrize("path", [study.pick_and_place, study.sway])

@@ -8,12 +8,12 @@ A robot in a few lines::
     print(robot.mobility().dof, robot.inverse_dynamics([0, 0, -0.45], [1, 0, 0], [0, 0, 5]).motors)
 """
 
-from ocptip.parallel.base_wrench import MountedRobot, base_wrench
 from ocptip.parallel.code.codegen import write_c
 from ocptip.parallel.code.lean import lean_function
 from ocptip.parallel.description.branched import BranchedLeg
 from ocptip.parallel.description.ready_made import delta, make_robot, rrr3
 from ocptip.parallel.dynamics.actuation import limited_motor_forces, motor_forces
+from ocptip.parallel.dynamics.base_wrench import base_wrench
 from ocptip.parallel.dynamics.sensitivities import ForceSensitivities
 from ocptip.parallel.formats.export import to_mjcf, to_urdf, urdf_cuts, urdf_home
 from ocptip.parallel.formats.urdf import convert_parallel_urdf, read_parallel_urdf
@@ -23,7 +23,6 @@ from ocptip.parallel.simulation import simulate
 __all__ = [
     "BranchedLeg",
     "ForceSensitivities",
-    "MountedRobot",
     "ParallelRobot",
     "base_wrench",
     "convert_parallel_urdf",

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 
 import casadi as cs
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ocptip.basics.errors import InputError
+from ocptip.basics.errors import InputError, finite_array
 from ocptip.parallel.analysis.elimination import elimination_order
 from ocptip.parallel.analysis.singularity import characteristic_length
 from ocptip.parallel.code.leg_plans import choose_plans
@@ -23,7 +24,16 @@ from ocptip.parallel.symbolic.leg_dynamics import LegState
 from ocptip.parallel.symbolic.leg_jacobian import LegModel
 from ocptip.parallel.symbolic.platform_sx import platform_wrench
 from ocptip.parallel.symbolic.projection import Arguments, Projection
-from ocptip.parallel.symbolic.spatial_sx import Vector, cross, plus, scaled, spin_moment, times, zero
+from ocptip.parallel.symbolic.spatial_sx import (
+    Vector,
+    cross,
+    minus,
+    plus,
+    scaled,
+    spin_moment,
+    times,
+    zero,
+)
 from ocptip.parallel.symbolic.symbols import (
     geometry_symbols,
     inertia_layout,
@@ -43,7 +53,7 @@ class MinimalForm:
         motor_forces: (m,), N or N m.
         motor_speeds: (m,), m/s or rad/s.
         wrench: (6,), N and N m: of the robot on its base, about the robot's world origin, world axes; see
-            :func:`ocptip.parallel.base_wrench.base_wrench`.
+            :func:`ocptip.parallel.dynamics.base_wrench.base_wrench`.
         measures: (k,) distances from singular poses, at most 1, 0 in such a pose; see `measure_names`.
         measure_names: "leg 2 elbow" (type I), "platform" (type II).
     """
@@ -59,7 +69,9 @@ class MinimalForm:
     measure_names: tuple[str, ...]
 
 
-def minimal_form(robot: ParallelRobot, gravity: object | None = None) -> MinimalForm:
+def minimal_form(
+    robot: ParallelRobot, gravity: ArrayLike | None = None, load: ArrayLike | None = None
+) -> MinimalForm:
     """Eliminate the joints of a robot whose legs have closed forms.
 
     The legs stay in the branches they have at home. The measure of a leg is the squared sine of an angle
@@ -72,6 +84,7 @@ def minimal_form(robot: ParallelRobot, gravity: object | None = None) -> Minimal
     Args:
         robot: with as many motors as coordinates, no dry friction in its joints.
         gravity: (3,), m/s^2, world axes; default the robot's.
+        load: (6,) external force and moment on the platform about its origin, world axes; default none.
 
     Raises:
         InputError: the robot is not of this kind; says why.
@@ -105,7 +118,7 @@ def minimal_form(robot: ParallelRobot, gravity: object | None = None) -> Minimal
         geometry=geometry_symbols(description, numeric=True),
         inertia=cs.SX(cs.sparsify(cs.DM(inertia_values(description)))),
         gravity=cs.SX(cs.DM(description.gravity if gravity is None else np.asarray(gravity, dtype=float))),
-        wrench=cs.SX.zeros(6),
+        wrench=cs.SX.zeros(6) if load is None else cs.SX(cs.DM(finite_array("load", load, (6,)))),
         joint_terms=cs.SX(cs.DM(joint_term_values(description))),
         quasi=False,
     )
@@ -165,9 +178,9 @@ def _carried(projection: Projection) -> cs.SX:
     """Force and moment about the world origin that move and carry all bodies, (6,), world axes."""
     arguments, layout = projection.arguments, projection.layout
     parameters = cs.vertsplit(arguments.inertia[layout.platform_slice])
-    wrenches = [
-        (*platform_wrench(parameters, projection.platform, projection.gravity), projection.platform.position)
-    ]
+    force, moment = platform_wrench(parameters, projection.platform, projection.gravity)
+    external = cs.vertsplit(arguments.wrench)
+    wrenches = [(minus(force, external[:3]), minus(moment, external[3:]), projection.platform.position)]
     for leg, motion in zip(projection.legs, projection.motions, strict=True):
         point = leg.origin
         for body in range(leg.size):

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from ocptip.basics.errors import InputError, SolverError, finite_array
+from ocptip.basics.made_of import MadeOf
 from ocptip.parallel.analysis.crossings import Crossing, crossings
 from ocptip.parallel.analysis.mobility import Mobility, mobility
 from ocptip.parallel.analysis.singularity import Singularity, require_regular, singularity
@@ -75,7 +76,7 @@ class JointRates:
     residual: float
 
 
-class ParallelRobot:
+class ParallelRobot(MadeOf):
     """A parallel robot that moves as described.
 
     Platform coordinates z hold the free ones of x, y, z, phi1, phi2, phi3 (m, rad), then the redundant
@@ -98,11 +99,6 @@ class ParallelRobot:
         if check and not self._mobility.consistent:
             raise InputError(f"{description.name}: {'; '.join(self._mobility.problems)}")
         self._complete = needs_complete_legs(self.kinematics)
-        self._check = check
-
-    def __reduce__(self) -> tuple:
-        """Pickle by what it was made of: CasADi's functions are built anew on the other side."""
-        return _restored, (self.description, self._check)
 
     @property
     def m(self) -> int:
@@ -437,10 +433,6 @@ class ParallelRobot:
 
     def _gravity(self, gravity: object | None) -> np.ndarray:
         return self.description.gravity if gravity is None else finite_array("gravity", gravity, (3,))
-
-
-def _restored(description: RobotDescription, check: bool) -> ParallelRobot:
-    return ParallelRobot(description, check=check)
 
 
 def _wrench(value: object | None) -> np.ndarray:

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import casadi as cs
 import numpy as np
 
-from ocptip.basics.errors import InputError
 from ocptip.contact.support import Support
 from ocptip.reserves.slip import Redistribution
 from ocptip.robots.dynamics import evaluate_dynamics, inverse_dynamics
@@ -44,10 +43,7 @@ class StandingRobot(StandingMechanism):
         reference_moment: float | None = None,
         redistribution: Redistribution | None = None,
     ) -> None:
-        if support.dimension != 3:
-            raise InputError("support: an arm needs a spatial support, got a planar one")
-        self.arm = arm
-        self.obstacles, self._made_with = tuple(obstacles), (reference_moment, redistribution)
+        self.arm, self.obstacles = arm, tuple(obstacles)
         super().__init__(
             support,
             motors,
@@ -78,23 +74,3 @@ class StandingRobot(StandingMechanism):
             q, qd, qdd, support.gravity, [0, 0, 0], [0, 0, 0], support.center_of_mass
         )
         return torque, wrench + support.weight
-
-    def with_motors(self, motors: Motors) -> StandingRobot:
-        """The same robot with other drives."""
-        return _restored(self.arm, self.support, motors, self.obstacles, self._made_with)
-
-    def __reduce__(self) -> tuple:
-        """Pickle by what it was made of: CasADi's functions are built anew on the other side."""
-        return _restored, (self.arm, self.support, self.motors, self.obstacles, self._made_with)
-
-
-def _restored(
-    arm: ArmModel,
-    support: Support,
-    motors: Motors,
-    obstacles: tuple[Wall | Pillar, ...],
-    made_with: tuple[float | None, Redistribution | None],
-) -> StandingRobot:
-    return StandingRobot(
-        arm, support, motors, obstacles=obstacles, reference_moment=made_with[0], redistribution=made_with[1]
-    )

@@ -2,19 +2,21 @@
 
 Here mechanisms and `contact` meet: the mechanism's base wrench plus the base's weight is the wrench under
 which the support has to stand. What moves in velocity ramps are n coordinates: the joints of an arm, or the
-platform coordinates of a parallel robot. There are as many motors as coordinates.
+platform coordinates of a parallel robot. Plans need as many motors as coordinates.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from typing import Literal, Protocol
+from typing import Literal, Protocol, Self
 
 import casadi as cs
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ocptip.basics.errors import InputError, positive_number
+from ocptip.basics.errors import InputError, finite_array, positive_number
+from ocptip.basics.made_of import MadeOf
 from ocptip.contact.solver import ContactStates, solve_many
 from ocptip.contact.support import Support
 from ocptip.reserves.slip import Redistribution, Slip, SlipReserve
@@ -95,8 +97,8 @@ class MotionSamples:
     Attributes:
         times: (N,), s.
         angles, speeds, accelerations: (N, n), rad, rad/s, rad/s^2 (straight coordinates: m, m/s, m/s^2).
-        torques: (N, n), N m, torques of the joints (forces of linear motors: N).
-        powers: (N, n), W, electric power of the motors.
+        torques: one per motor, (N, n), N m, torques of the joints (forces of linear motors: N).
+        powers: one per motor, W, electric power of the motors.
         wrenches: (N, 6), N and N m: on the base about its centre of mass, its weight included.
         states: contact states under these wrenches.
         tip, slip: reserves GN and GT of these states.
@@ -124,13 +126,13 @@ class MotionSamples:
     further_names: tuple[str, ...] = ()
 
 
-class StandingMechanism(ABC):
+class StandingMechanism(MadeOf, ABC):
     """A mechanism mounted on a base that stands on a support; what checks and programs know of it.
 
     Args:
         support: the base with its contacts; its mass and centre of mass without the mechanism.
-        motors: n drives.
-        limits: of the coordinates and the motors' torques or forces, (n,) each.
+        motors: the drives.
+        limits: of the coordinates, (n,) each, and of the motors' torques or forces.
         collision: signed distances.
         mass: of the mechanism, kg.
         reference_moment: M0 of the tip-over reserve, N m; default: a tenth of the best moment reserve of the
@@ -145,7 +147,7 @@ class StandingMechanism(ABC):
         further_limits: of what :meth:`further` gives.
 
     Raises:
-        InputError: no gravity and no reference moment. (That the support is spatial, subclasses check.)
+        InputError: a planar support, or no gravity and no reference moment.
     """
 
     kind = "arm"
@@ -162,6 +164,8 @@ class StandingMechanism(ABC):
         reference_moment: float | None,
         redistribution: Redistribution | None,
     ) -> None:
+        if support.dimension != 3:
+            raise InputError("support: a mechanism needs a spatial support, got a planar one")
         self.support, self.motors, self.limits, self.collision = support, motors, limits, collision
         self.mass = support.mass + mass
         if reference_moment is None:
@@ -213,7 +217,7 @@ class StandingMechanism(ABC):
 
     @property
     def n(self) -> int:
-        """Number of coordinates and of motors."""
+        """Number of coordinates."""
         return len(self.limits.speed)
 
     def samples(
@@ -230,8 +234,23 @@ class StandingMechanism(ABC):
             InputError: the motion has another number of joints.
         """
         times = np.asarray(times, dtype=float)
-        q, qd, qdd = motion.states(times, side=side)
-        self.require_fit(q.shape[-1])
+        return self.samples_of(times, *motion.states(times, side=side))
+
+    def samples_of(
+        self, times: ArrayLike, angles: ArrayLike, speeds: ArrayLike, accelerations: ArrayLike
+    ) -> MotionSamples:
+        """The same at instants (N,), s, at which the states, (N, n) each, are given themselves.
+
+        Raises:
+            InputError: shapes do not fit.
+        """
+        times = finite_array("times", times, (None,))
+        q = finite_array("angles", angles, (len(times), None))
+        self.require_fit(q.shape[1])
+        qd, qdd = (
+            finite_array(name, value, q.shape)
+            for name, value in (("speeds", speeds), ("accelerations", accelerations))
+        )
         torques, wrenches = self.loads(q, qd, qdd)
         states = self.contact_states(wrenches)
         gaps = self.collision.gaps(q)
@@ -261,6 +280,10 @@ class StandingMechanism(ABC):
     def contact_states(self, wrenches: np.ndarray) -> ContactStates:
         """States of the contacts under total wrenches (N, 6) on the base."""
         return solve_many(self.support, wrenches)
+
+    def with_motors(self, motors: Motors) -> Self:
+        """The same mechanism with other drives."""
+        return self.varied(motors=motors)
 
     def energy(self, motion: Motion, *, order: int = 4) -> float:
         """Electric energy of a motion, J: Gauss-Legendre quadrature between the events (5.25)."""

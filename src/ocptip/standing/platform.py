@@ -1,28 +1,31 @@
-"""A parallel robot on a base that only stands: its platform coordinates move in velocity ramps.
+"""Parallel robots on a base that only stands: their platform coordinates move in velocity ramps.
 
-The joints are eliminated (`ocptip.parallel.minimal_form`): motor forces, motor speeds, base wrench and the
-distance from singular poses are functions of the coordinates and their derivatives.
+Where legs have closed forms the joints are eliminated (`ocptip.parallel.minimal_form`): motor forces, motor
+speeds, base wrench and the distance from singular poses are functions of the coordinates and their
+derivatives. Other robots are evaluated in numbers, state by state.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from abc import abstractmethod
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import casadi as cs
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ocptip.basics.errors import InputError, finite_array, positive_number, rotation_matrix
+from ocptip.basics.errors import InputError, SolverError, finite_array, positive_number, rotation_matrix
 from ocptip.contact.support import Support
 from ocptip.numerics.batch import BatchFunction
-from ocptip.parallel.base_wrench import moving_mass
 from ocptip.parallel.description.robot_description import PRISMATIC
+from ocptip.parallel.dynamics.base_wrench import base_wrench, moving_mass
 from ocptip.parallel.minimal_form import minimal_form
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.reserves.slip import Redistribution
 from ocptip.robots.model import JointLimits
 from ocptip.robots.motors import Motors
-from ocptip.standing.mechanism import FurtherLimits, StandingMechanism
+from ocptip.standing.mechanism import FurtherLimits, MotionSamples, StandingMechanism
 from ocptip.trajectories.arm_motion import gauss_legendre
 from ocptip.trajectories.sampled import Motion
 
@@ -38,49 +41,58 @@ class PlatformLimits:
     Attributes:
         lower, upper: box of the coordinates; it should lie within the workspace.
         speed, acceleration: of the coordinates, both directions.
-        motor_force: N or N m, both directions.
-        motor_speed: m/s or rad/s, both directions.
+        motor_force: N or N m, both directions, one per motor or one for all.
+        motor_speed: m/s or rad/s, both directions, likewise.
         singularity: least distance from singular poses of both types, 0 to 1; see `minimal_form`.
     """
 
-    lower: np.ndarray
-    upper: np.ndarray
-    speed: np.ndarray
-    acceleration: np.ndarray
-    motor_force: np.ndarray
-    motor_speed: np.ndarray | float = np.inf
+    lower: ArrayLike = -np.inf
+    upper: ArrayLike = np.inf
+    speed: ArrayLike = np.inf
+    acceleration: ArrayLike = np.inf
+    motor_force: ArrayLike = np.inf
+    motor_speed: ArrayLike = np.inf
     singularity: float = 0.05
 
-    def joint_limits(self, m: int) -> JointLimits:
-        """Those of coordinates and motor forces, for m of them.
+    def joint_limits(self, m: int, motors: int) -> JointLimits:
+        """Those of m coordinates and of the forces of the motors.
 
         Raises:
             InputError: wrong shape, NaN, not positive, or lower not below upper.
         """
         values = {
-            name: _per_coordinate(name, getattr(self, name), m, signed=name in ("lower", "upper"))
-            for name in ("lower", "upper", "speed", "acceleration", "motor_force")
+            name: _one_each(name, getattr(self, name), m, signed=name in ("lower", "upper"))
+            for name in ("lower", "upper", "speed", "acceleration")
         }
         lower, upper = values["lower"], values["upper"]
         if (lower >= upper).any():
             raise InputError(f"lower: must be below upper, got {lower.tolist()} and {upper.tolist()}")
-        return JointLimits(*values.values())
+        return _CheckedLimits(*values.values(), _one_each("motor_force", self.motor_force, motors))
 
 
-class StandingParallelRobot(StandingMechanism):
-    """A parallel robot mounted on a base that stands on a support.
+class _CheckedLimits(JointLimits):
+    """Checked by `PlatformLimits`; redundant drives are more than coordinates."""
+
+    def __post_init__(self) -> None:
+        """Take the limits as they are."""
+
+
+class ParallelMechanism(StandingMechanism):
+    """A parallel robot mounted on a base that stands on a support: what both routes share.
 
     Args:
-        robot: its legs of the types with closed-form inverse kinematics, as many motors as coordinates.
+        robot: the robot.
         support: the base with its contacts; its mass and centre of mass without the robot.
         motors: drives, of the forces or torques and the speeds of the motors.
         limits: of coordinates and motors.
         position: (3,), m, base axes: origin of the robot's world frame.
         rotation: (3, 3) the robot's world axes to base axes; default none.
+        load: (6,) external force and moment on the platform about its origin, N and N m, the robot's world
+            axes; default none.
         reference_moment, redistribution: see `StandingMechanism`.
 
     Attributes:
-        robot: as given.
+        robot, load: as given.
         platform_limits: as given.
 
     Raises:
@@ -98,74 +110,60 @@ class StandingParallelRobot(StandingMechanism):
         limits: PlatformLimits,
         *,
         position: Sequence[float] = (0.0, 0.0, 0.0),
-        rotation: object | None = None,
+        rotation: ArrayLike | None = None,
+        load: ArrayLike | None = None,
         reference_moment: float | None = None,
         redistribution: Redistribution | None = None,
     ) -> None:
-        if support.dimension != 3:
-            raise InputError("support: a parallel robot needs a spatial support, got a planar one")
         self.robot, self.platform_limits = robot, limits
         self.position = finite_array("position", position, (3,))
         self.rotation = np.eye(3) if rotation is None else rotation_matrix("rotation", rotation)
-        self._made_with = (reference_moment, redistribution)
-        form = minimal_form(robot, self.rotation.T @ support.gravity)
-        m = robot.m
-        _require_motors(motors, m)
+        self.load = None if load is None else finite_array("load", load, (6,))
+        self._drives = robot.description.motor_rows
+        count = len(self._drives)
+        _require_motors(motors, count)
         super().__init__(
             support,
             motors,
-            limits.joint_limits(m),
-            _NoCollisions(m),
+            limits.joint_limits(robot.m, count),
+            _NoCollisions(robot.m),
             moving_mass(robot),
             reference_moment,
             redistribution,
         )
-        self.further_limits = _further_limits(limits, form.measure_names, m)
-        force, moment = (cs.DM(self.rotation) @ part for part in cs.vertsplit(form.wrench, 3))
-        moment = moment + cs.cross(cs.DM(self.position - support.center_of_mass), force)
-        wrench = cs.vertcat(force, moment) + support.weight
-        state = [form.z, form.zd, form.zdd]
-        self._loads = BatchFunction(cs.Function("loads", state, [form.motor_forces, wrench]))
-        further = cs.vertcat(form.measures, form.motor_speeds)
-        self._further = BatchFunction(cs.Function("further", state[:2], [further]))
+        self.further_limits = _further_limits(limits, self._prepare(self.rotation.T @ support.gravity), count)
+
+    @abstractmethod
+    def _prepare(self, gravity: np.ndarray) -> Sequence[str]:
+        """Make what `loads` and `further` need; names of the distances from singular poses.
+
+        Args:
+            gravity: (3,), m/s^2, the robot's world axes.
+        """
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the coordinates."""
-        return self.robot.description.platform.coordinates
+        description = self.robot.description
+        joints = (f"leg{leg + 1}_q{joint + 1}" for leg, joint in description.redundant)
+        return (*description.platform.coordinates, *joints)
 
     @property
     def units(self) -> tuple[str, ...]:
         """Units of the coordinates."""
-        return tuple("rad" if name.startswith("phi") else "m" for name in self.names)
+        description = self.robot.description
+        platform = ("rad" if name.startswith("phi") else "m" for name in description.platform.coordinates)
+        joints = (description.legs[leg].joint_rows[joint] for leg, joint in description.redundant)
+        return (*platform, *("m" if row.sigma == PRISMATIC else "rad" for row in joints))
 
     @property
     def motor_units(self) -> tuple[str, ...]:
         """Units of the motors' forces."""
-        description = self.robot.description
-        rows = [description.legs[leg].rows[joint] for leg, joint in description.actuated]
-        return tuple("N" if row.sigma == PRISMATIC else "N m" for row in rows)
-
-    def loads(self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Motor forces (N, n), N or N m, and the total wrench (N, 6) on the base about its centre of mass."""
-        forces, wrenches = self._loads(q, qd, qdd)
-        return forces, wrenches
-
-    def load_expressions(self, q: cs.SX, qd: cs.SX, qdd: cs.SX) -> tuple[cs.SX, cs.SX]:
-        """The same as CasADi columns."""
-        return self._loads.function(q, qd, qdd)
+        return tuple("N" if row.sigma == PRISMATIC else "N m" for row in self._drives)
 
     def motor_speeds(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
-        """(N, n), rad/s or m/s."""
-        return self._further(q, qd)[0][:, -self.n :]
-
-    def further(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
-        """Distances from singular poses and motor speeds, (N, k)."""
-        return self._further(q, qd)[0]
-
-    def further_expressions(self, q: cs.SX, qd: cs.SX) -> cs.SX:
-        """The same as CasADi column."""
-        return self._further.function(q, qd)
+        """(N, n_a), rad/s or m/s."""
+        return self.further(q, qd)[:, -len(self._drives) :]
 
     def quadrature(self, motion: Motion, order: int) -> tuple[np.ndarray, np.ndarray]:
         """Nodes and weights between events and changes of the motors' directions, where friction jumps."""
@@ -189,10 +187,116 @@ class StandingParallelRobot(StandingMechanism):
         q, qd, _ = motion.states(times)
         return self.motor_speeds(q, qd)
 
-    def __reduce__(self) -> tuple:
-        """Pickle by what it was made of: CasADi's functions are built anew on the other side."""
-        made_of = (self.robot, self.support, self.motors, self.platform_limits)
-        return _restored, (made_of, self.position, self.rotation, self._made_with)
+
+class StandingParallelRobot(ParallelMechanism):
+    """A parallel robot whose legs have closed forms, for checks and plans: as many motors as coordinates.
+
+    Arguments, attributes and errors as of `ParallelMechanism`.
+    """
+
+    def _prepare(self, gravity: np.ndarray) -> Sequence[str]:
+        form = minimal_form(self.robot, gravity, self.load)
+        force, moment = (cs.DM(self.rotation) @ part for part in cs.vertsplit(form.wrench, 3))
+        moment = moment + cs.cross(cs.DM(self.position - self.support.center_of_mass), force)
+        wrench = cs.vertcat(force, moment) + self.support.weight
+        state = [form.z, form.zd, form.zdd]
+        self._loads = BatchFunction(cs.Function("loads", state, [form.motor_forces, wrench]))
+        further = cs.vertcat(form.measures, form.motor_speeds)
+        self._further = BatchFunction(cs.Function("further", state[:2], [further]))
+        return form.measure_names
+
+    def loads(self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Motor forces (N, n), N or N m, and the total wrench (N, 6) on the base about its centre of mass."""
+        forces, wrenches = self._loads(q, qd, qdd)
+        return forces, wrenches
+
+    def load_expressions(self, q: cs.SX, qd: cs.SX, qdd: cs.SX) -> tuple[cs.SX, cs.SX]:
+        """The same as CasADi columns."""
+        return self._loads.function(q, qd, qdd)
+
+    def further(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
+        """Distances from singular poses and motor speeds, (N, k)."""
+        return self._further(q, qd)[0]
+
+    def further_expressions(self, q: cs.SX, qd: cs.SX) -> cs.SX:
+        """The same as CasADi column."""
+        return self._further.function(q, qd)
+
+
+class NumericParallelRobot(ParallelMechanism):
+    """Any parallel robot, evaluated in numbers: for samples and checks, not for plans.
+
+    Legs need no closed form, joints may have dry friction, drives may be redundant; of those the motor forces
+    are the smallest. Consecutive states should be near each other: the joints of one are searched from those
+    of the one before. The distance from singular poses is the smallest singular value of J_a, angles
+    weighted with a length; see `Singularity.platform`.
+
+    Arguments, attributes and errors as of `ParallelMechanism`.
+    """
+
+    def _prepare(self, gravity: np.ndarray) -> Sequence[str]:
+        self._gravity = gravity
+        return ("platform",)
+
+    def loads(self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Motor forces (N, n_a), N or N m, and the total wrench (N, 6) on the base about its centre of mass.
+
+        Raises:
+            InputError: a pose is out of reach.
+            SolverError: a singular pose, with its type.
+        """
+        robot, load, g = self.robot, self.load, self._gravity
+        forces, own = np.empty((len(q), len(self._drives))), np.empty((len(q), 6))
+        for k, (z, joints) in enumerate(self._joints(q)):
+            forces[k] = robot.inverse_dynamics(z, qd[k], qdd[k], joints, wrench=load, gravity=g).motors
+            own[k] = base_wrench(robot, z, qd[k], qdd[k], gravity=g, load=load, q=joints)
+        force, moment = own[:, :3] @ self.rotation.T, own[:, 3:] @ self.rotation.T
+        moment += np.cross(self.position - self.support.center_of_mass, force)
+        return forces, np.hstack([force, moment]) + self.support.weight
+
+    def load_expressions(self, q: cs.SX, qd: cs.SX, qdd: cs.SX) -> tuple[cs.SX, cs.SX]:
+        """There are none.
+
+        Raises:
+            InputError: always.
+        """
+        raise InputError("robot: evaluated in numbers alone; a plan needs a StandingParallelRobot")
+
+    def further(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
+        """Distance from singular poses and motor speeds, (N, 1 + n_a)."""
+        robot, found = self.robot, []
+        for k, (z, joints) in enumerate(self._joints(q)):
+            s = robot.kinematics.rate_matrices(z, qd[k])[0] @ qd[k]
+            measure = robot.singularity(z, joints).platform
+            found.append([measure, *(robot.jacobian(z, joints) @ s)])
+        return np.reshape(found, (len(q), -1))
+
+    def samples_of(
+        self, times: ArrayLike, angles: ArrayLike, speeds: ArrayLike, accelerations: ArrayLike
+    ) -> MotionSamples:
+        """As of all mechanisms.
+
+        Raises:
+            InputError: shapes do not fit, or the motion leaves the workspace.
+            SolverError: a singular pose at a sample or between two, with its type.
+        """
+        samples = super().samples_of(times, angles, speeds, accelerations)
+        if self.robot.description.coupling_form and not self.robot.redundant_drives:
+            found = self.robot.crossings(samples.angles[np.argsort(samples.times, kind="stable")])
+            if found:
+                first = found[0]
+                raise SolverError(
+                    f"motion: meets a singular pose between samples {first.sample + 1} and "
+                    f"{first.sample + 2}: {', '.join(first.kinds)} at z = {first.z.round(6).tolist()}"
+                )
+        return samples
+
+    def _joints(self, q: np.ndarray) -> Iterator[tuple[np.ndarray, tuple[np.ndarray, ...]]]:
+        """Every pose with its joint positions."""
+        joints = None
+        for z in q:
+            joints = self.robot.ik(z, joints).q
+            yield z, joints
 
 
 class _NoCollisions:
@@ -219,7 +323,7 @@ def _require_motors(motors: Motors, m: int) -> None:
 
 
 def _further_limits(limits: PlatformLimits, measures: Sequence[str], m: int) -> FurtherLimits:
-    speed = _per_coordinate("motor_speed", limits.motor_speed, m)
+    speed = _one_each("motor_speed", limits.motor_speed, m)
     margin = positive_number("singularity", limits.singularity)
     if margin >= 1:
         raise InputError(f"singularity: must be below 1, got {margin}")
@@ -233,7 +337,7 @@ def _further_limits(limits: PlatformLimits, measures: Sequence[str], m: int) -> 
     )
 
 
-def _per_coordinate(name: str, value: object, m: int, *, signed: bool = False) -> np.ndarray:
+def _one_each(name: str, value: ArrayLike, m: int, *, signed: bool = False) -> np.ndarray:
     values = np.broadcast_to(np.asarray(value, dtype=float), (m,)) if np.ndim(value) == 0 else value
     array = np.array(values, dtype=float)
     if array.shape != (m,) or np.isnan(array).any():
@@ -241,15 +345,3 @@ def _per_coordinate(name: str, value: object, m: int, *, signed: bool = False) -
     if not signed and (array <= 0).any():
         raise InputError(f"{name}: must be > 0, got {value!r}")
     return array
-
-
-def _restored(
-    made_of: tuple, position: np.ndarray, rotation: np.ndarray, made_with: tuple
-) -> StandingParallelRobot:
-    return StandingParallelRobot(
-        *made_of,
-        position=position,
-        rotation=rotation,
-        reference_moment=made_with[0],
-        redistribution=made_with[1],
-    )

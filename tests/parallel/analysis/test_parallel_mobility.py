@@ -7,7 +7,6 @@ import pytest
 
 from ocptip.basics.errors import InputError, SolverError
 from ocptip.parallel.analysis.mobility import mobility, require_mobility
-from ocptip.parallel.base_wrench import MountedRobot, PlatformMotion
 from ocptip.parallel.description.ready_made import READY_MADE, delta, rpr3, rrr3, ups6
 from ocptip.parallel.kinematics.platform import Kinematics
 from ocptip.parallel.robot import ParallelRobot
@@ -140,9 +139,6 @@ def test_crossings_between_samples_are_found():
     assert not flat.crossings(path[:2])
     (there,) = flat.crossings([[0.0, 0.0, -0.2], [0.0, 0.0, 0.0], [0.0, 0.0, 0.2]])
     assert (there.sample, there.share) == (1, 0.0)
-    still = PlatformMotion(np.arange(4.0), path, 0 * path, 0 * path)
-    with pytest.raises(SolverError, match=r"between samples 2 and 3: platform \(type II\)"):
-        MountedRobot(flat).samples(still)
     with pytest.raises(InputError, match="as many motors"):
         ParallelRobot(redundant_leg()).crossings(np.zeros((2, 4)))
 

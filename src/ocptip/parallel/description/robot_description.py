@@ -173,9 +173,14 @@ class LegBase:
     """What all legs have: joints, and a base frame. A leg gives `rows`, `base_rotation`, `base_position`."""
 
     @property
+    def joint_rows(self) -> tuple[MDHRow, ...]:
+        """Rows of all joints, coupling joints included."""
+        return tuple(row for row in self.rows if row.sigma != FIXED)
+
+    @property
     def n_joints(self) -> int:
-        """Number of all joints, coupling joints included."""
-        return sum(row.sigma != FIXED for row in self.rows)
+        """Number of all joints."""
+        return len(self.joint_rows)
 
     @property
     def base_matrix(self) -> np.ndarray:
@@ -381,6 +386,11 @@ class RobotDescription:
     def m(self) -> int:
         """Number of coordinates: free ones of the platform and redundant joints."""
         return self.platform.m + len(self.redundant)
+
+    @property
+    def motor_rows(self) -> tuple[MDHRow, ...]:
+        """Rows of the motors' joints."""
+        return tuple(self.legs[leg].joint_rows[joint] for leg, joint in self.actuated)
 
     @property
     def parameters(self) -> dict[str, float]:

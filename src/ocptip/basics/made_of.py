@@ -1,0 +1,28 @@
+"""Objects that are pickled, copied and varied by the arguments they were made of."""
+
+from __future__ import annotations
+
+from functools import partial
+from inspect import signature
+from typing import Any, Self
+
+
+class MadeOf:
+    """Base of classes whose objects hold what cannot be pickled, such as CasADi's functions."""
+
+    _arguments: dict[str, Any]
+
+    def __new__(cls, *args: Any, **kwargs: Any) -> Self:
+        """An object that knows its arguments by name."""
+        self = super().__new__(cls)
+        arguments = signature(cls.__init__).bind(self, *args, **kwargs).arguments
+        self._arguments = dict(list(arguments.items())[1:])
+        return self
+
+    def varied(self, **arguments: Any) -> Self:
+        """An object made of the same arguments but for the given ones."""
+        return type(self)(**{**self._arguments, **arguments})
+
+    def __reduce__(self) -> tuple:
+        """What to call to make it again."""
+        return partial(type(self), **self._arguments), ()
