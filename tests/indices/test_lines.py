@@ -9,7 +9,6 @@ from ocptip.indices.lines import (
     PENCIL_TYPES,
     adjoint,
     bundle_type,
-    cross,
     distance_to_point,
     dual_cross,
     foot_point,
@@ -17,9 +16,9 @@ from ocptip.indices.lines import (
     pencil_type,
     point_velocity,
     screw_decompose,
-    skew,
     spear,
 )
+from ocptip.numerics.vectors import cross, skew
 from tests.indices.sample_axes import random_pose
 
 seeds = st.integers(0, 2**32 - 1).map(np.random.default_rng)

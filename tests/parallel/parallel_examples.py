@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 
+from ocptip.parallel.description.entries import elementary_rotation
 from ocptip.parallel.description.ready_made import delta, rrr3
 from ocptip.parallel.description.robot_description import (
     PRISMATIC,
@@ -15,7 +16,6 @@ from ocptip.parallel.description.robot_description import (
     MDHRow,
     Platform,
     RobotDescription,
-    elementary_rotation,
 )
 
 QUARTER = math.pi / 2

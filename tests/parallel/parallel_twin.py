@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from ocptip.parallel.description.branched import BranchedLeg, LegEnd
+from ocptip.parallel.description.entries import elementary_rotation, value_of
 from ocptip.parallel.description.ready_made import delta, delta_end_rotation
 from ocptip.parallel.description.robot_description import (
     PRISMATIC,
@@ -15,8 +16,6 @@ from ocptip.parallel.description.robot_description import (
     BodyInertia,
     MDHRow,
     RobotDescription,
-    elementary_rotation,
-    value_of,
 )
 from ocptip.parallel.robot import ParallelRobot
 from tests.parallel.parallel_cases import golden, random_state

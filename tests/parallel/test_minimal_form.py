@@ -9,9 +9,9 @@ import pytest
 from ocptip.basics.errors import InputError
 from ocptip.parallel.description.ready_made import READY_MADE, delta, rpr3, rrr3
 from ocptip.parallel.dynamics.base_wrench import base_wrench
+from ocptip.parallel.kinematics.closed_form import leg_solution
 from ocptip.parallel.minimal_form import minimal_form
 from ocptip.parallel.robot import ParallelRobot
-from ocptip.parallel.symbolic.closed_form_sx import closed_form_expression
 
 KINDS = list(READY_MADE)
 GRAVITY = np.array([1.0, -2.0, -9.0])
@@ -131,4 +131,4 @@ def test_what_cannot_be_eliminated_is_refused():
     with pytest.raises(InputError, match="2 motors for 3 coordinates"):
         minimal_form(ParallelRobot(replace(description, actuated=description.actuated[:2]), check=False))
     with pytest.raises(InputError, match="2 branch signs"):
-        closed_form_expression(leg, cs.vertsplit(cs.SX.sym("t", 3)), (1,))
+        leg_solution(leg, cs.vertsplit(cs.SX.sym("t", 3)), (1,))

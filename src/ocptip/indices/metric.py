@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array, positive_number, rotation_matrix
-from ocptip.indices.lines import skew
+from ocptip.numerics.vectors import skew
 
 _FLATNESS = 1e-9
 

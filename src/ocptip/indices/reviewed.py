@@ -12,8 +12,8 @@ import itertools
 import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array, positive_number
-from ocptip.indices.lines import cross
 from ocptip.indices.metric import velocity_map
+from ocptip.numerics.vectors import cross
 
 RANK_TOLERANCE = 1e-13
 """Singular values below this share of the largest are zero: a few hundred units of rounding."""

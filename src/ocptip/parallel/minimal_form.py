@@ -13,20 +13,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, finite_array
+from ocptip.numerics.vectors import cross_terms as cross
 from ocptip.parallel.analysis.elimination import elimination_order
 from ocptip.parallel.analysis.singularity import characteristic_length
 from ocptip.parallel.code.leg_plans import choose_plans
 from ocptip.parallel.description.robot_description import PRISMATIC, Leg
-from ocptip.parallel.kinematics.closed_form import leg_type, nearest_branch
+from ocptip.parallel.kinematics.closed_form import leg_solution, leg_type, nearest_branch
 from ocptip.parallel.robot import ParallelRobot
-from ocptip.parallel.symbolic.closed_form_sx import closed_form_expression
 from ocptip.parallel.symbolic.leg_dynamics import LegState
 from ocptip.parallel.symbolic.leg_jacobian import LegModel
 from ocptip.parallel.symbolic.platform_sx import platform_wrench
 from ocptip.parallel.symbolic.projection import Arguments, Projection
 from ocptip.parallel.symbolic.spatial_sx import (
     Vector,
-    cross,
     minus,
     plus,
     scaled,
@@ -75,7 +74,7 @@ def minimal_form(
     """Eliminate the joints of a robot whose legs have closed forms.
 
     The legs stay in the branches they have at home. The measure of a leg is the squared sine of an angle
-    between its links (`LegExpression.measures`), or for a prismatic leg without such the squared ratio of its
+    between its links (`LegSolution.measures`), or for a prismatic leg without such the squared ratio of its
     length to that at home, at most 1; out of reach it is negative. The measure of the platform
     is the volume that the unit vectors along the rows of J_a span, angles counted as lengths by the
     characteristic length: 1 if the motors act at right angles, positive at home and on all poses that are
@@ -102,7 +101,7 @@ def minimal_form(
         target = cs.DM(leg.base_matrix.T) @ (point - cs.DM(leg.origin))
         point_home = home_position + home_rotation @ leg.coupling_point - leg.origin
         branch = nearest_branch(leg, leg.base_matrix.T @ point_home, at_home[number])
-        found = closed_form_expression(leg, cs.vertsplit(target), branch)
+        found = leg_solution(leg, cs.vertsplit(target), branch)
         columns.append(cs.vertcat(*found.q))
         stretch = [(length / _home_length(leg, at_home[number])) ** 2 for length in found.lengths]
         measures += [*found.measures.values(), *(cs.fmin(value, 1) for value in stretch)]

@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, SolverError, finite_array
 from ocptip.basics.made_of import MadeOf
@@ -18,7 +19,7 @@ from ocptip.parallel.analysis.singularity import Singularity, require_regular, s
 from ocptip.parallel.description.robot_description import RobotDescription
 from ocptip.parallel.dynamics.regressor import regressor
 from ocptip.parallel.dynamics.terms import Terms, converted, motor_drift, needs_complete_legs, quasi_terms
-from ocptip.parallel.kinematics.platform import JointPositions, Kinematics, PlatformPose, RobotMotion
+from ocptip.parallel.kinematics.platform import ForwardPose, JointPositions, Kinematics, RobotMotion
 from ocptip.parallel.routes.constraint import ConstraintRoute
 from ocptip.parallel.routes.kkt import KKTAccelerations, KKTSystem
 from ocptip.parallel.routes.tree import tree_forces
@@ -32,6 +33,9 @@ if TYPE_CHECKING:
 
 Projection = Literal["coupling", "constraint", "tree", "kkt"]
 PROJECTIONS = ("coupling", "constraint", "tree", "kkt")
+Joints = Sequence[np.ndarray] | None
+"""Joint positions per leg; None: to be found by the inverse kinematics."""
+
 _BALANCE = 1e-7
 
 
@@ -119,17 +123,15 @@ class ParallelRobot(MadeOf):
         """Degrees of freedom, found when the robot was made."""
         return self._mobility
 
-    def ik(self, z: object, guess: Sequence[np.ndarray] | None = None) -> JointPositions:
+    def ik(self, z: ArrayLike, guess: Joints = None) -> JointPositions:
         """All joint positions at a pose; see :meth:`Kinematics.joints`."""
         return self.kinematics.joints(z, guess)
 
-    def fk(self, qa: object, guess: object | None = None) -> PlatformPose:
+    def fk(self, qa: ArrayLike, guess: ArrayLike | None = None) -> ForwardPose:
         """Platform pose from motor positions; see :meth:`Kinematics.forward`."""
         return self.kinematics.forward(qa, guess)
 
-    def passive(
-        self, z: object, zd: object, zdd: object, guess: Sequence[np.ndarray] | None = None
-    ) -> JointRates:
+    def passive(self, z: ArrayLike, zd: ArrayLike, zdd: ArrayLike, guess: Joints = None) -> JointRates:
         """Positions, speeds and accelerations of all joints (section 9).
 
         Args:
@@ -144,30 +146,30 @@ class ParallelRobot(MadeOf):
         qdd = tuple(leg.Jq @ sd + leg.drift for leg in legs)
         return JointRates(found.q, tuple(leg.qd for leg in legs), qdd, found.residual)
 
-    def jacobian(self, z: object, q: Sequence[np.ndarray] | None = None) -> np.ndarray:
+    def jacobian(self, z: ArrayLike, q: Joints = None) -> np.ndarray:
         """J_a (n_a, m): q_a' = J_a s'."""
         z = self.kinematics.coordinates("z", z)
         return self.kinematics.actuated_jacobian(self.motion(z, np.zeros(self.m), q))
 
-    def singularity(self, z: object, q: Sequence[np.ndarray] | None = None) -> Singularity:
+    def singularity(self, z: ArrayLike, q: Joints = None) -> Singularity:
         """Measures of both types and of the Euler angles at a pose."""
         z = self.kinematics.coordinates("z", z)
         return singularity(self.kinematics, z, self._joints(z, q), complete=self._complete)
 
-    def motion(self, z: object, s: object, q: Sequence[np.ndarray] | None = None) -> RobotMotion:
+    def motion(self, z: ArrayLike, s: ArrayLike, q: Joints = None) -> RobotMotion:
         """Rates of all joints that the dynamics use, at coordinates z and quasi-velocities s."""
         z, s = self.kinematics.coordinates("z", z), self.kinematics.coordinates("s", s)
         return self.kinematics.motion(z, s, self._joints(z, q), complete=self._complete)
 
     def terms(
         self,
-        z: object,
-        zd: object,
-        q: Sequence[np.ndarray] | None = None,
+        z: ArrayLike,
+        zd: ArrayLike,
+        q: Joints = None,
         *,
         form: str = "S",
-        wrench: object | None = None,
-        gravity: object | None = None,
+        wrench: ArrayLike | None = None,
+        gravity: ArrayLike | None = None,
     ) -> Terms:
         """Mass matrix, Coriolis and gravity forces in one of the forms of :class:`Terms`.
 
@@ -196,21 +198,21 @@ class ParallelRobot(MadeOf):
             motor_drift=motor_drift(self.description.actuated, motion),
         )
 
-    def mass_matrix(self, z: object, q: Sequence[np.ndarray] | None = None, *, form: str = "S") -> np.ndarray:
+    def mass_matrix(self, z: ArrayLike, q: Joints = None, *, form: str = "S") -> np.ndarray:
         """M at a pose."""
         return self.terms(z, np.zeros(self.m), q, form=form).M
 
     def inverse_dynamics(
         self,
-        z: object,
-        zd: object,
-        zdd: object,
-        q: Sequence[np.ndarray] | None = None,
+        z: ArrayLike,
+        zd: ArrayLike,
+        zdd: ArrayLike,
+        q: Joints = None,
         *,
         rates: Literal["euler", "quasi"] = "euler",
         projection: Projection = "coupling",
-        wrench: object | None = None,
-        gravity: object | None = None,
+        wrench: ArrayLike | None = None,
+        gravity: ArrayLike | None = None,
     ) -> Forces:
         """Motor forces of a motion.
 
@@ -249,12 +251,12 @@ class ParallelRobot(MadeOf):
 
     def forward_dynamics(
         self,
-        z: object,
-        s: object,
-        motors: object,
-        q: Sequence[np.ndarray] | None = None,
+        z: ArrayLike,
+        s: ArrayLike,
+        motors: ArrayLike,
+        q: Joints = None,
         *,
-        wrench: object | None = None,
+        wrench: ArrayLike | None = None,
     ) -> np.ndarray:
         """Quasi-accelerations s'' (m,) under motor forces (section 10).
 
@@ -283,7 +285,7 @@ class ParallelRobot(MadeOf):
         return np.linalg.solve(factor.T, np.linalg.solve(factor, right))
 
     def kkt_accelerations(
-        self, z: object, s: object, motors: object, q: Sequence[np.ndarray] | None = None
+        self, z: ArrayLike, s: ArrayLike, motors: ArrayLike, q: Joints = None
     ) -> KKTAccelerations:
         """Accelerations of all joints and the platform with Lagrange multipliers: a check, slow."""
         z, s = self.kinematics.coordinates("z", z), self.kinematics.coordinates("s", s)
@@ -291,7 +293,7 @@ class ParallelRobot(MadeOf):
         motion = self.kinematics.motion(z, s, self._joints(z, q, complete=True), complete=True)
         return KKTSystem(self.kinematics, motion, self.description.gravity, np.zeros(6)).accelerations(tau_a)
 
-    def energy(self, z: object, s: object, q: Sequence[np.ndarray] | None = None) -> tuple[float, float]:
+    def energy(self, z: ArrayLike, s: ArrayLike, q: Joints = None) -> tuple[float, float]:
         """Kinetic and potential energy, J; drives included, friction not."""
         motion = self.motion(z, s, q)
         body, g = self.description.platform.inertia, self.description.gravity
@@ -304,16 +306,14 @@ class ParallelRobot(MadeOf):
             potential -= g @ leg.origin * sum(b.mass for b in leg.leg.bodies)
         return float(kinetic), float(potential)
 
-    def regressor(
-        self, z: object, zd: object, zdd: object, q: Sequence[np.ndarray] | None = None
-    ) -> np.ndarray:
+    def regressor(self, z: ArrayLike, zd: ArrayLike, zdd: ArrayLike, q: Joints = None) -> np.ndarray:
         """W (m, 10 bodies) with tau_s = W `description.inertia_vector`; see :func:`regressor`."""
         z, zd, zdd = self._state(z, zd, zdd)
         s, sd = self.kinematics.quasi(z, zd, zdd)
         motion = self._regular_motion(z, s, q, legs_only=True)
         return regressor(self.kinematics, motion, sd, self.description.gravity)
 
-    def crossings(self, path: object) -> tuple[Crossing, ...]:
+    def crossings(self, path: ArrayLike) -> tuple[Crossing, ...]:
         """Singular poses on a path (N, m), also between its samples; see :func:`crossings`."""
         return crossings(self.kinematics, path)
 
@@ -351,13 +351,13 @@ class ParallelRobot(MadeOf):
     def _constraints(self) -> ConstraintRoute:
         return ConstraintRoute(self.kinematics, complete=self._complete)
 
-    def _state(self, z: object, zd: object, zdd: object) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _state(
+        self, z: ArrayLike, zd: ArrayLike, zdd: ArrayLike
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         check = self.kinematics.coordinates
         return check("z", z), check("zd", zd), check("zdd", zdd)
 
-    def _joints(
-        self, z: np.ndarray, q: Sequence[np.ndarray] | None, *, complete: bool | None = None
-    ) -> tuple[np.ndarray, ...]:
+    def _joints(self, z: np.ndarray, q: Joints, *, complete: bool | None = None) -> tuple[np.ndarray, ...]:
         complete = self._complete if complete is None else complete
         if q is None:
             found = self.kinematics.joints(z) if complete else self.kinematics.point_joints(z)
@@ -376,7 +376,7 @@ class ParallelRobot(MadeOf):
         return tuple(joints)
 
     def _by_constraints(
-        self, motion: RobotMotion, sd: np.ndarray, wrench: object | None, gravity: object | None
+        self, motion: RobotMotion, sd: np.ndarray, wrench: ArrayLike | None, gravity: ArrayLike | None
     ) -> Forces:
         H = self.kinematics.rate_matrices(motion.z, np.zeros(self.m))[0]
         zd = np.linalg.solve(H, motion.s)
@@ -392,8 +392,8 @@ class ParallelRobot(MadeOf):
         motion: RobotMotion,
         sd: np.ndarray,
         projection: str,
-        wrench: object | None,
-        gravity: object | None,
+        wrench: ArrayLike | None,
+        gravity: ArrayLike | None,
     ) -> Forces:
         g, w = self._gravity(gravity), _wrench(wrench)
         jacobian = self.kinematics.actuated_jacobian(motion)
@@ -419,23 +419,23 @@ class ParallelRobot(MadeOf):
         return Forces(motors, tau_s, float(residual), projection)
 
     def _regular_motion(
-        self, z: np.ndarray, s: np.ndarray, q: Sequence[np.ndarray] | None, *, legs_only: bool = False
+        self, z: np.ndarray, s: np.ndarray, q: Joints, *, legs_only: bool = False
     ) -> RobotMotion:
         joints = self._joints(z, q)
         require_regular(self.kinematics, z, joints, complete=self._complete, legs_only=legs_only)
         return self.kinematics.motion(z, s, joints, complete=self._complete)
 
-    def _quasi_terms(self, motion: RobotMotion, wrench: object | None, gravity: object | None) -> Terms:
+    def _quasi_terms(self, motion: RobotMotion, wrench: ArrayLike | None, gravity: ArrayLike | None) -> Terms:
         terms = quasi_terms(self.kinematics, motion, self._gravity(gravity))
         if wrench is None:
             return terms
         return Terms("S", terms.M, terms.c - motion.T.T @ _wrench(wrench), terms.g)
 
-    def _gravity(self, gravity: object | None) -> np.ndarray:
+    def _gravity(self, gravity: ArrayLike | None) -> np.ndarray:
         return self.description.gravity if gravity is None else finite_array("gravity", gravity, (3,))
 
 
-def _wrench(value: object | None) -> np.ndarray:
+def _wrench(value: ArrayLike | None) -> np.ndarray:
     return np.zeros(6) if value is None else finite_array("wrench", value, (6,))
 
 

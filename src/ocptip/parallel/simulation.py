@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, finite_array, positive_number
 from ocptip.parallel.robot import ParallelRobot
@@ -41,8 +42,8 @@ class Trajectory:
 
 def simulate(
     robot: ParallelRobot,
-    z: object,
-    s: object,
+    z: ArrayLike,
+    s: ArrayLike,
     *,
     duration: float,
     step: float,

@@ -11,6 +11,7 @@ from ocptip.basics.errors import InputError, OcptipError, PlanningError, whole_n
 from ocptip.contact.support import Support
 from ocptip.motion.plan import MotionPlan, plan_motion
 from ocptip.motion.task import MotionTask
+from ocptip.numerics.vectors import nearest_turn
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.place import place
 from ocptip.placement.problem import PlacementProblem
@@ -208,7 +209,7 @@ def shortest_way(evaluator: Evaluator, placement: Placement, seed: int = 0) -> P
 
 def _near(goal: np.ndarray, start: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """The copy of an angle, whole turns away, that is nearest to the start within its limits."""
-    turned = goal + 2 * np.pi * np.round((start - goal) / (2 * np.pi))
+    turned = nearest_turn(goal, start)
     return np.where((turned >= low) & (turned <= high), turned, goal)
 
 

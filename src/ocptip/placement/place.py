@@ -10,6 +10,7 @@ from threadpoolctl import threadpool_limits
 
 from ocptip.basics.errors import InputError, whole_number
 from ocptip.numerics.ipopt import Solution, solve
+from ocptip.numerics.vectors import nearest_turn
 from ocptip.placement.evaluate import POSE_TOLERANCE, Evaluator
 from ocptip.placement.problem import PlacementProblem
 from ocptip.placement.result import NoPlacementError, Placement, PlacementResult, StartReport, judge
@@ -316,8 +317,7 @@ def _several(distinct: list[Placement], keep: int) -> tuple[Placement, ...]:
 
 
 def _same(a: Placement, b: Placement) -> bool:
-    turn = a.angles - b.angles
-    turn = np.arctan2(np.sin(turn), np.cos(turn))
+    turn = nearest_turn(a.angles - b.angles)
     return _same_place(a, b) and bool(np.max(np.abs(turn)) < 4 * _SAME)
 
 
@@ -326,7 +326,7 @@ def _same_place(a: Placement, b: Placement) -> bool:
         return False
     terrain = a.problem.terrain[a.patch]
     apart = a.parameters - b.parameters
-    apart = np.where(terrain.angular, np.arctan2(np.sin(apart), np.cos(apart)), apart)
+    apart = np.where(terrain.angular, nearest_turn(apart), apart)
     return bool(np.max(np.abs(apart) / a.problem.scales(a.patch)) < _SAME)
 
 

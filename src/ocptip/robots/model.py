@@ -13,6 +13,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, finite_array, rotation_matrix
 
@@ -234,7 +235,7 @@ class ArmModel:
         )
 
 
-def joint_states(name: str, value: object, joints: int) -> tuple[np.ndarray, bool]:
+def joint_states(name: str, value: ArrayLike, joints: int) -> tuple[np.ndarray, bool]:
     """Return `value`, (n,) or (N, n), as (N, n) and whether it was a single state; NaN is refused.
 
     Raises:

@@ -20,20 +20,17 @@ import numpy as np
 from ocptip.basics.errors import InputError, bounded_array, number_from, refuse_huge
 from ocptip.basics.toml import read_toml
 from ocptip.parallel.description.branched import BranchedLeg, LegEnd
+from ocptip.parallel.description.entries import Entry, Parameter, elementary_rotations, product_of
 from ocptip.parallel.description.robot_description import (
     COORDINATES,
     FIXED,
     PRISMATIC,
     REVOLUTE,
     BodyInertia,
-    Entry,
     Leg,
     MDHRow,
-    Parameter,
     Platform,
     RobotDescription,
-    elementary_rotations,
-    product_of,
 )
 
 _TOP = ("name", "gravity", "convention", "free", "home", "parameters", "platform", "table", "leg")

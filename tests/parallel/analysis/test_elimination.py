@@ -9,8 +9,8 @@ import pytest
 
 from ocptip.parallel.analysis.elimination import elimination_order
 from ocptip.parallel.code.lean import lean_function
+from ocptip.parallel.description.entries import Parameter
 from ocptip.parallel.description.ready_made import READY_MADE, prrr4, ups6
-from ocptip.parallel.description.robot_description import Parameter
 from ocptip.parallel.robot import ParallelRobot
 from tests.parallel.parallel_cases import error, golden
 

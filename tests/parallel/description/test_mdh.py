@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ocptip.parallel.description.entries import product_of
 from ocptip.parallel.description.mdh import (
     JointAxis,
     compose,
@@ -20,7 +21,7 @@ from ocptip.parallel.description.mdh import (
     rotation_angles,
     row_frame,
 )
-from ocptip.parallel.description.robot_description import FIXED, PRISMATIC, REVOLUTE, product_of
+from ocptip.parallel.description.robot_description import FIXED, PRISMATIC, REVOLUTE
 from tests.parallel.parallel_cases import random_body
 
 X, Y, Z = np.eye(3)

@@ -10,6 +10,13 @@ from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
 from ocptip.parallel.description.branched import BranchedLeg, LegEnd
+from ocptip.parallel.description.entries import (
+    Parameter,
+    elementary_rotation,
+    exact_cos_sin,
+    right_angles,
+    value_of,
+)
 from ocptip.parallel.description.ready_made import READY_MADE, make_robot, rrr3
 from ocptip.parallel.description.robot_description import (
     DYNPAR2,
@@ -18,12 +25,7 @@ from ocptip.parallel.description.robot_description import (
     BodyInertia,
     Leg,
     MDHRow,
-    Parameter,
     Platform,
-    elementary_rotation,
-    exact_cos_sin,
-    right_angles,
-    value_of,
 )
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.task_files.parallel import describe, read_parallel_robot, robot_from_dict

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ocptip.numerics.vectors import skew
 from ocptip.parallel.description.robot_description import CONVENTIONS, Platform
 from ocptip.parallel.description.rotations import (
     PlatformCoordinates,
@@ -15,7 +16,6 @@ from ocptip.parallel.description.rotations import (
     rate_matrix,
     rate_matrix_derivative,
     rotation_vector,
-    skew,
 )
 
 

@@ -8,15 +8,9 @@ import pytest
 
 from ocptip.basics.errors import InputError
 from ocptip.numerics.point import PointFunction
+from ocptip.parallel.description.entries import Parameter, elementary_rotation
 from ocptip.parallel.description.ready_made import READY_MADE
-from ocptip.parallel.description.robot_description import (
-    FIXED,
-    PRISMATIC,
-    Leg,
-    MDHRow,
-    Parameter,
-    elementary_rotation,
-)
+from ocptip.parallel.description.robot_description import FIXED, PRISMATIC, Leg, MDHRow
 from ocptip.parallel.kinematics.chain import leg_dynamics, leg_kinematics, serial_topology
 from ocptip.parallel.kinematics.closed_form import SIGNS, closed_form, leg_type, nearest_branch
 from ocptip.parallel.robot import ParallelRobot

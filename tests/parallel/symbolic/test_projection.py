@@ -6,15 +6,14 @@ import numpy as np
 import pytest
 
 from ocptip.parallel.code.lean import lean_function
+from ocptip.parallel.description.entries import Parameter, product_of
 from ocptip.parallel.description.robot_description import (
     PRISMATIC,
     REVOLUTE,
     Leg,
     MDHRow,
-    Parameter,
     Platform,
     RobotDescription,
-    product_of,
 )
 from ocptip.parallel.description.rotations import PlatformCoordinates
 from ocptip.parallel.dynamics.terms import quasi_terms

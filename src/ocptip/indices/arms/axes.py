@@ -13,7 +13,8 @@ import casadi as cs
 import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array
-from ocptip.indices.lines import cross, foot_point
+from ocptip.indices.lines import foot_point
+from ocptip.numerics.vectors import cross
 from ocptip.robots.kinematics import chain, link_frames
 from ocptip.robots.model import ArmModel, JointLimits
 

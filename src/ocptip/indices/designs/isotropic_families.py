@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array, number_from, positive_number
-from ocptip.indices.lines import cross
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.platforms.platform import PlatformPose
+from ocptip.numerics.vectors import cross
 
 
 @dataclass(frozen=True)

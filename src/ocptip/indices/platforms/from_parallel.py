@@ -12,7 +12,8 @@ from scipy.spatial.transform import Rotation
 from ocptip.basics.errors import InputError, finite_array
 from ocptip.indices.platforms.planar import PlanarPlatformPose
 from ocptip.indices.platforms.platform import PlatformFile, StewartPlatform
-from ocptip.parallel.description.robot_description import PRISMATIC, Leg, RobotDescription, value_of
+from ocptip.parallel.description.entries import value_of
+from ocptip.parallel.description.robot_description import PRISMATIC, Leg, RobotDescription
 
 _SPATIAL, _PLANAR = (True,) * 6, (True, True, False, False, False, True)
 

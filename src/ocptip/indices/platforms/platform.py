@@ -16,8 +16,8 @@ from typing import ClassVar, Self
 import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array, rotation_matrix
-from ocptip.indices.lines import cross, skew
 from ocptip.indices.metric import OperationEllipsoid
+from ocptip.numerics.vectors import cross, skew
 
 MINIMUM_LEGS = 6
 LEG_TOLERANCE = 1e-9

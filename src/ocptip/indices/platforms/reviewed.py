@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array, positive_number
-from ocptip.indices.lines import cross
 from ocptip.indices.metric import velocity_map
 from ocptip.indices.platforms.platform import MINIMUM_LEGS, RANK_TOLERANCE, PlatformPose
+from ocptip.numerics.vectors import cross
 
 
 @dataclass(frozen=True, eq=False)

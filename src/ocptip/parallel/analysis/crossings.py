@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, finite_array
 from ocptip.parallel.analysis.singularity import SINGULAR, Singularity, singularity
@@ -44,7 +45,7 @@ class Crossing:
         }
 
 
-def crossings(kinematics: Kinematics, path: object, tolerance: float = SINGULAR) -> tuple[Crossing, ...]:
+def crossings(kinematics: Kinematics, path: ArrayLike, tolerance: float = SINGULAR) -> tuple[Crossing, ...]:
     """Singular poses on a path, those between its samples included.
 
     Joint positions follow the path from sample to sample, so that a leg keeps its branch. A path that only

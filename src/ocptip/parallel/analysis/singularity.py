@@ -173,7 +173,6 @@ def require_regular(
 
 def _leg_measure(kinematics: Kinematics, i: int, q: np.ndarray, length: float, complete: bool) -> float:
     leg = kinematics.legs[i]
-    sigmas = [row.sigma for row in leg.topology.rows if row.sigma in (0, 1)]
     if complete:
         J = leg.jacobian(q)[0].copy()
         columns = leg.free
@@ -182,22 +181,19 @@ def _leg_measure(kinematics: Kinematics, i: int, q: np.ndarray, length: float, c
     else:
         J = leg.point_jacobian(q, kinematics.description.position_rows)
         columns = list(range(leg.point))
-    scale = [length if sigmas[c] == REVOLUTE else 1.0 for c in columns]
+    joints = leg.leg.joint_rows
+    scale = [length if joints[c].sigma == REVOLUTE else 1.0 for c in columns]
     singular_values = np.linalg.svd(J[:, columns] / scale, compute_uv=False)
     return float(singular_values[len(columns) - 1]) if len(singular_values) >= len(columns) else 0.0
 
 
 def _weighted(kinematics: Kinematics, J: np.ndarray, length: float, *, motors: bool) -> np.ndarray:
-    description = kinematics.description
     weighted = J.copy()
     for column, i in enumerate(kinematics.platform.indices):
         if i >= 3:
             weighted[:, column] /= length
     if motors:
-        for row, (leg, joint) in enumerate(description.actuated):
-            rows = [r for r in description.legs[leg].rows if r.sigma in (0, 1)]
-            if rows[joint].sigma == REVOLUTE:
-                weighted[row] *= length
+        weighted[[row.sigma == REVOLUTE for row in kinematics.description.motor_rows]] *= length
     return weighted
 
 

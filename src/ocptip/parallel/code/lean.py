@@ -22,6 +22,7 @@ from dataclasses import dataclass
 
 import casadi as cs
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, SolverError, finite_array
 from ocptip.parallel.code.counting import OperationCount, count_operations
@@ -74,16 +75,16 @@ class LeanFunction:
 
     def __call__(
         self,
-        z: object,
-        rates: object,
-        accelerations: object,
-        q: object,
+        z: ArrayLike,
+        rates: ArrayLike,
+        accelerations: ArrayLike,
+        q: ArrayLike,
         *,
-        inertia: object = None,
-        geometry: object = None,
-        gravity: object = None,
-        wrench: object = None,
-        joint_terms: object = None,
+        inertia: ArrayLike | None = None,
+        geometry: ArrayLike | None = None,
+        gravity: ArrayLike | None = None,
+        wrench: ArrayLike | None = None,
+        joint_terms: ArrayLike | None = None,
     ) -> dict[str, np.ndarray]:
         """Evaluate.
 

@@ -6,17 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ocptip.basics.errors import InputError, finite_array
+from ocptip.basics.errors import InputError
+from ocptip.parallel.description.entries import Entry, check_entries, value_of
 from ocptip.parallel.description.robot_description import (
     BodyInertia,
-    Entry,
     LegBase,
     MDHRow,
-    check_entries,
-    elementary_rotations,
     frozen_rotation,
-    joint_numbers,
-    value_of,
 )
 
 
@@ -100,13 +96,7 @@ class BranchedLeg(LegBase):
         set_(self, "ends", tuple(self.ends))
         set_(self, "loops", tuple(tuple(pair) for pair in self.loops))
         set_(self, "bodies", bodies)
-        set_(self, "base_rotation", elementary_rotations("base_rotation", self.base_rotation))
-        set_(self, "base_position", check_entries("base_position", self.base_position))
-        for name in ("drive_inertia", "viscous", "coulomb"):
-            set_(self, name, joint_numbers(name, getattr(self, name), self.n_joints))
-        set_(self, "guess", tuple(float(v) for v in finite_array("guess", self.guess, (None,))))
-        if len(self.guess) not in (0, self.n_joints):
-            raise InputError(f"guess: expected {self.n_joints} numbers, got {len(self.guess)}")
+        self._check_base(self.n_joints, (self.n_joints,))
 
     @property
     def entries(self) -> tuple[Entry, ...]:

@@ -14,16 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ocptip.parallel.description.robot_description import (
-    FIXED,
-    PRISMATIC,
-    REVOLUTE,
-    BodyInertia,
-    MDHRow,
-    elementary_rotation,
-    value_of,
-)
-from ocptip.parallel.description.rotations import cross, skew
+from ocptip.numerics.vectors import cross, skew
+from ocptip.parallel.description.entries import elementary_rotation, value_of
+from ocptip.parallel.description.robot_description import FIXED, PRISMATIC, REVOLUTE, BodyInertia, MDHRow
 
 Frame = tuple[np.ndarray, np.ndarray]
 """Rotation (3, 3), frame axes to outer axes, and origin (3,), m, outer axes."""

@@ -11,20 +11,18 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, finite_array
+from ocptip.parallel.description.entries import Entry, Parameter, elementary_rotation, product_of
 from ocptip.parallel.description.robot_description import (
     PRISMATIC,
     REVOLUTE,
     BodyInertia,
-    Entry,
     Leg,
     MDHRow,
-    Parameter,
     Platform,
     RobotDescription,
-    elementary_rotation,
-    product_of,
 )
 
 _QUARTER = math.pi / 2
@@ -100,8 +98,8 @@ def make_robot(
     *,
     lengths: Sequence[float] = (),
     base_angles: Sequence[float],
-    base_positions: object,
-    coupling_points: object,
+    base_positions: ArrayLike,
+    coupling_points: ArrayLike,
     bodies: Sequence[BodyInertia],
     platform: BodyInertia,
     home: Sequence[float],

@@ -1,7 +1,6 @@
 """Description of a parallel robot: leg tables, base frames, coupling points, platform, motors.
 
-An entry of a table is either a number, which is part of the structure (0 and multiples of pi/2 are exact), or
-a named :class:`Parameter`, which stays a symbol in generated code. The same name in several legs is the same
+Entries of tables are numbers or named parameters, see `entries`. The same name in several legs is the same
 symbol and must have the same value.
 
 Legs, joints and bodies are counted from 0 in the code, and from 1 in messages and files.
@@ -9,74 +8,27 @@ Legs, joints and bodies are counted from 0 in the code, and from 1 in messages a
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, finite_array, number_from, positive_number, rotation_matrix
+from ocptip.parallel.description.entries import (
+    Entry,
+    Parameter,
+    check_entries,
+    check_entry,
+    elementary_rotations,
+    product_of,
+    value_of,
+)
 
 REVOLUTE, PRISMATIC, FIXED = 0, 1, 2
 COORDINATES = ("x", "y", "z", "phi1", "phi2", "phi3")
 CONVENTIONS = ("xyz", "xzy", "yxz", "yzx", "zxy", "zyx", "xyx", "xzx", "yxy", "yzy", "zxz", "zyz")
 DYNPAR2 = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
-_RIGHT_ANGLE = math.pi / 2
-_EXACT = 1e-12
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """A named number of the geometry, m or rad.
-
-    Attributes:
-        name: a Python identifier; equal names mean the same parameter.
-        value: of this robot.
-    """
-
-    name: str
-    value: float
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.name, str) or not self.name.isidentifier():
-            raise InputError(f"parameter: the name must be an identifier, got {self.name!r}")
-        object.__setattr__(self, "value", number_from(f"parameter {self.name}", self.value))
-
-
-Entry = float | Parameter
-
-
-def value_of(entry: Entry) -> float:
-    """The number behind an entry."""
-    return entry.value if isinstance(entry, Parameter) else float(entry)
-
-
-def right_angles(entry: Entry) -> int | None:
-    """k in 0..3 if the entry is a number that equals k pi/2 (modulo 2 pi), else None."""
-    if isinstance(entry, Parameter):
-        return None
-    turns = entry / _RIGHT_ANGLE
-    return round(turns) % 4 if abs(turns - round(turns)) < _EXACT * max(1.0, abs(turns)) else None
-
-
-def exact_cos_sin(entry: Entry) -> tuple[float, float]:
-    """Cosine and sine; exactly 0, 1 or -1 at multiples of pi/2 that are not named parameters."""
-    k = right_angles(entry)
-    if k is None:
-        return math.cos(value_of(entry)), math.sin(value_of(entry))
-    return (1.0, 0.0, -1.0, 0.0)[k], (0.0, 1.0, 0.0, -1.0)[k]
-
-
-def elementary_rotation(axis: str, entry: Entry) -> np.ndarray:
-    """(3, 3) rotation about a coordinate axis ("x", "y", "z") by an angle, exact at multiples of pi/2."""
-    c, s = exact_cos_sin(entry)
-    i = "xyz".index(axis)
-    j, k = (i + 1) % 3, (i + 2) % 3
-    matrix = np.zeros((3, 3))
-    matrix[i, i] = 1.0
-    matrix[j, j] = matrix[k, k] = c
-    matrix[k, j], matrix[j, k] = s, -s
-    return matrix
 
 
 @dataclass(frozen=True)
@@ -104,7 +56,7 @@ class MDHRow:
             raise InputError(f"sigma: must be 0 (revolute), 1 (prismatic) or 2 (fixed), got {self.sigma!r}")
         object.__setattr__(self, "sigma", int(self.sigma))
         for name in ("gamma", "b", "alpha", "d", "theta", "r"):
-            object.__setattr__(self, name, _entry(name, getattr(self, name)))
+            object.__setattr__(self, name, check_entry(name, getattr(self, name)))
 
     @property
     def entries(self) -> tuple[Entry, ...]:
@@ -138,7 +90,7 @@ class BodyInertia:
 
     @classmethod
     def about_center(
-        cls, mass: float, center: Sequence[float] = (0.0, 0.0, 0.0), inertia: object = (0.0, 0.0, 0.0)
+        cls, mass: float, center: Sequence[float] = (0.0, 0.0, 0.0), inertia: ArrayLike = (0.0, 0.0, 0.0)
     ) -> BodyInertia:
         """From DynPar 1.
 
@@ -181,6 +133,23 @@ class LegBase:
     def n_joints(self) -> int:
         """Number of all joints."""
         return len(self.joint_rows)
+
+    def _check_base(self, count: int, sizes: Sequence[int]) -> None:
+        """Check what all legs have.
+
+        Args:
+            count: of joints or rows that may have drive inertia and friction.
+            sizes: numbers of joints that a guess may hold.
+        """
+        set_ = object.__setattr__
+        set_(self, "base_rotation", elementary_rotations("base_rotation", self.base_rotation))
+        set_(self, "base_position", check_entries("base_position", self.base_position))
+        for name in ("drive_inertia", "viscous", "coulomb"):
+            set_(self, name, joint_numbers(name, getattr(self, name), count))
+        set_(self, "guess", tuple(float(v) for v in finite_array("guess", self.guess, (None,))))
+        if len(self.guess) not in (0, *sizes):
+            wanted = " or ".join(map(str, sizes))
+            raise InputError(f"guess: expected {wanted} numbers, got {len(self.guess)}")
 
     @property
     def base_matrix(self) -> np.ndarray:
@@ -250,19 +219,13 @@ class Leg(LegBase):
         set_ = object.__setattr__
         set_(self, "rows", rows)
         set_(self, "bodies", bodies)
-        set_(self, "base_rotation", elementary_rotations("base_rotation", self.base_rotation))
-        set_(self, "base_position", check_entries("base_position", self.base_position))
+        self._check_base(count, (self.n, self.n_joints))
         set_(self, "coupling", check_entries("coupling", self.coupling))
         if self.end_rotation is not None:
             set_(self, "end_rotation", frozen_rotation("end_rotation", self.end_rotation))
-        for name in ("drive_inertia", "viscous", "coulomb"):
-            set_(self, name, joint_numbers(name, getattr(self, name), count))
         set_(self, "branch", tuple(self.branch))
         if any(sign not in (1, -1) for sign in self.branch):
             raise InputError(f"branch: expected signs 1 or -1, got {self.branch!r}")
-        set_(self, "guess", tuple(float(v) for v in finite_array("guess", self.guess, (None,))))
-        if len(self.guess) not in (0, self.n, self.n_joints):
-            raise InputError(f"guess: expected {self.n} or {self.n_joints} numbers, got {len(self.guess)}")
 
     def _check_coupling(self, rows: tuple[MDHRow, ...]) -> None:
         for number, row in enumerate(rows[self.n :], start=self.n + 1):
@@ -442,45 +405,11 @@ class RobotDescription:
         return np.concatenate([*legs, self.platform.inertia.vector])
 
 
-def product_of(rotations: Sequence[tuple[str, Entry]]) -> np.ndarray:
-    """(3, 3) product of elementary rotations, the first one on the left."""
-    matrix = np.eye(3)
-    for axis, angle in rotations:
-        matrix = matrix @ elementary_rotation(axis, angle)
-    return matrix
-
-
-def elementary_rotations(name: str, value: object) -> tuple[tuple[str, Entry], ...]:
-    """Check a sequence of (axis letter, angle)."""
-    result = []
-    for number, pair in enumerate(value, start=1):
-        try:
-            axis, angle = pair
-        except (TypeError, ValueError):
-            raise InputError(f"{name}[{number}]: expected (axis, angle), got {pair!r}") from None
-        if axis not in ("x", "y", "z"):
-            raise InputError(f"{name}[{number}]: the axis must be x, y or z, got {axis!r}")
-        result.append((axis, _entry(f"{name}[{number}]", angle)))
-    return tuple(result)
-
-
-def frozen_rotation(name: str, value: object) -> np.ndarray:
+def frozen_rotation(name: str, value: ArrayLike) -> np.ndarray:
     """Check a (3, 3) rotation matrix; read-only."""
     matrix = rotation_matrix(name, value)
     matrix.flags.writeable = False
     return matrix
-
-
-def _entry(name: str, value: object) -> Entry:
-    return value if isinstance(value, Parameter) else number_from(name, value)
-
-
-def check_entries(name: str, values: Sequence[Entry]) -> tuple[Entry, ...]:
-    """Check three entries."""
-    values = tuple(values)
-    if len(values) != 3:
-        raise InputError(f"{name}: expected 3 entries, got {len(values)}")
-    return tuple(_entry(f"{name}[{number}]", v) for number, v in enumerate(values, start=1))
 
 
 def joint_numbers(name: str, values: Sequence[float], count: int) -> tuple[float, ...]:
@@ -493,7 +422,7 @@ def joint_numbers(name: str, values: Sequence[float], count: int) -> tuple[float
     return (*checked, *[0.0] * (count - len(checked)))
 
 
-def _symmetric(value: object) -> np.ndarray:
+def _symmetric(value: ArrayLike) -> np.ndarray:
     shape = np.shape(value)
     if shape == (6,):
         xx, xy, xz, yy, yz, zz = finite_array("inertia", value, (6,))
@@ -503,7 +432,7 @@ def _symmetric(value: object) -> np.ndarray:
     return finite_array("inertia", value, (3, 3))
 
 
-def _frozen(name: str, value: object, shape: tuple[int | None, ...]) -> np.ndarray:
+def _frozen(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> np.ndarray:
     array = finite_array(name, value, shape)
     array.flags.writeable = False
     return array

@@ -13,6 +13,8 @@ from typing import Any
 import casadi as cs
 import numpy as np
 
+from ocptip.numerics.vectors import cross_terms
+from ocptip.parallel.description.entries import turn_about
 from ocptip.parallel.description.robot_description import Platform
 
 Scalar = Any
@@ -39,7 +41,7 @@ def rate_drift(convention: str, phi: Sequence[Scalar], rates: Sequence[Scalar]) 
     a, b, c = _axes(convention, phi)
     w1 = [v * rates[0] for v in a]
     w2 = [u + v * rates[1] for u, v in zip(w1, b, strict=True)]
-    second, third = _cross(w1, b), _cross(w2, c)
+    second, third = cross_terms(w1, b), cross_terms(w2, c)
     return _pack([u * rates[1] + v * rates[2] for u, v in zip(second, third, strict=True)])
 
 
@@ -48,7 +50,7 @@ def rate_matrix_derivative(convention: str, phi: Sequence[Scalar], rates: Sequen
     a, b, c = _axes(convention, phi)
     w1 = [v * rates[0] for v in a]
     w2 = [u + v * rates[1] for u, v in zip(w1, b, strict=True)]
-    return _pack(_columns(([0.0, 0.0, 0.0], _cross(w1, b), _cross(w2, c))))
+    return _pack(_columns(([0.0, 0.0, 0.0], cross_terms(w1, b), cross_terms(w2, c))))
 
 
 class PlatformCoordinates:
@@ -144,28 +146,13 @@ def rotation_vector(R: np.ndarray) -> np.ndarray:
     return angle * column / np.linalg.norm(column)
 
 
-def cross(u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """u x v of two vectors (3,); many times faster than NumPy's for a single pair."""
-    return np.array(_cross(u, v))
-
-
-def skew(v: np.ndarray) -> np.ndarray:
-    """(3, 3) matrix of the cross product v x ."""
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
-
-
 def _turns(convention: str, phi: Sequence[Scalar]) -> list[list[list[Scalar]]]:
-    return [_turn("xyz".index(letter), phi[k]) for k, letter in enumerate(convention)]
+    return [turn_about(letter, *_cos_sin(phi[k])) for k, letter in enumerate(convention)]
 
 
-def _turn(i: int, angle: Scalar) -> list[list[Scalar]]:
-    c, s = (cs.cos(angle), cs.sin(angle)) if _symbolic(angle) else (math.cos(angle), math.sin(angle))
-    j, k = (i + 1) % 3, (i + 2) % 3
-    matrix: list[list[Scalar]] = [[0.0] * 3 for _ in range(3)]
-    matrix[i][i] = 1.0
-    matrix[j][j] = matrix[k][k] = c
-    matrix[k][j], matrix[j][k] = s, -s
-    return matrix
+def _cos_sin(angle: Scalar) -> tuple[Scalar, Scalar]:
+    lib = cs if _symbolic(angle) else math
+    return lib.cos(angle), lib.sin(angle)
 
 
 def _axes(convention: str, phi: Sequence[Scalar]) -> tuple[list[Scalar], list[Scalar], list[Scalar]]:
@@ -178,10 +165,6 @@ def _axes(convention: str, phi: Sequence[Scalar]) -> tuple[list[Scalar], list[Sc
 
 def _product(A: list[list[Scalar]], B: list[list[Scalar]]) -> list[list[Scalar]]:
     return [[A[i][0] * B[0][j] + A[i][1] * B[1][j] + A[i][2] * B[2][j] for j in range(3)] for i in range(3)]
-
-
-def _cross(u: Sequence[Scalar], v: Sequence[Scalar]) -> list[Scalar]:
-    return [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
 
 
 def _columns(vectors: Sequence[Sequence[Scalar]]) -> list[list[Scalar]]:

@@ -13,6 +13,7 @@ import clarabel
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
+from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, SolverError, finite_array
 
@@ -53,7 +54,11 @@ class MotorForces:
 
 
 def motor_forces(
-    jacobian: object, generalized_force: object, *, weights: object = None, least_squares: bool = False
+    jacobian: ArrayLike,
+    generalized_force: ArrayLike,
+    *,
+    weights: ArrayLike | None = None,
+    least_squares: bool = False,
 ) -> MotorForces:
     """Motor forces of least (weighted) norm.
 
@@ -82,13 +87,13 @@ def motor_forces(
 
 
 def limited_motor_forces(
-    jacobian: object,
-    generalized_force: object,
-    lower: object,
-    upper: object,
+    jacobian: ArrayLike,
+    generalized_force: ArrayLike,
+    lower: ArrayLike,
+    upper: ArrayLike,
     *,
-    weights: object = None,
-    preferred: object = None,
+    weights: ArrayLike | None = None,
+    preferred: ArrayLike | None = None,
 ) -> MotorForces:
     """Motor forces within limits, closest to preferred ones: a quadratic program.
 
@@ -153,7 +158,7 @@ def limited_motor_forces(
 
 
 def _checked(
-    jacobian: object, generalized_force: object, weights: object
+    jacobian: ArrayLike, generalized_force: ArrayLike, weights: ArrayLike
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     J = finite_array("jacobian", jacobian, (None, None))
     tau = finite_array("generalized_force", generalized_force, (J.shape[1],))

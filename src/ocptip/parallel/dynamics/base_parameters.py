@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
+from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, SolverError, finite_array, positive_number
 from ocptip.parallel.analysis.singularity import characteristic_length
@@ -60,13 +61,13 @@ class NumericBaseParameters:
         """Number of base parameters."""
         return len(self.independent)
 
-    def values(self, parameters: object) -> np.ndarray:
+    def values(self, parameters: ArrayLike) -> np.ndarray:
         """(rank,) base parameters of a parameter vector in the order of the layout."""
         size = self.rank + len(self.dependent) + len(self.without_effect)
         p = finite_array("parameters", parameters, (size,))
         return p[list(self.independent)] + self.grouping @ p[list(self.dependent)]
 
-    def embedded(self, parameters: object) -> np.ndarray:
+    def embedded(self, parameters: ArrayLike) -> np.ndarray:
         """The full vector (p_base, 0) that has the same motor forces."""
         full = np.zeros(self.rank + len(self.dependent) + len(self.without_effect))
         full[list(self.independent)] = self.values(parameters)
@@ -129,7 +130,7 @@ def stacked_regressor(description: RobotDescription, *, seed: int = 0, spread: f
 
 
 def rank_parameters(
-    regressor: object, parameters: object, layout: InertiaLayout, *, tolerance: float = 1e-9
+    regressor: ArrayLike, parameters: ArrayLike, layout: InertiaLayout, *, tolerance: float = 1e-9
 ) -> NumericBaseParameters:
     """Base parameters from a regressor stacked over closed configurations.
 

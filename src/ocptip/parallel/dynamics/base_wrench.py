@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import finite_array
-from ocptip.parallel.description.rotations import cross
+from ocptip.numerics.vectors import cross
 from ocptip.parallel.dynamics.terms import platform_terms
 from ocptip.parallel.robot import ParallelRobot
 

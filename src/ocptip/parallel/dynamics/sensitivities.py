@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import casadi as cs
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, finite_array
 from ocptip.parallel.code.leg_plans import choose_plans
@@ -107,7 +108,7 @@ class ForceSensitivities:
         self._own = [list(description.parameters.values()), inertia_values(description), description.gravity]
         self._own.append(joint_term_values(description))
 
-    def __call__(self, z: object, sd: object, sdd: object, q: object) -> Sensitivities:
+    def __call__(self, z: ArrayLike, sd: ArrayLike, sdd: ArrayLike, q: ArrayLike) -> Sensitivities:
         """Evaluate.
 
         Args:

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ocptip.basics.errors import InputError
+from ocptip.numerics.vectors import cross, skew
 from ocptip.parallel.description.robot_description import BodyInertia
-from ocptip.parallel.description.rotations import cross, skew
 from ocptip.parallel.kinematics.platform import Kinematics, RobotMotion
 
 FORMS = ("S", "X", "Z", "A", "AA")

@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ocptip.basics.errors import InputError, positive_number
+from ocptip.parallel.description.entries import product_of
 from ocptip.parallel.description.mdh import Frame, compose, inverse, rotation_angles
 from ocptip.parallel.description.robot_description import (
     COORDINATES,
@@ -34,7 +35,6 @@ from ocptip.parallel.description.robot_description import (
     Leg,
     Platform,
     RobotDescription,
-    product_of,
 )
 from ocptip.parallel.description.rotations import rotation_vector
 from ocptip.parallel.formats.urdf_assembly import closed_home, free_coordinates, platform_frame

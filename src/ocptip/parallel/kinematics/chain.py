@@ -13,14 +13,8 @@ from functools import lru_cache
 import casadi as cs
 
 from ocptip.numerics.point import PointFunction
-from ocptip.parallel.description.robot_description import (
-    FIXED,
-    REVOLUTE,
-    Entry,
-    MDHRow,
-    exact_cos_sin,
-    value_of,
-)
+from ocptip.parallel.description.entries import Entry, exact_cos_sin, turn_about, value_of
+from ocptip.parallel.description.robot_description import FIXED, REVOLUTE, MDHRow
 
 _CACHED = 64
 
@@ -86,9 +80,9 @@ def mdh_parts(row: MDHRow, joint: cs.SX | float) -> tuple[cs.SX, cs.SX, cs.SX]:
     """
     fixed = _turn("z", row.gamma) @ _turn("x", row.alpha)
     angle, slide = row.theta, row.r
-    along = _number(slide) if row.sigma in (REVOLUTE, FIXED) else _number(slide) + joint
+    along = value_of(slide) if row.sigma in (REVOLUTE, FIXED) else value_of(slide) + joint
     turn = _joint_turn(angle, joint) if row.sigma == REVOLUTE else _turn("z", angle)
-    offset = cs.vertcat(0, 0, _number(row.b)) + _turn("z", row.gamma) @ cs.vertcat(_number(row.d), 0, 0)
+    offset = cs.vertcat(0, 0, value_of(row.b)) + _turn("z", row.gamma) @ cs.vertcat(value_of(row.d), 0, 0)
     return fixed, turn, offset + fixed @ cs.vertcat(0, 0, along)
 
 
@@ -208,26 +202,20 @@ def serial_topology(rows: Sequence[MDHRow], bodies: int) -> Topology:
     return Topology(tuple(rows), tuple(range(-1, len(rows) - 1)), (len(rows) - 1,), bodies)
 
 
-def _number(entry: Entry) -> float:
-    return value_of(entry)
-
-
 def _turn(axis: str, entry: Entry) -> cs.SX:
-    c, s = exact_cos_sin(entry)
-    return _turn_of(axis, c, s)
+    return _sparse(turn_about(axis, *exact_cos_sin(entry)))
 
 
 def _joint_turn(offset: Entry, angle: cs.SX | float) -> cs.SX:
     shifted = value_of(offset) + angle
-    return _turn_of("z", cs.cos(shifted), cs.sin(shifted))
+    return _sparse(turn_about("z", cs.cos(shifted), cs.sin(shifted)))
 
 
-def _turn_of(axis: str, c: cs.SX | float, s: cs.SX | float) -> cs.SX:
+def _sparse(rows: list[list[cs.SX | float]]) -> cs.SX:
+    """A matrix whose zeros are structural."""
     matrix = cs.SX(3, 3)
-    i = "xyz".index(axis)
-    j, k = (i + 1) % 3, (i + 2) % 3
-    matrix[i, i] = 1
-    for row, column, value in ((j, j, c), (k, k, c), (k, j, s), (j, k, -s)):
-        if not (isinstance(value, float) and value == 0.0):
-            matrix[row, column] = value
+    for i, row in enumerate(rows):
+        for j, value in enumerate(row):
+            if not (isinstance(value, float) and value == 0.0):
+                matrix[i, j] = value
     return matrix

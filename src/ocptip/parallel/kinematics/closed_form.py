@@ -1,5 +1,9 @@
 """Closed-form inverse kinematics of the five well-known leg types, up to the coupling point.
 
+The formulas are written once, for scalars: numbers or CasADi expressions. A target out of reach is refused in
+numbers. In expressions it is no error, so that an optimiser may step there and find its way back: the cosine
+or sine concerned is cut near +-1, and the leg's measures, which are not cut, are negative there.
+
 A leg is recognised by the structure of its table. Branch signs (`Leg.branch`) choose among the solutions:
 
 ===== =========================================== ======================================
@@ -18,21 +22,22 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
 
+import casadi as cs
 import numpy as np
 
 from ocptip.basics.errors import InputError
-from ocptip.parallel.description.robot_description import (
-    PRISMATIC,
-    REVOLUTE,
-    Leg,
-    MDHRow,
-    Parameter,
-    right_angles,
-    value_of,
-)
+from ocptip.numerics.vectors import nearest_turn
+from ocptip.parallel.description.entries import Parameter, right_angles, value_of
+from ocptip.parallel.description.robot_description import PRISMATIC, REVOLUTE, Leg, MDHRow
+
+Scalar = Any
 
 _ROUNDING = 1e-14
+_CUT = 1.0 - 1e-7
+_SMALL = 1e-14  # m^2: keeps square roots differentiable at the origin
 
 SIGNS = {"RRR": 1, "RPR": 1, "PRRR": 1, "RUU": 2, "UPS": 2}
 """Number of branch signs by leg type."""
@@ -46,28 +51,56 @@ def leg_type(leg: Leg) -> str | None:
     return _TYPES.get(shape)
 
 
-def closed_form(leg: Leg, target: np.ndarray, branch: Sequence[int] = ()) -> np.ndarray | None:
+@dataclass(frozen=True, eq=False)
+class LegSolution:
+    """Joint values of a leg, and how far it is from its singular poses (type I).
+
+    Attributes:
+        q: (n,) joint values.
+        measures: squared sines of angles by name, at most 1: 0 in a singular pose, negative out of reach.
+            RRR, PRRR: between the links ("elbow"); RUU: likewise, and between the rod and the normal of the
+            arm's plane ("rod"); UPS: between the leg and its first axis ("swing"); RPR: none.
+        lengths: (k,), m: of prismatic legs, 0 in a singular pose.
+    """
+
+    q: list[Scalar]
+    measures: dict[str, Scalar]
+    lengths: list[Scalar]
+
+
+def leg_solution(leg: Leg, target: Sequence[Scalar], branch: Sequence[int] = ()) -> LegSolution:
     """Joint values that put the coupling point at a target.
 
     Args:
         leg: the leg.
-        target: (3,), m, leg base axes, from the base frame's origin.
+        target: three numbers or CasADi scalars, m, leg base axes, from the base frame's origin.
         branch: signs; empty: those of the leg, or all positive.
 
-    Returns:
-        (n,), or None if there is no closed form or the target is out of reach.
+    Raises:
+        InputError: there is no closed form, the number of branch signs is wrong, or a numeric target is out
+            of reach.
+    """
+    kind = leg_type(leg)
+    if kind is None:
+        raise InputError(f"leg: its table has no closed-form inverse kinematics ({', '.join(SIGNS)} have)")
+    signs = tuple(branch) or leg.branch or (1,) * SIGNS[kind]
+    if len(signs) != SIGNS[kind]:
+        raise InputError(f"branch: a leg of type {kind} has {SIGNS[kind]} branch signs, got {signs!r}")
+    return _SOLVERS[kind](leg, target, signs)
+
+
+def closed_form(leg: Leg, target: np.ndarray, branch: Sequence[int] = ()) -> np.ndarray | None:
+    """Joint values (n,) of :func:`leg_solution`; None without a closed form or for a target out of reach.
 
     Raises:
         InputError: wrong number of branch signs.
     """
-    kind = leg_type(leg)
-    if kind is None:
+    if leg_type(leg) is None:
         return None
-    signs = tuple(branch) or leg.branch or (1,) * SIGNS[kind]
-    if len(signs) != SIGNS[kind]:
-        raise InputError(f"branch: a leg of type {kind} has {SIGNS[kind]} branch signs, got {signs!r}")
-    q = _SOLVERS[kind](leg, target, signs)
-    return None if q is None else np.array(q)
+    try:
+        return np.array(leg_solution(leg, target.tolist(), branch).q)
+    except _OutOfReachError:
+        return None
 
 
 def nearest_branch(leg: Leg, target: np.ndarray, q: np.ndarray) -> tuple[int, ...]:
@@ -82,55 +115,98 @@ def nearest_branch(leg: Leg, target: np.ndarray, q: np.ndarray) -> tuple[int, ..
         solution = closed_form(leg, target, signs)
         if solution is not None:
             turns = [row.sigma == REVOLUTE for row in leg.rows[: leg.n]]
-            error = np.where(turns, np.remainder(solution - q + np.pi, 2 * np.pi) - np.pi, solution - q)
+            error = np.where(turns, nearest_turn(solution - q), solution - q)
             found.append((float(np.abs(error).max()), signs))
     if not found:
         raise InputError(f"branch: no closed-form solution for the target {np.asarray(target).tolist()}")
     return min(found)[1]
 
 
-def _rrr(leg: Leg, target: np.ndarray, signs: tuple[int, ...]) -> list[float] | None:
-    return _two_links(target[0], target[1], _length(leg, 1), _length(leg, 2), signs[0])
+def _rrr(leg: Leg, target: Sequence[Scalar], signs: tuple[int, ...]) -> LegSolution:
+    q, bend = _two_links(target[0], target[1], _length(leg, 1), _length(leg, 2), signs[0])
+    return LegSolution(q, {"elbow": bend}, [])
 
 
-def _prrr(leg: Leg, target: np.ndarray, signs: tuple[int, ...]) -> list[float] | None:
-    arm = _two_links(target[0], target[1], _length(leg, 2), _length(leg, 3), signs[0])
-    return None if arm is None else [target[2], *arm]
+def _prrr(leg: Leg, target: Sequence[Scalar], signs: tuple[int, ...]) -> LegSolution:
+    q, bend = _two_links(target[0], target[1], _length(leg, 2), _length(leg, 3), signs[0])
+    return LegSolution([target[2], *q], {"elbow": bend}, [])
 
 
-def _rpr(leg: Leg, target: np.ndarray, signs: tuple[int, ...]) -> list[float] | None:
-    r = signs[0] * math.hypot(target[0], target[1])
-    return None if r == 0 else [math.atan2(target[0] / r, -target[1] / r), r]
+def _rpr(_: Leg, target: Sequence[Scalar], signs: tuple[int, ...]) -> LegSolution:
+    length = _root(target[0] ** 2 + target[1] ** 2)
+    _require_not_zero(length)
+    r = signs[0] * length
+    return LegSolution([_of(r).atan2(target[0] / r, -target[1] / r), r], {}, [length])
 
 
-def _ups(leg: Leg, target: np.ndarray, signs: tuple[int, ...]) -> list[float] | None:
-    r = signs[0] * float(np.linalg.norm(target))
-    if r == 0:
-        return None
-    u = target / r
-    s2 = signs[1] * math.hypot(u[0], u[1])
-    q1 = math.atan2(u[1] / s2, u[0] / s2) if s2 else 0.0
-    return [q1, math.atan2(s2, -u[2]), r]
+def _ups(_: Leg, target: Sequence[Scalar], signs: tuple[int, ...]) -> LegSolution:
+    length = _root(target[0] ** 2 + target[1] ** 2 + target[2] ** 2)
+    _require_not_zero(length)
+    r = signs[0] * length
+    x, y, z = (value / r for value in target)
+    tilt = x**2 + y**2
+    s2, lib = signs[1] * _root(tilt), _of(tilt)
+    q1 = 0.0 if _is_zero(s2) else lib.atan2(y / s2, x / s2)
+    return LegSolution([q1, lib.atan2(s2, -z), r], {"swing": tilt}, [length])
 
 
-def _ruu(leg: Leg, target: np.ndarray, signs: tuple[int, ...]) -> list[float] | None:
-    s3 = target[2] / _length(leg, 3)
-    if abs(s3) > 1 + _ROUNDING:
-        return None
-    s3 = max(-1.0, min(1.0, s3))
-    q3 = math.asin(s3) if signs[0] > 0 else math.pi - math.asin(s3)
-    arm = _two_links(target[0], target[1], _length(leg, 1), _length(leg, 3) * math.cos(q3), signs[1])
-    return None if arm is None else [*arm, q3]
+def _ruu(leg: Leg, target: Sequence[Scalar], signs: tuple[int, ...]) -> LegSolution:
+    rod = _length(leg, 3)
+    s3 = target[2] / rod
+    cut = _cut(s3)
+    q3 = _of(cut).asin(cut) if signs[0] > 0 else math.pi - _of(cut).asin(cut)
+    across = signs[0] * rod * _other_leg(cut)
+    q, bend = _two_links(target[0], target[1], _length(leg, 1), across, signs[1])
+    return LegSolution([*q, q3], {"elbow": bend, "rod": 1 - s3**2}, [])
 
 
-def _two_links(x: float, y: float, l1: float, l2: float, sign: int) -> list[float] | None:
-    cosine = (x * x + y * y - l1 * l1 - l2 * l2) / (2 * l1 * l2) if l1 * l2 else math.inf
-    if abs(cosine) > 1 + _ROUNDING:
-        return None
-    cosine = max(-1.0, min(1.0, cosine))
-    q2 = sign * math.acos(cosine)
-    q1 = math.atan2(y, x) - math.atan2(l2 * math.sin(q2), l1 + l2 * cosine)
-    return [math.remainder(q1, 2 * math.pi), q2]
+def _two_links(x: Scalar, y: Scalar, l1: float, l2: Scalar, sign: int) -> tuple[list[Scalar], Scalar]:
+    """q1, q2, and sin(q2)^2."""
+    _require_not_zero(l1 * l2)
+    cosine = (x * x + y * y - l1 * l1 - l2 * l2) / (2 * l1 * l2)
+    cut, lib = _cut(cosine), _of(cosine)
+    q2 = sign * lib.acos(cut)
+    q1 = lib.atan2(y, x) - lib.atan2(sign * l2 * _other_leg(cut), l1 + l2 * cut)
+    return [q1 if lib is cs else math.remainder(q1, math.tau), q2], 1 - cosine**2
+
+
+class _OutOfReachError(InputError):
+    """Numbers only."""
+
+
+def _of(value: Scalar) -> Any:
+    """The library of a scalar's functions."""
+    return cs if isinstance(value, cs.SX) else math
+
+
+def _root(value: Scalar) -> Scalar:
+    """Square root of m^2, differentiable at 0."""
+    return cs.sqrt(value + _SMALL) if isinstance(value, cs.SX) else math.sqrt(value)
+
+
+def _other_leg(ratio: Scalar) -> Scalar:
+    """sqrt(1 - ratio^2): sine of a cosine's angle in 0..pi, cosine of a sine's in -pi/2..pi/2."""
+    if isinstance(ratio, cs.SX):
+        return cs.sqrt(1 - ratio**2)
+    return math.sqrt((1 - ratio) * (1 + ratio))
+
+
+def _cut(value: Scalar) -> Scalar:
+    """A sine or cosine within its range."""
+    if isinstance(value, cs.SX):
+        return cs.fmin(cs.fmax(value, -_CUT), _CUT)
+    if abs(value) > 1 + _ROUNDING:
+        raise _OutOfReachError(f"target: out of reach, a sine or cosine is {value:.6g}")
+    return max(-1.0, min(1.0, value))
+
+
+def _is_zero(value: Scalar) -> bool:
+    return not isinstance(value, cs.SX) and value == 0
+
+
+def _require_not_zero(value: Scalar) -> None:
+    if _is_zero(value):
+        raise _OutOfReachError("target: out of reach, or in a place that fixes no direction")
 
 
 def _length(leg: Leg, row: int) -> float:
@@ -155,7 +231,7 @@ _TYPES = {
     (_R, _RD, _RA, _RD): "RUU",
     (_R, _RA, _PA, _R): "UPS",
 }
-_SOLVERS: dict[str, Callable[[Leg, np.ndarray, tuple[int, ...]], list[float] | None]] = {
+_SOLVERS: dict[str, Callable[[Leg, Sequence[Scalar], tuple[int, ...]], LegSolution]] = {
     "RRR": _rrr,
     "RPR": _rpr,
     "PRRR": _prrr,

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ocptip.numerics.vectors import cross, skew
 from ocptip.parallel.description.branched import BranchedLeg
 from ocptip.parallel.description.robot_description import Leg
-from ocptip.parallel.description.rotations import cross, rotation_vector, skew
+from ocptip.parallel.description.rotations import rotation_vector
 from ocptip.parallel.kinematics.chain import Topology, leg_dynamics, leg_kinematics, serial_topology
 
 
@@ -163,10 +164,8 @@ class LegClosure:
         Jq[self.locked, rho] = 1.0
         mismatch = np.abs(J[:, self.free] @ Jq[self.free] - right).max() / max(1.0, np.abs(right).max())
         qd = Jq @ s
-        _, drift = self.jacobian(q, qd)
-        t = T @ s[:m]
         bias = np.zeros(self.n)
-        bias[self.free] = inverse @ (C @ T_drift + self.platform_drift(R, t[3:]) - drift)
+        bias[self.free] = inverse @ self._drift(q, qd, R, T_drift, T @ s[:m])
         return LegMotion(q, Jq, bias, qd, float(mismatch))
 
     def point_motion(
@@ -179,27 +178,31 @@ class LegClosure:
         rows: Sequence[int],
     ) -> LegMotion:
         """Rates of the joints up to the coupling point (3.42); J_B is square there."""
-        J, C = self.point_jacobian(q, rows), self.platform_side(R)[:3]
-        U = C[list(rows)] @ T
+        J, rows = self.point_jacobian(q, rows), list(rows)
+        U = self.platform_side(R)[rows] @ T
         try:
             Jq = np.linalg.solve(J, U)
         except np.linalg.LinAlgError:
             Jq = np.full((self.point, len(s)), np.inf)
         qd = Jq @ s
-        full = np.zeros(self.n)
-        full[: self.point] = q
-        rates = np.zeros(self.n)
-        rates[: self.point] = qd
-        _, drift = self.jacobian(full, rates)
-        t = T @ s
-        accelerated = (C @ T_drift + self.platform_drift(R, t[3:])[:3] - drift[:3])[list(rows)]
+        accelerated = self._drift(self._padded(q), self._padded(qd), R, T_drift, T @ s)[rows]
         return LegMotion(q, Jq, np.linalg.solve(J, accelerated), qd, 0.0)
 
     def point_jacobian(self, q: np.ndarray, rows: Sequence[int]) -> np.ndarray:
         """J_B (rows, point): velocity of the coupling point per joint rate, world axes."""
+        return self.jacobian(self._padded(q[: self.point]))[0][list(rows), : self.point]
+
+    def _drift(
+        self, q: np.ndarray, qd: np.ndarray, R: np.ndarray, T_drift: np.ndarray, t: np.ndarray
+    ) -> np.ndarray:
+        """C T_drift + C' t - J_c' q' (rows,): what joint accelerations make up for at s'' = 0."""
+        return self.platform_side(R) @ T_drift + self.platform_drift(R, t[3:]) - self.jacobian(q, qd)[1]
+
+    def _padded(self, values: np.ndarray) -> np.ndarray:
+        """Values of the joints up to the coupling point, zeros for those behind it."""
         full = np.zeros(self.n)
-        full[: self.point] = q[: self.point]
-        return self.jacobian(full)[0][list(rows), : self.point]
+        full[: len(values)] = values
+        return full
 
     @property
     def end_rows(self) -> tuple[int, ...]:

@@ -23,6 +23,9 @@ _ITERATIONS = 100
 _RESTARTS = 30
 _SEED = 20181
 
+_Attempt = tuple[np.ndarray, float, int]
+"""Joint positions, largest closure error, Newton steps."""
+
 
 class LegSolver(LegClosure):
     """A leg that finds its joint positions.
@@ -61,9 +64,7 @@ class LegSolver(LegClosure):
         self.end_rotations[0] = self.frames(q)[0][-1].T @ R
         self.home = q
 
-    def solve(
-        self, r: np.ndarray, R: np.ndarray, guess: np.ndarray | None, locked: np.ndarray
-    ) -> tuple[np.ndarray, float, int]:
+    def solve(self, r: np.ndarray, R: np.ndarray, guess: np.ndarray | None, locked: np.ndarray) -> _Attempt:
         """Joint positions at a platform pose, all closure rows.
 
         Args:
@@ -77,26 +78,24 @@ class LegSolver(LegClosure):
         Raises:
             InputError: the leg does not reach the pose.
         """
-        best, worst, used = None, np.inf, 0
         staged = isinstance(self.leg, Leg) and not self.locked
-        for number, start in enumerate(self._starts(r, R, guess)):
-            start[self.locked] = locked
-            if staged and (guess is None or number > 0):
-                start = self._newton(start, r, R, list(range(self.point, self.n)))[0]
-            q, error, iterations = self._newton(start, r, R, self.free)
-            used += iterations
-            if error < worst:
-                best, worst = q, error
-            if worst <= CLOSURE_TOLERANCE * self.length:
-                return best, worst, used
-        raise InputError(
-            f"pose: leg {self.number + 1} does not reach it: closure error {worst:.2g} (m, rad) after {used} "
-            f"Newton steps at position {np.round(r, 6).tolist()} m"
-        )
 
-    def solve_point(
-        self, r: np.ndarray, R: np.ndarray, guess: np.ndarray | None = None
-    ) -> tuple[np.ndarray, float, int]:
+        def attempts():
+            for number, start in enumerate(self._starts(r, R, guess)):
+                start[self.locked] = locked
+                if staged and (guess is None or number > 0):
+                    start = self._newton(start, r, R, list(range(self.point, self.n)))[0]
+                yield self._newton(start, r, R, self.free)
+
+        q, error, used = self._first_closed(attempts())
+        if error > CLOSURE_TOLERANCE * self.length:
+            raise InputError(
+                f"pose: leg {self.number + 1} does not reach it: closure error {error:.2g} (m, rad) after "
+                f"{used} Newton steps at position {np.round(r, 6).tolist()} m"
+            )
+        return q, error, used
+
+    def solve_point(self, r: np.ndarray, R: np.ndarray, guess: np.ndarray | None = None) -> _Attempt:
         """Positions (point,) of the joints up to the coupling point: closed form, else Newton on three rows.
 
         Raises:
@@ -111,18 +110,26 @@ class LegSolver(LegClosure):
                 f"pose: leg {self.number + 1} does not reach its coupling point "
                 f"{np.round(target, 6).tolist()}"
             )
+        q, error, used = self._first_closed(
+            self._newton_point(start, target, range(self.point)) for start in self._point_starts(guess)
+        )
+        if error > CLOSURE_TOLERANCE * self.length:
+            raise InputError(
+                f"pose: leg {self.number + 1} does not reach its coupling point "
+                f"{np.round(target, 6).tolist()}: error {error:.2g} m after {used} Newton steps"
+            )
+        return q, error, used
+
+    def _first_closed(self, attempts: Iterator[_Attempt]) -> _Attempt:
+        """The first attempt that closes the leg, or the best one; iterations of all."""
         best, worst, used = None, np.inf, 0
-        for start in self._point_starts(guess):
-            q, error, iterations = self._newton_point(start, target)
+        for q, error, iterations in attempts:
             used += iterations
             if error < worst:
                 best, worst = q, error
             if worst <= CLOSURE_TOLERANCE * self.length:
-                return best, worst, used
-        raise InputError(
-            f"pose: leg {self.number + 1} does not reach its coupling point {np.round(target, 6).tolist()}: "
-            f"error {worst:.2g} m after {used} Newton steps"
-        )
+                break
+        return best, worst, used
 
     def _coupling_home(self, q: np.ndarray) -> np.ndarray:
         """Angles of the coupling joints in the home pose, see `Leg.end_rotation`."""
@@ -136,12 +143,7 @@ class LegSolver(LegClosure):
 
     def _point_with_locked(self, start: np.ndarray, target: np.ndarray) -> np.ndarray:
         """Joints up to the coupling point with some of them locked."""
-        free = [j for j in self.free if j < self.point]
-
-        def slope(values):
-            return self.point_jacobian(values, (0, 1, 2))[:, free]
-
-        q, error, steps = _damped_newton(start, free, lambda values: self._point_error(values, target), slope)
+        q, error, steps = self._newton_point(start, target, [j for j in self.free if j < self.point])
         if error > CLOSURE_TOLERANCE * self.length:
             raise InputError(
                 f"home: leg {self.number + 1} does not reach its coupling point from its guess: "
@@ -174,9 +176,7 @@ class LegSolver(LegClosure):
         for _ in range(_RESTARTS):
             yield rng.uniform(-np.pi, np.pi, self.point)
 
-    def _newton(
-        self, q: np.ndarray, r: np.ndarray, R: np.ndarray, free: list[int]
-    ) -> tuple[np.ndarray, float, int]:
+    def _newton(self, q: np.ndarray, r: np.ndarray, R: np.ndarray, free: list[int]) -> _Attempt:
         if not free:
             return q, 0.0, 0
 
@@ -191,19 +191,17 @@ class LegSolver(LegClosure):
     def _local_target(self, r: np.ndarray, R: np.ndarray) -> np.ndarray:
         return self.base.T @ (r + R @ self.couplings[0] - self.origin)
 
-    def _newton_point(self, q: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, float, int]:
+    def _newton_point(self, q: np.ndarray, target: np.ndarray, free: Sequence[int]) -> _Attempt:
         def error(values):
             return self._point_error(values, target)
 
         def slope(values):
-            return self.point_jacobian(values, (0, 1, 2))
+            return self.point_jacobian(values, (0, 1, 2))[:, free]
 
-        return _damped_newton(q, list(range(self.point)), error, slope)
+        return _damped_newton(q, free, error, slope)
 
     def _point_error(self, q: np.ndarray, target: np.ndarray) -> np.ndarray:
-        full = np.zeros(self.n)
-        full[: self.point] = q
-        return self.frames(full)[1][self.end_rows[0]] - target
+        return self.frames(self._padded(q))[1][self.end_rows[0]] - target
 
 
 def _turn_to_parallel(about: np.ndarray, axis: np.ndarray, goal: np.ndarray) -> float:
@@ -221,10 +219,10 @@ def _turn_to_parallel(about: np.ndarray, axis: np.ndarray, goal: np.ndarray) -> 
 
 def _damped_newton(
     q: np.ndarray,
-    free: list[int],
+    free: Sequence[int],
     error: Callable[[np.ndarray], np.ndarray],
     slope: Callable[[np.ndarray], np.ndarray],
-) -> tuple[np.ndarray, float, int]:
+) -> _Attempt:
     """Gauss-Newton with a step limit and halving; stops where rounding ends the progress."""
     q = np.array(q, dtype=float)
     h = error(q)

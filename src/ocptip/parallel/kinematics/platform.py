@@ -6,9 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, SolverError, finite_array
-from ocptip.parallel.description.robot_description import Leg, RobotDescription
+from ocptip.numerics.vectors import nearest_turn
+from ocptip.parallel.description.robot_description import REVOLUTE, Leg, RobotDescription
 from ocptip.parallel.description.rotations import PlatformCoordinates
 from ocptip.parallel.kinematics.closures import LegMotion
 from ocptip.parallel.kinematics.leg_solver import CLOSURE_TOLERANCE, STEP_LIMIT, LegSolver
@@ -40,7 +42,7 @@ class JointPositions:
 
 
 @dataclass(frozen=True, eq=False)
-class PlatformPose:
+class ForwardPose:
     """Solution of the forward kinematics.
 
     Attributes:
@@ -120,7 +122,7 @@ class Kinematics:
         """Number of coordinates."""
         return self.description.m
 
-    def coordinates(self, name: str, value: object) -> np.ndarray:
+    def coordinates(self, name: str, value: ArrayLike) -> np.ndarray:
         """Check m numbers."""
         return finite_array(name, value, (self.m,))
 
@@ -128,7 +130,7 @@ class Kinematics:
         """Position (3,), m, and rotation (3, 3) of the platform."""
         return self.platform.pose(z[: self.platform.m])
 
-    def joints(self, z: object, guess: Sequence[np.ndarray] | None = None) -> JointPositions:
+    def joints(self, z: ArrayLike, guess: Sequence[np.ndarray] | None = None) -> JointPositions:
         """All joint positions at a pose, coupling joints included (section 9).
 
         Args:
@@ -148,7 +150,7 @@ class Kinematics:
             worst, used = max(worst, error), used + iterations
         return JointPositions(tuple(found), worst, used)
 
-    def point_joints(self, z: object, guess: Sequence[np.ndarray] | None = None) -> JointPositions:
+    def point_joints(self, z: ArrayLike, guess: Sequence[np.ndarray] | None = None) -> JointPositions:
         """Joint positions up to the coupling points only.
 
         Raises:
@@ -207,8 +209,8 @@ class Kinematics:
         return np.array([motion.legs[leg].Jq[joint] for leg, joint in self.description.actuated])
 
     def forward(
-        self, qa: object, guess: object | None = None, joints: Sequence[np.ndarray] | None = None
-    ) -> PlatformPose:
+        self, qa: ArrayLike, guess: ArrayLike | None = None, joints: Sequence[np.ndarray] | None = None
+    ) -> ForwardPose:
         """Platform pose from motor positions, Newton with J_a.
 
         Args:
@@ -232,7 +234,7 @@ class Kinematics:
             if size == 0.0 or (size < CLOSURE_TOLERANCE and size > 0.1 * before):
                 Ja = self._motor_jacobian(z, state.q)
                 sign = int(np.sign(np.linalg.det(Ja))) if Ja.shape[0] == Ja.shape[1] else 0
-                return PlatformPose(z, state, size, iteration, sign)
+                return ForwardPose(z, state, size, iteration, sign)
             before = size
             Ja = self._motor_jacobian(z, state.q) @ self.rate_matrices(z, np.zeros(self.m))[0]
             step = np.linalg.lstsq(Ja, -error, rcond=1e-12)[0]
@@ -277,9 +279,5 @@ class Kinematics:
 
 def _wrapped(error: np.ndarray, description: RobotDescription) -> np.ndarray:
     """Differences of revolute motors to within half a turn."""
-    result = error.copy()
-    for k, (leg, joint) in enumerate(description.actuated):
-        rows = [row for row in description.legs[leg].rows if row.sigma != 2]
-        if rows[joint].sigma == 0:
-            result[k] = np.remainder(error[k] + np.pi, 2 * np.pi) - np.pi
-    return result
+    turns = [row.sigma == REVOLUTE for row in description.motor_rows]
+    return np.where(turns, nearest_turn(error), error)

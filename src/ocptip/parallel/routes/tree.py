@@ -12,9 +12,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from ocptip.basics.errors import InputError
+from ocptip.numerics.vectors import cross
 from ocptip.parallel.description.mdh import moved_inertia, row_frame
 from ocptip.parallel.description.robot_description import REVOLUTE, BodyInertia, Leg
-from ocptip.parallel.description.rotations import cross
 from ocptip.parallel.kinematics.closures import LegClosure
 from ocptip.parallel.kinematics.platform import Kinematics, RobotMotion
 

@@ -12,7 +12,8 @@ from collections.abc import Sequence
 import casadi as cs
 
 from ocptip.basics.errors import InputError
-from ocptip.parallel.symbolic.spatial_sx import cross, dot, times
+from ocptip.numerics.vectors import cross_terms as cross
+from ocptip.parallel.symbolic.spatial_sx import dot, times
 
 Matrix = list[list[cs.SX]]
 

@@ -12,13 +12,8 @@ import casadi as cs
 import numpy as np
 
 from ocptip.basics.errors import InputError
-from ocptip.parallel.description.robot_description import (
-    PRISMATIC,
-    MDHRow,
-    RobotDescription,
-    elementary_rotation,
-    value_of,
-)
+from ocptip.parallel.description.entries import elementary_rotation, value_of
+from ocptip.parallel.description.robot_description import PRISMATIC, MDHRow, RobotDescription
 from ocptip.parallel.symbolic.leg_jacobian import LegPlan
 from ocptip.parallel.symbolic.projection import Arguments, Projection
 from ocptip.parallel.symbolic.symbols import InertiaLayout, geometry_symbols, inertia_layout, inertia_values

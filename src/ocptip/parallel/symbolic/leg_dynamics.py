@@ -13,12 +13,12 @@ from dataclasses import dataclass
 
 import casadi as cs
 
+from ocptip.numerics.vectors import cross_terms as cross
 from ocptip.parallel.symbolic.block_solver import BlockSystem
 from ocptip.parallel.symbolic.leg_jacobian import LegModel, LegPlan, leg_jacobian
 from ocptip.parallel.symbolic.spatial_sx import (
     Vector,
     acceleration_matrix,
-    cross,
     dot,
     minus,
     plus,

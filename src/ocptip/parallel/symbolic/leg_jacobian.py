@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import casadi as cs
 
 from ocptip.basics.errors import InputError
+from ocptip.numerics.vectors import cross_terms as cross
 from ocptip.parallel.symbolic.block_solver import BlockSystem
-from ocptip.parallel.symbolic.spatial_sx import Rotation, Vector, cross, plus, unit, zero
+from ocptip.parallel.symbolic.spatial_sx import Rotation, Vector, plus, unit, zero
 
 
 @dataclass(frozen=True)

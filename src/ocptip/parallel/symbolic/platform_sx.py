@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import casadi as cs
 
+from ocptip.numerics.vectors import cross_terms as cross
 from ocptip.parallel.symbolic.spatial_sx import (
     Rotation,
     Vector,
     acceleration_matrix,
-    cross,
     dot,
     minus,
     plus,

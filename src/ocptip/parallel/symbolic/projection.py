@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import casadi as cs
 
 from ocptip.basics.errors import InputError
+from ocptip.numerics.vectors import cross_terms as cross
 from ocptip.parallel.description.robot_description import RobotDescription
 from ocptip.parallel.symbolic.block_solver import BlockSystem
 from ocptip.parallel.symbolic.leg_dynamics import (
@@ -24,7 +25,7 @@ from ocptip.parallel.symbolic.leg_dynamics import (
 )
 from ocptip.parallel.symbolic.leg_jacobian import LegModel, LegPlan
 from ocptip.parallel.symbolic.platform_sx import PlatformState, platform_motion, platform_wrench, reduced
-from ocptip.parallel.symbolic.spatial_sx import Vector, cross, minus, plus
+from ocptip.parallel.symbolic.spatial_sx import Vector, minus, plus
 from ocptip.parallel.symbolic.symbols import InertiaLayout, coupling_entries, leg_model
 
 

@@ -132,11 +132,6 @@ def scaled(factor: cs.SX | float, vector_: Vector) -> Vector:
     return [factor * x for x in vector_]
 
 
-def cross(a: Vector, b: Vector) -> Vector:
-    """a x b."""
-    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-
-
 def dot(a: Sequence[cs.SX], b: Sequence[cs.SX]) -> cs.SX:
     """Inner product."""
     total = a[0] * b[0]

@@ -13,14 +13,8 @@ import casadi as cs
 import numpy as np
 
 from ocptip.basics.errors import InputError
-from ocptip.parallel.description.robot_description import (
-    DYNPAR2,
-    PRISMATIC,
-    Entry,
-    Leg,
-    Parameter,
-    RobotDescription,
-)
+from ocptip.parallel.description.entries import Entry, Parameter
+from ocptip.parallel.description.robot_description import DYNPAR2, PRISMATIC, Leg, RobotDescription
 from ocptip.parallel.symbolic.leg_jacobian import LegModel
 from ocptip.parallel.symbolic.spatial_sx import Rotation, Turn, Vector, plus, turn, vector
 

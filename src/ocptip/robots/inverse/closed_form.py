@@ -23,6 +23,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from ocptip.numerics.vectors import cross, nearest_turn, skew
 from ocptip.robots.inverse.joint_angles import within_limits
 from ocptip.robots.kinematics import gripper_batch, link_frames
 from ocptip.robots.model import ArmModel
@@ -120,7 +121,7 @@ def _all_branches(model: ArmModel, positions: np.ndarray, rotations: np.ndarray)
     p = positions - R @ axes.zero_position
     with np.errstate(invalid="ignore"):
         found = np.stack(np.broadcast_arrays(*_SOLVERS[family](axes, R, p)), axis=-1).reshape(len(p), -1, 6)
-        return np.arctan2(np.sin(found), np.cos(found))
+        return nearest_turn(found)
 
 
 def _spherical_wrist(axes: _Axes, R: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -235,7 +236,7 @@ def _onto_projection(
     """
     along = np.sum(h * w, axis=-1)
     cosine = np.sum(h * v, axis=-1) - along * np.sum(v * w, axis=-1)
-    sine = np.sum(h * _cross(w, v), axis=-1)
+    sine = np.sum(h * cross(w, v), axis=-1)
     amplitude = np.hypot(cosine, sine)
     rest = value - along * np.sum(v * w, axis=-1)
     degenerate = amplitude < _DEGENERATE
@@ -260,7 +261,7 @@ def _at_distance(
 def _turn_onto(w: np.ndarray, start: np.ndarray, goal: np.ndarray) -> np.ndarray:
     """Angles that turn `start` about w into the half plane of `goal`; 0 where either lies on the axis."""
     a, b = _across(w, start), _across(w, goal)
-    angle = np.arctan2(np.sum(w * _cross(a, b), axis=-1), np.sum(a * b, axis=-1))
+    angle = np.arctan2(np.sum(w * cross(a, b), axis=-1), np.sum(a * b, axis=-1))
     return np.where(_short(a) | _short(b), 0.0, angle)
 
 
@@ -278,15 +279,8 @@ def _short(v: np.ndarray) -> np.ndarray:
     return np.linalg.norm(v, axis=-1) < _DEGENERATE
 
 
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Cross products (..., 3); faster than NumPy's for few vectors."""
-    a0, a1, a2 = a[..., 0], a[..., 1], a[..., 2]
-    b0, b1, b2 = b[..., 0], b[..., 1], b[..., 2]
-    return np.stack([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0], axis=-1)
-
-
 def _rotation(w: np.ndarray, angles: np.ndarray) -> np.ndarray:
-    K = np.array([[0, -w[2], w[1]], [w[2], 0, -w[0]], [-w[1], w[0], 0]])
+    K = skew(w)
     angles = np.asarray(angles)[..., None, None]
     return np.eye(3) + np.sin(angles) * K + (1 - np.cos(angles)) * (K @ K)
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array, rotation_matrix
+from ocptip.numerics.vectors import nearest_turn
 from ocptip.robots.inverse import joint_angles
 from ocptip.robots.inverse.closed_form import closed_form_branches, closed_form_family
 from ocptip.robots.inverse.pose_search import levenberg_marquardt, pose_errors
@@ -124,8 +125,7 @@ def solve_inverse_kinematics(
         raise InputError(_miss_message(model, goal, turn, seed))
     copies = joint_angles.within_limits(model, found, wanted)
     inside = np.isfinite(copies).all(axis=1)
-    nearest = found + 2 * np.pi * np.round((wanted - found) / (2 * np.pi))
-    copies = np.where(np.isfinite(copies), copies, nearest)
+    copies = np.where(np.isfinite(copies), copies, nearest_turn(found, wanted))
     branches = copies[inside] if within_limits else copies
     if not len(branches):
         raise InputError(_limits_message(model, copies))
@@ -200,12 +200,11 @@ def _polished(model: ArmModel, q: np.ndarray, position: np.ndarray, rotation: np
 def _distinct(known: np.ndarray, found: np.ndarray) -> np.ndarray:
     """`known` (k, n) and after it the new ones of `found` (m, n), wrapped to (-pi, pi]."""
     result = list(known)
-    for q in np.arctan2(np.sin(found), np.cos(found)):
+    for q in nearest_turn(found):
         if len(result) >= _MAX_BRANCHES:
             break
         if result:
-            gap = q - np.array(result)
-            gap = np.abs(np.arctan2(np.sin(gap), np.cos(gap))).max(axis=1)
+            gap = np.abs(nearest_turn(q - np.array(result))).max(axis=1)
             if gap.min() < _SAME_BRANCH:
                 continue
         result.append(q)

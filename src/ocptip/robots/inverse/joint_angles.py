@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ocptip.numerics.vectors import TURN
 from ocptip.robots.model import ArmModel
 
 _SLACK = 1e-9  # rad: rounding must not take an angle at its limit away
@@ -20,7 +21,6 @@ def within_limits(model: ArmModel, angles: np.ndarray, near: np.ndarray | float 
         (..., n), rad; NaN where no copy is within the limits.
     """
     low, high = model.limits.angle_min - _SLACK, model.limits.angle_max + _SLACK
-    turn = 2 * np.pi
-    fewest, most = np.ceil((low - angles) / turn), np.floor((high - angles) / turn)
-    turns = np.clip(np.round((near - angles) / turn), fewest, np.maximum(fewest, most))
-    return np.where(fewest <= most, angles + turn * turns, np.nan)
+    fewest, most = np.ceil((low - angles) / TURN), np.floor((high - angles) / TURN)
+    turns = np.clip(np.round((near - angles) / TURN), fewest, np.maximum(fewest, most))
+    return np.where(fewest <= most, angles + TURN * turns, np.nan)
