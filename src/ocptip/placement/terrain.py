@@ -16,7 +16,6 @@ import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array
 from ocptip.numerics.batch import BatchFunction
-from ocptip.numerics.vectors import nearest_turn
 
 _PROBES = 16
 _ROTATION_TOLERANCE = 1e-9
@@ -108,7 +107,7 @@ class Patch:
         """The same parameters with unbounded angles between -pi and pi."""
         result = np.array(parameters, dtype=float)
         for i in np.flatnonzero(self.angular):
-            turned = nearest_turn(result[..., i])
+            turned = np.remainder(result[..., i] + np.pi, 2 * np.pi) - np.pi
             inside = (turned >= self.lower[i]) & (turned <= self.upper[i])
             result[..., i] = np.where(inside, turned, result[..., i])
         return result
