@@ -103,7 +103,7 @@ def test_unsupported_parts_name_the_leg(robots):
 
 BAD = [
     ("row = 5", "row = 10", r"leg\[1\].ends\[1\].row: there is no row 10, only 9"),
-    ("row = 5", "row = '5'", r"leg\[1\].ends\[1\].row: expected the number of a row"),
+    ("row = 5", "row = '5'", r"leg\[1\].ends\[1\].row: must be a whole number >= 1, got '5'"),
     ("row = 5", "rows = 5", r"leg\[1\].ends\[1\].rows: unknown key; did you mean 'row'"),
     ("[0.15, 0.06, 0.0]", "[0.15, 0.06]", r"leg\[1\].ends\[1\].coupling: expected 3 entries, got 2"),
     ("[0.15, -0.06, 0.0]", "[0.15, 'low', 0.0]", r"leg\[1\].ends\[2\].coupling\[2\]: 'low' is neither"),
@@ -114,13 +114,17 @@ BAD = [
         "guess = 2",
         r"leg\[1\].guess: expected a l",
     ),
-    ("actuated = [1]", "actuated = [10]", r"leg\[1\].actuated: the leg has 9 joints, got \[10\]"),
+    ("actuated = [1]", "actuated = [10]", r"leg\[1\].actuated: must be a whole number >= 1 and <= 9, got 10"),
     ("actuated = [1]", "branch = [1]\nactuated = [1]", r"leg\[1\].branch: a leg with ends has none"),
     ("actuated = [1]", "viscous = 2\nactuated = [1]", r"leg\[1\].viscous: expected a list"),
     ("rows = [", "joints_to_coupling = 3\nrows = [", r"table.arm_and_rods.joints_to_coupling: not for legs"),
-    ("rows = [", "loops = [[3, 10]]\nrows = [", r"table.arm_and_rods.loops\[1\]: .* out of 1 to 9"),
-    ("rows = [", "loops = 3\nrows = [", "table.arm_and_rods.loops: expected pairs"),
-    ("after = 1, b = 0.06", "after = 2, b = 0.06", r"table.arm_and_rods.rows\[2\].after: .* got 2"),
+    ("rows = [", "loops = [[3, 10]]\nrows = [", r"table.arm_and_rods.loops\[1\]: there is no row 10, only 9"),
+    ("rows = [", "loops = 3\nrows = [", "table.arm_and_rods.loops: expected shape n x 2"),
+    (
+        "after = 1, b = 0.06",
+        "after = 2, b = 0.06",
+        r"table.arm_and_rods.rows\[2\].after: must be a whole number >= 0 and <= 1, got 2",
+    ),
     ("after = 1, b = 0.06", "afer = 1, b = 0.06", r"rows\[2\].afer: unknown key; did you mean 'after'"),
     ("mass = 0.8", "mass = -0.8", r"table.arm_and_rods.bodies\[1\].mass: must be >= 0"),
     ("[[leg.ends]]", "[[leg.end]]", r"leg\[1\].end: unknown key; did you mean 'ends'"),
@@ -142,7 +146,9 @@ def test_a_serial_leg_cannot_use_a_branching_table(text):
     with pytest.raises(InputError, match=r"rows\[2\].after: for legs that branch"):
         robot_from_dict(data)
     data["leg"][1]["ends"] = 3
-    with pytest.raises(InputError, match=r"leg\[2\].ends: expected a list of tables, got 3"):
+    with pytest.raises(
+        InputError, match=r"leg\[2\].ends: expected tables in double brackets, \[\[leg.ends\]\], got 3"
+    ):
         robot_from_dict(data)
     data["leg"][1]["ends"] = []
     with pytest.raises(InputError, match=r"leg\[2\].ends: a leg needs at least one end"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
@@ -10,13 +11,31 @@ from numpy.typing import ArrayLike
 LARGEST = 1e12
 """Largest magnitude of input, SI units: beyond it rounding and overflow would decide, not mechanics."""
 
+_PATH = re.compile(r"[A-Za-z_]\w*(\[\d+\])*(\.\w+(\[\d+\])*)*")
+
 
 class OcptipError(Exception):
     """Root of all errors raised on purpose by ocptip."""
 
 
 class InputError(OcptipError, ValueError):
-    """Input that cannot be used. The message names the quantity, its value and what would be right."""
+    """Input that cannot be used. The message names the quantity, its value and what would be right.
+
+    Args:
+        message: what is wrong; without `path` it may begin with one: `InputError("mass: must be > 0")`.
+        path: of the value, such as "contact[2].friction"; "": it has none.
+        file: that holds it, if it stands in one.
+
+    Attributes:
+        file, path, text: of these three the message consists, those that are not empty.
+    """
+
+    def __init__(self, message: str = "", path: str | None = None, file: str = "") -> None:
+        head, _, rest = message.partition(": ")
+        if path is None and rest and _PATH.fullmatch(head):
+            path, message = head, rest
+        self.file, self.path, self.text = file, path or "", message
+        super().__init__(": ".join(part for part in (self.file, self.path, self.text) if part))
 
 
 class BindingDefinitionError(OcptipError):
@@ -99,10 +118,11 @@ def is_whole(value: Any) -> bool:
     return isinstance(value, int | np.integer) and not isinstance(value, bool)
 
 
-def whole_number(name: str, value: Any, least: int) -> int:
-    """Return `value` as an int of at least `least`, or raise InputError naming it."""
-    if not is_whole(value) or value < least:
-        raise InputError(f"{name}: must be a whole number >= {least}, got {value!r}")
+def whole_number(name: str, value: Any, least: int, most: int | None = None) -> int:
+    """Return `value` as an int of at least `least` (and at most `most`), or raise InputError naming it."""
+    if not is_whole(value) or value < least or (most is not None and value > most):
+        upper = "" if most is None else f" and <= {most}"
+        raise InputError(f"{name}: must be a whole number >= {least}{upper}, got {value!r}")
     return int(value)
 
 

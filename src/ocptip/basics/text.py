@@ -1,8 +1,10 @@
-"""Numbers as people read them, for tables and pictures."""
+"""Numbers and names as people read them, for tables, pictures and messages."""
 
 from __future__ import annotations
 
+import difflib
 import math
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -33,3 +35,15 @@ def quantity(value: float, unit: str, digits: int = 4) -> str:
     if not math.isfinite(value):
         return "unlimited" if value > 0 else "-"
     return f"{value + 0.0:.{digits}g} {unit}"
+
+
+def did_you_mean(word: object, known: Iterable[str]) -> str:
+    """The known name nearest to a wrong word: "; did you mean 'mass'?", "" if none is near."""
+    near = difflib.get_close_matches(str(word), list(known), n=1)
+    return f"; did you mean {near[0]!r}?" if near else ""
+
+
+def of_known(word: object, known: Iterable[str]) -> str:
+    """What a wrong word may have meant, and what is known: "; did you mean 'mass'? known: mass, center"."""
+    known = list(known)
+    return f"{did_you_mean(word, known) or ';'} known: {', '.join(known) or 'none'}"

@@ -1,23 +1,46 @@
-"""Reading TOML files of users: what is missing or cannot be used is named with its place in the file.
+"""A cursor that reads tables of users' files: what is wrong is named with file, key and value.
 
-Every function raises one-line :class:`InputError` that starts with `where`, the key's place.
+    with Table.read(path) as data:
+        base = data.table("base")
+        body = base.make(Body, mass=base.number("mass", bound="> 0"), center=base.vector("center", 3))
+
+Every complaint is one line, an :class:`InputError`: "robot.toml: base.mass: must be > 0, got -3". A key that
+no reader asked for is unknown. That a required key is missing is said when its table is closed, so that
+`mas = 3` is called unknown (did you mean 'mass'?) rather than `mass` missing; until then a stand-in (NaN, an
+empty text) is in its place. Therefore close a table, or let :meth:`Table.make` do it, before its values are
+used.
 """
 
 from __future__ import annotations
 
-import difflib
+import re
 import tomllib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from types import TracebackType
+from typing import Any, TypeVar
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ocptip.basics.errors import InputError, finite_array, positive_number, refuse_huge
+from ocptip.basics.errors import (
+    InputError,
+    finite_array,
+    number_from,
+    refuse_huge,
+    rotation_matrix,
+    whole_number,
+)
+from ocptip.basics.text import did_you_mean, of_known
 
-TOP_KEYS = ("gravity", "base", "contact", "load")
-"""Keys of scenes that are often put below a table by mistake, where TOML takes them for the table's."""
+DEGREES = np.pi / 180
+"""Scale of keys in degrees."""
+
+REQUIRED: Any = object()
+"""Default of keys that have to be there."""
+
+T = TypeVar("T")
 
 
 def read_text(path: Path) -> str:
@@ -29,151 +52,329 @@ def read_text(path: Path) -> str:
     try:
         return path.read_bytes().decode("utf-8-sig")
     except FileNotFoundError:
-        raise InputError(f"{path}: no such file") from None
+        problem = "no such file"
     except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not a text file in UTF-8 (byte {error.start})") from None
+        problem = f"not a text file in UTF-8 (byte {error.start})"
     except (OSError, ValueError) as error:
-        raise InputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+        problem = f"cannot be read: {getattr(error, 'strerror', None) or error}"
+    raise InputError(problem, "", str(path))
 
 
-def read_toml(path: Path) -> dict[str, Any]:
-    """Return the content of a TOML file.
+class Table:
+    """A table of a file, and which of its keys have been read.
 
-    Raises:
-        InputError: it cannot be read, or is no TOML; one line that names it.
+    The reading methods take a key and what to return if it is missing, by default a complaint. `scale` is the
+    SI unit per unit of the file; `bound` is "> 0", ">= 0" or none. As a context manager a table puts the file
+    in front of every InputError, and is closed where the block ends without one.
+
+    Args:
+        data: nested dictionaries and lists as `tomllib` returns them.
+        file: its name, for messages.
+        path: of the table within the file.
     """
-    try:
-        return tomllib.loads(read_text(path))
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path.name}: broken TOML: {error}") from None
-    except RecursionError:
-        raise InputError(f"{path.name}: broken TOML: nested too deeply") from None
+
+    def __init__(self, data: Mapping[str, Any], file: str, path: str = "") -> None:
+        self.file, self.path, self._data = file, path, data
+        self._known: dict[str, None] = {}
+        self._missing: dict[str, str] = {}
+        self._tables: dict[str, Table] = {}
+        self._top: Sequence[str] = ()  # keys above the first table, often put below one by mistake
+
+    @classmethod
+    def read(cls, path: Path) -> Table:
+        """Open a TOML file.
+
+        Raises:
+            InputError: it cannot be read, or is no TOML.
+        """
+        text = read_text(path)
+        try:
+            return cls(tomllib.loads(text), path.name)
+        except ValueError as error:
+            problem = str(error)
+        except RecursionError:
+            problem = "nested too deeply"
+        raise InputError(f"broken TOML: {problem}", "", path.name)
+
+    def __contains__(self, key: str) -> bool:
+        return key in self._data
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._data)
+
+    def __enter__(self) -> Table:
+        return self
+
+    def __exit__(self, _: type | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        if error is None:
+            self.close()
+        elif isinstance(error, InputError):
+            raise self._placed(error, "", {}) from None
+
+    def place(self, key: str) -> str:
+        """Path of a key within the file."""
+        return ".".join(part for part in (self.path, key) if part)
+
+    def error(self, text: str, key: str = "") -> InputError:
+        """A complaint about a key, or about the table."""
+        return InputError(text, self.place(key), self.file)
+
+    @contextmanager
+    def at(self, key: str | None = "", **arguments: str) -> Iterator[None]:
+        """Name the place of errors of library functions, which know but the names of their arguments.
+
+        An error about an argument that is called like a key of this table is about that key; any other
+        is about `key`.
+
+        Args:
+            key: of this table; "": the table itself; None: such errors are passed on as they are.
+            arguments: key (or "", the table) per argument that has another name in the file.
+        """
+        try:
+            yield
+        except InputError as error:
+            raise self._placed(error, key, arguments) from None
+
+    def _placed(self, error: InputError, key: str | None, arguments: Mapping[str, str]) -> InputError:
+        if error.file == self.file:
+            return error
+        name = "" if error.file else re.split(r"[.\[]", error.path)[0]
+        if name in self._data or name in arguments:
+            return self.error(error.text, arguments.get(name, name) + error.path[len(name) :])
+        return error if key is None else self.error(str(error), key)
+
+    def complaints(self) -> Iterator[InputError]:
+        """All keys that are unknown, then all that are missing; here, then in the tables below."""
+        for key in self._data:
+            if key not in self._known:
+                misplaced = f"; {key!r} belongs above the first table"
+                hint = misplaced if key in self._top else of_known(key, self._known)
+                yield self.error(f"unknown key{hint}", key)
+        for key, text in self._missing.items():
+            yield self.error(text, key)
+        for table in self._tables.values():
+            yield from table.complaints()
+
+    def close(self, *later: str) -> None:
+        """Refuse keys that have not been read, and missing ones; tables that were opened are closed, too.
+
+        Args:
+            later: keys that will be read after this.
+        """
+        self._known.update(dict.fromkeys(later))
+        for complaint in self.complaints():
+            raise complaint
+
+    def make(self, function: Callable[..., T], *arguments: Any, **options: Any) -> T:
+        """Close the table, then call a library function with values read from it; errors name their key."""
+        self.close()
+        with self.at():
+            return function(*arguments, **options)
+
+    def table(self, key: str, *, optional: bool = False, hint: str = "") -> Table:
+        """The table under a key, an empty one if it is optional and missing."""
+        self._known[key] = None
+        if key not in self._data and not optional:
+            raise self.error(f"missing table [{self.place(key)}]{hint}", key)
+        value = self._data.get(key, {})
+        if not isinstance(value, dict):
+            raise self.error(f"expected a table [{self.place(key)}], got {value!r}", key)
+        return self._below(key, value)
+
+    def tables(self, key: str, *, required: bool = False) -> list[Table]:
+        """The tables in double brackets under a key, counted from 1; at least one if they are required."""
+        self._known[key] = None
+        value, place = self._data.get(key, []), re.sub(r"\[\d+\]", "", self.place(key))
+        if not isinstance(value, list) or not all(isinstance(item, dict) for item in value):
+            raise self.error(f"expected tables in double brackets, [[{place}]], got {value!r}", key)
+        if required and not value:
+            raise self.error(f"at least one [[{place}]] is needed", key)
+        return [self._below(f"{key}[{number}]", item) for number, item in enumerate(value, 1)]
+
+    def _below(self, key: str, data: Mapping[str, Any]) -> Table:
+        table = self._tables.setdefault(key, Table(data, self.file, self.place(key)))
+        table._top = self._top or list(self._known)
+        return table
+
+    def require(self, key: str, why: str) -> None:
+        """Complain, when the table is closed, if a key is missing; `why` it is needed."""
+        self._known[key] = None
+        if key not in self._data:
+            self._missing[key] = f"missing ({why})"
+
+    def _read(self, key: str, default: Any, standin: Any, convert: Callable[[Any], Any]) -> Any:
+        self._known[key] = None
+        if key in self._data:
+            with self.at(key, value=key):
+                return convert(self._data[key])
+        if default is REQUIRED:
+            self._missing.setdefault(key, "missing")
+        return standin if default is REQUIRED else default
+
+    def value(self, key: str, default: Any = REQUIRED) -> Any:
+        """Whatever stands there."""
+        return self._read(key, default, None, lambda value: value)
+
+    def raw_numbers(self, key: str, default: Any = REQUIRED) -> Any:
+        """A finite number, not huge, or lists of such, as they stand there; of any shape."""
+        return self._read(key, default, None, _numbers)
+
+    def array(self, key: str, shape: tuple[int | None, ...], default: Any = REQUIRED) -> np.ndarray:
+        """Numbers of this shape (None: any length)."""
+        standin = np.zeros([length or 0 for length in shape])
+        return self._read(key, default, standin, lambda value: finite_array("value", _numbers(value), shape))
+
+    def number(self, key: str, default: Any = REQUIRED, *, scale: float = 1.0, bound: str = "") -> float:
+        """A finite number."""
+        return self._read(key, default, np.nan, lambda value: scale * number_of(value, bound))
+
+    def numbers(self, *keys: str) -> dict[str, float]:
+        """Those of the keys that are there, all of them numbers."""
+        found = {key: self.number(key, None) for key in keys}
+        return {key: number for key, number in found.items() if number is not None}
+
+    def vector(
+        self, key: str, size: int | None, default: Any = REQUIRED, *, scale: float = 1.0
+    ) -> np.ndarray:
+        """(size,) finite numbers, of any size if it is None."""
+        standin = np.full(size or 0, np.nan)
+        return self._read(key, default, standin, lambda value: scale * _vector(value, size))
+
+    def per_joint(
+        self, key: str, n: int, default: Any = REQUIRED, *, scale: float = 1.0, bound: str = ""
+    ) -> np.ndarray:
+        """(n,): one number for all joints, or a list of n."""
+
+        def convert(value: Any) -> np.ndarray:
+            return scale * _vector(value if isinstance(value, list) else [value] * n, n, bound)
+
+        return self._read(key, default, np.full(n, np.nan), convert)
+
+    def direction(self, key: str, default: Any = REQUIRED) -> np.ndarray:
+        """(3,) unit vector, in the file of any length."""
+        return self._read(key, default, np.full(3, np.nan), _direction)
+
+    def rotation(self, prefix: str = "", default: Any = REQUIRED, *, also: str = "") -> np.ndarray:
+        """(3, 3) rotation matrix under one of the keys `ROTATIONS`, all with a prefix such as "mount_".
+
+        `also` is a further key of a rotation vector in degrees.
+        """
+        forms = {prefix + form: convert for form, convert in ROTATIONS.items()}
+        if also:
+            forms[also] = ROTATIONS["rotation_vector_deg"]
+        key = self.one_of(*forms, optional=True)
+        if key is None and default is REQUIRED:
+            self._missing[f"{prefix}rpy_deg"] = f"expected either {_either(forms)}, got none"
+            return np.eye(3)
+        return default if key is None else self._read(key, REQUIRED, None, forms[key])
+
+    def text(self, key: str, default: Any = REQUIRED) -> str:
+        """A text that is not blank."""
+        return self._read(key, default, "", _text)
+
+    def flag(self, key: str, default: Any = REQUIRED) -> bool:
+        """True or false."""
+        return self._read(key, default, False, _flag)
+
+    def whole(self, key: str, default: Any = REQUIRED, *, least: int, most: int | None = None) -> int:
+        """A whole number between two bounds."""
+        return self._read(key, default, least, lambda value: whole_number("value", value, least, most))
+
+    def wholes(self, key: str, default: Any = REQUIRED, *, least: int, most: int) -> list[int]:
+        """A list of whole numbers between two bounds."""
+
+        def convert(value: Any) -> list[int]:
+            if not isinstance(value, list):
+                raise InputError(f"expected a list of whole numbers, got {value!r}", "")
+            return [whole_number("value", item, least, most) for item in value]
+
+        return self._read(key, default, [], convert)
+
+    def choice(self, key: str, names: Iterable[str], default: Any = REQUIRED) -> str:
+        """One of some names."""
+        names, value = list(names), self.value(key, default)
+        if isinstance(value, str) and value in names:
+            return value
+        got = f"got {value!r}{did_you_mean(value, names)}" if key in self._data else "but it is missing"
+        raise self.error(f"expected one of {', '.join(names)}, {got}", key)
+
+    def one_of(self, *keys: str, optional: bool = False) -> str | None:
+        """The one of several keys that is there; None if none has to be."""
+        self._known.update(dict.fromkeys(keys))
+        given = [key for key in keys if key in self._data]
+        if len(given) > 1 or not (given or optional):
+            got = " and ".join(given) or "none"
+            raise self.error(f"expected either {_either(keys)}, got {got}", keys[0])
+        return given[0] if given else None
 
 
-def subtable(data: dict[str, Any], key: str, *, prefix: str = "", optional: bool = False) -> dict[str, Any]:
-    """The table under a key, an empty one if it is optional and missing."""
-    if key not in data and not optional:
-        raise InputError(f"{prefix}{key}: missing table [{prefix}{key}]")
-    table = data.get(key, {})
-    if not isinstance(table, dict):
-        raise InputError(f"{prefix}{key}: expected a table [{prefix}{key}], got {table!r}")
-    return table
+def number_of(value: Any, bound: str = "") -> float:
+    """A number as TOML has it, finite and not huge (true and "1" are none), or an InputError without path."""
+    if isinstance(value, list):
+        raise InputError(f"expected a single number, got {value!r}", "")
+    if isinstance(value, bool):
+        raise InputError(f"expected a number, got {str(value).lower()}", "")
+    if isinstance(value, int) and abs(value) > 10**300:
+        raise InputError("number too large", "")
+    number = number_from("value", value)
+    refuse_huge("value", number)
+    if (bound == "> 0" and number <= 0) or (bound == ">= 0" and number < 0):
+        raise InputError(f"must be {bound}, got {value!r}", "")
+    return number
 
 
-def subtables(data: dict[str, Any], key: str) -> list[dict[str, Any]]:
-    """Tables in double brackets under a key, none by default."""
-    value = data.get(key, [])
-    if not isinstance(value, list) or not all(isinstance(item, dict) for item in value):
-        raise InputError(f"{key}: expected tables in double brackets, [[{key}]]")
+def _numbers(value: Any) -> Any:
+    """The value, if it is a number or lists of numbers, those side by side of one length."""
+    if not isinstance(value, list):
+        number_of(value)
+    elif len({np.shape(_numbers(item)) for item in value}) > 1:
+        raise InputError(f"expected lists of the same length, got {value!r}", "")
     return value
 
 
-def required(table: dict[str, Any], key: str, where: str) -> Any:
-    """The value of a key that has to be there."""
-    if key not in table:
-        raise InputError(f"{where}.{key}: missing")
-    return table[key]
-
-
-def number_at(where: str, value: object) -> float:
-    """A finite number."""
-    if isinstance(value, list | dict):
-        raise InputError(f"{where}: expected a single number, got {value!r}")
-    refuse_non_numbers(where, value)
-    return float(value)  # type: ignore[arg-type]
-
-
-def vector_at(where: str, value: object, size: int) -> np.ndarray:
-    """(size,) finite numbers."""
+def _vector(value: Any, size: int | None, bound: str = "") -> np.ndarray:
     if not isinstance(value, list):
-        raise InputError(f"{where}: expected a list of {size} numbers, got {value!r}")
-    if len(value) != size:
-        raise InputError(f"{where}: expected {size} numbers, got {len(value)}")
-    return np.array([number_at(where, item) for item in value])
+        raise InputError(f"expected a list of {f'{size} ' if size else ''}numbers, got {value!r}", "")
+    if size is not None and len(value) != size:
+        raise InputError(f"expected {size} numbers, got {len(value)}", "")
+    return np.array([number_of(item, bound) for item in value])
 
 
-def per_joint_at(
-    where: str, value: object, n: int, *, signed: bool = False, zero_allowed: bool = False
-) -> np.ndarray:
-    """One number for all joints, or a list of n."""
-    values = vector_at(where, value, n) if isinstance(value, list) else np.full(n, number_at(where, value))
-    if not signed:
-        for number in values:
-            positive_number(where, float(number), zero_allowed=zero_allowed)
-    return values
-
-
-def direction_at(where: str, value: object) -> np.ndarray:
-    """(3,) unit vector."""
-    vector = vector_at(where, value, 3)
+def _direction(value: Any) -> np.ndarray:
+    vector = _vector(value, 3)
     if not (length := np.linalg.norm(vector)) > 0:
-        raise InputError(f"{where}: must not be zero")
+        raise InputError("must not be zero", "")
     return vector / length
 
 
-def rpy_at(where: str, value: object) -> np.ndarray:
-    """(3, 3) rotation from roll, pitch, yaw in degrees."""
-    return Rotation.from_euler("xyz", vector_at(where, value, 3), degrees=True).as_matrix()
+def _quaternion(value: Any) -> np.ndarray:
+    quaternion = _vector(value, 4)
+    if not abs(np.linalg.norm(quaternion) - 1) < 1e-3:  # people round
+        raise InputError(f"must have length 1 (x, y, z, w), got {value!r}", "")
+    return Rotation.from_quat(quaternion).as_matrix()
 
 
-def rotation_in(table: dict[str, Any], where: str, *, optional: bool = False) -> np.ndarray:
-    """(3, 3) of a table's `rpy_deg` or `rotation`; identity if they are optional and both missing."""
-    given = [key for key in ("rpy_deg", "rotation") if key in table]
-    if len(given) == 2 or not (given or optional):
-        many = "both" if given else "none"
-        raise InputError(f"{where}.rpy_deg: expected either rpy_deg or rotation, got {many}")
-    if "rpy_deg" in given:
-        return rpy_at(f"{where}.rpy_deg", table["rpy_deg"])
-    if "rotation" in given:
-        refuse_non_numbers(f"{where}.rotation", table["rotation"])
-        return finite_array(f"{where}.rotation", table["rotation"], (3, 3))
-    return np.eye(3)
-
-
-def text_at(where: str, value: object) -> str:
-    """A text that is not blank."""
+def _text(value: Any) -> str:
     if not isinstance(value, str) or not value.strip():
-        raise InputError(f"{where}: expected a text, got {value!r}")
+        raise InputError(f"expected a text, got {value!r}", "")
     return value
 
 
-def with_place(where: str, function: Callable, *arguments: Any, **options: Any) -> Any:
-    """Call, with `where` in front of the message of an InputError."""
-    try:
-        return function(*arguments, **options)
-    except InputError as error:
-        message = str(error).removeprefix("arm: ").removeprefix("pose: ")  # `where` says it
-        raise InputError(f"{where}: {message}") from None
+def _flag(value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise InputError(f"expected true or false, got {value!r}", "")
+    return value
 
 
-def refuse_unknown(table: Iterable[str], known: Iterable[str], prefix: str, also: Sequence[str] = ()) -> None:
-    """Raise at the first key that is not known, with the nearest one that is."""
-    names = [*also, *known]
-    for key in table:
-        if key not in names:
-            if prefix and key in TOP_KEYS:
-                raise InputError(f"{prefix}{key}: unknown key; {key!r} belongs above the first table")
-            raise InputError(f"{prefix}{key}: unknown key{suggestion(key, names)}")
+def _either(keys: Iterable[str]) -> str:
+    *others, last = keys
+    return f"{', '.join(others)} or {last}"
 
 
-def refuse_non_numbers(where: str, value: object) -> None:
-    """Raise unless `value` is a finite number, not huge, or lists of such (true and "1" are none)."""
-    if isinstance(value, list):
-        for item in value:
-            refuse_non_numbers(where, item)
-        return
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        shown = str(value).lower() if isinstance(value, bool) else repr(value)
-        raise InputError(f"{where}: expected a number, got {shown}")
-    if isinstance(value, int) and abs(value) > 10**300:
-        raise InputError(f"{where}: number too large")
-    if not np.isfinite(float(value)):
-        raise InputError(f"{where}: must be finite, got {value}")
-    refuse_huge(where, float(value))
-
-
-def suggestion(word: object, known: Sequence[str]) -> str:
-    """What a wrong word may have meant, and all that is known."""
-    near = difflib.get_close_matches(str(word), known, n=1)
-    guess = f"; did you mean {near[0]!r}?" if near else ";"
-    return f"{guess} known: {', '.join(known)}"
+ROTATIONS: dict[str, Callable[[Any], np.ndarray]] = {
+    "rpy_deg": lambda value: Rotation.from_euler("xyz", _vector(value, 3), degrees=True).as_matrix(),
+    "quaternion": _quaternion,
+    "rotation_vector_deg": lambda value: Rotation.from_rotvec(np.radians(_vector(value, 3))).as_matrix(),
+    "rotation": lambda value: rotation_matrix("value", _numbers(value), tolerance=1e-8),
+}
+"""Forms of an orientation in files, by key: docs/scenes.md. Roll, pitch, yaw turn about fixed axes."""

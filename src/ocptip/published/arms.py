@@ -6,7 +6,6 @@ and degrees; they are converted here, once.
 
 from __future__ import annotations
 
-import difflib
 import json
 from dataclasses import dataclass
 from functools import cache
@@ -15,6 +14,7 @@ from importlib.resources import files
 import numpy as np
 
 from ocptip.basics.errors import InputError
+from ocptip.basics.text import did_you_mean
 from ocptip.indices.arms.axes import arm_from_spears
 from ocptip.robots.inverse.inverse_kinematics import solve_inverse_kinematics
 from ocptip.robots.model import ArmModel, JointLimits, SphereSet
@@ -58,8 +58,7 @@ def load_arm(name: str, *, geometry: str = "refined") -> ArmModel:
     """
     arms = _data("arms")["arms"]
     if name not in arms:
-        near = difflib.get_close_matches(str(name).upper(), arms, n=1, cutoff=0.5)
-        hint = f"; did you mean {near[0]}?" if near else ""
+        hint = did_you_mean(str(name).upper(), arms)
         raise InputError(f"arm: no arm {name!r}; there are {', '.join(arms)}{hint}")
     if geometry not in ("refined", "printed"):
         raise InputError(f"geometry: must be 'refined' or 'printed', got {geometry!r}")

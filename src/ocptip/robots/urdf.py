@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array, number_from
+from ocptip.basics.text import did_you_mean
 from ocptip.robots.model import ArmModel, JointLimits
 from ocptip.robots.pinocchio import load_pinocchio
 
@@ -229,6 +229,4 @@ def _frame(robot: pin.Model, argument: str, name: str) -> int:
 
 def _require_name(argument: str, name: str, known: list[str]) -> None:
     if name not in known:
-        near = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
-        hint = f"; did you mean {near[0]!r}?" if near else ""
-        raise InputError(f"{argument}: no {name!r}; there are {', '.join(known)}{hint}")
+        raise InputError(f"{argument}: no {name!r}; there are {', '.join(known)}{did_you_mean(name, known)}")

@@ -1,57 +1,28 @@
-"""The tables `[arm]`, `[motors]` and `[[obstacle]]` of task files; for their keys see `task_file`."""
+"""The tables `[arm]` and `[[obstacle]]` of task files; format: docs/motion-planner.md."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from ocptip.basics.errors import InputError, positive_number
-from ocptip.basics.toml import (
-    direction_at,
-    number_at,
-    per_joint_at,
-    refuse_unknown,
-    required,
-    rpy_at,
-    subtable,
-    text_at,
-    vector_at,
-    with_place,
-)
-from ocptip.published.arms import load_arm, modular_motors
+from ocptip.basics.toml import DEGREES, Table
+from ocptip.published.arms import load_arm
 from ocptip.robots.geometry import Pillar, Wall, floor, spheres_along_links
 from ocptip.robots.model import ArmModel
-from ocptip.robots.motors import DCMotors, Motors
 from ocptip.robots.urdf import arm_from_urdf
-from ocptip.task_files.motors import MOTOR_KEYS, dc_motors
 
-_URDF_KEYS = (
-    "base_link",
-    "tool_frame",
-    "locked_deg",
-    "locked_m",
-    "armature",
-    "sphere_radius",
-    "excluded_links",
-)
-_ARM_LIMITS = {
-    "angle_min_deg": ("angle_min", np.pi / 180),
-    "angle_max_deg": ("angle_max", np.pi / 180),
-    "speed_deg_s": ("speed", np.pi / 180),
-    "acceleration_deg_s2": ("acceleration", np.pi / 180),
+_LIMITS = {
+    "angle_min_deg": ("angle_min", DEGREES),
+    "angle_max_deg": ("angle_max", DEGREES),
+    "speed_deg_s": ("speed", DEGREES),
+    "acceleration_deg_s2": ("acceleration", DEGREES),
     "torque_Nm": ("torque", 1.0),
 }
-_OBSTACLE_KEYS = {
-    "floor": ("height",),
-    "wall": ("normal", "distance", "name"),
-    "pillar": ("point", "radius", "axis", "name"),
-}
 
 
-def arm_from_table(table: dict[str, Any], folder: Path) -> ArmModel:
+def read_arm(table: Table, folder: Path) -> ArmModel:
     """The arm of `[arm]`, in the base frame.
 
     Args:
@@ -61,131 +32,102 @@ def arm_from_table(table: dict[str, Any], folder: Path) -> ArmModel:
     Raises:
         InputError: a value is missing, unknown or cannot be used; names its place.
     """
-    kinds = [key for key in ("name", "urdf") if key in table]
-    if len(kinds) != 1:
-        raise InputError(f"arm.urdf: expected either name or urdf, got {'both' if kinds else 'none'}")
-    common = (*kinds, "mount_position", "mount_rpy_deg", "limits")
-    if kinds == ["name"]:
-        refuse_unknown(table, common, "arm.")
-        arm = with_place("arm.name", load_arm, text_at("arm.name", table["name"]))
-    else:
-        refuse_unknown(table, (*common, *_URDF_KEYS), "arm.")
+    kind = table.one_of("name", "urdf")
+    position = table.vector("mount_position", 3)
+    rotation = table.rotation("mount_", np.eye(3))
+    if kind == "urdf":
         arm = _arm_from_urdf(table, folder)
-    if "limits" in table:
-        arm = _with_limits(arm, subtable(table, "limits", prefix="arm."))
-    position = vector_at("arm.mount_position", required(table, "mount_position", "arm"), 3)
-    rotation = rpy_at("arm.mount_rpy_deg", table.get("mount_rpy_deg", [0, 0, 0]))
-    return arm.mounted(position, rotation)
+    else:
+        name = table.text("name")
+        table.close("limits")
+        with table.at(arm="name"):
+            arm = load_arm(name)
+    limits = table.table("limits", optional=True)
+    values = {
+        name: limits.per_joint(key, arm.n, None, scale=scale, bound="" if "angle" in name else "> 0")
+        for key, (name, scale) in _LIMITS.items()
+    }
+    limits.close()
+    with table.at():
+        arm = arm.with_limits(**{name: value for name, value in values.items() if value is not None})
+        return arm.mounted(position, rotation)
 
 
-def _arm_from_urdf(table: dict[str, Any], folder: Path) -> ArmModel:
-    file = folder / text_at("arm.urdf", table["urdf"])
-    names = {key: text_at(f"arm.{key}", required(table, key, "arm")) for key in ("base_link", "tool_frame")}
+def _arm_from_urdf(table: Table, folder: Path) -> ArmModel:
+    file = folder / table.text("urdf")
+    names = {key: table.text(key) for key in ("base_link", "tool_frame")}
     locked = {}
-    for key, scale in (("locked_deg", np.pi / 180), ("locked_m", 1.0)):
-        for joint, value in subtable(table, key, prefix="arm.", optional=True).items():
-            locked[joint] = scale * number_at(f"arm.{key}.{joint}", value)
-    try:
+    for key, scale in (("locked_deg", DEGREES), ("locked_m", 1.0)):
+        joints = table.table(key, optional=True)
+        locked |= {joint: joints.number(joint, scale=scale) for joint in joints}
+    table.close("armature", "sphere_radius", "excluded_links", "limits")
+    with table.at("urdf", locked_joints="locked_deg or locked_m"):
         arm = arm_from_urdf(file, **names, locked_joints=locked)
-    except InputError as error:
-        inner = str(error).split(":")[0].split("[")[0] in (*names, "locked_joints")
-        message = str(error).replace("locked_joints", "locked_deg or locked_m")
-        raise InputError(f"arm.{'' if inner else 'urdf: '}{message}") from None
-    if "armature" in table:
-        arm = replace(arm, armature=per_joint_at("arm.armature", table["armature"], arm.n, zero_allowed=True))
-    return _with_spheres(arm, table)
+    armature = table.per_joint("armature", arm.n, arm.armature, bound=">= 0")
+    return _with_spheres(replace(arm, armature=armature), table)
 
 
-def _with_spheres(arm: ArmModel, table: dict[str, Any]) -> ArmModel:
+def _with_spheres(arm: ArmModel, table: Table) -> ArmModel:
     """The arm with spheres along its links; `excluded_links` may name links without spheres."""
-    where = "arm.excluded_links"
-    excluded = table.get("excluded_links", [])
-    if "sphere_radius" not in table:
+    where, excluded = "excluded_links", table.value("excluded_links", [])
+    radii = table.per_joint("sphere_radius", arm.n, None, bound=">= 0")
+    if radii is None:
         if excluded:
-            raise InputError(f"{where}: without arm.sphere_radius there are no spheres to exclude")
+            raise table.error("without arm.sphere_radius there are no spheres to exclude", where)
         return arm
-    radii = per_joint_at("arm.sphere_radius", table["sphere_radius"], arm.n, zero_allowed=True)
     lengths = np.linalg.norm(arm.offsets, axis=1)
     links = [i + 1 for i in np.flatnonzero((radii > 0) & (lengths > 0))]
     sets = [spheres for i in links for spheres in spheres_along_links(arm, radii[i - 1], links=[i])]
     names = {spheres.link: spheres.name for spheres in sets}
     if not isinstance(excluded, list):
-        raise InputError(f"{where}: expected pairs of links, got {excluded!r}")
-    pairs = []
+        raise table.error(f"expected pairs of links, got {excluded!r}", where)
     for pair in excluded:
-        if not isinstance(pair, list) or len(pair) != 2 or not all(i in names for i in pair):
-            raise InputError(f"{where}: expected two of the links {', '.join(map(str, names))}, got {pair!r}")
-        pairs.append((names[pair[0]], names[pair[1]]))
-    return arm.with_spheres(sets, excluded_pairs=pairs)
+        if not isinstance(pair, list) or len(pair) != 2 or not all(i in list(names) for i in pair):
+            raise table.error(f"expected two of the links {', '.join(map(str, names))}, got {pair!r}", where)
+    return arm.with_spheres(sets, excluded_pairs=[(names[a], names[b]) for a, b in excluded])
 
 
-def _with_limits(arm: ArmModel, table: dict[str, Any]) -> ArmModel:
-    refuse_unknown(table, _ARM_LIMITS, "arm.limits.")
-    limits = {}
-    for key, value in table.items():
-        name, scale = _ARM_LIMITS[key]
-        signed = name.startswith("angle")
-        limits[name] = scale * per_joint_at(f"arm.limits.{key}", value, arm.n, signed=signed)
-    try:
-        return arm.with_limits(**limits)
-    except InputError as error:
-        raise InputError(f"arm.{error}") from None
-
-
-def motors_from_tables(data: dict[str, Any], arm: ArmModel) -> Motors:
-    """The motors of `[motors]`, which modular arms may leave out.
+def read_obstacles(
+    data: Table,
+    key: str,
+    arm: ArmModel,
+    *,
+    numbered: bool = False,
+    world: bool = False,
+    base_only: bool = False,
+) -> list[Wall | Pillar]:
+    """The obstacles of tables in double brackets.
 
     Args:
-        data: the file's tables.
-        arm: of its `[arm]`.
+        data: the file.
+        key: of the tables.
+        arm: whose spheres are checked.
+        numbered: several without names are called "wall 1" and so on.
+        world: in world axes, where floors are none of them.
+        base_only: not for the arm.
 
     Raises:
         InputError: a value is missing, unknown or cannot be used; names its place.
     """
-    modular = "name" in data["arm"]
-    if "motors" not in data and not modular:
-        raise InputError(
-            'motors: missing table [motors]; give kind = "dc" with motor data, or kind = "estimated"'
-        )
-    table = subtable(data, "motors", optional=modular)
-    kind = table.get("kind", "modular" if modular else None)
-    if kind not in MOTOR_KEYS:
-        raise InputError(f"motors.kind: expected one of {', '.join(MOTOR_KEYS)}, got {kind!r}")
-    refuse_unknown(table, MOTOR_KEYS[kind], "motors.", also=("kind",))
-    if kind == "modular":
-        if not modular:
-            raise InputError("motors.kind: the power maps 'modular' are for the modular arms only")
-        return modular_motors()
-    if kind == "estimated":
-        values = {key: number_at(f"motors.{key}", value) for key, value in table.items() if key != "kind"}
-        return with_place("motors", DCMotors.estimated, arm, **values)
-    return dc_motors(table, arm.n)
-
-
-def obstacles_from_tables(tables: list[dict[str, Any]]) -> list[Wall | Pillar]:
-    """The obstacles of `[[obstacle]]`; messages name `obstacle[1]` and so on.
-
-    Raises:
-        InputError: a value is missing, unknown or cannot be used; names its place.
-    """
+    tables = data.tables(key)
+    if tables and not arm.sphere_sets and not base_only:
+        hint = "; obstacles for the base alone are [[keep_out]]" if world else ""
+        raise data.error(f"the arm has no collision spheres to check; give arm.sphere_radius{hint}", key)
     found: list[Wall | Pillar] = []
     for number, table in enumerate(tables, 1):
-        where = f"obstacle[{number}]"
-        kind = table.get("kind")
-        if kind not in _OBSTACLE_KEYS:
-            raise InputError(f"{where}.kind: expected one of {', '.join(_OBSTACLE_KEYS)}, got {kind!r}")
-        refuse_unknown(table, _OBSTACLE_KEYS[kind], f"{where}.", also=("kind",))
-        name = text_at(f"{where}.name", table.get("name", kind))
+        kind = table.choice("kind", ("floor", "wall", "pillar"))
+        name = f"{kind} {number}" if numbered and len(tables) > 1 else kind
+        if kind == "floor" and world:
+            hint = "give it as [[base_obstacle]], or a wall with its normal"
+            raise table.error(f"a floor belongs to the base: {hint}", "kind")
         if kind == "floor":
-            found.append(floor(number_at(f"{where}.height", required(table, "height", where))))
+            made = table.make(floor, table.number("height"))
         elif kind == "wall":
-            normal = direction_at(f"{where}.normal", required(table, "normal", where))
-            found.append(
-                Wall(normal, number_at(f"{where}.distance", required(table, "distance", where)), name)
-            )
+            normal, distance = table.direction("normal"), table.number("distance")
+            made = table.make(Wall, normal, distance, table.text("name", name))
         else:
-            point = vector_at(f"{where}.point", required(table, "point", where), 3)
-            radius = number_at(f"{where}.radius", required(table, "radius", where))
-            axis = direction_at(f"{where}.axis", table.get("axis", [0, 0, 1]))
-            found.append(Pillar(point, positive_number(f"{where}.radius", radius), axis, name))
+            point, radius = table.vector("point", 3), table.number("radius", bound="> 0")
+            axis = table.direction("axis", np.array([0.0, 0.0, 1.0]))
+            made = table.make(Pillar, point, radius, axis, table.text("name", name))
+        found.append(made)
     return found

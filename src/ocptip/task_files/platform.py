@@ -1,4 +1,4 @@
-"""The tables `[robot]` and `[motors]` of a task file: a parallel robot on its support; see `task_file`."""
+"""The table `[robot]` of a task file, a parallel robot on its support; format: docs/motion-planner.md."""
 
 from __future__ import annotations
 
@@ -6,37 +6,25 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ocptip.basics.errors import InputError, positive_number
-from ocptip.basics.toml import (
-    number_at,
-    per_joint_at,
-    refuse_unknown,
-    required,
-    rpy_at,
-    subtable,
-    text_at,
-    vector_at,
-    with_place,
-)
+import numpy as np
+
+from ocptip.basics.toml import Table
 from ocptip.contact.support import Support
 from ocptip.parallel.description.ready_made import READY_MADE
 from ocptip.parallel.description.robot_description import BodyInertia, RobotDescription
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.standing.platform import PlatformLimits, StandingParallelRobot
-from ocptip.task_files.motors import MOTOR_KEYS, dc_motors
+from ocptip.task_files.motors import dc_motors
 from ocptip.task_files.parallel import read_parallel_robot
 
-_ROBOT_KEYS = ("parallel", "payload", "mount_position", "mount_rpy_deg", "limits")
-_PLATFORM_LIMITS = ("lower", "upper", "speed", "acceleration", "motor_force", "motor_speed", "singularity")
 
-
-def parallel_robot(
-    data: dict[str, Any], support: Support, moment: float | None, folder: Path
+def read_platform_robot(
+    data: Table, support: Support, moment: float | None, folder: Path
 ) -> StandingParallelRobot:
-    """The robot of the file `data` on its support.
+    """The robot of a file on its support.
 
     Args:
-        data: the file's tables.
+        data: the file.
         support: of its scene.
         moment: reference moment, N m, or None.
         folder: of the file.
@@ -44,42 +32,24 @@ def parallel_robot(
     Raises:
         InputError: a value is missing, unknown or cannot be used; names its place.
     """
-    if "arm" in data or "obstacle" in data:
-        which = "arm" if "arm" in data else "obstacle"
-        raise InputError(
-            f"{which}: not together with [robot]; the box of its coordinates keeps it off others"
-        )
-    table = subtable(data, "robot")
-    refuse_unknown(table, _ROBOT_KEYS, "robot.")
-    robot = with_place("robot.parallel", ParallelRobot, _description(table, folder))
-    motors = subtable(data, "motors")
-    if motors.get("kind") != "dc":
-        raise InputError(
-            f"motors.kind: a parallel robot needs 'dc' with motor data, got {motors.get('kind')!r}"
-        )
-    refuse_unknown(motors, MOTOR_KEYS["dc"], "motors.", also=("kind",))
-    return with_place(
-        "robot",
-        StandingParallelRobot,
-        robot,
-        support,
-        dc_motors(motors, robot.m),
-        _platform_limits(table, robot.m),
-        position=vector_at("robot.mount_position", required(table, "mount_position", "robot"), 3),
-        rotation=rpy_at("robot.mount_rpy_deg", table.get("mount_rpy_deg", [0, 0, 0])),
-        reference_moment=moment,
-    )
+    for key in ("arm", "obstacle"):
+        if key in data:
+            raise data.error("not together with [robot]; the box of its coordinates keeps it off others", key)
+    table = data.table("robot")
+    name, payload = table.text("parallel"), table.number("payload", 0.0, bound=">= 0")
+    mount = {"position": table.vector("mount_position", 3), "rotation": table.rotation("mount_", np.eye(3))}
+    table.close("limits")
+    with table.at("parallel"):
+        robot = ParallelRobot(_description(name, payload, folder))
+    motors = data.table("motors")
+    motors.choice("kind", ("dc",))
+    parts = robot, support, dc_motors(motors, robot.m), _limits(table.table("limits"), robot.m)
+    with table.at(), table.table("limits").at(None):
+        return StandingParallelRobot(*parts, **mount, reference_moment=moment)
 
 
-def _description(table: dict[str, Any], folder: Path) -> RobotDescription:
-    name = text_at("robot.parallel", required(table, "parallel", "robot"))
-    if name in READY_MADE:
-        description = READY_MADE[name]()
-    else:
-        description = with_place("robot.parallel", read_parallel_robot, folder / name)
-    payload = positive_number(
-        "robot.payload", number_at("robot.payload", table.get("payload", 0.0)), zero_allowed=True
-    )
+def _description(name: str, payload: float, folder: Path) -> RobotDescription:
+    description = READY_MADE[name]() if name in READY_MADE else read_parallel_robot(folder / name)
     if payload:
         body = description.platform.inertia
         loaded = BodyInertia(body.mass + payload, body.first_moment, body.inertia)
@@ -87,16 +57,9 @@ def _description(table: dict[str, Any], folder: Path) -> RobotDescription:
     return description
 
 
-def _platform_limits(table: dict[str, Any], m: int) -> PlatformLimits:
-    values = subtable(table, "limits", prefix="robot.")
-    refuse_unknown(values, _PLATFORM_LIMITS, "robot.limits.")
-    for key in _PLATFORM_LIMITS[:5]:
-        required(values, key, "robot.limits")
-    limits = {}
-    for key, value in values.items():
-        where = f"robot.limits.{key}"
-        signed = key in ("lower", "upper")
-        limits[key] = (
-            number_at(where, value) if key == "singularity" else per_joint_at(where, value, m, signed=signed)
-        )
-    return PlatformLimits(**limits)
+def _limits(table: Table, m: int) -> PlatformLimits:
+    limits: dict[str, Any] = {key: table.per_joint(key, m) for key in ("lower", "upper")}
+    for key in ("speed", "acceleration", "motor_force"):
+        limits[key] = table.per_joint(key, m, bound="> 0")
+    limits["motor_speed"] = table.per_joint("motor_speed", m, np.inf, bound="> 0")
+    return table.make(PlatformLimits, **limits, **table.numbers("singularity"))

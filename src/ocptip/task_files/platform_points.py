@@ -7,12 +7,14 @@ platform = [[x, y, z], ...]     # anchors in the platform frame
 
 [home]                          # optional: the pose that is meant without another one
 position = [x, y, z]
-rotation_deg = [rx, ry, rz]     # rotation vector, degrees
+rotation_vector_deg = [rx, ry, rz]  # or another form of an orientation, see docs/scenes.md
 
 [operation_ellipsoid]           # optional, platform frame
 center = [x, y, z]
 half_axes = [a, b, c]
-axes_deg = [rx, ry, rz]         # rotation vector of its axes, degrees
+axes_rotation_vector_deg = [rx, ry, rz]  # or another form
+
+Older files call these two `rotation_deg` and `axes_deg`.
 """
 
 from __future__ import annotations
@@ -24,13 +26,12 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ocptip.basics.errors import InputError, finite_array
-from ocptip.basics.toml import read_toml, refuse_unknown, required, subtable, text_at
+from ocptip.basics.errors import finite_array
+from ocptip.basics.toml import Table
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.platforms.platform import PlatformFile, StewartPlatform
 
 _UNITS = {"m": 1.0, "mm": 1e-3}
-_KEYS = ("name", "unit", "base", "platform", "home", "operation_ellipsoid")
 
 
 def read_platform(path: str | os.PathLike[str]) -> PlatformFile:
@@ -39,8 +40,7 @@ def read_platform(path: str | os.PathLike[str]) -> PlatformFile:
     Raises:
         InputError: the file cannot be read or describes no platform; one line that names file and key.
     """
-    path = Path(path)
-    return platform_from_dict(read_toml(path), name=path.name)
+    return _platform(Table.read(Path(path)))
 
 
 def platform_from_dict(data: dict[str, Any], *, name: str = "platform") -> PlatformFile:
@@ -53,28 +53,7 @@ def platform_from_dict(data: dict[str, Any], *, name: str = "platform") -> Platf
     Raises:
         InputError: one line that names the key.
     """
-    try:
-        return _platform(data, name)
-    except InputError as error:
-        raise InputError(f"{name}: {error}") from None
-
-
-def _platform(data: dict[str, Any], name: str) -> PlatformFile:
-    refuse_unknown(data, _KEYS, "")
-    unit = data.get("unit", "m")
-    if not isinstance(unit, str) or unit not in _UNITS:
-        raise InputError(f"unit: expected one of {', '.join(_UNITS)}, got {unit!r}")
-    scale = _UNITS[unit]
-    for key in ("base", "platform"):
-        if key not in data:
-            raise InputError(f"{key}: missing")
-    title = text_at("name", data.get("name", name))
-    anchors = [finite_array(key, data[key], (None, 3)) * scale for key in ("base", "platform")]
-    platform = StewartPlatform(*anchors, title)
-    home = _table(data, "home", ("position", "rotation_deg"))
-    position = finite_array("home.position", home.get("position", [0.0, 0.0, 0.0]), (3,)) * scale
-    rotation = rotation_from_degrees("home.rotation_deg", home.get("rotation_deg", [0.0, 0.0, 0.0]))
-    return PlatformFile(platform, position, rotation, _ellipsoid(data, scale))
+    return _platform(Table(data, name))
 
 
 def rotation_from_degrees(name: str, vector: object) -> np.ndarray:
@@ -86,22 +65,20 @@ def rotation_from_degrees(name: str, vector: object) -> np.ndarray:
     return Rotation.from_rotvec(np.radians(finite_array(name, vector, (3,)))).as_matrix()
 
 
-def _ellipsoid(data: dict[str, Any], scale: float) -> OperationEllipsoid | None:
-    if "operation_ellipsoid" not in data:
-        return None
-    table = _table(data, "operation_ellipsoid", ("center", "half_axes", "axes_deg"))
-    center = finite_array("operation_ellipsoid.center", table.get("center", [0.0, 0.0, 0.0]), (3,))
-    half_axes = finite_array(
-        "operation_ellipsoid.half_axes", required(table, "half_axes", "operation_ellipsoid"), (3,)
-    )
-    axes = rotation_from_degrees("operation_ellipsoid.axes_deg", table.get("axes_deg", [0.0, 0.0, 0.0]))
-    try:
-        return OperationEllipsoid(center * scale, axes, half_axes * scale)
-    except InputError as error:
-        raise InputError(f"operation_ellipsoid.{error}") from None
-
-
-def _table(data: dict[str, Any], key: str, known: tuple[str, ...]) -> dict[str, Any]:
-    table = subtable(data, key, optional=True)
-    refuse_unknown(table, known, f"{key}.")
-    return table
+def _platform(data: Table) -> PlatformFile:
+    with data:
+        data.close("name", "unit", "base", "platform", "home", "operation_ellipsoid")
+        scale, zero = _UNITS[data.choice("unit", _UNITS, "m")], np.zeros(3)
+        anchors = [data.array(key, (None, 3)) * scale for key in ("base", "platform")]
+        platform = data.make(StewartPlatform, *anchors, data.text("name", data.file))
+        home = data.table("home", optional=True)
+        position = home.vector("position", 3, zero, scale=scale)
+        rotation = home.rotation(default=np.eye(3), also="rotation_deg")
+        ellipsoid = None
+        if "operation_ellipsoid" in data:
+            table = data.table("operation_ellipsoid")
+            center = table.vector("center", 3, zero, scale=scale)
+            half_axes = table.vector("half_axes", 3, scale=scale)
+            axes = table.rotation("axes_", np.eye(3), also="axes_deg")
+            ellipsoid = table.make(OperationEllipsoid, center, axes, half_axes)
+        return PlatformFile(platform, position, rotation, ellipsoid)

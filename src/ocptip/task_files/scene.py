@@ -8,29 +8,18 @@ Contacts and loads are counted from 1 in every message, as in the printed table.
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ocptip.basics.errors import InputError, positive_number
-from ocptip.basics.toml import (
-    TOP_KEYS,
-    number_at,
-    read_toml,
-    refuse_non_numbers,
-    refuse_unknown,
-    subtables,
-    suggestion,
-    vector_at,
-)
+from ocptip.basics.toml import Table
 from ocptip.contact.bindings.binding import Binding
 from ocptip.contact.support import Load, Support, refuse_impossible_inertia
 
-_BASE_KEYS = ("mass", "center_of_mass", "inertia")
-_LOAD_KEYS = ("force", "moment", "point")
+SCENE = ("gravity", "base", "contact")
+"""What :func:`read_support` reads of a file."""
 
 
 @dataclass(frozen=True)
@@ -61,9 +50,7 @@ def read_scene(path: str | os.PathLike[str]) -> Scene:
     Raises:
         InputError: the file cannot be read or describes no scene; one line that names file and key.
     """
-    path = Path(path)
-    data = read_toml(path)
-    return scene_from_dict(data, name=path.name)
+    return _scene(Table.read(Path(path)))
 
 
 def scene_from_dict(data: dict[str, Any], *, name: str = "scene") -> Scene:
@@ -76,106 +63,70 @@ def scene_from_dict(data: dict[str, Any], *, name: str = "scene") -> Scene:
     Raises:
         InputError: one line that names the key.
     """
-    try:
-        return _scene(data, name)
-    except InputError as error:
-        raise InputError(f"{name}: {error}") from None
+    return _scene(Table(data, name))
 
 
-def _scene(data: dict[str, Any], name: str) -> Scene:
-    refuse_unknown(data, TOP_KEYS, "")
-    contacts = _contacts(subtables(data, "contact"))
-    dimension = contacts[0].dimension
-    support = _support(data, contacts)
-    loads = tuple(
-        _load(table, f"load[{number}]", dimension)
-        for number, table in enumerate(subtables(data, "load"), start=1)
-    )
-    return Scene(name, support, loads, support.wrench(loads))
+def _scene(data: Table) -> Scene:
+    with data:
+        data.close(*SCENE, "load")
+        support = read_support(data)
+        loads = tuple(_load(table, support.dimension) for table in data.tables("load"))
+        return Scene(data.file, support, loads, support.wrench(loads))
 
 
-def _support(data: dict[str, Any], contacts: Sequence[Binding]) -> Support:
+def read_support(data: Table) -> Support:
+    """The support of a file, out of `SCENE`.
+
+    Raises:
+        InputError: a value is missing, unknown or cannot be used; names its place.
+    """
+    contacts: list[Binding] = []
+    for table in data.tables("contact", required=True):
+        contacts.append(_contact(table, contacts[0].dimension if contacts else None))
     d = contacts[0].dimension
-    if "base" not in data:
-        raise InputError("base: missing table [base] with mass and center_of_mass")
-    base = data["base"]
-    if not isinstance(base, dict):
-        raise InputError(f"base: expected a table [base], got {base!r}")
-    refuse_unknown(base, _BASE_KEYS, "base.")
-    for key in ("mass", "center_of_mass"):
-        if key not in base:
-            raise InputError(f"base.{key}: missing")
-    mass = positive_number("base.mass", number_at("base.mass", base["mass"]))
-    center_of_mass = vector_at("base.center_of_mass", base["center_of_mass"], d)
-    gravity = vector_at("gravity", data["gravity"], d) if "gravity" in data else None
-    inertia = base.get("inertia")
-    if inertia is not None:
-        refuse_non_numbers("base.inertia", inertia)
-    try:
-        support = Support(
-            contacts, mass=mass, center_of_mass=center_of_mass, inertia=inertia, gravity=gravity
-        )
+    base = data.table("base")
+    support = base.make(
+        Support,
+        contacts,
+        mass=base.number("mass", bound="> 0"),
+        center_of_mass=base.vector("center_of_mass", d),
+        inertia=base.raw_numbers("inertia", None),
+        gravity=data.vector("gravity", d, None),
+    )
+    with base.at():
         refuse_impossible_inertia(support)
-    except InputError as error:
-        message = str(error)
-        raise InputError(f"base.{message}" if message.startswith(("inertia", "mass")) else message) from None
     return support
 
 
-def _contacts(tables: list[dict[str, Any]]) -> list[Binding]:
-    if not tables:
-        raise InputError("contact: a scene needs at least one [[contact]]")
-    contacts: list[Binding] = []
-    for number, table in enumerate(tables, start=1):
-        where = f"contact[{number}]"
-        contacts.append(_contact(table, where, contacts[0].dimension if contacts else None))
-    return contacts
-
-
-def _contact(table: dict[str, Any], where: str, dimension: int | None) -> Binding:
+def _contact(table: Table, dimension: int | None) -> Binding:
     """One contact; dimension: that of the contacts before it, None for the first."""
-    kinds = sorted(Binding.registry)
-    if "kind" not in table:
-        raise InputError(f"{where}.kind: missing; known: {', '.join(kinds)}")
-    kind = table["kind"]
-    if not isinstance(kind, str) or kind not in Binding.registry:
-        raise InputError(f"{where}.kind: unknown kind {kind!r}{suggestion(kind, kinds)}")
+    kind = table.choice("kind", sorted(Binding.registry))
     cls = Binding.registry[kind]
-    parameters = {key: value for key, value in table.items() if key != "kind"}
-    known = {field.name: field for field in fields(cls) if field.name in cls.parameter_names()}
-    refuse_unknown(parameters, known, f"{where}.", also=("kind",))
-    for key, field in known.items():
-        if key not in parameters:
-            if key == "position" or (field.default is MISSING and field.default_factory is MISSING):
-                raise InputError(f"{where}.{key}: missing (needed by {kind})")
-        elif not {"bool", "str"} & set(str(field.type).replace("|", " ").split()):
-            refuse_non_numbers(f"{where}.{key}", parameters[key])
+    parameters = {}
+    for field in fields(cls):
+        if field.init and field.default is MISSING and field.default_factory is MISSING:
+            table.require(field.name, f"needed by {kind}")
+        if field.init:
+            words = {"bool", "str"} & set(str(field.type).replace("|", " ").split())
+            parameters[field.name] = (table.value if words else table.raw_numbers)(field.name, None)
+    table.close()
+    parameters = {key: value for key, value in parameters.items() if value is not None}
     position = parameters["position"]
-    if dimension is not None and isinstance(position, list) and len(position) != dimension:
-        raise InputError(
-            f"{where}.position: expected {dimension} numbers like contact[1], got {len(position)}"
-        )
-    if isinstance(position, list) and len(position) == 2:
+    size = len(position) if isinstance(position, list) else None
+    if dimension is not None and size not in (None, dimension):
+        raise table.error(f"expected {dimension} numbers like contact[1], got {size}", "position")
+    if size == 2:
         parameters.setdefault("normal", [0.0, 1.0])
-    try:
-        return cls(**parameters)
-    except InputError as error:
-        raise InputError(f"{where}.{error}") from None
+    return table.make(cls, **parameters)
 
 
-def _load(table: dict[str, Any], where: str, dimension: int) -> Load:
-    refuse_unknown(table, _LOAD_KEYS, f"{where}.")
+def _load(table: Table, d: int) -> Load:
     if "force" not in table and "moment" not in table:
-        raise InputError(f"{where}.force: missing (a load needs a force or a moment)")
-    if "force" in table and "point" not in table:
-        raise InputError(f"{where}.point: missing (where the force acts, m)")
-    zero = np.zeros(dimension)
-    force = vector_at(f"{where}.force", table["force"], dimension) if "force" in table else zero
-    point = vector_at(f"{where}.point", table["point"], dimension) if "point" in table else zero
-    if "moment" not in table:
-        moment: Any = np.zeros(3) if dimension == 3 else 0.0
-    elif dimension == 3:
-        moment = vector_at(f"{where}.moment", table["moment"], 3)
-    else:
-        moment = number_at(f"{where}.moment", table["moment"])
-    return Load(force=force, moment=moment, point=point)
+        table.require("force", "a load needs a force or a moment")
+    if "force" in table:
+        table.require("point", "where the force acts, m")
+    zero = np.zeros(d)
+    moment = table.vector("moment", 3, np.zeros(3)) if d == 3 else table.number("moment", 0.0)
+    return table.make(
+        Load, force=table.vector("force", d, zero), moment=moment, point=table.vector("point", d, zero)
+    )

@@ -46,7 +46,7 @@ def load_motion(path: str | os.PathLike[str]) -> Motion:
             return motion
         return _from_csv(text)
     except InputError as error:
-        raise InputError(f"{path.name}: {error}") from None
+        raise InputError(error.text, error.path, path.name) from None
 
 
 def motion_origin(path: str | os.PathLike[str]) -> dict[str, str]:
@@ -56,7 +56,7 @@ def motion_origin(path: str | os.PathLike[str]) -> dict[str, str]:
     try:
         data = _json(text) if text.lstrip().startswith("{") else {}
     except InputError as error:
-        raise InputError(f"{path.name}: {error}") from None
+        raise InputError(error.text, error.path, path.name) from None
     return {key: data[key] for key in ("case", "base") if isinstance(data.get(key), str)}
 
 

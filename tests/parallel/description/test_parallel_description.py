@@ -224,15 +224,19 @@ def test_file_describes_the_same_robot_as_the_constructor(tmp_path):
         ('"gamma3"', '"gama3"', r"base_rotation\[1\]: 'gama3' .* did you mean 'gamma3'"),
         ('d = "l1"', 'd = "pi/0"', "division by zero"),
         ('joint = "revolute", d = "l1"', 'joint = "ball"', r"table.RRR.rows\[2\].joint: expected one of"),
-        ("joints_to_coupling = 2", "joints_to_coupling = 3", r"leg\[1\].n: joints up to"),
-        ("joints_to_coupling = 2", "", r"leg\[1\].n: joints up to"),
+        ("joints_to_coupling = 2", "joints_to_coupling = 3", "table.RRR.joints_to_coupling: joints .* got 3"),
+        ("joints_to_coupling = 2", "", "table.RRR.joints_to_coupling: missing"),
         ("mass = 2.0", 'mass = "2"', "platform.mass: expected a number"),
         ("mass = 2.0", "mas = 2.0", "platform.mas: unknown key; did you mean 'mass'"),
         ("l1 = 0.6", "l1 = true", "parameters.l1: expected a number"),
         ("l1 = 0.6", "pi = 3.0\nl1 = 0.6", "parameters.pi: not a usable name"),
         ('table = "RRR"', 'table = "PRR"', r"leg\[1\].table: there is no \[table.PRR\]"),
         ('["z", "pi/6"]', '"z"', r"leg\[2\].base_rotation: expected pairs"),
-        ("actuated = [1]", "actuated = [0]", r"leg\[1\].actuated: joints are counted from 1"),
+        (
+            "actuated = [1]",
+            "actuated = [0]",
+            r"leg\[1\].actuated: must be a whole number >= 1 and <= 3, got 0",
+        ),
         ("actuated = [1]", "actuated = 1", r"leg\[1\].actuated: expected a list"),
         ("[platform]", "[plattform]", "plattform: unknown key; did you mean 'platform'"),
         ("[0.0, 1.0, 0.0]", "[0.0, 1.0]", r"leg\[1\].base_position: expected 3 entries"),
@@ -257,7 +261,7 @@ def test_unreadable_files(tmp_path):
         read_parallel_robot(path)
     with pytest.raises(InputError, match="cannot be read"):
         read_parallel_robot(tmp_path)
-    with pytest.raises(InputError, match="leg: a robot needs legs"):
+    with pytest.raises(InputError, match=r"leg: at least one \[\[leg\]\] is needed"):
         robot_from_dict({"free": ["x"], "home": [0.0], "table": {"a": {}}})
 
 

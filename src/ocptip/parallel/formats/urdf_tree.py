@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ocptip.basics.errors import InputError, number_from
+from ocptip.basics.text import did_you_mean
 from ocptip.parallel.description.mdh import Frame, JointAxis, compose, inverse
 from ocptip.parallel.description.robot_description import PRISMATIC, REVOLUTE, BodyInertia
 from ocptip.robots.pinocchio import load_pinocchio
@@ -141,9 +141,8 @@ def require_name(argument: str, kind: str, name: object, known: Iterable[str]) -
     """Raise InputError with all known names unless `name` is one of them."""
     known = list(known)
     if name not in known:
-        near = difflib.get_close_matches(str(name), known, n=1)
-        guess = f" (did you mean {near[0]!r}?)" if near else ""
-        raise InputError(f"{argument}: there is no {kind} {name!r}{guess}; there are {', '.join(known)}")
+        hint = did_you_mean(name, known)
+        raise InputError(f"{argument}: there is no {kind} {name!r}; there are {', '.join(known)}{hint}")
 
 
 def _pair(placement: pin.SE3) -> Frame:
