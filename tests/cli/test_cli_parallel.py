@@ -85,7 +85,7 @@ def test_targets_are_checked_before_anything_is_computed(capsys, monkeypatch):
     ("pattern", "new", "expected"),
     [
         ("home = .*", "home = [50.0, 0.0, 0.0]", "home: leg 1 does not reach its coupling point"),
-        ("actuated = .*", "actuated = [7]", "leg[1].actuated: the leg has 3 joints, got [7]"),
+        ("actuated = .*", "actuated = [7]", "leg[1].actuated: must be a whole number >= 1 and <= 3, got 7"),
     ],
 )
 def test_errors_of_a_robot_file_name_file_and_key(capsys, root, tmp_path, pattern, new, expected):

@@ -53,6 +53,8 @@ CONTRADICTIONS = (  # between two tables: the one that is read later is refused
     r"_pose: arm .* cannot reach position",
     "is neither a parameter nor a multiple of pi",
     r"there is no \[table\.",
+    r"there is no row \d+, only",
+    "for legs that branch, with `ends`, but this leg has none",
     r"missing table \[arm\]",  # if there is no robot either
 )
 

@@ -104,7 +104,7 @@ class _Reader:
         if key not in self.tables:
             raise leg.error(f"there is no [table.{key}]{of_known(key, self.tables)}", "table")
         table = self.tables.table(key)
-        rows = table.tables("rows")
+        rows = table.tables("rows", required=True)
         make, parts = self._branched(leg, table, rows) if "ends" in leg else self._serial(leg, table, rows)
         parts |= {name: leg.vector(name, None, table.vector(name, None, ())) for name in _FRICTION}
         parts |= {
