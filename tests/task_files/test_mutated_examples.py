@@ -54,6 +54,7 @@ CONTRADICTIONS = (  # between two tables: the one that is read later is refused
     "is neither a parameter nor a multiple of pi",
     r"there is no \[table\.",
     r"there is no row \d+, only",
+    "the arm has no collision spheres to check; give arm.sphere_radius",
     "for legs that branch, with `ends`, but this leg has none",
     r"missing table \[arm\]",  # if there is no robot either
 )
