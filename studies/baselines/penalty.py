@@ -39,12 +39,11 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import Bounds
 
 from ocptip.basics.errors import InputError, finite_array, positive_number
-from ocptip.contact.states import ContactStates
 from ocptip.motion.check import INSIDE
 from ocptip.motion.planner.random_start import DETOUR, random_start
 from ocptip.motion.task import MotionTask, require_plannable
-from ocptip.numerics.batch import BatchFunction
 from ocptip.standing.arm import StandingRobot
+from ocptip.standing.instants import Instants
 from ocptip.trajectories.arm_motion import ArmMotion, earliest_end, passive_command
 from ocptip.trajectories.ramps import JointRamps, RampCommand
 
@@ -126,8 +125,6 @@ class MotionPenalty:
                 initial=0.0,
             )
         )
-        collision = self.robot.collision
-        self._gaps = BatchFunction(collision.function) if collision.labels else None
 
     # --- parameters and motions ---------------------------------------------------------------------------
 
@@ -211,13 +208,11 @@ class MotionPenalty:
         if not len(times):  # a task whose goal is its start, done without moving
             times, weights = np.zeros(1), np.zeros(0)
         q, qd, qdd = motion.states(times)
-        torques, wrenches = robot.loads(q, qd, qdd)
-        count = len(weights)
+        at = Instants.of_states(robot, q, qd, qdd)
+        torques, gaps, count = at.torques, at.gaps, len(weights)
         energy = float(weights @ np.sum(robot.motors.power(torques[:count], qd[:count]), axis=1))
-        states = robot.contact_states(wrenches)
-        GN, GT = robot.tip_over.evaluate(states).GN, self._slip(states)
-        gaps = self._gaps(q)[0] if self._gaps else np.empty((len(times), 0))
-        columns = np.column_stack([np.nan_to_num(GN, nan=_UNSOLVED), GT, -gaps])
+        GN, GT = (np.nan_to_num(reserve, nan=_UNSOLVED) for reserve in (at.tip.GN, at.slip.GT))
+        columns = np.column_stack([GN, GT, -gaps])
         if self.between == "spline" and count:
             worst = _spline_maxima(times, columns, motion.end, -bound.clearance - _NEAR)
             high, low = _piecewise_maxima(torques)
@@ -237,10 +232,6 @@ class MotionPenalty:
         )
         cost = energy + self.weight * float(np.sum(np.maximum(limits, 0.0)))
         return PenaltyValue(energy, limits, cost, motion.end)
-
-    def _slip(self, states: ContactStates) -> np.ndarray:
-        """GT, (N,)."""
-        return np.nan_to_num(self.robot.slip.evaluate(states, derivatives=False).GT, nan=_UNSOLVED)
 
 
 def _spline_maxima(times: np.ndarray, columns: np.ndarray, end: float, near: float) -> np.ndarray:

@@ -62,14 +62,14 @@ def _building_seconds(task: MotionTask) -> float:
     x = formulation.variables(start)
     end = x[formulation.layout.end] = max(x[formulation.layout.end], formulation.earliest)
     program = formulation.coarse_program(task.limits, end)
-    program.rows = program.near_rows(x, COARSE_ROWS)
+    program = program.with_rows(program.near_rows(x, COARSE_ROWS))
     evaluate(program, x, np.ones(len(program.bounds()[0])))
     return time.perf_counter() - began
 
 
 def evaluate(program: MotionProgram, x: np.ndarray, multipliers: np.ndarray) -> list[float]:
     """Seconds for objective and rows, gradient, Jacobian, Hessian, one after the other."""
-    program._last = None  # what the parts share is computed again, and counted with the first
+    program = program.with_rows(program.rows)  # which keeps nothing of the last evaluation
     calls = (
         lambda: program.values(x),
         lambda: program.gradient(x),

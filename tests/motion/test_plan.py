@@ -13,8 +13,9 @@ import pytest
 
 from ocptip.basics.errors import InputError, PlanningError
 from ocptip.motion.check import check_motion
-from ocptip.motion.plan import plan_motion, worker_pool
+from ocptip.motion.plan import plan_motion
 from ocptip.motion.planner.one_start import Attempt, Search, StartResult
+from ocptip.motion.workers import worker_pool
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.geometry import Pillar
 from ocptip.robots.kinematics import gripper_pose

@@ -165,10 +165,10 @@ def test_program_derivatives_with_all_rows(task, program_of):
         order, x = order_of(formulation, x)
         program = formulation.ordered_program(task.limits, order, x, [])
     rows = program.no_rows()
-    rows.further[::3] = True
-    rows.torque[1::4] = True
-    rows.tip[::5] = True
-    program.rows = rows
+    rows["further"][::3] = True
+    rows["torque"][1::4] = True
+    rows["tip-over"][::5] = True
+    program = program.with_rows(rows)
     further = task.robot.further_limits
     lower, _ = program.bounds()
     assert len(lower) == len(program.values(x)[1])

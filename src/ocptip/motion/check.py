@@ -13,8 +13,11 @@ from typing import Any
 import numpy as np
 
 from ocptip.basics.errors import InputError, positive_number
+from ocptip.standing.instants import Instants
+from ocptip.standing.limit import Limit, Worst
+from ocptip.standing.limit_kinds import limits_of
 from ocptip.standing.limits import MotionLimits
-from ocptip.standing.mechanism import MotionSamples, StandingMechanism
+from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.sampled import Motion
 
 INSIDE = 1.5e-9
@@ -27,25 +30,7 @@ _MIN_POINTS = 5
 _ROUNDS = 8
 _NEAREST = 6
 _FRESH = 9
-_ANGLE_TOLERANCE = 1e-9
 _RELATIVE_TOLERANCE = 1e-9
-
-
-@dataclass(frozen=True)
-class Worst:
-    """The worst instant of one quantity.
-
-    Attributes:
-        value: in the quantity's unit.
-        time: s.
-        limit: what it is compared with.
-        detail: where or what, e.g. "joint 2".
-    """
-
-    value: float
-    time: float
-    limit: float
-    detail: str = ""
 
 
 @dataclass(frozen=True)
@@ -78,7 +63,7 @@ class MotionCheck:
             "verified": self.verified,
             "energy_J": self.energy,
             "duration_s": self.duration,
-            "worst": {name: vars(worst).copy() for name, worst in self.worst.items()},
+            "worst": {name: worst.to_dict() for name, worst in self.worst.items()},
             "violations": list(self.violations),
             "samples": self.samples,
             "stands": self.stands,
@@ -100,9 +85,8 @@ def check_motion(
         InputError: the motion does not fit the arm, step is not positive, or so small that the grid would
             have more than `MOST_INSTANTS`.
     """
-    limits = limits or MotionLimits()
     step = positive_number("step", step)
-    worst: dict[str, Worst] = _exact_limits(robot, motion)
+    robot.require_fit(motion.n)
     instants = motion.end / step + _MIN_POINTS * len(motion.intervals)
     if not instants <= MOST_INSTANTS:
         raise InputError(
@@ -110,6 +94,8 @@ def check_motion(
             f"{step:.4g} s, more than {MOST_INSTANTS:.0e}; take larger steps, or look for a speed or an "
             "acceleration that is far too small"
         )
+    kinds = limits_of(robot, limits or MotionLimits())
+    worst = [found for limit in kinds for found in limit.exact(motion)]
     grids = [_Grid(left + INSIDE, right - INSIDE, step) for left, right in motion.intervals]
     grids += [_Grid(t, t, step) for t in (-INSIDE, motion.end + INSIDE)]
     samples, unsolved, standing = 0, [], True
@@ -119,27 +105,20 @@ def check_motion(
         if count == 0:
             break
         samples += count
-        found = _evaluate(robot, motion, todo)
+        found = _evaluate(robot, motion, kinds, todo)
         unsolved += found.unsolved
         standing &= found.standing
-        for grid, times, columns in zip(grids, todo, found.split(todo), strict=True):
-            grid.add(times, columns)
+        for grid, times, values in zip(grids, todo, found.split(todo), strict=True):
+            grid.add(times, values)
         todo = _refinements(grids)
-    values = np.concatenate([grid.values for grid in grids])
     times = np.concatenate([grid.times for grid in grids])
-    joints = np.concatenate([grid.joints for grid in grids])
-    for column, (name, limit) in enumerate(
-        [("GN", limits.GN), ("GT", limits.GT), ("torque_ratio", limits.torque_ratio)]
-    ):
-        at = int(np.argmax(values[:, column]))
-        detail = f"joint {joints[at] + 1}" if name == "torque_ratio" else ""
-        worst[name] = Worst(float(values[at, column]), float(times[at]), limit, detail)
-    at = int(np.argmax(values[:, 3]))
-    worst["clearance_m"] = Worst(float(-values[at, 3]), float(times[at]), limits.clearance)
-    violations = _violations(worst)
-    for name, (found_worst, sentence) in _further_worst(robot, values[:, 4:], times).items():
-        worst[name] = found_worst
-        violations += [sentence] if sentence else []
+    values = np.concatenate([grid.values for grid in grids])
+    holding = standing and not unsolved
+    for limit, own in zip(kinds, np.split(values, found.ends, axis=1), strict=True):
+        of_limit = limit.worst(own, times, lambda time: _instants(robot, motion, np.array([time])))
+        holding &= not limit.of_contacts or all(w.value < 1 for w in of_limit)
+        worst += of_limit
+    violations = [w.violation for w in worst if w.violation]
     if unsolved:
         violations.append(
             f"no verified contact state at {len(unsolved)} instants, first at {unsolved[0]:.4f} s"
@@ -150,15 +129,15 @@ def check_motion(
         verified=not violations,
         energy=robot.energy(motion),
         duration=motion.end,
-        worst=worst,
+        worst={w.name: w for w in worst},
         violations=tuple(violations),
         samples=samples,
-        stands=standing and not unsolved and all(worst[name].value < 1 for name in ("GN", "GT")),
+        stands=holding,
     )
 
 
 class _Grid:
-    """Sampled values of one interval: columns GN, GT, torque ratio, -clearance, excess of further limits."""
+    """Sampled values of one interval, (N, m), in the order of the limits."""
 
     def __init__(self, left: float, right: float, step: float) -> None:
         if right <= left:
@@ -167,45 +146,44 @@ class _Grid:
             points = max(_MIN_POINTS, int(np.ceil((right - left) / step)) + 1)
             self.times = np.linspace(left, right, points)
         self.values = np.empty((0, 0))
-        self.joints = np.empty(0, dtype=int)
 
-    def add(self, times: np.ndarray, columns: tuple[np.ndarray, np.ndarray]) -> None:
+    def add(self, times: np.ndarray, values: np.ndarray) -> None:
         """Put new values among the old ones, sorted by time."""
-        values, joints = columns
         if len(self.values):
-            times = np.concatenate([self.times, times])
-            values, joints = np.vstack([self.values, values]), np.concatenate([self.joints, joints])
+            times, values = np.concatenate([self.times, times]), np.vstack([self.values, values])
         order = np.argsort(times, kind="stable")
-        self.times, self.values, self.joints = times[order], values[order], joints[order]
+        self.times, self.values = times[order], values[order]
 
 
 @dataclass
 class _Found:
+    """Values (N, m) at instants; `ends` are the columns at which the limits' values are split."""
+
     values: np.ndarray
-    joints: np.ndarray
+    ends: np.ndarray
     unsolved: list[float]
     standing: bool
 
-    def split(self, todo: list[np.ndarray]) -> list[tuple[np.ndarray, np.ndarray]]:
-        ends = np.cumsum([len(times) for times in todo])[:-1]
-        return list(zip(np.split(self.values, ends), np.split(self.joints, ends), strict=True))
+    def split(self, todo: list[np.ndarray]) -> list[np.ndarray]:
+        """By the instants' grids."""
+        return np.split(self.values, np.cumsum([len(times) for times in todo])[:-1])
 
 
-def _evaluate(robot: StandingMechanism, motion: Motion, todo: list[np.ndarray]) -> _Found:
+def _instants(robot: StandingMechanism, motion: Motion, times: np.ndarray) -> Instants:
+    return Instants.of_states(robot, *motion.states(times))
+
+
+def _evaluate(
+    robot: StandingMechanism, motion: Motion, limits: tuple[Limit, ...], todo: list[np.ndarray]
+) -> _Found:
     """Values at the listed instants of all grids."""
     times = np.concatenate(todo)
-    samples = robot.samples(motion, times)
-    values, joints = _quantities(robot, samples)
+    at = _instants(robot, motion, times)
+    measured = [limit.measure(at) for limit in limits]
+    values, ends = np.hstack(measured), np.cumsum([own.shape[1] for own in measured])[:-1]
     values[np.isnan(values)] = np.inf
-    certain = samples.states.solved & samples.slip.solved
-    return _Found(values, joints, times[~certain].tolist(), bool(np.all(samples.states.persistent)))
-
-
-def _quantities(robot: StandingMechanism, samples: MotionSamples) -> tuple[np.ndarray, np.ndarray]:
-    ratios = np.abs(samples.torques) / robot.limits.torque
-    columns = [samples.tip.GN, samples.slip.GT, np.max(ratios, axis=1), -samples.clearances]
-    excess = robot.further_limits.excess(samples.further) if robot.further_limits.count else samples.further
-    return np.column_stack([*columns, excess]), np.argmax(ratios, axis=1)
+    certain = at.states.solved & at.slip.solved
+    return _Found(values, ends, times[~certain].tolist(), bool(np.all(at.states.persistent)))
 
 
 def _refinements(grids: list[_Grid]) -> list[np.ndarray]:
@@ -231,57 +209,3 @@ def _refinements(grids: list[_Grid]) -> list[np.ndarray]:
         np.setdiff1d(np.concatenate(parts), grid.times) if parts else np.empty(0)
         for grid, parts in zip(grids, new, strict=True)
     ]
-
-
-def _exact_limits(robot: StandingMechanism, motion: Motion) -> dict[str, Worst]:
-    """Speed, acceleration and angle limits of the motion, exactly."""
-    limits = robot.limits
-    robot.require_fit(motion.n)
-    speed = motion.speed_peaks / limits.speed
-    acceleration = motion.acceleration_peaks / limits.acceleration
-    low, high = motion.angle_ranges.T
-    margin = np.minimum(low - limits.angle_min, limits.angle_max - high)
-    worst = {}
-    for name, ratio in (("speed_ratio", speed), ("acceleration_ratio", acceleration)):
-        j = int(np.argmax(ratio))
-        worst[name] = Worst(float(ratio[j]), float("nan"), 1.0, f"joint {j + 1}")
-    angles = set(robot.units) == {"rad"}
-    margin = np.rad2deg(margin) if angles else margin
-    j = int(np.argmin(margin))
-    name = "angle_margin_deg" if angles else "coordinate_margin"
-    worst[name] = Worst(float(margin[j]), float("nan"), 0.0, f"joint {j + 1}")
-    return worst
-
-
-def _further_worst(
-    robot: StandingMechanism, excess: np.ndarray, times: np.ndarray
-) -> dict[str, tuple[Worst, str]]:
-    """Worst of each further quantity, from its excess (N, k) over the limits, and its violation if any."""
-    limits, found = robot.further_limits, {}
-    for name in dict.fromkeys(limits.names):
-        columns = [k for k in range(limits.count) if limits.names[k] == name and limits.limited[k]]
-        if not columns:
-            continue
-        at, column = np.unravel_index(np.argmax(excess[:, columns]), (len(times), len(columns)))
-        k = columns[column]
-        value, limit, least = limits.described(k, float(excess[at, k]))
-        sentence = ""
-        if not excess[at, k] <= _ANGLE_TOLERANCE:
-            sentence = f"{name} is {value:.4g} at {times[at]:.4f} s ({limits.details[k]}), must be "
-            sentence += f"{'>=' if least else '<='} {limit:.4g}"
-        found[name] = Worst(value, float(times[at]), limit, limits.details[k]), sentence
-    return found
-
-
-def _violations(worst: dict[str, Worst]) -> list[str]:
-    found = []
-    for name, w in worst.items():
-        smallest = name in ("clearance_m", "angle_margin_deg", "coordinate_margin")
-        excess = (w.limit - w.value) if smallest else (w.value - w.limit)
-        if not excess <= _ANGLE_TOLERANCE:
-            where = f" at {w.time:.4f} s" if np.isfinite(w.time) else ""
-            what = f" ({w.detail})" if w.detail else ""
-            found.append(
-                f"{name} is {w.value:.4g}{where}{what}, must be {'>=' if smallest else '<='} {w.limit:.4g}"
-            )
-    return found

@@ -64,7 +64,7 @@ def plan_to_dict(plan: MotionPlan) -> dict[str, Any]:
         "duration_s": checked.duration,
         "verified": checked.verified,
         "violations": checked.violations,
-        "worst": checked.worst,
+        "worst": checked.to_dict()["worst"],
         **({"units": motion["units"]} if "units" in motion else {}),
         "start": motion["start"],
         "goal": np.where(np.array(units) == "rad", np.rad2deg(goal), goal),

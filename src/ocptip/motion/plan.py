@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import os
 import pickle
-import signal
-import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator
-from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
+from concurrent.futures import BrokenExecutor, Executor, Future, as_completed
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -22,12 +18,10 @@ from ocptip.basics.errors import PlanningError, whole_number
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.planner.one_start import Attempt, Search, StartResult
 from ocptip.motion.task import MotionTask, require_plannable
-from ocptip.numerics.process_state import environment
+from ocptip.motion.workers import Workers, worker_pool
 from ocptip.trajectories.arm_motion import ArmMotion
 
-_THREADS = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 _TASKS_IN_MEMORY = 4  # per worker
-_PATIENCE = 5.0  # s
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +108,7 @@ def plan_motion(
         progress(0, starts, None)
     source = _in_process(task, starts, seed) if executor is None and jobs == 1 else None
     try:
-        with worker_pool(executor, jobs, starts) if source is None else _nothing() as pool:
+        with worker_pool(executor, jobs, starts) if source is None else nullcontext() as pool:
             for attempt in source or _in_pool(pool, task, starts, seed):
                 attempts.append(attempt)
                 if attempt.result.verified and (best is None or _rank(attempt) < _rank(best)):
@@ -178,12 +172,13 @@ def _in_pool(pool: Executor, task: MotionTask, starts: int, seed: int) -> Iterat
         for future in as_completed(futures):
             yield future.result()
     finally:
-        if not isinstance(pool, _Workers):  # which cancels by itself
+        if not isinstance(pool, Workers):  # which cancels by itself
             for future in futures:
                 future.cancel()
 
 
 def run_start(payload: bytes, number: int, seed: int) -> Attempt:
+    """The start of that number, of a pickled task; what a worker runs."""
     with threadpool_limits(1):
         return _search(payload).run(number, seed)
 
@@ -192,83 +187,3 @@ def run_start(payload: bytes, number: int, seed: int) -> Attempt:
 def _search(payload: bytes) -> Search:
     """One search per task and worker process, so that its functions are built once."""
     return Search(pickle.loads(payload))
-
-
-@contextmanager
-def worker_pool(executor: Executor | None, jobs: int | None, starts: int) -> Iterator[Executor]:
-    """The caller's executor, left open, or a process pool that ends with the planning.
-
-    Where the planning ends early, so do the workers: nobody waits for starts that nobody reads.
-    """
-    if executor is not None:
-        yield executor
-        return
-    count = min(jobs or cores(), starts)
-    pool = _Workers(count, mp_context=multiprocessing.get_context("spawn"), initializer=_serve)
-    try:
-        yield pool
-        pool.shutdown(wait=False)
-    except BaseException:
-        pool.end()
-        raise
-
-
-class _Workers(ProcessPoolExecutor):
-    """A process pool whose workers leave interrupts to their parent, and that can be ended at once."""
-
-    def submit(self, *arguments: Any, **options: Any) -> Future:
-        """Like the base class, which may start a worker here: from its first instruction it is spared.
-
-        Ipopt's libraries start threads of their own, out of reach of threadpoolctl: a worker, which takes
-        over the environment before it loads anything, gets one of each.
-        """
-        with _interrupts_held(), environment(_THREADS):
-            return super().submit(*arguments, **options)
-
-    def end(self) -> None:
-        """End the workers with what they are doing; 3.14 has `terminate_workers`.
-
-        Before, starts that wait must be cancelled by the pool's own thread: it stumbles over a cancelled one
-        when it finds its workers gone.
-        """
-        futures = [item.future for item in list(self._pending_work_items.values())]
-        workers = list((self._processes or {}).values())
-        self.shutdown(wait=False, cancel_futures=True)
-        latest = time.monotonic() + _PATIENCE
-        while not all(f.done() or f.running() for f in futures) and time.monotonic() < latest:
-            time.sleep(0.01)
-        for worker in workers:
-            worker.terminate()
-
-
-@contextmanager
-def _interrupts_held() -> Iterator[None]:
-    """Interrupts of this thread come afterwards; a process started here gets none at all."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _serve() -> None:
-    """In a worker: leave interrupts to the parent, and do not outlive it."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-    def watch() -> None:
-        multiprocessing.parent_process().join()
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
-
-
-def cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-@contextmanager
-def _nothing() -> Iterator[None]:
-    yield None

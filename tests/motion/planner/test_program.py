@@ -11,7 +11,7 @@ from ocptip.contact.support import Support
 from ocptip.motion.check import check_motion
 from ocptip.motion.planner.event_order import order_of
 from ocptip.motion.planner.formulation import Formulation, Smoothing
-from ocptip.motion.planner.program import ENERGY_UNIT, RowSet
+from ocptip.motion.planner.program import ENERGY_UNIT, Pull
 from ocptip.motion.planner.random_start import random_start
 from ocptip.motion.task import MotionTask
 from ocptip.published.arms import load_arm
@@ -84,16 +84,22 @@ def planned(request):
 
 
 def some_rows(program, seed, slip=True):
-    """A random selection of rows of all families."""
+    """A random selection of rows of all limits."""
     rng = np.random.default_rng(seed)
     rows = program.no_rows()
-    for name in RowSet.FAMILIES:
-        mask = getattr(rows, name)
-        share = 0.02 if name == "gap" else 0.3
+    for name, mask in rows.masks.items():
+        share = 0.02 if name == "clearance" else 0.3
         mask[...] = rng.random(mask.shape) < share
     if not slip:
-        rows.slip[:] = False
+        rows["slip"][:] = False
     return rows
+
+
+def parts(program, values):
+    """Values of the rows by name of the limit, and of the structure."""
+    sizes = [len(program.structure.lower), *map(np.count_nonzero, program.rows.masks.values())]
+    names = ["structure", *program.rows.masks]
+    return dict(zip(names, np.split(values, np.cumsum(sizes[:-1])), strict=True))
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -124,23 +130,20 @@ def test_rows_are_the_reserves_of_the_motion_at_the_nodes(planned, seed):
     real = program.weights @ x > 1e-9
     samples = robot.samples(motion, times)
     assert samples.states.persistent.all()
-    program.rows = some_rows(program, seed)
-    count = len(program.structure.lower)
-    rows = program.values(x)[1][count:]
-    tip, slip, torque, gap, angle, further = np.split(
-        rows, np.cumsum([np.count_nonzero(getattr(program.rows, name)) for name in RowSet.FAMILIES[:-1]])
-    )
-    expected = samples.tip.moments[program.rows.tip] / (2 * robot.tip_over.reference_moment)
-    here = real[np.nonzero(program.rows.tip)[0]]
-    np.testing.assert_allclose(tip[here], expected[here], rtol=1e-6, atol=1e-9)
-    here = real[program.rows.slip]
-    np.testing.assert_allclose(slip[here], samples.slip.GT[program.rows.slip][here], rtol=1e-5)
-    here = real[np.nonzero(program.rows.torque)[0]]
-    expected = (samples.torques / robot.arm.limits.torque)[program.rows.torque]
-    np.testing.assert_allclose(torque[here], expected[here], rtol=1e-6, atol=1e-9)
-    np.testing.assert_allclose(gap, 10 * robot.collision.gaps(samples.angles)[program.rows.gap], atol=1e-7)
-    np.testing.assert_allclose(angle, samples.angles[program.rows.angle], atol=1e-8)
-    assert not further.size  # an arm has no other limits
+    program = program.with_rows(some_rows(program, seed))
+    rows, own = program.rows, parts(program, program.values(x)[1])
+    expected = samples.tip.moments[rows["tip-over"]] / (2 * robot.tip_over.reference_moment)
+    here = real[np.nonzero(rows["tip-over"])[0]]
+    np.testing.assert_allclose(own["tip-over"][here], expected[here], rtol=1e-6, atol=1e-9)
+    slip = rows["slip"][:, 0]
+    np.testing.assert_allclose(own["slip"][real[slip]], samples.slip.GT[slip][real[slip]], rtol=1e-5)
+    here = real[np.nonzero(rows["torque"])[0]]
+    expected = (samples.torques / robot.arm.limits.torque)[rows["torque"]]
+    np.testing.assert_allclose(own["torque"][here], expected[here], rtol=1e-6, atol=1e-9)
+    gaps = robot.collision.gaps(samples.angles)[rows["clearance"]]
+    np.testing.assert_allclose(own["clearance"], 10 * gaps, atol=1e-7)
+    np.testing.assert_allclose(own["angle"], samples.angles[rows["angle"]], atol=1e-8)
+    assert not own["further"].size  # an arm has no other limits
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -148,8 +151,9 @@ def test_bounds_are_those_of_the_check(planned, seed):
     """GN at its limit is the tip row at its bound; nodes that use no limit fully break no bound."""
     program, x, motion, _ = planned.ordered(seed)
     limits, tip = planned.task.limits, planned.task.robot.tip_over
-    program.rows = program.no_rows()
-    program.rows.tip[:] = True
+    rows = program.no_rows()
+    rows["tip-over"][:] = True
+    program = program.with_rows(rows)
     lower = program.bounds()[0][-1]
     moment = lower * 2 * tip.reference_moment
     assert tip.reference_moment / (tip.reference_moment + moment) == pytest.approx(limits.GN)
@@ -161,18 +165,22 @@ def test_bounds_are_those_of_the_check(planned, seed):
 @pytest.mark.parametrize("seed", SEEDS)
 def test_use_is_one_exactly_where_the_worst_quantity_is_at_its_limit(effective, seed):
     """Limits moved to a node's own worst values: its use becomes 1 as the largest of all."""
-    program, x, motion, _ = effective.ordered(seed)
+    program, x, motion, order = effective.ordered(seed)
     robot = effective.task.robot
     real = program.weights @ x > 1e-9
     samples = robot.samples(motion, program.nodes.times @ x)
     largest = float(np.max(samples.slip.GT[real]))
-    program.limits = dataclasses.replace(program.limits, GT=largest, torque_ratio=9.0)
-    use = np.where(real, program.use(x), 0)
+
+    def with_limits(**numbers):
+        limits = dataclasses.replace(effective.task.limits, **numbers)
+        return effective.formulation.ordered_program(limits, order, x, [])
+
+    use = np.where(real, with_limits(GT=largest, torque_ratio=9.0).use(x), 0)
     assert np.max(use) == pytest.approx(1.0, abs=1e-5)
     assert np.argmax(use) == np.argmax(np.where(real, samples.slip.GT, 0))
-    program.limits = dataclasses.replace(program.limits, GT=1.0, torque_ratio=0.01)
     ratios = np.max(np.abs(samples.torques) / robot.arm.limits.torque, axis=1) / 0.01
-    np.testing.assert_allclose(program.use(x)[real], ratios[real], rtol=1e-6)
+    use = with_limits(GT=1.0, torque_ratio=0.01).use(x)
+    np.testing.assert_allclose(use[real], ratios[real], rtol=1e-6)
 
 
 def test_near_rows_grow_with_a_smaller_share(planned):
@@ -181,12 +189,11 @@ def test_near_rows_grow_with_a_smaller_share(planned):
     for fewer, more in pairwise(sets):
         assert fewer - more == 0
     assert sets[-1] - sets[0] > 0
-    assert sets[-1].tip.all()
-    assert sets[-1].slip.all()
-    assert sets[-1].torque.all()
-    assert not sets[0].torque.any()  # a start keeps its limits
+    for name in ("tip-over", "slip", "torque"):
+        assert sets[-1][name].all()
+    assert not sets[0]["torque"].any()  # a start keeps its limits
     passive = sorted(set(range(6)) - set(planned.task.optimised))
-    assert not sets[-1].angle[:, passive].any()
+    assert not sets[-1]["angle"][:, passive].any()
 
 
 def directional(function, x, direction, step=1e-6):
@@ -205,8 +212,7 @@ def directions(program, x, seed, count=6):
 @pytest.mark.parametrize("seed", SEEDS[:2])
 def test_gradient_and_jacobian(planned, kind, seed):
     program, x = planned.of_kind(seed, kind)
-    program.rows = some_rows(program, seed, slip=False)
-    program.anchor, program.pull = x + 0.1, 0.3
+    program = program.with_rows(some_rows(program, seed, slip=False), Pull(x + 0.1, 0.3))
     gradient, jacobian = program.gradient(x), program.jacobian(x)
     assert jacobian.shape == (len(program.bounds()[0]), len(x))
     scale = np.maximum(np.max(np.abs(jacobian), axis=1), 1.0)
@@ -220,8 +226,9 @@ def test_gradient_and_jacobian(planned, kind, seed):
 @pytest.mark.parametrize("seed", SEEDS[:2])
 def test_slopes_of_the_slip_rows(planned, seed):
     program, x, _, _ = planned.ordered(seed)
-    program.rows = program.no_rows()
-    program.rows.slip[::5] = True
+    rows = program.no_rows()
+    rows["slip"][::5] = True
+    program = program.with_rows(rows)
     jacobian = program.jacobian(x)[len(program.structure.lower) :]
     scale = np.max(np.abs(jacobian))
     off = []
@@ -236,13 +243,9 @@ def test_slopes_of_the_slip_rows(planned, seed):
 def test_hessian(planned, kind, seed):
     """Differences of the Lagrangian's gradient; GT's own curvature is left out, so its multipliers are 0."""
     program, x = planned.of_kind(seed, kind)
-    program.rows = some_rows(program, seed)
-    program.anchor, program.pull = x + 0.1, 0.3
-    sizes = [len(program.structure.lower)] + [
-        np.count_nonzero(getattr(program.rows, name)) for name in RowSet.FAMILIES
-    ]
-    multipliers = np.random.default_rng(seed).normal(size=sum(sizes))
-    multipliers[sum(sizes[:2]) : sum(sizes[:3])] = 0.0
+    program = program.with_rows(some_rows(program, seed), Pull(x + 0.1, 0.3))
+    multipliers = np.random.default_rng(seed).normal(size=len(program.bounds()[0]))
+    parts(program, multipliers)["slip"][:] = 0.0  # a view
     hessian = program.hessian(x, 0.7, multipliers)
     np.testing.assert_allclose(hessian, hessian.T, atol=1e-9 * np.max(np.abs(hessian)))
 
@@ -258,14 +261,16 @@ def test_hessian(planned, kind, seed):
 def test_slip_rows_put_the_curvature_of_the_wrench_into_the_hessian(effective, seed):
     """Left out is GT's curvature over the wrench; that of the wrench over x is there."""
     program, x, _, _ = effective.ordered(seed)
-    program.rows = program.no_rows()
-    program.rows.slip[:] = True
+    rows = program.no_rows()
+    rows["slip"][:] = True
+    program = program.with_rows(rows)
     multipliers = np.zeros(len(program.bounds()[0]))
     multipliers[-program.n_nodes :] = 1.0
-    gradients = program._evaluate(x).slip[1]
+    gradients = program._evaluate(x).rows[0].slopes
 
     def slope(z):
-        wrenches = program._evaluate(z).chained[:, 1 + effective.task.robot.arm.n :]
+        nodes = program._evaluate(z).nodes
+        wrenches = nodes.y_x[:, nodes.columns.wrench]
         return np.einsum("nw,nwx->x", gradients, wrenches)
 
     hessian = program.hessian(x, 0.0, multipliers)

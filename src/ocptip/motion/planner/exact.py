@@ -14,7 +14,7 @@ import numpy as np
 from ocptip.motion.planner.event_order import EventOrder, order_of
 from ocptip.motion.planner.formulation import Formulation
 from ocptip.motion.planner.program import MotionProgram
-from ocptip.numerics.ipopt import Solution, solve
+from ocptip.numerics.ipopt import Solution
 from ocptip.standing.limits import MotionLimits
 from ocptip.trajectories.arm_motion import ArmMotion
 
@@ -89,23 +89,18 @@ class Refiner:
         for _ in range(ROUNDS):
             fresh = [e for e in self._watch_out(watched, own, watch, x, share) if e not in extra]
             program = formulation.ordered_program(limits, order, anchor, extra + fresh)
-            program.rows = program.near_rows(x, NEAR)
-            if rows is not None:
-                old = program.n_nodes - len(fresh)
-                for name in rows.FAMILIES:
-                    getattr(program.rows, name)[:old] |= getattr(rows, name)
+            near = program.near_rows(x, NEAR)
+            if rows is None:
+                program = program.with_rows(near)
+            else:
                 if not fresh and not program.near_rows(x, 1 - FEASIBLE) - rows:
                     break
-            extra += fresh
-            if rows is not None:
+                program = program.with_rows(near.including(rows))
                 multipliers = program.carried(multipliers[0], rows), multipliers[1]
+            extra += fresh
             rows = program.rows
-            structure = program.structure
-            solution = solve(
-                program,
+            solution = program.solve(
                 x,
-                (structure.x_lower, structure.x_upper),
-                program.bounds(),
                 multipliers=multipliers,
                 start_mu=start_mu,
                 tolerance=1e-5,
@@ -128,9 +123,7 @@ class Refiner:
         At the first look (share below 1) the ends of intervals that use at least this share of a limit.
         """
         if share < 1:
-            near = watched.near_rows(x, share)
-            hit = near.tip.any(axis=1) | near.slip | near.torque.any(axis=1) | near.gap.any(axis=1)
-            hit = (hit | near.angle.any(axis=1) | near.further.any(axis=1))[own:]
+            hit = watched.near_rows(x, share).at_nodes[own:]
             return [place for place, h in zip(watch, hit, strict=True) if h and place[1] in (0.0, 1.0)]
         use = watched.use(x)[own:].reshape(-1, len(SHARES))
         chosen, step = [], SHARES[1]

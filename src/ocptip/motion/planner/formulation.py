@@ -17,6 +17,7 @@ from ocptip.motion.planner.event_order import SLOWEST, EventOrder, order_of, uni
 from ocptip.motion.planner.node_physics import node_physics
 from ocptip.motion.planner.profiles import Layout, Nodes, Profiles
 from ocptip.motion.planner.program import MotionProgram, Structure
+from ocptip.standing.limit_kinds import limits_of
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.arm_motion import ArmMotion, earliest_end, passive_command
@@ -206,15 +207,9 @@ class Formulation:
         profiles = Profiles(layout, self.start, self.goal, arm.speed, rounding=0.5 * width)
         nodes = Nodes(profiles, times, half_width=width)
         speeds = np.full((len(times), layout.n), smoothing.power)
-        return MotionProgram(
-            self.smooth_physics,
-            limits,
-            layout,
-            nodes,
-            weights,
-            speeds,
-            self._smooth_structure(smoothing, width),
-        )
+        kept = limits_of(self.robot, limits, layout.joints)
+        structure = self._smooth_structure(smoothing, width)
+        return MotionProgram(self.smooth_physics, kept, layout, nodes, weights, speeds, structure)
 
     def ordered_program(
         self, limits: MotionLimits, order: EventOrder, x: np.ndarray, extra: list[tuple[int, float]]
@@ -247,10 +242,8 @@ class Formulation:
         directions = order.directions[index]
         if self.physics.smooth:  # the order says nothing about the motors' directions
             directions = np.full(directions.shape, COARSE.power)
-        program = MotionProgram(
-            self.physics, limits, layout, placed, weights, directions, self._structure_of(order)
-        )
-        return program
+        kept, structure = limits_of(self.robot, limits, layout.joints), self._structure_of(order)
+        return MotionProgram(self.physics, kept, layout, placed, weights, directions, structure)
 
     # --- structure rows ---------------------------------------------------------------------------------
 

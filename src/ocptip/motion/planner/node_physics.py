@@ -8,6 +8,7 @@ import casadi as cs
 import numpy as np
 
 from ocptip.numerics.batch import BatchFunction
+from ocptip.standing.instants import NodeColumns
 from ocptip.standing.mechanism import StandingMechanism
 
 
@@ -26,11 +27,15 @@ class NodePhysics:
     Args:
         robot: on its support.
         smooth: in the smooth form.
+
+    Attributes:
+        columns: of y.
     """
 
     def __init__(self, robot: StandingMechanism, smooth: bool = False) -> None:
         self.robot, self.smooth = robot, smooth
         n = self.n = robot.n
+        self.columns = NodeColumns(n, robot.further_limits.count)
         self._s = cs.SX.sym("s", 3 * n)
         q, qd, qdd = cs.vertsplit(self._s, n)
         self._z = cs.vertcat(*robot.load_expressions(q, qd, qdd), robot.further_expressions(q, qd))
@@ -101,7 +106,7 @@ class NodePhysics:
         on_power, inner = weights[:, :1], weights[:, 1:].copy()
         inner[:, :n] += on_power * at.on_torque
         result = self._hessian(at.s, inner)[0]
-        slope = at.slope[:, 1 : 1 + n]
+        slope = at.slope[:, self.columns.torque]
         twice, mixed, speeds = (on_power * bend for bend in at.bends)
         result = result + np.matmul(slope.transpose(0, 2, 1) * twice[:, None, :], slope)
         mixed = mixed[:, :, None] * slope  # (N, n speeds, 3 n)
@@ -133,7 +138,7 @@ class CoupledNodePhysics(NodePhysics):
         on_power, inner = weights[:, :1], weights[:, 1:].copy()
         inner[:, :n] += on_power * at.on_torque
         inner[:, -n:] += on_power * at.on_speed
-        torque, speed = at.slope[:, 1 : 1 + n], at.slope[:, -n:]
+        torque, speed = at.slope[:, self.columns.torque], at.slope[:, -n:]
         twice, mixed, speeds = ((on_power * bend)[:, :, None] for bend in at.bends)
         back = torque.transpose(0, 2, 1)
         cross = np.matmul(back, mixed * speed)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,15 +11,16 @@ from ocptip.basics.errors import InputError, SolverError
 from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.planner.exact import Exact, Refiner
 from ocptip.motion.planner.formulation import Formulation, Smoothing
-from ocptip.motion.planner.program import MotionProgram
+from ocptip.motion.planner.program import MotionProgram, Pull
 from ocptip.motion.planner.random_start import random_start
 from ocptip.motion.task import MotionTask
-from ocptip.numerics.ipopt import Solution, solve
-from ocptip.standing.limits import MotionLimits
+from ocptip.numerics.ipopt import Solution
+from ocptip.standing.limit import AskedLimit
+from ocptip.standing.limit_kinds import limits_of
 from ocptip.trajectories.arm_motion import ArmMotion
 
 WIDTHS = (0.010, 0.004)  # s: half widths of the steps in the fine programs
-PULL = 1e-3  # keeps a program regular where phases do nothing, see `MotionProgram.pull`
+PULL = 1e-3  # keeps a program regular where phases do nothing, see `Pull`
 COARSE_ROWS, FINE_ROWS = 0.7, 0.75  # use of a limit from which node rows take part
 COARSE_ROUNDS = 3
 CYCLES = 2  # fine and exact programs are run again from the exact motion, which often finds a better order
@@ -29,9 +30,7 @@ MERGES = (0.004, 0.0, 0.012)  # s: events nearer than this become simultaneous; 
 SOLVED = 1e-4  # largest violation of an exact program that is good enough to be tightened
 HOPELESS = 0.05  # largest violation from which a motion is worth its check
 TIGHTENINGS = 5
-TIGHTENED = {"GN": 2e-3, "GT": 2e-3, "torque_ratio": 2e-3, "clearance_m": 1e-3}  # at most this much at once
 NUMERICAL = (InputError, SolverError, ArithmeticError, np.linalg.LinAlgError)
-INNER = 1e-4  # the exact program's limits are tighter by this share: rounding cannot break the task's
 
 
 @dataclass(frozen=True)
@@ -80,14 +79,11 @@ class Search:
     def __init__(self, task: MotionTask) -> None:
         self.task = task
         self.formulation = Formulation(task.robot, task.start, task.goal, task.optimised, task.commands)
-        limits = task.limits
-        self.inner = replace(
-            limits,
-            GN=limits.GN * (1 - INNER),
-            GT=limits.GT * (1 - INNER),
-            torque_ratio=limits.torque_ratio * (1 - INNER),
-            clearance=limits.clearance + 1e-5,
-        )
+        kinds = limits_of(task.robot, task.limits)
+        self._asked = [limit for limit in kinds if isinstance(limit, AskedLimit)]
+        self.inner = task.limits
+        for limit in self._asked:
+            self.inner = limit.inner(self.inner)
 
     def run(self, number: int, seed: int) -> Attempt:
         """The start of that number."""
@@ -115,7 +111,7 @@ class Search:
                 if best is not None and not _better(found[1], best[1]):
                     break
                 best = found
-                if found[1].verified and (cycle + 1 >= CYCLES or not _at_the_limit(found[1])):
+                if found[1].verified and (cycle + 1 >= CYCLES or not self._at_the_limit(found[1])):
                     break
         except NUMERICAL as error:  # one start of many: what was found before counts
             status = f"no motion: {error}"
@@ -185,18 +181,8 @@ class Search:
     def _solve(
         program: MotionProgram, x: np.ndarray, share: float, mu: float, push: float, clock: _Clock
     ) -> Solution:
-        program.rows = program.near_rows(x, share)
-        program.anchor, program.pull = x.copy(), PULL
-        structure = program.structure
-        solution = solve(
-            program,
-            x,
-            (structure.x_lower, structure.x_upper),
-            program.bounds(),
-            start_mu=mu,
-            push=push,
-            tolerance=1e-3,
-        )
+        program = program.with_rows(program.near_rows(x, share), Pull(x.copy(), PULL))
+        solution = program.solve(x, start_mu=mu, push=push, tolerance=1e-3)
         clock.iterations += solution.iterations
         clock.solves += 1
         return solution
@@ -206,12 +192,14 @@ class Search:
         best = self._motion_and_check(refiner, exact, clock)
         checked = best[1]
         for _ in range(TIGHTENINGS):
-            faults = [name for name in TIGHTENED if _excess(checked, name) > 0]
+            worst = [(limit, checked.worst[limit.quantity]) for limit in self._asked]
+            faults = [(limit, w) for limit, w in worst if limit.excess(w.value) > 0]
             if checked.verified or not faults:
                 break
-            refiner.limits = self._tightened(refiner.limits, checked, faults)
+            for limit, w in faults:
+                refiner.limits = limit.tightened(refiner.limits, limit.excess(w.value))
             try:
-                exact = refiner.again(exact, [checked.worst[name].time for name in faults])
+                exact = refiner.again(exact, [w.time for _, w in faults])
                 clock.stage("exact")
                 found = self._motion_and_check(refiner, exact, clock)
             except NUMERICAL:
@@ -229,30 +217,14 @@ class Search:
         clock.stage("check")
         return motion, checked
 
-    @staticmethod
-    def _tightened(limits: MotionLimits, checked: MotionCheck, faults: list[str]) -> MotionLimits:
-        changes = {}
-        for name in faults:
-            step = min(_excess(checked, name), TIGHTENED[name])
-            field = name.removesuffix("_m")
-            value = getattr(limits, field)
-            changes[field] = value + step if field == "clearance" else max(value - step, value / 2)
-        return replace(limits, **changes)
-
-
-def _excess(checked: MotionCheck, name: str) -> float:
-    """How much a worst value breaks its limit."""
-    worst = checked.worst[name]
-    return worst.limit - worst.value if name == "clearance_m" else worst.value - worst.limit
+    def _at_the_limit(self, checked: MotionCheck) -> bool:
+        """Whether the contacts decide the motion; if not, there is little that another order could give."""
+        worst = [checked.worst[limit.quantity] for limit in self._asked if limit.of_contacts]
+        return any(w.value > BINDING * w.limit for w in worst)
 
 
 def _better(checked: MotionCheck, than: MotionCheck) -> bool:
     return (checked.verified, -checked.energy) > (than.verified, -than.energy)
-
-
-def _at_the_limit(checked: MotionCheck) -> bool:
-    """Whether the contacts decide the motion; if not, there is little that another order could give."""
-    return any(checked.worst[name].value > BINDING * checked.worst[name].limit for name in ("GN", "GT"))
 
 
 class _Clock:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ocptip.reserves.tipping import TipMap
+from ocptip.standing.instants import Instants
+from ocptip.standing.limit import Limit
+from ocptip.standing.limit_kinds import limits_of
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.arm_motion import ArmMotion
@@ -15,7 +17,6 @@ DRAWS = 300
 CANDIDATES = 10  # of these the one with the least energy is taken: it ends in a better optimum more often
 INSTANTS = 40
 SLOWER = (1.0, 1.15, 1.3, 1.5, 1.8, 2.2, 2.7, 3.3, 4.0, 5.0, 6.0)
-PATH_MARGIN = 0.5  # share of M0 / GN - M0 that a path at rest keeps beyond the limit
 
 
 def random_start(
@@ -33,7 +34,8 @@ def random_start(
     draws the best path so far is taken), then the motion is slowed down until it stands. Of CANDIDATES such
     motions it is the one with the least electric energy.
     """
-    candidates = [_candidate(robot, start, goal, joints, commands, limits, rng) for _ in range(CANDIDATES)]
+    kept = limits_of(robot, limits, joints)
+    candidates = [_candidate(robot, start, goal, joints, commands, kept, rng) for _ in range(CANDIDATES)]
     return min(candidates, key=robot.energy)
 
 
@@ -43,7 +45,7 @@ def _candidate(
     goal: np.ndarray,
     joints: tuple[int, ...],
     commands: int,
-    limits: MotionLimits,
+    limits: tuple[Limit, ...],
     rng: np.random.Generator,
 ) -> ArmMotion:
     limit = robot.limits
@@ -73,29 +75,12 @@ def _candidate(
     return slower
 
 
-def _path_violation(robot: StandingMechanism, motion: ArmMotion, limits: MotionLimits) -> float:
+def _path_violation(robot: StandingMechanism, motion: ArmMotion, limits: tuple[Limit, ...]) -> float:
     """How far the path, taken at rest, misses its limits: 0 or less if it keeps them."""
-    q = motion.states(np.linspace(0, motion.end, INSTANTS))[0]
-    still = np.zeros_like(q)
-    torque, wrenches = robot.loads(q, still, still)
-    worst = [np.max(np.abs(torque) / robot.limits.torque) / limits.torque_ratio - 1]
-    if robot.collision.labels:
-        worst.append(10 * (limits.clearance - np.min(robot.collision.gaps(q))))
-    if robot.further_limits.count:
-        worst.append(np.max(robot.further_limits.excess(robot.further(q, still))))
-    tip = robot.tip_over
-    if tip.axes and not tip.free_rotation:
-        needed = tip.reference_moment * (1 / limits.GN - 1) * (1 + PATH_MARGIN)
-        moments, _ = TipMap(tip)(wrenches)
-        worst.append((needed - np.min(moments)) / tip.reference_moment)
-    return float(np.max(worst))
+    at = Instants.at_rest(robot, motion.states(np.linspace(0, motion.end, INSTANTS))[0])
+    return float(np.max([limit.path_excess(at) for limit in limits]))
 
 
-def _stands(robot: StandingMechanism, motion: ArmMotion, limits: MotionLimits) -> bool:
-    times, _ = motion.quadrature(4)
-    _, wrenches = robot.loads(*motion.states(times))
-    states = robot.contact_states(wrenches)
-    GN = robot.tip_over.evaluate(states).GN
-    return bool(np.all(GN <= limits.GN)) and bool(
-        np.all(robot.slip.evaluate(states, derivatives=False).GT <= limits.GT)
-    )
+def _stands(robot: StandingMechanism, motion: ArmMotion, limits: tuple[Limit, ...]) -> bool:
+    at = Instants.of_states(robot, *motion.states(motion.quadrature(4)[0]))
+    return all(limit.kept(at) for limit in limits if limit.of_contacts)

@@ -1,0 +1,86 @@
+"""A standing mechanism at some instants, as limits look at it; names of the columns of node quantities."""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from ocptip.contact.solver import ContactStates
+from ocptip.reserves.slip import SlipReserve
+from ocptip.reserves.tipping import TipOverReserve
+from ocptip.standing.mechanism import StandingMechanism
+
+
+class NodeColumns:
+    """Where the quantities y of a node stand: power, torques, wrench, further quantities.
+
+    Args:
+        n: number of torques.
+        further: number of further quantities, see `FurtherLimits`.
+    """
+
+    power = 0
+
+    def __init__(self, n: int, further: int) -> None:
+        self.n = n
+        self.torque, self.wrench = slice(1, 1 + n), slice(1 + n, 7 + n)
+        self.further = slice(7 + n, 7 + n + further)
+
+
+class Instants:
+    """A mechanism at N instants; contact states, reserves and distances are computed when first asked for.
+
+    Args:
+        robot: on its support.
+        angles: (N, n), rad (straight coordinates: m).
+        torques: (N, n), N m, or forces of linear motors, N.
+        wrenches: (N, 6) on the base about its centre of mass, its weight included, N and N m.
+        further: (N, k), of the robot's `FurtherLimits`.
+    """
+
+    def __init__(
+        self,
+        robot: StandingMechanism,
+        angles: np.ndarray,
+        torques: np.ndarray,
+        wrenches: np.ndarray,
+        further: np.ndarray,
+    ) -> None:
+        self.robot = robot
+        self.angles, self.torques, self.wrenches, self.further = angles, torques, wrenches, further
+
+    @classmethod
+    def of_states(cls, robot: StandingMechanism, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> Instants:
+        """At angles, speeds and accelerations, (N, n) each."""
+        return cls(robot, q, *robot.loads(q, qd, qdd), robot.further(q, qd))
+
+    @classmethod
+    def at_rest(cls, robot: StandingMechanism, q: np.ndarray) -> Instants:
+        """At angles (N, n) without motion."""
+        still = np.zeros_like(q)
+        return cls.of_states(robot, q, still, still)
+
+    def __len__(self) -> int:
+        """Number of instants."""
+        return len(self.angles)
+
+    @cached_property
+    def states(self) -> ContactStates:
+        """Contact states under the wrenches."""
+        return self.robot.contact_states(self.wrenches)
+
+    @cached_property
+    def tip(self) -> TipOverReserve:
+        """Tip-over reserves."""
+        return self.robot.tip_over.evaluate(self.states)
+
+    @cached_property
+    def slip(self) -> SlipReserve:
+        """Slip reserves, without derivatives."""
+        return self.robot.slip.evaluate(self.states, derivatives=False)
+
+    @cached_property
+    def gaps(self) -> np.ndarray:
+        """Signed distances (N, m), m."""
+        return self.robot.collision.gaps(self.angles)

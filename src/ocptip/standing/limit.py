@@ -1,0 +1,266 @@
+"""What a kind of limit of a standing mechanism is, for everything that looks at limits.
+
+A limit has three sides. Each method's default says "nothing here", so that a kind has those it needs:
+
+- what happens: values at sampled instants and the worst of them (`measure`, `worst`), of a whole motion
+  (`exact`), of a posture at rest (`refusals`), of a path (`path_excess`);
+- rows of a nonlinear program: at each node `width` of them, of which those near the limit take part (`near`,
+  `use`, `bounds`, `rows`, `jacobian`, `add_to_quantities`, `add_hessian`);
+- search: numbers asked for that can be tightened (`AskedLimit`).
+
+The kinds and their list are in `limit_kinds`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ocptip.standing.instants import Instants, NodeColumns
+from ocptip.standing.limits import MotionLimits
+from ocptip.standing.mechanism import StandingMechanism
+from ocptip.trajectories.sampled import Motion
+
+TOLERANCE = 1e-9  # a limit exceeded by less than this, in its units, is kept
+INNER = 1e-4  # an asked number is tightened by this share where rounding must not break it
+
+Look = Callable[[float], Instants]
+"""What happens at one time, s."""
+
+
+@dataclass(frozen=True)
+class Worst:
+    """The worst instant of one quantity.
+
+    Attributes:
+        name: of the quantity.
+        value: in the quantity's unit.
+        time: s; NaN where it is of the whole motion.
+        limit: what it is compared with.
+        detail: where or what, e.g. "joint 2".
+        excess: by how much the limit is broken; negative where it is kept.
+        least: the limit is the least value, not the greatest.
+    """
+
+    name: str
+    value: float
+    time: float
+    limit: float
+    detail: str
+    excess: float
+    least: bool = False
+
+    @property
+    def violation(self) -> str:
+        """One sentence; empty where the limit is kept."""
+        if self.excess <= TOLERANCE:
+            return ""
+        where = f" at {self.time:.4f} s" if np.isfinite(self.time) else ""
+        what = f" ({self.detail})" if self.detail else ""
+        sign = ">=" if self.least else "<="
+        return f"{self.name} is {self.value:.4g}{where}{what}, must be {sign} {self.limit:.4g}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        return {name: getattr(self, name) for name in ("value", "time", "limit", "detail")}
+
+
+@dataclass(frozen=True, eq=False)
+class NodeSlopes:
+    """What rows of a program are made of: N nodes and their slopes over its nx variables x.
+
+    Attributes:
+        columns: of y.
+        s, s_x: (N, 3 n), (N, 3 n, nx): angles, speeds, accelerations.
+        y, y_x: (N, ny), (N, ny, nx): quantities.
+    """
+
+    columns: NodeColumns
+    s: np.ndarray
+    s_x: np.ndarray
+    y: np.ndarray
+    y_x: np.ndarray
+
+    @property
+    def angles(self) -> np.ndarray:
+        """(N, n)."""
+        return self.s[:, : self.columns.n]
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """The rows of one limit that take part in a program, at one x.
+
+    Attributes:
+        at: all nodes.
+        nodes, places: (rows,) node, and number among the limit's rows there.
+        values: (rows,).
+        slopes: (rows, ...) over what the limit is a function of; None where that is plain.
+    """
+
+    at: NodeSlopes
+    nodes: np.ndarray
+    places: np.ndarray
+    values: np.ndarray
+    slopes: np.ndarray | None = None
+
+
+class Limit:
+    """One kind of limit. This one limits nothing.
+
+    Args:
+        robot: whose.
+        asked: the task's numbers.
+        joints: coordinates that ramps are planned for; the others stay between start and goal.
+
+    Attributes:
+        name: of the kind.
+        of_contacts: a matter of the contact forces: without meaning where the contacts do not hold.
+        width: number of rows at a node.
+    """
+
+    name = ""
+    of_contacts = False
+    width = 0
+
+    def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
+        self.robot, self.asked, self.joints = robot, asked, list(joints)
+
+    # --- what happens -------------------------------------------------------------------------------------
+
+    def measure(self, at: Instants) -> np.ndarray:
+        """Values (N, m) whose greatest are the worst; NaN where unknown."""
+        return np.empty((len(at), 0))
+
+    def worst(self, values: np.ndarray, times: np.ndarray, look: Look) -> list[Worst]:
+        """Of measured values (N, m) at times (N,), s."""
+        return []
+
+    def exact(self, motion: Motion) -> list[Worst]:
+        """What a motion knows about itself."""
+        return []
+
+    def kept(self, at: Instants) -> bool:
+        """At all instants."""
+        return True
+
+    def refusals(self, at: Instants) -> list[str]:
+        """Why the mechanism cannot rest so (a single instant), with numbers."""
+        return []
+
+    def path_excess(self, at: Instants) -> float:
+        """By how much a path, taken at rest, misses the limit, with some reserve; in about its units."""
+        return -np.inf
+
+    # --- rows of a program --------------------------------------------------------------------------------
+
+    def near(self, at: Instants, share: float) -> np.ndarray:
+        """(N, width) True where the use of the limit is at least `share` (1: at the limit)."""
+        return np.zeros((len(at), self.width), dtype=bool)
+
+    def use(self, at: Instants) -> np.ndarray:
+        """(N,): worst use of the limit, 1 at the limit, more beyond."""
+        return np.full(len(at), -np.inf)
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper bounds of the rows of a node, (width,) each."""
+        return np.empty(0), np.empty(0)
+
+    def rows(self, at: NodeSlopes, mask: np.ndarray) -> Rows:
+        """The rows that take part: where mask (N, width) is True, node by node."""
+        raise NotImplementedError(f"{self.name}: no rows")
+
+    def jacobian(self, rows: Rows) -> np.ndarray:
+        """Slopes (rows, nx) of the rows over x."""
+        raise NotImplementedError(f"{self.name}: no rows")
+
+    def add_to_quantities(self, rows: Rows, on: np.ndarray, on_y: np.ndarray) -> None:
+        """Add the slopes of on . rows over the quantities y to on_y (N, ny)."""
+
+    def add_hessian(self, rows: Rows, on: np.ndarray, H: np.ndarray, on_s: np.ndarray) -> None:
+        """Add what does not go by way of y: slopes over s to on_s (N, 3 n), curvature to H (N, 3 n, 3 n)."""
+
+
+class WrenchLimit(Limit):
+    """Rows that are functions of the wrench, divided by `unit`; their curvature over it is left out."""
+
+    unit = 1.0
+
+    def jacobian(self, rows: Rows) -> np.ndarray:
+        wrench = rows.at.y_x[:, rows.at.columns.wrench]
+        return np.einsum("rw,rwx->rx", rows.slopes, wrench[rows.nodes]) / self.unit
+
+    def add_to_quantities(self, rows: Rows, on: np.ndarray, on_y: np.ndarray) -> None:
+        slopes = on[:, None] * rows.slopes / self.unit
+        np.add.at(on_y[:, rows.at.columns.wrench], rows.nodes, slopes)
+
+
+class QuantityLimit(Limit):
+    """Rows that are quantities of a node as they are: `width` columns of y, divided by `units`, (width,)."""
+
+    units: np.ndarray
+
+    def first(self, columns: NodeColumns) -> int:
+        """The first of the columns."""
+        raise NotImplementedError
+
+    def rows(self, at: NodeSlopes, mask: np.ndarray) -> Rows:
+        i, k = np.nonzero(mask)
+        return Rows(at, i, k, at.y[i, self.first(at.columns) + k] / self.units[k])
+
+    def jacobian(self, rows: Rows) -> np.ndarray:
+        column = self.first(rows.at.columns) + rows.places
+        return rows.at.y_x[rows.nodes, column] / self.units[rows.places, None]
+
+    def add_to_quantities(self, rows: Rows, on: np.ndarray, on_y: np.ndarray) -> None:
+        on_y[rows.nodes, self.first(rows.at.columns) + rows.places] += on / self.units[rows.places]
+
+
+class AskedLimit(Limit):
+    """One quantity that must not exceed, or fall below, one number of `MotionLimits`.
+
+    Attributes:
+        quantity: its name in results.
+        setting: the field of `MotionLimits`.
+        least: the number is the least value.
+        largest_step: by how much the number is tightened at once, at most.
+    """
+
+    quantity = setting = ""
+    least = False
+    largest_step = 2e-3
+
+    @property
+    def number(self) -> float:
+        """Asked for."""
+        return getattr(self.asked, self.setting)
+
+    def excess(self, value: float) -> float:
+        """By how much a value breaks the limit."""
+        return self.number - value if self.least else value - self.number
+
+    def worst(self, values: np.ndarray, times: np.ndarray, look: Look) -> list[Worst]:
+        at = int(np.argmax(values[:, 0]))
+        value, time = float(-values[at, 0] if self.least else values[at, 0]), float(times[at])
+        detail, excess = self.detail(look, time), self.excess(value)
+        return [Worst(self.quantity, value, time, self.number, detail, excess, self.least)]
+
+    def detail(self, look: Look, time: float) -> str:
+        """Where or what the worst value is."""
+        return ""
+
+    def kept(self, at: Instants) -> bool:
+        values = self.measure(at)
+        return bool(np.all(-values >= self.number if self.least else values <= self.number))
+
+    def inner(self, asked: MotionLimits) -> MotionLimits:
+        """The same numbers, this one a little tighter."""
+        return replace(asked, **{self.setting: getattr(asked, self.setting) * (1 - INNER)})
+
+    def tightened(self, asked: MotionLimits, excess: float) -> MotionLimits:
+        """The same numbers, this one tighter where it was broken by `excess`; never by more than half."""
+        value = getattr(asked, self.setting)
+        return replace(asked, **{self.setting: max(value - min(excess, self.largest_step), value / 2)})

@@ -1,0 +1,394 @@
+"""The kinds of limits of a standing mechanism. A new kind is one class here and one line in `KINDS`.
+
+A kind that needs a number of its own adds a field to `standing.limits.MotionLimits`, as `AskedLimit` says.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import casadi as cs
+import numpy as np
+
+from ocptip.numerics.batch import BatchFunction
+from ocptip.reserves.tipping import TipMap
+from ocptip.standing.instants import Instants, NodeColumns
+from ocptip.standing.limit import (
+    TOLERANCE,
+    AskedLimit,
+    Limit,
+    Look,
+    NodeSlopes,
+    QuantityLimit,
+    Rows,
+    Worst,
+    WrenchLimit,
+)
+from ocptip.standing.limits import MotionLimits
+from ocptip.standing.mechanism import Collisions, StandingMechanism
+from ocptip.trajectories.sampled import Motion
+
+PATH_MARGIN = 0.5  # share of M0 / GN - M0 that a path at rest keeps beyond the limit
+UNSOLVED = 10.0  # GT in programs where it is not known
+GAP_SCALE = 10.0  # rows of distances are in 0.1 m
+FURTHER_INSIDE = 1e-4  # distance in their units with which programs keep further limits: rounding
+
+
+class TipOverLimit(WrenchLimit, AskedLimit):
+    """Tip-over reserve GN; in programs the moments about the tipping axes, which are smooth."""
+
+    name, quantity, setting = "tip-over", "GN", "GN"
+    of_contacts = True
+
+    def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
+        super().__init__(robot, asked, joints)
+        self._map = TipMap(robot.tip_over)
+        self.width = self._map.count
+        reference = robot.tip_over.reference_moment
+        self.unit = 2 * (reference or 1.0)
+        self._least = (reference or 0.0) * (1 / self.number - 1)  # N m
+
+    def measure(self, at: Instants) -> np.ndarray:
+        return at.tip.GN[:, None]
+
+    def refusals(self, at: Instants) -> list[str]:
+        tip, axes = at.tip, self.robot.tip_over.axes
+        if tip.GN[0] <= self.number:
+            return []
+        index, where = int(tip.nearest_axis[0]), ""
+        if 0 <= index < len(axes):
+            first, second = sorted(axes[index].contacts)
+            where = f" (tipping axis through contacts {first + 1} and {second + 1}, moment reserve "
+            where += f"{tip.moments[0, index]:.4g} N m)"
+        return [f"tip-over GN is {tip.GN[0]:.4g} at rest, must be <= {self.number:.4g}{where}"]
+
+    def path_excess(self, at: Instants) -> float:
+        if not self.width:
+            return -np.inf
+        needed = self._least * (1 + PATH_MARGIN)
+        return (needed - np.min(self._map(at.wrenches)[0])) / self.robot.tip_over.reference_moment
+
+    def near(self, at: Instants, share: float) -> np.ndarray:
+        return self._map(at.wrenches)[0] * share <= self._least
+
+    def use(self, at: Instants) -> np.ndarray:
+        smallest = np.min(self._map(at.wrenches)[0], axis=1, initial=np.inf)
+        return 1 + (self._least - smallest) / self.unit
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        return np.full(self.width, self._least / self.unit), np.full(self.width, np.inf)
+
+    def rows(self, at: NodeSlopes, mask: np.ndarray) -> Rows:
+        moments, slopes = self._map(at.y[:, at.columns.wrench])
+        i, k = np.nonzero(mask)
+        return Rows(at, i, k, moments[i, k] / self.unit, slopes[i, k])
+
+
+class SlipLimit(WrenchLimit, AskedLimit):
+    """Slip reserve GT."""
+
+    name, quantity, setting = "slip", "GT", "GT"
+    of_contacts = True
+    width = 1
+
+    def measure(self, at: Instants) -> np.ndarray:
+        return at.slip.GT[:, None]
+
+    def refusals(self, at: Instants) -> list[str]:
+        slip = at.slip
+        if not slip.solved[0]:
+            return [f"no verified slip reserve at rest: {slip.status[0]}"]
+        if slip.GT[0] <= self.number:
+            return []
+        usage = np.nan_to_num(slip.usage[0])
+        return [
+            f"slip GT is {slip.GT[0]:.4g} at rest, must be <= {self.number:.4g} (contact "
+            f"{int(np.argmax(usage)) + 1} uses {100 * usage.max():.0f} % of its friction)"
+        ]
+
+    def near(self, at: Instants, share: float) -> np.ndarray:
+        return ~(_known(at.slip.GT)[:, None] < share * self.number)
+
+    def use(self, at: Instants) -> np.ndarray:
+        return _known(at.slip.GT) / self.number
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        return np.array([-np.inf]), np.array([self.number])
+
+    def rows(self, at: NodeSlopes, mask: np.ndarray) -> Rows:
+        i, k = np.nonzero(mask)
+        states = self.robot.contact_states(at.y[i, at.columns.wrench])
+        reserve = self.robot.slip.evaluate(states)
+        return Rows(at, i, k, _known(reserve.GT), np.nan_to_num(reserve.gradient))
+
+
+def _known(GT: np.ndarray) -> np.ndarray:
+    """A large number where GT is not known."""
+    return np.where(np.isfinite(GT), GT, UNSOLVED)
+
+
+class TorqueLimit(QuantityLimit, AskedLimit):
+    """Torques of the joints, or forces of linear motors, as shares of the motors' limits."""
+
+    name, quantity, setting = "torque", "torque_ratio", "torque_ratio"
+
+    def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
+        super().__init__(robot, asked, joints)
+        self.units, self.width = robot.limits.torque, robot.n
+
+    def measure(self, at: Instants) -> np.ndarray:
+        return np.max(np.abs(at.torques) / self.units, axis=1)[:, None]
+
+    def detail(self, look: Look, time: float) -> str:
+        return f"joint {int(np.argmax(np.abs(look(time).torques[0]) / self.units)) + 1}"
+
+    def refusals(self, at: Instants) -> list[str]:
+        robot, torques, allowed = self.robot, np.abs(at.torques[0]), self.number * self.units
+        return [
+            f"joint {j + 1} needs {torques[j]:.4g} {robot.motor_units[j]} to hold the {robot.kind}, must be "
+            f"<= {allowed[j]:.4g}"
+            for j in np.flatnonzero(torques > allowed)
+        ]
+
+    def path_excess(self, at: Instants) -> float:
+        return np.max(np.abs(at.torques) / self.units) / self.number - 1
+
+    def near(self, at: Instants, share: float) -> np.ndarray:
+        return np.abs(at.torques) >= share * self.number * self.units
+
+    def use(self, at: Instants) -> np.ndarray:
+        return self.measure(at)[:, 0] / self.number
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        allowed = np.full(self.width, self.number)
+        return -allowed, allowed
+
+    def first(self, columns: NodeColumns) -> int:
+        return columns.torque.start
+
+
+class ClearanceLimit(AskedLimit):
+    """Signed distances of collision spheres; in programs only pairs that take part have functions."""
+
+    name, quantity, setting = "clearance", "clearance_m", "clearance"
+    least = True
+    largest_step = 1e-3  # m
+
+    def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
+        super().__init__(robot, asked, joints)
+        self.width = len(robot.collision.labels)
+
+    def inner(self, asked: MotionLimits) -> MotionLimits:
+        return replace(asked, clearance=asked.clearance + 1e-5)
+
+    def tightened(self, asked: MotionLimits, excess: float) -> MotionLimits:
+        return replace(asked, clearance=asked.clearance + min(excess, self.largest_step))
+
+    def measure(self, at: Instants) -> np.ndarray:
+        return -self._smallest(at)[:, None]
+
+    def refusals(self, at: Instants) -> list[str]:
+        gap, pair, _ = self.robot.collision.worst(at.angles[0])
+        if gap < 0:
+            return [f"collision: spheres {pair} overlap by {-1e3 * gap:.1f} mm"]
+        if gap < self.number:
+            least = 1e3 * self.number
+            return [f"spheres {pair} are {1e3 * gap:.1f} mm apart, must be >= {least:.1f} mm (clearance)"]
+        return []
+
+    def path_excess(self, at: Instants) -> float:
+        return float(np.max(GAP_SCALE * (self.number - self._smallest(at))))
+
+    def near(self, at: Instants, share: float) -> np.ndarray:
+        return at.gaps <= self.number + 0.01 * (1 - share)
+
+    def use(self, at: Instants) -> np.ndarray:
+        return 1 + GAP_SCALE * (self.number - self._smallest(at))
+
+    def _smallest(self, at: Instants) -> np.ndarray:
+        """(N,), m; infinite where there is nothing to hit."""
+        return np.min(at.gaps, axis=1, initial=np.inf)
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        return np.full(self.width, self.number * GAP_SCALE), np.full(self.width, np.inf)
+
+    def rows(self, at: NodeSlopes, mask: np.ndarray) -> Rows:
+        pairs = np.flatnonzero(mask.any(axis=0))
+        gaps, slopes = _gap_functions(self.robot.collision, tuple(pairs.tolist()))[0](at.angles)
+        chosen, (i, k) = mask[:, pairs], np.nonzero(mask)
+        slopes = slopes.reshape(*chosen.shape, self.robot.n)
+        return Rows(at, i, k, gaps.reshape(chosen.shape)[chosen], slopes[chosen])
+
+    def jacobian(self, rows: Rows) -> np.ndarray:
+        return np.einsum("rq,rqx->rx", rows.slopes, rows.at.s_x[rows.nodes, : self.robot.n])
+
+    def add_hessian(self, rows: Rows, on: np.ndarray, H: np.ndarray, on_s: np.ndarray) -> None:
+        pairs, place = np.unique(rows.places, return_inverse=True)
+        n, weights = self.robot.n, np.zeros((len(H), len(pairs)))
+        weights[rows.nodes, place] = on
+        second = _gap_functions(self.robot.collision, tuple(pairs.tolist()))[1]
+        H[:, :n, :n] += second(rows.at.angles, weights)[0].reshape(-1, n, n)
+        np.add.at(on_s[:, :n], rows.nodes, on[:, None] * rows.slopes)
+
+
+@lru_cache(maxsize=8)
+def _gap_functions(collision: Collisions, pairs: tuple[int, ...]) -> tuple[BatchFunction, BatchFunction]:
+    """Of some distances, scaled: values with slopes, and the weighted sum's second derivative."""
+    q, weights = cs.SX.sym("q", collision.function.numel_in(0)), cs.SX.sym("weights", len(pairs))
+    gaps = collision.function(q)[list(pairs)] * GAP_SCALE
+    hessian, _ = cs.hessian(cs.dot(weights, gaps), q)
+    first = BatchFunction(cs.Function("gap", [q], [gaps, cs.jacobian(gaps, q)]))
+    return first, BatchFunction(cs.Function("gap_hessian", [q, weights], [hessian]))
+
+
+class PeakLimit(Limit):
+    """Greatest speeds or accelerations: a motion knows them exactly, programs have them in the structure."""
+
+    def exact(self, motion: Motion) -> list[Worst]:
+        ratio = getattr(motion, f"{self.name}_peaks") / getattr(self.robot.limits, self.name)
+        j = int(np.argmax(ratio))
+        return [
+            Worst(f"{self.name}_ratio", float(ratio[j]), np.nan, 1.0, f"joint {j + 1}", float(ratio[j]) - 1)
+        ]
+
+
+class SpeedLimit(PeakLimit):
+    """Of the joints."""
+
+    name = "speed"
+
+
+class AccelerationLimit(PeakLimit):
+    """Of the joints."""
+
+    name = "acceleration"
+
+
+class AngleLimit(Limit):
+    """Angles of the joints, or a platform's coordinates; a motion knows its extremes exactly."""
+
+    name = "angle"
+
+    def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
+        super().__init__(robot, asked, joints)
+        self.width = robot.n
+        self._low, self._high = robot.limits.angle_min, robot.limits.angle_max
+
+    def exact(self, motion: Motion) -> list[Worst]:
+        low, high = motion.angle_ranges.T
+        margin, angles = np.minimum(low - self._low, self._high - high), set(self.robot.units) == {"rad"}
+        margin = np.rad2deg(margin) if angles else margin
+        j = int(np.argmin(margin))
+        name, value = "angle_margin_deg" if angles else "coordinate_margin", float(margin[j])
+        return [Worst(name, value, np.nan, 0.0, f"joint {j + 1}", -value, least=True)]
+
+    def refusals(self, at: Instants) -> list[str]:
+        q, found = at.angles[0], []
+        for j in np.flatnonzero((q < self._low - TOLERANCE) | (q > self._high + TOLERANCE)):
+            values, unit, digits = (q[j], self._low[j], self._high[j]), "m", 4
+            if self.robot.units[j] == "rad":
+                values, unit, digits = np.rad2deg(values), "degrees", 2
+            here, least, greatest = (f"{value:.{digits}f}" for value in values)
+            found.append(f"joint {j + 1} at {here} {unit} is outside its limits {least} to {greatest}")
+        return found
+
+    def near(self, at: Instants, share: float) -> np.ndarray:
+        room = 0.2 * (1 - share)
+        near, joints = super().near(at, share), self.joints
+        q = at.angles[:, joints]
+        near[:, joints] = (q <= self._low[joints] + room) | (q >= self._high[joints] - room)
+        return near
+
+    def use(self, at: Instants) -> np.ndarray:
+        joints = self.joints
+        q = at.angles[:, joints]
+        return 1 + np.max(np.maximum(self._low[joints] - q, q - self._high[joints]), axis=1)
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        return self._low, self._high
+
+    def rows(self, at: NodeSlopes, mask: np.ndarray) -> Rows:
+        i, k = np.nonzero(mask)
+        return Rows(at, i, k, at.s[i, k])
+
+    def jacobian(self, rows: Rows) -> np.ndarray:
+        return rows.at.s_x[rows.nodes, rows.places]
+
+    def add_hessian(self, rows: Rows, on: np.ndarray, H: np.ndarray, on_s: np.ndarray) -> None:
+        on_s[rows.nodes, rows.places] += on
+
+
+class FurtherLimit(QuantityLimit):
+    """The mechanism's own further limits, see `FurtherLimits`."""
+
+    name = "further"
+
+    def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
+        super().__init__(robot, asked, joints)
+        self._own = own = robot.further_limits
+        self.units, self.width = own.units, own.count
+
+    def measure(self, at: Instants) -> np.ndarray:
+        return self._own.excess(at.further)
+
+    def worst(self, values: np.ndarray, times: np.ndarray, look: Look) -> list[Worst]:
+        own, found = self._own, []
+        for name in dict.fromkeys(own.names):
+            columns = [k for k in range(own.count) if own.names[k] == name and own.limited[k]]
+            if columns:
+                chosen = values[:, columns]
+                at, column = np.unravel_index(np.argmax(chosen), chosen.shape)
+                k, excess = columns[column], float(chosen[at, column])
+                value, limit, least = own.described(k, excess)
+                found.append(Worst(name, value, float(times[at]), limit, own.details[k], excess, least))
+        return found
+
+    def refusals(self, at: Instants) -> list[str]:
+        own, excess, found = self._own, self.measure(at)[0], []
+        for k in np.flatnonzero(excess > 0):
+            value, limit, least = own.described(k, float(excess[k]))
+            sign = ">=" if least else "<="
+            found.append(f"{own.names[k]} of {own.details[k]} is {value:.4g}, must be {sign} {limit:.4g}")
+        return found
+
+    def path_excess(self, at: Instants) -> float:
+        return float(np.max(self.measure(at), initial=-np.inf))
+
+    def near(self, at: Instants, share: float) -> np.ndarray:
+        return self.measure(at) >= share - 1
+
+    def use(self, at: Instants) -> np.ndarray:
+        return 1 + np.max(self.measure(at), axis=1, initial=-np.inf)
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        own = self._own
+        return own.lower / own.units + FURTHER_INSIDE, own.upper / own.units - FURTHER_INSIDE
+
+    def first(self, columns: NodeColumns) -> int:
+        return columns.further.start
+
+
+KINDS: tuple[type[Limit], ...] = (
+    TipOverLimit,
+    SlipLimit,
+    TorqueLimit,
+    ClearanceLimit,
+    SpeedLimit,
+    AccelerationLimit,
+    AngleLimit,
+    FurtherLimit,
+)
+
+
+def limits_of(
+    robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...] | None = None
+) -> tuple[Limit, ...]:
+    """One limit of each kind.
+
+    Args:
+        robot: whose.
+        asked: the task's numbers.
+        joints: coordinates that ramps are planned for, 0-based; default all.
+    """
+    return tuple(kind(robot, asked, tuple(range(robot.n)) if joints is None else joints) for kind in KINDS)
