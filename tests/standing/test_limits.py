@@ -74,12 +74,15 @@ def test_kinds_have_names_of_their_own():
 def test_numbers_asked_for_are_those_of_the_task(task):
     limits = {limit.name: limit for limit in limits_of(task.robot, task.limits)}
     asked = {name: limit for name, limit in limits.items() if isinstance(limit, AskedLimit)}
+    times, look = np.array([1.0, 2.0, 3.0]), lambda _: Instants.at_rest(task.robot, task.start[None])
     assert {limit.setting for limit in asked.values()} == {"GN", "GT", "torque_ratio", "clearance"}
     for limit in asked.values():
         sign = -1 if limit.least else 1
         number = getattr(task.limits, limit.setting)
         assert limit.number == number
-        assert limit.excess(number + sign * 0.1) == pytest.approx(0.1)
+        (worst,) = limit.worst(sign * np.array([[0.2], [0.5], [0.1]])[::sign], times, look)
+        assert (worst.value, worst.time) == ((0.1, 1.0) if limit.least else (0.5, 2.0))
+        assert worst.excess == pytest.approx(sign * (worst.value - number))
         for changed in (limit.inner(task.limits), limit.tightened(task.limits, 1e-3)):
             assert 0 < sign * (number - getattr(changed, limit.setting)) < 2e-3
             others = [other.setting for other in asked.values() if other is not limit]

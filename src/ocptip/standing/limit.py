@@ -238,15 +238,11 @@ class AskedLimit(Limit):
         """Asked for."""
         return getattr(self.asked, self.setting)
 
-    def excess(self, value: float) -> float:
-        """By how much a value breaks the limit."""
-        return self.number - value if self.least else value - self.number
-
     def worst(self, values: np.ndarray, times: np.ndarray, look: Look) -> list[Worst]:
         at = int(np.argmax(values[:, 0]))
         value, time = float(-values[at, 0] if self.least else values[at, 0]), float(times[at])
-        detail, excess = self.detail(look, time), self.excess(value)
-        return [Worst(self.quantity, value, time, self.number, detail, excess, self.least)]
+        excess = self.number - value if self.least else value - self.number
+        return [Worst(self.quantity, value, time, self.number, self.detail(look, time), excess, self.least)]
 
     def detail(self, look: Look, time: float) -> str:
         """Where or what the worst value is."""

@@ -193,11 +193,11 @@ class Search:
         checked = best[1]
         for _ in range(TIGHTENINGS):
             worst = [(limit, checked.worst[limit.quantity]) for limit in self._asked]
-            faults = [(limit, w) for limit, w in worst if limit.excess(w.value) > 0]
+            faults = [(limit, w) for limit, w in worst if w.excess > 0]
             if checked.verified or not faults:
                 break
             for limit, w in faults:
-                refiner.limits = limit.tightened(refiner.limits, limit.excess(w.value))
+                refiner.limits = limit.tightened(refiner.limits, w.excess)
             try:
                 exact = refiner.again(exact, [w.time for _, w in faults])
                 clock.stage("exact")

@@ -24,11 +24,12 @@ from ocptip.motion.planner.node_physics import NodeJacobian, NodePhysics
 from ocptip.motion.planner.profiles import Layout, Nodes, NodeStates
 from ocptip.numerics.ipopt import Solution, solve
 from ocptip.numerics.point import PointFunction
-from ocptip.standing.instants import Instants
+from ocptip.standing.instants import Instants, NodeColumns
 from ocptip.standing.limit import Limit, NodeSlopes, Rows
 
 NEGLIGIBLE = 1e-9  # a node whose multipliers are all below this is left out of the Hessian
 ENERGY_UNIT = 100.0  # J; the objective is energy / ENERGY_UNIT
+POWER = NodeColumns.power
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,6 +168,7 @@ class MotionProgram:
         self.rows, self.pull = rows if rows is not None else self.no_rows(), pull
         self._used = [limit for limit in limits if self.rows[limit.name].any()]
         self._last: Evaluation | None = None
+        self._looked: tuple[np.ndarray, Instants] | None = None
 
     def with_rows(self, rows: RowSet, pull: Pull | None = None) -> MotionProgram:
         """The same program with other node rows, and with this pull."""
@@ -221,12 +223,13 @@ class MotionProgram:
 
     def energy(self, x: np.ndarray) -> float:
         """Electric energy by the nodes' quadrature, J."""
-        return float((self.weights @ x) @ self._quantities(self.nodes.states(x).values)[:, 0])
+        y = self.physics.values(self.nodes.states(x).values, self.directions)
+        return float((self.weights @ x) @ y[:, POWER])
 
     def values(self, x: np.ndarray) -> tuple[float, np.ndarray]:
         """Objective and rows."""
         at = self._evaluate(x)
-        objective = float(at.durations @ at.physics.y[:, 0]) / ENERGY_UNIT
+        objective = float(at.durations @ at.physics.y[:, POWER]) / ENERGY_UNIT
         if self.pull:
             objective += 0.5 * self.pull.weight * float(np.sum((at.x - self.pull.anchor) ** 2))
         return objective, np.concatenate([at.structure[0], *(rows.values for rows in at.rows)])
@@ -234,8 +237,8 @@ class MotionProgram:
     def gradient(self, x: np.ndarray) -> np.ndarray:
         """Gradient of the objective (nx,)."""
         at = self._evaluate(x)
-        power = at.physics.y[:, 0]
-        gradient = (power @ self.weights + at.durations @ at.nodes.y_x[:, 0]) / ENERGY_UNIT
+        power = at.physics.y[:, POWER]
+        gradient = (power @ self.weights + at.durations @ at.nodes.y_x[:, POWER]) / ENERGY_UNIT
         return gradient + self.pull.weight * (x - self.pull.anchor) if self.pull else gradient
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
@@ -252,7 +255,7 @@ class MotionProgram:
         on_g, *on_rows = np.split(multipliers, ends[:-1])
         parts = list(zip(self._used, at.rows, on_rows, strict=True))
         on_y = np.zeros(nodes.y.shape)
-        on_y[:, 0] = sigma * at.durations
+        on_y[:, POWER] = sigma * at.durations
         for limit, rows, on in parts:
             limit.add_to_quantities(rows, on, on_y)
         N, size = nodes.s.shape
@@ -265,23 +268,21 @@ class MotionProgram:
         nx = self.layout.size
         result = nodes.s_x.reshape(-1, nx).T @ np.matmul(H, nodes.s_x).reshape(-1, nx)
         self.nodes.second(result, x, at.states, on_s)
-        mixed = sigma * self.weights.T @ nodes.y_x[:, 0]
+        mixed = sigma * self.weights.T @ nodes.y_x[:, POWER]
         result += mixed + mixed.T
         result += self.structure.hessian(x, on_g)
         if self.pull:
             result[np.diag_indices_from(result)] += sigma * ENERGY_UNIT * self.pull.weight
         return result
 
-    def _quantities(self, s: np.ndarray) -> np.ndarray:
-        """(N, columns) at states (N, 3 n)."""
-        return self.physics.values(s, self.directions)
-
     def _instants(self, x: np.ndarray) -> Instants:
         """The nodes as limits look at them."""
-        s, columns = self.nodes.states(x).values, self.physics.columns
-        y = self._quantities(s)
-        parts = y[:, columns.torque], y[:, columns.wrench], y[:, columns.further]
-        return Instants(self.physics.robot, s[:, : columns.n], *parts)
+        if self._looked is None or not np.array_equal(self._looked[0], x):
+            s, columns = self.nodes.states(x).values, self.physics.columns
+            y = self.physics.values(s, self.directions)
+            parts = y[:, columns.torque], y[:, columns.wrench], y[:, columns.further]
+            self._looked = x.copy(), Instants(self.physics.robot, s[:, : columns.n], *parts)
+        return self._looked[1]
 
     def _evaluate(self, x: np.ndarray) -> Evaluation:
         if self._last is not None and np.array_equal(self._last.x, x):
