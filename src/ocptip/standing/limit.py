@@ -14,7 +14,7 @@ The kinds and their list are in `limit_kinds`.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -98,14 +98,14 @@ class Rows:
         at: all nodes.
         nodes, places: (rows,) node, and number among the limit's rows there.
         values: (rows,).
-        slopes: (rows, ...) over what the limit is a function of; None where that is plain.
+        slopes: (rows, ...) over what the limit is a function of; empty where that is plain.
     """
 
     at: NodeSlopes
     nodes: np.ndarray
     places: np.ndarray
     values: np.ndarray
-    slopes: np.ndarray | None = None
+    slopes: np.ndarray = field(default_factory=lambda: np.empty(0))
 
 
 class Limit:

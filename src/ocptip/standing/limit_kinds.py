@@ -118,8 +118,8 @@ class SlipLimit(WrenchLimit, AskedLimit):
 
     def rows(self, at: NodeSlopes, mask: np.ndarray) -> Rows:
         i, k = np.nonzero(mask)
-        states = self.robot.contact_states(at.y[i, at.columns.wrench])
-        reserve = self.robot.slip.evaluate(states)
+        reserve = self.robot.slip.evaluate(self.robot.contact_states(at.y[i, at.columns.wrench]))
+        assert reserve.gradient is not None  # it was asked for
         return Rows(at, i, k, _known(reserve.GT), np.nan_to_num(reserve.gradient))
 
 
@@ -346,7 +346,7 @@ class FurtherLimit(QuantityLimit):
 
     def refusals(self, at: Instants) -> list[str]:
         own, excess, found = self._own, self.measure(at)[0], []
-        for k in np.flatnonzero(excess > 0):
+        for k in np.flatnonzero(excess > 0).tolist():
             value, limit, least = own.described(k, float(excess[k]))
             sign = ">=" if least else "<="
             found.append(f"{own.names[k]} of {own.details[k]} is {value:.4g}, must be {sign} {limit:.4g}")
