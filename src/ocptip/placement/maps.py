@@ -7,6 +7,8 @@ from itertools import product
 
 import numpy as np
 
+from ocptip.placement.limits.arm import Reach
+from ocptip.placement.limits.kinds import BASE_LIMITS
 from ocptip.placement.problem import CRITERIA, PlacementProblem
 from ocptip.placement.result import Placement
 from ocptip.placement.scan import Scan, scan
@@ -19,7 +21,7 @@ _SETTINGS = 18  # samples of the parameters that are not on an axis
 _REPEATS = 2  # where part of the orientation is free, and joint angles are a random choice
 _MORE = 0.05  # margin of the map about what is in reach
 _LEAST_SHAPE = 0.7  # of the map's sides
-_NOT_REACHED = ("reach", "bounds", "contact area", "base clearance", "terrain")
+_NOT_REACHED = [limit.kind for limit in (Reach, *BASE_LIMITS)]
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,9 @@ from threadpoolctl import threadpool_limits
 from ocptip.basics.errors import InputError, whole_number
 from ocptip.numerics.ipopt import Solution, solve
 from ocptip.numerics.vectors import nearest_turn
-from ocptip.placement.evaluate import POSE_TOLERANCE, Evaluator
+from ocptip.placement.evaluate import Evaluator
+from ocptip.placement.limits.arm import POSE_TOLERANCE
+from ocptip.placement.limits.kinds import KINDS
 from ocptip.placement.problem import PlacementProblem
 from ocptip.placement.result import NoPlacementError, Placement, PlacementResult, StartReport, judge
 from ocptip.placement.search import starts as sampling
@@ -290,9 +292,10 @@ def _violation(placement: Placement) -> float:
     """Sum of violations, one per kind and name of constraint."""
     worst: dict[tuple, float] = {}
     for m in placement.violations:
-        if m.kind in ("persistence", "GN", "GT") and np.isinf(m.relative):
+        limit = KINDS[m.kind]
+        if limit.by_solver and np.isinf(m.relative):
             continue
-        key = m.kind, m.task, "" if m.kind in ("clearance", "torque", "joint angle") else m.name
+        key = m.kind, m.task, "" if limit.counted_once else m.name
         worst[key] = max(worst.get(key, 0.0), min(-m.relative, 1e6))
     return sum(worst.values())
 

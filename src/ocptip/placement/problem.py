@@ -372,6 +372,16 @@ class PlacementProblem:
             ]
         return tuple(result)
 
+    @cached_property
+    def most_torque(self) -> np.ndarray:
+        """(n,) largest torque amounts, N m; infinite where there is none."""
+        return self.limits.torque_ratio * self.robot.arm.limits.torque
+
+    @cached_property
+    def limited_joints(self) -> np.ndarray:
+        """Numbers of the joints with a torque limit."""
+        return np.flatnonzero(np.isfinite(self.most_torque))
+
     @property
     def reach(self) -> float:
         """Upper bound, m, of the distance between the base's ground point and G."""

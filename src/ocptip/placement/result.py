@@ -9,7 +9,9 @@ import numpy as np
 
 from ocptip.basics.errors import PlanningError
 from ocptip.basics.write import plain
-from ocptip.placement.evaluate import Evaluator, Rows
+from ocptip.placement.evaluate import Evaluator
+from ocptip.placement.limits.judged import Rows
+from ocptip.placement.limits.kinds import KINDS
 from ocptip.placement.problem import CRITERIA, PlacementProblem
 
 FEASIBLE = 1e-6
@@ -24,8 +26,7 @@ class Margin:
     """One constraint at a placement.
 
     Attributes:
-        kind: "GN", "GT", "persistence", "tip-over" (moment), "torque", "joint angle", "clearance", "base
-            clearance", "manipulability", "bounds", "contact area", "terrain" or "reach".
+        kind: of the limit, one of `ocptip.placement.limits.kinds.KINDS`.
         name: which one.
         value: in `unit`.
         limit: what it is compared with.
@@ -46,14 +47,12 @@ class Margin:
 
     @property
     def active(self) -> bool:
-        """The constraint is at its limit or broken; equalities and the yes-or-no of persistence never are."""
-        if self.kind in ("reach", "persistence"):
-            return self.relative < 0
-        return self.relative < ACTIVE
+        """The constraint is at its limit or broken; equalities and yes-or-no are never at theirs."""
+        return self.relative < (ACTIVE if KINDS[self.kind].has_room else 0)
 
     def __str__(self) -> str:
-        if self.kind == "persistence":
-            return f"persistence: {self.name}: {'stands' if self.value else 'does not stand'}"
+        if verdicts := KINDS[self.kind].verdicts:
+            return f"{self.kind}: {self.name}: {verdicts[bool(self.value)]}"
         sign = "<=" if self.upper else ">="
         unit = f" {self.unit}" if self.unit else ""
         short = abs(self.value - self.limit)
@@ -247,7 +246,7 @@ def _margins(rows: tuple[Rows, ...], task: int) -> list[Margin]:
     result = []
     for r in rows:
         shown = range(len(r.labels))
-        if "clearance" in r.kind and len(r.labels):
+        if KINDS[r.kind].many and len(r.labels):
             order = np.argsort(r.margins[0])
             shown = [i for rank, i in enumerate(order) if rank == 0 or r.margins[0, i] < 1]
         result += [
@@ -257,7 +256,7 @@ def _margins(rows: tuple[Rows, ...], task: int) -> list[Margin]:
                 float(r.values[0, i]),
                 float(r.limits[i]),
                 r.upper,
-                r.unit.split(", ")[min(i, r.unit.count(", "))],
+                r.unit if isinstance(r.unit, str) else r.unit[i],
                 float(np.nan_to_num(r.margins[0, i], nan=-np.inf)),
                 task,
             )

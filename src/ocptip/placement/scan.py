@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array
-from ocptip.placement.evaluate import Evaluator, Rows, TaskEvaluation
+from ocptip.placement.evaluate import Evaluator
+from ocptip.placement.limits.judged import Rows
 from ocptip.placement.problem import CRITERIA, PlacementProblem
 from ocptip.placement.result import FEASIBLE
 from ocptip.placement.search.starts import solutions
@@ -153,9 +154,9 @@ class _Scanner:
         if not len(q):
             return q, who, none
         found = evaluator.task(t, self.patch, self.parameters[numbers[who]], q, contacts=False)
-        values = task_criteria(evaluator, t, found)
-        counts = [i for i, case in enumerate(evaluator.cases[t]) if case.counts]
-        values[:, 1] = np.max(evaluator.least_slip(found.wrenches[:, counts]), axis=1, initial=0.0)
+        values = evaluator.criteria([found])
+        least = evaluator.least_slip(found.wrenches[:, found.counting])
+        values[:, CRITERIA.index("GT")] = np.max(least, axis=1, initial=0.0)
         return q, who, (*worst(found.rows, len(q)), values)
 
     def _sort(
@@ -225,13 +226,6 @@ class _Scanner:
             self.states,
             self.solved,
         )
-
-
-def task_criteria(evaluator: Evaluator, task: int, found: TaskEvaluation) -> np.ndarray:
-    """GN, GT, GK, GE (N, 4) of one task: the worst counting load case, for GE the mean."""
-    counts = [i for i, case in enumerate(evaluator.cases[task]) if case.counts]
-    columns = [np.max(getattr(found, name)[:, counts], axis=1) for name in CRITERIA[:3]]
-    return np.column_stack([*columns, np.mean(found.GE[:, counts], axis=1)])
 
 
 def worst(rows: tuple[Rows, ...], count: int) -> tuple[np.ndarray, np.ndarray]:

@@ -43,6 +43,10 @@ class Wall:
         """Signed distance of a sphere, m; centre (3,), m, base frame."""
         return self.distance - cs.dot(cs.DM(self.normal), centre) - radius
 
+    def gaps(self, centres: np.ndarray, radii: np.ndarray) -> np.ndarray:
+        """`gap` (..., k) of many spheres: centres (..., k, 3) and radii (k,), m."""
+        return self.distance - centres @ self.normal - radii
+
 
 @dataclass(frozen=True, eq=False)
 class Floor(Wall):
@@ -85,6 +89,12 @@ class Pillar:
         """Signed distance of a sphere, m; centre (3,), m, base frame."""
         across = np.eye(3) - np.outer(self.axis, self.axis)
         return _length(cs.DM(across) @ (centre - cs.DM(self.point))) - self.radius - radius
+
+    def gaps(self, centres: np.ndarray, radii: np.ndarray) -> np.ndarray:
+        """`gap` (..., k) of many spheres: centres (..., k, 3) and radii (k,), m."""
+        arms = centres - self.point
+        across = arms - (arms @ self.axis)[..., None] * self.axis
+        return np.linalg.norm(across, axis=-1) - self.radius - radii
 
 
 Obstacle = Wall | Pillar

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ocptip.placement.evaluate import ANGLE_UNIT
+from ocptip.placement.limits.arm import JointAngles, Reach
+from ocptip.placement.limits.limit import ANGLE_UNIT
 from ocptip.placement.search.program import PlacementProgram
 
 
@@ -27,14 +28,18 @@ class ElasticProgram:
     def __init__(self, program: PlacementProgram, reachable: bool = False) -> None:
         self.program = program
         lower, upper = program.bounds
-        names = [(label.kind, label.name if label.kind != "clearance" else "") for label in program.labels]
+        names = [
+            (label.kind, "" if limit.together else label.name)
+            for limit, blocks in program.limits
+            for block in blocks
+            for label in block.labels
+        ]
         low, high = (bound.copy() for bound in program.x_bounds)
-        tasks = len(program.problem.tasks)
-        self._joints = np.arange(program.k, program.k + tasks * program.n)
+        self._joints = np.concatenate(program.q)
         angle_low, angle_high = low[self._joints], high[self._joints]
         low[self._joints] = np.where(np.isfinite(angle_low), angle_low - np.pi, -np.inf)
         high[self._joints] = np.where(np.isfinite(angle_high), angle_high + np.pi, np.inf)
-        names += [("joint angle", "")] * len(self._joints)
+        names += [(JointAngles.kind, "")] * len(self._joints)
         self.groups = list(dict.fromkeys(names))
         which = np.array([self.groups.index(name) for name in names])
         lower = np.concatenate([lower, angle_low / ANGLE_UNIT])
@@ -43,7 +48,7 @@ class ElasticProgram:
         nx, count = program.size, len(self.groups)
         self._extra = np.zeros((len(self._below) + len(self._above), count))
         if reachable:
-            firm = np.isin([kind for kind, _ in self.groups], ("reach", "joint angle"))
+            firm = np.isin([kind for kind, _ in self.groups], (Reach.kind, JointAngles.kind))
         else:
             firm = np.zeros(count, dtype=bool)
         self._extra[np.arange(len(self._below)), which[self._below]] = 1.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ocptip.contact.solver import solve_many
-from ocptip.placement.search.forces import Piece
+from ocptip.placement.limits.forces import Piece
 from ocptip.placement.search.physics import PatchPhysics
 
 

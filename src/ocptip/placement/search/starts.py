@@ -8,7 +8,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 from scipy.stats import qmc
 
-from ocptip.placement.evaluate import Evaluator, smallest_margin
+from ocptip.placement.evaluate import Evaluator
+from ocptip.placement.limits.judged import smallest_margin
+from ocptip.placement.problem import CRITERIA
 from ocptip.robots.inverse.closed_form import branches_within_limits, closed_form_family
 from ocptip.robots.inverse.pose_search import search
 
@@ -181,15 +183,8 @@ def rough_scores(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Objective without the slip reserve and smallest margin, (N,) each, of one task; contacts not solved."""
     found = evaluator.task(task, patch, parameters, q, contacts=False)
-    counts = [i for i, case in enumerate(evaluator.cases[task]) if case.counts]
-    criteria = np.column_stack(
-        [
-            np.max(found.GN[:, counts], axis=1),
-            np.zeros(len(q)),
-            np.max(found.GK[:, counts], axis=1),
-            np.mean(found.GE[:, counts], axis=1),
-        ]
-    )
+    criteria = evaluator.criteria([found])
+    criteria[:, CRITERIA.index("GT")] = 0.0
     return evaluator.totals(criteria), found.margin()
 
 

@@ -1,0 +1,273 @@
+"""Limits of the arm: gripper pose, joint angles, torques, collisions, distance from singular poses."""
+
+from __future__ import annotations
+
+import casadi as cs
+import numpy as np
+
+from ocptip.numerics.batch import BatchFunction
+from ocptip.placement.limits.judged import Rows, TaskEvaluation
+from ocptip.placement.limits.layout import Curvature, Layout, Point
+from ocptip.placement.limits.limit import (
+    ANGLE_UNIT,
+    LENGTH_UNIT,
+    LOG_UNIT,
+    Block,
+    Limit,
+    RowLabel,
+    Symbols,
+)
+from ocptip.placement.limits.twice import Twice
+from ocptip.placement.manipulability import MEASURES, LogMeasures, index_of, limited, measures
+from ocptip.placement.problem import GripperTask, PlacementProblem
+from ocptip.robots.geometry import Floor, Pillar, Wall, sphere_centres
+from ocptip.robots.kinematics import gripper_kinematics, gripper_pose
+
+POSE_TOLERANCE = 1e-6
+"""Largest error of the gripper's position (m) and orientation (rad)."""
+
+_SMALLEST_INDEX = 1e-12
+_INDEX_UNITS = {"dm_2": "rad", "manipulability": "m^3"}
+_PROBES = 8
+_CONSTANT = 1e-9
+
+
+class Reach(Limit):
+    """The gripper is at its pose."""
+
+    kind = "reach"
+    has_room = False
+
+    def margins(self, found: TaskEvaluation) -> list[Rows]:
+        wanted, base = self.problem.tasks[found.task], found.base
+        at, turned = gripper_pose(self.problem.robot.arm, found.q)
+        missed = np.linalg.norm(found.origin + (base @ at[:, :, None])[:, :, 0] - wanted.position, axis=1)
+        world = base @ turned
+        if wanted.orientation == "full":
+            difference = wanted.rotation.T @ world
+            sine = np.linalg.norm(difference - difference.transpose(0, 2, 1), axis=(1, 2)) / np.sqrt(8)
+            cosine = (np.trace(difference, axis1=1, axis2=2) - 1) / 2
+        else:
+            axis, goal = world @ wanted.tool_axis, wanted.rotation @ wanted.tool_axis
+            sine, cosine = np.linalg.norm(np.cross(axis, goal), axis=1), axis @ goal
+        turn = np.arctan2(sine, cosine) if wanted.orientation != "free" else np.zeros(len(found.q))
+        labels, scale = ["gripper position", "gripper orientation"], np.array([LENGTH_UNIT, ANGLE_UNIT])
+        values = np.column_stack([missed, turn])
+        return [self.row(labels, values, POSE_TOLERANCE, True, ("m", "rad"), scale)]
+
+    def functions(self, at: Symbols) -> list[Twice]:
+        """Per task rows that vanish where the gripper has its pose."""
+        tip, turned, _ = gripper_kinematics(self.problem.robot.arm)(at.q)
+        world, axes = at.world(tip), at.base @ turned
+        return [self._function(at.y, task, world, axes) for task in self.problem.tasks]
+
+    def blocks(self, layout: Layout, functions: list[Twice]) -> list[Block]:
+        return [Block(t, layout.y[t], f.labels, 0.0, 0.0, function=f) for t, f in enumerate(functions)]
+
+    def _function(self, y: cs.SX, task: GripperTask, world: cs.SX, axes: cs.SX) -> Twice:
+        rows = [(world - cs.SX(task.position)) / LENGTH_UNIT]
+        if task.orientation == "full":
+            error = cs.SX(task.rotation.T) @ axes
+            rows.append(
+                cs.vertcat(error[2, 1] - error[1, 2], error[0, 2] - error[2, 0], error[1, 0] - error[0, 1])
+                / (2 * ANGLE_UNIT)
+            )
+        elif task.orientation == "axis":
+            goal = task.rotation @ task.tool_axis
+            x = np.cross(goal, np.eye(3)[np.argmin(np.abs(goal))])
+            x /= np.linalg.norm(x)
+            across = np.array([x, np.cross(goal, x)])
+            rows.append(cs.SX(across) @ axes @ cs.SX(task.tool_axis) / ANGLE_UNIT)
+        values = cs.vertcat(*rows)
+        kept, missed = _changeable(y, values)
+        prefix = f"{task.name}: " if len(self.problem.tasks) > 1 else ""
+        words = ["position"] * min(3, len(kept)) + ["orientation"] * max(len(kept) - 3, 0)
+        labels = [RowLabel(self.kind, f"{prefix}gripper {word}") for word in words]
+        return Twice.of(y, [], values[kept], labels, missed)
+
+
+class JointAngles(Limit):
+    """Joint angles within the arm's limits, which are bounds of the program's variables."""
+
+    kind = "joint angle"
+    together = True
+    counted_once = True
+
+    def margins(self, found: TaskEvaluation) -> list[Rows]:
+        own, rows = self.problem.robot.arm.limits, []
+        for limit, upper, word in ((own.angle_min, False, "lower"), (own.angle_max, True, "upper")):
+            at = np.flatnonzero(np.isfinite(limit))
+            labels = [f"joint {j + 1}: {word} angle limit" for j in at]
+            rows.append(self.row(labels, found.q[:, at], limit[at], upper, "rad", ANGLE_UNIT))
+        return rows
+
+
+class Torque(Limit):
+    """Amounts of the joint torques (4.33)."""
+
+    kind = "torque"
+    counted_once = True
+    on_loads = True
+
+    def __init__(self, problem: PlacementProblem) -> None:
+        super().__init__(problem)
+        self.joints = problem.limited_joints
+        self.most = problem.most_torque[self.joints]
+
+    def margins(self, found: TaskEvaluation) -> list[Rows]:
+        kept, at = found.constrained, self.joints
+        labels = [f"joint {j + 1} ({found.cases[c].name})" for c in kept for j in at]
+        values = np.abs(found.torques[:, kept][:, :, at]).reshape(len(found.q), len(kept) * len(at))
+        limits = np.tile(self.most, len(kept))
+        return [self.row(labels, values, limits, True, "N m", limits)]
+
+    def blocks(self, layout: Layout, functions: list[Twice]) -> list[Block]:
+        result = []
+        for i, case in enumerate(layout.cases):
+            wide = 1.0 if case.constrained else np.inf
+            labels = [RowLabel(self.kind, f"joint {j + 1} ({case.name})") for j in self.joints]
+            result.append(Block(i, layout.y[case.task], labels, -wide, wide))
+        return result
+
+    def values(self, at: Point, block: Block) -> np.ndarray:
+        return at.loads[block.of][self.joints] / self.most
+
+    def jacobian(self, at: Point, block: Block) -> np.ndarray:
+        return at.slopes[block.of][self.joints] / self.most[:, None]
+
+    def add_hessian(self, sums: Curvature, at: Point, blocks: list[Block], multipliers: np.ndarray) -> None:
+        for block in blocks:
+            sums.on_loads[block.of][self.joints] += multipliers[block.rows] / self.most
+
+
+class Clearance(Limit):
+    """The arm's spheres against each other and against obstacles, of the base and of the world."""
+
+    kind = "clearance"
+    many = True
+    together = True
+    counted_once = True
+
+    def __init__(self, problem: PlacementProblem) -> None:
+        super().__init__(problem)
+        self.arm = problem.robot.arm
+        self._collision, self._least = problem.robot.collision, problem.limits.clearance
+        self._against = []
+        if self.arm.sphere_sets and problem.obstacles:
+            self._spheres = BatchFunction(sphere_centres(self.arm))
+            self._against = [(obstacle, *self._checked(obstacle)) for obstacle in problem.obstacles]
+
+    def _checked(self, obstacle: Wall | Pillar) -> tuple[np.ndarray, np.ndarray, list[str]]:
+        """Numbers and radii of the arm's spheres that are checked against an obstacle, names of the gaps."""
+        names = self.arm.floor_sets if isinstance(obstacle, Floor) else self.arm.obstacle_sets
+        index, radii, labels, at = [], [], [], 0
+        for spheres in self.arm.sphere_sets:
+            for k, radius in enumerate(spheres.radii):
+                if spheres.name in names:
+                    index.append(at)
+                    radii.append(radius)
+                    labels.append(f"{spheres.name}[{k + 1}] and {obstacle.name}")
+                at += 1
+        return np.array(index, dtype=int), np.array(radii), labels
+
+    def margins(self, found: TaskEvaluation) -> list[Rows]:
+        rows = []
+
+        def add(labels: list[str], gaps: np.ndarray) -> None:
+            rows.append(self.row(labels, gaps, self._least, False, "m", LENGTH_UNIT))
+
+        if self._collision.labels:
+            add([str(label) for label in self._collision.labels], self._collision.gaps(found.q))
+        if self._against:
+            world = found.world(self._spheres(found.q)[0].transpose(0, 2, 1))
+            for obstacle, index, radii, labels in self._against:
+                add(labels, obstacle.gaps(world[:, index], radii))
+        return rows
+
+    def functions(self, at: Symbols) -> list[Twice]:
+        """One of all gaps, for all tasks."""
+        gaps, names = [], [str(label) for label in self._collision.labels]
+        if names:
+            gaps.append(self._collision.function(at.q))
+        if self._against:
+            centres = sphere_centres(self.arm)(at.q)
+            for obstacle, index, radii, labels in self._against:
+                gaps += [
+                    obstacle.gap(at.world(centres[:, int(i)]), radius)
+                    for i, radius in zip(index, radii, strict=True)
+                ]
+                names += labels
+        if not gaps:
+            return []
+        labels = [RowLabel(self.kind, name) for name in names]
+        return [Twice.of(at.y, [], (cs.vertcat(*gaps) - self._least) / LENGTH_UNIT, labels)]
+
+    def blocks(self, layout: Layout, functions: list[Twice]) -> list[Block]:
+        result = []
+        for gaps in functions:
+            for t, near in enumerate(layout.near):
+                labels = [gaps.labels[g] for g in np.flatnonzero(near)]
+                result.append(Block(t, layout.y[t], labels, 0.0, np.inf, function=gaps, chosen=near))
+        return [block for block in result if block.labels]
+
+
+class Manipulability(Limit):
+    """Distance from singular poses: condition number, ratio of singular values, a performance index."""
+
+    kind = "manipulability"
+
+    def __init__(self, problem: PlacementProblem) -> None:
+        super().__init__(problem)
+        limits = problem.limits
+        self._logs = LogMeasures(problem.robot.arm, limits) if limited(limits) else None
+
+    def margins(self, found: TaskEvaluation) -> list[Rows]:
+        arm, limits, rows = self.problem.robot.arm, self.problem.limits, []
+
+        def add(name: str, values: np.ndarray, bound: float, sign: float) -> None:
+            margins = sign * (np.log(values) - np.log(bound)) / LOG_UNIT
+            unit = _INDEX_UNITS.get(name, "")
+            label, bound = (name.replace("_", " "),), np.array([bound])
+            rows.append(Rows(self.kind, label, values, bound, sign < 0, unit, margins))
+
+        for k, name in enumerate(MEASURES):
+            if (most := getattr(limits, name)) is not None:
+                add(name, measures(arm, found.q, limits.jacobian_length)[:, [k]], most, -1.0)
+        if limits.index is not None:
+            values = np.maximum(index_of(arm, found.q, limits), _SMALLEST_INDEX)[:, None]
+            add(limits.index, values, limits.index_min, 1.0)
+        return rows
+
+    def blocks(self, layout: Layout, functions: list[Twice]) -> list[Block]:
+        if self._logs is None:
+            return []
+        labels = [RowLabel(self.kind, name.replace("_", " ")) for name in self._logs.bounds]
+        upper = np.array(list(self._logs.bounds.values())) / LOG_UNIT
+        return [Block(t, q, labels, -np.inf, upper) for t, q in enumerate(layout.q)]
+
+    def values(self, at: Point, block: Block) -> np.ndarray:
+        return self._at(at, block)[0] / LOG_UNIT
+
+    def jacobian(self, at: Point, block: Block) -> np.ndarray:
+        return self._at(at, block)[1] / LOG_UNIT
+
+    def _at(self, at: Point, block: Block) -> tuple[np.ndarray, np.ndarray]:
+        return at.once(block, lambda: self._logs.gradient(at.x[block.columns]))
+
+    def add_hessian(self, sums: Curvature, at: Point, blocks: list[Block], multipliers: np.ndarray) -> None:
+        for block in blocks:
+            on = multipliers[block.rows] / LOG_UNIT
+            sums.add(block.columns, self._logs.hessian(at.x[block.columns], on))
+
+
+def _changeable(y: cs.SX, values: cs.SX) -> tuple[list[int], float]:
+    """Rows that some variable changes (in a planar robot not all), and how far the others are from 0."""
+    function = cs.Function("probe", [y], [values, cs.jacobian(values, y)])
+    rng = np.random.default_rng(0)
+    slope, worst = np.zeros(values.numel()), np.zeros(values.numel())
+    for _ in range(_PROBES):
+        value, jacobian = function(rng.normal(size=y.numel()))
+        slope = np.maximum(slope, np.abs(np.array(jacobian)).max(axis=1))
+        worst = np.maximum(worst, np.abs(np.array(value)).ravel())
+    kept = np.flatnonzero(slope > _CONSTANT)
+    return kept.tolist(), float(np.max(np.delete(worst, kept), initial=0.0))

@@ -1,0 +1,144 @@
+"""Limits of where the base alone stands."""
+
+from __future__ import annotations
+
+import casadi as cs
+import numpy as np
+
+from ocptip.placement.limits.judged import Rows, Standing
+from ocptip.placement.limits.layout import Layout
+from ocptip.placement.limits.limit import ANGLE_UNIT, LENGTH_UNIT, Block, Limit, RowLabel, Symbols
+from ocptip.placement.limits.twice import Twice
+from ocptip.placement.problem import PlacementProblem
+from ocptip.robots.geometry import Floor
+
+
+class BaseLimit(Limit):
+    """A limit that no arm has a part in."""
+
+    def margins(self, found: Standing) -> list[Rows]:
+        """How far it is kept at N candidates."""
+        raise NotImplementedError
+
+    def expressions(self, at: Symbols) -> list[tuple[cs.SX, str]]:
+        """Values, m, that must be >= 0, with names; none: variables' bounds keep it."""
+        return []
+
+
+class Bounds(BaseLimit):
+    """Bounds of the terrain's parameters."""
+
+    kind = "bounds"
+
+    def margins(self, found: Standing) -> list[Rows]:
+        terrain, rows = found.terrain, []
+        for bound, upper, word in ((terrain.lower, False, "lower"), (terrain.upper, True, "upper")):
+            for i in np.flatnonzero(np.isfinite(bound)):
+                unit, scale = ("rad", ANGLE_UNIT) if terrain.angular[i] else ("m", LENGTH_UNIT)
+                label = f"{terrain.parameters[i]}: {word} bound"
+                rows.append(self.row([label], found.parameters[:, [i]], bound[[i]], upper, unit, scale))
+        return rows
+
+
+class ContactArea(BaseLimit):
+    """The bounds of a plane hold for every contact."""
+
+    kind = "contact area"
+
+    def margins(self, found: Standing) -> list[Rows]:
+        area, rows = found.terrain.contact_area, []
+        if area is None:
+            return rows
+        world = found.world(np.array([c.position for c in self.problem.robot.support.contacts]))
+        for axis, name in enumerate("xy"):
+            labels = [f"contact {k + 1}: {name}" for k in range(world.shape[1])]
+            for limit, upper in zip(area[:, axis], (False, True), strict=True):
+                if np.isfinite(limit):
+                    rows.append(self.row(labels, world[:, :, axis], limit, upper, "m", LENGTH_UNIT))
+        return rows
+
+    def expressions(self, at: Symbols) -> list[tuple[cs.SX, str]]:
+        area, rows = at.terrain.contact_area, []
+        for k, contact in enumerate(self.problem.robot.support.contacts if area is not None else ()):
+            point = at.world(contact.position)
+            for axis, name in enumerate("xy"):
+                for limit, sign in zip(area[:, axis], (1.0, -1.0), strict=True):
+                    if np.isfinite(limit):
+                        rows.append((sign * (point[axis] - limit), f"contact {k + 1}: {name}"))
+        return rows
+
+
+class BaseClearance(BaseLimit):
+    """The base's spheres against obstacles and keep-out zones of the world."""
+
+    kind = "base clearance"
+    many = True
+
+    def __init__(self, problem: PlacementProblem) -> None:
+        super().__init__(problem)
+        around = (*problem.obstacles, *problem.keep_out)
+        self._around = [obstacle for obstacle in around if not isinstance(obstacle, Floor)]
+
+    def margins(self, found: Standing) -> list[Rows]:
+        spheres, rows = self.problem.base_spheres, []
+        world = found.world(spheres[:, :3])
+        for obstacle in self._around:
+            labels = [f"base[{k + 1}] and {obstacle.name}" for k in range(len(spheres))]
+            gaps = obstacle.gaps(world, spheres[:, 3])
+            rows.append(self.row(labels, gaps, self.problem.limits.base_clearance, False, "m", LENGTH_UNIT))
+        return rows
+
+    def expressions(self, at: Symbols) -> list[tuple[cs.SX, str]]:
+        least, rows = self.problem.limits.base_clearance, []
+        for k, sphere in enumerate(self.problem.base_spheres):
+            centre = at.world(sphere[:3])
+            for obstacle in self._around:
+                rows.append((obstacle.gap(centre, sphere[3]) - least, f"base[{k + 1}] and {obstacle.name}"))
+        return rows
+
+
+class TerrainLimit(BaseLimit):
+    """The terrain's own constraints (4.26)."""
+
+    kind = "terrain"
+
+    def margins(self, found: Standing) -> list[Rows]:
+        names = found.terrain.constraint_names
+        if not names:
+            return []
+        values = found.terrain.constraint_values(found.parameters)
+        return [self.row(names, values, 0.0, False, "", LENGTH_UNIT)]
+
+    def expressions(self, at: Symbols) -> list[tuple[cs.SX, str]]:
+        if at.terrain.constraints is None:
+            return []
+        return list(zip(cs.vertsplit(at.terrain.constraints(at.p)), at.terrain.constraint_names, strict=True))
+
+
+class Ground(Limit):
+    """All limits of the base alone, which are one function of the terrain's parameters.
+
+    Args:
+        problem: the problem.
+        kinds: of its limits.
+    """
+
+    def __init__(self, problem: PlacementProblem, kinds: tuple[type[BaseLimit], ...]) -> None:
+        super().__init__(problem)
+        self.parts = tuple(kind(problem) for kind in kinds)
+
+    def margins(self, found: Standing) -> list[Rows]:
+        """How far all of them are kept at N candidates."""
+        return [rows for part in self.parts for rows in part.margins(found)]
+
+    def functions(self, at: Symbols) -> list[Twice]:
+        rows = [(part.kind, *row) for part in self.parts for row in part.expressions(at)]
+        if not rows:
+            return []
+        labels = [RowLabel(kind, name) for kind, _, name in rows]
+        return [Twice.of(at.p, [], cs.vertcat(*(value for _, value, _ in rows)) / LENGTH_UNIT, labels)]
+
+    def blocks(self, layout: Layout, functions: list[Twice]) -> list[Block]:
+        return [
+            Block(-1, layout.p, function.labels, 0.0, np.inf, function=function) for function in functions
+        ]

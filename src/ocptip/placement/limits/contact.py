@@ -1,0 +1,254 @@
+"""Limits of the contacts: tip-over, slip, persistence (4.21, 4.22)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ocptip.contact.solver import solve_many
+from ocptip.placement.limits.judged import Rows, TaskEvaluation
+from ocptip.placement.limits.layout import Curvature, Layout, Point
+from ocptip.placement.limits.limit import Block, Limit, RowLabel
+from ocptip.placement.limits.twice import Twice
+from ocptip.placement.problem import PlacementProblem
+from ocptip.reserves.tipping import TipMap
+
+_UNSOLVED = 10.0  # stands in for a slip reserve without a contact solution
+_STEP = 1e-5  # of the largest wrench component, for the curvature of GT
+_MOST_CURVATURE = 1e3  # per squared largest wrench: beyond it a kink lies between, which has no curvature
+
+
+class TipOver(Limit):
+    """Moments of the normal reserves about the tipping axes, behind GN; without solving the contacts.
+
+    Attributes:
+        moments: wrench (6,) -> moments about the axes, N m.
+        unit: N m: twice the reference moment of GN.
+        least: N m: the moment at which GN is at its limit.
+    """
+
+    kind = "tip-over"
+    on_loads = True
+
+    def __init__(self, problem: PlacementProblem) -> None:
+        super().__init__(problem)
+        tip = problem.robot.tip_over
+        self.moments, reference = TipMap(tip), tip.reference_moment
+        self.unit = 2 * (reference or 1.0)
+        self.least = 0.0 if reference is None else reference * (1 / (problem.limits.GN or 1.0) - 1)
+
+    def ratio(self, moments: np.ndarray) -> np.ndarray:
+        """GN (N, C) from the moments (N, C, axes); exact on a plane as long as the base stands."""
+        tip = self.problem.robot.tip_over
+        if tip.free_rotation:
+            return np.ones(moments.shape[:2])
+        if not moments.shape[2]:
+            return np.zeros(moments.shape[:2])
+        smallest = np.maximum(np.min(moments, axis=2), 0.0)
+        return tip.reference_moment / (tip.reference_moment + smallest)
+
+    def margins(self, found: TaskEvaluation) -> list[Rows]:
+        if not self.moments.count:
+            return []
+        smallest = np.min(found.moments[:, found.constrained], axis=2)
+        return [self.row(found.names, smallest, self.least, False, "N m", self.unit)]
+
+    def blocks(self, layout: Layout, functions: list[Twice]) -> list[Block]:
+        result = []
+        for i, case in enumerate(layout.cases if self.moments.count else ()):
+            slack = layout.slack.get("moment") if case.counts else None
+            least = self.least / self.unit if slack is None else 0.0
+            labels = [RowLabel(self.kind, case.name)] * self.moments.count
+            lower = least if case.constrained else -np.inf
+            result.append(Block(i, layout.y[case.task], labels, lower, np.inf, slack))
+        return result
+
+    def start(self, at: Point, x: np.ndarray) -> None:
+        if (slack := at.layout.slack.get("moment")) is not None:
+            x[slack] = np.min(self._at(at)[0][at.layout.counting]) / self.unit
+
+    def values(self, at: Point, block: Block) -> np.ndarray:
+        values = self._at(at)[0][block.of] / self.unit
+        return values if block.slack is None else values - at.x[block.slack]
+
+    def jacobian(self, at: Point, block: Block) -> np.ndarray:
+        slope = self._at(at)[1][block.of] @ at.slopes[block.of][at.layout.n :] / self.unit
+        return slope if block.slack is None else np.column_stack([slope, np.full(len(slope), -1.0)])
+
+    def add_hessian(self, sums: Curvature, at: Point, blocks: list[Block], multipliers: np.ndarray) -> None:
+        n, slopes = at.layout.n, self._at(at)[1]
+        for block in blocks:
+            sums.on_loads[block.of][n:] += multipliers[block.rows] @ slopes[block.of] / self.unit
+
+    def _at(self, at: Point) -> tuple[np.ndarray, np.ndarray]:
+        """Moments (cases, axes) and their derivatives (cases, axes, 6)."""
+        return at.once(self, lambda: self.moments(at.wrenches))
+
+
+class Slip(Limit):
+    """Slip reserves by the contact solver with its derivatives, unless contact forces are variables."""
+
+    kind = "slip"
+    on_loads = True
+
+    def blocks(self, layout: Layout, functions: list[Twice]) -> list[Block]:
+        if layout.forces is not None:
+            return []
+        result = []
+        for i in layout.held:
+            case, slack = layout.cases[i], layout.slack_of("slip", i)
+            upper = self.problem.limits.GT or 1.0 if slack is None else 0.0
+            label = RowLabel("slip", case.name)
+            result.append(Block(i, layout.y[case.task], [label], -np.inf, upper, slack))
+        return result
+
+    def start(self, at: Point, x: np.ndarray) -> None:
+        if (slack := at.layout.slack.get("slip")) is not None:
+            x[slack] = np.max(self._evaluate(at.wrenches[at.layout.counting], derivatives=False)[0])
+
+    def values(self, at: Point, block: Block) -> np.ndarray:
+        value = self._at(at)[0][block.of]
+        return np.array([value if block.slack is None else value - at.x[block.slack]])
+
+    def jacobian(self, at: Point, block: Block) -> np.ndarray:
+        slope = self._at(at)[1][block.of] @ at.slopes[block.of][at.layout.n :]
+        return (slope if block.slack is None else np.append(slope, -1.0))[None]
+
+    def add_hessian(self, sums: Curvature, at: Point, blocks: list[Block], multipliers: np.ndarray) -> None:
+        n, slopes = at.layout.n, self._at(at)[1]
+        on = {block.of: float(multipliers[block.rows][0]) for block in blocks}
+        for i, factor in on.items():
+            sums.on_loads[i][n:] += factor * slopes[i]
+        weighty = [i for i, factor in on.items() if abs(factor) > 1e-9]
+        for i, bend in zip(weighty, self._bends(at, weighty), strict=True):
+            if bend is not None:
+                sums.of_loads[i][n:, n:] += on[i] * (bend + bend.T) / 2
+
+    def _bends(self, at: Point, cases: list[int]) -> list[np.ndarray | None]:
+        """Second derivatives (6, 6) of GT by the wrench, by differences of its exact gradient."""
+        if not cases:
+            return []
+        length = self.problem.robot.support.length
+        wrenches, slopes = at.wrenches[cases], self._at(at)[1]
+        size = np.max(np.abs(wrenches * np.r_[1, 1, 1, np.ones(3) / length]), axis=1)
+        steps = _STEP * size[:, None] * np.r_[1, 1, 1, np.full(3, length)]
+        moved = wrenches[:, None] + steps[:, :, None] * np.eye(6)
+        gradients = self._evaluate(moved.reshape(-1, 6))[1].reshape(-1, 6, 6)
+        result = []
+        for i, step, gradient in zip(cases, steps, gradients, strict=True):
+            bend = (gradient - slopes[i]) / step[:, None]
+            relative = np.max(np.abs(bend * np.outer(step, step))) / _STEP**2
+            result.append(bend if relative < _MOST_CURVATURE else None)
+        return result
+
+    def _at(self, at: Point) -> tuple[dict[int, float], dict[int, np.ndarray]]:
+        """GT and its derivative (6,) by held case."""
+
+        def evaluate() -> tuple[dict, dict]:
+            held = at.layout.held
+            GT, slope = self._evaluate(at.wrenches[held])
+            return dict(zip(held, GT, strict=True)), dict(zip(held, slope, strict=True))
+
+        return at.once(self, evaluate)
+
+    def _evaluate(
+        self, wrenches: np.ndarray, derivatives: bool = True
+    ) -> tuple[np.ndarray, np.ndarray | None]:
+        """GT (N,) and its derivative (N, 6)."""
+        if not len(wrenches):
+            return np.empty(0), np.empty((0, 6))
+        robot = self.problem.robot
+        reserve = robot.slip.evaluate(solve_many(robot.support, wrenches), derivatives)
+        GT = np.where(np.isfinite(reserve.GT), reserve.GT, _UNSOLVED)
+        return GT, np.nan_to_num(reserve.gradient) if derivatives else None
+
+
+class HeldForces(Limit):
+    """Contact forces that are variables: they balance the wrench within their friction limits."""
+
+    kind = "tip-over or slip"
+    on_loads = True
+
+    def blocks(self, layout: Layout, functions: list[Twice]) -> list[Block]:
+        if layout.forces is None:
+            return []
+        n, result = self.problem.robot.support.n_contacts, []
+        lower, upper = np.r_[np.zeros(6), np.full(n, -np.inf)], np.zeros(6 + n)
+        for i, columns, piece in zip(layout.held, layout.held_forces, layout.pieces, strict=True):
+            case = layout.cases[i]
+            labels = [RowLabel(self.kind, case.name)] * 6 + [RowLabel("slip", case.name)] * n
+            columns, slack = np.r_[layout.y[case.task], columns], layout.slack_of("slip", i)
+            result.append(Block(i, columns, labels, lower, upper, slack, function=piece))
+        return result
+
+    def start(self, at: Point, x: np.ndarray) -> None:
+        forces, held = at.layout.forces, at.layout.held
+        if forces is not None and held:
+            x[np.concatenate(at.layout.held_forces)] = forces.start(at.wrenches[held])[0].ravel()
+
+    def values(self, at: Point, block: Block) -> np.ndarray:
+        F, bound, _ = self._parts(at, block)
+        balance = at.layout.forces.balance(F, at.wrenches[block.of])
+        return np.concatenate([balance, block.function.rows(F, bound)[0]])
+
+    def jacobian(self, at: Point, block: Block) -> np.ndarray:
+        F, bound, inside = self._parts(at, block)
+        forces, y = at.layout.forces, slice(0, inside.start)
+        _, by_force, by_bound = block.function.rows(F, bound)
+        result = np.zeros((len(block.labels), len(block.columns)))
+        result[:6, y] = forces.per_wrench @ at.slopes[block.of][at.layout.n :]
+        result[:6, inside], result[6:, inside] = forces.per_force, by_force
+        if block.slack is not None:
+            result[6:, -1] = by_bound
+        return result
+
+    def add_hessian(self, sums: Curvature, at: Point, blocks: list[Block], multipliers: np.ndarray) -> None:
+        for block in blocks:
+            on, (F, bound, inside) = multipliers[block.rows], self._parts(at, block)
+            sums.on_loads[block.of][at.layout.n :] += on[:6] @ at.layout.forces.per_wrench
+            own, mixed, twice = block.function.hessian(F, bound, on[6:])
+            sums.add(block.columns[inside], own)
+            if block.slack is not None:
+                sums.add_mixed(block.slack, block.columns[inside], mixed)
+                sums.matrix[block.slack, block.slack] += twice
+
+    def _parts(self, at: Point, block: Block) -> tuple[np.ndarray, float, slice]:
+        """Contact forces (3 n,), the largest usage of friction allowed, and the forces' place in columns."""
+        first = at.layout.k + at.layout.n
+        inside = slice(first, first + at.layout.forces.size)
+        limit = self.problem.limits.GT or 1.0
+        return at.x[block.columns[inside]], limit if block.slack is None else at.x[block.slack], inside
+
+
+class TipOverReserve(Limit):
+    """GN of the contact solver's states; the program keeps it by `TipOver`."""
+
+    kind = "GN"
+    by_solver = True
+
+    def margins(self, found: TaskEvaluation) -> list[Rows]:
+        most = getattr(self.problem.limits, self.kind)
+        if found.states is None or most is None:
+            return []
+        values = getattr(found, self.kind)[:, found.constrained]
+        return [self.row(found.names, values, most, True, "", most)]
+
+
+class SlipReserve(TipOverReserve):
+    """GT of the contact solver's states; the program keeps it by `Slip` or `HeldForces`."""
+
+    kind = "GT"
+
+
+class Persistence(Limit):
+    """All contacts persist in the contact solver's solution."""
+
+    kind = "persistence"
+    has_room = False
+    by_solver = True
+    verdicts = ("does not stand", "stands")
+
+    def margins(self, found: TaskEvaluation) -> list[Rows]:
+        if found.states is None:
+            return []
+        standing = found.states.persistent.reshape(found.GN.shape)[:, found.constrained].astype(float)
+        return [self.row(found.names, standing, 1.0, False, "", 1.0)]

@@ -1,0 +1,113 @@
+"""Rows that tie variables of the objective to loads: use of the force space, amounts of torques."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ocptip.placement.limits.layout import Curvature, Layout, Point
+from ocptip.placement.limits.limit import Block, Limit, RowLabel
+from ocptip.placement.limits.twice import Twice
+from ocptip.placement.problem import PlacementProblem
+
+_SIGNS = (1.0, -1.0)
+
+
+class ForceSpace(Limit):
+    """No joint uses more of its torque reserve in a load's direction than the bound of all (4.19)."""
+
+    kind = "force space"
+    on_loads = True
+
+    def __init__(self, problem: PlacementProblem) -> None:
+        super().__init__(problem)
+        self.joints = problem.limited_joints
+        self.most = problem.most_torque[self.joints]
+
+    def blocks(self, layout: Layout, functions: list[Twice]) -> list[Block]:
+        slack = layout.slack.get("force")
+        if slack is None:
+            return []
+        result = []
+        for i in layout.counting:
+            case = layout.cases[i]
+            if case.load >= 0:
+                labels = [RowLabel(self.kind, case.name)] * (2 * len(self.joints))
+                result.append(Block(i, layout.y[case.task], labels, -np.inf, 0.0, slack))
+        return result
+
+    def start(self, at: Point, x: np.ndarray) -> None:
+        if (slack := at.layout.slack.get("force")) is None:
+            return
+        shares = []
+        for i in at.layout.counting:
+            if at.layout.cases[i].load >= 0:
+                own, change = self._torques(at, i)
+                room = np.where(change > 0, self.most - own, self.most + own)
+                shares.append(np.max(np.abs(change) / np.maximum(room, 1e-6 * self.most)))
+        x[slack] = max(shares)
+
+    def values(self, at: Point, block: Block) -> np.ndarray:
+        own, change = self._torques(at, block.of)
+        t = at.x[block.slack]
+        return np.concatenate(
+            [sign * change / self.most - t * (1 - sign * own / self.most) for sign in _SIGNS]
+        )
+
+    def jacobian(self, at: Point, block: Block) -> np.ndarray:
+        own, t = self._torques(at, block.of)[0], at.x[block.slack]
+        own_slope = at.slopes[at.layout.unloaded(block.of)][self.joints] / self.most[:, None]
+        change_slope = at.slopes[block.of][self.joints] / self.most[:, None] - own_slope
+        parts = []
+        for sign in _SIGNS:
+            room = 1 - sign * own / self.most
+            parts.append(np.column_stack([sign * change_slope + t * sign * own_slope, -room]))
+        return np.concatenate(parts)
+
+    def add_hessian(self, sums: Curvature, at: Point, blocks: list[Block], multipliers: np.ndarray) -> None:
+        for block in blocks:
+            own, t = at.layout.unloaded(block.of), at.x[block.slack]
+            for sign, on in zip(_SIGNS, multipliers[block.rows].reshape(2, -1), strict=True):
+                on = sign * on / self.most
+                sums.on_loads[block.of][self.joints] += on
+                sums.on_loads[own][self.joints] += (t - 1) * on
+                sums.add_mixed(block.slack, block.columns[:-1], on @ at.slopes[own][self.joints])
+
+    def _torques(self, at: Point, i: int) -> tuple[np.ndarray, np.ndarray]:
+        """Unloaded torques of the limited joints, and their change by the load, N m."""
+        own = at.loads[at.layout.unloaded(i)][self.joints]
+        return own, at.loads[i][self.joints] - own
+
+
+class TorqueAmounts(Limit):
+    """Variables of the objective that are at least the amounts of torques which cost something."""
+
+    kind = "torque cost"
+    on_loads = True
+
+    def blocks(self, layout: Layout, functions: list[Twice]) -> list[Block]:
+        result, joints = [], layout.costly
+        for i, amounts in layout.amounts.items():
+            case = layout.cases[i]
+            labels = [RowLabel(self.kind, case.name)] * (2 * len(joints))
+            result.append(Block(i, np.r_[layout.y[case.task], amounts], labels, 0.0, np.inf))
+        return result
+
+    def start(self, at: Point, x: np.ndarray) -> None:
+        objective = at.layout
+        for i, amounts in objective.amounts.items():
+            x[amounts] = np.abs(at.loads[i][objective.costly])
+
+    def values(self, at: Point, block: Block) -> np.ndarray:
+        joints = at.layout.costly
+        amounts, torques = at.x[block.columns[-len(joints) :]], at.loads[block.of][joints]
+        return np.concatenate([amounts - sign * torques for sign in _SIGNS])
+
+    def jacobian(self, at: Point, block: Block) -> np.ndarray:
+        joints = at.layout.costly
+        slope, unit = at.slopes[block.of][joints], np.eye(len(joints))
+        return np.concatenate([np.hstack([-sign * slope, unit]) for sign in _SIGNS])
+
+    def add_hessian(self, sums: Curvature, at: Point, blocks: list[Block], multipliers: np.ndarray) -> None:
+        for block in blocks:
+            for sign, on in zip(_SIGNS, multipliers[block.rows].reshape(2, -1), strict=True):
+                sums.on_loads[block.of][at.layout.costly] -= sign * on

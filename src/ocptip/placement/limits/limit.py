@@ -1,0 +1,166 @@
+"""What a limit is: how the judge sees it, and its rows in the nonlinear program.
+
+The judge (`margins`) evaluates many candidates in NumPy; the program (`blocks`, `values`, `jacobian`,
+`add_hessian`) has its own expressions and derivatives, so that each checks the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from types import EllipsisType
+from typing import NamedTuple
+
+import casadi as cs
+import numpy as np
+
+from ocptip.placement.limits.forces import Piece
+from ocptip.placement.limits.judged import Rows, TaskEvaluation
+from ocptip.placement.limits.layout import Curvature, Layout, Point
+from ocptip.placement.limits.twice import Twice
+from ocptip.placement.problem import PlacementProblem
+from ocptip.placement.terrain import Patch
+
+LENGTH_UNIT = 0.1  # m: gaps and bounds are compared with violations of other constraints in these units
+ANGLE_UNIT = 0.2  # rad
+LOG_UNIT = np.log(2.0)  # of condition numbers
+
+
+class RowLabel(NamedTuple):
+    """Kind and name of a row of the program."""
+
+    kind: str
+    name: str
+
+
+@dataclass(eq=False)
+class Block:
+    """Rows of one limit at one task or load case.
+
+    Attributes:
+        of: number of the task or load case; -1 for the base alone.
+        columns: numbers of the variables that the rows depend on; all others have no influence.
+        labels: of the rows.
+        lower, upper: bounds, one for all rows or one each.
+        slack: the variable of the objective that bounds these rows, then the last of the columns; None: a
+            number bounds them.
+        function: of x[columns], for limits that are smooth functions of poses; or the piece of the force sets
+            that contact forces keep to.
+        chosen: which of its values take part; default all.
+        rows: place among the rows of the program, which fills it in.
+    """
+
+    of: int
+    columns: np.ndarray
+    labels: Sequence[RowLabel]
+    lower: float | np.ndarray
+    upper: float | np.ndarray
+    slack: int | None = None
+    function: Twice | Piece | None = None
+    chosen: np.ndarray | EllipsisType = ...
+    rows: slice = field(init=False)
+
+    def __post_init__(self) -> None:
+        if self.slack is not None:
+            self.columns = np.append(self.columns, self.slack)
+
+
+@dataclass(frozen=True, eq=False)
+class Symbols:
+    """The variables of one task on a patch, and what limits are expressed in.
+
+    Attributes:
+        y: p (k,), the patch's parameters, and q (n,), rad.
+        terrain: the patch.
+        origin: (3,), m, base origin in the world.
+        base: (3, 3), base to world axes.
+    """
+
+    y: cs.SX
+    p: cs.SX
+    q: cs.SX
+    terrain: Patch
+    origin: cs.SX
+    base: cs.SX
+
+    def world(self, point: Sequence[float] | cs.SX) -> cs.SX:
+        """(3,), m, of a point in base axes."""
+        return self.origin + self.base @ cs.SX(point)
+
+
+class Limit:
+    """One kind of limit of a problem.
+
+    Subclasses give `margins` for the judge, and `blocks` for the program; rows that are smooth functions of
+    the poses give `functions`, all others `values`, `jacobian` and `add_hessian`.
+
+    Attributes:
+        kind: its name in results.
+        has_room: it can be kept with more or less room; False for equalities and for yes-or-no.
+        many: it has so many names that results list only those that are near.
+        together: in the search for the least-infeasible place all its rows give way by one amount.
+        counted_once: of its violations in one task only the worst counts in the sum of violations.
+        by_solver: it says nothing where the contact solver finds no solution.
+        verdicts: for yes-or-no: what to say for no and for yes.
+        on_loads: its rows depend on the loads of load cases: torques (n,) and the base's wrench (6,).
+    """
+
+    kind = ""
+    has_room = True
+    many = False
+    together = False
+    counted_once = False
+    by_solver = False
+    verdicts: tuple[str, str] | None = None
+    on_loads = False
+
+    def __init__(self, problem: PlacementProblem) -> None:
+        self.problem = problem
+
+    def row(
+        self,
+        labels: Sequence[str],
+        values: np.ndarray,
+        limits: np.ndarray | float,
+        upper: bool,
+        unit: str | tuple[str, ...],
+        scale: np.ndarray | float,
+    ) -> Rows:
+        """Rows with margins in units of `scale`; `limits` (m,) or one for all."""
+        limits = np.broadcast_to(limits, values.shape[1:])
+        margins = (limits - values if upper else values - limits) / scale
+        return Rows(self.kind, tuple(labels), values, limits, upper, unit, margins)
+
+    def margins(self, found: TaskEvaluation) -> list[Rows]:
+        """How far it is kept at N candidates; none: it is a matter of the program alone."""
+        return []
+
+    def functions(self, at: Symbols) -> list[Twice]:
+        """Rows that are smooth functions of y, per task, or one for all tasks."""
+        return []
+
+    def blocks(self, layout: Layout, functions: list[Twice]) -> list[Block]:
+        """Rows with their bounds; none: variables' bounds keep it, or only the judge looks at it."""
+        return []
+
+    def start(self, at: Point, x: np.ndarray) -> None:
+        """Set variables of x that belong to this limit just as large as needed at a point."""
+
+    def values(self, at: Point, block: Block) -> np.ndarray:
+        """(rows,)."""
+        return self._smooth(at, block)[0][block.chosen]
+
+    def jacobian(self, at: Point, block: Block) -> np.ndarray:
+        """(rows, columns)."""
+        return self._smooth(at, block)[1][block.chosen]
+
+    def add_hessian(self, sums: Curvature, at: Point, blocks: list[Block], multipliers: np.ndarray) -> None:
+        """Add second derivatives of the rows times their multipliers (of all rows of the program)."""
+        for block in blocks:
+            on = np.zeros(block.function.size)
+            on[block.chosen] = multipliers[block.rows]
+            sums.add(block.columns, block.function.hessian(at.x[block.columns], on))
+
+    @staticmethod
+    def _smooth(at: Point, block: Block) -> tuple[np.ndarray, np.ndarray]:
+        return at.once(block, lambda: block.function.jacobian(at.x[block.columns]))
