@@ -9,7 +9,8 @@ from scipy.optimize import minimize
 from ocptip.basics.errors import InputError, PlanningError
 from ocptip.indices.arms.rate import rate_arm
 from ocptip.indices.metric import OperationEllipsoid
-from ocptip.placement.evaluate import Evaluator, smallest_margin
+from ocptip.placement.evaluate import Evaluator
+from ocptip.placement.limits.judged import smallest_margin
 from ocptip.placement.place import place
 from ocptip.placement.problem import GripperTask, PlacementLimits, ProcessLoad, Weights, sampled_loads
 from ocptip.placement.result import NoPlacementError, judge
@@ -114,11 +115,11 @@ def test_results_repeat_and_differ_from_each_other(drilled):
 
 def test_to_dict_is_plain(drilled):
     data = drilled.to_dict()
-    first = data["placements"][0]
+    first = data["best"]
     assert set(first["criteria"]) == {"GN", "GT", "GK", "GE"}
-    assert first["parameters"].keys() == {"x", "y", "angle"}
+    assert first["parameters"].keys() == {"x", "y", "angle_deg"}
     assert first["total"] == pytest.approx(
-        sum(data["weights"][k] * first["criteria"][k] / data["references"][k] for k in data["weights"])
+        sum(w * first["criteria"][k]["value"] / data["references"][k] for k, w in data["weights"].items())
     )
     assert all(isinstance(m["relative"], float) for m in first["margins"])
 

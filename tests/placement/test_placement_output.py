@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ocptip.placement.output import placement_to_dict, refusal_to_dict, result_to_dict, write_placement
+from ocptip.placement.output import refusal_to_dict, result_to_dict, write_placement
 from tests.pictures.placed_example import found, refused
 
 
@@ -55,7 +55,7 @@ def test_refusal_says_why(tmp_path):
 
 
 def test_base_orientation_is_given_twice_and_consistent():
-    entry = placement_to_dict(found().best)["base"]
+    entry = found().best.to_dict()["base"]
     turn = Rotation.from_euler("xyz", entry["rpy_deg"], degrees=True).as_matrix()
     np.testing.assert_allclose(turn, entry["rotation"], atol=1e-12)
 

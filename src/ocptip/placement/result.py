@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ocptip.basics.errors import PlanningError
 from ocptip.basics.write import plain
@@ -111,24 +112,53 @@ class Placement:
         return tuple(m for m in self.margins if m.relative < -FEASIBLE)
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data for JSON; angles in rad, infinite and missing numbers as None."""
-        terrain = self.problem.terrain[self.patch]
-        return {
-            "patch": terrain.name,
-            "parameters": dict(zip(terrain.parameters, self.parameters.tolist(), strict=True)),
-            "base_position_m": self.base_position.tolist(),
-            "base_rotation": self.base_rotation.tolist(),
-            "angles_rad": {
-                task.name: q.tolist() for task, q in zip(self.problem.tasks, self.angles, strict=True)
-            },
-            "criteria": plain(self.criteria),
-            "total": plain(self.total),
-            "feasible": self.feasible,
-            "active": [str(m) for m in self.active],
-            "margins": [plain(m.to_dict()) for m in self.margins],
-            "pose_error": self.pose_error,
-            "start": self.start,
+        """Plain data for strict JSON, with None for what is not finite.
+
+        `parameters` are those of the terrain, angles in degrees with `_deg` in their key; `base` is the pose
+        of the base frame in the world (`rotation` base to world axes, `rpy_deg` the same as roll, pitch, yaw
+        about the fixed world axes), `ground` that of the ground point. `angles_deg` are the joint angles by
+        task. `criteria` holds per criterion value, reference, weight and `share` of the total. `margins` are
+        all constraints, the tightest first, `active` those at their limits.
+        """
+        problem = self.problem
+        terrain = problem.terrain[self.patch]
+        parameters = {
+            f"{name}_deg" if angular else name: np.rad2deg(value) if angular else value
+            for name, value, angular in zip(terrain.parameters, self.parameters, terrain.angular, strict=True)
         }
+        criteria = {}
+        for name, weight in zip(CRITERIA, problem.weights.array(), strict=True):
+            value, reference = self.criteria[name], problem.references[name]
+            share = weight * value / reference if weight else 0.0
+            criteria[name] = {"value": value, "reference": reference, "weight": weight, "share": share}
+        return plain(
+            {
+                "terrain": terrain.name,
+                "parameters": parameters,
+                "ground": terrain.poses(self.parameters)[0][0],
+                "base": {
+                    "position": self.base_position,
+                    "rotation": self.base_rotation,
+                    "rpy_deg": Rotation.from_matrix(self.base_rotation).as_euler("xyz", degrees=True),
+                },
+                "angles_deg": {
+                    task.name: np.rad2deg(q) for task, q in zip(problem.tasks, self.angles, strict=True)
+                },
+                "feasible": self.feasible,
+                "total": self.total,
+                "criteria": criteria,
+                "active": [margin.name for margin in self.active],
+                "margins": [
+                    {
+                        **margin.to_dict(),
+                        "task": problem.tasks[margin.task].name if margin.task >= 0 else None,
+                    }
+                    for margin in self.margins
+                ],
+                "pose_error": self.pose_error,
+                "start": self.start,
+            }
+        )
 
 
 @dataclass(frozen=True)
@@ -180,17 +210,20 @@ class PlacementResult:
         return self.placements[0]
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data for JSON."""
-        return {
-            "placements": [p.to_dict() for p in self.placements],
-            "weights": vars(self.problem.weights).copy(),
-            "references": dict(self.problem.references),
-            "starts": plain(self.starts),
-            "sampled": self.sampled,
-            "reached": self.reached,
-            "seed": self.seed,
-            "seconds": self.seconds,
-        }
+        """Plain data for strict JSON: what was found, what was asked for, and how it was found."""
+        best, *others = (placement.to_dict() for placement in self.placements)
+        return plain(
+            {
+                "best": best,
+                "alternatives": others,
+                **_asked(self.problem),
+                "starts": self.starts,
+                "sampled": self.sampled,
+                "reached": self.reached,
+                "seed": self.seed,
+                "seconds": self.seconds,
+            }
+        )
 
 
 class NoPlacementError(PlanningError):
@@ -204,6 +237,32 @@ class NoPlacementError(PlanningError):
     def __init__(self, message: str, nearest: Placement, starts: tuple[StartReport, ...] = ()) -> None:
         super().__init__(message)
         self.nearest, self.starts = nearest, starts
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for strict JSON: `reason`, and `nearest`, the least-infeasible placement found."""
+        nearest, asked = self.nearest.to_dict(), _asked(self.nearest.problem)
+        return plain({"reason": str(self), "nearest": nearest, **asked, "starts": self.starts})
+
+
+def _asked(problem: PlacementProblem) -> dict[str, Any]:
+    """What a problem asks for."""
+    tasks = [
+        {
+            "name": task.name,
+            "position": task.position,
+            "rotation": task.rotation,
+            "orientation": task.orientation,
+            "loads": [{"name": p.name, "force": p.force, "moment": p.moment} for p in task.loads],
+        }
+        for task in problem.tasks
+    ]
+    return {
+        "weights": asdict(problem.weights),
+        "references": problem.references,
+        "limits": asdict(problem.limits),
+        "unloaded": problem.unloaded,
+        "tasks": tasks,
+    }
 
 
 def judge(
