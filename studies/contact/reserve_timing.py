@@ -72,7 +72,7 @@ def main() -> None:
         states = solved_states(support, options.states, options.seed)
         few = solved_states(support, max(1, options.states // FULL_SHARE), options.seed)
         one = solved_states(support, 1, options.seed)
-        tip_over, slip, full = TipOver(support), Slip(support), Slip(support, "full")
+        tip_over, slip, full = TipOver(support), Slip(support, "tangential"), Slip(support, "full")
 
         def per_state(function: Callable[[ContactStates], object], batch: ContactStates = states) -> float:
             # a fresh copy each time: states keep what they have computed once

@@ -179,7 +179,7 @@ def slip_reserve(feet: Sequence[int], count: int, rounds: int) -> list[dict]:
         for name, level in (("standing", 1.0), ("partly slipping", 2.0)):
             say(f"slip reserve, {n} feet, {name}")
             support = platform_on(n, FACETS)
-            path, slip = smooth_path(count, level), Slip(support)
+            path, slip = smooth_path(count, level), Slip(support, "tangential")
             states = solve_many(support, path)
             # a fresh copy for each evaluation: states keep what they have computed once
             copies = iter([states.select(slice(None)) for _ in range(2 * (rounds + 1))])

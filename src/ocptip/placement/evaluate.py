@@ -44,7 +44,7 @@ class Evaluator:
         self.problem = problem
         robot = problem.robot
         self.arm, self.support = robot.arm, robot.support
-        self.fast_slip = Slip(self.support) if robot.slip.redistribution == "full" else robot.slip
+        self.fast_slip = Slip(self.support, "tangential")
         self._dynamics = dynamics_batch(self.arm)
         self._ground = Ground(problem, BASE_LIMITS)
         self.limits: tuple[Limit, ...] = (*(kind(problem) for kind in TASK_LIMITS), self._ground)

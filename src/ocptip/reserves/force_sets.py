@@ -39,6 +39,9 @@ class ForceSets:
     Attributes:
         lower: (n,) smallest normal force of each contact, N; minus infinity if it cannot separate upwards.
         upper: (n,) largest normal force, N; infinity unless the contact yields downwards.
+        single_pieces: True if no contact's set has several pieces.
+        ordinary: True if all contacts are ordinary ones, with friction cones from zero force on.
+        friction: (n,) friction coefficient of the first piece.
     """
 
     def __init__(self, support: Support) -> None:
@@ -49,6 +52,14 @@ class ForceSets:
         self._minimum, self._maximum, self._radius, self._slope = (
             np.array([[getattr(piece, name) for piece in own] for own in padded])
             for name in ("normal_min", "normal_max", "radius", "slope")
+        )
+        self.single_pieces = most == 1
+        self.friction = self._slope[:, 0]
+        self.ordinary = (
+            self.single_pieces
+            and not np.any(self._radius)
+            and not np.any(self._minimum)
+            and bool(np.all(np.isinf(self._maximum)))
         )
 
     def limits(self, normal_forces: np.ndarray, scale: np.ndarray) -> Limits:

@@ -36,9 +36,11 @@ class SlipReserve:
 
     Attributes:
         GT: (N,) slip ratio + slide acceleration: below 1 nothing slips.
-        slip_ratio: (N,) smallest largest usage of the friction limits (4.12); 0 without a loaded contact.
-        slide_acceleration: (N,) largest tangential acceleration of a loaded contact, m/s^2. It makes GT
-            grow with the slip, by analogy with (4.10); the source has no such part.
+        slip_ratio: (N,) smallest largest usage of the friction limits (4.12); 0 without a loaded contact, at
+            least 1 where unloaded contacts slide and nothing else moves (a base that falls between walls).
+        slide_acceleration: (N,) largest tangential acceleration of a loaded contact, m/s^2 (of any contact
+            where only unloaded ones move). It makes GT grow with the slip, by analogy with (4.10); the source
+            has no such part.
         tangential_forces: (N, n, d - 1) redistributed, in contact axes (t1, t2), N.
         normal_forces: (N, n) N; those of the contact state unless redistributed in full.
         usage: (N, n) |tangential force| / limit; NaN for contacts that carry no tangential force.
@@ -72,27 +74,34 @@ class Slip:
     Args:
         support: the base on its contacts.
         redistribution: "tangential" keeps the normal forces of the state, as the source does. "full" also
-            redistributes the normal forces (which are one choice of many with four or more feet), within
-            the convex piece of the force set in which the state's normal force lies. It never gives a
-            larger ratio. Where the base does not persist, sliding friction is bound to the normal
-            force, and "full" is the same as "tangential". Where contacts can squeeze each other
-            without limit, their normal forces end at LARGEST_SQUEEZE times the largest force or
-            limit of the state, and the status says so.
+            redistributes the normal forces (which are one choice of many with four or more feet, or where
+            normals differ), within the convex piece of the force set in which the state's normal force lies.
+            It never gives a larger ratio. Where the base does not persist, sliding friction is bound to the
+            normal force, and "full" is the same as "tangential". Where contacts can squeeze each other
+            without limit, their normal forces end at LARGEST_SQUEEZE times the largest force or limit of the
+            state, and the status says so. Default: "tangential" where all solutions have the same normal
+            forces (three feet on a plane), else "full".
+
+    Attributes:
+        redistribution: the one in use.
     """
 
-    def __init__(self, support: Support, redistribution: Redistribution = "tangential") -> None:
-        if redistribution not in get_args(Redistribution):
+    def __init__(self, support: Support, redistribution: Redistribution | None = None) -> None:
+        if redistribution is not None and redistribution not in get_args(Redistribution):
             raise InputError(
                 f"redistribution: expected one of {get_args(Redistribution)}, got {redistribution!r}"
             )
         self.support = support
-        self.redistribution = redistribution
         self._sets = ForceSets(support)
         d = support.dimension
         scaling = np.ones(support.wrench_size)
         scaling[d:] /= support.length
         self._matrix = scaling[:, None] * support.wrench_matrix
         self._bases: dict[bytes, tuple[np.ndarray, np.ndarray, np.ndarray | None]] = {}
+        if redistribution is None:
+            _, basis, _ = self._basis(np.ones(support.n_contacts, dtype=bool), True)
+            redistribution = "full" if np.any(basis[:, 0]) else "tangential"
+        self.redistribution: Redistribution = redistribution
 
     def evaluate(self, states: ContactStates, derivatives: bool = True) -> SlipReserve:
         """Slip reserves of states of this support.
@@ -106,6 +115,8 @@ class Slip:
         self._redistribute_tangential(work)
         if self.redistribution == "full":
             self._redistribute_full(work)
+        work.ratio[work.falls] = np.maximum(work.ratio[work.falls], 1.0)
+        work.pull[work.falls] = 0.0
         return self._result(work, derivatives)
 
     def _redistribute_tangential(self, work: _Work) -> None:
@@ -259,7 +270,12 @@ class _Work:
         self.limits = sets.limits(self.start[:, :, 0], self.scale)
         self.scale = np.maximum(self.scale, np.max(self.limits.value, axis=1))
         self.carries = solved[:, None] & (self.limits.value > LOAD_TOLERANCE * self.scale[:, None])
-        slides = np.where(self.carries, lengths(states.contact_accelerations[:, :, 1:]), 0.0)
+        speeds = lengths(states.contact_accelerations[:, :, 1:])
+        slides = np.where(self.carries, speeds, 0.0)
+        lifts = np.max(np.abs(states.contact_accelerations[:, :, 0]), axis=1)
+        moves = np.maximum(np.max(slides, axis=1), lifts)
+        self.falls = solved & ~states.persistent & (moves <= states.rest_limit)
+        slides[self.falls] = speeds[self.falls]
         self.fastest, largest = np.argmax(slides, axis=1), np.max(slides, axis=1)
         self.slide = np.where(largest > states.rest_limit, largest, 0.0)
         count = len(states)

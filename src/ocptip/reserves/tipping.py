@@ -1,9 +1,10 @@
-"""Tip-over reserve GN: how far the normal forces are from a rotation about a tipping axis.
+"""Tip-over reserve GN: how far the base is from a rotation about a tipping axis.
 
 A contact's normal reserve is the distance of its normal force from the end of its force set at which it
 lets go. About every potential tipping axis the reserves have a moment sum M_i; when the smallest one
 vanishes, the base tips. Source: (4.5) to (4.11); there the axes are the edges of a support polygon, here
-they are found for contacts in any position.
+they are found for contacts in any position. Off a plane, where tangential forces act about the axes, too,
+M_i is the largest moment that can be added about the axis (`tip_moments`); on a plane the two are the same.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from ocptip.contact.solver import solve_many
 from ocptip.contact.states import ContactStates
 from ocptip.contact.support import Support
 from ocptip.reserves.force_sets import ForceSets
+from ocptip.reserves.tip_moments import AddableMoments
 
 GEOMETRY_TOLERANCE = 1e-9
 """Lengths below this, relative to the extent of the contacts, are zero."""
@@ -90,6 +92,21 @@ class TipOver:
             self.reference_moment = None
 
     @cached_property
+    def on_plane(self) -> bool:
+        """Whether all contacts lie on one plane (planar: line) with its normal."""
+        support = self.support
+        normals = support.frames[:, :, 0]
+        centred = support.arms - support.arms.mean(axis=0)
+        level = np.abs(centred @ normals[0]) <= GEOMETRY_TOLERANCE * support.length
+        parallel = np.linalg.norm(normals - normals[0], axis=1) <= GEOMETRY_TOLERANCE
+        return bool(np.all(level) and np.all(parallel))
+
+    @cached_property
+    def addable_moments(self) -> AddableMoments:
+        """The moments M_i of contacts in general position."""
+        return AddableMoments(self.support, self._sets, self.axes)
+
+    @cached_property
     def affine_moments(self) -> tuple[np.ndarray, np.ndarray] | None:
         """Moments M_i as slope (axes, 6) times wrench plus offset (axes,), or None if they are not affine.
 
@@ -97,22 +114,9 @@ class TipOver:
         equilibrium M_i follows from the wrench alone, whatever the number of contacts. The formula goes on
         smoothly where the base would tip (M_i < 0), which `evaluate` cannot.
         """
-        support = self.support
-        if support.dimension != 3 or self.free_rotation or not self.axes:
+        if self.support.dimension != 3 or self.free_rotation or not self.axes or not self.on_plane:
             return None
-        normals, tolerance = support.frames[:, :, 0], GEOMETRY_TOLERANCE * support.length
-        centred = support.arms - support.arms.mean(axis=0)
-        if np.any(np.abs(centred @ normals[0]) > tolerance) or np.any(
-            np.linalg.norm(normals - normals[0], axis=1) > GEOMETRY_TOLERANCE
-        ):
-            return None
-        slope, offset = [], []
-        for axis in self.axes:
-            lever = support.center_of_mass - axis.point
-            slope.append(-np.concatenate([np.cross(axis.direction, lever), axis.direction]))
-            up, down = axis.lift > 0, axis.lift < 0
-            offset.append(-axis.lift[up] @ self._sets.lower[up] - axis.lift[down] @ self._sets.upper[down])
-        return np.array(slope), np.array(offset)
+        return self.addable_moments.slope, self.addable_moments.offset
 
     def evaluate(self, states: ContactStates) -> TipOverReserve:
         """Tip-over reserves of states of this support.
@@ -127,7 +131,9 @@ class TipOver:
         moments = _product(upwards, np.maximum(self.lifts, 0)) + _product(
             downwards, np.maximum(-self.lifts, 0)
         )
-        count = len(states)
+        count, slopes = len(states), None
+        if self.axes and not self.free_rotation and not self.on_plane:
+            moments, slopes = self._in_general_position(states)
         nearest = np.full(count, -1)
         if self.free_rotation:
             ratio = np.ones(count)
@@ -153,7 +159,22 @@ class TipOver:
             lifting_contact=lifting,
             states=states,
             tip_over=self,
+            slopes=slopes,
         )
+
+    def _in_general_position(self, states: ContactStates) -> tuple[np.ndarray, np.ndarray]:
+        """Moments (N, axes) and derivatives (N, axes, 6) with respect to what the contact forces balance.
+
+        Where the base moves, the forces are those of this one solution: the affine moments are taken.
+        """
+        addable, solved = self.addable_moments, states.solved
+        flat = states.contact_forces.reshape(len(states), -1)
+        balanced = np.where(solved[:, None], -flat @ self.support.wrench_matrix.T, np.nan)
+        moments = balanced @ addable.slope.T + addable.offset
+        slopes = np.broadcast_to(addable.slope, (len(states), *addable.slope.shape)).copy()
+        still = solved & states.persistent
+        moments[still], slopes[still] = addable(balanced[still], states.contact_forces[still, :, 0])
+        return moments, slopes
 
     def _largest_moment(self) -> float:
         """Largest min_i M_i of reserves >= 0 with the sum of the weight, N m (linear program)."""
@@ -195,6 +216,8 @@ class TipOverReserve:
         lifting_contact: (N,) contact with the largest normal acceleration, -1 for none.
         states: the states.
         tip_over: what they were evaluated with.
+        slopes: (N, axes, 6) of `moments` with respect to the wrench that the contact forces balance; None on
+            a plane, where the moments are sums of normal forces.
     """
 
     GN: np.ndarray
@@ -206,6 +229,7 @@ class TipOverReserve:
     lifting_contact: np.ndarray
     states: ContactStates
     tip_over: TipOver
+    slopes: np.ndarray | None = None
 
     @cached_property
     def moment_gradients(self) -> np.ndarray:
@@ -213,7 +237,13 @@ class TipOverReserve:
 
         Exact within the active basis, in which the moments are affine in the wrench.
         """
-        return _product(self._normal_maps, self.tip_over.lifts, axis=1)
+        if self.slopes is None:
+            return _product(self._normal_maps, self.tip_over.lifts, axis=1)
+        maps = self.states.force_maps
+        balanced = -np.einsum(
+            "wf,sfv->swv", self.states.support.wrench_matrix, maps.reshape(len(maps), -1, maps.shape[3])
+        )
+        return self.slopes @ balanced
 
     @cached_property
     def gradient(self) -> np.ndarray:
@@ -221,9 +251,8 @@ class TipOverReserve:
         states, tip_over = self.states, self.tip_over
         gradient = np.where(states.solved, 0.0, np.nan)[:, None] * np.ones(states.support.wrench_size)
         if tip_over.axes and not tip_over.free_rotation:
-            lifts = tip_over.lifts[self.nearest_axis]
             slope = np.where(self.lifting_contact >= 0, 0.0, -(self.tip_ratio**2) / tip_over.reference_moment)
-            gradient += slope[:, None] * np.einsum("sk,skw->sw", lifts, self._normal_maps)
+            gradient += slope[:, None] * self.moment_gradients[np.arange(len(states)), self.nearest_axis]
         moving = np.flatnonzero(self.lifting_contact >= 0)
         if len(moving):
             contact = self.lifting_contact[moving]
@@ -259,8 +288,13 @@ class TipMap:
         if self._affine is not None:
             slope, offset = self._affine
             return wrenches @ slope.T + offset, np.broadcast_to(slope, (len(wrenches), *slope.shape))
-        reserve = self._tip_over.evaluate(solve_many(self._tip_over.support, wrenches))
-        return reserve.moments, reserve.moment_gradients
+        if self._tip_over.on_plane:  # of a planar support: a line
+            reserve = self._tip_over.evaluate(solve_many(self._tip_over.support, wrenches))
+            return reserve.moments, reserve.moment_gradients
+        addable, normals = self._tip_over.addable_moments, None
+        if addable.needs_states:
+            normals = solve_many(self._tip_over.support, wrenches).contact_forces[:, :, 0]
+        return addable(wrenches, normals)
 
 
 def _product(reserves: np.ndarray, lifts: np.ndarray, axis: int = -1) -> np.ndarray:

@@ -137,9 +137,7 @@ class StandingMechanism(MadeOf, ABC):
         mass: of the mechanism, kg.
         reference_moment: M0 of the tip-over reserve, N m; default: a tenth of the best moment reserve of the
             base loaded with the weight of base and mechanism.
-        redistribution: of the slip reserve, see `reserves.slip.Slip`; default "tangential" for up to three
-            contacts and "full" for more, where the normal forces are one choice of many and only the best
-            choice is a property of the load.
+        redistribution: of the slip reserve, see `reserves.slip.Slip`.
 
     Attributes:
         kind: word for messages.
@@ -174,7 +172,7 @@ class StandingMechanism(MadeOf, ABC):
         else:
             reference_moment = positive_number("reference_moment", reference_moment)
         self.tip_over = TipOver(support, reference_moment)
-        self.slip = Slip(support, redistribution or ("tangential" if support.n_contacts <= 3 else "full"))
+        self.slip = Slip(support, redistribution)
 
     # --- what a mechanism provides --------------------------------------------------------------------
 
