@@ -102,7 +102,7 @@ def either(*arguments: Argument) -> Argument:
 
 @dataclass(frozen=True)
 class Command:
-    """A command; the function `run` of the module `ocptip.cli.NAME` turns its options into a report.
+    """A command; the function `run` of the module `cli/<name>.py` turns its options into a report.
 
     Attributes:
         name: as it is typed.

@@ -19,7 +19,7 @@ def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return a[..., _NEXT] * b[..., _LAST] - a[..., _LAST] * b[..., _NEXT]
 
 
-def cross_terms(a: Sequence[Any], b: Sequence[Any]) -> list[Any]:
+def cross_terms(a: Sequence[Any] | np.ndarray, b: Sequence[Any] | np.ndarray) -> list[Any]:
     """a x b of three scalars each, numbers or CasADi's."""
     return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 
@@ -33,4 +33,5 @@ def skew(vector: np.ndarray) -> np.ndarray:
 
 def nearest_turn(angles: ArrayLike, near: ArrayLike = 0.0) -> np.ndarray:
     """The same angles, rad, whole turns away, at most half a turn from `near`."""
+    angles = np.asarray(angles)
     return angles + TURN * np.round((np.asarray(near) - angles) / TURN)

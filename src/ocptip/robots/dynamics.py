@@ -6,12 +6,12 @@ function for many states at once.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
 import casadi as cs
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, finite_array
 from ocptip.numerics.batch import BatchFunction
@@ -100,10 +100,10 @@ def evaluate_dynamics(
     qd: np.ndarray,
     qdd: np.ndarray,
     *,
-    gravity: Sequence[float] = STANDARD_GRAVITY,
-    force: Sequence[float] = (0.0, 0.0, 0.0),
-    moment: Sequence[float] = (0.0, 0.0, 0.0),
-    about: Sequence[float] = (0.0, 0.0, 0.0),
+    gravity: ArrayLike = STANDARD_GRAVITY,
+    force: ArrayLike = (0.0, 0.0, 0.0),
+    moment: ArrayLike = (0.0, 0.0, 0.0),
+    about: ArrayLike = (0.0, 0.0, 0.0),
 ) -> Dynamics:
     """Joint torques and base wrench at many states.
 

@@ -67,7 +67,8 @@ class PlatformLimits:
         lower, upper = values["lower"], values["upper"]
         if (lower >= upper).any():
             raise InputError(f"lower: must be below upper, got {lower.tolist()} and {upper.tolist()}")
-        return _CheckedLimits(*values.values(), _one_each("motor_force", self.motor_force, motors))
+        force = _one_each("motor_force", self.motor_force, motors)
+        return _CheckedLimits(lower, upper, values["speed"], values["acceleration"], force)
 
 
 class _CheckedLimits(JointLimits):
@@ -212,7 +213,8 @@ class StandingParallelRobot(ParallelMechanism):
 
     def load_expressions(self, q: cs.SX, qd: cs.SX, qdd: cs.SX) -> tuple[cs.SX, cs.SX]:
         """The same as CasADi columns."""
-        return self._loads.function(q, qd, qdd)
+        forces, wrench = self._loads.function.call([q, qd, qdd])
+        return forces, wrench
 
     def further(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         """Distances from singular poses and motor speeds, (N, k)."""
@@ -310,7 +312,7 @@ class _NoCollisions:
     def gaps(self, q: np.ndarray) -> np.ndarray:
         return np.empty((len(q), 0))
 
-    def worst(self, _: np.ndarray) -> tuple[float, None, int]:
+    def worst(self, q: np.ndarray) -> tuple[float, None, int]:
         return np.inf, None, 0
 
 
