@@ -125,7 +125,8 @@ def test_json_has_the_promised_keys(capsys, scene_file):
     assert np.array(result["acceleration"]).shape == (6,)
     assert 0 < result["GN"] < 1
     assert 0 < result["GT"] < 1
-    assert result["GT_full"] <= result["GT"] + 1e-9
+    assert result["redistribution"] in ("tangential", "full")
+    assert len(result["normal_forces"]) == len(result["forces"])
     assert result["residual"] < 1e-9
     assert isinstance(result["pivots"], int)
     assert set(result["versions"]) >= {"ocptip", "numpy", "scipy", "numba", "clarabel"}

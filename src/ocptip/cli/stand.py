@@ -17,7 +17,7 @@ from ocptip.cli.progress import say_if_compiling
 from ocptip.contact.solver import solve_many
 from ocptip.contact.states import BEYOND_RESOLUTION, STATUS, ContactState, ContactStates
 from ocptip.contact.verdict import StabilityVerdict, stability
-from ocptip.reserves.slip import Slip, SlipReserve
+from ocptip.reserves.slip import Redistribution, Slip, SlipReserve
 from ocptip.reserves.tipping import TipOver, TipOverReserve
 from ocptip.task_files.scene import Scene, read_scene
 
@@ -33,6 +33,7 @@ def run(options: Namespace) -> StandReport:
         check_plot_target(options.plot)
     scene = read_scene(options.scene)
     support, reference = scene.support, options.gn_reference
+    slip = Slip(support)
     say_if_compiling()
     states = solve_many(support, scene.wrench[None])
     try:
@@ -43,8 +44,8 @@ def run(options: Namespace) -> StandReport:
         scene=scene,
         states=states,
         tip=tip_over.evaluate(states),
-        slip=Slip(support).evaluate(states, derivatives=False),
-        slip_full=Slip(support, "full").evaluate(states, derivatives=False),
+        slip=slip.evaluate(states, derivatives=False),
+        redistribution=slip.redistribution,
         verdict=stability(support, scene.wrench),
         reference_given=reference is not None,
         plot=options.plot,
@@ -59,7 +60,7 @@ class StandReport(Report):
         scene: the scene.
         states: the contact solver's answer, a batch of one.
         tip, slip: the two reserves of that state.
-        slip_full: the slip reserve with the normal forces redistributed, too.
+        redistribution: of the slip reserve: "tangential", or "full" where normal forces are not unique.
         verdict: whether every solution of the contact laws stands.
         reference_given: the reference moment of GN is the user's, not the support's.
         plot: the file of its picture, None for none.
@@ -69,7 +70,7 @@ class StandReport(Report):
     states: ContactStates
     tip: TipOverReserve
     slip: SlipReserve
-    slip_full: SlipReserve
+    redistribution: Redistribution
     verdict: StabilityVerdict
     reference_given: bool = False
     plot: str | None = None
@@ -91,7 +92,7 @@ class StandReport(Report):
             return ""
         if self.tip.GN[0] >= _NO_RESERVE:
             return "tips"
-        return "slips" if self.slip_full.GT[0] >= _NO_RESERVE else ""
+        return "slips" if self.slip.GT[0] >= _NO_RESERVE else ""
 
     def to_dict(self) -> dict[str, Any]:
         """Everything; contacts in the order of the file."""
@@ -110,12 +111,13 @@ class StandReport(Report):
             "kinds": [contact.kind for contact in self.scene.support.contacts],
             "modes": state.modes,
             "forces": state.forces,
+            "redistribution": self.redistribution,
+            "normal_forces": self.slip.normal_forces[0],
             "friction_used": self.slip.usage[0],
             "normal_reserves": self.tip.normal_reserves[0],
             "acceleration": state.acceleration,
             "GN": self.tip.GN[0],
             "GT": self.slip.GT[0],
-            "GT_full": self.slip_full.GT[0],
             "tipping_axis": axis,
             "wrench": self.scene.wrench,
             "residual": state.residual,
@@ -153,26 +155,27 @@ class StandReport(Report):
 
     def _contact_table(self) -> list[str]:
         state, support = self.state, self.scene.support
-        forces = without_noise(state.contact_forces)
+        forces = without_noise(self.slip.normal_forces[0])
         position = "position x, y [m]" if self.scene.planar else "position x, y, z [m]"
         rows = [["contact", "kind", position, "mode", "normal force", "friction used", "normal reserve"]]
         for k, contact in enumerate(support.contacts):
             where = ", ".join(f"{x:.3f}" for x in contact.position + 0.0)
-            force, reserve = quantity(forces[k, 0], "N"), quantity(self.tip.normal_reserves[0, k], "N")
+            force, reserve = quantity(forces[k], "N"), quantity(self.tip.normal_reserves[0, k], "N")
             used = percent(self.slip.usage[0, k])
             rows.append([str(k + 1), contact.kind, where, state.modes[k], force, used, reserve])
         return table(rows, left=(1, 3))
 
     def _summary(self) -> list[str]:
         rest = "" if self.reference_given else "; 0.09: the best at rest without load"
-        state, slip, full = self.state, self.slip.GT[0], self.slip_full.GT[0]
+        state, shared = (
+            self.state,
+            "; normal forces shared in the best way" if self.redistribution == "full" else "",
+        )
         lines = [
             ("tip-over GN", f"{ratio(self.tip.GN[0])} (1: a contact lifts off{rest})"),
-            ("slip GT", f"{ratio(slip)} (1: the friction is used up)"),
+            ("slip GT", f"{ratio(self.slip.GT[0])} (1: the friction is used up{shared})"),
+            ("tipping axis", _axis_text(self)),
         ]
-        if ratio(full) != ratio(slip):
-            lines.append(("", f"{ratio(full)} if normal forces may shift between contacts, too"))
-        lines.append(("tipping axis", _axis_text(self)))
         only = " Under exactly this load; there is no reserve." if self.without_reserve else ""
         lines.append(("stability", f"{self.verdict.verdict}: {self.verdict.explanation}{only}"))
         if state.solved and not state.persistent:
