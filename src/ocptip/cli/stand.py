@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ocptip.basics.errors import InputError
 from ocptip.basics.text import percent, quantity, ratio, without_noise
 from ocptip.basics.write import versions
@@ -17,6 +19,7 @@ from ocptip.cli.progress import say_if_compiling
 from ocptip.contact.solver import solve_many
 from ocptip.contact.states import BEYOND_RESOLUTION, STATUS, ContactState, ContactStates
 from ocptip.contact.verdict import StabilityVerdict, stability
+from ocptip.reserves.force_sets import ForceSets
 from ocptip.reserves.slip import Redistribution, Slip, SlipReserve
 from ocptip.reserves.tipping import TipOver, TipOverReserve
 from ocptip.task_files.scene import Scene, read_scene
@@ -81,6 +84,12 @@ class StandReport(Report):
         return self.states[0]
 
     @property
+    def normal_reserves(self) -> np.ndarray:
+        """(n,) distance of the normal forces of the slip reserve from the ends of their sets, N."""
+        sets, forces = ForceSets(self.scene.support), self.slip.normal_forces[0]
+        return np.minimum(forces - sets.lower, sets.upper - forces)
+
+    @property
     def good(self) -> bool:
         """True if nothing slips and nothing lifts off."""
         return self.state.persistent
@@ -114,7 +123,7 @@ class StandReport(Report):
             "redistribution": self.redistribution,
             "normal_forces": self.slip.normal_forces[0],
             "friction_used": self.slip.usage[0],
-            "normal_reserves": self.tip.normal_reserves[0],
+            "normal_reserves": self.normal_reserves,
             "acceleration": state.acceleration,
             "GN": self.tip.GN[0],
             "GT": self.slip.GT[0],
@@ -160,17 +169,15 @@ class StandReport(Report):
         rows = [["contact", "kind", position, "mode", "normal force", "friction used", "normal reserve"]]
         for k, contact in enumerate(support.contacts):
             where = ", ".join(f"{x:.3f}" for x in contact.position + 0.0)
-            force, reserve = quantity(forces[k], "N"), quantity(self.tip.normal_reserves[0, k], "N")
+            force, reserve = quantity(forces[k], "N"), quantity(self.normal_reserves[k], "N")
             used = percent(self.slip.usage[0, k])
             rows.append([str(k + 1), contact.kind, where, state.modes[k], force, used, reserve])
         return table(rows, left=(1, 3))
 
     def _summary(self) -> list[str]:
         rest = "" if self.reference_given else "; 0.09: the best at rest without load"
-        state, shared = (
-            self.state,
-            "; normal forces shared in the best way" if self.redistribution == "full" else "",
-        )
+        state, full = self.state, self.redistribution == "full"
+        shared = "; normal forces shared in the best way" if full else ""
         lines = [
             ("tip-over GN", f"{ratio(self.tip.GN[0])} (1: a contact lifts off{rest})"),
             ("slip GT", f"{ratio(self.slip.GT[0])} (1: the friction is used up{shared})"),
