@@ -130,7 +130,7 @@ class _SolutionSearch:
         # first with a small price on x, whose sparse answers fit single modes soonest; then without
         for price in (_PRICE, 0.0):
             cost = np.concatenate([np.full(len(columns), price), np.ones(2 * rows)])
-            result = _linear_program(cost, equations, self.rhs)
+            result = linear_program(cost, equations, self.rhs)
             if result is not None and np.sum(result.x[len(columns) :]) <= _INFEASIBLE:
                 x[columns] = result.x[: len(columns)]
                 return x
@@ -269,7 +269,7 @@ class _MotionSearch(_SolutionSearch):
         if np.linalg.matrix_rank(matrix, tol=_RANK_TOLERANCE) == len(columns):
             basic, *_ = np.linalg.lstsq(matrix, self.rhs, rcond=None)
             return bool(np.min(basic) < -_RESIDUAL) or not self._answers(columns, basic)
-        result = _linear_program(-power, matrix, self.rhs)
+        result = linear_program(-power, matrix, self.rhs)
         if result is None:
             return False
         return result.status == 2 or (result.status == 0 and not self._answers(columns, result.x))
@@ -278,7 +278,7 @@ class _MotionSearch(_SolutionSearch):
         return bool(self.load @ (self.Y[:, columns] @ basic + self.y0) > self.least)
 
 
-def _linear_program(cost: np.ndarray, equations: np.ndarray, rhs: np.ndarray):
+def linear_program(cost: np.ndarray, equations: np.ndarray, rhs: np.ndarray):
     """Minimise cost'x over x >= 0 with HiGHS: the result (status 0 or 2), or None if no method decides."""
     options = {
         "primal_feasibility_tolerance": _LP_TOLERANCE,

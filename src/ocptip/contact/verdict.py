@@ -26,6 +26,10 @@ from ocptip.basics.errors import SolverError, bounded_array
 from ocptip.contact import mode_search
 from ocptip.contact.bindings import laws
 from ocptip.contact.bindings.binding import Binding, ForcePiece
+from ocptip.contact.bindings.unilateral import UnilateralContact
+from ocptip.contact.cone_motion import ConeProblem, MotionSearch, clearly_moving
+from ocptip.contact.cone_search import find_cone_motion
+from ocptip.contact.planar_verdict import feet_share_a_plane, find_planar_motion
 from ocptip.contact.solver import solution_from_search, solve, solve_randomly
 from ocptip.contact.states import REST_TOLERANCE, ContactState
 from ocptip.contact.support import LARGEST_WRENCH, Support
@@ -33,10 +37,8 @@ from ocptip.contact.support import LARGEST_WRENCH, Support
 MARGIN_TOLERANCE = 1e-7
 """Margins above minus this (relative to the force unit) count as standing."""
 
-_CLEAR_MOTION = 1e-6
-"""Acceleration, relative to the free base's, from which a solution of a random start counts as moving."""
-
 _RANDOM_STARTS = 64
+_GUESSES = 8
 _TOLERANCES = (1e-10, 1e-8, 1e-6)
 _ALL_COMBINATIONS = 64
 _LAW_TOLERANCE = 1e-8
@@ -143,38 +145,67 @@ def stability(support: Support, wrench: ArrayLike, *, max_nodes: int = 5000) -> 
             explanation + _cone_remark(pyramid, cone),
         )
 
-    if not (pyramid.stands or state.persistent):
-        return verdict("none", "No admissible contact forces balance the load: the base moves.")
-    moving = None if not state.solved or state.persistent else state
     judged = support.conditioned
-    if moving is None:
-        moving = _moving_from_random_starts(judged, wrench)
-    nodes = 0
-    if moving is None:
-        search = mode_search.find_motion(judged.system, wrench, max_nodes)
-        nodes = search.nodes
-        if search.status == mode_search.EXHAUSTED:
-            return verdict("strong", "Every solution of the contact laws stands.", nodes=nodes)
-        if search.status == mode_search.LIMIT:
-            return verdict(
-                "weak",
-                "A standing solution exists; whether a moving one does "
-                + (
-                    f"was not decided within {nodes} programs."
-                    if nodes >= max_nodes
-                    else f"is beyond the numerical resolution ({nodes} programs)."
-                ),
-                decided=False,
-                nodes=nodes,
-            )
-        moving = solution_from_search(judged, wrench, search)
+    ordinary = support.dimension == 3 and all(type(c) is UnilateralContact for c in support.contacts)
+    if not (cone.stands if ordinary else pyramid.stands or state.persistent):
+        return verdict("none", "No admissible contact forces balance the load: the base moves.")
+    if ordinary:
+        found = _motion_on_cones(judged, wrench, state, max_nodes)
+    else:
+        found = _motion_on_pyramids(judged, wrench, state, max_nodes)
+    if found.status == mode_search.EXHAUSTED:
+        return verdict("strong", "Every solution of the contact laws stands.", nodes=found.programs)
+    if found.status == mode_search.LIMIT:
+        why = f"is beyond the numerical resolution ({found.programs} programs)"
+        if found.programs >= max_nodes or found.resolution:
+            why = f"was not decided within {found.programs} programs"
+        if found.resolution:
+            why += f" (directions of motion resolved to {np.degrees(found.resolution):.2g} degrees)"
+        return verdict(
+            "weak",
+            f"A standing solution exists; whether a moving one does {why}.",
+            decided=False,
+            nodes=found.programs,
+        )
     return verdict(
         "weak",
         "The contact laws have a solution that stands and one that moves "
-        f"({', '.join(moving.modes)}): rigid-body mechanics does not decide which one happens.",
-        counterexample=moving,
-        nodes=nodes,
+        f"({', '.join(found.state.modes)}): rigid-body mechanics does not decide which one happens.",
+        counterexample=found.state,
+        nodes=found.programs,
     )
+
+
+def _motion_on_cones(
+    support: Support, wrench: np.ndarray, state: ContactState, max_programs: int
+) -> MotionSearch:
+    """Search for a moving solution of ordinary contacts, whose facets do not count."""
+    problem = ConeProblem.of(support, wrench)
+    if max_programs and np.any(wrench):
+        guesses = [state] if state.solved and not state.persistent else []
+        for guess in [*guesses, *_moving_from_random_starts(support, wrench)[:_GUESSES]]:
+            moving = problem.motion(guess.modes, guess.acceleration, guess.contact_forces)
+            if moving is not None:
+                return MotionSearch(mode_search.FOUND, moving, 0)
+    if feet_share_a_plane(support):
+        return find_planar_motion(problem, max_programs)
+    return find_cone_motion(problem, max_programs)
+
+
+def _motion_on_pyramids(
+    support: Support, wrench: np.ndarray, state: ContactState, max_programs: int
+) -> MotionSearch:
+    """Search for a moving solution of any contacts, with their pyramids."""
+    guesses = [state] if clearly_moving(state.states)[0] else _moving_from_random_starts(support, wrench)
+    if guesses:
+        return MotionSearch(mode_search.FOUND, guesses[0], 0)
+    search = mode_search.find_motion(support.system, wrench, max_programs)
+    moving, status = None, search.status
+    if status == mode_search.FOUND:
+        moving = solution_from_search(support, wrench, search)
+        if not clearly_moving(moving.states)[0]:
+            moving, status = None, mode_search.LIMIT
+    return MotionSearch(status, moving, search.nodes)
 
 
 def equilibrium(support: Support, wrench: ArrayLike, *, cone: bool = True) -> Equilibrium:
@@ -296,18 +327,15 @@ def _margin(
     raise SolverError(f"equilibrium: the convex program ended with status {ended}")
 
 
-def _moving_from_random_starts(support: Support, wrench: np.ndarray) -> ContactState | None:
-    """A verified solution that moves, found by pivoting from random bases; None if all of them stand.
+def _moving_from_random_starts(support: Support, wrench: np.ndarray) -> list[ContactState]:
+    """Verified solutions that move, found by pivoting from random bases.
 
-    Slower motion than `_CLEAR_MOTION` may be rounding: it is left to the search over all modes.
+    Slower motion may be rounding: it is left to the search.
     """
     states = solve_randomly(support, wrench, _RANDOM_STARTS)
-    turning = np.abs(states.acceleration[:, support.dimension :]) * support.length
-    fastest = np.maximum(np.abs(states.contact_accelerations).max(axis=(1, 2)), turning.max(axis=1))
-    clear = fastest > _CLEAR_MOTION * states.scale
     lawful = states.law_violation() < _LAW_TOLERANCE
-    moving = np.flatnonzero(states.solved & ~states.persistent & clear & lawful)
-    return states.select(moving[:1])[0] if len(moving) else None
+    moving = np.flatnonzero(clearly_moving(states) & lawful)
+    return [states[i] for i in moving]
 
 
 def _cone_remark(pyramid: Equilibrium, cone: Equilibrium) -> str:

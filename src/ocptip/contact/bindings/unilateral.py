@@ -7,6 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from ocptip.basics.errors import InputError
 from ocptip.contact.bindings.automaton import Mode
 from ocptip.contact.bindings.binding import (
     Binding,
@@ -18,13 +19,17 @@ from ocptip.contact.bindings.binding import (
     sliding_variables,
 )
 
+LEAST_FRICTION = 1e-6
+"""Smallest friction coefficient above none: below it friction is lost in the rounding of the other forces."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class UnilateralContact(Binding):
-    """Ordinary unilateral frictional contact (3.1).
+    """Ordinary unilateral contact (3.1).
 
     Attributes:
-        friction: Coulomb coefficient mu > 0, at most 1000.
+        friction: Coulomb coefficient mu, 1e-6 to 1000, or 0: no friction (a castor, a ball). Without friction
+            the pyramid is one edge, the normal, and the contact slides or separates.
     """
 
     kind: ClassVar[str] = "unilateral"
@@ -32,10 +37,17 @@ class UnilateralContact(Binding):
     friction: float
 
     def check_parameters(self) -> None:
+        if isinstance(self.friction, int | float | np.number) and self.friction == 0:
+            object.__setattr__(self, "friction", 0.0)
+            return
         friction_parameters(self, "friction")
+        if self.friction < LEAST_FRICTION:
+            raise InputError(
+                f"friction: must be 0 (none) or at least {LEAST_FRICTION:g}, got {self.friction:g}"
+            )
 
     def pool(self) -> list[PoolVariable]:
-        forces = edge_vectors(self, self.friction)
+        forces = edge_vectors(self, self.friction) if self.friction else [normal_vector(self)]
         return [
             PoolVariable("gn", acceleration=normal_vector(self)),
             *sliding_variables(self),
@@ -43,6 +55,8 @@ class UnilateralContact(Binding):
         ]
 
     def modes(self) -> list[Mode]:
+        if self.friction == 0:
+            return self._frictionless_modes()
         if self.planar:
             return [
                 Mode("stick", ("l1", "l2")),
@@ -60,6 +74,14 @@ class UnilateralContact(Binding):
             modes.append(Mode("slide", (g, g_next, l_here)))
             modes.append(Mode("separate", ("gn", g, g_next)))
         return modes
+
+    def _frictionless_modes(self) -> list[Mode]:
+        if self.planar:
+            pairs = [("g-",), ("g+",)]
+        else:
+            pairs = [(f"g{h}", f"g{following(h, self.facets)}") for h in range(1, self.facets + 1)]
+        slide = [Mode("slide", (*pair, "l1")) for pair in pairs]
+        return slide + [Mode("separate", ("gn", *pair)) for pair in pairs]
 
     def force_pieces(self) -> list[ForcePiece]:
         return [ForcePiece(0.0, np.inf, 0.0, self.friction)]
