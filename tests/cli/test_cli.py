@@ -352,7 +352,7 @@ def test_gn_reference_moment(capsys, scene_file):
         (["{scene}", "--plot", "{dir}/stand.txt"], "--plot: expected a file name ending in .png, .pdf, .svg"),
         (["{scene}", "--plot", "{dir}/stand"], "--plot: expected a file name ending in"),
         (["{weightless}"], "--gn-reference: gravity is zero"),
-        (["{bad}"], "bad.toml: contact[1].friction: must be > 0, got -0.5"),
+        (["{bad}"], "bad.toml: contact[1].friction: must be >= 0, got -0.5"),
     ],
 )
 def test_bad_input_is_exit_code_2_in_one_line(capsys, scene_file, tmp_path, arguments, expected):

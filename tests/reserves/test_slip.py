@@ -331,3 +331,31 @@ def test_rigid_clamps_stay_in_the_piece_of_their_normal_force():
     before = states.contact_forces[:, :, 0]
     both = np.abs(before) > 1e-6
     assert np.all(reserve.normal_forces[both] * before[both] >= -1e-6)
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_a_castor_uses_no_friction_and_the_wheels_all_of_it(mode):
+    places, friction = [[0.3, -0.2, 0], [0.3, 0.2, 0], [-0.3, 0, 0]], [0.5, 0.5, 0]
+    contacts = [UnilateralContact(position=p, friction=mu) for p, mu in zip(places, friction, strict=True)]
+    support = Support(contacts, mass=40.0, center_of_mass=[0, 0, 0.3])
+    states = solve_many(support, [support.wrench(Load(force=[60.0, 0, 0], point=[0, 0, 0]))])
+    reserve = Slip(support, mode).evaluate(states)
+    assert states.persistent[0]
+    assert reserve.solved[0]
+    np.testing.assert_allclose(reserve.tangential_forces[0, 2], 0.0, atol=1e-9)
+    assert reserve.usage[0, 2] == 0.0
+    assert reserve.GT[0] == pytest.approx(60.0 / (0.5 * 40 * GRAVITY / 2), rel=1e-6)
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_a_cart_on_castors_alone_slips_under_any_push(mode):
+    support = Support(
+        [UnilateralContact(position=p, friction=0) for p in corners(4)], mass=40.0, center_of_mass=[0, 0, 0.3]
+    )
+    slip = Slip(support, mode)
+    states = solve_many(support, [support.weight, support.weight + np.array([1e-3, 0, 0, 0, 0, 0])])
+    np.testing.assert_array_equal(states.persistent, [True, False])
+    reserve = slip.evaluate(states)
+    assert reserve.GT[0] == 0.0
+    assert reserve.GT[1] > 1.0
+    assert reserve.GT[1] == pytest.approx(1.0 + reserve.slide_acceleration[1])

@@ -15,6 +15,7 @@ from studies.contact import problems as contact_problems
 from studies.contact import robustness as contact_robustness
 from studies.contact import solvers as contact_solvers
 from studies.contact import timing as contact_timing
+from studies.contact import verdicts as contact_verdicts
 from studies.contact import yardstick as contact_yardstick
 from studies.contact.random_supports import random_support, random_wrenches
 
@@ -209,3 +210,12 @@ def test_reserve_timing(monkeypatch, capsys):
     reserve_timing.main()
     rows = [line for line in capsys.readouterr().out.splitlines() if "%" in line]
     assert [row.split()[0] for row in rows] == ["3", "4", "6", "8"]
+
+
+def test_verdicts_study_finds_no_contradiction(tmp_path, capsys):
+    options = ["--stands", "1", "--checked", "4", "--feet", "4"]
+    assert contact_verdicts.main(["--out", str(tmp_path), *options]) == 0
+    data = json.loads((tmp_path / "contact_verdicts.json").read_text())
+    assert capsys.readouterr().out == (tmp_path / "contact_verdicts.md").read_text()
+    assert [row["layout"] for row in data["times"]] == ["circle", "scattered"]
+    assert data["agreement"]["contradictions"] == 0

@@ -18,7 +18,7 @@ from ocptip.cli.layout import named, table
 from ocptip.cli.progress import say_if_compiling
 from ocptip.contact.solver import solve_many
 from ocptip.contact.states import BEYOND_RESOLUTION, STATUS, ContactState, ContactStates
-from ocptip.contact.verdict import StabilityVerdict, stability
+from ocptip.contact.verdict import StabilityVerdict, friction_remark, stability
 from ocptip.reserves.force_sets import ForceSets
 from ocptip.reserves.slip import Redistribution, Slip, SlipReserve
 from ocptip.reserves.tipping import TipOver, TipOverReserve
@@ -103,6 +103,11 @@ class StandReport(Report):
             return "tips"
         return "slips" if self.slip.GT[0] >= _NO_RESERVE else ""
 
+    @property
+    def friction_remark(self) -> str:
+        """Why a base that stands may use more than all of its friction; else empty."""
+        return friction_remark(self.verdict, float(np.nanmax(np.append(self.slip.usage[0], 0.0))))
+
     def to_dict(self) -> dict[str, Any]:
         """Everything; contacts in the order of the file."""
         state = self.state
@@ -123,6 +128,7 @@ class StandReport(Report):
             "redistribution": self.redistribution,
             "normal_forces": self.slip.normal_forces[0],
             "friction_used": self.slip.usage[0],
+            "friction_remark": self.friction_remark or None,
             "normal_reserves": self.normal_reserves,
             "acceleration": state.acceleration,
             "GN": self.tip.GN[0],
@@ -153,6 +159,10 @@ class StandReport(Report):
             return [f"{self.scene.name}: DOES NOT STAND: {state.status}.{other}"]
         if not state.solved:
             return [f"{self.scene.name}: NO ANSWER: {state.status}"]
+        if self.verdict.strong and not state.persistent:
+            return [f"{self.scene.name}: STANDS, though the solver's state, on pyramids, moves."]
+        if state.persistent and not self.verdict.weak:
+            return [f"{self.scene.name}: DOES NOT STAND on Coulomb's true cones, only on friction pyramids."]
         if not state.persistent:
             return [f"{self.scene.name}: DOES NOT STAND. {_what_moves(state.modes)}.{other}"]
         if self.without_reserve:
@@ -181,8 +191,10 @@ class StandReport(Report):
         lines = [
             ("tip-over GN", f"{ratio(self.tip.GN[0])} (1: a contact lifts off{rest})"),
             ("slip GT", f"{ratio(self.slip.GT[0])} (1: the friction is used up{shared})"),
-            ("tipping axis", _axis_text(self)),
         ]
+        if self.friction_remark:
+            lines.append(("", self.friction_remark))
+        lines.append(("tipping axis", _axis_text(self)))
         only = " Under exactly this load; there is no reserve." if self.without_reserve else ""
         lines.append(("stability", f"{self.verdict.verdict}: {self.verdict.explanation}{only}"))
         if state.solved and not state.persistent:

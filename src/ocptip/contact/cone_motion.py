@@ -43,7 +43,7 @@ class MotionSearch:
         status: "exhausted" (no solution moves), "found", or "node limit" (undecided).
         state: the moving solution, if found.
         programs: number of convex programs solved.
-        resolution: directions of motion or of sliding nearer than this (rad) were not told apart, where undecided.
+        resolution: where undecided, directions of motion or of sliding nearer than this (rad) are one.
     """
 
     status: str
@@ -217,7 +217,7 @@ def clearly_moving(states: ContactStates) -> np.ndarray:
 
 
 def _with_edge_along(contact: UnilateralContact, direction: np.ndarray) -> UnilateralContact:
-    """The contact with a pyramid inside its cone, one edge of which points in a direction (2,), contact axes."""
+    """The contact with a pyramid inside its cone, one edge of it along a direction (2,), contact axes."""
     half = np.pi / _FACETS
     angle = np.arctan2(direction[1], direction[0]) - half if np.any(direction) else 0.0
     tangent = contact.frame[:, 1:] @ [np.cos(angle), np.sin(angle)]

@@ -5,7 +5,7 @@ edge or a corner of the support polygon do and the others lift off, or all lift 
 the sliding of all feet follows from three numbers, the motion in the plane (two translations, one
 rotation). The direction d of that motion is a point of a sphere, and for a given d everything is linear:
 
-    M (P d s + E e) = w + sum_k N_k (n - mu_k u_k(d) / |u_k(d)|),      s, e, N_k >= 0        (columns E: tipping)
+    M (P d s + E e) = w + sum_k N_k (n - mu_k u_k(d) / |u_k(d)|),    s, e, N_k >= 0    (columns E: tipping)
 
 The search covers the sphere by triangles. In a triangle the velocity u_k of a foot lies in the cone of its
 velocities at the corners, so its friction in the arc between them; put instead the polygon around that arc,
@@ -342,7 +342,7 @@ class _Search:
         return None
 
     def _along(self, case: _Case, direction: np.ndarray | None, outer: bool):
-        """Largest motion in one direction of the plane (or none) and tipping, and the proved solution, if any.
+        """Largest motion in one direction of the plane (or none) and tipping, and the solution, if proved.
 
         Feet without velocity stick; their circle of friction is replaced by a polygon in or around it.
         """
@@ -397,7 +397,7 @@ def _size(triangles: np.ndarray) -> float:
 
 
 def _arcs(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Start and width of the arc of directions in the cone of vectors (..., 3, 2); width NaN: any direction."""
+    """Start, width of the arc of directions in the cone of vectors (..., 3, 2); width NaN: any direction."""
     angles = np.sort(np.arctan2(corners[..., 1], corners[..., 0]), axis=-1)
     gaps = np.append(angles[..., 1:], angles[..., :1] + 2 * np.pi, axis=-1) - angles
     widest = np.argmax(gaps, axis=-1)[..., None]
@@ -408,7 +408,7 @@ def _arcs(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _arc_points(start: np.ndarray, width: np.ndarray) -> np.ndarray:
-    """(..., _ARC_POINTS, 2) corners of a polygon around an arc of the unit circle, the arc's ends among them."""
+    """(..., _ARC_POINTS, 2) corners of a polygon around an arc of the unit circle, its ends among them."""
     parts = _ARC_POINTS - 2
     shares = np.r_[0.0, (np.arange(parts) + 0.5) / parts, 1.0]
     angles = start[..., None] + width[..., None] * shares

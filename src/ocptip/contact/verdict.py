@@ -4,8 +4,10 @@
 * *Weak* stability: some solution stands, i.e. admissible contact forces balance the wrench. A convex
   program (Clarabel), once with Coulomb's true cones and once with the friction pyramids; clamps whose set
   of forces is not convex are treated piece by piece.
-* *Strong* stability: every solution stands. Proved or refuted by a search over all modes
-  (`mode_search.find_motion`); a refutation comes with the moving solution.
+* *Strong* stability: every solution stands. Proved or refuted by a search for one that moves; a refutation
+  comes with the moving solution. For ordinary contacts the search keeps Coulomb's true cones, so that the
+  verdict does not depend on facets (`planar_verdict` for feet in one plane, `cone_search` for others); for
+  clamps it goes over all modes of the pyramids (`mode_search.find_motion`).
 
 The words are those of Pang and Trinkle (2000). For three feet on a plane and friction that is not large
 all three agree; with four or more feet, contacts that face each other, or clamps they need not.
@@ -41,6 +43,7 @@ _RANDOM_STARTS = 64
 _GUESSES = 8
 _TOLERANCES = (1e-10, 1e-8, 1e-6)
 _ALL_COMBINATIONS = 64
+_BALANCE = 1e-8
 _LAW_TOLERANCE = 1e-8
 
 
@@ -78,8 +81,10 @@ class StabilityVerdict:
             because "strong" was not proved.
         state: the pivot solver's state.
         pyramid, cone: the convex test with the friction pyramids and with the true cones.
-        counterexample: a solution that moves, where the verdict is "weak".
-        nodes: convex programs solved in the search for a moving solution.
+        counterexample: a solution that moves, where the verdict is "weak". For ordinary contacts it lies on
+            the true cones and is written as a state of a support of its own, whose pyramids touch the cones
+            from inside at the solution's forces (`cone_motion`).
+        nodes: convex programs solved in the search for a moving solution; 0 if a start found one at once.
         explanation: one or two sentences for people.
     """
 
@@ -173,6 +178,22 @@ def stability(support: Support, wrench: ArrayLike, *, max_nodes: int = 5000) -> 
         f"({', '.join(found.state.modes)}): rigid-body mechanics does not decide which one happens.",
         counterexample=found.state,
         nodes=found.programs,
+    )
+
+
+def friction_remark(verdict: StabilityVerdict, largest_usage: float) -> str:
+    """One sentence on why a base that stands may use more than all of its friction; empty if it does not.
+
+    Args:
+        verdict: the verdict.
+        largest_usage: of the state's contacts, |tangential force| / limit on the true cones.
+    """
+    if not (verdict.weak and verdict.state.persistent and largest_usage > 1 + _BALANCE):
+        return ""
+    return (
+        f"{100 * largest_usage:.0f} % of the friction is counted on Coulomb's cones at the normal forces of "
+        "the solver's state, whose friction pyramids reach beyond the cones at their edges; the stability "
+        "verdict asks for any admissible forces."
     )
 
 
@@ -310,6 +331,7 @@ def _margin(
     cost[-1] = -1.0
     matrices = csc_matrix((size, size)), cost, csc_matrix(np.vstack(blocks)), np.concatenate(limits), cones
     ended = ""
+    inverse = np.linalg.pinv(matrix)
     for tolerance in _TOLERANCES:
         settings = clarabel.DefaultSettings()
         settings.verbose = False
@@ -319,8 +341,10 @@ def _margin(
         dual = np.asarray(solution.z)[: len(matrix)]
         if status in ("Solved", "AlmostSolved", "InsufficientProgress"):
             x = np.asarray(solution.x)
-            if np.max(np.abs(matrix @ x[:-1] - target), initial=0.0) < 1e-8:
-                return float(x[-1]), x[:-1].reshape(n, d) * unit, dual
+            forces = x[:-1] - inverse @ (matrix @ x[:-1] - target)  # large ones balance only relatively
+            allowed = _BALANCE * max(1.0, 1e-5 * np.max(np.abs(forces)))
+            if np.max(np.abs(matrix @ forces - target), initial=0.0) < allowed:
+                return float(x[-1]), forces.reshape(n, d) * unit, dual
         if status in ("PrimalInfeasible", "AlmostPrimalInfeasible"):
             return -np.inf, None, dual
         ended = f"{status} (primal residual {solution.r_prim:.1e}, dual residual {solution.r_dual:.1e})"

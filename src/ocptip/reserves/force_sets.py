@@ -42,6 +42,7 @@ class ForceSets:
         single_pieces: True if no contact's set has several pieces.
         ordinary: True if all contacts are ordinary ones, with friction cones from zero force on.
         friction: (n,) friction coefficient of the first piece.
+        frictionless: (n,) True where a contact never carries a tangential force.
     """
 
     def __init__(self, support: Support) -> None:
@@ -61,6 +62,7 @@ class ForceSets:
             and not np.any(self._minimum)
             and bool(np.all(np.isinf(self._maximum)))
         )
+        self.frictionless = np.all((self._radius == 0) & (self._slope == 0), axis=1)
 
     def limits(self, normal_forces: np.ndarray, scale: np.ndarray) -> Limits:
         """Tangential limits at normal forces.

@@ -36,14 +36,16 @@ class SlipReserve:
 
     Attributes:
         GT: (N,) slip ratio + slide acceleration: below 1 nothing slips.
-        slip_ratio: (N,) smallest largest usage of the friction limits (4.12); 0 without a loaded contact, at
-            least 1 where unloaded contacts slide and nothing else moves (a base that falls between walls).
+        slip_ratio: (N,) smallest largest usage of the friction limits (4.12); 0 without a loaded contact; at
+            least 1 where what slides is loaded but without friction, or nothing but unloaded contacts (a base
+            that falls between walls).
         slide_acceleration: (N,) largest tangential acceleration of a loaded contact, m/s^2 (of any contact
             where only unloaded ones move). It makes GT grow with the slip, by analogy with (4.10); the source
             has no such part.
         tangential_forces: (N, n, d - 1) redistributed, in contact axes (t1, t2), N.
         normal_forces: (N, n) N; those of the contact state unless redistributed in full.
-        usage: (N, n) |tangential force| / limit; NaN for contacts that carry no tangential force.
+        usage: (N, n) |tangential force| / limit; 0 for loaded contacts without friction, which need none; NaN
+            for contacts that carry no load.
         gradient: (N, 6) derivative of GT with respect to the wrench (1 per N, N m); None if not asked for.
             Zero for a slip ratio of zero, which is a kink.
         solved: (N,) True where the optimum is certified.
@@ -113,10 +115,10 @@ class Slip:
             raise InputError("states: belong to another support")
         work = _Work(states, self._sets)
         self._redistribute_tangential(work)
+        work.ratio[work.escapes] = np.maximum(work.ratio[work.escapes], 1.0)
+        work.pull[work.escapes] = 0.0
         if self.redistribution == "full":
             self._redistribute_full(work)
-        work.ratio[work.falls] = np.maximum(work.ratio[work.falls], 1.0)
-        work.pull[work.falls] = 0.0
         return self._result(work, derivatives)
 
     def _redistribute_tangential(self, work: _Work) -> None:
@@ -239,6 +241,7 @@ class Slip:
             while True:
                 free = np.repeat(taking_part[:, None], matrix.shape[2], axis=1)
                 free[:, 0] &= with_normals
+                free[self._sets.frictionless, 1:] = False
                 _, s, vt = np.linalg.svd(matrix[:, free])
                 rank = int(np.sum(s > _RANK_TOLERANCE * np.max(s, initial=0.0)))
                 null = vt[rank:].T
@@ -270,17 +273,20 @@ class _Work:
         self.limits = sets.limits(self.start[:, :, 0], self.scale)
         self.scale = np.maximum(self.scale, np.max(self.limits.value, axis=1))
         self.carries = solved[:, None] & (self.limits.value > LOAD_TOLERANCE * self.scale[:, None])
+        loaded = np.abs(self.start[:, :, 0]) > LOAD_TOLERANCE * self.scale[:, None]
+        on_ice = solved[:, None] & loaded & sets.frictionless
         speeds = lengths(states.contact_accelerations[:, :, 1:])
-        slides = np.where(self.carries, speeds, 0.0)
+        slides = np.where(self.carries | on_ice, speeds, 0.0)
         lifts = np.max(np.abs(states.contact_accelerations[:, :, 0]), axis=1)
         moves = np.maximum(np.max(slides, axis=1), lifts)
-        self.falls = solved & ~states.persistent & (moves <= states.rest_limit)
-        slides[self.falls] = speeds[self.falls]
+        falls = solved & ~states.persistent & (moves <= states.rest_limit)
+        slides[falls] = speeds[falls]
         self.fastest, largest = np.argmax(slides, axis=1), np.max(slides, axis=1)
         self.slide = np.where(largest > states.rest_limit, largest, 0.0)
+        self.escapes = falls | np.any(on_ice & (slides > states.rest_limit[:, None]), axis=1)
         count = len(states)
         self.ratio, self.gap = np.zeros(count), np.zeros(count)
-        self.usage = np.full(self.carries.shape, np.nan)
+        self.usage = np.where(on_ice, 0.0, np.nan)
         self.pull = np.zeros_like(self.forces)
         self.status = [
             "no loaded contact" if solved[s] else f"no contact state: {states.status(s)}"

@@ -276,9 +276,20 @@ BAD_NUMBERS = [float("nan"), float("inf"), -0.5, 0.0, True, "0.5", None, [0.5]]
 @every_kind
 @pytest.mark.parametrize("value", BAD_NUMBERS, ids=str)
 def test_bad_physical_parameters_are_refused_by_name(kind, value):
+    if kind is UnilateralContact and value == 0.0 and value is not False:
+        value = 1e-7  # no friction is a contact, too; this little is none
     for name in parameters(kind):
         with pytest.raises(InputError, match=f"^{name}: "):
             binding(kind, **{name: value})
+
+
+@pytest.mark.parametrize("planar", [True, False], ids=["planar", "spatial"])
+def test_a_contact_without_friction_slides_or_separates(planar):
+    contact = binding(UnilateralContact, planar=planar, friction=0)
+    assert contact.automaton.closedness == "strong"
+    assert set(contact.automaton.names) == {"slide", "separate"}
+    up = np.eye(contact.dimension)[0]
+    np.testing.assert_array_equal(contact.columns.force[:, ~contact.columns.is_acceleration], up[:, None])
 
 
 BAD_PLACES = [

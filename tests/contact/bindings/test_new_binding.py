@@ -123,11 +123,14 @@ def test_block_on_an_icy_slope_in_the_plane_accelerates_by_g_sin():
 
 
 def test_ice_is_the_limit_of_small_friction():
-    ice, nearly = on_ice(), feet(polygon(3), friction=1e-9)
+    ice, nearly, none = on_ice(), feet(polygon(3), friction=1e-6), feet(polygon(3), friction=0)
     loads = disturbed_weight(np.random.default_rng(1), ice, 50)
     frictionless, slippery = solve_many(ice, loads), solve_many(nearly, loads)
     assert frictionless.solved.all()
-    np.testing.assert_allclose(frictionless.acceleration, slippery.acceleration, atol=1e-6)
+    np.testing.assert_allclose(frictionless.acceleration, slippery.acceleration, atol=1e-4)
+    without = solve_many(none, loads)
+    np.testing.assert_allclose(without.acceleration, frictionless.acceleration, atol=1e-10)
+    np.testing.assert_allclose(without.contact_forces, frictionless.contact_forces, atol=1e-8)
 
 
 @pytest.mark.parametrize("other", [UnilateralContact, MagneticFoot, *CLAMPS], ids=kind_name)

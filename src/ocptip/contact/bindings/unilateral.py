@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from ocptip.basics.errors import InputError
+from ocptip.basics.errors import InputError, positive_number
 from ocptip.contact.bindings.automaton import Mode
 from ocptip.contact.bindings.binding import (
     Binding,
@@ -37,7 +37,7 @@ class UnilateralContact(Binding):
     friction: float
 
     def check_parameters(self) -> None:
-        if isinstance(self.friction, int | float | np.number) and self.friction == 0:
+        if positive_number("friction", self.friction, zero_allowed=True) == 0:
             object.__setattr__(self, "friction", 0.0)
             return
         friction_parameters(self, "friction")
