@@ -29,7 +29,7 @@ def may_move(support, wrench, sectors):
     """False only if no solution on the true cones moves: modes by enumeration, a linear program for each.
 
     Friction of a foot that slides lies in its sector, at most mu N / cos(half a sector).
-    The base's power must exceed a millionth of that of the free base.
+    The base's power must exceed 1e-4 of that of the free base.
     """
     n, inverse = support.n_contacts, support.inverse_mass
     size = np.max(np.abs(wrench))
@@ -53,7 +53,7 @@ def may_move(support, wrench, sectors):
         pushes = np.hstack([W[k] @ f.T for k, f in enumerate(forces)])
         # a = inverse (wrench + pushes x), in the unit of the load
         response, start = inverse @ pushes, inverse @ wrench / size
-        upper, limit, equal, value = [-(wrench @ response)], [wrench @ start * (1 - 1e-6)], [], []
+        upper, limit, equal, value = [-(wrench @ response)], [wrench @ start * (1 - 1e-4)], [], []
         for k, mode in enumerate(modes):
             u, u0 = W[k].T @ response, W[k].T @ start
             if mode in ("free", "separate"):
@@ -68,12 +68,9 @@ def may_move(support, wrench, sectors):
                     upper, limit = [*upper, across @ u[1:]], [*limit, -across @ u0[1:]]
         if not pushes.shape[1]:
             return bool(np.all(np.array(limit) >= 0) and np.all(np.array(value) == 0))
+        matrices = np.array(upper), limit, np.array(equal) if equal else None, value or None
         program = linprog(
-            np.zeros(pushes.shape[1]),
-            np.array(upper),
-            limit,
-            np.array(equal) if equal else None,
-            value or None,
+            np.zeros(pushes.shape[1]), *matrices, options={"primal_feasibility_tolerance": 1e-10}
         )
         return program.status != 2
 
@@ -88,7 +85,7 @@ def may_move(support, wrench, sectors):
     return search(["free"] * n)
 
 
-@pytest.mark.parametrize(("n", "sectors", "count"), [(3, 12, 3), (4, 8, 2), (5, 12, 1)])
+@pytest.mark.parametrize(("n", "sectors", "count"), [(3, 12, 3), (4, 8, 2), (5, 8, 1)])
 def test_what_enumeration_of_modes_proves_is_strong(n, sectors, count):
     rng = np.random.default_rng([1, n])
     proved = 0
