@@ -91,13 +91,13 @@ class StandReport(Report):
 
     @property
     def good(self) -> bool:
-        """True if nothing slips and nothing lifts off."""
-        return self.state.persistent
+        """True if it stands: in every solution, or in the solver's state and on Coulomb's cones, too."""
+        return self.verdict.strong or (self.state.persistent and self.verdict.weak)
 
     @property
     def without_reserve(self) -> str:
         """What the least further load does to a base that just stands: "tips" or "slips"; else empty."""
-        if not self.good:
+        if not (self.good and self.state.persistent):
             return ""
         if self.tip.GN[0] >= _NO_RESERVE:
             return "tips"
