@@ -91,13 +91,13 @@ class StandReport(Report):
 
     @property
     def good(self) -> bool:
-        """True if it stands: in every solution, or in the solver's state and on Coulomb's cones, too."""
-        return self.verdict.strong or (self.state.persistent and self.verdict.weak)
+        """True if nothing slips and nothing lifts off."""
+        return self.state.persistent
 
     @property
     def without_reserve(self) -> str:
         """What the least further load does to a base that just stands: "tips" or "slips"; else empty."""
-        if not (self.good and self.state.persistent):
+        if not self.good:
             return ""
         if self.tip.GN[0] >= _NO_RESERVE:
             return "tips"
@@ -159,10 +159,12 @@ class StandReport(Report):
             return [f"{self.scene.name}: DOES NOT STAND: {state.status}.{other}"]
         if not state.solved:
             return [f"{self.scene.name}: NO ANSWER: {state.status}"]
-        if self.verdict.strong and not state.persistent:
-            return [f"{self.scene.name}: STANDS, though the solver's state, on pyramids, moves."]
         if state.persistent and not self.verdict.weak:
-            return [f"{self.scene.name}: DOES NOT STAND on Coulomb's true cones, only on friction pyramids."]
+            return [f"{self.scene.name}: STANDS on friction pyramids, but not on true cones, see stability."]
+        if self.verdict.strong and not state.persistent:
+            return [
+                f"{self.scene.name}: DOES NOT STAND on friction pyramids, but on true cones, see stability."
+            ]
         if not state.persistent:
             return [f"{self.scene.name}: DOES NOT STAND. {_what_moves(state.modes)}.{other}"]
         if self.without_reserve:
