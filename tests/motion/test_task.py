@@ -286,7 +286,7 @@ POSE = "goal_pose = { position = [0.2, 0, 0.5], rpy_deg = [0, 90, 0] }"
         (MODULAR.replace("[motion]", "[motoin]"), "motoin: unknown key; did you mean 'motion'"),
         (MODULAR.replace("[arm]", "[[arm]]"), r"arm: expected a table \[arm\]"),
         (FEET, r"arm: missing table \[arm\]"),
-        (MODULAR.replace("friction = 0.6", "friction = -1", 1), r"contact\[1\]\.friction: must be > 0"),
+        (MODULAR.replace("friction = 0.6", "friction = -1", 1), r"contact\[1\]\.friction: must be >= 0, got -1"),
         (MODULAR.replace("mass = 30.0", "mass = nan"), "base.mass: must be finite, got nan"),
         (changed(MODULAR, mount_position=None), "arm.mount_position: missing"),
         (changed(MODULAR, name='name = "FP1"'), "arm.name: no arm 'FP1'"),
@@ -399,7 +399,7 @@ def test_a_missing_task_file_is_named(tmp_path):
 
 def test_a_planar_support_carries_no_arm(tmp_path):
     planar = re.sub(r"\[(-?[0-9.]+), (-?[0-9.]+), (-?[0-9.]+)\]", r"[\1, \3]", FEET)
-    with pytest.raises(InputError, match=r"task\.toml: support: an arm needs a spatial support"):
+    with pytest.raises(InputError, match=r"task\.toml: support: a mechanism needs a spatial support"):
         load(tmp_path, MODULAR.replace(FEET, planar))
 
 

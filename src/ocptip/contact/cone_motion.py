@@ -17,7 +17,8 @@ from scipy.optimize import nnls
 
 from ocptip.contact.bindings.unilateral import LEAST_FRICTION, UnilateralContact
 from ocptip.contact.mode_search import FOUND, SearchResult
-from ocptip.contact.solver import ContactState, ContactStates, solution_from_search
+from ocptip.contact.solver import solution_from_search
+from ocptip.contact.states import ContactState, ContactStates
 from ocptip.contact.support import Support
 
 STICK, SLIDE, SEPARATE = "stick", "slide", "separate"
@@ -50,6 +51,11 @@ class MotionSearch:
     state: ContactState | None
     programs: int
     resolution: float = 0.0
+
+
+def ordinary_contacts(support: Support) -> list[UnilateralContact]:
+    """The contacts of a support that has no others."""
+    return [contact for contact in support.contacts if isinstance(contact, UnilateralContact)]
 
 
 @dataclass(frozen=True)
@@ -88,7 +94,7 @@ class ConeProblem:
             mass_matrix=mass_matrix,
             load=load / unit,
             contact_wrenches=blocks.swapaxes(0, 1),
-            friction=np.array([c.friction for c in support.contacts]),
+            friction=np.array([c.friction for c in ordinary_contacts(support)]),
             free=np.linalg.solve(mass_matrix, load / unit),
         )
 
@@ -167,7 +173,7 @@ class ConeProblem:
         contact_accelerations = (acceleration @ support.wrench_matrix).reshape(-1, 3)
         rest = 1e-10 * np.linalg.norm(self.free) * self.unit / support.mass
         contacts, elements = [], []
-        for contact, force, u in zip(support.contacts, forces, contact_accelerations, strict=True):
+        for contact, force, u in zip(ordinary_contacts(support), forces, contact_accelerations, strict=True):
             lifts, slides = u[0] > rest, np.linalg.norm(u[1:]) > rest
             against = -u[1:] if slides else force[1:]
             contacts.append(_with_edge_along(contact, against))

@@ -15,7 +15,7 @@ from scipy.sparse import csc_matrix
 
 from ocptip.contact.cone_motion import SEPARATE, SLIDE, STICK, ConeProblem, MotionSearch
 from ocptip.contact.mode_search import EXHAUSTED, FOUND, LIMIT, MOTION_TOLERANCE
-from ocptip.contact.solver import ContactState
+from ocptip.contact.states import ContactState
 
 _ANYTHING = "anything"
 _ARC_PARTS = 3
@@ -75,7 +75,7 @@ class _Search:
             if k is None:
                 k = next((i for i, choice in enumerate(node) if _parts(choice)), None)
             parts = _parts(node[k]) if k is not None else []
-            if not parts:
+            if k is None or not parts:
                 resolution = max([resolution, _NARROWEST])
                 continue
             for part in parts:
@@ -111,7 +111,7 @@ class _Search:
                 equations.append(rows[1:])
             if what in (_ANYTHING, STICK):
                 cone = np.zeros((3, size))
-                cone[:, at_force : at_force + 3] = -np.diag([self.problem.friction[k], 1.0, 1.0])
+                cone[:, at_force : at_force + 3] = -np.diag(np.array([self.problem.friction[k], 1.0, 1.0]))
                 cones.append(cone)
                 if self.problem.friction[k] == 0:
                     signs += [at_force]

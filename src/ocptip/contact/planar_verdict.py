@@ -32,9 +32,10 @@ from ocptip.contact.cone_motion import (
     STICK,
     ConeProblem,
     MotionSearch,
+    ordinary_contacts,
 )
 from ocptip.contact.mode_search import EXHAUSTED, FOUND, LIMIT, linear_program
-from ocptip.contact.solver import ContactState
+from ocptip.contact.states import ContactState
 from ocptip.contact.support import Support
 
 _IN_PLANE = 1e-9  # relative to the support's length, and of the unit normals
@@ -104,7 +105,7 @@ class _Plane:
         self.unit = float(np.max(np.abs(load)))
         self.load = load / (self.unit or 1.0)
         self.feet = (support.arms - center) @ axes[:, :2] / self.length
-        self.friction = np.array([c.friction for c in support.contacts])
+        self.friction = np.array([c.friction for c in ordinary_contacts(support)])
         n, (x, y) = len(self.feet), self.feet.T
         self.velocity = np.zeros((n, 2, 3))
         self.velocity[:, 0, 0] = self.velocity[:, 1, 1] = 1.0
@@ -163,13 +164,13 @@ def _cases(plane: _Plane) -> Iterator[_Case]:
             inward = np.array([-side[1], side[0]]) / size
             lift = (feet - feet[i]) @ inward
             if np.min(lift) >= -_IN_PLANE:
-                members = tuple(np.flatnonzero(lift <= _IN_PLANE))
+                members = tuple(np.flatnonzero(lift <= _IN_PLANE).tolist())
                 edges.setdefault(members, np.r_[-feet[i] @ inward, inward])
     for members, lift in edges.items():
         yield _Case(np.array(members), _tipping([lift]))
     corners: dict[tuple[int, ...], list[np.ndarray]] = {}
     for k in everyone:
-        here = tuple(np.flatnonzero(np.linalg.norm(feet - feet[k], axis=1) <= _IN_PLANE))
+        here = tuple(np.flatnonzero(np.linalg.norm(feet - feet[k], axis=1) <= _IN_PLANE).tolist())
         lifts = [lift for members, lift in edges.items() if k in members]
         if len(lifts) == 2:
             corners[here] = lifts

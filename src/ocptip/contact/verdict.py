@@ -172,10 +172,11 @@ def stability(support: Support, wrench: ArrayLike, *, max_nodes: int = 5000) -> 
             decided=False,
             nodes=found.programs,
         )
+    modes = ", ".join(found.state.modes) if found.state else ""
     return verdict(
         "weak",
         "The contact laws have a solution that stands and one that moves "
-        f"({', '.join(found.state.modes)}): rigid-body mechanics does not decide which one happens.",
+        f"({modes}): rigid-body mechanics does not decide which one happens.",
         counterexample=found.state,
         nodes=found.programs,
     )
@@ -359,7 +360,7 @@ def _moving_from_random_starts(support: Support, wrench: np.ndarray) -> list[Con
     states = solve_randomly(support, wrench, _RANDOM_STARTS)
     lawful = states.law_violation() < _LAW_TOLERANCE
     moving = np.flatnonzero(clearly_moving(states) & lawful)
-    return [states[i] for i in moving]
+    return [states[int(i)] for i in moving]
 
 
 def _cone_remark(pyramid: Equilibrium, cone: Equilibrium) -> str:

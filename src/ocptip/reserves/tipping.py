@@ -21,33 +21,13 @@ from ocptip.contact.solver import solve_many
 from ocptip.contact.states import ContactStates
 from ocptip.contact.support import Support
 from ocptip.reserves.force_sets import ForceSets
-from ocptip.reserves.tip_moments import AddableMoments
+from ocptip.reserves.tip_moments import AddableMoments, TippingAxis
 
 GEOMETRY_TOLERANCE = 1e-9
 """Lengths below this, relative to the extent of the contacts, are zero."""
 
 REFERENCE_SHARE = 0.1
 """Reference moment M0 as a share of the largest moment sum without load (source: about 1/10)."""
-
-
-@dataclass(frozen=True, eq=False)
-class TippingAxis:
-    """A line about which the base can start to tip.
-
-    Attributes:
-        contacts: the two contacts (i, j) on the line, the outermost if there are more; in the plane, where
-            the axis is a point, the contact twice.
-        point: (3,) contact i in base axes, m; (2,) in the plane.
-        direction: (3,) unit vector of the angular velocity in base axes, from i to j; (1,) the sign of the
-            rotation (from x to y) in the plane.
-        lift: (n,) normal speed of each contact per angular velocity, m: zero on the axis, positive where
-            the contact separates, negative where a two-sided clamp yields downwards.
-    """
-
-    contacts: tuple[int, int]
-    point: np.ndarray
-    direction: np.ndarray
-    lift: np.ndarray
 
 
 class TipOver:
