@@ -31,6 +31,11 @@ def skew(vector: np.ndarray) -> np.ndarray:
     return matrix
 
 
+def wrapped(angles: ArrayLike) -> np.ndarray:
+    """The same angles, rad, in (-pi, pi]."""
+    return np.arctan2(np.sin(angles), np.cos(angles))
+
+
 def nearest_turn(angles: ArrayLike, near: ArrayLike = 0.0) -> np.ndarray:
     """The same angles, rad, whole turns away, at most half a turn from `near`."""
     angles = np.asarray(angles)

@@ -23,7 +23,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ocptip.numerics.vectors import cross, nearest_turn, skew
+from ocptip.numerics.vectors import cross, skew, wrapped
 from ocptip.robots.inverse.joint_angles import within_limits
 from ocptip.robots.kinematics import gripper_batch, link_frames
 from ocptip.robots.model import ArmModel
@@ -121,7 +121,7 @@ def _all_branches(model: ArmModel, positions: np.ndarray, rotations: np.ndarray)
     p = positions - R @ axes.zero_position
     with np.errstate(invalid="ignore"):
         found = np.stack(np.broadcast_arrays(*_SOLVERS[family](axes, R, p)), axis=-1).reshape(len(p), -1, 6)
-        return nearest_turn(found)
+        return wrapped(found)
 
 
 def _spherical_wrist(axes: _Axes, R: np.ndarray, p: np.ndarray) -> tuple[np.ndarray, ...]:

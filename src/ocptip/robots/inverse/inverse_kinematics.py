@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array, rotation_matrix
-from ocptip.numerics.vectors import nearest_turn
+from ocptip.numerics.vectors import nearest_turn, wrapped
 from ocptip.robots.inverse import joint_angles
 from ocptip.robots.inverse.closed_form import closed_form_branches, closed_form_family
 from ocptip.robots.inverse.pose_search import levenberg_marquardt, pose_errors
@@ -200,11 +200,11 @@ def _polished(model: ArmModel, q: np.ndarray, position: np.ndarray, rotation: np
 def _distinct(known: np.ndarray, found: np.ndarray) -> np.ndarray:
     """`known` (k, n) and after it the new ones of `found` (m, n), wrapped to (-pi, pi]."""
     result = list(known)
-    for q in nearest_turn(found):
+    for q in wrapped(found):
         if len(result) >= _MAX_BRANCHES:
             break
         if result:
-            gap = np.abs(nearest_turn(q - np.array(result))).max(axis=1)
+            gap = np.abs(wrapped(q - np.array(result))).max(axis=1)
             if gap.min() < _SAME_BRANCH:
                 continue
         result.append(q)
