@@ -95,6 +95,14 @@ class _Reader:
         free = self.data.value("free", None)
         if not isinstance(free, list) or not all(name in COORDINATES for name in free):
             raise self.data.error(f"expected names among {', '.join(COORDINATES)}, got {free!r}", "free")
+        if len(set(free)) != len(free):
+            raise self.data.error(f"a coordinate is listed twice: {free!r}", "free")
+        ordered = [name for name in COORDINATES if name in free]
+        if free != ordered:
+            # `home` and all z follow this order: another one would be read as something else.
+            raise self.data.error(
+                f"expected the order {ordered}, which z and `home` have, got {free}", "free"
+            )
         mask = tuple(name in free for name in COORDINATES)
         body = _body(self.data.table("platform", optional=True))
         return Platform(mask, self.data.value("convention", "xyz"), body)

@@ -218,6 +218,12 @@ def test_file_describes_the_same_robot_as_the_constructor(tmp_path):
     ("old", "new", "message"),
     [
         ('free = ["x", "y", "phi3"]', 'free = ["x", "up"]', "free: expected names among"),
+        (
+            'free = ["x", "y", "phi3"]',
+            'free = ["phi3", "x", "y"]',
+            r"free: expected the order \['x', 'y', 'phi3'\]",
+        ),
+        ('free = ["x", "y", "phi3"]', 'free = ["x", "y", "y", "phi3"]', "free: a coordinate is listed twice"),
         ("home = [0.0, 0.0, 0.0]", "", "home: missing"),
         ("home = [0.0, 0.0, 0.0]", "home = [0.0]", "home: expected shape 3"),
         ('d = "l1"', 'd = "l9"', r"table.RRR.rows\[2\].d: 'l9' is neither .*known: l1, l2"),
