@@ -50,6 +50,27 @@ def test_coordinates_that_the_legs_do_not_allow():
         ParallelRobot(dataclasses.replace(planar, platform=tilted))
 
 
+@pytest.mark.parametrize("make", [rrr3, rpr3])
+@pytest.mark.parametrize(
+    "changed",
+    [
+        lambda leg: {"base_position": (*leg.base_position[:2], 0.1)},
+        lambda leg: {"base_position": (*leg.base_position[:2], 1e-7)},
+        lambda leg: {"base_rotation": (("x", 0.01), *leg.base_rotation)},
+        lambda leg: {"base_rotation": (*leg.base_rotation, ("y", 0.01))},
+        lambda leg: {"coupling": (*leg.coupling[:2], 0.1)},
+    ],
+)
+def test_planar_robots_with_a_leg_off_the_plane_are_refused(make, changed):
+    robot = make()
+    leg = robot.legs[1]
+    legs = (robot.legs[0], dataclasses.replace(leg, **changed(leg)), robot.legs[2])
+    with pytest.raises(
+        InputError, match=r"leg 2 does not reach .* m beside the plane|leg 2 does not reach it"
+    ):
+        ParallelRobot(dataclasses.replace(robot, legs=legs))
+
+
 def test_internal_motions():
     found = mobility(Kinematics(redundant_leg()))
     assert (found.dof, found.internal_dof, found.platform_dof) == (4, 1, 3)

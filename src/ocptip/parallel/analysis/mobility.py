@@ -72,6 +72,9 @@ def mobility(kinematics: Kinematics) -> Mobility:
 
     Problems are: a free coordinate that the complete legs do not allow, a pose nearby that they do not reach,
     a mobility that differs from the number of coordinates, motions of legs that nothing holds, few motors.
+
+    Raises:
+        InputError: not even the home pose can be assembled with all joints.
     """
     description = kinematics.description
     rng = np.random.default_rng(_SEED)
@@ -88,6 +91,8 @@ def mobility(kinematics: Kinematics) -> Mobility:
         found.append(_counts(kinematics, z, q))
         motion = kinematics.motion(z, np.zeros(kinematics.m), q, complete=True)
         worst = np.maximum(worst, [leg.mismatch for leg in motion.legs])
+    if not found:
+        raise InputError(f"{description.name}: {problems[0]}")
     dof, platform, internal, surplus, gap = min(found)
     m, motors = description.m, len(description.actuated)
     blocked = [str(i + 1) for i in np.flatnonzero(worst > 1e-6)]

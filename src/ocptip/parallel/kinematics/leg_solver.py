@@ -104,7 +104,14 @@ class LegSolver(LegClosure):
         target = r + R @ self.couplings[0]
         q = closed_form(self.leg, self._local_target(r, R), self._branch) if guess is None else None
         if q is not None:
-            return q, float(np.abs(self._point_error(q, target)).max()), 0
+            error = float(np.abs(self._point_error(q, target)).max())
+            if error > CLOSURE_TOLERANCE * self.length:  # closed forms of planar legs do not look across
+                raise InputError(
+                    f"pose: leg {self.number + 1} does not reach its coupling point "
+                    f"{np.round(target, 6).tolist()}: it lies {error:.2g} m beside the plane in which the "
+                    "joints move it"
+                )
+            return q, error, 0
         if guess is None and leg_type(self.leg):
             raise InputError(
                 f"pose: leg {self.number + 1} does not reach its coupling point "
