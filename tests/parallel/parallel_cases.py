@@ -37,7 +37,7 @@ def golden(kind: str) -> Golden:
     case = json.loads(_FILE.read_text())[kind]
     rows = np.array(case["mdh_rows"])
     bodies = [
-        BodyInertia.about_center(m, r, inertia)
+        BodyInertia.about_center(m, r, inertia, grouped=True)  # random numbers, no bodies
         for m, r, inertia in zip(case["m"], case["rS"], case["Ic"], strict=True)
     ]
     angles = []

@@ -50,7 +50,7 @@ def test_inertia_forms(seed):
     rng = np.random.default_rng(seed)
     mass, center = rng.uniform(0.1, 3), rng.uniform(-1, 1, 3)
     root = rng.uniform(-1, 1, (3, 3))
-    about = root @ root.T
+    about = np.trace(root @ root.T) * np.eye(3) - root @ root.T
     body = BodyInertia.about_center(mass, center, about)
     # Points on a cube around the centre as an independent sum: parallel axes.
     shift = mass * (center @ center * np.eye(3) - np.outer(center, center))
@@ -62,6 +62,20 @@ def test_inertia_forms(seed):
     assert len(DYNPAR2) == 10
     assert body.vector[DYNPAR2.index("M")] == mass
     assert body.vector[DYNPAR2.index("XZ")] == body.inertia[0, 2]
+
+
+def test_bodies_of_idealised_models_are_accepted():
+    point, rod = (
+        BodyInertia.about_center(2.0, (3, 4, 5)),
+        BodyInertia.about_center(1.0, inertia=(0, 0.3, 0.3)),
+    )
+    disc = BodyInertia.about_center(1.0, (0.1, 0, 0), (0.1, 0.1, 0.2000001))  # rounded in a file
+    planar = BodyInertia.about_center(1.0, (0.5, 0.2, 0), (0, 0, 0.3))
+    grouped = BodyInertia.about_center(1.0, (0.5, 0.2, 0), (0, 0.1, 0.3), grouped=True)
+    np.testing.assert_allclose(rod.central, np.diag([0, 0.3, 0.3]))
+    np.testing.assert_allclose(planar.central, np.diag([0, 0, 0.3]), atol=1e-15)
+    for body in (point, rod, disc, planar, grouped):
+        np.testing.assert_array_equal(BodyInertia.from_vector(body.vector).vector, body.vector)
 
 
 def test_named_parameters_are_shared():
@@ -89,6 +103,11 @@ BAD = [
     (lambda: MDHRow(sigma=3), "sigma: must be 0"),
     (lambda: MDHRow(alpha="pi"), "alpha: expected a number"),
     (lambda: MDHRow(d=float("inf")), "d: must be finite"),
+    (lambda: BodyInertia(1.0, [0, 0, 0], np.diag([1, 1, 2.1])), "inertia: no body has .*1, 1, 2.1 kg m"),
+    (lambda: BodyInertia(1.0, [1, 0, 0], np.diag([0, 0.9, 0.9])), "none may be negative"),
+    (lambda: BodyInertia(0.0, [1, 0, 0]), "first_moment: must be zero without mass"),
+    (lambda: BodyInertia.about_center(1.0, (1, 2, 3), (1.0, 0.2, 0.2)), "inertia: no body has"),
+    (lambda: BodyInertia(-1.0), "mass: must be >= 0"),
     (lambda: BodyInertia(1.0, [0, 0], np.eye(3)), "first_moment: expected shape 3"),
     (lambda: BodyInertia(1.0, [0, 0, 0], [[1, 2, 0], [0, 1, 0], [0, 0, 1]]), "inertia: must be symmetric"),
     (lambda: BodyInertia.about_center(-1.0), "mass: must be >= 0"),
@@ -233,6 +252,12 @@ def test_file_describes_the_same_robot_as_the_constructor(tmp_path):
         ("joints_to_coupling = 2", "joints_to_coupling = 3", "table.RRR.joints_to_coupling: joints .* got 3"),
         ("joints_to_coupling = 2", "", "table.RRR.joints_to_coupling: missing"),
         ("mass = 2.0", 'mass = "2"', "platform.mass: expected a number"),
+        (
+            "[0.045, 0.045, 0.09]",
+            "[0.045, 0.04, 0.09]",
+            "platform.inertia: no body has these principal values",
+        ),
+        ("[0.00024, 0.03612,", "[0.24, 0.03612,", r"table.RRR.bodies\[2\].inertia: no body has"),
         ("mass = 2.0", "mas = 2.0", "platform.mas: unknown key; did you mean 'mass'"),
         ("l1 = 0.6", "l1 = true", "parameters.l1: expected a number"),
         ("l1 = 0.6", "pi = 3.0\nl1 = 0.6", "parameters.pi: not a usable name"),

@@ -261,7 +261,7 @@ def test_what_the_formats_cannot_hold():
     with pytest.raises(InputError, match="leg1_link1: MuJoCo cannot simulate this body"):
         to_mjcf(prr3())
     base = rrr3()
-    heavy = BodyInertia(0.0, np.array([1.0, 0, 0]))
+    heavy = BodyInertia(0.0, np.array([1.0, 0, 0]), grouped=True)
     leg = dataclasses.replace(base.legs[1], bodies=(base.legs[1].bodies[0], heavy))
     with pytest.raises(InputError, match="leg 2, body 2: URDF needs mass"):
         to_urdf(dataclasses.replace(base, legs=(base.legs[0], leg, base.legs[2])))

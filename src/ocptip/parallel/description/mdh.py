@@ -75,13 +75,13 @@ def moved_inertia(body: BodyInertia, frame: Frame) -> BodyInertia:
     s, inertia, mass = R @ body.first_moment, R @ body.inertia @ R.T, body.mass
     # Inertia about another point: I + skew terms of the first moment and of the mass.
     shifted = inertia - skew(d) @ skew(s) - skew(s) @ skew(d) - mass * skew(d) @ skew(d)
-    return BodyInertia(mass, s + mass * d, 0.5 * (shifted + shifted.T))
+    return BodyInertia(mass, s + mass * d, 0.5 * (shifted + shifted.T), grouped=body.grouped)
 
 
 def central_inertia(body: BodyInertia) -> tuple[np.ndarray, np.ndarray]:
     """Centre of mass (3,), m, and inertia about it (3, 3), kg m^2, body axes; the origin without mass."""
     center = body.first_moment / body.mass if body.mass else np.zeros(3)
-    return center, body.inertia - body.mass * (center @ center * np.eye(3) - np.outer(center, center))
+    return center, body.central
 
 
 def row_frame(row: MDHRow, joint: float = 0.0) -> Frame:

@@ -112,7 +112,10 @@ class UrdfTree:
         """Inertia of a joint's body about a frame of it, given at zero joint positions in world axes."""
         R, p = compose(inverse(frame), self._zero[joint])
         moved = load_pinocchio().SE3(R, p).act(self._model.inertias[joint])
-        return BodyInertia.about_center(moved.mass, moved.lever, 0.5 * (moved.inertia + moved.inertia.T))
+        try:
+            return BodyInertia.about_center(moved.mass, moved.lever, 0.5 * (moved.inertia + moved.inertia.T))
+        except InputError as error:
+            raise InputError(f"body behind joint {self._model.names[joint]}: {error}") from None
 
     def damping(self, joint: int) -> tuple[float, float]:
         """Viscous and Coulomb friction of a joint, as the file's `dynamics` says."""
