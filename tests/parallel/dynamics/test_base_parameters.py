@@ -132,6 +132,13 @@ def test_rank_of_the_whole_robot(kind, random_rank, design_rank):
     assert len(found.values(p)) == random_rank
 
 
+@pytest.mark.parametrize(("kind", "seed", "rank"), [("Delta", 0, 13), ("4PRRR", 0, 10), ("6UPS", 2, 23)])
+def test_default_spread_suits_robots_with_a_small_workspace(kind, seed, rank):
+    robot = random_state(kind, seed).robot
+    found = numeric_base_parameters(robot)
+    assert (found.rank, found.gap > 8, found.residual < 1e-10) == (rank, True, True)
+
+
 def test_platform_parameters_are_kept_before_those_of_the_legs():
     layout = inertia_layout(READY_MADE["6UPS"]())
     found = numeric_base_parameters(READY_MADE["6UPS"]())

@@ -7,6 +7,7 @@ legs cannot be told from platform mass.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,8 +15,8 @@ import scipy.linalg
 from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, SolverError, finite_array, positive_number
-from ocptip.parallel.analysis.singularity import characteristic_length
-from ocptip.parallel.code.lean import lean_function
+from ocptip.parallel.analysis.singularity import characteristic_length, require_regular
+from ocptip.parallel.code.lean import LeanFunction, lean_function
 from ocptip.parallel.description.robot_description import RobotDescription
 from ocptip.parallel.kinematics.platform import Kinematics
 from ocptip.parallel.symbolic.leg_base_parameters import LegBaseParameters, leg_base_parameters
@@ -32,6 +33,7 @@ __all__ = [
 
 _ROWS_PER_COLUMN = 3
 _PATIENCE = 20
+_SPREADS = tuple(0.3 / 2**k for k in range(6))
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +77,11 @@ class NumericBaseParameters:
 
 
 def numeric_base_parameters(
-    description: RobotDescription, *, seed: int = 0, spread: float = 0.3, tolerance: float = 1e-9
+    description: RobotDescription,
+    *,
+    seed: int = 0,
+    spread: float | None = None,
+    tolerance: float = 1e-9,
 ) -> NumericBaseParameters:
     """Base parameters of the robot from random closed configurations around its home pose.
 
@@ -83,12 +89,12 @@ def numeric_base_parameters(
         description: the robot.
         seed: of the configurations.
         spread: their half width around home: rotations in rad, translations relative to the characteristic
-            length.
+            length. Default 0.3, halved until most of the poses are reached and regular.
         tolerance: see :func:`rank_parameters`.
 
     Raises:
         InputError: a robot without the coupling form.
-        SolverError: too few of the configurations can be reached.
+        SolverError: too few of the configurations can be reached or are regular.
     """
     regressor = stacked_regressor(description, seed=seed, spread=spread)
     return rank_parameters(
@@ -96,13 +102,24 @@ def numeric_base_parameters(
     )
 
 
-def stacked_regressor(description: RobotDescription, *, seed: int = 0, spread: float = 0.3) -> np.ndarray:
+def stacked_regressor(
+    description: RobotDescription, *, seed: int = 0, spread: float | None = None
+) -> np.ndarray:
     """(rows, layout.size) regressor of tau_s over random closed configurations, each scaled to norm 1.
 
     Args, raises: see :func:`numeric_base_parameters`.
     """
-    spread = positive_number("spread", spread)
     kinematics, function = Kinematics(description), lean_function(description, ("W",), form="S")
+    if spread is not None:
+        return _stacked(kinematics, function, seed, positive_number("spread", spread))
+    for width in _SPREADS[:-1]:
+        with suppress(SolverError):
+            return _stacked(kinematics, function, seed, width)
+    return _stacked(kinematics, function, seed, _SPREADS[-1])
+
+
+def _stacked(kinematics: Kinematics, function: LeanFunction, seed: int, spread: float) -> np.ndarray:
+    description = kinematics.description
     rng = np.random.default_rng(seed)
     m = description.platform.m
     length = characteristic_length(kinematics)
@@ -115,16 +132,17 @@ def stacked_regressor(description: RobotDescription, *, seed: int = 0, spread: f
         z = description.home + width * rng.uniform(-1, 1, m)
         rates, accelerations = rng.uniform(-2, 2, (2, m))
         try:
-            q = np.column_stack(kinematics.point_joints(z).q)
-        except InputError:
+            q = kinematics.point_joints(z).q
+            require_regular(kinematics, z, q, complete=False, legs_only=True)
+        except (InputError, SolverError):
             missed += 1
             continue
-        block = function(z, rates, 5 * accelerations, q)["W"]
+        block = function(z, rates, 5 * accelerations, np.column_stack(q))["W"]
         blocks.append(block / np.linalg.norm(block))
     if len(blocks) < wanted:
         raise SolverError(
-            f"{description.name}: only {len(blocks)} of {wanted} random poses within {spread} of home can be "
-            "reached; reduce the spread"
+            f"{description.name}: only {len(blocks)} of {wanted} random poses within {spread:.2g} of home can"
+            " be reached and are regular; reduce the spread"
         )
     return np.vstack(blocks)
 
