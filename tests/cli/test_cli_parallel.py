@@ -37,6 +37,20 @@ def test_table_says_the_same_as_json(capsys):
     assert text.isascii()
 
 
+@pytest.mark.parametrize(("name", "count", "rank"), [("6UPS", 24, 21), ("3RRR", 10, 9), ("Delta", 14, 13)])
+def test_rank_of_the_base_parameters_is_said(capsys, name, count, rank):
+    assert main(["parallel", name, "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert (len(report["inertia_parameters"]), report["rank"]) == (count, rank)
+    assert len(report["base_parameters"]) == rank
+    assert main(["parallel", name]) == 0
+    text = capsys.readouterr().out
+    assert f"{rank} of {count}: dependent in the whole robot" in text
+    assert ", ".join(report["base_parameters"]) in text
+    assert main(["parallel", name, "--dynpar", "2", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["rank"] is None
+
+
 def test_c_code(capsys, tmp_path):
     target = tmp_path / "hexapod.c"
     assert main(["parallel", "6UPS", "--c", str(target), "--dynpar", "2", "--form", "Z"]) == 0

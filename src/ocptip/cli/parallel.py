@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ocptip.basics.errors import InputError
+from ocptip.basics.errors import InputError, SolverError
 from ocptip.basics.text import ratio
 from ocptip.basics.write import versions, write_text
 from ocptip.cli.command import Report
@@ -19,8 +19,10 @@ from ocptip.parallel.code.codegen import write_c
 from ocptip.parallel.code.lean import LeanFunction, lean_function
 from ocptip.parallel.description.ready_made import READY_MADE
 from ocptip.parallel.description.robot_description import RobotDescription
+from ocptip.parallel.dynamics.base_parameters import numeric_base_parameters
 from ocptip.parallel.formats.export import export_target, to_mjcf, to_urdf
 from ocptip.parallel.robot import ParallelRobot
+from ocptip.parallel.symbolic.symbols import inertia_layout
 from ocptip.task_files.parallel import read_parallel_robot
 
 _SUFFIXES = {"urdf": (".urdf",), "mjcf": (".xml", ".mjcf"), "c": (".c",)}
@@ -49,6 +51,8 @@ class ParallelReport(Report):
         home: singularity measures of the home pose; None if the mobility is not as described.
         functions: forces and Jacobian as generated; empty if there are none.
         without_code: why there are none.
+        base_parameters: of the whole robot, with DynPar 3: its parameters belong to single legs, and further
+            ones of equal legs cannot be told from those of the platform. None if not asked for or not found.
         models: files in other formats with their texts.
         code: where the functions go as C source; None for nowhere.
     """
@@ -58,6 +62,7 @@ class ParallelReport(Report):
     home: Singularity | None
     functions: tuple[LeanFunction, ...]
     without_code: str
+    base_parameters: tuple[str, ...] | None = None
     models: list[tuple[Path, str]] = field(default_factory=list)
     code: Path | None = None
 
@@ -101,6 +106,8 @@ class ParallelReport(Report):
             "form": forces.form if forces else None,
             "dynpar": forces.dynpar if forces else None,
             "inertia_parameters": list(forces.inertia_names) if forces else None,
+            "base_parameters": None if self.base_parameters is None else list(self.base_parameters),
+            "rank": None if self.base_parameters is None else len(self.base_parameters),
             "operations": {f.function.name(): f.count.to_dict() for f in self.functions},
             "without_code": self.without_code or None,
             "written": self.written,
@@ -128,11 +135,22 @@ class ParallelReport(Report):
         if self.functions:
             names = self.functions[0].inertia_names
             rows.append(("inertia parameters", f"{len(names)}: {', '.join(names)}"))
+            rows += self._rank_row(len(names))
         lines += ["", *named(rows), ""]
         lines += _count_table(self.functions) if self.functions else [f"no code: {self.without_code}"]
         if self.written:
             lines += ["", f"wrote {' and '.join(map(str, self.written))}"]
         return "\n".join(lines)
+
+    def _rank_row(self, count: int) -> list[tuple[str, str]]:
+        """Whether the columns of the whole robot's regressor are independent, DynPar 3 only."""
+        if self.base_parameters is None:
+            return []
+        rank = len(self.base_parameters)
+        if rank == count:
+            return [("rank", f"{rank}: independent in the whole robot")]
+        base = f"base parameters: {', '.join(self.base_parameters)}"
+        return [("rank", f"{rank} of {count}: dependent in the whole robot, whose {base}")]
 
 
 def targets(options: Namespace) -> dict[str, Path]:
@@ -180,7 +198,18 @@ def examine(description: RobotDescription, *, form: str = "A", dynpar: int = 3) 
         lean_function(description, form=form, dynpar=dynpar, name=_FORCES[form]),
         lean_function(description, ("J_a",), form="S", dynpar=dynpar, name="jacobian"),
     )
-    return ParallelReport(description, mobility, home, functions, "")
+    base = _base_parameters(description) if dynpar == 3 else None
+    return ParallelReport(description, mobility, home, functions, "", base)
+
+
+def _base_parameters(description: RobotDescription) -> tuple[str, ...] | None:
+    """Names of the base parameters of the whole robot; None where too few poses can be reached."""
+    try:
+        found = numeric_base_parameters(description)
+    except SolverError:
+        return None
+    names = inertia_layout(description).names()
+    return tuple(names[k] for k in found.independent)
 
 
 def _measures(home: Singularity) -> str:
