@@ -10,7 +10,7 @@ import pytest
 
 from ocptip.cli import parallel as command
 from ocptip.cli.main import main
-from ocptip.parallel.description.ready_made import READY_MADE, delta
+from ocptip.parallel.description.ready_made import READY_MADE, delta, ups6
 
 
 @pytest.mark.parametrize("name", ["3RRR", "3rpr", "Delta", "4prrr", "6ups"])
@@ -60,6 +60,14 @@ def test_c_code(capsys, tmp_path):
     source = target.read_text()
     assert "int tau_z(" in source
     assert "int jacobian(" in source
+
+
+def test_a_robot_that_is_singular_everywhere_is_not_accepted(capsys, monkeypatch):
+    monkeypatch.setitem(command.READY_MADE, "6UPS", lambda: ups6(gap=np.pi / 3))
+    assert main(["parallel", "6UPS"]) == 1
+    text = capsys.readouterr().out
+    assert "DOES NOT MOVE AS DESCRIBED" in text
+    assert "singular in every pose looked at" in text
 
 
 def test_a_vertical_delta_is_not_accepted(capsys, monkeypatch):

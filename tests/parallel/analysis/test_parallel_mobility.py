@@ -7,6 +7,7 @@ import pytest
 
 from ocptip.basics.errors import InputError, SolverError
 from ocptip.parallel.analysis.mobility import mobility, require_mobility
+from ocptip.parallel.analysis.singularity import free_screw
 from ocptip.parallel.description.ready_made import READY_MADE, delta, rpr3, rrr3, ups6
 from ocptip.parallel.kinematics.platform import Kinematics
 from ocptip.parallel.robot import ParallelRobot
@@ -86,7 +87,12 @@ def test_five_axes():
 
 
 def test_similar_hexagons_are_singular_everywhere():
-    robot = ParallelRobot(ups6(gap=np.pi / 3))
+    with pytest.raises(
+        InputError, match=r"singular in every pose.*platform \(type II\).* do not hold the rot"
+    ):
+        ParallelRobot(ups6(gap=np.pi / 3))
+    robot = ParallelRobot(ups6(gap=np.pi / 3), check=False)
+    assert not robot.mobility().consistent
     rng = np.random.default_rng(0)
     for _ in range(5):
         z = robot.description.home + rng.uniform(-0.05, 0.05, 6) * [1, 1, 1, 0, 0, 1]
@@ -113,6 +119,34 @@ def test_stretched_leg_is_type_one():
         with pytest.raises(SolverError, match=r"leg 1 \(type I\)"):
             dynamics([0.0, -0.5, 0.0])
     assert robot.singularity([0.0, -0.45, 0.0]).regular
+
+
+def test_poses_next_to_singular_ones_are_refused_with_the_leg_or_the_screw():
+    planar, hexapod = ParallelRobot(rrr3()), ParallelRobot(ups6())
+    for ahead in (1e-13, 1e-9):
+        with pytest.raises(SolverError, match=r"leg 1 \(type I\); measures"):
+            planar.inverse_dynamics([0.0, ahead - 0.5, 0.0], np.ones(3), np.zeros(3))
+    rest = np.zeros(6)
+    for ahead in (1e-6, 1e-4):
+        with pytest.raises(SolverError, match=r"do not hold the rotation about \[0.0, 0.0, 1.0\] through"):
+            hexapod.inverse_dynamics([0, 0, 0.6, 0, 0, np.pi / 2 - ahead], rest, rest)
+    assert np.isfinite(hexapod.inverse_dynamics([0, 0, 0.6, 0, 0, np.pi / 2 - 0.1], rest, rest).motors).all()
+
+
+def test_screw_that_the_motors_do_not_hold_leaves_their_lengths():
+    robot = ParallelRobot(ups6())
+    z = np.array([0, 0, 0.6, 0, 0, np.pi / 2])
+    q = robot.ik(z).q
+    screw = free_screw(robot.kinematics, z, q, complete=True)
+    omega = screw.direction
+    v = screw.pitch * omega - np.cross(omega, screw.point - z[:3])
+    assert np.abs(robot.jacobian(z, q) @ np.concatenate([v, omega])).max() < 1e-12
+    # Similar triangles whose legs are parallel: the motors hold no translation across them.
+    z = np.array([1.0, 0.0, 0.0])
+    parallel = ParallelRobot(dataclasses.replace(rpr3(base=0.3, twist=0.0), home=z))
+    screw = free_screw(parallel.kinematics, z, parallel.ik(z).q, complete=True)
+    assert screw.point is None
+    assert str(screw) == "translation along [0.0, 1.0, 0.0]"
 
 
 def test_concurrent_legs_are_type_two_and_the_pair_changes_sign():

@@ -13,10 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, finite_array
-from ocptip.parallel.analysis.singularity import SINGULAR, Singularity, singularity
+from ocptip.parallel.analysis.singularity import Singularity, singularity
 from ocptip.parallel.kinematics.platform import Kinematics
 
 _BISECTIONS = 30
+_THERE = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +46,7 @@ class Crossing:
         }
 
 
-def crossings(kinematics: Kinematics, path: ArrayLike, tolerance: float = SINGULAR) -> tuple[Crossing, ...]:
+def crossings(kinematics: Kinematics, path: ArrayLike, tolerance: float = _THERE) -> tuple[Crossing, ...]:
     """Singular poses on a path, those between its samples included.
 
     Joint positions follow the path from sample to sample, so that a leg keeps its branch. A path that only

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ocptip.basics.errors import InputError
+from ocptip.parallel.analysis.singularity import singular_everywhere
 from ocptip.parallel.kinematics.closures import LegClosure
 from ocptip.parallel.kinematics.platform import Kinematics
 
@@ -71,7 +72,8 @@ def mobility(kinematics: Kinematics) -> Mobility:
     """Count the degrees of freedom in the home pose and in poses near it.
 
     Problems are: a free coordinate that the complete legs do not allow, a pose nearby that they do not reach,
-    a mobility that differs from the number of coordinates, motions of legs that nothing holds, few motors.
+    a mobility that differs from the number of coordinates, motions of legs that nothing holds, few motors,
+    and if there are none of these: that no pose is regular.
 
     Raises:
         InputError: not even the home pose can be assembled with all joints.
@@ -109,6 +111,8 @@ def mobility(kinematics: Kinematics) -> Mobility:
         )
     if motors < dof:
         problems.append(f"{motors} motors cannot hold {dof} degrees of freedom")
+    if not problems and (reason := singular_everywhere(kinematics)):
+        problems.append(reason)
     return Mobility(
         dof, platform, internal, m, motors, surplus, gap, len(found), tuple(dict.fromkeys(problems))
     )

@@ -12,12 +12,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ocptip.basics.errors import SolverError
+from ocptip.basics.errors import InputError, SolverError
 from ocptip.parallel.description.robot_description import REVOLUTE, Leg
 from ocptip.parallel.kinematics.platform import Kinematics, RobotMotion
 
-SINGULAR = 1e-7
-"""Measures below this count as singular."""
+SINGULAR = 1e-3
+"""Measures below this count as singular.
+
+The measures are ratios of speeds at the size of the platform, near a singular pose the angle to it in rad. At
+1e-3, 0.06 degrees or a millimetre per metre, motor forces or joint rates are a thousand times those of a
+well-conditioned pose: clearances and tolerances of a machine then decide, not this model.
+"""
+
+
+_ABOUT = 0.3
+_POSES = 12
+_SEED = 11
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,6 +41,28 @@ class ImplicitPair:
 
     A: np.ndarray
     b: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Screw:
+    """A motion of the platform, world axes.
+
+    Attributes:
+        direction: (3,), unit vector of the rotation axis, or of a pure translation.
+        point: (3,), m, of the axis nearest the platform's origin; None for a translation.
+        pitch: m per rad along the axis; infinite for a translation.
+    """
+
+    direction: np.ndarray
+    point: np.ndarray | None
+    pitch: float
+
+    def __str__(self) -> str:
+        direction = (np.round(self.direction, 3) + 0.0).tolist()
+        if self.point is None:
+            return f"translation along {direction}"
+        at = (np.round(self.point, 3) + 0.0).tolist()
+        return f"rotation about {direction} through {at} m, pitch {round(self.pitch, 4) + 0.0:g} m/rad"
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,6 +176,32 @@ def implicit_pair(kinematics: Kinematics, z: np.ndarray, q: Sequence[np.ndarray]
     return ImplicitPair(np.array(A), np.array(b))
 
 
+def free_screw(kinematics: Kinematics, z: np.ndarray, q: Sequence[np.ndarray], *, complete: bool) -> Screw:
+    """The motion of the platform that locked motors hold least: of the smallest singular value of J_a.
+
+    Args:
+        kinematics, z, q, complete: as for :func:`singularity`; legs must be regular.
+    """
+    length = characteristic_length(kinematics)
+    motion = kinematics.motion(z, np.zeros(kinematics.m), q, complete=complete)
+    weighted = _weighted(kinematics, kinematics.actuated_jacobian(motion), length, motors=True)
+    s = np.linalg.svd(weighted)[2][-1]
+    s[[k for k, i in enumerate(kinematics.platform.indices) if i >= 3]] /= length
+    v, omega = np.split(motion.T @ s, 2)
+    spin, speed = np.linalg.norm(omega), np.linalg.norm(v)
+    if spin * length <= 1e-6 * speed:
+        return Screw(_upright(v / speed), None, np.inf)
+    if spin == 0:  # redundant joints alone
+        return Screw(np.zeros(3), None, np.inf)
+    point = motion.r + np.cross(omega, v) / spin**2
+    return Screw(_upright(omega / spin), point, float(omega @ v) / spin**2)
+
+
+def _upright(direction: np.ndarray) -> np.ndarray:
+    """The unit vector or its negative: the largest entry positive."""
+    return direction * np.sign(direction[np.argmax(np.abs(direction))])
+
+
 def require_regular(
     kinematics: Kinematics,
     z: np.ndarray,
@@ -152,23 +210,62 @@ def require_regular(
     complete: bool,
     legs_only: bool = False,
 ) -> None:
-    """Refuse a pose in which the dynamics would divide by zero.
+    """Refuse a pose in which the dynamics would divide by zero, or nearly so, see `SINGULAR`.
 
     Args:
         kinematics, z, q, complete: as for :func:`singularity`.
         legs_only: type II is no obstacle (forward dynamics).
 
     Raises:
-        SolverError: naming the type of the singularity and its measure.
+        SolverError: naming the leg, or the screw that the motors do not hold, and the measures.
     """
     found = singularity(kinematics, z, q, complete=complete)
     kinds = [kind for kind in found.kinds if kind.startswith("leg") or not legs_only]
     kinds = [kind for kind in kinds if kind != "representation"]
     if kinds:
+        what = ", ".join(kinds) + _not_held(kinematics, z, q, found, complete=complete)
         raise SolverError(
-            f"{kinematics.description.name}: singular pose {np.round(z, 6).tolist()}: {', '.join(kinds)}; "
-            f"measures: legs {found.legs.min():.2g}, platform {found.platform:.2g} (singular: < {SINGULAR:g})"
+            f"{kinematics.description.name}: singular pose {np.round(z, 6).tolist()}: {what}; measures: legs "
+            f"{found.legs.min():.2g}, platform {found.platform:.2g} (singular: < {SINGULAR:g})"
         )
+
+
+def singular_everywhere(kinematics: Kinematics) -> str:
+    """Why a robot is of no use if no pose about home is regular; "" if one is.
+
+    Looks at home, and if that is singular at random poses about it, up to 0.3 rad and 0.3 L away.
+    """
+    home = kinematics.description.home
+    rng = np.random.default_rng(_SEED)
+    width = np.full(kinematics.m, _ABOUT)
+    width[[k for k, i in enumerate(kinematics.platform.indices) if i < 3]] *= characteristic_length(
+        kinematics
+    )
+    start = [leg.home for leg in kinematics.legs]
+    q, z, reason = start, home, ""
+    for k in range(_POSES):
+        if k:
+            z = home + width * rng.uniform(-1, 1, kinematics.m)
+            try:
+                q = kinematics.joints(z, start).q
+            except InputError:
+                continue
+        found = singularity(kinematics, z, q, complete=True)
+        kinds = [kind for kind in found.kinds if kind != "representation"]
+        if not kinds:
+            return ""
+        if not k:
+            reason = ", ".join(kinds) + _not_held(kinematics, z, q, found, complete=True)
+    return f"singular in every pose looked at: at home {np.round(home, 6).tolist()} {reason}"
+
+
+def _not_held(
+    kinematics: Kinematics, z: np.ndarray, q: Sequence[np.ndarray], found: Singularity, *, complete: bool
+) -> str:
+    """The screw of a type II singularity in words, where the legs are regular."""
+    if found.platform >= SINGULAR or found.legs.min() < SINGULAR:
+        return ""
+    return f": the motors do not hold the {free_screw(kinematics, z, q, complete=complete)}"
 
 
 def _leg_measure(kinematics: Kinematics, i: int, q: np.ndarray, length: float, complete: bool) -> float:
