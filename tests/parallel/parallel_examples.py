@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from ocptip.parallel.description.entries import elementary_rotation
-from ocptip.parallel.description.ready_made import delta, rrr3
+from ocptip.parallel.description.ready_made import delta, rrr3, ups6
 from ocptip.parallel.description.robot_description import (
     PRISMATIC,
     BodyInertia,
@@ -130,3 +130,40 @@ def extra_leg() -> RobotDescription:
         coupling=(0.3 * c, 0.3 * s, 0.0),
     )
     return dataclasses.replace(base, legs=(*base.legs, fourth), actuated=((0, 0), (1, 0), (2, 0), (3, 0)))
+
+
+def spu6() -> RobotDescription:
+    """6UPS with legs the other way round: ball joint, slider, universal joint; four joints to the coupling.
+
+    The slider's axis is the ball joint's last one. Guesses are those of the legs that push, at home.
+    """
+    hexapod = ups6()
+    rows = (
+        MDHRow(),
+        MDHRow(alpha=QUARTER),
+        MDHRow(alpha=QUARTER),
+        MDHRow(PRISMATIC),
+        MDHRow(alpha=QUARTER),
+        MDHRow(alpha=QUARTER),
+    )
+    legs = []
+    for leg in hexapod.legs:
+        x, y, z = leg.base_matrix.T @ (hexapod.home[:3] + leg.coupling_point - leg.origin)
+        length, flat = math.hypot(x, y, z), math.hypot(x, y)
+        # Axis 3 is Rz(q1) Rx(90) Rz(q2) (0, -1, 0) = Rz(q1) (sin q2, 0, -cos q2).
+        guess = (math.atan2(y, x), math.atan2(flat, -z), 0.0, length)
+        bodies = (BodyInertia(), BodyInertia(), leg.bodies[1], leg.bodies[2])
+        legs.append(
+            Leg(
+                rows,
+                4,
+                bodies,
+                base_rotation=leg.base_rotation,
+                base_position=leg.base_position,
+                coupling=leg.coupling,
+                guess=(*guess, 0.3, 0.8),
+            )
+        )
+    return dataclasses.replace(
+        hexapod, name="6SPU", legs=tuple(legs), actuated=tuple((k, 3) for k in range(6))
+    )

@@ -14,8 +14,8 @@ from ocptip.parallel.description.ready_made import READY_MADE, delta, ups6
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.parallel.simulation import simulate
 from tests.parallel.parallel_cases import KIND_NAMES
-from tests.parallel.parallel_examples import extra_leg, five_axes, redundant_leg
-from tests.parallel.parallel_twin import random_robot, relative
+from tests.parallel.parallel_examples import extra_leg, five_axes, redundant_leg, spu6
+from tests.parallel.parallel_twin import random_robot, relative, rod_delta
 
 ROBOTS = {name: ParallelRobot(make()) for name, make in READY_MADE.items()}
 
@@ -43,6 +43,63 @@ def test_inverse_and_forward_kinematics(name, seed):
     assert pose.assembly_mode in (1, -1)
     np.testing.assert_allclose(pose.z, z, atol=1e-9)
     assert pose.to_dict()["joints"]["residual"] < 1e-12
+
+
+def test_legs_without_closed_form_stay_in_the_assembly_of_home():
+    """Ball joint, slider, universal joint: the mirrored branch with negative length is as near for Newton."""
+    robot, twin = ParallelRobot(spu6()), ROBOTS["6UPS"]
+    rng = np.random.default_rng(0)
+    for reach in np.linspace(0.02, 1.0, 20):
+        z = twin.description.home + reach * rng.uniform(-1, 1, 6) * [0.2, 0.2, 0.2, 0.6, 0.6, 0.6]
+        found, rest = robot.ik(z), np.zeros(6)
+        lengths = [q[2] for q in twin.ik(z).q]
+        assert (found.assembly, found.searched) == ("home", ())
+        np.testing.assert_allclose([q[3] for q in found.q], lengths, atol=1e-9)
+        heavy = np.array([0, 0, -100.0, 0, 0, 0])
+        pushed = [
+            r.inverse_dynamics(z, rest, rest, wrench=heavy, gravity=[0, 0, 0]).motors for r in (robot, twin)
+        ]
+        np.testing.assert_allclose(*pushed, rtol=1e-8, atol=1e-8)
+
+
+def test_rough_guesses_choose_the_home_assembly_only():
+    """Found from the guess again at every pose, the legs would jump to their mirrored branches and back."""
+    exact = ParallelRobot(spu6())
+    rng = np.random.default_rng(0)
+    legs = tuple(
+        dataclasses.replace(
+            leg, guess=leg.guess + rng.uniform(-1, 1, 6), end_rotation=solved.end_rotations[0]
+        )
+        for leg, solved in zip(exact.description.legs, exact.kinematics.legs, strict=True)
+    )
+    robot = ParallelRobot(dataclasses.replace(exact.description, legs=legs))
+    home = [leg.home for leg in robot.kinematics.legs]
+    assert home[0][3] < 0 < home[1][3]
+    for _ in range(10):
+        z = robot.description.home + rng.uniform(-1, 1, 6) * [0.03, 0.03, 0.03, 0.1, 0.1, 0.1]
+        found = robot.ik(z)
+        assert found.assembly == "home"
+        assert max(np.abs(q - start).max() for q, start in zip(found.q, home, strict=True)) < 1.5
+
+
+def test_poses_beyond_a_singular_one_are_said():
+    robot = ParallelRobot(rod_delta())
+    rng, z = np.random.default_rng(1), robot.description.home
+    reached = []
+    for _ in range(20):
+        there = z + 0.6 * rng.uniform(-1, 1, 3)
+        try:
+            reached.append((there, robot.ik(there)))
+        except InputError:
+            continue
+    there, found = next(pair for pair in reached if pair[1].assembly == "search")
+    assert found.residual < 1e-10
+    assert found.to_dict()["searched"] == [k + 1 for k in found.searched] != []
+    with pytest.raises(SolverError, match="cannot be followed on the straight way from home"):
+        robot.inverse_dynamics(there, np.zeros(3), np.zeros(3))
+    near = robot.ik(z + 0.01)
+    again = robot.ik(z + 0.02, near.q)
+    assert (near.assembly, again.assembly) == ("home", "guess")
 
 
 @pytest.mark.parametrize("name", ROBOTS)

@@ -84,7 +84,8 @@ class ParallelRobot(MadeOf):
     """A parallel robot that moves as described.
 
     Platform coordinates z hold the free ones of x, y, z, phi1, phi2, phi3 (m, rad), then the redundant
-    joints. Joint values are optional everywhere: without them the inverse kinematics finds them.
+    joints. Joint values are optional everywhere: without them the inverse kinematics finds those of the
+    home assembly; what needs them refuses a pose where it cannot (SolverError).
 
     Args:
         description: legs, platform, motors.
@@ -154,7 +155,8 @@ class ParallelRobot(MadeOf):
     def singularity(self, z: ArrayLike, q: Joints = None) -> Singularity:
         """Measures of both types and of the Euler angles at a pose."""
         z = self.kinematics.coordinates("z", z)
-        return singularity(self.kinematics, z, self._joints(z, q), complete=self._complete)
+        joints = self._joints(z, q, anywhere=True)
+        return singularity(self.kinematics, z, joints, complete=self._complete)
 
     def motion(self, z: ArrayLike, s: ArrayLike, q: Joints = None) -> RobotMotion:
         """Rates of all joints that the dynamics use, at coordinates z and quasi-velocities s."""
@@ -357,10 +359,20 @@ class ParallelRobot(MadeOf):
         check = self.kinematics.coordinates
         return check("z", z), check("zd", zd), check("zdd", zdd)
 
-    def _joints(self, z: np.ndarray, q: Joints, *, complete: bool | None = None) -> tuple[np.ndarray, ...]:
+    def _joints(
+        self, z: np.ndarray, q: Joints, *, complete: bool | None = None, anywhere: bool = False
+    ) -> tuple[np.ndarray, ...]:
+        """Joint positions that are given, or of the home assembly (`anywhere`: of any)."""
         complete = self._complete if complete is None else complete
         if q is None:
             found = self.kinematics.joints(z) if complete else self.kinematics.point_joints(z)
+            if found.searched and not anywhere:
+                legs = ", ".join(str(leg + 1) for leg in found.searched)
+                raise SolverError(
+                    f"{self.description.name}: leg {legs} cannot be followed on the straight way from home "
+                    f"to {np.round(z, 6).tolist()}: a singular pose or the end of its reach lies between; "
+                    "give joint positions `q` of the assembly that is meant"
+                )
             return found.q
         legs = self.kinematics.legs
         if len(q) != len(legs):

@@ -23,6 +23,12 @@ _ITERATIONS = 100
 _RESTARTS = 30
 _SEED = 20181
 
+_SHORTEST = 2.0**-12
+_CURVATURE = 0.2  # of a step: largest part that Newton's method may add to the tangent's prediction
+
+Way = Callable[[float], tuple[np.ndarray, np.ndarray, np.ndarray]]
+"""Position (3,), m, rotation (3, 3) and values of the locked joints from home (0) to a pose (1)."""
+
 _Attempt = tuple[np.ndarray, float, int]
 """Joint positions, largest closure error, Newton steps."""
 
@@ -63,6 +69,60 @@ class LegSolver(LegClosure):
             q[self.point :] = self._coupling_home(q)
         self.end_rotations[0] = self.frames(q)[0][-1].T @ R
         self.home = q
+
+    def find(self, way: Way, guess: np.ndarray | None) -> tuple[_Attempt, str]:
+        """Joint positions at the end of a way, and where they come from.
+
+        "guess": by Newton's method from the guess. "home": without guess, by the closed form in its branch,
+        or without one continued along the way. "search": none of these closed the leg, a search did.
+
+        Raises:
+            InputError: the leg does not reach the pose.
+        """
+        r, R, locked = way(1.0)
+        if guess is not None:
+            start = np.array(guess)
+            start[self.locked] = locked
+            found = self._newton(start, r, R, self.free)
+            if found[1] <= CLOSURE_TOLERANCE * self.length:
+                return found, "guess"
+        elif leg_type(self.leg) and not self.locked:
+            return self.solve(r, R, None, locked), "home"
+        else:
+            continued = self._continued(way)
+            if continued is not None:
+                return continued, "home"
+        return self.solve(r, R, guess, locked), "search"
+
+    def _continued(self, way: Way) -> _Attempt | None:
+        """From home along the way in steps so short that the assembly stays; None where it cannot."""
+        q, error, used, at, step = self.home, 0.0, 0, 0.0, 1.0
+        while at < 1.0:
+            end = min(1.0, at + step)
+            found = self._followed(q, *way(end))
+            if found is None:
+                step /= 2
+                if step < _SHORTEST:
+                    return None
+                continue
+            q, error, used, at, step = found[0], found[1], used + found[2], end, 2 * step
+        return q, error, used
+
+    def _followed(self, q: np.ndarray, r: np.ndarray, R: np.ndarray, locked: np.ndarray) -> _Attempt | None:
+        """Joint positions at a pose nearby; None if they do not close the leg, or lie off the tangent."""
+        start = q.copy()
+        start[self.locked] = locked
+        slope = self.jacobian(start)[0][:, self.free]
+        step = np.linalg.lstsq(slope, -self.residual(start, r, R), rcond=1e-10)[0]
+        size = np.abs(step).max(initial=0.0)
+        if size > STEP_LIMIT:
+            return None
+        start[self.free] += step
+        found = self._newton(start, r, R, self.free)
+        off = np.abs(found[0] - start).max()
+        if found[1] > CLOSURE_TOLERANCE * self.length or off > _CURVATURE * size + CLOSURE_TOLERANCE:
+            return None
+        return found[0], found[1], found[2] + 1
 
     def solve(self, r: np.ndarray, R: np.ndarray, guess: np.ndarray | None, locked: np.ndarray) -> _Attempt:
         """Joint positions at a platform pose, all closure rows.

@@ -12,8 +12,9 @@ from ocptip.basics.errors import InputError, SolverError, finite_array
 from ocptip.numerics.vectors import nearest_turn
 from ocptip.parallel.description.robot_description import REVOLUTE, Leg, RobotDescription
 from ocptip.parallel.description.rotations import PlatformCoordinates
+from ocptip.parallel.kinematics.closed_form import leg_type
 from ocptip.parallel.kinematics.closures import LegMotion
-from ocptip.parallel.kinematics.leg_solver import CLOSURE_TOLERANCE, STEP_LIMIT, LegSolver
+from ocptip.parallel.kinematics.leg_solver import CLOSURE_TOLERANCE, STEP_LIMIT, LegSolver, Way
 
 _ITERATIONS = 100
 
@@ -26,11 +27,18 @@ class JointPositions:
         q: per leg (n_f,), rad or m.
         residual: largest closure error, m or rad.
         iterations: Newton steps, all legs.
+        assembly: "home": that of the home pose, legs with closed forms in their branches, others connected to
+            home by the straight way in the coordinates; "guess": found from the guess; "search": some leg,
+            see `searched`, was closed by a search, in whatever assembly.
+        searched: legs from 0 that were: the straight way from home leads them through a singular pose or
+            out of reach, or the guess does not lead there.
     """
 
     q: tuple[np.ndarray, ...]
     residual: float
     iterations: int
+    assembly: str = "home"
+    searched: tuple[int, ...] = ()
 
     def to_dict(self) -> dict[str, object]:
         """Plain data."""
@@ -38,6 +46,8 @@ class JointPositions:
             "q": [leg.tolist() for leg in self.q],
             "residual": self.residual,
             "iterations": self.iterations,
+            "assembly": self.assembly,
+            "searched": [leg + 1 for leg in self.searched],
         }
 
 
@@ -135,20 +145,20 @@ class Kinematics:
 
         Args:
             z: (m,).
-            guess: per leg (n_f,), e.g. of the pose before; None: closed form or home values.
+            guess: per leg (n_f,), e.g. of the pose before; None: closed form, or from home on along the
+                straight way in the coordinates.
 
         Raises:
             InputError: a leg does not reach the pose.
         """
         z = self.coordinates("z", z)
-        r, R = self.pose(z)
-        found, worst, used = [], 0.0, 0
+        way, found, origins = self._ways(z), [], []
         for i, leg in enumerate(self.legs):
             start = None if guess is None else finite_array(f"guess[{i + 1}]", guess[i], (leg.n,))
-            q, error, iterations = leg.solve(r, R, start, z[self._rho[i]])
-            found.append(q)
-            worst, used = max(worst, error), used + iterations
-        return JointPositions(tuple(found), worst, used)
+            attempt, origin = leg.find(way[i], start)
+            found.append(attempt)
+            origins.append(origin)
+        return _joint_positions(found, origins)
 
     def point_joints(self, z: ArrayLike, guess: Sequence[np.ndarray] | None = None) -> JointPositions:
         """Joint positions up to the coupling points only.
@@ -158,15 +168,32 @@ class Kinematics:
         """
         z = self.coordinates("z", z)
         r, R = self.pose(z)
-        found, worst, used = [], 0.0, 0
+        way, found, origins = self._ways(z), [], []
         for i, leg in enumerate(self.legs):
             if not isinstance(leg.leg, Leg) or leg.locked:
                 raise InputError(f"leg {i + 1}: has branches or redundant joints; use the complete leg")
             start = None if guess is None else finite_array(f"guess[{i + 1}]", guess[i], (leg.point,))
-            q, error, iterations = leg.solve_point(r, R, start)
-            found.append(q)
-            worst, used = max(worst, error), used + iterations
-        return JointPositions(tuple(found), worst, used)
+            if start is None and not leg_type(leg.leg):
+                (q, error, used), origin = leg.find(way[i], None)
+                found.append((q[: leg.point], error, used))
+            else:
+                origin = "home" if start is None else "guess"
+                found.append(leg.solve_point(r, R, start))
+            origins.append(origin)
+        return _joint_positions(found, origins)
+
+    def _ways(self, z: np.ndarray) -> list[Way]:
+        """Per leg the straight way from home to z."""
+        home = self.description.home
+
+        def way(rho: list[int]) -> Way:
+            def at(share: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+                there = z if share == 1.0 else home + share * (z - home)
+                return (*self.pose(there), there[rho])
+
+            return at
+
+        return [way(rho) for rho in self._rho]
 
     def motion(self, z: np.ndarray, s: np.ndarray, q: Sequence[np.ndarray], *, complete: bool) -> RobotMotion:
         """Rates at given joint positions.
@@ -275,6 +302,19 @@ class Kinematics:
         r, R = self.pose(z)
         for leg, rho in zip(self.legs, self._rho, strict=True):
             leg.assemble(r, R, z[rho])
+
+
+def _joint_positions(
+    found: Sequence[tuple[np.ndarray, float, int]], origins: Sequence[str]
+) -> JointPositions:
+    searched = tuple(i for i, origin in enumerate(origins) if origin == "search")
+    return JointPositions(
+        tuple(q for q, _, _ in found),
+        max(error for _, error, _ in found),
+        sum(used for _, _, used in found),
+        "search" if searched else origins[0],
+        searched,
+    )
 
 
 def _wrapped(error: np.ndarray, description: RobotDescription) -> np.ndarray:
