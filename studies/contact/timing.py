@@ -1,13 +1,16 @@
 """Times of the contact solver and the slip reserve against their targets.
 
-    python -m studies.contact.timing --out results [--loads 1000] [--states 10000] [--rounds 15] [--seed 0]
+    python -m studies.contact.timing --out results [--loads 1000] [--states 10000] [--unsorted 100000]
+        [--rounds 15] [--seed 0]
 
 1. Automaton form against the conventional formulations, 3 to 8 feet, 12 facets: ratio of the medians of
    interleaved rounds, and pivots. Target: at most a third of the best conventional variant that solves all
    problems.
 2. Many states along a smooth path, 3 feet, 12 facets: microseconds per state cold (each from scratch) and
    warm, and how many times faster than single calls. Targets: 10, 3, 30.
-3. Slip reserve GT with its derivative for 1,000 states. Target: 0.1 s.
+3. Standing states in random order, 3 feet, 12 facets: microseconds per state from the neighbour's basis and
+   from any known one, with one and two threads, and of single calls. Targets: 0.8 (two threads), 10 (single).
+4. Slip reserve GT with its derivative for 1,000 states. Target: 0.1 s.
 
 Prints the tables and writes OUT/contact_timing.json and .md.
 """
@@ -35,7 +38,15 @@ FACETS = 12
 FEET = (3, 4, 5, 6, 7, 8)
 RESERVE_FEET, RESERVE_STATES = (3, 4, 8), 1000
 SINGLE_CALLS = 300
-TARGETS = {"ratio": 1 / 3, "cold": 10.0, "warm": 3.0, "times_faster": 30.0, "reserve_seconds": 0.1}
+TARGETS = {
+    "ratio": 1 / 3,
+    "cold": 10.0,
+    "warm": 3.0,
+    "times_faster": 30.0,
+    "reserve_seconds": 0.1,
+    "unsorted": 0.8,
+    "single": 10.0,
+}
 
 
 def interleaved(calls: dict[str, Callable[[], object]], rounds: int) -> dict[str, np.ndarray]:
@@ -172,8 +183,38 @@ def many_states(count: int, rounds: int) -> list[dict]:
     return rows
 
 
+def unsorted_states(count: int, rounds: int, seed: int) -> dict:
+    """Part 3: the standing path in random order."""
+    say("unsorted states")
+    support = platform_on(3, FACETS)
+    wrenches = np.random.default_rng(seed).permutation(smooth_path(count, 1.0))
+    few = wrenches[:SINGLE_CALLS]
+    seconds = interleaved(
+        {
+            "neighbour": lambda: solve_many(support, wrenches),
+            "any, 1 thread": lambda: solve_many(support, wrenches, warm_start="any", threads=1),
+            "any, 2 threads": lambda: solve_many(support, wrenches, warm_start="any", threads=2),
+            "single": lambda: [solve(support, wrench) for wrench in few],
+        },
+        rounds,
+    )
+    states = solve_many(support, wrenches, warm_start="any")
+    sizes = {name: len(few) if name == "single" else count for name in seconds}
+    return {
+        "states": count,
+        "standing": int(np.sum(states.persistent)),
+        "pivots_mean": {
+            "neighbour": float(np.mean(solve_many(support, wrenches).pivots)),
+            "any": float(np.mean(states.pivots)),
+        },
+        "microseconds": {name: 1e6 * float(np.median(s)) / sizes[name] for name, s in seconds.items()},
+        "microseconds_fastest": {name: 1e6 * float(np.min(s)) / sizes[name] for name, s in seconds.items()},
+        "largest_violation": float(np.nanmax(states.law_violation())),
+    }
+
+
 def slip_reserve(feet: Sequence[int], count: int, rounds: int) -> list[dict]:
-    """Part 3: one row per number of feet and path."""
+    """Part 4: one row per number of feet and path."""
     rows = []
     for n in feet:
         for name, level in (("standing", 1.0), ("partly slipping", 2.0)):
@@ -259,6 +300,22 @@ def markdown(data: dict) -> str:
     ]
     head = ["path", "cold", "warm", "single calls", "pivots cold, warm", "times faster: cold", "warm"]
     lines += [*table(head, rows), ""]
+    unsorted = data["unsorted"]
+    names, pivots = list(unsorted["microseconds"]), unsorted["pivots_mean"]
+    lines += [
+        "## Standing states in random order",
+        "",
+        f"{unsorted['states']} wrenches of the standing path in random order, microseconds per state "
+        f"(fastest round); mean pivots {pivots['neighbour']:.1f} from the basis of the state before, "
+        f"{pivots['any']:.2f} from any known one. Targets: {TARGETS['unsorted']:g} with two threads, "
+        f"{TARGETS['single']:g} for a single call.",
+        "",
+    ]
+    cells = [
+        f"{unsorted['microseconds'][name]:.3g} ({unsorted['microseconds_fastest'][name]:.3g})"
+        for name in names
+    ]
+    lines += [*table(["states", *names], [[str(unsorted["states"]), *cells]]), ""]
     lines += [
         "## Slip reserve GT",
         "",
@@ -295,11 +352,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, required=True, help="folder for the table")
     parser.add_argument("--loads", type=int, default=1000, help="random loads per number of feet")
     parser.add_argument("--states", type=int, default=10_000, help="states along the path")
+    parser.add_argument("--unsorted", type=int, default=100_000, help="states in random order")
     parser.add_argument("--rounds", type=int, default=15)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--feet", type=int, nargs="+", default=list(FEET))
     options = parser.parse_args(argv)
-    if min(options.loads, options.states, options.rounds, *options.feet) < 1:
+    if min(options.loads, options.states, options.unsorted, options.rounds, *options.feet) < 1:
         parser.error("all numbers must be at least 1")
     options.out.mkdir(parents=True, exist_ok=True)
     data = {
@@ -311,6 +369,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             options.feet, options.loads, options.rounds, options.seed
         ),
         "many_states": many_states(options.states, options.rounds),
+        "unsorted": unsorted_states(options.unsorted, options.rounds, options.seed),
         "slip_reserve": slip_reserve(RESERVE_FEET, min(RESERVE_STATES, options.states), options.rounds),
     }
     say("")

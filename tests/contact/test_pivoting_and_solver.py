@@ -11,6 +11,7 @@ from ocptip.contact.bindings import laws, pyramid
 from ocptip.contact.bindings.clamps import ForceConstantTwoSidedClamp, RigidClamp
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.solver import solve, solve_many, solve_randomly
+from ocptip.contact.states import ARRAYS
 from ocptip.contact.support import Support
 from studies.contact.peers import PinocchioADMM
 from studies.contact.random_supports import random_support, random_wrenches
@@ -311,6 +312,95 @@ def test_continuation_from_another_support_is_refused():
     one, other = feet(polygon(3)), feet(polygon(3))
     with pytest.raises(InputError, match=r"^initial: "):
         solve_many(one, one.weight[None], initial=solve(other, other.weight))
+
+
+@every_kind
+@every_space
+def test_states_in_no_order_start_from_any_known_basis(kind, planar):
+    support = mixed(kind, planar=planar)
+    loads = disturbed_weight(np.random.default_rng(1), support, 200)
+    states, neighbours = solve_many(support, loads, warm_start="any"), solve_many(support, loads)
+    assert_valid(states)
+    np.testing.assert_array_equal(states.persistent, neighbours.persistent)
+    assert np.sum(states.pivots == 0) > np.sum(neighbours.pivots == 0)
+
+
+@pytest.mark.parametrize("n", [3, 5, 8])
+def test_states_in_no_order_have_the_motion_and_resultant_of_those_from_scratch(n):
+    """With 8 feet some loads have two solutions: the platform stands, or it tips."""
+    support = feet(polygon(n), facets=12)
+    path = np.random.default_rng(n).permutation(smooth_path(support))
+    states, cold = (solve_many(support, path, warm_start=how) for how in ("any", False))
+    assert_valid(states)
+    assert set(states.persistent) == {True, False}
+    differ = states.persistent != cold.persistent
+    assert np.sum(differ) <= (len(path) // 50 if n == 8 else 0)
+    stands = states.persistent
+    np.testing.assert_allclose(states.forces[stands].sum(axis=1), -path[stands, :3], atol=1e-7)
+    if n == 3:
+        np.testing.assert_allclose(states.acceleration, cold.acceleration, atol=1e-9)
+    assert states.pivots.sum() < 0.5 * cold.pivots.sum()
+
+
+@pytest.mark.parametrize("warm_start", [True, False, "any"])
+def test_results_do_not_depend_on_the_number_of_threads(warm_start, monkeypatch):
+    monkeypatch.setattr(solver, "_CHUNK", 64)
+    support = feet(polygon(4), facets=8)
+    path = np.random.default_rng(5).permutation(smooth_path(support))
+    one, *others = (solve_many(support, path, warm_start=warm_start, threads=t) for t in (1, 2, 3, None))
+    assert_valid(one)
+    for name in ARRAYS:
+        for other in others:
+            np.testing.assert_array_equal(getattr(other, name), getattr(one, name))
+
+
+def test_chunks_do_not_depend_on_each_other(monkeypatch):
+    monkeypatch.setattr(solver, "_CHUNK", 64)
+    support = feet(polygon(4), facets=8)
+    path = smooth_path(support)
+    whole = solve_many(support, path, warm_start="any")
+    part = solve_many(support, path[64:128], warm_start="any")
+    np.testing.assert_array_equal(part.contact_forces, whole.contact_forces[64:128])
+    scratch = solve_many(support, path, warm_start=False)
+    monkeypatch.setattr(solver, "_CHUNK", 4096)
+    np.testing.assert_array_equal(
+        solve_many(support, path, warm_start=False).contact_forces, scratch.contact_forces
+    )
+
+
+def test_known_bases_beyond_the_memory_replace_the_least_used(monkeypatch):
+    support = feet(polygon(5), facets=12)
+    loads = platform_loads(np.random.default_rng(2), 400)
+    for memory in (1, 3):
+        monkeypatch.setattr(solver, "_MEMORY", memory)
+        assert_valid(solve_many(support, loads, warm_start="any"))
+
+
+@every_kind
+def test_a_single_state_is_that_of_a_batch_of_one(kind):
+    support = mixed(kind)
+    for load in disturbed_weight(np.random.default_rng(9), support, 20):
+        batch = solve_many(support, load[None])
+        for wrench in (load, load.tolist(), np.repeat(load, 2)[::2]):
+            state = solve(support, wrench)
+            for name in ARRAYS:
+                np.testing.assert_array_equal(getattr(state.states, name), getattr(batch, name))
+
+
+def test_a_single_state_keeps_its_own_wrench():
+    support = feet(polygon(3))
+    load = support.weight.copy()
+    state = solve(support, load)
+    load[:] = 0.0
+    np.testing.assert_array_equal(state.wrench, support.weight)
+
+
+def test_bad_options_of_batches_are_refused():
+    support = feet(polygon(3))
+    with pytest.raises(InputError, match=r"^threads: "):
+        solve_many(support, support.weight[None], threads=0)
+    with pytest.raises(InputError, match=r"^warm_start: .* 'any'"):
+        solve_many(support, support.weight[None], warm_start="some")
 
 
 def test_no_states_are_a_valid_batch():

@@ -147,7 +147,7 @@ def test_peers_hold_the_weight(peer):
 
 
 def test_timing_study(tmp_path, capsys):
-    options = ["--loads", "10", "--states", "40", "--rounds", "2", "--feet", "3"]
+    options = ["--loads", "10", "--states", "40", "--unsorted", "50", "--rounds", "2", "--feet", "3"]
     assert contact_timing.main(["--out", str(tmp_path), *options]) == 0
     printed = capsys.readouterr()
     assert printed.err == ""
@@ -162,6 +162,9 @@ def test_timing_study(tmp_path, capsys):
     assert data["many_states"][0]["standing_share"] == 1.0
     assert data["many_states"][1]["standing_share"] < 1.0
     assert all(path["largest_violation"] < 1e-9 for path in data["many_states"])
+    assert data["unsorted"]["standing"] == data["unsorted"]["states"] == 50
+    assert data["unsorted"]["pivots_mean"]["any"] < data["unsorted"]["pivots_mean"]["neighbour"]
+    assert data["unsorted"]["largest_violation"] < 1e-9
     assert all(reserve["certified"] == reserve["states"] for reserve in data["slip_reserve"])
 
 

@@ -202,11 +202,52 @@ def _next_random(state):
 
 
 @compiled
+def _recall(known, count, inverses, bases, rhs, x, order, inverse_t, subset, element, owner):
+    """Load the known basis in which the state has no negative variable, else the one with the least.
+
+    `known` is the row of the basis that is loaded. The bases are tried in the `order` in which they served,
+    the one found moves one place forward. Returns its row.
+    """
+    m, n = rhs.shape[0], subset.shape[0]
+    best, least = known, -np.inf
+    for place in range(count):
+        row = order[place]
+        apply_inverse(inverses[row], rhs, x)
+        smallest = 0.0
+        for i in range(m):
+            smallest = x[i] if x[i] < smallest else smallest
+        if smallest > least:
+            best, least = row, smallest
+        if smallest >= -_ZERO:
+            if place > 0:
+                order[place], order[place - 1] = order[place - 1], row
+            break
+    if best != known:
+        inverse_t[:, :] = inverses[best]
+        for k in range(n):
+            subset[k] = bases[best, 2 * m + k]
+        for i in range(m):
+            element[i], owner[i] = bases[best, i], bases[best, m + i]
+    return best
+
+
+@compiled
+def _remember(row, inverses, bases, inverse_t, subset, element, owner):
+    """Store the loaded basis as a known one."""
+    m = element.shape[0]
+    inverses[row] = inverse_t
+    for i in range(m):
+        bases[row, i], bases[row, m + i] = element[i], owner[i]
+    for k in range(subset.shape[0]):
+        bases[row, 2 * m + k] = subset[k]
+
+
+@compiled
 def solve_batch(
     columns, extent, first_column, row_start, subsets, subset_start, successor, entering,
-    start_count, start_first, start_subset, start_inverse, block_start, lifts,
-    rhs_all, hints, gauge, warm, initial, max_pivots, first_attempt, attempts, seeds,
-    check_matrix, check_rhs, tolerance, force_columns, force_offset, acceleration_columns,
+    start_count, start_first, start_subset, start_inverse, block_start, lifts, gauge,
+    check_matrix, force_columns, force_offset, acceleration_columns,
+    warm, memory, initial, max_pivots, first_attempt, attempts, tolerance, rhs_all, hints, check_rhs, seeds,
     out_subset, out_x, out_status, out_pivots, out_attempt, out_residual, out_force, out_acceleration,
 ):  # fmt: skip
     """Solve many right-hand sides of one system.
@@ -221,17 +262,20 @@ def solve_batch(
         start_*: candidates for the start basis with the inverses of their local blocks (see
             `_choose_start`); `block_start` if no candidate has entries outside its contact's rows.
         lifts: (P,) True for variables that accelerate a contact along its normal.
-        rhs_all: (N, m) right-hand sides (not scaled).
-        hints: (N, m) right-hand sides by which the first start basis is chosen.
         gauge: (m, c) directions in which the right-hand side may be shifted without changing the physics
             (distribution of forces that the equations leave open); used by the later attempts.
-        warm: start from the previous state's basis; the first one from `initial` if initial[0] >= 0.
-        first_attempt, attempts: which starts are tried before a state is given up: 1 guessed, 2 the
-            regular one, 3 with another tie rule, from 4 on random (`seeds`, (N,), per state).
-        check_matrix, check_rhs: (m, P), (N, m) the original system, for the residual.
-        tolerance: largest residual of a solved state.
+        check_matrix: (P, m) columns of the original system, for the residual.
         force_columns, acceleration_columns, force_offset: (P, d), (P, d), (n, d) what each variable adds
             to its contact's force and acceleration.
+        warm: start from the previous state's basis; the first one from `initial` if initial[0] >= 0.
+        memory: with `warm`, so many bases that solved a state are kept; a state starts from the first of
+            them in which it has no negative variable. 0: from the previous state's.
+        first_attempt, attempts: which starts are tried before a state is given up: 1 guessed, 2 the
+            regular one, 3 with another tie rule, from 4 on random (`seeds`, (N,), per state).
+        tolerance: largest residual of a solved state.
+        rhs_all: (N, m) right-hand sides (not scaled).
+        hints: (N, m) right-hand sides by which the first start basis is chosen.
+        check_rhs: (N, m) right-hand sides of the original system.
         out_*: results: subsets (N, n), basic values in canonical order (N, m), status, pivots, attempt
             and relative residual of each state, contact forces and accelerations (N, n, d).
     """
@@ -246,6 +290,8 @@ def solve_batch(
     negative = np.empty(np.max(start_count))
     for i in range(m):
         rho[i] = 1.0 + ((i + 1) * 0.6180339887498949) % 1.0
+    inverses, bases = np.empty((memory, m, width)), np.empty((memory, 2 * m + n), np.int64)
+    order, remembered, loaded = np.arange(memory), 0, -1
     have_basis = False
     if warm and initial[0] >= 0:
         for k in range(n):
@@ -267,6 +313,10 @@ def solve_batch(
             for i in range(m):
                 rhs[i] = rhs_all[state, i] / scale
                 e[i] = 0.2 + _next_random(generator) if attempt >= 4 else 1.0
+            if attempt == 0 and remembered > 0:
+                loaded = _recall(
+                    loaded, remembered, inverses, bases, rhs, x, order, inverse_t, subset, element, owner
+                )
             if attempt >= 6:
                 for c in range(gauge.shape[1]):
                     w = 4.0 * _next_random(generator) - 2.0
@@ -308,6 +358,8 @@ def solve_batch(
                 )  # fmt: skip
             total += pivots
             have_basis = False
+            if attempt > 0 or pivots > 0:
+                loaded = -1
             if status == SOLVED:
                 smallest, residual = polish(columns, first_column, element, owner, inverse_t, rhs, x, d, work)
                 # the updated inverse may have drifted: factorise afresh before giving up
@@ -330,6 +382,11 @@ def solve_batch(
                     break
                 status = INACCURATE
             attempt += 1
+        if memory > 0 and have_basis and loaded < 0:
+            # the least used one makes room
+            loaded = order[min(remembered, memory - 1)]
+            remembered = min(remembered + 1, memory)
+            _remember(loaded, inverses, bases, inverse_t, subset, element, owner)
         out_status[state] = status
         out_pivots[state] = total
         out_attempt[state] = attempt
@@ -347,16 +404,16 @@ def solve_batch(
                 size = row_start[k + 1] - row_start[k]
                 base = subset_start[k] + subset[k] * size
                 for j in range(force_offset.shape[1]):
-                    f, a = force_offset[k, j], 0.0
-                    for place in range(size):
-                        c = first_column[k] + subsets[base + place]
-                        value = out_x[state, row_start[k] + place]
-                        f += force_columns[c, j] * value
-                        a += acceleration_columns[c, j] * value
-                    out_force[state, k, j] = f
-                    out_acceleration[state, k, j] = a
+                    out_force[state, k, j] = force_offset[k, j]
+                    out_acceleration[state, k, j] = 0.0
+                for place in range(size):
+                    c = first_column[k] + subsets[base + place]
+                    value = out_x[state, row_start[k] + place]
+                    for j in range(force_offset.shape[1]):
+                        out_force[state, k, j] += force_columns[c, j] * value
+                        out_acceleration[state, k, j] += acceleration_columns[c, j] * value
         else:
-            for k in range(n):
-                out_subset[state, k] = -1
-            for i in range(m):
-                out_x[state, i] = np.nan
+            out_subset[state] = -1
+            out_x[state] = np.nan
+            out_force[state] = np.nan
+            out_acceleration[state] = np.nan

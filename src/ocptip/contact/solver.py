@@ -7,12 +7,15 @@ data, the pivots, and a status with advice where there is no solution.
 
 from __future__ import annotations
 
+import os
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ocptip.basics.errors import InputError, bounded_array, finite_array
+from ocptip.basics.errors import InputError, bounded_array, finite_array, whole_number
 from ocptip.contact import mode_search, pivoting
 from ocptip.contact.states import ARRAYS, BEYOND_RESOLUTION, NO_SOLUTION, ContactState, ContactStates
 from ocptip.contact.support import LARGEST_WRENCH, Support
@@ -25,6 +28,9 @@ _RESOLVED = 1e9  # ratio of the inertia to the usual one, or its inverse, up to 
 _ATTEMPTS = 80
 _FIRST_RANDOM = 4
 _MAX_PIVOTS = 2000
+_CHUNK = 4096  # states that one thread solves in one go
+_MEMORY = 32  # bases that are tried before pivoting
+_ONE_SEED = np.ones(1, dtype=np.uint64)
 
 
 def solve(support: Support, wrench: ArrayLike) -> ContactState:
@@ -38,17 +44,27 @@ def solve(support: Support, wrench: ArrayLike) -> ContactState:
     Raises:
         InputError: wrong shape, NaN, infinity or a number above 1e24.
     """
-    wrench = bounded_array("wrench", wrench, (support.wrench_size,), largest=LARGEST_WRENCH)
-    return solve_many(support, wrench[None])[0]
+    # the check of any input takes longer than the solution: only where this short one does not suffice
+    usual = isinstance(wrench, np.ndarray) and wrench.dtype == np.float64
+    usual = usual and wrench.shape == (support.wrench_size,) and wrench.dot(wrench) <= LARGEST_WRENCH**2
+    if not usual:
+        wrench = bounded_array("wrench", wrench, (support.wrench_size,), largest=LARGEST_WRENCH)
+    wrenches = np.array([wrench])
+    if support.conditioned is support:
+        states = _pivot_all(support, wrenches, False, support.no_subsets, 1, _ONE_SEED)
+        if states.status_codes[0] == pivoting.SOLVED:
+            return ContactState(states, 0)
+    return solve_many(support, wrenches)[0]
 
 
 def solve_many(
     support: Support,
     wrenches: ArrayLike,
     *,
-    warm_start: bool = True,
+    warm_start: bool | Literal["any"] = True,
     initial: ContactState | None = None,
     search: bool = True,
+    threads: int | None = None,
 ) -> ContactStates:
     """Solve the contact problem under many wrenches of one support.
 
@@ -56,31 +72,38 @@ def solve_many(
         support: the base on its contacts.
         wrenches: (N, 6) or planar (N, 3), see `solve`.
         warm_start: start each state from the basis of the one before (faster along a path; with more
-            than one solution the branch is then followed). False: every state from scratch, so that a
-            state does not depend on its neighbours.
+            than one solution the branch is then followed). "any": from any basis that solved one of the
+            states before, the fastest way for states in no order; which of several solutions a state gets
+            then depends on the states before it in its chunk of 4096. False: every state from scratch, so
+            that a state does not depend on its neighbours.
         initial: a solved state of the same support from whose basis the first one starts.
         search: where pivoting finds no solution (possible with clamps only), search all modes by
             branch and bound: slower, but it ends with a solution or with the proof that there is none.
+        threads: at most so many solve chunks of states at the same time, unless each starts from the one
+            before; None: as many as there are processor cores. The results do not depend on it.
 
     Raises:
         InputError: wrong shape, NaN or infinity, or an `initial` of another support.
     """
+    if not isinstance(warm_start, bool) and warm_start != "any":
+        raise InputError(f"warm_start: must be True, False or 'any', got {warm_start!r}")
+    threads = (os.cpu_count() or 1) if threads is None else whole_number("threads", threads, 1)
     wrenches = finite_array("wrenches", wrenches, (None, support.wrench_size))
-    start = np.full(support.n_contacts, -1, dtype=np.int64)
+    start = support.no_subsets
     if initial is not None:
         if initial.support is not support:
             raise InputError("initial: is a state of another support")
         start = initial.states.subsets[initial.index].astype(np.int64)
     if support.conditioned is support:
-        return _solve_all(support, wrenches, warm_start, start, search)
+        return _solve_all(support, wrenches, warm_start, start, search, threads)
     # a base that rests does so with any inertia: the given one decides only how the others move
-    states = _solve_all(support.conditioned, wrenches, warm_start, start, search)
+    states = _solve_all(support.conditioned, wrenches, warm_start, start, search, threads)
     moving = np.flatnonzero(~states.persistent)
     states = replace(states, support=support)
     if len(moving) == 0:
         return states
     try:
-        others = _solve_moving(support, wrenches[moving], warm_start, start)
+        others = _solve_moving(support, wrenches[moving], warm_start, start, threads)
     except InputError:  # a contact's own equations are singular at the given inertia
         others = None
     if others is None:
@@ -93,16 +116,17 @@ def solve_many(
     return states.changed(moving, {name: getattr(others, name) for name in ARRAYS})
 
 
-def _solve_moving(support, wrenches, warm_start, start) -> ContactStates | None:
+def _solve_moving(support, wrenches, warm_start, start, threads) -> ContactStates | None:
     """Solve with an unusual inertia as it is; None if it is beyond what can be resolved."""
     if not support.inertia_is_within(_RESOLVED):
         return None
-    return _solve_all(support, wrenches, warm_start, start, search=False)
+    return _solve_all(support, wrenches, warm_start, start, False, threads)
 
 
-def _solve_all(support, wrenches, warm_start, start, search) -> ContactStates:
+def _solve_all(support, wrenches, warm_start, start, search, threads) -> ContactStates:
     """Solve with the inertia as it is, by pivoting and, if asked for, by search."""
-    states = _pivot_all(support, wrenches, warm_start, start, 1, np.ones(len(wrenches), dtype=np.uint64))
+    seeds = np.ones(len(wrenches), dtype=np.uint64)
+    states = _pivot_all(support, wrenches, warm_start, start, 1, seeds, threads)
     return _search_unsolved(states) if search else states
 
 
@@ -125,32 +149,26 @@ def solve_randomly(support: Support, wrench: ArrayLike, count: int, seed: int = 
     """
     wrench = finite_array("wrench", wrench, (support.wrench_size,))
     seeds = np.random.default_rng(seed).integers(2**63, size=count, dtype=np.uint64)
-    start = np.full(support.n_contacts, -1, dtype=np.int64)
+    start = support.no_subsets
     return _pivot_all(support, np.tile(wrench, (count, 1)), False, start, _FIRST_RANDOM, seeds)
 
 
-def _pivot_all(support, wrenches, warm_start, start, first_attempt, seeds) -> ContactStates:
-    """Run the kernel and wrap its output."""
+def _pivot_all(support, wrenches, warm_start, start, first_attempt, seeds, threads=1) -> ContactStates:
+    """Run the kernel, where states do not follow each other chunk by chunk, and wrap its output."""
     system = support.system
-    count, n, m = len(wrenches), support.n_contacts, len(system.rhs_offset)
-    subsets = np.full((count, n), -1, dtype=np.int64)
-    basic = np.full((count, m), np.nan)
-    status, pivots, attempts = (np.zeros(count, dtype=np.int64) for _ in range(3))
-    residual = np.full(count, np.inf)
-    forces, accelerations = (np.full((count, n, support.dimension), np.nan) for _ in range(2))
-    force_columns, acceleration_columns = system.local_columns
-    force = wrenches @ system.rhs_matrix.T
-    pivoting.solve_batch(
-        system.columns_by_row, system.column_extent, system.first_column, system.row_start,
-        system.subsets, system.subset_start, system.successor, system.entering,
-        system.start_count, system.start_first, system.start_subset, system.start_inverse,
-        system.block_start, system.lifts,
-        force + system.rhs_offset, wrenches @ system.hint_matrix.T, system.gauge, warm_start, start,
-        _MAX_PIVOTS, first_attempt, _ATTEMPTS, seeds,
-        system.plain_columns_by_row, force + system.plain_rhs_offset, RESIDUAL_TOLERANCE,
-        force_columns, system.force_offset.reshape(n, -1), acceleration_columns,
-        subsets, basic, status, pivots, attempts, residual, forces, accelerations,
-    )  # fmt: skip
+    count, n, d, m = len(wrenches), support.n_contacts, support.dimension, len(system.rhs_offset)
+    subsets, basic = np.empty((count, n), np.int64), np.empty((count, m))
+    status, pivots, attempts = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count, np.int64)
+    residual, forces, accelerations = np.empty(count), np.empty((count, n, d)), np.empty((count, n, d))
+    arrays = (wrenches, seeds, subsets, basic, status, pivots, attempts, residual, forces, accelerations)
+    memory = _MEMORY if warm_start == "any" else 0
+    how = (bool(warm_start), memory, start, _MAX_PIVOTS, first_attempt, _ATTEMPTS, RESIDUAL_TOLERANCE)
+    if warm_start is True or count <= _CHUNK:
+        _pivot(system, how, *arrays)
+    else:
+        chunks = [[a[i : i + _CHUNK] for a in arrays] for i in range(0, count, _CHUNK)]
+        with ThreadPoolExecutor(min(threads, len(chunks))) as pool:
+            list(pool.map(lambda chunk: _pivot(system, how, *chunk), chunks))
     return ContactStates(
         support=support,
         wrenches=wrenches,
@@ -164,6 +182,15 @@ def _pivot_all(support, wrenches, warm_start, start, first_attempt, seeds) -> Co
         contact_forces=forces,
         contact_accelerations=accelerations,
     )
+
+
+def _pivot(system, how, wrenches, seeds, *results) -> None:
+    """Run the kernel on some wrenches. (For single ones `dot` takes half the time of `@`.)"""
+    force = wrenches.dot(system.rhs_matrix.T)
+    rhs = force + system.rhs_offset
+    plain = rhs if system.plain_rhs_offset is system.rhs_offset else force + system.plain_rhs_offset
+    hints = wrenches.dot(system.hint_matrix.T)
+    pivoting.solve_batch(*system.tables, *how, rhs, hints, plain, seeds, *results)
 
 
 def _search_unsolved(states: ContactStates) -> ContactStates:

@@ -204,6 +204,11 @@ class Support:
         return total
 
     @cached_property
+    def no_subsets(self) -> np.ndarray:
+        """(n,) -1: no contact's admissible subset is known."""
+        return np.full(self.n_contacts, -1, dtype=np.int64)
+
+    @cached_property
     def system(self) -> ContactSystem:
         """The assembled linear system (3.18), built once."""
         return ContactSystem(self)
@@ -313,7 +318,7 @@ class ContactSystem:
         self.rhs_matrix = np.zeros((m, support.wrench_size))
         self.rhs_matrix[self.motion_rows] = W.T @ inverse_mass * scaling
         self.rhs_offset[self.motion_rows] += delassus @ self.force_offset
-        self.plain_rhs_offset = self.rhs_offset.copy()
+        self.plain_rhs_offset = self.rhs_offset
         self.matrix, self.gauge = self._with_gauge(columns, W, delassus)
         self._flatten_automata()
         self._find_start_candidates()
@@ -342,7 +347,7 @@ class ContactSystem:
         gauge[self.motion_rows] = free
         stiffness = np.trace(delassus) / len(delassus)
         matrix = self.plain_matrix - stiffness * gauge @ (free.T @ self.force_matrix)
-        self.rhs_offset += stiffness * gauge @ (free.T @ self.force_offset)
+        self.rhs_offset = self.rhs_offset + stiffness * gauge @ (free.T @ self.force_offset)
         return matrix, gauge
 
     def _flatten_automata(self) -> None:
@@ -400,25 +405,18 @@ class ContactSystem:
         return np.hstack(parts)
 
     @cached_property
-    def columns_by_row(self) -> np.ndarray:
-        """The transposed matrix, contiguous: the kernel reads whole columns."""
-        return np.ascontiguousarray(self.matrix.T)
-
-    @cached_property
-    def local_columns(self) -> tuple[np.ndarray, np.ndarray]:
-        """(P, d) force and (P, d) acceleration (m/s^2) of each variable in its own contact's axes."""
-        columns = [c.columns for c in self.support.contacts]
-        force = np.vstack([c.force.T for c in columns])
-        return force, np.vstack([c.acceleration.T for c in columns]) / self.support.mass
-
-    @cached_property
-    def column_extent(self) -> np.ndarray:
-        """(P, 2) first row with an entry and one past the last, per column."""
-        used = self.columns_by_row != 0
+    def tables(self) -> tuple[np.ndarray | bool, ...]:
+        """What `pivoting.solve_batch` takes of the system, in its order; the matrices by columns."""
+        columns, plain = (np.ascontiguousarray(matrix.T) for matrix in (self.matrix, self.plain_matrix))
+        used = columns != 0
         last = used.shape[1] - np.argmax(used[:, ::-1], axis=1)
-        return np.column_stack([np.argmax(used, axis=1), last]).astype(np.int64)
-
-    @cached_property
-    def plain_columns_by_row(self) -> np.ndarray:
-        """The transposed matrix without gauge, contiguous."""
-        return np.ascontiguousarray(self.plain_matrix.T)
+        extent = np.column_stack([np.argmax(used, axis=1), last]).astype(np.int64)
+        contacts = [c.columns for c in self.support.contacts]
+        force = np.vstack([c.force.T for c in contacts])
+        acceleration = np.vstack([c.acceleration.T for c in contacts]) / self.support.mass
+        return (
+            columns, extent, self.first_column, self.row_start, self.subsets, self.subset_start,
+            self.successor, self.entering, self.start_count, self.start_first, self.start_subset,
+            self.start_inverse, self.block_start, self.lifts, self.gauge,
+            plain, force, self.force_offset.reshape(len(contacts), -1), acceleration,
+        )  # fmt: skip

@@ -13,11 +13,13 @@ def compiled(function: Callable, *, inline: Literal["never", "always"] = "never"
 
     Numba refuses to decorate if it finds no writable folder for its cache (a read-only installation of a
     user without a home): then the function is compiled anew in every process.
+
+    Compiled code does not hold the interpreter's lock: several threads may run it at once.
     """
     try:
-        return numba.njit(cache=True, error_model="numpy", inline=inline)(function)
+        return numba.njit(cache=True, nogil=True, error_model="numpy", inline=inline)(function)
     except RuntimeError:
-        return numba.njit(error_model="numpy", inline=inline)(function)
+        return numba.njit(nogil=True, error_model="numpy", inline=inline)(function)
 
 
 def compiled_inline(function: Callable) -> Callable:
