@@ -125,9 +125,8 @@ def exchange(inverse_t, x, p, d, r):
 
 @compiled
 def polish(columns, first_column, element, owner, inverse_t, rhs, x, d, work):
-    """Basic values of the current basis with iterative refinement: (smallest, residual)."""
+    """Refine the basic values x = inverse @ rhs of the current basis: (smallest, residual)."""
     m = element.shape[0]
-    apply_inverse(inverse_t, rhs, x)
     worst = np.inf
     for step in range(3):
         worst = largest_residual(columns, first_column, element, owner, rhs, x, work)

@@ -361,11 +361,14 @@ def solve_batch(
             if attempt > 0 or pivots > 0:
                 loaded = -1
             if status == SOLVED:
+                if pivots > 0 or attempt == 1:  # exchanges leave rounding errors in x
+                    apply_inverse(inverse_t, rhs, x)
                 smallest, residual = polish(columns, first_column, element, owner, inverse_t, rhs, x, d, work)
                 # the updated inverse may have drifted: factorise afresh before giving up
                 if not smallest >= -_NEGATIVE_TOLERANCE and factorise(
                     columns, first_column, element, owner, cover, basis_t, inverse_t
                 ):
+                    apply_inverse(inverse_t, rhs, x)
                     smallest, residual = polish(
                         columns, first_column, element, owner, inverse_t, rhs, x, d, work
                     )
