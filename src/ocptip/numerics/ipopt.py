@@ -118,6 +118,7 @@ def solve(
     seconds: float | None = None,
     strategy: str = "monotone",
     push: float = 1e-2,
+    pattern: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Solution:
     """Solve a program from x0.
 
@@ -131,11 +132,13 @@ def solve(
         tolerance: Ipopt's.
         max_iterations: then it stops, not converged.
         seconds: wall time after which it stops, not converged.
+        pattern: where the Jacobian (rows, nx) and the Hessian (nx, nx) may differ from zero; default
+            everywhere.
 
     Raises:
         Exception: whatever the program's functions raise, KeyboardInterrupt included.
     """
-    functions = _functions(program, len(x0), len(bounds[0]))
+    functions = _functions(program, len(x0), len(bounds[0]), pattern)
     limits: dict[str, Any] = {"max_iter": max_iterations}
     if seconds is not None:
         limits["max_wall_time"] = max(seconds, 1e-3)
@@ -182,10 +185,13 @@ def solve(
     )
 
 
-def _functions(program: Program, nx: int, ng: int) -> list[_Function]:
+def _functions(
+    program: Program, nx: int, ng: int, pattern: tuple[np.ndarray, np.ndarray] | None
+) -> list[_Function]:
     """The program as CasADi wants it: values, gradient, Jacobian and Hessian, with the names it expects."""
     dense = cs.Sparsity.dense
-    upper_part = tuple(np.array([(i, j) for j in range(nx) for i in range(j + 1)]).T)
+    filled = (np.ones((ng, nx), dtype=bool), np.ones((nx, nx), dtype=bool)) if pattern is None else pattern
+    slopes, bends = _places(filled[0]), _places(np.triu(filled[1]))
 
     def put(target: np.ndarray | None, value: np.ndarray | float) -> None:
         if target is not None:
@@ -202,23 +208,31 @@ def _functions(program: Program, nx: int, ng: int) -> list[_Function]:
 
     def jacobian(a: list, r: list) -> None:
         put(r[0], program.values(a[0])[1])
-        put(r[1], program.jacobian(a[0]).ravel(order="F"))
+        put(r[1], program.jacobian(a[0])[slopes])
 
     def hessian(a: list, r: list) -> None:
-        put(r[0], program.hessian(a[0], float(a[2][0]), a[3])[upper_part])
+        put(r[0], program.hessian(a[0], float(a[2][0]), a[3])[bends])
 
     at_x, f1 = {"x": dense(nx, 1), "p": dense(0, 0)}, dense(1, 1)
     return [
         _Function("nlp", at_x, {"f": f1, "g": dense(ng, 1)}, values),
         _Function("nlp_grad_f", at_x, {"f": f1, "grad_f_x": dense(nx, 1)}, gradient),
-        _Function("nlp_jac_g", at_x, {"g": dense(ng, 1), "jac_g_x": dense(ng, nx)}, jacobian),
+        _Function(
+            "nlp_jac_g", at_x, {"g": dense(ng, 1), "jac_g_x": cs.Sparsity.triplet(ng, nx, *slopes)}, jacobian
+        ),
         _Function(
             "nlp_hess_l",
             at_x | {"lam_f": f1, "lam_g": dense(ng, 1)},
-            {"triu_hess_gamma_x_x": cs.Sparsity.upper(nx)},
+            {"triu_hess_gamma_x_x": cs.Sparsity.triplet(nx, nx, *bends)},
             hessian,
         ),
     ]
+
+
+def _places(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns of a matrix's entries, column by column."""
+    columns, rows = np.nonzero(mask.T)
+    return rows, columns
 
 
 def _ipopt_options(tolerance: float, start_mu: float, strategy: str, push: float) -> dict[str, Any]:

@@ -225,6 +225,7 @@ class _Search:
             tolerance=_TOLERANCE,
             max_iterations=_ITERATIONS,
             start_mu=_START_MU,
+            pattern=program.pattern,
         )
         elsewhere = bool(np.any(np.abs(solution.x[inside] - x[inside]) > 0.99 * box))
         if own and not elsewhere and solution.violation < _KEPT:
@@ -262,6 +263,7 @@ class _Search:
                     elastic.bounds,
                     tolerance=_TOLERANCE,
                     max_iterations=_ITERATIONS,
+                    pattern=elastic.pattern,
                 )
                 p, q = program.split(solution.x[: program.size])
                 wider = [a | b for a, b in zip(near, near_gaps(physics, p, q, 0.0), strict=True)]

@@ -94,6 +94,9 @@ def test_derivatives(name):
     assert exact == pytest.approx(exact.T, abs=1e-9 * np.abs(exact).max())
     # the curvature of GT and of the manipulability are differences themselves
     assert np.abs(exact - numeric).max() < 1e-4 * np.abs(numeric).max()
+    slopes, bends = program.pattern
+    assert (program.jacobian(x)[~slopes] == 0).all()
+    assert (exact[~bends] == 0).all()
 
 
 @pytest.mark.parametrize("reachable", [False, True])
@@ -112,6 +115,9 @@ def test_elastic_derivatives(name, reachable):
     multipliers = np.random.default_rng(1).normal(size=len(rows))
     numeric = differences(lambda z: multipliers @ elastic.jacobian(z), z)
     exact = elastic.hessian(z, 1.0, multipliers)
+    slopes, bends = elastic.pattern
+    assert (elastic.jacobian(z)[~slopes] == 0).all()
+    assert (exact[~bends] == 0).all()
     assert np.abs(exact - numeric).max() < 1e-4 * np.abs(numeric).max()
 
 

@@ -7,6 +7,8 @@ the way: all others hold there.
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 
 from ocptip.placement.limits.arm import JointAngles, Reach
@@ -90,6 +92,18 @@ class ElasticProgram:
         slope = np.concatenate([slope, angles])
         both = np.concatenate([slope[self._below], slope[self._above]])
         return np.hstack([both, self._extra])
+
+    @cached_property
+    def pattern(self) -> tuple[np.ndarray, np.ndarray]:
+        """Where the Jacobian (rows, nx) and the Hessian (nx, nx) may differ from zero."""
+        inner, bends = self.program.pattern
+        angles = np.zeros((len(self._joints), self.program.size), dtype=bool)
+        angles[np.arange(len(self._joints)), self._joints] = True
+        slopes = np.concatenate([inner, angles])
+        both = np.concatenate([slopes[self._below], slopes[self._above]])
+        result = np.zeros((self.size, self.size), dtype=bool)
+        result[: len(bends), : len(bends)] = bends
+        return np.hstack([both, self._extra != 0]), result
 
     def hessian(self, x: np.ndarray, sigma: float, multipliers: np.ndarray) -> np.ndarray:
         """(nx, nx)."""

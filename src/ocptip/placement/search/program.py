@@ -7,6 +7,8 @@ all contact forces may be redistributed, they are variables themselves.
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 
 from ocptip.placement.limits.forces import Piece
@@ -93,6 +95,17 @@ class PlacementProgram(Layout):
             for block in blocks:
                 result[block.rows, block.columns] = limit.jacobian(at, block)
         return result
+
+    @cached_property
+    def pattern(self) -> tuple[np.ndarray, np.ndarray]:
+        """Where the Jacobian (rows, nx) and the Hessian (nx, nx) may differ from zero."""
+        slopes, bends = np.zeros((len(self.labels), self.size), dtype=bool), np.eye(self.size, dtype=bool)
+        for block in (block for _, own in self.limits for block in own):
+            slopes[block.rows, block.columns] = True
+            bends[np.ix_(block.columns, block.columns)] = True
+        for y in self.y:
+            bends[np.ix_(y, y)] = True
+        return slopes, bends
 
     def hessian(self, x: np.ndarray, sigma: float, multipliers: np.ndarray) -> np.ndarray:
         """Of sigma * objective + multipliers . rows, (nx, nx)."""
