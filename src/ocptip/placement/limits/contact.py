@@ -114,6 +114,8 @@ class Slip(Limit):
         return (slope if block.slack is None else np.append(slope, -1.0))[None]
 
     def add_hessian(self, sums: Curvature, at: Point, blocks: list[Block], multipliers: np.ndarray) -> None:
+        if not blocks:
+            return
         n, slopes = at.layout.n, self._at(at)[1]
         on = {block.of: float(multipliers[block.rows][0]) for block in blocks}
         for i, factor in on.items():
