@@ -189,6 +189,22 @@ def test_force_sets_count_with_their_worst_direction():
         assert best.criteria[name] == pytest.approx(np.max(getattr(found, name)[0, 1:]))
 
 
+def test_no_force_inside_a_cone_is_worse_than_stated():
+    loads, rng = sampled_loads(6.0, axis=[-1, 0, 0], half_angle=0.4), np.random.default_rng(0)
+    best = place(drilling(tasks=GripperTask([0, 0, 0.55], INTO_WALL, loads)), starts=2).best
+    along = np.where(rng.random(400) < 0.5, np.cos(0.4), 1 - (1 - np.cos(0.4)) * rng.random(400))
+    turn, across = rng.uniform(-np.pi, np.pi, 400), np.sqrt(1 - along**2)
+    inside = 6.0 * np.column_stack([-along, across * np.cos(turn), across * np.sin(turn)])
+    dense = [ProcessLoad(force, name=str(i)) for i, force in enumerate(inside)]
+    evaluator = Evaluator(drilling(tasks=GripperTask([0, 0, 0.55], INTO_WALL, dense)))
+    found = evaluator.task(0, 0, best.parameters[None], best.angles[0][None])
+    assert found.margin()[0] >= -1e-6
+    for name in ("GN", "GT", "GK"):
+        worst = np.max(getattr(found, name)[0, 1:])
+        assert worst <= best.criteria[name] * (1 + 1e-6)
+        assert worst >= best.criteria[name] * 0.97
+
+
 def test_terrains_compete():
     low = plane(x=(-1.5, -0.6), contacts_inside=True, name="low")
     high = plane(height=0.15, x=(-0.55, 0.0), contacts_inside=True, name="high")

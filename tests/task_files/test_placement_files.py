@@ -137,7 +137,10 @@ cost = [1, 1.2, 0, 0, 0, 0]
     np.testing.assert_array_equal(drill.tool_axis, [0, 0, 1])
     np.testing.assert_array_equal(drill.loads[0].moment, [1, 0, 0])
     sampled = np.array([p.force for p in drill.loads[1:]])
-    np.testing.assert_allclose(np.linalg.norm(sampled, axis=1), 7)
+    assert len(sampled) == 5
+    amounts = np.linalg.norm(sampled, axis=1)
+    assert (amounts >= 7).all()
+    assert (amounts < 8).all()
     assert (sampled[:, 0] >= 7 * np.cos(np.deg2rad(30)) - 1e-12).all()
     assert (second.name, second.rotation[2, 2]) == ("task 2", -1)
     first, ramp = problem.terrain
@@ -209,7 +212,7 @@ def test_examples_are_read(name):
         ("\nload = 3", "", "task[1].load: expected tables in double brackets"),
         ("\n[[task.load]]\nname = 'x'", "", "task[1].load[1].force: missing"),
         ("\n[[task.load]]\nforce = [1, nan, 0]", "", "task[1].load[1].force: must be finite"),
-        ("\n[[task.load]]\nmagnitude = 3", "", "task[1].load[1].directions: missing"),
+        ("\n[[task.load]]\nmagnitude = 3\ndirections = 3", "", "task[1].load[1].directions: must be a whole"),
         (
             "\n[[task.load]]\nmagnitude = -3\ndirections = 4",
             "",

@@ -16,7 +16,9 @@ from ocptip.basics.errors import (
     positive_number,
     rotation_matrix,
     share_of_one,
+    whole_number,
 )
+from ocptip.placement.cone import FEWEST, enclosure, enough
 from ocptip.placement.power import HoldingPower, TorqueCost
 from ocptip.placement.terrain import Patch
 from ocptip.robots.geometry import Pillar, Wall
@@ -52,47 +54,41 @@ class ProcessLoad:
 
 def sampled_loads(
     magnitude: float,
-    count: int,
+    count: int | None = None,
     *,
     axis: Sequence[float] = (0.0, 0.0, 1.0),
     half_angle: float = np.pi,
 ) -> tuple[ProcessLoad, ...]:
-    """Forces of one magnitude in directions spread evenly over a cone about an axis, or over all directions.
+    """Forces that stand for all forces of one magnitude in a cone about an axis, or in all directions (4.19).
 
-    Fibonacci points on the spherical cap; for a continuum of process forces (4.19).
+    They are corners of a convex polyhedron that contains all forces of the cone. What contacts and joints can
+    carry is convex as long as no contact has several force sets, as clamps may have: limits kept by the
+    corners are kept everywhere in the cone, and no force in it has a larger GN, GT or GK than the worst
+    corner. So the corners are longer than the magnitude; by how much depends on their number.
 
     Args:
         magnitude: N.
-        count: number of directions.
+        count: number of corners, at least 4; default: so many that none is longer by more than 2 %.
         axis: (3,), world axes, of any length.
         half_angle: rad, of the cone; pi for all directions.
 
     Raises:
-        InputError: no direction, a zero axis, an angle outside (0, pi].
+        InputError: too few corners, a zero axis, an angle outside (0, pi].
     """
     positive_number("magnitude", magnitude)
-    if isinstance(count, bool) or not isinstance(count, int | np.integer) or count < 1:
-        raise InputError(f"count: must be a whole number >= 1, got {count!r}")
     if not 0 < number_from("half_angle", half_angle) <= np.pi:
         raise InputError(f"half_angle: must be above 0 and at most pi rad, got {half_angle!r}")
+    whole_number("count", FEWEST if count is None else count, FEWEST)
     z = finite_array("axis", axis, (3,))
     if not (length := np.linalg.norm(z)) > 0:
         raise InputError("axis: must not be zero")
     z = z / length
     x = np.cross(z, np.eye(3)[np.argmin(np.abs(z))])
     x /= np.linalg.norm(x)
-    k = np.arange(count)
-    along = 1 - (1 - np.cos(half_angle)) * (k + 0.5) / count
-    turn = np.pi * (3 - np.sqrt(5)) * k
-    across = np.sqrt(np.maximum(1 - along**2, 0))
-    directions = (
-        along[:, None] * z
-        + (across * np.cos(turn))[:, None] * x
-        + (across * np.sin(turn))[:, None] * np.cross(z, x)
-    )
-    return tuple(
-        ProcessLoad(magnitude * e, name=f"force {i + 1} of {count}") for i, e in enumerate(directions)
-    )
+    half_angle = float(half_angle)
+    corners = enclosure(enough(half_angle) if count is None else int(count), half_angle)
+    forces = magnitude * corners @ np.array([x, np.cross(z, x), z])
+    return tuple(ProcessLoad(f, name=f"force {i + 1} of {len(forces)}") for i, f in enumerate(forces))
 
 
 @dataclass(frozen=True, eq=False)

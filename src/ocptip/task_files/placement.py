@@ -15,6 +15,7 @@ from typing import get_args
 import numpy as np
 
 from ocptip.basics.toml import DEGREES, Table
+from ocptip.placement.cone import FEWEST
 from ocptip.placement.power import TorqueCost
 from ocptip.placement.problem import (
     CRITERIA,
@@ -136,7 +137,9 @@ def _task(table: Table, default: str) -> GripperTask:
 def _loads(table: Table, default: str) -> tuple[ProcessLoad, ...]:
     if "magnitude" in table:
         magnitude = table.number("magnitude")
-        count = table.whole("directions", least=1, most=_MOST_DIRECTIONS)
+        count = None
+        if "directions" in table:
+            count = table.whole("directions", least=FEWEST, most=_MOST_DIRECTIONS)
         axis = table.direction("axis", _VERTICAL)
         half_angle = table.number("half_angle_deg", np.pi, scale=DEGREES)
         table.close()
