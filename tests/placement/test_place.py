@@ -7,6 +7,7 @@ import pytest
 from scipy.optimize import minimize
 
 from ocptip.basics.errors import InputError, PlanningError
+from ocptip.contact.support import Support
 from ocptip.indices.arms.rate import rate_arm
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.placement.evaluate import Evaluator
@@ -18,6 +19,7 @@ from ocptip.placement.scan import scan
 from ocptip.placement.search.refine import followed
 from ocptip.placement.terrain import plane
 from ocptip.robots.geometry import Pillar
+from ocptip.standing.arm import StandingRobot
 from tests.placement.placement_scenes import (
     INTO_WALL,
     clamped,
@@ -269,8 +271,29 @@ def test_least_violation_of_a_limit_is_found():
 
 
 def test_everything_blocked_by_keep_out():
-    with pytest.raises(NoPlacementError, match="no placement keeps all constraints"):
+    with pytest.raises(NoPlacementError, match="the base alone can stand at none of") as caught:
         place(drilling(keep_out=[Pillar([0.0, 0.0, 0.0], 2.5)]), samples=100, starts=1)
+    assert caught.value.nearest.pose_error < 1e-6  # the arm reaches its pose: the base is in the way
+    assert caught.value.nearest.violations[0].kind == "base clearance"
+
+
+def test_slipping_is_stated_as_the_friction_that_would_be_needed():
+    feet = four_feet().support.contacts
+    smooth = Support(
+        [replace(foot, friction=0.005) for foot in feet],
+        mass=four_feet().support.mass,
+        center_of_mass=four_feet().support.center_of_mass,
+    )
+    robot = StandingRobot(four_feet().arm, smooth, four_feet().motors)
+    with pytest.raises(NoPlacementError) as caught:
+        place(drilling(robot, terrain=plane()), starts=1)
+    nearest = caught.value.nearest
+    stated = next(m for m in nearest.violations if m.kind == "GT")
+    load = nearest.problem.tasks[0].loads[0]
+    weight = 9.81 * (smooth.mass + robot.arm.masses.sum()) - load.force[2]
+    least = abs(load.force[0]) / (0.005 * weight)  # all of the friction against the force
+    assert stated.value >= least * (1 - 1e-6)
+    assert stated.value < 2 * least  # the rest holds the moment about the vertical
 
 
 def test_bad_numbers_are_refused():

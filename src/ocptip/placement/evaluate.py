@@ -16,6 +16,7 @@ import numpy as np
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.solver import solve_many
 from ocptip.contact.states import ContactStates
+from ocptip.contact.support import Support
 from ocptip.placement.limits.arm import Clearance
 from ocptip.placement.limits.base import Ground
 from ocptip.placement.limits.contact import TipOver
@@ -25,6 +26,8 @@ from ocptip.placement.limits.limit import Limit
 from ocptip.placement.problem import CRITERIA, PlacementProblem
 from ocptip.reserves.slip import Slip
 from ocptip.robots.dynamics import dynamics_batch
+
+_FRICTION = (1.0, 4.0, 16.0, 64.0, 256.0)  # times as much friction, to tell how much would do
 
 _Kind = TypeVar("_Kind", bound=Limit)
 
@@ -180,6 +183,22 @@ class Evaluator:
         pressed = -(force @ normal)
         along = np.linalg.norm(force + pressed[..., None] * normal, axis=-1)
         return np.where(pressed > 0, along / (friction * np.maximum(pressed, 1e-12)), 0.0)
+
+    def friction_needed(self, wrench: np.ndarray) -> float:
+        """How many times the friction must be as large for the contacts to hold a wrench (6,), if all slip.
+
+        Infinite where no friction holds it; NaN where contacts other than ordinary ones take part.
+        """
+        support, contacts = self.support, self.support.contacts
+        if not all(isinstance(c, UnilateralContact) for c in contacts):
+            return np.nan
+        for times in _FRICTION:
+            rough = [replace(c, friction=times * c.friction) for c in contacts]
+            other = Support(rough, mass=support.mass, center_of_mass=support.center_of_mass)
+            states = solve_many(other, wrench[None], warm_start=False)
+            if states.persistent[0]:
+                return times * float(Slip(other).evaluate(states, derivatives=False).GT[0])
+        return np.inf
 
     def _force_space(self, cases: list, torques: np.ndarray) -> np.ndarray:
         """GK (N, C): largest share of its torque reserve in the load's direction that a joint uses (4.19)."""

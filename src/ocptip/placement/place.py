@@ -254,7 +254,7 @@ class _Search:
             for _ in range(_ROUNDS):
                 own = pieces(physics, p, q, constrained)
                 program = PlacementProgram(physics, near, constrained, own, criteria=False)
-                elastic = ElasticProgram(program, reachable=candidates.reached > 0)
+                elastic = ElasticProgram(program, reachable=candidates.posed)
                 x = elastic.start(program.start(p, q))
                 solution = solve(
                     elastic,
@@ -345,9 +345,13 @@ def _refusal(nearest: Placement, candidates: sampling.Candidates) -> str:
     )
     stated = "; ".join(str(m) for m in nearest.violations[:_MOST_STATED])
     more = len(nearest.violations) - _MOST_STATED
-    reach = f"{candidates.reached} of {candidates.sampled} sampled placements reach the gripper pose" + (
-        "s" if len(problem.tasks) > 1 else ""
-    )
+    if candidates.clear:
+        reach = f"{candidates.reached} of {candidates.clear} sampled placements"
+        if candidates.clear < candidates.sampled:
+            reach += " where the base alone can stand"
+        reach += " reach the gripper pose" + ("s" if len(problem.tasks) > 1 else "")
+    else:
+        reach = f"the base alone can stand at none of {candidates.sampled} sampled placements"
     return (
         f"no placement keeps all constraints ({reach}); at the least-infeasible one found, on "
         f"{terrain.name!r} at {where}: {stated}" + (f"; and {more} more" if more > 0 else "")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from ocptip.basics.errors import PlanningError
 from ocptip.basics.write import plain
 from ocptip.placement.evaluate import Evaluator
-from ocptip.placement.limits.judged import Rows
+from ocptip.placement.limits.judged import Rows, TaskEvaluation
 from ocptip.placement.limits.kinds import KINDS
 from ocptip.placement.problem import CRITERIA, PlacementProblem
 
@@ -284,6 +284,7 @@ def judge(
     margins: list[Margin] = []
     for t, rows in [(-1, evaluator.ground(patch, parameters)), *((t, e.rows) for t, e in enumerate(found))]:
         margins += _margins(rows, t)
+    margins = [_in_friction(evaluator, found, m) if m.kind == "GT" and m.value > 1 else m for m in margins]
     margins.sort(key=lambda m: m.relative if np.isfinite(m.relative) else -np.inf)
     origin, base = evaluator.place(patch, parameters)
     return Placement(
@@ -299,6 +300,16 @@ def judge(
         pose_error=float(max(np.max(e.rows[0].values) for e in found)),
         start=start,
     )
+
+
+def _in_friction(evaluator: Evaluator, found: list[TaskEvaluation], margin: Margin) -> Margin:
+    """A slip reserve beyond 1 as the share of friction that would be needed, without accelerations."""
+    own = found[margin.task]
+    case = next(c for c in own.constrained if own.cases[c].name == margin.name)
+    share = evaluator.friction_needed(own.wrenches[0, case])
+    if np.isnan(share):
+        return margin
+    return replace(margin, value=share, relative=(margin.limit - share) / margin.limit)
 
 
 def _margins(rows: tuple[Rows, ...], task: int) -> list[Margin]:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.problem import GripperTask, PlacementLimits, ProcessLoad, Weights
@@ -11,6 +12,7 @@ from ocptip.placement.search.program import PlacementProgram
 from ocptip.placement.search.selection import near_gaps, pieces
 from ocptip.placement.terrain import plane
 from ocptip.robots.geometry import Pillar, Wall
+from ocptip.robots.kinematics import gripper_pose
 from tests.placement.placement_scenes import (
     INTO_WALL,
     clamped,
@@ -119,6 +121,24 @@ def test_elastic_derivatives(name, reachable):
     assert (elastic.jacobian(z)[~slopes] == 0).all()
     assert (exact[~bends] == 0).all()
     assert np.abs(exact - numeric).max() < 1e-4 * np.abs(numeric).max()
+
+
+@pytest.mark.parametrize("orientation", ["full", "axis"])
+def test_orientation_rows_grow_up_to_half_a_turn(orientation):
+    position = np.array([-0.5, 0.1, 0.3])
+    q = np.array([0.2, 0.5, -0.4, 0.3, 0.6, 0.1])
+    evaluator = Evaluator(drilling())
+    _, base = evaluator.place(0, position[None])
+    reached = base[0] @ gripper_pose(evaluator.arm, q[None])[1][0]
+    across = np.array([1.0, 0.0, 0.0])
+    sizes = []
+    for angle in np.deg2rad([0, 60, 120, 170, 179, 179.9]):
+        wanted = reached @ Rotation.from_rotvec(angle * across).as_matrix()
+        task = GripperTask([0, 0, 0.5], wanted, orientation=orientation)
+        physics = PatchPhysics(Evaluator(drilling(tasks=task)), 0)
+        sizes.append(np.linalg.norm(physics.pose[0].first(np.r_[position, q])[0][3:]))
+    assert sizes[0] == pytest.approx(0.0, abs=1e-9)
+    assert (np.diff(sizes) > 0.5).all()
 
 
 def test_three_freedoms_are_left_on_a_plane():

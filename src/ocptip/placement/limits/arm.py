@@ -30,6 +30,7 @@ _SMALLEST_INDEX = 1e-12
 _INDEX_UNITS = {"dm_2": "rad", "manipulability": "m^3"}
 _PROBES = 8
 _CONSTANT = 1e-9
+_HALF_TURN = 1e-7  # keeps the rows of orientations finite at 180 degrees
 
 
 class Reach(Limit):
@@ -68,16 +69,17 @@ class Reach(Limit):
         rows = [(world - cs.SX(task.position)) / LENGTH_UNIT]
         if task.orientation == "full":
             error = cs.SX(task.rotation.T) @ axes
-            rows.append(
-                cs.vertcat(error[2, 1] - error[1, 2], error[0, 2] - error[2, 0], error[1, 0] - error[0, 1])
-                / (2 * ANGLE_UNIT)
+            sines = cs.vertcat(
+                error[2, 1] - error[1, 2], error[0, 2] - error[2, 0], error[1, 0] - error[0, 1]
             )
+            rows.append(_turned(sines / 2, (cs.trace(error) - 1) / 2))
         elif task.orientation == "axis":
             goal = task.rotation @ task.tool_axis
             x = np.cross(goal, np.eye(3)[np.argmin(np.abs(goal))])
             x /= np.linalg.norm(x)
             across = np.array([x, np.cross(goal, x)])
-            rows.append(cs.SX(across) @ axes @ cs.SX(task.tool_axis) / ANGLE_UNIT)
+            axis = axes @ cs.SX(task.tool_axis)
+            rows.append(_turned(cs.SX(across) @ axis, cs.SX(goal).T @ axis))
         values = cs.vertcat(*rows)
         kept, missed = _changeable(y, values)
         prefix = f"{task.name}: " if len(self.problem.tasks) > 1 else ""
@@ -258,6 +260,11 @@ class Manipulability(Limit):
         for block in blocks:
             on = multipliers[block.rows] / LOG_UNIT
             sums.add(block.columns, self._logs.hessian(at.x[block.columns], on))
+
+
+def _turned(sines: cs.SX, cosine: cs.SX) -> cs.SX:
+    """Rows that grow with an angle up to 180 degrees, where its sine vanishes: 2 tan(angle / 2)."""
+    return 2 * sines / (1 + cosine + _HALF_TURN) / ANGLE_UNIT
 
 
 def _changeable(y: cs.SX, values: cs.SX) -> tuple[list[int], float]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -36,7 +36,9 @@ class Candidates:
         totals: (N,) objective; NaN if not known.
         margins: (N,) smallest margin of all constraints; negative: broken.
         sampled: placements looked at.
-        reached: of these, how many reach all tasks.
+        reached: of these, how many reach all tasks, among those that keep the limits of the base alone.
+        clear: how many keep the limits of the base alone.
+        posed: the tasks are reached; False: as nearly as possible.
     """
 
     patches: np.ndarray
@@ -46,6 +48,8 @@ class Candidates:
     margins: np.ndarray
     sampled: int
     reached: int
+    clear: int = 0
+    posed: bool = True
 
     def __len__(self) -> int:
         return len(self.patches)
@@ -56,14 +60,13 @@ class Candidates:
 
     def select(self, numbers: list[int] | np.ndarray) -> Candidates:
         """Those with the given numbers."""
-        return Candidates(
-            self.patches[numbers],
-            [self.parameters[i] for i in numbers],
-            self.angles[numbers],
-            self.totals[numbers],
-            self.margins[numbers],
-            self.sampled,
-            self.reached,
+        return replace(
+            self,
+            patches=self.patches[numbers],
+            parameters=[self.parameters[i] for i in numbers],
+            angles=self.angles[numbers],
+            totals=self.totals[numbers],
+            margins=self.margins[numbers],
         )
 
 
@@ -116,7 +119,7 @@ def sample(evaluator: Evaluator, rng: np.random.Generator, count: int) -> Candid
     Args:
         count: placements per round and terrain; rounds go on until enough of them reach all tasks.
     """
-    problem, kept, sampled, reached = evaluator.problem, [], 0, 0
+    problem, kept, blocked, sampled, reached, clear = evaluator.problem, [], [], 0, 0, 0
     if closed_form_family(evaluator.arm) is None:
         count //= _SEARCH_COSTS
     shares = np.full(len(problem.terrain), max(count // len(problem.terrain), 32))
@@ -126,14 +129,17 @@ def sample(evaluator: Evaluator, rng: np.random.Generator, count: int) -> Candid
             sampled += len(parameters)
             ground = smallest_margin(evaluator.ground(patch, parameters), len(parameters))
             free = parameters[ground >= 0]
+            clear += len(free)
             kept.append(best_branches(evaluator, patch, free, rng))
+            blocked.append((patch, parameters[ground < 0]))
             reached += len(kept[-1])
         if reached >= _ENOUGH:
             break
+    if not reached:
+        kept = [best_branches(evaluator, *those, rng) for those in blocked]
     found = joined(kept, sampled, reached)
-    if not len(found):
-        return _nearest_misses(evaluator, rng, count, sampled)
-    return ranked(evaluator, found)
+    found = ranked(evaluator, found) if len(found) else _nearest_misses(evaluator, rng, count, sampled)
+    return replace(found, clear=clear)
 
 
 def best_branches(
@@ -327,4 +333,4 @@ def _nearest_misses(evaluator: Evaluator, rng: np.random.Generator, count: int, 
         )
     found = joined(parts, sampled, 0)
     order = np.argsort(-found.margins, kind="stable")
-    return found.select(order)
+    return replace(found.select(order), posed=False)
