@@ -42,6 +42,17 @@ def four_feet(redistribution: str = "full") -> StandingRobot:
 
 
 @cache
+def on_uneven_ground() -> StandingRobot:
+    """A modular arm on three feet whose normals lean towards each other."""
+    feet = [
+        UnilateralContact(position=[x, y, -0.3], normal=[-0.5 * x, -0.5 * y, 1.0], friction=0.7, facets=8)
+        for x, y in ((0.2, 0.25), (0.2, -0.25), (-0.3, 0.0))
+    ]
+    support = Support(feet, mass=15.0, center_of_mass=[0.0, 0.0, -0.15])
+    return StandingRobot(load_arm("FP1W2F"), support, modular_motors())
+
+
+@cache
 def clamped(step: float = 0.0) -> StandingRobot:
     """A modular arm on three contacts, one of them clamped, another one a step (m) higher than the rest."""
     common = {"facets": 8}

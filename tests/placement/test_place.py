@@ -18,6 +18,7 @@ from ocptip.placement.result import NoPlacementError, judge
 from ocptip.placement.scan import scan
 from ocptip.placement.search.refine import followed
 from ocptip.placement.terrain import plane
+from ocptip.reserves.slip import Slip
 from ocptip.robots.geometry import Pillar
 from ocptip.standing.arm import StandingRobot
 from tests.placement.placement_scenes import (
@@ -27,6 +28,7 @@ from tests.placement.placement_scenes import (
     four_feet,
     hills,
     modular_robot,
+    on_uneven_ground,
     planar_problem,
     random_task,
 )
@@ -320,6 +322,20 @@ def test_never_worse_than_a_million_evaluations(seed):
     if brute.best is None:
         pytest.skip("the grid has no feasible placement")
     assert place(problem, seed=seed).best.total <= 1.005 * brute.totals[0]
+
+
+def test_feet_with_different_normals_are_judged_with_all_forces_redistributed():
+    problem = drilling(on_uneven_ground())
+    best = place(problem, starts=2).best
+    evaluator = Evaluator(problem)
+    fast, full = (
+        evaluator.task(0, 0, best.parameters[None], best.angles[0][None], fast=fast).GT
+        for fast in (True, False)
+    )
+    assert fast == pytest.approx(full)
+    own = evaluator.task(0, 0, best.parameters[None], best.angles[0][None]).states
+    kept = Slip(problem.robot.support, "tangential").evaluate(own, derivatives=False).GT
+    assert (kept > full[0] + 0.01).all()
 
 
 def test_four_feet_use_the_full_redistribution():

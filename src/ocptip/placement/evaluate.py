@@ -28,6 +28,7 @@ from ocptip.reserves.slip import Slip
 from ocptip.robots.dynamics import dynamics_batch
 
 _FRICTION = (1.0, 4.0, 16.0, 64.0, 256.0)  # times as much friction, to tell how much would do
+_PARALLEL = 1e-9
 
 _Kind = TypeVar("_Kind", bound=Limit)
 
@@ -39,7 +40,8 @@ class Evaluator:
         problem: see :class:`PlacementProblem`.
 
     Attributes:
-        fast_slip: slip reserve with the contact solver's normal forces.
+        fast_slip: slip reserve with the contact solver's normal forces; where normals differ these say too
+            little about the reserve, and it is the robot's.
         limits: those of tasks, and `Ground` with those of the base alone.
     """
 
@@ -47,7 +49,9 @@ class Evaluator:
         self.problem = problem
         robot = problem.robot
         self.arm, self.support = robot.arm, robot.support
-        self.fast_slip = Slip(self.support, "tangential")
+        normals = self.support.frames[:, :, 0]
+        self._same_normals = float(np.ptp(normals, axis=0).max()) <= _PARALLEL
+        self.fast_slip = Slip(self.support, "tangential") if self._same_normals else robot.slip
         self._dynamics = dynamics_batch(self.arm)
         self._ground = Ground(problem, BASE_LIMITS)
         self.limits: tuple[Limit, ...] = (*(kind(problem) for kind in TASK_LIMITS), self._ground)
@@ -95,7 +99,7 @@ class Evaluator:
                 (exact on a plane as long as the base stands) and GT is NaN.
             clearances: look at collisions.
             fast: of the slip reserve only the part with the contact solver's normal forces, which is an upper
-                bound where they may be redistributed (four or more contacts).
+                bound where they may be redistributed (four or more contacts with the same normal).
         """
         problem, cases, N = self.problem, self.cases[task], len(q)
         origin, base = self.place(patch, parameters)
@@ -166,13 +170,9 @@ class Evaluator:
     def _friction(self) -> tuple[np.ndarray, float] | None:
         """Common normal (3,) and largest friction coefficient of ordinary contacts on a plane, or None."""
         contacts = self.support.contacts
-        normals = self.support.frames[:, :, 0]
-        if (
-            not all(isinstance(c, UnilateralContact) for c in contacts)
-            or np.ptp(normals, axis=0).max() > 1e-9
-        ):
+        if not (self._same_normals and all(isinstance(c, UnilateralContact) for c in contacts)):
             return None
-        return normals[0], max(float(c.friction) for c in contacts)
+        return self.support.frames[0, :, 0], max(float(c.friction) for c in contacts)
 
     def least_slip(self, wrenches: np.ndarray) -> np.ndarray:
         """Lower bound (...,) of GT under wrenches (..., 6): all friction used in one direction; else zero."""
