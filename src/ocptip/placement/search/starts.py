@@ -22,7 +22,11 @@ _ROLLS = 3  # turns about the tool axis tried where it is free
 _CLOSE = 1e-7
 _PARALLEL = 1e-9
 _NEAREST = 1e-3
+_BRANCHES = 8  # kept per sampled place
 _EXACT = 1000  # candidates whose contacts are solved
+_BROKEN = 300  # how many of these break constraints at most, unless too few keep them
+_SHARE_BROKEN = 0.3  # the same, as a share of the candidates to improve
+_PRICE = 1.0  # objective per violation in comparable units
 
 
 @dataclass(eq=False)
@@ -132,7 +136,7 @@ def sample(evaluator: Evaluator, rng: np.random.Generator, count: int) -> Candid
             clear += len(free)
             kept.append(best_branches(evaluator, patch, free, rng))
             blocked.append((patch, parameters[ground < 0]))
-            reached += len(kept[-1])
+            reached += kept[-1].reached
         if reached >= _ENOUGH:
             break
     if not reached:
@@ -145,42 +149,48 @@ def sample(evaluator: Evaluator, rng: np.random.Generator, count: int) -> Candid
 def best_branches(
     evaluator: Evaluator, patch: int, parameters: np.ndarray, rng: np.random.Generator
 ) -> Candidates:
-    """For each placement from which all tasks can be reached, the best branch of every task.
+    """For each placement from which all tasks can be reached, the best few branches of every task.
 
-    Best is the one that keeps all constraints looked at here (all but the contact solver's) with the least
-    objective, else the one with the least violation.
+    The best one keeps all constraints looked at here (all but the contact solver's) with the least objective,
+    else it has the least violation. The next candidate at a placement has the next branch of every task,
+    as far as there is one: in clutter another one may do after a small move.
     """
     problem, n = evaluator.problem, evaluator.arm.n
     alive = np.arange(len(parameters))
-    chosen = np.empty((len(parameters), 0, n))
-    total, margin = np.zeros(len(parameters)), np.full(len(parameters), np.inf)
+    chosen = np.empty((len(parameters), _BRANCHES, 0, n))
+    total, margin = np.zeros((len(parameters), _BRANCHES)), np.full((len(parameters), _BRANCHES), np.inf)
+    further = np.zeros(total.shape, dtype=bool)
+    further[:, 0] = True
     for t in range(len(problem.tasks)):
         if not len(alive):
             break
         q = solutions(evaluator, t, patch, parameters[alive], rng)
         who, which = np.nonzero(np.isfinite(q).all(axis=2))
-        reached, first = np.unique(who, return_index=True)
-        if not len(reached):
-            alive = alive[:0]
-            break
-        score, room = rough_scores(evaluator, t, patch, parameters[alive[who]], q[who, which])
-        rank = np.where(room >= 0, score, 1e6 - room)
-        order = np.lexsort((rank, who))
-        best = order[first]
+        reached, first, counts = np.unique(who, return_index=True, return_counts=True)
         alive, chosen = alive[reached], chosen[reached]
-        chosen = np.concatenate([chosen, q[who[best], which[best]][:, None]], axis=1)
-        total, margin = total[reached] + score[best], np.minimum(margin[reached], room[best])
-    if chosen.shape[1] < len(problem.tasks):
-        chosen = np.empty((0, len(problem.tasks), n))
-        alive, total, margin = alive[:0], total[:0], margin[:0]
+        total, margin, further = total[reached], margin[reached], further[reached]
+        if not len(alive):
+            break
+        score, room = rough_scores(
+            evaluator, t, patch, parameters[alive[np.searchsorted(reached, who)]], q[who, which]
+        )
+        order = np.lexsort((np.where(room >= 0, score, 1e6 - room), who))
+        ranks = np.arange(_BRANCHES)
+        best = order[first[:, None] + np.minimum(ranks, counts[:, None] - 1)]
+        further |= ranks < counts[:, None]
+        chosen = np.concatenate([chosen, q[who, which][best][:, :, None]], axis=2)
+        total, margin = total + score[best], np.minimum(margin, room[best])
+    if chosen.shape[2] < len(problem.tasks):
+        chosen, further = np.empty((0, _BRANCHES, len(problem.tasks), n)), further[:0]
+    places, ranks = np.nonzero(further)
     return Candidates(
-        np.full(len(alive), patch),
-        list(parameters[alive]),
-        chosen,
-        total,
-        margin,
+        np.full(len(places), patch),
+        list(parameters[alive[places]]),
+        chosen[places, ranks],
+        total[places, ranks],
+        margin[places, ranks],
         len(parameters),
-        len(alive),
+        len(chosen),
     )
 
 
@@ -196,8 +206,11 @@ def rough_scores(
 
 def ranked(evaluator: Evaluator, candidates: Candidates) -> Candidates:
     """The most promising candidates with their contacts solved, the best first."""
-    rank = np.where(candidates.margins >= 0, candidates.totals, 1e6 - candidates.margins)
-    best = np.argsort(rank, kind="stable")[:_EXACT]
+    rank = _rank(candidates.totals, candidates.margins)
+    order = np.argsort(rank, kind="stable")
+    kept = int(np.sum(candidates.margins >= 0))
+    broken = min(len(order) - kept, _BROKEN)
+    best = np.concatenate([order[: min(kept, _EXACT - broken)], order[kept : kept + broken]])
     totals, margins = np.full(len(best), np.nan), np.full(len(best), -np.inf)
     for patch in np.unique(candidates.patches[best]):
         own = np.flatnonzero(candidates.patches[best] == patch)
@@ -205,11 +218,16 @@ def ranked(evaluator: Evaluator, candidates: Candidates) -> Candidates:
         totals[own], margins[own] = exact_scores(
             evaluator, patch, parameters, candidates.angles[best[own]], fast=True
         )
-    rank = np.where(margins >= 0, totals, 1e6 - np.maximum(margins, -1e5))
-    order = np.argsort(np.nan_to_num(rank, nan=1e9), kind="stable")
+    order = np.argsort(_rank(totals, margins), kind="stable")
     result = candidates.select(best[order])
     result.totals, result.margins = totals[order], margins[order]
     return result
+
+
+def _rank(totals: np.ndarray, margins: np.ndarray) -> np.ndarray:
+    """Numbers by which candidates are sorted: those that keep all constraints first, by their objective."""
+    broken = np.minimum(-np.nan_to_num(margins, nan=-np.inf), 1e5)
+    return np.where(margins >= 0, totals, 1e6 + np.nan_to_num(totals, nan=1e3, posinf=1e3) + _PRICE * broken)
 
 
 def exact_scores(
@@ -221,6 +239,18 @@ def exact_scores(
     for own in found:
         margin = np.minimum(margin, own.margin())
     return evaluator.totals(evaluator.criteria(found)), margin
+
+
+def promising(evaluator: Evaluator, candidates: Candidates, count: int, apart: float) -> list[int]:
+    """Numbers of up to `count` candidates of different posture: the best, and some that break constraints."""
+    broken = candidates.margins < 0
+    others = min(int(_SHARE_BROKEN * count), int(broken.sum()))
+    result = []
+    for own, number in ((~broken, count - others), (broken, others)):
+        at = np.flatnonzero(own)
+        chosen = spread(evaluator, candidates.select(at), number, apart, postures=True)
+        result += at[chosen].tolist()
+    return result
 
 
 def spread(
