@@ -45,9 +45,12 @@ def solve(support: Support, wrench: ArrayLike) -> ContactState:
         InputError: wrong shape, NaN, infinity or a number above 1e24.
     """
     # the check of any input takes longer than the solution: only where this short one does not suffice
-    usual = isinstance(wrench, np.ndarray) and wrench.dtype == np.float64
-    usual = usual and wrench.shape == (support.wrench_size,) and wrench.dot(wrench) <= LARGEST_WRENCH**2
-    if not usual:
+    if not (
+        isinstance(wrench, np.ndarray)
+        and wrench.dtype == np.float64
+        and wrench.shape == (support.wrench_size,)
+        and wrench.dot(wrench) <= LARGEST_WRENCH**2
+    ):
         wrench = bounded_array("wrench", wrench, (support.wrench_size,), largest=LARGEST_WRENCH)
     wrenches = np.array([wrench])
     if support.conditioned is support:
