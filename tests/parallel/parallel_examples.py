@@ -7,16 +7,10 @@ import math
 
 import numpy as np
 
+from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.entries import elementary_rotation
 from ocptip.parallel.description.ready_made import delta, rrr3, ups6
-from ocptip.parallel.description.robot_description import (
-    PRISMATIC,
-    BodyInertia,
-    Leg,
-    MDHRow,
-    Platform,
-    RobotDescription,
-)
+from ocptip.parallel.description.robot_description import PRISMATIC, Leg, MDHRow, Platform, RobotDescription
 
 QUARTER = math.pi / 2
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Literal
 
@@ -20,6 +19,7 @@ from ocptip.parallel.description.robot_description import RobotDescription
 from ocptip.parallel.dynamics.regressor import regressor
 from ocptip.parallel.dynamics.terms import Terms, converted, motor_drift, needs_complete_legs, quasi_terms
 from ocptip.parallel.kinematics.platform import ForwardPose, JointPositions, Kinematics, RobotMotion
+from ocptip.parallel.rates_and_forces import Forces, JointRates
 from ocptip.parallel.routes.constraint import ConstraintRoute
 from ocptip.parallel.routes.kkt import KKTAccelerations, KKTSystem
 from ocptip.parallel.routes.tree import tree_forces
@@ -37,47 +37,6 @@ Joints = Sequence[np.ndarray] | None
 """Joint positions per leg; None: to be found by the inverse kinematics."""
 
 _BALANCE = 1e-7
-
-
-@dataclass(frozen=True, eq=False)
-class Forces:
-    """Result of the inverse dynamics.
-
-    Attributes:
-        motors: (n_a,) motor forces, N or N m; of redundant drives those with the smallest norm.
-        generalized: (m,) tau_s dual to s', N and N m.
-        residual: part of tau_s that the motors cannot balance, relative.
-        projection: route it came by.
-    """
-
-    motors: np.ndarray
-    generalized: np.ndarray
-    residual: float
-    projection: str
-
-    def to_dict(self) -> dict[str, object]:
-        """Plain data."""
-        return {
-            "motors": self.motors.tolist(),
-            "generalized": self.generalized.tolist(),
-            "residual": self.residual,
-            "projection": self.projection,
-        }
-
-
-@dataclass(frozen=True, eq=False)
-class JointRates:
-    """Positions, speeds and accelerations of all joints, coupling joints included.
-
-    Attributes:
-        q, qd, qdd: per leg (n_f,).
-        residual: largest closure error of the positions, m or rad.
-    """
-
-    q: tuple[np.ndarray, ...]
-    qd: tuple[np.ndarray, ...]
-    qdd: tuple[np.ndarray, ...]
-    residual: float
 
 
 class ParallelRobot(MadeOf):

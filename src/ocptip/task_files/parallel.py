@@ -17,6 +17,7 @@ import numpy as np
 
 from ocptip.basics.text import of_known
 from ocptip.basics.toml import Table, number_of
+from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.branched import BranchedLeg, LegEnd
 from ocptip.parallel.description.entries import Entry, Parameter, elementary_rotations, product_of
 from ocptip.parallel.description.robot_description import (
@@ -24,7 +25,6 @@ from ocptip.parallel.description.robot_description import (
     FIXED,
     PRISMATIC,
     REVOLUTE,
-    BodyInertia,
     Leg,
     MDHRow,
     Platform,

@@ -10,8 +10,9 @@ import numpy as np
 
 from ocptip.basics.toml import Table
 from ocptip.contact.support import Support
+from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.ready_made import READY_MADE
-from ocptip.parallel.description.robot_description import BodyInertia, RobotDescription
+from ocptip.parallel.description.robot_description import RobotDescription
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.standing.platform import PlatformLimits, StandingParallelRobot
 from ocptip.task_files.motors import dc_motors

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
+from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.branched import BranchedLeg, LegEnd
 from ocptip.parallel.description.entries import (
     Parameter,
@@ -18,15 +19,7 @@ from ocptip.parallel.description.entries import (
     value_of,
 )
 from ocptip.parallel.description.ready_made import READY_MADE, make_robot, rrr3
-from ocptip.parallel.description.robot_description import (
-    DYNPAR2,
-    FIXED,
-    PRISMATIC,
-    BodyInertia,
-    Leg,
-    MDHRow,
-    Platform,
-)
+from ocptip.parallel.description.robot_description import DYNPAR2, FIXED, PRISMATIC, Leg, MDHRow, Platform
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.task_files.parallel import describe, read_parallel_robot, robot_from_dict
 from tests.parallel.parallel_cases import random_body

@@ -15,9 +15,9 @@ import pytest
 from ocptip.basics.errors import InputError
 from ocptip.cli import parallel as command
 from ocptip.cli.main import main
+from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.branched import BranchedLeg, LegEnd
 from ocptip.parallel.description.ready_made import delta, prrr4, rpr3, rrr3, ups6
-from ocptip.parallel.description.robot_description import BodyInertia
 from ocptip.parallel.dynamics.base_wrench import moving_mass
 from ocptip.parallel.formats.export import export_target, to_mjcf, to_urdf, urdf_cuts, urdf_home
 from ocptip.parallel.robot import ParallelRobot

@@ -7,13 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ocptip.basics.errors import InputError
+from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.entries import Entry, check_entries, value_of
-from ocptip.parallel.description.robot_description import (
-    BodyInertia,
-    LegBase,
-    MDHRow,
-    frozen_rotation,
-)
+from ocptip.parallel.description.robot_description import LegBase, MDHRow, frozen_rotation
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,8 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ocptip.numerics.vectors import cross, skew
+from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.entries import elementary_rotation, value_of
-from ocptip.parallel.description.robot_description import FIXED, PRISMATIC, REVOLUTE, BodyInertia, MDHRow
+from ocptip.parallel.description.robot_description import FIXED, PRISMATIC, REVOLUTE, MDHRow
 
 Frame = tuple[np.ndarray, np.ndarray]
 """Rotation (3, 3), frame axes to outer axes, and origin (3,), m, outer axes."""

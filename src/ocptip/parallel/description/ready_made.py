@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, finite_array
+from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.entries import Entry, Parameter, elementary_rotation, product_of
 from ocptip.parallel.description.robot_description import (
     PRISMATIC,
     REVOLUTE,
-    BodyInertia,
     Leg,
     MDHRow,
     Platform,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ocptip.parallel.description.robot_description import BodyInertia
+from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.dynamics.terms import platform_terms
 from ocptip.parallel.kinematics.platform import Kinematics, RobotMotion
 

@@ -16,9 +16,10 @@ from pathlib import Path
 import numpy as np
 
 from ocptip.basics.errors import InputError
+from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.entries import elementary_rotation
 from ocptip.parallel.description.mdh import Frame, central_inertia, row_frame
-from ocptip.parallel.description.robot_description import FIXED, REVOLUTE, BodyInertia, RobotDescription
+from ocptip.parallel.description.robot_description import FIXED, REVOLUTE, RobotDescription
 from ocptip.parallel.formats.mjcf import to_mjcf
 from ocptip.parallel.formats.skeleton import (
     BASE,

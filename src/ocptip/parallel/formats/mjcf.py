@@ -22,8 +22,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ocptip.basics.errors import InputError
+from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.mdh import Frame, central_inertia, compose, inverse, moved_inertia, row_frame
-from ocptip.parallel.description.robot_description import FIXED, REVOLUTE, BodyInertia, RobotDescription
+from ocptip.parallel.description.robot_description import FIXED, REVOLUTE, RobotDescription
 from ocptip.parallel.formats.skeleton import (
     BASE,
     PLATFORM,

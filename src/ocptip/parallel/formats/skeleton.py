@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ocptip.basics.errors import InputError
+from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.mdh import Frame, compose
-from ocptip.parallel.description.robot_description import BodyInertia, RobotDescription
+from ocptip.parallel.description.robot_description import RobotDescription
 from ocptip.parallel.kinematics.closures import LegClosure
 from ocptip.parallel.kinematics.platform import Kinematics
 from ocptip.parallel.robot import ParallelRobot

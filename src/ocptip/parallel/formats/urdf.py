@@ -27,15 +27,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ocptip.basics.errors import InputError, positive_number
+from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.entries import product_of
 from ocptip.parallel.description.mdh import Frame, compose, inverse, rotation_angles
-from ocptip.parallel.description.robot_description import (
-    COORDINATES,
-    BodyInertia,
-    Leg,
-    Platform,
-    RobotDescription,
-)
+from ocptip.parallel.description.robot_description import COORDINATES, Leg, Platform, RobotDescription
 from ocptip.parallel.description.rotations import rotation_vector
 from ocptip.parallel.formats.urdf_assembly import closed_home, free_coordinates, platform_frame
 from ocptip.parallel.formats.urdf_legs import Cut, UrdfLeg

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ocptip.basics.errors import InputError
+from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.entries import elementary_rotation, product_of
 from ocptip.parallel.description.mdh import (
     Frame,
@@ -22,7 +23,7 @@ from ocptip.parallel.description.mdh import (
     mdh_chain,
     rotation_angles,
 )
-from ocptip.parallel.description.robot_description import REVOLUTE, BodyInertia, Leg
+from ocptip.parallel.description.robot_description import REVOLUTE, Leg
 
 if TYPE_CHECKING:
     from ocptip.parallel.formats.urdf_tree import UrdfTree

@@ -11,8 +11,9 @@ import numpy as np
 
 from ocptip.basics.errors import InputError, number_from
 from ocptip.basics.text import did_you_mean
+from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.mdh import Frame, JointAxis, compose, inverse
-from ocptip.parallel.description.robot_description import PRISMATIC, REVOLUTE, BodyInertia
+from ocptip.parallel.description.robot_description import PRISMATIC, REVOLUTE
 from ocptip.robots.pinocchio import load_pinocchio
 
 if TYPE_CHECKING:

@@ -1,0 +1,126 @@
+"""Inertia of a body: mass, first moment and inertia about the origin of its frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ocptip.basics.errors import InputError, finite_array, number_from, positive_number
+
+_PHYSICAL = 1e-6
+"""Excess over the limits of a body's inertia, relative, that counts as rounding of the file's numbers."""
+
+
+@dataclass(frozen=True, eq=False)
+class BodyInertia:
+    """Mass, first moment and inertia about the frame's origin (DynPar 2), body axes.
+
+    Attributes:
+        mass: kg.
+        first_moment: (3,), kg m: mass times centre of mass.
+        inertia: (3, 3), kg m^2, about the origin of the body's frame.
+        grouped: identified or grouped parameters, which may belong to no real body: no physical limits are
+            checked.
+
+    Raises:
+        InputError: not finite, not symmetric; or, unless grouped, an inertia about the centre of mass that
+            no body has: a negative principal moment, or one larger than the sum of the other two. A single
+            moment about one coordinate axis is accepted, planar robots need no more.
+    """
+
+    mass: float = 0.0
+    first_moment: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    inertia: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
+    grouped: bool = False
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "mass", number_from("mass", self.mass))
+        object.__setattr__(self, "first_moment", frozen_array("first_moment", self.first_moment, (3,)))
+        matrix = frozen_array("inertia", self.inertia, (3, 3))
+        if np.abs(matrix - matrix.T).max() > 1e-9 * max(1e-300, np.abs(matrix).max()):
+            raise InputError(f"inertia: must be symmetric, got {matrix.tolist()}")
+        object.__setattr__(self, "inertia", matrix)
+        if not self.grouped:
+            self._refuse_impossible()
+
+    def _refuse_impossible(self) -> None:
+        """Raise InputError if no distribution of mass, and no planar body, has these numbers."""
+        if self.mass < 0:
+            raise InputError(f"mass: must be >= 0, got {self.mass}")
+        if self.mass == 0 and self.first_moment.any():
+            raise InputError(f"first_moment: must be zero without mass, got {self.first_moment.tolist()}")
+        about = self.central
+        rounding = _PHYSICAL * max(float(np.abs(self.inertia).max()), 1e-300)
+        if np.count_nonzero(np.abs(about) > rounding) == 1 and np.trace(about) > 0:
+            return
+        principal = np.linalg.eigvalsh(about)
+        if principal[0] < -rounding or principal[2] > principal[0] + principal[1] + rounding:
+            shown = ", ".join(f"{value:.4g}" for value in principal)
+            raise InputError(
+                f"inertia: no body has these principal values about its centre of mass ({shown} kg m^2): "
+                "none may be negative, and the largest must not exceed the sum of the other two"
+            )
+
+    @property
+    def central(self) -> np.ndarray:
+        """(3, 3), kg m^2: inertia about the centre of mass, body axes; about the origin without mass."""
+        center = self.first_moment / self.mass if self.mass else np.zeros(3)
+        return self.inertia - self.mass * (center @ center * np.eye(3) - np.outer(center, center))
+
+    @classmethod
+    def about_center(
+        cls,
+        mass: float,
+        center: Sequence[float] = (0.0, 0.0, 0.0),
+        inertia: ArrayLike = (0.0, 0.0, 0.0),
+        *,
+        grouped: bool = False,
+    ) -> BodyInertia:
+        """From DynPar 1.
+
+        Args:
+            mass: kg, >= 0.
+            center: (3,), m, centre of mass in the body frame.
+            inertia: about the centre of mass, body axes, kg m^2: (3, 3), or (6,) as xx, xy, xz, yy, yz, zz,
+                or three principal values.
+            grouped: see the class.
+        """
+        mass = positive_number("mass", mass, zero_allowed=True)
+        c = finite_array("center", center, (3,))
+        about_origin = _symmetric(inertia) + mass * (c @ c * np.eye(3) - np.outer(c, c))
+        return cls(mass, mass * c, about_origin, grouped=grouped)
+
+    @classmethod
+    def from_vector(cls, parameters: Sequence[float]) -> BodyInertia:
+        """From (10,) XX, XY, XZ, YY, YZ, ZZ, MX, MY, MZ, M, also grouped ones."""
+        p = finite_array("parameters", parameters, (10,))
+        return cls(p[9], p[6:9], _symmetric(p[:6]), grouped=True)
+
+    @property
+    def vector(self) -> np.ndarray:
+        """(10,) DynPar 2: XX, XY, XZ, YY, YZ, ZZ, MX, MY, MZ, M."""
+        return np.concatenate([self.inertia[np.triu_indices(3)], self.first_moment, [self.mass]])
+
+    @property
+    def massless(self) -> bool:
+        """True if all ten parameters are zero."""
+        return not self.vector.any()
+
+
+def _symmetric(value: ArrayLike) -> np.ndarray:
+    shape = np.shape(value)
+    if shape == (6,):
+        xx, xy, xz, yy, yz, zz = finite_array("inertia", value, (6,))
+        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    if shape == (3,):
+        return np.diag(finite_array("inertia", value, (3,)))
+    return finite_array("inertia", value, (3, 3))
+
+
+def frozen_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> np.ndarray:
+    array = finite_array(name, value, shape)
+    array.flags.writeable = False
+    return array
