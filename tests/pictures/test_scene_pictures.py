@@ -72,7 +72,7 @@ def test_top_view_shows_the_forces_of_the_slip_reserve(scenes, name):
         (label,) = artists(figure, f"contact-{k + 1}")
         assert label.get_text().startswith(f"contact {k + 1}")
         force = slip.normal_forces[0, k]
-        assert f"{force if force > 1e-9 else 0.0:.3g} N" in label.get_text()
+        assert f"{force if abs(force) > 1e-9 else 0.0:.3g} N" in label.get_text()
         (disc,) = artists(figure, f"limit-{k + 1}")
         radius = np.max(np.linalg.norm(disc.get_xy() - contact.position[:2], axis=1))
         used = slip.usage[0, k]
