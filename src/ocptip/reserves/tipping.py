@@ -108,12 +108,12 @@ class TipOver:
             raise InputError("states: belong to another support")
         normal_forces = states.contact_forces[:, :, 0]
         upwards, downwards = normal_forces - self._sets.lower, self._sets.upper - normal_forces
-        moments = _product(upwards, np.maximum(self.lifts, 0)) + _product(
-            downwards, np.maximum(-self.lifts, 0)
-        )
         count, slopes = len(states), None
         if self.axes and not self.free_rotation and not self.on_plane:
             moments, slopes = self._in_general_position(states)
+        else:
+            ups, downs = np.maximum(self.lifts, 0), np.maximum(-self.lifts, 0)
+            moments = _product(upwards, ups) + _product(downwards, downs)
         nearest = np.full(count, -1)
         if self.free_rotation:
             ratio = np.ones(count)
