@@ -29,6 +29,7 @@ from ocptip.parallel.description.ready_made import delta, ups6
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.reserves.tipping import TipOver
 from ocptip.robots.motors import DCMotors
+from ocptip.robots.payload import Payload
 from ocptip.standing.platform import NumericParallelRobot, PlatformLimits
 from studies.common import table
 
@@ -93,7 +94,7 @@ def cases() -> list[Case]:
     """Delta under a portal with 1 kg of payload, hexapod on a low table."""
     result = []
     for name, description, height, mass, place, path in (
-        ("delta", delta(payload=1.0), 0.35, 30.0, 0.9, pick_and_place),
+        ("delta", delta().with_payload(Payload(1.0)), 0.35, 30.0, 0.9, pick_and_place),
         ("hexapod", ups6(), 0.2, 30.0, 0.3, sway),
     ):
         support = cart(height=height, mass=mass)

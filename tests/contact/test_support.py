@@ -198,7 +198,7 @@ def test_the_conditioned_inertia_is_in_the_usual_range(factor):
 
 def test_inertia_that_no_body_has():
     refuse_impossible_inertia(feet(polygon(3), inertia=[1.0, 1.0, 2.0]))
-    with pytest.raises(InputError, match=r"^inertia: no body has these principal values \(1, 1, 25 kg"):
+    with pytest.raises(InputError, match=r"^inertia: no body has these principal values .*\(1, 1, 25 kg"):
         refuse_impossible_inertia(feet(polygon(3), inertia=[1.0, 25.0, 1.0]))
 
 

@@ -19,6 +19,7 @@ from ocptip.motion.task import MotionTask, refusals
 from ocptip.parallel.description.ready_made import delta, rrr3, ups6
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.robots.motors import DCMotors
+from ocptip.robots.payload import Payload
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.platform import NumericParallelRobot, PlatformLimits, StandingParallelRobot
 from ocptip.task_files.motion import load_task
@@ -66,7 +67,7 @@ def standing(task):
     delta_limits = replace(task.robot.platform_limits, motor_speed=np.array([9.0, np.inf, 8.0]))
     robots = {}
     for name, description, limits in (
-        ("delta", delta(payload=1.0), delta_limits),
+        ("delta", delta().with_payload(Payload(1.0)), delta_limits),
         ("hexapod", ups6(), hexapod_limits()),
     ):
         robot = ParallelRobot(description)
@@ -360,7 +361,7 @@ def test_units_of_mixed_coordinates(standing):
     ("old", "new", "said"),
     [
         ('parallel = "Delta"', 'parallel = "Dolta"', "robot.parallel"),
-        ("payload = 1.0", "payload = -1.0", "robot.payload"),
+        ("mass = 1.0 ", "mass = -1.0 ", "payload.mass"),
         ("motor_force = 20.0", "motor_torque = 20.0", "robot.limits.motor_torque"),
         ("motor_force = 20.0", "motor_force = [20.0, 20.0]", "robot.limits.motor_force"),
         ("singularity = 0.1", "singularity = 1.5", "singularity"),
@@ -459,7 +460,7 @@ actuated = [1]
     task_text = TASK.read_text(encoding="utf-8")
     for old, new in (
         ('parallel = "Delta"', 'parallel = "robot.toml"'),
-        ("payload = 1.0", "payload = 0.0"),
+        ("[payload]                           # on the platform\nmass = 1.0", "# none: 1.0"),
         ("lower = [-0.25, -0.25, -0.6]", "lower = [-0.25, -0.25, -0.5]"),
         ("upper = [0.25, 0.25, -0.35]", "upper = [0.25, 0.25, 0.5]"),
         ("start = [-0.15, 0.0, -0.5]", "start = [-0.1, 0.0, 0.0]"),

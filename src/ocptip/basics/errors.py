@@ -1,4 +1,4 @@
-"""Exceptions of the package; every one derives from :class:`OcptipError`."""
+"""Exceptions of the package, which all derive from :class:`OcptipError`, and its warning."""
 
 from __future__ import annotations
 
@@ -36,6 +36,10 @@ class InputError(OcptipError, ValueError):
             path, message = head, rest
         self.file, self.path, self.text = file, path or "", message
         super().__init__(": ".join(part for part in (self.file, self.path, self.text) if part))
+
+
+class InputWarning(UserWarning):
+    """Input that can be used, but is suspicious. The message names the quantity and what may be meant."""
 
 
 class BindingDefinitionError(OcptipError):

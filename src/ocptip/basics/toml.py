@@ -111,6 +111,18 @@ class Table:
         elif isinstance(error, InputError):
             raise self._placed(error, "", {}) from None
 
+    def leaves(self) -> Iterator[tuple[str, Any]]:
+        """Place and value of every key, here and in all tables below, that is no table."""
+        for key, value in self._data.items():
+            items = {key: value}
+            if isinstance(value, list) and value and all(isinstance(item, dict) for item in value):
+                items = {f"{key}[{number}]": item for number, item in enumerate(value, 1)}
+            for name, item in items.items():
+                if isinstance(item, dict):
+                    yield from Table(item, self.file, self.place(name)).leaves()
+                else:
+                    yield self.place(name), item
+
     def place(self, key: str) -> str:
         """Path of a key within the file."""
         return ".".join(part for part in (self.path, key) if part)

@@ -16,7 +16,7 @@ from ocptip.basics.errors import InputError, positive_number
 from ocptip.basics.text import quantity, ratio
 from ocptip.basics.write import versions
 from ocptip.cli.command import Report
-from ocptip.cli.layout import table
+from ocptip.cli.layout import masses, table
 from ocptip.cli.options import with_limits
 from ocptip.cli.progress import say_if_compiling
 from ocptip.motion.check import MotionCheck, check_motion
@@ -106,6 +106,7 @@ class CheckReport(Report):
             "motion": self.motion,
             "task": self.task.name,
             **self.check.to_dict(),
+            **self.task.robot.masses_to_dict(),
             "limits": dataclasses.asdict(self.task.limits),
             "interpolation": self.interpolation,
             **offsets,
@@ -121,6 +122,7 @@ class CheckReport(Report):
         lines += [f"  {violation}" for violation in checked.violations]
         lines += ["", *_worst_table(checked), ""]
         lines += [f"energy {quantity(checked.energy, 'J')}, duration {quantity(checked.duration, 's')}"]
+        lines += [f"masses {masses(self.task.robot)}"]
         lines += [f"checked at {checked.samples} instants"]
         if self.interpolation:
             lines += [

@@ -6,6 +6,9 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
+from ocptip.basics.text import quantity
+from ocptip.standing.mechanism import StandingMechanism
+
 
 def table(rows: Sequence[Sequence[str]], left: Sequence[int]) -> list[str]:
     """Lines of a table; the columns in `left` are flush left, the others right."""
@@ -23,6 +26,13 @@ def named(lines: Sequence[tuple[str, str]]) -> list[str]:
     """Lines of names and texts, the texts below each other."""
     width = max(len(name) for name, _ in lines)
     return [f"{name:<{width}}  {text}" for name, text in lines]
+
+
+def masses(robot: StandingMechanism) -> str:
+    """What moves and what it stands on: "base 35 kg, arm 14.4 kg, payload 5 kg (point mass at ...)"."""
+    parts = [f"{name} {quantity(mass, 'kg')}" for name, mass in robot.masses.items()]
+    held = f" ({robot.payload})" if robot.payload else ""
+    return f"{', '.join(parts)}{held}; together {quantity(robot.mass, 'kg')}"
 
 
 def summary(head: str, lines: Sequence[tuple[str, str]], written: Sequence[Path]) -> str:

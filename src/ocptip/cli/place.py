@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ocptip.cli.command import Report
-from ocptip.cli.layout import summary
+from ocptip.cli.layout import masses, summary
 from ocptip.cli.options import output_directory, require_least
 from ocptip.cli.progress import Progress, say_if_compiling
 from ocptip.placement.output import refusal_to_dict, result_to_dict, write_placement
@@ -92,6 +92,8 @@ class PlaceReport(Report):
     def to_text(self) -> str:
         """The best place, or the least-infeasible one and which constraints it breaks."""
         head, lines = _found(self.answer) if self.good else _refusal(self.answer)
+        shown = self.answer.best if self.good else self.answer.nearest
+        lines.append(("masses", masses(shown.problem.robot)))
         return summary(f"{self.name}: {head}", lines, self.written)
 
 

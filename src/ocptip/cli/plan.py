@@ -11,7 +11,7 @@ from typing import Any, TextIO
 
 from ocptip.basics.errors import InputError, PlanningError, positive_number
 from ocptip.cli.command import Answer, Report
-from ocptip.cli.layout import summary
+from ocptip.cli.layout import masses, summary
 from ocptip.cli.options import output_directory, require_least, with_limits
 from ocptip.cli.progress import Progress, say_if_compiling
 from ocptip.motion.check import MotionCheck, check_motion
@@ -110,7 +110,7 @@ class PlanReport(Report):
 
     def to_text(self) -> str:
         """The summary in one line, then starts, time scales and files. ASCII only, but for names."""
-        lines = [("starts", self._starts())]
+        lines = [("masses", masses(self.plan.task.robot)), ("starts", self._starts())]
         if self.plan.interrupted:
             lines.append(("interrupted", "this is the best of the starts that had finished"))
         lines += [(f"time x {factor:g}", _scale_text(checked)) for factor, checked in self.time_scale]

@@ -108,6 +108,7 @@ def _arm(options: Namespace) -> ArmModel:
         base_link=options.base_link,
         tool_frame=options.tool_frame,
         locked_joints=dict(map(_lock, options.lock)),
+        accept_inertia=True,  # most indices need no masses; those that do say what is missing
     )
 
 

@@ -18,6 +18,7 @@ from ocptip.basics.errors import (
     refuse_huge,
 )
 from ocptip.contact.bindings.binding import Binding
+from ocptip.numerics.inertia import why_impossible
 
 STANDARD_GRAVITY = 9.81
 LARGEST_WRENCH = LARGEST**2
@@ -250,13 +251,10 @@ def refuse_impossible_inertia(support: Support) -> None:
 
     The contact laws do not need it; data that break it have a wrong unit, axis or sign.
     """
-    principal = np.linalg.eigvalsh(support.inertia)
-    if len(principal) == 3 and principal[2] > (1 + _TRIANGLE_TOLERANCE) * (principal[0] + principal[1]):
-        shown = ", ".join(f"{x:.4g}" for x in principal)
-        raise InputError(
-            f"inertia: no body has these principal values ({shown} kg m^2): the largest must not exceed the "
-            "sum of the other two"
-        )
+    if support.dimension == 3:
+        rounding = _TRIANGLE_TOLERANCE * np.linalg.norm(support.inertia, 2)
+        if reason := why_impossible(support.inertia, float(rounding)):
+            raise InputError(f"inertia: {reason}")
 
 
 class ContactSystem:

@@ -15,14 +15,21 @@ from ocptip.basics.errors import InputError, finite_array, positive_number
 from ocptip.indices.metric import velocity_map
 from ocptip.numerics.vectors import cross
 
+RIGID = 6
+"""Degrees of freedom of a rigid body."""
+
 RANK_TOLERANCE = 1e-13
 """Singular values below this share of the largest are zero: a few hundred units of rounding."""
 
 
 def inverse_condition(matrix: np.ndarray) -> np.ndarray:
-    """Smallest over largest singular value of matrices (..., m, n): exactly 0 if rank deficient."""
+    """Smallest over largest singular value of maps (..., m, n) of rank 6: exactly 0 if the rank is lower.
+
+    Points of a rigid body move with more than six coordinates, redundant arms have more than six rates: the
+    singular values beyond the sixth are zero in every pose and count for nothing.
+    """
     values = np.linalg.svd(matrix, compute_uv=False)
-    smallest, largest = values[..., -1], values[..., 0]
+    smallest, largest = values[..., RIGID - 1], values[..., 0]
     deficient = smallest <= RANK_TOLERANCE * largest
     ratio = np.where(deficient, 0.0, smallest / np.where(largest > 0, largest, 1.0))
     return ratio[()]

@@ -262,6 +262,7 @@ def _asked(problem: PlacementProblem) -> dict[str, Any]:
         "limits": asdict(problem.limits),
         "unloaded": problem.unloaded,
         "tasks": tasks,
+        **problem.robot.masses_to_dict(),
     }
 
 

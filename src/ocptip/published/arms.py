@@ -16,6 +16,7 @@ import numpy as np
 from ocptip.basics.errors import InputError
 from ocptip.basics.text import did_you_mean
 from ocptip.indices.arms.axes import arm_from_spears
+from ocptip.numerics.inertia import parallel_axis
 from ocptip.robots.inverse.inverse_kinematics import solve_inverse_kinematics
 from ocptip.robots.model import ArmModel, JointLimits, SphereSet
 from ocptip.robots.motors import PowerMaps
@@ -138,7 +139,7 @@ def assemble_links(name: str) -> Links:
         total = mass.sum()
         centre = mass @ points / total if total else np.zeros(3)
         own = np.array(data["theta_M2_gmm2"][i]) + np.array(data["theta_M1_gmm2"][i])
-        steiner = sum(m * _steiner(point - centre) for m, point in zip(mass, points, strict=True))
+        steiner = sum(parallel_axis(m, point - centre) for m, point in zip(mass, points, strict=True))
         masses.append(total)
         centres.append(centre)
         inertias.append(own * _GRAM_MM2 + steiner)
@@ -228,11 +229,6 @@ def _orthonormal(matrix: list[list[float]]) -> np.ndarray:
     rotation = u @ vt
     rotation[np.abs(rotation) < 1e-15] = 0.0
     return rotation
-
-
-def _steiner(r: np.ndarray) -> np.ndarray:
-    """Moment of inertia of a unit point mass at r (6.12)."""
-    return r @ r * np.eye(3) - np.outer(r, r)
 
 
 AXES_ONLY_ARMS = ("IRB2000",)

@@ -3,11 +3,13 @@
 from ocptip.robots.geometry import Pillar, Wall
 from ocptip.robots.model import ArmModel
 from ocptip.robots.motors import DCMotors, PowerMaps
+from ocptip.robots.payload import Payload
 from ocptip.robots.urdf import arm_from_urdf
 
 __all__ = [
     "ArmModel",
     "DCMotors",
+    "Payload",
     "Pillar",
     "PowerMaps",
     "Wall",

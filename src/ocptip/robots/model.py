@@ -16,6 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, finite_array, rotation_matrix
+from ocptip.numerics.inertia import RigidBody, union
+from ocptip.robots.payload import Payload
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,6 +115,8 @@ class ArmModel:
         collision_pairs: names of sphere sets checked against each other.
         floor_sets: names of sphere sets checked against the floor.
         obstacle_sets: names of sphere sets checked against walls and pillars.
+        payload: what the gripper holds; it is in the masses, centres and inertias of link n.
+        bare_link: link n without payload, where there is one.
     """
 
     name: str
@@ -131,6 +135,8 @@ class ArmModel:
     collision_pairs: tuple[tuple[str, str], ...] = ()
     floor_sets: tuple[str, ...] = ()
     obstacle_sets: tuple[str, ...] = ()
+    payload: Payload | None = None
+    bare_link: RigidBody | None = None
 
     def __post_init__(self) -> None:
         n = len(self.joint_names)
@@ -195,6 +201,26 @@ class ArmModel:
             self,
             mount_position=shift + turn @ self.mount_position,
             mount_rotation=turn @ self.mount_rotation,
+        )
+
+    def with_payload(self, payload: Payload | None) -> ArmModel:
+        """The same arm that holds this in its gripper, and nothing else; None: the bare arm, to the last bit.
+
+        The payload becomes a part of link n: its mass and its parallel-axis terms are added exactly.
+        """
+        bare = self.bare_link or (float(self.masses[-1]), self.centres[-1], self.inertias[-1])
+        whole = bare
+        if payload is not None:
+            whole = union(bare, payload.seen_from(self.tool_rotation, self.offsets[-1]))
+        links = zip((self.masses, self.centres, self.inertias), whole, strict=True)
+        masses, centres, inertias = (np.array([*values[:-1], value]) for values, value in links)
+        return dataclasses.replace(
+            self,
+            masses=masses,
+            centres=centres,
+            inertias=inertias,
+            payload=payload,
+            bare_link=None if payload is None else bare,
         )
 
     def with_limits(self, **limits: object) -> ArmModel:

@@ -13,6 +13,7 @@ from ocptip.basics.errors import InputError, finite_array, number_from
 from ocptip.basics.text import did_you_mean
 from ocptip.robots.model import ArmModel, JointLimits
 from ocptip.robots.pinocchio import load_pinocchio
+from ocptip.robots.sanity import doubt_arm, refuse_impossible_links
 
 if TYPE_CHECKING:
     import pinocchio as pin
@@ -28,6 +29,7 @@ def arm_from_urdf(
     locked_joints: Mapping[str, float] | None = None,
     armature: np.ndarray | None = None,
     acceleration: np.ndarray | None = None,
+    accept_inertia: bool | Iterable[str] = (),
 ) -> ArmModel:
     """Read an arm from a URDF file.
 
@@ -45,6 +47,8 @@ def arm_from_urdf(
             cannot hold; zero by default, which underestimates torques at high accelerations. See
             `ArmModel.armature`.
         acceleration: (n,), rad/s^2, limits, which URDF cannot hold; infinite by default.
+        accept_inertia: links that move without mass, or with an inertia that no body has, and are meant so;
+            True: all.
 
     Returns:
         The arm; angle, speed and torque limits are the file's (a speed or torque limit of zero counts as
@@ -52,7 +56,11 @@ def arm_from_urdf(
 
     Raises:
         InputError: the file cannot be read, or a name is not in it (the message lists those that are), or a
-            joint is neither revolute nor continuous nor locked.
+            joint is neither revolute nor continuous nor locked, or a link that moves has no inertia, or one
+            that no body has.
+
+    Warns:
+        InputWarning: masses or lengths that no arm has.
     """
     file = Path(path)
     if not file.is_file():
@@ -69,6 +77,7 @@ def arm_from_urdf(
         locked_joints=locked_joints,
         armature=armature,
         acceleration=acceleration,
+        accept_inertia=accept_inertia,
     )
 
 
@@ -80,6 +89,7 @@ def arm_from_pinocchio(
     locked_joints: Mapping[str, float] | None = None,
     armature: np.ndarray | None = None,
     acceleration: np.ndarray | None = None,
+    accept_inertia: bool | Iterable[str] = (),
 ) -> ArmModel:
     """The same for a Pinocchio model, whose armature is the default; `base_link` may be "universe"."""
     locked = dict(locked_joints or {})
@@ -109,7 +119,19 @@ def arm_from_pinocchio(
             f"{', '.join(loose)}"
         )
     reduced = _lock(robot, locked, moving)
-    return _arm(reduced, base_link, tool_frame, armature, acceleration)
+    arm = _arm(reduced, base_link, tool_frame, armature, acceleration)
+    refuse_impossible_links(arm, _links(reduced), accept_inertia)
+    doubt_arm(arm)
+    return arm
+
+
+def _links(robot: pin.Model) -> list[list[str]]:
+    """Names of the links that move with each joint, the one behind the joint first."""
+    bodies = [f for f in robot.frames if f.type == load_pinocchio().FrameType.BODY]
+    return [
+        [f.name for f in bodies if f.parentJoint == joint] or [robot.names[joint]]
+        for joint in range(1, robot.njoints)
+    ]
 
 
 def _lock(robot: pin.Model, locked: Mapping[str, float], moving: list[int]) -> pin.Model:

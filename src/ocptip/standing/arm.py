@@ -13,6 +13,7 @@ from ocptip.robots.dynamics import evaluate_dynamics, inverse_dynamics
 from ocptip.robots.geometry import CollisionModel, Pillar, Wall
 from ocptip.robots.model import ArmModel
 from ocptip.robots.motors import Motors
+from ocptip.robots.payload import Payload
 from ocptip.standing.mechanism import StandingMechanism
 
 
@@ -53,6 +54,11 @@ class StandingRobot(StandingMechanism):
             reference_moment,
             redistribution,
         )
+
+    @property
+    def payload(self) -> Payload | None:
+        """What the gripper holds."""
+        return self.arm.payload
 
     @property
     def names(self) -> tuple[str, ...]:

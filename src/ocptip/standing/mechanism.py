@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from typing import Literal, Protocol, Self
+from typing import Any, Literal, Protocol, Self
 
 import casadi as cs
 import numpy as np
@@ -23,6 +23,7 @@ from ocptip.reserves.slip import Redistribution, Slip, SlipReserve
 from ocptip.reserves.tipping import TipOver, TipOverReserve
 from ocptip.robots.model import JointLimits
 from ocptip.robots.motors import Motors
+from ocptip.robots.payload import Payload
 from ocptip.trajectories.sampled import Motion
 
 
@@ -134,15 +135,16 @@ class StandingMechanism(MadeOf, ABC):
         motors: the drives.
         limits: of the coordinates, (n,) each, and of the motors' torques or forces.
         collision: signed distances.
-        mass: of the mechanism, kg.
+        mass: of the mechanism and what it holds, kg.
         reference_moment: M0 of the tip-over reserve, N m; default: a tenth of the best moment reserve of the
-            base loaded with the weight of base and mechanism.
+            base loaded with the weight of base, mechanism and payload.
         redistribution: of the slip reserve, see `reserves.slip.Slip`.
 
     Attributes:
         kind: word for messages.
         direct_drives: every motor moves one coordinate, at that coordinate's speed.
         further_limits: of what :meth:`further` gives.
+        mass: of base, mechanism and payload, kg.
 
     Raises:
         InputError: a planar support, or no gravity and no reference moment.
@@ -175,6 +177,11 @@ class StandingMechanism(MadeOf, ABC):
         self.slip = Slip(support, redistribution)
 
     # --- what a mechanism provides --------------------------------------------------------------------
+
+    @property
+    @abstractmethod
+    def payload(self) -> Payload | None:
+        """What it holds; it is part of `mass` and of all loads."""
 
     @property
     @abstractmethod
@@ -212,6 +219,18 @@ class StandingMechanism(MadeOf, ABC):
         return cs.SX(0, 1)
 
     # --- what follows from it ---------------------------------------------------------------------------
+
+    @property
+    def masses(self) -> dict[str, float]:
+        """kg, by name: base, mechanism, payload if there is one; together `mass`."""
+        payload = {"payload": self.payload.mass} if self.payload else {}
+        own = self.mass - self.support.mass - sum(payload.values())
+        return {"base": self.support.mass, self.kind: own, **payload}
+
+    def masses_to_dict(self) -> dict[str, Any]:
+        """Plain data: `masses_kg` by name and in `total`; `payload`, None if there is none."""
+        payload = self.payload.to_dict() if self.payload else None
+        return {"masses_kg": {**self.masses, "total": self.mass}, "payload": payload}
 
     @property
     def n(self) -> int:

@@ -25,6 +25,7 @@ from ocptip.parallel.robot import ParallelRobot
 from ocptip.reserves.slip import Redistribution
 from ocptip.robots.model import JointLimits
 from ocptip.robots.motors import Motors
+from ocptip.robots.payload import Payload
 from ocptip.standing.mechanism import FurtherLimits, MotionSamples, StandingMechanism
 from ocptip.trajectories.arm_motion import gauss_legendre
 from ocptip.trajectories.sampled import Motion
@@ -141,6 +142,11 @@ class ParallelMechanism(StandingMechanism):
         Args:
             gravity: (3,), m/s^2, the robot's world axes.
         """
+
+    @property
+    def payload(self) -> Payload | None:
+        """What the platform carries."""
+        return self.robot.description.platform.payload
 
     @property
     def names(self) -> tuple[str, ...]:

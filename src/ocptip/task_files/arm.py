@@ -60,11 +60,20 @@ def _arm_from_urdf(table: Table, folder: Path) -> ArmModel:
     for key, scale in (("locked_deg", DEGREES), ("locked_m", 1.0)):
         joints = table.table(key, optional=True)
         locked |= {joint: joints.number(joint, scale=scale) for joint in joints}
+    accepted = _accepted_links(table)
     table.close("armature", "sphere_radius", "excluded_links", "limits")
     with table.at("urdf", locked_joints="locked_deg or locked_m"):
-        arm = arm_from_urdf(file, **names, locked_joints=locked)
+        arm = arm_from_urdf(file, **names, locked_joints=locked, accept_inertia=accepted)
     armature = table.per_joint("armature", arm.n, arm.armature, bound=">= 0")
     return _with_spheres(replace(arm, armature=armature), table)
+
+
+def _accepted_links(table: Table) -> bool | list[str]:
+    key = "accept_inertia"
+    value = table.value(key, False)
+    if isinstance(value, bool) or (isinstance(value, list) and all(isinstance(item, str) for item in value)):
+        return value
+    raise table.error(f"expected true or a list of links, got {value!r}", key)
 
 
 def _with_spheres(arm: ArmModel, table: Table) -> ArmModel:

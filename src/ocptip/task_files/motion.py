@@ -22,7 +22,9 @@ from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.rest import posture_refusals
 from ocptip.task_files.arm import read_arm, read_obstacles
+from ocptip.task_files.doubts import doubt_masses, doubt_units, doubt_way
 from ocptip.task_files.motors import arm_motors
+from ocptip.task_files.payload import read_payload
 from ocptip.task_files.platform import read_platform_robot
 from ocptip.task_files.scene import SCENE, read_support
 
@@ -35,11 +37,18 @@ def load_task(path: str | os.PathLike[str]) -> MotionTask:
     Raises:
         InputError: the file cannot be read or describes no task, or a pose is out of reach (by how much); one
             line that names file and key.
+
+    Warns:
+        InputWarning: values that are hardly meant, such as angles in radians.
     """
     path = Path(path)
     with Table.read(path) as data:
-        data.close("name", *SCENE, "arm", "robot", "motors", "obstacle", "motion", "limits")
-        return _task(data, path)
+        data.close("name", *SCENE, "arm", "robot", "payload", "motors", "obstacle", "motion", "limits")
+        task = _task(data, path)
+        doubt_units(data)
+        doubt_masses(data, task.robot)
+        doubt_way(data, task.start, task.goal)
+        return task
 
 
 def _task(data: Table, path: Path) -> MotionTask:
@@ -53,7 +62,7 @@ def _task(data: Table, path: Path) -> MotionTask:
         motion = data.table("motion")
         start, goal = (motion.vector(key, platform.n) for key in ("start", "goal"))
         return _ramp_task(name, platform, start, goal, limits, motion, platform.n)
-    arm = read_arm(data.table("arm"), path.parent)
+    arm = read_arm(data.table("arm"), path.parent).with_payload(read_payload(data))
     obstacles = read_obstacles(data, "obstacle", arm)
     motors = arm_motors(data, arm)
     robot = StandingRobot(arm, support, motors, obstacles=obstacles, reference_moment=moment)

@@ -31,7 +31,9 @@ from ocptip.placement.terrain import Patch, plane
 from ocptip.robots.model import ArmModel
 from ocptip.standing.arm import StandingRobot
 from ocptip.task_files.arm import read_arm, read_obstacles
+from ocptip.task_files.doubts import doubt_masses, doubt_units
 from ocptip.task_files.motors import arm_motors
+from ocptip.task_files.payload import read_payload
 from ocptip.task_files.scene import SCENE, read_support
 
 _OBSTACLES = ("base_obstacle", "obstacle", "keep_out")
@@ -60,11 +62,17 @@ def load_placement(path: str | os.PathLike[str]) -> PlacementTask:
     Raises:
         InputError: the file cannot be read or describes no placement problem; one line that names file and
             key. List entries are counted from 1.
+
+    Warns:
+        InputWarning: values that are hardly meant, such as lengths in millimetres.
     """
     path = Path(path)
     with Table.read(path) as data:
-        data.close("name", "unloaded", *SCENE, "arm", "motors", *_OBSTACLES, *_TABLES)
-        return PlacementTask(data.text("name", path.stem), _problem(data, path.parent))
+        data.close("name", "unloaded", *SCENE, "arm", "payload", "motors", *_OBSTACLES, *_TABLES)
+        task = PlacementTask(data.text("name", path.stem), _problem(data, path.parent))
+        doubt_units(data)
+        doubt_masses(data, task.problem.robot)
+        return task
 
 
 def _problem(data: Table, folder: Path) -> PlacementProblem:
@@ -73,7 +81,7 @@ def _problem(data: Table, folder: Path) -> PlacementProblem:
     support = read_support(data)
     if support.dimension != 3:
         raise data.error("an arm needs a spatial support; give three numbers", "contact[1].position")
-    arm = read_arm(data.table("arm"), folder)
+    arm = read_arm(data.table("arm"), folder).with_payload(read_payload(data))
     limits, moment = _limits(data.table("limits", optional=True))
     deck = read_obstacles(data, "base_obstacle", arm, numbered=True)
     motors = arm_motors(data, arm)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,13 +9,13 @@ import numpy as np
 
 from ocptip.basics.toml import Table
 from ocptip.contact.support import Support
-from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.ready_made import READY_MADE
 from ocptip.parallel.description.robot_description import RobotDescription
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.standing.platform import PlatformLimits, StandingParallelRobot
 from ocptip.task_files.motors import dc_motors
 from ocptip.task_files.parallel import read_parallel_robot
+from ocptip.task_files.payload import read_payload
 
 
 def read_platform_robot(
@@ -37,11 +36,11 @@ def read_platform_robot(
         if key in data:
             raise data.error("not together with [robot]; the box of its coordinates keeps it off others", key)
     table = data.table("robot")
-    name, payload = table.text("parallel"), table.number("payload", 0.0, bound=">= 0")
+    name, payload = table.text("parallel"), read_payload(data)
     mount = {"position": table.vector("mount_position", 3), "rotation": table.rotation("mount_", np.eye(3))}
     table.close("limits")
     with table.at("parallel"):
-        robot = ParallelRobot(_description(name, payload, folder))
+        robot = ParallelRobot(_description(name, folder).with_payload(payload))
     motors = data.table("motors")
     motors.choice("kind", ("dc",))
     parts = robot, support, dc_motors(motors, robot.m), _limits(table.table("limits"), robot.m)
@@ -49,13 +48,8 @@ def read_platform_robot(
         return StandingParallelRobot(*parts, **mount, reference_moment=moment)
 
 
-def _description(name: str, payload: float, folder: Path) -> RobotDescription:
-    description = READY_MADE[name]() if name in READY_MADE else read_parallel_robot(folder / name)
-    if payload:
-        body = description.platform.inertia
-        loaded = BodyInertia(body.mass + payload, body.first_moment, body.inertia)
-        description = replace(description, platform=replace(description.platform, inertia=loaded))
-    return description
+def _description(name: str, folder: Path) -> RobotDescription:
+    return READY_MADE[name]() if name in READY_MADE else read_parallel_robot(folder / name)
 
 
 def _limits(table: Table, m: int) -> PlatformLimits:

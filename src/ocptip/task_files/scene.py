@@ -17,6 +17,7 @@ import numpy as np
 from ocptip.basics.toml import Table
 from ocptip.contact.bindings.binding import Binding
 from ocptip.contact.support import Load, Support, refuse_impossible_inertia
+from ocptip.task_files.doubts import doubt_units
 
 SCENE = ("gravity", "base", "contact")
 """What :func:`read_support` reads of a file."""
@@ -27,7 +28,7 @@ class Scene:
     """A base on its contacts with everything that acts on it.
 
     Attributes:
-        name: file name, for messages and titles.
+        name: for messages and titles; that of the file by default.
         support: the base on its contacts.
         loads: the loads besides the base's own weight.
         wrench: weight and loads about the base's centre of mass, N and N m, base axes; (6,), planar (3,).
@@ -68,10 +69,11 @@ def scene_from_dict(data: dict[str, Any], *, name: str = "scene") -> Scene:
 
 def _scene(data: Table) -> Scene:
     with data:
-        data.close(*SCENE, "load")
-        support = read_support(data)
+        data.close("name", *SCENE, "load")
+        name, support = data.text("name", data.file), read_support(data)
         loads = tuple(_load(table, support.dimension) for table in data.tables("load"))
-        return Scene(data.file, support, loads, support.wrench(loads))
+        doubt_units(data)
+        return Scene(name, support, loads, support.wrench(loads))
 
 
 def read_support(data: Table) -> Support:

@@ -6,6 +6,7 @@ import pytest
 from ocptip.parallel.description.ready_made import delta
 from ocptip.parallel.dynamics.base_wrench import base_wrench, moving_mass
 from ocptip.parallel.robot import ParallelRobot
+from ocptip.robots.payload import Payload
 from tests.parallel.parallel_cases import KIND_NAMES
 from tests.parallel.parallel_examples import five_axes, redundant_leg
 from tests.parallel.parallel_twin import Twin, random_robot, relative, rod_delta
@@ -32,7 +33,7 @@ def test_base_wrench_of_general_robots(make):
 
 
 def test_at_rest_the_base_carries_the_weight():
-    robot = ParallelRobot(delta(payload=0.5))
+    robot = ParallelRobot(delta().with_payload(Payload(0.5)))
     z = [0.1, 0.0, -0.45]
     wrench = base_wrench(robot, z, np.zeros(3), np.zeros(3))
     np.testing.assert_allclose(wrench[:3], [0, 0, -9.81 * moving_mass(robot)], atol=1e-12)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, finite_array, number_from, positive_number
+from ocptip.numerics.inertia import parallel_axis, symmetric_matrix, why_impossible
 
 _PHYSICAL = 1e-6
 """Excess over the limits of a body's inertia, relative, that counts as rounding of the file's numbers."""
@@ -39,10 +40,7 @@ class BodyInertia:
     def __post_init__(self) -> None:
         object.__setattr__(self, "mass", number_from("mass", self.mass))
         object.__setattr__(self, "first_moment", frozen_array("first_moment", self.first_moment, (3,)))
-        matrix = frozen_array("inertia", self.inertia, (3, 3))
-        if np.abs(matrix - matrix.T).max() > 1e-9 * max(1e-300, np.abs(matrix).max()):
-            raise InputError(f"inertia: must be symmetric, got {matrix.tolist()}")
-        object.__setattr__(self, "inertia", matrix)
+        object.__setattr__(self, "inertia", frozen_array("inertia", symmetric_matrix(self.inertia), (3, 3)))
         if not self.grouped:
             self._refuse_impossible()
 
@@ -56,19 +54,14 @@ class BodyInertia:
         rounding = _PHYSICAL * max(float(np.abs(self.inertia).max()), 1e-300)
         if np.count_nonzero(np.abs(about) > rounding) == 1 and np.trace(about) > 0:
             return
-        principal = np.linalg.eigvalsh(about)
-        if principal[0] < -rounding or principal[2] > principal[0] + principal[1] + rounding:
-            shown = ", ".join(f"{value:.4g}" for value in principal)
-            raise InputError(
-                f"inertia: no body has these principal values about its centre of mass ({shown} kg m^2): "
-                "none may be negative, and the largest must not exceed the sum of the other two"
-            )
+        if reason := why_impossible(about, rounding):
+            raise InputError(f"inertia: {reason}")
 
     @property
     def central(self) -> np.ndarray:
         """(3, 3), kg m^2: inertia about the centre of mass, body axes; about the origin without mass."""
         center = self.first_moment / self.mass if self.mass else np.zeros(3)
-        return self.inertia - self.mass * (center @ center * np.eye(3) - np.outer(center, center))
+        return self.inertia - parallel_axis(self.mass, center)
 
     @classmethod
     def about_center(
@@ -90,14 +83,14 @@ class BodyInertia:
         """
         mass = positive_number("mass", mass, zero_allowed=True)
         c = finite_array("center", center, (3,))
-        about_origin = _symmetric(inertia) + mass * (c @ c * np.eye(3) - np.outer(c, c))
+        about_origin = symmetric_matrix(inertia) + parallel_axis(mass, c)
         return cls(mass, mass * c, about_origin, grouped=grouped)
 
     @classmethod
     def from_vector(cls, parameters: Sequence[float]) -> BodyInertia:
         """From (10,) XX, XY, XZ, YY, YZ, ZZ, MX, MY, MZ, M, also grouped ones."""
         p = finite_array("parameters", parameters, (10,))
-        return cls(p[9], p[6:9], _symmetric(p[:6]), grouped=True)
+        return cls(p[9], p[6:9], p[:6], grouped=True)
 
     @property
     def vector(self) -> np.ndarray:
@@ -108,16 +101,6 @@ class BodyInertia:
     def massless(self) -> bool:
         """True if all ten parameters are zero."""
         return not self.vector.any()
-
-
-def _symmetric(value: ArrayLike) -> np.ndarray:
-    shape = np.shape(value)
-    if shape == (6,):
-        xx, xy, xz, yy, yz, zz = finite_array("inertia", value, (6,))
-        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    if shape == (3,):
-        return np.diag(finite_array("inertia", value, (3,)))
-    return finite_array("inertia", value, (3, 3))
 
 
 def frozen_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> np.ndarray:

@@ -206,7 +206,7 @@ def rpr3(*, base: float = 1.0, platform: float = 0.3, twist: float = 0.7) -> Rob
 
 
 def delta(
-    *, links: Sequence[float] = (0.3, 0.5), base: float = 0.2, platform: float = 0.15, payload: float = 0.0
+    *, links: Sequence[float] = (0.3, 0.5), base: float = 0.2, platform: float = 0.15
 ) -> RobotDescription:
     """Delta robot, base above, platform below; z = (x, y, z).
 
@@ -216,10 +216,9 @@ def delta(
     Args:
         links: arm and rod, m.
         base, platform: radii of the circles of the motor axes and of the rods' lower ends, m.
-        payload: kg, at the platform's origin.
     """
     angles = np.deg2rad([0.0, 120.0, 240.0])
-    plate = BodyInertia.about_center(0.5 + payload, (0.0, 0.0, 0.0), (1e-3, 1e-3, 2e-3))
+    plate = BodyInertia.about_center(0.5, (0.0, 0.0, 0.0), (1e-3, 1e-3, 2e-3))
     return make_robot(
         "Delta",
         lengths=links,

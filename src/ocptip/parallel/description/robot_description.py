@@ -9,7 +9,7 @@ Legs, joints and bodies are counted from 0 in the code, and from 1 in messages a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,6 +25,7 @@ from ocptip.parallel.description.entries import (
     product_of,
     value_of,
 )
+from ocptip.robots.payload import Payload
 
 REVOLUTE, PRISMATIC, FIXED = 0, 1, 2
 COORDINATES = ("x", "y", "z", "phi1", "phi2", "phi3")
@@ -202,11 +203,15 @@ class Platform:
         mask: which of x, y, z, phi1, phi2, phi3 are free; the others stay zero.
         convention: three axis letters of the intrinsic rotations R_P = R_a(phi1) R_b(phi2) R_c(phi3).
         inertia: about the platform's origin P, platform axes.
+        payload: what the platform carries; it is in `inertia`.
+        bare: inertia without payload, where there is one.
     """
 
     mask: tuple[bool, ...]
     convention: str = "xyz"
     inertia: BodyInertia = field(default_factory=BodyInertia)
+    payload: Payload | None = None
+    bare: BodyInertia | None = None
 
     def __post_init__(self) -> None:
         mask = tuple(self.mask)
@@ -221,6 +226,15 @@ class Platform:
             raise InputError(f"convention: must be one of {', '.join(CONVENTIONS)}, got {self.convention!r}")
         if not isinstance(self.inertia, BodyInertia):
             raise InputError(f"inertia: expected a BodyInertia, got {type(self.inertia).__name__}")
+
+    def with_payload(self, payload: Payload | None) -> Platform:
+        """The same platform that carries this, and nothing else; None: the bare one, to the last bit."""
+        bare = self.bare or self.inertia
+        if payload is None:
+            return replace(self, inertia=bare, payload=None, bare=None)
+        load = BodyInertia.about_center(payload.mass, payload.center_of_mass, payload.inertia, grouped=True)
+        loaded = BodyInertia.from_vector(bare.vector + load.vector)  # each has been checked by itself
+        return replace(self, inertia=loaded, payload=payload, bare=bare)
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -294,6 +308,10 @@ class RobotDescription:
     def m(self) -> int:
         """Number of coordinates: free ones of the platform and redundant joints."""
         return self.platform.m + len(self.redundant)
+
+    def with_payload(self, payload: Payload | None) -> RobotDescription:
+        """The same robot whose platform carries this, and nothing else; None: the bare robot."""
+        return replace(self, platform=self.platform.with_payload(payload))
 
     @property
     def motor_rows(self) -> tuple[MDHRow, ...]:

@@ -1,0 +1,62 @@
+"""Inertia of rigid bodies: other reference points, unions, and which matrices no body has."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ocptip.basics.errors import InputError, finite_array
+
+ROUNDED = 1e-2
+"""Share of the largest principal moment that counts as rounding in files, which give two digits at worst."""
+
+RigidBody = tuple[float, np.ndarray, np.ndarray]
+"""Mass, kg; centre of mass (3,), m; inertia (3, 3) about it, kg m^2; all in one frame."""
+
+
+def symmetric_matrix(value: ArrayLike) -> np.ndarray:
+    """(3, 3) of itself, of (6,) numbers xx, xy, xz, yy, yz, zz, or of three principal values.
+
+    Raises:
+        InputError: another shape, not finite or not symmetric.
+    """
+    shape = np.shape(value)
+    if shape == (6,):
+        xx, xy, xz, yy, yz, zz = finite_array("inertia", value, (6,))
+        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    if shape == (3,):
+        return np.diag(finite_array("inertia", value, (3,)))
+    matrix = finite_array("inertia", value, (3, 3))
+    if np.abs(matrix - matrix.T).max() > 1e-9 * max(1e-300, np.abs(matrix).max()):
+        raise InputError(f"inertia: must be symmetric, got {matrix.tolist()}")
+    return matrix
+
+
+def parallel_axis(mass: float, lever: np.ndarray) -> np.ndarray:
+    """(3, 3), kg m^2: what a mass adds to the inertia about a point that is `lever` (3,), m, away from it."""
+    return mass * (lever @ lever * np.eye(3) - np.outer(lever, lever))
+
+
+def union(first: RigidBody, second: RigidBody) -> RigidBody:
+    """The two bodies, of which one has mass, as one."""
+    bodies = first, second
+    mass = first[0] + second[0]
+    centre = (first[0] * first[1] + second[0] * second[1]) / mass
+    return mass, centre, sum(inertia + parallel_axis(m, c - centre) for m, c, inertia in bodies)
+
+
+def why_impossible(inertia: np.ndarray, rounding: float) -> str:
+    """Why no body has this inertia (3, 3) about its centre of mass, kg m^2; empty if one has.
+
+    Args:
+        inertia: symmetric.
+        rounding: excess, kg m^2, that counts as rounding.
+    """
+    principal = np.linalg.eigvalsh(inertia)
+    if principal[0] >= -rounding and principal[2] <= principal[0] + principal[1] + rounding:
+        return ""
+    shown = ", ".join(f"{value:.4g}" for value in principal)
+    return (
+        f"no body has these principal values about its centre of mass ({shown} kg m^2): none may be negative, "
+        "and the largest must not exceed the sum of the other two"
+    )

@@ -1,0 +1,76 @@
+"""Whether the inertia of an arm out of a file can be that of an arm."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from ocptip.basics.doubts import FARTHEST, doubt, doubt_metres
+from ocptip.basics.errors import InputError
+from ocptip.basics.text import did_you_mean
+from ocptip.numerics.inertia import ROUNDED, why_impossible
+from ocptip.robots.model import ArmModel
+
+LIGHTEST = 1.5
+"""Least plausible mass of an arm per cubed length of its chain, kg/m^3: the lightest known have 3 to 5."""
+
+HEAVIEST = 1500.0
+"""Largest plausible mass per squared length of its chain, kg/m^2: large industrial arms have up to 250."""
+
+
+def refuse_impossible_links(
+    arm: ArmModel, links: Sequence[Sequence[str]], accepted: bool | Iterable[str] = ()
+) -> None:
+    """Refuse moving bodies without mass or moments of inertia, or with moments that no body has.
+
+    Args:
+        arm: whose bodies are judged; the first moves with its first joint, and so on.
+        links: names of the links that each body consists of, the one behind the joint first.
+        accepted: links that are not judged; True: all.
+
+    Raises:
+        InputError: with all such links in one line, and what accepts them; or an accepted name is no link.
+    """
+    if accepted is True:
+        return
+    chosen = set(accepted or ())
+    known = [name for names in links for name in names]
+    for name in sorted(chosen - set(known)):
+        raise InputError(
+            f"accept_inertia: no moving link {name!r}; there are {', '.join(known)}{did_you_mean(name, known)}"
+        )
+    found = {}
+    for names, mass, inertia in zip(links, arm.masses, arm.inertias, strict=True):
+        reason = _why_not(mass, inertia)
+        if reason and not chosen & set(names):
+            found[names[0]] = reason
+    if found:
+        said = "; ".join(f"link {name!r}: {reason}" for name, reason in found.items())
+        names = ", ".join(f'"{name}"' for name in found)
+        raise InputError(f"{said}; if that is meant: accept_inertia = [{names}]")
+
+
+def _why_not(mass: float, inertia: np.ndarray) -> str:
+    if mass == 0:
+        return "moves, but has no mass"
+    largest = float(np.linalg.norm(inertia, 2))
+    return why_impossible(inertia, ROUNDED * largest) if largest else "has a mass, but no moments of inertia"
+
+
+def doubt_arm(arm: ArmModel) -> None:
+    """Warn of an arm whose size or mass, without payload, no real arm has.
+
+    The chain from the first joint to the gripper is compared: 17 kg and 1.24 m are a UR5, 16.8 kg and 1.09 m
+    a Panda, 4.4 kg and 1.1 m a Kinova j2s6.
+    """
+    mass = float(np.sum(arm.with_payload(None).masses))
+    length = float(np.sum(np.linalg.norm(arm.offsets, axis=1)))
+    doubt_metres(f"arm {arm.name!r}: length of its chain", length)
+    if not 0 < length <= FARTHEST or not mass:
+        return
+    what = f"arm {arm.name!r}: {mass:.4g} kg of moving links on a chain of {length:.3g} m"
+    if mass < LIGHTEST * length**3:
+        doubt(f"{what} are less than any known arm has; check the masses in the URDF")
+    if mass > HEAVIEST * length**2:
+        doubt(f"{what} are more than any known arm has; are they grams?")

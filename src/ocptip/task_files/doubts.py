@@ -1,0 +1,53 @@
+"""What in a file that can be read is hardly meant: units, masses, a motion that goes nowhere."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from ocptip.basics.doubts import doubt, doubt_degrees, doubt_metres
+from ocptip.basics.toml import Table
+from ocptip.contact.bindings.unilateral import UnilateralContact
+from ocptip.standing.mechanism import StandingMechanism
+
+_ANGLES = (  # judged together; inclinations and mounts may well be small
+    r"motion\.(start|goal)_deg",
+    r"arm\.limits\.angle_(min|max)_deg",
+    r"arm\.locked_deg\..+",
+    r"(task\[\d+\]|motion\.(start|goal)_pose)\.(rpy|rotation_vector)_deg",
+)
+_LENGTHS = re.compile(  # of robot and base; the world may be large
+    r"contact\[\d+\]\.position|base\.(center_of_mass|spheres|ground)|(arm|robot)\.mount_position"
+    r"|arm\.sphere_radius|payload\.(center_of_mass|box)"
+)
+
+
+def doubt_units(data: Table) -> None:
+    """Warn of angles of a file that seem to be radians, and of lengths that seem to be millimetres."""
+    leaves = dict(data.leaves())
+    for pattern in _ANGLES:
+        found = {place: value for place, value in leaves.items() if re.fullmatch(pattern, place)}
+        angles = np.concatenate([np.zeros(0), *(np.ravel(value) for value in found.values())])
+        doubt_degrees(f"{data.file}: {', '.join(found)}", angles)
+    for place, value in leaves.items():
+        if _LENGTHS.fullmatch(place):
+            doubt_metres(f"{data.file}: {place}", value)
+
+
+def doubt_masses(data: Table, robot: StandingMechanism) -> None:
+    """Warn of a base that no clamp holds and that is lighter than what it carries."""
+    base, *carried = robot.masses.items()
+    if not all(isinstance(contact, UnilateralContact) for contact in robot.support.contacts):
+        return
+    for name, mass in carried:
+        if mass > base[1]:
+            doubt(
+                f"{data.file}: base.mass: the base, {base[1]:.4g} kg, is lighter than its {name}, {mass:.4g} kg"
+            )
+
+
+def doubt_way(data: Table, start: np.ndarray, goal: np.ndarray) -> None:
+    """Warn of a motion that ends where it starts."""
+    if np.allclose(start, goal, rtol=0.0, atol=1e-9):
+        doubt(f"{data.file}: motion: start and goal are the same, there is nothing to plan")
