@@ -71,7 +71,8 @@ def test_files_figures_and_summary(planner, capsys, tmp_path, monkeypatch):
     assert lines[1] == "starts   1 of 2 verified, 43 iterations, 2.5 s, seed 3"
     directory = tmp_path / "ocptip-plan-C"
     names = [*FILES, "plan.png"]
-    assert lines[2] == f"written  ocptip-plan-C/: {', '.join(names)}"
+    assert lines[2] == "masses   base 3.45 kg, arm 15.71 kg; together 19.16 kg"
+    assert lines[3] == f"written  ocptip-plan-C/: {', '.join(names)}"
     assert sorted(path.name for path in directory.iterdir()) == sorted(names)
     assert out.isascii()
     assert (directory / "plan.png").read_bytes().startswith(b"\x89PNG")
@@ -117,7 +118,7 @@ def test_json_is_that_of_the_file_and_the_paths(planner, capsys, tmp_path):
     printed = json.loads(out, parse_constant=refuse)
     assert printed.pop("written") == [f"ocptip-plan-C/{name}" for name in FILES]
     assert printed == json.loads((tmp_path / "ocptip-plan-C" / "plan.json").read_text(encoding="utf-8"))
-    assert set(printed) == set(plan_to_dict(planner.result)) | {"base", "time_scale"}
+    assert set(printed) == set(plan_to_dict(planner.result)) | {"base", "time_scale", "warnings"}
     assert printed["time_scale"][0]["factor"] == 1.2
 
 
@@ -168,10 +169,14 @@ def test_no_verified_plan_is_exit_code_1(planner, capsys, tmp_path):
     planner.result = errors.PlanningError("none of 8 starts: GN is 0.912 at 1.2 s, must be <= 0.9")
     code, out, err = run(capsys, "C")
     assert (code, err) == (1, "")
-    assert out == "C: NO VERIFIED PLAN. none of 8 starts: GN is 0.912 at 1.2 s, must be <= 0.9\n"
+    assert out.splitlines() == [
+        "C: NO VERIFIED PLAN. none of 8 starts: GN is 0.912 at 1.2 s, must be <= 0.9",
+        "masses  base 3.45 kg, arm 15.71 kg; together 19.16 kg",
+    ]
     code, out, _ = run(capsys, "C", "--json")
     assert code == 1
-    assert json.loads(out) == {"case": "C", "verified": False, "status": str(planner.result)}
+    data = json.loads(out)
+    assert (data["case"], data["verified"], data["status"]) == ("C", False, str(planner.result))
     assert list(tmp_path.iterdir()) == []
 
 

@@ -62,7 +62,7 @@ def test_answers(monkeypatch, capsys, name):
     assert answered(monkeypatch, name, Answer(good=False)) == 1
     assert capsys.readouterr() == ("text\ntext\n", "")
     assert answered(monkeypatch, name, Answer(), "--json") == 0
-    assert json.loads(capsys.readouterr().out) == {"number": None}
+    assert json.loads(capsys.readouterr().out) == {"number": None, "warnings": []}
 
 
 @pytest.mark.parametrize("name", NAMES)

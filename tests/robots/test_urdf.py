@@ -154,10 +154,10 @@ def test_errors_list_what_exists(service_robot, change, message):
         arm_from_urdf(service_robot, **arguments)
 
 
-def test_negative_inertias_in_a_file_are_taken_as_they_are(service_robot):
+def test_negative_inertias_that_are_meant_are_taken_as_they_are(service_robot):
     # A rotor split between two links is written so, and the parser does not object.
     service_robot.write_text(SERVICE_ROBOT.replace('izz="0.04"', 'izz="-0.04"'), encoding="utf-8")
-    model = arm_from_urdf(service_robot, **NAMES, locked_joints=LOCKED)
+    model = arm_from_urdf(service_robot, **NAMES, locked_joints=LOCKED, accept_inertia=True)
     assert np.linalg.eigvalsh(model.inertias[0]).min() == pytest.approx(-0.04, abs=1e-3)
 
 

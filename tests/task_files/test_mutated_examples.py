@@ -59,6 +59,8 @@ CONTRADICTIONS = (  # between two tables: the one that is read later is refused
     r"missing table \[arm\]",  # if there is no robot either
 )
 
+pytestmark = pytest.mark.filterwarnings("ignore::ocptip.basics.errors.InputWarning")
+
 Path_ = tuple[str | int, ...]
 
 

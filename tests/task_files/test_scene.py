@@ -159,7 +159,7 @@ BAD = [  # what to replace in SCENE, by what, and how the message starts
     ("mass = 60.0", "mass = 60.0\ninertia = [[1], [1, 2]]", "base.inertia: expected"),
     (BASE, "", "base: missing table [base]"),
     (BASE, "base = 3\n", "base: expected a table"),
-    ("[base]", "[foo]\na = 1\n[base]", "foo: unknown key; known: gravity, base, contact, load"),
+    ("[base]", "[foo]\na = 1\n[base]", "foo: unknown key; known: name, gravity, base, contact, load"),
     ("[[load]]", "[[loads]]", "loads: unknown key; did you mean 'load'?"),
     ("[0, 0, -9.81]", "[0, -9.81]", "gravity: expected 3 numbers, got 2"),
     ("[0, 0, -9.81]", "-9.81", "gravity: expected a list of 3 numbers"),

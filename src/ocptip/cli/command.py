@@ -6,8 +6,10 @@ import argparse
 import json
 import os
 import sys
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
@@ -23,9 +25,11 @@ class Report(ABC):
 
     Attributes:
         written: the files that were written.
+        warnings: what was suspicious about the input.
     """
 
     written: list[Path] = field(default_factory=list, init=False)
+    warnings: list[str] = field(default_factory=list, init=False)
 
     @property
     @abstractmethod
@@ -44,7 +48,8 @@ class Report(ABC):
         """The answer as strict JSON; what is not finite becomes null."""
         from ocptip.basics.write import plain
 
-        return json.dumps(plain(self.to_dict()), indent=2, allow_nan=False)
+        data = {**self.to_dict(), "warnings": self.warnings}
+        return json.dumps(plain(data), indent=2, allow_nan=False)
 
     def write(self) -> Iterator[Path]:
         """Write the files that were asked for, and name each when it is complete."""
@@ -129,7 +134,10 @@ class Command:
     def execute(self, options: argparse.Namespace) -> int:
         """Run, write, print; every error becomes one line on stderr. Returns the exit code."""
         try:
-            report: Report = import_module(f"ocptip.cli.{self.name}").run(options)
+            module = import_module(f"ocptip.cli.{self.name}")
+            with _suspicions() as said:
+                report: Report = module.run(options)
+            report.warnings = said
             failure = _written(report)
             _print(report.to_json() if options.json else report.to_text())
             return report.exit_code if failure is None else _explain(failure)
@@ -137,6 +145,26 @@ class Command:
             return _say(f"interrupted {stop}".rstrip(), INTERRUPTED)
         except Exception as error:  # Python itself would exit with 1, which means "no"
             return _explain(error)
+
+
+@contextmanager
+def _suspicions() -> Iterator[list[str]]:
+    """Say what is suspicious about the input on stderr, and collect it; other warnings go their way."""
+    from ocptip.basics.errors import InputWarning
+
+    said: list[str] = []
+    with warnings.catch_warnings():
+        others = warnings.showwarning
+
+        def show(message: Warning | str, category: type[Warning], *rest: Any, **named: Any) -> None:
+            if not issubclass(category, InputWarning):
+                return others(message, category, *rest, **named)
+            said.append(f"{message}")
+            return print(f"warning: {message}", file=sys.stderr)
+
+        warnings.showwarning = show
+        warnings.simplefilter("always", InputWarning)
+        yield said
 
 
 def _written(report: Report) -> OSError | None:

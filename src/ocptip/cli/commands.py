@@ -20,6 +20,7 @@ LIMITS = tuple(
 SEED = argument("--seed", "N", "of the starts (default: 0)", type=int, default=0)
 FILES = (
     argument("--out", "DIR", "where files go (default: ocptip-COMMAND-NAME)"),
+    argument("--overwrite", None, "replace files there that ocptip did not write", action="store_true"),
     argument("--no-figures", None, "write no figures", action="store_true"),
 )
 

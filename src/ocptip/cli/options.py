@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import re
 import tempfile
 from argparse import Namespace
@@ -10,6 +11,16 @@ from pathlib import Path
 
 from ocptip.basics.errors import InputError, positive_number, share_of_one
 from ocptip.motion.task import MotionTask
+
+
+OUTPUTS = {
+    "plan": (
+        "plan.json", "motion.csv", "trajectory.json", "plan.png", "angles.png", "speeds.png", "torques.png",
+        "power.png", "reserves.png", "normal_forces.png", "friction.png",
+    ),
+    "place": ("placement.json", "placement.png", "map.png"),
+}  # fmt: skip
+"""What the commands write into a directory; the first one tells whose the others are."""
 
 
 def with_limits(task: MotionTask, options: Namespace) -> MotionTask:
@@ -33,7 +44,10 @@ def require_least(options: Namespace, **least: int) -> None:
 
 
 def output_directory(options: Namespace, name: str) -> Path:
-    """Where files go; InputError before anything is computed if they cannot be written there."""
+    """Where files go; InputError before anything is computed if they cannot be written there.
+
+    Neither if they would replace files that an earlier run of the command did not write.
+    """
     path = Path(options.out or f"ocptip-{options.command}-" + re.sub(r"[^\w.-]+", "-", name))
     if path.exists() and not path.is_dir():
         raise InputError(f"--out: {path} is not a directory")
@@ -45,4 +59,25 @@ def output_directory(options: Namespace, name: str) -> Path:
             pass
     except OSError as error:
         raise InputError(f"--out: cannot write into {place}: {error.strerror}") from None
+    others = [name for name in OUTPUTS[options.command] if (path / name).exists()]
+    if others and not options.overwrite and not _is_own(path / OUTPUTS[options.command][0]):
+        raise InputError(
+            f"--out: {path} holds files that ocptip {options.command} did not write and would replace: "
+            f"{', '.join(others)}; choose another directory, or --overwrite"
+        )
     return path
+
+
+def remove_figures(directory: Path, command: str) -> None:
+    """Remove the figures of an earlier run, which may not be drawn again."""
+    for name in OUTPUTS[command]:
+        if name.endswith(".png"):
+            (directory / name).unlink(missing_ok=True)
+
+
+def _is_own(path: Path) -> bool:
+    """Whether a file is JSON that says which version of ocptip wrote it."""
+    try:
+        return "ocptip" in json.loads(path.read_bytes())["versions"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return False

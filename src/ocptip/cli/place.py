@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from ocptip.cli.command import Report
 from ocptip.cli.layout import masses, summary
-from ocptip.cli.options import output_directory, require_least
+from ocptip.cli.options import output_directory, remove_figures, require_least
 from ocptip.cli.progress import Progress, say_if_compiling
 from ocptip.placement.output import refusal_to_dict, result_to_dict, write_placement
 from ocptip.placement.place import place
@@ -23,7 +23,6 @@ from ocptip.task_files.placement import load_placement
 
 _MEANING = {"GN": "tip-over", "GT": "slip", "GK": "force space", "GE": "power at rest"}
 _MOST_VIOLATED = 6
-_SAME = 2e-3  # m, rad: bases nearer than this are at the same place
 
 
 def run(options: Namespace) -> Report:
@@ -72,7 +71,7 @@ class PlaceReport(Report):
     def entries(self) -> dict[str, Any]:
         """Content of placement.json."""
         to_dict = result_to_dict if self.good else refusal_to_dict
-        return to_dict(self.name, self.answer)
+        return {**to_dict(self.name, self.answer), "warnings": self.warnings}
 
     def to_dict(self) -> dict[str, Any]:
         """The content of placement.json and the list `written`."""
@@ -80,11 +79,12 @@ class PlaceReport(Report):
 
     def write(self) -> Iterator[Path]:
         """Write placement.json and figures."""
+        remove_figures(self.directory, "place")
         yield write_placement(self.directory, self.entries())
         if self.figures:
             from ocptip.pictures.placement import draw_placement
 
-            placements = self.answer.placements if self.good else (self.answer.nearest,)
+            placements = self.answer.places if self.good else (self.answer.nearest,)
             with Progress(sys.stderr, "drawing ..."):
                 drawn = draw_placement(self.directory, self.name, placements)
             yield from drawn
@@ -108,8 +108,8 @@ def _found(result: PlacementResult) -> tuple[str, list[tuple[str, str]]]:
     lines = [*_pose_lines(best), *_criteria_lines(best), *_margin_lines(best)]
     active = "; ".join(str(m) for m in best.active) or "none: the optimum is inside all limits"
     lines.append(("active", active))
-    for number, other in enumerate(result.placements[1:], 2):
-        lines.append((f"no. {number}", _alternative(other, result.placements[: number - 1])))
+    for number, other in enumerate(result.places[1:], 2):
+        lines.append((f"no. {number}", _alternative(other)))
     return head, lines
 
 
@@ -136,12 +136,8 @@ def _where(placement: Placement) -> str:
     return ", ".join(parts)
 
 
-def _alternative(placement: Placement, earlier: tuple[Placement, ...]) -> str:
-    """Total, place and criteria; for a place that was listed before only its number."""
-    for number, other in enumerate(earlier, 1):
-        apart = np.linalg.norm(placement.base_position - other.base_position)
-        if apart < _SAME and np.linalg.norm(placement.base_rotation - other.base_rotation) < _SAME:
-            return f"total {placement.total:.4f} at the place of no. {number}, with other joint angles"
+def _alternative(placement: Placement) -> str:
+    """Total, place and criteria."""
     terrain = placement.problem.terrain
     on = f" on {terrain[placement.patch].name}" if len(terrain) > 1 else ""
     values = ", ".join(f"{name} {_value(name, placement)}" for name in placement.criteria)

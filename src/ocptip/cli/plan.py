@@ -12,7 +12,7 @@ from typing import Any, TextIO
 from ocptip.basics.errors import InputError, PlanningError, positive_number
 from ocptip.cli.command import Answer, Report
 from ocptip.cli.layout import masses, summary
-from ocptip.cli.options import output_directory, require_least, with_limits
+from ocptip.cli.options import output_directory, remove_figures, require_least, with_limits
 from ocptip.cli.progress import Progress, say_if_compiling
 from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.output import plan_to_dict, sample_motion, write_plan
@@ -37,8 +37,9 @@ def run(options: Namespace) -> Report:
                 task, starts=options.starts, seed=options.seed, jobs=options.jobs, progress=progress
             )
     except PlanningError as error:
-        data = {"case": task.name, "verified": False, "status": f"{error}"}
-        return Answer(False, f"{task.name}: NO VERIFIED PLAN. {error}", data)
+        data = {"case": task.name, "verified": False, "status": f"{error}", **task.robot.masses_to_dict()}
+        lines = [("masses", masses(task.robot))]
+        return Answer(False, summary(f"{task.name}: NO VERIFIED PLAN. {error}", lines, []), data)
     except KeyboardInterrupt:
         raise KeyboardInterrupt("before there was a verified plan") from None
     scaled = [
@@ -90,10 +91,11 @@ class PlanReport(Report):
 
     def entries(self) -> dict[str, Any]:
         """What plan.json holds beside the plan: `extra`, and `time_scale` if it was asked for."""
+        extra = {**self.extra, "warnings": self.warnings}
         if not self.time_scale:
-            return self.extra
+            return extra
         rows = [{"factor": f, **p.to_dict()} for f, p in self.time_scale]
-        return {**self.extra, "time_scale": rows}
+        return {**extra, "time_scale": rows}
 
     def to_dict(self) -> dict[str, Any]:
         """The content of plan.json and the list `written`."""
@@ -101,6 +103,7 @@ class PlanReport(Report):
 
     def write(self) -> Iterator[Path]:
         """Write plan.json, tables and figures."""
+        remove_figures(self.directory, "plan")
         samples = sample_motion(self.plan.task.robot, self.plan.motion)
         yield from write_plan(self.directory, self.plan, samples=samples, extra=self.entries())
         if self.figures:
@@ -110,10 +113,11 @@ class PlanReport(Report):
 
     def to_text(self) -> str:
         """The summary in one line, then starts, time scales and files. ASCII only, but for names."""
-        lines = [("masses", masses(self.plan.task.robot)), ("starts", self._starts())]
+        lines = [("starts", self._starts())]
         if self.plan.interrupted:
             lines.append(("interrupted", "this is the best of the starts that had finished"))
         lines += [(f"time x {factor:g}", _scale_text(checked)) for factor, checked in self.time_scale]
+        lines.append(("masses", masses(self.plan.task.robot)))
         return summary(self.headline(), lines, self.written)
 
     def headline(self) -> str:

@@ -16,6 +16,7 @@ from ocptip.basics.write import versions
 from ocptip.cli.command import Report
 from ocptip.cli.layout import named, table
 from ocptip.cli.progress import say_if_compiling
+from ocptip.contact.moving import what_moves
 from ocptip.contact.solver import solve_many
 from ocptip.contact.states import BEYOND_RESOLUTION, STATUS, ContactState, ContactStates
 from ocptip.contact.verdict import StabilityVerdict, friction_remark, stability
@@ -26,8 +27,6 @@ from ocptip.task_files.scene import Scene, read_scene
 
 PLOT_FORMATS = (".png", ".pdf", ".svg")
 _NO_RESERVE = 1 - 1e-9  # reserve values from here on are 1 but for rounding
-_PLURAL = {"slide": "slide", "separate": "lift off", "yield": "yield"}
-_SINGULAR = {"slide": "slides", "separate": "lifts off", "yield": "yields"}
 
 
 def run(options: Namespace) -> StandReport:
@@ -166,7 +165,8 @@ class StandReport(Report):
                 f"{self.scene.name}: DOES NOT STAND on friction pyramids, but on true cones, see stability."
             ]
         if not state.persistent:
-            return [f"{self.scene.name}: DOES NOT STAND. {_what_moves(state.modes)}.{other}"]
+            moves = what_moves(self.scene.support, state.modes)
+            return [f"{self.scene.name}: DOES NOT STAND. {moves[:1].upper()}{moves[1:]}.{other}"]
         if self.without_reserve:
             what = {"tips": "the least push tips it", "slips": "the least push makes it slip"}
             return [f"{self.scene.name}: IN BALANCE WITHOUT ANY RESERVE: {what[self.without_reserve]}."]
@@ -241,18 +241,3 @@ def _axis_text(report: StandReport) -> str:
     through = " and ".join(str(k) for k in sorted(set(axis["contacts"])))
     noun = "contacts" if len(set(axis["contacts"])) > 1 else "contact"
     return f"nearest through {noun} {through}, moment reserve {quantity(axis['moment_reserve'], 'N m')}"
-
-
-def _what_moves(modes: list[str]) -> str:
-    parts = []
-    for mode in dict.fromkeys(modes):
-        if mode == "stick":
-            continue
-        numbers = [str(k + 1) for k, m in enumerate(modes) if m == mode]
-        if len(numbers) == 1:
-            parts.append(f"contact {numbers[0]} {_SINGULAR.get(mode, mode)}")
-        else:
-            listed = f"{', '.join(numbers[:-1])} and {numbers[-1]}"
-            parts.append(f"contacts {listed} {_PLURAL.get(mode, mode)}")
-    text = "; ".join(parts)
-    return text[:1].upper() + text[1:]

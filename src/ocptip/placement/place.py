@@ -15,7 +15,7 @@ from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.limits.arm import POSE_TOLERANCE
 from ocptip.placement.limits.kinds import KINDS
 from ocptip.placement.problem import PlacementProblem
-from ocptip.placement.result import NoPlacementError, Placement, PlacementResult, StartReport, judge
+from ocptip.placement.result import ONE_PLACE, NoPlacementError, Placement, PlacementResult, StartReport, judge
 from ocptip.placement.search import starts as sampling
 from ocptip.placement.search.elastic import ElasticProgram
 from ocptip.placement.search.physics import PatchPhysics
@@ -38,7 +38,6 @@ _AROUND, _COPIES, _AFAR = 3, 10, 0.2  # results looked around in the end, draws 
 _AGAIN = 3  # starts per program started once more from there
 _POSTURES_APART = 0.4  # of the scales, and of half the unit vectors of joint angles
 _ELASTIC_STARTS = 4
-_SAME = 0.03  # of the parameters' scales and rad: places nearer than this are one
 _MOST_STATED = 4
 
 
@@ -327,7 +326,7 @@ def _several(distinct: list[Placement], keep: int) -> tuple[Placement, ...]:
 
 def _same(a: Placement, b: Placement) -> bool:
     turn = nearest_turn(a.angles - b.angles)
-    return _same_place(a, b) and bool(np.max(np.abs(turn)) < 4 * _SAME)
+    return _same_place(a, b) and bool(np.max(np.abs(turn)) < 4 * ONE_PLACE)
 
 
 def _same_place(a: Placement, b: Placement) -> bool:
@@ -336,7 +335,7 @@ def _same_place(a: Placement, b: Placement) -> bool:
     terrain = a.problem.terrain[a.patch]
     apart = a.parameters - b.parameters
     apart = np.where(terrain.angular, nearest_turn(apart), apart)
-    return bool(np.max(np.abs(apart) / a.problem.scales(a.patch)) < _SAME)
+    return bool(np.max(np.abs(apart) / a.problem.scales(a.patch)) < ONE_PLACE)
 
 
 def _refusal(nearest: Placement, candidates: sampling.Candidates) -> str:

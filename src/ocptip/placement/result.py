@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from ocptip.basics.errors import PlanningError
 from ocptip.basics.write import plain
+from ocptip.numerics.vectors import nearest_turn
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.limits.judged import Rows, TaskEvaluation
 from ocptip.placement.limits.kinds import KINDS
@@ -20,6 +21,9 @@ FEASIBLE = 1e-6
 
 ACTIVE = 1e-4
 """Margins below this count as active."""
+
+ONE_PLACE = 0.03
+"""Parameters of placements nearer than this to each other, of their scales and in rad, are one."""
 
 
 @dataclass(frozen=True)
@@ -100,6 +104,17 @@ class Placement:
     def feasible(self) -> bool:
         """All constraints hold."""
         return self.margins[0].relative >= -FEASIBLE
+
+    def shares_place(self, other: Placement) -> bool:
+        """Whether both stand at one place, however the base is turned there (where that is all: alike)."""
+        if self.patch != other.patch:
+            return False
+        terrain = self.problem.terrain[self.patch]
+        apart = self.parameters - other.parameters
+        angular = np.array(terrain.angular)
+        apart = np.where(angular, nearest_turn(apart), apart / self.problem.scales(self.patch))
+        counting = angular if angular.all() else ~angular
+        return bool(np.max(np.abs(apart[counting])) < ONE_PLACE)
 
     @property
     def active(self) -> tuple[Margin, ...]:
@@ -189,7 +204,8 @@ class PlacementResult:
 
     Attributes:
         problem: what was asked for.
-        placements: distinct local optima, all judged feasible, the best first.
+        placements: distinct local optima, all judged feasible, the best first; several may be at one place,
+            with the base turned or other joint angles.
         starts: what became of each.
         sampled, reached: placements looked at for starts, and how many of them reach all tasks.
         seed: of the sample.
@@ -209,9 +225,21 @@ class PlacementResult:
         """The placement with the least objective."""
         return self.placements[0]
 
+    @property
+    def places(self) -> tuple[Placement, ...]:
+        """The best placement at each place, the best of all first.
+
+        Other joint angles, or a symmetric base that is turned, make no other place.
+        """
+        kept: list[Placement] = []
+        for placement in self.placements:
+            if not any(placement.shares_place(other) for other in kept):
+                kept.append(placement)
+        return tuple(kept)
+
     def to_dict(self) -> dict[str, Any]:
         """Plain data for strict JSON: what was found, what was asked for, and how it was found."""
-        best, *others = (placement.to_dict() for placement in self.placements)
+        best, *others = (placement.to_dict() for placement in self.places)
         return plain(
             {
                 "best": best,

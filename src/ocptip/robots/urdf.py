@@ -70,7 +70,7 @@ def arm_from_urdf(
         robot = pin.buildModelFromUrdf(str(file))
     except (ValueError, RuntimeError) as error:
         raise InputError(f"{file}: not a readable URDF: {error}") from None
-    return arm_from_pinocchio(
+    arm = arm_from_pinocchio(
         robot,
         base_link=base_link,
         tool_frame=tool_frame,
@@ -79,6 +79,8 @@ def arm_from_urdf(
         acceleration=acceleration,
         accept_inertia=accept_inertia,
     )
+    doubt_arm(arm)
+    return arm
 
 
 def arm_from_pinocchio(
@@ -121,7 +123,6 @@ def arm_from_pinocchio(
     reduced = _lock(robot, locked, moving)
     arm = _arm(reduced, base_link, tool_frame, armature, acceleration)
     refuse_impossible_links(arm, _links(reduced), accept_inertia)
-    doubt_arm(arm)
     return arm
 
 

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from ocptip.contact.moving import what_moves
 from ocptip.contact.solver import ContactStates
 from ocptip.standing.instants import Instants
 from ocptip.standing.limit_kinds import limits_of
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
-
-_CONTACT_VERBS = {"slide": "slides", "separate": "lifts off", "yield": "yields"}
 
 
 def posture_refusals(robot: StandingMechanism, limits: MotionLimits, q: np.ndarray) -> list[str]:
@@ -18,17 +17,15 @@ def posture_refusals(robot: StandingMechanism, limits: MotionLimits, q: np.ndarr
     at, kinds = Instants.at_rest(robot, q[None]), limits_of(robot, limits)
     others = [limit for limit in reversed(kinds) if not limit.of_contacts]  # the posture before its load
     found = [reason for limit in others for reason in limit.refusals(at)]
-    if moving := _moving(at.states):
+    if moving := _moving(robot, at.states):
         return [*found, moving]
     return found + [reason for limit in kinds if limit.of_contacts for reason in limit.refusals(at)]
 
 
-def _moving(states: ContactStates) -> str:
+def _moving(robot: StandingMechanism, states: ContactStates) -> str:
     """Why the base does not rest in its (single) contact state; empty if it does."""
     if not states[0].solved:
         return f"no verified contact state at rest: {states[0].status}"
     if states[0].persistent:
         return ""
-    modes = enumerate(states[0].modes, 1)
-    moving = [f"contact {k} {_CONTACT_VERBS.get(m, m)}" for k, m in modes if m != "stick"]
-    return f"the base does not stand at rest: {', '.join(moving)}"
+    return f"the base does not stand at rest: {what_moves(robot.support, states[0].modes)}"

@@ -23,6 +23,7 @@ from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.rest import posture_refusals
 from ocptip.task_files.arm import read_arm, read_obstacles
 from ocptip.task_files.doubts import doubt_masses, doubt_units, doubt_way
+from ocptip.task_files.kinds import require_kind
 from ocptip.task_files.motors import arm_motors
 from ocptip.task_files.payload import read_payload
 from ocptip.task_files.platform import read_platform_robot
@@ -43,6 +44,7 @@ def load_task(path: str | os.PathLike[str]) -> MotionTask:
     """
     path = Path(path)
     with Table.read(path) as data:
+        require_kind(data, "plan")
         data.close("name", *SCENE, "arm", "robot", "payload", "motors", "obstacle", "motion", "limits")
         task = _task(data, path)
         doubt_units(data)

@@ -30,6 +30,7 @@ from ocptip.parallel.description.robot_description import (
     Platform,
     RobotDescription,
 )
+from ocptip.task_files.kinds import require_kind
 
 _TOP = ("name", "gravity", "convention", "free", "home", "parameters", "platform", "table", "leg")
 _JOINTS = {"revolute": REVOLUTE, "prismatic": PRISMATIC, "fixed": FIXED}
@@ -62,6 +63,7 @@ def robot_from_dict(data: dict[str, Any], *, name: str = "robot") -> RobotDescri
 
 def _robot(data: Table) -> RobotDescription:
     with data:
+        require_kind(data, "parallel")
         data.close(*_TOP)
         return _Reader(data).robot()
 

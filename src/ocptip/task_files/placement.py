@@ -32,6 +32,7 @@ from ocptip.robots.model import ArmModel
 from ocptip.standing.arm import StandingRobot
 from ocptip.task_files.arm import read_arm, read_obstacles
 from ocptip.task_files.doubts import doubt_masses, doubt_units
+from ocptip.task_files.kinds import require_kind
 from ocptip.task_files.motors import arm_motors
 from ocptip.task_files.payload import read_payload
 from ocptip.task_files.scene import SCENE, read_support
@@ -68,6 +69,7 @@ def load_placement(path: str | os.PathLike[str]) -> PlacementTask:
     """
     path = Path(path)
     with Table.read(path) as data:
+        require_kind(data, "place")
         data.close("name", "unloaded", *SCENE, "arm", "payload", "motors", *_OBSTACLES, *_TABLES)
         task = PlacementTask(data.text("name", path.stem), _problem(data, path.parent))
         doubt_units(data)

@@ -30,6 +30,7 @@ from ocptip.basics.errors import finite_array
 from ocptip.basics.toml import Table
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.platforms.platform import PlatformFile, StewartPlatform
+from ocptip.task_files.kinds import require_kind
 
 _UNITS = {"m": 1.0, "mm": 1e-3}
 
@@ -67,6 +68,7 @@ def rotation_from_degrees(name: str, vector: object) -> np.ndarray:
 
 def _platform(data: Table) -> PlatformFile:
     with data:
+        require_kind(data, "rate")
         data.close("name", "unit", "base", "platform", "home", "operation_ellipsoid")
         scale, zero = _UNITS[data.choice("unit", _UNITS, "m")], np.zeros(3)
         anchors = [data.array(key, (None, 3)) * scale for key in ("base", "platform")]

@@ -18,6 +18,7 @@ from ocptip.basics.toml import Table
 from ocptip.contact.bindings.binding import Binding
 from ocptip.contact.support import Load, Support, refuse_impossible_inertia
 from ocptip.task_files.doubts import doubt_units
+from ocptip.task_files.kinds import require_kind
 
 SCENE = ("gravity", "base", "contact")
 """What :func:`read_support` reads of a file."""
@@ -69,6 +70,7 @@ def scene_from_dict(data: dict[str, Any], *, name: str = "scene") -> Scene:
 
 def _scene(data: Table) -> Scene:
     with data:
+        require_kind(data, "stand")
         data.close("name", *SCENE, "load")
         name, support = data.text("name", data.file), read_support(data)
         loads = tuple(_load(table, support.dimension) for table in data.tables("load"))

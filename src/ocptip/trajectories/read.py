@@ -12,11 +12,13 @@ from typing import Any
 
 import numpy as np
 
+from ocptip.basics.doubts import doubt_degrees
 from ocptip.basics.errors import InputError, refuse_huge
 from ocptip.basics.toml import read_text
 from ocptip.trajectories.arm_motion import ArmMotion
-from ocptip.trajectories.sampled import Motion, SampledMotion
+from ocptip.trajectories.sampled import REST, Motion, SampledMotion
 
+_ENOUGH, _JUMP = 8, 4.0  # rows and ratio of accelerations from which a file counts as cut off
 _NEAREST = 1e-4  # s: least distance of rows read from a file
 
 
@@ -41,8 +43,11 @@ def load_motion(path: str | os.PathLike[str]) -> Motion:
     text = read_text(path)
     try:
         if text.lstrip().startswith(("{", "[")):
-            motion = ArmMotion.from_dict(_json(text))
+            data = _json(text)
+            motion = ArmMotion.from_dict(data)
             _refuse_huge_commands(motion)
+            turning = np.array(data.get("units", ["deg"] * motion.n)) == "deg"
+            doubt_degrees("start, commands", np.rad2deg(motion.angle_ranges[turning]))
             return motion
         return _from_csv(text)
     except InputError as error:
@@ -103,7 +108,35 @@ def _from_csv(text: str) -> SampledMotion:
                 f"line {lines[row + 1][0]}: time_s {table[row, 0]:.9g} again, with other angles or speeds"
             )
     table, n = _spaced(table), len(angles)
-    return SampledMotion(table[:, 0], table[:, 1 : n + 1], table[:, n + 1 :] if speeds else None)
+    motion = SampledMotion(table[:, 0], table[:, 1 : n + 1], table[:, n + 1 :] if speeds else None)
+    if not speeds:
+        _refuse_cut(motion.times, motion.angles)
+    in_degrees = [joint for joint, column in enumerate(angles) if header[column].endswith("_deg")]
+    doubt_degrees("columns q_deg", np.rad2deg(motion.angles[:, in_degrees]))
+    return motion
+
+
+def _refuse_cut(times: np.ndarray, angles: np.ndarray) -> None:
+    """Refuse angles (N, n) that begin or end in full motion, as those of a file that is cut off.
+
+    A motion comes to rest in about the way in which it moves otherwise: the acceleration that would take the
+    speed between the last two samples to zero is of the size of the others.
+    """
+    if len(times) < _ENOUGH:
+        return
+    widths = np.diff(times)[:, None]
+    speeds = np.diff(angles, axis=0) / widths
+    inside = np.max(np.abs(np.diff(speeds, axis=0)) / (0.5 * (widths[1:] + widths[:-1])), axis=0)
+    ends = 2 * np.abs(speeds[[0, -1]]) / widths[[0, -1]]
+    for end, (where, verb) in zip((0, -1), (("first", "begins"), ("last", "ends")), strict=True):
+        usual = np.maximum(inside, ends[-1 - end])
+        moving = (np.abs(speeds[end]) > REST) & (ends[end] > _JUMP * usual)
+        if moving.any():
+            joint = int(np.argmax(moving))
+            raise InputError(
+                f"the motion {verb} before it rests: between the {where} two rows joint {joint + 1} moves with "
+                f"{abs(speeds[end, joint]):.4g} rad/s (or m/s); is the file cut off?"
+            )
 
 
 def _spaced(table: np.ndarray) -> np.ndarray:

@@ -31,7 +31,9 @@ from ocptip.basics.errors import InputError, finite_array, positive_number
 from ocptip.trajectories.arm_motion import MERGE, ArmMotion, gauss_legendre
 from ocptip.trajectories.ramps import checked_times
 
-_REST = 1e-3  # rad/s: a motion that begins or ends faster than this is only a piece of one
+REST = 1e-3
+"""Speed, rad/s: a motion that begins or ends faster is only a piece of one."""
+
 _STILL = 1e-9  # rad/s: a joint that never gets faster rests; changes of sign are rounding
 
 
@@ -71,7 +73,7 @@ class SampledMotion:
             values["speeds"] = finite_array("speeds", self.speeds, values["angles"].shape)
             for where, ends in (("first", values["speeds"][0]), ("last", values["speeds"][-1])):
                 joint = int(np.argmax(np.abs(ends)))
-                if abs(ends[joint]) > _REST:
+                if abs(ends[joint]) > REST:
                     raise InputError(
                         f"speeds: joint {joint + 1} moves with {np.rad2deg(ends[joint]):.4g} deg/s at the "
                         f"{where} sample; a motion goes from rest to rest"

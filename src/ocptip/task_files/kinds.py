@@ -1,0 +1,34 @@
+"""Which command a file is for, told by its tables."""
+
+from __future__ import annotations
+
+from ocptip.basics.toml import Table
+
+_KINDS = {
+    "plan": "a motion task",
+    "place": "a placement task",
+    "stand": "a scene",
+    "parallel": "a parallel robot",
+    "rate": "a platform",
+}
+
+
+def require_kind(data: Table, command: str) -> None:
+    """Refuse a file that is clearly meant for another command, and name that.
+
+    Raises:
+        InputError: it is one.
+    """
+    other = _command(data)
+    if other not in ("", command):
+        raise data.error(f"is {_KINDS[other]} (ocptip {other}), not {_KINDS[command]}")
+
+
+def _command(data: Table) -> str:
+    """The command, "" if the file leaves it open."""
+    for key, command in (("motion", "plan"), ("task", "place"), ("leg", "parallel")):
+        if key in data:
+            return command
+    if "contact" in data and "arm" not in data and "robot" not in data:
+        return "stand"
+    return "rate" if "platform" in data and "base" in data else ""
