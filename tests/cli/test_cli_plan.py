@@ -15,10 +15,12 @@ import pytest
 from ocptip.basics import errors
 from ocptip.cli import plan as command
 from ocptip.cli.main import main
+from ocptip.cli.options import OUTPUTS
 from ocptip.cli.plan import PlanReport, progress_bar
 from ocptip.motion.output import plan_to_dict
 from ocptip.pictures import plan as motion_plots
 from ocptip.published import tasks as task
+from ocptip.robots.payload import Payload
 from ocptip.standing.limits import MotionLimits
 from ocptip.trajectories.arm_motion import ArmMotion
 from tests.pictures.plan_stand_in import stand_in_plan
@@ -268,3 +270,49 @@ def test_progress_says_nothing_into_a_pipe():
     with progress_bar(pipe) as progress:
         progress(1, 2, 3.0)
     assert pipe.getvalue() == ""
+
+
+def test_files_of_others_are_not_replaced(planner, capsys, tmp_path):
+    other = tmp_path / "ocptip-plan-C"
+    other.mkdir()
+    for name in ("plan.png", "notes.txt"):
+        (other / name).write_text("mine")
+    code, out, err = run(capsys, "C", "--no-figures")
+    assert (code, out) == (2, "")
+    assert err == (
+        "ocptip: --out: ocptip-plan-C holds files that ocptip plan did not write and would replace: "
+        "plan.png; choose another directory, or --overwrite\n"
+    )
+    assert not planner.calls
+    (other / "plan.json").write_text('{"energy_J": 3}')  # not from ocptip
+    assert run(capsys, "C", "--no-figures")[0] == 2
+    assert run(capsys, "C", "--no-figures", "--overwrite")[0] == 0
+    assert sorted(path.name for path in other.iterdir()) == sorted([*FILES, "notes.txt"])
+
+
+def test_figures_of_an_earlier_plan_are_removed(planner, capsys, tmp_path):
+    assert run(capsys, "C", "--no-figures")[0] == 0
+    directory = tmp_path / "ocptip-plan-C"
+    for name in ("plan.png", "friction.png", "mine.png"):
+        (directory / name).write_text("old")
+    assert run(capsys, "C", "--no-figures")[0] == 0
+    assert sorted(path.name for path in directory.iterdir()) == sorted([*FILES, "mine.png"])
+
+
+def test_the_names_of_all_files_are_known():
+    assert OUTPUTS["plan"] == (*FILES, *(f"{name}.png" for name in motion_plots._FIGURES))
+
+
+def test_a_plan_says_what_the_arm_holds(planner, capsys, tmp_path):
+    read = task.experiment_task("C", "effective")
+    held = read.robot.varied(arm=read.robot.arm.with_payload(Payload(2.0, [0, 0, 0.1])))
+    planner.result.task.robot = held
+    try:
+        _, out, _ = run(capsys, "C", "--no-figures")
+    finally:
+        planner.result.task.robot = read.robot
+    payload = "payload 2 kg (point mass at (0, 0, 0.1) m)"
+    assert f"masses   base 3.45 kg, arm 15.71 kg, {payload}; together 21.16 kg" in out
+    data = json.loads((tmp_path / "ocptip-plan-C" / "plan.json").read_text(encoding="utf-8"))
+    assert data["payload"] == {"mass": 2.0, "center_of_mass": [0.0, 0.0, 0.1]}
+    assert data["masses_kg"] == pytest.approx({"base": 3.45, "arm": 15.711, "payload": 2.0, "total": 21.161})

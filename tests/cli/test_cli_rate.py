@@ -9,6 +9,7 @@ from ocptip.cli.main import main
 from ocptip.indices.arms.rate import rate_arm
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.published.arms import arm_by_name
+from ocptip.robots.payload import Payload
 from ocptip.robots.urdf import arm_from_urdf
 from tests.places import UR5
 
@@ -188,3 +189,20 @@ def test_options_of_arms_are_refused_for_platforms(capsys, tmp_path):
     assert "--rates: not for platforms" in capsys.readouterr().err
     assert main(["rate", str(path), "1", "2"]) == 2
     assert "got 2 numbers" in capsys.readouterr().err
+
+
+def test_a_payload_counts_where_masses_do(capsys):
+    free, loaded = (
+        rate_json(capsys, "FP1W2F", *POSE, *more)[1] for more in ([], ["--payload", 3, 0, 0, 0.1])
+    )
+    arm = arm_by_name("FP1W2F").with_payload(Payload(3.0, [0, 0, 0.1]))
+    expected = rate_arm(arm, np.radians([10, 20, -30, 40, 50, 60]))
+    assert values(loaded)["dm_2_weighted"] == expected["dm_2_weighted"].value > values(free)["dm_2_weighted"]
+    assert values(loaded)["dm_2"] == values(free)["dm_2"]
+    assert (free["payload"], loaded["payload"]["mass"]) == (None, 3.0)
+    for bad, said in (
+        ([1, 2], "expected KG or KG X Y Z, got 2 numbers"),
+        ([0], "mass: must be > 0, got 0.0"),
+    ):
+        assert main(["rate", "FP1W2F", *POSE, "--payload", *map(str, bad)]) == 2
+        assert capsys.readouterr().err == f"ocptip: --payload: {said}\n"

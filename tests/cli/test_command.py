@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import warnings
 from dataclasses import dataclass
 from types import SimpleNamespace
 
 import pytest
 
 from ocptip.basics import errors
+from ocptip.basics.doubts import doubt
 from ocptip.cli.command import Report
 from ocptip.cli.commands import COMMANDS
 from ocptip.cli.main import main
@@ -104,3 +106,29 @@ def test_help_of_every_command_loads_no_numerics():
         "loaded = {'numpy', 'numba', 'scipy', 'matplotlib'} & set(sys.modules)\nassert not loaded, loaded\n"
     )
     subprocess.run([sys.executable, "-c", code, *NAMES], check=True, capture_output=True)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_suspicions_are_a_line_on_stderr_and_in_the_data(monkeypatch, capsys, name):
+    def run(options):
+        doubt("a.toml: start_deg: are they radians?")
+        doubt("a.toml: start_deg: are they radians?")
+        return Answer()
+
+    monkeypatch.setitem(sys.modules, f"ocptip.cli.{name}", SimpleNamespace(run=run))
+    assert main([name, *ARGUMENTS[name], "--json"]) == 0
+    out, err = capsys.readouterr()
+    assert json.loads(out)["warnings"] == ["a.toml: start_deg: are they radians?"] * 2
+    assert err == "warning: a.toml: start_deg: are they radians?\n" * 2
+
+
+def test_other_warnings_go_their_way(monkeypatch):
+    def run(options):
+        warnings.warn("old", DeprecationWarning, stacklevel=1)
+        return Answer()
+
+    monkeypatch.setitem(sys.modules, "ocptip.cli.stand", SimpleNamespace(run=run))
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        assert main(["stand", "a.toml"]) == 0
+    assert [str(w.message) for w in found] == ["old"]

@@ -112,3 +112,15 @@ def test_bad_input_is_refused():
         inv_cdn_points(J, [[0, 0, 0], [1, 1, 1]])
     with pytest.raises(InputError, match="no solid 'pyramid'"):
         platonic_points("pyramid", 1.0)
+
+
+@given(seeds)
+def test_more_than_six_axes_have_six_singular_values(rng):
+    """The eigenvalues of J J' M' M are those of (M J) (M J)' without zeros; M: velocities of the points."""
+    J, points = random_axes(rng, int(rng.integers(7, 10))), rng.normal(size=(4, 3))
+    M = np.vstack([np.hstack([[[0, z, -y], [-z, 0, x], [y, -x, 0]], np.eye(3)]) for x, y, z in points])
+    squares = np.sort(np.linalg.eigvals(J @ J.T @ M.T @ M).real)
+    assert inv_cdn_points(J, points) == pytest.approx(np.sqrt(squares[0] / squares[-1]), rel=1e-6)
+    assert inv_cdn_points(J, points) > 1e-6
+    J[:] = J[:, :1]
+    assert inv_cdn_points(J, points) == 0.0

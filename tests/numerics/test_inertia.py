@@ -12,7 +12,11 @@ from ocptip.numerics.inertia import parallel_axis, symmetric_matrix, union, why_
 def body(masses, points):
     """A cloud of point masses as a rigid body."""
     centre = masses @ points / masses.sum()
-    return masses.sum(), centre, sum(parallel_axis(m, p - centre) for m, p in zip(masses, points, strict=True))
+    return (
+        masses.sum(),
+        centre,
+        sum(parallel_axis(m, p - centre) for m, p in zip(masses, points, strict=True)),
+    )
 
 
 @settings(max_examples=30, deadline=None)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 
 import numpy as np
@@ -9,7 +10,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ocptip.placement.output import refusal_to_dict, result_to_dict, write_placement
+from ocptip.task_files.placement import load_placement
 from tests.pictures.placed_example import found, refused
+from tests.places import EXAMPLES
 
 
 def test_result_in_plain_numbers(tmp_path):
@@ -37,7 +40,7 @@ def test_result_in_plain_numbers(tmp_path):
     assert best["criteria"]["GE"]["reference"] == pytest.approx(71)
     assert len(best["margins"]) == len(placement.margins)
     assert {m["task"] for m in best["margins"]} == {None, "press"}
-    assert len(data["alternatives"]) == len(result.placements) - 1
+    assert len(data["alternatives"]) == len(result.places) - 1
     assert len(data["starts"]) == len(result.starts)
     assert set(data["versions"]) >= {"python", "ocptip", "casadi"}
     assert data["tasks"][0]["loads"][0]["force"] == [-5.0, 0.0, 0.0]
@@ -64,3 +67,24 @@ def test_a_directory_that_cannot_be_is_named(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(OSError, match="file"):
         write_placement(tmp_path / "file", {"a": 1})
+
+
+def test_alternatives_are_other_places():
+    """Turned bases and other joint angles at one place are one place."""
+    problem = load_placement(EXAMPLES / "tasks" / "place_ur5_wall.toml").problem  # x, y, angle
+    best, turned, bent, away = (
+        dataclasses.replace(found().best, problem=problem, parameters=np.array(p), angles=np.full((1, 6), q))
+        for p, q in (
+            ([1.0, 0.2, 0.1], 0.0),
+            ([1.01, 0.21, 3.0], 0.0),
+            ([1.0, 0.2, 0.1], 1.0),
+            ([1.2, 0.2, 0.1], 0.0),
+        )
+    )
+    result = dataclasses.replace(found(), placements=(best, turned, bent, away))
+    assert result.places == (best, away)
+    elsewhere = dataclasses.replace(found().best, parameters=found().best.parameters + 0.5)
+    two = dataclasses.replace(found(), placements=(found().best, found().best, elsewhere))
+    assert [data["parameters"] for data in two.to_dict()["alternatives"]] == [
+        dict(zip(("p1", "p2"), elsewhere.parameters.tolist(), strict=True))
+    ]

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from ocptip.basics.errors import InputError
+from ocptip.basics.errors import InputError, InputWarning
 from ocptip.motion.check import check_motion
 from ocptip.motion.output import sample_motion, write_motion_csv
 from ocptip.published.tasks import experiment_task
@@ -246,3 +246,41 @@ def test_bad_questions_are_refused():
         motion.quadrature(0)
     with pytest.raises(InputError, match="factor"):
         motion.time_scaled(0.0)
+
+
+@pytest.mark.parametrize("case", "AE")
+def test_a_file_cut_off_is_refused_and_a_thinned_one_is_not(tmp_path, case):
+    """Angles alone: the spline would brake within the last interval, with accelerations of any size."""
+    task = experiment_task(case)
+    path = tmp_path / "motion.csv"
+    write_motion_csv(path, sample_motion(task.robot, task.reference))
+    rows = [line.split(",") for line in path.read_text(encoding="utf-8").splitlines()]
+    columns = [0, *(rows[0].index(f"q{j}_deg") for j in range(1, 7))]
+    lines = [",".join(row[c] for c in columns) for row in rows]
+
+    def load(some):
+        path.write_text("\n".join(some) + "\n", encoding="utf-8")
+        return load_motion(path)
+
+    for step in (1, 4, 20):
+        assert load([*lines[:-1:step], lines[-1]]).n == 6
+    for end in range(30, len(lines) - 5, 23):
+        with pytest.raises(InputError, match=r"ends before it rests: .* the last two rows .* cut off\?"):
+            load(lines[:end])
+        with pytest.raises(InputError, match=r"begins before it rests: .* the first two rows"):
+            load([lines[0], *lines[end:]])
+
+
+def test_angles_within_a_turn_of_radians_are_warned_of(tmp_path):
+    path = tmp_path / "motion.csv"
+    path.write_text("time_s,q1_deg,q2_deg\n0,0.5,0\n1,1.2,-3.1\n", encoding="utf-8")
+    with pytest.warns(InputWarning, match=r"no angle is above 3.1 degrees; are they radians\?"):
+        load_motion(path)
+    path.write_text("time_s,q1_rad,q2_rad\n0,0.5,0\n1,1.2,-3.1\n", encoding="utf-8")
+    load_motion(path)
+    motion = {"start": [0.5], "commands": [[{"phi_e": 1.5, "speed": 1, "acceleration": 2}]]}
+    path.write_text(json.dumps(motion), encoding="utf-8")
+    with pytest.warns(InputWarning, match="no angle is above 1.5 degrees"):
+        load_motion(path)
+    path.write_text(json.dumps({**motion, "units": ["m"]}), encoding="utf-8")
+    load_motion(path)

@@ -126,6 +126,14 @@ COMMANDS = (
                 type=float,
             ),
             argument("--center", ("X", "Y", "Z"), "its centre in that frame, m (0 0 0)", nargs=3, type=float),
+            argument(
+                "--payload",
+                "KG",
+                "arm: mass at the gripper point for the indices that weigh masses, kg; or KG X Y Z, its "
+                "place in the gripper frame, m",
+                nargs="+",
+                type=float,
+            ),
             argument("--base-link", "LINK", "URDF: link that rests"),
             argument("--tool-frame", "FRAME", "URDF: link or frame of the end-effector"),
             argument(

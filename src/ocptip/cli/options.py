@@ -12,7 +12,6 @@ from pathlib import Path
 from ocptip.basics.errors import InputError, positive_number, share_of_one
 from ocptip.motion.task import MotionTask
 
-
 OUTPUTS = {
     "plan": (
         "plan.json", "motion.csv", "trajectory.json", "plan.png", "angles.png", "speeds.png", "torques.png",

@@ -24,6 +24,7 @@ from ocptip.indices.platforms.singular_motion import singular_motion
 from ocptip.parallel.description.ready_made import ups6
 from ocptip.published.arms import arm_by_name
 from ocptip.robots.model import ArmModel
+from ocptip.robots.payload import Payload
 from ocptip.robots.urdf import arm_from_urdf
 from ocptip.task_files.platform_points import read_platform, rotation_from_degrees
 
@@ -40,7 +41,7 @@ def run(options: Namespace) -> Report:
 
 
 def _rate_arm(options: Namespace) -> Report:
-    model = _arm(options)
+    model = _arm(options).with_payload(_payload(options))
     if len(options.pose) != model.n:
         raise InputError(f"POSE: {model.name} has {model.n} joints, got {len(options.pose)} angles (degrees)")
     q = np.radians(bounded_array("POSE", options.pose, (model.n,)))
@@ -59,12 +60,15 @@ def _rate_arm(options: Namespace) -> Report:
     outside = np.flatnonzero((q < model.limits.angle_min) | (q > model.limits.angle_max))
     if outside.size:
         lines.append(("note", f"outside of the joint limits: joint {', '.join(str(k + 1) for k in outside)}"))
-    data = {**rating.to_dict(), "outside_limits": (outside + 1).tolist()}
+    payload = model.payload.to_dict() if model.payload else None
+    if model.payload:
+        lines.append(("payload", f"{model.payload.mass:.4g} kg, {model.payload}"))
+    data = {**rating.to_dict(), "outside_limits": (outside + 1).tolist(), "payload": payload}
     return _answer(rating.entries, lines, data)
 
 
 def _rate_platform(options: Namespace) -> Report:
-    _refuse_given(options, ("rates", *_URDF_OPTIONS), "not for platforms")
+    _refuse_given(options, ("rates", "payload", *_URDF_OPTIONS), "not for platforms")
     hexapod = options.robot.upper() == _HEXAPOD
     file = platform_of_robot(ups6()) if hexapod else read_platform(options.robot)
     position, rotation = file.position, file.rotation
@@ -110,6 +114,18 @@ def _arm(options: Namespace) -> ArmModel:
         locked_joints=dict(map(_lock, options.lock)),
         accept_inertia=True,  # most indices need no masses; those that do say what is missing
     )
+
+
+def _payload(options: Namespace) -> Payload | None:
+    if options.payload is None:
+        return None
+    mass, *place = options.payload
+    if len(place) not in (0, 3):
+        raise InputError(f"--payload: expected KG or KG X Y Z, got {len(options.payload)} numbers")
+    try:
+        return Payload(mass, place or (0.0, 0.0, 0.0))
+    except InputError as error:
+        raise InputError(f"--payload: {error}") from None
 
 
 def _refuse_given(options: Namespace, names: Sequence[str], why: str) -> None:

@@ -34,7 +34,9 @@ def _without_area(support: Support) -> str:
     spread = np.linalg.svd(positions - positions.mean(axis=0), compute_uv=False)
     everyone = _contacts(list(range(1, len(positions) + 1)))
     where = "are on one line" if spread[0] > _STRAIGHT * support.length else "are at one point"
-    return f"{everyone} {where if len(positions) > 1 else 'is the only one'}, about which nothing keeps it from tipping"
+    if len(positions) == 1:
+        where = "is the only one"
+    return f"{everyone} {where}, about which nothing keeps it from tipping"
 
 
 def _contacts(numbers: Sequence[int]) -> str:

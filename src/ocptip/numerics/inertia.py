@@ -57,6 +57,6 @@ def why_impossible(inertia: np.ndarray, rounding: float) -> str:
         return ""
     shown = ", ".join(f"{value:.4g}" for value in principal)
     return (
-        f"no body has these principal values about its centre of mass ({shown} kg m^2): none may be negative, "
+        f"no body has these principal values about its centre of mass ({shown} kg m^2): none may be negative "
         "and the largest must not exceed the sum of the other two"
     )

@@ -15,7 +15,14 @@ from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.limits.arm import POSE_TOLERANCE
 from ocptip.placement.limits.kinds import KINDS
 from ocptip.placement.problem import PlacementProblem
-from ocptip.placement.result import ONE_PLACE, NoPlacementError, Placement, PlacementResult, StartReport, judge
+from ocptip.placement.result import (
+    ONE_PLACE,
+    NoPlacementError,
+    Placement,
+    PlacementResult,
+    StartReport,
+    judge,
+)
 from ocptip.placement.search import starts as sampling
 from ocptip.placement.search.elastic import ElasticProgram
 from ocptip.placement.search.physics import PatchPhysics

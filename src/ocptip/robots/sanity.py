@@ -38,7 +38,8 @@ def refuse_impossible_links(
     known = [name for names in links for name in names]
     for name in sorted(chosen - set(known)):
         raise InputError(
-            f"accept_inertia: no moving link {name!r}; there are {', '.join(known)}{did_you_mean(name, known)}"
+            f"accept_inertia: no moving link {name!r}; there are {', '.join(known)}"
+            f"{did_you_mean(name, known)}"
         )
     found = {}
     for names, mass, inertia in zip(links, arm.masses, arm.inertias, strict=True):

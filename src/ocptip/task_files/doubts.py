@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
 from ocptip.basics.doubts import doubt, doubt_degrees, doubt_metres
+from ocptip.basics.errors import LARGEST
 from ocptip.basics.toml import Table
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.standing.mechanism import StandingMechanism
@@ -26,19 +29,30 @@ _LIGHTEST_BASE = 0.25  # of the arm's mass; the published experiments had 0.42
 
 
 def doubt_units(data: Table) -> None:
-    """Warn of angles of a file that seem to be radians, and of lengths that seem to be millimetres."""
-    leaves = dict(data.leaves())
+    """Warn of angles of a file that seem to be radians, and of lengths that seem to be millimetres.
+
+    To be called before the file is read: a wrong unit may well be why it is refused.
+    """
+    leaves = {place: list(_numbers(value)) for place, value in data.leaves()}
     for pattern in _ANGLES:
-        found = {place: value for place, value in leaves.items() if re.fullmatch(pattern, place)}
-        angles = np.concatenate([np.zeros(0), *(np.ravel(value) for value in found.values())])
-        doubt_degrees(f"{data.file}: {', '.join(found)}", angles)
-    for place, value in leaves.items():
+        found = {place: numbers for place, numbers in leaves.items() if re.fullmatch(pattern, place)}
+        doubt_degrees(f"{data.file}: {', '.join(found)}", [x for numbers in found.values() for x in numbers])
+    for place, numbers in leaves.items():
         if _LENGTHS.fullmatch(place):
-            doubt_metres(f"{data.file}: {place}", value)
+            doubt_metres(f"{data.file}: {place}", numbers)
+
+
+def _numbers(value: Any) -> Iterator[float]:
+    """The numbers in a value that may be anything; those that readers refuse are left out."""
+    if isinstance(value, list):
+        for item in value:
+            yield from _numbers(item)
+    elif isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST:
+        yield float(value)
 
 
 def doubt_masses(data: Table, robot: StandingMechanism) -> None:
-    """Warn of a base that no clamp holds and that is lighter than its payload, or far lighter than its arm."""
+    """Warn of a base without clamps that is lighter than its payload, or far lighter than its arm."""
     if not all(isinstance(contact, UnilateralContact) for contact in robot.support.contacts):
         return
     (_, base), *carried = robot.masses.items()

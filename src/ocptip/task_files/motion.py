@@ -45,9 +45,9 @@ def load_task(path: str | os.PathLike[str]) -> MotionTask:
     path = Path(path)
     with Table.read(path) as data:
         require_kind(data, "plan")
+        doubt_units(data)
         data.close("name", *SCENE, "arm", "robot", "payload", "motors", "obstacle", "motion", "limits")
         task = _task(data, path)
-        doubt_units(data)
         doubt_masses(data, task.robot)
         doubt_way(data, task.start, task.goal)
         return task

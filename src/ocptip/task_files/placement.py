@@ -70,9 +70,9 @@ def load_placement(path: str | os.PathLike[str]) -> PlacementTask:
     path = Path(path)
     with Table.read(path) as data:
         require_kind(data, "place")
+        doubt_units(data)
         data.close("name", "unloaded", *SCENE, "arm", "payload", "motors", *_OBSTACLES, *_TABLES)
         task = PlacementTask(data.text("name", path.stem), _problem(data, path.parent))
-        doubt_units(data)
         doubt_masses(data, task.problem.robot)
         return task
 

@@ -71,10 +71,10 @@ def scene_from_dict(data: dict[str, Any], *, name: str = "scene") -> Scene:
 def _scene(data: Table) -> Scene:
     with data:
         require_kind(data, "stand")
+        doubt_units(data)
         data.close("name", *SCENE, "load")
         name, support = data.text("name", data.file), read_support(data)
         loads = tuple(_load(table, support.dimension) for table in data.tables("load"))
-        doubt_units(data)
         return Scene(name, support, loads, support.wrench(loads))
 
 

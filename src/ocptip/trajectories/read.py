@@ -134,8 +134,8 @@ def _refuse_cut(times: np.ndarray, angles: np.ndarray) -> None:
         if moving.any():
             joint = int(np.argmax(moving))
             raise InputError(
-                f"the motion {verb} before it rests: between the {where} two rows joint {joint + 1} moves with "
-                f"{abs(speeds[end, joint]):.4g} rad/s (or m/s); is the file cut off?"
+                f"the motion {verb} before it rests: between the {where} two rows joint {joint + 1} moves "
+                f"with {abs(speeds[end, joint]):.4g} rad/s (or m/s); is the file cut off?"
             )
 
 
