@@ -39,10 +39,10 @@ def parallel_axis(mass: float, lever: np.ndarray) -> np.ndarray:
 
 def union(first: RigidBody, second: RigidBody) -> RigidBody:
     """The two bodies, of which one has mass, as one."""
-    bodies = first, second
     mass = first[0] + second[0]
     centre = (first[0] * first[1] + second[0] * second[1]) / mass
-    return mass, centre, sum(inertia + parallel_axis(m, c - centre) for m, c, inertia in bodies)
+    own, other = (inertia + parallel_axis(m, c - centre) for m, c, inertia in (first, second))
+    return mass, centre, own + other
 
 
 def why_impossible(inertia: np.ndarray, rounding: float) -> str:
