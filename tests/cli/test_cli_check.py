@@ -54,6 +54,8 @@ def test_json_holds_the_check_of_the_library(capsys, plan, task):
     assert (result["violations"], result["time_scale"]) == ([], [])
     assert max(result["start_offset_deg"], result["goal_offset_deg"]) < 1e-6
     assert "ocptip" in result["versions"]
+    assert result["masses_kg"] == pytest.approx({"base": 3.45, "arm": 15.711, "total": 19.161})
+    assert (result["payload"], result["warnings"]) == (None, [])
 
 
 def test_table_says_the_same(capsys, plan):
@@ -73,6 +75,7 @@ def test_table_says_the_same(capsys, plan):
         "-",
     ]
     assert len([line for line in lines if "<=" in line or ">=" in line]) == len(worst)
+    assert "masses base 3.45 kg, arm 15.71 kg; together 19.16 kg" in lines
     assert f"energy {result['energy_J']:.4g} J, duration {result['duration_s']:.4g} s" in text
     assert "BROKEN" not in text
     assert "note" not in text

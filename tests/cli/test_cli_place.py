@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -86,6 +87,7 @@ def test_summary(task, search, capsys):
     assert lines["active"].split(None, 1)[1] == (
         "; ".join(map(str, best.active)) or "none: the optimum is inside all limits"
     )
+    assert re.fullmatch(r"masses +base [\d.]+ kg, arm [\d.]+ kg; together [\d.]+ kg", lines["masses"])
     assert lines["written"].endswith("ocptip-place-press/: placement.json")
     assert out.count("\n") < 30
     assert out.isascii()
