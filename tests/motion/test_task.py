@@ -285,7 +285,7 @@ POSE = "goal_pose = { position = [0.2, 0, 0.5], rpy_deg = [0, 90, 0] }"
     [
         (MODULAR.replace("[motion]", "[motoin]"), "motoin: unknown key; did you mean 'motion'"),
         (MODULAR.replace("[arm]", "[[arm]]"), r"arm: expected a table \[arm\]"),
-        (FEET, r"arm: missing table \[arm\]"),
+        (FEET, r"is a scene \(ocptip stand\), not a motion task"),
         (MODULAR.replace("friction = 0.6", "friction = -1", 1), r"contact\[1\]\.friction: must be >= 0"),
         (MODULAR.replace("mass = 30.0", "mass = nan"), "base.mass: must be finite, got nan"),
         (changed(MODULAR, mount_position=None), "arm.mount_position: missing"),

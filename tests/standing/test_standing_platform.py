@@ -357,6 +357,7 @@ def test_units_of_mixed_coordinates(standing):
     np.testing.assert_allclose(ArmMotion.from_dict(data).goal, motion.goal, rtol=1e-15)
 
 
+@pytest.mark.filterwarnings("ignore:.*are they radians")
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
