@@ -91,6 +91,8 @@ def test_masses_that_no_arm_has_are_warned_of(tmp_path):
         warnings.simplefilter("error")
         doubt_arm(arm_by_name("IRB2000"))  # no masses at all: nothing to judge
     light = arm_from_urdf(UR5, **NAMES)
+    length = np.linalg.norm(light.offsets, axis=1).sum()
+    assert light.masses.sum() / length ** np.array([3, 2]) == pytest.approx([10, 12], rel=0.01)
     doubt_arm(light.with_payload(Payload(1e5)))  # what it holds is not judged
 
 

@@ -13,7 +13,7 @@ from ocptip.numerics.inertia import ROUNDED, why_impossible
 from ocptip.robots.model import ArmModel
 
 LIGHTEST = 1.5
-"""Least plausible mass of an arm per cubed length of its chain, kg/m^3: the lightest known have 3 to 5."""
+"""Least plausible mass of an arm per cubed length of its chain, kg/m^3: that of a Kinova j2s6 is 3.3, of a UR10 5.3."""
 
 HEAVIEST = 1500.0
 """Largest plausible mass per squared length of its chain, kg/m^2: large industrial arms have up to 250."""
@@ -62,8 +62,8 @@ def _why_not(mass: float, inertia: np.ndarray) -> str:
 def doubt_arm(arm: ArmModel) -> None:
     """Warn of an arm whose size or mass, without payload, no real arm has.
 
-    The chain from the first joint to the gripper is compared: 17 kg and 1.24 m are a UR5, 16.8 kg and 1.09 m
-    a Panda, 4.4 kg and 1.1 m a Kinova j2s6.
+    Compared is the length of the chain from the first joint to the gripper: 17 kg and 1.19 m are a UR5,
+    16.8 kg and 0.99 m a Panda, 28.7 kg and 1.75 m a UR10, 4.4 kg and 1.10 m a Kinova j2s6.
     """
     mass = float(np.sum(arm.with_payload(None).masses))
     length = float(np.sum(np.linalg.norm(arm.offsets, axis=1)))
