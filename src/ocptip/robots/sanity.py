@@ -13,10 +13,10 @@ from ocptip.numerics.inertia import ROUNDED, why_impossible
 from ocptip.robots.model import ArmModel
 
 LIGHTEST = 1.5
-"""Least plausible mass of an arm per cubed length of its chain, kg/m^3: that of a Kinova j2s6 is 3.3, of a UR10 5.3."""
+"""Least plausible mass of an arm per cubed length of its chain, kg/m^3: a Kinova j2s6 has 3.3, a UR10 5.3."""
 
 HEAVIEST = 1500.0
-"""Largest plausible mass per squared length of its chain, kg/m^2: large industrial arms have up to 250."""
+"""Largest plausible mass per squared length of its chain, kg/m^2: an arm of a PR2 has 41, in grams 41000."""
 
 
 def refuse_impossible_links(
