@@ -17,6 +17,7 @@ from ocptip.cli import plan as command
 from ocptip.cli.main import main
 from ocptip.cli.options import OUTPUTS
 from ocptip.cli.plan import PlanReport, progress_bar
+from ocptip.motion.objective import ENERGY, TIME, priced
 from ocptip.motion.output import plan_to_dict
 from ocptip.pictures import plan as motion_plots
 from ocptip.published import tasks as task
@@ -89,6 +90,21 @@ def test_options_reach_the_planner(planner, capsys, tmp_path):
     assert (options["starts"], options["seed"], options["jobs"]) == (5, 7, 2)
     assert given.limits == MotionLimits(GN=0.8, GT=0.7, torque_ratio=0.5, clearance=0.02)
     assert sorted(path.name for path in (tmp_path / "x").iterdir()) == sorted(FILES)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "objective", "durations"),
+    [
+        ([], ENERGY, (0.0, np.inf)),
+        (["--objective", "time", "--max-duration", 2], TIME, (0.0, 2.0)),
+        (["--price-per-second", 30, "--duration", 1.5], priced(30.0), (1.5, 1.5)),
+    ],
+)
+def test_what_is_least_and_how_long_it_may_take(planner, capsys, arguments, objective, durations):
+    run(capsys, "C", "--no-figures", *arguments)
+    (given, _), *_ = planner.calls
+    assert given.objective == objective
+    assert (given.limits.min_duration, given.limits.max_duration) == durations
 
 
 @pytest.mark.parametrize(("arguments", "mass"), [([], 3.45), (["--base", "printed"], 6.582)])
@@ -212,6 +228,12 @@ def test_refused_tasks_are_exit_code_2(planner, capsys, tmp_path):
         (["C", "--torque-ratio", "nan"], "--torque-ratio: must be finite"),
         (["C", "--clearance", "-0.1"], "--clearance: must be >= 0"),
         (["C", "--time-scale", "0.9", "0"], "--time-scale: must be > 0"),
+        (["C", "--duration", "1", "--max-duration", "2"], "--duration: give either"),
+        (["C", "--max-duration", "0"], "--max-duration: must be > 0"),
+        (["C", "--duration", "inf"], "--duration: must be finite"),
+        (["C", "--objective", "time", "--price-per-second", "2"], "price_per_second: belongs to"),
+        (["C", "--objective", "both"], "objective: both needs price_per_second"),
+        (["C", "--price-per-second", "-1"], "price_per_second: must be > 0"),
         (["C", "--out", "{dir}/a/b"], "--out: no such directory: {dir}/a"),
         (["C", "--out", "{dir}/file"], "--out: {dir}/file is not a directory"),
     ],

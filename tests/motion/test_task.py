@@ -8,6 +8,7 @@ import pytest
 
 from ocptip.basics.errors import InputError
 from ocptip.motion.check import check_motion
+from ocptip.motion.objective import TIME, priced
 from ocptip.motion.task import MotionTask, refusals, require_plannable
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.inverse.inverse_kinematics import solve_inverse_kinematics
@@ -452,3 +453,31 @@ def test_ur5_refuses_what_cannot_be(root, tmp_path):
     assert any(re.match("start: collision: spheres link .* and floor overlap by", r) for r in reasons), (
         reasons
     )
+
+
+@pytest.mark.parametrize(
+    ("lines", "objective", "durations"),
+    [
+        ('objective = "time"\nmax_duration = 3.5', TIME, (0.0, 3.5)),
+        ("price_per_second = 25\nduration = 2", priced(25.0), (2.0, 2.0)),
+    ],
+)
+def test_what_is_least_and_how_long_it_may_take(tmp_path, lines, objective, durations):
+    task = load(tmp_path, URDF.replace("[motion]", f"[motion]\n{lines}"))
+    assert task.objective == objective
+    assert (task.limits.min_duration, task.limits.max_duration) == durations
+
+
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [
+        ('objective = "speed"', "motion.objective: expected energy, time or both, got 'speed'"),
+        ('objective = "both"', "motion.objective: both needs price_per_second"),
+        ("price_per_second = 0", "motion.price_per_second: must be > 0"),
+        ("duration = 1\nmax_duration = 2", "motion.duration: expected either duration or max_duration"),
+        ("max_duration = 0", "motion.max_duration: must be > 0"),
+    ],
+)
+def test_objectives_that_cannot_be_are_named(tmp_path, lines, message):
+    with pytest.raises(InputError, match=re.escape(message)):
+        load(tmp_path, URDF.replace("[motion]", f"[motion]\n{lines}"))

@@ -48,8 +48,8 @@ COMMANDS = (
     ),
     Command(
         "plan",
-        "the arm motion of least energy that loses no contact",
-        "Plans the ramp motion of least electric energy that keeps all contacts, and checks it.",
+        "the cheapest or fastest arm motion that loses no contact",
+        "Plans the ramp motion of least electric energy, or time, that keeps all contacts, and checks it.",
         "0 a verified plan, 1 none was found",
         (
             argument("task", "A..H|TASK.toml", "a published case, or a task file (see README)"),
@@ -62,6 +62,15 @@ COMMANDS = (
             argument("--starts", "N", "random starts (default: 8)", type=int, default=8),
             SEED,
             argument("--jobs", "N", "processes (default: one per core)", type=int),
+            argument(
+                "--objective",
+                None,
+                "what is least (default: that of the task, or energy)",
+                choices=("energy", "time", "both"),
+            ),
+            argument("--price-per-second", "W", "energy + W J per second is least", type=float),
+            argument("--max-duration", "S", "the motion takes at most so long, s", type=float),
+            argument("--duration", "S", "the motion takes just so long, s", type=float),
             *LIMITS,
             _time_scale("check the plan with all times multiplied by F, too (0.95: faster)"),
             *FILES,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from argparse import Namespace
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -15,6 +15,7 @@ from ocptip.cli.layout import masses, summary
 from ocptip.cli.options import output_directory, remove_figures, require_least, with_limits
 from ocptip.cli.progress import Progress, say_if_compiling
 from ocptip.motion.check import MotionCheck, check_motion
+from ocptip.motion.objective import ENERGY, Objective, objective_of
 from ocptip.motion.output import plan_to_dict, sample_motion, write_plan
 from ocptip.motion.plan import MotionPlan, plan_motion
 from ocptip.motion.task import MotionTask
@@ -29,10 +30,11 @@ def run(options: Namespace) -> Report:
     for factor in options.time_scale:
         positive_number("--time-scale", factor)
     task, base = _task(options)
+    task = _with_objective(task, options)
     directory = output_directory(options, task.name)
     say_if_compiling()
     try:
-        with progress_bar(sys.stderr) as progress:
+        with progress_bar(sys.stderr, task.objective) as progress:
             plan = plan_motion(
                 task, starts=options.starts, seed=options.seed, jobs=options.jobs, progress=progress
             )
@@ -48,10 +50,26 @@ def run(options: Namespace) -> Report:
     return PlanReport(plan, scaled, {"base": base} if base else {}, directory, figures=not options.no_figures)
 
 
-def progress_bar(stream: TextIO) -> Progress:
-    """Bar that shows the least energy so far."""
+def progress_bar(stream: TextIO, objective: Objective = ENERGY) -> Progress:
+    """Bar that shows the least cost so far."""
+    best = f"best {{:.{3 if objective.unit == 's' else 1}f}} {objective.unit}"
+    return Progress(stream, "building the optimisation problem ...", "no verified plan yet", best)
 
-    return Progress(stream, "building the optimisation problem ...", "no verified plan yet", "best {:.1f} J")
+
+def _with_objective(task: MotionTask, options: Namespace) -> MotionTask:
+    """The task with objective and duration as typed."""
+    name, price = options.objective, options.price_per_second
+    if name is not None or price is not None:
+        task = replace(task, objective=objective_of(name, price))
+    exact, most = options.duration, options.max_duration
+    if exact is not None and most is not None:
+        raise InputError("--duration: give either --duration or --max-duration")
+    for option, least, seconds in (("--duration", exact, exact), ("--max-duration", 0.0, most)):
+        if seconds is not None:
+            positive_number(option, seconds)
+            limits = replace(task.limits, min_duration=least, max_duration=seconds)
+            task = replace(task, limits=limits)
+    return task
 
 
 def _task(options: Namespace) -> tuple[MotionTask, str | None]:

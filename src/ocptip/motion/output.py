@@ -60,6 +60,7 @@ def plan_to_dict(plan: MotionPlan) -> dict[str, Any]:
     data = {
         "case": plan.task.name,
         **({"base": plan.options["base"]} if "base" in plan.options else {}),
+        "objective": plan.task.objective.to_dict(),
         "energy_J": checked.energy,
         "duration_s": checked.duration,
         "verified": checked.verified,

@@ -9,13 +9,14 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, as_completed
 from contextlib import nullcontext
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 from threadpoolctl import threadpool_limits
 
 from ocptip.basics.errors import PlanningError, whole_number
 from ocptip.motion.check import MotionCheck
+from ocptip.motion.objective import Objective
 from ocptip.motion.planner.one_start import Attempt, Search, StartResult
 from ocptip.motion.task import MotionTask, require_plannable
 from ocptip.motion.workers import Workers, worker_pool
@@ -75,7 +76,7 @@ def plan_motion(
     jobs: int | None = None,
     progress: Callable[[int, int, float | None], None] | None = None,
 ) -> MotionPlan:
-    """Plan the ramp motion of least electric energy that keeps all limits of a task.
+    """Plan the ramp motion of least cost that keeps all limits of a task.
 
     Every start is a random motion, improved by Ipopt and checked on a dense time grid. The result depends on
     task, starts and seed only, not on where the starts run. An interrupt (Ctrl-C) or the death of a worker
@@ -89,7 +90,7 @@ def plan_motion(
             Default is a process pool of its own; as always with process pools, a script needs its `if
             __name__ == "__main__":` then.
         jobs: number of processes of the default pool, one per core by default; 1 runs in this process.
-        progress: called as progress(done, starts, least energy of a verified plan so far in J or None).
+        progress: called as progress(done, starts, least cost of a verified plan so far or None).
 
     Raises:
         InputError: the task cannot be planned (all reasons with their numbers), or starts, jobs or seed
@@ -100,7 +101,7 @@ def plan_motion(
         whole_number(name, value, 1)
     whole_number("seed", seed, 0)
     require_plannable(task)
-    began = time.perf_counter()
+    began, rank = time.perf_counter(), partial(_rank, task.objective)
     attempts: list[Attempt] = []
     best: Attempt | None = None
     interrupted = False
@@ -111,10 +112,10 @@ def plan_motion(
         with worker_pool(executor, jobs, starts) if source is None else nullcontext() as pool:
             for attempt in source or _in_pool(pool, task, starts, seed):
                 attempts.append(attempt)
-                if attempt.result.verified and (best is None or _rank(attempt) < _rank(best)):
+                if attempt.result.verified and (best is None or rank(attempt) < rank(best)):
                     best = attempt
                 if progress:
-                    progress(len(attempts), starts, best.result.energy if best else None)
+                    progress(len(attempts), starts, rank(best)[0] if best else None)
     except BrokenExecutor as error:
         died = f"a worker process died after {len(attempts)} of {starts} starts ({error}); out of memory? "
         died += "With jobs=1 no workers are needed"
@@ -141,8 +142,8 @@ def plan_motion(
     )
 
 
-def _rank(attempt: Attempt) -> tuple[float, int]:
-    return attempt.result.energy, attempt.result.number
+def _rank(objective: Objective, attempt: Attempt) -> tuple[float, int]:
+    return objective.cost(attempt.check.energy, attempt.check.duration), attempt.result.number
 
 
 def _why_not(attempts: list[Attempt]) -> str:
@@ -150,7 +151,7 @@ def _why_not(attempts: list[Attempt]) -> str:
     moving = [a for a in attempts if a.check is not None]
     if not moving:
         return f"none of {len(attempts)} starts gave a motion; the first: {attempts[0].result.status}"
-    nearest = min(moving, key=lambda a: (len(a.check.violations), _rank(a)))
+    nearest = min(moving, key=lambda a: (len(a.check.violations), a.result.energy, a.result.number))
     violations = "; ".join(nearest.check.violations)
     return (
         f"none of {len(attempts)} starts gave a verified motion; start {nearest.result.number}: {violations}"

@@ -8,10 +8,11 @@ from itertools import pairwise
 import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array, is_whole
+from ocptip.motion.objective import ENERGY, Objective
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.rest import posture_refusals
-from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.arm_motion import ArmMotion, earliest_end
 
 MOST_COMMANDS = 12
 
@@ -27,6 +28,7 @@ class MotionTask:
         limits: reserves, torques, clearance.
         optimised: joints with ramp parameters, counted from 0, increasing; the others are passive.
         commands: ramp commands per optimised joint, at most 12.
+        objective: what is least.
         reference: a motion to compare with.
     """
 
@@ -37,6 +39,7 @@ class MotionTask:
     limits: MotionLimits = field(default_factory=MotionLimits)
     optimised: tuple[int, ...] = (0, 1, 2)
     commands: int = 3
+    objective: Objective = ENERGY
     reference: ArmMotion | None = None
 
     def __post_init__(self) -> None:
@@ -55,6 +58,8 @@ class MotionTask:
             raise InputError(f"optimised: joints must increase, got {joints}")
         object.__setattr__(self, "optimised", tuple(map(int, joints)))
         check_commands("commands", self.commands)
+        if not isinstance(self.objective, Objective):
+            raise InputError(f"objective: expected ENERGY, TIME or priced(...), got {self.objective!r}")
         if self.reference is not None and self.reference.n != n:
             raise InputError(f"reference: has {self.reference.n} joints, the {self.robot.kind} has {n}")
 
@@ -69,6 +74,13 @@ def refusals(task: MotionTask) -> tuple[str, ...]:
     for name, values in (("speed", limits.speed), ("acceleration", limits.acceleration)):
         if numbers := [str(j + 1) for j in np.flatnonzero(~np.isfinite(values))]:
             found.append(f"joints without {name} limit: {', '.join(numbers)}; every joint needs one")
+    if not found:
+        ends = earliest_end(task.goal - task.start, limits.speed, limits.acceleration)
+        if (least := float(np.max(ends))) > (most := task.limits.max_duration):
+            found.append(
+                f"max_duration: joint {int(np.argmax(ends)) + 1} needs {least:.4g} s at its limits, "
+                f"{most:.4g} s are allowed"
+            )
     for where, angles in (("start", task.start), ("goal", task.goal)):
         found += [f"{where}: {reason}" for reason in posture_refusals(task.robot, task.limits, angles)]
     return tuple(found)

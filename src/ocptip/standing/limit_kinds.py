@@ -265,6 +265,20 @@ class AccelerationLimit(PeakLimit):
     name = "acceleration"
 
 
+class DurationLimit(Limit):
+    """Of the motion; programs have it as bounds of the end time."""
+
+    name = "duration"
+
+    def exact(self, motion: Motion) -> list[Worst]:
+        end, least, most = motion.end, self.asked.min_duration, self.asked.max_duration
+        if least == 0 and most == np.inf:
+            return []
+        early = least - end > end - most
+        bound, excess = (least, least - end) if early else (most, end - most)
+        return [Worst("duration_s", end, np.nan, bound, "", excess, least=early)]
+
+
 class AngleLimit(Limit):
     """Angles of the joints, or a platform's coordinates; a motion knows its extremes exactly."""
 
@@ -376,6 +390,7 @@ KINDS: tuple[type[Limit], ...] = (
     ClearanceLimit,
     SpeedLimit,
     AccelerationLimit,
+    DurationLimit,
     AngleLimit,
     FurtherLimit,
 )

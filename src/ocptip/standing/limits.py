@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
-from ocptip.basics.errors import positive_number, share_of_one
+from ocptip.basics.errors import InputError, positive_number, share_of_one
 
 
 @dataclass(frozen=True)
@@ -16,15 +17,25 @@ class MotionLimits:
         GT: largest slip reserve value, at most 1, which slips.
         torque_ratio: largest |torque| / limit of any joint.
         clearance: smallest distance of collision spheres, m.
+        min_duration, max_duration: of the motion, s; equal for a motion that must take just so long.
     """
 
     GN: float = 0.9
     GT: float = 0.9
     torque_ratio: float = 1.0
     clearance: float = 0.0
+    min_duration: float = 0.0
+    max_duration: float = math.inf
 
     def __post_init__(self) -> None:
         for name in ("GN", "GT"):
             share_of_one(name, getattr(self, name))
         positive_number("torque_ratio", self.torque_ratio)
-        positive_number("clearance", self.clearance, zero_allowed=True)
+        for name in ("clearance", "min_duration"):
+            positive_number(name, getattr(self, name), zero_allowed=True)
+        if not self.max_duration > 0:
+            raise InputError(f"max_duration: must be > 0 s, got {self.max_duration!r}")
+        if self.min_duration > self.max_duration:
+            raise InputError(
+                f"max_duration: must be >= min_duration, {self.min_duration} s, got {self.max_duration} s"
+            )

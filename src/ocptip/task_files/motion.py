@@ -7,12 +7,14 @@ goal is shortest among those that stand at rest within all limits.
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from ocptip.basics.errors import InputError, is_whole
 from ocptip.basics.toml import DEGREES, Table
+from ocptip.motion.objective import objective_of
 from ocptip.motion.task import MotionTask, check_commands
 from ocptip.robots.inverse.inverse_kinematics import solve_inverse_kinematics
 from ocptip.robots.inverse.joint_angles import within_limits
@@ -85,6 +87,8 @@ def _ramp_task(
 ) -> MotionTask:
     """The task with the optimised joints, by default the first `count`, and commands of [motion]."""
     key, commands = "optimised", table.value("commands", 3)
+    limits = replace(limits, **_durations(table))
+    wanted = table.text("objective", None), table.number("price_per_second", None)
     optimised = table.value(key, list(range(1, count + 1)))
     table.close()
     if not isinstance(optimised, list):
@@ -95,7 +99,17 @@ def _ramp_task(
         raise table.error(f"expected different joints, at least one, got {optimised!r}", key)
     with table.at():
         check_commands("commands", commands)
-    return MotionTask(name, robot, start, goal, limits, tuple(sorted(joints)), commands)
+        objective = objective_of(*wanted)
+    return MotionTask(name, robot, start, goal, limits, tuple(sorted(joints)), commands, objective)
+
+
+def _durations(table: Table) -> dict[str, float]:
+    """Least and greatest duration, of [motion]."""
+    key = table.one_of("duration", "max_duration", optional=True)
+    if key is None:
+        return {}
+    seconds = table.number(key, bound="> 0")
+    return {"min_duration": seconds if key == "duration" else 0.0, "max_duration": seconds}
 
 
 def _candidates(arm: ArmModel, table: Table, key: str) -> np.ndarray:

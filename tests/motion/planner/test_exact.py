@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from ocptip.motion.check import check_motion
+from ocptip.motion.objective import ENERGY_UNIT
 from ocptip.motion.planner.exact import FEASIBLE, SHARES, Refiner
 from ocptip.motion.planner.formulation import Formulation
-from ocptip.motion.planner.program import ENERGY_UNIT
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.limits import MotionLimits
 

@@ -9,9 +9,10 @@ import pytest
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.support import Support
 from ocptip.motion.check import check_motion
+from ocptip.motion.objective import ENERGY_UNIT
 from ocptip.motion.planner.event_order import order_of
 from ocptip.motion.planner.formulation import Formulation, Smoothing
-from ocptip.motion.planner.program import ENERGY_UNIT, Pull
+from ocptip.motion.planner.program import Pull
 from ocptip.motion.planner.random_start import random_start
 from ocptip.motion.task import MotionTask
 from ocptip.published.arms import load_arm

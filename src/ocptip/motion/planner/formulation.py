@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import casadi as cs
 import numpy as np
 
+from ocptip.motion.objective import ENERGY, Objective
 from ocptip.motion.planner.event_order import SLOWEST, EventOrder, order_of, unit_row
 from ocptip.motion.planner.node_physics import node_physics
 from ocptip.motion.planner.profiles import Layout, Nodes, Profiles
@@ -24,6 +25,7 @@ from ocptip.trajectories.arm_motion import ArmMotion, earliest_end, passive_comm
 from ocptip.trajectories.ramps import RampCommand, phases_to_commands
 
 SMOOTH_NODES = 48
+LONGEST = 30.0  # s, of a motion
 SHORTEST = 1e-3  # least duration of a ramp in an ordered program, s
 GENTLEST = 0.05  # least acceleration of a ramp, rad/s^2
 MIDDLE_CRUISE = 1e-3  # s, where a middle command slows the joint down
@@ -60,7 +62,8 @@ class Formulation:
         start, goal: (n,), rad.
         joints: optimised joints, 0-based.
         commands: K, ramp commands of each.
-        longest: upper bound of durations, s.
+        objective: what is least.
+        durations: least and greatest duration, s.
     """
 
     def __init__(
@@ -70,16 +73,18 @@ class Formulation:
         goal: np.ndarray,
         joints: tuple[int, ...],
         commands: int,
-        longest: float = 30.0,
+        objective: Objective = ENERGY,
+        durations: tuple[float, float] = (0.0, LONGEST),
     ) -> None:
-        self.robot, self.start, self.goal, self.longest = robot, start, goal, longest
+        self.robot, self.start, self.goal, self.objective = robot, start, goal, objective
         self.layout = Layout(robot.n, joints, commands)
         self.smooth_physics, self.physics = node_physics(robot, smooth=True), node_physics(robot)
         arm = robot.limits
         passive = [j for j in range(robot.n) if j not in joints]
         self._latest: tuple[EventOrder, Structure] | None = None
         ends = earliest_end((goal - start)[passive], arm.speed[passive], arm.acceleration[passive])
-        self.earliest = float(np.max(ends, initial=0.0))
+        self.earliest = max(float(np.max(ends, initial=0.0)), durations[0])
+        self.latest = min(durations[1], LONGEST)
 
     # --- variables and motions ----------------------------------------------------------------------------
 
@@ -209,7 +214,8 @@ class Formulation:
         speeds = np.full((len(times), layout.n), smoothing.power)
         kept = limits_of(self.robot, limits, layout.joints)
         structure = self._smooth_structure(smoothing, width)
-        return MotionProgram(self.smooth_physics, kept, layout, nodes, weights, speeds, structure)
+        physics, objective = self.smooth_physics, self.objective
+        return MotionProgram(physics, kept, layout, nodes, weights, speeds, structure, objective)
 
     def ordered_program(
         self, limits: MotionLimits, order: EventOrder, x: np.ndarray, extra: list[tuple[int, float]]
@@ -243,7 +249,8 @@ class Formulation:
         if self.physics.smooth:  # the order says nothing about the motors' directions
             directions = np.full(directions.shape, COARSE.power)
         kept, structure = limits_of(self.robot, limits, layout.joints), self._structure_of(order)
-        return MotionProgram(self.physics, kept, layout, placed, weights, directions, structure)
+        physics, objective = self.physics, self.objective
+        return MotionProgram(physics, kept, layout, placed, weights, directions, structure, objective)
 
     # --- structure rows ---------------------------------------------------------------------------------
 
@@ -251,7 +258,7 @@ class Formulation:
         layout, arm = self.layout, self.robot.limits
         x = cs.SX.sym("x", layout.size)
         rows = _Rows()
-        lower, upper = np.full(layout.size, smoothing.shortest * width), np.full(layout.size, self.longest)
+        lower, upper = np.full(layout.size, smoothing.shortest * width), np.full(layout.size, LONGEST)
         for j, joint in enumerate(layout.joints):
             w, d, c = x[layout.w(j)], x[layout.d(j)], x[layout.c(j)]
             before = _delayed(w)
@@ -268,7 +275,7 @@ class Formulation:
             rows.at_least(x[layout.end] - cs.sum1(d) - cs.sum1(c))
             lower[layout.w(j)], upper[layout.w(j)] = -arm.speed[joint], arm.speed[joint]
             lower[layout.c(j)] = 0.0
-        lower[layout.end] = max(self.earliest, 0.05)
+        lower[layout.end], upper[layout.end] = max(self.earliest, 0.05), self.latest
         lower[layout.one] = upper[layout.one] = 1.0
         return rows.structure(x, lower, upper)
 
@@ -282,7 +289,7 @@ class Formulation:
         layout, arm = order.layout, self.robot.limits
         x = cs.SX.sym("x", layout.size)
         rows = _Rows()
-        lower, upper = np.full(layout.size, SHORTEST), np.full(layout.size, self.longest)
+        lower, upper = np.full(layout.size, SHORTEST), np.full(layout.size, LONGEST)
         crossing = layout.one + 1
         for j, joint in enumerate(layout.joints):
             w, d, c = x[layout.w(j)], x[layout.d(j)], x[layout.c(j)]
@@ -312,7 +319,7 @@ class Formulation:
                 i = layout.w(j).start + k
                 bounds = sorted((signs[k] * SLOWEST, signs[k] * arm.speed[joint]))
                 lower[i], upper[i] = bounds
-        lower[layout.end] = max(self.earliest, 0.05)
+        lower[layout.end], upper[layout.end] = max(self.earliest, 0.05), self.latest
         lower[layout.one] = upper[layout.one] = 1.0
         for joint, trapezoid in order.regime.items():
             change = 2 * abs(self.goal[joint] - self.start[joint]) / arm.speed[joint]

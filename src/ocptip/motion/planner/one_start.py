@@ -78,7 +78,10 @@ class Search:
 
     def __init__(self, task: MotionTask) -> None:
         self.task = task
-        self.formulation = Formulation(task.robot, task.start, task.goal, task.optimised, task.commands)
+        durations = task.limits.min_duration, task.limits.max_duration
+        self.formulation = Formulation(
+            task.robot, task.start, task.goal, task.optimised, task.commands, task.objective, durations
+        )
         kinds = limits_of(task.robot, task.limits)
         self._asked = [limit for limit in kinds if isinstance(limit, AskedLimit)]
         self.inner = task.limits
@@ -94,8 +97,11 @@ class Search:
         status = ""
         try:
             start = random_start(
-                task.robot, task.start, task.goal, task.optimised, task.commands, task.limits, rng
+                *(task.robot, task.start, task.goal, task.optimised, task.commands, task.limits, rng),
+                task.objective,
             )
+            if start.end > task.limits.max_duration:  # breaks limits, but is of the right length
+                start = start.time_scaled(task.limits.max_duration / start.end)
             clock.stage("start")
             x = self._coarse(start, clock)
             clock.stage("coarse")
@@ -108,7 +114,7 @@ class Search:
                 clock.solves += refiner.solves
                 if found is None:
                     continue
-                if best is not None and not _better(found[1], best[1]):
+                if best is not None and not self._better(found[1], best[1]):
                     break
                 best = found
                 if found[1].verified and (cycle + 1 >= CYCLES or not self._at_the_limit(found[1])):
@@ -137,7 +143,7 @@ class Search:
         x = formulation.variables(start)
         at_end = formulation.layout.end
         for round_ in range(COARSE_ROUNDS):
-            end = x[at_end] = max(x[at_end], formulation.earliest)
+            end = x[at_end] = np.clip(x[at_end], formulation.earliest, formulation.latest)
             program = formulation.coarse_program(limits, end)
             mu, push = (1e-2, 1e-2) if round_ == 0 else (1e-3, 1e-3)
             x = self._solve(program, x, COARSE_ROWS, mu, push, clock).x
@@ -205,7 +211,7 @@ class Search:
             except NUMERICAL:
                 break  # what was found before counts
             checked = found[1]
-            if _better(checked, best[1]) or not best[1].verified:
+            if self._better(checked, best[1]) or not best[1].verified:
                 best = found
         return best
 
@@ -222,9 +228,11 @@ class Search:
         worst = [checked.worst[limit.quantity] for limit in self._asked if limit.of_contacts]
         return any(w.value > BINDING * w.limit for w in worst)
 
-
-def _better(checked: MotionCheck, than: MotionCheck) -> bool:
-    return (checked.verified, -checked.energy) > (than.verified, -than.energy)
+    def _better(self, checked: MotionCheck, than: MotionCheck) -> bool:
+        (good, cost), (than_good, than_cost) = (
+            (c.verified, self.task.objective.cost(c.energy, c.duration)) for c in (checked, than)
+        )
+        return (good, -cost) > (than_good, -than_cost)
 
 
 class _Clock:

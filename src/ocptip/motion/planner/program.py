@@ -1,6 +1,6 @@
 """The optimal-control problem of ramp motions as a nonlinear program with exact derivatives.
 
-Least electric energy over the variables of `profiles`, subject to
+Least cost (energy, time or both) over the variables of `profiles`, subject to
 
 - the structure: every joint arrives, brakes with the deceleration of its last ramp, keeps its acceleration
   limit, ends no later than t_E; in an ordered program also the order of all events and the signs of speeds;
@@ -20,6 +20,7 @@ import casadi as cs
 import numpy as np
 
 from ocptip.basics.errors import SolverError
+from ocptip.motion.objective import Objective
 from ocptip.motion.planner.node_physics import NodeJacobian, NodePhysics
 from ocptip.motion.planner.profiles import Layout, Nodes, NodeStates
 from ocptip.numerics.ipopt import Solution, solve
@@ -28,7 +29,6 @@ from ocptip.standing.instants import Instants, NodeColumns
 from ocptip.standing.limit import Limit, NodeSlopes, Rows
 
 NEGLIGIBLE = 1e-9  # a node whose multipliers are all below this is left out of the Hessian
-ENERGY_UNIT = 100.0  # J; the objective is energy / ENERGY_UNIT
 POWER = NodeColumns.power
 
 
@@ -147,6 +147,7 @@ class MotionProgram:
         weights: (N, nx): the quadrature weights, s, are weights @ x; zero for nodes of rows only.
         directions: (N, n) directions of motion for the power.
         structure: rows in x.
+        objective: what is least.
         rows: node rows that take part; default none.
         pull: a term of the objective; default none.
     """
@@ -160,11 +161,13 @@ class MotionProgram:
         weights: np.ndarray,
         directions: np.ndarray,
         structure: Structure,
+        objective: Objective,
         rows: RowSet | None = None,
         pull: Pull | None = None,
     ) -> None:
         self.physics, self.limits, self.layout = physics, limits, layout
         self.nodes, self.weights, self.directions, self.structure = nodes, weights, directions, structure
+        self.objective = objective
         self.rows, self.pull = rows if rows is not None else self.no_rows(), pull
         self._used = [limit for limit in limits if self.rows[limit.name].any()]
         self._last: Evaluation | None = None
@@ -173,7 +176,7 @@ class MotionProgram:
     def with_rows(self, rows: RowSet, pull: Pull | None = None) -> MotionProgram:
         """The same program with other node rows, and with this pull."""
         own = self.physics, self.limits, self.layout, self.nodes, self.weights, self.directions
-        return MotionProgram(*own, self.structure, rows, pull)
+        return MotionProgram(*own, self.structure, self.objective, rows, pull)
 
     @property
     def n_nodes(self) -> int:
@@ -229,7 +232,8 @@ class MotionProgram:
     def values(self, x: np.ndarray) -> tuple[float, np.ndarray]:
         """Objective and rows."""
         at = self._evaluate(x)
-        objective = float(at.durations @ at.physics.y[:, POWER]) / ENERGY_UNIT
+        energy, of = float(at.durations @ at.physics.y[:, POWER]), self.objective
+        objective = of.cost(energy, x[self.layout.end]) / of.size
         if self.pull:
             objective += 0.5 * self.pull.weight * float(np.sum((at.x - self.pull.anchor) ** 2))
         return objective, np.concatenate([at.structure[0], *(rows.values for rows in at.rows)])
@@ -238,7 +242,9 @@ class MotionProgram:
         """Gradient of the objective (nx,)."""
         at = self._evaluate(x)
         power = at.physics.y[:, POWER]
-        gradient = (power @ self.weights + at.durations @ at.nodes.y_x[:, POWER]) / ENERGY_UNIT
+        gradient = power @ self.weights + at.durations @ at.nodes.y_x[:, POWER]
+        gradient = self.objective.energy_weight * gradient / self.objective.size
+        gradient[self.layout.end] += self.objective.time_weight / self.objective.size
         return gradient + self.pull.weight * (x - self.pull.anchor) if self.pull else gradient
 
     def jacobian(self, x: np.ndarray) -> np.ndarray:
@@ -250,12 +256,12 @@ class MotionProgram:
     def hessian(self, x: np.ndarray, sigma: float, multipliers: np.ndarray) -> np.ndarray:
         """Hessian of sigma * objective + multipliers . rows; the curvature of GT itself is left out."""
         at = self._evaluate(x)
-        nodes, sigma = at.nodes, sigma / ENERGY_UNIT
+        nodes, of_energy = at.nodes, sigma * self.objective.energy_weight / self.objective.size
         ends = np.cumsum([len(self.structure.lower), *(len(rows.values) for rows in at.rows)])
         on_g, *on_rows = np.split(multipliers, ends[:-1])
         parts = list(zip(self._used, at.rows, on_rows, strict=True))
         on_y = np.zeros(nodes.y.shape)
-        on_y[:, POWER] = sigma * at.durations
+        on_y[:, POWER] = of_energy * at.durations
         for limit, rows, on in parts:
             limit.add_to_quantities(rows, on, on_y)
         N, size = nodes.s.shape
@@ -268,11 +274,11 @@ class MotionProgram:
         nx = self.layout.size
         result = nodes.s_x.reshape(-1, nx).T @ np.matmul(H, nodes.s_x).reshape(-1, nx)
         self.nodes.second(result, x, at.states, on_s)
-        mixed = sigma * self.weights.T @ nodes.y_x[:, POWER]
+        mixed = of_energy * self.weights.T @ nodes.y_x[:, POWER]
         result += mixed + mixed.T
         result += self.structure.hessian(x, on_g)
         if self.pull:
-            result[np.diag_indices_from(result)] += sigma * ENERGY_UNIT * self.pull.weight
+            result[np.diag_indices_from(result)] += sigma * self.pull.weight
         return result
 
     def _instants(self, x: np.ndarray) -> Instants:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ocptip.motion.objective import ENERGY, Objective
 from ocptip.standing.instants import Instants
 from ocptip.standing.limit import Limit
 from ocptip.standing.limit_kinds import limits_of
@@ -13,6 +14,7 @@ from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.ramps import RampCommand
 
 DETOUR = 1.2  # rad; random targets lie this far beyond start and goal at most
+LEISURE, HASTE = 0.1, 0.5  # least share of a joint's speed and acceleration that is drawn
 DRAWS = 300
 CANDIDATES = 10  # of these the one with the least energy is taken: it ends in a better optimum more often
 INSTANTS = 40
@@ -27,16 +29,22 @@ def random_start(
     commands: int,
     limits: MotionLimits,
     rng: np.random.Generator,
+    objective: Objective = ENERGY,
 ) -> ArmMotion:
     """A random motion from start to goal ((n,), rad) with `commands` ramps of each of `joints`.
 
     Targets, speeds and accelerations are drawn until the path neither collides nor tips at rest (after DRAWS
     draws the best path so far is taken), then the motion is slowed down until it stands. Of CANDIDATES such
-    motions it is the one with the least electric energy.
+    motions it is the one with the least cost. Where time counts, speeds and
+    accelerations are drawn high.
     """
     kept = limits_of(robot, limits, joints)
-    candidates = [_candidate(robot, start, goal, joints, commands, kept, rng) for _ in range(CANDIDATES)]
-    return min(candidates, key=robot.energy)
+    paces = {"energy": (LEISURE,), "time": (HASTE,), "both": (LEISURE, HASTE)}[objective.name]
+    candidates = [
+        _candidate(robot, start, goal, joints, commands, kept, rng, paces[i % len(paces)])
+        for i in range(CANDIDATES)
+    ]
+    return min(candidates, key=lambda motion: objective.cost(robot.energy(motion), motion.end))
 
 
 def _candidate(
@@ -47,6 +55,7 @@ def _candidate(
     commands: int,
     limits: tuple[Limit, ...],
     rng: np.random.Generator,
+    slowest: float,
 ) -> ArmMotion:
     limit = robot.limits
     speed, acceleration = (np.where(np.isfinite(v), v, 10.0) for v in (limit.speed, limit.acceleration))
@@ -59,7 +68,9 @@ def _candidate(
             high = min(limit.angle_max[joint], max(ends) + DETOUR)
             targets = [*rng.uniform(low, high, commands - 1), goal[joint]]
             table[joint] = [
-                RampCommand(t, speed[joint] * rng.uniform(0.1, 1), acceleration[joint] * rng.uniform(0.1, 1))
+                RampCommand(
+                    t, speed[joint] * rng.uniform(slowest, 1), acceleration[joint] * rng.uniform(slowest, 1)
+                )
                 for t in targets
             ]
         motion = ArmMotion.with_passive(start, goal, table, speed, acceleration)
