@@ -107,6 +107,16 @@ def test_what_is_least_and_how_long_it_may_take(planner, capsys, arguments, obje
     assert (given.limits.min_duration, given.limits.max_duration) == durations
 
 
+def test_a_controller_gets_points_and_the_verdict_is_of_its_motion(planner, capsys, tmp_path):
+    code, out, _ = run(capsys, "C", "--no-figures", "--out", tmp_path / "x", "--controller", "quintic")
+    assert code == 0
+    assert "controller  quintic: quintics between points, accelerations rise within 20 ms" in out
+    data = json.loads((tmp_path / "x" / "plan.json").read_text())
+    assert f"{data['controller']['energy_J']:.1f} J in {data['controller']['duration_s']:.3f} s" in out
+    points = json.loads((tmp_path / "x" / "trajectory.json").read_text())["points"]
+    assert all(point["accelerations"] and not point["effort"] for point in points)
+
+
 @pytest.mark.parametrize(("arguments", "mass"), [([], 3.45), (["--base", "printed"], 6.582)])
 def test_contacts_bind_with_the_default_base(planner, capsys, tmp_path, arguments, mass):
     assert run(capsys, "C", *arguments, "--no-figures")[0] == 0
@@ -232,6 +242,8 @@ def test_refused_tasks_are_exit_code_2(planner, capsys, tmp_path):
         (["C", "--max-duration", "0"], "--max-duration: must be > 0"),
         (["C", "--duration", "inf"], "--duration: must be finite"),
         (["C", "--objective", "time", "--price-per-second", "2"], "price_per_second: belongs to"),
+        (["C", "--controller", "quintic", "--rise-time", "0"], "--rise-time: must be > 0"),
+        (["C", "--controller", "linear", "--rate", "nan"], "--rate: must be finite"),
         (["C", "--objective", "both"], "objective: both needs price_per_second"),
         (["C", "--price-per-second", "-1"], "price_per_second: must be > 0"),
         (["C", "--out", "{dir}/a/b"], "--out: no such directory: {dir}/a"),

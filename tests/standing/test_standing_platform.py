@@ -24,6 +24,7 @@ from ocptip.standing.limits import MotionLimits
 from ocptip.standing.platform import NumericParallelRobot, PlatformLimits, StandingParallelRobot
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.controllers import controller_points
 from ocptip.trajectories.ramps import RampCommand
 from studies.baselines.penalty import MotionPenalty
 from tests.places import EXAMPLES
@@ -342,7 +343,8 @@ def test_output_has_units(task, plan, tmp_path):
         ("motor_speed_motor_3", samples.further[:, 9]),
     ):
         np.testing.assert_allclose(table[:, names.index(name)], values, rtol=1e-10, atol=1e-10)
-    assert joint_trajectory(plan)["joint_names"] == ["x", "y", "z"]
+    points = controller_points(plan.motion, "cubic")
+    assert joint_trajectory(plan.task.robot, points)["joint_names"] == ["x", "y", "z"]
 
 
 def test_units_of_mixed_coordinates(standing):

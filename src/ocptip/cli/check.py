@@ -48,8 +48,8 @@ _SAME = {"deg": 0.01, "m": 1e-4}  # offsets up to this are not worth a note
 
 def run(options: Namespace) -> CheckReport:
     """Check the motion, and the same path faster or slower, on the robot that is named."""
-    motion = load_motion(options.motion)
     task = with_limits(_task(options), options)
+    motion = load_motion(options.motion, task.robot.names)
     step = positive_number("--step", options.step)
     for factor in options.time_scale:
         positive_number("--time-scale", factor)

@@ -10,11 +10,13 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from ocptip.basics.errors import InputError, PlanningError, positive_number
+from ocptip.basics.write import plain
 from ocptip.cli.command import Answer, Report
 from ocptip.cli.layout import masses, summary
 from ocptip.cli.options import output_directory, remove_figures, require_least, with_limits
 from ocptip.cli.progress import Progress, say_if_compiling
 from ocptip.motion.check import MotionCheck, check_motion
+from ocptip.motion.execution import Execution, execute
 from ocptip.motion.objective import ENERGY, Objective, objective_of
 from ocptip.motion.output import plan_to_dict, sample_motion, write_plan
 from ocptip.motion.plan import MotionPlan, plan_motion
@@ -29,6 +31,8 @@ def run(options: Namespace) -> Report:
     require_least(options, starts=1, seed=0, jobs=1)
     for factor in options.time_scale:
         positive_number("--time-scale", factor)
+    for name in ("rate", "rise_time"):
+        positive_number(f"--{name.replace('_', '-')}", getattr(options, name))
     task, base = _task(options)
     task = _with_objective(task, options)
     directory = output_directory(options, task.name)
@@ -47,7 +51,9 @@ def run(options: Namespace) -> Report:
     scaled = [
         (f, check_motion(task.robot, plan.motion.time_scaled(f), task.limits)) for f in options.time_scale
     ]
-    return PlanReport(plan, scaled, {"base": base} if base else {}, directory, figures=not options.no_figures)
+    execution = _execution(plan, options)
+    extra = {"base": base} if base else {}
+    return PlanReport(plan, scaled, extra, directory, not options.no_figures, execution, options.effort)
 
 
 def progress_bar(stream: TextIO, objective: Objective = ENERGY) -> Progress:
@@ -94,6 +100,8 @@ class PlanReport(Report):
         extra: further entries of plan.json.
         directory: where files go.
         figures: whether figures are among them.
+        execution: by a controller that interpolates; None: the ramps as they are.
+        effort: whether trajectory.json has torques.
     """
 
     plan: MotionPlan
@@ -101,29 +109,36 @@ class PlanReport(Report):
     extra: dict[str, Any] = field(default_factory=dict)
     directory: Path = Path()
     figures: bool = True
+    execution: Execution | None = None
+    effort: bool = False
+
+    @property
+    def check(self) -> MotionCheck:
+        """Of what is written."""
+        return self.execution.check if self.execution else self.plan.check
 
     @property
     def good(self) -> bool:
-        """True if the plan is verified."""
-        return self.plan.verified
+        """True if what is written is verified."""
+        return self.check.verified
 
     def entries(self) -> dict[str, Any]:
-        """What plan.json holds beside the plan: `extra`, and `time_scale` if it was asked for."""
-        extra = {**self.extra, "warnings": self.warnings}
-        if not self.time_scale:
-            return extra
+        """What plan.json holds beside the plan: `extra`, and what else was asked for."""
         rows = [{"factor": f, **p.to_dict()} for f, p in self.time_scale]
-        return {**extra, "time_scale": rows}
+        return {**self.extra, "warnings": self.warnings, **({"time_scale": rows} if rows else {})}
 
     def to_dict(self) -> dict[str, Any]:
         """The content of plan.json and the list `written`."""
-        return {**plan_to_dict(self.plan), **self.entries(), "written": self.written}
+        controlled = {"controller": plain(self.execution.to_dict())} if self.execution else {}
+        return {**plan_to_dict(self.plan), **controlled, **self.entries(), "written": self.written}
 
     def write(self) -> Iterator[Path]:
         """Write plan.json, tables and figures."""
         remove_figures(self.directory, "plan")
-        samples = sample_motion(self.plan.task.robot, self.plan.motion)
-        yield from write_plan(self.directory, self.plan, samples=samples, extra=self.entries())
+        motion = self.execution.points if self.execution else self.plan.motion
+        samples = sample_motion(self.plan.task.robot, motion)
+        how = {"samples": samples, "extra": self.entries(), "effort": self.effort}
+        yield from write_plan(self.directory, self.plan, execution=self.execution, **how)
         if self.figures:
             from ocptip.pictures.plan import draw_plan
 
@@ -132,6 +147,8 @@ class PlanReport(Report):
     def to_text(self) -> str:
         """The summary in one line, then starts, time scales and files. ASCII only, but for names."""
         lines = [("starts", self._starts())]
+        if self.execution:
+            lines.append(("controller", self._controller(self.execution)))
         if self.plan.interrupted:
             lines.append(("interrupted", "this is the best of the starts that had finished"))
         lines += [(f"time x {factor:g}", _scale_text(checked)) for factor, checked in self.time_scale]
@@ -140,19 +157,31 @@ class PlanReport(Report):
 
     def headline(self) -> str:
         """Status, energy, duration, worst reserve, ratio to the reference."""
-        plan, checked = self.plan, self.plan.check
+        plan, checked = self.plan, self.check
         name = max(("GN", "GT"), key=lambda n: checked.worst[n].value / checked.worst[n].limit)
         worst = checked.worst[name]
         parts = [
-            f"{plan.task.name}: {'VERIFIED' if plan.verified else 'NOT VERIFIED'}. "
+            f"{plan.task.name}: {'VERIFIED' if checked.verified else 'NOT VERIFIED'}. "
             f"{checked.energy:.1f} J in {checked.duration:.3f} s",
             f"worst reserve {name} {worst.value:.3f} (limit {worst.limit:g}) at {worst.time:.3f} s",
         ]
         if plan.task.reference is not None:
             energy = plan.task.robot.energy(plan.task.reference)
             parts.append(f"{checked.energy / energy:.3f} of the reference's {energy:.1f} J")
-        broken = "" if plan.verified else f" Broken: {'; '.join(checked.violations)}."
+        broken = "" if checked.verified else f" Broken: {'; '.join(checked.violations)}."
         return ", ".join(parts) + "." + broken
+
+    def _controller(self, execution: Execution) -> str:
+        step, rise = (1000 * execution.options[name] for name in ("step", "rise_time"))
+        how = {
+            "linear": f"straight lines between points every {step:g} ms",
+            "cubic": "cubics between points",
+            "quintic": f"quintics between points, accelerations rise within {rise:g} ms",
+        }[execution.controller]
+        slower = (
+            f", ramps slowed down by {100 * (execution.slower - 1):.2f} %" if execution.slower > 1 else ""
+        )
+        return f"{execution.controller}: {how}{slower}; all above is of that motion"
 
     def _starts(self) -> str:
         starts = self.plan.starts
@@ -162,6 +191,13 @@ class PlanReport(Report):
             f"{verified} of {len(starts)} verified, {iterations} iterations, "
             f"{self.plan.seconds:.1f} s, seed {self.plan.seed}"
         )
+
+
+def _execution(plan: MotionPlan, options: Namespace) -> Execution | None:
+    if options.controller == "ramps":
+        return None
+    times = {"step": 1 / options.rate, "rise_time": options.rise_time}
+    return execute(plan.task.robot, plan.motion, plan.task.limits, options.controller, **times)
 
 
 def _scale_text(checked: MotionCheck) -> str:

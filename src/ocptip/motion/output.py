@@ -21,16 +21,15 @@ from ocptip.basics.errors import positive_number
 from ocptip.basics.write import plain, versions, write_text
 from ocptip.standing.mechanism import MotionSamples, StandingMechanism
 from ocptip.trajectories.arm_motion import MERGE
-from ocptip.trajectories.sampled import Motion
+from ocptip.trajectories.controllers import controller_points
+from ocptip.trajectories.sampled import Motion, SampledMotion
 
 if TYPE_CHECKING:
+    from ocptip.motion.execution import Execution
     from ocptip.motion.plan import MotionPlan
 
 STEP = 0.005
 """Spacing of the samples in motion.csv and in the figures, s."""
-
-TRAJECTORY_STEP = 0.01
-"""Spacing of the points in trajectory.json, s."""
 
 PLAN, MOTION, TRAJECTORY = "plan.json", "motion.csv", "trajectory.json"
 
@@ -125,34 +124,32 @@ def write_motion_csv(path: str | os.PathLike[str], samples: MotionSamples) -> No
     write_text(path, _csv(samples))
 
 
-def joint_trajectory(plan: MotionPlan, step: float = TRAJECTORY_STEP) -> dict[str, Any]:
-    """Return the motion shaped like a ROS `trajectory_msgs/JointTrajectory`, angles in rad.
+def joint_trajectory(
+    robot: StandingMechanism, points: SampledMotion, *, effort: bool = False
+) -> dict[str, Any]:
+    """Return points shaped like a ROS `trajectory_msgs/JointTrajectory`, angles in rad.
 
-    There is a point every `step` seconds and at every event, each time once and increasing. Between two of
-    them accelerations are constant, so that a controller that interpolates positions and velocities by
-    cubics follows the exact motion. `accelerations` is the value after the point, 0 at the end.
-
-    Raises:
-        InputError: step is not positive.
+    Args:
+        robot: gives names and efforts.
+        points: velocities and accelerations are empty where they have none, which tells a controller how to
+            interpolate.
+        effort: fill in the joint torques, N m. Controllers without an effort interface refuse such points.
     """
-    times = np.unique(_instants(plan.motion, step)[0])
-    own = _intervals(plan.motion, times, np.full(len(times), False))
-    angles, speeds, accelerations = _OneSided(plan.motion, own).states(times)
-    accelerations[-1] = 0.0
-    points = [
-        {
-            "positions": q.tolist(),
-            "velocities": qd.tolist(),
-            "accelerations": qdd.tolist(),
-            "effort": [],
-            "time_from_start": _ros_time(t),
-        }
-        for t, q, qd, qdd in zip(times, angles, speeds, accelerations, strict=True)
-    ]
+    empty = np.empty((len(points.times), 0))
+    columns = {
+        "positions": points.angles,
+        "velocities": empty if points.speeds is None else points.speeds,
+        "accelerations": empty if points.accelerations is None else points.accelerations,
+        "effort": robot.samples(points, points.times).torques if effort else empty,
+    }
+    rows = zip(*(values.tolist() for values in columns.values()), points.times, strict=True)
     return {
         "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""},
-        "joint_names": list(plan.task.robot.names),
-        "points": points,
+        "joint_names": list(robot.names),
+        "points": [
+            {**dict(zip(columns, values, strict=True)), "time_from_start": _ros_time(time)}
+            for *values, time in rows
+        ],
     }
 
 
@@ -162,6 +159,8 @@ def write_plan(
     *,
     samples: MotionSamples | None = None,
     extra: Mapping[str, Any] | None = None,
+    execution: Execution | None = None,
+    effort: bool = False,
 ) -> list[Path]:
     """Write plan.json, motion.csv and trajectory.json; files of the same name are replaced.
 
@@ -169,6 +168,9 @@ def write_plan(
         directory: made if it does not exist; the one above it must.
         plan: the plan.
         samples: of its motion, from :func:`sample_motion`; computed if None.
+        execution: by a controller; then motion.csv and trajectory.json are of its motion. Default:
+            trajectory.json is for one that interpolates by cubics, which runs the ramps as they are.
+        effort: see :func:`joint_trajectory`.
         extra: more entries of plan.json; they win over those of :func:`plan_to_dict`.
 
     Returns:
@@ -178,11 +180,15 @@ def write_plan(
         OSError: a file or the directory cannot be written; names it.
     """
     directory = Path(directory)
-    samples = samples or sample_motion(plan.task.robot, plan.motion)
+    robot, motion = plan.task.robot, execution.points if execution else plan.motion
+    samples = samples or sample_motion(robot, motion)
+    points = execution.points if execution else controller_points(plan.motion, "cubic")
+    controlled = {"controller": execution.to_dict()} if execution else {}
+    data = {**plan_to_dict(plan), **plain({**controlled, **(extra or {})})}
     texts = {
-        PLAN: json.dumps({**plan_to_dict(plan), **plain(extra or {})}, indent=2, allow_nan=False) + "\n",
+        PLAN: json.dumps(data, indent=2, allow_nan=False) + "\n",
         MOTION: _csv(samples),
-        TRAJECTORY: json.dumps(joint_trajectory(plan), allow_nan=False) + "\n",
+        TRAJECTORY: json.dumps(joint_trajectory(robot, points, effort=effort), allow_nan=False) + "\n",
     }
     directory.mkdir(exist_ok=True)
     for name, text in texts.items():

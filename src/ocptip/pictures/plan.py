@@ -352,7 +352,7 @@ def _drawn(draw: Callable[[_Curves], Figure], curves: _Curves) -> Figure:
     """A figure whose time axes end with the motion, or with the reference where that is drawn and longer."""
     figure = draw(curves)
     lines = [line.get_gid() or "" for ax in figure.axes for line in ax.lines]
-    ends = [curves.plan.motion.end]
+    ends = [max(curves.plan.motion.end, curves.samples.times[-1])]
     if any(gid.endswith("-reference") for gid in lines):
         ends.append(curves.plan.task.reference.end)
     for ax in figure.axes:

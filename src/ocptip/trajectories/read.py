@@ -1,4 +1,4 @@
-"""Reading motions from files: ramp commands as JSON, samples as CSV."""
+"""Reading motions from files: ramp commands, points of trajectory controllers, samples as CSV."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ocptip.basics.doubts import doubt_degrees
-from ocptip.basics.errors import InputError, refuse_huge
+from ocptip.basics.errors import InputError, finite_array, refuse_huge
 from ocptip.basics.toml import read_text
 from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.sampled import REST, Motion, SampledMotion
@@ -28,13 +28,21 @@ _SAME = 1e-8  # rad and rad/s: rows at one time may differ by this (rounding)
 _COLUMN = re.compile(r"(?P<kind>q|qd)(?P<joint>[1-9][0-9]*)_(?P<unit>deg|rad)(?P<per_second>_s)?")
 
 
-def load_motion(path: str | os.PathLike[str]) -> Motion:
-    """Read a motion from a file: JSON with `start` and `commands`, or CSV with samples.
+def load_motion(path: str | os.PathLike[str], names: Sequence[str] | None = None) -> Motion:
+    """Read a motion from a file: ramp commands, a joint trajectory, or CSV with samples.
 
-    JSON: as :meth:`ArmMotion.from_dict`; `plan.json` is one such file. CSV: a header with the columns
-    `time_s`, `q1_deg` .. `qn_deg` and, if at hand, `qd1_deg_s` .. `qdn_deg_s` (or `_rad`, `_rad_s`), in any
-    order; other columns are ignored. A time may be repeated (left and right of a jump of the acceleration) if
-    angles and speeds are the same.
+    Ramp commands: JSON as :meth:`ArmMotion.from_dict`; `plan.json` is one such file. Joint trajectory: JSON
+    or YAML like `trajectory_msgs/JointTrajectory`, angles in rad, lengths in m; the motion is what ROS 2's
+    joint trajectory controller makes of it: quintic polynomials between points that have velocities and
+    accelerations, cubic ones where accelerations are empty, straight lines where velocities are empty, too
+    (whose corners the drives are taken to spread over the least distance of points).
+    CSV: a header with the columns `time_s`, `q1_deg` .. `qn_deg` and, if at hand, `qd1_deg_s` .. `qdn_deg_s`
+    (or `_rad`, `_rad_s`), in any order; other columns are ignored. A time may be repeated (left and right of
+    a jump of the acceleration) if angles and speeds are the same.
+
+    Args:
+        path: the file.
+        names: of the robot's joints; those of a joint trajectory are put into this order.
 
     Raises:
         InputError: the file cannot be read or holds no motion; names file, and key or line and column.
@@ -42,8 +50,12 @@ def load_motion(path: str | os.PathLike[str]) -> Motion:
     path = Path(path)
     text = read_text(path)
     try:
+        if path.suffix.lower() in (".yaml", ".yml"):
+            return _from_points(_yaml(text), names)
         if text.lstrip().startswith(("{", "[")):
             data = _json(text)
+            if isinstance(data, dict) and "points" in data:
+                return _from_points(data, names)
             motion = ArmMotion.from_dict(data)
             _refuse_huge_commands(motion)
             turning = np.array(data.get("units", ["deg"] * motion.n)) == "deg"
@@ -80,6 +92,53 @@ def _json(text: str) -> Any:
         raise InputError(f"broken JSON: {error}") from None
     except RecursionError:
         raise InputError("broken JSON: nested too deeply") from None
+
+
+def _yaml(text: str) -> Any:
+    import yaml
+
+    try:
+        return next(iter(yaml.safe_load_all(text)), None)
+    except yaml.YAMLError as error:
+        raise InputError(f"broken YAML: {' '.join(str(error).split())}") from None
+
+
+def _from_points(data: Any, names: Sequence[str] | None) -> SampledMotion:
+    """The motion of a joint trajectory, see :func:`load_motion`."""
+    if not isinstance(data, dict) or not isinstance(data.get("points"), list):
+        raise InputError("points: expected a joint trajectory with joint_names and a list of points")
+    joints, points = data.get("joint_names"), data["points"]
+    if not isinstance(joints, list) or not all(isinstance(name, str) for name in joints):
+        raise InputError(f"joint_names: expected a list of names, got {joints!r}")
+    order = list(range(len(joints)))
+    if names is not None:
+        if sorted(joints) != sorted(names):
+            raise InputError(f"joint_names: expected {', '.join(names)}, got {', '.join(joints)}")
+        order = [joints.index(name) for name in names]
+    times = np.array([_stamp(k, point) for k, point in enumerate(points, 1)])
+    columns = {}
+    for key in ("positions", "velocities", "accelerations"):
+        rows = [point.get(key) or [] for point in points]
+        if key != "positions" and not any(rows):
+            continue
+        for k, row in enumerate(rows, 1):
+            if not isinstance(row, list) or len(row) != len(joints):
+                raise InputError(f"points[{k}].{key}: expected {len(joints)} numbers, got {row!r}")
+            rows[k - 1] = finite_array(f"points[{k}].{key}", row, (len(joints),))
+        columns[key] = np.reshape(rows, (-1, len(joints)))[:, order]
+        refuse_huge(key, float(np.max(np.abs(columns[key]), initial=0.0)))
+    speeds, gaps = columns.get("velocities"), np.diff(times)
+    period = float(np.min(gaps)) if speeds is None and len(gaps) and np.all(gaps > 0) else None
+    return SampledMotion(times, columns["positions"], speeds, columns.get("accelerations"), period)
+
+
+def _stamp(number: int, point: Any) -> float:
+    """Time of a point, s."""
+    stamp = point.get("time_from_start") if isinstance(point, dict) else None
+    parts = [stamp.get(key, 0) for key in ("sec", "nanosec")] if isinstance(stamp, dict) else []
+    if not parts or not all(isinstance(v, int) and not isinstance(v, bool) for v in parts):
+        raise InputError(f"points[{number}].time_from_start: expected sec and nanosec, got {stamp!r}")
+    return parts[0] + 1e-9 * parts[1]
 
 
 def _from_csv(text: str) -> SampledMotion:

@@ -1,4 +1,4 @@
-"""A motion given by samples, a cubic between each two of them; reading motions of either form from files.
+"""A motion given by samples, with polynomials between them.
 
 A check is about every instant, samples are at some. Which curve is meant between them decides the verdict:
 
@@ -6,8 +6,14 @@ A check is about every instant, samples are at some. Which curve is meant betwee
   that have positions and speeds. Speeds are continuous, accelerations jump at samples. A ramp motion comes
   back exactly if all its events are among the samples. Where its acceleration jumps between two samples, the
   curve overshoots by up to a third of the jump, however dense the samples are.
+- Angles, speeds and accelerations: the quintic one, as those controllers do with such points. Accelerations
+  are continuous; where those of the true motion jump between two samples, the curve overshoots, too.
 - Angles only: the cubic spline with rest at both ends. Accelerations are continuous. Where the true motion's
   jump, the spline oscillates around the jump.
+- Angles and a controller's period: straight lines, as those controllers do with such points. Speeds jump at
+  the samples, which no arm can do; the drives are taken to spread every jump evenly over one period, half
+  of it before the sample. The motion begins half a period before the first sample, which is at its time 0,
+  so that all times are half a period later.
 
 So samples of a ramp motion without its events get a verdict of their own, as a rule a stricter one than the
 commands. Of a robot that interpolates otherwise, or of a measurement's gaps, it says nothing.
@@ -47,11 +53,16 @@ class SampledMotion:
         times: (N,), s, increasing, N >= 2; counted from the first sample, which is at 0.
         angles: (N, n), rad.
         speeds: (N, n), rad/s, below 0.001 at both ends; None: rest at both ends, else from the spline.
+        accelerations: (N, n), rad/s^2, with speeds only; None: not given.
+        period: s, of a controller that draws straight lines between samples, which must not be nearer to each
+            other; only without speeds.
     """
 
     times: np.ndarray
     angles: np.ndarray
     speeds: np.ndarray | None = None
+    accelerations: np.ndarray | None = None
+    period: float | None = None
 
     def __post_init__(self) -> None:
         """Raise InputError if shapes do not fit, times do not increase, or an end is not at rest."""
@@ -78,6 +89,18 @@ class SampledMotion:
                         f"speeds: joint {joint + 1} moves with {np.rad2deg(ends[joint]):.4g} deg/s at the "
                         f"{where} sample; a motion goes from rest to rest"
                     )
+        if self.accelerations is not None:
+            if self.speeds is None:
+                raise InputError("accelerations: without speeds they say nothing")
+            values["accelerations"] = finite_array(
+                "accelerations", self.accelerations, values["angles"].shape
+            )
+        if self.period is not None:
+            if self.speeds is not None:
+                raise InputError("period: straight lines between samples have no speeds at them")
+            least = float(np.min(np.diff(times)))
+            if positive_number("period", self.period) > least * (1 + 1e-9):
+                raise InputError(f"period: {self.period:.9g} s, but samples are {least:.9g} s apart")
         for name, array in values.items():
             array.flags.writeable = False
             object.__setattr__(self, name, array)
@@ -90,7 +113,10 @@ class SampledMotion:
     @property
     def interpolation(self) -> str:
         """What lies between the samples, for messages."""
-        return "cubic spline" if self.speeds is None else "cubic Hermite polynomials"
+        if self.speeds is None:
+            straight = "straight lines, whose corners the drives spread over the controller's period"
+            return "cubic spline" if self.period is None else straight
+        return f"{'cubic' if self.accelerations is None else 'quintic'} Hermite polynomials"
 
     @property
     def start(self) -> np.ndarray:
@@ -104,34 +130,27 @@ class SampledMotion:
 
     @property
     def end(self) -> float:
-        """Time of the last sample, s."""
-        return float(self.times[-1])
+        """Time of rest after the motion, s."""
+        return float(self._breaks[-1])
 
     @cached_property
     def angle_ranges(self) -> np.ndarray:
         """Least and greatest angle of each joint during the motion, exact, (n, 2), rad."""
         ranges = []
         for joint, turns in enumerate(self._turns):
-            angles = np.concatenate([self.angles[:, joint], self.states(turns)[0][:, joint]])
+            angles = self.states(np.concatenate([self._breaks, turns]))[0][:, joint]
             ranges.append((angles.min(), angles.max()))
         return np.array(ranges)
 
     @cached_property
     def speed_peaks(self) -> np.ndarray:
         """Greatest |speed| of each joint, exact, (n,), rad/s."""
-        cubic, square, linear, _ = self._curve.c
-        width = self._widths
-        with np.errstate(divide="ignore", invalid="ignore"):
-            inner = -square / (3 * cubic)  # where the acceleration vanishes
-        inner = np.where((inner > 0) & (inner < width), inner, 0.0)
-        peaks = [np.abs(linear + t * (2 * square + t * 3 * cubic)) for t in (0.0, inner, width)]
-        return np.max(peaks, axis=(0, 1))
+        return _peaks(self._curve.derivative())
 
     @cached_property
     def acceleration_peaks(self) -> np.ndarray:
         """Greatest |acceleration| of each joint, exact, (n,), rad/s^2."""
-        cubic, square = self._curve.c[:2]
-        return np.max([np.abs(2 * square + t * 6 * cubic) for t in (0.0, self._widths)], axis=(0, 1))
+        return _peaks(self._curve.derivative(2))
 
     def states(
         self, times: ArrayLike, *, side: Literal["left", "right"] = "right"
@@ -147,12 +166,17 @@ class SampledMotion:
         """
         t = checked_times(times, side)
         starts, coefficients = self._padded
-        piece = np.searchsorted(self.times, t, side=side)  # 0: rest before, 1 .. N - 1: moving, N: rest
-        elapsed = (t - starts[piece])[..., None]
-        cubic, square, linear, constant = coefficients[:, piece]
-        angles = constant + elapsed * (linear + elapsed * (square + elapsed * cubic))
-        speeds = linear + elapsed * (2 * square + elapsed * 3 * cubic)
-        return angles, speeds, 2 * square + elapsed * 6 * cubic
+        piece = np.searchsorted(self._breaks, t, side=side)  # 0: rest before, 1 .. N - 1: moving, N: rest
+        elapsed, values = (t - starts[piece])[..., None], coefficients[:, piece]
+        powers = np.arange(len(values))[::-1].reshape(-1, *[1] * (values.ndim - 1))
+        results = []
+        for _ in range(3):
+            result = values[0]
+            for value in values[1:]:
+                result = value + elapsed * result
+            results.append(result)
+            values, powers = (values * powers)[:-1], powers[1:]
+        return tuple(results)
 
     @cached_property
     def event_times(self) -> np.ndarray:
@@ -162,11 +186,11 @@ class SampledMotion:
         """
         kept = [0.0]
         for t in np.unique(np.concatenate(self._turns)):
-            index = min(int(np.searchsorted(self.times, t)), len(self.times) - 1)
-            nearest = np.min(np.abs(self.times[max(index - 1, 0) : index + 1] - t))
+            index = min(int(np.searchsorted(self._breaks, t)), len(self._breaks) - 1)
+            nearest = np.min(np.abs(self._breaks[max(index - 1, 0) : index + 1] - t))
             if nearest > MERGE and t - kept[-1] > MERGE:
                 kept.append(float(t))
-        return np.unique(np.concatenate([kept, self.times]))
+        return np.unique(np.concatenate([kept, self._breaks]))
 
     @property
     def intervals(self) -> np.ndarray:
@@ -185,25 +209,61 @@ class SampledMotion:
         """Return the same path with all times multiplied by `factor` > 0 (below 1: faster)."""
         factor = positive_number("factor", factor)
         speeds = None if self.speeds is None else self.speeds / factor
-        return SampledMotion(self.times * factor, self.angles, speeds)
+        accelerations = None if self.accelerations is None else self.accelerations / factor**2
+        period = None if self.period is None else self.period * factor
+        return SampledMotion(self.times * factor, self.angles, speeds, accelerations, period)
 
     @cached_property
     def _curve(self) -> PPoly:
+        if self.period is not None:
+            return self._rounded_lines(self.period)
         if self.speeds is None:
             return CubicSpline(self.times, self.angles, bc_type="clamped")
-        return CubicHermiteSpline(self.times, self.angles, self.speeds)
+        if self.accelerations is None:
+            return CubicHermiteSpline(self.times, self.angles, self.speeds)
+        return self._quintic(self.speeds, self.accelerations)
 
-    @cached_property
-    def _widths(self) -> np.ndarray:
-        return np.diff(self.times)[:, None]
+    def _quintic(self, speeds: np.ndarray, accelerations: np.ndarray) -> PPoly:
+        """Quintic Hermite polynomials; exactly at rest where the samples are."""
+        h, begin = np.diff(self.times)[:, None], accelerations[:-1]
+        way = np.diff(self.angles, axis=0) - h * (speeds[:-1] + 0.5 * h * begin)
+        rate = h * (np.diff(speeds, axis=0) - h * begin)
+        bend = h**2 * np.diff(accelerations, axis=0)
+        fifth = (6 * way - 3 * rate + 0.5 * bend) / h**5
+        fourth = (-15 * way + 7 * rate - bend) / h**4
+        third = (10 * way - 4 * rate + 0.5 * bend) / h**3
+        rows = fifth, fourth, third, 0.5 * begin, speeds[:-1], self.angles[:-1]
+        return PPoly(np.stack(rows), self.times)
+
+    def _rounded_lines(self, period: float) -> PPoly:
+        """Straight lines between the samples; each corner a parabola of one period, around the sample."""
+        rates = np.diff(self.angles, axis=0) / np.diff(self.times)[:, None]
+        rates = np.concatenate([np.zeros((1, self.n)), rates, np.zeros((1, self.n))])
+        starts = self.times + np.array([[0.0], [period]])  # half a period later than samples and corners are
+        bends, lines = np.diff(rates, axis=0) / (2 * period), np.zeros((len(self.times) - 1, self.n))
+        squares = np.stack([bends[:-1], lines], axis=1).reshape(-1, self.n)
+        linear = np.stack([rates[:-2], rates[1:-1]], axis=1).reshape(-1, self.n)
+        begins = self.angles[:-1] - 0.5 * period * rates[:-2], self.angles[:-1] + 0.5 * period * rates[1:-1]
+        constant = np.stack(begins, axis=1).reshape(-1, self.n)
+        last = bends[-1], rates[-2], self.angles[-1] - 0.5 * period * rates[-2]
+        coefficients = np.stack([squares, linear, constant])
+        coefficients = np.concatenate([coefficients, np.array(last)[:, None]], axis=1)
+        breaks = np.append(starts.T.ravel()[:-1], starts[1, -1])
+        kept = np.append(np.diff(breaks) > MERGE, True)  # samples one period apart have no line between them
+        return PPoly(coefficients[:, kept[:-1]], breaks[kept])
+
+    @property
+    def _breaks(self) -> np.ndarray:
+        """Ends of the curve's pieces, s."""
+        return self._curve.x
 
     @cached_property
     def _padded(self) -> tuple[np.ndarray, np.ndarray]:
-        """Start times (N + 1,) and coefficients (4, N + 1, n), cubic first, with rest before and after."""
-        rest = np.zeros((2, 4, 1, self.n))
-        rest[:, 3, 0] = self.start, self.goal
+        """Start times (N + 1,) and coefficients (., N + 1, n), highest first, with rest before and after."""
+        rest = np.zeros((2, len(self._curve.c), 1, self.n))
+        rest[:, -1, 0] = self.start, self.goal
         coefficients = np.concatenate([rest[0], self._curve.c, rest[1]], axis=1)
-        return np.concatenate([self.times[:1], self.times]), coefficients
+        return np.concatenate([self._breaks[:1], self._breaks]), coefficients
 
     @cached_property
     def _turns(self) -> list[np.ndarray]:
@@ -211,6 +271,17 @@ class SampledMotion:
         roots = self._curve.derivative().roots(discontinuity=False, extrapolate=False)
         moving = self.speed_peaks > _STILL
         return [r[np.isfinite(r)] if moves else np.empty(0) for r, moves in zip(roots, moving, strict=True)]
+
+
+def _peaks(curve: PPoly) -> np.ndarray:
+    """Greatest absolute values of the columns of a curve, exact, (n,); its pieces may jump."""
+    width = np.diff(curve.x)[:, None]
+    peaks = []
+    for column, turns in enumerate(curve.derivative().roots(discontinuity=False, extrapolate=False)):
+        ends = [np.polyval(curve.c[:, :, column], t) for t in (0.0, width[:, 0])]
+        inner = curve(turns[np.isfinite(turns)])[:, column]
+        peaks.append(np.max(np.abs(np.concatenate([*ends, inner]))))
+    return np.array(peaks)
 
 
 Motion = ArmMotion | SampledMotion

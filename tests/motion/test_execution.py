@@ -1,0 +1,144 @@
+"""What was checked is what is written: plans as controllers run them, written, read back, checked again."""
+
+import json
+
+import numpy as np
+import pytest
+import yaml
+
+from ocptip.basics.errors import InputError
+from ocptip.cli.main import main
+from ocptip.motion.check import check_motion
+from ocptip.motion.execution import SLOWEST, execute
+from ocptip.motion.output import joint_trajectory, write_plan
+from ocptip.published.tasks import experiment_task
+from ocptip.standing.limits import MotionLimits
+from ocptip.trajectories.controllers import CONTROLLERS
+from ocptip.trajectories.read import load_motion
+from tests.pictures.plan_stand_in import stand_in_plan
+
+
+@pytest.fixture(scope="module")
+def task():
+    return experiment_task("C", "effective")
+
+
+@pytest.fixture(scope="module")
+def tight(task):
+    """Limits that the printed motion just keeps."""
+    worst = check_motion(task.robot, task.reference, MotionLimits(GN=1.0, GT=1.0)).worst
+    return MotionLimits(GN=worst["GN"].value * (1 + 1e-9), GT=worst["GT"].value * (1 + 1e-9))
+
+
+@pytest.fixture(scope="module", params=CONTROLLERS)
+def executed(request, task, tight):
+    return execute(task.robot, task.reference, tight, request.param)
+
+
+def test_all_limits_are_kept_a_little_slower_if_need_be(task, tight, executed):
+    assert executed.check.verified
+    assert 1 <= executed.slower < 1.02
+    if executed.controller == "cubic":
+        assert executed.slower == 1
+        assert executed.check.energy == pytest.approx(task.robot.energy(task.reference), rel=1e-6)
+    longer = {"quintic": 0.02, "linear": 0.02}.get(executed.controller, 0)
+    expected = executed.slower * task.reference.end
+    assert expected - 1e-6 <= executed.check.duration <= expected + longer + 1e-6
+
+
+@pytest.mark.parametrize("ending", ["json", "yaml"])
+def test_what_is_read_back_is_what_was_checked(task, tight, executed, tmp_path, ending):
+    path = tmp_path / f"trajectory.{ending}"
+    data = joint_trajectory(task.robot, executed.points)
+    path.write_text(json.dumps(data) if ending == "json" else yaml.safe_dump(data) + "---\n")
+    again = check_motion(task.robot, load_motion(path, task.robot.names), tight)
+    assert again.verified
+    for name, worst in executed.check.worst.items():
+        assert again.worst[name].value == pytest.approx(worst.value, abs=1e-6)
+    assert again.duration == pytest.approx(executed.check.duration, abs=1e-9)
+    assert again.energy == pytest.approx(executed.check.energy, rel=1e-6)
+
+
+def test_where_slowness_does_not_help_the_violations_stay(task, tight):
+    limits = MotionLimits(GN=tight.GN / 4, GT=tight.GT / 4)
+    executed = execute(task.robot, task.reference, limits, "quintic")
+    assert not executed.check.verified
+    assert executed.slower == 1
+    slowest = execute(task.robot, task.reference.time_scaled(SLOWEST), limits, "cubic")
+    assert not slowest.check.verified
+
+
+def test_joints_come_in_any_order(task, executed, tmp_path):
+    data = joint_trajectory(task.robot, executed.points)
+    turned = {**data, "joint_names": data["joint_names"][::-1]}
+    keys = ("positions", "velocities", "accelerations")
+    turned["points"] = [{**p, **{key: p[key][::-1] for key in keys}} for p in data["points"]]
+    (tmp_path / "t.json").write_text(json.dumps(turned))
+    motion = load_motion(tmp_path / "t.json", task.robot.names)
+    np.testing.assert_array_equal(motion.angles, executed.points.angles)
+
+
+def test_efforts_are_the_torques(task, executed):
+    points = joint_trajectory(task.robot, executed.points, effort=True)["points"]
+    torques = task.robot.samples(executed.points, executed.points.times).torques
+    np.testing.assert_allclose([p["effort"] for p in points], torques, rtol=1e-12)
+
+
+def test_files_of_a_plan_are_of_what_the_controller_runs(task, executed, tmp_path):
+    plan = stand_in_plan("C")
+    paths = write_plan(tmp_path, plan, execution=executed)
+    assert json.loads(paths[0].read_text())["controller"]["verified"] is True
+    for path in paths[1:]:
+        motion = load_motion(path, task.robot.names)
+        assert motion.end == pytest.approx(executed.points.end, abs=executed.points.period or 1e-9)
+
+
+def test_the_command_reads_it(task, executed, tmp_path, capsys):
+    path = tmp_path / "trajectory.json"
+    path.write_text(json.dumps(joint_trajectory(task.robot, executed.points)))
+    code = main(["check", str(path), "--case", "C", "--gn", "1", "--gt", "1"])
+    out = capsys.readouterr().out
+    assert code == 0, out
+    kind = {"linear": "straight lines", "cubic": "cubic Hermite", "quintic": "quintic Hermite"}
+    assert kind[executed.controller] in out
+
+
+def points(**changes):
+    base = {"positions": [0.0], "velocities": [0.0], "accelerations": []}
+    rows = [{**base, "time_from_start": {"sec": k, "nanosec": 0}} for k in range(3)]
+    data = {"joint_names": ["a"], "points": rows}
+    for key, value in changes.items():
+        (data if key in data else rows[1])[key] = value
+    return data
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (points(points=3), "points: expected a joint trajectory"),
+        (points(joint_names="a"), "joint_names: expected a list of names"),
+        (points(joint_names=["b"]), "joint_names: expected a, got b"),
+        (points(positions=[0.0, 1.0]), r"points\[2\].positions: expected 1 numbers"),
+        (points(positions=["x"]), r"points\[2\].positions"),
+        (points(velocities=[]), r"points\[2\].velocities: expected 1 numbers"),
+        (points(accelerations=[1.0]), r"points\[1\].accelerations: expected 1 numbers"),
+        (points(velocities=[float("nan")]), r"points\[2\].velocities"),
+        (points(time_from_start=1.0), r"points\[2\].time_from_start: expected sec and nanosec, got 1.0"),
+        (points(time_from_start={"sec": 5}), "times: must increase"),
+        (points(points=[]), "times: at least two samples"),
+    ],
+)
+def test_bad_trajectories_are_one_line(tmp_path, data, message):
+    path = tmp_path / "t.json"
+    path.write_text(json.dumps(data))
+    with pytest.raises(InputError, match=message) as caught:
+        load_motion(path, ["a"])
+    assert "\n" not in str(caught.value)
+    assert str(caught.value).startswith("t.json: ")
+
+
+def test_broken_yaml_is_one_line(tmp_path):
+    (tmp_path / "t.yaml").write_text("points: [")
+    with pytest.raises(InputError, match=r"t\.yaml: broken YAML") as caught:
+        load_motion(tmp_path / "t.yaml")
+    assert "\n" not in str(caught.value)

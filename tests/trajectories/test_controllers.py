@@ -1,0 +1,122 @@
+"""Points for controllers: the motion they make of them, against interpolation by other code."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.interpolate import BPoly, CubicHermiteSpline
+
+from ocptip.basics.errors import InputError
+from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.controllers import CONTROLLERS, NEAREST, controller_points
+from ocptip.trajectories.ramps import RampCommand
+from ocptip.trajectories.sampled import SampledMotion
+
+RAMP = ArmMotion.from_commands(
+    [0.2, -0.4],
+    [[RampCommand(1.1, 0.8, 2.0), RampCommand(-0.3, 1.2, 3.0)], [RampCommand(0.5, 0.9, 1.7)]],
+)
+
+
+@pytest.mark.parametrize("controller", CONTROLLERS)
+@pytest.mark.parametrize("step", [0.004, 0.05])
+def test_points_are_what_messages_hold(controller, step):
+    points = controller_points(RAMP, controller, step=step)
+    assert np.all(np.diff(points.times) >= NEAREST - 2e-9)
+    np.testing.assert_allclose(points.times, np.round(points.times, 9), atol=1e-15)
+    np.testing.assert_allclose([points.start, points.goal], [RAMP.start, RAMP.goal], atol=1e-14)
+    assert (points.speeds is None) == (controller == "linear")
+    assert (points.accelerations is None) == (controller != "quintic")
+    for values in (points.speeds, points.accelerations):
+        if values is not None:
+            np.testing.assert_array_equal(values[[0, -1]], 0.0)
+
+
+def test_cubics_are_the_ramps_exactly():
+    points = controller_points(RAMP, "cubic")
+    times = np.linspace(0, RAMP.end, 1777)
+    for ours, theirs in zip(points.states(times)[:2], RAMP.states(times)[:2], strict=True):
+        np.testing.assert_allclose(ours, theirs, atol=1e-8)
+    theirs = CubicHermiteSpline(points.times, points.angles, points.speeds)(times)
+    np.testing.assert_allclose(points.states(times)[0], theirs, atol=1e-13)
+
+
+@pytest.mark.parametrize("rise", [0.005, 0.02, 0.3])
+def test_quintics_are_the_mean_of_the_ramps(rise):
+    points = controller_points(RAMP, "quintic", rise_time=rise)
+    assert points.end == pytest.approx(RAMP.end + rise, abs=1e-8)
+    times = np.linspace(-0.1, points.end + 0.1, 331)
+    back = np.linspace(0, rise, 4001)
+    weights = np.full(len(back), 1 / (len(back) - 1))
+    weights[[0, -1]] /= 2  # trapezoidal rule
+    theirs = (v.reshape(len(times), len(back), 2) for v in RAMP.states((times[:, None] - back).ravel())[:2])
+    for own, other in zip(points.states(times)[:2], theirs, strict=True):
+        np.testing.assert_allclose(own, np.einsum("b,tbj->tj", weights, other), atol=1e-6)
+    values = [[q, v, a] for q, v, a in zip(points.angles, points.speeds, points.accelerations, strict=True)]
+    inside = times[(times > 0) & (times < points.end)]
+    curve = BPoly.from_derivatives(points.times, np.array(values))
+    np.testing.assert_allclose(points.states(inside)[0], curve(inside), atol=1e-12)
+    np.testing.assert_allclose(points.states(inside)[2], curve.derivative(2)(inside), atol=1e-6)
+    assert np.all(points.speed_peaks <= RAMP.speed_peaks + 1e-7)
+    assert np.all(points.acceleration_peaks <= RAMP.acceleration_peaks * (1 + 1e-4))
+    _, _, left = points.states(points.times, side="left")
+    np.testing.assert_allclose(left, points.states(points.times)[2], atol=1e-6)  # no jumps
+
+
+def test_quintics_through_ramps_as_they_are_overshoot():
+    """Why accelerations are not simply written beside cubic points."""
+    points = controller_points(RAMP, "cubic", step=0.01)
+    accelerations = RAMP.states(points.times)[2]
+    naive = SampledMotion(points.times, points.angles, points.speeds, accelerations)
+    assert np.max(naive.acceleration_peaks / RAMP.acceleration_peaks) > 1.2
+
+
+@pytest.mark.parametrize("step", [0.002, 0.01, 0.04])
+def test_straight_lines_with_corners_spread_over_a_period(step):
+    points = controller_points(RAMP, "linear", step=step)
+    assert points.end == pytest.approx(points.times[-1] + step)
+    times = np.linspace(0, points.end, 1234)
+    moved = np.clip(times[:, None] - step * np.linspace(0, 1, 2001), 0, points.times[-1])
+    for joint in range(2):
+        lines = np.interp(moved, points.times, points.angles[:, joint]).mean(axis=1)
+        np.testing.assert_allclose(points.states(times)[0][:, joint], lines, atol=2e-3 * step)
+    _, speeds, accelerations = points.states(times)
+    assert np.all(points.speed_peaks <= RAMP.speed_peaks + 1e-12)
+    assert np.all(points.acceleration_peaks <= RAMP.acceleration_peaks + 1e-9)
+    assert np.all(np.abs(speeds).max(axis=0) <= points.speed_peaks + 1e-12)
+    assert np.all(np.abs(accelerations).max(axis=0) <= points.acceleration_peaks + 1e-9)
+
+
+@given(
+    st.lists(st.tuples(st.floats(-2, 2), st.floats(0.2, 2), st.floats(0.5, 6)), min_size=1, max_size=3),
+    st.sampled_from(CONTROLLERS),
+    st.floats(0.003, 0.1),
+)
+def test_any_ramps_stay_within_their_limits(commands, controller, rise):
+    motion = ArmMotion.from_commands([0.1], [[RampCommand(*c) for c in commands]])
+    if motion.end < 0.01:
+        return
+    points = controller_points(motion, controller, step=0.01, rise_time=rise)
+    low, high = motion.angle_ranges[0]
+    assert low - 1e-6 <= points.angle_ranges[0, 0] <= points.angle_ranges[0, 1] <= high + 1e-6
+    assert points.speed_peaks[0] <= motion.speed_peaks[0] * (1 + 1e-4) + 1e-4
+    assert points.goal[0] == pytest.approx(motion.goal[0], abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"controller": "septic"}, "controller: expected linear, cubic, quintic, got 'septic'"),
+        ({"controller": "quintic", "rise_time": 0}, "rise_time: must be > 0"),
+        ({"controller": "linear", "step": float("nan")}, "step: must be finite"),
+    ],
+)
+def test_bad_arguments_are_named(arguments, message):
+    with pytest.raises(InputError, match=message):
+        controller_points(RAMP, **arguments)
+
+
+def test_a_motion_that_rests_is_too_short():
+    rest = ArmMotion.from_commands([0.3], [[RampCommand(0.3, 1.0, 1.0)]])
+    with pytest.raises(InputError, match="too short for a controller's points"):
+        controller_points(rest, "cubic")
