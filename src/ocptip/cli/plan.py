@@ -149,6 +149,11 @@ class PlanReport(Report):
         lines = [("starts", self._starts())]
         if self.execution:
             lines.append(("controller", self._controller(self.execution)))
+        if "choices" in self.plan.options:
+            pairs = self.plan.options["choices"]
+            lines.append(
+                ("postures", f"{pairs['planned']} of {pairs['pairs']} pairs of start and goal planned")
+            )
         if self.plan.interrupted:
             lines.append(("interrupted", "this is the best of the starts that had finished"))
         lines += [(f"time x {factor:g}", _scale_text(checked)) for factor, checked in self.time_scale]

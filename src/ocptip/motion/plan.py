@@ -16,6 +16,7 @@ from threadpoolctl import threadpool_limits
 
 from ocptip.basics.errors import PlanningError, whole_number
 from ocptip.motion.check import MotionCheck
+from ocptip.motion.choices import likely_choices, rounds
 from ocptip.motion.objective import Objective
 from ocptip.motion.planner.one_start import Attempt, Search, StartResult
 from ocptip.motion.task import MotionTask, require_plannable
@@ -30,7 +31,7 @@ class MotionPlan:
     """A planned motion.
 
     Attributes:
-        task: what was asked for.
+        task: what was asked for, with the start and goal that were chosen.
         motion: the exact ramp motion.
         check: of all limits, on the dense grid.
         starts: what became of each start that finished, by number.
@@ -78,7 +79,9 @@ def plan_motion(
 ) -> MotionPlan:
     """Plan the ramp motion of least cost that keeps all limits of a task.
 
-    Every start is a random motion, improved by Ipopt and checked on a dense time grid. The result depends on
+    Every start is a random motion, improved by Ipopt and checked on a dense time grid. Where the task leaves
+    a choice of postures, the most promising pairs of start and goal get one start each and the best of them
+    the others, see `ocptip.motion.choices`. The result depends on
     task, starts and seed only, not on where the starts run. An interrupt (Ctrl-C) or the death of a worker
     (then with a RuntimeWarning) ends the planning with the best verified plan so far.
 
@@ -105,17 +108,24 @@ def plan_motion(
     attempts: list[Attempt] = []
     best: Attempt | None = None
     interrupted = False
+    costs: dict[int, float] = {}
+    tasks_of: dict[int, MotionTask] = {}
     if progress:
         progress(0, starts, None)
-    source = _in_process(task, starts, seed) if executor is None and jobs == 1 else None
+    own = executor is None and jobs == 1
     try:
-        with worker_pool(executor, jobs, starts) if source is None else nullcontext() as pool:
-            for attempt in source or _in_pool(pool, task, starts, seed):
-                attempts.append(attempt)
-                if attempt.result.verified and (best is None or rank(attempt) < rank(best)):
-                    best = attempt
-                if progress:
-                    progress(len(attempts), starts, rank(best)[0] if best else None)
+        with threadpool_limits(1):
+            tasks = likely_choices(task)
+        with nullcontext() if own else worker_pool(executor, jobs, starts) as pool:
+            for batch in rounds(tasks, starts, costs):
+                tasks_of.update((number, chosen) for chosen, number in batch)
+                for attempt in _in_process(batch, seed) if own else _in_pool(pool, batch, seed):
+                    attempts.append(attempt)
+                    if attempt.result.verified:
+                        costs[attempt.result.number] = rank(attempt)[0]
+                        best = attempt if best is None or rank(attempt) < rank(best) else best
+                    if progress:
+                        progress(len(attempts), starts, rank(best)[0] if best else None)
     except BrokenExecutor as error:
         died = f"a worker process died after {len(attempts)} of {starts} starts ({error}); out of memory? "
         died += "With jobs=1 no workers are needed"
@@ -129,8 +139,9 @@ def plan_motion(
         interrupted = True
     if best is None:
         raise PlanningError(_why_not(attempts))
+    choices = {"choices": {"pairs": len(task.choices), "planned": len(tasks)}} if task.choices else {}
     return MotionPlan(
-        task=task,
+        task=tasks_of[best.result.number],
         motion=best.motion,
         check=best.check,
         starts=tuple(sorted((a.result for a in attempts), key=lambda r: r.number)),
@@ -138,7 +149,7 @@ def plan_motion(
         seed=seed,
         seconds=time.perf_counter() - began,
         interrupted=interrupted,
-        options={"starts": starts},
+        options={"starts": starts, **choices},
     )
 
 
@@ -158,17 +169,20 @@ def _why_not(attempts: list[Attempt]) -> str:
     )
 
 
-def _in_process(task: MotionTask, starts: int, seed: int) -> Iterator[Attempt]:
-    search = Search(task)
-    for number in range(starts):
+def _in_process(batch: list[tuple[MotionTask, int]], seed: int) -> Iterator[Attempt]:
+    searches: dict[int, Search] = {}
+    for task, number in batch:
         with threadpool_limits(1):  # small matrices: more threads only wait for each other
+            search = searches.get(id(task)) or searches.setdefault(id(task), Search(task))
             attempt = search.run(number, seed)
         yield attempt
 
 
-def _in_pool(pool: Executor, task: MotionTask, starts: int, seed: int) -> Iterator[Attempt]:
-    payload = pickle.dumps(task)
-    futures: list[Future] = [pool.submit(run_start, payload, number, seed) for number in range(starts)]
+def _in_pool(pool: Executor, batch: list[tuple[MotionTask, int]], seed: int) -> Iterator[Attempt]:
+    payloads = {id(task): pickle.dumps(task) for task, _ in batch}
+    futures: list[Future] = [
+        pool.submit(run_start, payloads[id(task)], number, seed) for task, number in batch
+    ]
     try:
         for future in as_completed(futures):
             yield future.result()

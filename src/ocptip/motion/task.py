@@ -30,6 +30,7 @@ class MotionTask:
         commands: ramp commands per optimised joint, at most 12.
         objective: what is least.
         reference: a motion to compare with.
+        choices: pairs of start and goal, (n,) each, of which the planner may take any instead.
     """
 
     name: str
@@ -41,6 +42,7 @@ class MotionTask:
     commands: int = 3
     objective: Objective = ENERGY
     reference: ArmMotion | None = None
+    choices: tuple[tuple[np.ndarray, np.ndarray], ...] = ()
 
     def __post_init__(self) -> None:
         """Raise InputError if shapes or numbers of joints do not fit, or there is nothing to optimise."""
@@ -51,6 +53,9 @@ class MotionTask:
             object.__setattr__(self, name, angles)
         if not isinstance(self.limits, MotionLimits):
             raise InputError(f"limits: expected MotionLimits, got {self.limits!r}")
+        for pair in self.choices:
+            for name, angles in zip(("start", "goal"), pair, strict=True):
+                finite_array(f"choices: {name}", angles, (n,))
         joints = tuple(self.optimised)
         if not joints or not all(is_whole(j) and 0 <= j < n for j in joints):
             raise InputError(f"optimised: expected joints of 0 to {n - 1}, at least one, got {joints}")

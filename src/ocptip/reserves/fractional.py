@@ -104,9 +104,12 @@ def minimise_fraction(q: np.ndarray, Q: np.ndarray, forces: ForceRange) -> Fract
         finished = ~usable & ~halves
         finished[usable] = (decrease <= _DECREASE) & ~halves[usable]
         near = (decrease < _NEAR) & ~halves[usable]
-        if np.any(near):
-            proven = _polish(best, rows[near], q[rows[near]], Q[rows[near]], own.take(near))
+        for points in (best.z[rows], x[usable, 1:]):  # the program's point where the best one is another
+            if not np.any(near):
+                break
+            proven = _polish(best, rows[near], q[rows[near]], Q[rows[near]], own.take(near), points[near])
             finished[np.flatnonzero(usable)[near]] |= proven
+            near[np.flatnonzero(near)[proven]] = False
         todo = todo[~finished]
     known = np.isfinite(best.gap)
     best.gap[known] = np.minimum(best.gap, best.usage)[known]  # no usage is below zero
@@ -175,10 +178,15 @@ def _improve(
 
 
 def _polish(
-    best: FractionalOptimum, where: np.ndarray, q: np.ndarray, Q: np.ndarray, forces: ForceRange
+    best: FractionalOptimum,
+    where: np.ndarray,
+    q: np.ndarray,
+    Q: np.ndarray,
+    forces: ForceRange,
+    z: np.ndarray,
 ) -> np.ndarray:
-    """Refine the states `where` by Newton steps; True where a proven optimum replaced the state."""
-    start = best.z[where], best.usage[where], best.pull[where], best.normal_pull[where]
+    """Refine the states `where` by Newton steps from z; True where a proven optimum replaced the state."""
+    start = z, best.usage[where], best.pull[where], best.normal_pull[where]
     point = refined(q, Q, forces, *start)
     good = point.proven & (point.t <= best.usage[where] * (1.0 + _DECREASE))
     rows = where[good]

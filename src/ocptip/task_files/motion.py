@@ -1,7 +1,7 @@
 """Motion tasks from TOML files: any arm, or a parallel robot, on any support.
 
-Format: docs/motion-planner.md. Of several branches of a pose that one is taken whose joint way from start to
-goal is shortest among those that stand at rest within all limits.
+Format: docs/motion-planner.md. Of several branches of a pose the task holds all pairs of start and goal that
+stand at rest within all limits, and as its own start and goal those with the shortest joint way.
 """
 
 from __future__ import annotations
@@ -72,8 +72,9 @@ def _task(data: Table, path: Path) -> MotionTask:
     robot = StandingRobot(arm, support, motors, obstacles=obstacles, reference_moment=moment)
     motion = data.table("motion")
     starts, goals = (_candidates(arm, motion, key) for key in ("start", "goal"))
-    start, goal = _shortest(robot, limits, starts, goals)
-    return _ramp_task(name, robot, start, goal, limits, motion, min(robot.n, 3))
+    pairs = _pairs(robot, limits, starts, goals)
+    task = _ramp_task(name, robot, *pairs[0], limits, motion, min(robot.n, 3))
+    return replace(task, choices=tuple(pairs)) if len(pairs) > 1 else task
 
 
 def _ramp_task(
@@ -124,14 +125,17 @@ def _candidates(arm: ArmModel, table: Table, key: str) -> np.ndarray:
         return solve_inverse_kinematics(arm, position, rotation).branches
 
 
-def _shortest(
+def _pairs(
     robot: StandingRobot, limits: MotionLimits, starts: np.ndarray, goals: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Start and goal, (n,), rad, of all pairs, by the rule of docs/motion-planner.md; ties by order."""
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Pairs of start and goal, (n,), rad each, by the rule of docs/motion-planner.md, ties by order.
+
+    All that stand at rest within all limits; if none does, the one with the fewest reasons against it.
+    """
     arm = robot.arm.limits
-    if len(starts) == len(goals) == 1:
-        return starts[0], goals[0]
-    reasons = [[len(posture_refusals(robot, limits, q)) for q in branches] for branches in (starts, goals)]
+    reasons = [[0], [0]]
+    if len(starts) > 1 or len(goals) > 1:
+        reasons = [[len(posture_refusals(robot, limits, q)) for q in qs] for qs in (starts, goals)]
     weights = 1 / np.where(np.isfinite(arm.speed), arm.speed, 1.0)
     ranked = []
     for s, start in enumerate(starts):
@@ -140,7 +144,8 @@ def _shortest(
             near = within_limits(robot.arm, goal, start) if len(goals) > 1 else goal
             way = float(np.abs(near - start) @ weights)
             ranked.append((reasons[0][s] + reasons[1][g], way, len(ranked), start, near))
-    return min(ranked, key=lambda entry: entry[:3])[3:]
+    ranked.sort(key=lambda entry: entry[:3])
+    return [entry[3:] for entry in ranked if entry[0] == 0] or [ranked[0][3:]]
 
 
 def _joint(item: object, names: tuple[str, ...]) -> int:

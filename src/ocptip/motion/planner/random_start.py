@@ -81,7 +81,7 @@ def _candidate(
             break
     for factor in SLOWER:
         slower = best.time_scaled(factor)
-        if _stands(robot, slower, limits):
+        if stands(robot, slower, limits):
             break
     return slower
 
@@ -92,6 +92,7 @@ def _path_violation(robot: StandingMechanism, motion: ArmMotion, limits: tuple[L
     return float(np.max([limit.path_excess(at) for limit in limits]))
 
 
-def _stands(robot: StandingMechanism, motion: ArmMotion, limits: tuple[Limit, ...]) -> bool:
+def stands(robot: StandingMechanism, motion: ArmMotion, limits: tuple[Limit, ...]) -> bool:
+    """Whether a motion keeps the limits of the contacts, looked at coarsely."""
     at = Instants.of_states(robot, *motion.states(motion.quadrature(4)[0]))
     return all(limit.kept(at) for limit in limits if limit.of_contacts)

@@ -1,0 +1,73 @@
+"""Which postures: a gripper pose leaves several, and the cheapest motion need not have the shortest way.
+
+Every pair of start and goal postures is judged by the cost of the plainest motion between them: one ramp per
+joint, all ending together, slowed down until the base stands. That orders pairs as the planned motions do,
+nearly; the most promising ones are planned.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from ocptip.motion.planner.random_start import SLOWER, stands
+from ocptip.motion.task import MotionTask, refusals
+from ocptip.standing.limit_kinds import limits_of
+from ocptip.trajectories.arm_motion import ArmMotion
+
+LOOKED_AT = 24  # pairs, those with the shortest ways
+PLANNED, WORSE = 4, 1.25  # at most so many, whose plainest motions cost at most so much more than the best
+PROMISING = 1.03  # after one start each, the others go to pairs that cost at most so much more than the best
+
+
+def likely_choices(task: MotionTask) -> list[MotionTask]:
+    """The task with its most promising pairs of postures, best first; just the task if it has no choice."""
+    if not task.choices:
+        return [task]
+    limits = task.robot.limits
+    speed = np.where(np.isfinite(limits.speed), limits.speed, 1.0)
+    pairs = sorted(task.choices, key=lambda pair: float(np.sum(np.abs(pair[1] - pair[0]) / speed)))
+    tasks = [replace(task, start=start, goal=goal, choices=()) for start, goal in pairs]
+    tasks = [one for one in tasks if not refusals(one)][:LOOKED_AT]
+    ranked = sorted(((plainest_cost(one), k) for k, one in enumerate(tasks)))
+    least = ranked[0][0] if ranked else np.inf
+    if not np.isfinite(least):
+        return tasks[:PLANNED] or [task]
+    return [tasks[k] for cost, k in ranked[:PLANNED] if cost <= WORSE * least]
+
+
+def plainest_cost(task: MotionTask) -> float:
+    """Cost of one ramp per joint from start to goal, as slow as is cheapest; infinite if it never stands."""
+    robot, limits, best = task.robot, task.robot.limits, np.inf
+    kept = limits_of(robot, task.limits, task.optimised)
+    for factor in SLOWER:
+        rates = limits.speed / factor, limits.acceleration / factor**2
+        motion = ArmMotion.with_passive(task.start, task.goal, [None] * robot.n, *rates)
+        if not stands(robot, motion, kept):
+            continue
+        cost = task.objective.cost(robot.energy(motion), motion.end)
+        if cost >= best:
+            break
+        best = cost
+    return float(best)
+
+
+def rounds(
+    tasks: list[MotionTask], starts: int, costs: dict[int, float]
+) -> Iterator[list[tuple[MotionTask, int]]]:
+    """Which starts to run, as pairs of task and number; the second round after the costs of the first.
+
+    Args:
+        tasks: best first.
+        starts: in all.
+        costs: of the verified motions so far, by number of the start; filled by the caller meanwhile.
+    """
+    first = starts if len(tasks) == 1 else min(starts, len(tasks))
+    yield [(tasks[min(k, len(tasks) - 1)], k) for k in range(first)]
+    if first < starts:
+        order = sorted(range(first), key=lambda k: (costs.get(k, np.inf), k))
+        least = costs.get(order[0], np.inf)
+        good = [k for k in order if costs.get(k, np.inf) <= PROMISING * least]
+        yield [(tasks[good[k % len(good)]], k) for k in range(first, starts)]

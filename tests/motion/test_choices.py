@@ -1,0 +1,96 @@
+"""Postures to choose from: which are planned, and that the better one wins."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from ocptip.basics.errors import InputError
+from ocptip.motion.choices import PLANNED, likely_choices, plainest_cost, rounds
+from ocptip.motion.plan import plan_motion
+from ocptip.published.tasks import experiment_task
+from ocptip.standing.limits import MotionLimits
+from ocptip.task_files.motion import load_task
+from ocptip.trajectories.arm_motion import ArmMotion
+from tests.places import EXAMPLES
+
+
+@pytest.fixture(scope="module")
+def task():
+    """Case A; its goal may be reached by a shorter way, too, or by a longer one."""
+    task = experiment_task("A", "effective")
+    near = 0.5 * (task.start + task.goal)
+    far = task.goal + 0.2 * (task.goal - task.start)
+    return dataclasses.replace(
+        task, reference=None, choices=tuple((task.start, g) for g in (far, task.goal, near))
+    )
+
+
+def test_the_cost_of_the_plainest_motion_is_that_of_single_ramps(task):
+    robot, limits = task.robot, task.robot.limits
+    costs = [
+        robot.energy(
+            ArmMotion.with_passive(
+                task.start, task.goal, [None] * robot.n, limits.speed / f, limits.acceleration / f**2
+            )
+        )
+        for f in (1.0, 1.15, 1.3, 1.5, 1.8, 2.2)
+    ]
+    assert plainest_cost(task) in [pytest.approx(cost, rel=1e-12) for cost in costs]
+    harder = dataclasses.replace(task, limits=MotionLimits(GN=0.3, GT=0.3))
+    assert plainest_cost(harder) >= plainest_cost(task)
+
+
+def test_the_most_promising_come_first(task):
+    chosen = likely_choices(task)
+    assert 1 <= len(chosen) <= PLANNED
+    np.testing.assert_array_equal(chosen[0].goal, task.choices[2][1])
+    assert all(one.choices == () for one in chosen)
+    alone = dataclasses.replace(task, choices=())
+    assert likely_choices(alone) == [alone]
+
+
+def test_pairs_that_cannot_be_planned_are_left_out(task):
+    beyond = task.goal.copy()
+    beyond[0] = 100.0
+    chosen = likely_choices(
+        dataclasses.replace(task, choices=((task.start, beyond), (task.start, task.goal)))
+    )
+    assert len(chosen) == 1
+    np.testing.assert_array_equal(chosen[0].goal, task.goal)
+
+
+def test_starts_are_dealt_in_two_rounds():
+    tasks = ["a", "b", "c"]
+    costs = {}
+    dealt = rounds(tasks, 7, costs)
+    assert next(dealt) == [("a", 0), ("b", 1), ("c", 2)]
+    costs.update({1: 10.0, 2: 10.2, 0: 20.0})
+    assert next(dealt) == [("c", 3), ("b", 4), ("c", 5), ("b", 6)]
+    assert list(dealt) == []
+    assert list(rounds(["a"], 3, {})) == [[("a", 0), ("a", 1), ("a", 2)]]
+    assert list(rounds(tasks, 2, {})) == [[("a", 0), ("b", 1)]]
+    failed = rounds(tasks, 5, {})
+    next(failed)
+    assert next(failed) == [("a", 3), ("b", 4)]
+
+
+def test_the_plan_is_of_the_pair_that_was_chosen(task):
+    plan = plan_motion(task, starts=1, jobs=1)
+    assert plan.verified
+    np.testing.assert_array_equal(plan.task.goal, task.choices[2][1])
+    np.testing.assert_allclose(plan.motion.goal, plan.task.goal, atol=1e-9)
+    assert plan.options["choices"]["pairs"] == 3
+
+
+def test_the_ur5_has_many_pairs_and_the_cheapest_is_not_the_shortest():
+    task = load_task(EXAMPLES / "tasks" / "ur5_cart.toml")
+    assert len(task.choices) == 24
+    np.testing.assert_array_equal(task.choices[0][1], task.goal)
+    chosen = likely_choices(task)
+    assert plainest_cost(chosen[0]) < 0.9 * plainest_cost(dataclasses.replace(task, choices=()))
+
+
+def test_choices_of_another_shape_are_refused(task):
+    with pytest.raises(InputError, match="choices: goal"):
+        dataclasses.replace(task, choices=((task.start, np.zeros(3)),))
