@@ -2,9 +2,6 @@
 
 Slot i of a basis holds the variable `element[i]` of contact `owner[i]`. Inverses are stored transposed and
 padded with zeros, so that the inner loops run over whole rows of memory.
-
-The machine code that Numba keeps of `pivoting.solve_batch` contains these loops, but Numba only looks whether
-pivoting.py has changed: after a change here, delete the `*.nbi` files of the cache.
 """
 
 from __future__ import annotations

@@ -26,6 +26,7 @@ from ocptip.contact.basis import (
     load_basis,
     polish,
 )
+from ocptip.contact.tables import right_hand_sides, unpacked
 from ocptip.numerics.compiled import compiled
 
 SOLVED, RAY, PIVOT_LIMIT, SINGULAR, INACCURATE = 0, 1, 2, 3, 4
@@ -92,7 +93,7 @@ def _press(
     for step in range(_CRASH_STEPS):
         r, worst = -1, -_ZERO
         for i in range(m):
-            normal = lifts[first_column[owner[i]] + element[i]]
+            normal = lifts[first_column[owner[i]] + element[i]] != 0
             if x[i] < worst and (normal or step >= _CRASH_CONTACTS):
                 r, worst = i, x[i]
         if r < 0:
@@ -244,15 +245,14 @@ def _remember(row, inverses, bases, inverse_t, subset, element, owner):
 
 @compiled
 def solve_batch(
-    columns, extent, first_column, row_start, subsets, subset_start, successor, entering,
-    start_count, start_first, start_subset, start_inverse, block_start, lifts, gauge,
-    check_matrix, force_columns, force_offset, acceleration_columns,
-    warm, memory, initial, max_pivots, first_attempt, attempts, tolerance, rhs_all, hints, check_rhs, seeds,
+    integers, floats, warm, memory, max_pivots, first_attempt, attempts, tolerance, initial,
+    rhs_all, hints, check_rhs, seeds,
     out_subset, out_x, out_status, out_pivots, out_attempt, out_residual, out_force, out_acceleration,
 ):  # fmt: skip
     """Solve many right-hand sides of one system.
 
     Args:
+        integers, floats: the system (`tables.packed`), from which are read:
         columns: (P, m) all columns of the system, as rows.
         extent: (P, 2) each column is zero before the first and from the second row number on.
         first_column: (n,) index of each contact's first column.
@@ -261,7 +261,7 @@ def solve_batch(
             `subset_start[k]`.
         start_*: candidates for the start basis with the inverses of their local blocks (see
             `_choose_start`); `block_start` if no candidate has entries outside its contact's rows.
-        lifts: (P,) True for variables that accelerate a contact along its normal.
+        lifts: (P,) 1 for variables that accelerate a contact along its normal.
         gauge: (m, c) directions in which the right-hand side may be shifted without changing the physics
             (distribution of forces that the equations leave open); used by the later attempts.
         check_matrix: (P, m) columns of the original system, for the residual.
@@ -279,6 +279,11 @@ def solve_batch(
         out_*: results: subsets (N, n), basic values in canonical order (N, m), status, pivots, attempt
             and relative residual of each state, contact forces and accelerations (N, n, d).
     """
+    (
+        columns, extent, first_column, row_start, subsets, subset_start, successor, entering,
+        start_count, start_first, start_subset, start_inverse, block_start, lifts, gauge,
+        check_matrix, force_columns, force_offset, acceleration_columns,
+    ) = unpacked(integers, floats)  # fmt: skip
     n = first_column.shape[0]
     m = row_start[n]
     width = (m + 7) // 8 * 8  # padded with zeros: the vector loops then have no remainder
@@ -420,3 +425,36 @@ def solve_batch(
             out_x[state] = np.nan
             out_force[state] = np.nan
             out_acceleration[state] = np.nan
+
+
+@compiled
+def solve_one(
+    integers, floats, warm, memory, max_pivots, first_attempt, attempts, tolerance, largest, codes, numbers
+):
+    """Solve one wrench: as `solve_batch`, but with all results in two arrays.
+
+    Args:
+        integers, floats, ..., tolerance: see `solve_batch`.
+        largest: of a wrench's elements.
+        codes: (n + 3,) results: subsets, status, pivots, attempt.
+        numbers: (6 + m + 1 + 2 n d,) the wrench, and results: basic values, residual, forces, accelerations.
+
+    Returns:
+        Whether it is solved; False, too, for a wrench with NaN or larger elements.
+    """
+    n, m, d, w = integers[0], integers[1], integers[7], integers[8]
+    wrench = numbers[:w]
+    codes[:n] = -1
+    for value in wrench:
+        if not abs(value) <= largest:
+            return False
+    rhs, plain, hint = right_hand_sides(integers, floats, wrench)
+    at = w + m + 1
+    solve_batch(
+        integers, floats, warm, memory, max_pivots, first_attempt, attempts, tolerance, codes[:n],
+        rhs.reshape((1, m)), hint.reshape((1, m)), plain.reshape((1, m)), np.ones(1, np.uint64),
+        codes[:n].reshape((1, n)), numbers[w : w + m].reshape((1, m)),
+        codes[n : n + 1], codes[n + 1 : n + 2], codes[n + 2 :], numbers[at - 1 : at],
+        numbers[at : at + n * d].reshape((1, n, d)), numbers[at + n * d :].reshape((1, n, d)),
+    )  # fmt: skip
+    return codes[n] == SOLVED

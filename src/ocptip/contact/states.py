@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -238,12 +238,23 @@ def _derivatives(system: ContactSystem, columns: np.ndarray) -> np.ndarray:
         return np.linalg.pinv(bases, rcond=1e-11) @ system.rhs_matrix
 
 
-@dataclass(frozen=True)
 class ContactState:
-    """One solved (or honestly unsolved) state; see :class:`ContactStates` for shapes and units."""
+    """One solved (or honestly unsolved) state; see :class:`ContactStates` for shapes and units.
 
-    states: ContactStates
-    index: int
+    Args:
+        states: the batch that holds it, or what makes that at the first look into the state.
+        index: its place in the batch.
+    """
+
+    def __init__(self, states: ContactStates | Callable[[], ContactStates], index: int) -> None:
+        self._states, self.index = states, index
+
+    @property
+    def states(self) -> ContactStates:
+        """The batch that holds the state."""
+        if not isinstance(self._states, ContactStates):
+            self._states = self._states()
+        return self._states
 
     @property
     def support(self) -> Support:

@@ -18,6 +18,7 @@ from ocptip.basics.errors import (
     refuse_huge,
 )
 from ocptip.contact.bindings.binding import Binding
+from ocptip.contact.tables import packed
 from ocptip.numerics.inertia import why_impossible
 
 STANDARD_GRAVITY = 9.81
@@ -403,18 +404,12 @@ class ContactSystem:
         return np.hstack(parts)
 
     @cached_property
-    def tables(self) -> tuple[np.ndarray | bool, ...]:
-        """What `pivoting.solve_batch` takes of the system, in its order; the matrices by columns."""
-        columns, plain = (np.ascontiguousarray(matrix.T) for matrix in (self.matrix, self.plain_matrix))
-        used = columns != 0
-        last = used.shape[1] - np.argmax(used[:, ::-1], axis=1)
-        extent = np.column_stack([np.argmax(used, axis=1), last]).astype(np.int64)
-        contacts = [c.columns for c in self.support.contacts]
-        force = np.vstack([c.force.T for c in contacts])
-        acceleration = np.vstack([c.acceleration.T for c in contacts]) / self.support.mass
-        return (
-            columns, extent, self.first_column, self.row_start, self.subsets, self.subset_start,
-            self.successor, self.entering, self.start_count, self.start_first, self.start_subset,
-            self.start_inverse, self.block_start, self.lifts, self.gauge,
-            plain, force, self.force_offset.reshape(len(contacts), -1), acceleration,
-        )  # fmt: skip
+    def one(self) -> tuple[tuple[int], int, int]:
+        """Shape of a wrench, and how many integers and numbers `pivoting.solve_one` writes."""
+        (n,), m, w = self.first_column.shape, len(self.rhs_offset), self.support.wrench_size
+        return (w,), n + 3, w + m + 1 + 2 * n * self.support.dimension
+
+    @cached_property
+    def tables(self) -> tuple[np.ndarray, np.ndarray]:
+        """The system as `pivoting` takes it."""
+        return packed(self)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal
+from typing import Any, Literal
 
 import numba
 
@@ -17,9 +17,28 @@ def compiled(function: Callable, *, inline: Literal["never", "always"] = "never"
     Compiled code does not hold the interpreter's lock: several threads may run it at once.
     """
     try:
-        return numba.njit(cache=True, nogil=True, error_model="numpy", inline=inline)(function)
+        made = numba.njit(cache=True, nogil=True, error_model="numpy", inline=inline)(function)
     except RuntimeError:
         return numba.njit(nogil=True, error_model="numpy", inline=inline)(function)
+    _watch_callees(made)
+    return made
+
+
+def _watch_callees(made: Any) -> None:
+    """Let kept machine code be stale, too, where a file has changed whose functions it contains.
+
+    Numba compares the time and size of the function's own file only. (A version of Numba that keeps them
+    elsewhere does so as before.)
+    """
+    function, own = made.py_func, getattr(made, "_cache", None)
+    callees = (function.__globals__.get(name) for name in function.__code__.co_names)
+    stamps = [_stamp(one) for one in callees if isinstance(one, type(made))]
+    if own is not None and stamps:
+        own._cache_file._source_stamp = tuple(dict.fromkeys([_stamp(made), *stamps]))
+
+
+def _stamp(made: Any) -> Any:
+    return getattr(getattr(getattr(made, "_cache", None), "_cache_file", None), "_source_stamp", None)
 
 
 def compiled_inline(function: Callable) -> Callable:
