@@ -20,7 +20,6 @@ from ocptip.basics.errors import InputError, bounded_array, finite_array, whole_
 from ocptip.contact import mode_search, pivoting
 from ocptip.contact.states import ARRAYS, BEYOND_RESOLUTION, NO_SOLUTION, ContactState, ContactStates
 from ocptip.contact.support import LARGEST_WRENCH, Support
-from ocptip.contact.tables import right_hand_sides
 
 RESIDUAL_TOLERANCE = 1e-9
 """Largest natural residual, relative to the largest right-hand side, of a state called solved."""
@@ -213,13 +212,10 @@ def _pivot_all(support, wrenches, warm_start, start, first_attempt, seeds, threa
 
 def _pivot(system, how, wrenches, seeds, *results) -> None:
     """Run the kernel on some wrenches."""
-    if len(wrenches) == 1:  # to the last digit as `solve_one`
-        rhs, plain, hints = (part[None] for part in right_hand_sides(*system.tables, wrenches[0]))
-    else:
-        force = wrenches @ system.rhs_matrix.T
-        rhs = force + system.rhs_offset
-        plain = rhs if system.plain_rhs_offset is system.rhs_offset else force + system.plain_rhs_offset
-        hints = wrenches @ system.hint_matrix.T
+    force = wrenches @ system.rhs_matrix.T
+    rhs = force + system.rhs_offset
+    plain = rhs if system.plain_rhs_offset is system.rhs_offset else force + system.plain_rhs_offset
+    hints = wrenches @ system.hint_matrix.T
     pivoting.solve_batch(*system.tables, *how, rhs, hints, plain, seeds, *results)
 
 
