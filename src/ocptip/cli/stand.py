@@ -17,9 +17,8 @@ from ocptip.cli.command import Report
 from ocptip.cli.layout import named, table
 from ocptip.cli.progress import say_if_compiling
 from ocptip.contact.moving import what_moves
-from ocptip.contact.solver import solve_many
 from ocptip.contact.states import BEYOND_RESOLUTION, STATUS, ContactState, ContactStates
-from ocptip.contact.verdict import StabilityVerdict, friction_remark, stability
+from ocptip.contact.verdict import StabilityVerdict, stability, standing_state, state_remark
 from ocptip.reserves.force_sets import ForceSets
 from ocptip.reserves.slip import Redistribution, Slip, SlipReserve
 from ocptip.reserves.tipping import TipOver, TipOverReserve
@@ -37,7 +36,11 @@ def run(options: Namespace) -> StandReport:
     support, reference = scene.support, options.gn_reference
     slip = Slip(support)
     say_if_compiling()
-    states = solve_many(support, scene.wrench[None])
+    verdict = stability(support, scene.wrench)
+    state = verdict.state
+    if verdict.strong and state.solved and not state.persistent:
+        state = standing_state(verdict) or state
+    states = state.states
     try:
         tip_over = TipOver(support, reference)
     except InputError as error:
@@ -48,7 +51,7 @@ def run(options: Namespace) -> StandReport:
         tip=tip_over.evaluate(states),
         slip=slip.evaluate(states, derivatives=False),
         redistribution=slip.redistribution,
-        verdict=stability(support, scene.wrench),
+        verdict=verdict,
         reference_given=reference is not None,
         plot=options.plot,
     )
@@ -60,7 +63,8 @@ class StandReport(Report):
 
     Attributes:
         scene: the scene.
-        states: the contact solver's answer, a batch of one.
+        states: a batch of one: the contact solver's answer; where that moves although all solutions on the
+            true cones stand, one of these.
         tip, slip: the two reserves of that state.
         redistribution: of the slip reserve: "tangential", or "full" where normal forces are not unique.
         verdict: whether every solution of the contact laws stands.
@@ -85,13 +89,16 @@ class StandReport(Report):
     @property
     def normal_reserves(self) -> np.ndarray:
         """(n,) distance of the normal forces of the slip reserve from the ends of their sets, N."""
-        sets, forces = ForceSets(self.scene.support), self.slip.normal_forces[0]
-        return np.minimum(forces - sets.lower, sets.upper - forces)
+        return np.minimum(*ForceSets(self.scene.support).room(self.slip.normal_forces[0]))
 
     @property
     def good(self) -> bool:
-        """True if nothing slips and nothing lifts off."""
-        return self.state.persistent
+        """True if the base stands: all solutions of the contact laws do, as far as is known.
+
+        With ordinary contacts this does not depend on the facets of the friction pyramids.
+        """
+        undecided = self.verdict.weak and not self.verdict.decided
+        return self.state.solved and (self.verdict.strong or (undecided and self.state.persistent))
 
     @property
     def without_reserve(self) -> str:
@@ -103,9 +110,9 @@ class StandReport(Report):
         return "slips" if self.slip.GT[0] >= _NO_RESERVE else ""
 
     @property
-    def friction_remark(self) -> str:
-        """Why a base that stands may use more than all of its friction; else empty."""
-        return friction_remark(self.verdict, float(np.nanmax(np.append(self.slip.usage[0], 0.0))))
+    def remark(self) -> str:
+        """Why the solver's state does not look like the verdict; else empty."""
+        return state_remark(self.verdict, float(np.nanmax(np.append(self.slip.usage[0], 0.0))))
 
     def to_dict(self) -> dict[str, Any]:
         """Everything; contacts in the order of the file."""
@@ -127,15 +134,15 @@ class StandReport(Report):
             "redistribution": self.redistribution,
             "normal_forces": self.slip.normal_forces[0],
             "friction_used": self.slip.usage[0],
-            "friction_remark": self.friction_remark or None,
+            "remark": self.remark or None,
             "normal_reserves": self.normal_reserves,
             "acceleration": state.acceleration,
             "GN": self.tip.GN[0],
             "GT": self.slip.GT[0],
             "tipping_axis": axis,
             "wrench": self.scene.wrench,
-            "residual": state.residual,
-            "pivots": state.pivots,
+            "residual": self.verdict.state.residual,
+            "pivots": self.verdict.state.pivots,
             "versions": versions(),
         }
 
@@ -152,27 +159,27 @@ class StandReport(Report):
         return "\n".join([*self._headline(), "", *self._contact_table(), "", *self._summary()])
 
     def _headline(self) -> list[str]:
+        return [f"{self.scene.name}: {self._answer()}"]
+
+    def _answer(self) -> str:
         state = self.state
-        other = " Another solution stands, see stability." if self.verdict.weak else ""
-        if state.status == STATUS[BEYOND_RESOLUTION]:
-            return [f"{self.scene.name}: DOES NOT STAND: {state.status}.{other}"]
-        if not state.solved:
-            return [f"{self.scene.name}: NO ANSWER: {state.status}"]
-        if state.persistent and not self.verdict.weak:
-            return [f"{self.scene.name}: STANDS on friction pyramids, but not on true cones, see stability."]
-        if self.verdict.strong and not state.persistent:
-            return [
-                f"{self.scene.name}: DOES NOT STAND on friction pyramids, but on true cones, see stability."
-            ]
-        if not state.persistent:
-            moves = what_moves(self.scene.support, state.modes)
-            return [f"{self.scene.name}: DOES NOT STAND. {moves[:1].upper()}{moves[1:]}.{other}"]
+        if not state.solved and state.status != STATUS[BEYOND_RESOLUTION]:
+            return f"NO ANSWER: {state.status}"
         if self.without_reserve:
             what = {"tips": "the least push tips it", "slips": "the least push makes it slip"}
-            return [f"{self.scene.name}: IN BALANCE WITHOUT ANY RESERVE: {what[self.without_reserve]}."]
-        if self.verdict.verdict == "weak":
-            return [f"{self.scene.name}: STANDS in this solution, but that is not sure, see stability."]
-        return [f"{self.scene.name}: STANDS. Nothing slips, nothing lifts off."]
+            return f"IN BALANCE WITHOUT ANY RESERVE: {what[self.without_reserve]}."
+        if self.verdict.strong:
+            return "STANDS. Nothing slips, nothing lifts off."
+        if self.good:
+            return "STANDS in this solution, but that is not sure, see stability."
+        if self.verdict.weak:
+            return "NOT SURE: one solution of the contact laws stands, others may move, see stability."
+        if not state.solved:
+            return f"DOES NOT STAND: {state.status}."
+        if state.persistent:
+            return "DOES NOT STAND, see stability."
+        moves = what_moves(self.scene.support, state.modes)
+        return f"DOES NOT STAND. {moves[:1].upper()}{moves[1:]}."
 
     def _contact_table(self) -> list[str]:
         state, support = self.state, self.scene.support
@@ -188,21 +195,21 @@ class StandReport(Report):
 
     def _summary(self) -> list[str]:
         rest = "" if self.reference_given else "; 0.09: the best at rest without load"
-        state, full = self.state, self.redistribution == "full"
+        state, solver, full = self.state, self.verdict.state, self.redistribution == "full"
         shared = "; normal forces shared in the best way" if full else ""
         lines = [
             ("tip-over GN", f"{ratio(self.tip.GN[0])} (1: a contact lifts off{rest})"),
             ("slip GT", f"{ratio(self.slip.GT[0])} (1: the friction is used up{shared})"),
         ]
-        if self.friction_remark:
-            lines.append(("", self.friction_remark))
+        if self.remark:
+            lines.append(("", self.remark))
         lines.append(("tipping axis", _axis_text(self)))
         only = " Under exactly this load; there is no reserve." if self.without_reserve else ""
         lines.append(("stability", f"{self.verdict.verdict}: {self.verdict.explanation}{only}"))
         if state.solved and not state.persistent:
             values = ", ".join(f"{a:.3g}" for a in without_noise(state.acceleration))
             lines.append(("acceleration", f"[{values}] m/s^2, rad/s^2"))
-        lines.append(("solver", f"{state.pivots} pivots, residual {state.residual:.1g} (relative)"))
+        lines.append(("solver", f"{solver.pivots} pivots, residual {solver.residual:.1g} (relative)"))
         if state.solved and not self.slip.solved[0]:
             lines.append(("note", f"slip reserve: {self.slip.status[0]}"))
         return named(lines)

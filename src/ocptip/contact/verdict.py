@@ -31,6 +31,7 @@ from ocptip.contact.bindings.binding import Binding, ForcePiece
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.cone_motion import ConeProblem, MotionSearch, clearly_moving
 from ocptip.contact.cone_search import find_cone_motion
+from ocptip.contact.pivoting import SOLVED
 from ocptip.contact.planar_verdict import feet_share_a_plane, find_planar_motion
 from ocptip.contact.solver import solution_from_search, solve, solve_randomly
 from ocptip.contact.states import REST_TOLERANCE, ContactState
@@ -182,20 +183,47 @@ def stability(support: Support, wrench: ArrayLike, *, max_nodes: int = 5000) -> 
     )
 
 
-def friction_remark(verdict: StabilityVerdict, largest_usage: float) -> str:
-    """One sentence on why a base that stands may use more than all of its friction; empty if it does not.
+def state_remark(verdict: StabilityVerdict, largest_usage: float) -> str:
+    """One sentence where the pivot solver's state does not look like the verdict; else empty.
 
     Args:
         verdict: the verdict.
         largest_usage: of the state's contacts, |tangential force| / limit on the true cones.
     """
-    if not (verdict.weak and verdict.state.persistent and largest_usage > 1 + _BALANCE):
-        return ""
-    return (
-        f"{100 * largest_usage:.0f} % of the friction is counted on Coulomb's cones at the normal forces of "
-        "the solver's state, whose friction pyramids reach beyond the cones at their edges; the stability "
-        "verdict asks for any admissible forces."
-    )
+    state = verdict.state
+    pyramids = "The friction pyramids of the pivot solver"
+    if verdict.strong and not state.persistent:
+        return (
+            f"{pyramids} give way, being narrower than Coulomb's cones at their faces; what is shown is a "
+            "solution on the cones."
+        )
+    if not verdict.weak and state.persistent:
+        return (
+            f"{pyramids} hold the base, reaching beyond Coulomb's cones at their edges; their forces are "
+            "shown, which friction cannot bear."
+        )
+    if verdict.weak and state.persistent and largest_usage > 1 + _BALANCE:
+        return (
+            f"{100 * largest_usage:.0f} % of the friction is counted on Coulomb's cones; the verdict is on "
+            "the friction pyramids, which reach beyond the cones at their edges."
+        )
+    return ""
+
+
+def standing_state(verdict: StabilityVerdict) -> ContactState | None:
+    """The solution that stands with the largest margin, on the true cones; None if there is none.
+
+    It has forces only: no subset of the pivot solver's variables belongs to it.
+    """
+    support, forces = verdict.state.support, verdict.cone.forces
+    if not verdict.cone.stands or forces is None:
+        return None
+    states = verdict.state.states.select([verdict.state.index])
+    values = {"contact_forces": forces, "contact_accelerations": 0.0, "solved": True, "status_codes": SOLVED}
+    values |= {"subsets": -1, "basic": np.nan, "pivots": 0, "attempts": -1}
+    balance = states.wrenches[0] + support.wrench_matrix @ forces.ravel()
+    values["residual"] = np.max(np.abs(balance)) / np.max(np.abs(states.wrenches[0]), initial=1e-300)
+    return states.changed(np.array([0]), values)[0]
 
 
 def _motion_on_cones(

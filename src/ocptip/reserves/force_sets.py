@@ -64,6 +64,10 @@ class ForceSets:
         )
         self.frictionless = np.all((self._radius == 0) & (self._slope == 0), axis=1)
 
+    def room(self, normal_forces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Distances of normal forces (N, n) from the lower and from the upper ends of their sets, N."""
+        return normal_forces - self.lower, self.upper - normal_forces
+
     def limits(self, normal_forces: np.ndarray, scale: np.ndarray) -> Limits:
         """Tangential limits at normal forces.
 

@@ -106,8 +106,7 @@ class TipOver:
         """
         if states.support is not self.support:
             raise InputError("states: belong to another support")
-        normal_forces = states.contact_forces[:, :, 0]
-        upwards, downwards = normal_forces - self._sets.lower, self._sets.upper - normal_forces
+        upwards, downwards = self._sets.room(states.contact_forces[:, :, 0])
         count, slopes = len(states), None
         if self.axes and not self.free_rotation and not self.on_plane:
             moments, slopes = self._in_general_position(states)
