@@ -183,12 +183,12 @@ class StandReport(Report):
 
     def _contact_table(self) -> list[str]:
         state, support = self.state, self.scene.support
-        forces = without_noise(self.slip.normal_forces[0])
+        forces, reserves = without_noise(self.slip.normal_forces[0]), without_noise(self.normal_reserves)
         position = "position x, y [m]" if self.scene.planar else "position x, y, z [m]"
         rows = [["contact", "kind", position, "mode", "normal force", "friction used", "normal reserve"]]
         for k, contact in enumerate(support.contacts):
             where = ", ".join(f"{x:.3f}" for x in contact.position + 0.0)
-            force, reserve = quantity(forces[k], "N"), quantity(self.normal_reserves[k], "N")
+            force, reserve = quantity(forces[k], "N"), quantity(reserves[k], "N")
             used = percent(self.slip.usage[0, k])
             rows.append([str(k + 1), contact.kind, where, state.modes[k], force, used, reserve])
         return table(rows, left=(1, 3))

@@ -32,6 +32,12 @@ class Limits:
     normal_max: np.ndarray
     value: np.ndarray
 
+    @property
+    def largest(self) -> np.ndarray:
+        """(N,) largest preload: of the finite ends and the limits at zero normal force, N."""
+        known = np.abs(np.hstack([self.radius, self.normal_min, self.normal_max]))
+        return np.max(np.where(np.isfinite(known), known, 0.0), axis=1)
+
 
 class ForceSets:
     """Force sets of all contacts of a support (Coulomb's true cones, `Binding.force_pieces`).

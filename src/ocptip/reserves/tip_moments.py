@@ -186,14 +186,15 @@ class AddableMoments:
     ) -> tuple[np.ndarray, np.ndarray]:
         """M (P,) and derivatives (P, 6) by cone programs; NaN where no admissible forces were found.
 
-        Unknown are -M and the contact forces, in units of the wrench; moments over the support's length.
+        Unknown are -M and the contact forces, in units of the wrench or of the largest preload; moments over
+        the support's length.
         """
         support = self._support
         d, n, size = support.dimension, support.n_contacts, support.wrench_size
         scaling = np.ones(size)
         scaling[d:] /= support.length
         G, couples = scaling[:, None] * support.wrench_matrix, scaling * self._couples * support.length
-        unit = np.max(np.abs(scaling * wrenches), axis=1)
+        unit = np.maximum(np.max(np.abs(scaling * wrenches), axis=1), limits.largest[at])
         unit = np.where(unit > 0, unit, 1.0)
         lower, upper = limits.normal_min[at] / unit[:, None], limits.normal_max[at] / unit[:, None]
         A = np.zeros((len(at), size + n * d + 2 * n + 1, 1 + n * d))
