@@ -371,3 +371,27 @@ def test_a_state_whose_forces_are_all_but_optimal_is_certified():
     way = np.array([1, -30, 1, 60, 2, -1]) * rng.normal(size=6) * 0.3
     states = solve_many(support, first + np.linspace(0, 1, 4000)[:310, None] * way)
     assert Slip(support).evaluate(states).solved.all()  # the 309th had a gap of 1.6e-7
+
+
+@settings(max_examples=15, deadline=None)
+@given(seed=st.integers(0, 10**6), n=st.integers(4, 6))
+def test_tiny_friction_is_certified(seed, n):
+    """Friction and the loads in its plane times the same factor give the same reserve."""
+    rng = np.random.default_rng(seed)
+    turn, friction = 2 * np.pi * np.arange(n) / n, rng.uniform(0.2, 0.9, n)
+    push, turning = rng.normal(size=2) * 60, rng.normal() * 15
+    reserves = []
+    for factor in (1.0, 1e-3, 1e-5, 5e-6):
+        contacts = [
+            UnilateralContact(position=[0.4 * np.cos(a), 0.4 * np.sin(a), 0.0], friction=factor * mu)
+            for a, mu in zip(turn, friction, strict=True)
+        ]
+        support = Support(contacts, mass=60.0, center_of_mass=[0.03, 0.02, 0.3])
+        load = Load(force=[*factor * push, 0.0], point=[0, 0, 0], moment=[0, 0, factor * turning])
+        states = solve_many(support, support.wrench(load)[None])
+        reserve = Slip(support, "full").evaluate(states)
+        if states.persistent[0]:
+            assert reserve.solved[0], reserve.status
+            reserves.append(reserve.GT[0])
+            assert np.all(reserve.usage[0][np.isfinite(reserve.usage[0])] <= reserve.GT[0] * (1 + 1e-6))
+    np.testing.assert_allclose(reserves, reserves[:1] * len(reserves), rtol=1e-5)

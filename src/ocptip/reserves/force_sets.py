@@ -13,6 +13,8 @@ from ocptip.contact.support import Support
 LOAD_TOLERANCE = 1e-9
 """Forces below this, relative to the largest force in the state, count as none."""
 
+_TINY_FRICTION = 1e-2
+
 
 @dataclass(frozen=True)
 class Limits:
@@ -49,6 +51,7 @@ class ForceSets:
         ordinary: True if all contacts are ordinary ones, with friction cones from zero force on.
         friction: (n,) friction coefficient of the first piece.
         frictionless: (n,) True where a contact never carries a tangential force.
+        grip: (n,) unit of the tangential forces, so that the friction counted in it is not tiny; 1 as a rule.
     """
 
     def __init__(self, support: Support) -> None:
@@ -69,6 +72,8 @@ class ForceSets:
             and bool(np.all(np.isinf(self._maximum)))
         )
         self.frictionless = np.all((self._radius == 0) & (self._slope == 0), axis=1)
+        steepest = np.max(np.abs(self._slope), axis=1)
+        self.grip = np.where(steepest > 0, np.minimum(1.0, steepest / _TINY_FRICTION), 1.0)
 
     def room(self, normal_forces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Distances of normal forces (N, n) from the lower and from the upper ends of their sets, N."""

@@ -141,23 +141,25 @@ class Slip:
         todo = np.flatnonzero((work.ratio > ZERO_USAGE) & work.states.persistent)
         for rows, picked, basis, _ in self._groups(todo, work.carries, with_normals=True):
             at, unit, Q = (rows[:, None], picked), work.scale[rows][:, None], basis[:, :, 1:]
-            limits, forces = work.limits, work.forces[at] / unit[:, :, None]
+            grip = self._sets.grip[picked]
+            units = unit[:, :, None] * _force_units(grip, basis.shape[2])
+            limits, forces = work.limits, work.forces[at] / units
             normals = ForceRange(
                 normal=forces[:, :, 0],
                 per_z=basis[:, :, 0],
-                radius=limits.radius[at] / unit,
-                slope=limits.slope[at],
+                radius=limits.radius[at] / unit / grip,
+                slope=limits.slope[at] / grip,
                 lower=np.maximum(limits.normal_min[at] / unit, -LARGEST_SQUEEZE),
                 upper=np.minimum(limits.normal_max[at] / unit, LARGEST_SQUEEZE),
             )
             optimum = minimise_fraction(forces[:, :, 1:], Q, normals)
             new_normals, new_limits = normals.normals(optimum.z), normals.limits(optimum.z)
             tangential = forces[:, :, 1:] + forces_of(Q, optimum.z)
-            work.forces[at] = np.concatenate([new_normals[:, :, None], tangential], axis=2) * unit[:, :, None]
+            work.forces[at] = np.concatenate([new_normals[:, :, None], tangential], axis=2) * units
             known = np.isfinite(optimum.gap)
             work.pull[rows[known]] = 0.0
             work.pull[rows[known, None], picked[known]] = (
-                np.concatenate([optimum.normal_pull[:, :, None], optimum.pull], axis=2) / unit[:, :, None]
+                np.concatenate([optimum.normal_pull[:, :, None], optimum.pull], axis=2) / units
             )[known]
             loaded = new_limits > NEGLIGIBLE_LIMIT * np.max(new_limits, axis=1, keepdims=True)
             work.usage[at] = np.where(loaded, lengths(tangential) / np.where(loaded, new_limits, 1.0), np.nan)
@@ -229,7 +231,8 @@ class Slip:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
         """Contacts that take part and an orthonormal basis (m, d, nz) of the forces that cancel each other.
 
-        And the complement of the tangential ones (m, 2, 3) where that has three columns, as on a plane.
+        Tangential forces are counted in units of `ForceSets.grip` if normal forces are free, too. Third: the
+        complement of the tangential ones (m, 2, 3) where that has three columns, as on a plane.
 
         Free are the tangential forces of the contacts that carry, or all forces of all contacts but of
         unloaded ones whose normal force is the same in all solutions.
@@ -237,6 +240,8 @@ class Slip:
         key = np.packbits(np.r_[carries, with_normals]).tobytes()
         if key not in self._bases:
             matrix = self._matrix.reshape(len(self._matrix), len(carries), -1)
+            if with_normals:
+                matrix = matrix * _force_units(self._sets.grip, matrix.shape[2])
             taking_part = carries | with_normals
             while True:
                 free = np.repeat(taking_part[:, None], matrix.shape[2], axis=1)
@@ -259,6 +264,13 @@ class Slip:
                     J = None
             self._bases[key] = np.flatnonzero(taking_part), basis[taking_part], J
         return self._bases[key]
+
+
+def _force_units(grip: np.ndarray, d: int) -> np.ndarray:
+    """(..., n, d) units of normal and tangential forces."""
+    return np.concatenate(
+        [np.ones_like(grip)[..., None], np.repeat(grip[..., None], d - 1, axis=-1)], axis=-1
+    )
 
 
 class _Work:
