@@ -137,3 +137,11 @@ def test_a_base_that_falls_between_walls_has_used_up_its_reserve():
     reserve = Slip(support).evaluate(states)
     assert reserve.GT[0] == pytest.approx(1 + 9.81)
     assert reserve.gradient[0, :2] == pytest.approx([0.0, -0.5])
+
+
+def test_no_states_are_a_valid_batch():
+    support = uneven(np.random.default_rng(0), 4)
+    states = solve_many(support, np.zeros((0, 6)))
+    reserve = TipOver(support).evaluate(states)
+    assert reserve.GN.shape == (0,)
+    assert reserve.gradient.shape == (0, 6)

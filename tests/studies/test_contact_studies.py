@@ -10,7 +10,7 @@ import pytest
 
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.solver import solve_many
-from studies.contact import peers, random_problems, reserve_timing
+from studies.contact import general_position, peers, random_problems, reserve_timing
 from studies.contact import problems as contact_problems
 from studies.contact import robustness as contact_robustness
 from studies.contact import solvers as contact_solvers
@@ -222,3 +222,31 @@ def test_verdicts_study_finds_no_contradiction(tmp_path, capsys):
     assert capsys.readouterr().out == (tmp_path / "contact_verdicts.md").read_text()
     assert [row["layout"] for row in data["times"]] == ["circle", "scattered"]
     assert data["agreement"]["contradictions"] == 0
+
+
+def test_reserves_in_general_position_are_those_of_the_cone_program(tmp_path, capsys):
+    options = ["--stands", "8", "--loads", "3", "--feet", "4", "5"]
+    assert general_position.main(["--out", str(tmp_path), *options]) == 0
+    assert capsys.readouterr().out == (tmp_path / "general_position.md").read_text()
+    data = json.loads((tmp_path / "general_position.json").read_text())
+    assert [row["feet"] for row in data["summary"]] == [4, 5, None]
+    everything = data["summary"][-1]
+    assert everything["states"] > 15
+    assert everything["without_program"] == 0
+    assert everything["largest_difference"] < 1e-7
+    assert everything["ratio_min"] < 1 < everything["ratio_max"]
+    assert (tmp_path / "general_position.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_program_of_the_definition_knows_a_table():
+    """300 N on a square table, side 0.8 m: half of its width times the weight turns it over."""
+    places = np.array([[0.4, 0.4, 0], [-0.4, 0.4, 0], [-0.4, -0.4, 0], [0.4, -0.4, 0]])
+    normals = np.tile([0.0, 0.0, 1.0], (4, 1))
+    axes = general_position.axes_of(places, normals)
+    assert len(axes) == 4
+    weight = np.r_[0, 0, -300.0, 0, 0, 0]
+    for _, e in axes:
+        couple = general_position.largest_couple(places, normals, np.full(4, 0.5), weight, e)
+        assert couple == pytest.approx(0.4 * 300)
+    upwards = general_position.largest_couple(places, normals, np.full(4, 0.5), -weight, axes[0][1])
+    assert np.isnan(upwards)

@@ -108,7 +108,7 @@ class AddableMoments:
         slopes = np.broadcast_to(self.slope, (count, *self.slope.shape)).copy()
         if not count or not axes:
             return moments, slopes
-        certain = self._friction_lasts(wrenches, moments)
+        certain = self.closed_form(wrenches)
         todo = np.argwhere(~certain)
         if len(todo):
             at, axis = todo.T
@@ -122,11 +122,13 @@ class AddableMoments:
             slopes[at[known], axis[known]] = slope[known]
         return moments, slopes
 
-    def _friction_lasts(self, wrenches: np.ndarray, moments: np.ndarray) -> np.ndarray:
+    def closed_form(self, wrenches: np.ndarray) -> np.ndarray:
         """(N, axes) True where the path of an axis is known to end with the tipping about an axis.
 
-        Also True for all axes of a state that tips already, and False for axes that jam.
+        There the affine moments count, elsewhere a cone program decides. Also True for all axes of a state
+        that tips already, and False for axes that jam.
         """
+        moments = wrenches @ self.slope.T + self.offset
         certain = np.zeros(moments.shape, dtype=bool)
         if not np.any(self._closed):
             return certain

@@ -147,8 +147,9 @@ class TipOver:
         Where the base moves, the forces are those of this one solution: the affine moments are taken.
         """
         addable, solved = self.addable_moments, states.solved
-        flat = states.contact_forces.reshape(len(states), -1)
-        balanced = np.where(solved[:, None], -flat @ self.support.wrench_matrix.T, np.nan)
+        W = self.support.wrench_matrix
+        flat = states.contact_forces.reshape(len(states), W.shape[1])
+        balanced = np.where(solved[:, None], -flat @ W.T, np.nan)
         moments = balanced @ addable.slope.T + addable.offset
         slopes = np.broadcast_to(addable.slope, (len(states), *addable.slope.shape)).copy()
         still = solved & states.persistent
@@ -218,10 +219,8 @@ class TipOverReserve:
         """
         if self.slopes is None:
             return _product(self._normal_maps, self.tip_over.lifts, axis=1)
-        maps = self.states.force_maps
-        balanced = -np.einsum(
-            "wf,sfv->swv", self.states.support.wrench_matrix, maps.reshape(len(maps), -1, maps.shape[3])
-        )
+        maps, W = self.states.force_maps, self.states.support.wrench_matrix
+        balanced = -np.einsum("wf,sfv->swv", W, maps.reshape(len(maps), W.shape[1], maps.shape[3]))
         return self.slopes @ balanced
 
     @cached_property
