@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import sys
 
@@ -10,7 +11,9 @@ import pytest
 
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.solver import solve_many
-from studies.contact import general_position, peers, random_problems, reserve_timing
+from ocptip.contact.support import Support
+from ocptip.contact.verdict import Equilibrium
+from studies.contact import general_position, linear_programs, peers, random_problems, reserve_timing
 from studies.contact import problems as contact_problems
 from studies.contact import robustness as contact_robustness
 from studies.contact import solvers as contact_solvers
@@ -250,3 +253,44 @@ def test_the_program_of_the_definition_knows_a_table():
         assert couple == pytest.approx(0.4 * 300)
     upwards = general_position.largest_couple(places, normals, np.full(4, 0.5), -weight, axes[0][1])
     assert np.isnan(upwards)
+
+
+def test_linear_programs_contradict_no_state_and_no_verdict(tmp_path, capsys):
+    options = ["--problems", "300", "--enumerated", "12"]
+    assert linear_programs.main(["--out", str(tmp_path), *options]) == 0
+    assert capsys.readouterr().out == (tmp_path / "linear_programs.md").read_text()
+    data = json.loads((tmp_path / "linear_programs.json").read_text())
+    assert data["programs"]["different"] == data["enumeration"]["different"] == []
+    counts = data["programs"]["counts"]
+    assert counts["balanced"] + counts["unbalanced"] + counts.get("open", 0) == 300
+    assert min(counts["balanced"], counts["unbalanced"], counts["stand"]) > 50
+    assert counts["not solved"] == 0
+    assert set(data["enumeration"]["counts"]) >= {"none", "strong"}
+
+
+def test_linear_programs_see_what_is_wrong(monkeypatch):
+    """A verdict turned round, and a convex test that always holds, are found out."""
+    stands = Equilibrium(True, 1.0, None, None, 1)
+    monkeypatch.setattr(linear_programs, "equilibrium", lambda *_, **__: stands)
+    part = linear_programs.against_programs(40, 0)
+    assert len(part["different"]) == part["counts"]["unbalanced"] > 0
+    honest = linear_programs.stability
+    turned = {"strong": "weak", "weak": "none", "none": "strong"}
+    monkeypatch.setattr(
+        linear_programs,
+        "stability",
+        lambda *a: dataclasses.replace(verdict := honest(*a), verdict=turned[verdict.verdict]),
+    )
+    assert len(linear_programs.against_enumeration(4, 0)["different"]) == 4
+
+
+def test_power_of_a_block_on_the_floor():
+    """20 kg pushed with 150 N at friction 0.5: it slides with 51.9 N of net force; held at 90 N."""
+    contacts = [UnilateralContact(position=[x, 0.0], normal=[0, 1], friction=0.5) for x in (-0.3, 0.3)]
+    support = Support(contacts, mass=20.0, center_of_mass=[0.0, 0.0])
+    pushed, held = (support.weight + np.array([push, 0.0, 0.0]) for push in (150.0, 90.0))
+    slides = linear_programs.largest_power(support, pushed)
+    net = 150 - 0.5 * 20 * 9.81
+    free = (150**2 + (20 * 9.81) ** 2) / 20
+    assert slides == pytest.approx([150 * net / 20 / free] * 2)
+    assert linear_programs.largest_power(support, held) == pytest.approx([0, 0], abs=1e-9)
