@@ -279,6 +279,22 @@ def test_the_answer_does_not_depend_on_facets(capsys, scene_file, share):
     assert len(remarks) == 2  # the case lies between pyramid and cone for some facets
 
 
+def test_a_clamp_beyond_its_cone_does_not_hold(capsys, scene_file):
+    """Pyramids of four faces would hold 4 % more than the friction, along their edges."""
+    push = 1.04 * 0.53 * 60 * 9.81
+    text = ISSUE_SCENE.replace("friction = 0.5", "friction = 0.53\nfacets = 4").replace(
+        "0, 0, 1.0", "0, 0, 0.0"
+    )
+    text = text.replace("[40, 0, 0]", f"[{push / 2**0.5:.6f}, {push / 2**0.5:.6f}, 0]")
+    text = text.replace("0, 0, 0.6", "0, 0, 0.05").replace('"unilateral"', '"rigid-clamp"', 1)
+    scene_file.write_text(text.replace("friction = 0.53", "friction_upper = 0.53\nfriction_lower = 0.53", 1))
+    code, result = stand_json(capsys, scene_file)
+    assert (code, result["persistent"], result["stability"]) == (1, False, "none")
+    assert result["modes"] == ["stick"] * 3
+    assert result["GT"] == pytest.approx(1.04, rel=1e-6)
+    assert "reaching beyond Coulomb's cones" in result["remark"]
+
+
 def test_two_solutions_are_not_called_sure(capsys, tmp_path):
     """Feet that face each other: jammed, or sliding down."""
     path = tmp_path / "chimney.toml"

@@ -6,7 +6,7 @@
   of forces is not convex are treated piece by piece.
 * *Strong* stability: every solution stands. Proved or refuted by a search for one that moves; a refutation
   comes with the moving solution. For ordinary contacts the search keeps Coulomb's true cones, so that the
-  verdict does not depend on facets (`planar_verdict` for feet in one plane, `cone_search` for others); for
+  verdict does not depend on facets (`planar_verdict` for feet in one plane, `cone_search` for others); with
   clamps it goes over all modes of the pyramids (`mode_search.find_motion`).
 
 The words are those of Pang and Trinkle (2000). For three feet on a plane and friction that is not large
@@ -153,7 +153,7 @@ def stability(support: Support, wrench: ArrayLike, *, max_nodes: int = 5000) -> 
 
     judged = support.conditioned
     ordinary = support.dimension == 3 and all(type(c) is UnilateralContact for c in support.contacts)
-    if not (cone.stands if ordinary else pyramid.stands or state.persistent):
+    if not cone.stands:
         return verdict("none", "No admissible contact forces balance the load: the base moves.")
     if ordinary:
         found = _motion_on_cones(judged, wrench, state, max_nodes)
@@ -204,8 +204,8 @@ def state_remark(verdict: StabilityVerdict, largest_usage: float) -> str:
         )
     if verdict.weak and state.persistent and largest_usage > 1 + _BALANCE:
         return (
-            f"{100 * largest_usage:.0f} % of the friction is counted on Coulomb's cones; the verdict is on "
-            "the friction pyramids, which reach beyond the cones at their edges."
+            f"{100 * largest_usage:.0f} % of the friction is counted on Coulomb's cones at the normal forces "
+            "of the pivot solver; the stability verdict asks for any admissible forces."
         )
     return ""
 
