@@ -71,11 +71,12 @@ def test_files_figures_and_summary(planner, capsys, tmp_path, monkeypatch):
         f"C: VERIFIED. 221.9 J in 2.126 s, worst reserve GN {worst.value:.3f} (limit 0.9) at "
         f"{worst.time:.3f} s, 1.000 of the reference's 221.9 J."
     )
-    assert lines[1] == "starts   1 of 2 verified, 43 iterations, 2.5 s, seed 3"
+    assert lines[1] == "starts     1 of 2 verified, 43 iterations, 2.5 s, seed 3"
     directory = tmp_path / "ocptip-plan-C"
     names = [*FILES, "plan.png"]
-    assert lines[2] == "masses   base 3.45 kg, arm 15.71 kg; together 19.16 kg"
-    assert lines[3] == f"written  ocptip-plan-C/: {', '.join(names)}"
+    assert lines[2].startswith("tolerates  floor tilted by ")
+    assert lines[8] == "masses     base 3.45 kg, arm 15.71 kg; together 19.16 kg"
+    assert lines[9] == f"written    ocptip-plan-C/: {', '.join(names)}"
     assert sorted(path.name for path in directory.iterdir()) == sorted(names)
     assert out.isascii()
     assert (directory / "plan.png").read_bytes().startswith(b"\x89PNG")
@@ -146,7 +147,7 @@ def test_json_is_that_of_the_file_and_the_paths(planner, capsys, tmp_path):
     printed = json.loads(out, parse_constant=refuse)
     assert printed.pop("written") == [f"ocptip-plan-C/{name}" for name in FILES]
     assert printed == json.loads((tmp_path / "ocptip-plan-C" / "plan.json").read_text(encoding="utf-8"))
-    assert set(printed) == set(plan_to_dict(planner.result)) | {"base", "time_scale", "warnings"}
+    assert set(printed) == set(plan_to_dict(planner.result)) | {"base", "time_scale", "warnings", "tolerated"}
     assert printed["time_scale"][0]["factor"] == 1.2
 
 
@@ -346,7 +347,7 @@ def test_a_plan_says_what_the_arm_holds(planner, capsys, tmp_path):
     finally:
         planner.result.task.robot = read.robot
     payload = "payload 2 kg (point mass at (0, 0, 0.1) m)"
-    assert f"masses   base 3.45 kg, arm 15.71 kg, {payload}; together 21.16 kg" in out
+    assert f"masses     base 3.45 kg, arm 15.71 kg, {payload}; together 21.16 kg" in out
     data = json.loads((tmp_path / "ocptip-plan-C" / "plan.json").read_text(encoding="utf-8"))
     assert data["payload"] == {"mass": 2.0, "center_of_mass": [0.0, 0.0, 0.1]}
     assert data["masses_kg"] == pytest.approx({"base": 3.45, "arm": 15.711, "payload": 2.0, "total": 21.161})

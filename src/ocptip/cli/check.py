@@ -16,11 +16,12 @@ from ocptip.basics.errors import InputError, positive_number
 from ocptip.basics.text import quantity, ratio
 from ocptip.basics.write import versions
 from ocptip.cli.command import Report
-from ocptip.cli.layout import masses, table
+from ocptip.cli.layout import masses, table, tolerance_lines
 from ocptip.cli.options import with_limits
 from ocptip.cli.progress import say_if_compiling
 from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.task import MotionTask
+from ocptip.motion.tolerated import Tolerated, tolerances
 from ocptip.published.cases import motion_cases
 from ocptip.published.tasks import experiment_task
 from ocptip.task_files.motion import load_task
@@ -66,7 +67,8 @@ def run(options: Namespace) -> CheckReport:
     except InputError as error:
         raise InputError(f"{name}: {error}") from None
     curve = motion.interpolation if isinstance(motion, SampledMotion) else None
-    return CheckReport(name, task, checked, scaled, _offsets(motion, task), curve)
+    deviations = tolerances(task.robot, motion)
+    return CheckReport(name, task, checked, scaled, _offsets(motion, task), curve, deviations)
 
 
 @dataclass
@@ -81,6 +83,7 @@ class CheckReport(Report):
         offsets: by unit ("deg" for angles, "m" for lengths, as far as the coordinates have such), the largest
             difference of the motion's start and of its goal from the task's.
         interpolation: what was checked between samples; None for ramp commands.
+        tolerated: deviations that lose no contact; empty if not computed.
     """
 
     motion: str
@@ -89,6 +92,7 @@ class CheckReport(Report):
     scaled: list[tuple[float, MotionCheck]]
     offsets: dict[str, tuple[float, float]]
     interpolation: str | None
+    tolerated: tuple[Tolerated, ...] = ()
 
     @property
     def good(self) -> bool:
@@ -108,6 +112,7 @@ class CheckReport(Report):
             **self.check.to_dict(),
             **self.task.robot.masses_to_dict(),
             "limits": dataclasses.asdict(self.task.limits),
+            "tolerated": [one.to_dict() for one in self.tolerated],
             "interpolation": self.interpolation,
             **offsets,
             "time_scale": [{"factor": factor, **checked.to_dict()} for factor, checked in self.scaled],
@@ -123,6 +128,7 @@ class CheckReport(Report):
         lines += ["", *_worst_table(checked), ""]
         lines += [f"energy {quantity(checked.energy, 'J')}, duration {quantity(checked.duration, 's')}"]
         lines += [f"masses {masses(self.task.robot)}"]
+        lines += [f"{label:10} {text}" for label, text in tolerance_lines(self.tolerated)]
         lines += [f"checked at {checked.samples} instants"]
         if self.interpolation:
             lines += [

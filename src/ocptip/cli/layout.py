@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ocptip.basics.text import quantity
+from ocptip.motion.tolerated import Tolerated
 from ocptip.standing.mechanism import StandingMechanism
 
 
@@ -33,6 +34,11 @@ def masses(robot: StandingMechanism) -> str:
     parts = [f"{name} {quantity(mass, 'kg')}" for name, mass in robot.masses.items()]
     held = f" ({robot.payload})" if robot.payload else ""
     return f"{', '.join(parts)}{held}; together {quantity(robot.mass, 'kg')}"
+
+
+def tolerance_lines(tolerated: Sequence[Tolerated]) -> list[tuple[str, str]]:
+    """One line each; the first is named."""
+    return [("" if k else "tolerates", str(one)) for k, one in enumerate(tolerated)]
 
 
 def summary(head: str, lines: Sequence[tuple[str, str]], written: Sequence[Path]) -> str:

@@ -12,7 +12,7 @@ from typing import Any, TextIO
 from ocptip.basics.errors import InputError, PlanningError, positive_number
 from ocptip.basics.write import plain
 from ocptip.cli.command import Answer, Report
-from ocptip.cli.layout import masses, summary
+from ocptip.cli.layout import masses, summary, tolerance_lines
 from ocptip.cli.options import output_directory, remove_figures, require_least, with_limits
 from ocptip.cli.progress import Progress, say_if_compiling
 from ocptip.motion.check import MotionCheck, check_motion
@@ -21,6 +21,7 @@ from ocptip.motion.objective import ENERGY, Objective, objective_of
 from ocptip.motion.output import plan_to_dict, sample_motion, write_plan
 from ocptip.motion.plan import MotionPlan, plan_motion
 from ocptip.motion.task import MotionTask
+from ocptip.motion.tolerated import Tolerated, tolerances
 from ocptip.published.cases import motion_cases
 from ocptip.published.tasks import experiment_task
 from ocptip.task_files.motion import load_task
@@ -52,8 +53,10 @@ def run(options: Namespace) -> Report:
         (f, check_motion(task.robot, plan.motion.time_scaled(f), task.limits)) for f in options.time_scale
     ]
     execution = _execution(plan, options)
-    extra = {"base": base} if base else {}
-    return PlanReport(plan, scaled, extra, directory, not options.no_figures, execution, options.effort)
+    deviations = tolerances(plan.task.robot, execution.points if execution else plan.motion)
+    extra = {**({"base": base} if base else {}), "tolerated": [one.to_dict() for one in deviations]}
+    written = directory, not options.no_figures, execution, options.effort
+    return PlanReport(plan, scaled, extra, *written, tolerated=deviations)
 
 
 def progress_bar(stream: TextIO, objective: Objective = ENERGY) -> Progress:
@@ -102,6 +105,7 @@ class PlanReport(Report):
         figures: whether figures are among them.
         execution: by a controller that interpolates; None: the ramps as they are.
         effort: whether trajectory.json has torques.
+        tolerated: deviations that lose no contact; empty if not computed.
     """
 
     plan: MotionPlan
@@ -111,6 +115,7 @@ class PlanReport(Report):
     figures: bool = True
     execution: Execution | None = None
     effort: bool = False
+    tolerated: tuple[Tolerated, ...] = ()
 
     @property
     def check(self) -> MotionCheck:
@@ -157,6 +162,7 @@ class PlanReport(Report):
         if self.plan.interrupted:
             lines.append(("interrupted", "this is the best of the starts that had finished"))
         lines += [(f"time x {factor:g}", _scale_text(checked)) for factor, checked in self.time_scale]
+        lines += tolerance_lines(self.tolerated)
         lines.append(("masses", masses(self.plan.task.robot)))
         return summary(self.headline(), lines, self.written)
 

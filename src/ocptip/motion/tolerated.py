@@ -1,0 +1,299 @@
+"""What a motion tolerates before a contact is lost: each deviation from the model alone, by bisection.
+
+The loads are linear in what deviates: gravity (a tilted floor), mass at the gripper, a push, the square of a
+speed factor. So those of all instants are computed once and combined. At every level the contact forces are
+solved anew, and the reserves judged: lost means GN or GT at 1, whatever smaller limits the motion keeps.
+Looked at are sampled instants and directions; other limits (torques, clearance) are not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from ocptip.contact.bindings.unilateral import UnilateralContact
+from ocptip.contact.solver import solve_many
+from ocptip.contact.support import Support
+from ocptip.reserves.slip import Slip
+from ocptip.reserves.tipping import TipOver
+from ocptip.robots.dynamics import evaluate_dynamics
+from ocptip.robots.kinematics import gripper_batch
+from ocptip.robots.payload import Payload
+from ocptip.standing.arm import StandingRobot
+from ocptip.standing.mechanism import StandingMechanism
+from ocptip.trajectories.sampled import Motion
+
+INSIDE = 1.5e-9  # s: both sides of events are looked at
+SPACING = 0.01  # s: between instants, at most
+CLOSE = 2e-3  # of a value: how near the bisection gets
+AROUND = 24  # horizontal directions
+MOST_LATE = 6  # joints of which every subset may be late
+TILT, SPEED, DELAY = np.radians(30.0), 1.0, 0.1  # rad, share, s: what is looked at, at most
+
+_WORDS = {
+    "tilt": ("floor tilted by ", ""),
+    "extra_mass": ("", " more at the gripper"),
+    "push": ("push of ", " at the gripper"),
+    "friction": ("friction x ", ""),
+    "faster": ("", " faster"),
+    "delay": ("joints late by ", ""),
+}
+Loads = Callable[[float], np.ndarray]
+"""Wrenches (N, 6) on the base at a level of a deviation."""
+
+
+@dataclass(frozen=True)
+class Tolerated:
+    """The largest deviation of one quantity that loses no contact.
+
+    Attributes:
+        quantity: "tilt", "extra_mass", "push", "friction", "faster" or "delay".
+        value: in `unit`; of friction the least factor.
+        unit: "deg", "kg", "N", "", "%" or "ms".
+        at_most: nothing was lost up to this value, beyond which was not looked.
+        time: s, where the contact is lost; NaN if none is.
+        how: direction, and what happens.
+    """
+
+    quantity: str
+    value: float
+    unit: str
+    at_most: bool
+    time: float
+    how: str
+
+    def __str__(self) -> str:
+        name, unit = _WORDS[self.quantity], f" {self.unit}" if self.unit else ""
+        value = f"{name[0]}{self.value:.3g}{unit}{name[1]}"
+        if self.at_most:
+            return f"{value} and more"
+        return f"{value} ({self.how}, {self.time:.3f} s)"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        return dict(vars(self))
+
+
+@dataclass(frozen=True, eq=False)
+class _Case:
+    """One way to deviate: wrenches by level, at these times, and what to call it."""
+
+    loads: Loads
+    times: np.ndarray
+    how: str
+
+
+def tolerated(robot: StandingRobot, motion: Motion) -> tuple[Tolerated, ...]:
+    """What the motion of an arm tolerates, each quantity alone.
+
+    - tilt: of floor and base, in any direction, degrees;
+    - extra_mass: a point mass at the gripper, kg;
+    - push: a force at the gripper in any direction, N;
+    - friction: factor of the friction coefficients of all ordinary contacts (left out if all are clamps);
+    - faster: all times shorter, per cent of speed;
+    - delay: any of the joints starts late by so much, ms (up to six joints that move).
+
+    A motion that loses a contact as it is tolerates nothing: all values are zero.
+
+    Raises:
+        InputError: the motion does not fit the arm.
+    """
+    robot.require_fit(motion.n)
+    parts = _Parts(robot, motion, _instants(motion))
+    judge = _Judge(robot.support, robot.tip_over, robot.slip)
+    free = robot.support.gravity
+    down, size = free / max(np.linalg.norm(free), 1e-300), float(np.linalg.norm(free))
+    level = np.linalg.svd(down[None])[2][1:]  # two horizontal directions
+    turns = 2 * np.pi * np.arange(AROUND) / AROUND
+    around = np.cos(turns)[:, None] * level[0] + np.sin(turns)[:, None] * level[1]
+    pushes = [*around, *(0.5**0.5 * (around[::3] + down)), *(0.5**0.5 * (around[::3] - down)), down, -down]
+
+    def tilted(side: np.ndarray) -> Loads:
+        return lambda a: parts.total(gravity=size * (np.cos(a) * down + np.sin(a) * side))
+
+    def pushed(side: np.ndarray) -> Loads:
+        return lambda force: parts.total() + force * parts.push(side)
+
+    found = [
+        judge.largest("tilt", "deg", np.degrees(1.0), TILT, _named(parts, tilted, around, "downhill")),
+        judge.largest(
+            "extra_mass",
+            "kg",
+            1.0,
+            robot.mass,
+            [_Case(lambda m: parts.total() + m * parts.extra, parts.times, "")],
+        ),
+        judge.largest("push", "N", 1.0, size * robot.mass, _named(parts, pushed, pushes, "")),
+        _least_friction(robot, parts),
+        judge.largest(
+            "faster",
+            "%",
+            100.0,
+            SPEED,
+            [_Case(lambda e: parts.total(speed=1 + e), parts.times, "")],
+        ),
+        judge.largest("delay", "ms", 1e3, DELAY, _late(robot, motion)),
+    ]
+    return tuple(one for one in found if one is not None)
+
+
+def tolerances(robot: StandingMechanism, motion: Motion) -> tuple[Tolerated, ...]:
+    """The same where it can be said: empty for parallel robots."""
+    return tolerated(robot, motion) if isinstance(robot, StandingRobot) else ()
+
+
+class _Parts:
+    """Loads of all instants (N, ...), by what they are linear in."""
+
+    def __init__(self, robot: StandingRobot, motion: Motion, times: np.ndarray) -> None:
+        self.times, self.support = times, robot.support
+        q, qd, qdd = motion.states(times)
+        arm, still, about = robot.arm, np.zeros_like(q), robot.support.center_of_mass
+        bare = arm.with_payload(None)
+        one = bare.with_payload(Payload(1.0))  # loads are linear in what is held
+
+        def wrench(model: Any, rates: Sequence[np.ndarray], gravity: np.ndarray) -> np.ndarray:
+            return evaluate_dynamics(model, q, *rates, gravity=gravity, about=about).wrench
+
+        moving, resting = (qd, qdd), (still, still)
+        self.per_gravity = np.stack([wrench(arm, resting, g) for g in np.eye(3)], axis=2)
+        self.per_gravity[:, :3] += self.support.mass * np.eye(3)
+        self.inertial = wrench(arm, moving, np.zeros(3))
+        both = wrench(one, moving, self.support.gravity), wrench(bare, moving, self.support.gravity)
+        self.extra = both[0] - both[1]
+        self.tool = gripper_batch(arm)(q)[0] - about
+
+    def total(self, gravity: np.ndarray | None = None, speed: float = 1.0) -> np.ndarray:
+        """Wrenches (N, 6) on the base with this gravity (3,), m/s^2, at so many times the speed."""
+        gravity = self.support.gravity if gravity is None else gravity
+        return self.per_gravity @ gravity + speed**2 * self.inertial
+
+    def push(self, side: np.ndarray) -> np.ndarray:
+        """(N, 6): of a force of 1 N at the gripper in direction `side`."""
+        return np.hstack([np.broadcast_to(side, self.tool.shape), np.cross(self.tool, side)])
+
+
+class _Judge:
+    """Says whether contacts hold; finds the largest level at which all do."""
+
+    def __init__(self, support: Support, tip_over: TipOver, slip: Slip) -> None:
+        self._support, self._tip_over, self._slip = support, tip_over, slip
+        self._quick = Slip(support, "tangential")
+
+    def lost(self, wrenches: np.ndarray) -> tuple[int, str] | None:
+        """Row of the first wrench under which a contact is lost, and how; None if none is."""
+        states = solve_many(self._support, wrenches)
+        tip = self._tip_over.evaluate(states)
+        falls = ~(tip.GN < 1)
+        if falls.any():
+            row = int(np.argmax(np.where(np.isnan(tip.GN), np.inf, tip.GN)))
+            axis = int(tip.nearest_axis[row])
+            axes = self._tip_over.axes
+            where = ""
+            if 0 <= axis < len(axes):
+                where = " about contacts {} and {}".format(*sorted(c + 1 for c in axes[axis].contacts))
+            return row, f"tips{where}"
+        rows = np.flatnonzero(~(self._quick.evaluate(states, derivatives=False).GT < 1))
+        if not len(rows):
+            return None
+        ratio = self._slip.evaluate(states.select(rows), derivatives=False).GT
+        slides = np.flatnonzero(~(ratio < 1))
+        return (int(rows[slides[np.argmax(ratio[slides])]]), "slips") if len(slides) else None
+
+    def largest(
+        self, quantity: str, unit: str, scale: float, most: float, cases: Iterable[_Case]
+    ) -> Tolerated:
+        """The largest level, of all cases the least; found to a relative precision of `CLOSE`."""
+        best, time, how = most, np.nan, ""
+        for case in cases:
+            fails = self.lost(case.loads(best))
+            if fails is None:
+                continue
+            low, high = 0.0, best
+            while high - low > CLOSE * high and high > 1e-6 * most:
+                middle = 0.5 * (low + high)
+                found = self.lost(case.loads(middle))
+                low, high, fails = (middle, high, fails) if found is None else (low, middle, found)
+            best, time = low, float(case.times[fails[0]])
+            how = ", ".join(part for part in (case.how, fails[1]) if part)
+        return Tolerated(quantity, float(scale * best), unit, not how, time, how)
+
+
+def _least_friction(robot: StandingRobot, parts: _Parts) -> Tolerated | None:
+    """The least factor of the friction coefficients of ordinary contacts; None without such contacts."""
+    if not any(isinstance(c, UnilateralContact) for c in robot.support.contacts):
+        return None
+    wrenches, how, time = parts.total(), "slips", np.nan
+
+    def lost(factor: float) -> tuple[int, str] | None:
+        own = robot.support
+        contacts = [
+            replace(c, friction=factor * c.friction) if isinstance(c, UnilateralContact) else c
+            for c in own.contacts
+        ]
+        support = Support(contacts, mass=own.mass, center_of_mass=own.center_of_mass, gravity=own.gravity)
+        tip_over = TipOver(support, robot.tip_over.reference_moment)
+        return _Judge(support, tip_over, Slip(support, robot.slip.redistribution)).lost(wrenches)
+
+    low, high = 0.0, 1.0
+    if (found := lost(1.0)) is not None:
+        return Tolerated("friction", 1.0, "", False, float(parts.times[found[0]]), found[1])
+    while high - low > 0.5 * CLOSE and high > 1e-3:
+        middle = 0.5 * (low + high)
+        found = lost(middle)
+        if found is None:
+            high = middle
+        else:
+            low, time, how = middle, float(parts.times[found[0]]), found[1]
+    return Tolerated("friction", high, "", False, time, how)
+
+
+def _named(
+    parts: _Parts, loads: Callable[[np.ndarray], Loads], sides: Iterable[np.ndarray], word: str
+) -> list[_Case]:
+    return [_Case(loads(side), parts.times, f"{word} {_direction(side)}".lstrip()) for side in sides]
+
+
+def _direction(side: np.ndarray) -> str:
+    """In words: (0.71, -0.71, 0)."""
+    return "towards ({})".format(", ".join(f"{x:.2g}" for x in np.round(side, 2) + 0.0))
+
+
+def _late(robot: StandingRobot, motion: Motion) -> list[_Case]:
+    """Every subset of the joints that move, late by the level; up to `MOST_LATE` joints, else each alone."""
+    moving = np.flatnonzero(motion.speed_peaks > 0)
+    if len(moving) > MOST_LATE:
+        subsets = np.eye(len(moving), dtype=bool)
+    else:
+        subsets = np.array(list(product((False, True), repeat=len(moving)))[1:-1], dtype=bool)
+    events = motion.event_times
+
+    def case(subset: np.ndarray) -> _Case:
+        late = np.zeros(motion.n, dtype=bool)
+        late[moving[subset]] = True
+
+        def loads(delay: float) -> np.ndarray:
+            times = np.sort(
+                np.concatenate([events + s * INSIDE + k * delay for s in (-1, 1) for k in (0, 1)])
+            )
+            now, then = motion.states(times), motion.states(times - delay)
+            states = [np.where(late, b, a) for a, b in zip(now, then, strict=True)]
+            return robot.loads(*states)[1]
+
+        names = ", ".join(robot.names[j] for j in moving[subset])
+        return _Case(loads, np.repeat(events, 4), f"late: {names}")
+
+    return [case(subset) for subset in subsets]
+
+
+def _instants(motion: Motion) -> np.ndarray:
+    """Both sides of all events, and instants between them, s."""
+    pieces = [np.array([0.0, motion.end])]
+    for left, right in motion.intervals:
+        count = max(4, int(np.ceil((right - left) / SPACING)) + 1)
+        pieces.append(np.linspace(left + INSIDE, right - INSIDE, count))
+    return np.unique(np.concatenate(pieces))

@@ -1,0 +1,178 @@
+"""What a motion tolerates: figures of the source, statics by hand, and the exact check on either side."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from ocptip.contact.support import Support
+from ocptip.motion.check import check_motion
+from ocptip.motion.tolerated import tolerances, tolerated
+from ocptip.published.tasks import experiment_task
+from ocptip.robots.kinematics import gripper_pose
+from ocptip.robots.payload import Payload
+from ocptip.standing.arm import StandingRobot
+from ocptip.standing.limits import MotionLimits
+from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.ramps import RampCommand
+
+JUST = MotionLimits(GN=1.0, GT=1.0, torque_ratio=1e6)
+
+
+def at_rest(angles):
+    return ArmMotion.from_commands(angles, [[RampCommand(phi, 1.0, 1.0)] for phi in angles])
+
+
+def values(robot, motion):
+    return {one.quantity: one for one in tolerated(robot, motion)}
+
+
+@pytest.mark.parametrize(
+    ("case", "degrees"), [("A", 9.1), ("B", 2.05), ("D", 9.3), ("E", 1.65), ("G", 8.4), ("H", 0.45)]
+)
+def test_tilts_at_rest_are_those_of_statics_by_hand(case, degrees):
+    """Effective base; figures of the specification, to two digits."""
+    task = experiment_task(case, "effective")
+    least = min(values(task.robot, at_rest(q))["tilt"].value for q in (task.start, task.goal))
+    assert least == pytest.approx(degrees, abs=0.05 if degrees > 3 else 0.006)
+
+
+@pytest.fixture(scope="module")
+def task():
+    return experiment_task("G", "effective")
+
+
+@pytest.fixture(scope="module")
+def found(task):
+    return values(task.robot, task.reference)
+
+
+def with_support(task, **changes):
+    own = task.robot.support
+    kept = {"mass": own.mass, "center_of_mass": own.center_of_mass, "gravity": own.gravity}
+    contacts = changes.pop("contacts", own.contacts)
+    support = Support(contacts, **{**kept, **changes})
+    return StandingRobot(
+        task.robot.arm, support, task.robot.motors, redistribution=task.robot.slip.redistribution
+    )
+
+
+def stands(robot, motion):
+    return check_motion(robot, motion, JUST).stands
+
+
+def test_the_named_tilt_is_the_brink(task, found):
+    direction = np.array([float(x) for x in found["tilt"].how.split("(")[1].split(")")[0].split(",")])
+    direction /= np.linalg.norm(direction)
+    down = np.array([0.0, 0.0, -9.81])
+
+    def tilted(degrees):
+        a = np.radians(degrees)
+        return with_support(task, gravity=np.cos(a) * down + np.sin(a) * 9.81 * direction)
+
+    assert stands(tilted(0.97 * found["tilt"].value), task.reference)
+    assert not stands(tilted(1.03 * found["tilt"].value), task.reference)
+
+
+def test_the_mass_is_the_brink(task, found):
+    def heavier(mass):
+        arm = task.robot.arm.with_payload(Payload(mass))
+        return StandingRobot(arm, task.robot.support, task.robot.motors)
+
+    assert stands(heavier(0.98 * found["extra_mass"].value), task.reference)
+    assert not stands(heavier(1.02 * found["extra_mass"].value), task.reference)
+
+
+def test_a_payload_is_held_already(task, found):
+    part = 0.4 * found["extra_mass"].value
+    arm = task.robot.arm.with_payload(Payload(part))
+    more = values(StandingRobot(arm, task.robot.support, task.robot.motors), task.reference)["extra_mass"]
+    assert more.value + part == pytest.approx(found["extra_mass"].value, rel=5e-3)
+
+
+def test_the_speed_is_the_brink(task, found):
+    share = found["faster"].value / 100
+    assert stands(task.robot, task.reference.time_scaled(1 / (1 + 0.98 * share)))
+    assert not stands(task.robot, task.reference.time_scaled(1 / (1 + 1.02 * share)))
+
+
+def test_the_friction_is_the_brink(task, found):
+    def rougher(factor):
+        contacts = [dataclasses.replace(c, friction=factor * c.friction) for c in task.robot.support.contacts]
+        return with_support(task, contacts=contacts)
+
+    assert stands(rougher(1.005 * found["friction"].value), task.reference)
+    assert not stands(rougher(0.995 * found["friction"].value), task.reference)
+
+
+def test_a_push_at_rest_against_the_moment_about_an_edge(task):
+    """Vertical push: tips where its moment about the nearest axis uses up what weight leaves."""
+    rest = at_rest(task.start)
+    robot = task.robot
+    weight = robot.samples(rest, [0.0]).wrenches[0]
+    at = gripper_pose(robot.arm, task.start)[0] - robot.support.center_of_mass
+    push = values(robot, rest)["push"]
+    side = np.array([float(x) for x in push.how.split("(")[1].split(")")[0].split(",")])
+    side /= np.linalg.norm(side)
+
+    def moments(force):
+        wrench = weight + force * np.concatenate([side, np.cross(at, side)])
+        normals = robot.contact_states(wrench[None]).contact_forces[0, :, 0]
+        return robot.tip_over.evaluate(robot.contact_states(wrench[None])).GN[0], normals
+
+    assert moments(0.99 * push.value)[0] < 1
+    assert (
+        moments(1.03 * push.value)[0] >= 1
+        or robot.slip.evaluate(
+            robot.contact_states(
+                (weight + 1.03 * push.value * np.concatenate([side, np.cross(at, side)]))[None]
+            )
+        ).GT[0]
+        >= 1
+    )
+
+
+def test_late_joints_are_the_brink(task, found):
+    late = found["delay"]
+    assert late.unit == "ms"
+    names = late.how.split("late: ")[1].split(", tips")[0].split(", slips")[0].split(", ")
+    joints = [task.robot.names.index(name) for name in names]
+
+    def loads(delay):
+        times = np.arange(0, task.reference.end + delay, 2e-4)
+        now, then = task.reference.states(times), task.reference.states(times - delay)
+        chosen = np.zeros(task.robot.n, dtype=bool)
+        chosen[joints] = True
+        states = [np.where(chosen, b, a) for a, b in zip(now, then, strict=True)]
+        samples = task.robot.samples_of(times, *states)
+        return max(samples.tip.GN.max(), samples.slip.GT.max())
+
+    assert loads(1e-3 * 0.97 * late.value) < 1 + 1e-6
+    assert loads(1e-3 * 1.1 * late.value + 3e-4) >= 1
+
+
+def test_a_motion_that_falls_tolerates_nothing(task):
+    faster = task.reference.time_scaled(0.6)
+    assert not stands(task.robot, faster)
+    found = values(task.robot, faster)
+    for name in ("tilt", "extra_mass", "push", "faster"):
+        assert found[name].value < 1e-3
+        assert not found[name].at_most
+    assert found["friction"].value == 1.0
+
+
+def test_in_words(found):
+    assert str(found["extra_mass"]).startswith(
+        f"{found['extra_mass'].value:.3g} kg more at the gripper (tips about"
+    )
+    assert "faster" in str(found["faster"])
+    data = found["tilt"].to_dict()
+    assert set(data) == {"quantity", "value", "unit", "at_most", "time", "how"}
+
+
+def test_parallel_robots_have_none():
+    from ocptip.task_files.motion import load_task
+    from tests.places import EXAMPLES
+
+    task = load_task(EXAMPLES / "tasks" / "delta_cart.toml")
+    assert tolerances(task.robot, at_rest(task.start)) == ()
