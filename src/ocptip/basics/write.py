@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib import metadata
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, ClassVar
 
 import numpy as np
 
@@ -67,11 +67,27 @@ def write_json(path: str | os.PathLike[str], data: Any, *, indent: int | None = 
     write_text(path, json.dumps(plain(data), indent=indent, allow_nan=False) + "\n")
 
 
+class Record:
+    """Base of data classes that are results: they become plain data.
+
+    `_plain` names the fields and properties that count, in their order; default: all fields.
+    """
+
+    _plain: ClassVar[tuple[str, ...]] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """The result made :func:`plain`."""
+        names = self._plain or [field.name for field in dataclasses.fields(self)]
+        return {name: plain(getattr(self, name)) for name in names}
+
+
 def plain(value: Any) -> Any:
     """Return dictionaries, lists, texts and numbers that JSON knows; what is not finite becomes None.
 
     Data classes become dictionaries; objects of other kinds their `str`.
     """
+    if isinstance(value, Record):
+        return value.to_dict()
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         value = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
     if isinstance(value, Mapping):

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from typing import Any
+
+from ocptip.basics.write import Record
 
 
 @dataclass(frozen=True)
-class IndexEntry:
+class IndexEntry(Record):
     """One performance index of a pose.
 
     Attributes:
@@ -29,10 +29,3 @@ class IndexEntry:
     unit: str
     meaning: str
     status: str = "ok"
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data; infinity and NaN as None."""
-        fields = {"name": self.name, "symbol": self.symbol, "unit": self.unit}
-        numbers = {"value": self.value, "lower": self.lower, "upper": self.upper}
-        finite = {key: x if math.isfinite(x) else None for key, x in numbers.items()}
-        return {**fields, **finite, "meaning": self.meaning, "status": self.status}

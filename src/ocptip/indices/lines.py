@@ -9,11 +9,11 @@ the set of lines (l, l̂) with ĉ·l + c·l̂ = 0. Arrays may carry leading dime
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array
+from ocptip.basics.write import Record
 from ocptip.numerics.vectors import cross, skew
 
 TRANSLATION_TOLERANCE = 1e-12
@@ -84,7 +84,7 @@ def point_velocity(screw: np.ndarray, point: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class ScrewMotion:
+class ScrewMotion(Record):
     """A screw by its axis.
 
     Attributes:
@@ -105,16 +105,6 @@ class ScrewMotion:
     def is_translation(self) -> bool:
         """True if nothing turns."""
         return self.axis is None
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data; infinite pitch and missing axis as None."""
-        return {
-            "angular": self.angular,
-            "linear": self.linear,
-            "pitch": None if self.is_translation else self.pitch,
-            "direction": self.direction.tolist(),
-            "axis": None if self.axis is None else self.axis.tolist(),
-        }
 
 
 def screw_decompose(screw: object, *, tolerance: float = TRANSLATION_TOLERANCE) -> ScrewMotion:

@@ -14,13 +14,14 @@ from functools import cached_property
 import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array, positive_number, rotation_matrix
+from ocptip.basics.write import Record
 from ocptip.numerics.vectors import skew
 
 _FLATNESS = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class OperationEllipsoid:
+class OperationEllipsoid(Record):
     """An ellipsoid of non-zero volume fixed on an end-effector.
 
     Attributes:
@@ -127,14 +128,6 @@ class OperationEllipsoid:
         """
         factor = self.factor(rotation, translation)
         return np.swapaxes(factor, -1, -2) @ factor
-
-    def to_dict(self) -> dict[str, list]:
-        """Plain data, m."""
-        return {
-            "center": self.center.tolist(),
-            "axes": self.axes.tolist(),
-            "half_axes": self.half_axes.tolist(),
-        }
 
 
 def point_metric(points: object) -> np.ndarray:

@@ -6,9 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ocptip.basics.write import Record
+
 
 @dataclass(frozen=True, eq=False)
-class Forces:
+class Forces(Record):
     """Result of the inverse dynamics.
 
     Attributes:
@@ -22,15 +24,6 @@ class Forces:
     generalized: np.ndarray
     residual: float
     projection: str
-
-    def to_dict(self) -> dict[str, object]:
-        """Plain data."""
-        return {
-            "motors": self.motors.tolist(),
-            "generalized": self.generalized.tolist(),
-            "residual": self.residual,
-            "projection": self.projection,
-        }
 
 
 @dataclass(frozen=True, eq=False)

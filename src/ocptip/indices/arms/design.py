@@ -17,6 +17,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from ocptip.basics.errors import InputError, SolverError
+from ocptip.basics.write import Record
 from ocptip.indices.arms.axes import arm_pose
 from ocptip.indices.arms.operation import operation_indices
 from ocptip.indices.arms.symbolic import SymbolicArm
@@ -39,7 +40,7 @@ _ISOTROPY_DEFECT = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class BestArmPose:
+class BestArmPose(Record):
     """The largest value of an index that a search found.
 
     Attributes:
@@ -59,10 +60,6 @@ class BestArmPose:
     starts: int
     agreeing: int
     seed: int
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data."""
-        return {**vars(self), "q": self.q.tolist()}
 
 
 def best_arm_pose(
@@ -111,7 +108,7 @@ def best_arm_pose(
 
 
 @dataclass(frozen=True, eq=False)
-class CharacteristicLength:
+class CharacteristicLength(Record):
     """The length and the pose in which the condition number about an operation point is smallest.
 
     Attributes:
@@ -127,10 +124,6 @@ class CharacteristicLength:
     starts: int
     agreeing: int
     seed: int
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data."""
-        return {**vars(self), "q": self.q.tolist()}
 
 
 def characteristic_length(
@@ -184,7 +177,7 @@ def characteristic_length(
 
 
 @dataclass(frozen=True, eq=False)
-class WorkspaceIndex:
+class WorkspaceIndex(Record):
     """An index over random poses, uniform in the joint angles within their limits.
 
     Attributes:
@@ -209,8 +202,7 @@ class WorkspaceIndex:
     def to_dict(self) -> dict[str, Any]:
         """Plain data."""
         percentiles = {f"{key:g}": value for key, value in self.percentiles.items()}
-        poses = {"best": self.best.tolist(), "worst": self.worst.tolist()}
-        return {**vars(self), "percentiles": percentiles, **poses}
+        return {**super().to_dict(), "percentiles": percentiles}
 
 
 def workspace_index(

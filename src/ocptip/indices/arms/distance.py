@@ -9,12 +9,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array
-from ocptip.basics.write import plain
+from ocptip.basics.write import Record
 from ocptip.indices.arms.operation import checked_inertias
 from ocptip.indices.lines import dual_cross
 from ocptip.indices.reviewed import RANK_TOLERANCE, checked_jacobian
@@ -29,7 +28,7 @@ _BEHIND = np.triu(np.ones((6, 6)), 1)[:, :, None]
 
 
 @dataclass(frozen=True, eq=False)
-class SingularityDistance:
+class SingularityDistance(Record):
     """Linearised distance to the nearest singularity of N poses (no leading N for a single pose).
 
     Attributes:
@@ -55,6 +54,18 @@ class SingularityDistance:
     energy_inf: np.ndarray | None = None
     energy_2: np.ndarray | None = None
     inertias: np.ndarray | None = None
+
+    _plain = (
+        "determinant",
+        "gradient",
+        "dm_inf",
+        "dm_2",
+        "step_inf",
+        "step_2",
+        "energy_inf",
+        "energy_2",
+        "status",
+    )
 
     @property
     def step_inf(self) -> np.ndarray:
@@ -115,20 +126,6 @@ class SingularityDistance:
         cosine = np.sum(inner * self.gradient, axis=-1) / np.where(defined, product, 1.0)
         angle = np.arcsin(np.clip(np.sign(self.determinant) * cosine, -1.0, 1.0))
         return np.where(defined, angle, np.nan)[()]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data; infinity as None."""
-        pairs = {
-            "determinant": self.determinant,
-            "gradient": self.gradient,
-            "dm_inf": self.dm_inf,
-            "dm_2": self.dm_2,
-            "step_inf": self.step_inf,
-            "step_2": self.step_2,
-            "energy_inf": self.energy_inf,
-            "energy_2": self.energy_2,
-        }
-        return plain({**pairs, "status": self.status})
 
     def _signs(self) -> np.ndarray:
         return np.sign(self.determinant)[..., None] * np.sign(self.gradient)

@@ -8,17 +8,17 @@ value with what axis 6 alone can always do; CDN_OE compares smallest and largest
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ocptip.basics.errors import InputError
+from ocptip.basics.write import Record
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.reviewed import RANK_TOLERANCE, checked_jacobian
 
 
 @dataclass(frozen=True, eq=False)
-class OperationIndices:
+class OperationIndices(Record):
     """PI_OE and CDN_OE of N poses (no leading N for a single pose).
 
     Attributes:
@@ -38,6 +38,8 @@ class OperationIndices:
     design_constant: np.ndarray
     weighted: bool
 
+    _plain = ("pi_oe", "inv_cdn_oe", "eigenvalues", "worst_rates", "design_constant", "weighted")
+
     @property
     def worst_rates(self) -> np.ndarray:
         """(N, n) joint rates that move the ellipsoid least; to be avoided where the index is small."""
@@ -47,17 +49,6 @@ class OperationIndices:
     def singular(self) -> np.ndarray:
         """(N,) True where some joint rates leave the end-effector at rest."""
         return np.asarray(self.inv_cdn_oe == 0.0)[()]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data."""
-        return {
-            "pi_oe": np.where(np.isnan(self.pi_oe), None, self.pi_oe).tolist(),
-            "inv_cdn_oe": np.asarray(self.inv_cdn_oe).tolist(),
-            "eigenvalues": self.eigenvalues.tolist(),
-            "worst_rates": self.worst_rates.tolist(),
-            "design_constant": np.asarray(self.design_constant).tolist(),
-            "weighted": self.weighted,
-        }
 
 
 def operation_indices(

@@ -14,18 +14,18 @@ J R^-1 are 1/sqrt(lambda). That loses no digits near a singularity, as the eigen
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.linalg.lapack import dtrtrs
 
 from ocptip.basics.errors import InputError
+from ocptip.basics.write import Record
 from ocptip.indices.platforms.planar import PlanarPlatformPose
 from ocptip.indices.platforms.platform import PlatformPose, rank_defect
 
 
 @dataclass(frozen=True, eq=False)
-class ControlNumber:
+class ControlNumber(Record):
     """Control number of a pose with its evidence.
 
     Attributes:
@@ -46,6 +46,8 @@ class ControlNumber:
     residual: float
     indeterminate: bool
 
+    _plain = ("value", "lambdas", "least_controllable", "residual", "indeterminate")
+
     @property
     def singular(self) -> bool:
         """True if CTN is zero."""
@@ -55,16 +57,6 @@ class ControlNumber:
     def least_controllable(self) -> np.ndarray | None:
         """Screw e_+ of lambda_+: the motion with the most passive rotation per leg motion."""
         return None if self.screws is None else self.screws[:, -1]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data; infinity as None."""
-        return {
-            "value": self.value,
-            "lambdas": [float(x) if np.isfinite(x) else None for x in self.lambdas],
-            "least_controllable": None if self.screws is None else self.screws[:, -1].tolist(),
-            "residual": self.residual,
-            "indeterminate": self.indeterminate,
-        }
 
 
 def control_number(pose: PlatformPose | PlanarPlatformPose) -> ControlNumber:

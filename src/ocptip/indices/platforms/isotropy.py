@@ -8,17 +8,17 @@ poses, 1 (isotropic) where every motion of the ellipsoid costs the same leg rate
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dtrtrs
 
 from ocptip.basics.errors import InputError, finite_array
+from ocptip.basics.write import Record
 from ocptip.indices.platforms.platform import PlatformPose, rank_defect
 
 
 @dataclass(frozen=True, eq=False)
-class OperationConditioning:
+class OperationConditioning(Record):
     """1/CDN_OE of a platform pose with its evidence.
 
     Attributes:
@@ -34,19 +34,12 @@ class OperationConditioning:
     screws: np.ndarray
     residual: float
 
+    _plain = ("value", "lambdas", "fastest", "residual")
+
     @property
     def fastest(self) -> np.ndarray:
         """Screw of the largest lambda: most motion of the ellipsoid per leg motion."""
         return self.screws[:, -1]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data; infinity as None."""
-        return {
-            "value": self.value,
-            "lambdas": [float(x) if np.isfinite(x) else None for x in self.lambdas],
-            "fastest": self.fastest.tolist(),
-            "residual": self.residual,
-        }
 
 
 def platform_conditioning(pose: PlatformPose, W: object) -> OperationConditioning:

@@ -8,18 +8,18 @@ is a search and lives in :mod:`ocptip.indices.designs.platform_search`.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array, positive_number
+from ocptip.basics.write import Record
 from ocptip.indices.metric import velocity_map
 from ocptip.indices.platforms.platform import MINIMUM_LEGS, RANK_TOLERANCE, PlatformPose
 from ocptip.numerics.vectors import cross
 
 
 @dataclass(frozen=True, eq=False)
-class BestComplex:
+class BestComplex(Record):
     """Best approximating linear complexes of a platform's legs.
 
     Attributes:
@@ -34,18 +34,9 @@ class BestComplex:
     sigma_s: float
     direction_s: np.ndarray
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data."""
-        return {
-            "sigma_r": self.sigma_r,
-            "complex_r": self.complex_r.tolist(),
-            "sigma_s": self.sigma_s,
-            "direction_s": self.direction_s.tolist(),
-        }
-
 
 @dataclass(frozen=True, eq=False)
-class RigidityRate:
+class RigidityRate(Record):
     """Rigidity rate of a six-legged platform.
 
     Attributes:
@@ -59,11 +50,6 @@ class RigidityRate:
     angle: float
     motion: np.ndarray | None
     residual: float
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data."""
-        motion = None if self.motion is None else self.motion.tolist()
-        return {"angle": self.angle, "motion": motion, "residual": self.residual}
 
 
 def manipulability(pose: PlatformPose) -> float:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, finite_array
+from ocptip.basics.write import Record
 from ocptip.parallel.analysis.singularity import Singularity, singularity
 from ocptip.parallel.kinematics.platform import Kinematics
 
@@ -21,7 +22,7 @@ _THERE = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
-class Crossing:
+class Crossing(Record):
     """A singular pose on a path.
 
     Attributes:
@@ -35,15 +36,6 @@ class Crossing:
     share: float
     kinds: tuple[str, ...]
     z: np.ndarray
-
-    def to_dict(self) -> dict[str, object]:
-        """Plain data."""
-        return {
-            "sample": self.sample,
-            "share": self.share,
-            "kinds": list(self.kinds),
-            "z": self.z.tolist(),
-        }
 
 
 def crossings(kinematics: Kinematics, path: ArrayLike, tolerance: float = _THERE) -> tuple[Crossing, ...]:

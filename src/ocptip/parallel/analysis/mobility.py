@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ocptip.basics.errors import InputError
+from ocptip.basics.write import Record
 from ocptip.parallel.analysis.singularity import singular_everywhere
 from ocptip.parallel.kinematics.closures import LegClosure
 from ocptip.parallel.kinematics.platform import Kinematics
@@ -23,7 +24,7 @@ _SEED = 5
 
 
 @dataclass(frozen=True, eq=False)
-class Mobility:
+class Mobility(Record):
     """Degrees of freedom of a robot, found numerically near its home pose.
 
     Attributes:
@@ -52,20 +53,6 @@ class Mobility:
     def consistent(self) -> bool:
         """True if the robot moves as described: no problem found."""
         return not self.problems
-
-    def to_dict(self) -> dict[str, object]:
-        """Plain data."""
-        return {
-            "dof": self.dof,
-            "platform_dof": self.platform_dof,
-            "internal_dof": self.internal_dof,
-            "coordinates": self.coordinates,
-            "motors": self.motors,
-            "over_constraints": self.over_constraints,
-            "gap": self.gap if np.isfinite(self.gap) else None,
-            "poses": self.poses,
-            "problems": list(self.problems),
-        }
 
 
 def mobility(kinematics: Kinematics) -> Mobility:

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 
 import casadi as cs
 
+from ocptip.basics.write import Record
+
 _KINDS = {
     cs.OP_ADD: "additions",
     cs.OP_SUB: "additions",
@@ -28,7 +30,7 @@ _FREE = {cs.OP_INPUT, cs.OP_CONST, cs.OP_OUTPUT, cs.OP_PARAMETER}
 
 
 @dataclass(frozen=True)
-class OperationCount:
+class OperationCount(Record):
     """Operations of one function.
 
     Attributes:
@@ -70,16 +72,7 @@ class OperationCount:
 
     def to_dict(self) -> dict[str, int]:
         """Plain data."""
-        return {
-            "additions": self.additions,
-            "multiplications": self.multiplications,
-            "divisions": self.divisions,
-            "trigonometric": self.trigonometric,
-            "assignments": self.assignments,
-            "others": self.others,
-            "arithmetic": self.arithmetic,
-            "weighted": self.weighted,
-        }
+        return {**super().to_dict(), "arithmetic": self.arithmetic, "weighted": self.weighted}
 
 
 def count_operations(function: cs.Function) -> OperationCount:

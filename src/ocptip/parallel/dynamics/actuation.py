@@ -7,7 +7,6 @@ within limits of the motors. Forces of the null space of J_a^T pretension the ro
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import clarabel
 import numpy as np
@@ -16,13 +15,14 @@ import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, SolverError, finite_array
+from ocptip.basics.write import Record
 
 _SINGULAR = 1e-9
 _LIMIT_TOLERANCE = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
-class MotorForces:
+class MotorForces(Record):
     """Motor forces for a generalised force, with evidence.
 
     Attributes:
@@ -40,17 +40,6 @@ class MotorForces:
     smallest_singular_value: float
     at_limit: np.ndarray
     status: str
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data."""
-        return {
-            "forces": self.forces.tolist(),
-            "residual": self.residual,
-            "null_space": self.null_space.tolist(),
-            "smallest_singular_value": self.smallest_singular_value,
-            "at_limit": self.at_limit.tolist(),
-            "status": self.status,
-        }
 
 
 def motor_forces(

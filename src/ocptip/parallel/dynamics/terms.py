@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ocptip.basics.errors import InputError
+from ocptip.basics.write import Record
 from ocptip.numerics.vectors import cross, skew
 from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.kinematics.platform import Kinematics, RobotMotion
@@ -20,7 +21,7 @@ FORMS = ("S", "X", "Z", "A", "AA")
 
 
 @dataclass(frozen=True, eq=False)
-class Terms:
+class Terms(Record):
     """Force = M acceleration + c + g in one of the forms.
 
     ==== ========================= =====================================================
@@ -48,10 +49,6 @@ class Terms:
     def force(self, acceleration: np.ndarray) -> np.ndarray:
         """M acceleration + c + g."""
         return self.M @ acceleration + self.c + self.g
-
-    def to_dict(self) -> dict[str, object]:
-        """Plain data."""
-        return {"form": self.form, "M": self.M.tolist(), "c": self.c.tolist(), "g": self.g.tolist()}
 
 
 def quasi_terms(kinematics: Kinematics, motion: RobotMotion, gravity: np.ndarray) -> Terms:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, SolverError, finite_array
+from ocptip.basics.write import Record
 from ocptip.numerics.vectors import nearest_turn
 from ocptip.parallel.description.robot_description import REVOLUTE, Leg, RobotDescription
 from ocptip.parallel.description.rotations import PlatformCoordinates
@@ -20,7 +21,7 @@ _ITERATIONS = 100
 
 
 @dataclass(frozen=True, eq=False)
-class JointPositions:
+class JointPositions(Record):
     """All joint positions at a pose, with the evidence.
 
     Attributes:
@@ -41,18 +42,12 @@ class JointPositions:
     searched: tuple[int, ...] = ()
 
     def to_dict(self) -> dict[str, object]:
-        """Plain data."""
-        return {
-            "q": [leg.tolist() for leg in self.q],
-            "residual": self.residual,
-            "iterations": self.iterations,
-            "assembly": self.assembly,
-            "searched": [leg + 1 for leg in self.searched],
-        }
+        """Plain data; legs from 1."""
+        return {**super().to_dict(), "searched": [leg + 1 for leg in self.searched]}
 
 
 @dataclass(frozen=True, eq=False)
-class ForwardPose:
+class ForwardPose(Record):
     """Solution of the forward kinematics.
 
     Attributes:
@@ -69,16 +64,6 @@ class ForwardPose:
     residual: float
     iterations: int
     assembly_mode: int
-
-    def to_dict(self) -> dict[str, object]:
-        """Plain data."""
-        return {
-            "z": self.z.tolist(),
-            "residual": self.residual,
-            "iterations": self.iterations,
-            "assembly_mode": self.assembly_mode,
-            "joints": self.joints.to_dict(),
-        }
 
 
 @dataclass(frozen=True, eq=False)
