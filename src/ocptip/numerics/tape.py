@@ -7,6 +7,8 @@ processor's vector units.
 
 from __future__ import annotations
 
+from enum import IntEnum
+
 import casadi as cs
 import numpy as np
 
@@ -18,46 +20,9 @@ BLOCK = 128
 _NAMES = """
     CONST INPUT OUTPUT ASSIGN ADD SUB MUL DIV NEG SQ TWICE SQRT SIN COS TAN ASIN ACOS ATAN ATAN2 EXP LOG FABS
     SIGN FMIN FMAX INV POW CONSTPOW LT LE EQ NE NOT AND OR IF_ELSE_ZERO
-""".split()  # noqa: SIM905
-(
-    _CONST,
-    _INPUT,
-    _OUTPUT,
-    _ASSIGN,
-    _ADD,
-    _SUB,
-    _MUL,
-    _DIV,
-    _NEG,
-    _SQ,
-    _TWICE,
-    _SQRT,
-    _SIN,
-    _COS,
-    _TAN,
-    _ASIN,
-    _ACOS,
-    _ATAN,
-    _ATAN2,
-    _EXP,
-    _LOG,
-    _FABS,
-    _SIGN,
-    _FMIN,
-    _FMAX,
-    _INV,
-    _POW,
-    _CONSTPOW,
-    _LT,
-    _LE,
-    _EQ,
-    _NE,
-    _NOT,
-    _AND,
-    _OR,
-    _IF_ELSE_ZERO,
-) = range(len(_NAMES))
-_CODES = {getattr(cs, f"OP_{name}"): code for code, name in enumerate(_NAMES)}
+"""
+_Op = IntEnum("_Op", _NAMES)  # numbers of our own: compiled code is kept on disk, CasADi's may change
+_CODES = {getattr(cs, f"OP_{op.name}"): op for op in _Op}
 
 
 class Tape:
@@ -84,12 +49,12 @@ class Tape:
                 raise NotImplementedError(f"{function.name()}: CasADi operation {operation}")
             code = _CODES[operation]
             arguments, results = function.instruction_input(k), function.instruction_output(k)
-            if code == _CONST:
+            if code == _Op.CONST:
                 self._constants[k] = function.instruction_constant(k)
                 row = 0, 0, results[0]
-            elif code == _INPUT:
+            elif code == _Op.INPUT:
                 row = inputs[arguments[0]] + arguments[1], 0, results[0]
-            elif code == _OUTPUT:
+            elif code == _Op.OUTPUT:
                 row = arguments[0], 0, outputs[results[0]] + results[1]
             else:
                 row = arguments[0], arguments[-1], results[0]
@@ -115,116 +80,90 @@ def _run(code, constants, inputs, outputs, size):
 def _run_block(code, constants, inputs, outputs, work, start, n):
     for k in range(len(code)):
         operation = code[k, 0]
-        if operation == _OUTPUT:
+        if operation == _Op.OUTPUT:
             outputs[code[k, 3], start : start + n] = work[code[k, 1], :n]
             continue
         z = work[code[k, 3]]
-        if operation == _INPUT:
+        if operation == _Op.INPUT:
             z[:n] = inputs[code[k, 1], start : start + n]
             continue
-        if operation == _CONST:
+        if operation == _Op.CONST:
             z[:n] = constants[k]
             continue
         x, y = work[code[k, 1]], work[code[k, 2]]
-        if operation == _MUL:
+        if operation == _Op.MUL:
             for i in range(n):
                 z[i] = x[i] * y[i]
-        elif operation == _ADD:
+        elif operation == _Op.ADD:
             for i in range(n):
                 z[i] = x[i] + y[i]
-        elif operation == _SUB:
+        elif operation == _Op.SUB:
             for i in range(n):
                 z[i] = x[i] - y[i]
+        elif operation == _Op.NEG:
+            for i in range(n):
+                z[i] = -x[i]
+        elif operation == _Op.SQ:
+            for i in range(n):
+                z[i] = x[i] * x[i]
         else:
-            _seldom(operation, x, y, z, n)
+            for i in range(n):
+                z[i] = _value(operation, x[i], y[i])
 
 
 @compiled
-def _seldom(operation, x, y, z, n):
-    if operation == _ASSIGN:
-        for i in range(n):
-            z[i] = x[i]
-    elif operation == _DIV:
-        for i in range(n):
-            z[i] = x[i] / y[i]
-    elif operation == _NEG:
-        for i in range(n):
-            z[i] = -x[i]
-    elif operation == _SQ:
-        for i in range(n):
-            z[i] = x[i] * x[i]
-    elif operation == _TWICE:
-        for i in range(n):
-            z[i] = 2.0 * x[i]
-    elif operation == _SQRT:
-        for i in range(n):
-            z[i] = np.sqrt(x[i])
-    elif operation == _SIN:
-        for i in range(n):
-            z[i] = np.sin(x[i])
-    elif operation == _COS:
-        for i in range(n):
-            z[i] = np.cos(x[i])
-    elif operation == _TAN:
-        for i in range(n):
-            z[i] = np.tan(x[i])
-    elif operation == _ASIN:
-        for i in range(n):
-            z[i] = np.arcsin(x[i])
-    elif operation == _ACOS:
-        for i in range(n):
-            z[i] = np.arccos(x[i])
-    elif operation == _ATAN:
-        for i in range(n):
-            z[i] = np.arctan(x[i])
-    elif operation == _ATAN2:
-        for i in range(n):
-            z[i] = np.arctan2(x[i], y[i])
-    elif operation == _EXP:
-        for i in range(n):
-            z[i] = np.exp(x[i])
-    elif operation == _LOG:
-        for i in range(n):
-            z[i] = np.log(x[i])
-    elif operation == _FABS:
-        for i in range(n):
-            z[i] = abs(x[i])
-    elif operation == _SIGN:
-        for i in range(n):
-            z[i] = np.sign(x[i])
-    elif operation == _FMIN:
-        for i in range(n):
-            z[i] = np.fmin(x[i], y[i])
-    elif operation == _FMAX:
-        for i in range(n):
-            z[i] = np.fmax(x[i], y[i])
-    elif operation == _INV:
-        for i in range(n):
-            z[i] = 1.0 / x[i]
-    elif operation in (_POW, _CONSTPOW):
-        for i in range(n):
-            z[i] = x[i] ** y[i]
-    elif operation == _LT:
-        for i in range(n):
-            z[i] = 1.0 if x[i] < y[i] else 0.0
-    elif operation == _LE:
-        for i in range(n):
-            z[i] = 1.0 if x[i] <= y[i] else 0.0
-    elif operation == _EQ:
-        for i in range(n):
-            z[i] = 1.0 if x[i] == y[i] else 0.0
-    elif operation == _NE:
-        for i in range(n):
-            z[i] = 1.0 if x[i] != y[i] else 0.0
-    elif operation == _NOT:
-        for i in range(n):
-            z[i] = 1.0 if x[i] == 0.0 else 0.0
-    elif operation == _AND:
-        for i in range(n):
-            z[i] = 1.0 if x[i] != 0.0 and y[i] != 0.0 else 0.0
-    elif operation == _OR:
-        for i in range(n):
-            z[i] = 1.0 if x[i] != 0.0 or y[i] != 0.0 else 0.0
-    else:  # _IF_ELSE_ZERO
-        for i in range(n):
-            z[i] = y[i] if x[i] != 0.0 else 0.0
+def _value(operation, x, y):
+    """One of the operations that occur too seldom for a loop of their own."""
+    if operation == _Op.DIV:
+        return x / y
+    if operation == _Op.TWICE:
+        return 2.0 * x
+    if operation == _Op.ASSIGN:
+        return x
+    if operation == _Op.SQRT:
+        return np.sqrt(x)
+    if operation == _Op.SIN:
+        return np.sin(x)
+    if operation == _Op.COS:
+        return np.cos(x)
+    if operation == _Op.TAN:
+        return np.tan(x)
+    if operation == _Op.ASIN:
+        return np.arcsin(x)
+    if operation == _Op.ACOS:
+        return np.arccos(x)
+    if operation == _Op.ATAN:
+        return np.arctan(x)
+    if operation == _Op.ATAN2:
+        return np.arctan2(x, y)
+    if operation == _Op.EXP:
+        return np.exp(x)
+    if operation == _Op.LOG:
+        return np.log(x)
+    if operation == _Op.FABS:
+        return np.abs(x)
+    if operation == _Op.SIGN:
+        return np.sign(x)
+    if operation == _Op.FMIN:
+        return np.fmin(x, y)
+    if operation == _Op.FMAX:
+        return np.fmax(x, y)
+    if operation == _Op.INV:
+        return 1.0 / x
+    if operation in (_Op.POW, _Op.CONSTPOW):
+        return x**y
+    if operation == _Op.LT:
+        return 1.0 if x < y else 0.0
+    if operation == _Op.LE:
+        return 1.0 if x <= y else 0.0
+    if operation == _Op.EQ:
+        return 1.0 if x == y else 0.0
+    if operation == _Op.NE:
+        return 1.0 if x != y else 0.0
+    if operation == _Op.NOT:
+        return 1.0 if x == 0.0 else 0.0
+    if operation == _Op.AND:
+        return 1.0 if x != 0.0 and y != 0.0 else 0.0
+    if operation == _Op.OR:
+        return 1.0 if x != 0.0 or y != 0.0 else 0.0
+    return y if x != 0.0 else 0.0  # IF_ELSE_ZERO
