@@ -23,8 +23,10 @@ class PointFunction:
     def __init__(self, function: cs.Function) -> None:
         if not function.is_a("SXFunction"):
             function = function.expand()
-        symbols = function.sx_in()
-        dense = cs.Function(function.name(), symbols, [cs.densify(out) for out in function.call(symbols)])
+        dense = function
+        if not all(function.sparsity_out(i).is_dense() for i in range(function.n_out())):
+            symbols = function.sx_in()
+            dense = cs.Function(function.name(), symbols, [cs.densify(out) for out in function.call(symbols)])
         self._buffer, self._run = dense.buffer()
         self._arguments = [np.zeros(dense.numel_in(i)) for i in range(dense.n_in())]
         self._results = [np.zeros(dense.size_out(i), order="F") for i in range(dense.n_out())]

@@ -20,17 +20,12 @@ from ocptip.parallel.code.leg_plans import choose_plans
 from ocptip.parallel.description.robot_description import PRISMATIC, Leg
 from ocptip.parallel.kinematics.closed_form import leg_solution, leg_type, nearest_branch
 from ocptip.parallel.robot import ParallelRobot
-from ocptip.parallel.symbolic.leg_dynamics import LegState
-from ocptip.parallel.symbolic.leg_jacobian import LegModel
+from ocptip.parallel.symbolic.leg_dynamics import body_wrench
 from ocptip.parallel.symbolic.platform_sx import platform_wrench
 from ocptip.parallel.symbolic.projection import Arguments, Projection
 from ocptip.parallel.symbolic.spatial_sx import (
-    Vector,
     minus,
     plus,
-    scaled,
-    spin_moment,
-    times,
     zero,
 )
 from ocptip.parallel.symbolic.symbols import (
@@ -184,7 +179,7 @@ def _carried(projection: Projection) -> cs.SX:
         point = leg.origin
         for body in range(leg.size):
             to_world = leg.rotation(0, body + 1)
-            force, moment = _inertial(leg, motion, body)
+            force, moment = body_wrench(leg.inertia[body], motion, body)
             wrenches.append((to_world(force), to_world(moment), point))
             point = plus(point, to_world(leg.segments[body]))
     total_force, total_moment = zero(), zero()
@@ -192,12 +187,3 @@ def _carried(projection: Projection) -> cs.SX:
         total_force = plus(total_force, force)
         total_moment = plus(total_moment, moment, cross(point, force))
     return cs.vertcat(*total_force, *total_moment)
-
-
-def _inertial(leg: LegModel, motion: LegState, body: int) -> tuple[Vector, Vector]:
-    """Force, and moment about the frame's origin, that move and carry one body, in its frame."""
-    parameters, fall = leg.inertia[body], motion.origins[body]
-    first = list(parameters[6:9])
-    force = plus(scaled(parameters[9], fall), times(motion.matrices[body], first))
-    spin = spin_moment(parameters, motion.omegas[body], motion.alphas[body], motion.matrices[body])
-    return force, plus(spin, cross(first, fall))

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from ocptip.basics.errors import InputError, SolverError, finite_array
 from ocptip.basics.made_of import MadeOf
 from ocptip.parallel.analysis.crossings import Crossing, crossings
-from ocptip.parallel.analysis.mobility import Mobility, mobility
+from ocptip.parallel.analysis.mobility import Mobility, mobility, require_mobility
 from ocptip.parallel.analysis.singularity import Singularity, require_regular, singularity
 from ocptip.parallel.description.robot_description import RobotDescription
 from ocptip.parallel.dynamics.regressor import regressor
@@ -59,9 +59,7 @@ class ParallelRobot(MadeOf):
             raise InputError(f"description: expected a RobotDescription, got {type(description).__name__}")
         self.description = description
         self.kinematics = Kinematics(description)
-        self._mobility = mobility(self.kinematics)
-        if check and not self._mobility.consistent:
-            raise InputError(f"{description.name}: {'; '.join(self._mobility.problems)}")
+        self._mobility = (require_mobility if check else mobility)(self.kinematics)
         self._complete = needs_complete_legs(self.kinematics)
 
     @property
@@ -261,9 +259,7 @@ class ParallelRobot(MadeOf):
         kinetic = 0.5 * motion.s @ self._quasi_terms(motion, None, None).M @ motion.s
         potential = -g @ (body.mass * motion.r + motion.R @ body.first_moment)
         for leg, part in zip(self.kinematics.legs, motion.legs, strict=True):
-            q_full, n = np.zeros(leg.n), len(part.q)
-            q_full[:n] = part.q
-            potential += leg.dynamics(q_full, np.zeros(leg.n), g)[-1][1]
+            potential += leg.dynamics(leg.padded(part.q), np.zeros(leg.n), g)[-1][1]
             potential -= g @ leg.origin * sum(b.mass for b in leg.leg.bodies)
         return float(kinetic), float(potential)
 

@@ -12,7 +12,6 @@ from ocptip.parallel.description.robot_description import CONVENTIONS, Platform
 from ocptip.parallel.description.rotations import (
     PlatformCoordinates,
     euler_rotation,
-    rate_drift,
     rate_matrix,
     rate_matrix_derivative,
     rotation_vector,
@@ -34,7 +33,6 @@ def test_rates_are_derivatives_of_the_rotation(convention):
         np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-14)
         np.testing.assert_allclose(rate_matrix(convention, angles), E, atol=1e-13)
         np.testing.assert_allclose(rate_matrix(convention, angles) @ speeds, velocity[:, 0], atol=1e-13)
-        np.testing.assert_allclose(rate_drift(convention, angles, speeds), acceleration[:, 0], atol=1e-12)
         derivative = rate_matrix_derivative(convention, angles, speeds)
         np.testing.assert_allclose(derivative @ speeds, acceleration[:, 0], atol=1e-12)
 

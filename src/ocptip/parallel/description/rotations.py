@@ -36,17 +36,8 @@ def rate_matrix(convention: str, phi: Sequence[Scalar]) -> Any:
     return _pack(_columns(_axes(convention, phi)))
 
 
-def rate_drift(convention: str, phi: Sequence[Scalar], rates: Sequence[Scalar]) -> Any:
-    """E' phi', (3,), rad/s^2: omega' = E phi'' + E' phi'."""
-    a, b, c = _axes(convention, phi)
-    w1 = [v * rates[0] for v in a]
-    w2 = [u + v * rates[1] for u, v in zip(w1, b, strict=True)]
-    second, third = cross_terms(w1, b), cross_terms(w2, c)
-    return _pack([u * rates[1] + v * rates[2] for u, v in zip(second, third, strict=True)])
-
-
 def rate_matrix_derivative(convention: str, phi: Sequence[Scalar], rates: Sequence[Scalar]) -> Any:
-    """E', (3, 3), time derivative of E at the given angular rates."""
+    """E', (3, 3), time derivative of E at the given angular rates: omega' = E phi'' + E' phi'."""
     a, b, c = _axes(convention, phi)
     w1 = [v * rates[0] for v in a]
     w2 = [u + v * rates[1] for u, v in zip(w1, b, strict=True)]
@@ -105,7 +96,8 @@ class PlatformCoordinates:
         """T' s', (6,)."""
         drift = np.zeros(6)
         if not self.quasi:
-            drift[3:] = rate_drift(self.convention, self.full(z)[3:], self.full(s_rates)[3:])
+            rates = self.full(s_rates)[3:]
+            drift[3:] = rate_matrix_derivative(self.convention, self.full(z)[3:], rates) @ rates
         return drift
 
     def rates(self, z: np.ndarray) -> np.ndarray:

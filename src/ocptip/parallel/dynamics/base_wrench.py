@@ -51,10 +51,8 @@ def base_wrench(
         at_platform = at_platform - finite_array("load", load, (6,))
     needed = _moved(at_platform, motion.r)
     for leg, part in zip(kinematics.legs, motion.legs, strict=True):
-        n = len(part.q)
-        full, rates, accelerations = np.zeros(leg.n), np.zeros(leg.n), np.zeros(leg.n)
-        full[:n], rates[:n], accelerations[:n] = part.q, part.qd, part.Jq @ sd + part.drift
-        *_, momentum, carried, _ = leg.dynamics(full, rates, g)
+        *_, momentum, carried, _ = leg.dynamics(leg.padded(part.q), leg.padded(part.qd), g)
+        accelerations = leg.padded(part.Jq @ sd + part.drift)
         needed += _moved(momentum @ accelerations + carried, leg.origin)
     return -needed
 

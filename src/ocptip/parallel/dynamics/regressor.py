@@ -24,8 +24,7 @@ def regressor(kinematics: Kinematics, motion: RobotMotion, sd: np.ndarray, gravi
     columns = []
     for leg, part in zip(kinematics.legs, motion.legs, strict=True):
         n = len(part.q)
-        q, qd = np.zeros(leg.n), np.zeros(leg.n)
-        q[:n], qd[:n] = part.q, part.qd
+        q, qd = leg.padded(part.q), leg.padded(part.qd)
         qdd = part.Jq @ sd + part.drift
         for unit in np.eye(len(leg.inertia)):
             M, c, g = leg.body_dynamics(q, qd, gravity, unit)[:3]

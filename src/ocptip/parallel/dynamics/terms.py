@@ -66,9 +66,7 @@ def quasi_terms(kinematics: Kinematics, motion: RobotMotion, gravity: np.ndarray
     g = T.T @ g_P
     for leg, part in zip(kinematics.legs, motion.legs, strict=True):
         n = len(part.q)
-        q, qd = np.zeros(leg.n), np.zeros(leg.n)
-        q[:n], qd[:n] = part.q, part.qd
-        M_i, c_i, g_i, *_ = leg.dynamics(q, qd, gravity)
+        M_i, c_i, g_i, *_ = leg.dynamics(leg.padded(part.q), leg.padded(part.qd), gravity)
         M_i = M_i[:n, :n]
         M += part.Jq.T @ M_i @ part.Jq
         c += part.Jq.T @ (M_i @ part.drift + c_i[:n])

@@ -189,12 +189,14 @@ def spatial_inertia(p: cs.SX, R: cs.SX) -> tuple[cs.SX, cs.SX, cs.SX, cs.SX]:
     Returns:
         A: (6, 6), wrench = A acceleration + velocity terms; mass; first moment (3,); inertia (3, 3).
     """
-    about = cs.vertcat(
-        cs.horzcat(p[0], p[1], p[2]), cs.horzcat(p[1], p[3], p[4]), cs.horzcat(p[2], p[4], p[5])
-    )
-    mass, s, inertia = p[9], R @ p[6:9], R @ about @ R.T
+    mass, s, inertia = p[9], R @ p[6:9], R @ about_origin(p) @ R.T
     A = cs.vertcat(cs.horzcat(mass * cs.SX.eye(3), -cs.skew(s)), cs.horzcat(cs.skew(s), inertia))
     return A, mass, s, inertia
+
+
+def about_origin(p: cs.SX) -> cs.SX:
+    """(3, 3) inertia tensor from DynPar 2."""
+    return cs.vertcat(p[:3].T, p[[1, 3, 4]].T, p[[2, 4, 5]].T)
 
 
 def serial_topology(rows: Sequence[MDHRow], bodies: int) -> Topology:

@@ -43,6 +43,7 @@ class LegClosure:
         n: number of joints, coupling joints included.
         point: number of joints up to the coupling point; n for branched legs.
         locked: joints that are coordinates of their own (kinematic redundancy).
+        drives: (3, n) drive inertia, viscous and Coulomb friction.
         end_rotations: (3, 3) platform axes to end frame, per end, or None where the orientation is free.
     """
 
@@ -63,6 +64,7 @@ class LegClosure:
         self.n = self.topology.n_joints
         self.locked = list(locked)
         self.free = [j for j in range(self.n) if j not in self.locked]
+        self.drives = np.array([leg.drive_inertia, leg.viscous, leg.coulomb])[:, : self.n]
         self.inertia = np.concatenate([body.vector for body in leg.bodies])
         self._kinematics, self._dynamics = leg_kinematics(self.topology), leg_dynamics(self.topology)
         arms = np.abs(self._kinematics(np.zeros(self.n), np.zeros(self.n), self.base)[1])
@@ -123,10 +125,8 @@ class LegClosure:
     def dynamics(self, q: np.ndarray, qd: np.ndarray, gravity: np.ndarray) -> list[np.ndarray]:
         """Outputs of `kinematics.chain.leg_dynamics`; drive inertia and friction included."""
         M, c, g, *rest = self.body_dynamics(q, qd, gravity, self.inertia)
-        M = M + np.diag(np.asarray(self.leg.drive_inertia)[: self.n])
-        c = c + np.asarray(self.leg.viscous)[: self.n] * qd
-        c += np.asarray(self.leg.coulomb)[: self.n] * np.sign(qd)
-        return [M, c, g, *rest]
+        drive, viscous, coulomb = self.drives
+        return [M + np.diag(drive), c + viscous * qd + coulomb * np.sign(qd), g, *rest]
 
     def body_dynamics(
         self, q: np.ndarray, qd: np.ndarray, gravity: np.ndarray, inertia: np.ndarray
@@ -185,12 +185,12 @@ class LegClosure:
         except np.linalg.LinAlgError:
             Jq = np.full((self.point, len(s)), np.inf)
         qd = Jq @ s
-        accelerated = self._drift(self._padded(q), self._padded(qd), R, T_drift, T @ s)[rows]
+        accelerated = self._drift(self.padded(q), self.padded(qd), R, T_drift, T @ s)[rows]
         return LegMotion(q, Jq, np.linalg.solve(J, accelerated), qd, 0.0)
 
     def point_jacobian(self, q: np.ndarray, rows: Sequence[int]) -> np.ndarray:
         """J_B (rows, point): velocity of the coupling point per joint rate, world axes."""
-        return self.jacobian(self._padded(q[: self.point]))[0][list(rows), : self.point]
+        return self.jacobian(self.padded(q[: self.point]))[0][list(rows), : self.point]
 
     def _drift(
         self, q: np.ndarray, qd: np.ndarray, R: np.ndarray, T_drift: np.ndarray, t: np.ndarray
@@ -198,7 +198,7 @@ class LegClosure:
         """C T_drift + C' t - J_c' q' (rows,): what joint accelerations make up for at s'' = 0."""
         return self.platform_side(R) @ T_drift + self.platform_drift(R, t[3:]) - self.jacobian(q, qd)[1]
 
-    def _padded(self, values: np.ndarray) -> np.ndarray:
+    def padded(self, values: np.ndarray) -> np.ndarray:
         """Values of the joints up to the coupling point, zeros for those behind it."""
         full = np.zeros(self.n)
         full[: len(values)] = values

@@ -268,7 +268,7 @@ class LegSolver(LegClosure):
         return _damped_newton(q, free, error, slope)
 
     def _point_error(self, q: np.ndarray, target: np.ndarray) -> np.ndarray:
-        return self.frames(self._padded(q))[1][self.end_rows[0]] - target
+        return self.frames(self.padded(q))[1][self.end_rows[0]] - target
 
 
 def _turn_to_parallel(about: np.ndarray, axis: np.ndarray, goal: np.ndarray) -> float:

@@ -18,7 +18,7 @@ from ocptip.numerics.point import PointFunction
 from ocptip.parallel.description.robot_description import Leg
 from ocptip.parallel.description.rotations import PlatformCoordinates
 from ocptip.parallel.dynamics.terms import Terms
-from ocptip.parallel.kinematics.chain import Topology, mdh_parts
+from ocptip.parallel.kinematics.chain import Topology, about_origin, frames
 from ocptip.parallel.kinematics.closures import LegClosure
 from ocptip.parallel.kinematics.platform import Kinematics
 
@@ -62,9 +62,7 @@ class ConstraintRoute:
             qd = J @ zd
             drift = -inverse @ np.ravel(closure[1](z, q[i][:n], zd, qd)[0])
             M_i, c_i, g_i = lagrange_leg(leg.topology, n)(q[i][:n], qd, leg.base, gravity, leg.inertia)
-            drive, viscous, coulomb = (
-                np.asarray(v)[:n] for v in (leg.leg.drive_inertia, leg.leg.viscous, leg.leg.coulomb)
-            )
+            drive, viscous, coulomb = leg.drives[:, :n]
             M_i = M_i.reshape(n, n) + np.diag(drive)
             M = M + J.T @ M_i @ J
             c = c + J.T @ (M_i @ drift + c_i + viscous * qd + coulomb * np.sign(qd))
@@ -126,14 +124,8 @@ def _closure_function(
 
 def _frames(topology: Topology, q: cs.SX, base: cs.SX) -> tuple[list[cs.SX], list[cs.SX]]:
     """Rotations and origins of all rows, world axes, from the base frame's origin."""
-    rotations: list[cs.SX] = []
-    origins: list[cs.SX] = []
-    for row, parent, joint in zip(topology.rows, topology.parents, topology.joints, strict=True):
-        R, p = (base, cs.SX.zeros(3)) if parent < 0 else (rotations[parent], origins[parent])
-        fixed, turn, offset = mdh_parts(row, 0.0 if joint is None else q[joint])
-        rotations.append(R @ fixed @ turn)
-        origins.append(p + R @ offset)
-    return rotations, origins
+    found = frames(topology, q, cs.SX(topology.n_joints, 1), base)
+    return found.rotations, found.origins
 
 
 def _energies(R: cs.SX, r: cs.SX, q: cs.SX, qd: cs.SX, p: cs.SX, gravity: cs.SX) -> tuple[cs.SX, cs.SX]:
@@ -141,10 +133,7 @@ def _energies(R: cs.SX, r: cs.SX, q: cs.SX, qd: cs.SX, p: cs.SX, gravity: cs.SX)
     v = cs.jtimes(r, q, qd)
     spin = R.T @ cs.reshape(cs.jtimes(cs.vec(R), q, qd), 3, 3)
     w = cs.vertcat(spin[2, 1], spin[0, 2], spin[1, 0])
-    inertia = cs.vertcat(
-        cs.horzcat(p[0], p[1], p[2]), cs.horzcat(p[1], p[3], p[4]), cs.horzcat(p[2], p[4], p[5])
-    )
-    s, mass = p[6:9], p[9]
+    s, mass, inertia = p[6:9], p[9], about_origin(p)
     T = 0.5 * mass * cs.dot(v, v) + cs.dot(R.T @ v, cs.cross(w, s)) + 0.5 * cs.dot(w, inertia @ w)
     return T, -cs.dot(gravity, mass * r + R @ s)
 

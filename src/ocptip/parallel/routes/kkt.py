@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ocptip.parallel.analysis.mobility import stacked_closures
 from ocptip.parallel.dynamics.terms import platform_terms
 from ocptip.parallel.kinematics.platform import Kinematics, RobotMotion
 
@@ -63,21 +64,19 @@ class KKTSystem:
         self._starts = np.concatenate([[0], np.cumsum([leg.n for leg in legs])])
         count = int(self._starts[-1]) + 6
         M, h = np.zeros((count, count)), np.zeros(count)
-        rows, drifts = [], []
+        drifts = []
         for i, (leg, part) in enumerate(zip(legs, motion.legs, strict=True)):
             own = slice(self._starts[i], self._starts[i + 1])
             M_i, c_i, g_i, *_ = leg.dynamics(part.q, part.qd, gravity)
             M[own, own], h[own] = M_i, c_i + g_i
-            J, drift = leg.jacobian(part.q, part.qd)
-            block = np.zeros((len(J), count))
-            block[:, own], block[:, -6:] = J, -leg.platform_side(motion.R)
-            rows.append(block)
+            drift = leg.jacobian(part.q, part.qd)[1]
             drifts.append(drift - leg.platform_drift(motion.R, motion.t[3:]))
         body = kinematics.description.platform.inertia
         M_P, c_P, g_P = platform_terms(body, motion.R, motion.t[3:], gravity)
         M[-6:, -6:], h[-6:] = M_P, c_P + g_P - wrench
         self._M, self._h = M, h
-        self._J, self._drift = np.vstack(rows), np.concatenate(drifts)
+        self._J = stacked_closures(legs, [part.q for part in motion.legs], motion.R)
+        self._drift = np.concatenate(drifts)
         self._S = np.zeros((count, len(kinematics.description.actuated)))
         for k, (leg, joint) in enumerate(kinematics.description.actuated):
             self._S[self._starts[leg] + joint, k] = 1.0

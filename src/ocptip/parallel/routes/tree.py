@@ -119,9 +119,7 @@ def leg_newton_euler(
             F, N = loads[parent]
             turned = turns[k] @ force
             loads[parent] = F + turned, N + turns[k] @ moment + cross(arms[k], turned)
-    drive, viscous, coulomb = (
-        np.asarray(v)[: leg.n] for v in (leg.leg.drive_inertia, leg.leg.viscous, leg.leg.coulomb)
-    )
+    drive, viscous, coulomb = leg.drives
     return tau + drive * qdd + viscous * qd + coulomb * np.sign(qd)
 
 

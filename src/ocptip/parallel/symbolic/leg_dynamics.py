@@ -255,7 +255,7 @@ def _backward(
     force, moment = outer
     efforts: list[cs.SX] = [cs.SX(0.0)] * leg.size
     for j in range(start - 1, stop - 2, -1):
-        own_force, own_moment = _body_wrench(leg.inertia[j], motion, j)
+        own_force, own_moment = body_wrench(leg.inertia[j], motion, j)
         if j + 1 < leg.size:
             passed = leg.turns[j + 1](force)
             moment = plus(own_moment, leg.turns[j + 1](moment), cross(leg.segments[j], passed))
@@ -270,7 +270,8 @@ def _backward(
     return efforts, (force, moment)
 
 
-def _body_wrench(inertia: Sequence[cs.SX], motion: LegState, body: int) -> tuple[Vector, Vector]:
+def body_wrench(inertia: Sequence[cs.SX], motion: LegState, body: int) -> tuple[Vector, Vector]:
+    """Force, and moment about the frame's origin, that move and carry one body, in its frame."""
     first, mass = list(inertia[6:9]), inertia[9]
     force = plus(scaled(mass, motion.origins[body]), times(motion.matrices[body], first))
     moment = spin_moment(inertia, motion.omegas[body], motion.alphas[body], motion.matrices[body])
