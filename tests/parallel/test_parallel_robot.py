@@ -1,5 +1,6 @@
 """Kinematics, forms of the equations, forward dynamics, power and energy of whole robots."""
 
+import contextlib
 import dataclasses
 import pickle
 
@@ -85,14 +86,13 @@ def test_rough_guesses_choose_the_home_assembly_only():
 def test_poses_beyond_a_singular_one_are_said():
     robot = ParallelRobot(rod_delta())
     rng, z = np.random.default_rng(1), robot.description.home
-    reached = []
     for _ in range(20):
         there = z + 0.6 * rng.uniform(-1, 1, 3)
-        try:
-            reached.append((there, robot.ik(there)))
-        except InputError:
-            continue
-    there, found = next(pair for pair in reached if pair[1].assembly == "search")
+        with contextlib.suppress(InputError):
+            found = robot.ik(there)
+            if found.assembly == "search":
+                break
+    assert found.assembly == "search"
     assert found.residual < 1e-10
     assert found.to_dict()["searched"] == [k + 1 for k in found.searched] != []
     with pytest.raises(SolverError, match="cannot be followed on the straight way from home"):

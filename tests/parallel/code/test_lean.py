@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import cache
 
 import numpy as np
 import pytest
@@ -80,15 +81,17 @@ def test_five_forms_are_one_equation(kind):
         "A": inverse.T @ S["M"],
         "AA": inverse.T @ S["M"] @ inverse,
     }
+    results = {}
     for form, (rates, accelerations) in inputs.items():
-        found = lean_function(state.robot, ("tau", "M", "c", "g"), form=form)(z, rates, accelerations, q)
+        results[form] = found = lean_function(state.robot, ("tau", "M", "c", "g"), form=form)(
+            z, rates, accelerations, q
+        )
         assert error(found["tau"], expected_force[form]) < ROUTES, form
         assert error(found["M"], expected_mass[form]) < ROUTES, form
         assert error(found["M"] @ accelerations + found["c"] + found["g"], found["tau"]) < ROUTES, form
     other, _ = ConstraintRoute(kinematics, complete=False).terms(z, zd, state.joints, state.robot.gravity)
-    found = lean_function(state.robot, ("M", "c", "g"), form="Z")(z, zd, zdd, q)
     for name in ("M", "c", "g"):
-        assert error(found[name], getattr(other, name)) < ROUTES, name
+        assert error(results["Z"][name], getattr(other, name)) < ROUTES, name
     assert np.linalg.eigvalsh(S["M"])[0] > 0
 
 
@@ -111,8 +114,7 @@ def test_conventions(convention):
 def test_power_balance(seed):
     """Power of the motors equals the change of energy, by differences along a motion."""
     case = golden("3RRR")
-    lean = _CACHE.setdefault("power", lean_function(case.robot, ("tau", "M", "qd"), form="A"))
-    robot = _CACHE.setdefault("robot", ParallelRobot(case.robot))
+    lean, robot = _power_functions()
     rng = np.random.default_rng(seed)
     z, s, sd = case.z, rng.uniform(-1, 1, 3), rng.uniform(-2, 2, 3)
     found = lean(z, s, sd, case.q)
@@ -132,7 +134,10 @@ def test_power_balance(seed):
     assert change == pytest.approx(power, abs=1e-6 * max(scale, 1.0))
 
 
-_CACHE: dict[str, object] = {}
+@cache
+def _power_functions():
+    robot = golden("3RRR").robot
+    return lean_function(robot, ("tau", "M", "qd"), form="A"), ParallelRobot(robot)
 
 
 @pytest.mark.parametrize("kind", ["3RPR", "4PRRR", "6UPS"])
