@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
 import re
+from functools import cache
 
 import numpy as np
 import pytest
@@ -13,10 +16,17 @@ from ocptip.cli.main import main
 from ocptip.parallel.description.ready_made import READY_MADE, delta, ups6
 
 
+@cache
+def said(*arguments):
+    """What the command prints about a robot that moves as described."""
+    with contextlib.redirect_stdout(io.StringIO()) as printed:
+        assert main(["parallel", *arguments]) == 0
+    return printed.getvalue()
+
+
 @pytest.mark.parametrize("name", ["3RRR", "3rpr", "Delta", "4prrr", "6ups"])
-def test_ready_made_robots(capsys, name):
-    assert main(["parallel", name, "--json"]) == 0
-    report = json.loads(capsys.readouterr().out)
+def test_ready_made_robots(name):
+    report = json.loads(said(name, "--json"))
     assert report["mobility"]["dof"] == len(report["coordinates"]) == len(report["actuated"])
     assert report["home_pose"]["singular"] == []
     assert set(report["operations"]) == {"tau_a", "jacobian"}
@@ -25,11 +35,8 @@ def test_ready_made_robots(capsys, name):
     assert "ocptip" in report["versions"]
 
 
-def test_table_says_the_same_as_json(capsys):
-    assert main(["parallel", "3RRR"]) == 0
-    text = capsys.readouterr().out
-    assert main(["parallel", "3RRR", "--json"]) == 0
-    report = json.loads(capsys.readouterr().out)
+def test_table_says_the_same_as_json():
+    text, report = said("3RRR"), json.loads(said("3RRR", "--json"))
     assert "3RRR: 3 legs, moves as described." in text
     assert "actuated joints" in text
     assert "1.1, 2.1, 3.1" in text
@@ -37,18 +44,14 @@ def test_table_says_the_same_as_json(capsys):
     assert text.isascii()
 
 
-@pytest.mark.parametrize(("name", "count", "rank"), [("6UPS", 24, 21), ("3RRR", 10, 9), ("Delta", 14, 13)])
-def test_rank_of_the_base_parameters_is_said(capsys, name, count, rank):
-    assert main(["parallel", name, "--json"]) == 0
-    report = json.loads(capsys.readouterr().out)
+@pytest.mark.parametrize(("name", "count", "rank"), [("6ups", 24, 21), ("3RRR", 10, 9), ("Delta", 14, 13)])
+def test_rank_of_the_base_parameters_is_said(name, count, rank):
+    text, report = said(name), json.loads(said(name, "--json"))
     assert (len(report["inertia_parameters"]), report["rank"]) == (count, rank)
     assert len(report["base_parameters"]) == rank
-    assert main(["parallel", name]) == 0
-    text = capsys.readouterr().out
     assert f"{rank} of {count}: dependent in the whole robot" in text
     assert ", ".join(report["base_parameters"]) in text
-    assert main(["parallel", name, "--dynpar", "2", "--json"]) == 0
-    assert json.loads(capsys.readouterr().out)["rank"] is None
+    assert json.loads(said(name, "--dynpar", "2", "--json"))["rank"] is None
 
 
 def test_c_code(capsys, tmp_path):

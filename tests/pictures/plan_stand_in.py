@@ -11,17 +11,22 @@ from ocptip.standing.limits import MotionLimits
 
 
 @cache
+def _checked(name, base, factor, limits):
+    task = experiment_task(name, base, limits)
+    motion = task.reference.time_scaled(factor)
+    return task, motion, check_motion(task.robot, motion, limits)
+
+
+@cache
 def stand_in_plan(name="C", base="effective", *, factor=1.0, limits=None, reference=True, interrupted=False):
     """All attributes of a `MotionPlan`; the motion is the printed one with all times multiplied by factor."""
     limits = limits or MotionLimits()
-    printed = experiment_task(name, base, limits)
+    printed, motion, checked = _checked(name, base, factor, limits)
     task = (
         SimpleNamespace(**vars(printed))
         if reference
         else SimpleNamespace(**{**vars(printed), "reference": None})
     )
-    motion = printed.reference.time_scaled(factor)
-    checked = check_motion(task.robot, motion, limits)
     nan = float("nan")
     starts = (
         SimpleNamespace(
