@@ -16,6 +16,7 @@ from typing import Any, BinaryIO, ClassVar
 
 import numpy as np
 
+from ocptip.basics.errors import InputError
 from ocptip.basics.version import version
 
 PACKAGES = ("casadi", "numpy", "scipy", "numba", "clarabel", "pin")
@@ -41,6 +42,25 @@ def atomic_file(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
         if isinstance(error, OSError):
             raise OSError(error.errno, error.strerror or str(error), str(path)) from error
         raise
+
+
+def file_target(path: str | os.PathLike[str], suffixes: Sequence[str]) -> Path:
+    """A path that can be written.
+
+    Args:
+        path: of the file.
+        suffixes: endings that its name may have.
+
+    Raises:
+        InputError: another ending, or the folder does not exist.
+    """
+    target = Path(path)
+    if target.suffix not in suffixes:
+        names = " or ".join(f"NAME{suffix}" for suffix in suffixes)
+        raise InputError(f"path: expected a file {names}, got {str(path)!r}")
+    if not target.parent.is_dir():
+        raise InputError(f"path: the folder {str(target.parent)!r} does not exist")
+    return target
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 
 from ocptip.basics.errors import InputError, SolverError
 from ocptip.basics.text import ratio
-from ocptip.basics.write import versions, write_text
+from ocptip.basics.write import file_target, versions, write_text
 from ocptip.cli.command import Report
 from ocptip.cli.layout import named, table
 from ocptip.parallel.analysis.mobility import Mobility
@@ -20,7 +20,8 @@ from ocptip.parallel.code.lean import LeanFunction, lean_function
 from ocptip.parallel.description.ready_made import READY_MADE
 from ocptip.parallel.description.robot_description import RobotDescription
 from ocptip.parallel.dynamics.base_parameters import numeric_base_parameters
-from ocptip.parallel.formats.export import export_target, to_mjcf, to_urdf
+from ocptip.parallel.formats.export import to_urdf
+from ocptip.parallel.formats.mjcf import to_mjcf
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.parallel.symbolic.symbols import inertia_layout
 from ocptip.task_files.parallel import read_parallel_robot
@@ -160,7 +161,7 @@ def targets(options: Namespace) -> dict[str, Path]:
         if (path := getattr(options, option)) is None:
             continue
         try:
-            found[option] = export_target(path, _SUFFIXES[option])
+            found[option] = file_target(path, _SUFFIXES[option])
         except InputError as error:
             raise InputError(f"--{option}: {str(error).removeprefix('path: ')}") from None
         if option == "c" and not found[option].stem.isidentifier():

@@ -13,13 +13,15 @@ import pinocchio as pin
 import pytest
 
 from ocptip.basics.errors import InputError
+from ocptip.basics.write import file_target
 from ocptip.cli import parallel as command
 from ocptip.cli.main import main
 from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.branched import BranchedLeg, LegEnd
 from ocptip.parallel.description.ready_made import delta, prrr4, rpr3, rrr3, ups6
 from ocptip.parallel.dynamics.base_wrench import moving_mass
-from ocptip.parallel.formats.export import export_target, to_mjcf, to_urdf, urdf_cuts, urdf_home
+from ocptip.parallel.formats.export import to_urdf, urdf_cuts, urdf_home
+from ocptip.parallel.formats.mjcf import to_mjcf
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.parallel.simulation import simulate
 from tests.parallel.parallel_examples import five_axes, prr3, redundant_leg, vertical_delta
@@ -287,11 +289,11 @@ def test_sketch_and_texts_are_plain():
 
 
 def test_targets_are_checked(tmp_path):
-    assert export_target(tmp_path / "robot.urdf", (".urdf",)) == tmp_path / "robot.urdf"
+    assert file_target(tmp_path / "robot.urdf", (".urdf",)) == tmp_path / "robot.urdf"
     with pytest.raises(InputError, match=r"path: expected a file NAME.xml or NAME.mjcf, got .*robot.txt"):
-        export_target(tmp_path / "robot.txt", (".xml", ".mjcf"))
+        file_target(tmp_path / "robot.txt", (".xml", ".mjcf"))
     with pytest.raises(InputError, match=r"the folder .* does not exist"):
-        export_target(tmp_path / "none" / "robot.urdf", (".urdf",))
+        file_target(tmp_path / "none" / "robot.urdf", (".urdf",))
 
 
 def test_command_writes_models(capsys, root, tmp_path):

@@ -66,10 +66,9 @@ def crossings(kinematics: Kinematics, path: ArrayLike, tolerance: float = _THERE
     for k, z in enumerate(poses):
         start, q = q, kinematics.point_joints(z, q).q
         now = singularity(kinematics, z, q, complete=False, tolerance=tolerance)
-        kinds = _singular(now)
-        if kinds:
-            found.append(Crossing(k, 0.0, kinds, z))
-        elif before is not None and not _singular(before) and start is not None:
+        if now.mechanical:
+            found.append(Crossing(k, 0.0, now.mechanical, z))
+        elif before is not None and not before.mechanical and start is not None:
             found += _between(kinematics, k - 1, poses[k - 1], z, start, _signs(before), _signs(now))
         before = now
     return tuple(found)
@@ -102,10 +101,6 @@ def _between(
             kind = f"leg {leg + 1} (type I)"
         result.append(Crossing(sample, high, (kind,), a + high * (b - a)))
     return result
-
-
-def _singular(measures: Singularity) -> tuple[str, ...]:
-    return tuple(kind for kind in measures.kinds if kind != "representation")
 
 
 def _signs(measures: Singularity) -> np.ndarray:

@@ -87,6 +87,11 @@ class Singularity:
     kinds: tuple[str, ...]
 
     @property
+    def mechanical(self) -> tuple[str, ...]:
+        """The kinds that are the robot's own, not those of its Euler angles."""
+        return tuple(kind for kind in self.kinds if kind != "representation")
+
+    @property
     def regular(self) -> bool:
         """True if nothing is singular."""
         return not self.kinds
@@ -220,8 +225,7 @@ def require_regular(
         SolverError: naming the leg, or the screw that the motors do not hold, and the measures.
     """
     found = singularity(kinematics, z, q, complete=complete)
-    kinds = [kind for kind in found.kinds if kind.startswith("leg") or not legs_only]
-    kinds = [kind for kind in kinds if kind != "representation"]
+    kinds = [kind for kind in found.mechanical if kind.startswith("leg") or not legs_only]
     if kinds:
         what = ", ".join(kinds) + _not_held(kinematics, z, q, found, complete=complete)
         raise SolverError(
@@ -251,11 +255,10 @@ def singular_everywhere(kinematics: Kinematics) -> str:
             except InputError:
                 continue
         found = singularity(kinematics, z, q, complete=True)
-        kinds = [kind for kind in found.kinds if kind != "representation"]
-        if not kinds:
+        if not found.mechanical:
             return ""
         if not k:
-            reason = ", ".join(kinds) + _not_held(kinematics, z, q, found, complete=True)
+            reason = ", ".join(found.mechanical) + _not_held(kinematics, z, q, found, complete=True)
     return f"singular in every pose looked at: at home {np.round(home, 6).tolist()} {reason}"
 
 

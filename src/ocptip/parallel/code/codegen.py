@@ -17,6 +17,7 @@ from pathlib import Path
 import casadi as cs
 
 from ocptip.basics.errors import InputError, SolverError
+from ocptip.basics.write import file_target
 from ocptip.parallel.code.counting import count_operations
 from ocptip.parallel.code.lean import LeanFunction
 
@@ -57,11 +58,9 @@ def write_c(
         InputError: path does not end in .c, its name is not an identifier, or functions share a name.
         OSError: the folder cannot be written.
     """
-    target = Path(path)
-    if target.suffix != ".c" or not target.stem.isidentifier():
+    target = file_target(path, (".c",))
+    if not target.stem.isidentifier():
         raise InputError(f"path: expected a file NAME.c with NAME an identifier, got {str(path)!r}")
-    if not target.parent.is_dir():
-        raise InputError(f"path: the folder {str(target.parent)!r} does not exist")
     listed = [functions] if isinstance(functions, LeanFunction | cs.Function) else list(functions)
     plain = [one.function if isinstance(one, LeanFunction) else one for one in listed]
     names = [one.name() for one in plain]

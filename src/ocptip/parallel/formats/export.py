@@ -8,10 +8,7 @@ joint to joint are drawn as a sketch; they have no mass and touch nothing.
 from __future__ import annotations
 
 import math
-import os
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
@@ -20,7 +17,6 @@ from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.entries import elementary_rotation
 from ocptip.parallel.description.mdh import Frame, central_inertia, row_frame
 from ocptip.parallel.description.robot_description import FIXED, REVOLUTE, RobotDescription
-from ocptip.parallel.formats.mjcf import to_mjcf
 from ocptip.parallel.formats.skeleton import (
     BASE,
     PLATFORM,
@@ -88,25 +84,6 @@ def urdf_home(robot: ParallelRobot | RobotDescription) -> dict[str, float]:
     """Joint positions of the home pose by the names of :func:`to_urdf`, rad or m."""
     skeleton = Skeleton.of(robot)
     return {joint_name(i, j): float(value) for i, q in enumerate(skeleton.home) for j, value in enumerate(q)}
-
-
-def export_target(path: str | os.PathLike[str], suffixes: Sequence[str]) -> Path:
-    """A path that can be written.
-
-    Args:
-        path: of the file.
-        suffixes: endings that its name may have.
-
-    Raises:
-        InputError: another ending, or the folder does not exist.
-    """
-    target = Path(path)
-    if target.suffix not in suffixes:
-        names = " or ".join(f"NAME{suffix}" for suffix in suffixes)
-        raise InputError(f"path: expected a file {names}, got {str(path)!r}")
-    if not target.parent.is_dir():
-        raise InputError(f"path: the folder {str(target.parent)!r} does not exist")
-    return target
 
 
 def _remarks(skeleton: Skeleton) -> list[str]:
@@ -188,6 +165,3 @@ def _roll_pitch_yaw(R: np.ndarray) -> tuple[float, float, float]:
 def _towards(end: np.ndarray) -> tuple[float, float, float]:
     """Roll, pitch, yaw that turn z onto a direction."""
     return 0.0, math.atan2(math.hypot(end[0], end[1]), end[2]), math.atan2(end[1], end[0])
-
-
-__all__ = ["export_target", "to_mjcf", "to_urdf", "urdf_cuts", "urdf_home"]

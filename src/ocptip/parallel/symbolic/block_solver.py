@@ -10,6 +10,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import casadi as cs
+import numpy as np
+from scipy.sparse.csgraph import shortest_path
 
 from ocptip.basics.errors import InputError
 from ocptip.numerics.vectors import cross_terms as cross
@@ -28,41 +30,25 @@ class BlockSystem:
 
     def __init__(self, matrix: Matrix) -> None:
         self.matrix = matrix
-        size = len(matrix)
-        pattern = [[not entry.is_zero() for entry in row] for row in matrix]
+        pattern = np.array([[not entry.is_zero() for entry in row] for row in matrix])
         row_of = _matching(pattern)
         if row_of is None:
             raise InputError("the symbolic matrix is structurally singular: an unknown cannot be determined")
-        needs = [[j for j in range(size) if j != i and pattern[row_of[i]][j]] for i in range(size)]
-        self.blocks = [([row_of[i] for i in group], group) for group in _components(needs)]
+        # What an unknown needs is known by its row; those that need each other are a block.
+        reach = np.isfinite(shortest_path(pattern[row_of], unweighted=True))
+        block = reach & reach.T
+        first = [i for i in range(len(matrix)) if not block[i, :i].any()]
+        groups = [np.flatnonzero(block[i]).tolist() for i in sorted(first, key=lambda i: reach[i].sum())]
+        self.blocks = [([row_of[i] for i in group], group) for group in groups]
 
     def solve(self, right: Sequence[cs.SX]) -> list[cs.SX]:
         """x of A x = b."""
-        known: dict[int, cs.SX] = {}
-        for rows, columns in self.blocks:
-            rest = []
-            for r in rows:
-                value = right[r]
-                for c, x in known.items():
-                    value = value - self.matrix[r][c] * x
-                rest.append(value)
-            block = [[self.matrix[r][c] for c in columns] for r in rows]
-            known.update(zip(columns, solve_dense(block, rest), strict=True))
-        return [known[c] for c in range(len(self.matrix))]
+        return _substituted(self.matrix, self.blocks, right)
 
     def solve_transposed(self, right: Sequence[cs.SX]) -> list[cs.SX]:
         """y of A^T y = b."""
-        known: dict[int, cs.SX] = {}
-        for rows, columns in reversed(self.blocks):
-            rest = []
-            for c in columns:
-                value = right[c]
-                for r, y in known.items():
-                    value = value - self.matrix[r][c] * y
-                rest.append(value)
-            block = [[self.matrix[r][c] for r in rows] for c in columns]
-            known.update(zip(rows, solve_dense(block, rest), strict=True))
-        return [known[r] for r in range(len(self.matrix))]
+        transposed = [list(column) for column in zip(*self.matrix, strict=True)]
+        return _substituted(transposed, [(columns, rows) for rows, columns in reversed(self.blocks)], right)
 
     def own_row(self, column: int) -> int | None:
         """The row of a column that is a diagonal block of its own; None if its block is larger."""
@@ -70,6 +56,23 @@ class BlockSystem:
             if columns == [column]:
                 return rows[0]
         return None
+
+
+def _substituted(
+    matrix: Matrix, blocks: Sequence[tuple[list[int], list[int]]], right: Sequence[cs.SX]
+) -> list[cs.SX]:
+    """x of A x = b, block by block."""
+    known: dict[int, cs.SX] = {}
+    for rows, columns in blocks:
+        rest = []
+        for r in rows:
+            value = right[r]
+            for c, x in known.items():
+                value = value - matrix[r][c] * x
+            rest.append(value)
+        block = [[matrix[r][c] for c in columns] for r in rows]
+        known.update(zip(columns, solve_dense(block, rest), strict=True))
+    return [known[c] for c in range(len(matrix))]
 
 
 def solve_dense(matrix: Matrix, right: Sequence[cs.SX]) -> list[cs.SX]:
@@ -137,19 +140,3 @@ def _matching(pattern: Sequence[Sequence[bool]]) -> list[int] | None:
     if not all(place(column, set()) for column in range(size)):
         return None
     return [row for _, row in sorted((column, row) for row, column in column_of.items())]
-
-
-def _components(needs: Sequence[Sequence[int]]) -> list[list[int]]:
-    """Strongly connected components, those needed by others first."""
-    size = len(needs)
-    reach = [{i, *needs[i]} for i in range(size)]
-    for k in range(size):
-        for i in range(size):
-            if k in reach[i]:
-                reach[i] |= reach[k]
-    groups: list[list[int]] = []
-    for i in range(size):
-        group = [j for j in range(size) if j in reach[i] and i in reach[j]]
-        if group not in groups:
-            groups.append(group)
-    return sorted(groups, key=lambda group: len(reach[group[0]]))

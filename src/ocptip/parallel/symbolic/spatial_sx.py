@@ -7,17 +7,14 @@ pi/2, and zero components stay zero for CasADi's own simplification.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import casadi as cs
 
-Vector = list[cs.SX]
+from ocptip.parallel.description.entries import exact_cos_sin
 
-_QUARTER = math.pi / 2
-_EXACT = {0: (1.0, 0.0), 1: (0.0, 1.0), 2: (-1.0, 0.0), 3: (0.0, -1.0)}
-_QUARTER_TOLERANCE = 1e-12
+Vector = list[cs.SX]
 
 
 @dataclass(frozen=True)
@@ -59,11 +56,8 @@ def turn(axis: int, angle: cs.SX | float) -> Turn:
     """A turn by an angle in radians; numbers that are multiples of pi/2 get an exact cosine and sine."""
     angle = cs.SX(angle)
     if angle.is_constant():
-        value = float(angle)
-        quarters = round(value / _QUARTER)
-        if abs(value - quarters * _QUARTER) <= _QUARTER_TOLERANCE * max(1.0, abs(value)):
-            cos, sin = _EXACT[quarters % 4]
-            return Turn(axis, cs.SX(cos), cs.SX(sin))
+        cos, sin = exact_cos_sin(float(angle))
+        return Turn(axis, cs.SX(cos), cs.SX(sin))
     return Turn(axis, cs.cos(angle), cs.sin(angle))
 
 
