@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.basics.errors import InputError, positive_number
+from ocptip.basics.errors import InputError, naming, positive_number
 from ocptip.basics.text import quantity, ratio
 from ocptip.basics.write import versions
 from ocptip.cli.command import Report
@@ -58,14 +58,12 @@ def run(options: Namespace) -> CheckReport:
             raise InputError(f"--time-scale: must be between {1 / _SCALE:g} and {_SCALE:g}, got {factor:g}")
     say_if_compiling()
     name = Path(options.motion).name
-    try:
+    with naming(name):
         checked = check_motion(task.robot, motion, task.limits, step=step)
         scaled = [
             (f, check_motion(task.robot, motion.time_scaled(f), task.limits, step=step))
             for f in options.time_scale
         ]
-    except InputError as error:
-        raise InputError(f"{name}: {error}") from None
     curve = motion.interpolation if isinstance(motion, SampledMotion) else None
     deviations = tolerances(task.robot, motion)
     return CheckReport(name, task, checked, scaled, _offsets(motion, task), curve, deviations)

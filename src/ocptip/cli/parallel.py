@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ocptip.basics.errors import InputError, SolverError
+from ocptip.basics.errors import InputError, SolverError, naming
 from ocptip.basics.text import ratio
 from ocptip.basics.write import file_target, versions, write_text
 from ocptip.cli.command import Report
@@ -34,10 +34,8 @@ def run(options: Namespace) -> ParallelReport:
     """Examine the robot, and make the files that are asked for."""
     files = targets(options)
     description = read_robot(options.robot)
-    try:
+    with naming(Path(options.robot).name):
         report = examine(description, form=options.form, dynpar=options.dynpar)
-    except InputError as error:
-        raise InputError(f"{Path(options.robot).name}: {error}") from None
     report.add_files(files)
     return report
 
@@ -76,10 +74,8 @@ class ParallelReport(Report):
         """Say which files to write; InputError if a format cannot hold the robot or there is no code."""
         for option, make in (("urdf", to_urdf), ("mjcf", to_mjcf)):
             if option in targets:
-                try:
+                with naming(f"--{option}"):
                     self.models.append((targets[option], make(self.description)))
-                except InputError as error:
-                    raise InputError(f"--{option}: {error}") from None
         self.code = targets.get("c")
         if self.code and not self.functions:
             raise InputError(f"--c: no code for {self.description.name}: {self.without_code}")

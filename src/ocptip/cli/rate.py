@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.basics.errors import InputError, bounded_array
+from ocptip.basics.errors import InputError, bounded_array, naming
 from ocptip.basics.write import versions
 from ocptip.cli.command import Answer, Report
 from ocptip.cli.layout import named
@@ -151,10 +151,8 @@ def _ellipsoid(options: Namespace) -> OperationEllipsoid | None:
             raise InputError("--center: needs --ellipsoid")
         return None
     center = (0.0, 0.0, 0.0) if options.center is None else options.center
-    try:
+    with naming("--ellipsoid"):
         return OperationEllipsoid(center=center, half_axes=options.ellipsoid)
-    except InputError as error:
-        raise InputError(f"--ellipsoid: {error}") from None
 
 
 def _answer(entries: Sequence[IndexEntry], lines: list[tuple[str, str]], data: dict[str, Any]) -> Report:

@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array, positive_number, rotation_matrix
+from ocptip.basics.frozen import settle
 from ocptip.basics.write import Record
 from ocptip.numerics.vectors import skew
 
@@ -46,9 +47,7 @@ class OperationEllipsoid(Record):
                 f"half_axes: all must be > 0 and of comparable size, got {half_axes.tolist()}; "
                 "an operation ellipsoid needs volume"
             )
-        for name, array in (("center", center), ("axes", axes), ("half_axes", half_axes)):
-            array.flags.writeable = False
-            object.__setattr__(self, name, array)
+        settle(self, center=center, axes=axes, half_axes=half_axes)
 
     @classmethod
     def sphere(cls, radius: float, center: object = (0.0, 0.0, 0.0)) -> OperationEllipsoid:

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError
+from ocptip.basics.frozen import read_only
 from ocptip.published.arms import GripperPose, experiment_poses, start_and_goal
 from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.ramps import RampCommand
@@ -133,12 +134,7 @@ def _shortest(start: np.ndarray, goal: np.ndarray) -> tuple[np.ndarray, np.ndarr
     """Start and goal with the last joint, whose roll the experiment leaves open, going the shorter way."""
     goal = goal.copy()
     goal[-1] = start[-1] + math.remainder(goal[-1] - start[-1], math.tau)
-    return _frozen(start.copy()), _frozen(goal)
-
-
-def _frozen(array: np.ndarray) -> np.ndarray:
-    array.flags.writeable = False
-    return array
+    return read_only(start.copy()), read_only(goal)
 
 
 def _commands(

@@ -15,7 +15,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ocptip.basics.errors import InputError, finite_array, number_from, positive_number, whole_number
+from ocptip.basics.errors import InputError, finite_array, naming, number_from, positive_number, whole_number
+from ocptip.basics.frozen import settle
 from ocptip.trajectories.ramps import JointRamps, RampCommand
 
 MERGE = 1e-9  # events nearer to each other than this are one, s
@@ -77,7 +78,7 @@ class ArmMotion:
 
     def __post_init__(self) -> None:
         """Raise InputError if there is no joint."""
-        object.__setattr__(self, "joints", tuple(self.joints))
+        settle(self, joints=tuple(self.joints))
         if not self.joints:
             raise InputError("joints: at least one is needed, got none")
 
@@ -91,10 +92,8 @@ class ArmMotion:
         start = finite_array("start", start, (len(commands),))
         joints = []
         for number, (phi, of_joint) in enumerate(zip(start, commands, strict=True), 1):
-            try:
+            with naming(f"joint {number}"):
                 joints.append(JointRamps.from_commands(phi, of_joint))
-            except InputError as error:
-                raise InputError(f"joint {number}: {error}") from None
         return cls(tuple(joints))
 
     @classmethod
@@ -132,10 +131,8 @@ class ArmMotion:
         for j, of_joint in enumerate(commands):
             if of_joint is None:
                 continue
-            try:
+            with naming(f"joint {j + 1}"):
                 ends.append(JointRamps.from_commands(start[j], of_joint).end)
-            except InputError as error:
-                raise InputError(f"joint {j + 1}: {error}") from None
         end = max(ends, default=0.0)
         completed = [
             [passive_command(start[j], goal[j], end, v[j], a[j])] if of_joint is None else of_joint
@@ -304,9 +301,7 @@ def _command_from(entry: Any, where: str, length: bool) -> RampCommand:
     """Read {"phi_e": deg, "speed": deg/s, "acceleration": deg/s^2}, or the same in m."""
     if not isinstance(entry, Mapping) or set(entry) != set(_COMMAND_KEYS):
         raise InputError(f"{where}: expected exactly the keys {', '.join(_COMMAND_KEYS)}, got {entry!r}")
-    try:
+    with naming(where):
         checks = {"phi_e": number_from, "speed": positive_number, "acceleration": positive_number}
         values = [checks[key](key, entry[key]) for key in _COMMAND_KEYS]
         return RampCommand(*(values if length else map(math.radians, values)))
-    except InputError as error:
-        raise InputError(f"{where}: {error}") from None

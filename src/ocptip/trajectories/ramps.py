@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, finite_array, number_from, positive_number
+from ocptip.basics.frozen import read_only, settle
 
 _IDLE = 1.0  # speed (rad/s) and acceleration (rad/s^2) of a command that moves nothing; any value would do
 
@@ -45,9 +46,10 @@ class RampCommand:
 
     def __post_init__(self) -> None:
         """Raise InputError if phi_e is not finite, or speed or acceleration is not > 0."""
-        object.__setattr__(self, "phi_e", number_from("phi_e", self.phi_e))
-        object.__setattr__(self, "speed", positive_number("speed", self.speed))
-        object.__setattr__(self, "acceleration", positive_number("acceleration", self.acceleration))
+        settle(self, phi_e=number_from("phi_e", self.phi_e))
+        settle(
+            self, **{name: positive_number(name, getattr(self, name)) for name in ("speed", "acceleration")}
+        )
 
 
 class ServoRamp(NamedTuple):
@@ -153,9 +155,7 @@ class JointRamps:
         speeds.append(0.0)
         accelerations.append(-float(np.sign(peak)) * last.acceleration + 0.0)
         arrays = [np.array(values) for values in (times, angles, speeds, accelerations)]
-        for array in arrays:
-            array.flags.writeable = False
-        return cls(commands, *arrays)
+        return cls(commands, *map(read_only, arrays))
 
     @property
     def phi_start(self) -> float:

@@ -34,6 +34,7 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import CubicHermiteSpline, CubicSpline, PPoly
 
 from ocptip.basics.errors import InputError, finite_array, positive_number
+from ocptip.basics.frozen import settle
 from ocptip.trajectories.arm_motion import MERGE, ArmMotion, gauss_legendre
 from ocptip.trajectories.ramps import checked_times
 
@@ -101,9 +102,7 @@ class SampledMotion:
             least = float(np.min(np.diff(times)))
             if positive_number("period", self.period) > least * (1 + 1e-9):
                 raise InputError(f"period: {self.period:.9g} s, but samples are {least:.9g} s apart")
-        for name, array in values.items():
-            array.flags.writeable = False
-            object.__setattr__(self, name, array)
+        settle(self, **values)
 
     @property
     def n(self) -> int:

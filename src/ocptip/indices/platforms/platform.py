@@ -16,6 +16,7 @@ from typing import ClassVar, Self
 import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array, rotation_matrix
+from ocptip.basics.frozen import settle
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.numerics.vectors import cross, skew
 
@@ -42,9 +43,7 @@ class StewartPlatform:
     name: str = "platform"
 
     def __post_init__(self) -> None:
-        base, platform = anchor_pair(self.base, self.platform, 3, MINIMUM_LEGS)
-        object.__setattr__(self, "base", base)
-        object.__setattr__(self, "platform", platform)
+        settle(self, **anchor_pair(self.base, self.platform, 3, MINIMUM_LEGS))
 
     @property
     def n_legs(self) -> int:
@@ -77,9 +76,7 @@ class AnchoredPose:
     _FEWEST_LEGS: ClassVar[int]
 
     def __post_init__(self) -> None:
-        base, platform = anchor_pair(self.base, self.platform, self._DIMENSION, self._FEWEST_LEGS)
-        object.__setattr__(self, "base", base)
-        object.__setattr__(self, "platform", platform)
+        settle(self, **anchor_pair(self.base, self.platform, self._DIMENSION, self._FEWEST_LEGS))
         refuse_zero_legs(self.lengths, self.scale[1])
 
     @property
@@ -112,8 +109,7 @@ class AnchoredPose:
         """The same pose with the centroid as origin and the extent as unit length; not checked again."""
         centre, extent = self.scale
         copy = object.__new__(type(self))
-        object.__setattr__(copy, "base", (self.base - centre) / extent)
-        object.__setattr__(copy, "platform", (self.platform - centre) / extent)
+        settle(copy, base=(self.base - centre) / extent, platform=(self.platform - centre) / extent)
         return copy
 
     @cached_property
@@ -196,10 +192,8 @@ def rank_defect(singular_values: np.ndarray) -> int:
     return int((singular_values <= RANK_TOLERANCE * singular_values.max()).sum())
 
 
-def anchor_pair(
-    base: object, platform: object, dimension: int, minimum: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Both anchor sets as read-only arrays (n, dimension).
+def anchor_pair(base: object, platform: object, dimension: int, minimum: int) -> dict[str, np.ndarray]:
+    """Both anchor sets, `base` and `platform`, as arrays (n, dimension).
 
     Raises:
         InputError: no such arrays, fewer than `minimum` legs, different numbers.
@@ -212,9 +206,7 @@ def anchor_pair(
         )
     if len(base) < minimum:
         raise InputError(f"base: needs at least {minimum} legs, got {len(base)}")
-    base.setflags(write=False)
-    platform.setflags(write=False)
-    return base, platform
+    return {"base": base, "platform": platform}
 
 
 def refuse_zero_legs(lengths: np.ndarray, extent: float) -> None:

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ocptip.basics.errors import InputError
+from ocptip.basics.errors import InputError, rotation_matrix
+from ocptip.basics.frozen import settle
 from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.entries import Entry, check_entries, value_of
-from ocptip.parallel.description.robot_description import LegBase, MDHRow, frozen_rotation
+from ocptip.parallel.description.robot_description import LegBase, MDHRow
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,9 +29,9 @@ class LegEnd:
     end_rotation: np.ndarray | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "coupling", check_entries("coupling", self.coupling))
+        settle(self, coupling=check_entries("coupling", self.coupling))
         if self.end_rotation is not None:
-            object.__setattr__(self, "end_rotation", frozen_rotation("end_rotation", self.end_rotation))
+            settle(self, end_rotation=rotation_matrix("end_rotation", self.end_rotation))
 
     @property
     def coupling_point(self) -> np.ndarray:
@@ -66,7 +67,7 @@ class BranchedLeg(LegBase):
     guess: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        rows, set_ = tuple(self.rows), object.__setattr__
+        rows = tuple(self.rows)
         count = len(rows)
         if not rows or not all(isinstance(row, MDHRow) for row in rows):
             raise InputError("rows: expected at least one MDHRow")
@@ -75,8 +76,7 @@ class BranchedLeg(LegBase):
             raise InputError(
                 f"parents: expected one earlier row (or -1) for each of {count} rows, got {parents}"
             )
-        set_(self, "rows", rows)
-        set_(self, "parents", parents)
+        settle(self, rows=rows, parents=parents)
         if not self.ends:
             raise InputError("ends: a leg needs at least one end at the platform")
         for number, end in enumerate(self.ends, start=1):
@@ -89,9 +89,7 @@ class BranchedLeg(LegBase):
         bodies = tuple(self.bodies)
         if not 1 <= len(bodies) <= count or not all(isinstance(b, BodyInertia) for b in bodies):
             raise InputError(f"bodies: expected 1 to {count} BodyInertia, got {len(bodies)} values")
-        set_(self, "ends", tuple(self.ends))
-        set_(self, "loops", tuple(tuple(pair) for pair in self.loops))
-        set_(self, "bodies", bodies)
+        settle(self, ends=tuple(self.ends), loops=tuple(map(tuple, self.loops)), bodies=bodies)
         self._check_base(self.n_joints, (self.n_joints,))
 
     @property

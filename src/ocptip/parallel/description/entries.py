@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ocptip.basics.errors import InputError, number_from
+from ocptip.basics.frozen import settle
 
 _QUARTER = math.pi / 2
 _EXACT = 1e-12
@@ -34,7 +35,7 @@ class Parameter:
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name.isidentifier():
             raise InputError(f"parameter: the name must be an identifier, got {self.name!r}")
-        object.__setattr__(self, "value", number_from(f"parameter {self.name}", self.value))
+        settle(self, value=number_from(f"parameter {self.name}", self.value))
 
 
 Entry = float | Parameter

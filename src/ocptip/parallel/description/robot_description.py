@@ -12,10 +12,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, finite_array, positive_number, rotation_matrix
-from ocptip.parallel.description.body_inertia import BodyInertia, frozen_array
+from ocptip.basics.frozen import settle
+from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.entries import (
     Entry,
     Parameter,
@@ -57,9 +57,10 @@ class MDHRow:
     def __post_init__(self) -> None:
         if isinstance(self.sigma, bool) or self.sigma not in (REVOLUTE, PRISMATIC, FIXED):
             raise InputError(f"sigma: must be 0 (revolute), 1 (prismatic) or 2 (fixed), got {self.sigma!r}")
-        object.__setattr__(self, "sigma", int(self.sigma))
-        for name in ("gamma", "b", "alpha", "d", "theta", "r"):
-            object.__setattr__(self, name, check_entry(name, getattr(self, name)))
+        names = ("gamma", "b", "alpha", "d", "theta", "r")
+        settle(
+            self, sigma=int(self.sigma), **{name: check_entry(name, getattr(self, name)) for name in names}
+        )
 
     @property
     def entries(self) -> tuple[Entry, ...]:
@@ -87,12 +88,14 @@ class LegBase:
             count: of joints or rows that may have drive inertia and friction.
             sizes: numbers of joints that a guess may hold.
         """
-        set_ = object.__setattr__
-        set_(self, "base_rotation", elementary_rotations("base_rotation", self.base_rotation))
-        set_(self, "base_position", check_entries("base_position", self.base_position))
+        settle(
+            self,
+            base_rotation=elementary_rotations("base_rotation", self.base_rotation),
+            base_position=check_entries("base_position", self.base_position),
+            guess=tuple(finite_array("guess", self.guess, (None,)).tolist()),
+        )
         for name in ("drive_inertia", "viscous", "coulomb"):
-            set_(self, name, joint_numbers(name, getattr(self, name), count))
-        set_(self, "guess", tuple(float(v) for v in finite_array("guess", self.guess, (None,))))
+            settle(self, **{name: joint_numbers(name, getattr(self, name), count)})
         if len(self.guess) not in (0, *sizes):
             wanted = " or ".join(map(str, sizes))
             raise InputError(f"guess: expected {wanted} numbers, got {len(self.guess)}")
@@ -162,14 +165,11 @@ class Leg(LegBase):
         bodies = tuple(self.bodies)
         if not self.n <= len(bodies) <= count or not all(isinstance(b, BodyInertia) for b in bodies):
             raise InputError(f"bodies: expected {self.n} to {count} BodyInertia, got {len(bodies)} values")
-        set_ = object.__setattr__
-        set_(self, "rows", rows)
-        set_(self, "bodies", bodies)
+        settle(self, rows=rows, bodies=bodies, branch=tuple(self.branch))
         self._check_base(count, (self.n, self.n_joints))
-        set_(self, "coupling", check_entries("coupling", self.coupling))
+        settle(self, coupling=check_entries("coupling", self.coupling))
         if self.end_rotation is not None:
-            set_(self, "end_rotation", frozen_rotation("end_rotation", self.end_rotation))
-        set_(self, "branch", tuple(self.branch))
+            settle(self, end_rotation=rotation_matrix("end_rotation", self.end_rotation))
         if any(sign not in (1, -1) for sign in self.branch):
             raise InputError(f"branch: expected signs 1 or -1, got {self.branch!r}")
 
@@ -221,7 +221,7 @@ class Platform:
             )
         if not any(mask):
             raise InputError("mask: at least one platform coordinate must be free")
-        object.__setattr__(self, "mask", tuple(bool(m) for m in mask))
+        settle(self, mask=tuple(map(bool, mask)))
         if self.convention not in CONVENTIONS:
             raise InputError(f"convention: must be one of {', '.join(CONVENTIONS)}, got {self.convention!r}")
         if not isinstance(self.inertia, BodyInertia):
@@ -275,15 +275,14 @@ class RobotDescription:
         legs = tuple(self.legs)
         if not legs:
             raise InputError("legs: a parallel robot needs at least one leg")
-        object.__setattr__(self, "legs", legs)
+        settle(self, legs=legs)
         if not isinstance(self.platform, Platform):
             raise InputError(f"platform: expected a Platform, got {type(self.platform).__name__}")
-        object.__setattr__(self, "actuated", self._pairs("actuated"))
+        settle(self, actuated=self._pairs("actuated"))
         if not self.actuated:
             raise InputError("actuated: a robot needs at least one motor")
-        object.__setattr__(self, "redundant", self._pairs("redundant"))
-        object.__setattr__(self, "home", frozen_array("home", self.home, (self.m,)))
-        object.__setattr__(self, "gravity", frozen_array("gravity", self.gravity, (3,)))
+        settle(self, redundant=self._pairs("redundant"), gravity=finite_array("gravity", self.gravity, (3,)))
+        settle(self, home=finite_array("home", self.home, (self.m,)))
         _ = self.parameters
 
     def _pairs(self, name: str) -> tuple[tuple[int, int], ...]:
@@ -366,13 +365,6 @@ class RobotDescription:
         """DynPar 2 of all bodies: leg by leg bodies 1..n, the platform last, 10 numbers each."""
         legs = [body.vector for leg in self.legs for body in leg.bodies]
         return np.concatenate([*legs, self.platform.inertia.vector])
-
-
-def frozen_rotation(name: str, value: ArrayLike) -> np.ndarray:
-    """Check a (3, 3) rotation matrix; read-only."""
-    matrix = rotation_matrix(name, value)
-    matrix.flags.writeable = False
-    return matrix
 
 
 def joint_numbers(name: str, values: Sequence[float], count: int) -> tuple[float, ...]:

@@ -18,15 +18,14 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ocptip.basics.errors import InputError, positive_number
+from ocptip.basics.errors import InputError, naming, positive_number
 from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.entries import product_of
 from ocptip.parallel.description.mdh import Frame, compose, inverse, rotation_angles
@@ -127,7 +126,7 @@ def convert_parallel_urdf(
 
     Platform((True,) * 6, convention)  # refuses an unknown convention
     tree = UrdfTree(path)
-    with _with_file(path):
+    with naming(Path(path).name):
         legs = _legs(tree, platform, cuts, snap)
         q = tree.joint_positions(home or {})
         frames = tree.frames(q)
@@ -143,15 +142,6 @@ def convert_parallel_urdf(
             gravity=gravity,
         )
     return UrdfRobot(description, tuple(leg.names for leg in legs), _places(tree, legs), moved)
-
-
-@contextmanager
-def _with_file(path: str | os.PathLike[str]) -> Iterator[None]:
-    """Put the file's name in front of messages."""
-    try:
-        yield
-    except InputError as error:
-        raise InputError(f"{Path(path).name}: {error}") from None
 
 
 class _Assembly:

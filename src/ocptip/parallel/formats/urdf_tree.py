@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ocptip.basics.errors import InputError, number_from
+from ocptip.basics.errors import InputError, naming, number_from
 from ocptip.basics.text import did_you_mean
 from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.mdh import Frame, JointAxis, compose, inverse
@@ -113,10 +113,8 @@ class UrdfTree:
         """Inertia of a joint's body about a frame of it, given at zero joint positions in world axes."""
         R, p = compose(inverse(frame), self._zero[joint])
         moved = load_pinocchio().SE3(R, p).act(self._model.inertias[joint])
-        try:
+        with naming(f"body behind joint {self._model.names[joint]}"):
             return BodyInertia.about_center(moved.mass, moved.lever, 0.5 * (moved.inertia + moved.inertia.T))
-        except InputError as error:
-            raise InputError(f"body behind joint {self._model.names[joint]}: {error}") from None
 
     def damping(self, joint: int) -> tuple[float, float]:
         """Viscous and Coulomb friction of a joint, as the file's `dynamics` says."""
