@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from types import EllipsisType
 from typing import Any
 
 import numpy as np
@@ -65,8 +66,11 @@ class PlanningError(OcptipError):
     """No verified motion was found; the message says how near the search came."""
 
 
-def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> np.ndarray:
-    """Return `value` as a float array of the given shape (None: any length), or raise InputError."""
+def finite_array(name: str, value: ArrayLike, shape: tuple[int | EllipsisType | None, ...]) -> np.ndarray:
+    """Return `value` as a float array of the given shape, or raise InputError.
+
+    Within the shape None is any length; an ellipsis at its begin, any leading dimensions.
+    """
     try:
         given = np.array(value)
     except ValueError:
@@ -74,11 +78,11 @@ def finite_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> 
     if given.dtype.kind not in "iuf" and given.size:
         raise InputError(f"{name}: expected numbers, got {value!r}")
     array = given.astype(float)
-    fits = array.ndim == len(shape) and all(
-        want is None or want == have for want, have in zip(shape, array.shape, strict=True)
-    )
-    if not fits:
-        wanted = " x ".join("n" if want is None else str(want) for want in shape) or "a single number"
+    tail = shape[1:] if shape[:1] == (...,) else shape
+    have = array.shape[max(0, array.ndim - len(tail)) :] if tail is not shape else array.shape
+    if len(have) != len(tail) or any(want not in (None, got) for want, got in zip(tail, have, strict=True)):
+        words = {None: "n", ...: "..."}
+        wanted = " x ".join(words.get(want, str(want)) for want in shape) or "a single number"
         got = " x ".join(map(str, array.shape)) or "a single number"
         raise InputError(f"{name}: expected shape {wanted}, got {got}")
     if not np.all(np.isfinite(array)):

@@ -37,11 +37,9 @@ def inverse_condition(matrix: np.ndarray) -> np.ndarray:
 
 def checked_jacobian(jacobian: object) -> np.ndarray:
     """Return a finite Jacobian (..., 6, n), n >= 6, or raise InputError."""
-    array = np.asarray(jacobian, dtype=float)
-    if array.ndim < 2 or array.shape[-2] != 6 or array.shape[-1] < 6:
+    array = finite_array("jacobian", jacobian, (..., 6, None))
+    if array.shape[-1] < 6:
         raise InputError(f"jacobian: expected shape (..., 6, n) with n >= 6 axes, got {array.shape}")
-    if not np.isfinite(array).all():
-        raise InputError("jacobian: contains NaN or infinity")
     return array
 
 
@@ -85,9 +83,9 @@ def inv_cdn_points(jacobian: np.ndarray, points: object) -> np.ndarray:
     Raises:
         InputError: bad shapes, or all points on one line.
     """
-    matrix, cloud = checked_jacobian(jacobian), np.asarray(points, dtype=float)
-    if cloud.ndim < 2 or cloud.shape[-1] != 3 or cloud.shape[-2] < 3 or not np.isfinite(cloud).all():
-        raise InputError(f"points: expected finite numbers of shape (..., k, 3), k >= 3, got {cloud.shape}")
+    matrix, cloud = checked_jacobian(jacobian), finite_array("points", points, (..., None, 3))
+    if cloud.shape[-2] < 3:
+        raise InputError(f"points: expected shape (..., k, 3), k >= 3, got {cloud.shape}")
     centred = cloud - cloud.mean(axis=-2, keepdims=True)
     spread = np.linalg.eigvalsh(np.swapaxes(centred, -1, -2) @ centred)
     if not (spread[..., 1] > 1e-14 * spread[..., 2]).all():

@@ -42,7 +42,7 @@ _GOAL_BRANCH = {
 
 def arm_names() -> tuple[str, ...]:
     """Names of the arms that :func:`load_arm` knows."""
-    return tuple(_data("arms")["arms"])
+    return tuple(published_data("arms")["arms"])
 
 
 @cache
@@ -57,7 +57,7 @@ def load_arm(name: str, *, geometry: str = "refined") -> ArmModel:
     Raises:
         InputError: unknown arm or geometry; the message lists the known.
     """
-    arms = _data("arms")["arms"]
+    arms = published_data("arms")["arms"]
     if name not in arms:
         hint = did_you_mean(str(name).upper(), arms)
         raise InputError(f"arm: no arm {name!r}; there are {', '.join(arms)}{hint}")
@@ -121,7 +121,7 @@ def assemble_links(name: str) -> Links:
     of the next module, and cables as point masses on both. Module halves may have a negative axial inertia,
     the adapters' own inertias are not known and taken as zero.
     """
-    tables = _data("arms")
+    tables = published_data("arms")
     data = tables["arms"][name]
     masses, centres, inertias = [], [], []
     for i in range(6):
@@ -161,7 +161,7 @@ class GripperPose:
 
 def experiment_poses() -> tuple[GripperPose, GripperPose]:
     """Start and goal of the eight cases, recovered from three arms; roll about z_6 is a choice (x_6 = x)."""
-    poses = _data("cases")["gripper_poses_recovered"]
+    poses = published_data("cases")["gripper_poses_recovered"]
     start, goal = (
         GripperPose(np.array(poses[key]["r_Q1G_mm"]) * _MM, _orthonormal(poses[key]["A_B6"]))
         for key in ("start", "end")
@@ -184,13 +184,14 @@ def start_and_goal(name: str, *, geometry: str = "refined") -> tuple[np.ndarray,
 
 
 @cache
-def _data(name: str) -> dict:
+def published_data(name: str) -> dict:
+    """A data file of the package, as it stands there."""
     return json.loads((files("ocptip.published") / "data" / f"{name}.json").read_text(encoding="utf-8"))
 
 
 def module_data() -> dict:
     """The raw table of the drive modules (`data/powercube_modules.json`), units in its keys."""
-    return _data("powercube_modules")
+    return published_data("powercube_modules")
 
 
 def modular_motors(*, torque_reading: str = "load") -> PowerMaps:
@@ -238,8 +239,7 @@ AXES_ONLY_ARMS = ("IRB2000",)
 @cache
 def irb_2000() -> ArmModel:
     """The ABB IRB 2000 by its axes (section 11.1); z vertical, x forward; gripper z on axis 6, x vertical."""
-    text = (files("ocptip.published") / "data" / "irb_2000.json").read_text(encoding="utf-8")
-    data = json.loads(text)
+    data = published_data("irb_2000")
     upright = np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]])  # (u, v, w) to (x, y, z)
     axes = [[*axis["direction"], *(np.array(axis["moment_mm"]) * 1e-3)] for axis in data["axes"]]
     spears = np.array(axes, dtype=float)

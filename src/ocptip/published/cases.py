@@ -8,12 +8,10 @@ against table 5.1 (`column_to_table51_case`), and parameter 20 of column B lost 
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from importlib import resources
 from types import MappingProxyType
 from typing import Any
 
@@ -22,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError
 from ocptip.basics.frozen import read_only
-from ocptip.published.arms import GripperPose, experiment_poses, start_and_goal
+from ocptip.published.arms import GripperPose, experiment_poses, published_data, start_and_goal
 from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.ramps import RampCommand
 
@@ -97,10 +95,7 @@ def motion_case(name: str) -> MotionCase:
 @cache
 def motion_cases() -> Mapping[str, MotionCase]:
     """Return the eight cases by name, A to H."""
-    table, solutions = (
-        _read("cases.json"),
-        _read("reference_solutions.json"),
-    )
+    table, solutions = published_data("cases"), published_data("reference_solutions")
     column_of = {case: column for column, case in solutions["column_to_table51_case"].items()}
     start_pose, goal_pose = experiment_poses()
     angles = {entry["arm"]: _shortest(*start_and_goal(entry["arm"])) for entry in table["cases"].values()}
@@ -124,10 +119,6 @@ def motion_cases() -> Mapping[str, MotionCase]:
             printed_duration=entry["duration_s"],
         )
     return MappingProxyType(cases)
-
-
-def _read(file: str) -> dict[str, Any]:
-    return json.loads(resources.files("ocptip.published").joinpath("data", file).read_text("utf-8"))
 
 
 def _shortest(start: np.ndarray, goal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

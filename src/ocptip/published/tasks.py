@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import json
-from importlib.resources import files
-
 from ocptip.basics.errors import InputError
 from ocptip.contact.bindings.clamps import ForceConstantHalfRigidClamp
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.support import Support
 from ocptip.motion.task import MotionTask
-from ocptip.published.arms import load_arm, modular_motors
+from ocptip.published.arms import load_arm, modular_motors, published_data
 from ocptip.published.cases import MotionCase, motion_case
 from ocptip.robots.geometry import floor
 from ocptip.standing.arm import StandingRobot
@@ -34,7 +31,7 @@ def experiment_robot(case: MotionCase, base: str = "printed", *, facets: int = _
     Raises:
         InputError: there is no such base.
     """
-    data = json.loads(files("ocptip.published").joinpath("data/base.json").read_text(encoding="utf-8"))
+    data = published_data("base")
     if base not in BASES:
         raise InputError(f"base: there is no {base!r}; there are {', '.join(BASES)}")
     variant = data["variants"][base]
@@ -46,14 +43,8 @@ def experiment_robot(case: MotionCase, base: str = "printed", *, facets: int = _
         place = {"position": [x * side, y * side, -height], "facets": facets}
         if name == "K3" and case.clamped:
             clamp = data["clamp_K3"]
-            contacts.append(
-                ForceConstantHalfRigidClamp(
-                    friction_upper=clamp["mu_o"],
-                    friction_lower=clamp["mu_u"],
-                    clamp_force=clamp["F_N"],
-                    **place,
-                )
-            )
+            friction = {"friction_upper": clamp["mu_o"], "friction_lower": clamp["mu_u"]}
+            contacts.append(ForceConstantHalfRigidClamp(**friction, clamp_force=clamp["F_N"], **place))
         else:
             contacts.append(UnilateralContact(friction=data["mu0"], **place))
     support = Support(
@@ -62,9 +53,8 @@ def experiment_robot(case: MotionCase, base: str = "printed", *, facets: int = _
         center_of_mass=[com["x0"] / 1000 + com["x_per_l"] * side, com["y"] / 1000, com["z"] / 1000],
         gravity=[0.0, 0.0, -data["gravity_m_s2"]],
     )
-    ground = (
-        -data["variants"]["printed"]["contact_plane_below_Q1_mm"] / 1000
-    )  # d_W is the same in both variants
+    # d_W is the same in both variants
+    ground = -data["variants"]["printed"]["contact_plane_below_Q1_mm"] / 1000
     return StandingRobot(load_arm(case.arm), support, modular_motors(), obstacles=[floor(ground)])
 
 

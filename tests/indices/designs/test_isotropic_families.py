@@ -120,7 +120,7 @@ def test_lines_carry_the_legs():
         (lambda: isotropic_u1(1.0, 0.7), "r2: expected 0 < "),
         (lambda: isotropic_u1(1.0, 0.0), "r2: expected 0 < "),
         (lambda: isotropic_u1(0.0, 0.3), "p: must be > 0"),
-        (lambda: isotropic_u1(1.0, 0.3, g=2), "g: expected an integer >= 3, got 2"),
+        (lambda: isotropic_u1(1.0, 0.3, g=2), "g: must be a whole number >= 3, got 2"),
         (lambda: isotropic_u1(1.0, 0.3, signs=(1, 2, 1)), "signs: expected three numbers"),
         (lambda: isotropic_u2(1.0, signs=3), "signs: expected three numbers"),
         (lambda: isotropic_u2(math.inf), "p: must be finite"),

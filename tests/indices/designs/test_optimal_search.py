@@ -32,5 +32,5 @@ def test_families_are_told_apart():
 
 
 def test_starts_are_checked():
-    with pytest.raises(InputError, match="starts: expected an integer >= 1"):
+    with pytest.raises(InputError, match="starts: must be a whole number >= 1"):
         search_optimal(0)

@@ -77,7 +77,7 @@ def test_any_index_of_a_pose_can_be_searched():
 def test_bad_arguments_are_refused():
     design = FlightSimulator.optimal()
     box = {"position": [0, 0, 1], "half_range": [1, 1, 1], "half_angle": 1.0}
-    with pytest.raises(InputError, match="starts: expected an integer >= 1"):
+    with pytest.raises(InputError, match="starts: must be a whole number >= 1"):
         best_pose(design.platform, ctn, **box, starts=0)
     with pytest.raises(InputError, match="half_range, half_angle: must be >= 0"):
         best_pose(design.platform, ctn, **box | {"half_range": [-1, 1, 1]})

@@ -152,7 +152,7 @@ def test_named_points_and_their_relations():
         (lambda: optimal_planar_pose(0.0), "r: expected 0 <"),
         (lambda: optimal_planar_pose(1.9), "r: expected 0 <"),
         (lambda: optimal_planar_pose(1.0, "x"), "branch: expected '-' or '\\+', got 'x'"),
-        (lambda: optimal_planar_pose(1.0, "+", 2), "n: expected an integer >= 3"),
+        (lambda: optimal_planar_pose(1.0, "+", 2), "n: must be a whole number >= 3"),
         (lambda: optimal_planar_pose(1.0, "+", 3, [3]), "exchanged: legs are counted 0 to 2, got 3"),
         (lambda: optimal_planar_pose(1.0, "+", 3, 2), "exchanged: expected indices"),
         (lambda: PlanarPlatformPose(np.eye(2), np.eye(2)), "at least 3 legs, got 2"),

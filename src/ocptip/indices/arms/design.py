@@ -16,7 +16,7 @@ import casadi as cs
 import numpy as np
 from scipy.optimize import least_squares
 
-from ocptip.basics.errors import InputError, SolverError
+from ocptip.basics.errors import InputError, SolverError, whole_number
 from ocptip.basics.write import Record
 from ocptip.indices.arms.axes import arm_pose
 from ocptip.indices.arms.operation import operation_indices
@@ -88,7 +88,7 @@ def best_arm_pose(
     ellipsoid = DEFAULT_ELLIPSOID if ellipsoid is None else ellipsoid
     samples = random_poses(model, _SAMPLES, seed)
     values = index_values(model, samples, ellipsoid=ellipsoid, names=[name])[name]
-    order = np.argsort(values)[::-1][: _positive_count("starts", starts)]
+    order = np.argsort(values)[::-1][: whole_number("starts", starts, 1)]
     arm, found, searches = SymbolicArm.of(model), [], {}
     for start in samples[order]:
         aspect = arm.sign_at(start) if name == "manipulability" else 0
@@ -148,7 +148,7 @@ def characteristic_length(
     reach = float(np.linalg.norm(poses.position - poses.position.mean(axis=0), axis=1).max())
     sphere = OperationEllipsoid.sphere(reach / 3.0, point)
     values = index_values(model, samples, ellipsoid=sphere, names=["inv_cdn_oe"])["inv_cdn_oe"]
-    order = np.argsort(values)[::-1][: _positive_count("starts", starts)]
+    order = np.argsort(values)[::-1][: whole_number("starts", starts, 1)]
     arm, logarithm = SymbolicArm.of(model), cs.SX.sym("log_radius")
     radius = float(sphere.half_axes[0]) * cs.exp(logarithm)
     speeds = cs.vertcat(2 * radius, 2 * radius, 2 * radius, *[np.sqrt(6.0)] * 3)
@@ -227,7 +227,7 @@ def workspace_index(
     Raises:
         InputError: unknown name, or the index is not defined for this arm.
     """
-    poses = random_poses(model, _positive_count("samples", samples), seed)
+    poses = random_poses(model, whole_number("samples", samples, 1), seed)
     values = index_values(model, poses, ellipsoid=ellipsoid, names=[name])[name]
     if np.isnan(values).any():
         raise InputError(f"name: {name} is not defined for {model.name}; `rate_arm` says why")
@@ -376,9 +376,3 @@ def joint_range(model: ArmModel) -> tuple[np.ndarray, np.ndarray]:
 def random_poses(model: ArmModel, count: int, seed: int) -> np.ndarray:
     """(count, n), rad, uniform within the joint limits."""
     return np.random.default_rng(seed).uniform(*joint_range(model), (count, model.n))
-
-
-def _positive_count(name: str, value: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-        raise InputError(f"{name}: expected a positive whole number, got {value!r}")
-    return value

@@ -120,7 +120,7 @@ class SingularityDistance(Record):
         Raises:
             InputError: wrong shape or not finite.
         """
-        inner = _checked_rates(rates)[..., INNER]
+        inner = finite_array("rates", rates, (..., 6))[..., INNER]
         product = np.linalg.norm(inner, axis=-1) * np.linalg.norm(self.gradient, axis=-1)
         defined = (product > 0) & ~self.singular & ~self.stationary
         cosine = np.sum(inner * self.gradient, axis=-1) / np.where(defined, product, 1.0)
@@ -270,12 +270,3 @@ def _adjugate(matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     others = np.where(np.eye(6, dtype=bool), 1.0, values[..., None, :]).prod(axis=-1)
     weighted = np.swapaxes(right, -1, -2) * (orientation[..., None] * others)[..., None, :]
     return weighted @ np.swapaxes(left, -1, -2), values, orientation * values.prod(axis=-1)
-
-
-def _checked_rates(rates: object) -> np.ndarray:
-    array = np.asarray(rates, dtype=float)
-    if array.ndim < 1 or array.shape[-1] != 6:
-        raise InputError(f"rates: expected shape (..., 6), got {array.shape}")
-    if not np.isfinite(array).all():
-        raise InputError(f"rates: contain NaN or infinity: {array.tolist()}")
-    return array

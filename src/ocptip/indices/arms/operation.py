@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ocptip.basics.errors import InputError
+from ocptip.basics.errors import InputError, finite_array
 from ocptip.basics.write import Record
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.reviewed import RANK_TOLERANCE, checked_jacobian
@@ -91,10 +91,7 @@ def operation_indices(
 
 def checked_inertias(inertias: object, columns: int, used: slice = slice(None)) -> np.ndarray:
     """Return the used ones of moments of inertia (..., columns), all positive, or raise InputError."""
-    array = np.asarray(inertias, dtype=float)
-    if array.ndim < 1 or array.shape[-1] != columns:
-        raise InputError(f"inertias: expected shape (..., {columns}), got {array.shape}")
-    array = array[..., used]
-    if not (np.isfinite(array) & (array > 0)).all():
+    array = finite_array("inertias", inertias, (..., columns))[..., used]
+    if not (array > 0).all():
         raise InputError(f"inertias: all must be > 0 and finite, got {array.tolist()}")
     return array

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ocptip.basics.errors import InputError, finite_array, number_from, positive_number
+from ocptip.basics.errors import InputError, finite_array, number_from, positive_number, whole_number
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.platforms.platform import PlatformPose
 from ocptip.numerics.vectors import cross
@@ -123,9 +123,8 @@ def isotropic_u1(
     root = math.sqrt(18.0 * q * q - 16.0 * q - 8.0 * p * p * q + 4.0 * p * p + 4.0)
     h2, h1 = s3 * root / 2.0, -s3 * root / (6.0 * (1.0 - 2.0 * q))
     r1 = -s1 * s2 * r2 * math.sqrt(2.0 * (8.0 - 18.0 * q)) / (6.0 * math.sqrt(q * (1.0 - 2.0 * q)))
-    return IsotropicFamily(
-        LineGroup(r1, h1, z1), LineGroup(r2, h2, z2, number_from("mu", mu)), p, group_size("g", g)
-    )
+    second = LineGroup(r2, h2, z2, number_from("mu", mu))
+    return IsotropicFamily(LineGroup(r1, h1, z1), second, p, whole_number("g", g, 3))
 
 
 def isotropic_u2(
@@ -144,14 +143,7 @@ def isotropic_u2(
     s1, s2, s3 = sign_triple(signs)
     h1 = s3 * math.sqrt(1.0 + p * p) / 3.0
     second = LineGroup(0.0, -3.0 * h1, s2 * math.sqrt(2.0), number_from("mu", mu))
-    return IsotropicFamily(LineGroup(s1 * 2.0 / 3.0, h1, 0.0), second, p, group_size("g", g))
-
-
-def group_size(name: str, g: object) -> int:
-    """Return `g` as an integer >= 3, or raise InputError naming it."""
-    if isinstance(g, bool) or not isinstance(g, int | np.integer) or g < 3:
-        raise InputError(f"{name}: expected an integer >= 3, got {g!r}")
-    return int(g)
+    return IsotropicFamily(LineGroup(s1 * 2.0 / 3.0, h1, 0.0), second, p, whole_number("g", g, 3))
 
 
 def sign_triple(signs: object) -> tuple[int, int, int]:

@@ -13,8 +13,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ocptip.basics.errors import InputError, SolverError, number_from
-from ocptip.indices.designs.isotropic_families import group_size, sign_triple
+from ocptip.basics.errors import InputError, SolverError, number_from, whole_number
+from ocptip.indices.designs.isotropic_families import sign_triple
 from ocptip.indices.designs.optimal_domains import main_roots, special_limit
 from ocptip.indices.designs.symmetric_platforms import SymmetricPlatform
 from ocptip.indices.platforms.controllability import ControlNumber, control_number
@@ -81,10 +81,8 @@ def ctn_optimal_main(
         SolverError: the closed form has lost its digits (next to t = +-1/2 or to the domain's border).
     """
     t, r1, mu = number_from("t", t), number_from("r1", r1), number_from("mu", mu)
-    g = group_size("g", g)
-    for name, value, allowed in (("root", root, (1, 2, 3, 4)), ("branch", branch, (1, 2, 3, 4))):
-        if value not in allowed:
-            raise InputError(f"{name}: expected 1 to 4, got {value!r}")
+    g = whole_number("g", g, 3)
+    root, branch = whole_number("root", root, 1, 4), whole_number("branch", branch, 1, 4)
     sign = _sign("phi1_sign", phi1_sign)
     roots = main_roots(t, r1)
     if root not in roots:
@@ -122,7 +120,7 @@ def ctn_optimal_special(
         SolverError: the closed form has lost its digits.
     """
     t, r1, mu = number_from("t", t), number_from("r1", r1), number_from("mu", mu)
-    g = group_size("g", g)
+    g = whole_number("g", g, 3)
     outer, inner, height = sign_triple(signs)
     limit = special_limit(t)
     if not 0.0 < abs(r1) <= limit * (1.0 + 1e-12):

@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from scipy.optimize import least_squares
 
-from ocptip.basics.errors import InputError
+from ocptip.basics.errors import InputError, whole_number
 from ocptip.indices.designs.symmetric_platforms import SymmetricPlatform
 from ocptip.indices.platforms.controllability import control_number
 
@@ -83,8 +83,7 @@ def search_optimal(starts: int = 60, seed: int = 0) -> OptimalSearch:
     Raises:
         InputError: starts is no positive integer.
     """
-    if isinstance(starts, bool) or not isinstance(starts, int) or starts < 1:
-        raise InputError(f"starts: expected an integer >= 1, got {starts!r}")
+    starts = whole_number("starts", starts, 1)
     rng = np.random.default_rng(seed)
     found, unsolved, singular = [], 0, 0
     for _ in range(starts):

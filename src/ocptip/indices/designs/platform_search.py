@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
-from ocptip.basics.errors import InputError, SolverError, finite_array, positive_number
+from ocptip.basics.errors import InputError, SolverError, finite_array, positive_number, whole_number
 from ocptip.indices.platforms.platform import PlatformPose, StewartPlatform
 from ocptip.indices.platforms.reviewed import manipulability
 from ocptip.indices.platforms.workspace import index_at
@@ -88,8 +88,7 @@ def best_pose(
     half[3:] = positive_number("half_angle", half_angle, zero_allowed=True)
     if (half < 0).any() or half[3] > np.pi:
         raise InputError(f"half_range, half_angle: must be >= 0, angle at most pi, got {half.tolist()}")
-    if isinstance(starts, bool) or not isinstance(starts, int) or starts < 1:
-        raise InputError(f"starts: expected an integer >= 1, got {starts!r}")
+    starts = whole_number("starts", starts, 1)
     free = np.flatnonzero(half > 0)
     evaluations = 0
 

@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from ocptip.basics.errors import InputError, number_from
+from ocptip.basics.errors import InputError, number_from, whole_number
 from ocptip.indices.platforms.platform import AnchoredPose
 
 MINIMUM_LEGS = 3
@@ -99,8 +99,7 @@ def optimal_planar_pose(
         InputError: an argument outside of its range.
     """
     angle = optimal_planar_angle(r, branch)
-    if isinstance(n, bool) or not isinstance(n, int | np.integer) or n < MINIMUM_LEGS:
-        raise InputError(f"n: expected an integer >= {MINIMUM_LEGS}, got {n!r}")
+    n = whole_number("n", n, MINIMUM_LEGS)
     phi = 2.0 * np.pi * np.arange(n) / n
     y = ANCHOR_RADIUS * np.column_stack([np.cos(phi), np.sin(phi)])
     x = y + abs(r) * np.column_stack([np.cos(angle + phi), np.sin(angle + phi)])
