@@ -5,7 +5,7 @@ Each is computed only when it is asked for; what several of them need is compute
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import cached_property
 
 import numpy as np
@@ -81,11 +81,15 @@ class Evaluation:
 
     def values(self, names: Iterable[str]) -> dict[str, np.ndarray]:
         """(N,) or a number for every name."""
-        return {name: getattr(self, f"_{name}")() for name in names}
+        undefined = np.full(self.pose.jacobian.shape[:-2], np.nan)
+        six = self.model.n == 6
+        return {
+            name: _VALUES[name](self) if six or name not in _OF_SIX_AXES else undefined[()] for name in names
+        }
 
     def status(self, name: str, value: float) -> str:
         """ "ok", or what is special about an index of a single pose."""
-        if self.model.n != 6 and name.startswith(("pi_", "dm_", "sigma")):
+        if self.model.n != 6 and name.startswith(("pi_", *_OF_SIX_AXES)):
             return SIX_AXES
         if name.endswith("_weighted") and np.isnan(value):
             return "the arm has no masses" if self.pose.inertias is None else self._lacking(name)
@@ -98,7 +102,7 @@ class Evaluation:
     @cached_property
     def distance(self) -> SingularityDistance:
         """Behind DM, its weighted forms and sigma."""
-        if self.pose.inertias is None or not self._movable(INNER).any():
+        if not self._movable(INNER).any():
             return singularity_distance(self.pose.jacobian)
         inertias = np.where(self._movable(INNER)[..., None], self.pose.inertias, 1.0)
         return singularity_distance(self.pose.jacobian, inertias=inertias)
@@ -109,26 +113,19 @@ class Evaluation:
         return operation_indices(self.pose.jacobian, self.ellipsoid, self.pose.rotation, self.pose.position)
 
     @cached_property
-    def _weighted_operation(self) -> OperationIndices | None:
-        if self.pose.inertias is None:
-            return None
-        return operation_indices(
-            self.pose.jacobian,
-            self.ellipsoid,
-            self.pose.rotation,
-            self.pose.position,
-            inertias=np.where(self._movable(slice(None))[..., None], self.pose.inertias, 1.0),
-        )
+    def _weighted_operation(self) -> OperationIndices:
+        inertias = np.where(self._movable(_ALL)[..., None], self.pose.inertias, 1.0)
+        place = self.pose.rotation, self.pose.position
+        return operation_indices(self.pose.jacobian, self.ellipsoid, *place, inertias=inertias)
 
     @cached_property
     def _center(self) -> np.ndarray:
         return self.pose.rotation @ self.ellipsoid.center + self.pose.position
 
     def _movable(self, joints: slice) -> np.ndarray:
+        if self.pose.inertias is None:
+            return np.zeros(self.pose.jacobian.shape[:-2], dtype=bool)
         return (self.pose.inertias[..., joints] > 0).all(axis=-1)
-
-    def _undefined(self) -> np.ndarray:
-        return np.full(self.pose.jacobian.shape[:-2], np.nan)[()]
 
     def _lacking(self, name: str) -> str:
         joints = range(1, 5) if name.startswith("dm_") else range(self.model.n)
@@ -142,57 +139,17 @@ class Evaluation:
             return "not defined: joints 2 to 5 rest"
         return "stationary: along the most negative curvature" if self.distance.stationary else "ok"
 
-    def _pi_oe(self) -> np.ndarray:
-        return self.operation.pi_oe
-
-    def _inv_cdn_oe(self) -> np.ndarray:
-        return self.operation.inv_cdn_oe
-
-    def _dm_inf(self) -> np.ndarray:
-        return self.distance.dm_inf if self.model.n == 6 else self._undefined()
-
-    def _dm_2(self) -> np.ndarray:
-        return self.distance.dm_2 if self.model.n == 6 else self._undefined()
-
-    def _manipulability(self) -> np.ndarray:
-        if self.model.n == 6:
-            return np.abs(self.distance.determinant)
-        return manipulability(self.pose.jacobian)
-
-    def _inv_cdn(self) -> np.ndarray:
-        return inv_cdn(self.pose.jacobian)
-
-    def _inv_cdn_cl(self) -> np.ndarray:
-        return inv_cdn_cl(self.pose.jacobian, self._center, self.ellipsoid.characteristic_length)
-
     def _inv_cdn_points(self) -> np.ndarray:
         half_axes = (self.ellipsoid.axes * self.ellipsoid.half_axes).T
         tips = half_axes @ np.swapaxes(self.pose.rotation, -1, -2) + self._center[..., None, :]
         return inv_cdn_points(self.pose.jacobian, tips)
 
-    def _pi_oe_weighted(self) -> np.ndarray:
-        if self._weighted_operation is None:
-            return self._undefined()
-        return np.where(self._movable(slice(None)), self._weighted_operation.pi_oe, np.nan)[()]
-
-    def _inv_cdn_oe_weighted(self) -> np.ndarray:
-        if self._weighted_operation is None:
-            return self._undefined()
-        return np.where(self._movable(slice(None)), self._weighted_operation.inv_cdn_oe, np.nan)[()]
-
-    def _dm_inf_weighted(self) -> np.ndarray:
-        if self.model.n != 6 or self.distance.energy_inf is None:
-            return self._undefined()
-        return np.where(self._movable(INNER), self.distance.energy_inf, np.nan)[()]
-
-    def _dm_2_weighted(self) -> np.ndarray:
-        if self.model.n != 6 or self.distance.energy_2 is None:
-            return self._undefined()
-        return np.where(self._movable(INNER), self.distance.energy_2, np.nan)[()]
+    def _weighted(self, values: Callable[[], np.ndarray], joints: slice) -> np.ndarray:
+        """NaN where one of the joints moves no inertia."""
+        movable = self._movable(joints)
+        return np.where(movable, values() if movable.any() else np.nan, np.nan)[()]
 
     def _sigma(self) -> np.ndarray:
-        if self.model.n != 6:
-            return self._undefined()
         angle = np.array(self.distance.motion_angle(self.rates))
         rates = np.broadcast_to(self.rates, (*angle.shape, 6))
         flat = self.distance.stationary & ~self.distance.singular & rates[..., INNER].any(axis=-1)
@@ -201,6 +158,28 @@ class Evaluation:
             curvatures = stationary_curvatures(self.pose.jacobian[at])
             angle[at] = stationary_motion_angle(curvatures, rates[at])
         return angle[()]
+
+
+_ALL = slice(None)
+_OF_SIX_AXES = ("dm_inf", "dm_2", "dm_inf_weighted", "dm_2_weighted", "sigma")
+_VALUES: dict[str, Callable[[Evaluation], np.ndarray]] = {
+    "pi_oe": lambda e: e.operation.pi_oe,
+    "inv_cdn_oe": lambda e: e.operation.inv_cdn_oe,
+    "dm_inf": lambda e: e.distance.dm_inf,
+    "dm_2": lambda e: e.distance.dm_2,
+    "manipulability": lambda e: (
+        np.abs(e.distance.determinant) if e.model.n == 6 else manipulability(e.pose.jacobian)
+    ),
+    "inv_cdn": lambda e: inv_cdn(e.pose.jacobian),
+    "inv_cdn_cl": lambda e: inv_cdn_cl(e.pose.jacobian, e._center, e.ellipsoid.characteristic_length),
+    "inv_cdn_points": Evaluation._inv_cdn_points,
+    "pi_oe_weighted": lambda e: e._weighted(lambda: e._weighted_operation.pi_oe, _ALL),
+    "inv_cdn_oe_weighted": lambda e: e._weighted(lambda: e._weighted_operation.inv_cdn_oe, _ALL),
+    "dm_inf_weighted": lambda e: e._weighted(lambda: e.distance.energy_inf, INNER),
+    "dm_2_weighted": lambda e: e._weighted(lambda: e.distance.energy_2, INNER),
+    "sigma": Evaluation._sigma,
+}
+"""What computes each index."""
 
 
 def six_or_more(model: ArmModel) -> ArmModel:
