@@ -6,8 +6,10 @@ import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
+import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from scipy.spatial import ConvexHull, QhullError
 
 from ocptip.basics.write import atomic_file
 
@@ -20,6 +22,14 @@ def new_figure(width: float, height: float) -> Figure:
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
+
+
+def hull(points: np.ndarray) -> np.ndarray:
+    """Indices of the corners of the convex hull of points (k, 2), in order; all where they lie on a line."""
+    try:
+        return ConvexHull(points).vertices
+    except (QhullError, ValueError):
+        return np.arange(len(points))
 
 
 def save_figures(

@@ -9,9 +9,9 @@ import numpy as np
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Polygon
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
-from scipy.spatial import ConvexHull, QhullError
 
 from ocptip.basics.text import percent, quantity
+from ocptip.pictures.frame import hull
 from ocptip.pictures.labels import Labels, on_screen
 from ocptip.pictures.scene_picture import ScenePicture, longest, nice
 
@@ -31,7 +31,7 @@ def draw_top(ax: Any, picture: ScenePicture, labels: Labels) -> None:
     largest = max(float(np.max(picture.limits)), longest(picture.tangential)) or 1.0
     newton_per_metre = nice(largest / _disc_size(flat, span))
 
-    ax.add_patch(Polygon(flat[_hull(flat)], facecolor=GROUND, edgecolor="none", zorder=0, gid="polygon"))
+    ax.add_patch(Polygon(flat[hull(flat)], facecolor=GROUND, edgecolor="none", zorder=0, gid="polygon"))
     for i, axis in enumerate(picture.axes):
         ends, style = flat[list(axis.contacts)], _axis_style(i == picture.nearest)
         beyond = 0.12 * span * _direction(ends[1] - ends[0])
@@ -71,9 +71,9 @@ def draw_space(ax: Any, picture: ScenePicture, labels: Labels) -> None:
     ax.computed_zorder = False
     ax.set_proj_type("ortho")
     ax.view_init(elev=24, azim=-62)
-    hull = _hull(picture.positions[:, list(_best_view(picture.positions))])
+    rim = hull(picture.positions[:, list(_best_view(picture.positions))])
     ax.add_collection3d(
-        Poly3DCollection([picture.positions[hull]], facecolor=GROUND, edgecolor="none", zorder=1)
+        Poly3DCollection([picture.positions[rim]], facecolor=GROUND, edgecolor="none", zorder=1)
     )
     for i, axis in enumerate(picture.axes):
         ends = picture.positions[list(axis.contacts)]
@@ -285,17 +285,9 @@ def _best_view(positions: np.ndarray) -> tuple[int, int]:
 
 
 def _area(points: np.ndarray) -> float:
-    try:
-        return float(ConvexHull(points).volume)
-    except (QhullError, ValueError):
-        return 0.0
-
-
-def _hull(points: np.ndarray) -> np.ndarray:
-    try:
-        return ConvexHull(points).vertices
-    except (QhullError, ValueError):
-        return np.arange(len(points))
+    """Of the convex hull, m^2."""
+    x, y = points[hull(points)].T if len(points) > 2 else np.zeros((2, 1))
+    return float(abs(x @ np.roll(y, 1) - y @ np.roll(x, 1))) / 2
 
 
 def _disc_size(flat: np.ndarray, span: float) -> float:

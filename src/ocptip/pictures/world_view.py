@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.patches import Circle, Polygon
-from scipy.spatial import ConvexHull, QhullError
 
 from ocptip.pictures import frame
 from ocptip.placement.problem import PlacementProblem
@@ -72,7 +71,7 @@ class View:
         problem = placement.problem
         contacts = self.flat(in_world(placement, [c.position for c in problem.robot.support.contacts]))
         mount = self.flat(in_world(placement, [problem.ground_frame[0], problem.robot.arm.mount_position]))
-        outline = _hull(contacts)
+        outline = contacts[frame.hull(contacts)]
         ax.add_patch(Polygon(outline, closed=True, fc="none", ec=color, lw=1.6 if spheres else 1.0))
         size = 6 if spheres else 3
         ax.plot(*contacts.T, ls="", marker="s", ms=size, color=color, gid=f"contacts-{label or 'best'}")
@@ -185,11 +184,3 @@ def chains(placement: Placement) -> Iterator[tuple[np.ndarray, np.ndarray]]:
             centres.append(origin + spheres.centres @ turn.T)
         flat = np.concatenate(centres) if centres else np.empty((0, 3))
         yield in_world(placement, frames.origins), in_world(placement, flat)
-
-
-def _hull(points: np.ndarray) -> np.ndarray:
-    """Corners (k, 2) of the convex hull; all points where they lie on a line."""
-    try:
-        return points[ConvexHull(points).vertices]
-    except QhullError:
-        return points

@@ -66,8 +66,30 @@ def passive_command(
     return RampCommand(phi_goal, v, min(acceleration, a_limit))  # above it by rounding only
 
 
+class EventfulMotion:
+    """What motions have whose `event_times`, (S,), s, divide them into smooth pieces."""
+
+    event_times: np.ndarray
+
+    @property
+    def intervals(self) -> np.ndarray:
+        """Intervals between events, (S - 1, 2), s: within each, torque and power are smooth."""
+        return np.column_stack([self.event_times[:-1], self.event_times[1:]])
+
+    def quadrature(self, order: int = 4) -> tuple[np.ndarray, np.ndarray]:
+        """Return Gauss-Legendre nodes (s) inside all intervals and their weights (s), (5.25); both (N,).
+
+        `weights @ f(nodes)` is the integral over the motion, exact for polynomials up to degree
+        2 order - 1 in each interval. N = (S - 1) order, sorted by time.
+
+        Raises:
+            InputError: order is not a whole number >= 1.
+        """
+        return gauss_legendre(self.intervals, order)
+
+
 @dataclass(frozen=True, eq=False)
-class ArmMotion:
+class ArmMotion(EventfulMotion):
     """The motion of all n joints of an arm, each with its own ramps, all from rest at t = 0.
 
     Attributes:
@@ -206,22 +228,6 @@ class ArmMotion:
             if t - kept[-1] > MERGE and end - t > MERGE:
                 kept.append(float(t))
         return np.array([*kept, end] if end > MERGE else kept)
-
-    @property
-    def intervals(self) -> np.ndarray:
-        """Intervals between events, (S - 1, 2), s: within each, torque and power are smooth."""
-        return np.column_stack([self.event_times[:-1], self.event_times[1:]])
-
-    def quadrature(self, order: int = 4) -> tuple[np.ndarray, np.ndarray]:
-        """Return Gauss-Legendre nodes (s) inside all intervals and their weights (s), (5.25); both (N,).
-
-        `weights @ f(nodes)` is the integral over the motion, exact for polynomials up to degree
-        2 order - 1 in each interval. N = (S - 1) order, sorted by time.
-
-        Raises:
-            InputError: order is not a whole number >= 1.
-        """
-        return gauss_legendre(self.intervals, order)
 
     def time_scaled(self, factor: float) -> ArmMotion:
         """Return the same path with all times multiplied by `factor` > 0 (below 1: faster)."""

@@ -35,7 +35,7 @@ from scipy.interpolate import CubicHermiteSpline, CubicSpline, PPoly
 
 from ocptip.basics.errors import InputError, finite_array, positive_number
 from ocptip.basics.frozen import settle
-from ocptip.trajectories.arm_motion import MERGE, ArmMotion, gauss_legendre
+from ocptip.trajectories.arm_motion import MERGE, ArmMotion, EventfulMotion
 from ocptip.trajectories.ramps import checked_times
 
 REST = 1e-3
@@ -45,7 +45,7 @@ _STILL = 1e-9  # rad/s: a joint that never gets faster rests; changes of sign ar
 
 
 @dataclass(frozen=True, eq=False)
-class SampledMotion:
+class SampledMotion(EventfulMotion):
     """The motion of n joints through N samples, see the module for what lies between them.
 
     It rests before the first and after the last sample. Serves wherever an :class:`ArmMotion` is checked.
@@ -190,19 +190,6 @@ class SampledMotion:
             if nearest > MERGE and t - kept[-1] > MERGE:
                 kept.append(float(t))
         return np.unique(np.concatenate([kept, self._breaks]))
-
-    @property
-    def intervals(self) -> np.ndarray:
-        """Intervals between events, (S - 1, 2), s: within each, torque and power are smooth."""
-        return np.column_stack([self.event_times[:-1], self.event_times[1:]])
-
-    def quadrature(self, order: int = 4) -> tuple[np.ndarray, np.ndarray]:
-        """Return Gauss-Legendre nodes (s) inside all intervals and their weights (s), both (N,).
-
-        Raises:
-            InputError: order is not a whole number >= 1.
-        """
-        return gauss_legendre(self.intervals, order)
 
     def time_scaled(self, factor: float) -> SampledMotion:
         """Return the same path with all times multiplied by `factor` > 0 (below 1: faster)."""

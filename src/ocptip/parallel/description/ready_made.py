@@ -18,7 +18,6 @@ from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.entries import Entry, Parameter, elementary_rotation, product_of
 from ocptip.parallel.description.robot_description import (
     PRISMATIC,
-    REVOLUTE,
     Leg,
     MDHRow,
     Platform,
@@ -27,35 +26,6 @@ from ocptip.parallel.description.robot_description import (
 
 _QUARTER = math.pi / 2
 _PLANAR, _SPATIAL = (0.0, -9.81, 0.0), (0.0, 0.0, -9.81)
-
-
-def _rrr_rows(l1: Entry, l2: Entry) -> tuple[MDHRow, ...]:
-    return MDHRow(), MDHRow(d=l1), MDHRow(d=l2)
-
-
-def _rpr_rows() -> tuple[MDHRow, ...]:
-    return MDHRow(), MDHRow(PRISMATIC, alpha=_QUARTER), MDHRow(alpha=_QUARTER)
-
-
-def _ruu_rows(l1: Entry, l2: Entry) -> tuple[MDHRow, ...]:
-    return MDHRow(), MDHRow(d=l1), MDHRow(alpha=_QUARTER), MDHRow(d=l2), MDHRow(alpha=_QUARTER)
-
-
-def _prrr_rows(l1: Entry, l2: Entry) -> tuple[MDHRow, ...]:
-    return MDHRow(PRISMATIC), MDHRow(REVOLUTE), MDHRow(d=l1), MDHRow(d=l2)
-
-
-def _ups_rows() -> tuple[MDHRow, ...]:
-    turned = MDHRow(alpha=_QUARTER)
-    return MDHRow(), turned, MDHRow(PRISMATIC, alpha=_QUARTER), MDHRow(), turned, turned
-
-
-def _about_z(angle: Entry) -> tuple[tuple[str, Entry], ...]:
-    return (("z", angle),)
-
-
-def _tangential(angle: Entry) -> tuple[tuple[str, Entry], ...]:
-    return ("x", -_QUARTER), ("y", angle), ("z", -_QUARTER)
 
 
 @dataclass(frozen=True)
@@ -83,12 +53,30 @@ class Kind:
     planar: bool = False
 
 
+_ROW, _TURNED, _SLIDING = MDHRow(), MDHRow(alpha=_QUARTER), MDHRow(PRISMATIC, alpha=_QUARTER)
+_ROWS: dict[str, Callable[..., tuple[MDHRow, ...]]] = {
+    "RRR": lambda l1, l2: (_ROW, MDHRow(d=l1), MDHRow(d=l2)),
+    "RPR": lambda: (_ROW, _SLIDING, _TURNED),
+    "RUU": lambda l1, l2: (_ROW, MDHRow(d=l1), _TURNED, MDHRow(d=l2), _TURNED),
+    "PRRR": lambda l1, l2: (MDHRow(PRISMATIC), _ROW, MDHRow(d=l1), MDHRow(d=l2)),
+    "UPS": lambda: (_ROW, _TURNED, _SLIDING, _ROW, _TURNED, _TURNED),
+}
+
+
+def _about_z(angle: Entry) -> tuple[tuple[str, Entry], ...]:
+    return (("z", angle),)
+
+
+def _tangential(angle: Entry) -> tuple[tuple[str, Entry], ...]:
+    return ("x", -_QUARTER), ("y", angle), ("z", -_QUARTER)
+
+
 KINDS = {
-    "3RRR": Kind(_rrr_rows, 2, 2, (0,) * 3, (1, 1, 0, 0, 0, 1), _about_z, _PLANAR, planar=True),
-    "3RPR": Kind(_rpr_rows, 0, 2, (1,) * 3, (1, 1, 0, 0, 0, 1), _about_z, _PLANAR, planar=True),
-    "Delta": Kind(_ruu_rows, 2, 3, (0,) * 3, (1, 1, 1, 0, 0, 0), _tangential, _SPATIAL),
-    "4PRRR": Kind(_prrr_rows, 2, 3, (0, 1, 1, 1), (1, 1, 1, 0, 0, 1), _about_z, _SPATIAL),
-    "6UPS": Kind(_ups_rows, 0, 3, (2,) * 6, (1, 1, 1, 1, 1, 1), _about_z, _SPATIAL),
+    "3RRR": Kind(_ROWS["RRR"], 2, 2, (0,) * 3, (1, 1, 0, 0, 0, 1), _about_z, _PLANAR, planar=True),
+    "3RPR": Kind(_ROWS["RPR"], 0, 2, (1,) * 3, (1, 1, 0, 0, 0, 1), _about_z, _PLANAR, planar=True),
+    "Delta": Kind(_ROWS["RUU"], 2, 3, (0,) * 3, (1, 1, 1, 0, 0, 0), _tangential, _SPATIAL),
+    "4PRRR": Kind(_ROWS["PRRR"], 2, 3, (0, 1, 1, 1), (1, 1, 1, 0, 0, 1), _about_z, _SPATIAL),
+    "6UPS": Kind(_ROWS["UPS"], 0, 3, (2,) * 6, (1, 1, 1, 1, 1, 1), _about_z, _SPATIAL),
 }
 """The five kinds by name."""
 

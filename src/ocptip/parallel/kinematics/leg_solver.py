@@ -162,29 +162,23 @@ class LegSolver(LegClosure):
             InputError: the coupling point is out of reach.
         """
         target = r + R @ self.couplings[0]
+        where = np.round(target, 6).tolist()
+        refusal = f"pose: leg {self.number + 1} does not reach its coupling point {where}"
         q = closed_form(self.leg, self._local_target(r, R), self._branch) if guess is None else None
         if q is not None:
             error = float(np.abs(self._point_error(q, target)).max())
             if error > CLOSURE_TOLERANCE * self.length:  # closed forms of planar legs do not look across
                 raise InputError(
-                    f"pose: leg {self.number + 1} does not reach its coupling point "
-                    f"{np.round(target, 6).tolist()}: it lies {error:.2g} m beside the plane in which the "
-                    "joints move it"
+                    f"{refusal}: it lies {error:.2g} m beside the plane in which the joints move it"
                 )
             return q, error, 0
         if guess is None and leg_type(self.leg):
-            raise InputError(
-                f"pose: leg {self.number + 1} does not reach its coupling point "
-                f"{np.round(target, 6).tolist()}"
-            )
+            raise InputError(refusal)
         q, error, used = self._first_closed(
             self._newton_point(start, target, range(self.point)) for start in self._point_starts(guess)
         )
         if error > CLOSURE_TOLERANCE * self.length:
-            raise InputError(
-                f"pose: leg {self.number + 1} does not reach its coupling point "
-                f"{np.round(target, 6).tolist()}: error {error:.2g} m after {used} Newton steps"
-            )
+            raise InputError(f"{refusal}: error {error:.2g} m after {used} Newton steps")
         return q, error, used
 
     def _first_closed(self, attempts: Iterator[_Attempt]) -> _Attempt:
