@@ -69,12 +69,12 @@ def psd_constraint(
     if method == "trace":
         # The trace alone does not see the signs of the eigenvalues.
         pivots = [pivot - PIVOT_MARGIN for pivot in _ldl(A)[1]]
-        return _inequality(cs.vertcat(soft_smallest_eigenvalue(A, p) - floor, *pivots))
+        return inequality(cs.vertcat(soft_smallest_eigenvalue(A, p) - floor, *pivots))
     shifted = A - floor * cs.DM.eye(m)
     if method == "ldl":
         # A pivot of -1e-8, which an optimiser takes for zero, would make all later ones meaningless.
         pivots = _ldl(shifted)[1]
-        return _inequality(cs.vertcat(*[pivot - PIVOT_MARGIN for pivot in pivots[:-1]], pivots[-1]))
+        return inequality(cs.vertcat(*[pivot - PIVOT_MARGIN for pivot in pivots[:-1]], pivots[-1]))
     if method == "lifted":
         return _lifted(shifted, floor, name)
     raise InputError(f"method: expected one of {', '.join(METHODS)}, got {method!r}")
@@ -105,7 +105,7 @@ def ratio_constraint(
     if ratio > 1.0:
         raise InputError(f"ratio: an index is at most 1, got {ratio}")
     if method == "trace":
-        return _inequality(float(m) ** (-1.0 / p) * isotropy_surrogate(A, B, p) - ratio)
+        return inequality(float(m) ** (-1.0 / p) * isotropy_surrogate(A, B, p) - ratio)
     s = type(A).sym(f"{name}_s")
     lower = psd_constraint(B - s * A, method=method, name=f"{name}_lower")
     upper = psd_constraint(s * A - ratio**2 * B, method=method, name=f"{name}_upper")
@@ -183,7 +183,8 @@ _START_FLOOR = 1e-3
 """Start values of a lifted triangle: eigenvalues of at least this share of the largest."""
 
 
-def _inequality(g: Symbolic) -> ConstraintBlock:
+def inequality(g: Symbolic) -> ConstraintBlock:
+    """g >= 0, entry by entry."""
     m = g.shape[0]
     return ConstraintBlock(g, np.zeros(m), np.full(m, np.inf), type(g)(0, 1), lambda *matrices: np.zeros(0))
 

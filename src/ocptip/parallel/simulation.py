@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ocptip.basics.errors import InputError, finite_array, positive_number
+from ocptip.basics.errors import finite_array, positive_number
 from ocptip.parallel.robot import ParallelRobot
 
 MotorLaw = Callable[[float, np.ndarray, np.ndarray], np.ndarray]
@@ -112,6 +112,4 @@ def _law(motors: MotorLaw | Sequence[float] | None, count: int) -> MotorLaw:
     if callable(motors):
         return motors
     fixed = np.zeros(count) if motors is None else finite_array("motors", motors, (count,))
-    if fixed.shape != (count,):
-        raise InputError(f"motors: expected {count} forces, got {fixed.shape}")
     return lambda time, z, s: fixed

@@ -25,6 +25,7 @@ from ocptip.indices.arms.operation import operation_indices
 from ocptip.indices.encodings import (
     ConstraintBlock,
     Method,
+    inequality,
     isotropy_surrogate,
     psd_constraint,
     ratio_constraint,
@@ -211,7 +212,7 @@ def index_function(model: ArmModel, name: str, *, weighted: bool = False, **opti
 def manipulability_constraint(arm: SymbolicArm, least: float, *, sign: int) -> ConstraintBlock:
     """MPB >= least, m^3, in the aspect of the given sign of det J."""
     margin = _checked_sign(sign) * arm.determinant - positive_number("least", least)
-    return _inequalities(margin / arm.volume)
+    return inequality(margin / arm.volume)
 
 
 def dm_2_constraint(arm: SymbolicArm, least: float, *, sign: int) -> ConstraintBlock:
@@ -227,7 +228,7 @@ def dm_2_constraint(arm: SymbolicArm, least: float, *, sign: int) -> ConstraintB
     """
     det, gradient = _checked_sign(sign) * arm.determinant / arm.volume, arm.gradient / arm.volume
     length = cs.sqrt(cs.sumsqr(gradient) + _SMALLEST_GRADIENT**2)
-    return _inequalities(det - positive_number("least", least) * length)
+    return inequality(det - positive_number("least", least) * length)
 
 
 def dm_inf_constraint(arm: SymbolicArm, least: float, *, sign: int, name: str = "dm_inf") -> ConstraintBlock:
@@ -239,7 +240,7 @@ def dm_inf_constraint(arm: SymbolicArm, least: float, *, sign: int, name: str = 
     det, gradient = _checked_sign(sign) * arm.determinant / arm.volume, arm.gradient / arm.volume
     total = cs.sum1(slack) + _SMALLEST_GRADIENT
     rows = cs.vertcat(det - positive_number("least", least) * total, slack - gradient, slack + gradient)
-    block = _inequalities(rows)
+    block = inequality(rows)
     start = arm.values(cs.fabs(gradient))
     return dataclasses.replace(block, variables=slack, guess=lambda q: start(q).ravel())
 
@@ -261,7 +262,7 @@ def heading_constraint(arm: SymbolicArm, rates: cs.SX, steepest: float, *, sign:
         raise InputError(f"steepest: must be below pi/2 (where it limits nothing), got {angle:.6g}")
     inner, gradient = rates[1:5], arm.gradient / arm.volume
     length = cs.sqrt(cs.sumsqr(gradient) * cs.sumsqr(inner) + np.finfo(float).tiny)
-    return _inequalities(_checked_sign(sign) * cs.dot(gradient, inner) + np.sin(angle) * length)
+    return inequality(_checked_sign(sign) * cs.dot(gradient, inner) + np.sin(angle) * length)
 
 
 def pi_oe_constraint(
@@ -313,11 +314,6 @@ def inv_cdn_oe_constraint(
     block = ratio_constraint(_unit(), scaled, _checked_share(least), method=method, p=p, name="inv_cdn_oe")
     start = arm.values(scaled)
     return dataclasses.replace(block, guess=lambda q: block.guess(np.eye(6), start(q)))
-
-
-def _inequalities(rows: cs.SX) -> ConstraintBlock:
-    count = rows.shape[0]
-    return ConstraintBlock(rows, np.zeros(count), np.full(count, np.inf), cs.SX(0, 1), lambda q: np.zeros(0))
 
 
 def _unit() -> cs.SX:

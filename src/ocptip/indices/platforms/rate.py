@@ -21,6 +21,7 @@ from ocptip.indices.platforms.reviewed import (
     inverse_condition_number_points,
     manipulability,
     rigidity_rate,
+    spans_a_plane,
 )
 
 
@@ -48,7 +49,7 @@ def rate_platform(
     position = finite_array("position", position, (3,))
     rotation = np.eye(3) if rotation is None else rotation_matrix("rotation", rotation)
     pose = platform.at(position, rotation)
-    complexes, spread = best_complex(pose), _spread(pose.platform)
+    complexes, spread = best_complex(pose), spans_a_plane(pose.platform)
     conditioning, cl = _of_the_tool(pose, position, rotation, ellipsoid)
     values = {
         "ctn": control_number(pose).value,
@@ -90,9 +91,3 @@ def _of_the_tool(
         platform_conditioning(pose, ellipsoid.W(rotation, position)).value,
         inverse_condition_number_cl(pose, point, ellipsoid.characteristic_length),
     )
-
-
-def _spread(points: np.ndarray) -> bool:
-    """True if the points are not on one line."""
-    values = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    return bool(values[1] > 1e-9 * values[0])

@@ -101,14 +101,20 @@ def inverse_condition_number_points(pose: PlatformPose, points: object) -> float
         InputError: fewer points, or all of them on one line.
     """
     points = finite_array("points", points, (None, 3))
-    centred = points - points.mean(axis=0) if len(points) else points
-    spread = np.linalg.svd(centred, compute_uv=False) if len(points) >= 3 else np.zeros(3)
-    if len(points) < 3 or spread[1] <= 1e-9 * spread[0]:
+    if not spans_a_plane(points):
         raise InputError(
             f"points: expected at least three points that are not on one line, got {len(points)}"
         )
     R = np.linalg.qr(velocity_map(points), mode="r")
     return _ratio(pose, np.linalg.svd(np.linalg.solve(R.T, pose.jacobian.T), compute_uv=False))
+
+
+def spans_a_plane(points: np.ndarray) -> bool:
+    """True if points (k, 3) are at least three and not on one line."""
+    if len(points) < 3:
+        return False
+    values = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return bool(values[1] > 1e-9 * values[0])
 
 
 def best_complex(pose: PlatformPose) -> BestComplex:

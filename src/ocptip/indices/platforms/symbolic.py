@@ -26,6 +26,7 @@ from ocptip.indices.encodings import (
 )
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.platforms.platform import MINIMUM_LEGS, StewartPlatform, centroid_and_extent
+from ocptip.parallel.description.rotations import euler_rotation
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,13 +208,7 @@ def planar_forms(
 
 def roll_pitch_yaw(angles: Symbolic) -> Symbolic:
     """(3, 3) rotation Rz(yaw) Ry(pitch) Rx(roll) of (roll, pitch, yaw), rad; smooth everywhere."""
-    cx, cy, cz = cs.cos(angles[0]), cs.cos(angles[1]), cs.cos(angles[2])
-    sx, sy, sz = cs.sin(angles[0]), cs.sin(angles[1]), cs.sin(angles[2])
-    return cs.vertcat(
-        cs.horzcat(cz * cy, cz * sy * sx - sz * cx, cz * sy * cx + sz * sx),
-        cs.horzcat(sz * cy, sz * sy * sx + cz * cx, sz * sy * cx - cz * sx),
-        cs.horzcat(-sy, cy * sx, cy * cx),
-    )
+    return euler_rotation("zyx", [angles[2], angles[1], angles[0]])
 
 
 def _velocity_map(point: Symbolic | cs.DM) -> Symbolic:

@@ -19,17 +19,7 @@ from ocptip.parallel.analysis.singularity import characteristic_length, require_
 from ocptip.parallel.code.lean import LeanFunction, lean_function
 from ocptip.parallel.description.robot_description import RobotDescription
 from ocptip.parallel.kinematics.platform import Kinematics
-from ocptip.parallel.symbolic.leg_base_parameters import LegBaseParameters, leg_base_parameters
 from ocptip.parallel.symbolic.symbols import InertiaLayout, inertia_layout, inertia_values
-
-__all__ = [
-    "LegBaseParameters",
-    "NumericBaseParameters",
-    "leg_base_parameters",
-    "numeric_base_parameters",
-    "rank_parameters",
-    "stacked_regressor",
-]
 
 _ROWS_PER_COLUMN = 3
 _PATIENCE = 20

@@ -110,7 +110,9 @@ class Kinematics:
             LegSolver(i, leg, joints)
             for i, (leg, joints) in enumerate(zip(description.legs, locked, strict=True))
         ]
-        self._assemble()
+        r, R = self.pose(description.home)
+        for leg, rho in zip(self.legs, self._rho, strict=True):
+            leg.assemble(r, R, description.home[rho])
 
     @property
     def m(self) -> int:
@@ -280,13 +282,6 @@ class Kinematics:
 
     def _motor_jacobian(self, z: np.ndarray, q: Sequence[np.ndarray]) -> np.ndarray:
         return self.actuated_jacobian(self.motion(z, np.zeros(self.m), q, complete=True))
-
-    def _assemble(self) -> None:
-        """Solve the home pose; fix end rotations that follow from it."""
-        z = self.description.home
-        r, R = self.pose(z)
-        for leg, rho in zip(self.legs, self._rho, strict=True):
-            leg.assemble(r, R, z[rho])
 
 
 def _joint_positions(
