@@ -92,15 +92,18 @@ def best_pose(
     free = np.flatnonzero(half > 0)
     evaluations = 0
 
-    def anchors(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def placed(x: np.ndarray) -> np.ndarray:
         pose = middle.copy()
         pose[free] += half[free] * np.clip(x, -1.0, 1.0)
+        return pose
+
+    def anchors(pose: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return platform.base, platform.platform @ Rotation.from_rotvec(pose[3:]).as_matrix().T + pose[:3]
 
     def cost(x: np.ndarray) -> float:
         nonlocal evaluations
         evaluations += 1
-        value = index_at(index, *anchors(x))
+        value = index_at(index, *anchors(placed(x)))
         outside = float(np.sum(np.maximum(np.abs(x) - 1.0, 0.0)))
         return np.inf if np.isnan(value) else -value + outside * (1.0 + abs(value))
 
@@ -113,9 +116,8 @@ def best_pose(
     best, x = results[0]
     if not np.isfinite(best):
         raise SolverError("best_pose: the index exists in no start")
-    final = middle.copy()
-    final[free] += half[free] * np.clip(x, -1.0, 1.0)
-    pose = PlatformPose(*anchors(x))
+    final = placed(x)
+    pose = PlatformPose(*anchors(final))
     found = -np.array([value for value, _ in results])
     return BestPose(float(index(pose)), final[:3], final[3:], pose, found, evaluations)
 

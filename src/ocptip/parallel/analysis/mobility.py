@@ -117,13 +117,14 @@ def require_mobility(kinematics: Kinematics) -> Mobility:
     return result
 
 
-def closure_matrix(kinematics: Kinematics, z: np.ndarray, q: tuple[np.ndarray, ...]) -> np.ndarray:
-    """(rows, joints + 6) Jacobian of all closures with respect to joint rates and platform twist."""
-    return stacked_closures(kinematics.legs, q, kinematics.pose(z)[1])
-
-
 def stacked_closures(legs: Sequence[LegClosure], q: Sequence[np.ndarray], R: np.ndarray) -> np.ndarray:
-    """The same for legs and platform rotation R (3, 3)."""
+    """(rows, joints + 6) Jacobian of all closures with respect to joint rates and platform twist.
+
+    Args:
+        legs: of the robot.
+        q: joint positions per leg.
+        R: (3, 3) rotation of the platform.
+    """
     blocks, starts = [], np.concatenate([[0], np.cumsum([leg.n for leg in legs])])
     for i, leg in enumerate(legs):
         J, _ = leg.jacobian(q[i])
@@ -153,7 +154,7 @@ def _counts(
     kinematics: Kinematics, z: np.ndarray, q: tuple[np.ndarray, ...]
 ) -> tuple[int, int, int, int, float]:
     """dof, platform dof, internal dof, redundant rows, gap of the singular values."""
-    matrix = closure_matrix(kinematics, z, q)
+    matrix = stacked_closures(kinematics.legs, q, kinematics.pose(z)[1])
     _, values, right = np.linalg.svd(matrix)
     rank, gap = _rank(values)
     dof = matrix.shape[1] - rank

@@ -118,7 +118,7 @@ def _leg(root: ET.Element, skeleton: Skeleton, i: int) -> None:
         ET.SubElement(made, "axis", xyz="0 0 1")
         if kind == "prismatic":
             ET.SubElement(made, "limit", lower="-1000", upper="1000", effort=_LIMIT, velocity=_LIMIT)
-        _, viscous, coulomb = skeleton.joint_terms(i, joint)
+        _, viscous, coulomb = skeleton.legs[i].drives[:, joint].tolist()
         if viscous or coulomb:
             ET.SubElement(made, "dynamics", damping=repr(viscous), friction=repr(coulomb))
 

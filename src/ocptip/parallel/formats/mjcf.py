@@ -194,7 +194,7 @@ def _body(
     _inertial(element, solid)
     for joint, sigma, frame in solid.joints:
         order.append((leg, joint))
-        armature, damping, friction = skeleton.joint_terms(leg, joint)
+        armature, damping, friction = skeleton.legs[leg].drives[:, joint]
         terms = {"armature": armature, "damping": damping, "frictionloss": friction}
         ET.SubElement(
             element,

@@ -91,10 +91,9 @@ class Skeleton:
         leg, row, kappa, turn = ends.pop(held[0])
         closures = [_end_closure(ends, k) for k in range(len(ends))]
         for i, one in enumerate(kinematics.legs):
-            rows = one.topology.ends[len(one.end_rotations) :]
             closures += [
                 Closure(i, a, b, (np.eye(3), np.zeros(3)), False, f"leg{i + 1}_loop{k}")
-                for k, (a, b) in enumerate(zip(rows[::2], rows[1::2], strict=True), start=1)
+                for k, (a, b) in enumerate(one.loop_rows, start=1)
             ]
         home = kinematics.joints(kinematics.description.home, [one.home for one in kinematics.legs]).q
         mount = (turn, -turn @ kappa)
@@ -105,11 +104,6 @@ class Skeleton:
         """Inertia of a row's body about its frame."""
         bodies = self.legs[leg].leg.bodies
         return bodies[row] if row < len(bodies) else BodyInertia()
-
-    def joint_terms(self, leg: int, joint: int) -> tuple[float, float, float]:
-        """Drive inertia, viscous and Coulomb friction of a joint."""
-        one = self.legs[leg].leg
-        return one.drive_inertia[joint], one.viscous[joint], one.coulomb[joint]
 
     def segments(self, leg: int, row: int) -> list[np.ndarray]:
         """(3,) points, in a row's frame, m, where the rows and the platform behind it begin at home.

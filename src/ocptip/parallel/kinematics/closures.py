@@ -84,7 +84,7 @@ class LegClosure:
             if turn is not None:
                 target = R @ turn.T
                 parts.append(rotation_vector(rotations[end] @ target.T))
-        for a, b in self._loop_rows:
+        for a, b in self.loop_rows:
             parts.append(origins[a] - origins[b])
         return np.concatenate(parts)
 
@@ -210,6 +210,7 @@ class LegClosure:
         return self.topology.ends[: len(self.end_rotations)]
 
     @property
-    def _loop_rows(self) -> list[tuple[int, int]]:
+    def loop_rows(self) -> list[tuple[int, int]]:
+        """Pairs of rows whose origins coincide."""
         rows = self.topology.ends[len(self.end_rotations) :]
         return list(zip(rows[::2], rows[1::2], strict=True))

@@ -104,13 +104,12 @@ def _closure_function(
     r, R = _symbolic_pose(kinematics.platform, z)
     padded = cs.vertcat(q, cs.SX.zeros(leg.n - n))
     rotations, origins = _frames(leg.topology, padded, cs.SX(leg.base))
-    ends = leg.topology.ends
     h = []
-    for end, kappa, turn in zip(ends, leg.couplings, leg.end_rotations, strict=False):
+    for end, kappa, turn in zip(leg.end_rows, leg.couplings, leg.end_rotations, strict=True):
         h.append(cs.SX(leg.origin) + origins[end] - r - R @ cs.SX(kappa))
         if complete and turn is not None:
             h.append(cs.vec(rotations[end] @ cs.SX(turn) - R))
-    for a, b in zip(ends[len(leg.couplings) :: 2], ends[len(leg.couplings) + 1 :: 2], strict=True):
+    for a, b in leg.loop_rows:
         h.append(origins[a] - origins[b])
     closure = cs.vertcat(*h)
     if not complete and isinstance(leg.leg, Leg):

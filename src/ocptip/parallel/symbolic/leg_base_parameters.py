@@ -6,20 +6,20 @@ that is a body of revolution about its axis, of a prismatic joint the whole iner
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import casadi as cs
 import numpy as np
 
 from ocptip.basics.errors import InputError
-from ocptip.parallel.description.entries import elementary_rotation, value_of
-from ocptip.parallel.description.robot_description import PRISMATIC, MDHRow, RobotDescription
+from ocptip.parallel.description.body_inertia import BodyInertia
+from ocptip.parallel.description.mdh import moved_inertia, row_frame
+from ocptip.parallel.description.robot_description import FIXED, PRISMATIC, MDHRow, RobotDescription
 from ocptip.parallel.symbolic.leg_jacobian import LegPlan
 from ocptip.parallel.symbolic.projection import Arguments, Projection
 from ocptip.parallel.symbolic.symbols import InertiaLayout, geometry_symbols, inertia_layout, inertia_values
 
 _XX, _YY, _MZ, _M = 0, 3, 8, 9
-_UPPER = np.triu_indices(3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,22 +78,10 @@ def leg_base_parameters(description: RobotDescription) -> LegBaseParameters:
 
 def transform_inertia(row: MDHRow) -> np.ndarray:
     """(10, 10) parameters of a body given in frame j, expressed in frame a(j), at joint variable zero."""
-    if row.sigma == PRISMATIC and value_of(row.r) != 0.0:
-        row = MDHRow(row.sigma, row.gamma, row.b, row.alpha, row.d, row.theta, 0.0)
-    turned = elementary_rotation("z", row.gamma) @ elementary_rotation("x", row.alpha)
-    offset = turned @ np.array([value_of(row.d), 0.0, value_of(row.r)]) + [0.0, 0.0, value_of(row.b)]
-    rotation = turned @ elementary_rotation("z", row.theta)
-    columns = []
-    for unit in np.eye(10):
-        upper = np.zeros((3, 3))
-        upper[_UPPER] = unit[:6]
-        tensor = rotation @ (upper + np.triu(upper, 1).T) @ rotation.T
-        first, mass = rotation @ unit[6:9], unit[9]
-        twice = np.outer(first, offset) + np.outer(offset, first)
-        tensor = tensor + (2 * (first @ offset) + mass * (offset @ offset)) * np.eye(3)
-        tensor = tensor - twice - mass * np.outer(offset, offset)
-        columns.append(np.concatenate([tensor[_UPPER], first + mass * offset, [mass]]))
-    return np.array(columns).T
+    still = replace(row, sigma=FIXED, r=0.0 if row.sigma == PRISMATIC else row.r)
+    frame = row_frame(still)
+    moved = (moved_inertia(BodyInertia.from_vector(unit), frame).vector for unit in np.eye(10))
+    return np.column_stack(list(moved))
 
 
 def _effective(description: RobotDescription, layout: InertiaLayout, kept: np.ndarray) -> np.ndarray:

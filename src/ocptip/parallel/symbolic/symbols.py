@@ -13,7 +13,9 @@ import casadi as cs
 import numpy as np
 
 from ocptip.basics.errors import InputError
+from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.entries import Entry, Parameter
+from ocptip.parallel.description.mdh import central_inertia
 from ocptip.parallel.description.robot_description import DYNPAR2, PRISMATIC, Leg, RobotDescription
 from ocptip.parallel.symbolic.leg_jacobian import LegModel
 from ocptip.parallel.symbolic.spatial_sx import Rotation, Turn, Vector, plus, turn, vector
@@ -86,10 +88,8 @@ def inertia_values(description: RobotDescription, dynpar: int = 2) -> np.ndarray
     """
     layout = inertia_layout(description)
     bodies = [b for group in layout.groups for b in description.legs[group[0]].bodies[: layout.bodies]]
-    vectors = [body.vector for body in (*bodies, description.platform.inertia)]
-    if dynpar == 1:
-        vectors = [_central(values) for values in vectors]
-    return np.concatenate(vectors)
+    bodies.append(description.platform.inertia)
+    return np.concatenate([_central(body) if dynpar == 1 else body.vector for body in bodies])
 
 
 def joint_term_values(description: RobotDescription) -> np.ndarray:
@@ -229,14 +229,11 @@ def _same_bodies(leg: Leg, other: Leg) -> bool:
     return same_table and all(np.array_equal(a.vector, b.vector) for a, b in pairs)
 
 
-def _central(values: np.ndarray) -> np.ndarray:
-    mass = values[9]
-    if mass == 0 and values[6:9].any():
+def _central(body: BodyInertia) -> np.ndarray:
+    """(10,) DynPar 1."""
+    if body.mass == 0 and body.first_moment.any():
         raise InputError(
             "DynPar 1: a body without mass has no centre of mass, but its first moment is not zero"
         )
-    center = values[6:9] / mass if mass else np.zeros(3)
-    tensor = np.zeros((3, 3))
-    tensor[np.triu_indices(3)] = values[:6]
-    shifted = tensor - mass * np.triu(center @ center * np.eye(3) - np.outer(center, center))
-    return np.concatenate([shifted[np.triu_indices(3)], center, [mass]])
+    center, about = central_inertia(body)
+    return np.concatenate([about[np.triu_indices(3)], center, [body.mass]])
