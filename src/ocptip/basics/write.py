@@ -87,6 +87,7 @@ def write_json(path: str | os.PathLike[str], data: Any, *, indent: int | None = 
     write_text(path, json.dumps(plain(data), indent=indent, allow_nan=False) + "\n")
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
 class Record:
     """Base of data classes that are results: they become plain data.
 

@@ -17,11 +17,14 @@ from ocptip.numerics.compiled import compiled
 BLOCK = 128
 """States per block: the work vectors of a block should stay in the processor's cache."""
 
-_NAMES = """
+# Numbers of our own: compiled code is kept on disk, and CasADi's may change.
+_Op = IntEnum(
+    "_Op",
+    """
     CONST INPUT OUTPUT ASSIGN ADD SUB MUL DIV NEG SQ TWICE SQRT SIN COS TAN ASIN ACOS ATAN ATAN2 EXP LOG FABS
     SIGN FMIN FMAX INV POW CONSTPOW LT LE EQ NE NOT AND OR IF_ELSE_ZERO
-"""
-_Op = IntEnum("_Op", _NAMES)  # numbers of our own: compiled code is kept on disk, CasADi's may change
+    """,
+)
 _CODES = {getattr(cs, f"OP_{op.name}"): op for op in _Op}
 
 

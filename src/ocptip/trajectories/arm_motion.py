@@ -67,9 +67,12 @@ def passive_command(
 
 
 class EventfulMotion:
-    """What motions have whose `event_times`, (S,), s, divide them into smooth pieces."""
+    """What motions have that their events divide into smooth pieces."""
 
-    event_times: np.ndarray
+    @cached_property
+    def event_times(self) -> np.ndarray:
+        """Instants of the events, sorted, (S,), s."""
+        raise NotImplementedError
 
     @property
     def intervals(self) -> np.ndarray:
