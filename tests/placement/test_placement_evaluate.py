@@ -181,29 +181,33 @@ def test_pose_rows_count_only_what_the_task_asks_for():
         assert rows.values[0] == pytest.approx([3e-3, error], abs=1e-7)
 
 
+def differences(logs, q, steps):
+    """Central differences of values (N, m, n) and of gradients (N, steps, m, n) at three poses."""
+    forward, backward = (
+        zip(*(logs.gradient(q[:3] + e) for e in sign * steps), strict=True) for sign in (1, -1)
+    )
+    values, slopes = (np.array(f) - np.array(b) for f, b in zip(forward, backward, strict=True))
+    return values.transpose(1, 2, 0) / 2e-6, slopes.transpose(1, 0, 2, 3) / 2e-6
+
+
 def test_manipulability_measures_and_their_derivatives():
     arm = four_feet().arm
     q = angles(four_feet(), seed=7)
     values = measures(arm, q, 0.5)
     logs = LogMeasures(arm, PlacementLimits(condition=1.0, singular_ratio=1.0, jacobian_length=0.5))
     weights = np.array([0.7, -0.4])
-    for k in range(3):
-        value, slope = logs.gradient(q[k])
-        assert value == pytest.approx(np.log(values[k]))
-        step = 1e-6 * np.eye(6)
-        numeric = [(logs.gradient(q[k] + e)[0] - logs.gradient(q[k] - e)[0]) / 2e-6 for e in step]
-        assert slope == pytest.approx(np.array(numeric).T, rel=1e-5, abs=1e-6)
-        bend = [weights @ (logs.gradient(q[k] + e)[1] - logs.gradient(q[k] - e)[1]) / 2e-6 for e in step]
-        scale = np.abs(bend).max()
-        assert logs.hessian(q[k], weights) == pytest.approx(np.array(bend), abs=1e-4 * scale)
+    value, slope = logs.gradient(q[:3])
+    assert value == pytest.approx(np.log(values[:3]))
+    steps = 1e-6 * np.eye(6)
+    assert slope == pytest.approx(differences(logs, q, steps)[0], rel=1e-5, abs=1e-6)
+    bend = np.einsum("m,nkmj->nkj", weights, differences(logs, q, steps)[1])
+    assert logs.hessian(q[:3], np.tile(weights, (3, 1))) == pytest.approx(bend, abs=1e-4 * np.abs(bend).max())
     limits = PlacementLimits(index="dm_2", index_min=0.2)
     logs, value = LogMeasures(arm, limits), index_of(arm, q, limits)
     assert logs.bounds == pytest.approx({"dm_2": -np.log(0.2)})
-    for k in range(3):
-        found, slope = logs.gradient(q[k])
-        assert found == pytest.approx([-np.log(value[k])])
-        numeric = [(logs.gradient(q[k] + e)[0] - logs.gradient(q[k] - e)[0]) / 2e-6 for e in step]
-        assert slope == pytest.approx(np.array(numeric).T, rel=1e-5, abs=1e-5)
+    found, slope = logs.gradient(q[:3])
+    assert found[:, 0] == pytest.approx(-np.log(value[:3]))
+    assert slope == pytest.approx(differences(logs, q, steps)[0], rel=1e-5, abs=1e-5)
     jacobian = np.diag([1.0, 2.0, 4.0])
     frobenius = np.linalg.norm(jacobian) * np.linalg.norm(np.linalg.inv(jacobian))
     s = np.linalg.svd(jacobian, compute_uv=False)

@@ -217,13 +217,11 @@ def _functions(
     return [
         _Function("nlp", at_x, {"f": f1, "g": dense(ng, 1)}, values),
         _Function("nlp_grad_f", at_x, {"f": f1, "grad_f_x": dense(nx, 1)}, gradient),
-        _Function(
-            "nlp_jac_g", at_x, {"g": dense(ng, 1), "jac_g_x": cs.Sparsity.triplet(ng, nx, *slopes)}, jacobian
-        ),
+        _Function("nlp_jac_g", at_x, {"g": dense(ng, 1), "jac_g_x": _sparsity(ng, nx, slopes)}, jacobian),
         _Function(
             "nlp_hess_l",
             at_x | {"lam_f": f1, "lam_g": dense(ng, 1)},
-            {"triu_hess_gamma_x_x": cs.Sparsity.triplet(nx, nx, *bends)},
+            {"triu_hess_gamma_x_x": _sparsity(nx, nx, bends)},
             hessian,
         ),
     ]
@@ -233,6 +231,12 @@ def _places(mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Rows and columns of a matrix's entries, column by column."""
     columns, rows = np.nonzero(mask.T)
     return rows, columns
+
+
+def _sparsity(rows: int, columns: int, places: tuple[np.ndarray, np.ndarray]) -> cs.Sparsity:
+    """The same for CasADi."""
+    first = np.searchsorted(places[1], np.arange(columns + 1))
+    return cs.Sparsity(rows, columns, first.tolist(), places[0].tolist())
 
 
 def _ipopt_options(tolerance: float, start_mu: float, strategy: str, push: float) -> dict[str, Any]:

@@ -149,6 +149,13 @@ class Evaluator:
             columns.append(np.mean(values, axis=1) if name == "GE" else np.max(values, axis=1))
         return np.column_stack(columns)
 
+    def least_criteria(self, evaluations: list[TaskEvaluation]) -> np.ndarray:
+        """Lower bounds (N, 4) of the criteria of placements whose contacts were not solved."""
+        least = [self.least_slip(e.wrenches[:, e.counting]) for e in evaluations]
+        criteria = self.criteria(evaluations)
+        criteria[:, CRITERIA.index("GT")] = np.max(np.concatenate(least, axis=1), axis=1, initial=0.0)
+        return criteria
+
     def totals(self, criteria: np.ndarray) -> np.ndarray:
         """(N,) weighted sum of normalised criteria (N, 4) (4.38); those with weight 0 may be NaN."""
         weights = self.problem.weights.array()

@@ -13,7 +13,7 @@ import numpy as np
 from ocptip.indices.arms.symbolic import index_function
 from ocptip.indices.arms.values import index_values
 from ocptip.indices.metric import OperationEllipsoid
-from ocptip.numerics.point import PointFunction
+from ocptip.numerics.batch import BatchFunction
 from ocptip.placement.problem import PlacementLimits
 from ocptip.robots.kinematics import gripper_batch, gripper_kinematics
 from ocptip.robots.model import ArmModel
@@ -63,7 +63,7 @@ class LogMeasures:
         jacobian = gripper_kinematics(model)(q)[2]
         scaled = cs.vertcat(jacobian[:3, :] / limits.jacobian_length, jacobian[3:, :])
         flat = cs.vec(scaled)
-        self._function = PointFunction(cs.Function("J", [q], [flat, cs.jacobian(flat, q)]))
+        self._function = BatchFunction(cs.Function("J", [q], [flat, cs.jacobian(flat, q)]))
         self._index = None
         if limits.index is not None:
             options = {}
@@ -71,38 +71,37 @@ class LogMeasures:
                 options = {"ellipsoid": OperationEllipsoid.sphere(limits.tool_radius), "p": _POWER}
             value = index_function(model, limits.index, **options)(q)
             amount = -0.5 * cs.log(value**2 + _SMALLEST**2)
-            self._index = PointFunction(cs.Function("index", [q], [amount, cs.jacobian(amount, q)]))
+            self._index = BatchFunction(cs.Function("index", [q], [amount, cs.jacobian(amount, q)]))
 
     def gradient(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Values (m,) and gradients (m, n) at q (n,)."""
+        """Values (N, m) and gradients (N, m, n) at q (N, n)."""
         flat, slope = self._function(q)
-        n = self.n
-        u, s, vt = np.linalg.svd(flat.reshape(n, 6).T, full_matrices=False)
+        u, s, vt = np.linalg.svd(flat.reshape(len(q), self.n, 6).transpose(0, 2, 1), full_matrices=False)
         s = np.maximum(s, _SMALLEST)
         # d sigma_i = u_i' dJ v_i
-        on_entries = np.einsum("ri,ic->icr", u, vt).reshape(len(s), -1)
+        on_entries = (vt[:, :, :, None] * u.transpose(0, 2, 1)[:, :, None]).reshape(*s.shape, -1)
         slopes = on_entries @ slope
         values, gradients = [], []
         for name in self.bounds:
             if name == "condition":
-                a, b = np.sum(s**2), np.sum(s**-2)
+                a, b = np.sum(s**2, axis=1), np.sum(s**-2, axis=1)
                 values.append(0.5 * np.log(a * b))
-                gradients.append((s / a - s**-3 / b) @ slopes)
+                on = s / a[:, None] - s**-3 / b[:, None]
+                gradients.append((on[:, None] @ slopes)[:, 0])
             elif name == "singular_ratio":
-                values.append(np.log(s[0] / s[-1]))
-                gradients.append(slopes[0] / s[0] - slopes[-1] / s[-1])
+                values.append(np.log(s[:, 0] / s[:, -1]))
+                gradients.append(slopes[:, 0] / s[:, :1] - slopes[:, -1] / s[:, -1:])
             else:
                 value, slope_of_index = self._index(q)
-                values.append(value.item())
-                gradients.append(slope_of_index.ravel())
-        return np.array(values), np.array(gradients).reshape(-1, n)
+                values.append(value[:, 0])
+                gradients.append(slope_of_index[:, 0])
+        return np.stack(values, axis=1), np.stack(gradients, axis=1)
 
     def hessian(self, q: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
-        """Second derivative (n, n) of multipliers . values at q (n,)."""
-        result = np.empty((self.n, self.n))
-        for j in range(self.n):
-            step = np.zeros(self.n)
-            step[j] = _STEP
-            forward, backward = (multipliers @ self.gradient(q + e)[1] for e in (step, -step))
-            result[j] = (forward - backward) / (2 * _STEP)
-        return (result + result.T) / 2
+        """Second derivatives (N, n, n) of multipliers (N, m) . values at q (N, n)."""
+        steps = _STEP * np.concatenate([np.eye(self.n), -np.eye(self.n)])
+        slopes = self.gradient((q[:, None] + steps).reshape(-1, self.n))[1]
+        slopes = multipliers[:, None, None] @ slopes.reshape(len(q), 2 * self.n, -1, self.n)
+        forward, backward = slopes[:, : self.n, 0], slopes[:, self.n :, 0]
+        result = (forward - backward) / (2 * _STEP)
+        return (result + result.transpose(0, 2, 1)) / 2

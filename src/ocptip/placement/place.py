@@ -40,7 +40,7 @@ _NEAR = 0.5  # in 0.1 m: gaps up to this take part in a program
 _HELD = 0.5  # share of the slip limit from which a load case takes part that is no criterion
 _ROUNDS = 12
 _PROGRESS = 1e-6  # of the objective, from one box to the next
-_IMPROVED_PER_START = 10
+_IMPROVED_PER_START = 16
 _AROUND, _COPIES, _AFAR = 3, 10, 0.2  # results looked around in the end, draws at each, of the scales
 _AGAIN = 3  # starts per program started once more from there
 _POSTURES_APART = 0.4  # of the scales, and of half the unit vectors of joint angles
@@ -59,11 +59,11 @@ def place(
 ) -> PlacementResult:
     """Find the best placements of a problem (4.38).
 
-    The terrain is sampled, all branches of the inverse kinematics are judged, and the most promising ones are
-    improved by a local search and start nonlinear programs (Ipopt, exact derivatives); so do some that break
-    constraints a little, a third as many. Around the best results the local search looks for further optima,
-    which start a third as many programs again. Every result is judged anew before it counts. The result
-    depends on problem, numbers and seed only.
+    The terrain is sampled, with all branches of the inverse kinematics, and once more around the best places,
+    among them such that break constraints a little. The most promising candidates are improved by a local
+    search and start nonlinear programs (Ipopt, exact derivatives). Around the best results the local search
+    looks for further optima, which start a third as many programs again. Every result is judged anew before
+    it counts. The result depends on problem, numbers and seed only.
 
     Args:
         problem: task, terrain, limits, weights.
@@ -102,13 +102,10 @@ def _place(
     chosen = candidates
     if candidates.reached:
         count = _IMPROVED_PER_START * starts
-        first = sampling.promising(work.evaluator, candidates, count, _POSTURES_APART)
+        first = sampling.spread(work.evaluator, candidates, count, _POSTURES_APART, postures=True)
         chosen = turned(work.evaluator, candidates.select(first))
         chosen = improved(work.evaluator, chosen, rng)
         chosen = chosen.select(sampling.spread(work.evaluator, chosen, starts, postures=True))
-        broken = candidates.select(np.flatnonzero(candidates.margins < 0))
-        direct = sampling.spread(work.evaluator, broken, more, _POSTURES_APART, postures=True)
-        chosen = sampling.joined([chosen, broken.select(direct)], candidates.sampled, candidates.reached)
     found: list[Placement] = []
     tried: list[Placement] = []
     reports = []

@@ -9,7 +9,7 @@ import numpy as np
 from ocptip.basics.errors import InputError, finite_array
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.limits.judged import Rows
-from ocptip.placement.problem import CRITERIA, PlacementProblem
+from ocptip.placement.problem import PlacementProblem
 from ocptip.placement.result import FEASIBLE
 from ocptip.placement.search.starts import solutions
 
@@ -154,10 +154,7 @@ class _Scanner:
         if not len(q):
             return q, who, none
         found = evaluator.task(t, self.patch, self.parameters[numbers[who]], q, contacts=False)
-        values = evaluator.criteria([found])
-        least = evaluator.least_slip(found.wrenches[:, found.counting])
-        values[:, CRITERIA.index("GT")] = np.max(least, axis=1, initial=0.0)
-        return q, who, (*worst(found.rows, len(q)), values)
+        return q, who, (*worst(found.rows, len(q)), evaluator.least_criteria([found]))
 
     def _sort(
         self, numbers: np.ndarray, margin: np.ndarray, cause: np.ndarray, values: np.ndarray, q: np.ndarray

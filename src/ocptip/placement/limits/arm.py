@@ -248,18 +248,22 @@ class Manipulability(Limit):
         return [Block(t, q, labels, -np.inf, upper) for t, q in enumerate(layout.q)]
 
     def values(self, at: Point, block: Block) -> np.ndarray:
-        return self._at(at, block)[0] / LOG_UNIT
+        return self._at(at)[0][block.of] / LOG_UNIT
 
     def jacobian(self, at: Point, block: Block) -> np.ndarray:
-        return self._at(at, block)[1] / LOG_UNIT
+        return self._at(at)[1][block.of] / LOG_UNIT
 
-    def _at(self, at: Point, block: Block) -> tuple[np.ndarray, np.ndarray]:
-        return at.once(block, lambda: self._logs.gradient(at.x[block.columns]))
+    def _at(self, at: Point) -> tuple[np.ndarray, np.ndarray]:
+        """Values (tasks, m) and gradients (tasks, m, n)."""
+        return at.once(self, lambda: self._logs.gradient(at.x[np.array(at.layout.q)]))
 
     def add_hessian(self, sums: Curvature, at: Point, blocks: list[Block], multipliers: np.ndarray) -> None:
-        for block in blocks:
-            on = multipliers[block.rows] / LOG_UNIT
-            sums.add(block.columns, self._logs.hessian(at.x[block.columns], on))
+        if not blocks:
+            return
+        on = np.array([multipliers[block.rows] for block in blocks]) / LOG_UNIT
+        bends = self._logs.hessian(at.x[np.array([block.columns for block in blocks])], on)
+        for block, bend in zip(blocks, bends, strict=True):
+            sums.add(block.columns, bend)
 
 
 def _turned(sines: cs.SX, cosine: cs.SX) -> cs.SX:

@@ -10,11 +10,13 @@ from __future__ import annotations
 import numpy as np
 
 from ocptip.placement.evaluate import Evaluator
-from ocptip.placement.search.starts import Candidates, exact_scores, joined, turns_beneath
+from ocptip.placement.search.starts import Candidates, exact_scores, joined, rough_scores, turns_beneath
 from ocptip.robots.inverse.joint_angles import within_limits
 from ocptip.robots.inverse.pose_search import search
 
 _ROUNDS = 10
+_FIRST_ROUNDS = 3  # then only the better candidates go on
+_GO_ON = 0.4
 _DRAWS = 12  # per candidate and round
 _RADIUS = 0.1  # of the parameters' scales and, in rad, of joint angles: standard deviation of the first round
 _TURN = 4.0  # the same for the base's angle, relative to the others
@@ -133,12 +135,16 @@ def _improved_on(
 ) -> tuple[np.ndarray, ...]:
     """Parameters (N, k), angles (N, tasks, n), scores, objectives and margins (N,) on one patch."""
     terrain = evaluator.problem.terrain[patch]
-    N, k = parameters.shape
     best_p, best_q = parameters.copy(), angles.copy()
     score, total, margin = _scores(evaluator, patch, best_p, best_q)
     unit = _units(evaluator, patch)
-    radius = np.full(N, _RADIUS)
-    for _ in range(_ROUNDS):
+    radius = np.full(len(best_p), _RADIUS)
+    for turn in range(_ROUNDS):
+        if turn == _FIRST_ROUNDS:
+            kept = np.argsort(score, kind="stable")[: max(round(_GO_ON * len(score)), 1)]
+            best_p, best_q, radius = best_p[kept], best_q[kept], radius[kept]
+            score, total, margin = score[kept], total[kept], margin[kept]
+        N, k = best_p.shape
         steps = rng.normal(size=(N, _DRAWS, k)) * radius[:, None, None] * unit
         p = np.clip(best_p[:, None] + steps, terrain.lower, terrain.upper).reshape(-1, k)
         first = np.repeat(best_q, _DRAWS, axis=0)
@@ -146,7 +152,10 @@ def _improved_on(
         q, exact = followed(evaluator, patch, p, first)
         value, goal, room = (np.full(len(p), np.inf) for _ in range(3))
         if exact.any():
-            value[exact], goal[exact], room[exact] = _scores(evaluator, patch, p[exact], q[exact])
+            at, below = np.flatnonzero(exact), np.repeat(score, _DRAWS)[exact]
+            kept = at[_score(*rough_scores(evaluator, patch, p[at], q[at])) < below]
+            if len(kept):
+                value[kept], goal[kept], room[kept] = _scores(evaluator, patch, p[kept], q[kept])
         leader = np.argmin(value.reshape(N, _DRAWS), axis=1) + _DRAWS * np.arange(N)
         better = value[leader] < score
         at = leader[better]
@@ -161,19 +170,24 @@ def followed(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Angles (N, tasks, n) that do the tasks from parameters (N, k), near given ones, and where they do."""
     origin, base = evaluator.place(patch, parameters)
-    result, exact = angles.copy(), np.ones(len(angles), dtype=bool)
+    result, exact = angles.copy(), np.arange(len(angles))
     for t, task in enumerate(evaluator.problem.tasks):
-        position, rotation = evaluator.targets(t, origin, base)
-        result[:, t], error = search(
-            evaluator.arm, angles[:, t], position, rotation, task.orientation, task.tool_axis
+        position, rotation = evaluator.targets(t, origin[exact], base[exact])
+        result[exact, t], error = search(
+            evaluator.arm, angles[exact, t], position, rotation, task.orientation, task.tool_axis
         )
-        exact &= error < _CLOSE
-    return result, exact
+        exact = exact[error < _CLOSE]
+    return result, np.isin(np.arange(len(angles)), exact)
 
 
 def _scores(
     evaluator: Evaluator, patch: int, parameters: np.ndarray, angles: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     total, margin = exact_scores(evaluator, patch, parameters, angles, fast=True)
+    return _score(total, margin), total, margin
+
+
+def _score(total: np.ndarray, margin: np.ndarray) -> np.ndarray:
+    """Objective plus the price of violations."""
     broken = np.maximum(-margin, 0)
-    return np.nan_to_num(total, nan=1e3) + _PENALTY * np.minimum(broken, 1e3), total, margin
+    return np.nan_to_num(total, nan=1e3) + _PENALTY * np.minimum(broken, 1e3)

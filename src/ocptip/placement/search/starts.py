@@ -10,7 +10,6 @@ from scipy.stats import qmc
 
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.limits.judged import smallest_margin
-from ocptip.placement.problem import CRITERIA
 from ocptip.robots.inverse.closed_form import branches_within_limits, closed_form_family
 from ocptip.robots.inverse.pose_search import search
 
@@ -22,11 +21,14 @@ _ROLLS = 3  # turns about the tool axis tried where it is free
 _CLOSE = 1e-7
 _PARALLEL = 1e-9
 _NEAREST = 1e-3
-_BRANCHES = 8  # kept per sampled place
+_SLIGHTLY = 0.5  # in 0.1 m: the base may violate its limits that much at first
+_AWAY = (0.1, 0.05, 0.025)  # of the scales: standard deviations of draws near the best places
+_LEADERS = 100  # number of these
+_BESIDE = 4  # times fewer draws than in a round
+_APART = 0.2
+_BRANCHES = 12  # combinations of branches kept per sampled place
 _EXACT = 1000  # candidates whose contacts are solved
-_BROKEN = 300  # how many of these break constraints at most, unless too few keep them
-_SHARE_BROKEN = 0.3  # the same, as a share of the candidates to improve
-_PRICE = 1.0  # objective per violation in comparable units
+_PRICE = 0.3  # objective per violation in comparable units
 
 
 @dataclass(eq=False)
@@ -123,111 +125,157 @@ def sample(evaluator: Evaluator, rng: np.random.Generator, count: int) -> Candid
     Args:
         count: placements per round and terrain; rounds go on until enough of them reach all tasks.
     """
-    problem, kept, blocked, sampled, reached, clear = evaluator.problem, [], [], 0, 0, 0
+    patches, kept, blocked, sampled, clear = range(len(evaluator.problem.terrain)), [], [], 0, 0
     if closed_form_family(evaluator.arm) is None:
         count //= _SEARCH_COSTS
-    shares = np.full(len(problem.terrain), max(count // len(problem.terrain), 32))
+    share = max(count // len(patches), 32)
+
+    def look_at(patch: int, parameters: np.ndarray) -> None:
+        nonlocal sampled, clear
+        ground = smallest_margin(evaluator.ground(patch, parameters), len(parameters))
+        near = ground >= -_SLIGHTLY
+        sampled, clear = sampled + len(parameters), clear + int(np.sum(ground >= 0))
+        kept.append(best_branches(evaluator, patch, parameters[near], ground[near], rng))
+        blocked.append((patch, parameters[~near], ground[~near]))
+
+    def reached() -> int:
+        return sum(part.reached for part in kept)
+
     for _ in range(_ROUNDS):
-        for patch in range(len(problem.terrain)):
-            parameters = _draw(evaluator, patch, rng, int(shares[patch]))
-            sampled += len(parameters)
-            ground = smallest_margin(evaluator.ground(patch, parameters), len(parameters))
-            free = parameters[ground >= 0]
-            clear += len(free)
-            kept.append(best_branches(evaluator, patch, free, rng))
-            blocked.append((patch, parameters[ground < 0]))
-            reached += kept[-1].reached
-        if reached >= _ENOUGH:
+        for patch in patches:
+            look_at(patch, _draw(evaluator, patch, rng, share))
+        if reached() >= _ENOUGH:
             break
-    if not reached:
-        kept = [best_branches(evaluator, *those, rng) for those in blocked]
-    found = joined(kept, sampled, reached)
+    for away in _AWAY:
+        best = _best_of(kept)
+        best = best.select(spread(evaluator, best, _LEADERS, _APART, postures=True))
+        for patch in np.unique(best.patches):
+            own = best.select(np.flatnonzero(best.patches == patch))
+            look_at(patch, _beside(evaluator, own, rng, max(share // _BESIDE, 32), away))
+    if not reached():
+        kept += [best_branches(evaluator, *those, rng) for those in blocked]
+    found = _best_of(kept)
     found = ranked(evaluator, found) if len(found) else _nearest_misses(evaluator, rng, count, sampled)
-    return replace(found, clear=clear)
+    return replace(found, sampled=sampled, reached=reached(), clear=clear)
 
 
 def best_branches(
-    evaluator: Evaluator, patch: int, parameters: np.ndarray, rng: np.random.Generator
+    evaluator: Evaluator, patch: int, parameters: np.ndarray, ground: np.ndarray, rng: np.random.Generator
 ) -> Candidates:
-    """For each placement from which all tasks can be reached, the best few branches of every task.
+    """For each placement from which all tasks can be reached, the best combinations of branches of the tasks.
 
     The best one keeps all constraints looked at here (all but the contact solver's) with the least objective,
-    else it has the least violation. The next candidate at a placement has the next branch of every task,
-    as far as there is one: in clutter another one may do after a small move.
+    else it breaks them least. Others are kept, too: in clutter they may do after a small move.
+
+    Args:
+        ground: (N,) smallest margin of the base's own limits at parameters (N, k).
     """
-    problem, n = evaluator.problem, evaluator.arm.n
-    alive = np.arange(len(parameters))
-    chosen = np.empty((len(parameters), _BRANCHES, 0, n))
-    total, margin = np.zeros((len(parameters), _BRANCHES)), np.full((len(parameters), _BRANCHES), np.inf)
-    further = np.zeros(total.shape, dtype=bool)
-    further[:, 0] = True
-    for t in range(len(problem.tasks)):
-        if not len(alive):
-            break
+    n, tasks = evaluator.arm.n, range(len(evaluator.problem.tasks))
+    alive, found = np.arange(len(parameters)), []
+    for t in tasks if len(alive) else ():
         q = solutions(evaluator, t, patch, parameters[alive], rng)
-        who, which = np.nonzero(np.isfinite(q).all(axis=2))
-        reached, first, counts = np.unique(who, return_index=True, return_counts=True)
-        alive, chosen = alive[reached], chosen[reached]
-        total, margin, further = total[reached], margin[reached], further[reached]
+        reached = np.isfinite(q).all(axis=2).any(axis=1)
+        alive = alive[reached]
+        found = [own[reached] for own in [*found, q]]
         if not len(alive):
             break
-        score, room = rough_scores(
-            evaluator, t, patch, parameters[alive[np.searchsorted(reached, who)]], q[who, which]
-        )
-        order = np.lexsort((np.where(room >= 0, score, 1e6 - room), who))
-        ranks = np.arange(_BRANCHES)
-        best = order[first[:, None] + np.minimum(ranks, counts[:, None] - 1)]
-        further |= ranks < counts[:, None]
-        chosen = np.concatenate([chosen, q[who, which][best][:, :, None]], axis=2)
-        total, margin = total + score[best], np.minimum(margin, room[best])
-    if chosen.shape[2] < len(problem.tasks):
-        chosen, further = np.empty((0, _BRANCHES, len(problem.tasks), n)), further[:0]
-    places, ranks = np.nonzero(further)
+    places = parameters[alive]
+    chosen = np.empty((len(alive), 1, 0, n))
+    criteria, margin = np.zeros((len(alive), 1, 4)), ground[alive][:, None]
+    share = [sum(case.counts for case in cases) for cases in evaluator.cases]
+    for t in tasks if len(alive) else ():
+        own = _branches(evaluator, t, patch, places, found[t])
+        own[1][:, :, -1] *= share[t] / sum(share)
+        chosen, criteria, margin = _combined(evaluator, (chosen, criteria, margin), own)
+    if not len(alive):
+        chosen = np.empty((0, 1, len(tasks), n))
+    who, rank = np.nonzero(np.isfinite(criteria[:, :, 0]))
     return Candidates(
-        np.full(len(places), patch),
-        list(parameters[alive[places]]),
-        chosen[places, ranks],
-        total[places, ranks],
-        margin[places, ranks],
+        np.full(len(who), patch),
+        list(places[who]),
+        chosen[who, rank],
+        evaluator.totals(criteria[who, rank]),
+        margin[who, rank],
         len(parameters),
-        len(chosen),
+        int(np.sum(ground[alive] >= 0)),
     )
 
 
-def rough_scores(
+def _branches(
     evaluator: Evaluator, task: int, patch: int, parameters: np.ndarray, q: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Angles (N, B, 1, n) of a task, lower bounds of its criteria (N, B, 4), infinite where there is no
+    branch, and margins (N, B)."""
+    criteria, margin = np.full((*q.shape[:2], 4), np.inf), np.full(q.shape[:2], -np.inf)
+    at = np.nonzero(np.isfinite(q).all(axis=2))
+    found = evaluator.task(task, patch, parameters[at[0]], q[at], contacts=False)
+    criteria[at], margin[at] = evaluator.least_criteria([found]), found.margin()
+    return q[:, :, None], criteria, margin
+
+
+def _combined(evaluator: Evaluator, first: tuple, second: tuple) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The best combinations of branches of some tasks with those of one more."""
+    both = np.maximum(first[1][:, :, None], second[1][:, None])
+    both[..., -1] = first[1][:, :, None, -1] + second[1][:, None, :, -1]
+    margin = np.minimum(first[2][:, :, None], second[2][:, None])
+    N, K, B = margin.shape
+    both, margin = both.reshape(N, K * B, 4), margin.reshape(N, K * B)
+    totals = np.where(
+        np.isfinite(both[:, :, 0]), evaluator.totals(both.reshape(-1, 4)).reshape(N, -1), np.inf
+    )
+    rank = np.where(margin >= 0, totals, 1e3 + totals - _PRICE * np.maximum(margin, -1e5))
+    best = np.argsort(rank, axis=1, kind="stable")[:, :_BRANCHES]
+    at = np.arange(N)[:, None]
+    angles = np.concatenate([first[0][at, best // B], second[0][at, best % B]], axis=2)
+    return angles, both[at, best], margin[at, best]
+
+
+def rough_scores(
+    evaluator: Evaluator, patch: int, parameters: np.ndarray, angles: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Objective without the slip reserve and smallest margin, (N,) each, of one task; contacts not solved."""
-    found = evaluator.task(task, patch, parameters, q, contacts=False)
-    criteria = evaluator.criteria([found])
-    criteria[:, CRITERIA.index("GT")] = 0.0
-    return evaluator.totals(criteria), found.margin()
+    """Lower bound of the objective and smallest margin known without solving contacts, (N,) each.
+
+    Args:
+        angles: (N, tasks, n), rad.
+    """
+    found = [
+        evaluator.task(t, patch, parameters, angles[:, t], contacts=False) for t in range(angles.shape[1])
+    ]
+    margin = np.min([own.margin() for own in found], axis=0)
+    return evaluator.totals(evaluator.least_criteria(found)), margin
+
+
+def _best_of(parts: list[Candidates]) -> Candidates:
+    """The most promising candidates of every part, so that many near one place leave room for others."""
+    share, chosen = -(-_EXACT // len(parts)), []
+    for part in parts:
+        order = np.argsort(_rank(part.totals, part.margins), kind="stable")
+        chosen.append(part.select(order[:share]))
+    return _sorted(joined(chosen, 0, 0))
 
 
 def ranked(evaluator: Evaluator, candidates: Candidates) -> Candidates:
-    """The most promising candidates with their contacts solved, the best first."""
-    rank = _rank(candidates.totals, candidates.margins)
-    order = np.argsort(rank, kind="stable")
-    kept = int(np.sum(candidates.margins >= 0))
-    broken = min(len(order) - kept, _BROKEN)
-    best = np.concatenate([order[: min(kept, _EXACT - broken)], order[kept : kept + broken]])
-    totals, margins = np.full(len(best), np.nan), np.full(len(best), -np.inf)
-    for patch in np.unique(candidates.patches[best]):
-        own = np.flatnonzero(candidates.patches[best] == patch)
-        parameters = np.array([candidates.parameters[i] for i in best[own]])
+    """The candidates with their contacts solved, the best first."""
+    totals, margins = np.full(len(candidates), np.nan), np.full(len(candidates), -np.inf)
+    for patch in np.unique(candidates.patches):
+        own = np.flatnonzero(candidates.patches == patch)
+        parameters = np.array([candidates.parameters[i] for i in own])
         totals[own], margins[own] = exact_scores(
-            evaluator, patch, parameters, candidates.angles[best[own]], fast=True
+            evaluator, patch, parameters, candidates.angles[own], fast=True
         )
-    order = np.argsort(_rank(totals, margins), kind="stable")
-    result = candidates.select(best[order])
-    result.totals, result.margins = totals[order], margins[order]
-    return result
+    return _sorted(replace(candidates, totals=totals, margins=margins))
+
+
+def _sorted(candidates: Candidates) -> Candidates:
+    """The same, the best first."""
+    return candidates.select(np.argsort(_rank(candidates.totals, candidates.margins), kind="stable"))
 
 
 def _rank(totals: np.ndarray, margins: np.ndarray) -> np.ndarray:
-    """Numbers by which candidates are sorted: those that keep all constraints first, by their objective."""
-    broken = np.minimum(-np.nan_to_num(margins, nan=-np.inf), 1e5)
-    return np.where(margins >= 0, totals, 1e6 + np.nan_to_num(totals, nan=1e3, posinf=1e3) + _PRICE * broken)
+    """Numbers by which candidates are sorted: the objective, and a price of violations that is so low that
+    candidates which may become good by a small move are among the first."""
+    broken = np.clip(-np.nan_to_num(margins, nan=-np.inf), 0, 1e5)
+    return np.nan_to_num(totals, nan=1e3, posinf=1e6) + _PRICE * broken
 
 
 def exact_scores(
@@ -239,18 +287,6 @@ def exact_scores(
     for own in found:
         margin = np.minimum(margin, own.margin())
     return evaluator.totals(evaluator.criteria(found)), margin
-
-
-def promising(evaluator: Evaluator, candidates: Candidates, count: int, apart: float) -> list[int]:
-    """Numbers of up to `count` candidates of different posture: the best, and some that break constraints."""
-    broken = candidates.margins < 0
-    others = min(int(_SHARE_BROKEN * count), int(broken.sum()))
-    result = []
-    for own, number in ((~broken, count - others), (broken, others)):
-        at = np.flatnonzero(own)
-        chosen = spread(evaluator, candidates.select(at), number, apart, postures=True)
-        result += at[chosen].tolist()
-    return result
 
 
 def spread(
@@ -324,6 +360,17 @@ def _draw(evaluator: Evaluator, patch: int, rng: np.random.Generator, count: int
     low, high = _box(evaluator, patch)
     unit = qmc.Halton(problem.terrain[patch].size, rng=rng).random(count)
     return low + unit * (high - low)
+
+
+def _beside(
+    evaluator: Evaluator, found: Candidates, rng: np.random.Generator, count: int, away: float
+) -> np.ndarray:
+    """Parameters (count, k) near those of candidates of one patch."""
+    patch = found.patches[0]
+    terrain = evaluator.problem.terrain[patch]
+    near = np.array(found.parameters)[rng.integers(len(found), size=count)]
+    near += away * evaluator.problem.scales(patch) * rng.normal(size=near.shape)
+    return np.clip(terrain.wrapped(near), terrain.lower, terrain.upper)
 
 
 def _box(evaluator: Evaluator, patch: int) -> tuple[np.ndarray, np.ndarray]:
