@@ -14,7 +14,9 @@ from ocptip.contact.support import Load, Support
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.place import place
 from ocptip.reserves.tipping import TipOver
+from ocptip.task_files.placement import load_placement
 from studies.placement import brute_force as placement_brute_force
+from studies.placement import clutter as placement_clutter
 from studies.placement import pareto as placement_pareto
 from studies.placement import planar as planar_placement
 from studies.placement.planar import COST_REFERENCE, DIMENSIONS, FORCE, elbow_up, field, planar_problem
@@ -174,6 +176,47 @@ def test_a_solution_that_only_the_grid_finds_counts_as_a_failure():
     assert placement_brute_force.excess(row) == [np.inf, 0.0]
     row = {"grid": {"total": None}, "sets": [{"total": 0.2}]}
     assert placement_brute_force.excess(row)[0] < 0
+
+
+def test_cluttered_tasks_are_the_same_for_a_seed_and_clear_of_the_gripper():
+    one, two, other = (placement_clutter.cluttered(s, 5) for s in (3, 3, 4))
+    assert len(one.tasks) == 3
+    np.testing.assert_array_equal(one.tasks[2].rotation, two.tasks[2].rotation)
+    assert not np.array_equal(one.tasks[2].rotation, other.tasks[2].rotation)
+    for pillar in one.obstacles[1:]:
+        assert np.linalg.norm(pillar.point[:2]) > 2 * pillar.radius
+    assert [len(placement_clutter.drilling(*n).cases) for n in ((20, 1), (1, 8))] == [21, 16]
+    among = load_placement(placement_clutter.AMONG_PILLARS).problem
+    assert len(among.obstacles) + len(among.keep_out) == 7
+
+
+def test_clutter_study_counts_what_is_close_and_keeps_what_is_done(tmp_path, monkeypatch, capsys):
+    made = []
+
+    def run(problem, seed, **options):
+        made.append((problem, options))
+        few = len(problem.obstacles) % 2
+        total = (
+            None if few and problem.robot.arm.name == "FP1W2F" else 0.1 if options else 0.1005 + 0.001 * seed
+        )
+        entry = {"total": total, "parameters": [0.0], "programs": 7, "iterations": 300}
+        return entry | {"cpu_seconds": 2.0 + seed}
+
+    monkeypatch.setattr(placement_clutter, "run", run)
+    options = ["--out", str(tmp_path), "--tasks", "3", "--sets", "2", "--thorough", "1"]
+    assert placement_clutter.main(options) == 0
+    first = capsys.readouterr().out
+    assert "3 of 6 runs of the 3 random tasks are within 1 %" in first  # 0.5 % and 1.5 % worse
+    assert "+1.50 %" in first
+    assert "20 forces, 1 poses" in first
+    count = len(made)
+    assert placement_clutter.main(options) == 0
+    assert len(made) == count  # nothing is computed twice
+    assert capsys.readouterr().out == first
+    monkeypatch.setattr(placement_clutter, "source_state", lambda *_: "new")
+    assert placement_clutter.main([*options, "--again"]) == 0
+    assert not any(options for _, options in made[count:])  # the thorough ones stay
+    assert "another state of the source code" in capsys.readouterr().out
 
 
 @pytest.mark.slow

@@ -34,7 +34,7 @@ from ocptip.robots.inverse.pose_search import search
 _TOLERANCE = 1e-8
 _KEPT = 1e-5  # violation of a program's rows up to which its result is used
 _ITERATIONS = 100
-_START_MU = 1e-2
+_START_MU = 1e-4
 _BOX, _BOX_ANGLE = 0.06, 0.3  # of the parameters' scales, rad: how far one program may go
 _NEAR = 0.5  # in 0.1 m: gaps up to this take part in a program
 _HELD = 0.5  # share of the slip limit from which a load case takes part that is no criterion

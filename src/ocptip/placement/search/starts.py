@@ -120,10 +120,13 @@ def solutions(
 
 
 def sample(evaluator: Evaluator, rng: np.random.Generator, count: int) -> Candidates:
-    """Sampled candidates, sorted: those that keep all constraints by their objective, then by violation.
+    """Sampled candidates, sorted by objective and a price of violations.
+
+    After the rounds over the whole terrain come some near the most promising places so far, ever nearer: in
+    clutter the best basins may be too narrow for an even sample.
 
     Args:
-        count: placements per round and terrain; rounds go on until enough of them reach all tasks.
+        count: placements per round; rounds go on until enough of them reach all tasks.
     """
     patches, kept, blocked, sampled, clear = range(len(evaluator.problem.terrain)), [], [], 0, 0
     if closed_form_family(evaluator.arm) is None:
