@@ -274,8 +274,26 @@ def test_a_base_that_falls_or_slips_is_refused(tmp_path):
 
 
 def test_joints_without_limits_are_refused(tmp_path):
-    task = load(tmp_path, URDF.replace("acceleration_deg_s2 = 200\n", ""))
+    task = load(tmp_path, URDF)
+    robot = task.robot.varied(arm=task.robot.arm.with_limits(acceleration=np.full(2, np.inf)))
+    task = dataclasses.replace(task, robot=robot)
     assert refusals(task) == ("joints without acceleration limit: 1, 2; every joint needs one",)
+
+
+def test_what_a_file_leaves_open_is_assumed_and_said(tmp_path):
+    text = URDF.replace("acceleration_deg_s2 = 200\n", "")
+    assert load(tmp_path, URDF).robot.notes == ()
+    task = load(tmp_path, text)
+    np.testing.assert_allclose(task.robot.limits.acceleration, 2 * task.robot.limits.speed)
+    assert task.robot.notes == ("acceleration limits: full speed in 0.5 s, for the file gives none",)
+    task = load(tmp_path, text.replace('[motors]\nkind = "estimated"\nstandby = 3\n', ""))
+    assert isinstance(task.robot.motors, DCMotors)
+    assert [note.split(":")[0] for note in task.robot.notes] == ["acceleration limits", "motors"]
+    task = load(tmp_path, changed(URDF, locked_m=None, base_link=None))
+    assert task.robot.notes == (
+        "base_link 'base', not given in the file",
+        "locked, not on the way to the tool: grip at 0 (rad, sliding joints m)",
+    )
 
 
 POSE = "goal_pose = { position = [0.2, 0, 0.5], rpy_deg = [0, 90, 0] }"
@@ -346,10 +364,13 @@ POSE = "goal_pose = { position = [0.2, 0, 0.5], rpy_deg = [0, 90, 0] }"
         (changed(URDF, urdf='urdf = "no.urdf"'), r"arm\.urdf: .*no\.urdf: no such file"),
         (
             changed(URDF, base_link='base_link = "bse"'),
-            "arm.base_link: no 'bse'; there are .*did you mean 'base'",
+            "arm.base_link: no 'bse'; candidates: base, upper, .*did you mean 'base'",
         ),
-        (changed(URDF, tool_frame=None), "arm.tool_frame: missing"),
-        (changed(URDF, locked_m=None), "arm.locked_deg or locked_m: not on the way .* lock them: grip"),
+        (changed(URDF, tool_frame=None), "arm.tool_frame: is missing, candidates: finger, tip"),
+        (changed(URDF, locked_m='locked_m = { "gr?p*" = 1, "x*" = 1 }'), r"no joint 'x\*'; there are hip, "),
+        (changed(URDF, locked_m="locked_m = { knee = 1 }"), "joint 'knee' turns, its key is locked_deg"),
+        (changed(URDF, locked_m="locked_deg = { grip = 1 }"), "joint 'grip' slides, its key is locked_m"),
+        (changed(URDF, locked_m="locked_m = { end = 1 }"), "joint 'end' is fixed"),
         (changed(URDF, locked_m='locked_m = { grip = "x" }'), "arm.locked_m.grip: expected a number"),
         (changed(URDF, armature="armature = [1, -1]"), "arm.armature: must be >= 0, got -1"),
         (
@@ -358,7 +379,7 @@ POSE = "goal_pose = { position = [0.2, 0, 0.5], rpy_deg = [0, 90, 0] }"
         ),
         (
             changed(URDF, acceleration_deg_s2="speed = 3"),
-            "arm.limits.speed: unknown key; did you mean 'speed_deg",
+            "arm.limits.speed: unknown key; did you mean 'speed_m_s",
         ),
         (changed(URDF, torque_Nm="torque_Nm = [1, 0]"), "arm.limits.torque_Nm: must be > 0"),
         (changed(URDF, torque_Nm="angle_min_deg = 170"), "arm.limits: joint 1: angle_min"),
@@ -368,10 +389,15 @@ POSE = "goal_pose = { position = [0.2, 0, 0.5], rpy_deg = [0, 90, 0] }"
         ),
         (URDF.replace('kind = "estimated"', 'kind = "dc"'), "motors.resistance: missing"),
         (URDF.replace("standby = 3", "standby = 3\nfriction = 1"), "motors.friction: unknown key"),
+        (changed(URDF, torque_Nm="force_N = 3"), "arm.limits.force_N: no joint of the arm slides"),
         (
-            URDF.replace('[motors]\nkind = "estimated"\nstandby = 3\n', ""),
-            r"motors: missing table \[motors\]",
+            changed(URDF, torque_Nm='torque_Nm = { "k*" = 3, hipp = 2 }'),
+            "arm.limits.torque_Nm.hipp: no such joint; there are hip, knee; did you mean 'hip'",
         ),
+        (changed(URDF, start_deg="start_deg = 3"), "motion.start_deg: expected a list of 2 numbers, got 3"),
+        (changed(URDF, start_deg="start_deg = { hip = 3 }"), "motion.start_deg: no value for knee"),
+        (changed(URDF, start_deg="start_m = [1]"), "motion.start_deg: expected either start_deg or start_p"),
+        (changed(URDF, start_deg="start_deg = [1, 2]\nstart_m = [1]"), "motion.start_m: unknown key"),
         (URDF.replace("sphere_radius = 0.04", "excluded_links = [[1, 2]]"), "arm.excluded_links: without"),
         (
             URDF.replace("= 0.04", "= 0.04\nexcluded_links = [[1, 3]]"),

@@ -21,7 +21,8 @@ def twin(
             placement = pin.SE3(model.mount_rotation @ model.rotations[0], model.mount_position.copy())
         else:
             placement = pin.SE3(model.rotations[i].copy(), model.offsets[i - 1].copy())
-        parent = robot.addJoint(parent, pin.JointModelRZ(), placement, model.joint_names[i])
+        kind = pin.JointModelPZ if model.prismatic[i] else pin.JointModelRZ
+        parent = robot.addJoint(parent, kind(), placement, model.joint_names[i])
         body = pin.Inertia(float(masses[i]), model.centres[i].copy(), np.eye(3))
         body.inertia = inertias[i].copy()
         robot.appendBodyToJoint(parent, body, pin.SE3.Identity())

@@ -42,7 +42,7 @@ class MotionCheck:
         energy: J, electric.
         duration: s.
         worst: by name: GN, GT, torque_ratio, clearance_m, and the exact speed_ratio, acceleration_ratio,
-            angle_margin_deg of the motion (angle_margin where a coordinate is a length: in its unit); the
+            angle_margin_deg of the motion (position_margin_m of coordinates that are lengths); the
             mechanism's further limits by their names.
         violations: one sentence per broken limit, empty if verified.
         samples: number of instants evaluated.

@@ -77,6 +77,7 @@ def plan_to_dict(plan: MotionPlan) -> dict[str, Any]:
         "interrupted": plan.interrupted,
         "seed": plan.seed,
         "options": plan.options,
+        "assumed": plan.task.robot.notes,
         "reference": _reference(plan),
         "versions": versions(),
     }

@@ -24,7 +24,7 @@ class MotionTask:
     Attributes:
         name: for messages and titles.
         robot: the arm, or the parallel robot, on its support.
-        start, goal: joint angles, (n,), rad, or the platform's coordinates, m and rad.
+        start, goal: joint angles, (n,), rad (sliding joints: m), or the platform's coordinates, m and rad.
         limits: reserves, torques, clearance.
         optimised: joints with ramp parameters, counted from 0, increasing; the others are passive.
         commands: ramp commands per optimised joint, at most 12.

@@ -11,13 +11,14 @@ from ocptip.basics.errors import InputError, OcptipError, PlanningError, whole_n
 from ocptip.contact.support import Support
 from ocptip.motion.plan import MotionPlan, plan_motion
 from ocptip.motion.task import MotionTask
-from ocptip.numerics.vectors import nearest_turn
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.place import place
 from ocptip.placement.problem import PlacementProblem
 from ocptip.placement.result import FEASIBLE, Placement, PlacementResult, judge
 from ocptip.placement.search.starts import solutions
 from ocptip.robots.geometry import Pillar, Wall
+from ocptip.robots.inverse.joint_angles import nearest_copies
+from ocptip.robots.model import ArmModel
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.limits import MotionLimits
 
@@ -198,7 +199,7 @@ def shortest_way(evaluator: Evaluator, placement: Placement, seed: int = 0) -> P
     for q in layers[1:]:
         options = []
         for goal in q:
-            near = [_near(goal, way[-1], limits.angle_min, limits.angle_max) for way in path]
+            near = [_near(evaluator.arm, goal, way[-1]) for way in path]
             ways = [c + np.abs(g - way[-1]) @ weights for c, way, g in zip(cost, path, near, strict=True)]
             best = int(np.argmin(ways))
             options.append((ways[best], [*path[best], near[best]]))
@@ -207,10 +208,10 @@ def shortest_way(evaluator: Evaluator, placement: Placement, seed: int = 0) -> P
     return judge(evaluator, placement.patch, placement.parameters, angles, placement.start)
 
 
-def _near(goal: np.ndarray, start: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+def _near(arm: ArmModel, goal: np.ndarray, start: np.ndarray) -> np.ndarray:
     """The copy of an angle, whole turns away, that is nearest to the start within its limits."""
-    turned = nearest_turn(goal, start)
-    return np.where((turned >= low) & (turned <= high), turned, goal)
+    turned = nearest_copies(arm, goal, start)
+    return np.where((turned >= arm.limits.angle_min) & (turned <= arm.limits.angle_max), turned, goal)
 
 
 def _legs(placement: Placement) -> list[tuple[np.ndarray, np.ndarray, str]]:

@@ -25,7 +25,14 @@ def result_to_dict(name: str, result: PlacementResult) -> dict[str, Any]:
         name: of the task.
         result: from `place`.
     """
-    return {"task": name, "found": True, **result.to_dict(), "versions": plain(versions())}
+    assumed = list(result.best.problem.robot.notes)
+    return {
+        "task": name,
+        "found": True,
+        **result.to_dict(),
+        "assumed": assumed,
+        "versions": plain(versions()),
+    }
 
 
 def refusal_to_dict(name: str, error: NoPlacementError) -> dict[str, Any]:

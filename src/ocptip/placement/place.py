@@ -29,6 +29,7 @@ from ocptip.placement.search.physics import PatchPhysics
 from ocptip.placement.search.program import PlacementProgram
 from ocptip.placement.search.refine import around, improved, turned
 from ocptip.placement.search.selection import held_cases, near_gaps, pieces
+from ocptip.robots.inverse.joint_angles import nearest_copies
 from ocptip.robots.inverse.pose_search import search
 
 _TOLERANCE = 1e-8
@@ -329,7 +330,7 @@ def _several(distinct: list[Placement], keep: int) -> tuple[Placement, ...]:
 
 
 def _same(a: Placement, b: Placement) -> bool:
-    turn = nearest_turn(a.angles - b.angles)
+    turn = nearest_copies(a.problem.robot.arm, a.angles - b.angles)
     return _same_place(a, b) and bool(np.max(np.abs(turn)) < 4 * ONE_PLACE)
 
 

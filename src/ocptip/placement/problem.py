@@ -370,7 +370,7 @@ class PlacementProblem:
 
     @cached_property
     def most_torque(self) -> np.ndarray:
-        """(n,) largest torque amounts, N m; infinite where there is none."""
+        """(n,) largest torque amounts, N m (sliding joints: N); infinite where there is none."""
         return self.limits.torque_ratio * self.robot.arm.limits.torque
 
     @cached_property
@@ -382,9 +382,7 @@ class PlacementProblem:
     def reach(self) -> float:
         """Upper bound, m, of the distance between the base's ground point and G."""
         arm, (position, _) = self.robot.arm, self.ground_frame
-        return float(
-            np.linalg.norm(arm.offsets, axis=1).sum() + np.linalg.norm(arm.mount_position - position)
-        )
+        return float(arm.reach + np.linalg.norm(arm.mount_position - position))
 
     def scales(self, patch: int) -> np.ndarray:
         """(k,) by how much parameters of a patch may change for the arm to take another posture.

@@ -132,10 +132,11 @@ class Placement:
         `parameters` are those of the terrain, angles in degrees with `_deg` in their key; `base` is the pose
         of the base frame in the world (`rotation` base to world axes, `rpy_deg` the same as roll, pitch, yaw
         about the fixed world axes), `ground` that of the ground point. `angles_deg` are the joint angles by
-        task. `criteria` holds per criterion value, reference, weight and `share` of the total. `margins` are
-        all constraints, the tightest first, `active` those at their limits.
+        task; if some joints slide, theirs are positions in m, and `units` says which. `criteria` holds per
+        criterion value, reference, weight and `share` of the total. `margins` are all constraints, the
+        tightest first, `active` those at their limits.
         """
-        problem = self.problem
+        problem, arm = self.problem, self.problem.robot.arm
         terrain = problem.terrain[self.patch]
         parameters = {
             f"{name}_deg" if angular else name: np.rad2deg(value) if angular else value
@@ -157,8 +158,9 @@ class Placement:
                     "rpy_deg": Rotation.from_matrix(self.base_rotation).as_euler("xyz", degrees=True),
                 },
                 "angles_deg": {
-                    task.name: np.rad2deg(q) for task, q in zip(problem.tasks, self.angles, strict=True)
+                    task.name: arm.in_degrees(q) for task, q in zip(problem.tasks, self.angles, strict=True)
                 },
+                **({"units": arm.file_units} if arm.prismatic.any() else {}),
                 "feasible": self.feasible,
                 "total": self.total,
                 "criteria": criteria,

@@ -1,5 +1,7 @@
 """Recursive Newton-Euler (2.32 to 2.45): joint torques of a serial arm and its wrench on the resting base.
 
+The source has turning joints only. A sliding joint i leaves the angular velocity of its link as it is; Q_i
+gets the Coriolis and the sliding acceleration, 2 omega x z qd + z qdd, and the drive the force along z.
 One definition as CasADi expressions, in link axes with the joint axis along z; NumPy evaluates the same
 function for many states at once.
 """
@@ -15,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, finite_array
 from ocptip.numerics.batch import BatchFunction
-from ocptip.robots.kinematics import relative_rotation
+from ocptip.robots.kinematics import relative_rotation, slide
 from ocptip.robots.model import ArmModel, joint_states
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)
@@ -27,7 +29,8 @@ class Dynamics:
     """What a motion asks for at N states (no leading N for a single state).
 
     Attributes:
-        torque: (N, n), N m: drive torques, acting on link i about +z_i from link i-1 (2.44).
+        torque: (N, n), N m: drive torques, acting on link i about +z_i from link i-1 (2.44); of sliding
+            joints the forces along +z_i, N.
         wrench: (N, 6), N and N m, base axes: force, then moment about the given base point, that the arm
             exerts on the base; its own weight and the process load included.
     """
@@ -40,9 +43,10 @@ class Dynamics:
 def inverse_dynamics(model: ArmModel) -> cs.Function:
     """CasADi function of the inverse dynamics; built once per model, inlines in SX graphs.
 
-    In: `q`, `qd`, `qdd` (n,), rad, rad/s, rad/s^2; `gravity` (3,), m/s^2, base axes; `force`, `moment` (3,),
-    N, N m, base axes: process load on the gripper at G; `about` (3,), m, base frame: reference point of the
-    base moment. Out: `torque` (n,), N m; `wrench` (6,), on the base, see :class:`Dynamics`.
+    In: `q`, `qd`, `qdd` (n,), rad, rad/s, rad/s^2 (sliding joints: m for rad); `gravity` (3,), m/s^2, base
+    axes; `force`, `moment` (3,), N, N m, base axes: process load on the gripper at G; `about` (3,), m, base
+    frame: reference point of the base moment. Out: `torque` (n,), N m (N); `wrench` (6,), on the base, see
+    :class:`Dynamics`.
     """
     n = model.n
     q, qd, qdd = (cs.SX.sym(name, n) for name in ("q", "qd", "qdd"))
@@ -68,29 +72,34 @@ def newton_euler(
     inertial_force, inertial_moment = [], []
     omega, domega = cs.SX.zeros(3), cs.SX.zeros(3)
     # Gravity enters as an upward acceleration of the base, so m (r'' - g) of (2.40) needs no second term.
-    acceleration, lever = -gravity, cs.SX.zeros(3)
+    acceleration = -gravity
     load, load_moment = force, moment
+    offsets = [cs.SX.zeros(3), *map(cs.SX, model.offsets)]
+    levers = [offsets[i] + relative[i] @ slide(model, i, q[i]) for i in range(model.n)] + offsets[-1:]
     for index, A in enumerate(relative):
-        acceleration = A.T @ (acceleration + _rotating(omega, domega, lever))  # of Q_i
-        carried, spin = A.T @ omega, cs.vertcat(0, 0, qd[index])
-        domega = A.T @ domega + cs.cross(carried, spin) + cs.vertcat(0, 0, qdd[index])  # (2.36)
-        omega = carried + spin
+        acceleration = A.T @ (acceleration + _rotating(omega, domega, levers[index]))  # of Q_i
+        omega, domega = A.T @ omega, A.T @ domega
+        rate, change = cs.vertcat(0, 0, qd[index]), cs.vertcat(0, 0, qdd[index])
+        if model.prismatic[index]:
+            acceleration = acceleration + 2 * cs.cross(omega, rate) + change
+        else:
+            domega = domega + cs.cross(omega, rate) + change  # (2.36)
+            omega = omega + rate
         centre, inertia = cs.SX(model.centres[index]), cs.SX(model.inertias[index])
         f = model.masses[index] * (acceleration + _rotating(omega, domega, centre))  # (2.35)
         spin_moment = inertia @ domega + cs.cross(omega, inertia @ omega)  # (2.42)
         inertial_force.append(f)
         inertial_moment.append(spin_moment + cs.cross(centre, f))  # about Q_i
-        lever = cs.SX(model.offsets[index])
         load, load_moment = A.T @ load, A.T @ load_moment  # process load, now in frame i
 
     F, M = -load, -load_moment  # coupling load behind the last link: what G passes on to the process (2.45)
     torque = [cs.SX(0)] * model.n
     for index in reversed(range(model.n)):
-        M = inertial_moment[index] + M + cs.cross(cs.SX(model.offsets[index]), F)  # (2.43) about Q_i
+        M = inertial_moment[index] + M + cs.cross(levers[index + 1], F)  # (2.43) about Q_i
         F = inertial_force[index] + F  # (2.40)
-        torque[index] = M[2] + model.armature[index] * qdd[index]  # (2.44)
+        torque[index] = (F if model.prismatic[index] else M)[2] + model.armature[index] * qdd[index]  # (2.44)
         F, M = relative[index] @ F, relative[index] @ M
-    arm = cs.SX(model.mount_position) - about
+    arm = cs.SX(model.mount_position) + levers[0] - about
     return cs.vertcat(*torque), cs.vertcat(-F, -M - cs.cross(arm, F))
 
 
@@ -108,7 +117,7 @@ def evaluate_dynamics(
     """Joint torques and base wrench at many states.
 
     Args:
-        q, qd, qdd: (N, n) or (n,), rad, rad/s, rad/s^2.
+        q, qd, qdd: (N, n) or (n,), rad, rad/s, rad/s^2 (sliding joints: m for rad).
         gravity: (3,), m/s^2, base axes.
         force, moment: (3,) or (N, 3), N and N m, base axes: process load on the gripper at G.
         about: (3,), m, base frame: reference point of the base moment.

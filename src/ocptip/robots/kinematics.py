@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -14,19 +15,26 @@ from ocptip.robots.model import ArmModel, joint_states
 _CACHED_MODELS = 64
 
 
-def relative_rotation(model: ArmModel, index: int, angle: cs.SX) -> cs.SX:
+def relative_rotation(model: ArmModel, index: int, q: cs.SX) -> cs.SX:
     """A_{i-1,i} (3, 3) of joint i = index + 1; for the first joint A_{B,1}, from frame 1 to base axes."""
     constant = model.mount_rotation @ model.rotations[0] if index == 0 else model.rotations[index]
-    c, s = cs.cos(angle), cs.sin(angle)
+    if model.prismatic[index]:
+        return cs.SX(constant)
+    c, s = cs.cos(q), cs.sin(q)
     turn = cs.vertcat(cs.horzcat(c, -s, 0), cs.horzcat(s, c, 0), cs.horzcat(0, 0, 1))
     return cs.SX(constant) @ turn
+
+
+def slide(model: ArmModel, index: int, q: cs.SX) -> cs.SX:
+    """(3, 1), m, frame i: how far joint i = index + 1 moves Q_i; zero if it turns."""
+    return cs.vertcat(0, 0, q) if model.prismatic[index] else cs.SX.zeros(3)
 
 
 def chain(model: ArmModel, q: cs.SX) -> tuple[list[cs.SX], list[cs.SX]]:
     """Link frames as CasADi expressions (2.32, 2.33, 2.38).
 
     Args:
-        q: (n,), rad.
+        q: (n,), rad (sliding joints: m, here and below).
 
     Returns:
         rotations: A_{B,1} .. A_{B,n}, A_{B,G}, each (3, 3).
@@ -37,6 +45,7 @@ def chain(model: ArmModel, q: cs.SX) -> tuple[list[cs.SX], list[cs.SX]]:
     rotation, origin = cs.SX.eye(3), cs.SX(model.mount_position)
     for index in range(model.n):
         rotation = rotation @ relative_rotation(model, index, q[index])
+        origin = origin + rotation @ slide(model, index, q[index])
         rotations.append(rotation)
         origins.append(origin)
         origin = origin + rotation @ cs.SX(model.offsets[index])
@@ -61,15 +70,17 @@ def gripper_kinematics(model: ArmModel) -> cs.Function:
     """CasADi function of gripper pose and geometric Jacobian; built once per model.
 
     In: q (n,), rad. Out: `position` (3,), m, base frame; `rotation` (3, 3), gripper to base axes; `jacobian`
-    (6, n), base axes: rows 1-3 velocity of G per joint speed, m; rows 4-6 angular velocity.
+    (6, n), base axes: rows 1-3 velocity of G per joint speed, m (sliding joints: 1); rows 4-6 angular
+    velocity.
     """
     q = cs.SX.sym("q", model.n)
     rotations, origins = chain(model, q)
     tip = origins[-1]
     columns = []
-    for rotation, origin in zip(rotations[:-1], origins[:-1], strict=True):
+    for rotation, origin, slides in zip(rotations[:-1], origins[:-1], model.prismatic, strict=True):
         axis = rotation[:, 2]
-        columns.append(cs.vertcat(cs.cross(axis, tip - origin), axis))
+        turning = cs.vertcat(cs.cross(axis, tip - origin), axis)
+        columns.append(cs.vertcat(axis, cs.SX.zeros(3)) if slides else turning)
     outputs = [tip, rotations[-1], cs.horzcat(*columns)]
     return cs.Function("gripper_kinematics", [q], outputs, ["q"], ["position", "rotation", "jacobian"])
 
@@ -131,6 +142,12 @@ def _frames_batch(model: ArmModel) -> BatchFunction:
 
 
 @lru_cache(maxsize=_CACHED_MODELS)
-def gripper_batch(model: ArmModel) -> BatchFunction:
-    """`gripper_kinematics` for many states at once."""
-    return BatchFunction(gripper_kinematics(model))
+def gripper_batch(model: ArmModel) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """`gripper_kinematics` for many states (N, n): (N, 3), (N, 3, 3), (N, 6, n)."""
+    evaluate = BatchFunction(gripper_kinematics(model))
+
+    def batch(q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        position, rotation, columns = evaluate(q)
+        return position, rotation, columns.reshape(-1, 6, model.n)  # of one joint a single column
+
+    return batch

@@ -1,9 +1,11 @@
-"""A serial arm of revolute joints as plain numbers: geometry, masses, limits, collision spheres.
+"""A serial arm of turning and sliding joints as plain numbers: geometry, masses, limits, collision spheres.
 
 Frames. Link i (1..n) carries frame i with origin Q_i on the axis of joint i and z along that axis;
-`A_{i-1,i} = A0[i-1] Rz(phi_i)` maps vectors from frame i to frame i-1. Frame 0, the mount, has its origin in
-Q_1 and rests in the base; the base frame is the caller's (usually the base's centre of mass). The gripper
-frame G sits on link n. SI units and radians throughout.
+`A_{i-1,i} = A0[i-1] Rz(phi_i)` maps vectors from frame i to frame i-1. A sliding (prismatic) joint does not
+turn its link, `A_{i-1,i} = A0[i-1]`, but moves Q_i by phi_i, then m, along z_i. Frame 0, the mount, has its
+origin in Q_1 (of a sliding joint 1: in its zero position) and rests in the base; the base frame is the
+caller's (usually the base's centre of mass). The gripper frame G sits on link n. SI units and radians
+throughout.
 """
 
 from __future__ import annotations
@@ -25,10 +27,10 @@ class JointLimits:
     """Limits of n joints; infinite where there is none.
 
     Attributes:
-        angle_min, angle_max: (n,), rad.
-        speed: (n,), rad/s, both directions.
-        acceleration: (n,), rad/s^2, both directions.
-        torque: (n,), N m, both directions.
+        angle_min, angle_max: (n,), rad (sliding joints: m).
+        speed: (n,), rad/s (m/s), both directions.
+        acceleration: (n,), rad/s^2 (m/s^2), both directions.
+        torque: (n,), N m (N), both directions.
     """
 
     angle_min: np.ndarray
@@ -50,8 +52,8 @@ class JointLimits:
             raise InputError(f"limits: all must have the same length, got {lengths}")
         for joint in np.flatnonzero(self.angle_min >= self.angle_max):
             raise InputError(
-                f"limits: joint {joint + 1}: angle_min {self.angle_min[joint]} rad must be below angle_max "
-                f"{self.angle_max[joint]} rad"
+                f"limits: joint {joint + 1}: angle_min {self.angle_min[joint]} must be below angle_max "
+                f"{self.angle_max[joint]} (rad, sliding joints m)"
             )
         for name in ("speed", "acceleration", "torque"):
             if (getattr(self, name) <= 0).any():
@@ -91,7 +93,7 @@ class SphereSet:
 
 @dataclass(frozen=True, eq=False)
 class ArmModel:
-    """A serial arm of n revolute joints on a base that rests.
+    """A serial arm of n turning or sliding joints on a base that rests.
 
     Link inertias may be indefinite: a fast rotor behind a gear, split between two links, leaves a negative
     axial moment on one of them (6.11). Compared and hashed by identity, so functions can be cached per model.
@@ -100,17 +102,20 @@ class ArmModel:
         name: for messages and titles.
         joint_names: n names.
         rotations: (n, 3, 3), A0: constant part of A_{i-1,i} = A0[i-1] Rz(phi_i).
-        offsets: (n, 3), m: Q_i to Q_{i+1} (last: to the gripper point G) in frame i.
+        offsets: (n, 3), m: Q_i to Q_{i+1}, of a sliding joint i+1 in its zero position (last: to the gripper
+            point G), in frame i.
         masses: (n,), kg.
         centres: (n, 3), m: Q_i to the link's centre of mass in frame i.
         inertias: (n, 3, 3), kg m^2, about the link's centre of mass, axes of frame i.
         limits: joint limits.
         tool_rotation: (3, 3), gripper axes to frame n.
-        mount_position: (3,), m: base origin to Q_1, base axes.
+        mount_position: (3,), m: base origin to Q_1 (of a sliding joint 1 in its zero position), base axes.
         mount_rotation: (3, 3), frame 0 to base axes.
         armature: (n,), kg m^2: rotor inertia times gear ratio squared. Adds armature * qdd to the joint
             torque and nothing to the base wrench, as in Pinocchio; zero for arms whose link inertias hold the
-            rotors.
+            rotors. Sliding joints: kg.
+        prismatic: (n,) True for sliding joints; by default none slides.
+        notes: what was assumed when the arm was made, one sentence each, for reports.
         sphere_sets: collision spheres.
         collision_pairs: names of sphere sets checked against each other.
         floor_sets: names of sphere sets checked against the floor.
@@ -131,6 +136,8 @@ class ArmModel:
     mount_position: np.ndarray = field(default_factory=lambda: np.zeros(3))
     mount_rotation: np.ndarray = field(default_factory=lambda: np.eye(3))
     armature: np.ndarray | None = None
+    prismatic: np.ndarray | None = None
+    notes: tuple[str, ...] = ()
     sphere_sets: tuple[SphereSet, ...] = ()
     collision_pairs: tuple[tuple[str, str], ...] = ()
     floor_sets: tuple[str, ...] = ()
@@ -144,6 +151,10 @@ class ArmModel:
             raise InputError("joint_names: an arm needs at least one joint")
         if self.armature is None:
             object.__setattr__(self, "armature", np.zeros(n))
+        kinds = np.zeros(n, dtype=bool) if self.prismatic is None else np.array(self.prismatic)
+        if kinds.shape != (n,) or kinds.dtype != bool:
+            raise InputError(f"prismatic: expected {n} times true or false, got {self.prismatic!r}")
+        object.__setattr__(self, "prismatic", _frozen(kinds))
         shapes = {
             "rotations": (n, 3, 3),
             "offsets": (n, 3),
@@ -187,6 +198,26 @@ class ArmModel:
     def n(self) -> int:
         """Number of joints."""
         return len(self.joint_names)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of the joints, "rad" or "m"."""
+        return tuple("m" if slides else "rad" for slides in self.prismatic)
+
+    @property
+    def file_units(self) -> tuple[str, ...]:
+        """Units of the joints in files and figures, "deg" or "m"."""
+        return tuple("m" if slides else "deg" for slides in self.prismatic)
+
+    def in_degrees(self, q: np.ndarray) -> np.ndarray:
+        """Joint values (..., n), rad, in `file_units`."""
+        return np.where(self.prismatic, q, np.rad2deg(q))
+
+    @property
+    def reach(self) -> float:
+        """Upper bound, m, of the distance from Q_1 to the gripper point; endless slides do not count."""
+        ways = np.maximum(np.abs(self.limits.angle_min), np.abs(self.limits.angle_max))[self.prismatic]
+        return float(np.linalg.norm(self.offsets, axis=1).sum() + ways[np.isfinite(ways)].sum())
 
     def mounted(self, position: Sequence[float], rotation: np.ndarray | None = None) -> ArmModel:
         """The same arm in another base frame, in which the present one sits at `position` and `rotation`.

@@ -1,8 +1,9 @@
 """Electric power of joint drives: measured maps of the modular arms, and a DC-motor model for other robots.
 
 Both take the drive torque (2.44: positive when it drives the joint in its positive direction) and the joint
-speed, give watts, and jump at zero speed, where friction changes sides. `direction` says on which side:
-inside a phase of constant sign an optimiser passes that sign and gets a smooth expression.
+speed (of sliding joints the force: N for N m and m for rad throughout), give watts, and jump at zero speed,
+where friction changes sides. `direction` says on which side: inside a phase of constant sign an optimiser
+passes that sign and gets a smooth expression.
 """
 
 from __future__ import annotations

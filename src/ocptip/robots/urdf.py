@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
-from collections.abc import Iterable, Mapping
-from pathlib import Path
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +14,7 @@ from ocptip.basics.text import did_you_mean
 from ocptip.robots.model import ArmModel, JointLimits
 from ocptip.robots.pinocchio import load_pinocchio
 from ocptip.robots.sanity import doubt_arm, refuse_impossible_links
+from ocptip.robots.urdf_file import UrdfFile, UrdfJoint, read_urdf
 
 if TYPE_CHECKING:
     import pinocchio as pin
@@ -24,8 +25,8 @@ _NO_LIMIT = 1e30  # Pinocchio writes the largest float where a URDF gives no lim
 def arm_from_urdf(
     path: str | os.PathLike[str],
     *,
-    base_link: str,
-    tool_frame: str,
+    base_link: str | None = None,
+    tool_frame: str | None = None,
     locked_joints: Mapping[str, float] | None = None,
     armature: np.ndarray | None = None,
     acceleration: np.ndarray | None = None,
@@ -37,12 +38,16 @@ def arm_from_urdf(
     frame is the frame of `base_link`. What hangs on `base_link`, on its other branches (wheels, head) or on
     joints locked before the first free one (a torso) is not part of the arm: its mass belongs to the base.
 
+    Joints of the arm that are not on the way to `tool_frame` (fingers) do not move. A joint that mimics one
+    that does not move stands where that one puts it.
+
     Args:
         path: the URDF file; meshes are not read.
-        base_link: link that rests.
-        tool_frame: any link or frame behind it; its origin is G, its axes are the gripper axes.
-        locked_joints: joint name to angle, rad (m for sliding joints). Every joint of the arm that is not on
-            the way to `tool_frame` (fingers) must be among them, and so must sliding joints on that way.
+        base_link: link that rests; by default the root.
+        tool_frame: link behind it; its origin is G, its axes are the gripper axes. By default the link called
+            like a tool (`urdf_file.TOOLS`), or the only one at an end.
+        locked_joints: joint name to angle, rad (m for sliding joints), of joints that do not move. Those that
+            are not on the way to `tool_frame` are at zero by default, or at the limit next to it.
         armature: (n,), kg m^2, reflected rotor inertias (rotor inertia times gear ratio squared), which URDF
             cannot hold; zero by default, which underestimates torques at high accelerations. See
             `ArmModel.armature`.
@@ -52,35 +57,37 @@ def arm_from_urdf(
 
     Returns:
         The arm; angle, speed and torque limits are the file's (a speed or torque limit of zero counts as
-        none).
+        none). Its `notes` say which names and angles were chosen here.
 
     Raises:
-        InputError: the file cannot be read, or a name is not in it (the message lists those that are), or a
-            joint is neither revolute nor continuous nor locked, or a link that moves has no inertia, or one
-            that no body has.
+        InputError: the file cannot be read, or a name is not in it (the message lists candidates), or a joint
+            on the way neither turns nor slides nor is locked, or mimics one that moves, or a link that moves
+            has no inertia, or one that no body has.
 
     Warns:
         InputWarning: masses or lengths that no arm has.
     """
-    file = Path(path)
-    if not file.is_file():
-        raise InputError(f"{file}: no such file")
+    file = read_urdf(path)
+    base = file.base_link(base_link)
+    tool = file.tool_frame(tool_frame, base)
     pin = load_pinocchio()
     try:
-        robot = pin.buildModelFromUrdf(str(file))
+        robot = pin.buildModelFromUrdf(str(file.path))
     except (ValueError, RuntimeError) as error:
-        raise InputError(f"{file}: not a readable URDF: {error}") from None
-    arm = arm_from_pinocchio(
-        robot,
-        base_link=base_link,
-        tool_frame=tool_frame,
-        locked_joints=locked_joints,
-        armature=armature,
-        acceleration=acceleration,
-        accept_inertia=accept_inertia,
-    )
+        raise InputError(f"not a readable URDF: {error}", "", str(file.path)) from None
+    locked, resting = dict(locked_joints or {}), {}
+    _require_joints(robot, locked)
+    way = [joint.name for joint in file.way(tool)]
+    for joint in file.joints.values():
+        if joint.mimics and joint.name not in locked:
+            value = _mimicked(file, robot, joint, locked, way)
+            (locked if joint.name in way else resting)[joint.name] = value
+    arm = _from_pinocchio(robot, base, tool, locked, resting, armature, acceleration, accept_inertia)
     doubt_arm(arm)
-    return arm
+    chosen = {"base_link": (base_link, base), "tool_frame": (tool_frame, tool)}
+    names = [f"{key} {name!r}" for key, (given, name) in chosen.items() if given is None]
+    notes = (f"{' and '.join(names)}, not given in the file",) if names else ()
+    return dataclasses.replace(arm, notes=(*notes, *arm.notes))
 
 
 def arm_from_pinocchio(
@@ -95,35 +102,69 @@ def arm_from_pinocchio(
 ) -> ArmModel:
     """The same for a Pinocchio model, whose armature is the default; `base_link` may be "universe"."""
     locked = dict(locked_joints or {})
+    _require_joints(robot, locked)
+    return _from_pinocchio(robot, base_link, tool_frame, locked, {}, armature, acceleration, accept_inertia)
+
+
+def _from_pinocchio(
+    robot: pin.Model,
+    base_link: str,
+    tool_frame: str,
+    locked: Mapping[str, float],
+    resting: Mapping[str, float],
+    armature: np.ndarray | None,
+    acceleration: np.ndarray | None,
+    accept_inertia: bool | Iterable[str],
+) -> ArmModel:
+    """The arm; `resting`: where joints rest that are neither locked nor on the way, by default near zero."""
     base = _frame(robot, "base_link", base_link)
     tool = _frame(robot, "tool_frame", tool_frame)
-    for name in locked:
-        _require_name("locked_joints", name, list(robot.names)[1:])
     path = list(robot.supports[robot.frames[tool].parentJoint])
     root = robot.frames[base].parentJoint
     if root not in path:
         raise InputError(f"tool_frame: {tool_frame!r} is not behind base_link {base_link!r}")
     ahead = path[path.index(root) + 1 :]
-    moving = [joint for joint in ahead if robot.names[joint] not in locked]
+    free = [j for j in ahead if robot.names[j] not in locked]
+    moving = [j for j in free if not _stuck(robot, j)]
+    stuck = {robot.names[j]: _nearest_to_zero(robot, j) for j in free if j not in moving}
     if not moving:
-        raise InputError(f"tool_frame: no free joint between {base_link!r} and {tool_frame!r}")
+        why = f" (limits leave no way to {', '.join(stuck)})" if stuck else ""
+        raise InputError(f"tool_frame: no free joint between {base_link!r} and {tool_frame!r}{why}")
     for joint in moving:
-        if not _is_revolute(robot, joint):
+        if robot.joints[joint].nv != 1 or np.linalg.norm(_screw(robot, joint), axis=1).min() > 0.5:
             raise InputError(
-                f"joint {robot.names[joint]!r} is a {robot.joints[joint].shortname()}; only revolute and "
-                f"continuous joints can move, lock it by locked_joints={{{robot.names[joint]!r}: ...}}"
+                f"joint {robot.names[joint]!r} is a {robot.joints[joint].shortname()}; only joints that turn "
+                "or slide can move; take a base_link behind it"
             )
-    behind = [joint for joint in robot.subtrees[moving[0]] if joint not in ahead]
-    loose = [robot.names[joint] for joint in behind if robot.names[joint] not in locked]
-    if loose:
-        raise InputError(
-            f"locked_joints: not on the way from {base_link!r} to {tool_frame!r}, so lock them: "
-            f"{', '.join(loose)}"
-        )
-    reduced = _lock(robot, locked, moving)
-    arm = _arm(reduced, base_link, tool_frame, armature, acceleration)
+    loose = [j for j in robot.subtrees[moving[0]] if j not in free and robot.names[j] not in locked]
+    at_rest = {robot.names[j]: resting.get(robot.names[j], _nearest_to_zero(robot, j)) for j in loose}
+    reduced, frames = _reduced(robot, {**stuck, **at_rest, **locked}, moving, (base, tool))
+    arm = _arm(reduced, *frames, armature, acceleration)
     refuse_impossible_links(arm, _links(reduced), accept_inertia)
-    return arm
+    reasons = {"their limits leave no way": stuck, "not on the way to the tool": at_rest}
+    notes = [_locked_note(why, values) for why, values in reasons.items() if values]
+    return dataclasses.replace(arm, notes=tuple(notes))
+
+
+def _mimicked(
+    file: UrdfFile, robot: pin.Model, joint: UrdfJoint, locked: Mapping[str, float], way: Sequence[str]
+) -> float:
+    """Where a joint stands that mimics one at rest."""
+    name, value, factor, seen = joint.name, 0.0, 1.0, [joint.name]
+    while joint.name not in locked and joint.mimics and joint.mimics[0] not in seen[1:]:
+        master, own, offset = joint.mimics
+        if master not in file.joints:
+            break
+        value, factor, joint = value + factor * offset, factor * own, file.joints[master]
+        seen.append(master)
+    if joint.name in locked or joint.kind == "fixed":
+        return value + factor * locked.get(joint.name, 0.0)
+    if joint.name in way:
+        raise InputError(
+            f"joint {name!r} mimics {joint.name!r}, which moves; coupled joints are not modelled: lock one "
+            "of them (locked_deg, locked_m)"
+        )
+    return value + factor * _nearest_to_zero(robot, robot.getJointId(joint.name))
 
 
 def _links(robot: pin.Model) -> list[list[str]]:
@@ -135,9 +176,38 @@ def _links(robot: pin.Model) -> list[list[str]]:
     ]
 
 
-def _lock(robot: pin.Model, locked: Mapping[str, float], moving: list[int]) -> pin.Model:
-    """Lock all joints but `moving`; where no angle is given (ahead of the base) it does not matter."""
-    pin = load_pinocchio()
+def _locked_note(why: str, values: Mapping[str, float]) -> str:
+    by_value: dict[str, list[str]] = {}
+    for name, value in values.items():
+        by_value.setdefault(f"{value:.4g}", []).append(name)
+    groups = [f"{', '.join(names)} at {value}" for value, names in by_value.items()]
+    return f"locked, {why}: {'; '.join(groups)} (rad, sliding joints m)"
+
+
+def _stuck(robot: pin.Model, index: int) -> bool:
+    """Whether a joint's limits leave it no way."""
+    joint = robot.joints[index]
+    return joint.nq == 1 and robot.lowerPositionLimit[joint.idx_q] == robot.upperPositionLimit[joint.idx_q]
+
+
+def _nearest_to_zero(robot: pin.Model, index: int) -> float:
+    """Zero, or the limit next to it."""
+    joint = robot.joints[index]
+    if joint.nq != 1:
+        return 0.0
+    low, high = robot.lowerPositionLimit[joint.idx_q], robot.upperPositionLimit[joint.idx_q]
+    return float(np.clip(0.0, low, high))
+
+
+def _reduced(
+    robot: pin.Model, locked: Mapping[str, float], moving: list[int], wanted: Sequence[int]
+) -> tuple[pin.Model, list[pin.SE3]]:
+    """Lock all joints but `moving`; where no angle is given (ahead of the base) it does not matter.
+
+    Returns:
+        The model, and where some frames of the whole model lie on its joints.
+    """
+    pin, robot = load_pinocchio(), robot.copy()
     configuration = pin.neutral(robot)
     for name, value in locked.items():
         angle = number_from(f"locked_joints[{name!r}]", value)
@@ -146,23 +216,31 @@ def _lock(robot: pin.Model, locked: Mapping[str, float], moving: list[int]) -> p
             configuration[joint.idx_q] = angle
         elif joint.nq == 2 and joint.nv == 1:  # continuous: cosine and sine
             configuration[joint.idx_q : joint.idx_q + 2] = np.cos(angle), np.sin(angle)
-        else:
+        elif angle != 0:
             raise InputError(f"locked_joints: {name!r} has {joint.nv} degrees of freedom, not one")
     others = [joint for joint in range(1, robot.njoints) if joint not in moving]
-    return pin.buildReducedModel(robot, others, configuration)
+    # Pinocchio's reduction cannot tell a link from a joint of the same name.
+    for number, frame in enumerate(robot.frames):
+        if number and frame.type != pin.FrameType.JOINT:  # frame 0 is the universe
+            frame.name = f"{number} {frame.name}"
+    names = [robot.frames[index].name for index in wanted]
+    reduced = pin.buildReducedModel(robot, others, configuration)
+    placements = [reduced.frames[reduced.getFrameId(name)].placement for name in names]
+    for frame in reduced.frames:
+        number, _, name = frame.name.partition(" ")
+        frame.name = name if number.isdigit() and name else frame.name
+    return reduced, placements
 
 
 def _arm(
     robot: pin.Model,
-    base_link: str,
-    tool_frame: str,
+    base: pin.SE3,
+    tool: pin.SE3,
     armature: np.ndarray | None,
     acceleration: np.ndarray | None,
 ) -> ArmModel:
     """Convert a model whose joints form one chain; frames are turned so that joint axes become z."""
     n = robot.njoints - 1
-    base = robot.frames[robot.getFrameId(base_link)].placement
-    tool = robot.frames[robot.getFrameId(tool_frame)].placement
     joints = list(robot.joints)[1:]
     turns = [_z_onto(_axis(robot, index)) for index in range(1, n + 1)]
     placements = [robot.jointPlacements[index] for index in range(1, n + 1)]
@@ -192,6 +270,7 @@ def _arm(
         tool_rotation=turns[-1].T @ tool.rotation,
         mount_position=placements[0].translation,
         armature=finite_array("armature", chosen, (n,)),
+        prismatic=np.array([_slides(robot, index) for index in range(1, n + 1)]),
     )
 
 
@@ -215,17 +294,18 @@ def _limits(robot: pin.Model, acceleration: np.ndarray | None) -> JointLimits:
     return JointLimits(low, high, speed, limit, torque)
 
 
-def _is_revolute(robot: pin.Model, index: int) -> bool:
-    joint = robot.joints[index]
-    if joint.nv != 1:
-        return False
-    subspace = joint.createData().S
-    return bool(np.allclose(np.ravel(subspace)[:3], 0) and np.linalg.norm(np.ravel(subspace)[3:]) > 0.5)
+def _screw(robot: pin.Model, index: int) -> np.ndarray:
+    """(2, 3): along which a joint of one degree of freedom slides, and about which it turns; joint frame."""
+    return np.ravel(robot.joints[index].createData().S).reshape(2, 3)
+
+
+def _slides(robot: pin.Model, index: int) -> bool:
+    return bool(np.linalg.norm(_screw(robot, index)[0]) > 0.5)
 
 
 def _axis(robot: pin.Model, index: int) -> np.ndarray:
     """Joint axis (3,) in the joint's frame."""
-    axis = np.ravel(robot.joints[index].createData().S)[3:]
+    axis = _screw(robot, index).sum(axis=0)  # one of the two is zero
     return axis / np.linalg.norm(axis)
 
 
@@ -238,18 +318,20 @@ def _z_onto(axis: np.ndarray) -> np.ndarray:
 
 
 def _frame(robot: pin.Model, argument: str, name: str) -> int:
+    """Number of a frame; a link goes before the joint, sensor or operational frame of the same name."""
     pin = load_pinocchio()
-    bodies = [f.name for f in robot.frames if f.type == pin.FrameType.BODY]
-    if argument == "base_link":
-        known: Iterable[str] = [*bodies, "universe"]
-    else:
-        known = [f.name for f in robot.frames if f.type in (pin.FrameType.BODY, pin.FrameType.OP_FRAME)]
-    if name in [f.name for f in robot.frames]:
-        return robot.getFrameId(name)
-    _require_name(argument, name, list(dict.fromkeys(known)))
-    return robot.getFrameId(name)
+    kinds = pin.FrameType
+    for kind in (kinds.BODY, kinds.OP_FRAME, kinds.FIXED_JOINT, kinds.JOINT):
+        for index, frame in enumerate(robot.frames):
+            if frame.name == name and frame.type == kind:
+                return index
+    known = [frame.name for frame in robot.frames if frame.type in (kinds.BODY, kinds.OP_FRAME)]
+    raise InputError(f"{argument}: no {name!r}; there are {', '.join(known)}{did_you_mean(name, known)}")
 
 
-def _require_name(argument: str, name: str, known: list[str]) -> None:
-    if name not in known:
-        raise InputError(f"{argument}: no {name!r}; there are {', '.join(known)}{did_you_mean(name, known)}")
+def _require_joints(robot: pin.Model, names: Iterable[str]) -> None:
+    known = list(robot.names)[1:]
+    for name in names:
+        if name not in known:
+            listed = f"{', '.join(known)}{did_you_mean(name, known)}"
+            raise InputError(f"locked_joints: no {name!r}; there are {listed}")

@@ -65,8 +65,26 @@ class StandingRobot(StandingMechanism):
         """Names of the joints."""
         return tuple(self.arm.joint_names)
 
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of the joints, "rad" or "m"."""
+        return self.arm.units
+
+    @property
+    def motor_units(self) -> tuple[str, ...]:
+        """Units of the drives' torques or forces, "N m" or "N"."""
+        return tuple("N" if unit == "m" else "N m" for unit in self.units)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was assumed of the arm."""
+        return self.arm.notes
+
     def loads(self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Joint torques (N, n), N m, and the total wrench (N, 6) on the base about its centre of mass."""
+        """Joint torques (N, n), N m, or forces, N, and the total wrench (N, 6) on the base.
+
+        Its moment is about the base's centre of mass.
+        """
         support = self.support
         dynamics = evaluate_dynamics(
             self.arm, q, qd, qdd, gravity=support.gravity, about=support.center_of_mass

@@ -291,11 +291,13 @@ class AngleLimit(Limit):
 
     def exact(self, motion: Motion) -> list[Worst]:
         low, high = motion.angle_ranges.T
-        margin, angles = np.minimum(low - self._low, self._high - high), set(self.robot.units) == {"rad"}
-        margin = np.rad2deg(margin) if angles else margin
-        j = int(np.argmin(margin))
-        name, value = "angle_margin_deg" if angles else "coordinate_margin", float(margin[j])
-        return [Worst(name, value, np.nan, 0.0, f"joint {j + 1}", -value, least=True)]
+        margin, units, found = np.minimum(low - self._low, self._high - high), np.array(self.robot.units), []
+        for unit, name, scale in (("rad", "angle_margin_deg", 180 / np.pi), ("m", "position_margin_m", 1.0)):
+            if (joints := np.flatnonzero(units == unit)).size:
+                j = joints[np.argmin(margin[joints])]
+                value = float(scale * margin[j])
+                found.append(Worst(name, value, np.nan, 0.0, f"joint {j + 1}", -value, least=True))
+        return found
 
     def refusals(self, at: Instants) -> list[str]:
         q, found = at.angles[0], []

@@ -198,6 +198,11 @@ class StandingMechanism(MadeOf, ABC):
         """Units of the motors' torques or forces, "N m" or "N"."""
         return ("N m",) * self.n
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was assumed of the mechanism, one sentence each, for reports."""
+        return ()
+
     @abstractmethod
     def loads(self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Torques (N, n), N m, and the total wrench (N, 6) on the base about its centre of mass."""

@@ -22,13 +22,15 @@ _ENOUGH, _JUMP = 8, 4.0  # rows and ratio of accelerations from which a file cou
 _NEAREST = 1e-4  # s: least distance of rows read from a file
 
 
-_SAME = 1e-8  # rad and rad/s: rows at one time may differ by this (rounding)
+_SAME = 1e-8  # rad, m and rad/s, m/s: rows at one time may differ by this (rounding)
 
 
-_COLUMN = re.compile(r"(?P<kind>q|qd)(?P<joint>[1-9][0-9]*)_(?P<unit>deg|rad)(?P<per_second>_s)?")
+_COLUMN = re.compile(r"(?P<kind>q|qd)(?P<joint>[1-9][0-9]*)_(?P<unit>deg|rad|m)(?P<per_second>_s)?")
 
 
-def load_motion(path: str | os.PathLike[str], names: Sequence[str] | None = None) -> Motion:
+def load_motion(
+    path: str | os.PathLike[str], names: Sequence[str] | None = None, units: Sequence[str] = ()
+) -> Motion:
     """Read a motion from a file: ramp commands, a joint trajectory, or CSV with samples.
 
     Ramp commands: JSON as :meth:`ArmMotion.from_dict`; `plan.json` is one such file. Joint trajectory: JSON
@@ -37,15 +39,17 @@ def load_motion(path: str | os.PathLike[str], names: Sequence[str] | None = None
     accelerations, cubic ones where accelerations are empty, straight lines where velocities are empty, too
     (whose corners the drives are taken to spread over the least distance of points).
     CSV: a header with the columns `time_s`, `q1_deg` .. `qn_deg` and, if at hand, `qd1_deg_s` .. `qdn_deg_s`
-    (or `_rad`, `_rad_s`), in any order; other columns are ignored. A time may be repeated (left and right of
-    a jump of the acceleration) if angles and speeds are the same.
+    (or `_rad`, `_rad_s`; of sliding joints `_m`, `_m_s`), in any order; other columns are ignored. A time may
+    be repeated (left and right of a jump of the acceleration) if angles and speeds are the same.
 
     Args:
         path: the file.
         names: of the robot's joints; those of a joint trajectory are put into this order.
+        units: "rad" or "m" per coordinate of the robot that is to move so; by default not looked at.
 
     Raises:
-        InputError: the file cannot be read or holds no motion; names file, and key or line and column.
+        InputError: the file cannot be read or holds no motion, or angles of a joint that slides; names file,
+            and key or line and column.
     """
     path = Path(path)
     text = read_text(path)
@@ -57,11 +61,12 @@ def load_motion(path: str | os.PathLike[str], names: Sequence[str] | None = None
             if isinstance(data, dict) and "points" in data:
                 return _from_points(data, names)
             motion = ArmMotion.from_dict(data)
+            _require_units(data.get("units", ["deg"] * motion.n), units)
             _refuse_huge_commands(motion)
             turning = np.array(data.get("units", ["deg"] * motion.n)) == "deg"
             doubt_degrees("start, commands", np.rad2deg(motion.angle_ranges[turning]))
             return motion
-        return _from_csv(text)
+        return _from_csv(text, units)
     except InputError as error:
         raise InputError(error.text, error.path, path.name) from None
 
@@ -75,6 +80,15 @@ def motion_origin(path: str | os.PathLike[str]) -> dict[str, str]:
     except InputError as error:
         raise InputError(error.text, error.path, path.name) from None
     return {key: data[key] for key in ("case", "base") if isinstance(data.get(key), str)}
+
+
+def _require_units(given: Sequence[str], units: Sequence[str]) -> None:
+    """Refuse angles of joints that slide, and ways of joints that turn."""
+    if len(given) == len(units):  # other numbers of joints are refused by the robot
+        for joint, (own, unit) in enumerate(zip(given, units, strict=True), 1):
+            if (own == "m") != (unit == "m"):
+                slides = "moves in m" if unit == "m" else "turns"
+                raise InputError(f"units: joint {joint} {slides}, but the motion gives {own}")
 
 
 def _refuse_huge_commands(motion: ArmMotion) -> None:
@@ -141,12 +155,14 @@ def _stamp(number: int, point: Any) -> float:
     return parts[0] + 1e-9 * parts[1]
 
 
-def _from_csv(text: str) -> SampledMotion:
+def _from_csv(text: str, units: Sequence[str]) -> SampledMotion:
     lines = [(k, row) for k, row in enumerate(csv.reader(text.splitlines()), 1) if any(map(str.strip, row))]
     if not lines:
         raise InputError("is empty; expected a header with time_s, q1_deg, q2_deg, ...")
     header = [name.strip() for name in lines[0][1]]
     time, angles, speeds = _columns(header)
+    for columns in filter(None, (angles, speeds)):
+        _require_units([header[c].split("_")[1] for c in columns], units)
     wanted = [time, *angles, *speeds]
     table = np.empty((len(lines) - 1, len(wanted)))
     for row, (number, cells) in enumerate(lines[1:]):

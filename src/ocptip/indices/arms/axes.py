@@ -39,14 +39,22 @@ class ArmPose:
     inertias: np.ndarray | None
 
 
+def require_turning(model: ArmModel) -> None:
+    """Raise InputError if a joint slides: the indices compare joint rates, which need one unit."""
+    if model.prismatic.any():
+        names = ", ".join(np.array(model.joint_names)[model.prismatic])
+        raise InputError(f"indices are for arms whose joints turn, but these slide: {names}; lock them")
+
+
 def arm_pose(model: ArmModel, q: np.ndarray) -> ArmPose:
     """Axes, tool and inertias of an arm at q (N, n) or (n,), rad.
 
     The inertias are those of the links about the momentary axes, armature included (3.17).
 
     Raises:
-        InputError: wrong shape or not finite.
+        InputError: wrong shape or not finite, or a joint slides.
     """
+    require_turning(model)
     frames = link_frames(model, q)
     rotations, origins = frames.rotations, frames.origins
     axes, feet = rotations[..., :-1, :, 2], origins[..., :-1, :]
@@ -105,6 +113,7 @@ def symbolic_inertias(model: ArmModel, q: cs.SX) -> cs.SX:
 
 def symbolic_pose(model: ArmModel, q: cs.SX) -> tuple[cs.SX, cs.SX, cs.SX]:
     """The same as CasADi expressions: J (6, n), gripper rotation (3, 3) and position (3,)."""
+    require_turning(model)
     rotations, origins = chain(model, q)
     columns = [
         cs.vertcat(rotation[:, 2], cs.cross(origin, rotation[:, 2]))

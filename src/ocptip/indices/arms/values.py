@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from ocptip.basics.errors import InputError
-from ocptip.indices.arms.axes import ArmPose, arm_pose
+from ocptip.indices.arms.axes import ArmPose, arm_pose, require_turning
 from ocptip.indices.arms.distance import (
     INNER,
     SingularityDistance,
@@ -183,7 +183,8 @@ _VALUES: dict[str, Callable[[Evaluation], np.ndarray]] = {
 
 
 def six_or_more(model: ArmModel) -> ArmModel:
-    """Return the arm, or raise InputError if it has fewer than six axes."""
+    """Return the arm, or raise InputError if it has fewer than six axes, or joints that slide."""
+    require_turning(model)
     if model.n < 6:
         raise InputError(f"arm: {model.name} has {model.n} axes; the indices need six or more")
     return model

@@ -27,7 +27,7 @@ from ocptip.trajectories.ramps import RampCommand, phases_to_commands
 SMOOTH_NODES = 48
 LONGEST = 30.0  # s, of a motion
 SHORTEST = 1e-3  # least duration of a ramp in an ordered program, s
-GENTLEST = 0.05  # least acceleration of a ramp, rad/s^2
+GENTLEST = 0.05  # least acceleration of a ramp, rad/s^2 (slow joints: half of their limit)
 MIDDLE_CRUISE = 1e-3  # s, where a middle command slows the joint down
 ORDER, SHORT = 4, (0.08, 0.01)  # Gauss nodes per interval; one less below each of these lengths, s
 POLISHING = 20  # Newton steps at most
@@ -299,10 +299,12 @@ class Formulation:
             size = [changes[k] * (w[k] - before[k]) for k in range(layout.commands)]
             rows.equal((signs[-1] * w[-1] * d[-2] - size[-1] * d[-1]) * 10)
             angle = self.start[joint]
+            # Ipopt and polishing keep rows to some 1e-8 rad/s, which is more of a slow joint's acceleration.
+            inside = 1 - 1e-7 / min(1.0, arm.acceleration[joint]) ** 2
             lower[layout.c(j)] = 0.0
             for k in range(layout.commands):
-                rows.at_least((1 - 1e-7) * arm.acceleration[joint] * d[k] - size[k])
-                rows.at_least(size[k] - GENTLEST * d[k])
+                rows.at_least(inside * arm.acceleration[joint] * d[k] - size[k])
+                rows.at_least(size[k] - min(GENTLEST, 0.5 * arm.acceleration[joint]) * d[k])
                 angle += 0.5 * (before[k] + w[k]) * d[k] + w[k] * c[k]
                 if k < layout.commands - 1:  # the target stays within the joint's limits
                     limit = arm.angle_max[joint] if signs[k] > 0 else arm.angle_min[joint]
@@ -317,7 +319,8 @@ class Formulation:
                     lower[crossing] = 0.0
                     crossing += 1
                 i = layout.w(j).start + k
-                bounds = sorted((signs[k] * SLOWEST, signs[k] * arm.speed[joint]))
+                slowest = min(SLOWEST, 0.1 * arm.speed[joint])
+                bounds = sorted((signs[k] * slowest, signs[k] * arm.speed[joint]))
                 lower[i], upper[i] = bounds
         lower[layout.end], upper[layout.end] = max(self.earliest, 0.05), self.latest
         lower[layout.one] = upper[layout.one] = 1.0

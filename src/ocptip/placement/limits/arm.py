@@ -96,11 +96,12 @@ class JointAngles(Limit):
     counted_once = True
 
     def margins(self, found: TaskEvaluation) -> list[Rows]:
-        own, rows = self.problem.robot.arm.limits, []
+        arm, rows = self.problem.robot.arm, []
+        own, units = arm.limits, np.array(arm.units)
         for limit, upper, word in ((own.angle_min, False, "lower"), (own.angle_max, True, "upper")):
             at = np.flatnonzero(np.isfinite(limit))
             labels = [f"joint {j + 1}: {word} angle limit" for j in at]
-            rows.append(self.row(labels, found.q[:, at], limit[at], upper, "rad", ANGLE_UNIT))
+            rows.append(self.row(labels, found.q[:, at], limit[at], upper, tuple(units[at]), ANGLE_UNIT))
         return rows
 
 
@@ -121,7 +122,8 @@ class Torque(Limit):
         labels = [f"joint {j + 1} ({found.cases[c].name})" for c in kept for j in at]
         values = np.abs(found.torques[:, kept][:, :, at]).reshape(len(found.q), len(kept) * len(at))
         limits = np.tile(self.most, len(kept))
-        return [self.row(labels, values, limits, True, "N m", limits)]
+        units = self.problem.robot.motor_units
+        return [self.row(labels, values, limits, True, tuple(units[j] for _ in kept for j in at), limits)]
 
     def blocks(self, layout: Layout, functions: list[Twice]) -> list[Block]:
         result = []

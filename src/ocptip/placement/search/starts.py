@@ -11,6 +11,7 @@ from scipy.stats import qmc
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.limits.judged import smallest_margin
 from ocptip.robots.inverse.closed_form import branches_within_limits, closed_form_family
+from ocptip.robots.inverse.joint_angles import search_box
 from ocptip.robots.inverse.pose_search import search
 
 _ENOUGH = 600  # standing places from which all tasks can be reached
@@ -107,8 +108,7 @@ def solutions(
             rounds.append(branches_within_limits(arm, *evaluator.targets(task, origin, base, rotation)))
         return np.concatenate(rounds, axis=1)
     position, rotation = evaluator.targets(task, origin, base)
-    low = np.maximum(arm.limits.angle_min, -np.pi)
-    high = np.minimum(arm.limits.angle_max, np.pi)
+    low, high = search_box(arm)
     found = []
     for _ in range(_SEARCHES):
         first = low + rng.random((N, arm.n)) * (high - low)
@@ -341,7 +341,8 @@ def turns_beneath(evaluator: Evaluator, patch: int) -> bool:
     """Whether the first joint can make up for a turn of the base about the ground's normal."""
     terrain, arm = evaluator.problem.terrain[patch], evaluator.arm
     axis = (arm.mount_rotation @ arm.rotations[0])[:, 2] @ evaluator.problem.ground_frame[1][:, 2]
-    return terrain.horizontal is not None and sum(terrain.angular) == 1 and abs(abs(axis) - 1) < _PARALLEL
+    turns = not arm.prismatic[0] and abs(abs(axis) - 1) < _PARALLEL
+    return turns and terrain.horizontal is not None and sum(terrain.angular) == 1
 
 
 def joined(parts: list[Candidates], sampled: int, reached: int) -> Candidates:

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array, rotation_matrix
-from ocptip.numerics.vectors import nearest_turn, wrapped
-from ocptip.robots.inverse import joint_angles
 from ocptip.robots.inverse.closed_form import closed_form_branches, closed_form_family
+from ocptip.robots.inverse.joint_angles import nearest_copies, once_around, search_box
+from ocptip.robots.inverse.joint_angles import within_limits as copies_within_limits
 from ocptip.robots.inverse.pose_search import levenberg_marquardt, pose_errors
 from ocptip.robots.kinematics import gripper_batch
 from ocptip.robots.model import ArmModel, joint_states
@@ -25,7 +25,7 @@ _STARTS_PER_ROUND = 128
 _QUIET_ROUNDS = 3  # rounds without a new branch after which the search ends
 _MAX_ROUNDS = 12
 _MAX_ITERATIONS = 60
-_SAME_BRANCH = 1e-5  # rad
+_SAME_BRANCH = 1e-5  # rad and m
 _MAX_BRANCHES = 64
 _LEAST_DAMPING = 1e-24
 _ROTATION_TOLERANCE = 1e-8
@@ -36,8 +36,8 @@ class InverseKinematics:
     """Branches of one pose, sorted by joint 1, then 2, and so on.
 
     Attributes:
-        branches: (k, n), rad, within the joint limits unless asked otherwise; of the copies an angle has
-            every full turn, the one nearest to `near`.
+        branches: (k, n), rad (sliding joints: m, here and below), within the joint limits unless asked
+            otherwise; of the copies an angle has every full turn, the one nearest to `near`.
         residuals: (k,): largest error of position (m) and orientation (rad) after forward kinematics; at most
             1e-10, or 1e-7 next to a singular pose where rounding leaves no better.
         conditioning: (k,): smallest singular value of the Jacobian (lengths in units of the arm's reach);
@@ -123,9 +123,9 @@ def solve_inverse_kinematics(
         found = _polished(model, closed_form_branches(model, goal, turn), goal, turn)
     if not len(found):
         raise InputError(_miss_message(model, goal, turn, seed))
-    copies = joint_angles.within_limits(model, found, wanted)
+    copies = copies_within_limits(model, found, wanted)
     inside = np.isfinite(copies).all(axis=1)
-    copies = np.where(np.isfinite(copies), copies, nearest_turn(found, wanted))
+    copies = np.where(np.isfinite(copies), copies, nearest_copies(model, found, wanted))
     branches = copies[inside] if within_limits else copies
     if not len(branches):
         raise InputError(_limits_message(model, copies))
@@ -152,21 +152,20 @@ def pose_residuals(model: ArmModel, q: np.ndarray, position: np.ndarray, rotatio
 def _search(
     model: ArmModel, position: np.ndarray, rotation: np.ndarray, seed: int
 ) -> tuple[np.ndarray, int, int]:
-    """Branches (k, n) in (-pi, pi], number of starts and iterations."""
+    """Branches (k, n), angles in (-pi, pi], number of starts and iterations."""
     random = np.random.default_rng(seed)
-    low = np.maximum(model.limits.angle_min, -np.pi)
-    high = np.minimum(model.limits.angle_max, np.pi)
+    inside, anywhere = search_box(model), search_box(model, limits=False)
     found = np.empty((0, model.n))
     quiet = starts = iterations = 0
     for turn in range(_MAX_ROUNDS):
         # The first rounds start within the limits; later ones anywhere, to see what lies beyond.
-        unit = random.random((_STARTS_PER_ROUND, model.n))
-        first = low + unit * (high - low) if turn % 2 == 0 else np.pi * (2 * unit - 1)
+        low, high = inside if turn % 2 == 0 else anywhere
+        first = low + random.random((_STARTS_PER_ROUND, model.n)) * (high - low)
         solutions, steps = _solutions(model, first, position, rotation)
         starts += len(first)
         iterations += steps
         known = len(found)
-        found = _distinct(found, solutions)
+        found = _distinct(model, found, solutions)
         quiet = 0 if len(found) > known else quiet + 1
         if quiet >= _QUIET_ROUNDS or len(found) >= _MAX_BRANCHES:
             break
@@ -194,17 +193,17 @@ def _polished(model: ArmModel, q: np.ndarray, position: np.ndarray, rotation: np
         # Within 1e-7 rad of a singular pose rounding leaves no better branch than this one, and no direction
         # in which to look for one; its residual says how good it is.
         branches = q[pose_residuals(model, q, position, rotation) <= SINGULAR_TOLERANCE]
-    return _distinct(np.empty((0, model.n)), branches)
+    return _distinct(model, np.empty((0, model.n)), branches)
 
 
-def _distinct(known: np.ndarray, found: np.ndarray) -> np.ndarray:
-    """`known` (k, n) and after it the new ones of `found` (m, n), wrapped to (-pi, pi]."""
+def _distinct(model: ArmModel, known: np.ndarray, found: np.ndarray) -> np.ndarray:
+    """`known` (k, n) and after it the new ones of `found` (m, n), angles wrapped to (-pi, pi]."""
     result = list(known)
-    for q in wrapped(found):
+    for q in once_around(model, found):
         if len(result) >= _MAX_BRANCHES:
             break
         if result:
-            gap = np.abs(wrapped(q - np.array(result))).max(axis=1)
+            gap = np.abs(once_around(model, q - np.array(result))).max(axis=1)
             if gap.min() < _SAME_BRANCH:
                 continue
         result.append(q)
@@ -213,12 +212,13 @@ def _distinct(known: np.ndarray, found: np.ndarray) -> np.ndarray:
 
 def _conditioning(model: ArmModel, q: np.ndarray) -> np.ndarray:
     jacobian = gripper_batch(model)(q)[2].copy()
-    jacobian[:, :3] /= max(float(np.linalg.norm(model.offsets, axis=1).sum()), 1e-12)
+    jacobian[:, :3] /= max(model.reach, 1e-12)
     return np.linalg.svd(jacobian, compute_uv=False)[:, -1]
 
 
 def _miss_message(model: ArmModel, position: np.ndarray, rotation: np.ndarray, seed: int) -> str:
-    q = np.pi * (2 * np.random.default_rng(seed).random((_STARTS_PER_ROUND, model.n)) - 1)
+    low, high = search_box(model, limits=False)
+    q = low + np.random.default_rng(seed).random((_STARTS_PER_ROUND, model.n)) * (high - low)
     for _ in range(_MAX_ITERATIONS):
         error, J = pose_errors(model, q, position, rotation)
         normal = J.transpose(0, 2, 1) @ J + 1e-3 * np.eye(model.n)
@@ -237,8 +237,12 @@ def _limits_message(model: ArmModel, branches: np.ndarray) -> str:
     excess = np.maximum(np.maximum(low - branches, branches - high), 0)
     branch = int(np.argmin(excess.max(axis=1)))
     joint = int(np.argmax(excess[branch]))
+    slides = model.prismatic[joint]
+    at, least, most = (
+        f"{value:.4f}" if slides else f"{np.rad2deg(value):.2f}"
+        for value in (branches[branch, joint], low[joint], high[joint])
+    )
     return (
         f"pose: reachable only beyond joint limits ({len(branches)} branches); the nearest needs "
-        f"{model.joint_names[joint]!r} at {np.rad2deg(branches[branch, joint]):.2f} degrees, limits "
-        f"{np.rad2deg(low[joint]):.2f} to {np.rad2deg(high[joint]):.2f}"
+        f"{model.joint_names[joint]!r} at {at} {'m' if slides else 'degrees'}, limits {least} to {most}"
     )

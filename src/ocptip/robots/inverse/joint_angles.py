@@ -1,20 +1,21 @@
-"""Angles of joints that may turn more than once: copies a whole number of turns away."""
+"""Angles of joints that may turn more than once: copies a whole number of turns away. Ways have no copies."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from ocptip.numerics.vectors import TURN
+from ocptip.numerics.vectors import TURN, nearest_turn, wrapped
 from ocptip.robots.model import ArmModel
 
-_SLACK = 1e-9  # rad: rounding must not take an angle at its limit away
+_SLACK = 1e-9  # rad and m: rounding must not take a joint at its limit away
+_ENDLESS = 1.0  # m: where to look on a sliding joint without limits, to either side
 
 
 def within_limits(model: ArmModel, angles: np.ndarray, near: np.ndarray | float = 0.0) -> np.ndarray:
     """Copies of joint angles, whole turns away, that are nearest to `near` within the joint limits.
 
     Args:
-        angles: (..., n), rad.
+        angles: (..., n), rad (sliding joints: m).
         near: rad, broadcast to `angles`.
 
     Returns:
@@ -23,4 +24,29 @@ def within_limits(model: ArmModel, angles: np.ndarray, near: np.ndarray | float 
     low, high = model.limits.angle_min - _SLACK, model.limits.angle_max + _SLACK
     fewest, most = np.ceil((low - angles) / TURN), np.floor((high - angles) / TURN)
     turns = np.clip(np.round((near - angles) / TURN), fewest, np.maximum(fewest, most))
-    return np.where(fewest <= most, angles + TURN * turns, np.nan)
+    copies = np.where(fewest <= most, angles + TURN * turns, np.nan)
+    ways = np.where((low <= angles) & (angles <= high), angles, np.nan)
+    return np.where(model.prismatic, ways, copies)
+
+
+def once_around(model: ArmModel, q: np.ndarray) -> np.ndarray:
+    """The same joint angles in (-pi, pi]; sliding joints as they are."""
+    return np.where(model.prismatic, q, wrapped(q))
+
+
+def nearest_copies(model: ArmModel, q: np.ndarray, near: np.ndarray | float = 0.0) -> np.ndarray:
+    """The same joint angles at most half a turn from `near`, whatever the limits; ways as they are."""
+    return np.where(model.prismatic, q, nearest_turn(q, near))
+
+
+def search_box(model: ArmModel, *, limits: bool = True) -> tuple[np.ndarray, np.ndarray]:
+    """Lower and upper bounds (n,) between which a search begins: within one turn, and within the limits.
+
+    Sliding joints always begin within their limits; without `limits` the others begin anywhere.
+    """
+    low, high = model.limits.angle_min, model.limits.angle_max
+    least, most = (np.maximum(low, -np.pi), np.minimum(high, np.pi)) if limits else (-np.pi, np.pi)
+    middle = np.where(np.isfinite(low), low + _ENDLESS, np.where(np.isfinite(high), high - _ENDLESS, 0.0))
+    first = np.where(np.isfinite(low), low, middle - _ENDLESS)
+    last = np.where(np.isfinite(high), high, middle + _ENDLESS)
+    return np.where(model.prismatic, first, least), np.where(model.prismatic, last, most)

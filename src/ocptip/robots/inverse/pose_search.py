@@ -61,7 +61,7 @@ def levenberg_marquardt(
     iterations: int,
     least_damping: float,
 ) -> tuple[np.ndarray, np.ndarray, int]:
-    """Approach poses from many starts at once, at most 1 rad per joint and step.
+    """Approach poses from many starts at once, at most 1 rad (sliding joints: 1 m) per joint and step.
 
     Args:
         model: any arm.

@@ -1,0 +1,324 @@
+"""What a URDF file says of its links and joints; everything that is wrong with it is said at once.
+
+Pinocchio, which reads masses and placements, gives up at the first fault, and in a language of its own.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from functools import cached_property
+from pathlib import Path
+from xml.etree import ElementTree
+
+from ocptip.basics.errors import InputError
+from ocptip.basics.text import did_you_mean
+from ocptip.basics.toml import read_text
+
+KINDS = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
+TOOLS = (
+    *("tool0", "tcp", "tool_frame", "tool_link", "tool", "grasp_frame", "grasping_frame", "grasptarget"),
+    *("ee_link", "ee", "eef", "end_effector_link", "end_effector", "gripper_link", "flange"),
+)
+"""Names of tool frames, alone or behind a prefix such as "left_", in the order in which they are chosen."""
+
+_ONE_NUMBER = {
+    "mass": ("value",),
+    "inertia": ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"),
+    "limit": ("lower", "upper", "effort", "velocity"),
+    "mimic": ("multiplier", "offset"),
+}
+_THREE_NUMBERS = {"origin": ("xyz", "rpy"), "axis": ("xyz",)}
+_OTHERS = {"sdf": "an SDF file", "mujoco": "a MuJoCo model", "COLLADA": "a COLLADA file"}
+_PREFIX = re.compile(r"(</?|\s)([A-Za-z_]\w*):(?=[A-Za-z_][\w.-]*\s*[=\s/>])")
+_XACRO = re.compile(r"\{[^}]*xacro\}")
+_MOST = 8  # complaints shown; the rest is counted
+
+
+@dataclass(frozen=True)
+class UrdfJoint:
+    """A joint.
+
+    Attributes:
+        name: unique in its file.
+        kind: one of `KINDS`.
+        parent, child: links.
+        mimics: master joint (it may be missing in the file), multiplier and offset (rad or m), or None.
+    """
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    mimics: tuple[str, float, float] | None
+
+    @property
+    def slides(self) -> bool:
+        """True for a sliding joint."""
+        return self.kind == "prismatic"
+
+
+@dataclass(frozen=True)
+class UrdfFile:
+    """The tree of a URDF.
+
+    Attributes:
+        path: of the file.
+        name: of the robot.
+        links: their names, in the file's order.
+        joints: by name, in the file's order.
+        mass: of all links, kg.
+    """
+
+    path: Path
+    name: str
+    links: tuple[str, ...]
+    joints: Mapping[str, UrdfJoint]
+    mass: float
+
+    @cached_property
+    def above(self) -> Mapping[str, UrdfJoint]:
+        """The joint between each link, but the root, and its parent."""
+        return {joint.child: joint for joint in self.joints.values()}
+
+    @cached_property
+    def root(self) -> str:
+        """The link without a parent."""
+        return next(link for link in self.links if link not in self.above)
+
+    def way(self, link: str) -> list[UrdfJoint]:
+        """Joints from the root to a link."""
+        found: list[UrdfJoint] = []
+        while link in self.above:
+            found.insert(0, self.above[link])
+            link = found[0].parent
+        return found
+
+    def ends(self, base: str) -> list[str]:
+        """Links behind `base` that carry no further link and do not rest on it."""
+        parents = {joint.parent for joint in self.joints.values()}
+        return [link for link in self.links if link not in parents and self._moves(base, link)]
+
+    def _moves(self, base: str, link: str) -> bool:
+        way = self.way(link)
+        starts = [index for index, joint in enumerate(way) if joint.parent == base]
+        return bool(starts) and any(joint.kind != "fixed" for joint in way[starts[0] :])
+
+    def base_link(self, name: str | None) -> str:
+        """The link of this name, or behind the joint of this name; by default the root.
+
+        Raises:
+            InputError: no such link; lists those that carry joints.
+        """
+        if name is None:
+            return self.root
+        carriers = dict.fromkeys(j.parent for j in self.joints.values() if j.kind != "fixed")
+        return self._known("base_link", name, [self.root, *carriers])
+
+    def tool_frame(self, name: str | None, base: str) -> str:
+        """The link of this name, or behind the joint of this name; by default that called like a tool.
+
+        If none is called so it is the only one at an end.
+
+        Raises:
+            InputError: no such link, or several; lists the candidates.
+        """
+        ends = self.ends(base)
+        if name is not None:
+            return self._known("tool_frame", name, ends)
+        behind = [link for link in self.links if self._moves(base, link)]
+        for tool in TOOLS:
+            found = [k for k in behind if k.lower() == tool or k.lower().endswith(("_" + tool, "-" + tool))]
+            if len(found) == 1:
+                return found[0]
+            if found:
+                raise InputError(f"tool_frame: is missing, candidates: {', '.join(found)}")
+        if len(ends) == 1:
+            return ends[0]
+        which = f"candidates: {', '.join(ends)}" if ends else f"no joint moves behind {base!r}"
+        raise InputError(f"tool_frame: is missing, {which}")
+
+    def _known(self, argument: str, name: str, candidates: list[str]) -> str:
+        if name in self.links:
+            return name
+        if name in self.joints:  # its frame is that of its child
+            return self.joints[name].child
+        near = did_you_mean(name, self.links)
+        listed = ", ".join(dict.fromkeys(candidates)) or "none"
+        raise InputError(f"{argument}: no {name!r}; candidates: {listed}{near}")
+
+    def locked(self, wanted: Mapping[str, float], *, slides: bool) -> dict[str, float]:
+        """Values by joint name, out of values by name or pattern ("finger_*"); full names go before patterns.
+
+        Args:
+            wanted: rad, or m if `slides`.
+            slides: of sliding joints; others turn.
+
+        Raises:
+            InputError: no joint of this kind has such a name.
+        """
+        found: dict[str, float] = {}
+        for pattern in sorted(wanted, key=lambda key: key in self.joints):
+            named = [joint for joint in self.joints.values() if fnmatchcase(joint.name, pattern)]
+            fitting = [joint.name for joint in named if joint.kind != "fixed" and joint.slides == slides]
+            if not fitting and named:
+                kind = "is fixed" if named[0].kind == "fixed" else "turns" if slides else "slides"
+                key = "locked_deg" if slides else "locked_m"
+                advice = "" if named[0].kind == "fixed" else f", its key is {key}"
+                raise InputError(f"joint {named[0].name!r} {kind}{advice}", "")
+            if not fitting:
+                known = [joint.name for joint in self.joints.values() if joint.kind != "fixed"]
+                listed = ", ".join(known) or "none"
+                raise InputError(
+                    f"no joint {pattern!r}; there are {listed}{did_you_mean(pattern, known)}", ""
+                )
+            found |= dict.fromkeys(fitting, wanted[pattern])
+        return found
+
+
+def read_urdf(path: str | os.PathLike[str]) -> UrdfFile:
+    """Read the tree of a URDF.
+
+    Raises:
+        InputError: the file cannot be read or describes no robot; one line with all reasons.
+    """
+    file = Path(path)
+    root = _xml(file)
+    complaints = [*_numbers(root), *_tree(root)]
+    if complaints:
+        more = f"; and {len(complaints) - _MOST} more" if len(complaints) > _MOST else ""
+        raise InputError("; ".join(complaints[:_MOST]) + more, "", str(file))
+    joints = {element.get("name", ""): _joint(element) for element in root.findall("joint")}
+    links = tuple(element.get("name", "") for element in root.findall("link"))
+    masses = [float(element.get("value", 0)) for element in root.findall("link/inertial/mass")]
+    return UrdfFile(file, root.get("name") or file.stem, links, joints, sum(masses))
+
+
+def _xml(file: Path) -> ElementTree.Element:
+    text = read_text(file)
+    advice = f"a xacro file, not a URDF yet; expand it: xacro {file.name} > robot.urdf"
+    problem = None
+    try:
+        # Parsers of robots know no namespaces and take undeclared prefixes, such as drake:acceleration.
+        root = ElementTree.fromstring(_PREFIX.sub(r"\1\2_", text) if "xmlns" not in text else text)
+        if any(_XACRO.match(e.tag) or "${" in "".join(e.attrib.values()) for e in root.iter()):
+            problem = advice
+        elif root.tag != "robot":
+            what = _OTHERS.get(root.tag, f"its outermost element is <{root.tag}>")
+            problem = f"not a URDF (<robot>): {what}"
+    except ElementTree.ParseError as error:
+        if not text.strip():
+            problem = "is empty"
+        elif text.startswith("version https://git-lfs"):
+            problem = "a pointer of git-lfs, not the file itself; get it: git lfs pull"
+        else:
+            problem = advice if re.search(r"<xacro:|xmlns:xacro", text) else f"broken XML: {error}"
+    if problem:
+        raise InputError(problem, "", str(file))
+    return root
+
+
+def _numbers(root: ElementTree.Element) -> Iterator[str]:
+    """Attributes that should be numbers and are not."""
+    for owner in root:
+        if owner.tag not in ("link", "joint"):
+            continue
+        for element in owner.iter():
+            for keys, count in ((_ONE_NUMBER, 1), (_THREE_NUMBERS, 3)):
+                for key in keys.get(element.tag, ()):
+                    if key in element.attrib and not _are_numbers(text := element.attrib[key], count):
+                        what = "a number" if count == 1 else "three numbers"
+                        where = f"{owner.tag} {owner.get('name')!r}: <{element.tag} {key}>"
+                        yield f"{where}: expected {what}, got {text!r}"
+
+
+def _are_numbers(text: str, count: int) -> bool:
+    try:
+        return len(text.split()) == count and all(math.isfinite(float(word)) for word in text.split())
+    except ValueError:
+        return False
+
+
+def _tree(root: ElementTree.Element) -> Iterator[str]:
+    """What keeps links and joints from being one tree."""
+    links, joints = ([e.get("name", "") for e in root.findall(tag)] for tag in ("link", "joint"))
+    if not links:
+        yield "no <link> in it"
+    for kind, names in (("link", links), ("joint", joints)):
+        for name, count in Counter(names).items():
+            if not name:
+                yield f"a {kind} has no name"
+            elif count > 1:
+                yield f"{count} {kind}s are called {name!r}"
+    above: dict[str, list[str]] = {}
+    for element in root.findall("joint"):
+        yield from _joint_complaints(element, links)
+        joint = _joint(element)
+        above.setdefault(joint.child, []).append(joint.parent)
+    for child, parents in above.items():
+        if len(parents) > 1:
+            yield f"link {child!r} is the child of {len(parents)} joints; a URDF is a tree"
+    roots = [link for link in links if link not in above]
+    if links and len(roots) != 1:
+        listed = ", ".join(map(repr, roots[:4]))
+        yield f"expected one link without a parent, got {len(roots)}{': ' if roots else ''}{listed}"
+    elif links and all(len(p) == 1 for p in above.values()):
+        yield from _loops(above, roots[0])
+
+
+def _loops(above: Mapping[str, list[str]], root: str) -> Iterator[str]:
+    for link in above:
+        seen, at = {link}, link
+        while at != root and at in above:
+            at = above[at][0]
+            if at == link:
+                yield f"link {link!r} is its own ancestor; a URDF is a tree"
+                return
+            if at in seen:
+                break
+            seen.add(at)
+
+
+def _joint_complaints(element: ElementTree.Element, links: list[str]) -> Iterator[str]:
+    joint = _joint(element)
+    who = f"joint {joint.name!r}"
+    if joint.kind not in KINDS:
+        near = did_you_mean(joint.kind, KINDS)
+        yield f"{who}: type {joint.kind!r}, expected one of {', '.join(KINDS)}{near}"
+    for word, link in (("parent", joint.parent), ("child", joint.child)):
+        if not link:
+            yield f"{who}: no <{word} link=...>"
+        elif link not in links:
+            yield f"{who}: {word} {link!r} is no link of the file{did_you_mean(link, links)}"
+    limit, axis = element.find("limit"), element.find("axis")
+    if joint.kind in ("revolute", "prismatic"):
+        if limit is None:
+            yield f"{who}: a {joint.kind} joint needs <limit lower upper effort velocity>"
+        elif _are_numbers(f"{limit.get('lower', 0)} {limit.get('upper', 0)}", 2):
+            lower, upper = float(limit.get("lower", 0)), float(limit.get("upper", 0))
+            if lower > upper:
+                yield f"{who}: lower limit {lower:g} is above the upper one, {upper:g}"
+    text = "1 0 0" if axis is None else axis.get("xyz", "1 0 0")
+    if joint.kind != "fixed" and _are_numbers(text, 3) and not any(map(float, text.split())):
+        yield f"{who}: its axis is 0 0 0"
+
+
+def _joint(element: ElementTree.Element) -> UrdfJoint:
+    parent, child, mimic = (element.find(tag) for tag in ("parent", "child", "mimic"))
+    mimics = None
+    if mimic is not None:
+        factor, offset = mimic.get("multiplier", "1"), mimic.get("offset", "0")
+        if _are_numbers(f"{factor} {offset}", 2):
+            mimics = mimic.get("joint", ""), float(factor), float(offset)
+    return UrdfJoint(
+        element.get("name", ""),
+        element.get("type", ""),
+        "" if parent is None else parent.get("link", ""),
+        "" if child is None else child.get("link", ""),
+        mimics,
+    )
