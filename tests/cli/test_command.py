@@ -25,6 +25,7 @@ ARGUMENTS = {
     "rate": ["FSFS"],
     "parallel": ["6UPS"],
     "examples": ["ex"],
+    "init": ["robot.urdf"],
 }
 NAMES = [command.name for command in COMMANDS]
 

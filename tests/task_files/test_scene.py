@@ -67,6 +67,24 @@ def read(tmp_path, text):
     return read_scene(path)
 
 
+def test_ordinary_contacts_need_no_kind_and_may_share_their_friction(tmp_path):
+    short = SCENE.replace('kind = "unilateral"\n', "").replace("friction = 0.6\n", "")
+    short = short.replace("mass = 60.0", "mass = 60.0\nfriction = 0.6")
+    ours, full = read(tmp_path, short), read(tmp_path, SCENE)
+    assert repr(ours.support.contacts) == repr(full.support.contacts)
+
+
+def test_feet_are_ordinary_contacts_before_the_others(tmp_path):
+    text = SCENE.replace("mass = 60.0", "mass = 60.0\nfriction = 0.4\nfeet = [[1, 2, 0], [-1, 0, 0]]")
+    first, second, third, *_ = read(tmp_path, text).support.contacts
+    assert isinstance(first, UnilateralContact)
+    assert first.position.tolist() == [1, 2, 0]
+    assert (first.friction, second.friction, third.friction) == (0.4, 0.4, 0.5)
+    planar = PLANAR.replace("mass = 20", "mass = 20\nfriction = 0.4\nfeet = [[-1, 0]]")
+    foot = read(tmp_path, planar).support.contacts[0]
+    assert foot.normal.tolist() == [0, 1]
+
+
 def test_scene_is_the_support_and_wrench_it_describes(tmp_path):
     scene = read(tmp_path, SCENE)
     first, second, clamp = scene.support.contacts
@@ -211,7 +229,6 @@ BAD = [  # what to replace in SCENE, by what, and how the message starts
         "3",
         f"contact[1].kind: expected one of {KINDS}, got 3",
     ),
-    ('kind = "unilateral"\n', "", f"contact[1].kind: expected one of {KINDS}, but it is missing"),
     ("friction = 0.5", "frction = 0.5", "contact[1].frction: unknown key; did you mean 'friction'?"),
     ("friction = 0.6", "clamp_force = 0.6", "contact[2].clamp_force: unknown key"),
     ("[[contact]]", "[contact]", ""),
@@ -240,7 +257,9 @@ def test_bad_scene_is_refused_in_one_line_with_the_key(tmp_path, old, new, expec
 
 def test_no_contact():
     base = {"mass": 1.0, "center_of_mass": [0, 0, 1]}
-    with pytest.raises(InputError, match=r"^scene: contact: at least one \[\[contact\]\] is needed$"):
+    with pytest.raises(
+        InputError, match=r"^scene: base.feet: missing \(where it stands, m; or \[\[contact\]\]\)$"
+    ):
         scene_from_dict({"base": base})
     with pytest.raises(InputError, match=r"contact: expected tables in double brackets, \[\[contact\]\]"):
         scene_from_dict({"base": base, "contact": {"kind": "unilateral"}})

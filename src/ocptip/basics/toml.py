@@ -4,8 +4,9 @@
         base = data.table("base")
         body = base.make(Body, mass=base.number("mass", bound="> 0"), center=base.vector("center", 3))
 
-Every complaint is one line, an :class:`InputError`: "robot.toml: base.mass: must be > 0, got -3". A key that
-no reader asked for is unknown. That a required key is missing is said when its table is closed, so that
+Every complaint is one line, an :class:`InputError`: "robot.toml: base.mass: must be > 0, got -3". All
+that is unknown in a table and those below it is said together, or else all that is missing. A key that no
+reader asked for is unknown. That a required key is missing is said when its table is closed, so that
 `mas = 3` is called unknown (did you mean 'mass'?) rather than `mass` missing; until then a stand-in (NaN, an
 empty text) is in its place. Therefore close a table, or let :meth:`Table.make` do it, before its values are
 used.
@@ -39,6 +40,9 @@ DEGREES = np.pi / 180
 
 REQUIRED: Any = object()
 """Default of keys that have to be there."""
+
+_MOST_COMPLAINTS = 8  # shown at once
+_UNKNOWN = "unknown key"
 
 T = TypeVar("T")
 
@@ -161,7 +165,7 @@ class Table:
             if key not in self._known:
                 misplaced = f"; {key!r} belongs above the first table"
                 hint = misplaced if key in self._top else of_known(key, self._known)
-                yield self.error(f"unknown key{hint}", key)
+                yield self.error(f"{_UNKNOWN}{hint}", key)
         for key, text in self._missing.items():
             yield self.error(text, key)
         for table in self._tables.values():
@@ -174,8 +178,14 @@ class Table:
             later: keys that will be read after this.
         """
         self._known.update(dict.fromkeys(later))
-        for complaint in self.complaints():
-            raise complaint
+        complaints = list(self.complaints())
+        unknown = [complaint for complaint in complaints if complaint.text.startswith(_UNKNOWN)]
+        if complaints:
+            complaints = unknown or complaints  # a missing key may be one of the unknown ones, misspelled
+            first, *rest = complaints[:_MOST_COMPLAINTS]
+            texts = [first.text, *(f"{complaint.path}: {complaint.text}" for complaint in rest)]
+            more = len(complaints) - len(texts)
+            raise InputError("; ".join(texts) + (f"; and {more} more" if more else ""), first.path, self.file)
 
     def make(self, function: Callable[..., T], *arguments: Any, **options: Any) -> T:
         """Close the table, then call a library function with values read from it; errors name their key."""

@@ -36,13 +36,13 @@ _ROWS = {
     "speed_ratio": "speed / limit",
     "acceleration_ratio": "acceleration / limit",
     "angle_margin_deg": "angle margin",
-    "coordinate_margin": "coordinate margin",
+    "position_margin_m": "position margin",
     "singularity": "distance from singular poses",
     "motor_speed": "motor speed",
 }
-_UNITS = {"clearance_m": ("mm", 1e3), "angle_margin_deg": ("deg", 1.0)}
-_LEAST = (*_UNITS, "coordinate_margin", "singularity")
-_MARGINS = ("angle_margin_deg", "coordinate_margin")
+_UNITS = {"clearance_m": ("mm", 1e3), "angle_margin_deg": ("deg", 1.0), "position_margin_m": ("mm", 1e3)}
+_LEAST = (*_UNITS, "singularity")
+_MARGINS = ("angle_margin_deg", "position_margin_m")
 _SCALE = 1e6  # factors of time up to this and down to its inverse
 _SAME = {"deg": 0.01, "m": 1e-4}  # offsets up to this are not worth a note
 
@@ -50,7 +50,7 @@ _SAME = {"deg": 0.01, "m": 1e-4}  # offsets up to this are not worth a note
 def run(options: Namespace) -> CheckReport:
     """Check the motion, and the same path faster or slower, on the robot that is named."""
     task = with_limits(_task(options), options)
-    motion = load_motion(options.motion, task.robot.names)
+    motion = load_motion(options.motion, task.robot.names, task.robot.units)
     step = positive_number("--step", options.step)
     for factor in options.time_scale:
         positive_number("--time-scale", factor)
@@ -111,6 +111,7 @@ class CheckReport(Report):
             **self.task.robot.masses_to_dict(),
             "limits": dataclasses.asdict(self.task.limits),
             "tolerated": [one.to_dict() for one in self.tolerated],
+            "assumed": list(self.task.robot.notes),
             "interpolation": self.interpolation,
             **offsets,
             "time_scale": [{"factor": factor, **checked.to_dict()} for factor, checked in self.scaled],
@@ -137,6 +138,7 @@ class CheckReport(Report):
             for verb, place, offset in zip(("starts", "ends"), ("start", "goal"), pair, strict=True):
                 if offset > _SAME[unit]:
                     lines += [f"note: the motion {verb} {offset:.4g} {unit} off the task's {place}"]
+        lines += [f"assumed: {note}" for note in self.task.robot.notes]
         if self.scaled:
             lines += ["", *_scale_table(self.scaled)]
         return "\n".join(lines)

@@ -94,6 +94,7 @@ class PlaceReport(Report):
         head, lines = _found(self.answer) if self.good else _refusal(self.answer)
         shown = self.answer.best if self.good else self.answer.nearest
         lines.append(("masses", masses(shown.problem.robot)))
+        lines += [("assumed", note) for note in shown.problem.robot.notes]
         return summary(f"{self.name}: {head}", lines, self.written)
 
 
@@ -157,8 +158,13 @@ def _pose_lines(placement: Placement) -> list[tuple[str, str]]:
         ),
     ]
     for task, q in zip(problem.tasks, placement.angles, strict=True):
-        angles = " ".join(f"{value:.2f}" for value in np.rad2deg(q) + 0.0)
-        lines.append(("joints", f"{angles} deg" + (f"  {task.name}" if len(problem.tasks) > 1 else "")))
+        arm = problem.robot.arm
+        angles = " ".join(
+            f"{value:.4f} m" if unit == "m" else f"{value:.2f}"
+            for value, unit in zip(arm.in_degrees(q) + 0.0, arm.units, strict=True)
+        )
+        unit = "" if arm.prismatic.all() else " deg"
+        lines.append(("joints", angles + unit + (f"  {task.name}" if len(problem.tasks) > 1 else "")))
     return lines
 
 

@@ -164,6 +164,7 @@ class PlanReport(Report):
         lines += [(f"time x {factor:g}", _scale_text(checked)) for factor, checked in self.time_scale]
         lines += tolerance_lines(self.tolerated)
         lines.append(("masses", masses(self.plan.task.robot)))
+        lines += [("assumed", note) for note in self.plan.task.robot.notes]
         return summary(self.headline(), lines, self.written)
 
     def headline(self) -> str:

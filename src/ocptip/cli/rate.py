@@ -26,6 +26,7 @@ from ocptip.published.arms import arm_by_name
 from ocptip.robots.model import ArmModel
 from ocptip.robots.payload import Payload
 from ocptip.robots.urdf import arm_from_urdf
+from ocptip.robots.urdf_file import read_urdf
 from ocptip.task_files.platform_points import read_platform, rotation_from_degrees
 
 _WIDTH = 110
@@ -104,16 +105,17 @@ def _arm(options: Namespace) -> ArmModel:
     if Path(options.robot).suffix.lower() not in _URDF_SUFFIXES:
         _refuse_given(options, _URDF_OPTIONS, "only for URDF files")
         return arm_by_name(options.robot)
-    for name in ("base_link", "tool_frame"):
-        if getattr(options, name) is None:
-            raise InputError(f"--{name.replace('_', '-')}: needed for a URDF file")
-    return arm_from_urdf(
-        options.robot,
-        base_link=options.base_link,
-        tool_frame=options.tool_frame,
-        locked_joints=dict(map(_lock, options.lock)),
-        accept_inertia=True,  # most indices need no masses; those that do say what is missing
-    )
+    wanted, file = [_lock(text) for text in options.lock], read_urdf(options.robot)
+    locked: dict[str, float] = {}
+    for slides in (False, True):
+        try:
+            own = {name: value for name, value, way in wanted if way == slides}
+            locked |= file.locked(own, slides=slides)
+        except InputError as error:
+            raise InputError(f"--lock: {error}") from None
+    names = {"base_link": options.base_link, "tool_frame": options.tool_frame}
+    # Most indices need no masses; those that do say what is missing.
+    return arm_from_urdf(options.robot, **names, locked_joints=locked, accept_inertia=True)
 
 
 def _payload(options: Namespace) -> Payload | None:
@@ -134,13 +136,14 @@ def _refuse_given(options: Namespace, names: Sequence[str], why: str) -> None:
             raise InputError(f"--{name.replace('_', '-')}: {why}")
 
 
-def _lock(text: str) -> tuple[str, float]:
-    """Joint and angle ("elbow=30", degrees) in rad, or length ("lift=0.2m") in m."""
+def _lock(text: str) -> tuple[str, float, bool]:
+    """Joint and angle ("elbow=30", degrees) in rad, or position ("lift=0.2m") in m; whether it is such."""
     name, _, value = text.partition("=")
     try:
         if not name:
             raise ValueError
-        return name, float(value[:-1]) if value.endswith("m") else math.radians(float(value))
+        slides = value.endswith("m")
+        return name, float(value[:-1]) if slides else math.radians(float(value)), slides
     except ValueError:
         raise InputError(f"--lock: expected JOINT=DEGREES or JOINT=LENGTHm, got {text!r}") from None
 

@@ -12,14 +12,23 @@ from ocptip.published.arms import load_arm
 from ocptip.robots.geometry import Pillar, Wall, floor, spheres_along_links
 from ocptip.robots.model import ArmModel
 from ocptip.robots.urdf import arm_from_urdf
+from ocptip.robots.urdf_file import read_urdf
+from ocptip.task_files.joint_values import joint_values
 
-_LIMITS = {
-    "angle_min_deg": ("angle_min", DEGREES),
-    "angle_max_deg": ("angle_max", DEGREES),
-    "speed_deg_s": ("speed", DEGREES),
-    "acceleration_deg_s2": ("acceleration", DEGREES),
-    "torque_Nm": ("torque", 1.0),
+_LIMITS = {  # key: limit, whether it is one of sliding joints, scale
+    "angle_min_deg": ("angle_min", False, DEGREES),
+    "angle_max_deg": ("angle_max", False, DEGREES),
+    "speed_deg_s": ("speed", False, DEGREES),
+    "acceleration_deg_s2": ("acceleration", False, DEGREES),
+    "torque_Nm": ("torque", False, 1.0),
+    "position_min_m": ("angle_min", True, 1.0),
+    "position_max_m": ("angle_max", True, 1.0),
+    "speed_m_s": ("speed", True, 1.0),
+    "acceleration_m_s2": ("acceleration", True, 1.0),
+    "force_N": ("torque", True, 1.0),
 }
+FULL_SPEED = 0.5
+"""s in which a joint reaches its full speed, where no acceleration is given."""
 
 
 def read_arm(table: Table, folder: Path) -> ArmModel:
@@ -42,28 +51,46 @@ def read_arm(table: Table, folder: Path) -> ArmModel:
         table.close("limits")
         with table.at(arm="name"):
             arm = load_arm(name)
-    limits = table.table("limits", optional=True)
-    values = {
-        name: limits.per_joint(key, arm.n, None, scale=scale, bound="" if "angle" in name else "> 0")
-        for key, (name, scale) in _LIMITS.items()
-    }
-    limits.close()
     with table.at():
-        arm = arm.with_limits(**{name: value for name, value in values.items() if value is not None})
-        return arm.mounted(position, rotation)
+        return _with_limits(arm, table.table("limits", optional=True)).mounted(position, rotation)
+
+
+def _with_limits(arm: ArmModel, table: Table) -> ArmModel:
+    """The arm with the limits of `[arm.limits]`, and with accelerations where nobody gives any."""
+    values: dict[str, np.ndarray] = {}
+    for key, (name, slides, scale) in _LIMITS.items():
+        bound = "" if name.startswith("angle") else "> 0"
+        given = joint_values(table, key, arm, slides=slides, scale=scale, bound=bound)
+        if given is not None:
+            values.setdefault(name, getattr(arm.limits, name).copy())
+            own = np.flatnonzero(arm.prismatic == slides)[np.isfinite(given)]
+            values[name][own] = given[np.isfinite(given)]
+    table.close()
+    arm = arm.with_limits(**values)
+    speed, acceleration = arm.limits.speed, arm.limits.acceleration
+    unknown = np.isfinite(speed) & ~np.isfinite(acceleration)
+    if not unknown.any():
+        return arm
+    note = f"acceleration limits: full speed in {FULL_SPEED:g} s, for the file gives none"
+    arm = arm.with_limits(acceleration=np.where(unknown, speed / FULL_SPEED, acceleration))
+    return replace(arm, notes=(*arm.notes, note))
 
 
 def _arm_from_urdf(table: Table, folder: Path) -> ArmModel:
-    file = folder / table.text("urdf")
-    names = {key: table.text(key) for key in ("base_link", "tool_frame")}
+    with table.at("urdf"):
+        file = read_urdf(folder / table.text("urdf"))
+    names = {key: table.text(key, None) for key in ("base_link", "tool_frame")}
     locked = {}
-    for key, scale in (("locked_deg", DEGREES), ("locked_m", 1.0)):
+    for key, slides, scale in (("locked_deg", False, DEGREES), ("locked_m", True, 1.0)):
         joints = table.table(key, optional=True)
-        locked |= {joint: joints.number(joint, scale=scale) for joint in joints}
+        wanted = {joint: joints.number(joint, scale=scale) for joint in joints}
+        if wanted:
+            with table.at(key):
+                locked |= file.locked(wanted, slides=slides)
     accepted = _accepted_links(table)
     table.close("armature", "sphere_radius", "excluded_links", "limits")
-    with table.at("urdf", locked_joints="locked_deg or locked_m"):
-        arm = arm_from_urdf(file, **names, locked_joints=locked, accept_inertia=accepted)
+    with table.at("urdf", base_link="base_link", tool_frame="tool_frame"):
+        arm = arm_from_urdf(file.path, **names, locked_joints=locked, accept_inertia=accepted)
     armature = table.per_joint("armature", arm.n, arm.armature, bound=">= 0")
     return _with_spheres(replace(arm, armature=armature), table)
 

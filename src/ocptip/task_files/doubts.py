@@ -15,13 +15,13 @@ from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.standing.mechanism import StandingMechanism
 
 _ANGLES = (  # judged together; inclinations and mounts may well be small
-    r"motion\.(start|goal)_deg",
-    r"arm\.limits\.angle_(min|max)_deg",
+    r"motion\.(start|goal)_deg(\..+)?",
+    r"arm\.limits\.angle_(min|max)_deg(\..+)?",
     r"arm\.locked_deg\..+",
     r"(task\[\d+\]|motion\.(start|goal)_pose)\.(rpy|rotation_vector)_deg",
 )
 _LENGTHS = re.compile(  # of robot and base; the world may be large
-    r"contact\[\d+\]\.position|base\.(center_of_mass|spheres|ground)|(arm|robot)\.mount_position"
+    r"contact\[\d+\]\.position|base\.(center_of_mass|feet|spheres|ground)|(arm|robot)\.mount_position"
     r"|arm\.sphere_radius|payload\.(center_of_mass|box)"
 )
 

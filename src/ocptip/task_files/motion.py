@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import replace
+from fnmatch import fnmatchcase
 from pathlib import Path
 
 import numpy as np
@@ -23,11 +24,11 @@ from ocptip.standing.arm import StandingRobot
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.rest import posture_refusals
-from ocptip.task_files.arm import read_arm, read_obstacles
+from ocptip.task_files.arm import read_obstacles
 from ocptip.task_files.doubts import doubt_masses, doubt_units, doubt_way
+from ocptip.task_files.joint_values import joint_values
 from ocptip.task_files.kinds import require_kind
-from ocptip.task_files.motors import arm_motors
-from ocptip.task_files.payload import read_payload
+from ocptip.task_files.motors import arm_and_motors
 from ocptip.task_files.platform import read_platform_robot
 from ocptip.task_files.scene import SCENE, read_support
 
@@ -66,9 +67,8 @@ def _task(data: Table, path: Path) -> MotionTask:
         motion = data.table("motion")
         start, goal = (motion.vector(key, platform.n) for key in ("start", "goal"))
         return _ramp_task(name, platform, start, goal, limits, motion, platform.n)
-    arm = read_arm(data.table("arm"), path.parent).with_payload(read_payload(data))
+    arm, motors = arm_and_motors(data, path.parent)
     obstacles = read_obstacles(data, "obstacle", arm)
-    motors = arm_motors(data, arm)
     robot = StandingRobot(arm, support, motors, obstacles=obstacles, reference_moment=moment)
     motion = data.table("motion")
     starts, goals = (_candidates(arm, motion, key) for key in ("start", "goal"))
@@ -95,7 +95,7 @@ def _ramp_task(
     if not isinstance(optimised, list):
         raise table.error(f"expected a list of joints, got {optimised!r}", key)
     with table.at(key):
-        joints = [_joint(item, robot.names) for item in optimised]
+        joints = [joint for item in optimised for joint in _joints(item, robot.names)]
     if not joints or len(set(joints)) != len(joints):
         raise table.error(f"expected different joints, at least one, got {optimised!r}", key)
     with table.at():
@@ -114,10 +114,21 @@ def _durations(table: Table) -> dict[str, float]:
 
 
 def _candidates(arm: ArmModel, table: Table, key: str) -> np.ndarray:
-    """Joint angles (k, n), rad: those given, or all branches of the pose given."""
-    angles, pose = f"{key}_deg", f"{key}_pose"
-    if table.one_of(angles, pose) == angles:
-        return table.vector(angles, arm.n, scale=DEGREES)[None]
+    """Joint angles (k, n), rad (sliding joints: m): those given, or all branches of the pose given."""
+    pose, turns = f"{key}_pose", ~arm.prismatic
+    keys = {f"{key}_deg": (turns, DEGREES), f"{key}_m": (~turns, 1.0)}
+    keys = {own: which for own, which in keys.items() if which[0].any()}
+    if pose not in table:
+        q = np.full(arm.n, np.nan)
+        for own, (joints, scale) in keys.items():
+            if own not in table:
+                table.one_of(own, pose)  # complains
+            slides = joints is not turns
+            q[joints] = joint_values(table, own, arm, slides=slides, scale=scale, together=False)
+            if lacking := [arm.joint_names[j] for j in np.flatnonzero(joints & np.isnan(q))]:
+                raise table.error(f"no value for {', '.join(lacking)}", own)
+        return q[None]
+    table.one_of(*keys, pose)
     given = table.table(pose)
     position, rotation = given.vector("position", 3), given.rotation()
     given.close()
@@ -148,10 +159,12 @@ def _pairs(
     return [entry[3:] for entry in ranked if entry[0] == 0] or [ranked[0][3:]]
 
 
-def _joint(item: object, names: tuple[str, ...]) -> int:
-    """Number of a joint, from 0, given by name or by number from 1."""
+def _joints(item: object, names: tuple[str, ...]) -> list[int]:
+    """Numbers of joints, from 0, given by name, by pattern ("joint_*") or by number from 1."""
     if is_whole(item) and 1 <= item <= len(names):
-        return item - 1
-    if isinstance(item, str) and item in names:
-        return names.index(item)
+        return [item - 1]
+    if isinstance(item, str):
+        fitting = [j for j, name in enumerate(names) if name == item or fnmatchcase(name, item)]
+        if fitting:
+            return fitting
     raise InputError(f"no joint {item!r}; there are 1 to {len(names)}: {', '.join(names)}")

@@ -2,36 +2,61 @@
 
 from __future__ import annotations
 
-from ocptip.basics.toml import REQUIRED, Table
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from ocptip.basics.toml import Table
 from ocptip.published.arms import modular_motors
 from ocptip.robots.model import ArmModel
 from ocptip.robots.motors import DCMotors, Motors
+from ocptip.task_files.arm import read_arm
+from ocptip.task_files.payload import read_payload
 
 _DATASHEET = ("resistance", "torque_constant", "gear_ratio")
 
 
-def arm_motors(data: Table, arm: ArmModel) -> Motors:
-    """The motors of an arm; modular arms may leave the table out.
+def arm_and_motors(data: Table, folder: Path) -> tuple[ArmModel, Motors]:
+    """The arm of a file and its motors, by default measured ones of modular arms, estimated ones of others.
 
     Args:
         data: the file.
-        arm: of its `[arm]`.
+        folder: of the file.
 
     Raises:
         InputError: a value is missing, unknown or cannot be used; names its place.
     """
+    arm = read_arm(data.table("arm"), folder).with_payload(read_payload(data))
     modular = "name" in data.table("arm")
-    hint = '; give kind = "dc" with motor data, or kind = "estimated"'
-    table = data.table("motors", optional=modular, hint=hint)
-    kinds = ("modular", "estimated", "dc")
-    kind = table.choice("kind", kinds, "modular" if modular else REQUIRED)
+    table = data.table("motors", optional=True)
+    kind = table.choice("kind", ("modular", "estimated", "dc"), "modular" if modular else "estimated")
     if kind == "dc":
-        return dc_motors(table, arm.n)
+        return arm, dc_motors(table, arm.n)
     if kind == "estimated":
-        return table.make(DCMotors.estimated, arm, **table.numbers("standby", "regeneration"))
+        _require_limits(data, arm)
+        motors = table.make(DCMotors.estimated, arm, **table.numbers("standby", "regeneration"))
+        if "kind" in table:
+            return arm, motors
+        note = "motors: estimated from torque and speed limits, for the file describes none"
+        return replace(arm, notes=(*arm.notes, note)), motors
     if not modular:
         raise table.error("the power maps 'modular' are for the modular arms only", "kind")
-    return modular_motors()
+    return arm, modular_motors()
+
+
+def _require_limits(data: Table, arm: ArmModel) -> None:
+    """Refuse to estimate motors without limits of torque and speed; says which keys give them."""
+    keys = {"torque": ("torque_Nm", "force_N"), "speed": ("speed_deg_s", "speed_m_s")}
+    found = []
+    for limit, (turning, sliding) in keys.items():
+        for slides, key in ((False, turning), (True, sliding)):
+            lacking = (arm.prismatic == slides) & ~np.isfinite(getattr(arm.limits, limit))
+            if lacking.any():
+                names = ", ".join(np.array(arm.joint_names)[lacking])
+                found.append(f"the URDF has no {limit} limit of {names}; give {key}")
+    if found:
+        raise data.table("arm").error("; ".join(found), "limits")
 
 
 def dc_motors(table: Table, n: int) -> DCMotors:

@@ -30,11 +30,10 @@ from ocptip.placement.problem import (
 from ocptip.placement.terrain import Patch, plane
 from ocptip.robots.model import ArmModel
 from ocptip.standing.arm import StandingRobot
-from ocptip.task_files.arm import read_arm, read_obstacles
+from ocptip.task_files.arm import read_obstacles
 from ocptip.task_files.doubts import doubt_masses, doubt_units
 from ocptip.task_files.kinds import require_kind
-from ocptip.task_files.motors import arm_motors
-from ocptip.task_files.payload import read_payload
+from ocptip.task_files.motors import arm_and_motors
 from ocptip.task_files.scene import SCENE, read_support
 
 _OBSTACLES = ("base_obstacle", "obstacle", "keep_out")
@@ -83,10 +82,9 @@ def _problem(data: Table, folder: Path) -> PlacementProblem:
     support = read_support(data)
     if support.dimension != 3:
         raise data.error("an arm needs a spatial support; give three numbers", "contact[1].position")
-    arm = read_arm(data.table("arm"), folder).with_payload(read_payload(data))
+    arm, motors = arm_and_motors(data, folder)
     limits, moment = _limits(data.table("limits", optional=True))
     deck = read_obstacles(data, "base_obstacle", arm, numbered=True)
-    motors = arm_motors(data, arm)
     robot = StandingRobot(arm, support, motors, obstacles=deck, reference_moment=moment)
     tasks = [_task(table, f"task {k}") for k, table in enumerate(data.tables("task", required=True), 1)]
     patches = data.tables("terrain")

@@ -16,6 +16,7 @@ import numpy as np
 
 from ocptip.basics.toml import Table
 from ocptip.contact.bindings.binding import Binding
+from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.support import Load, Support, refuse_impossible_inertia
 from ocptip.task_files.doubts import doubt_units
 from ocptip.task_files.kinds import require_kind
@@ -84,11 +85,18 @@ def read_support(data: Table) -> Support:
     Raises:
         InputError: a value is missing, unknown or cannot be used; names its place.
     """
-    contacts: list[Binding] = []
-    for table in data.tables("contact", required=True):
-        contacts.append(_contact(table, contacts[0].dimension if contacts else None))
-    d = contacts[0].dimension
     base = data.table("base")
+    friction = base.raw_numbers("friction", None)
+    contacts: list[Binding] = _feet(base, friction) if "feet" in base else []
+    tables = data.tables("contact")
+    if not contacts and not tables:
+        for key in ("mass", "center_of_mass"):
+            base.value(key)
+        base.require("feet", "where it stands, m; or [[contact]]")
+        base.close("inertia")
+    for table in tables:
+        contacts.append(_contact(table, friction, contacts[0].dimension if contacts else None))
+    d = contacts[0].dimension
     support = base.make(
         Support,
         contacts,
@@ -102,17 +110,42 @@ def read_support(data: Table) -> Support:
     return support
 
 
-def _contact(table: Table, dimension: int | None) -> Binding:
-    """One contact; dimension: that of the contacts before it, None for the first."""
-    kind = table.choice("kind", sorted(Binding.registry))
+def _feet(base: Table, friction: Any) -> list[Binding]:
+    """Ordinary contacts at the positions `feet` of `[base]`."""
+    base.require("friction", "of the feet")
+    feet = base.raw_numbers("feet")
+    if not isinstance(feet, list) or not feet or not all(isinstance(position, list) for position in feet):
+        raise base.error(f"expected a list of positions, got {feet!r}", "feet")
+    with base.at("feet"):
+        return [
+            UnilateralContact(
+                position=position,
+                normal=[0.0] * (len(position) - 1) + [1.0],
+                friction=1.0 if friction is None else friction,  # missing: refused when the table is closed
+            )
+            for position in feet
+        ]
+
+
+def _contact(table: Table, friction: Any, dimension: int | None) -> Binding:
+    """One contact.
+
+    Args:
+        table: of it.
+        friction: of contacts that give none; None: they have to.
+        dimension: that of the contacts before it, None for the first.
+    """
+    kind = table.choice("kind", sorted(Binding.registry), "unilateral")
     cls = Binding.registry[kind]
-    parameters = {}
+    parameters: dict[str, Any] = {"friction": friction} if "friction" in (f.name for f in fields(cls)) else {}
     for field in fields(cls):
-        if field.init and field.default is MISSING and field.default_factory is MISSING:
+        needed = field.default is MISSING and field.default_factory is MISSING
+        if field.init and needed and parameters.get(field.name) is None:
             table.require(field.name, f"needed by {kind}")
         if field.init:
             words = {"bool", "str"} & set(str(field.type).replace("|", " ").split())
-            parameters[field.name] = (table.value if words else table.raw_numbers)(field.name, None)
+            read = table.value if words else table.raw_numbers
+            parameters[field.name] = read(field.name, parameters.get(field.name))
     table.close()
     parameters = {key: value for key, value in parameters.items() if value is not None}
     position = parameters["position"]

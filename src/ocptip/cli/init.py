@@ -1,0 +1,70 @@
+"""`ocptip init`: writes a task file for the arm of a URDF, to be filled in where it is marked."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ocptip.basics.errors import InputError
+from ocptip.basics.write import write_text
+from ocptip.cli.command import Report
+from ocptip.cli.layout import named
+from ocptip.task_files.template import MARK, TaskTemplate, task_template
+
+
+@dataclass
+class InitReport(Report):
+    """A task file to be filled in.
+
+    Attributes:
+        path: of the file.
+        template: its content.
+    """
+
+    path: Path
+    template: TaskTemplate
+    good = True
+
+    def write(self) -> Iterator[Path]:
+        """Write the file."""
+        write_text(self.path, self.template.text)
+        yield self.path
+
+    def to_dict(self) -> dict[str, Any]:
+        """Names, joints, what has to be filled in."""
+        template = self.template
+        return {
+            "base_link": template.base_link,
+            "tool_frame": template.tool_frame,
+            "joints": template.arm.joint_names,
+            "units": template.arm.file_units,
+            "assumed": template.arm.notes,
+            "to_fill": template.to_fill,
+            "written": self.written,
+        }
+
+    def to_text(self) -> str:
+        """What the arm is, and what the file still needs."""
+        template = self.template
+        arm = template.arm
+        lines = [
+            ("arm", f"{template.base_link} to {template.tool_frame}: {', '.join(arm.joint_names)}"),
+            *(("assumed", note) for note in arm.notes),
+            ("fill in", f"the lines that begin with {MARK}: {', '.join(template.to_fill)}"),
+            ("then", f"ocptip plan {self.path}"),
+        ]
+        return "\n".join([f"{self.path}: written.", *named(lines)])
+
+
+def run(options: Namespace) -> InitReport:
+    """Read the URDF; InputError if the file is there already."""
+    path = Path(options.out or f"{Path(options.robot).stem}.toml")
+    if path.exists():
+        raise InputError(f"{path}: exists; give another file by --out")
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: there is no directory {path.parent}")
+    names = {"base_link": options.base_link, "tool_frame": options.tool_frame}
+    return InitReport(path, task_template(options.robot, path.parent, **names))

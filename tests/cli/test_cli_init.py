@@ -1,0 +1,122 @@
+"""`ocptip init`: what a URDF knows stands in the file, what it does not know is marked, and then it plans."""
+
+import json
+import tomllib
+
+import numpy as np
+import pytest
+
+from ocptip.cli.main import main
+from ocptip.task_files.motion import load_task
+from ocptip.task_files.template import MARK, task_template
+from tests.places import UR5
+from tests.task_files.test_arm_files import ON_A_LIFT
+
+VALUES = {
+    "mass": "60",
+    "center_of_mass": "[0, 0, 0.2]",
+    "feet": "[[0.4, 0.3, 0], [0.4, -0.3, 0], [-0.4, -0.3, 0], [-0.4, 0.3, 0]]",
+    "friction": "0.6",
+    "mount_position": "[0, 0, 0.4]",
+    "start_deg": "[-40, 30]",
+    "goal_deg": "[40, -20]",
+    "start_m": "[0.1]",
+    "goal_m": "[0.3]",
+}
+
+
+def filled(text: str, values: dict[str, str]) -> str:
+    lines = text.splitlines()
+    for k, line in enumerate(lines):
+        if line.startswith(MARK):
+            key = line.removeprefix(MARK).split("=")[0].strip()
+            lines[k] = f"{key} = {values[key]}"
+    return "\n".join(lines) + "\n"
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "robots").mkdir()
+    (tmp_path / "robots" / "lift.urdf").write_text(ON_A_LIFT, encoding="utf-8")
+    return tmp_path
+
+
+def test_file_is_complete_but_for_its_marks(here, capsys):
+    assert main(["init", "robots/lift.urdf"]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("lift.toml: written.\n")
+    assert "base to tool0: lift, turn_1, turn_2" in said
+    text = (here / "lift.toml").read_text(encoding="utf-8")
+    data = tomllib.loads(text)  # as it is: TOML, but no task yet
+    assert data["arm"]["urdf"] == "robots/lift.urdf"
+    assert main(["plan", "lift.toml"]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "base.mass: missing; base.center_of_mass: missing; base.feet: missing (where it" in error
+    (here / "lift.toml").write_text(filled(text, VALUES), encoding="utf-8")
+    task = load_task("lift.toml")
+    assert task.robot.names == ("lift", "turn_1", "turn_2")
+    np.testing.assert_allclose(task.start, [0.1, *np.deg2rad([-40, 30])])
+    np.testing.assert_allclose(task.robot.limits.acceleration, 2 * task.robot.limits.speed, rtol=1e-5)
+    # What init chose stands in the file; what else was chosen is said.
+    assert [note.split(",")[0] for note in task.robot.notes] == ["locked"]
+    code = [line for line in filled(text, VALUES).splitlines() if line.strip() and line[0] != "#"]
+    assert len(code) <= 25
+
+
+def test_limits_and_other_ends_stand_in_comments(here):
+    text = task_template("robots/lift.urdf", here).text
+    assert "#   lift    0 to 0.4 m, 0.3 m/s, 400 N\n" in text
+    assert "#   turn_1  -171.9 to 171.9 deg, 114.6 deg/s, 80 N m\n" in text
+    assert "#   turn_2  none to none deg, 114.6 deg/s, 60 N m\n" in text
+    assert "others: left, right" in text
+    assert "# locked, not on the way to the tool: finger_1, finger_2 at 0.01" in text
+
+
+def test_limits_that_the_urdf_lacks_are_marked(here, capsys):
+    (here / "bare.urdf").write_text(
+        ON_A_LIFT.replace('effort="400"', 'effort="0"').replace('<limit velocity="2" effort="60"/>', ""),
+        encoding="utf-8",
+    )
+    assert main(["init", "bare.urdf", "--json"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert {"force_N", "speed_deg_s", "torque_Nm"} < set(answer["to_fill"])
+    assert answer["units"] == ["m", "deg", "deg"]
+    more = {"force_N": "300", "speed_deg_s": "{ turn_2 = 90 }", "torque_Nm": "{ turn_2 = 50 }"}
+    text = (here / "bare.toml").read_text(encoding="utf-8")
+    (here / "bare.toml").write_text(filled(text, VALUES | more), encoding="utf-8")
+    task = load_task("bare.toml")
+    np.testing.assert_allclose(task.robot.limits.torque, [300, 80, 50])
+    assert any(note.startswith("acceleration limits") for note in task.robot.notes)
+
+
+def test_names_with_quotes_and_a_file_elsewhere(here):
+    (here / "robots" / "odd.urdf").write_text(
+        ON_A_LIFT.replace("on a lift", "a &quot;lift&quot; für Ä").replace('"tool0"', '"tool &quot;0&quot;"'),
+        encoding="utf-8",
+    )
+    (here / "tasks").mkdir()
+    assert main(["init", "robots/odd.urdf", "--tool-frame", 'tool "0"', "--out", "tasks/odd.toml"]) == 0
+    data = tomllib.loads((here / "tasks" / "odd.toml").read_text(encoding="utf-8"))
+    assert data["name"] == 'a "lift" für Ä'
+    assert data["arm"]["tool_frame"] == 'tool "0"'
+    assert data["arm"]["urdf"] == "../robots/odd.urdf"
+
+
+def test_filled_in_as_they_are_the_examples_make_a_task(tmp_path):
+    """The numbers behind the marks are TOML of the right kind."""
+    template = task_template(UR5, tmp_path)
+    (tmp_path / "ur5.toml").write_text(template.text.replace(MARK, ""), encoding="utf-8")
+    task = load_task(tmp_path / "ur5.toml")
+    assert task.robot.n == 6
+    assert template.to_fill[:4] == ["mass", "center_of_mass", "feet", "friction"]
+
+
+@pytest.mark.slow
+def test_filled_in_it_plans(here, capsys):
+    assert main(["init", "robots/lift.urdf", "--out", "t.toml"]) == 0
+    text = (here / "t.toml").read_text(encoding="utf-8")
+    (here / "t.toml").write_text(filled(text, VALUES), encoding="utf-8")
+    assert main(["plan", "t.toml", "--starts", "2", "--jobs", "1", "--no-figures"]) == 0
+    assert "VERIFIED" in capsys.readouterr().out
