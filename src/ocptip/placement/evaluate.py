@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cached_property
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -24,7 +24,10 @@ from ocptip.placement.limits.judged import Rows, Standing, TaskEvaluation
 from ocptip.placement.limits.kinds import BASE_LIMITS, TASK_LIMITS
 from ocptip.placement.limits.limit import Limit
 from ocptip.placement.problem import CRITERIA, PlacementProblem
+from ocptip.placement.quick import edge_moments, friction_shares
+from ocptip.placement.stand import Footing, Stand, Stood
 from ocptip.reserves.slip import Slip
+from ocptip.reserves.tipping import TipMap
 from ocptip.robots.dynamics import dynamics_batch
 
 _FRICTION = (1.0, 4.0, 16.0, 64.0, 256.0)  # times as much friction, to tell how much would do
@@ -48,10 +51,10 @@ class Evaluator:
     def __init__(self, problem: PlacementProblem) -> None:
         self.problem = problem
         robot = problem.robot
-        self.arm, self.support = robot.arm, robot.support
+        self.arm, self.support = robot.arm, problem.footing.support
         normals = self.support.frames[:, :, 0]
         self._same_normals = float(np.ptp(normals, axis=0).max()) <= _PARALLEL
-        self.fast_slip = Slip(self.support, "tangential") if self._same_normals else robot.slip
+        self.fast_slip = Slip(self.support, "tangential") if self._same_normals else problem.footing.slip
         self._dynamics = dynamics_batch(self.arm)
         self._ground = Ground(problem, BASE_LIMITS)
         self.limits: tuple[Limit, ...] = (*(kind(problem) for kind in TASK_LIMITS), self._ground)
@@ -78,7 +81,8 @@ class Evaluator:
     def ground(self, patch: int, parameters: np.ndarray) -> tuple[Rows, ...]:
         """Constraints on the base alone: bounds, contacts inside the patch, obstacles and keep-out zones."""
         parameters = np.atleast_2d(parameters)
-        standing = Standing(self.problem.terrain[patch], parameters, *self.place(patch, parameters))
+        stood = self.problem.stands[patch].at(parameters)
+        standing = Standing(**vars(stood), terrain=self.problem.terrain[patch], parameters=parameters)
         return tuple(self._ground.margins(standing))
 
     def task(
@@ -99,11 +103,13 @@ class Evaluator:
                 (exact on a plane as long as the base stands) and GT is NaN.
             clearances: look at collisions.
             fast: of the slip reserve only the part with the contact solver's normal forces, which is an upper
-                bound where they may be redistributed (four or more contacts with the same normal).
+                bound where they may be redistributed (four or more contacts with the same normal); where feet
+                conform to the ground estimates of all reserves (`ocptip.placement.quick`).
         """
         problem, cases, N = self.problem, self.cases[task], len(q)
-        origin, base = self.place(patch, parameters)
-        back = base.transpose(0, 2, 1)
+        stand = problem.stands[patch]
+        stood = stand.at(parameters)
+        back = stood.base.transpose(0, 2, 1)
         gravity = back @ problem.gravity
         torques, wrenches = np.empty((N, len(cases), self.arm.n)), np.empty((N, len(cases), 6))
         still, about = np.zeros(self.arm.n), self.support.center_of_mass
@@ -112,26 +118,22 @@ class Evaluator:
                 q, still, still, gravity, back @ case.force, back @ case.moment, about
             )
         wrenches[:, :, :3] += self.support.mass * gravity[:, None]
-        moments = self.tip_over.moments(wrenches.reshape(-1, 6))[0].reshape(N, len(cases), -1)
-        states, GN, GT = None, self.tip_over.ratio(moments), np.full((N, len(cases)), np.nan)
-        if contacts:
-            states, GN, GT = self._solve(wrenches, self.fast_slip if fast else self.problem.robot.slip)
+        added = np.einsum("kwg,ng->nkw", np.array([c.per_gravity for c in problem.corners]), gravity)
+        cornered = wrenches[:, :, None] + added[:, None]
+        reserves = self._reserves(stand, stood, cornered, contacts, fast)
         found = TaskEvaluation(
+            **vars(stood),
             terrain=problem.terrain[patch],
             parameters=parameters,
-            origin=origin,
-            base=base,
             task=task,
             cases=cases,
             q=q,
             torques=torques,
             wrenches=wrenches,
-            moments=moments,
-            GN=GN,
-            GT=GT,
+            cornered=cornered,
+            **reserves,
             GK=self._force_space(cases, torques),
             GE=np.stack([problem.energy.values(torques[:, c]) for c in range(len(cases))], axis=1),
-            states=states,
         )
         rows = [
             own
@@ -165,19 +167,88 @@ class Evaluator:
 
     # --- parts ---------------------------------------------------------------------------------------------
 
-    def _solve(self, wrenches: np.ndarray, slip: Slip) -> tuple[ContactStates, np.ndarray, np.ndarray]:
-        robot, shape = self.problem.robot, wrenches.shape[:2]
-        states = solve_many(self.support, wrenches.reshape(-1, 6), warm_start=False)
-        GN = robot.tip_over.evaluate(states).GN
+    def _reserves(
+        self, stand: Stand, stood: Stood, wrenches: np.ndarray, contacts: bool, fast: bool
+    ) -> dict[str, Any]:
+        """What `TaskEvaluation` holds of the contacts, under wrenches (N, C, K, 6)."""
+        shape, flat = wrenches.shape[:3], wrenches.reshape(len(wrenches), -1, 6)
+        states, standing, GT = None, None, np.full(shape, np.nan)
+        if not stand.conforms:
+            moments = self.tip_over.moments(wrenches.reshape(-1, 6))[0]
+            if contacts:
+                states = solve_many(self.support, wrenches.reshape(-1, 6), warm_start=False)
+                slip = self.fast_slip if fast else self.problem.footing.slip
+                GN, GT = self._solved(self.problem.footing, slip, states)
+                standing = states.persistent
+        elif contacts and not fast:
+            moments, GN, GT, standing = self._on_rough_ground(stand, stood, flat)
+        else:
+            moments = edge_moments(flat, stood.contacts, self.tip_over.pairs, self.support.center_of_mass)
+            if contacts:
+                GT = self.fast_usage(stand, stood, flat)
+                standing = (GT < 1) & (np.min(moments, axis=2, initial=np.inf) > 0)
+        moments = moments.reshape(*shape, -1)
+        GN = (
+            GN.reshape(shape)
+            if contacts and (not stand.conforms or not fast)
+            else self.tip_over.ratio(moments)
+        )
+        GT = GT.reshape(shape)
+        smallest = np.min(moments, axis=3, initial=np.inf)
+        worst = {
+            "tip-over": np.argmin(smallest, axis=2),
+            "GN": np.argmax(GN, axis=2),
+            "GT": np.argmax(GT, axis=2),
+        }
+        if standing is not None:
+            standing = standing.reshape(shape)
+            worst["persistence"] = np.argmin(standing, axis=2)
+            standing = np.all(standing, axis=2)
+        GN, GT = np.max(GN, axis=2), np.max(GT, axis=2)
+        return {
+            "moments": moments,
+            "GN": GN,
+            "GT": GT,
+            "standing": standing,
+            "states": states,
+            "worst": worst,
+        }
+
+    @staticmethod
+    def _solved(footing: Footing, slip: Slip, states: ContactStates) -> tuple[np.ndarray, np.ndarray]:
+        """GN and GT of states."""
         reserve = slip.evaluate(states, derivatives=False)
-        GT = np.where(reserve.solved, reserve.GT, np.nan)
-        return states, GN.reshape(shape), GT.reshape(shape)
+        return footing.tip_over.evaluate(states).GN, np.where(reserve.solved, reserve.GT, np.nan)
+
+    def _on_rough_ground(
+        self, stand: Stand, stood: Stood, wrenches: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Moments (N, M, axes), GN, GT and persistence (N, M) under wrenches (N, M, 6), place by place."""
+        moments, results = [], []
+        for own, places, frames in zip(wrenches, stood.contacts, stood.frames, strict=True):
+            footing = stand.feet.at(places, frames)
+            states = solve_many(footing.support, own, warm_start=False)
+            moments.append(TipMap(footing.tip_over)(own)[0])
+            results.append((*self._solved(footing, footing.slip, states), states.persistent))
+        most = max((m.shape[1] for m in moments), default=0)
+        moments = [np.pad(m, ((0, 0), (0, most - m.shape[1])), constant_values=np.inf) for m in moments]
+        GN, GT, standing = (np.array([r[i] for r in results]) for i in range(3))
+        return np.array(moments), GN, GT, standing
+
+    def fast_usage(self, stand: Stand, stood: Stood, wrenches: np.ndarray) -> np.ndarray:
+        """Upper bounds (N, M) of the slip reserve under wrenches (N, M, 6)."""
+        if stand.conforms:
+            friction = np.array([c.friction for c in self.support.contacts])
+            return friction_shares(wrenches, stood.contacts, stood.frames, friction, self.support)
+        states = solve_many(self.support, wrenches.reshape(-1, 6), warm_start=False)
+        return self.fast_slip.evaluate(states, derivatives=False).GT.reshape(wrenches.shape[:2])
 
     @cached_property
     def _friction(self) -> tuple[np.ndarray, float] | None:
         """Common normal (3,) and largest friction coefficient of ordinary contacts on a plane, or None."""
         contacts = self.support.contacts
-        if not (self._same_normals and all(isinstance(c, UnilateralContact) for c in contacts)):
+        conforming = any(stand.conforms for stand in self.problem.stands)
+        if conforming or not (self._same_normals and all(isinstance(c, UnilateralContact) for c in contacts)):
             return None
         return self.support.frames[0, :, 0], max(float(c.friction) for c in contacts)
 
@@ -191,12 +262,12 @@ class Evaluator:
         along = np.linalg.norm(force + pressed[..., None] * normal, axis=-1)
         return np.where(pressed > 0, along / (friction * np.maximum(pressed, 1e-12)), 0.0)
 
-    def friction_needed(self, wrench: np.ndarray) -> float:
-        """How many times the friction must be as large for the contacts to hold a wrench (6,), if all slip.
+    def friction_needed(self, wrench: np.ndarray, support: Support) -> float:
+        """How many times the friction must be as large for a support to hold a wrench (6,), if all slip.
 
         Infinite where no friction holds it; NaN where contacts other than ordinary ones take part.
         """
-        support, contacts = self.support, self.support.contacts
+        contacts = support.contacts
         if not all(isinstance(c, UnilateralContact) for c in contacts):
             return np.nan
         for times in _FRICTION:

@@ -28,7 +28,7 @@ from ocptip.placement.search.elastic import ElasticProgram
 from ocptip.placement.search.physics import PatchPhysics
 from ocptip.placement.search.program import PlacementProgram
 from ocptip.placement.search.refine import around, improved, turned
-from ocptip.placement.search.selection import held_cases, near_gaps, pieces
+from ocptip.placement.search.selection import held_cases, near_gaps, pieces, worst_cases
 from ocptip.robots.inverse.joint_angles import nearest_copies
 from ocptip.robots.inverse.pose_search import search
 
@@ -255,13 +255,13 @@ class _Search:
         best, least = None, np.inf
         starts = [(t.patch, t.parameters, t.angles) for t in sorted(tried, key=_violation)[:2]]
         starts += [candidates[i] for i in sampling.spread(self.evaluator, candidates, _ELASTIC_STARTS)]
-        constrained = [i for i, case in enumerate(self.problem.cases) if case.constrained]
         for patch, p, q in starts:
             physics = self.physics(patch)
             near = near_gaps(physics, p, q, _NEAR)
             for _ in range(_ROUNDS):
-                own = pieces(physics, p, q, constrained)
-                program = PlacementProgram(physics, near, constrained, own, criteria=False)
+                held = worst_cases(physics, p, q)
+                own = pieces(physics, p, q, held)
+                program = PlacementProgram(physics, near, held, own, criteria=False)
                 elastic = ElasticProgram(program, reachable=candidates.posed)
                 x = elastic.start(program.start(p, q))
                 solution = solve(

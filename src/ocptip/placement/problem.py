@@ -20,7 +20,9 @@ from ocptip.basics.errors import (
 )
 from ocptip.placement.cone import FEWEST, enclosure, enough
 from ocptip.placement.power import HoldingPower, TorqueCost
+from ocptip.placement.stand import Feet, Footing, Stand
 from ocptip.placement.terrain import Patch
+from ocptip.placement.tolerance import Corner, Tolerance
 from ocptip.robots.geometry import Pillar, Wall
 from ocptip.standing.arm import StandingRobot
 
@@ -29,6 +31,7 @@ CRITERIA = ("GN", "GT", "GK", "GE")
 INDICES = ("dm_2", "pi_oe", "inv_cdn_oe", "manipulability")
 _SAME_LEVEL = 1e-9  # relative to the support's length
 _ROTATION_TOLERANCE = 1e-8
+_PROBES = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,6 +256,10 @@ class PlacementProblem:
         gravity: (3,), m/s^2, world axes; default the support's magnitude, along -z.
         ground_frame: position (3,) and rotation (3, 3) of the ground frame in base axes; default the point
             of the contacts' plane on the base's z axis, for contacts in a plane z = const.
+        tolerance: of the base; contact limits and criteria hold for, and are of, the worst that it allows.
+        footing: the base on its contacts as described, with the least friction (filled in).
+        stands: how the base stands on each patch (filled in).
+        corners: what the tolerance allows at worst, one entry without tolerance (filled in).
     """
 
     robot: StandingRobot
@@ -268,6 +275,11 @@ class PlacementProblem:
     references: dict[str, float] = field(default_factory=dict)
     gravity: Sequence[float] | None = None
     ground_frame: tuple[np.ndarray, np.ndarray] | None = None
+    tolerance: Tolerance = field(default_factory=Tolerance)
+
+    footing: Footing = field(init=False)
+    stands: tuple[Stand, ...] = field(init=False)
+    corners: tuple[Corner, ...] = field(init=False)
 
     def __post_init__(self) -> None:
         setter = object.__setattr__
@@ -339,6 +351,20 @@ class PlacementProblem:
         if "GE" not in references:
             references["GE"] = self._energy_reference()
         setter(self, "references", references)
+        feet = Feet(self.robot, self.tolerance)
+        setter(self, "footing", feet.usual)
+        stands = tuple(Stand(patch, feet, self.ground_frame) for patch in self.terrain)
+        setter(self, "stands", stands)
+        setter(self, "corners", self._corners())
+
+    def _corners(self) -> tuple[Corner, ...]:
+        """Corners of the tolerance; directions of gravity in base axes are known from a sample of places."""
+        rng, seen = np.random.default_rng(0), []
+        for patch, stand in enumerate(self.stands):
+            low, high = self.terrain[patch].box(self.tasks[0].position, self.reach)
+            parameters = low + rng.random((_PROBES, len(low))) * (high - low)
+            seen.append(stand.at(parameters).base.transpose(0, 2, 1) @ self.gravity)
+        return self.tolerance.corners(self.robot.support, np.concatenate(seen))
 
     def _energy_reference(self) -> float:
         if isinstance(self.energy, TorqueCost):
@@ -396,7 +422,5 @@ class PlacementProblem:
 
     def base_pose(self, patch: int, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Base origins (N, 3), m, and rotations base to world (N, 3, 3) at parameters (N, k) of a patch."""
-        origin, rotation = self.terrain[patch].poses(parameters)
-        position, turn = self.ground_frame
-        base = rotation @ turn.T
-        return origin - base @ position, base
+        stood = self.stands[patch].at(parameters)
+        return stood.origin, stood.base

@@ -39,6 +39,7 @@ class Margin:
         unit: m, rad, N m or nothing.
         relative: margin in comparable units: 0.1 m, 0.2 rad, the limit itself; negative if broken.
         task: number of the task, -1 for the base alone.
+        worst: where the problem has a tolerance, the base for which `value` is: the worst that it allows.
     """
 
     kind: str
@@ -49,6 +50,7 @@ class Margin:
     unit: str
     relative: float
     task: int
+    worst: str = ""
 
     @property
     def active(self) -> bool:
@@ -56,12 +58,13 @@ class Margin:
         return self.relative < (ACTIVE if KINDS[self.kind].has_room else 0)
 
     def __str__(self) -> str:
+        name = f"{self.name} ({self.worst})" if self.worst else self.name
         if verdicts := KINDS[self.kind].verdicts:
-            return f"{self.kind}: {self.name}: {verdicts[bool(self.value)]}"
+            return f"{self.kind}: {name}: {verdicts[bool(self.value)]}"
         sign = "<=" if self.upper else ">="
         unit = f" {self.unit}" if self.unit else ""
         short = abs(self.value - self.limit)
-        text = f"{self.kind}: {self.name}: {self.value:.4g}{unit}, must be {sign} {self.limit:.4g}{unit}"
+        text = f"{self.kind}: {name}: {self.value:.4g}{unit}, must be {sign} {self.limit:.4g}{unit}"
         return text + (f" (off by {short:.3g}{unit})" if self.relative < -FEASIBLE else "")
 
     def to_dict(self) -> dict[str, Any]:
@@ -151,7 +154,7 @@ class Placement:
             {
                 "terrain": terrain.name,
                 "parameters": parameters,
-                "ground": terrain.poses(self.parameters)[0][0],
+                "ground": problem.stands[self.patch].ground(self.parameters[None])[0][0],
                 "base": {
                     "position": self.base_position,
                     "rotation": self.base_rotation,
@@ -313,9 +316,16 @@ def judge(
     found = [evaluator.task(t, patch, parameters[None], q[None]) for t, q in enumerate(angles)]
     criteria = evaluator.criteria(found)
     margins: list[Margin] = []
-    for t, rows in [(-1, evaluator.ground(patch, parameters)), *((t, e.rows) for t, e in enumerate(found))]:
-        margins += _margins(rows, t)
-    margins = [_in_friction(evaluator, found, m) if m.kind == "GT" and m.value > 1 else m for m in margins]
+    margins += _margins(evaluator.ground(patch, parameters), -1)
+    for own in found:
+        worst = {
+            kind: [problem.corners[c].name for c in at[0, own.constrained]] for kind, at in own.worst.items()
+        }
+        margins += _margins(own.rows, own.task, worst)
+    placed = patch, parameters
+    margins = [
+        _in_friction(evaluator, found, placed, m) if m.kind == "GT" and m.value > 1 else m for m in margins
+    ]
     margins.sort(key=lambda m: m.relative if np.isfinite(m.relative) else -np.inf)
     origin, base = evaluator.place(patch, parameters)
     return Placement(
@@ -333,18 +343,21 @@ def judge(
     )
 
 
-def _in_friction(evaluator: Evaluator, found: list[TaskEvaluation], margin: Margin) -> Margin:
+def _in_friction(
+    evaluator: Evaluator, found: list[TaskEvaluation], placed: tuple[int, np.ndarray], margin: Margin
+) -> Margin:
     """A slip reserve beyond 1 as the share of friction that would be needed, without accelerations."""
     own = found[margin.task]
     case = next(c for c in own.constrained if own.cases[c].name == margin.name)
-    share = evaluator.friction_needed(own.wrenches[0, case])
+    footing = evaluator.problem.stands[placed[0]].footing(placed[1])
+    share = evaluator.friction_needed(own.cornered[0, case, own.worst["GT"][0, case]], footing.support)
     if np.isnan(share):
         return margin
     return replace(margin, value=share, relative=(margin.limit - share) / margin.limit)
 
 
-def _margins(rows: tuple[Rows, ...], task: int) -> list[Margin]:
-    result = []
+def _margins(rows: tuple[Rows, ...], task: int, worst: dict[str, list[str]] | None = None) -> list[Margin]:
+    result, worst = [], worst or {}
     for r in rows:
         shown = range(len(r.labels))
         if KINDS[r.kind].many and len(r.labels):
@@ -360,6 +373,7 @@ def _margins(rows: tuple[Rows, ...], task: int) -> list[Margin]:
                 r.unit if isinstance(r.unit, str) else r.unit[i],
                 float(np.nan_to_num(r.margins[0, i], nan=-np.inf)),
                 task,
+                worst[r.kind][i] if r.kind in worst else "",
             )
             for i in shown
         ]

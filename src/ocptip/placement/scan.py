@@ -195,7 +195,8 @@ class _Scanner:
     def _exact(self, numbers: np.ndarray, q: np.ndarray) -> None:
         evaluator, patch, p = self.evaluator, self.patch, self.parameters[numbers]
         self.solved += len(q)
-        found = [evaluator.task(t, patch, p, q[:, t], clearances=False) for t in range(self.tasks)]
+        fast = evaluator.problem.stands[patch].conforms
+        found = [evaluator.task(t, patch, p, q[:, t], clearances=False, fast=fast) for t in range(self.tasks)]
         margin, cause = worst(tuple(r for own in found for r in own.rows), len(q))
         criteria = evaluator.criteria(found)
         total = evaluator.totals(criteria)

@@ -2,7 +2,8 @@
 
 A patch maps its parameters p to the ground frame in the world: origin on the ground, z along its normal. The
 ground frame is fixed in the base (see `PlacementProblem.ground_frame`), so that it carries the base along.
-Several patches make a terrain of several planes.
+Several patches make a terrain of several planes. On uneven ground the pose depends on where the feet touch
+it, too: see `ocptip.placement.stand`.
 """
 
 from __future__ import annotations
@@ -10,25 +11,46 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal, get_args
 
 import casadi as cs
 import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array
 from ocptip.numerics.batch import BatchFunction
+from ocptip.placement.ground import HeightField
+
+Attitude = Literal["ground", "level"]
 
 _PROBES = 16
 _ROTATION_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
+class Conforming:
+    """How feet, points fixed to the base or at the ends of legs along the ground frame's z, stand on a field.
+
+    Attributes:
+        field: the ground.
+        stroke: (2,), m: shortest and longest stroke of the legs, by which a foot is below its place in the
+            base; None: no legs, three rigid feet.
+        attitude: of a base on legs: "ground", parallel to the plane that fits the places of the feet best,
+            or "level".
+    """
+
+    field: HeightField
+    stroke: np.ndarray | None
+    attitude: Attitude
+
+
+@dataclass(frozen=True, eq=False)
 class Patch:
-    """One piece of terrain; see :func:`plane` and :func:`custom_terrain`.
+    """One piece of terrain; see :func:`plane`, :func:`rough_ground` and :func:`custom_terrain`.
 
     Attributes:
         name: for messages and results.
         function: CasADi function p (k,) -> position (3,), m, and rotation (3, 3) of the ground frame in the
-            world.
+            world; where feet conform it has a second argument: height, m, and slopes by x and y of the base.
         parameters: k names.
         lower, upper: (k,) bounds of the parameters; infinite where there is none (4.25).
         angular: (k,) True for angles in rad, which results hold between -pi and pi.
@@ -37,6 +59,7 @@ class Patch:
         contact_area: (2, 2), m: lower and upper bound of the world's x and y of every contact, or None.
         constraints: CasADi function p -> values that must be >= 0, or None (4.26).
         constraint_names: their names.
+        conforming: where feet conform to uneven ground: how; else None.
     """
 
     name: str
@@ -49,12 +72,14 @@ class Patch:
     contact_area: np.ndarray | None = None
     constraints: cs.Function | None = None
     constraint_names: tuple[str, ...] = ()
+    conforming: Conforming | None = None
 
     def __post_init__(self) -> None:
         k = len(self.parameters)
         shapes = [self.function.size_in(i) for i in range(self.function.n_in())]
         results = [self.function.size_out(i) for i in range(self.function.n_out())]
-        if shapes != [(k, 1)] or results != [(3, 1), (3, 3)]:
+        wanted = [(k, 1), (3, 1)] if self.conforming else [(k, 1)]
+        if shapes != wanted or results != [(3, 1), (3, 3)]:
             raise InputError(
                 f"terrain {self.name!r}: expected a function of ({k},) with results (3,) and (3, 3), got "
                 f"{shapes} and {results}"
@@ -77,7 +102,8 @@ class Patch:
                     f"terrain {self.name!r}: {self.parameters[i]}: needs finite bounds, got {self.lower[i]} "
                     f"to {self.upper[i]}"
                 )
-        self._probe()
+        if not self.conforming:
+            self._probe()
 
     @property
     def size(self) -> int:
@@ -174,23 +200,12 @@ def plane(
     """
     a, b = finite_array("slope", slope, (2,))
     level = finite_array("height", height, ())
-    bounds = []
-    for key, value in (("x", x), ("y", y), ("angle", angle)):
-        pair = np.array(value, dtype=float)
-        if pair.shape != (2,) or np.isnan(pair).any():
-            raise InputError(f"terrain {name!r}: {key}: expected two bounds, got {value!r}")
-        bounds.append(pair)
-    lower, upper = np.array(bounds).T
+    lower, upper = _bounds(name, x=x, y=y, angle=angle)
     p = cs.SX.sym("p", 3)
-    e_x = np.array([1.0, 0.0, a]) / np.sqrt(1 + a * a)
-    e_z = np.array([-a, -b, 1.0]) / np.sqrt(1 + a * a + b * b)
-    fixed = np.column_stack([e_x, np.cross(e_z, e_x), e_z])
-    c, s = cs.cos(p[2]), cs.sin(p[2])
-    turn = cs.vertcat(cs.horzcat(c, -s, 0), cs.horzcat(s, c, 0), cs.horzcat(0, 0, 1))
     position = cs.vertcat(p[0], p[1], float(level) + a * p[0] + b * p[1])
     return Patch(
         name=name,
-        function=cs.Function("plane", [p], [position, cs.SX(fixed) @ turn]),
+        function=cs.Function("plane", [p], [position, turned(a, b, p[2])]),
         parameters=("x", "y", "angle"),
         lower=lower,
         upper=upper,
@@ -198,6 +213,87 @@ def plane(
         horizontal=(0, 1),
         contact_area=np.array([lower[:2], upper[:2]]) if contacts_inside else None,
     )
+
+
+def rough_ground(
+    field: HeightField,
+    *,
+    stroke: Sequence[float] | None = None,
+    attitude: Attitude = "ground",
+    x: Sequence[float] = (-np.inf, np.inf),
+    y: Sequence[float] = (-np.inf, np.inf),
+    angle: Sequence[float] = (-np.inf, np.inf),
+    contacts_inside: bool = False,
+    name: str = "ground",
+) -> Patch:
+    """Uneven ground on which every foot stands at its own height, with the ground's normal there.
+
+    Parameters p: world coordinates X and Y of the ground frame's origin, its angle about its normal as on a
+    plane of the same slope, and with legs their mean stroke, m. Contacts must be ordinary ones.
+
+    Args:
+        field: heights of the ground.
+        stroke: m, shortest and longest stroke of legs along the ground frame's z axis; without it three rigid
+            feet.
+        attitude: of a base on legs, see `Conforming`.
+        x, y: m, bounds of X and Y.
+        angle: rad, bounds of the angle.
+        contacts_inside: the bounds of X and Y hold for every contact, too; those of grids always do.
+        name: for messages and results.
+
+    Raises:
+        InputError: wrong shapes, NaN, empty bounds.
+    """
+    if not isinstance(field, HeightField):
+        raise InputError(f"terrain {name!r}: field: expected a HeightField, got {field!r}")
+    if attitude not in get_args(Attitude):
+        raise InputError(
+            f"terrain {name!r}: attitude: expected one of {', '.join(get_args(Attitude))}, got {attitude!r}"
+        )
+    if stroke is None and attitude == "level":
+        raise InputError(f"terrain {name!r}: stroke: missing (only a base on legs can be level)")
+    lower, upper = area = _bounds(name, x=x, y=y, angle=angle)
+    inside = np.array([bound[:2] for bound in area]) if contacts_inside else field.area
+    inside = np.array([np.maximum(inside[0], field.area[0]), np.minimum(inside[1], field.area[1])])
+    lower[:2], upper[:2] = np.maximum(lower[:2], field.area[0]), np.minimum(upper[:2], field.area[1])
+    parameters = ("x", "y", "angle")
+    if stroke is not None:
+        stroke = finite_array(f"terrain {name!r}: stroke", stroke, (2,))
+        parameters += ("stroke",)
+        lower, upper = np.append(lower, stroke[0]), np.append(upper, stroke[1])
+    p, u = cs.SX.sym("p", len(parameters)), cs.SX.sym("u", 3)
+    pose = [cs.vertcat(p[0], p[1], u[0]), turned(u[1], u[2], p[2])]
+    return Patch(
+        name=name,
+        function=cs.Function("rough_ground", [p, u], pose),
+        parameters=parameters,
+        lower=lower,
+        upper=upper,
+        angular=(False, False, True, False)[: len(parameters)],
+        horizontal=(0, 1),
+        contact_area=inside if np.isfinite(inside).any() else None,
+        conforming=Conforming(field, stroke, attitude),
+    )
+
+
+def turned(a: float | cs.SX, b: float | cs.SX, angle: cs.SX) -> cs.SX:
+    """Axes (3, 3) of a plane with slopes a and b by x and y, turned by an angle about its normal (4.2)."""
+    e_x = cs.vertcat(1.0, 0.0, a) / cs.sqrt(1 + a * a)
+    e_z = cs.vertcat(-a, -b, 1.0) / cs.sqrt(1 + a * a + b * b)
+    c, s = cs.cos(angle), cs.sin(angle)
+    turn = cs.vertcat(cs.horzcat(c, -s, 0), cs.horzcat(s, c, 0), cs.horzcat(0, 0, 1))
+    return cs.horzcat(e_x, cs.cross(e_z, e_x), e_z) @ turn
+
+
+def _bounds(name: str, **given: Sequence[float]) -> np.ndarray:
+    """Lower and upper bounds (2, k) of parameters."""
+    bounds = []
+    for key, value in given.items():
+        pair = np.array(value, dtype=float)
+        if pair.shape != (2,) or np.isnan(pair).any():
+            raise InputError(f"terrain {name!r}: {key}: expected two bounds, got {value!r}")
+        bounds.append(pair)
+    return np.array(bounds).T
 
 
 def custom_terrain(

@@ -57,6 +57,21 @@ class TippingAxis:
     lift: np.ndarray
 
 
+@dataclass(frozen=True, eq=False)
+class Addable:
+    """Addable moments of N wrenches.
+
+    Attributes:
+        moments: (N, axes), N m.
+        slopes: (N, axes, 6), their derivatives by the wrench, the multipliers of its balance.
+        forces: (N, axes, d n), contact forces at the optimum, contact axes, N; NaN where the moment is affine.
+    """
+
+    moments: np.ndarray
+    slopes: np.ndarray
+    forces: np.ndarray
+
+
 class AddableMoments:
     """The moments M_i of a support about given axes, and their derivatives.
 
@@ -96,7 +111,12 @@ class AddableMoments:
     def __call__(
         self, wrenches: np.ndarray, normal_forces: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Moments (N, axes), N m, and derivatives (N, axes, 6) at the wrenches that the contacts balance.
+        """Moments (N, axes), N m, and derivatives (N, axes, 6), see `found`."""
+        found = self.found(wrenches, normal_forces)
+        return found.moments, found.slopes
+
+    def found(self, wrenches: np.ndarray, normal_forces: np.ndarray | None = None) -> Addable:
+        """Moments, derivatives and forces at the wrenches that the contacts balance.
 
         Args:
             wrenches: (N, 6) or planar (N, 3), N and N m about the centre of mass.
@@ -106,8 +126,9 @@ class AddableMoments:
         count, axes = len(wrenches), len(self.slope)
         moments = wrenches @ self.slope.T + self.offset
         slopes = np.broadcast_to(self.slope, (count, *self.slope.shape)).copy()
+        forces = np.full((count, axes, self._support.dimension * self._support.n_contacts), np.nan)
         if not count or not axes:
-            return moments, slopes
+            return Addable(moments, slopes, forces)
         certain = self.closed_form(wrenches)
         todo = np.argwhere(~certain)
         if len(todo):
@@ -116,11 +137,12 @@ class AddableMoments:
                 normal_forces = np.zeros((count, self._support.n_contacts))
             scale = np.max(np.abs(normal_forces), axis=1, initial=0.0)
             limits = self._sets.limits(normal_forces, np.where(scale > 0, scale, 1.0))
-            found, slope = self._solve(wrenches[at], axis, limits, at)
+            found, slope, force = self._solve(wrenches[at], axis, limits, at)
             known = np.isfinite(found)
             moments[at[known], axis[known]] = found[known]
             slopes[at[known], axis[known]] = slope[known]
-        return moments, slopes
+            forces[at[known], axis[known]] = force[known]
+        return Addable(moments, slopes, forces)
 
     def closed_form(self, wrenches: np.ndarray) -> np.ndarray:
         """(N, axes) True where the path of an axis is known to end with the tipping about an axis.
@@ -185,8 +207,8 @@ class AddableMoments:
 
     def _solve(
         self, wrenches: np.ndarray, axis: np.ndarray, limits: Limits, at: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """M (P,) and derivatives (P, 6) by cone programs; NaN where no admissible forces were found.
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """M (P,), derivatives (P, 6), forces (P, d n) by cone programs; NaN where none were found.
 
         Unknown are -M and the contact forces, in units of the wrench or of the largest preload; moments over
         the support's length.
@@ -217,7 +239,7 @@ class AddableMoments:
         A[:, -1, 0], b[:, -1] = -1.0, LARGEST_FORCE
         x, multipliers, _ = self._programs(A).solve(A, b)
         slope = -multipliers[:, :size] * scaling * support.length
-        return -x[:, 0] * unit * support.length, slope
+        return -x[:, 0] * unit * support.length, slope, x[:, 1:] * unit[:, None]
 
     def _programs(self, A: np.ndarray) -> ConeBatch:
         if self._batch is None:

@@ -60,12 +60,12 @@ class Reach(Limit):
         """Per task rows that vanish where the gripper has its pose."""
         tip, turned, _ = gripper_kinematics(self.problem.robot.arm)(at.q)
         world, axes = at.world(tip), at.base @ turned
-        return [self._function(at.y, task, world, axes) for task in self.problem.tasks]
+        return [self._function(at, task, world, axes) for task in self.problem.tasks]
 
     def blocks(self, layout: Layout, functions: list[Twice]) -> list[Block]:
         return [Block(t, layout.y[t], f.labels, 0.0, 0.0, function=f) for t, f in enumerate(functions)]
 
-    def _function(self, y: cs.SX, task: GripperTask, world: cs.SX, axes: cs.SX) -> Twice:
+    def _function(self, at: Symbols, task: GripperTask, world: cs.SX, axes: cs.SX) -> Twice:
         rows = [(world - cs.SX(task.position)) / LENGTH_UNIT]
         if task.orientation == "full":
             error = cs.SX(task.rotation.T) @ axes
@@ -81,11 +81,11 @@ class Reach(Limit):
             axis = axes @ cs.SX(task.tool_axis)
             rows.append(_turned(cs.SX(across) @ axis, cs.SX(goal).T @ axis))
         values = cs.vertcat(*rows)
-        kept, missed = _changeable(y, values)
+        kept, missed = _changeable(at, values)
         prefix = f"{task.name}: " if len(self.problem.tasks) > 1 else ""
         words = ["position"] * min(3, len(kept)) + ["orientation"] * max(len(kept) - 3, 0)
         labels = [RowLabel(self.kind, f"{prefix}gripper {word}") for word in words]
-        return Twice.of(y, [], values[kept], labels, missed)
+        return Twice.of(at.y, [], values[kept], labels, missed, at.local)
 
 
 class JointAngles(Limit):
@@ -204,7 +204,7 @@ class Clearance(Limit):
         if not gaps:
             return []
         labels = [RowLabel(self.kind, name) for name in names]
-        return [Twice.of(at.y, [], (cs.vertcat(*gaps) - self._least) / LENGTH_UNIT, labels)]
+        return [Twice.of(at.y, [], (cs.vertcat(*gaps) - self._least) / LENGTH_UNIT, labels, local=at.local)]
 
     def blocks(self, layout: Layout, functions: list[Twice]) -> list[Block]:
         result = []
@@ -273,13 +273,14 @@ def _turned(sines: cs.SX, cosine: cs.SX) -> cs.SX:
     return 2 * sines / (1 + cosine + _HALF_TURN) / ANGLE_UNIT
 
 
-def _changeable(y: cs.SX, values: cs.SX) -> tuple[list[int], float]:
+def _changeable(at: Symbols, values: cs.SX) -> tuple[list[int], float]:
     """Rows that some variable changes (in a planar robot not all), and how far the others are from 0."""
-    function = cs.Function("probe", [y], [values, cs.jacobian(values, y)])
+    inputs = [at.y, *at.local.symbols]
+    function = cs.Function("probe", inputs, [values, cs.jacobian(values, at.y)])
     rng = np.random.default_rng(0)
     slope, worst = np.zeros(values.numel()), np.zeros(values.numel())
     for _ in range(_PROBES):
-        value, jacobian = function(rng.normal(size=y.numel()))
+        value, jacobian = function(*(rng.normal(size=symbol.shape) for symbol in inputs))
         slope = np.maximum(slope, np.abs(np.array(jacobian)).max(axis=1))
         worst = np.maximum(worst, np.abs(np.array(value)).ravel())
     kept = np.flatnonzero(slope > _CONSTANT)

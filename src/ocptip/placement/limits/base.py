@@ -10,6 +10,7 @@ from ocptip.placement.limits.layout import Layout
 from ocptip.placement.limits.limit import ANGLE_UNIT, LENGTH_UNIT, Block, Limit, RowLabel, Symbols
 from ocptip.placement.limits.twice import Twice
 from ocptip.placement.problem import PlacementProblem
+from ocptip.placement.stand import GAP_TOLERANCE
 from ocptip.robots.geometry import Floor
 
 
@@ -49,7 +50,7 @@ class ContactArea(BaseLimit):
         area, rows = found.terrain.contact_area, []
         if area is None:
             return rows
-        world = found.world(np.array([c.position for c in self.problem.robot.support.contacts]))
+        world = found.world(found.contacts)
         for axis, name in enumerate("xy"):
             labels = [f"contact {k + 1}: {name}" for k in range(world.shape[1])]
             for limit, upper in zip(area[:, axis], (False, True), strict=True):
@@ -59,8 +60,8 @@ class ContactArea(BaseLimit):
 
     def expressions(self, at: Symbols) -> list[tuple[cs.SX, str]]:
         area, rows = at.terrain.contact_area, []
-        for k, contact in enumerate(self.problem.robot.support.contacts if area is not None else ()):
-            point = at.world(contact.position)
+        for k in range(at.contacts.size2() if area is not None else 0):
+            point = at.world(at.contacts[:, k])
             for axis, name in enumerate("xy"):
                 for limit, sign in zip(area[:, axis], (1.0, -1.0), strict=True):
                     if np.isfinite(limit):
@@ -95,6 +96,41 @@ class BaseClearance(BaseLimit):
             for obstacle in self._around:
                 rows.append((obstacle.gap(centre, sphere[3]) - least, f"base[{k + 1}] and {obstacle.name}"))
         return rows
+
+
+class Strokes(BaseLimit):
+    """Legs within their strokes."""
+
+    kind = "stroke"
+
+    def margins(self, found: Standing) -> list[Rows]:
+        if not found.strokes.shape[1]:
+            return []
+        labels = [f"leg {k + 1}" for k in range(found.strokes.shape[1])]
+        ends = zip(found.terrain.conforming.stroke, (False, True), strict=True)
+        return [self.row(labels, found.strokes, limit, upper, "m", LENGTH_UNIT) for limit, upper in ends]
+
+    def expressions(self, at: Symbols) -> list[tuple[cs.SX, str]]:
+        if at.terrain.conforming is None or at.terrain.conforming.stroke is None:
+            return []
+        ends = list(zip(at.terrain.conforming.stroke, (1.0, -1.0), strict=True))
+        return [
+            (sign * (stroke - limit), f"leg {k}")
+            for k, stroke in enumerate(cs.vertsplit(at.strokes), 1)
+            for limit, sign in ends
+        ]
+
+
+class OnGround(BaseLimit):
+    """All feet touch uneven ground; the program's expressions take it for granted."""
+
+    kind = "feet"
+
+    def margins(self, found: Standing) -> list[Rows]:
+        if found.terrain.conforming is None:
+            return []
+        labels = ["distance from the ground"]
+        return [self.row(labels, found.missed[:, None], GAP_TOLERANCE, True, "m", LENGTH_UNIT)]
 
 
 class TerrainLimit(BaseLimit):
@@ -136,7 +172,11 @@ class Ground(Limit):
         if not rows:
             return []
         labels = [RowLabel(kind, name) for kind, _, name in rows]
-        return [Twice.of(at.p, [], cs.vertcat(*(value for _, value, _ in rows)) / LENGTH_UNIT, labels)]
+        return [
+            Twice.of(
+                at.p, [], cs.vertcat(*(value for _, value, _ in rows)) / LENGTH_UNIT, labels, local=at.local
+            )
+        ]
 
     def blocks(self, layout: Layout, functions: list[Twice]) -> list[Block]:
         return [

@@ -7,9 +7,11 @@ import numpy as np
 from ocptip.contact.solver import solve_many
 from ocptip.placement.limits.judged import Rows, TaskEvaluation
 from ocptip.placement.limits.layout import Curvature, Layout, Point
-from ocptip.placement.limits.limit import Block, Limit, RowLabel
+from ocptip.placement.limits.limit import Block, Limit, RowLabel, Symbols
+from ocptip.placement.limits.placed import Held, PlacedMoments, addable
 from ocptip.placement.limits.twice import Twice
 from ocptip.placement.problem import PlacementProblem
+from ocptip.placement.stand import Footing
 from ocptip.reserves.tipping import TipMap
 
 _UNSOLVED = 10.0  # stands in for a slip reserve without a contact solution
@@ -21,7 +23,8 @@ class TipOver(Limit):
     """Moments of the normal reserves about the tipping axes, behind GN; without solving the contacts.
 
     Attributes:
-        moments: wrench (6,) -> moments about the axes, N m.
+        pairs: (axes, 2) contacts on the axes, which stay the same where feet conform to the ground.
+        moments: wrench (6,) -> moments about the axes, N m, of the contacts as described.
         unit: N m: twice the reference moment of GN.
         least: N m: the moment at which GN is at its limit.
     """
@@ -31,57 +34,83 @@ class TipOver(Limit):
 
     def __init__(self, problem: PlacementProblem) -> None:
         super().__init__(problem)
-        tip = problem.robot.tip_over
+        tip = problem.footing.tip_over
+        self.pairs = np.array([axis.contacts for axis in tip.axes], dtype=int).reshape(-1, 2)
         self.moments, reference = TipMap(tip), tip.reference_moment
         self.unit = 2 * (reference or 1.0)
         self.least = 0.0 if reference is None else reference * (1 / (problem.limits.GN or 1.0) - 1)
 
     def ratio(self, moments: np.ndarray) -> np.ndarray:
-        """GN (N, C) from the moments (N, C, axes); exact on a plane as long as the base stands."""
-        tip = self.problem.robot.tip_over
+        """GN from the moments (..., axes); exact on a plane as long as the base stands."""
+        tip = self.problem.footing.tip_over
         if tip.free_rotation:
-            return np.ones(moments.shape[:2])
-        if not moments.shape[2]:
-            return np.zeros(moments.shape[:2])
-        smallest = np.maximum(np.min(moments, axis=2), 0.0)
+            return np.ones(moments.shape[:-1])
+        if not moments.shape[-1]:
+            return np.zeros(moments.shape[:-1])
+        smallest = np.maximum(np.min(moments, axis=-1), 0.0)
         return tip.reference_moment / (tip.reference_moment + smallest)
 
     def margins(self, found: TaskEvaluation) -> list[Rows]:
         if not self.moments.count:
             return []
-        smallest = np.min(found.moments[:, found.constrained], axis=2)
+        smallest = np.min(found.moments[:, found.constrained], axis=(2, 3))
         return [self.row(found.names, smallest, self.least, False, "N m", self.unit)]
 
-    def blocks(self, layout: Layout, functions: list[Twice]) -> list[Block]:
+    def functions(self, at: Symbols) -> list[PlacedMoments]:
+        """Moments as functions of the place, too, where contacts move."""
+        return [PlacedMoments(at, self.pairs)] if at.moving and self.moments.count else []
+
+    def blocks(self, layout: Layout, functions: list[PlacedMoments]) -> list[Block]:
         result = []
         for i, case in enumerate(layout.cases if self.moments.count else ()):
             slack = layout.slack.get("moment") if case.counts else None
             least = self.least / self.unit if slack is None else 0.0
-            labels = [RowLabel(self.kind, case.name)] * self.moments.count
+            labels = [RowLabel(self.kind, case.name)] * (self.moments.count * len(layout.corners))
             lower = least if case.constrained else -np.inf
-            result.append(Block(i, layout.y[case.task], labels, lower, np.inf, slack))
+            placed = functions[0] if functions else None
+            result.append(Block(i, layout.y[case.task], labels, lower, np.inf, slack, function=placed))
         return result
 
     def start(self, at: Point, x: np.ndarray) -> None:
         if (slack := at.layout.slack.get("moment")) is not None:
-            x[slack] = np.min(self._at(at)[0][at.layout.counting]) / self.unit
+            cases = at.layout.contact_cases(at.layout.counting)
+            x[slack] = np.min(self._at(at)[0][cases]) / self.unit
 
     def values(self, at: Point, block: Block) -> np.ndarray:
-        values = self._at(at)[0][block.of] / self.unit
+        values = self._at(at)[0][at.layout.contact_cases([block.of])].ravel() / self.unit
         return values if block.slack is None else values - at.x[block.slack]
 
     def jacobian(self, at: Point, block: Block) -> np.ndarray:
-        slope = self._at(at)[1][block.of] @ at.slopes[block.of][at.layout.n :] / self.unit
+        parts = []
+        for j in at.layout.contact_cases([block.of]):
+            parts.append(self._at(at)[1][j] @ at.wrench_slope(j))
+            if block.function is not None:
+                slope = block.function.slope(at.x[at.layout.p], at.wrenches[j], self._at(at)[2][j])
+                parts[-1][:, : at.layout.k] += slope
+        slope = np.concatenate(parts) / self.unit
         return slope if block.slack is None else np.column_stack([slope, np.full(len(slope), -1.0)])
 
     def add_hessian(self, sums: Curvature, at: Point, blocks: list[Block], multipliers: np.ndarray) -> None:
-        n, slopes = at.layout.n, self._at(at)[1]
         for block in blocks:
-            sums.on_loads[block.of][n:] += multipliers[block.rows] @ slopes[block.of] / self.unit
+            cases = at.layout.contact_cases([block.of])
+            for j, on in zip(cases, np.split(multipliers[block.rows] / self.unit, len(cases)), strict=True):
+                sums.add_on_wrench(j, on @ self._at(at)[1][j])
+                if block.function is not None:
+                    y, k, slope = at.layout.y[at.layout.cases[block.of].task], at.layout.k, at.wrench_slope(j)
+                    own = block.function.hessian(at.x[at.layout.p], at.wrenches[j], self._at(at)[2][j], on)
+                    along = np.vstack([np.eye(k, len(y)), slope])
+                    sums.add(y, along.T @ own @ along)
 
-    def _at(self, at: Point) -> tuple[np.ndarray, np.ndarray]:
-        """Moments (cases, axes) and their derivatives (cases, axes, 6)."""
-        return at.once(self, lambda: self.moments(at.wrenches))
+    def _at(self, at: Point) -> tuple[np.ndarray, np.ndarray, list[Held]]:
+        """Moments (contact cases, axes), derivatives (contact cases, axes, 6); what holds where feet conform."""
+
+        def evaluate() -> tuple[np.ndarray, np.ndarray, list[Held]]:
+            if not at.layout.stand.conforms:
+                return *self.moments(at.wrenches), []
+            held = addable(at.footing.support, self.pairs, at.wrenches)
+            return np.array([h.moments for h in held]), np.array([h.multipliers.T for h in held]), held
+
+        return at.once(self, evaluate)
 
 
 class Slip(Limit):
@@ -94,47 +123,49 @@ class Slip(Limit):
         if layout.forces is not None:
             return []
         result = []
-        for i in layout.held:
+        for j in layout.held:
+            i, _ = layout.contact_case(j)
             case, slack = layout.cases[i], layout.slack_of("slip", i)
             upper = self.problem.limits.GT or 1.0 if slack is None else 0.0
             label = RowLabel("slip", case.name)
-            result.append(Block(i, layout.y[case.task], [label], -np.inf, upper, slack))
+            result.append(Block(j, layout.y[case.task], [label], -np.inf, upper, slack))
         return result
 
     def start(self, at: Point, x: np.ndarray) -> None:
         if (slack := at.layout.slack.get("slip")) is not None:
-            x[slack] = np.max(self._evaluate(at.wrenches[at.layout.counting], derivatives=False)[0])
+            cases = at.layout.contact_cases(at.layout.counting)
+            x[slack] = np.max(self._evaluate(at.footing, at.wrenches[cases], derivatives=False)[0])
 
     def values(self, at: Point, block: Block) -> np.ndarray:
         value = self._at(at)[0][block.of]
         return np.array([value if block.slack is None else value - at.x[block.slack]])
 
     def jacobian(self, at: Point, block: Block) -> np.ndarray:
-        slope = self._at(at)[1][block.of] @ at.slopes[block.of][at.layout.n :]
+        slope = self._at(at)[1][block.of] @ at.wrench_slope(block.of)
         return (slope if block.slack is None else np.append(slope, -1.0))[None]
 
     def add_hessian(self, sums: Curvature, at: Point, blocks: list[Block], multipliers: np.ndarray) -> None:
         if not blocks:
             return
-        n, slopes = at.layout.n, self._at(at)[1]
+        slopes = self._at(at)[1]
         on = {block.of: float(multipliers[block.rows][0]) for block in blocks}
-        for i, factor in on.items():
-            sums.on_loads[i][n:] += factor * slopes[i]
-        weighty = [i for i, factor in on.items() if abs(factor) > 1e-9]
-        for i, bend in zip(weighty, self._bends(at, weighty), strict=True):
-            if bend is not None:
-                sums.of_loads[i][n:, n:] += on[i] * (bend + bend.T) / 2
+        weighty = [j for j, factor in on.items() if abs(factor) > 1e-9]
+        bends = dict(zip(weighty, self._bends(at, weighty), strict=True))
+        for j, factor in on.items():
+            bend = bends.get(j)
+            twice = None if bend is None else factor * (bend + bend.T) / 2
+            sums.add_on_wrench(j, factor * slopes[j], twice)
 
     def _bends(self, at: Point, cases: list[int]) -> list[np.ndarray | None]:
         """Second derivatives (6, 6) of GT by the wrench, by differences of its exact gradient."""
         if not cases:
             return []
-        length = self.problem.robot.support.length
+        length = at.footing.support.length
         wrenches, slopes = at.wrenches[cases], self._at(at)[1]
         size = np.max(np.abs(wrenches * np.r_[1, 1, 1, np.ones(3) / length]), axis=1)
         steps = _STEP * size[:, None] * np.r_[1, 1, 1, np.full(3, length)]
         moved = wrenches[:, None] + steps[:, :, None] * np.eye(6)
-        gradients = self._evaluate(moved.reshape(-1, 6))[1].reshape(-1, 6, 6)
+        gradients = self._evaluate(at.footing, moved.reshape(-1, 6))[1].reshape(-1, 6, 6)
         result = []
         for i, step, gradient in zip(cases, steps, gradients, strict=True):
             bend = (gradient - slopes[i]) / step[:, None]
@@ -143,23 +174,22 @@ class Slip(Limit):
         return result
 
     def _at(self, at: Point) -> tuple[dict[int, float], dict[int, np.ndarray]]:
-        """GT and its derivative (6,) by held case."""
+        """GT and its derivative (6,) by held contact case."""
 
         def evaluate() -> tuple[dict, dict]:
             held = at.layout.held
-            GT, slope = self._evaluate(at.wrenches[held])
+            GT, slope = self._evaluate(at.footing, at.wrenches[held])
             return dict(zip(held, GT, strict=True)), dict(zip(held, slope, strict=True))
 
         return at.once(self, evaluate)
 
     def _evaluate(
-        self, wrenches: np.ndarray, derivatives: bool = True
+        self, footing: Footing, wrenches: np.ndarray, derivatives: bool = True
     ) -> tuple[np.ndarray, np.ndarray | None]:
         """GT (N,) and its derivative (N, 6)."""
         if not len(wrenches):
             return np.empty(0), np.empty((0, 6))
-        robot = self.problem.robot
-        reserve = robot.slip.evaluate(solve_many(robot.support, wrenches), derivatives)
+        reserve = footing.slip.evaluate(solve_many(footing.support, wrenches), derivatives)
         GT = np.where(np.isfinite(reserve.GT), reserve.GT, _UNSOLVED)
         return GT, np.nan_to_num(reserve.gradient) if derivatives else None
 
@@ -175,21 +205,22 @@ class HeldForces(Limit):
             return []
         n, result = self.problem.robot.support.n_contacts, []
         lower, upper = np.r_[np.zeros(6), np.full(n, -np.inf)], np.zeros(6 + n)
-        for i, columns, piece in zip(layout.held, layout.held_forces, layout.pieces, strict=True):
+        for j, columns, piece in zip(layout.held, layout.held_forces, layout.pieces, strict=True):
+            i, _ = layout.contact_case(j)
             case = layout.cases[i]
             labels = [RowLabel(self.kind, case.name)] * 6 + [RowLabel("slip", case.name)] * n
             columns, slack = np.r_[layout.y[case.task], columns], layout.slack_of("slip", i)
-            result.append(Block(i, columns, labels, lower, upper, slack, function=piece))
+            result.append(Block(j, columns, labels, lower, upper, slack, function=piece))
         return result
 
     def start(self, at: Point, x: np.ndarray) -> None:
         forces, held = at.layout.forces, at.layout.held
         if forces is not None and held:
-            x[np.concatenate(at.layout.held_forces)] = forces.start(at.wrenches[held])[0].ravel()
+            x[np.concatenate(at.layout.held_forces)] = forces.start(at.wrenches[held], at.footing)[0].ravel()
 
     def values(self, at: Point, block: Block) -> np.ndarray:
         F, bound, _ = self._parts(at, block)
-        balance = at.layout.forces.balance(F, at.wrenches[block.of])
+        balance = at.layout.forces.balance(at.x[at.layout.p], F, at.wrenches[block.of])
         return np.concatenate([balance, block.function.rows(F, bound)[0]])
 
     def jacobian(self, at: Point, block: Block) -> np.ndarray:
@@ -197,8 +228,10 @@ class HeldForces(Limit):
         forces, y = at.layout.forces, slice(0, inside.start)
         _, by_force, by_bound = block.function.rows(F, bound)
         result = np.zeros((len(block.labels), len(block.columns)))
-        result[:6, y] = forces.per_wrench @ at.slopes[block.of][at.layout.n :]
-        result[:6, inside], result[6:, inside] = forces.per_force, by_force
+        by_place, held = forces.slopes(at.x[at.layout.p], F)
+        result[:6, y] = forces.per_wrench @ at.wrench_slope(block.of)
+        result[:6, : at.layout.k] += by_place
+        result[:6, inside], result[6:, inside] = held, by_force
         if block.slack is not None:
             result[6:, -1] = by_bound
         return result
@@ -206,7 +239,10 @@ class HeldForces(Limit):
     def add_hessian(self, sums: Curvature, at: Point, blocks: list[Block], multipliers: np.ndarray) -> None:
         for block in blocks:
             on, (F, bound, inside) = multipliers[block.rows], self._parts(at, block)
-            sums.on_loads[block.of][at.layout.n :] += on[:6] @ at.layout.forces.per_wrench
+            sums.add_on_wrench(block.of, on[:6] @ at.layout.forces.per_wrench)
+            p = at.layout.p
+            if (moved := at.layout.forces.hessian(at.x[p], F, on[:6])) is not None:
+                sums.add(np.r_[p, block.columns[inside]], moved)
             own, mixed, twice = block.function.hessian(F, bound, on[6:])
             sums.add(block.columns[inside], own)
             if block.slack is not None:
@@ -229,7 +265,7 @@ class TipOverReserve(Limit):
 
     def margins(self, found: TaskEvaluation) -> list[Rows]:
         most = getattr(self.problem.limits, self.kind)
-        if found.states is None or most is None:
+        if found.standing is None or most is None:
             return []
         values = getattr(found, self.kind)[:, found.constrained]
         return [self.row(found.names, values, most, True, "", most)]
@@ -250,7 +286,7 @@ class Persistence(Limit):
     verdicts = ("does not stand", "stands")
 
     def margins(self, found: TaskEvaluation) -> list[Rows]:
-        if found.states is None:
+        if found.standing is None:
             return []
-        standing = found.states.persistent.reshape(found.GN.shape)[:, found.constrained].astype(float)
+        standing = found.standing[:, found.constrained].astype(float)
         return [self.row(found.names, standing, 1.0, False, "", 1.0)]

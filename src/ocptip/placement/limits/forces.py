@@ -13,8 +13,10 @@ import numpy as np
 
 from ocptip.contact.solver import solve_many
 from ocptip.contact.support import Support
+from ocptip.placement.limits.twice import Twice
+from ocptip.placement.stand import Footing
 from ocptip.reserves.force_sets import ForceSets, force_scale
-from ocptip.reserves.slip import LARGEST_SQUEEZE, Slip
+from ocptip.reserves.slip import LARGEST_SQUEEZE
 
 ROUNDING = 1e-7
 """Added to friction limits that are divided by, in units of the weight."""
@@ -28,22 +30,23 @@ class ContactForces:
 
     Args:
         support: the base on its contacts.
-        slip: its slip reserve.
         unit: N.
+        moving: (p, forces in N (3 n,)) -> their wrench (6,), where contacts move within the base; else None.
     """
 
-    def __init__(self, support: Support, slip: Slip, unit: float) -> None:
-        self.support, self.slip, self.unit = support, slip, unit
+    def __init__(self, support: Support, unit: float, moving: Twice | None = None) -> None:
+        self.unit = unit
         self.size = 3 * support.n_contacts
         scale = np.r_[1, 1, 1, np.full(3, 1 / support.length)]
-        self.per_force = scale[:, None] * support.wrench_matrix
+        self._per_force = scale[:, None] * support.wrench_matrix
+        self._scale, self._moving = scale, moving
         self.per_wrench = np.diag(scale) / unit
         self._sets = ForceSets(support)
 
-    def start(self, wrenches: np.ndarray) -> tuple[np.ndarray, list[Piece]]:
+    def start(self, wrenches: np.ndarray, footing: Footing) -> tuple[np.ndarray, list[Piece]]:
         """Forces (N, 3 n) of the redistributed states under wrenches (N, 6), and the pieces they lie in."""
-        states = solve_many(self.support, wrenches, warm_start=False)
-        reserve = self.slip.evaluate(states, derivatives=False)
+        states = solve_many(footing.support, wrenches, warm_start=False)
+        reserve = footing.slip.evaluate(states, derivatives=False)
         forces = np.concatenate([reserve.normal_forces[:, :, None], reserve.tangential_forces], axis=2)
         forces = np.nan_to_num(forces)
         limits = self._sets.limits(np.nan_to_num(states.contact_forces[:, :, 0]), force_scale(states))
@@ -59,9 +62,25 @@ class ContactForces:
         ]
         return forces.reshape(len(wrenches), -1) / self.unit, pieces
 
-    def balance(self, forces: np.ndarray, wrench: np.ndarray) -> np.ndarray:
+    def balance(self, p: np.ndarray, forces: np.ndarray, wrench: np.ndarray) -> np.ndarray:
         """(6,) sums of forces and of moments per length, which vanish in equilibrium."""
-        return self.per_force @ forces + self.per_wrench @ wrench
+        own = self._per_force @ forces
+        if self._moving is not None:
+            own = self._scale * self._moving.values(np.concatenate([p, forces]))
+        return own + self.per_wrench @ wrench
+
+    def slopes(self, p: np.ndarray, forces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives (6, k) and (6, 3 n) of the balance by p and by the forces."""
+        if self._moving is None:
+            return np.zeros((6, len(p))), self._per_force
+        slope = self._scale[:, None] * self._moving.jacobian(np.concatenate([p, forces]))[1]
+        return slope[:, : len(p)], slope[:, len(p) :]
+
+    def hessian(self, p: np.ndarray, forces: np.ndarray, multipliers: np.ndarray) -> np.ndarray | None:
+        """Second derivatives of multipliers . balance by (p, forces), None where they vanish."""
+        if self._moving is None:
+            return None
+        return self._moving.hessian(np.concatenate([p, forces]), self._scale * multipliers)
 
 
 class Piece:

@@ -7,8 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
-from ocptip.contact.solver import ContactStates
+from ocptip.contact.states import ContactStates
 from ocptip.placement.problem import LoadCase
+from ocptip.placement.stand import Stood
 from ocptip.placement.terrain import Patch
 
 
@@ -36,20 +37,16 @@ class Rows:
 
 
 @dataclass(frozen=True, eq=False)
-class Standing:
+class Standing(Stood):
     """Where the base stands at N candidates.
 
-    Attributes:
+    Attributes, further to those of `Stood`:
         terrain: the patch.
         parameters: (N, k).
-        origin: (N, 3), m, base origins in the world.
-        base: (N, 3, 3), base to world axes.
     """
 
     terrain: Patch
     parameters: np.ndarray
-    origin: np.ndarray
-    base: np.ndarray
 
     def world(self, points: np.ndarray) -> np.ndarray:
         """(N, m, 3), m, of points (m, 3) or (N, m, 3) in base axes."""
@@ -65,12 +62,16 @@ class TaskEvaluation(Standing):
         cases: its load cases.
         q: (N, n), rad.
         torques: (N, C, n), N m.
-        wrenches: (N, C, 6), N and N m, base axes: on the base about its centre of mass, weight included.
-        moments: (N, C, axes), N m, about the tipping axes.
-        GN, GT: (N, C); NaN where not asked for.
+        wrenches: (N, C, 6), N and N m, base axes: on the base about its centre of mass, weight included, the
+            base being as described.
+        cornered: (N, C, K, 6), the same at the K corners of the problem's tolerance, about the same point.
+        moments: (N, C, K, axes), N m, about the tipping axes.
+        GN, GT: (N, C), the worst of all corners; NaN where not asked for.
+        worst: by kind of limit (N, C): the corner at which it is worst.
         GK: (N, C): use of the force space (4.19), 0 without process load.
         GE: (N, C): holding power, W, or torque cost.
-        states: contact states, N C of them, or None.
+        standing: (N, C): the contacts persist, at all corners; None if not asked for.
+        states: contact states, N C K of them; None if not asked for, or where feet conform.
         rows: constraints by kind.
     """
 
@@ -79,11 +80,14 @@ class TaskEvaluation(Standing):
     q: np.ndarray
     torques: np.ndarray
     wrenches: np.ndarray
+    cornered: np.ndarray
     moments: np.ndarray
     GN: np.ndarray
     GT: np.ndarray
     GK: np.ndarray
     GE: np.ndarray
+    worst: dict[str, np.ndarray]
+    standing: np.ndarray | None
     states: ContactStates | None
     rows: tuple[Rows, ...] = ()
 

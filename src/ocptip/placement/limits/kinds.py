@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ocptip.placement.limits.arm import Clearance, JointAngles, Manipulability, Reach, Torque
-from ocptip.placement.limits.base import BaseClearance, Bounds, ContactArea, TerrainLimit
+from ocptip.placement.limits.base import BaseClearance, Bounds, ContactArea, OnGround, Strokes, TerrainLimit
 from ocptip.placement.limits.contact import (
     HeldForces,
     Persistence,
@@ -32,7 +32,7 @@ TASK_LIMITS: tuple[type[Limit], ...] = (
 )
 """Of a task; in this order they are rows of the program."""
 
-BASE_LIMITS = (Bounds, ContactArea, BaseClearance, TerrainLimit)
+BASE_LIMITS = (Bounds, ContactArea, OnGround, Strokes, BaseClearance, TerrainLimit)
 """Of the base alone."""
 
 KINDS: dict[str, type[Limit]] = {limit.kind: limit for limit in (*TASK_LIMITS, *BASE_LIMITS)}

@@ -18,7 +18,7 @@ from ocptip.placement.limits.forces import ContactForces, Piece
 from ocptip.placement.limits.twice import Twice
 from ocptip.placement.power import TorqueCost
 from ocptip.placement.problem import CRITERIA, PlacementProblem
-from ocptip.placement.terrain import Patch
+from ocptip.placement.stand import Footing, Stand
 
 
 class Layout:
@@ -26,17 +26,22 @@ class Layout:
 
     Args:
         problem: the problem.
-        terrain: the patch.
+        stand: how the base stands on the patch.
         near: per task (m,) which gaps take part.
-        held: numbers of the load cases whose slip takes part.
+        held: numbers of the contact cases whose slip takes part.
         weighted: the criteria count; False: the objective is zero.
         least: bound of the moment that all tipping moments exceed; None where nothing tips.
         forces: contact forces as variables, or None.
         pieces: of the force sets to which they keep, per held case; None without forces.
 
+    Contact cases are load cases at corners of the problem's tolerance: number K i + c is load case i at corner
+    c of K.
+
     Attributes:
         k, n: numbers of parameters and of joints.
         cases: load cases.
+        corners: (K, 6, 9): wrench on the base at each corner per wrench on the base as described (6) and
+            gravity (3) in base axes.
         counting: numbers of those that count in the criteria.
         weights: (4,) of the criteria, divided by their references.
         p, q, y: places of the parameters (k,), of the joint angles (n,) per task, and of both per task.
@@ -52,7 +57,7 @@ class Layout:
     def __init__(
         self,
         problem: PlacementProblem,
-        terrain: Patch,
+        stand: Stand,
         near: list[np.ndarray],
         held: list[int],
         weighted: bool,
@@ -61,6 +66,8 @@ class Layout:
         pieces: list[Piece] | None,
     ) -> None:
         self.problem, self.near, self.held, self.forces, self.pieces = problem, near, held, forces, pieces
+        self.stand, terrain = stand, stand.patch
+        self.corners = np.array([np.hstack([np.eye(6), c.per_gravity]) for c in problem.corners])
         self.k, self.n, self.cases = terrain.size, problem.robot.arm.n, problem.cases
         self.counting = [i for i, case in enumerate(self.cases) if case.counts]
         self.weights = problem.weights.array() / [problem.references[c] for c in CRITERIA] * weighted
@@ -96,6 +103,15 @@ class Layout:
         """The objective's variable that bounds rows of a load case; None where a limit does."""
         return self.slack.get(name) if self.cases[i].counts else None
 
+    def contact_case(self, j: int) -> tuple[int, np.ndarray]:
+        """Number of the load case of a contact case, and its corner (6, 9)."""
+        return j // len(self.corners), self.corners[j % len(self.corners)]
+
+    def contact_cases(self, cases: list[int]) -> list[int]:
+        """Numbers of all contact cases of some load cases."""
+        count = len(self.corners)
+        return [count * i + c for i in cases for c in range(count)]
+
     def unloaded(self, i: int) -> int:
         """Number of the load case without process load of the same task."""
         return next(c for c, case in enumerate(self.cases) if case.task == self.cases[i].task)
@@ -107,8 +123,9 @@ class Point:
     Attributes:
         layout: of the variables.
         x: (nx,).
-        loads: per load case (n + 6,): joint torques, N m, and the wrench on the base, N and N m.
-        slopes: per load case (n + 6, k + n): their derivatives with respect to y of its task.
+        loads: per load case (n + 9,): joint torques, N m, the wrench on the base as described, N and N m, and
+            gravity in base axes, m/s^2.
+        slopes: per load case (n + 9, k + n): their derivatives with respect to y of its task.
     """
 
     def __init__(self, layout: Layout, loads: Twice, x: np.ndarray) -> None:
@@ -119,8 +136,19 @@ class Point:
 
     @cached_property
     def wrenches(self) -> np.ndarray:
-        """(cases, 6), N and N m."""
-        return np.array([load[self.layout.n :] for load in self.loads])
+        """(contact cases, 6), N and N m."""
+        loads = np.array([load[self.layout.n :] for load in self.loads])
+        return np.einsum("kwg,ig->ikw", self.layout.corners, loads).reshape(-1, 6)
+
+    def wrench_slope(self, j: int) -> np.ndarray:
+        """(6, k + n): derivative of the wrench of a contact case with respect to y of its task."""
+        i, corner = self.layout.contact_case(j)
+        return corner @ self.slopes[i][self.layout.n :]
+
+    @cached_property
+    def footing(self) -> Footing:
+        """The base on its contacts."""
+        return self.layout.stand.footing(self.x[self.layout.p])
 
     def once(self, key: Hashable, evaluate: Callable[[], Any]) -> Any:
         """What `evaluate` returns, called for a key once."""
@@ -134,13 +162,21 @@ class Curvature:
 
     Attributes:
         matrix: (nx, nx).
-        on_loads: (cases, n + 6): first derivatives by the loads of each case; their own curvature follows.
-        of_loads: (cases, n + 6, n + 6): second derivatives by the loads.
+        on_loads: (cases, n + 9): first derivatives by the loads of each case; their own curvature follows.
+        of_loads: (cases, n + 9, n + 9): second derivatives by the loads.
     """
 
-    def __init__(self, size: int, cases: int, loads: int) -> None:
-        self.matrix = np.zeros((size, size))
+    def __init__(self, layout: Layout) -> None:
+        self.layout, self.matrix = layout, np.zeros((layout.size, layout.size))
+        cases, loads = len(layout.cases), layout.n + 9
         self.on_loads, self.of_loads = np.zeros((cases, loads)), np.zeros((cases, loads, loads))
+
+    def add_on_wrench(self, j: int, slope: np.ndarray, bend: np.ndarray | None = None) -> None:
+        """Add derivatives (6,) and (6, 6) by the wrench of a contact case."""
+        i, corner = self.layout.contact_case(j)
+        self.on_loads[i][self.layout.n :] += slope @ corner
+        if bend is not None:
+            self.of_loads[i][self.layout.n :, self.layout.n :] += corner.T @ bend @ corner
 
     def add(self, columns: np.ndarray, part: np.ndarray) -> None:
         """Add second derivatives by some variables."""

@@ -17,7 +17,7 @@ import numpy as np
 from ocptip.placement.limits.forces import Piece
 from ocptip.placement.limits.judged import Rows, TaskEvaluation
 from ocptip.placement.limits.layout import Curvature, Layout, Point
-from ocptip.placement.limits.twice import Twice
+from ocptip.placement.limits.twice import Local, Twice
 from ocptip.placement.problem import PlacementProblem
 from ocptip.placement.terrain import Patch
 
@@ -38,7 +38,7 @@ class Block:
     """Rows of one limit at one task or load case.
 
     Attributes:
-        of: number of the task or load case; -1 for the base alone.
+        of: number of the task, load case or contact case (see `Layout`); -1 for the base alone.
         columns: numbers of the variables that the rows depend on; all others have no influence.
         labels: of the rows.
         lower, upper: bounds, one for all rows or one each.
@@ -74,6 +74,12 @@ class Symbols:
         terrain: the patch.
         origin: (3,), m, base origin in the world.
         base: (3, 3), base to world axes.
+        contacts: (3, n), m, base axes.
+        frames: (9, n), contact frames in base axes, column by column.
+        strokes: (n,), m, of the legs.
+        center_of_mass: (3,), m, of the base as described.
+        moving: contacts depend on p.
+        local: numbers that go into the expressions, for `Twice.of`.
     """
 
     y: cs.SX
@@ -82,6 +88,12 @@ class Symbols:
     terrain: Patch
     origin: cs.SX
     base: cs.SX
+    contacts: cs.SX
+    frames: cs.SX
+    strokes: cs.SX
+    center_of_mass: np.ndarray
+    moving: bool
+    local: Local
 
     def world(self, point: Sequence[float] | cs.SX) -> cs.SX:
         """(3,), m, of a point in base axes."""
@@ -102,7 +114,7 @@ class Limit:
         counted_once: of its violations in one task only the worst counts in the sum of violations.
         by_solver: it says nothing where the contact solver finds no solution.
         verdicts: for yes-or-no: what to say for no and for yes.
-        on_loads: its rows depend on the loads of load cases: torques (n,) and the base's wrench (6,).
+        on_loads: its rows depend on the loads of load cases, see `Point.loads`.
     """
 
     kind = ""

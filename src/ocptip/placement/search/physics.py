@@ -12,15 +12,16 @@ from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.limits.arm import Clearance, Reach
 from ocptip.placement.limits.forces import ContactForces
 from ocptip.placement.limits.limit import Symbols
-from ocptip.placement.limits.twice import Twice
+from ocptip.placement.limits.placed import wrench_of_forces
+from ocptip.placement.limits.twice import Local, Twice
 from ocptip.placement.power import HoldingPower
+from ocptip.placement.stand import Footing
 from ocptip.robots.dynamics import inverse_dynamics
-from ocptip.standing.arm import StandingRobot
 
 
-def unique_normal_forces(robot: StandingRobot) -> bool:
+def unique_normal_forces(footing: Footing) -> bool:
     """Three contacts on one plane: redistribution in full is then the same as of tangential forces."""
-    return robot.support.n_contacts == 3 and robot.tip_over.affine_moments is not None
+    return footing.support.n_contacts == 3 and footing.tip_over.affine_moments is not None
 
 
 class PatchPhysics:
@@ -31,7 +32,8 @@ class PatchPhysics:
         patch: number of the patch.
 
     Attributes:
-        loads: (y, force, moment in world axes) -> torques (n,) and the wrench (6,) on the base.
+        stand: how the base stands on it.
+        loads: (y, force, moment in world axes) -> torques (n,), the wrench (6,) on the base, gravity (3,).
         functions: per limit its rows that are smooth functions of y, see `Limit.functions`.
         pose: those that vanish where the gripper has its pose, per task, in units of 0.1 m and 0.2 rad.
         gaps: signed distances of the arm minus the clearance, in 0.1 m; None without any.
@@ -41,24 +43,22 @@ class PatchPhysics:
 
     def __init__(self, evaluator: Evaluator, patch: int) -> None:
         self.evaluator, self.problem, self.patch = evaluator, evaluator.problem, patch
-        problem, robot = self.problem, self.problem.robot
-        self.terrain = problem.terrain[patch]
+        problem, robot, footing = self.problem, self.problem.robot, self.problem.footing
+        self.terrain, self.stand = problem.terrain[patch], problem.stands[patch]
         self.k, self.n = self.terrain.size, robot.arm.n
         y = cs.SX.sym("y", self.k + self.n)
         p, q = y[: self.k], y[self.k :]
-        ground, turn = self.terrain.function(p)
-        position, rotation = problem.ground_frame
-        base = turn @ cs.SX(rotation.T)
-        origin = ground - base @ cs.SX(position)
-        symbols = Symbols(y, p, q, self.terrain, origin, base)
+        local = Local(self.stand.given, lambda at: self.stand.local(at[: self.k]))
+        moving, about = self.stand.conforms, footing.support.center_of_mass
+        symbols = Symbols(y, p, q, self.terrain, *self.stand.expressions(p), about, moving, local)
         self.loads = self._loads(symbols)
         self.functions = {limit: limit.functions(symbols) for limit in evaluator.limits}
         self.pose = self.functions[evaluator.limit(Reach)]
         self.gaps = next(iter(self.functions[evaluator.limit(Clearance)]), None)
         self.forces = None
-        if robot.slip.redistribution == "full" or unique_normal_forces(robot):
+        if moving or footing.slip.redistribution == "full" or unique_normal_forces(footing):
             unit = robot.mass * max(float(np.linalg.norm(problem.gravity)), 1e-3)
-            self.forces = ContactForces(robot.support, robot.slip, unit)
+            self.forces = ContactForces(footing.support, unit, wrench_of_forces(symbols) if moving else None)
         self.power = problem.energy.derivatives(self.n) if isinstance(problem.energy, HoldingPower) else None
 
     @property
@@ -74,4 +74,4 @@ class PatchPhysics:
             at.q, still, still, gravity, at.base.T @ force, at.base.T @ moment, support.center_of_mass
         )
         weight = cs.vertcat(support.mass * gravity, cs.SX.zeros(3))
-        return Twice.of(at.y, [force, moment], cs.vertcat(torque, wrench + weight))
+        return Twice.of(at.y, [force, moment], cs.vertcat(torque, wrench + weight, gravity), local=at.local)

@@ -24,7 +24,7 @@ class PlacementProgram(Layout):
     Args:
         physics: of the patch.
         near: per task (m,) which gaps take part.
-        held: numbers of the load cases whose slip takes part: the counting ones if GT has a weight, and those
+        held: numbers of the contact cases whose slip takes part: the counting ones if GT has a weight, and those
             that may come to their limit.
         pieces: per held case the pieces of the force sets, where forces are variables.
         criteria: False: only the constraints, with objective zero.
@@ -44,8 +44,8 @@ class PlacementProgram(Layout):
     ) -> None:
         tip = physics.evaluator.tip_over
         least = tip.least / tip.unit if tip.moments.count else None
-        problem, terrain, forces = physics.problem, physics.terrain, physics.forces
-        super().__init__(problem, terrain, near, held, criteria, least, forces, pieces)
+        problem, stand, forces = physics.problem, physics.stand, physics.forces
+        super().__init__(problem, stand, near, held, criteria, least, forces, pieces)
         self.physics, self.objective = physics, Objective(self, physics.power)
         self.limits = [(limit, limit.blocks(self, own)) for limit, own in physics.functions.items()]
         blocks, count = [block for _, own in self.limits for block in own], 0
@@ -109,7 +109,7 @@ class PlacementProgram(Layout):
 
     def hessian(self, x: np.ndarray, sigma: float, multipliers: np.ndarray) -> np.ndarray:
         """Of sigma * objective + multipliers . rows, (nx, nx)."""
-        at, sums = self._at(x), Curvature(self.size, len(self.cases), self.n + 6)
+        at, sums = self._at(x), Curvature(self)
         loaded = 1 + max((k for k, (limit, _) in enumerate(self.limits) if limit.on_loads), default=-1)
         for limit, blocks in self.limits[:loaded]:
             limit.add_hessian(sums, at, blocks, multipliers)
