@@ -205,6 +205,5 @@ def _margin(margin: Margin) -> str:
     value, limit, unit = scale * margin.value, scale * margin.limit, f" {unit}" if unit else ""
     sign = "<=" if margin.upper else ">="
     room = abs(limit - value)
-    return (
-        f"{margin.kind + ':':<15} {value:.4g} {sign} {limit:.4g}{unit}, room {room:.3g}{unit}: {margin.name}"
-    )
+    compared = f"{value:.4g} {sign} {limit:.4g}{unit}, room {room:.3g}{unit}"
+    return f"{margin.kind + ':':<15} {compared}: {margin.full_name}"

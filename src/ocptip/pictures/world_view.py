@@ -10,14 +10,17 @@ import numpy as np
 from matplotlib.patches import Circle, Polygon
 
 from ocptip.pictures import frame
+from ocptip.placement.ground import HeightField
 from ocptip.placement.problem import PlacementProblem
 from ocptip.placement.result import Placement
+from ocptip.placement.stand import Stood
 from ocptip.robots.geometry import Pillar, Wall
 from ocptip.robots.kinematics import link_frames
 
 COLORS = frame.COLORS[:6]  # of tasks
 BASE, OTHER, LOAD, SOLID, FORBIDDEN, GROUND = "#3a3a3a", "#9a9a9a", "#b3261e", "#8c8c8c", "#e07b00", "#6b4f2a"
 
+_PROFILE = 200  # points
 _ARROW = 0.16  # length of a process force, share of the picture
 _ALONG = 0.05  # sine of the angle up to which a wall or an axis counts as seen edge-on
 
@@ -69,7 +72,7 @@ class View:
     ) -> None:
         """Outline and positions of the contacts, the way to the mount, the spheres of the base."""
         problem = placement.problem
-        contacts = self.flat(in_world(placement, [c.position for c in problem.robot.support.contacts]))
+        contacts = self.flat(in_world(placement, _stood(placement).contacts[0]))
         mount = self.flat(in_world(placement, [problem.ground_frame[0], problem.robot.arm.mount_position]))
         outline = contacts[frame.hull(contacts)]
         ax.add_patch(Polygon(outline, closed=True, fc="none", ec=color, lw=1.6 if spheres else 1.0))
@@ -130,15 +133,24 @@ class View:
         )
 
     def ground(self, ax: Any, placement: Placement, limits: Any) -> None:
-        """The tangent plane of the ground under the base."""
-        terrain = placement.problem.terrain[placement.patch]
-        origin, turn = terrain.poses(placement.parameters)
-        normal = turn[0] @ np.array([0.0, 0.0, 1.0])
-        inward = -self.flat(normal)
-        level = inward @ self.flat(origin[0])
-        corners = half_plane(inward, level, limits)
+        """The tangent plane of the ground under the base; of uneven ground a profile through the base."""
+        stand = placement.problem.stands[placement.patch]
+        if stand.conforms:
+            corners = self._profile(stand.patch.conforming.field, limits)
+        else:
+            origin, turn = stand.ground(placement.parameters[None])
+            inward = -self.flat(turn[0] @ np.array([0.0, 0.0, 1.0]))
+            corners = half_plane(inward, inward @ self.flat(origin[0]), limits)
         if len(corners):
             ax.add_patch(Polygon(corners, closed=True, fc=GROUND, alpha=0.18, ec=GROUND, lw=1.2, zorder=0))
+
+    def _profile(self, field: HeightField, limits: Any) -> np.ndarray:
+        """Outline (k, 2) of a height field cut along a picture whose second axis is the world's z."""
+        (left, right), (bottom, _) = limits
+        along = np.linspace(left, right, _PROFILE)
+        across = self.through - self.axes[0] * (self.axes[0] @ self.through)
+        heights = field.heights((across + np.outer(along, self.axes[0]))[:, :2])
+        return np.column_stack([np.r_[along, right, left], np.r_[heights, bottom, bottom]])
 
 
 def half_plane(normal: np.ndarray, level: float, limits: Any) -> np.ndarray:
@@ -161,6 +173,11 @@ def obstacles_of(problem: PlacementProblem) -> Iterator[tuple[Wall | Pillar, boo
         yield obstacle, True
     for obstacle in problem.obstacles:
         yield obstacle, False
+
+
+def _stood(placement: Placement) -> Stood:
+    """The base at its place."""
+    return placement.problem.stands[placement.patch].at(placement.parameters)
 
 
 def in_world(placement: Placement, points: Any) -> np.ndarray:

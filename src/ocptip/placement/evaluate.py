@@ -119,8 +119,7 @@ class Evaluator:
             )
         wrenches[:, :, :3] += self.support.mass * gravity[:, None]
         added = np.einsum("kwg,ng->nkw", np.array([c.per_gravity for c in problem.corners]), gravity)
-        cornered = wrenches[:, :, None] + added[:, None]
-        reserves = self._reserves(stand, stood, cornered, contacts, fast)
+        reserves = self._reserves(stand, stood, wrenches, added, contacts, fast)
         found = TaskEvaluation(
             **vars(stood),
             terrain=problem.terrain[patch],
@@ -130,7 +129,6 @@ class Evaluator:
             q=q,
             torques=torques,
             wrenches=wrenches,
-            cornered=cornered,
             **reserves,
             GK=self._force_space(cases, torques),
             GE=np.stack([problem.energy.values(torques[:, c]) for c in range(len(cases))], axis=1),
@@ -168,51 +166,72 @@ class Evaluator:
     # --- parts ---------------------------------------------------------------------------------------------
 
     def _reserves(
-        self, stand: Stand, stood: Stood, wrenches: np.ndarray, contacts: bool, fast: bool
+        self, stand: Stand, stood: Stood, nominal: np.ndarray, added: np.ndarray, contacts: bool, fast: bool
     ) -> dict[str, Any]:
-        """What `TaskEvaluation` holds of the contacts, under wrenches (N, C, K, 6)."""
-        shape, flat = wrenches.shape[:3], wrenches.reshape(len(wrenches), -1, 6)
-        states, standing, GT = None, None, np.full(shape, np.nan)
+        """What `TaskEvaluation` holds of the contacts.
+
+        Args:
+            nominal: (N, C, 6), wrenches on the base as described.
+            added: (N, K, 6), their changes at the corners of the tolerance.
+        """
+        if not contacts:
+            return self._rough_reserves(stand, stood, nominal, added)
+        cornered, states = nominal[:, :, None] + added[:, None], None
+        shape, wrenches = cornered.shape[:3], cornered.reshape(len(nominal), -1, 6)
         if not stand.conforms:
-            moments = self.tip_over.moments(wrenches.reshape(-1, 6))[0]
-            if contacts:
-                states = solve_many(self.support, wrenches.reshape(-1, 6), warm_start=False)
-                slip = self.fast_slip if fast else self.problem.footing.slip
-                GN, GT = self._solved(self.problem.footing, slip, states)
-                standing = states.persistent
-        elif contacts and not fast:
-            moments, GN, GT, standing = self._on_rough_ground(stand, stood, flat)
+            footing, flat = self.problem.footing, wrenches.reshape(-1, 6)
+            moments, states = self.tip_over.moments(flat)[0], solve_many(self.support, flat, warm_start=False)
+            GN, GT = self._solved(footing, self.fast_slip if fast else footing.slip, states)
+            standing = states.persistent
+        elif fast:
+            moments, GT = self._edge_moments(stood, wrenches), self.fast_usage(stand, stood, wrenches)
+            GN, standing = self.tip_over.ratio(moments), (GT < 1) & np.all(moments > 0, axis=2)
         else:
-            moments = edge_moments(flat, stood.contacts, self.tip_over.pairs, self.support.center_of_mass)
-            if contacts:
-                GT = self.fast_usage(stand, stood, flat)
-                standing = (GT < 1) & (np.min(moments, axis=2, initial=np.inf) > 0)
+            moments, GN, GT, standing = self._on_rough_ground(stand, stood, wrenches)
         moments = moments.reshape(*shape, -1)
-        GN = (
-            GN.reshape(shape)
-            if contacts and (not stand.conforms or not fast)
-            else self.tip_over.ratio(moments)
-        )
-        GT = GT.reshape(shape)
-        smallest = np.min(moments, axis=3, initial=np.inf)
-        worst = {
-            "tip-over": np.argmin(smallest, axis=2),
-            "GN": np.argmax(GN, axis=2),
-            "GT": np.argmax(GT, axis=2),
-        }
-        if standing is not None:
-            standing = standing.reshape(shape)
-            worst["persistence"] = np.argmin(standing, axis=2)
-            standing = np.all(standing, axis=2)
-        GN, GT = np.max(GN, axis=2), np.max(GT, axis=2)
+        GN, GT, standing = (values.reshape(shape) for values in (GN, GT, standing))
         return {
+            "cornered": cornered,
             "moments": moments,
-            "GN": GN,
-            "GT": GT,
-            "standing": standing,
+            "GN": np.max(GN, axis=2),
+            "GT": np.max(GT, axis=2),
+            "standing": np.all(standing, axis=2),
             "states": states,
-            "worst": worst,
+            "worst": {
+                "tip-over": np.argmin(np.min(moments, axis=3, initial=np.inf), axis=2),
+                "GN": np.argmax(GN, axis=2),
+                "GT": np.argmax(GT, axis=2),
+                "persistence": np.argmin(standing, axis=2),
+            },
         }
+
+    def _rough_reserves(
+        self, stand: Stand, stood: Stood, nominal: np.ndarray, added: np.ndarray
+    ) -> dict[str, Any]:
+        """The same without solving contacts, from moments about the axes, the least of all corners each."""
+        shape, tip = nominal.shape[:2], self.problem.footing.tip_over
+        if stand.conforms:
+            moments, changes = (self._edge_moments(stood, w) for w in (nominal, added))
+            moments = moments + np.min(changes, axis=1, keepdims=True)
+        elif tip.affine_moments is not None:
+            slope, offset = tip.affine_moments
+            moments = nominal @ slope.T + offset + np.min(added @ slope.T, axis=1, keepdims=True)
+        else:
+            cornered = nominal[:, :, None] + added[:, None]
+            moments = self.tip_over.moments(cornered.reshape(-1, 6))[0]
+            moments = np.min(moments.reshape(*cornered.shape[:3], -1), axis=2)
+        return {
+            "cornered": nominal[:, :, None],
+            "moments": moments[:, :, None],
+            "GN": self.tip_over.ratio(moments),
+            "GT": np.full(shape, np.nan),
+            "standing": None,
+            "states": None,
+            "worst": {},
+        }
+
+    def _edge_moments(self, stood: Stood, wrenches: np.ndarray) -> np.ndarray:
+        return edge_moments(wrenches, stood.contacts, self.tip_over.pairs, self.support.center_of_mass)
 
     @staticmethod
     def _solved(footing: Footing, slip: Slip, states: ContactStates) -> tuple[np.ndarray, np.ndarray]:

@@ -113,12 +113,14 @@ def place_for_motion(
         placement_starts: of `place`.
 
     Raises:
-        InputError: fewer than two tasks.
+        InputError: fewer than two tasks, or a tolerance of the base.
         NoPlacementError: no placement serves all tasks at rest.
         PlanningError: no candidate has a verified motion; the message names what is in the way on each.
     """
     if len(problem.tasks) < 2:
         raise InputError("tasks: a motion needs two gripper tasks or more, got one")
+    if problem.tolerance.given:
+        raise InputError("tolerance: motions are planned for a base as described; leave the tolerance out")
     numbers = {"candidates": candidates, "starts": starts, "jobs": 1 if jobs is None else jobs}
     for name, value in (numbers | {"placement_starts": placement_starts}).items():
         whole_number(name, value, 1)
@@ -153,7 +155,7 @@ def placed_robot(placement: Placement) -> StandingRobot:
     robot, base, origin = problem.robot, placement.base_rotation, placement.base_position
     old = robot.support
     support = Support(
-        old.contacts,
+        problem.stands[placement.patch].footing(placement.parameters).support.contacts,
         mass=old.mass,
         center_of_mass=old.center_of_mass,
         inertia=old.inertia,

@@ -13,7 +13,7 @@ from ocptip.contact.support import Support
 NOT_HELD = 10.0
 """Stands for the slip reserve where no forces were found that hold the base."""
 
-_ROUNDS = 8
+_ROUNDS = 6
 _PRESSING = 1e-2  # cost of normal forces relative to tangential ones
 _TINY = 1e-12
 

@@ -53,12 +53,18 @@ class Margin:
     worst: str = ""
 
     @property
+    def full_name(self) -> str:
+        """Which one, with the base for which it is worst; that a base stands holds for all bases."""
+        holds = KINDS[self.kind].verdicts is not None and self.relative >= 0
+        return f"{self.name} ({self.worst})" if self.worst and not holds else self.name
+
+    @property
     def active(self) -> bool:
         """The constraint is at its limit or broken; equalities and yes-or-no are never at theirs."""
         return self.relative < (ACTIVE if KINDS[self.kind].has_room else 0)
 
     def __str__(self) -> str:
-        name = f"{self.name} ({self.worst})" if self.worst else self.name
+        name = self.full_name
         if verdicts := KINDS[self.kind].verdicts:
             return f"{self.kind}: {name}: {verdicts[bool(self.value)]}"
         sign = "<=" if self.upper else ">="
@@ -160,6 +166,7 @@ class Placement:
                     "rotation": self.base_rotation,
                     "rpy_deg": Rotation.from_matrix(self.base_rotation).as_euler("xyz", degrees=True),
                 },
+                **self._feet(),
                 "angles_deg": {
                     task.name: arm.in_degrees(q) for task, q in zip(problem.tasks, self.angles, strict=True)
                 },
@@ -179,6 +186,16 @@ class Placement:
                 "start": self.start,
             }
         )
+
+    def _feet(self) -> dict[str, Any]:
+        """On uneven ground places and normals of the feet in the world, and strokes of legs."""
+        stand = self.problem.stands[self.patch]
+        if not stand.conforms:
+            return {}
+        stood = stand.at(self.parameters)
+        base, contacts, normals = stood.base[0], stood.contacts[0], stood.frames[0, :, :, 0]
+        feet = {"positions": stood.origin[0] + contacts @ base.T, "normals": normals @ base.T}
+        return {"feet": {**feet, "strokes": stood.strokes[0]} if stood.strokes.size else feet}
 
 
 @dataclass(frozen=True)
@@ -294,6 +311,8 @@ def _asked(problem: PlacementProblem) -> dict[str, Any]:
         "references": problem.references,
         "limits": asdict(problem.limits),
         "unloaded": problem.unloaded,
+        "tolerance": asdict(problem.tolerance),
+        "contact_cases": len(problem.cases) * len(problem.corners),
         "tasks": tasks,
         **problem.robot.masses_to_dict(),
     }

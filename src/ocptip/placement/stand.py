@@ -252,7 +252,7 @@ class Stand:
     # --- places --------------------------------------------------------------------------------------------
 
     def ground(self, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Origins (N, 3), m, and rotations (N, 3, 3) of the ground frame in the world at parameters (N, k)."""
+        """Origins (N, 3), m, and rotations (N, 3, 3) of the ground frame in the world."""
         if not self.conforms:
             return self.patch.poses(parameters)
         stood, (position, rotation) = self.at(parameters), self._frame

@@ -67,6 +67,11 @@ class Tolerance:
             raise InputError(f"center_of_mass: half sides must be >= 0, got {half.tolist()}")
         setter(self, "center_of_mass", half)
 
+    @property
+    def given(self) -> bool:
+        """Whether anything is uncertain."""
+        return bool(np.any(self.base_mass) or np.any(self.center_of_mass) or self.friction)
+
     def masses(self, nominal: float) -> list[float]:
         """Ends of the interval of the base's mass, kg; one if it is known.
 

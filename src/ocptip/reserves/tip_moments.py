@@ -64,7 +64,7 @@ class Addable:
     Attributes:
         moments: (N, axes), N m.
         slopes: (N, axes, 6), their derivatives by the wrench, the multipliers of its balance.
-        forces: (N, axes, d n), contact forces at the optimum, contact axes, N; NaN where the moment is affine.
+        forces: (N, axes, d n), N, contact axes: forces at the optimum; NaN where the moment is affine.
     """
 
     moments: np.ndarray

@@ -27,7 +27,6 @@ from ocptip.placement.problem import (
     Weights,
     sampled_loads,
 )
-from ocptip.placement.terrain import Patch, plane
 from ocptip.robots.model import ArmModel
 from ocptip.standing.arm import StandingRobot
 from ocptip.task_files.arm import read_obstacles
@@ -35,10 +34,10 @@ from ocptip.task_files.doubts import doubt_masses, doubt_units
 from ocptip.task_files.kinds import require_kind
 from ocptip.task_files.motors import arm_and_motors
 from ocptip.task_files.scene import SCENE, read_support
+from ocptip.task_files.terrain import read_terrain, read_tolerance
 
 _OBSTACLES = ("base_obstacle", "obstacle", "keep_out")
-_TABLES = ("terrain", "task", "weights", "references", "limits", "energy")
-_STEEPEST = 80.0  # degrees
+_TABLES = ("terrain", "task", "weights", "references", "limits", "energy", "tolerance")
 _MOST_DIRECTIONS = 10_000
 _VERTICAL = np.array([0.0, 0.0, 1.0])
 
@@ -87,14 +86,12 @@ def _problem(data: Table, folder: Path) -> PlacementProblem:
     deck = read_obstacles(data, "base_obstacle", arm, numbered=True)
     robot = StandingRobot(arm, support, motors, obstacles=deck, reference_moment=moment)
     tasks = [_task(table, f"task {k}") for k, table in enumerate(data.tables("task", required=True), 1)]
-    patches = data.tables("terrain")
-    names = [f"plane {k}" for k in range(1, len(patches) + 1)] if len(patches) > 1 else ["floor"]
     references = data.table("references", optional=True)
     with base.at(None, base_spheres="spheres", ground_frame="ground"):
         return PlacementProblem(
             robot,
             tasks,
-            [_plane(*patch) for patch in zip(patches, names, strict=True)] if patches else plane(),
+            read_terrain(data, folder),
             weights=_weights(data),
             limits=limits,
             obstacles=read_obstacles(data, "obstacle", arm, numbered=True, world=True),
@@ -104,28 +101,8 @@ def _problem(data: Table, folder: Path) -> PlacementProblem:
             references=references.make(dict, **references.numbers(*CRITERIA)),
             base_spheres=spheres,
             ground_frame=None if ground is None else (ground, np.eye(3)),
+            tolerance=read_tolerance(data.table("tolerance", optional=True)),
         )
-
-
-def _plane(table: Table, name: str) -> Patch:
-    slope = table.vector("slope", 2, np.zeros(2))
-    if table.one_of("incline_deg", "slope", optional=True) == "incline_deg":
-        incline = table.number("incline_deg")
-        if not 0 <= incline <= _STEEPEST:
-            raise table.error(f"must be between 0 and {_STEEPEST:g}, got {incline:g}", "incline_deg")
-        uphill = table.number("uphill_deg", 0.0, scale=DEGREES)
-        slope = np.tan(np.deg2rad(incline)) * np.array([np.cos(uphill), np.sin(uphill)])
-    elif "uphill_deg" in table:
-        raise table.error("belongs to incline_deg, which is missing", "uphill_deg")
-    bounds = {}
-    for key, scale in (("x", 1.0), ("y", 1.0), ("angle_deg", DEGREES)):
-        low, high = bound = table.vector(key, 2, (-np.inf, np.inf), scale=scale)
-        if low > high:
-            raise table.error(f"the first bound must not be above the second, got {table.value(key)}", key)
-        if key in table:
-            bounds[key.removesuffix("_deg")] = tuple(bound)
-    inside, height = table.flag("contacts_inside", False), table.number("height", 0.0)
-    return table.make(plane, slope, height, contacts_inside=inside, name=table.text("name", name), **bounds)
 
 
 def _task(table: Table, default: str) -> GripperTask:

@@ -125,6 +125,7 @@ class OnGround(BaseLimit):
     """All feet touch uneven ground; the program's expressions take it for granted."""
 
     kind = "feet"
+    has_room = False
 
     def margins(self, found: Standing) -> list[Rows]:
         if found.terrain.conforming is None:

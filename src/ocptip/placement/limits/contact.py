@@ -8,7 +8,7 @@ from ocptip.contact.solver import solve_many
 from ocptip.placement.limits.judged import Rows, TaskEvaluation
 from ocptip.placement.limits.layout import Curvature, Layout, Point
 from ocptip.placement.limits.limit import Block, Limit, RowLabel, Symbols
-from ocptip.placement.limits.placed import Held, PlacedMoments, addable
+from ocptip.placement.limits.placed import PlacedMoments, Worst, addable, least
 from ocptip.placement.limits.twice import Twice
 from ocptip.placement.problem import PlacementProblem
 from ocptip.placement.stand import Footing
@@ -65,7 +65,7 @@ class TipOver(Limit):
         for i, case in enumerate(layout.cases if self.moments.count else ()):
             slack = layout.slack.get("moment") if case.counts else None
             least = self.least / self.unit if slack is None else 0.0
-            labels = [RowLabel(self.kind, case.name)] * (self.moments.count * len(layout.corners))
+            labels = [RowLabel(self.kind, case.name)] * self.moments.count
             lower = least if case.constrained else -np.inf
             placed = functions[0] if functions else None
             result.append(Block(i, layout.y[case.task], labels, lower, np.inf, slack, function=placed))
@@ -73,42 +73,43 @@ class TipOver(Limit):
 
     def start(self, at: Point, x: np.ndarray) -> None:
         if (slack := at.layout.slack.get("moment")) is not None:
-            cases = at.layout.contact_cases(at.layout.counting)
-            x[slack] = np.min(self._at(at)[0][cases]) / self.unit
+            least = min(np.min(self._at(at)[i].moments) for i in at.layout.counting)
+            x[slack] = least / self.unit
 
     def values(self, at: Point, block: Block) -> np.ndarray:
-        values = self._at(at)[0][at.layout.contact_cases([block.of])].ravel() / self.unit
+        values = self._at(at)[block.of].moments / self.unit
         return values if block.slack is None else values - at.x[block.slack]
 
     def jacobian(self, at: Point, block: Block) -> np.ndarray:
-        parts = []
-        for j in at.layout.contact_cases([block.of]):
-            parts.append(self._at(at)[1][j] @ at.wrench_slope(j))
-            if block.function is not None:
-                slope = block.function.slope(at.x[at.layout.p], at.wrenches[j], self._at(at)[2][j])
-                parts[-1][:, : at.layout.k] += slope
-        slope = np.concatenate(parts) / self.unit
+        worst, loads = self._at(at)[block.of], at.loads[block.of][at.layout.n :]
+        slope = worst.by_loads @ at.slopes[block.of][at.layout.n :]
+        if block.function is not None:
+            slope[:, : at.layout.k] += block.function.slope(at.x[at.layout.p], loads, worst)
+        slope = slope / self.unit
         return slope if block.slack is None else np.column_stack([slope, np.full(len(slope), -1.0)])
 
     def add_hessian(self, sums: Curvature, at: Point, blocks: list[Block], multipliers: np.ndarray) -> None:
+        n, k = at.layout.n, at.layout.k
         for block in blocks:
-            cases = at.layout.contact_cases([block.of])
-            for j, on in zip(cases, np.split(multipliers[block.rows] / self.unit, len(cases)), strict=True):
-                sums.add_on_wrench(j, on @ self._at(at)[1][j])
-                if block.function is not None:
-                    y, k, slope = at.layout.y[at.layout.cases[block.of].task], at.layout.k, at.wrench_slope(j)
-                    own = block.function.hessian(at.x[at.layout.p], at.wrenches[j], self._at(at)[2][j], on)
-                    along = np.vstack([np.eye(k, len(y)), slope])
-                    sums.add(y, along.T @ own @ along)
+            worst, on = self._at(at)[block.of], multipliers[block.rows] / self.unit
+            sums.on_loads[block.of][n:] += on @ worst.by_loads
+            if block.function is not None:
+                y, loads = at.layout.y[at.layout.cases[block.of].task], at.loads[block.of][n:]
+                own = block.function.hessian(at.x[at.layout.p], loads, worst, on)
+                along = np.vstack([np.eye(k, len(y)), at.slopes[block.of][n:]])
+                sums.add(y, along.T @ own @ along)
 
-    def _at(self, at: Point) -> tuple[np.ndarray, np.ndarray, list[Held]]:
-        """Moments (contact cases, axes), derivatives (contact cases, axes, 6); what holds where feet conform."""
+    def _at(self, at: Point) -> list[Worst]:
+        """Per load case the moments about the axes, each at the corner of the tolerance where it is least."""
 
-        def evaluate() -> tuple[np.ndarray, np.ndarray, list[Held]]:
-            if not at.layout.stand.conforms:
-                return *self.moments(at.wrenches), []
-            held = addable(at.footing.support, self.pairs, at.wrenches)
-            return np.array([h.moments for h in held]), np.array([h.multipliers.T for h in held]), held
+        def evaluate() -> list[Worst]:
+            corners, forces = at.layout.corners, None
+            if at.layout.stand.conforms:
+                found = addable(at.footing.support, self.pairs, at.wrenches)
+                moments, slopes, forces = found.moments, found.slopes, found.forces
+            else:
+                moments, slopes = self.moments(at.wrenches)
+            return least(moments, slopes, forces, corners)
 
         return at.once(self, evaluate)
 

@@ -34,8 +34,8 @@ class Layout:
         forces: contact forces as variables, or None.
         pieces: of the force sets to which they keep, per held case; None without forces.
 
-    Contact cases are load cases at corners of the problem's tolerance: number K i + c is load case i at corner
-    c of K.
+    Contact cases are load cases at corners of the problem's tolerance: number K i + c is load case i at
+    corner c of K.
 
     Attributes:
         k, n: numbers of parameters and of joints.

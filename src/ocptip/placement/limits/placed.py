@@ -8,6 +8,7 @@ Lagrangian, with forces and multipliers held (envelope theorem).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import casadi as cs
 import numpy as np
@@ -16,7 +17,7 @@ from ocptip.contact.support import Support
 from ocptip.placement.limits.limit import Symbols
 from ocptip.placement.limits.twice import Twice
 from ocptip.reserves.force_sets import ForceSets
-from ocptip.reserves.tip_moments import AddableMoments, TippingAxis
+from ocptip.reserves.tip_moments import Addable, AddableMoments, TippingAxis
 
 
 def wrench_of_forces(at: Symbols) -> Twice:
@@ -35,29 +36,36 @@ def _wrench(at: Symbols, forces: cs.SX) -> cs.SX:
 
 
 @dataclass(frozen=True, eq=False)
-class Held:
-    """Addable moments at one point, and what belongs to them.
+class Worst:
+    """Moments about the axes in one load case, each at the corner of the tolerance where it is least.
 
     Attributes:
         moments: (axes,), N m.
-        multipliers: (6, axes), their derivatives by the wrench.
-        forces: (3 n, axes), N, of the program's optimum; zero where the moment is affine.
-        affine: (axes,), 1 where the moment is that of the wrench about the axis, else 0.
+        multipliers: (axes, 6), their derivatives by the wrench at that corner.
+        corners: (axes, 6, 9), wrench at the corner per wrench and gravity, see `Layout.corners`.
+        forces: (axes, 3 n), N, of the optimum; NaN where the moment is affine; None on rigid patches.
     """
 
     moments: np.ndarray
     multipliers: np.ndarray
-    forces: np.ndarray
-    affine: np.ndarray
+    corners: np.ndarray
+    forces: np.ndarray | None
+
+    @cached_property
+    def by_loads(self) -> np.ndarray:
+        """(axes, 9), derivatives by wrench and gravity."""
+        return np.einsum("aw,awg->ag", self.multipliers, self.corners)
 
     @property
     def numbers(self) -> tuple[np.ndarray, ...]:
         """Arguments of the function of `PlacedMoments` behind the variables."""
-        return self.multipliers, self.forces, self.moments, self.affine
+        affine = np.isnan(self.forces[:, 0]).astype(float)
+        corners = np.concatenate(list(self.corners), axis=1)
+        return self.multipliers.T, np.nan_to_num(self.forces).T, self.moments, affine, corners
 
 
 class PlacedMoments:
-    """Addable moments as functions of place and wrench.
+    """Addable moments as functions of the place, and of wrench and gravity in base axes.
 
     Args:
         at: expressions of the contacts.
@@ -66,37 +74,48 @@ class PlacedMoments:
 
     def __init__(self, at: Symbols, pairs: np.ndarray) -> None:
         axes, size = len(pairs), 3 * at.contacts.size2()
-        wrench, centre = cs.SX.sym("w", 6), cs.SX(at.center_of_mass)
+        loads, centre = cs.SX.sym("loads", 9), cs.SX(at.center_of_mass)
         multipliers, forces = cs.SX.sym("multipliers", 6, axes), cs.SX.sym("forces", size, axes)
         moments, affine = cs.SX.sym("moments", axes), cs.SX.sym("affine", axes)
-        rows = []
+        corners, rows = cs.SX.sym("corners", 6, 9 * axes), []
         for i, (first, second) in enumerate(pairs):
+            wrench = corners[:, 9 * i : 9 * i + 9] @ loads
             point, span = at.contacts[:, int(first)], at.contacts[:, int(second)] - at.contacts[:, int(first)]
             e = span / cs.norm_2(span)
             about = -cs.dot(cs.vertcat(cs.cross(e, centre - point), e), wrench)
             balance = _wrench(at, forces[:, i]) + wrench + moments[i] * cs.vertcat(cs.SX.zeros(3), e)
             lagrangian = moments[i] + cs.dot(multipliers[:, i], balance)
             rows.append(affine[i] * about + (1 - affine[i]) * lagrangian)
-        variables, numbers = cs.vertcat(at.p, wrench), [multipliers, forces, moments, affine]
+        variables, numbers = cs.vertcat(at.p, loads), [multipliers, forces, moments, affine, corners]
         self._function = Twice.of(variables, numbers, cs.vertcat(*rows), local=at.local)
 
-    def slope(self, p: np.ndarray, wrench: np.ndarray, held: Held) -> np.ndarray:
-        """Derivatives (axes, k) of the moments by the place."""
-        return self._function.jacobian(np.concatenate([p, wrench]), *held.numbers)[1][:, : len(p)]
+    def slope(self, p: np.ndarray, loads: np.ndarray, worst: Worst) -> np.ndarray:
+        """Derivatives (axes, k) of the moments by the place; loads (9,)."""
+        return self._function.jacobian(np.concatenate([p, loads]), *worst.numbers)[1][:, : len(p)]
 
-    def hessian(self, p: np.ndarray, wrench: np.ndarray, held: Held, multipliers: np.ndarray) -> np.ndarray:
-        """Second derivatives (k + 6, k + 6) of multipliers . moments by place and wrench."""
-        return self._function.hessian(np.concatenate([p, wrench]), *held.numbers, multipliers)
+    def hessian(self, p: np.ndarray, loads: np.ndarray, worst: Worst, multipliers: np.ndarray) -> np.ndarray:
+        """Second derivatives (k + 9, k + 9) of multipliers . moments by place and loads."""
+        return self._function.hessian(np.concatenate([p, loads]), *worst.numbers, multipliers)
 
 
-def addable(support: Support, pairs: np.ndarray, wrenches: np.ndarray) -> list[Held]:
+def addable(support: Support, pairs: np.ndarray, wrenches: np.ndarray) -> Addable:
     """Moments about lines through pairs (axes, 2) of contacts that wrenches (N, 6) leave to be added."""
     places, none, axes = support.arms + support.center_of_mass, np.zeros(support.n_contacts), []
     for i, j in pairs:
         span = places[j] - places[i]
         axes.append(TippingAxis((i, j), places[i], span / np.linalg.norm(span), none))
-    found = AddableMoments(support, ForceSets(support), tuple(axes)).found(wrenches)
-    return [
-        Held(moments, slopes.T, np.nan_to_num(forces).T, np.isnan(forces[:, 0]).astype(float))
-        for moments, slopes, forces in zip(found.moments, found.slopes, found.forces, strict=True)
-    ]
+    return AddableMoments(support, ForceSets(support), tuple(axes)).found(wrenches)
+
+
+def least(
+    moments: np.ndarray, slopes: np.ndarray, forces: np.ndarray | None, corners: np.ndarray
+) -> list[Worst]:
+    """Per load case, of moments (cases K, axes) at K corners (K, 6, 9), those at the worst corners."""
+    count, axes = len(corners), np.arange(moments.shape[1])
+    result = []
+    for first in range(0, len(moments), count):
+        worst = np.argmin(moments[first : first + count], axis=0)
+        at = first + worst, axes
+        own = None if forces is None else forces[at]
+        result.append(Worst(moments[at], slopes[at], corners[worst], own))
+    return result

@@ -24,8 +24,8 @@ class PlacementProgram(Layout):
     Args:
         physics: of the patch.
         near: per task (m,) which gaps take part.
-        held: numbers of the contact cases whose slip takes part: the counting ones if GT has a weight, and those
-            that may come to their limit.
+        held: numbers of the contact cases whose slip takes part: the counting ones if GT has a weight, and
+            those that may come to their limit.
         pieces: per held case the pieces of the force sets, where forces are variables.
         criteria: False: only the constraints, with objective zero.
 

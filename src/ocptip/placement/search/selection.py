@@ -11,6 +11,7 @@ from ocptip.placement.problem import LoadCase
 from ocptip.placement.search.physics import PatchPhysics
 
 _NEAR_WORST = 0.95  # share of the worst corner's usage
+_CORNERS = 2  # of a load case that are taken for near the worst, at most
 
 
 def near_gaps(physics: PatchPhysics, p: np.ndarray, q: np.ndarray, distance: float) -> list[np.ndarray]:
@@ -48,8 +49,9 @@ def _usages(
     at = wrenches(physics, p, q).reshape(len(problem.cases), -1, 6)[constrained]
     usage = physics.evaluator.fast_usage(stand, stand.at(p), at.reshape(1, -1, 6)).reshape(at.shape[:2])
     for i, own in zip(constrained, usage, strict=True):
+        near = ~(own < _NEAR_WORST * np.max(own)) & (np.argsort(np.argsort(-own, kind="stable")) < _CORNERS)
         for c, value in enumerate(own):
-            yield len(own) * i + c, problem.cases[i], float(value), not value < _NEAR_WORST * np.max(own)
+            yield len(own) * i + c, problem.cases[i], float(value), bool(near[c])
 
 
 def pieces(physics: PatchPhysics, p: np.ndarray, q: np.ndarray, held: list[int]) -> list[Piece] | None:
