@@ -42,6 +42,17 @@ def four_feet(redistribution: str = "full") -> StandingRobot:
 
 
 @cache
+def tripod(friction: float = 0.7) -> StandingRobot:
+    """A modular arm on three feet."""
+    feet = [
+        UnilateralContact(position=[x, y, -0.3], friction=friction, facets=8)
+        for x, y in ((0.2, 0.25), (0.2, -0.25), (-0.3, 0.0))
+    ]
+    support = Support(feet, mass=15.0, center_of_mass=[0.0, 0.0, -0.15])
+    return StandingRobot(load_arm("FP1W2F"), support, modular_motors())
+
+
+@cache
 def on_uneven_ground() -> StandingRobot:
     """A modular arm on three feet whose normals lean towards each other."""
     feet = [

@@ -186,6 +186,50 @@ def test_base_spheres_and_ground_point(load):
     np.testing.assert_allclose(origin[0], [-0.1, 0, 0.05])
 
 
+ROUGH = """
+[[terrain]]
+name = "hill"
+height = 0.1
+slope = [0.1, 0.0]
+x = [-1, 1]
+y = [-1, 1]
+[[terrain.bump]]
+at = [0.5, 0.0]
+height = 0.2
+radius = 0.3
+[[terrain.wave]]
+amplitude = 0.05
+length = 0.8
+direction_deg = 90
+phase_deg = 90
+"""
+GRID = "[terrain.grid]\nx = [-2, 2]\ny = [-1, 2]\n"
+
+
+def test_uneven_ground(load, tmp_path):
+    rows = [[0.01 * (i + j) ** 2 for i in range(5)] for j in range(4)]
+    (tmp_path / "survey.csv").write_text("\n".join(", ".join(map(str, row)) for row in rows) + "\n")
+    ends = ("heights = " + str(rows), "file = 'survey.csv'")
+    for text in (ROUGH + GRID + end for end in ends):
+        patch = load(text).problem.terrain[0]
+        assert (patch.name, patch.parameters) == ("hill", ("x", "y", "angle"))
+        point = np.array([[-1.0, 1.0]])
+        along = np.exp(-(1.5**2 + 1) / (2 * 0.3**2))
+        expected = 0.1 - 0.1 + 0.2 * along + 0.05 * np.sin(2 * np.pi / 0.8 + np.pi / 2) + rows[2][1]
+        assert patch.conforming.field.heights(point) == pytest.approx([expected])
+    legs = load(ROUGH.replace("x = [-1, 1]", "stroke = [0.0, 0.2]\nattitude = 'level'")).problem.terrain[0]
+    assert legs.parameters == ("x", "y", "angle", "stroke")
+    assert (legs.conforming.stroke.tolist(), legs.conforming.attitude) == ([0.0, 0.2], "level")
+
+
+def test_tolerance(load):
+    problem = load("\n[tolerance]\nbase_mass = 0.1\nfriction = 0.2\n").problem
+    assert [c.name for c in problem.corners] == [f"base mass {m} %, friction -20 %" for m in ("-10", "+10")]
+    problem = load("\n[tolerance]\nbase_mass = [9, 12]\ncenter_of_mass = [0.01, 0, 0]\n").problem
+    assert {corner.mass for corner in problem.corners} == {9, 12}
+    assert problem.corners[0].name == "base mass -10 %, centre of mass -10 mm in x"
+
+
 @pytest.mark.parametrize("name", sorted(path.name for path in TASKS.glob("place_*.toml")))
 def test_examples_are_read(name):
     task = load_placement(TASKS / name)
@@ -226,6 +270,32 @@ def test_examples_are_read(name):
         ("\n[[terrain]]\nincline_deg = 90", "", "terrain[1].incline_deg: must be between 0 and 80, got 90"),
         ("\n[[terrain]]\nx = [1, 0]", "", "terrain[1].x: the first bound must not be above"),
         ("\n[[terrain]]\ncontacts_inside = 1", "", "terrain[1].contacts_inside: expected true or false"),
+        ("\n[[terrain]]\nattitude = 'level'", "", "only a base on legs can be level"),
+        ("\n[[terrain]]\nstroke = [1, 0]", "", "terrain[1].stroke: the first must not be above the second"),
+        (
+            "\n[[terrain]]\n[[terrain.bump]]\nat = [0, 0]\nheight = 1",
+            "",
+            "terrain[1].bump[1].radius: missing",
+        ),
+        (
+            "\n[[terrain]]\n[[terrain.wave]]\namplitude = 1\nlength = 0",
+            "",
+            "wave[1].length: must be > 0, got 0",
+        ),
+        ("\n[[terrain]]\n" + GRID, "", "terrain[1].grid.heights: expected either heights or file, got none"),
+        (
+            "\n[[terrain]]\n" + GRID + "heights = [[1, 2]]",
+            "",
+            "terrain[1].grid.x: expected 4 increasing numbers",
+        ),
+        ("\n[[terrain]]\n" + GRID + "file = 'none.csv'", "", "none.csv: no such file"),
+        (
+            "\n[tolerance]\nbase_mass = [3, 4]",
+            "",
+            "tolerance.base_mass: 3 to 4 kg without the base's mass 10 kg",
+        ),
+        ("\n[tolerance]\nfriction = 1", "", "tolerance.friction: must be >= 0 and below 1, got 1"),
+        ("\n[tolerance]\nmass = 1", "", "tolerance.mass: unknown key"),
         ("\n[[obstacle]]\nkind = 'floor'\nheight = 0", "", "obstacle[1].kind: a floor belongs to the base"),
         ("\n[[obstacle]]\nkind = 'wall'\ndistance = 0", "", "obstacle[1].normal: missing"),
         (

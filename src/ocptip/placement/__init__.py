@@ -5,7 +5,8 @@ from ocptip.placement.place import place
 from ocptip.placement.problem import GripperTask, PlacementLimits, PlacementProblem, ProcessLoad, Weights
 from ocptip.placement.result import NoPlacementError
 from ocptip.placement.scan import scan
-from ocptip.placement.terrain import custom_terrain, plane
+from ocptip.placement.terrain import custom_terrain, plane, rough_ground
+from ocptip.placement.tolerance import Tolerance
 
 __all__ = [
     "GripperTask",
@@ -13,10 +14,12 @@ __all__ = [
     "PlacementLimits",
     "PlacementProblem",
     "ProcessLoad",
+    "Tolerance",
     "Weights",
     "custom_terrain",
     "place",
     "place_for_motion",
     "plane",
+    "rough_ground",
     "scan",
 ]

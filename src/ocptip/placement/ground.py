@@ -131,10 +131,8 @@ class HeightField:
                 self._splines.append(part.spline())
                 low, high = [part.x[0], part.y[0]], [part.x[-1], part.y[-1]]
                 self.area = np.array([np.maximum(self.area[0], low), np.minimum(self.area[1], high)])
-            elif isinstance(part, Bump | Wave):
-                total = total + part.expression(xy[0], xy[1])
             else:
-                total = total + _called(part, xy)
+                total = total + _expression(part, xy)
         derivatives = [total]
         for i, j in ORDERS[1:]:
             known = ORDERS.index((i - 1, j) if i else (i, j - 1))
@@ -145,7 +143,7 @@ class HeightField:
                 for count in (len(ORDERS), _SLOPES)
             )
         except NotImplementedError as error:
-            raise InputError(f"height field: function: {error}") from None
+            raise InputError(f"height field: function: not out of elementary operations: {error}") from None
 
     def heights(self, points: np.ndarray) -> np.ndarray:
         """(N,), m, at world coordinates (N, 2)."""
@@ -166,15 +164,13 @@ class HeightField:
         return result
 
 
-def _called(part: cs.Function, xy: cs.SX) -> cs.SX:
-    """The height of a CasADi function as an expression."""
+def _expression(part: Bump | Wave | cs.Function, xy: cs.SX) -> cs.SX:
+    """The height of a part at world coordinates (2,)."""
+    if isinstance(part, Bump | Wave):
+        return part.expression(xy[0], xy[1])
     if not isinstance(part, cs.Function):
         raise InputError(f"height field: expected Bump, Wave, HeightGrid or a CasADi function, got {part!r}")
     shapes = [part.numel_in(i) for i in range(part.n_in())], [part.numel_out(i) for i in range(part.n_out())]
     if shapes != ([1, 1], [1]):
         raise InputError(f"height field: expected a function of x and y with one result, got {part}")
-    try:
-        return part(xy[0], xy[1])
-    except (NotImplementedError, RuntimeError) as error:
-        reason = str(error).splitlines()[-1]
-        raise InputError(f"height field: function: not out of elementary operations ({reason})") from None
+    return part(xy[0], xy[1])

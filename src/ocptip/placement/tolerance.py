@@ -81,7 +81,9 @@ class Tolerance:
         if np.ndim(self.base_mass):
             low, high = self.base_mass
             if not low <= nominal <= high:
-                raise InputError(f"base_mass: {low:g} to {high:g} kg without the base's mass {nominal:g} kg")
+                raise InputError(
+                    f"tolerance.base_mass: {low:g} to {high:g} kg without the base's mass {nominal:g} kg"
+                )
             return sorted({float(low), float(high)})
         return sorted({nominal * (1 - self.base_mass), nominal * (1 + self.base_mass)})
 

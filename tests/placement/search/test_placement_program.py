@@ -5,12 +5,14 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ocptip.placement.evaluate import Evaluator
+from ocptip.placement.ground import Bump, HeightField, Wave
 from ocptip.placement.problem import GripperTask, PlacementLimits, ProcessLoad, Weights
 from ocptip.placement.search.elastic import ElasticProgram
 from ocptip.placement.search.physics import PatchPhysics
 from ocptip.placement.search.program import PlacementProgram
 from ocptip.placement.search.selection import near_gaps, pieces
-from ocptip.placement.terrain import plane
+from ocptip.placement.terrain import plane, rough_ground
+from ocptip.placement.tolerance import Tolerance
 from ocptip.robots.geometry import Pillar, Wall
 from ocptip.robots.kinematics import gripper_pose
 from tests.placement.placement_scenes import (
@@ -21,9 +23,12 @@ from tests.placement.placement_scenes import (
     hills,
     modular_robot,
     planar_problem,
+    tripod,
 )
 
 FRAME = (np.array([0.0, 0.0, -0.3]), np.eye(3))
+WAVES = HeightField(Wave(0.02, 0.9, 0.3), Bump([0.3, 0.1], 0.03, 0.3), slope=[0.02, 0.03])
+TOLERANCE = Tolerance(base_mass=0.05, center_of_mass=[0.01, 0.01, 0.02], friction=0.2)
 LIMITS = PlacementLimits(condition=40.0, singular_ratio=50.0)
 
 
@@ -50,6 +55,13 @@ PROBLEMS = {
     "clamped on a step": lambda: drilling(clamped(0.05), ground_frame=FRAME),
     "several tasks on hills": several_tasks,
     "planar": planar_problem,
+    "tripod on rough ground": lambda: drilling(tripod(), terrain=rough_ground(WAVES), tolerance=TOLERANCE),
+    "four legs on rough ground": lambda: drilling(
+        four_feet(), terrain=rough_ground(WAVES, stroke=[0.0, 0.2])
+    ),
+    "tolerance and slip by the contact solver": lambda: drilling(
+        four_feet("tangential"), tolerance=TOLERANCE
+    ),
     "only slip counts": lambda: drilling(weights=Weights(0, 1, 0, 0), unloaded=False),
 }
 
