@@ -96,7 +96,7 @@ def test_quick_estimates():
     support = tripod().support
     places, frames = support.arms + support.center_of_mass, support.frames
     wrenches = np.array([[support.weight, [5, 3, -150, 2, 1, 0], [0, 0, 10.0, 0, 0, 0]]])
-    shares = friction_shares(wrenches, places[None], frames[None], np.full(3, 0.7), support)[0]
+    shares = friction_shares(wrenches, places[None], frames[None], support)[0]
     states = [solve(support, w).states for w in wrenches[0]]
     exact = [Slip(support).evaluate(s, derivatives=False).slip_ratio[0] for s in states[:2]]
     assert shares[:2] == pytest.approx(exact, abs=2e-3)

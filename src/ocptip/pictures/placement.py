@@ -32,7 +32,7 @@ from ocptip.pictures.world_view import (
     View,
     obstacles_of,
 )
-from ocptip.placement.maps import CELLS, PlacementMap
+from ocptip.placement.maps import PlacementMap
 from ocptip.placement.problem import CRITERIA
 from ocptip.placement.result import Placement
 from ocptip.placement.terrain import Patch
@@ -67,7 +67,7 @@ _SAME = 0.05  # m, rad: bases nearer than this are drawn once
 
 
 def draw_placement(
-    directory: str | os.PathLike[str], name: str, placements: Sequence[Placement], *, cells: int = CELLS
+    directory: str | os.PathLike[str], name: str, placements: Sequence[Placement], *, cells: int | None = None
 ) -> list[Path]:
     """Draw both figures into a directory as PNG; files of the same name are replaced.
 
@@ -86,12 +86,16 @@ def draw_placement(
     return save_figures(directory, _figures(name, placements, cells), DPI)
 
 
-def placement_figures(name: str, placements: Sequence[Placement], *, cells: int = CELLS) -> dict[str, Figure]:
+def placement_figures(
+    name: str, placements: Sequence[Placement], *, cells: int | None = None
+) -> dict[str, Figure]:
     """The same as matplotlib figures, by the names of the files without ending."""
     return {key: draw() for key, draw in _figures(name, placements, cells).items()}
 
 
-def _figures(name: str, placements: Sequence[Placement], cells: int) -> dict[str, Callable[[], Figure]]:
+def _figures(
+    name: str, placements: Sequence[Placement], cells: int | None
+) -> dict[str, Callable[[], Figure]]:
     return {
         "placement": lambda: _robot_figure(name, placements),
         "map": lambda: _map_figure(name, placements, PlacementMap.of(placements[0], cells)),

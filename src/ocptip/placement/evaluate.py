@@ -24,7 +24,7 @@ from ocptip.placement.limits.judged import Rows, Standing, TaskEvaluation
 from ocptip.placement.limits.kinds import BASE_LIMITS, TASK_LIMITS
 from ocptip.placement.limits.limit import Limit
 from ocptip.placement.problem import CRITERIA, PlacementProblem
-from ocptip.placement.quick import edge_moments, friction_shares
+from ocptip.placement.quick import ROUNDS, edge_moments, friction_shares
 from ocptip.placement.stand import Footing, Stand, Stood
 from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipMap
@@ -174,8 +174,8 @@ class Evaluator:
             nominal: (N, C, 6), wrenches on the base as described.
             added: (N, K, 6), their changes at the corners of the tolerance.
         """
-        if not contacts:
-            return self._rough_reserves(stand, stood, nominal, added)
+        if not contacts or (stand.conforms and fast):
+            return self._rough_reserves(stand, stood, nominal, added, contacts)
         cornered, states = nominal[:, :, None] + added[:, None], None
         shape, wrenches = cornered.shape[:3], cornered.reshape(len(nominal), -1, 6)
         if not stand.conforms:
@@ -183,9 +183,6 @@ class Evaluator:
             moments, states = self.tip_over.moments(flat)[0], solve_many(self.support, flat, warm_start=False)
             GN, GT = self._solved(footing, self.fast_slip if fast else footing.slip, states)
             standing = states.persistent
-        elif fast:
-            moments, GT = self._edge_moments(stood, wrenches), self.fast_usage(stand, stood, wrenches)
-            GN, standing = self.tip_over.ratio(moments), (GT < 1) & np.all(moments > 0, axis=2)
         else:
             moments, GN, GT, standing = self._on_rough_ground(stand, stood, wrenches)
         moments = moments.reshape(*shape, -1)
@@ -206,10 +203,13 @@ class Evaluator:
         }
 
     def _rough_reserves(
-        self, stand: Stand, stood: Stood, nominal: np.ndarray, added: np.ndarray
+        self, stand: Stand, stood: Stood, nominal: np.ndarray, added: np.ndarray, contacts: bool
     ) -> dict[str, Any]:
-        """The same without solving contacts, from moments about the axes, the least of all corners each."""
-        shape, tip = nominal.shape[:2], self.problem.footing.tip_over
+        """The same without solving contacts, from moments about the axes, the least of all corners each.
+
+        With `contacts` GT is estimated, too, at the corner that a first round takes for the worst.
+        """
+        tip, GT, standing = self.problem.footing.tip_over, np.full(nominal.shape[:2], np.nan), None
         if stand.conforms:
             moments, changes = (self._edge_moments(stood, w) for w in (nominal, added))
             moments = moments + np.min(changes, axis=1, keepdims=True)
@@ -220,12 +220,20 @@ class Evaluator:
             cornered = nominal[:, :, None] + added[:, None]
             moments = self.tip_over.moments(cornered.reshape(-1, 6))[0]
             moments = np.min(moments.reshape(*cornered.shape[:3], -1), axis=2)
+        if contacts:
+            cornered = nominal[:, :, None] + added[:, None]
+            if cornered.shape[2] > 1:
+                rough = self.fast_usage(stand, stood, cornered.reshape(len(nominal), -1, 6), rounds=1)
+                worst = np.argmax(rough.reshape(cornered.shape[:3]), axis=2)
+                cornered = np.take_along_axis(cornered, worst[:, :, None, None], axis=2)
+            GT = self.fast_usage(stand, stood, cornered[:, :, 0])
+            standing = (GT < 1) & np.all(moments > 0, axis=2)
         return {
             "cornered": nominal[:, :, None],
             "moments": moments[:, :, None],
             "GN": self.tip_over.ratio(moments),
-            "GT": np.full(shape, np.nan),
-            "standing": None,
+            "GT": GT,
+            "standing": standing,
             "states": None,
             "worst": {},
         }
@@ -254,11 +262,12 @@ class Evaluator:
         GN, GT, standing = (np.array([r[i] for r in results]) for i in range(3))
         return np.array(moments), GN, GT, standing
 
-    def fast_usage(self, stand: Stand, stood: Stood, wrenches: np.ndarray) -> np.ndarray:
-        """Upper bounds (N, M) of the slip reserve under wrenches (N, M, 6)."""
+    def fast_usage(
+        self, stand: Stand, stood: Stood, wrenches: np.ndarray, rounds: int = ROUNDS
+    ) -> np.ndarray:
+        """Upper bounds (N, M) of the slip reserve under wrenches (N, M, 6); rounds: see `friction_shares`."""
         if stand.conforms:
-            friction = np.array([c.friction for c in self.support.contacts])
-            return friction_shares(wrenches, stood.contacts, stood.frames, friction, self.support)
+            return friction_shares(wrenches, stood.contacts, stood.frames, self.support, rounds)
         states = solve_many(self.support, wrenches.reshape(-1, 6), warm_start=False)
         return self.fast_slip.evaluate(states, derivatives=False).GT.reshape(wrenches.shape[:2])
 

@@ -17,6 +17,9 @@ from ocptip.placement.terrain import Patch
 CELLS = 33
 """Cells per axis."""
 
+UNEVEN_CELLS = 17
+"""The same on uneven ground, where every place has contacts of its own."""
+
 _SETTINGS = 18  # samples of the parameters that are not on an axis
 _REPEATS = 2  # where part of the orientation is free, and joint angles are a random choice
 _MORE = 0.05  # margin of the map about what is in reach
@@ -41,16 +44,17 @@ class PlacementMap:
     found: Scan
 
     @classmethod
-    def of(cls, best: Placement, cells: int = CELLS) -> PlacementMap:
+    def of(cls, best: Placement, cells: int | None = None) -> PlacementMap:
         """Map of the patch of a placement; the parameters not shown take its values and others.
 
         A coarse scan finds out where tasks are in reach, the fine one looks there.
 
         Args:
             best: the placement.
-            cells: per axis, at least 2.
+            cells: per axis, at least 2; default `CELLS`, on uneven ground `UNEVEN_CELLS`.
         """
         problem, patch = best.problem, best.problem.terrain[best.patch]
+        cells = cells or (UNEVEN_CELLS if patch.conforming else CELLS)
         low, high = _window(problem, patch)
         coarse = cls._scanned(best, low, high, max(cells // 2, 2), _SETTINGS // 2, 1)
         for i, (a, b) in zip(coarse.shown, coarse.in_reach(), strict=True):

@@ -13,7 +13,7 @@ from ocptip.contact.support import Support
 NOT_HELD = 10.0
 """Stands for the slip reserve where no forces were found that hold the base."""
 
-_ROUNDS = 6
+ROUNDS = 6
 _PRESSING = 1e-2  # cost of normal forces relative to tangential ones
 _TINY = 1e-12
 
@@ -39,7 +39,7 @@ def edge_moments(
 
 
 def friction_shares(
-    wrenches: np.ndarray, contacts: np.ndarray, frames: np.ndarray, friction: np.ndarray, support: Support
+    wrenches: np.ndarray, contacts: np.ndarray, frames: np.ndarray, support: Support, rounds: int = ROUNDS
 ) -> np.ndarray:
     """Upper bounds (N, M) of the slip reserve; `NOT_HELD` where no pressing contact forces were found.
 
@@ -49,11 +49,11 @@ def friction_shares(
     Args:
         wrenches: (N, M, 6), N and N m, on the base about its centre of mass.
         contacts, frames: (N, n, 3), m, and (N, n, 3, 3) in base axes.
-        friction: (n,) coefficients.
-        support: with the centre of mass.
+        support: with centre of mass and ordinary contacts, of which the friction counts.
+        rounds: how often forces are weighted anew.
     """
     N, M = wrenches.shape[:2]
-    n = contacts.shape[1]
+    n, friction = contacts.shape[1], np.array([c.friction for c in support.contacts])
     arms = contacts - support.center_of_mass
     moments = np.cross(arms[:, :, None], frames.transpose(0, 1, 3, 2)).transpose(0, 1, 3, 2)
     blocks = np.concatenate([frames, moments / support.length], axis=2)  # (N, n, 6, 3)
@@ -63,7 +63,7 @@ def friction_shares(
     normal, weights = np.repeat(size[:, :, None], n, axis=2), np.full((N, M, n), 1 / n)
     best = np.full((N, M), NOT_HELD)
     rough = np.maximum(friction, _TINY)
-    for _ in range(_ROUNDS):
+    for _ in range(rounds):
         room = rough * np.maximum(normal, 1e-2 * size[:, :, None])
         cheap = np.empty((N, M, n, 3))  # inverse costs
         cheap[:, :, :, 0] = (size**2)[:, :, None] / _PRESSING

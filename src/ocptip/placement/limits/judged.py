@@ -65,8 +65,8 @@ class TaskEvaluation(Standing):
         wrenches: (N, C, 6), N and N m, base axes: on the base about its centre of mass, weight included, the
             base being as described.
         cornered: (N, C, K, 6), the same at the K corners of the problem's tolerance, about the same point;
-            without solved contacts K is 1.
-        moments: (N, C, K, axes), N m, about the tipping axes; without solved contacts the least of all
+            where contacts are not solved K is 1.
+        moments: (N, C, K, axes), N m, about the tipping axes; where contacts are not solved the least of all
             corners.
         GN, GT: (N, C), the worst of all corners; NaN where not asked for.
         worst: by kind of limit (N, C): the corner at which it is worst.
