@@ -88,7 +88,9 @@ class HeightGrid:
         for name in ("x", "y"):
             value = finite_array(name, getattr(self, name), (None,))
             if len(value) <= _DEGREE or np.any(np.diff(value) <= 0):
-                raise InputError(f"{name}: expected {_DEGREE + 1} increasing numbers or more, got {value}")
+                raise InputError(
+                    f"{name}: expected {_DEGREE + 1} increasing numbers or more, got {value.tolist()}"
+                )
             object.__setattr__(self, name, value)
         shape = len(self.y), len(self.x)
         object.__setattr__(self, "heights", finite_array("heights", self.heights, shape))

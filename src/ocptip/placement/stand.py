@@ -40,6 +40,7 @@ _STEPS = 30
 _CLOSE = 1e-13  # m
 _STEEPEST = 3.0  # slope of the base up to which Newton's steps are taken
 _PARALLEL = 1e-9
+_THIN = 1e-4  # extents of feet on one line, relative
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,10 +184,15 @@ class Stand:
             reason = f"contact {upright.index(False) + 1} has a normal of its own; the ground has them"
         elif rigid and len(contacts) != 3:
             reason = f"{len(contacts)} feet need legs (stroke); without legs there are three"
-        elif np.linalg.matrix_rank(self._support.arms - self._support.arms[0], 1e-6) < 2:
+        elif len(contacts) < 3 or np.divide(*self._spread()[1::-1]) < _THIN:
             reason = "needs three feet that are not on one line"
         if reason:
             raise InputError(f"terrain {self.patch.name!r}: uneven ground: {reason}")
+
+    def _spread(self) -> np.ndarray:
+        """Extents of the feet, the largest first, m."""
+        arms = self._support.arms
+        return np.maximum(np.linalg.svd(arms - arms.mean(axis=0), compute_uv=False), GAP_TOLERANCE)
 
     # --- equations -----------------------------------------------------------------------------------------
 
@@ -227,9 +233,7 @@ class Stand:
             places = self._at_feet(parameters, U)[0].transpose(0, 2, 1)
             heights = field.heights(places.reshape(-1, 2)).reshape(N, n)
             middle = places - places.mean(axis=1, keepdims=True)
-            U[:, 1:3] = np.linalg.solve(
-                middle.transpose(0, 2, 1) @ middle, middle.transpose(0, 2, 1) @ heights[:, :, None]
-            )[:, :, 0]
+            U[:, 1:3] = (np.linalg.pinv(middle) @ heights[:, :, None])[:, :, 0]
         known, missed = np.zeros((N, n, len(ORDERS))), np.full(N, np.inf)
         moving = np.arange(N)
         for _ in range(_STEPS):
