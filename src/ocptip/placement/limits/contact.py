@@ -6,7 +6,7 @@ import numpy as np
 
 from ocptip.contact.solver import solve_many
 from ocptip.placement.limits.judged import Rows, TaskEvaluation
-from ocptip.placement.limits.layout import Curvature, Layout, Point
+from ocptip.placement.limits.layout import Curvature, Layout, Point, corner_maps
 from ocptip.placement.limits.limit import Block, Limit, RowLabel, Symbols
 from ocptip.placement.limits.placed import PlacedMoments, Worst, addable, least
 from ocptip.placement.limits.twice import Twice
@@ -58,7 +58,11 @@ class TipOver(Limit):
 
     def functions(self, at: Symbols) -> list[PlacedMoments]:
         """Moments as functions of the place, too, where contacts move."""
-        return [PlacedMoments(at, self.pairs)] if at.moving and self.moments.count else []
+        return (
+            [PlacedMoments(at, self.pairs, corner_maps(self.problem).shape[2])]
+            if at.moving and self.moments.count
+            else []
+        )
 
     def blocks(self, layout: Layout, functions: list[PlacedMoments]) -> list[Block]:
         result = []

@@ -21,6 +21,15 @@ from ocptip.placement.problem import CRITERIA, PlacementProblem
 from ocptip.placement.stand import Footing, Stand
 
 
+def corner_maps(problem: PlacementProblem) -> np.ndarray:
+    """(K, 6, 9): wrenches at the corners of the tolerance per wrench of the base as described and gravity.
+
+    (1, 6, 6) where there is but the base as described, so that gravity does not count.
+    """
+    maps = np.array([np.hstack([np.eye(6), corner.per_gravity]) for corner in problem.corners])
+    return maps if np.any(maps[:, :, 6:]) else maps[:, :, :6]
+
+
 class Layout:
     """Places of the variables, and which rows take part.
 
@@ -67,7 +76,7 @@ class Layout:
     ) -> None:
         self.problem, self.near, self.held, self.forces, self.pieces = problem, near, held, forces, pieces
         self.stand, terrain = stand, stand.patch
-        self.corners = np.array([np.hstack([np.eye(6), c.per_gravity]) for c in problem.corners])
+        self.corners = corner_maps(problem)
         self.k, self.n, self.cases = terrain.size, problem.robot.arm.n, problem.cases
         self.counting = [i for i, case in enumerate(self.cases) if case.counts]
         self.weights = problem.weights.array() / [problem.references[c] for c in CRITERIA] * weighted
@@ -168,7 +177,7 @@ class Curvature:
 
     def __init__(self, layout: Layout) -> None:
         self.layout, self.matrix = layout, np.zeros((layout.size, layout.size))
-        cases, loads = len(layout.cases), layout.n + 9
+        cases, loads = len(layout.cases), layout.n + layout.corners.shape[2]
         self.on_loads, self.of_loads = np.zeros((cases, loads)), np.zeros((cases, loads, loads))
 
     def add_on_wrench(self, j: int, slope: np.ndarray, bend: np.ndarray | None = None) -> None:

@@ -70,16 +70,17 @@ class PlacedMoments:
     Args:
         at: expressions of the contacts.
         pairs: (axes, 2) numbers of the contacts on each axis.
+        count: of wrench and gravity: 9; 6 where gravity does not count, see `corner_maps`.
     """
 
-    def __init__(self, at: Symbols, pairs: np.ndarray) -> None:
+    def __init__(self, at: Symbols, pairs: np.ndarray, count: int) -> None:
         axes, size = len(pairs), 3 * at.contacts.size2()
-        loads, centre = cs.SX.sym("loads", 9), cs.SX(at.center_of_mass)
+        loads, centre = cs.SX.sym("loads", count), cs.SX(at.center_of_mass)
         multipliers, forces = cs.SX.sym("multipliers", 6, axes), cs.SX.sym("forces", size, axes)
         moments, affine = cs.SX.sym("moments", axes), cs.SX.sym("affine", axes)
-        corners, rows = cs.SX.sym("corners", 6, 9 * axes), []
+        corners, rows = cs.SX.sym("corners", 6, count * axes), []
         for i, (first, second) in enumerate(pairs):
-            wrench = corners[:, 9 * i : 9 * i + 9] @ loads
+            wrench = corners[:, count * i : count * i + count] @ loads
             point, span = at.contacts[:, int(first)], at.contacts[:, int(second)] - at.contacts[:, int(first)]
             e = span / cs.norm_2(span)
             about = -cs.dot(cs.vertcat(cs.cross(e, centre - point), e), wrench)

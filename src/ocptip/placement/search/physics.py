@@ -11,6 +11,7 @@ import numpy as np
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.limits.arm import Clearance, Reach
 from ocptip.placement.limits.forces import ContactForces
+from ocptip.placement.limits.layout import corner_maps
 from ocptip.placement.limits.limit import Symbols
 from ocptip.placement.limits.placed import wrench_of_forces
 from ocptip.placement.limits.twice import Local, Twice
@@ -74,4 +75,6 @@ class PatchPhysics:
             at.q, still, still, gravity, at.base.T @ force, at.base.T @ moment, support.center_of_mass
         )
         weight = cs.vertcat(support.mass * gravity, cs.SX.zeros(3))
-        return Twice.of(at.y, [force, moment], cs.vertcat(torque, wrench + weight, gravity), local=at.local)
+        counts = corner_maps(self.problem).shape[2] > 6
+        values = cs.vertcat(torque, wrench + weight, gravity if counts else cs.SX(0, 1))
+        return Twice.of(at.y, [force, moment], values, local=at.local)

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ocptip.placement.limits.forces import Piece
+from ocptip.placement.limits.layout import corner_maps
 from ocptip.placement.problem import LoadCase
 from ocptip.placement.search.physics import PatchPhysics
 
@@ -65,6 +66,4 @@ def wrenches(physics: PatchPhysics, p: np.ndarray, q: np.ndarray) -> np.ndarray:
     """(contact cases, 6) wrenches on the base, N and N m."""
     at = [(np.concatenate([p, q[case.task]]), case) for case in physics.problem.cases]
     loads = np.array([physics.loads.values(y, c.force, c.moment)[physics.n :] for y, c in at])
-    added = np.array([corner.per_gravity for corner in physics.problem.corners])
-    both = loads[:, None, :6] + np.einsum("kwg,ig->ikw", added, loads[:, 6:])
-    return both.reshape(-1, 6)
+    return np.einsum("kwg,ig->ikw", corner_maps(physics.problem), loads).reshape(-1, 6)
