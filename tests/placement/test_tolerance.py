@@ -118,7 +118,7 @@ def test_an_interval_of_the_mass():
     own = drilling(tolerance=Tolerance(base_mass=[14.0, 18.0]))
     assert [corner.mass for corner in own.corners] == [14.0, 18.0]
     assert [corner.name for corner in own.corners] == ["base mass -6.67 %", "base mass +20 %"]
-    with pytest.raises(InputError, match="tolerance.base_mass: 16 to 18 kg without the base's mass 15 kg"):
+    with pytest.raises(InputError, match=r"tolerance\.base_mass: 16 to 18 kg without the base's mass 15 kg"):
         drilling(tolerance=Tolerance(base_mass=[16.0, 18.0]))
 
 
