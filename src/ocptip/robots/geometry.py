@@ -1,20 +1,28 @@
-"""Collision spheres of an arm against floor, walls, pillars and each other: signed distances (4.29 to 4.32).
+"""Obstacles; collision spheres of an arm against floor, walls, pillars and each other (4.29 to 4.32).
 
 A signed distance is the free gap in metres, negative in collision. The source demands the negated value <= 0.
+Solids other than spheres are the matter of `robots.collision`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache
+from types import MappingProxyType
+from typing import Any, Self
 
 import casadi as cs
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from ocptip.basics.errors import InputError, finite_array, number_from, positive_number
 from ocptip.numerics.batch import BatchFunction
+from ocptip.robots.collision.shapes import Capsule, HalfSpace, Shape
 from ocptip.robots.kinematics import chain
 from ocptip.robots.model import ArmModel, SphereSet, joint_states
+
+_ENDLESS = 40.0  # m
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +55,16 @@ class Wall:
         """`gap` (..., k) of many spheres: centres (..., k, 3) and radii (k,), m."""
         return self.distance - centres @ self.normal - radii
 
+    @property
+    def shape(self) -> Shape:
+        """The solid."""
+        return HalfSpace(self.normal, self.distance)
+
+    def placed(self, rotation: np.ndarray, position: np.ndarray) -> Self:
+        """The same in other axes, in which the present ones sit at this pose ((3, 3); (3,), m)."""
+        normal = rotation @ self.normal
+        return replace(self, normal=normal, distance=float(self.distance + normal @ position))
+
 
 @dataclass(frozen=True, eq=False)
 class Floor(Wall):
@@ -77,10 +95,10 @@ class Pillar:
     name: str = "pillar"
 
     def __post_init__(self) -> None:
-        for field in ("point", "axis"):
-            value = finite_array(f"{self.name}: {field}", getattr(self, field), (3,))
+        for key in ("point", "axis"):
+            value = finite_array(f"{self.name}: {key}", getattr(self, key), (3,))
             value.flags.writeable = False
-            object.__setattr__(self, field, value)
+            object.__setattr__(self, key, value)
         if abs(np.linalg.norm(self.axis) - 1) > 1e-9:
             raise InputError(f"{self.name}: axis must have length 1, got {self.axis.tolist()}")
         positive_number(f"{self.name}: radius", self.radius)
@@ -96,8 +114,71 @@ class Pillar:
         across = arms - (arms @ self.axis)[..., None] * self.axis
         return np.linalg.norm(across, axis=-1) - self.radius - radii
 
+    @property
+    def shape(self) -> Shape:
+        """The solid, `_ENDLESS` long."""
+        x = np.cross(self.axis, np.eye(3)[np.argmin(np.abs(self.axis))])
+        x = x / np.linalg.norm(x)
+        axes = np.column_stack([x, np.cross(self.axis, x), self.axis])
+        return Capsule(self.radius, _ENDLESS, rotation=axes, position=self.point)
 
-Obstacle = Wall | Pillar
+    def placed(self, rotation: np.ndarray, position: np.ndarray) -> Self:
+        """The same in other axes, in which the present ones sit at this pose ((3, 3); (3,), m)."""
+        return replace(self, point=position + rotation @ self.point, axis=rotation @ self.axis)
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A convex solid, such as a box or the hull of a mesh.
+
+    Attributes:
+        shape: base axes, or the world's.
+        name: for messages.
+    """
+
+    shape: Shape
+    name: str = "obstacle"
+
+    def gap(self, centre: cs.SX, radius: float) -> cs.SX:
+        """Signed distance of a sphere from the solid's faces, at most that from the solid, m."""
+        normals, levels = self._faces
+        return cs.mmax(cs.DM(normals) @ centre + cs.DM(levels)) - radius - self.shape.thickness
+
+    def gaps(self, centres: np.ndarray, radii: np.ndarray) -> np.ndarray:
+        """`gap` (..., k) of many spheres: centres (..., k, 3) and radii (k,), m."""
+        normals, levels = self._faces
+        return np.max(centres @ normals.T + levels, axis=-1) - radii - self.shape.thickness
+
+    def placed(self, rotation: np.ndarray, position: np.ndarray) -> Self:
+        """The same in other axes, in which the present ones sit at this pose ((3, 3); (3,), m)."""
+        return replace(self, shape=self.shape.placed(rotation, position))
+
+    @cached_property
+    def _faces(self) -> tuple[np.ndarray, np.ndarray]:
+        """Outward normals (f, 3) and levels (f,), m: of the solid are the points with n . p + level <= 0."""
+        equations = ConvexHull(self.shape.outline()).equations
+        return equations[:, :3], equations[:, 3]
+
+
+Obstacle = Wall | Pillar | Solid
+
+
+@dataclass(frozen=True, eq=False)
+class Contact:
+    """Nearest points of some pairs at some states, r rows.
+
+    Attributes:
+        states, pairs: (r,).
+        distances: (r,), m; negative: by how much they overlap.
+        normals: (r, 3), unit vectors from the first to the second.
+        points: (r, 2, 3), m, on the surfaces; of spheres normals and points are not known.
+    """
+
+    states: np.ndarray
+    pairs: np.ndarray
+    distances: np.ndarray
+    normals: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
+    points: np.ndarray = field(default_factory=lambda: np.empty((0, 2, 3)))
 
 
 @dataclass(frozen=True)
@@ -116,19 +197,96 @@ class GapLabel:
         return f"{self.first} and {self.second}"
 
 
-class CollisionModel:
-    """All signed distances of an arm among obstacles, as CasADi function and for many states in NumPy.
+class Collisions:
+    """Signed distances of a mechanism with n coordinates; this one has nothing to hit.
+
+    Attributes:
+        labels: one per signed distance.
+        source: in words, what stands for the mechanism.
+        apart: pairs of names that are left out, with the reason.
+    """
+
+    labels: tuple[GapLabel, ...] = ()
+    source = ""
+    apart: Mapping[frozenset[str], str] = MappingProxyType({})
+
+    def __init__(self, n: int) -> None:
+        self.n = n
+
+    def gaps(self, q: np.ndarray, below: float = np.inf) -> np.ndarray:
+        """Signed distances (N, m) or (m,), m, at q (N, n) or (n,), rad, in the order of `labels`.
+
+        Those above `below` (m) may be replaced by lower bounds above it.
+
+        Raises:
+            InputError: wrong shape or not finite.
+        """
+        return np.empty((*np.shape(q)[:-1], 0))
+
+    def slopes(self, q: np.ndarray, states: np.ndarray, pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Distances (r,), m, and slopes (r, n) over q (N, n) in rows of states and numbers of pairs (r,)."""
+        raise NotImplementedError
+
+    def curvature(self, q: np.ndarray, states: np.ndarray, pairs: np.ndarray, on: np.ndarray) -> np.ndarray:
+        """(N, n, n): second derivatives over q (N, n) of the sum of on (r,) times the distances, by state."""
+        raise NotImplementedError
+
+    def nearest(self, q: np.ndarray) -> Contact:
+        """The nearest pair at each of the states q (N, n), rad, in their order; there must be a pair."""
+        raise NotImplementedError
+
+    def least(self, q: np.ndarray) -> np.ndarray:
+        """(N,), m: smallest signed distances; infinite where there is nothing to hit."""
+        return self.nearest(q).distances if self.labels else np.full(len(q), np.inf)
+
+    def worst(self, q: np.ndarray) -> tuple[float, GapLabel | None, int]:
+        """Smallest signed distance (m) over all states, what it is between, and the state's index.
+
+        Infinite and without label if there is nothing to collide with.
+        """
+        if not self.labels or not np.size(q):
+            return np.inf, None, 0
+        found = self.nearest(np.atleast_2d(q))
+        state = int(np.argmin(found.distances))
+        return float(found.distances[state]), self.labels[found.pairs[state]], state
+
+    def to_dict(self, q: np.ndarray | None = None) -> dict[str, Any]:
+        """What is checked, as plain data for JSON.
+
+        Args:
+            q: (n,), rad, of the smallest distance; with it that distance, its names and nearest points (m,
+                base axes) are given.
+        """
+        if not self.labels:
+            return {"checked": False}
+        data: dict[str, Any] = {"checked": True, "source": self.source, "pairs": len(self.labels)}
+        data["left_out"] = [{"pair": sorted(pair), "reason": why} for pair, why in self.apart.items()]
+        if q is not None:
+            found = self.nearest(q[None])
+            label = self.labels[found.pairs[0]]
+            data["least"] = {
+                "distance_m": float(found.distances[0]),
+                "between": [label.first, label.second],
+                "points_m": found.points.reshape(-1, 3).tolist() or None,
+            }
+        return data
+
+
+class CollisionModel(Collisions):
+    """All signed distances of an arm of spheres among floor, walls and pillars, as CasADi function, too.
 
     Args:
         model: the arm with its sphere sets and pairs.
         obstacles: floor (checked against `model.floor_sets`), walls and pillars (`model.obstacle_sets`).
 
     Attributes:
-        labels: one per signed distance.
         function: CasADi function, in: q (n,), rad; out: `gaps` (m,), m.
     """
 
-    def __init__(self, model: ArmModel, obstacles: Sequence[Obstacle] = ()) -> None:
+    source = "spheres"
+
+    def __init__(self, model: ArmModel, obstacles: Sequence[Wall | Pillar] = ()) -> None:
+        super().__init__(model.n)
         q = cs.SX.sym("q", model.n)
         centres = _centres(model, q)
         sets = {s.name: s for s in model.sphere_sets}
@@ -150,26 +308,37 @@ class CollisionModel:
         self.function = cs.Function("gaps", [q], [cs.vertcat(*gaps)], ["q"], ["gaps"])
         self._batch = BatchFunction(self.function) if gaps else None
 
-    def gaps(self, q: np.ndarray) -> np.ndarray:
-        """Signed distances (N, m) or (m,), m, at q (N, n) or (n,), rad, in the order of `labels`.
-
-        Raises:
-            InputError: wrong shape or not finite.
-        """
+    def gaps(self, q: np.ndarray, below: float = np.inf) -> np.ndarray:
         states, single = joint_states("q", q, self.model.n)
         result = self._batch(states)[0] if self._batch else np.empty((len(states), 0))
         return result[0] if single else result
 
-    def worst(self, q: np.ndarray) -> tuple[float, GapLabel | None, int]:
-        """Smallest signed distance (m) over all states, what it is between, and the state's index.
+    def slopes(self, q: np.ndarray, states: np.ndarray, pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        chosen, place = np.unique(pairs, return_inverse=True)
+        gaps, slopes = _gap_functions(self, tuple(chosen.tolist()))[0](q)
+        gaps = gaps.reshape(len(q), len(chosen))
+        return gaps[states, place], slopes.reshape(*gaps.shape, self.n)[states, place]
 
-        Infinite and without label if there is nothing to collide with.
-        """
-        gaps = np.atleast_2d(self.gaps(q))
-        if not gaps.size:
-            return np.inf, None, 0
-        state, index = np.unravel_index(np.argmin(gaps), gaps.shape)
-        return float(gaps[state, index]), self.labels[index], int(state)
+    def curvature(self, q: np.ndarray, states: np.ndarray, pairs: np.ndarray, on: np.ndarray) -> np.ndarray:
+        chosen, place = np.unique(pairs, return_inverse=True)
+        weights = np.zeros((len(q), len(chosen)))
+        weights[states, place] = on
+        return _gap_functions(self, tuple(chosen.tolist()))[1](q, weights)[0].reshape(-1, self.n, self.n)
+
+    def nearest(self, q: np.ndarray) -> Contact:
+        gaps = self.gaps(q)
+        states, pairs = np.arange(len(q)), np.argmin(gaps, axis=1)
+        return Contact(states, pairs, gaps[states, pairs])
+
+
+@lru_cache(maxsize=8)
+def _gap_functions(collision: CollisionModel, pairs: tuple[int, ...]) -> tuple[BatchFunction, BatchFunction]:
+    """Of some distances: values with slopes, and the weighted sum's second derivative."""
+    q, weights = cs.SX.sym("q", collision.n), cs.SX.sym("weights", len(pairs))
+    gaps = collision.function(q)[list(pairs)]
+    hessian, _ = cs.hessian(cs.dot(weights, gaps), q)
+    first = BatchFunction(cs.Function("gap", [q], [gaps, cs.jacobian(gaps, q)]))
+    return first, BatchFunction(cs.Function("gap_hessian", [q, weights], [hessian]))
 
 
 def spheres_along_links(

@@ -11,7 +11,7 @@ throughout.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, finite_array, rotation_matrix
 from ocptip.numerics.inertia import RigidBody, union
+from ocptip.robots.collision.shapes import ArmGeometry
 from ocptip.robots.payload import Payload
 
 
@@ -122,6 +123,9 @@ class ArmModel:
         obstacle_sets: names of sphere sets checked against walls and pillars.
         payload: what the gripper holds; it is in the masses, centres and inertias of link n.
         bare_link: link n without payload, where there is one.
+        geometry: convex solids, which are looked at instead of spheres.
+        base_link, resting: of an arm from a URDF: link of its base frame, and where joints of that file stand
+            that do not move, rad or m by name.
     """
 
     name: str
@@ -144,6 +148,9 @@ class ArmModel:
     obstacle_sets: tuple[str, ...] = ()
     payload: Payload | None = None
     bare_link: RigidBody | None = None
+    geometry: ArmGeometry | None = None
+    base_link: str = ""
+    resting: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         n = len(self.joint_names)

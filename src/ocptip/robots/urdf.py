@@ -143,7 +143,8 @@ def _from_pinocchio(
     refuse_impossible_links(arm, _links(reduced), accept_inertia)
     reasons = {"their limits leave no way": stuck, "not on the way to the tool": at_rest}
     notes = [_locked_note(why, values) for why, values in reasons.items() if values]
-    return dataclasses.replace(arm, notes=tuple(notes))
+    rest = {**stuck, **at_rest, **locked}
+    return dataclasses.replace(arm, notes=tuple(notes), base_link=base_link, resting=rest)
 
 
 def _mimicked(

@@ -188,7 +188,7 @@ def read_urdf(path: str | os.PathLike[str]) -> UrdfFile:
         InputError: the file cannot be read or describes no robot; one line with all reasons.
     """
     file = Path(path)
-    root = _xml(file)
+    root = parse_urdf(file)
     complaints = [*_numbers(root), *_tree(root)]
     if complaints:
         more = f"; and {len(complaints) - _MOST} more" if len(complaints) > _MOST else ""
@@ -199,7 +199,8 @@ def read_urdf(path: str | os.PathLike[str]) -> UrdfFile:
     return UrdfFile(file, root.get("name") or file.stem, links, joints, sum(masses))
 
 
-def _xml(file: Path) -> ElementTree.Element:
+def parse_urdf(file: Path) -> ElementTree.Element:
+    """The outermost element; InputError if there is none, which says what the file is instead."""
     text = read_text(file)
     advice = f"a xacro file, not a URDF yet; expand it: xacro {file.name} > robot.urdf"
     problem = None

@@ -9,8 +9,10 @@ import numpy as np
 
 from ocptip.contact.support import Support
 from ocptip.reserves.slip import Redistribution
+from ocptip.robots.collision.model import ShapeCollisions
+from ocptip.robots.collision.shapes import BodyShape
 from ocptip.robots.dynamics import evaluate_dynamics, inverse_dynamics
-from ocptip.robots.geometry import CollisionModel, Pillar, Wall
+from ocptip.robots.geometry import CollisionModel, Collisions, Obstacle, Pillar, Wall
 from ocptip.robots.model import ArmModel
 from ocptip.robots.motors import Motors
 from ocptip.robots.payload import Payload
@@ -24,11 +26,12 @@ class StandingRobot(StandingMechanism):
         arm: its mount (`mount_position`, `mount_rotation`) in the base axes of the support.
         support: the base with its contacts; its mass and centre of mass without the arm.
         motors: drives of the joints.
-        obstacles: floor, walls, pillars in base axes, against which the arm's spheres are checked.
+        obstacles: floor, walls, pillars, solids in base axes, against which the arm is checked.
+        shapes: of the base, in base axes.
         reference_moment, redistribution: see `StandingMechanism`.
 
     Attributes:
-        arm, obstacles: as given.
+        arm, obstacles, shapes: as given.
 
     Raises:
         InputError: a planar support, or no gravity and no reference moment.
@@ -40,16 +43,17 @@ class StandingRobot(StandingMechanism):
         support: Support,
         motors: Motors,
         *,
-        obstacles: Sequence[Wall | Pillar] = (),
+        obstacles: Sequence[Obstacle] = (),
+        shapes: Sequence[BodyShape] = (),
         reference_moment: float | None = None,
         redistribution: Redistribution | None = None,
     ) -> None:
-        self.arm, self.obstacles = arm, tuple(obstacles)
+        self.arm, self.obstacles, self.shapes = arm, tuple(obstacles), tuple(shapes)
         super().__init__(
             support,
             motors,
             arm.limits,
-            CollisionModel(arm, obstacles),
+            _collisions(arm, self.obstacles, self.shapes),
             float(np.sum(arm.masses)),
             reference_moment,
             redistribution,
@@ -98,3 +102,11 @@ class StandingRobot(StandingMechanism):
             q, qd, qdd, support.gravity, [0, 0, 0], [0, 0, 0], support.center_of_mass
         )
         return torque, wrench + support.weight
+
+
+def _collisions(arm: ArmModel, obstacles: tuple[Obstacle, ...], shapes: tuple[BodyShape, ...]) -> Collisions:
+    """Of spheres among floor, walls and pillars in closed form, of all else by solids."""
+    simple = arm.geometry is None and all(isinstance(obstacle, Wall | Pillar) for obstacle in obstacles)
+    if simple and not (arm.sphere_sets and shapes):
+        return CollisionModel(arm, obstacles)
+    return ShapeCollisions(arm, obstacles, shapes)

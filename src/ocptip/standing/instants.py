@@ -49,6 +49,7 @@ class Instants:
     ) -> None:
         self.robot = robot
         self.angles, self.torques, self.wrenches, self.further = angles, torques, wrenches, further
+        self._gaps: tuple[float, np.ndarray] | None = None
 
     @classmethod
     def of_states(cls, robot: StandingMechanism, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> Instants:
@@ -80,7 +81,8 @@ class Instants:
         """Slip reserves, without derivatives."""
         return self.robot.slip.evaluate(self.states, derivatives=False)
 
-    @cached_property
-    def gaps(self) -> np.ndarray:
-        """Signed distances (N, m), m."""
-        return self.robot.collision.gaps(self.angles)
+    def gaps(self, below: float) -> np.ndarray:
+        """Signed distances (N, m), m; those above `below` (m) may be lower bounds above it."""
+        if self._gaps is None or self._gaps[0] < below:
+            self._gaps = below, self.robot.collision.gaps(self.angles, below)
+        return self._gaps[1]

@@ -6,12 +6,9 @@ A kind that needs a number of its own adds a field to `standing.limits.MotionLim
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import lru_cache
 
-import casadi as cs
 import numpy as np
 
-from ocptip.numerics.batch import BatchFunction
 from ocptip.reserves.tipping import TipMap
 from ocptip.standing.instants import Instants, NodeColumns
 from ocptip.standing.limit import (
@@ -26,12 +23,13 @@ from ocptip.standing.limit import (
     WrenchLimit,
 )
 from ocptip.standing.limits import MotionLimits
-from ocptip.standing.mechanism import Collisions, StandingMechanism
+from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.sampled import Motion
 
 PATH_MARGIN = 0.5  # share of M0 / GN - M0 that a path at rest keeps beyond the limit
 UNSOLVED = 10.0  # GT in programs where it is not known
 GAP_SCALE = 10.0  # rows of distances are in 0.1 m
+FAR = 0.1  # m beyond the clearance: how far a pair may be so that its distance is computed exactly
 FURTHER_INSIDE = 1e-4  # distance in their units with which programs keep further limits: rounding
 
 
@@ -169,7 +167,7 @@ class TorqueLimit(QuantityLimit, AskedLimit):
 
 
 class ClearanceLimit(AskedLimit):
-    """Signed distances of collision spheres; in programs only pairs that take part have functions."""
+    """Signed distances of what may collide; programs look only at pairs that are near."""
 
     name, quantity, setting = "clearance", "clearance_m", "clearance"
     least = True
@@ -186,60 +184,53 @@ class ClearanceLimit(AskedLimit):
         return replace(asked, clearance=asked.clearance + min(excess, self.largest_step))
 
     def measure(self, at: Instants) -> np.ndarray:
-        return -self._smallest(at)[:, None]
+        return -self.robot.collision.least(at.angles)[:, None]
+
+    def detail(self, look: Look, time: float) -> str:
+        label = self.robot.collision.worst(look(time).angles)[1]
+        return "" if label is None else str(label)
 
     def refusals(self, at: Instants) -> list[str]:
-        gap, pair, _ = self.robot.collision.worst(at.angles[0])
+        gap, pair, _ = self.robot.collision.worst(at.angles)
         if gap < 0:
-            return [f"collision: spheres {pair} overlap by {-1e3 * gap:.1f} mm"]
+            return [f"collision: {pair} overlap by {-1e3 * gap:.1f} mm"]
         if gap < self.number:
             least = 1e3 * self.number
-            return [f"spheres {pair} are {1e3 * gap:.1f} mm apart, must be >= {least:.1f} mm (clearance)"]
+            return [f"{pair} are {1e3 * gap:.1f} mm apart, must be >= {least:.1f} mm (clearance)"]
         return []
 
     def path_excess(self, at: Instants) -> float:
         return float(np.max(GAP_SCALE * (self.number - self._smallest(at))))
 
     def near(self, at: Instants, share: float) -> np.ndarray:
-        return at.gaps <= self.number + 0.01 * (1 - share)
+        return self._gaps(at) <= self.number + 0.01 * (1 - share)
 
     def use(self, at: Instants) -> np.ndarray:
         return 1 + GAP_SCALE * (self.number - self._smallest(at))
 
+    def _gaps(self, at: Instants) -> np.ndarray:
+        """(N, width), m, right as far as they matter."""
+        return at.gaps(self.number + FAR)
+
     def _smallest(self, at: Instants) -> np.ndarray:
         """(N,), m; infinite where there is nothing to hit."""
-        return np.min(at.gaps, axis=1, initial=np.inf)
+        return np.min(self._gaps(at), axis=1, initial=np.inf)
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return np.full(self.width, self.number * GAP_SCALE), np.full(self.width, np.inf)
 
     def rows(self, at: NodeSlopes, mask: np.ndarray) -> Rows:
-        pairs = np.flatnonzero(mask.any(axis=0))
-        gaps, slopes = _gap_functions(self.robot.collision, tuple(pairs.tolist()))[0](at.angles)
-        chosen, (i, k) = mask[:, pairs], np.nonzero(mask)
-        slopes = slopes.reshape(*chosen.shape, self.robot.n)
-        return Rows(at, i, k, gaps.reshape(chosen.shape)[chosen], slopes[chosen])
+        i, k = np.nonzero(mask)
+        gaps, slopes = self.robot.collision.slopes(at.angles, i, k)
+        return Rows(at, i, k, GAP_SCALE * gaps, GAP_SCALE * slopes)
 
     def jacobian(self, rows: Rows) -> np.ndarray:
         return np.einsum("rq,rqx->rx", rows.slopes, rows.at.s_x[rows.nodes, : self.robot.n])
 
     def add_hessian(self, rows: Rows, on: np.ndarray, H: np.ndarray, on_s: np.ndarray) -> None:
-        pairs, place = np.unique(rows.places, return_inverse=True)
-        n, weights = self.robot.n, np.zeros((len(H), len(pairs)))
-        weights[rows.nodes, place] = on
-        second = _gap_functions(self.robot.collision, tuple(pairs.tolist()))[1]
-        H[:, :n, :n] += second(rows.at.angles, weights)[0].reshape(-1, n, n)
+        n, scaled = self.robot.n, GAP_SCALE * on
+        H[:, :n, :n] += self.robot.collision.curvature(rows.at.angles, rows.nodes, rows.places, scaled)
         np.add.at(on_s[:, :n], rows.nodes, on[:, None] * rows.slopes)
-
-
-@lru_cache(maxsize=8)
-def _gap_functions(collision: Collisions, pairs: tuple[int, ...]) -> tuple[BatchFunction, BatchFunction]:
-    """Of some distances, scaled: values with slopes, and the weighted sum's second derivative."""
-    q, weights = cs.SX.sym("q", collision.function.numel_in(0)), cs.SX.sym("weights", len(pairs))
-    gaps = collision.function(q)[list(pairs)] * GAP_SCALE
-    hessian, _ = cs.hessian(cs.dot(weights, gaps), q)
-    first = BatchFunction(cs.Function("gap", [q], [gaps, cs.jacobian(gaps, q)]))
-    return first, BatchFunction(cs.Function("gap_hessian", [q, weights], [hessian]))
 
 
 class PeakLimit(Limit):

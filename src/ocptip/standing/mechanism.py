@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from typing import Any, Literal, Protocol, Self
+from typing import Any, Literal, Self
 
 import casadi as cs
 import numpy as np
@@ -21,25 +21,11 @@ from ocptip.contact.solver import ContactStates, solve_many
 from ocptip.contact.support import Support
 from ocptip.reserves.slip import Redistribution, Slip, SlipReserve
 from ocptip.reserves.tipping import TipOver, TipOverReserve
+from ocptip.robots.geometry import Collisions
 from ocptip.robots.model import JointLimits
 from ocptip.robots.motors import Motors
 from ocptip.robots.payload import Payload
 from ocptip.trajectories.sampled import Motion
-
-
-class Collisions(Protocol):
-    """Signed distances of a mechanism; `ocptip.robots.geometry.CollisionModel` is one."""
-
-    labels: tuple
-    function: cs.Function
-
-    def gaps(self, q: np.ndarray) -> np.ndarray:
-        """(N, m), m, at coordinates (N, n)."""
-        ...
-
-    def worst(self, q: np.ndarray) -> tuple[float, object, int]:
-        """Smallest distance, what it is between, and the state's index."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +89,7 @@ class MotionSamples:
         wrenches: (N, 6), N and N m: on the base about its centre of mass, its weight included.
         states: contact states under these wrenches.
         tip, slip: reserves GN and GT of these states.
-        clearances: (N,), m, smallest distance of collision spheres; infinite without any.
+        clearances: (N,), m, smallest distance of what may collide; infinite where that is not known.
         further: (N, k) quantities of :class:`FurtherLimits`; (N, 0) for an arm.
         units: of the coordinates, "rad" or "m"; empty: rad.
         motor_units: "N m" or "N"; empty: N m.
@@ -275,7 +261,6 @@ class StandingMechanism(MadeOf, ABC):
         )
         torques, wrenches = self.loads(q, qd, qdd)
         states = self.contact_states(wrenches)
-        gaps = self.collision.gaps(q)
         return MotionSamples(
             times=times,
             angles=q,
@@ -287,7 +272,7 @@ class StandingMechanism(MadeOf, ABC):
             states=states,
             tip=self.tip_over.evaluate(states),
             slip=self.slip.evaluate(states, derivatives=False),
-            clearances=np.min(gaps, axis=1, initial=np.inf),
+            clearances=self.collision.least(q),
             further=self.further(q, qd),
             units=self.units,
             motor_units=self.motor_units,

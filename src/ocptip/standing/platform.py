@@ -23,6 +23,7 @@ from ocptip.parallel.dynamics.base_wrench import base_wrench, moving_mass
 from ocptip.parallel.minimal_form import minimal_form
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.reserves.slip import Redistribution
+from ocptip.robots.geometry import Collisions
 from ocptip.robots.model import JointLimits
 from ocptip.robots.motors import Motors
 from ocptip.robots.payload import Payload
@@ -128,7 +129,7 @@ class ParallelMechanism(StandingMechanism):
             support,
             motors,
             limits.joint_limits(robot.m, count),
-            _NoCollisions(robot.m),
+            Collisions(robot.m),
             moving_mass(robot),
             reference_moment,
             redistribution,
@@ -305,21 +306,6 @@ class NumericParallelRobot(ParallelMechanism):
         for z in q:
             joints = self.robot.ik(z, joints).q
             yield z, joints
-
-
-class _NoCollisions:
-    """Nothing that a platform could hit: the box of its coordinates keeps it away."""
-
-    labels = ()
-
-    def __init__(self, n: int) -> None:
-        self.function = cs.Function("gaps", [cs.SX.sym("q", n)], [cs.SX(0, 1)], ["q"], ["gaps"])
-
-    def gaps(self, q: np.ndarray) -> np.ndarray:
-        return np.empty((len(q), 0))
-
-    def worst(self, q: np.ndarray) -> tuple[float, None, int]:
-        return np.inf, None, 0
 
 
 def _require_motors(motors: Motors, m: int) -> None:

@@ -1,15 +1,20 @@
-"""The tables `[arm]` and `[[obstacle]]` of task files; format: docs/motion-planner.md."""
+"""The table `[arm]` of task files; format: docs/motion-planner.md, docs/collision.md."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ocptip.basics.toml import DEGREES, Table
 from ocptip.published.arms import load_arm
-from ocptip.robots.geometry import Pillar, Wall, floor, spheres_along_links
+from ocptip.robots.collision.model import geometry_of_spheres
+from ocptip.robots.collision.shapes import BodyShape
+from ocptip.robots.collision.urdf import geometry_from_urdf
+from ocptip.robots.geometry import spheres_along_links
 from ocptip.robots.model import ArmModel
 from ocptip.robots.urdf import arm_from_urdf
 from ocptip.robots.urdf_file import read_urdf
@@ -88,11 +93,17 @@ def _arm_from_urdf(table: Table, folder: Path) -> ArmModel:
             with table.at(key):
                 locked |= file.locked(wanted, slides=slides)
     accepted = _accepted_links(table)
+    geometry, where = table.flag("collision", True), _geometry_options(table, folder)
     table.close("armature", "sphere_radius", "excluded_links", "limits")
     with table.at("urdf", base_link="base_link", tool_frame="tool_frame"):
         arm = arm_from_urdf(file.path, **names, locked_joints=locked, accept_inertia=accepted)
     armature = table.per_joint("armature", arm.n, arm.armature, bound=">= 0")
-    return _with_spheres(replace(arm, armature=armature), table)
+    arm = _with_spheres(replace(arm, armature=armature), table, [file.joints[name].child for name in arm.joint_names])
+    if geometry and not arm.sphere_sets:
+        with table.at("urdf", package_dirs="package_dirs", srdf="srdf"):
+            found = geometry_from_urdf(file.path, arm, **where)
+        arm = replace(arm, geometry=found)
+    return _without_excluded(arm, table)
 
 
 def _accepted_links(table: Table) -> bool | list[str]:
@@ -103,17 +114,69 @@ def _accepted_links(table: Table) -> bool | list[str]:
     raise table.error(f"expected true or a list of links, got {value!r}", key)
 
 
-def _with_spheres(arm: ArmModel, table: Table) -> ArmModel:
-    """The arm with spheres along its links; `excluded_links` may name links without spheres."""
+def _geometry_options(table: Table, folder: Path) -> dict[str, Any]:
+    """Where the files of the collision geometry are."""
+    key, value = "package_dirs", table.value("package_dirs", [])
+    folders = value if isinstance(value, list) else [value]
+    if not all(isinstance(item, str) for item in folders):
+        raise table.error(f"expected folders, got {value!r}", key)
+    srdf = table.text("srdf", None)
+    return {key: [folder / item for item in folders], "srdf": None if srdf is None else folder / srdf}
+
+
+def _without_excluded(arm: ArmModel, table: Table) -> ArmModel:
+    """The arm of solids without the pairs of `excluded_links`, which are names of links."""
+    key = "excluded_links"
+    excluded = table.value(key, [])
+    if arm.geometry is None:
+        if excluded and not arm.sphere_sets:
+            raise table.error("there is nothing to exclude: neither collision geometry nor spheres", key)
+        return arm
+    known = list(dict.fromkeys(shape.name for shape in arm.geometry.shapes))
+    for pair in excluded if isinstance(excluded, list) else [excluded]:
+        if not isinstance(pair, list) or len(pair) != 2 or not all(name in known for name in pair):
+            raise table.error(f"expected two of the links {', '.join(known)}, got {pair!r}", key)
+    apart = {frozenset(pair): "excluded" for pair in excluded} | arm.geometry.apart
+    return replace(arm, geometry=replace(arm.geometry, apart=apart))
+
+
+def carrying(arm: ArmModel, shapes: Sequence[BodyShape]) -> ArmModel:
+    """The arm with solids that its gripper holds, given in the axes of the gripper."""
+    if not shapes:
+        return arm
+    own = arm.geometry or geometry_of_spheres(arm)
+    tool = arm.tool_rotation, arm.offsets[-1]
+    held = [replace(s, body=arm.n, shape=s.shape.placed(*tool)) for s in shapes]
+    return replace(arm, geometry=replace(own, shapes=(*own.shapes, *held)))
+
+
+def require_geometry(data: Table, arm: ArmModel, *keys: str) -> None:
+    """Refuse tables of a file that only count for an arm that can be checked against them.
+
+    Raises:
+        InputError: the arm has neither collision geometry nor spheres.
+    """
+    if arm.geometry is None and not arm.sphere_sets:
+        for key in keys:
+            if key in data:
+                hint = "; obstacles for the base alone are [[keep_out]]" if "keep_out" in keys else ""
+                missing = "the arm has no collision geometry to check"
+                raise data.error(f"{missing}; give arm.sphere_radius, or a URDF that has some{hint}", key)
+
+
+def _with_spheres(arm: ArmModel, table: Table, link_names: Sequence[str]) -> ArmModel:
+    """The arm with spheres along its links, (n,) names; `excluded_links` may name links without spheres."""
     where, excluded = "excluded_links", table.value("excluded_links", [])
     radii = table.per_joint("sphere_radius", arm.n, None, bound=">= 0")
     if radii is None:
-        if excluded:
-            raise table.error("without arm.sphere_radius there are no spheres to exclude", where)
         return arm
     lengths = np.linalg.norm(arm.offsets, axis=1)
     links = [i + 1 for i in np.flatnonzero((radii > 0) & (lengths > 0))]
-    sets = [spheres for i in links for spheres in spheres_along_links(arm, radii[i - 1], links=[i])]
+    sets = [
+        replace(spheres, name=link_names[i - 1])
+        for i in links
+        for spheres in spheres_along_links(arm, radii[i - 1], links=[i])
+    ]
     names = {spheres.link: spheres.name for spheres in sets}
     if not isinstance(excluded, list):
         raise table.error(f"expected pairs of links, got {excluded!r}", where)
@@ -121,49 +184,3 @@ def _with_spheres(arm: ArmModel, table: Table) -> ArmModel:
         if not isinstance(pair, list) or len(pair) != 2 or not all(i in list(names) for i in pair):
             raise table.error(f"expected two of the links {', '.join(map(str, names))}, got {pair!r}", where)
     return arm.with_spheres(sets, excluded_pairs=[(names[a], names[b]) for a, b in excluded])
-
-
-def read_obstacles(
-    data: Table,
-    key: str,
-    arm: ArmModel,
-    *,
-    numbered: bool = False,
-    world: bool = False,
-    base_only: bool = False,
-) -> list[Wall | Pillar]:
-    """The obstacles of tables in double brackets.
-
-    Args:
-        data: the file.
-        key: of the tables.
-        arm: whose spheres are checked.
-        numbered: several without names are called "wall 1" and so on.
-        world: in world axes, where floors are none of them.
-        base_only: not for the arm.
-
-    Raises:
-        InputError: a value is missing, unknown or cannot be used; names its place.
-    """
-    tables = data.tables(key)
-    if tables and not arm.sphere_sets and not base_only:
-        hint = "; obstacles for the base alone are [[keep_out]]" if world else ""
-        raise data.error(f"the arm has no collision spheres to check; give arm.sphere_radius{hint}", key)
-    found: list[Wall | Pillar] = []
-    for number, table in enumerate(tables, 1):
-        kind = table.choice("kind", ("floor", "wall", "pillar"))
-        name = f"{kind} {number}" if numbered and len(tables) > 1 else kind
-        if kind == "floor" and world:
-            hint = "give it as [[base_obstacle]], or a wall with its normal"
-            raise table.error(f"a floor belongs to the base: {hint}", "kind")
-        if kind == "floor":
-            made = table.make(floor, table.number("height"))
-        elif kind == "wall":
-            normal, distance = table.direction("normal"), table.number("distance")
-            made = table.make(Wall, normal, distance, table.text("name", name))
-        else:
-            point, radius = table.vector("point", 3), table.number("radius", bound="> 0")
-            axis = table.direction("axis", np.array([0.0, 0.0, 1.0]))
-            made = table.make(Pillar, point, radius, axis, table.text("name", name))
-        found.append(made)
-    return found

@@ -24,13 +24,14 @@ from ocptip.standing.arm import StandingRobot
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.rest import posture_refusals
-from ocptip.task_files.arm import read_obstacles
+from ocptip.task_files.arm import carrying, require_geometry
 from ocptip.task_files.doubts import doubt_masses, doubt_units, doubt_way
 from ocptip.task_files.joint_values import joint_values
 from ocptip.task_files.kinds import require_kind
 from ocptip.task_files.motors import arm_and_motors
 from ocptip.task_files.platform import read_platform_robot
 from ocptip.task_files.scene import SCENE, read_support
+from ocptip.task_files.shapes import read_obstacles, read_shapes
 
 _LIMITS = ("GN", "GT", "torque_ratio", "clearance")
 
@@ -57,6 +58,7 @@ def load_task(path: str | os.PathLike[str]) -> MotionTask:
 
 
 def _task(data: Table, path: Path) -> MotionTask:
+    shapes = read_shapes(data.table("base"), path.parent, "base")
     support = read_support(data)
     table = data.table("limits", optional=True)
     moment = table.number("reference_moment", None, bound="> 0")
@@ -68,8 +70,11 @@ def _task(data: Table, path: Path) -> MotionTask:
         start, goal = (motion.vector(key, platform.n) for key in ("start", "goal"))
         return _ramp_task(name, platform, start, goal, limits, motion, platform.n)
     arm, motors = arm_and_motors(data, path.parent)
-    obstacles = read_obstacles(data, "obstacle", arm)
-    robot = StandingRobot(arm, support, motors, obstacles=obstacles, reference_moment=moment)
+    held = read_shapes(data.table("payload", optional=True), path.parent, "payload", carried=True)
+    arm = carrying(arm, held)
+    require_geometry(data, arm, "obstacle")
+    obstacles = read_obstacles(data, "obstacle", path.parent)
+    robot = StandingRobot(arm, support, motors, obstacles=obstacles, shapes=shapes, reference_moment=moment)
     motion = data.table("motion")
     starts, goals = (_candidates(arm, motion, key) for key in ("start", "goal"))
     pairs = _pairs(robot, limits, starts, goals)

@@ -1,0 +1,275 @@
+"""Signed distances of pairs of convex solids on moving bodies, with derivatives.
+
+coal finds the nearest points and the direction n between them; a pair that is certainly farther apart than
+anybody asks for is answered with a lower bound from enclosing capsules, all pairs and instants at once.
+
+The derivatives are those of min |b - a| over the features (point, edge, face) on which the nearest points
+slide: the slope is n . (b - a)' of the points as if fixed to their bodies (envelope theorem), the curvature
+is exact as long as the features stay the same; it is that of the solids' cores where these are thickened.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass, replace
+from typing import Any
+
+import casadi as cs
+import numpy as np
+
+from ocptip.numerics.batch import BatchFunction
+from ocptip.robots.collision.shapes import HalfSpace, Shape, enclosing_capsule
+from ocptip.robots.geometry import Contact
+from ocptip.robots.pinocchio import load_coal
+
+RESTING = -1
+"""The body that does not move."""
+
+_NEAREST = 2e-3  # m: of nearer (or overlapping) features the curvature is that at this distance
+_TINY = 1e-12
+
+
+class Distances:
+    """Of pairs of solids on K bodies.
+
+    Args:
+        frames: CasADi function of y (ny,): for each moving body its axes, row by row, and its origin, m; one
+            column (12 K,).
+        solids: body (0 to K - 1, or `RESTING`) and shape.
+        pairs: of numbers of solids on different bodies.
+    """
+
+    def __init__(
+        self,
+        frames: cs.Function,
+        solids: Sequence[tuple[int, Shape]],
+        pairs: Sequence[tuple[int, int]],
+    ) -> None:
+        y, weights = cs.SX.sym("y", frames.numel_in(0)), cs.SX.sym("weights", frames.numel_out(0))
+        values = frames(y)
+        self.pairs = tuple(pairs)
+        self._frames = BatchFunction(frames)
+        self._slopes = BatchFunction(cs.Function("slopes", [y], [cs.jacobian(values, y)]))
+        bend = cs.hessian(cs.dot(weights, values), y)[0]
+        self._bend = BatchFunction(cs.Function("bend", [y, weights], [bend]))
+        self._shapes = [shape for _, shape in solids]
+        self._bodies = np.array([body for body, _ in solids], dtype=int)
+        self._solids = [shape.solid() for shape in self._shapes]
+        self._bounds = _Bounds(self._shapes, self._bodies)
+        self._coal = load_coal()
+        self._request, self._result = self._coal.DistanceRequest(), self._coal.DistanceResult()
+        self._request.enable_signed_distance = True
+
+    def of(self, pairs: Sequence[tuple[int, int]]) -> Distances:
+        """The same of other pairs of the solids."""
+        other = copy(self)
+        other.pairs = tuple(pairs)
+        return other
+
+    def gaps(self, y: np.ndarray, below: float = np.inf) -> np.ndarray:
+        """Signed distances (N, m), m, at y (N, ny); those above `below` (m) may be lower bounds above it."""
+        axes, origins = self._poses(y)
+        bounds = self._bounds(axes, origins, self.pairs)
+        i, k = np.nonzero(bounds < below)
+        bounds[i, k] = self._nearest(axes, origins, i, k).distances
+        return bounds
+
+    def least(self, y: np.ndarray) -> Contact:
+        """The nearest pair at each of N states (as many rows, in their order)."""
+        axes, origins = self._poses(y)
+        bounds = self._bounds(axes, origins, self.pairs)
+        states = np.arange(len(y))
+        best = self._nearest(axes, origins, states, np.argmin(bounds, axis=1))
+        found = bounds.copy()
+        found[states, best.pairs] = np.inf
+        i, k = np.nonzero(found < best.distances[:, None])
+        others = self._nearest(axes, origins, i, k)
+        every = _joined(best, others)
+        order = np.lexsort((every.pairs, every.distances, every.states))
+        first = order[np.searchsorted(every.states[order], states)]
+        return _chosen(every, first)
+
+    def at(self, y: np.ndarray, states: np.ndarray, pairs: np.ndarray) -> tuple[Contact, np.ndarray]:
+        """Nearest points in rows (states[r], pairs[r]), and slopes (r, ny) of their distances over y."""
+        used, own = np.unique(states, return_inverse=True)
+        axes, origins = self._poses(y[used])
+        contact = self._nearest(axes, origins, own, pairs)
+        apart = self._moved(y[used], axes, origins, contact)[0]
+        return replace(contact, states=states), np.einsum("ra,rax->rx", contact.normals, apart)
+
+    def curvature(self, y: np.ndarray, contact: Contact, on: np.ndarray) -> np.ndarray:
+        """(N, ny, ny): second derivatives of on . distances ((r,)) by state."""
+        every = np.zeros((len(y), y.shape[1], y.shape[1]))
+        used, states = np.unique(contact.states, return_inverse=True)
+        y, contact = y[used], replace(contact, states=states)
+        axes, origins = self._poses(y)
+        apart, own, slide, turned = self._moved(y, axes, origins, contact, features=True)
+        weights = np.zeros((len(y), self._frames.function.numel_out(0)))
+        for side, sign in ((0, -1.0), (1, 1.0)):
+            bodies = self._bodies[[self.pairs[k][side] for k in contact.pairs]]
+            moving = np.flatnonzero(bodies != RESTING)
+            ends = contact.normals[moving, :, None] * own[moving, side, None, :]
+            entries = np.concatenate([ends.reshape(-1, 9), contact.normals[moving]], axis=1)
+            columns = 12 * bodies[moving, None] + np.arange(12)
+            scaled = sign * on[moving, None] * entries
+            np.add.at(weights, (contact.states[moving, None], columns), scaled)
+        result = self._bend(y, weights)[0].reshape(len(y), apart.shape[2], -1)
+        gap = np.maximum(contact.distances + slide.depth, _NEAREST)[:, None, None]
+        n = contact.normals
+        across = np.eye(3) - n[:, :, None] * n[:, None, :]
+        free = across @ slide.along  # (r, 3, 4)
+        mixed = turned + np.einsum("rax,ras->rxs", apart, free) / gap
+        inner = np.einsum("ras,rat->rst", free, free) / gap
+        inner += 1e-6 * np.eye(4) / gap
+        rows = np.einsum("rax,rab,rby->rxy", apart, across, apart) / gap
+        rows -= np.einsum("rxs,rst,ryt->rxy", mixed, np.linalg.inv(inner), mixed)
+        np.add.at(result, contact.states, on[:, None, None] * rows)
+        every[used] = result
+        return every
+
+    # --- parts ---------------------------------------------------------------------------------------------
+
+    def _poses(self, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Axes (N, K + 1, 3, 3) and origins (N, K + 1, 3) of the bodies; the last one rests."""
+        values = self._frames(y)[0].reshape(len(y), -1, 12)
+        axes = np.concatenate([values[:, :, :9], np.tile(np.eye(3).ravel(), (len(y), 1, 1))], axis=1)
+        origins = np.concatenate([values[:, :, 9:], np.zeros((len(y), 1, 3))], axis=1)
+        return axes.reshape(len(y), -1, 3, 3), origins
+
+    def _nearest(
+        self, axes: np.ndarray, origins: np.ndarray, states: np.ndarray, pairs: np.ndarray
+    ) -> Contact:
+        coal, request, result = self._coal, self._request, self._result
+        rows = len(states)
+        distances, normals, points = np.empty(rows), np.empty((rows, 3)), np.empty((rows, 2, 3))
+        placed: dict[tuple[int, int], Any] = {}
+
+        def pose(state: int, solid: int) -> Any:
+            key = (state, solid)
+            if key not in placed:
+                shape = self._shapes[solid]
+                turn, origin = axes[state, self._bodies[solid]], origins[state, self._bodies[solid]]
+                placed[key] = coal.Transform3s(turn @ shape.rotation, origin + turn @ shape.position)
+            return placed[key]
+
+        for r, (state, pair) in enumerate(zip(states.tolist(), pairs.tolist(), strict=True)):
+            a, b = self.pairs[pair]
+            result.clear()
+            distances[r] = coal.distance(
+                self._solids[a], pose(state, a), self._solids[b], pose(state, b), request, result
+            )
+            normals[r] = result.normal
+            points[r, 0], points[r, 1] = result.getNearestPoint1(), result.getNearestPoint2()
+        return Contact(np.asarray(states), np.asarray(pairs), distances, normals, points)
+
+    def _moved(
+        self,
+        y: np.ndarray,
+        axes: np.ndarray,
+        origins: np.ndarray,
+        contact: Contact,
+        features: bool = False,
+    ) -> tuple:
+        """How b - a moves with y, (r, 3, ny), points of the cores taken as fixed to their bodies.
+
+        With features also: these points (r, 2, 3) in their bodies' axes; the features they may slide on; and
+        how those turn towards n, (r, ny, 4).
+        """
+        slopes = self._slopes(y)[0].reshape(len(y), -1, 12, y.shape[1])
+        rows = len(contact.states)
+        apart, own = np.zeros((rows, 3, y.shape[1])), np.empty((rows, 2, 3))
+        along, turned = np.zeros((rows, 3, 4)), np.zeros((rows, y.shape[1], 4))
+        depth = np.zeros(rows)
+        for side, sign in ((0, -1.0), (1, 1.0)):
+            solids = np.array([self.pairs[k][side] for k in contact.pairs], dtype=int)
+            bodies = self._bodies[solids]
+            turn = axes[contact.states, bodies]
+            points = contact.points[:, side].copy()
+            local = np.zeros((rows, 3, 2))
+            if features:
+                outward = -sign * np.einsum("rab,ra->rb", turn, contact.normals)
+                for solid in np.unique(solids):
+                    shape, of_it = self._shapes[solid], solids == solid
+                    local[of_it] = shape.rotation @ shape.touched(outward[of_it] @ shape.rotation)
+                down = np.array([self._shapes[solid].thickness for solid in solids])
+                points += sign * down[:, None] * contact.normals
+                depth += down
+            own[:, side] = np.einsum("rab,ra->rb", turn, points - origins[contact.states, bodies])
+            along[:, :, 2 * side : 2 * side + 2] = sign * turn @ local
+            moving = np.flatnonzero(bodies != RESTING)
+            of_body = slopes[contact.states[moving], bodies[moving]]
+            of_axes = of_body[:, :9].reshape(len(moving), 3, 3, -1)
+            moved = np.einsum("rabx,rb->rax", of_axes, own[moving, side]) + of_body[:, 9:]
+            apart[moving] += sign * moved
+            towards = np.einsum("rabx,rbs,ra->rxs", of_axes, local[moving], contact.normals[moving])
+            turned[moving, :, 2 * side : 2 * side + 2] = sign * towards
+        return apart, own, _Slide(along, depth), turned
+
+
+@dataclass(frozen=True, eq=False)
+class _Slide:
+    """Features of both solids: directions (r, 3, 4), and how deep (r,), m, both lie below the surfaces."""
+
+    along: np.ndarray
+    depth: np.ndarray
+
+
+class _Bounds:
+    """Lower bounds of the distances of pairs, from capsules that enclose the solids."""
+
+    def __init__(self, shapes: Sequence[Shape], bodies: np.ndarray) -> None:
+        self._bodies = bodies
+        self._flat = np.array([isinstance(shape, HalfSpace) for shape in shapes], dtype=bool)
+        self._ends, self._radii = np.zeros((len(shapes), 2, 3)), np.zeros(len(shapes))
+        self._planes = np.zeros((len(shapes), 4))
+        for s, shape in enumerate(shapes):
+            if isinstance(shape, HalfSpace):
+                normal = shape.rotation @ shape.normal
+                self._planes[s] = [*normal, shape.distance + normal @ shape.position]
+            else:
+                self._ends[s], self._radii[s] = enclosing_capsule(shape)
+
+    def __call__(self, axes: np.ndarray, origins: np.ndarray, pairs: Sequence[tuple[int, int]]) -> np.ndarray:
+        """(N, pairs), m, where the bodies have these poses."""
+        turn, origin = axes[:, self._bodies], origins[:, self._bodies]
+        ends = origin[:, :, None] + np.einsum("nsab,seb->nsea", turn, self._ends)
+        both = np.array(pairs, dtype=int).reshape(-1, 2)
+        first, second = both.T
+        result = between_lines(ends[:, first], ends[:, second])
+        result -= self._radii[first] + self._radii[second]
+        for side in (0, 1):
+            at = np.flatnonzero(self._flat[both[:, side]])
+            plane, solid = both[at, side], both[at, 1 - side]
+            normal = np.einsum("nsab,sb->nsa", turn[:, plane], self._planes[plane, :3])
+            level = self._planes[plane, 3] + np.einsum("nsa,nsa->ns", normal, origin[:, plane])
+            deepest = np.einsum("nsea,nsa->nse", ends[:, solid], normal).max(axis=2)
+            result[:, at] = level - deepest - self._radii[solid]
+        return result
+
+
+def between_lines(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Distances (...,), m, of line segments given by their ends (..., 2, 3), m.
+
+    The best point of one line for the other's is found exactly in three steps, each within the segment.
+    """
+    start, along = first[..., 0, :], first[..., 1, :] - first[..., 0, :]
+    other, across = second[..., 0, :], second[..., 1, :] - second[..., 0, :]
+    between = start - other
+    a, b, e = (np.sum(u * v, axis=-1) for u, v in ((along, along), (along, across), (across, across)))
+    c, f = np.sum(along * between, axis=-1), np.sum(across * between, axis=-1)
+    a, e = np.maximum(a, _TINY), np.maximum(e, _TINY)
+    s = np.clip((b * f - c * e) / np.maximum(a * e - b * b, _TINY * a * e), 0, 1)
+    t = np.clip((b * s + f) / e, 0, 1)
+    s = np.clip((b * t - c) / a, 0, 1)
+    return np.linalg.norm(between + s[..., None] * along - t[..., None] * across, axis=-1)
+
+
+def _joined(one: Contact, two: Contact) -> Contact:
+    fields = ("states", "pairs", "distances", "normals", "points")
+    return Contact(*(np.concatenate([getattr(one, f), getattr(two, f)]) for f in fields))
+
+
+def _chosen(contact: Contact, rows: np.ndarray) -> Contact:
+    fields = ("states", "pairs", "distances", "normals", "points")
+    return Contact(*(getattr(contact, f)[rows] for f in fields))
