@@ -5,7 +5,7 @@ import pytest
 
 from ocptip.basics.errors import InputError
 from ocptip.placement.evaluate import Evaluator
-from ocptip.placement.for_motion import in_base_axes, place_for_motion, placed_robot, shortest_way
+from ocptip.placement.for_motion import place_for_motion, placed_robot, shortest_way
 from ocptip.placement.problem import GripperTask, PlacementProblem, Weights
 from ocptip.placement.result import judge
 from ocptip.placement.terrain import plane
@@ -33,10 +33,10 @@ def test_obstacles_keep_their_distance_in_base_axes():
     point = np.array([0.3, -0.2, 0.6])
     local = base.T @ (point - origin)
     wall = Wall(np.array([0.6, 0.0, 0.8]), 0.4)
-    moved = in_base_axes(wall, origin, base)
+    moved = wall.placed(base.T, -base.T @ origin)
     assert moved.distance - moved.normal @ local == pytest.approx(wall.distance - wall.normal @ point)
     pillar = Pillar([0.1, 0.5, 0.0], 0.2)
-    turned = in_base_axes(pillar, origin, base)
+    turned = pillar.placed(base.T, -base.T @ origin)
     arm = local - turned.point
     across = np.linalg.norm(arm - (arm @ turned.axis) * turned.axis)
     assert across == pytest.approx(np.hypot(*(point - pillar.point)[:2]))

@@ -352,7 +352,7 @@ def test_obstacles_need_spheres_of_the_arm_keep_out_zones_do_not(tmp_path):
     text = re.sub(r"\[\[base_obstacle\]\][^\[]*", "", text)
     path = tmp_path / "t.toml"
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(InputError, match=r"obstacle: the arm has no collision spheres .* \[\[keep_out\]\]"):
+    with pytest.raises(InputError, match=r"obstacle: the arm has no collision geometry .* \[\[keep_out\]\]"):
         load_placement(path)
     path.write_text(text.replace("[[obstacle]]", "[[keep_out]]"), encoding="utf-8")
     assert len(load_placement(path).problem.keep_out) == 3

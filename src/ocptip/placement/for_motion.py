@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,6 @@ from ocptip.placement.place import place
 from ocptip.placement.problem import PlacementProblem
 from ocptip.placement.result import FEASIBLE, Placement, PlacementResult, judge
 from ocptip.placement.search.starts import solutions
-from ocptip.robots.geometry import Pillar, Wall
 from ocptip.robots.inverse.joint_angles import nearest_copies
 from ocptip.robots.model import ArmModel
 from ocptip.standing.arm import StandingRobot
@@ -147,7 +146,7 @@ def place_for_motion(
 
 
 def placed_robot(placement: Placement) -> StandingRobot:
-    """The robot at its place: gravity, walls and pillars of the world in base axes.
+    """The robot at its place: gravity and obstacles of the world in base axes.
 
     Its tip-over reserve keeps the reference moment of the problem's robot.
     """
@@ -161,23 +160,16 @@ def placed_robot(placement: Placement) -> StandingRobot:
         inertia=old.inertia,
         gravity=base.T @ problem.gravity,
     )
-    around = [in_base_axes(obstacle, origin, base) for obstacle in problem.obstacles]
+    around = [obstacle.placed(base.T, -base.T @ origin) for obstacle in problem.obstacles]
     return StandingRobot(
         robot.arm,
         support,
         robot.motors,
         obstacles=[*robot.obstacles, *around],
+        shapes=robot.shapes,
         reference_moment=robot.tip_over.reference_moment,
         redistribution=robot.slip.redistribution,
     )
-
-
-def in_base_axes(obstacle: Wall | Pillar, origin: np.ndarray, base: np.ndarray) -> Wall | Pillar:
-    """An obstacle of the world in the axes of a base at origin (3,), m, with rotation (3, 3) to the world."""
-    if isinstance(obstacle, Wall):
-        distance = float(obstacle.distance - obstacle.normal @ origin)
-        return replace(obstacle, normal=base.T @ obstacle.normal, distance=distance)
-    return replace(obstacle, point=base.T @ (obstacle.point - origin), axis=base.T @ obstacle.axis)
 
 
 def shortest_way(evaluator: Evaluator, placement: Placement, seed: int = 0) -> Placement:

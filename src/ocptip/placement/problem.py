@@ -23,7 +23,7 @@ from ocptip.placement.power import HoldingPower, TorqueCost
 from ocptip.placement.stand import Feet, Footing, Stand
 from ocptip.placement.terrain import Patch
 from ocptip.placement.tolerance import Corner, Tolerance
-from ocptip.robots.geometry import Pillar, Wall
+from ocptip.robots.geometry import Obstacle
 from ocptip.standing.arm import StandingRobot
 
 Orientation = Literal["full", "axis", "free"]
@@ -146,8 +146,8 @@ class PlacementLimits:
         GN, GT: largest tip-over and slip reserve value (4.22), 1 tips or slips; None: the base only has to
             stand in the contact solver's solution (4.21), which the search keeps by 1 in place of the value.
         torque_ratio: largest |torque| / limit (4.33).
-        clearance: m, smallest distance of the arm's collision spheres from each other and from obstacles.
-        base_clearance: m, the same for the base's spheres.
+        clearance: m, smallest distance of the arm from itself and from obstacles.
+        base_clearance: m, the same for the base's spheres and shapes.
         condition: largest Frobenius condition number |J| |J^-1| (4.35), usually 10 to 40; None: no limit.
         singular_ratio: largest ratio of the extreme singular values of J (4.37); None: no limit.
         jacobian_length: m, length by which the translational rows of J are divided for both.
@@ -240,13 +240,13 @@ class PlacementProblem:
     """Where should the base stand? (4.38, 4.39)
 
     Attributes:
-        robot: the arm on its support, in base axes; its obstacles (a deck) move with the base.
+        robot: the arm on its support, in base axes; its obstacles (a deck) and shapes move with the base.
         tasks: one placement serves them all, one after the other.
         terrain: one patch or several.
         weights: of the criteria.
         limits: constraints.
-        obstacles: walls and pillars in the world, for the arm's spheres and for the base.
-        keep_out: walls and pillars in the world for the base only (4.27).
+        obstacles: walls, pillars and solids in the world, for the arm and for the base.
+        keep_out: such for the base only (4.27).
         base_spheres: (k, 4), m: centres (base axes) and radii of spheres that cover the base; default the
             contacts as points.
         unloaded: all constraints hold without the process load, too: the arm has to get into place first.
@@ -267,8 +267,8 @@ class PlacementProblem:
     terrain: Sequence[Patch] | Patch
     weights: Weights = field(default_factory=Weights)
     limits: PlacementLimits = field(default_factory=PlacementLimits)
-    obstacles: Sequence[Wall | Pillar] = ()
-    keep_out: Sequence[Wall | Pillar] = ()
+    obstacles: Sequence[Obstacle] = ()
+    keep_out: Sequence[Obstacle] = ()
     base_spheres: np.ndarray | None = None
     unloaded: bool = True
     energy: HoldingPower | TorqueCost | None = None
@@ -297,8 +297,8 @@ class PlacementProblem:
         for name in ("obstacles", "keep_out"):
             setter(self, name, tuple(getattr(self, name)))
             for shape in getattr(self, name):
-                if not isinstance(shape, Wall | Pillar):
-                    raise InputError(f"{name}: expected Wall or Pillar in world axes, got {shape!r}")
+                if not isinstance(shape, Obstacle):
+                    raise InputError(f"{name}: expected Wall, Pillar or Solid in world axes, got {shape!r}")
         n, arm = self.robot.arm.n, self.robot.arm.name
         if self.limits.index is not None and n != 6:
             raise InputError(f"limits: index: {self.limits.index} is for six axes, arm {arm!r} has {n}")

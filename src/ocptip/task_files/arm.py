@@ -150,16 +150,15 @@ def carrying(arm: ArmModel, shapes: Sequence[BodyShape]) -> ArmModel:
     return replace(arm, geometry=replace(own, shapes=(*own.shapes, *held)))
 
 
-def require_geometry(data: Table, arm: ArmModel, *keys: str) -> None:
+def require_geometry(data: Table, arm: ArmModel, *keys: str, hint: str = "") -> None:
     """Refuse tables of a file that only count for an arm that can be checked against them.
 
     Raises:
-        InputError: the arm has neither collision geometry nor spheres.
+        InputError: the arm has neither collision geometry nor spheres; `hint` ends the message.
     """
     if arm.geometry is None and not arm.sphere_sets:
         for key in keys:
-            if key in data:
-                hint = "; obstacles for the base alone are [[keep_out]]" if "keep_out" in keys else ""
+            if data.tables(key):
                 missing = "the arm has no collision geometry to check"
                 raise data.error(f"{missing}; give arm.sphere_radius, or a URDF that has some{hint}", key)
 

@@ -24,7 +24,7 @@ from ocptip.standing.arm import StandingRobot
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.rest import posture_refusals
-from ocptip.task_files.arm import carrying, require_geometry
+from ocptip.task_files.arm import require_geometry
 from ocptip.task_files.doubts import doubt_masses, doubt_units, doubt_way
 from ocptip.task_files.joint_values import joint_values
 from ocptip.task_files.kinds import require_kind
@@ -70,8 +70,6 @@ def _task(data: Table, path: Path) -> MotionTask:
         start, goal = (motion.vector(key, platform.n) for key in ("start", "goal"))
         return _ramp_task(name, platform, start, goal, limits, motion, platform.n)
     arm, motors = arm_and_motors(data, path.parent)
-    held = read_shapes(data.table("payload", optional=True), path.parent, "payload", carried=True)
-    arm = carrying(arm, held)
     require_geometry(data, arm, "obstacle")
     obstacles = read_obstacles(data, "obstacle", path.parent)
     robot = StandingRobot(arm, support, motors, obstacles=obstacles, shapes=shapes, reference_moment=moment)

@@ -11,8 +11,9 @@ from ocptip.basics.toml import Table
 from ocptip.published.arms import modular_motors
 from ocptip.robots.model import ArmModel
 from ocptip.robots.motors import DCMotors, Motors
-from ocptip.task_files.arm import read_arm
+from ocptip.task_files.arm import carrying, read_arm
 from ocptip.task_files.payload import read_payload
+from ocptip.task_files.shapes import read_shapes
 
 _DATASHEET = ("resistance", "torque_constant", "gear_ratio")
 
@@ -27,7 +28,9 @@ def arm_and_motors(data: Table, folder: Path) -> tuple[ArmModel, Motors]:
     Raises:
         InputError: a value is missing, unknown or cannot be used; names its place.
     """
-    arm = read_arm(data.table("arm"), folder).with_payload(read_payload(data))
+    arm = read_arm(data.table("arm"), folder)
+    held = read_shapes(data.table("payload", optional=True), folder, "payload", carried=True)
+    arm = carrying(arm.with_payload(read_payload(data)), held)
     modular = "name" in data.table("arm")
     table = data.table("motors", optional=True)
     kind = table.choice("kind", ("modular", "estimated", "dc"), "modular" if modular else "estimated")

@@ -29,11 +29,12 @@ from ocptip.placement.problem import (
 )
 from ocptip.robots.model import ArmModel
 from ocptip.standing.arm import StandingRobot
-from ocptip.task_files.arm import read_obstacles
+from ocptip.task_files.arm import require_geometry
 from ocptip.task_files.doubts import doubt_masses, doubt_units
 from ocptip.task_files.kinds import require_kind
 from ocptip.task_files.motors import arm_and_motors
 from ocptip.task_files.scene import SCENE, read_support
+from ocptip.task_files.shapes import read_obstacles, read_shapes
 from ocptip.task_files.terrain import read_terrain, read_tolerance
 
 _OBSTACLES = ("base_obstacle", "obstacle", "keep_out")
@@ -78,13 +79,17 @@ def load_placement(path: str | os.PathLike[str]) -> PlacementTask:
 def _problem(data: Table, folder: Path) -> PlacementProblem:
     base = data.table("base")
     spheres, ground = base.array("spheres", (None, 4), None), base.vector("ground", 3, None)
+    shapes = read_shapes(base, folder, "base")
     support = read_support(data)
     if support.dimension != 3:
         raise data.error("an arm needs a spatial support; give three numbers", "contact[1].position")
     arm, motors = arm_and_motors(data, folder)
     limits, moment = _limits(data.table("limits", optional=True))
-    deck = read_obstacles(data, "base_obstacle", arm, numbered=True)
-    robot = StandingRobot(arm, support, motors, obstacles=deck, reference_moment=moment)
+    deck = read_obstacles(data, "base_obstacle", folder, numbered=True)
+    obstacles = read_obstacles(data, "obstacle", folder, numbered=True, world=True)
+    for_base = "; obstacles for the base alone are [[keep_out]]"
+    require_geometry(data, arm, "base_obstacle", "obstacle", hint=for_base)
+    robot = StandingRobot(arm, support, motors, obstacles=deck, shapes=shapes, reference_moment=moment)
     tasks = [_task(table, f"task {k}") for k, table in enumerate(data.tables("task", required=True), 1)]
     references = data.table("references", optional=True)
     with base.at(None, base_spheres="spheres", ground_frame="ground"):
@@ -94,8 +99,8 @@ def _problem(data: Table, folder: Path) -> PlacementProblem:
             read_terrain(data, folder),
             weights=_weights(data),
             limits=limits,
-            obstacles=read_obstacles(data, "obstacle", arm, numbered=True, world=True),
-            keep_out=read_obstacles(data, "keep_out", arm, numbered=True, world=True, base_only=True),
+            obstacles=obstacles,
+            keep_out=read_obstacles(data, "keep_out", folder, numbered=True, world=True),
             unloaded=data.flag("unloaded", True),
             energy=_energy(data.table("energy", optional=True), arm),
             references=references.make(dict, **references.numbers(*CRITERIA)),

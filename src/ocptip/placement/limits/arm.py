@@ -17,6 +17,7 @@ from ocptip.placement.limits.limit import (
     RowLabel,
     Symbols,
 )
+from ocptip.placement.limits.solids import WorldSolids, needs_solids
 from ocptip.placement.limits.twice import Twice
 from ocptip.placement.manipulability import MEASURES, LogMeasures, index_of, limited, measures
 from ocptip.placement.problem import GripperTask, PlacementProblem
@@ -145,7 +146,7 @@ class Torque(Limit):
 
 
 class Clearance(Limit):
-    """The arm's spheres against each other and against obstacles, of the base and of the world."""
+    """The arm against itself and against obstacles, of the base and of the world; solids of the base."""
 
     kind = "clearance"
     many = True
@@ -156,7 +157,9 @@ class Clearance(Limit):
         super().__init__(problem)
         self.arm = problem.robot.arm
         self._collision, self._least = problem.robot.collision, problem.limits.clearance
-        self._against = []
+        self._against, self._solids = [], WorldSolids(problem) if needs_solids(problem) else None
+        if self._solids:
+            return
         if self.arm.sphere_sets and problem.obstacles:
             self._spheres = BatchFunction(sphere_centres(self.arm))
             self._against = [(obstacle, *self._checked(obstacle)) for obstacle in problem.obstacles]
@@ -177,9 +180,12 @@ class Clearance(Limit):
     def margins(self, found: TaskEvaluation) -> list[Rows]:
         rows = []
 
-        def add(labels: list[str], gaps: np.ndarray) -> None:
-            rows.append(self.row(labels, gaps, self._least, False, "m", LENGTH_UNIT))
+        def add(labels: list[str], gaps: np.ndarray, least: np.ndarray | float = self._least) -> None:
+            rows.append(self.row(labels, gaps, least, False, "m", LENGTH_UNIT))
 
+        if self._solids:
+            add(*self._solids.gaps(found))
+            return rows
         if self._collision.labels:
             add([str(label) for label in self._collision.labels], self._collision.gaps(found.q))
         if self._against:
@@ -190,6 +196,8 @@ class Clearance(Limit):
 
     def functions(self, at: Symbols) -> list[Twice]:
         """One of all gaps, for all tasks."""
+        if self._solids:
+            return self._solids.functions(at, self.kind)
         gaps, names = [], [str(label) for label in self._collision.labels]
         if names:
             gaps.append(self._collision.function(at.q))

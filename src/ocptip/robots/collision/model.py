@@ -39,7 +39,9 @@ class ShapeCollisions(Collisions):
 
     Attributes:
         distances: of the pairs, over q (n,), rad.
-        solids, pairs: of `distances`, with names.
+        solids: name, body and shape; first those of the arm, then those of the base, then obstacles.
+        of_arm, of_base: how many.
+        pairs: of numbers of solids.
     """
 
     def __init__(
@@ -51,6 +53,7 @@ class ShapeCollisions(Collisions):
         own, fixed = solids_of(arm, geometry), [(s.name, RESTING, s.shape) for s in base]
         around = [(o.name, RESTING, o.shape) for o in obstacles]
         self.solids = [*own, *fixed, *around]
+        self.of_arm, self.of_base = len(own), len(fixed)
         bodies = [s.body for s in geometry.shapes]
         self.apart: dict[frozenset[str], str] = {}
         mounted = [self._links(bodies, 2), range(len(own), len(own) + len(fixed))]

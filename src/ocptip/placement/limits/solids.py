@@ -1,0 +1,121 @@
+"""Distances of the arm's and the base's solids wherever the base stands, for judge and program."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+import casadi as cs
+import numpy as np
+
+from ocptip.placement.limits.judged import TaskEvaluation
+from ocptip.placement.limits.limit import LENGTH_UNIT, RowLabel, Symbols
+from ocptip.placement.problem import PlacementProblem
+from ocptip.robots.collision.distances import RESTING, Distances
+from ocptip.robots.collision.model import ShapeCollisions, link_frames_function
+from ocptip.robots.geometry import Solid
+from ocptip.robots.model import ArmModel
+
+_FAR = 0.2  # m beyond the least distance: how far a pair may be so that its distance is computed exactly
+
+
+class WorldSolids:
+    """All pairs of solids of a problem.
+
+    Pairs of arm and base are those of the robot; with obstacles of the world all solids of the arm are looked
+    at, with these and the keep-out zones all shapes of the base.
+
+    Args:
+        problem: the problem.
+
+    Attributes:
+        names: of the pairs.
+        least: (m,), m: least distances.
+    """
+
+    def __init__(self, problem: PlacementProblem) -> None:
+        robot, limits = problem.robot, problem.limits
+        own = robot.collision
+        if not isinstance(own, ShapeCollisions):
+            own = ShapeCollisions(robot.arm, robot.obstacles, robot.shapes)
+        self.arm = robot.arm
+        self._solids = [(robot.arm.n if body == RESTING else body, shape) for _, body, shape in own.solids]
+        names = [name for name, _, _ in own.solids]
+        pairs = list(own.pairs)
+        for obstacles, of_arm in ((problem.obstacles, True), (problem.keep_out, False)):
+            for obstacle in obstacles:
+                first = 0 if of_arm else own.of_arm
+                pairs += [(s, len(self._solids)) for s in range(first, own.of_arm + own.of_base)]
+                self._solids.append((RESTING, obstacle.shape))
+                names.append(obstacle.name)
+        self._pairs = pairs
+        self.names = [f"{names[a]} and {names[b]}" for a, b in pairs]
+        of_base = [own.of_arm <= a < own.of_arm + own.of_base and b >= len(own.solids) for a, b in pairs]
+        self.least = np.where(of_base, limits.base_clearance, limits.clearance)
+        self._judge = Distances(_placed_frames(self.arm), self._solids, pairs)
+
+    def gaps(self, found: TaskEvaluation) -> tuple[list[str], np.ndarray, np.ndarray]:
+        """Names, smallest distances (N, names), m, and least ones (names,); solids of one name are one."""
+        poses = np.concatenate([found.base.reshape(-1, 9), found.origin], axis=1)
+        below = float(self.least.max(initial=0.0)) + _FAR
+        gaps = self._judge.gaps(np.concatenate([found.q, poses], axis=1), below)
+        names = list(dict.fromkeys(self.names))
+        which = [[k for k, other in enumerate(self.names) if other == name] for name in names]
+        smallest = np.array([gaps[:, k].min(axis=1) for k in which]).reshape(len(names), -1).T
+        return names, smallest, np.array([self.least[k[0]] for k in which])
+
+    def functions(self, at: Symbols, kind: str) -> list[SolidGaps]:
+        """One of all gaps, for all tasks."""
+        if not self._pairs:
+            return []
+        pose = cs.vertcat(cs.vec(at.base.T), at.origin)
+        frames = cs.Function("frames", [at.y], [_placed_frames(self.arm)(cs.vertcat(at.q, pose))])
+        distances = Distances(frames, self._solids, self._pairs)
+        return [SolidGaps(distances, self.least, [RowLabel(kind, name) for name in self.names])]
+
+
+class SolidGaps:
+    """Distances minus their least values, in `LENGTH_UNIT`, with two derivatives, as `Twice` has them."""
+
+    dropped = 0.0
+
+    def __init__(self, distances: Distances, least: np.ndarray, labels: Sequence[RowLabel]) -> None:
+        self._distances, self._least, self.labels = distances, least, tuple(labels)
+        self.size = len(self.labels)
+
+    def first(self, y: np.ndarray) -> list[np.ndarray]:
+        """Values (m,)."""
+        return [(self._distances.gaps(y[None])[0] - self._least) / LENGTH_UNIT]
+
+    def jacobian(self, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Values (m,) and Jacobian (m, ny)."""
+        every = np.arange(self.size)
+        contact, slopes = self._distances.at(y[None], np.zeros_like(every), every)
+        return (contact.distances - self._least) / LENGTH_UNIT, slopes / LENGTH_UNIT
+
+    def hessian(self, y: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
+        """(ny, ny), of the product of multipliers (m,) and values."""
+        used = np.flatnonzero(multipliers)
+        contact, _ = self._distances.at(y[None], np.zeros_like(used), used)
+        return self._distances.curvature(y[None], contact, multipliers[used])[0] / LENGTH_UNIT
+
+
+def needs_solids(problem: PlacementProblem) -> bool:
+    """Whether distances of a problem are more than those of spheres from floor, walls and pillars."""
+    robot = problem.robot
+    around = (*problem.obstacles, *problem.keep_out)
+    solid = any(isinstance(obstacle, Solid) for obstacle in around) and bool(robot.arm.sphere_sets)
+    return solid or isinstance(robot.collision, ShapeCollisions)
+
+
+@lru_cache(maxsize=4)
+def _placed_frames(arm: ArmModel) -> cs.Function:
+    """Of q (n,) and the base's axes (row by row) and origin (12,): those of links and base in the world."""
+    y = cs.SX.sym("y", arm.n + 12)
+    own = link_frames_function(arm)(y[: arm.n])
+    base, origin = cs.reshape(y[arm.n : arm.n + 9], 3, 3).T, y[arm.n + 9 :]
+    frames = []
+    for i in range(arm.n):
+        axes, at = cs.reshape(own[12 * i : 12 * i + 9], 3, 3).T, own[12 * i + 9 : 12 * i + 12]
+        frames.append(cs.vertcat(cs.vec((base @ axes).T), origin + base @ at))
+    return cs.Function("placed_frames", [y], [cs.vertcat(*frames, y[arm.n :])])
