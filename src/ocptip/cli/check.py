@@ -121,7 +121,7 @@ class CheckReport(Report):
     def to_text(self) -> str:
         """Verdict, worst instants, energy."""
         checked = self.check
-        verdict = "VERIFIED. All limits hold" if checked.verified else "NOT VERIFIED"
+        verdict = f"VERIFIED{checked.scope}. All limits hold" if checked.verified else "NOT VERIFIED"
         lines = [f"{self.motion} on {self.task.name}: {verdict}."]
         lines += [f"  {violation}" for violation in checked.violations]
         lines += ["", *_worst_table(checked), ""]
@@ -129,6 +129,7 @@ class CheckReport(Report):
         lines += [f"masses {masses(self.task.robot)}"]
         lines += [f"{label:10} {text}" for label, text in tolerance_lines(self.tolerated)]
         lines += [f"checked at {checked.samples} instants"]
+        lines += [f"collision: {checked.collision_text}"]
         if self.interpolation:
             lines += [
                 f"note: checked is the curve through the samples, {self.interpolation}; where accelerations"

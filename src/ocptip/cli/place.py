@@ -16,6 +16,7 @@ from ocptip.cli.command import Report
 from ocptip.cli.layout import masses, summary
 from ocptip.cli.options import output_directory, remove_figures, require_least
 from ocptip.cli.progress import Progress, say_if_compiling
+from ocptip.motion.check import NO_COLLISION
 from ocptip.placement.output import refusal_to_dict, result_to_dict, write_placement
 from ocptip.placement.place import place
 from ocptip.placement.result import Margin, NoPlacementError, Placement, PlacementResult
@@ -103,8 +104,9 @@ def _found(result: PlacementResult) -> tuple[str, list[tuple[str, str]]]:
     best = result.best
     kept = sum(start.feasible for start in result.starts)
     head = (
-        f"FOUND, all constraints verified. Total {best.total:.4f}; {kept} of {len(result.starts)} starts "
-        f"kept all constraints, {result.seconds:.1f} s, seed {result.seed}."
+        f"FOUND, all constraints verified{_scope(best)}. Total {best.total:.4f}; "
+        f"{kept} of {len(result.starts)} starts kept all constraints, "
+        f"{result.seconds:.1f} s, seed {result.seed}."
     )
     lines = [*_pose_lines(best), *_criteria_lines(best), *_margin_lines(best)]
     active = "; ".join(str(m) for m in best.active) or "none: the optimum is inside all limits"
@@ -112,6 +114,10 @@ def _found(result: PlacementResult) -> tuple[str, list[tuple[str, str]]]:
     for number, other in enumerate(result.places[1:], 2):
         lines.append((f"no. {number}", _alternative(other)))
     return head, lines
+
+
+def _scope(placement: Placement) -> str:
+    return "" if placement.problem.collision_checked else NO_COLLISION
 
 
 def _refusal(error: NoPlacementError) -> tuple[str, list[tuple[str, str]]]:

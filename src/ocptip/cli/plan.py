@@ -151,7 +151,7 @@ class PlanReport(Report):
 
     def to_text(self) -> str:
         """The summary in one line, then starts, time scales and files. ASCII only, but for names."""
-        lines = [("starts", self._starts())]
+        lines = [("starts", self._starts()), ("collision", self.plan.check.collision_text)]
         if self.execution:
             lines.append(("controller", self._controller(self.execution)))
         if "choices" in self.plan.options:
@@ -173,7 +173,7 @@ class PlanReport(Report):
         name = max(("GN", "GT"), key=lambda n: checked.worst[n].value / checked.worst[n].limit)
         worst = checked.worst[name]
         parts = [
-            f"{plan.task.name}: {'VERIFIED' if checked.verified else 'NOT VERIFIED'}. "
+            f"{plan.task.name}: {'VERIFIED' if checked.verified else 'NOT VERIFIED'}{checked.scope}. "
             f"{checked.energy:.1f} J in {checked.duration:.3f} s",
             f"worst reserve {name} {worst.value:.3f} (limit {worst.limit:g}) at {worst.time:.3f} s",
         ]

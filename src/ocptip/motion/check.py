@@ -26,6 +26,9 @@ INSIDE = 1.5e-9
 MOST_INSTANTS = 1_000_000
 """Largest number of instants of the first grid: some 3 GB of memory."""
 
+NO_COLLISION = " (contacts and drives; collision not checked)"
+"""Follows verdicts of mechanisms without collision geometry."""
+
 _MIN_POINTS = 5
 _ROUNDS = 8
 _NEAREST = 6
@@ -47,6 +50,7 @@ class MotionCheck:
         violations: one sentence per broken limit, empty if verified.
         samples: number of instants evaluated.
         stands: no contact is lost at any sampled instant, whatever other limits are broken.
+        collision: what was looked at, and the smallest distance, see `Collisions.to_dict`.
     """
 
     verified: bool
@@ -56,6 +60,22 @@ class MotionCheck:
     violations: tuple[str, ...]
     samples: int
     stands: bool
+    collision: dict[str, Any]
+
+    @property
+    def scope(self) -> str:
+        """What a verdict is about, in words that follow it; empty where nothing was left out."""
+        return "" if self.collision["checked"] else NO_COLLISION
+
+    @property
+    def collision_text(self) -> str:
+        """Which collisions were looked for, and the smallest distance, in words."""
+        found = self.collision
+        if not found["checked"]:
+            return "not checked: no collision geometry"
+        least = found["least"]
+        gap = f"{1e3 * least['distance_m']:.1f} mm between {' and '.join(least['between'])}"
+        return f"{found['pairs']} pairs ({found['source']}), least {gap}"
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
@@ -67,6 +87,7 @@ class MotionCheck:
             "violations": list(self.violations),
             "samples": self.samples,
             "stands": self.stands,
+            "collision": self.collision,
         }
 
 
@@ -133,7 +154,14 @@ def check_motion(
         violations=tuple(violations),
         samples=samples,
         stands=holding,
+        collision=robot.collision.to_dict(_nearest(motion, worst)),
     )
+
+
+def _nearest(motion: Motion, worst: list[Worst]) -> np.ndarray:
+    """Coordinates (n,) at the smallest distance."""
+    times = [w.time for w in worst if w.name == "clearance_m"]
+    return motion.states(np.array(times))[0][0]
 
 
 class _Grid:

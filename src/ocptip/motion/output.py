@@ -66,6 +66,7 @@ def plan_to_dict(plan: MotionPlan) -> dict[str, Any]:
         "violations": checked.violations,
         "worst": checked.to_dict()["worst"],
         **plan.task.robot.masses_to_dict(),
+        "collision": checked.collision,
         **({"units": motion["units"]} if "units" in motion else {}),
         "start": motion["start"],
         "goal": np.where(np.array(units) == "rad", np.rad2deg(goal), goal),

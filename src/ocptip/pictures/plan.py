@@ -119,7 +119,7 @@ class _Curves:
     def title(self) -> str:
         """Case, verdict, energy and duration."""
         checked = self.plan.check
-        verdict = "verified" if checked.verified else "NOT verified"
+        verdict = ("verified" if checked.verified else "NOT verified") + checked.scope
         return f"{self.plan.task.name}: {verdict}, {checked.energy:.1f} J in {checked.duration:.3f} s"
 
 

@@ -8,13 +8,17 @@ from typing import Any
 
 import numpy as np
 from matplotlib.patches import Circle, Polygon
+from scipy.spatial import ConvexHull, QhullError
 
 from ocptip.pictures import frame
 from ocptip.placement.ground import HeightField
 from ocptip.placement.problem import PlacementProblem
 from ocptip.placement.result import Placement
 from ocptip.placement.stand import Stood
-from ocptip.robots.geometry import Pillar, Wall
+from ocptip.robots.collision.distances import RESTING
+from ocptip.robots.collision.model import solids_of
+from ocptip.robots.collision.shapes import Shape
+from ocptip.robots.geometry import Obstacle, Solid, Wall
 from ocptip.robots.kinematics import link_frames
 
 COLORS = frame.COLORS[:6]  # of tasks
@@ -82,6 +86,8 @@ class View:
             ax.add_patch(Polygon(outline, closed=True, fc=color, alpha=0.12, ec="none"))
             ax.plot(*mount.T, color=color, lw=4, solid_capstyle="round")
             centres = self.flat(in_world(placement, problem.base_spheres[:, :3]))
+            for shape in base_solids(placement):
+                self.solid(ax, shape, fc="none", ec=color, lw=0.8)
             for centre, radius in zip(centres, problem.base_spheres[:, 3], strict=True):
                 ax.add_patch(Circle(centre, radius, fc="none", ec=color, lw=0.6, ls=":"))
         if label:
@@ -90,7 +96,7 @@ class View:
     def arms(self, ax: Any, placement: Placement, *, faint: bool = False) -> None:
         """The arm in every task."""
         radii = [r for spheres in placement.problem.robot.arm.sphere_sets for r in spheres.radii]
-        for number, (chain, centres) in enumerate(chains(placement)):
+        for number, (q, (chain, centres)) in enumerate(zip(placement.angles, chains(placement), strict=True)):
             color = OTHER if faint else COLORS[number % len(COLORS)]
             style = (
                 {"lw": 0.8, "alpha": 0.5} if faint else {"lw": 4.0, "marker": "o", "ms": 6, "mfc": "white"}
@@ -100,6 +106,8 @@ class View:
             if not faint:
                 for centre, radius in zip(self.flat(centres), radii, strict=True):
                     ax.add_patch(Circle(centre, radius, fc=color, ec="none", alpha=0.10))
+                for shape in arm_solids(placement, q):
+                    self.solid(ax, shape, fc=color, ec="none", alpha=0.10)
 
     def loads(self, ax: Any, placement: Placement, limits: Any) -> None:
         """Process forces, as arrows that end in G."""
@@ -108,8 +116,8 @@ class View:
                 arrow = {"arrowstyle": "-|>", "color": LOAD, "lw": 1.8, "shrinkA": 0, "shrinkB": 4}
                 ax.annotate("", tip, tail, arrowprops=arrow, zorder=6)
 
-    def obstacle(self, ax: Any, obstacle: Wall | Pillar, limits: Any, *, forbidden: bool) -> None:
-        """The part of a wall or pillar that the picture shows."""
+    def obstacle(self, ax: Any, obstacle: Obstacle, limits: Any, *, forbidden: bool) -> None:
+        """The part of a wall, pillar or solid that the picture shows."""
         style = {"fc": SOLID, "ec": "#5a5a5a", "alpha": 0.5, "lw": 1.2}
         if forbidden:
             style = {"fc": "none", "ec": FORBIDDEN, "hatch": "///", "lw": 1.0, "alpha": 0.6}
@@ -121,6 +129,9 @@ class View:
             if len(corners):
                 ax.add_patch(Polygon(corners, closed=True, **style))
             return
+        if isinstance(obstacle, Solid):
+            self.solid(ax, obstacle.shape, **style)
+            return
         axis, point = self.flat(obstacle.axis), self.flat(obstacle.point)
         if np.linalg.norm(axis) < _ALONG:
             ax.add_patch(Circle(point, obstacle.radius, **style))
@@ -131,6 +142,15 @@ class View:
         ax.add_patch(
             Polygon([point - far - side, point - far + side, point + far + side, point + far - side], **style)
         )
+
+    def solid(self, ax: Any, shape: Shape, **style: Any) -> None:
+        """The outline of a solid in world axes."""
+        corners = self.flat(shape.outline())
+        if shape.thickness:
+            angles = np.linspace(0, 2 * np.pi, 33)
+            circle = shape.thickness * np.array([np.cos(angles), np.sin(angles)]).T
+            corners = (corners[:, None] + circle).reshape(-1, 2)
+        ax.add_patch(Polygon(_hull(corners), closed=True, **style))
 
     def ground(self, ax: Any, placement: Placement, limits: Any) -> None:
         """The tangent plane of the ground under the base; of uneven ground a profile through the base."""
@@ -167,7 +187,7 @@ def half_plane(normal: np.ndarray, level: float, limits: Any) -> np.ndarray:
     return np.array(corners)
 
 
-def obstacles_of(problem: PlacementProblem) -> Iterator[tuple[Wall | Pillar, bool]]:
+def obstacles_of(problem: PlacementProblem) -> Iterator[tuple[Obstacle, bool]]:
     """Obstacles of the world, and whether they are for the base only."""
     for obstacle in problem.keep_out:
         yield obstacle, True
@@ -201,3 +221,30 @@ def chains(placement: Placement) -> Iterator[tuple[np.ndarray, np.ndarray]]:
             centres.append(origin + spheres.centres @ turn.T)
         flat = np.concatenate(centres) if centres else np.empty((0, 3))
         yield in_world(placement, frames.origins), in_world(placement, flat)
+
+
+def base_solids(placement: Placement) -> Iterator[Shape]:
+    """Shapes of the base and solids that are fixed to it, in world axes."""
+    robot = placement.problem.robot
+    fixed = [s.shape for s in robot.shapes]
+    for shape in [*fixed, *(o.shape for o in robot.obstacles if isinstance(o, Solid))]:
+        yield shape.placed(placement.base_rotation, placement.base_position)
+
+
+def arm_solids(placement: Placement, q: np.ndarray) -> Iterator[Shape]:
+    """Solids of the arm at q (n,), rad, in world axes."""
+    arm = placement.problem.robot.arm
+    if arm.geometry is None:
+        return
+    frames = link_frames(arm, q)
+    for _, body, shape in solids_of(arm, arm.geometry):
+        own = shape if body == RESTING else shape.placed(frames.rotations[body], frames.origins[body])
+        yield own.placed(placement.base_rotation, placement.base_position)
+
+
+def _hull(points: np.ndarray) -> np.ndarray:
+    """Corners (k, 2) of the convex hull; all points where they lie on a line."""
+    try:
+        return points[ConvexHull(points).vertices]
+    except QhullError:
+        return points

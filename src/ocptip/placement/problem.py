@@ -312,6 +312,11 @@ class PlacementProblem:
                 )
         self._fill_in()
 
+    @property
+    def collision_checked(self) -> bool:
+        """Whether collisions of the arm are a matter of this problem: its geometry is known."""
+        return self.robot.arm.may_collide
+
     def _fill_in(self) -> None:
         setter, support = object.__setattr__, self.robot.support
         if self.base_spheres is None:

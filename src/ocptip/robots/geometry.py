@@ -23,6 +23,7 @@ from ocptip.robots.kinematics import chain
 from ocptip.robots.model import ArmModel, SphereSet, joint_states
 
 _ENDLESS = 40.0  # m
+_TANGENTS = 300
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,12 +143,12 @@ class Solid:
     def gap(self, centre: cs.SX, radius: float) -> cs.SX:
         """Signed distance of a sphere from the solid's faces, at most that from the solid, m."""
         normals, levels = self._faces
-        return cs.mmax(cs.DM(normals) @ centre + cs.DM(levels)) - radius - self.shape.thickness
+        return cs.mmax(cs.DM(normals) @ centre + cs.DM(levels)) - radius
 
     def gaps(self, centres: np.ndarray, radii: np.ndarray) -> np.ndarray:
         """`gap` (..., k) of many spheres: centres (..., k, 3) and radii (k,), m."""
         normals, levels = self._faces
-        return np.max(centres @ normals.T + levels, axis=-1) - radii - self.shape.thickness
+        return np.max(centres @ normals.T + levels, axis=-1) - radii
 
     def placed(self, rotation: np.ndarray, position: np.ndarray) -> Self:
         """The same in other axes, in which the present ones sit at this pose ((3, 3); (3,), m)."""
@@ -156,8 +157,13 @@ class Solid:
     @cached_property
     def _faces(self) -> tuple[np.ndarray, np.ndarray]:
         """Outward normals (f, 3) and levels (f,), m: of the solid are the points with n . p + level <= 0."""
-        equations = ConvexHull(self.shape.outline()).equations
-        return equations[:, :3], equations[:, 3]
+        corners = self.shape.outline()
+        if not self.shape.thickness:
+            equations = ConvexHull(corners).equations
+            return equations[:, :3], equations[:, 3]
+        normals = np.random.default_rng(0).normal(size=(_TANGENTS, 3))  # of planes about a round one
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        return normals, -np.max(normals @ corners.T, axis=1) - self.shape.thickness
 
 
 Obstacle = Wall | Pillar | Solid

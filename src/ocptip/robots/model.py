@@ -226,6 +226,11 @@ class ArmModel:
         ways = np.maximum(np.abs(self.limits.angle_min), np.abs(self.limits.angle_max))[self.prismatic]
         return float(np.linalg.norm(self.offsets, axis=1).sum() + ways[np.isfinite(ways)].sum())
 
+    @property
+    def may_collide(self) -> bool:
+        """Whether it is known where the arm is: by solids or spheres."""
+        return self.geometry is not None or bool(self.sphere_sets)
+
     def mounted(self, position: Sequence[float], rotation: np.ndarray | None = None) -> ArmModel:
         """The same arm in another base frame, in which the present one sits at `position` and `rotation`.
 

@@ -156,7 +156,7 @@ def require_geometry(data: Table, arm: ArmModel, *keys: str, hint: str = "") -> 
     Raises:
         InputError: the arm has neither collision geometry nor spheres; `hint` ends the message.
     """
-    if arm.geometry is None and not arm.sphere_sets:
+    if not arm.may_collide:
         for key in keys:
             if data.tables(key):
                 missing = "the arm has no collision geometry to check"

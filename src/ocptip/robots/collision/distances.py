@@ -13,7 +13,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from typing import Any
 
 import casadi as cs
 import numpy as np
@@ -56,6 +55,8 @@ class Distances:
         self._shapes = [shape for _, shape in solids]
         self._bodies = np.array([body for body, _ in solids], dtype=int)
         self._solids = [shape.solid() for shape in self._shapes]
+        self._turns = np.array([shape.rotation for shape in self._shapes]).reshape(-1, 3, 3)
+        self._shifts = np.array([shape.position for shape in self._shapes]).reshape(-1, 3)
         self._bounds = _Bounds(self._shapes, self._bodies)
         self._coal = load_coal()
         self._request, self._result = self._coal.DistanceRequest(), self._coal.DistanceResult()
@@ -72,7 +73,7 @@ class Distances:
         axes, origins = self._poses(y)
         bounds = self._bounds(axes, origins, self.pairs)
         i, k = np.nonzero(bounds < below)
-        bounds[i, k] = self._nearest(axes, origins, i, k).distances
+        bounds[i, k] = self._nearest(axes, origins, i, k, points=False).distances
         return bounds
 
     def least(self, y: np.ndarray) -> Contact:
@@ -138,30 +139,35 @@ class Distances:
         return axes.reshape(len(y), -1, 3, 3), origins
 
     def _nearest(
-        self, axes: np.ndarray, origins: np.ndarray, states: np.ndarray, pairs: np.ndarray
+        self,
+        axes: np.ndarray,
+        origins: np.ndarray,
+        states: np.ndarray,
+        pairs: np.ndarray,
+        points: bool = True,
     ) -> Contact:
-        coal, request, result = self._coal, self._request, self._result
-        rows = len(states)
-        distances, normals, points = np.empty(rows), np.empty((rows, 3)), np.empty((rows, 2, 3))
-        placed: dict[tuple[int, int], Any] = {}
-
-        def pose(state: int, solid: int) -> Any:
-            key = (state, solid)
-            if key not in placed:
-                shape = self._shapes[solid]
-                turn, origin = axes[state, self._bodies[solid]], origins[state, self._bodies[solid]]
-                placed[key] = coal.Transform3s(turn @ shape.rotation, origin + turn @ shape.position)
-            return placed[key]
-
-        for r, (state, pair) in enumerate(zip(states.tolist(), pairs.tolist(), strict=True)):
-            a, b = self.pairs[pair]
+        """Of some pairs at some states; if not asked for, normals and points are empty."""
+        rows, distance, result = len(states), self._coal.distance, self._result
+        distances, found = np.empty(rows), np.empty((rows, 3, 3)) if points else None
+        solids = np.array(self.pairs, dtype=int).reshape(-1, 2)[pairs]
+        number = len(self._shapes)
+        wanted, which = np.unique(states[:, None] * number + solids, return_inverse=True)
+        state, solid = np.divmod(wanted, number)
+        turn, origin = axes[state, self._bodies[solid]], origins[state, self._bodies[solid]]
+        turns = turn @ self._turns[solid]
+        shifts = origin + np.einsum("pab,pb->pa", turn, self._shifts[solid])
+        poses = [self._coal.Transform3s(*pose) for pose in zip(turns, shifts, strict=True)]
+        both = which.reshape(-1, 2).tolist()
+        for r, ((a, b), (p, q)) in enumerate(zip(solids.tolist(), both, strict=True)):
             result.clear()
-            distances[r] = coal.distance(
-                self._solids[a], pose(state, a), self._solids[b], pose(state, b), request, result
+            distances[r] = distance(
+                self._solids[a], poses[p], self._solids[b], poses[q], self._request, result
             )
-            normals[r] = result.normal
-            points[r, 0], points[r, 1] = result.getNearestPoint1(), result.getNearestPoint2()
-        return Contact(np.asarray(states), np.asarray(pairs), distances, normals, points)
+            if found is not None:
+                found[r] = result.normal, result.getNearestPoint1(), result.getNearestPoint2()
+        if found is None:
+            return Contact(states, pairs, distances)
+        return Contact(states, pairs, distances, found[:, 0], found[:, 1:])
 
     def _moved(
         self,
