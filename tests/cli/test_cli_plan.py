@@ -72,11 +72,12 @@ def test_files_figures_and_summary(planner, capsys, tmp_path, monkeypatch):
         f"{worst.time:.3f} s, 1.000 of the reference's 221.9 J."
     )
     assert lines[1] == "starts     1 of 2 verified, 43 iterations, 2.5 s, seed 3"
+    assert lines[2].startswith("collision  ")
     directory = tmp_path / "ocptip-plan-C"
     names = [*FILES, "plan.png"]
-    assert lines[2].startswith("tolerates  floor tilted by ")
-    assert lines[8] == "masses     base 3.45 kg, arm 15.71 kg; together 19.16 kg"
-    assert lines[9] == f"written    ocptip-plan-C/: {', '.join(names)}"
+    assert lines[3].startswith("tolerates  floor tilted by ")
+    assert lines[9] == "masses     base 3.45 kg, arm 15.71 kg; together 19.16 kg"
+    assert lines[10] == f"written    ocptip-plan-C/: {', '.join(names)}"
     assert sorted(path.name for path in directory.iterdir()) == sorted(names)
     assert out.isascii()
     assert (directory / "plan.png").read_bytes().startswith(b"\x89PNG")

@@ -239,10 +239,10 @@ def test_poses_take_the_shortest_usable_pair_of_branches(tmp_path):
     ("change", "message"),
     [
         ({"start": [0, 3.0, 0, 0, 0, 0]}, r"start: joint 2 at 171\.89 degrees is outside its limits -"),
-        ({"goal": [0, 2.5, 0, 0, 0, 0]}, r"goal: collision: spheres .* and floor overlap by \d+\.\d mm"),
+        ({"goal": [0, 2.5, 0, 0, 0, 0]}, r"goal: collision: .* and floor overlap by \d+\.\d mm"),
         (
             {"limits": MotionLimits(clearance=1.0)},
-            r"start: spheres .* are \d+\.\d mm apart, must be >= 1000",
+            r"start: .* are \d+\.\d mm apart, must be >= 1000",
         ),
         (
             {"limits": MotionLimits(torque_ratio=0.01)},
@@ -398,14 +398,17 @@ POSE = "goal_pose = { position = [0.2, 0, 0.5], rpy_deg = [0, 90, 0] }"
         (changed(URDF, start_deg="start_deg = { hip = 3 }"), "motion.start_deg: no value for knee"),
         (changed(URDF, start_deg="start_m = [1]"), "motion.start_deg: expected either start_deg or start_p"),
         (changed(URDF, start_deg="start_deg = [1, 2]\nstart_m = [1]"), "motion.start_m: unknown key"),
-        (URDF.replace("sphere_radius = 0.04", "excluded_links = [[1, 2]]"), "arm.excluded_links: without"),
+        (
+            URDF.replace("sphere_radius = 0.04", "excluded_links = [[1, 2]]"),
+            "arm.excluded_links: there is nothing to exclude",
+        ),
         (
             URDF.replace("= 0.04", "= 0.04\nexcluded_links = [[1, 3]]"),
             "arm.excluded_links: expected two of the",
         ),
         (
             changed(URDF, sphere_radius=None) + '[[obstacle]]\nkind = "floor"\nheight = 0',
-            "no collision spheres",
+            "no collision geometry",
         ),
         ("name = 3\n" + MODULAR, "name: expected a text, got 3"),
         ("[arm", "broken TOML"),
@@ -476,7 +479,7 @@ def test_ur5_refuses_what_cannot_be(root, tmp_path):
     assert any(reason.startswith("start: the base does not stand at rest") for reason in reasons), reasons
     low = text.replace("0.30, 0.50, 0.90", "0.30, 0.50, 0.60")
     reasons = refusals(load(tmp_path, low))
-    assert any(re.match("start: collision: spheres link .* and floor overlap by", r) for r in reasons), (
+    assert any(re.match("start: collision: .*_link and floor overlap by", r) for r in reasons), (
         reasons
     )
 

@@ -6,11 +6,11 @@ Solids other than spheres are the matter of `robots.collision`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from types import MappingProxyType
-from typing import Any, Self
+from itertools import combinations
+from typing import Self
 
 import casadi as cs
 import numpy as np
@@ -18,6 +18,7 @@ from scipy.spatial import ConvexHull
 
 from ocptip.basics.errors import InputError, finite_array, number_from, positive_number
 from ocptip.numerics.batch import BatchFunction
+from ocptip.robots.collision.gaps import POSTURES, TOUCHING, Collisions, Contact, GapLabel, random_postures
 from ocptip.robots.collision.shapes import Capsule, HalfSpace, Shape
 from ocptip.robots.kinematics import chain
 from ocptip.robots.model import ArmModel, SphereSet, joint_states
@@ -169,115 +170,6 @@ class Solid:
 Obstacle = Wall | Pillar | Solid
 
 
-@dataclass(frozen=True, eq=False)
-class Contact:
-    """Nearest points of some pairs at some states, r rows.
-
-    Attributes:
-        states, pairs: (r,).
-        distances: (r,), m; negative: by how much they overlap.
-        normals: (r, 3), unit vectors from the first to the second.
-        points: (r, 2, 3), m, on the surfaces; of spheres normals and points are not known.
-    """
-
-    states: np.ndarray
-    pairs: np.ndarray
-    distances: np.ndarray
-    normals: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
-    points: np.ndarray = field(default_factory=lambda: np.empty((0, 2, 3)))
-
-
-@dataclass(frozen=True)
-class GapLabel:
-    """What a signed distance is between.
-
-    Attributes:
-        first: sphere set and number of its sphere, counted from 1, e.g. "5[2]".
-        second: another such, or the obstacle's name.
-    """
-
-    first: str
-    second: str
-
-    def __str__(self) -> str:
-        return f"{self.first} and {self.second}"
-
-
-class Collisions:
-    """Signed distances of a mechanism with n coordinates; this one has nothing to hit.
-
-    Attributes:
-        labels: one per signed distance.
-        source: in words, what stands for the mechanism.
-        apart: pairs of names that are left out, with the reason.
-    """
-
-    labels: tuple[GapLabel, ...] = ()
-    source = ""
-    apart: Mapping[frozenset[str], str] = MappingProxyType({})
-
-    def __init__(self, n: int) -> None:
-        self.n = n
-
-    def gaps(self, q: np.ndarray, below: float = np.inf) -> np.ndarray:
-        """Signed distances (N, m) or (m,), m, at q (N, n) or (n,), rad, in the order of `labels`.
-
-        Those above `below` (m) may be replaced by lower bounds above it.
-
-        Raises:
-            InputError: wrong shape or not finite.
-        """
-        return np.empty((*np.shape(q)[:-1], 0))
-
-    def slopes(self, q: np.ndarray, states: np.ndarray, pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Distances (r,), m, and slopes (r, n) over q (N, n) in rows of states and numbers of pairs (r,)."""
-        raise NotImplementedError
-
-    def curvature(self, q: np.ndarray, states: np.ndarray, pairs: np.ndarray, on: np.ndarray) -> np.ndarray:
-        """(N, n, n): second derivatives over q (N, n) of the sum of on (r,) times the distances, by state."""
-        raise NotImplementedError
-
-    def nearest(self, q: np.ndarray) -> Contact:
-        """The nearest pair at each of the states q (N, n), rad, in their order; there must be a pair."""
-        raise NotImplementedError
-
-    def least(self, q: np.ndarray) -> np.ndarray:
-        """(N,), m: smallest signed distances; infinite where there is nothing to hit."""
-        return self.nearest(q).distances if self.labels else np.full(len(q), np.inf)
-
-    def worst(self, q: np.ndarray) -> tuple[float, GapLabel | None, int]:
-        """Smallest signed distance (m) over all states, what it is between, and the state's index.
-
-        Infinite and without label if there is nothing to collide with.
-        """
-        if not self.labels or not np.size(q):
-            return np.inf, None, 0
-        found = self.nearest(np.atleast_2d(q))
-        state = int(np.argmin(found.distances))
-        return float(found.distances[state]), self.labels[found.pairs[state]], state
-
-    def to_dict(self, q: np.ndarray | None = None) -> dict[str, Any]:
-        """What is checked, as plain data for JSON.
-
-        Args:
-            q: (n,), rad, of the smallest distance; with it that distance, its names and nearest points (m,
-                base axes) are given.
-        """
-        if not self.labels:
-            return {"checked": False}
-        data: dict[str, Any] = {"checked": True, "source": self.source, "pairs": len(self.labels)}
-        data["left_out"] = [{"pair": sorted(pair), "reason": why} for pair, why in self.apart.items()]
-        if q is not None:
-            found = self.nearest(q[None])
-            label = self.labels[found.pairs[0]]
-            data["least"] = {
-                "distance_m": float(found.distances[0]),
-                "between": [label.first, label.second],
-                "points_m": found.points.reshape(-1, 3).tolist() or None,
-            }
-        return data
-
-
 class CollisionModel(Collisions):
     """All signed distances of an arm of spheres among floor, walls and pillars, as CasADi function, too.
 
@@ -309,6 +201,11 @@ class CollisionModel(Collisions):
                 for m, (b, radius_b) in enumerate(zip(centres[second], sets[second].radii, strict=True), 1):
                     gaps.append(_length(a - b) - radius_a - radius_b)  # (4.32)
                     labels.append(GapLabel(f"{first}[{k}]", f"{second}[{m}]"))
+        self.apart = {
+            frozenset((a.name, b.name)): "neighbours" if abs(a.link - b.link) <= 1 else "excluded"
+            for a, b in combinations(model.sphere_sets, 2)
+            if not {(a.name, b.name), (b.name, a.name)} & set(model.collision_pairs)
+        }
         self.model = model
         self.labels = tuple(labels)
         self.function = cs.Function("gaps", [q], [cs.vertcat(*gaps)], ["q"], ["gaps"])
@@ -373,6 +270,17 @@ def spheres_along_links(
         steps = np.linspace(0, 1, int(np.ceil(length / radius)) + 1)
         sets.append(SphereSet(f"link {link}", link, steps[:, None] * offset, np.full(len(steps), radius)))
     return tuple(sets)
+
+
+def never_part(model: ArmModel) -> list[tuple[str, str]]:
+    """Pairs of sphere sets that are checked, but touch in each of many random postures."""
+    collision = CollisionModel(model)
+    gaps = collision.gaps(random_postures(model, POSTURES))
+    touching: dict[tuple[str, str], np.ndarray] = {}
+    names = [tuple(name.split("[")[0] for name in (x.first, x.second)) for x in collision.labels]
+    for pair, gap in zip(names, gaps.T, strict=True):
+        touching[pair] = touching.get(pair, False) | (gap < TOUCHING)
+    return [pair for pair, touches in touching.items() if touches.all()]
 
 
 def sphere_centres(model: ArmModel) -> cs.Function:

@@ -9,10 +9,11 @@ import numpy as np
 
 from ocptip.contact.support import Support
 from ocptip.reserves.slip import Redistribution
+from ocptip.robots.collision.gaps import Collisions
 from ocptip.robots.collision.model import ShapeCollisions
 from ocptip.robots.collision.shapes import BodyShape
 from ocptip.robots.dynamics import evaluate_dynamics, inverse_dynamics
-from ocptip.robots.geometry import CollisionModel, Collisions, Obstacle, Pillar, Wall
+from ocptip.robots.geometry import CollisionModel, Obstacle, Pillar, Wall
 from ocptip.robots.model import ArmModel
 from ocptip.robots.motors import Motors
 from ocptip.robots.payload import Payload

@@ -21,7 +21,7 @@ from ocptip.contact.solver import ContactStates, solve_many
 from ocptip.contact.support import Support
 from ocptip.reserves.slip import Redistribution, Slip, SlipReserve
 from ocptip.reserves.tipping import TipOver, TipOverReserve
-from ocptip.robots.geometry import Collisions
+from ocptip.robots.collision.gaps import Collisions
 from ocptip.robots.model import JointLimits
 from ocptip.robots.motors import Motors
 from ocptip.robots.payload import Payload

@@ -23,7 +23,7 @@ from ocptip.parallel.dynamics.base_wrench import base_wrench, moving_mass
 from ocptip.parallel.minimal_form import minimal_form
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.reserves.slip import Redistribution
-from ocptip.robots.geometry import Collisions
+from ocptip.robots.collision.gaps import Collisions
 from ocptip.robots.model import JointLimits
 from ocptip.robots.motors import Motors
 from ocptip.robots.payload import Payload

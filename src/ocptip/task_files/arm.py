@@ -14,7 +14,7 @@ from ocptip.published.arms import load_arm
 from ocptip.robots.collision.model import geometry_of_spheres
 from ocptip.robots.collision.shapes import BodyShape
 from ocptip.robots.collision.urdf import geometry_from_urdf
-from ocptip.robots.geometry import spheres_along_links
+from ocptip.robots.geometry import never_part, spheres_along_links
 from ocptip.robots.model import ArmModel
 from ocptip.robots.urdf import arm_from_urdf
 from ocptip.robots.urdf_file import read_urdf
@@ -182,4 +182,6 @@ def _with_spheres(arm: ArmModel, table: Table, link_names: Sequence[str]) -> Arm
     for pair in excluded:
         if not isinstance(pair, list) or len(pair) != 2 or not all(i in list(names) for i in pair):
             raise table.error(f"expected two of the links {', '.join(map(str, names))}, got {pair!r}", where)
-    return arm.with_spheres(sets, excluded_pairs=[(names[a], names[b]) for a, b in excluded])
+    given = [(names[a], names[b]) for a, b in excluded]
+    arm = arm.with_spheres(sets, excluded_pairs=given)
+    return arm.with_spheres(sets, excluded_pairs=[*given, *never_part(arm)])

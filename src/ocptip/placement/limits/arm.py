@@ -187,7 +187,7 @@ class Clearance(Limit):
             add(*self._solids.gaps(found))
             return rows
         if self._collision.labels:
-            add([str(label) for label in self._collision.labels], self._collision.gaps(found.q))
+            add([f"{x.first} and {x.second}" for x in self._collision.labels], self._collision.gaps(found.q))
         if self._against:
             world = found.world(self._spheres(found.q)[0].transpose(0, 2, 1))
             for obstacle, index, radii, labels in self._against:
@@ -198,7 +198,7 @@ class Clearance(Limit):
         """One of all gaps, for all tasks."""
         if self._solids:
             return self._solids.functions(at, self.kind)
-        gaps, names = [], [str(label) for label in self._collision.labels]
+        gaps, names = [], [f"{x.first} and {x.second}" for x in self._collision.labels]
         if names:
             gaps.append(self._collision.function(at.q))
         if self._against:

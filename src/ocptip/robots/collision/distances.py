@@ -18,8 +18,8 @@ import casadi as cs
 import numpy as np
 
 from ocptip.numerics.batch import BatchFunction
+from ocptip.robots.collision.gaps import Contact
 from ocptip.robots.collision.shapes import HalfSpace, Shape, enclosing_capsule
-from ocptip.robots.geometry import Contact
 from ocptip.robots.pinocchio import load_coal
 
 RESTING = -1

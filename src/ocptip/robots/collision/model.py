@@ -9,16 +9,18 @@ import casadi as cs
 import numpy as np
 
 from ocptip.robots.collision.distances import RESTING, Distances
+from ocptip.robots.collision.gaps import (
+    POSTURES,
+    TOUCHING,
+    Collisions,
+    Contact,
+    GapLabel,
+    random_postures,
+)
 from ocptip.robots.collision.shapes import ArmGeometry, Ball, BodyShape, Shape
-from ocptip.robots.geometry import Collisions, Contact, Floor, GapLabel, Obstacle
+from ocptip.robots.geometry import Floor, Obstacle
 from ocptip.robots.kinematics import chain
 from ocptip.robots.model import ArmModel, joint_states
-
-POSTURES = 200
-"""Random postures in which pairs that never part are looked for."""
-
-TOUCHING = 1e-3
-"""Solids nearer than this, m, in all of these postures never part."""
 
 _NEVER = "never part"
 _BY_HAND = "excluded"
@@ -146,15 +148,6 @@ def geometry_of_spheres(arm: ArmModel) -> ArmGeometry:
     names = [frozenset((a.name, b.name)) for a, b in combinations(arm.sphere_sets, 2)]
     apart = {pair: _BY_HAND for pair in names if pair not in checked}
     return ArmGeometry(tuple(shapes), apart, "spheres")
-
-
-def random_postures(arm: ArmModel, count: int) -> np.ndarray:
-    """(count, n) joint angles, rad: the neutral ones first, then seeded random ones within the limits."""
-    low, high = arm.limits.angle_min, arm.limits.angle_max
-    low, high = np.where(np.isfinite(low), low, -np.pi), np.where(np.isfinite(high), high, np.pi)
-    drawn = np.random.default_rng(0).uniform(low, high, (count, arm.n))
-    drawn[0] = np.clip(0.0, low, high)
-    return drawn
 
 
 def link_frames_function(arm: ArmModel) -> cs.Function:

@@ -16,7 +16,6 @@ WORTHWHILE = 0.93
 """Volume of the parts, relative to the whole, up to which a cut is made."""
 
 _LEVELS = (0.15, 0.3, 0.5, 0.7, 0.85)
-
 _DIRECTIONS = np.random.default_rng(0).normal(size=(150, 3))
 
 
@@ -27,65 +26,64 @@ def convex_parts(points: np.ndarray, triangles: np.ndarray) -> list[np.ndarray]:
         points: (N, 3), m.
         triangles: (T, 3), numbers of points.
     """
-    edges = np.unique(np.sort(np.vstack([triangles[:, [i, i - 1]] for i in range(3)]), axis=1), axis=0)
-    whole = _hull_volume(points)
-    if not whole > 0 or _volume(points, triangles) > WORTHWHILE * whole:
+    surface = points[triangles]
+    whole = _hull_volume(surface)
+    if not whole > 0 or _volume(surface) > WORTHWHILE * whole:
         return [points]
-    parts = [(points, edges, whole, _best_cut(points, edges))]
+    parts = [(surface, whole, _best_cut(surface))]
     while len(parts) < MOST:
-        k = max(range(len(parts)), key=lambda i: parts[i][2] - parts[i][3][0])
-        _, _, before, (after, axis, level) = parts[k]
+        k = max(range(len(parts)), key=lambda i: parts[i][1] - parts[i][2][0])
+        own, before, (after, axis, level) = parts[k]
         if after > WORTHWHILE * before:
             break
-        own, links, *_ = parts.pop(k)
-        for side in (-1.0, 1.0):
-            piece = _side(own, links, axis, level, side)
-            parts.append((*piece, _hull_volume(piece[0]), _best_cut(*piece)))
-    return [part[0] for part in parts]
+        pieces = [_side(own, axis, level, side) for side in (-1.0, 1.0)]
+        parts[k : k + 1] = [(piece, _hull_volume(piece), _best_cut(piece)) for piece in pieces]
+    return [np.unique(part[0].reshape(-1, 3), axis=0) for part in parts]
 
 
-def _best_cut(points: np.ndarray, edges: np.ndarray) -> tuple[float, int, float]:
+def _best_cut(surface: np.ndarray) -> tuple[float, int, float]:
     """Volume of both hulls after the best cut, its axis and level, m."""
     best = (np.inf, 0, 0.0)
-    low, high = points.min(axis=0), points.max(axis=0)
+    low, high = surface.min(axis=(0, 1)), surface.max(axis=(0, 1))
     for axis in range(3):
         for share in _LEVELS:
             level = float(low[axis] + share * (high[axis] - low[axis]))
-            over = points[:, axis] - level
-            section = _section(points, edges, over)[0]
-            sides = [_hull_volume(np.vstack([points[s * over >= 0], section])) for s in (-1.0, 1.0)]
-            best = min(best, (sum(sides), axis, level))
+            volumes = [_hull_volume(_side(surface, axis, level, side)) for side in (-1.0, 1.0)]
+            if min(volumes) > 0:
+                best = min(best, (sum(volumes), axis, level))
     return best
 
 
-def _side(
-    points: np.ndarray, edges: np.ndarray, axis: int, level: float, side: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Points and edges of the surface where side * (p[axis] - level) >= 0; edges of the section are new."""
-    over = side * (points[:, axis] - level)
-    cut, across = _section(points, edges, over)
-    inside = (over[edges] >= 0).all(axis=1)
-    kept = np.where(over[edges[across, 0]] > 0, edges[across, 0], edges[across, 1])
-    shortened = np.column_stack([kept, len(points) + np.arange(len(cut))])
-    used, numbers = np.unique(np.vstack([edges[inside], shortened]), return_inverse=True)
-    return np.vstack([points, cut])[used], numbers.reshape(-1, 2)
+def _side(surface: np.ndarray, axis: int, level: float, side: float) -> np.ndarray:
+    """Triangles (T, 3, 3) where side * (p[axis] - level) >= 0; those across the plane are cut."""
+    over = side * (surface[:, :, axis] - level)
+    inside = over >= 0
+    count = inside.sum(axis=1)
+    result = [surface[count == 3]]
+    for inner in (1, 2):  # corners inside; the corner that is alone comes first
+        which = np.flatnonzero(count == inner)
+        alone = np.argmax(inside[which] == (inner == 1), axis=1)
+        order = (alone[:, None] + np.arange(3)) % 3
+        corners = np.take_along_axis(surface[which], order[:, :, None], axis=1)
+        heights = np.take_along_axis(over[which], order, axis=1)
+        share = (heights[:, :1] / (heights[:, :1] - heights[:, 1:]))[:, :, None]
+        cuts = corners[:, :1] + share * (corners[:, 1:] - corners[:, :1])
+        if inner == 1:
+            result.append(np.concatenate([corners[:, :1], cuts], axis=1))
+        else:
+            result.append(np.stack([cuts[:, 0], corners[:, 1], corners[:, 2]], axis=1))
+            result.append(np.stack([cuts[:, 0], corners[:, 2], cuts[:, 1]], axis=1))
+    return np.concatenate(result)
 
 
-def _section(points: np.ndarray, edges: np.ndarray, over: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Points (k, 3) in which edges cross the plane at height 0 of heights over (N,), and these edges."""
-    first, second = over[edges].T
-    across = np.flatnonzero(first * second < 0)
-    share = (first[across] / (first[across] - second[across]))[:, None]
-    return points[edges[across, 0]] * (1 - share) + points[edges[across, 1]] * share, across
-
-
-def _volume(points: np.ndarray, triangles: np.ndarray) -> float:
-    """Of the body that the triangles bound, m^3."""
-    a, b, c = (points[triangles[:, i]] for i in range(3))
+def _volume(surface: np.ndarray) -> float:
+    """Of the body that triangles (T, 3, 3) bound, m^3."""
+    a, b, c = surface.transpose(1, 0, 2)
     return abs(float(np.sum(a * np.cross(b, c)))) / 6
 
 
-def _hull_volume(points: np.ndarray) -> float:
+def _hull_volume(surface: np.ndarray) -> float:
+    points = surface.reshape(-1, 3)
     if len(points) > len(_DIRECTIONS):  # nearly the volume, of fine meshes much sooner
         points = points[np.unique(np.argmax(points @ _DIRECTIONS.T, axis=0))]
     try:

@@ -156,7 +156,7 @@ def _disabled(srdf: str | os.PathLike[str] | None) -> dict[frozenset[str], str]:
     try:
         tree = ET.fromstring(Path(srdf).read_bytes())
     except (OSError, ET.ParseError) as error:
-        raise InputError(f"{srdf}: not a readable SRDF: {error}") from None
+        raise InputError(f"srdf: {srdf}: not a readable SRDF: {error}") from None
     return {
         frozenset((pair.get("link1", ""), pair.get("link2", ""))): f"SRDF: {pair.get('reason', 'disabled')}"
         for pair in tree.iterfind("disable_collisions")

@@ -1,0 +1,136 @@
+"""What is known of a mechanism's collisions: signed distances, what they are between, nearest points."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from ocptip.robots.model import ArmModel
+
+POSTURES = 200
+"""Random postures in which pairs that never part are looked for."""
+
+TOUCHING = 1e-3
+"""Solids nearer than this, m, in all of these postures never part."""
+
+
+@dataclass(frozen=True, eq=False)
+class Contact:
+    """Nearest points of some pairs at some states, r rows.
+
+    Attributes:
+        states, pairs: (r,).
+        distances: (r,), m; negative: by how much they overlap.
+        normals: (r, 3), unit vectors from the first to the second.
+        points: (r, 2, 3), m, on the surfaces; of spheres normals and points are not known.
+    """
+
+    states: np.ndarray
+    pairs: np.ndarray
+    distances: np.ndarray
+    normals: np.ndarray = field(default_factory=lambda: np.empty((0, 3)))
+    points: np.ndarray = field(default_factory=lambda: np.empty((0, 2, 3)))
+
+
+@dataclass(frozen=True)
+class GapLabel:
+    """What a signed distance is between.
+
+    Attributes:
+        first: sphere set and number of its sphere, counted from 1, e.g. "5[2]".
+        second: another such, or the obstacle's name; solids have no number.
+    """
+
+    first: str
+    second: str
+
+    def __str__(self) -> str:
+        return " and ".join(name.split("[")[0] for name in (self.first, self.second))
+
+
+class Collisions:
+    """Signed distances of a mechanism with n coordinates; this one has nothing to hit.
+
+    Attributes:
+        labels: one per signed distance.
+        source: in words, what stands for the mechanism.
+        apart: pairs of names that are left out, with the reason.
+    """
+
+    labels: tuple[GapLabel, ...] = ()
+    source = ""
+    apart: Mapping[frozenset[str], str] = MappingProxyType({})
+
+    def __init__(self, n: int) -> None:
+        self.n = n
+
+    def gaps(self, q: np.ndarray, below: float = np.inf) -> np.ndarray:
+        """Signed distances (N, m) or (m,), m, at q (N, n) or (n,), rad, in the order of `labels`.
+
+        Those above `below` (m) may be replaced by lower bounds above it.
+
+        Raises:
+            InputError: wrong shape or not finite.
+        """
+        return np.empty((*np.shape(q)[:-1], 0))
+
+    def slopes(self, q: np.ndarray, states: np.ndarray, pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Distances (r,), m, and slopes (r, n) over q (N, n) in rows of states and numbers of pairs (r,)."""
+        raise NotImplementedError
+
+    def curvature(self, q: np.ndarray, states: np.ndarray, pairs: np.ndarray, on: np.ndarray) -> np.ndarray:
+        """(N, n, n): second derivatives over q (N, n) of the sum of on (r,) times the distances, by state."""
+        raise NotImplementedError
+
+    def nearest(self, q: np.ndarray) -> Contact:
+        """The nearest pair at each of the states q (N, n), rad, in their order; there must be a pair."""
+        raise NotImplementedError
+
+    def least(self, q: np.ndarray) -> np.ndarray:
+        """(N,), m: smallest signed distances; infinite where there is nothing to hit."""
+        return self.nearest(q).distances if self.labels else np.full(len(q), np.inf)
+
+    def worst(self, q: np.ndarray) -> tuple[float, GapLabel | None, int]:
+        """Smallest signed distance (m) over all states, what it is between, and the state's index.
+
+        Infinite and without label if there is nothing to collide with.
+        """
+        if not self.labels or not np.size(q):
+            return np.inf, None, 0
+        found = self.nearest(np.atleast_2d(q))
+        state = int(np.argmin(found.distances))
+        return float(found.distances[state]), self.labels[found.pairs[state]], state
+
+    def to_dict(self, q: np.ndarray | None = None) -> dict[str, Any]:
+        """What is checked, as plain data for JSON.
+
+        Args:
+            q: (n,), rad, of the smallest distance; with it that distance, its names and nearest points (m,
+                base axes) are given.
+        """
+        if not self.labels:
+            return {"checked": False}
+        data: dict[str, Any] = {"checked": True, "source": self.source, "pairs": len(self.labels)}
+        data["left_out"] = [{"pair": sorted(pair), "reason": why} for pair, why in self.apart.items()]
+        if q is not None:
+            found = self.nearest(q[None])
+            label = self.labels[found.pairs[0]]
+            data["least"] = {
+                "distance_m": float(found.distances[0]),
+                "between": [label.first, label.second],
+                "points_m": found.points.reshape(-1, 3).tolist() or None,
+            }
+        return data
+
+
+def random_postures(arm: ArmModel, count: int) -> np.ndarray:
+    """(count, n) joint angles, rad: the neutral ones first, then seeded random ones within the limits."""
+    low, high = arm.limits.angle_min, arm.limits.angle_max
+    low, high = np.where(np.isfinite(low), low, -np.pi), np.where(np.isfinite(high), high, np.pi)
+    drawn = np.random.default_rng(0).uniform(low, high, (count, arm.n))
+    drawn[0] = np.clip(0.0, low, high)
+    return drawn

@@ -1,0 +1,191 @@
+"""Collision geometry of URDFs against Pinocchio, meshes against their parts, pairs that are left out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial import ConvexHull
+
+from ocptip.basics.errors import InputError
+from ocptip.robots.collision.model import ShapeCollisions, link_frames_function
+from ocptip.robots.collision.parts import MOST, convex_parts
+from ocptip.robots.collision.shapes import ArmGeometry, Ball, BodyShape, Box
+from ocptip.robots.collision.urdf import find_mesh, geometry_from_urdf
+from ocptip.robots.geometry import Pillar, Solid, Wall, floor
+from ocptip.robots.urdf import arm_from_urdf
+from tests.robots.collision.collision_urdf import box, elbow, with_collision
+
+pin = pytest.importorskip("pinocchio")
+ENDS = {"base_link": "base_link", "tool_frame": "tool0"}
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory):
+    path = with_collision(tmp_path_factory.mktemp("arm"))
+    arm = arm_from_urdf(path, **ENDS)
+    geometry = geometry_from_urdf(path, arm, base_link="base_link", locked_joints={})
+    turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    return path, replace(arm, geometry=geometry).mounted([0.1, 0.2, 0.7], turn)
+
+
+def test_distances_are_those_of_pinocchio(arm):
+    """Of the parts that are convex in the file."""
+    path, model = arm
+    robot = pin.buildModelFromUrdf(str(path))
+    geometry = pin.buildGeomFromUrdf(
+        robot, str(path), pin.GeometryType.COLLISION, package_dirs=[str(path.parent)]
+    )
+    convex = [i for i, g in enumerate(geometry.geometryObjects) if not g.meshPath.endswith(".stl")]
+    names = [robot.frames[g.parentFrame].name for g in geometry.geometryObjects]
+    for a in convex:
+        for b in convex:
+            if a < b:
+                geometry.addCollisionPair(pin.CollisionPair(a, b))
+    data, of_geometry = robot.createData(), geometry.createData()
+    collision, rng = ShapeCollisions(model), np.random.default_rng(3)
+    by_name = {frozenset((x.first, x.second)): k for k, x in enumerate(collision.labels)}
+    compared = 0
+    for q in rng.uniform(-2, 2, (20, 6)):
+        gaps = collision.gaps(q)
+        pin.computeDistances(robot, data, geometry, of_geometry, q)
+        for pair, result in zip(geometry.collisionPairs, of_geometry.distanceResults, strict=True):
+            label = frozenset((names[pair.first], names[pair.second]))
+            if label in by_name and result.min_distance > 0:
+                # our cylinders are prisms about those of the file
+                assert result.min_distance - 1.2e-3 <= gaps[by_name[label]] <= result.min_distance + 2e-6
+                compared += 1
+    assert compared > 30
+
+
+def test_all_solids_contain_their_meshes(arm):
+    path, model = arm
+    q = np.zeros(6)
+    robot = pin.buildModelFromUrdf(str(path))
+    data = robot.createData()
+    pin.framesForwardKinematics(robot, data, q)
+    frames = np.array(link_frames_function(model)(q)).reshape(-1, 12)
+    for link, length, beside in (("upper_arm_link", 0.425, 0.12), ("forearm_link", 0.392, -0.01)):
+        pose = data.oMf[robot.getFrameId(link)]
+        points = elbow(length, beside)[0] @ pose.rotation.T + pose.translation
+        points = points @ np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]).T + [0.1, 0.2, 0.7]
+        own = [s for s in model.geometry.shapes if s.name == link]
+        assert 1 < len(own) <= MOST
+        inside = np.zeros(len(points), dtype=bool)
+        for s in own:
+            turn, origin = frames[s.body - 1, :9].reshape(3, 3), frames[s.body - 1, 9:]
+            faces = ConvexHull(origin + s.shape.outline() @ turn.T).equations
+            inside |= (points @ faces[:, :3].T + faces[:, 3] <= 1e-6).all(axis=1)
+        assert inside.all()
+
+
+@settings(max_examples=10, deadline=None)
+@given(seed=st.integers(0, 10**6))
+def test_parts_contain_the_body_and_less_than_its_hull(seed):
+    rng = np.random.default_rng(seed)
+    points, triangles = elbow(rng.uniform(0.3, 0.6), 0.0)
+    points = points * rng.uniform(0.5, 2.0, 3)
+    solids = [points[i : i + 8] for i in (0, 8, 16)]
+    parts = convex_parts(points, triangles)
+    for solid in solids:
+        low, high = solid.min(axis=0), solid.max(axis=0)
+        samples = rng.uniform(low, high, (300, 3))
+        inside = np.zeros(len(samples), dtype=bool)
+        for part in parts:
+            faces = ConvexHull(part).equations
+            inside |= (samples @ faces[:, :3].T + faces[:, 3] <= 1e-9).all(axis=1)
+        assert inside.all()
+    volumes = [ConvexHull(part).volume for part in parts]
+    assert sum(volumes) < 0.95 * ConvexHull(points).volume
+
+
+def test_a_convex_mesh_stays_whole():
+    points, triangles = box((0.0, 0, 0), (1.0, 2, 3))
+    assert len(convex_parts(points, triangles)) == 1
+
+
+def test_meshes_are_found_or_named(tmp_path, monkeypatch):
+    path = with_collision(tmp_path, meshes="package://my_arm/links")
+    arm = arm_from_urdf(path, **ENDS)
+
+    def read(**options):
+        return geometry_from_urdf(path, arm, base_link="base_link", locked_joints={}, **options)
+
+    with pytest.raises(
+        InputError, match=r"no mesh file 'package://my_arm/links/upper_arm_link.stl'"
+    ) as error:
+        read()
+    assert "package_dirs" in str(error.value)
+    assert "collision = false" in str(error.value)
+    assert "\n" not in str(error.value)
+    (tmp_path / "arm_meshes").rename(tmp_path / "my_arm")
+    above = tmp_path / "ws"
+    above.mkdir()
+    (tmp_path / "my_arm").rename(above / "my_arm")
+    for folders in ([above], [above / "my_arm"]):
+        assert len(read(package_dirs=folders).shapes) > 6
+    monkeypatch.setenv("ROS_PACKAGE_PATH", f"/nowhere:{above}")
+    assert len(read().shapes) > 6
+    monkeypatch.delenv("ROS_PACKAGE_PATH")
+    (tmp_path / "install" / "share").mkdir(parents=True)
+    (above / "my_arm").rename(tmp_path / "install" / "share" / "my_arm")
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "install"))
+    assert len(read().shapes) > 6
+    here = tmp_path / "install/share/my_arm/links/forearm_link.stl"
+    assert find_mesh(str(here.relative_to(tmp_path)), path, []) == here
+    with pytest.raises(InputError, match=r"no mesh file 'x\.stl'; it is relative"):
+        find_mesh("x.stl", path, [])
+
+
+def test_pairs_and_what_is_left_out(arm, tmp_path):
+    path, model = arm
+    collision = ShapeCollisions(model)
+    names = {frozenset((x.first, x.second)) for x in collision.labels}
+    assert frozenset(("forearm_link", "upper_arm_link")) not in names
+    assert collision.apart[frozenset(("forearm_link", "upper_arm_link"))] == "neighbours"
+    srdf = tmp_path / "a.srdf"
+    srdf.write_text(
+        '<robot name="a"><disable_collisions link1="shoulder_link" link2="wrist_1_link" reason="Never"/>'
+        "</robot>"
+    )
+    other = geometry_from_urdf(path, model, base_link="base_link", locked_joints={}, srdf=srdf)
+    assert other.apart == {frozenset(("shoulder_link", "wrist_1_link")): "SRDF: Never"}
+    srdf.write_text("<robot>")
+    with pytest.raises(InputError, match="not a readable SRDF"):
+        geometry_from_urdf(path, model, base_link="base_link", locked_joints={}, srdf=srdf)
+    own = model.geometry.shapes
+    stuck = BodyShape("bracket", 3, Ball(2.0))
+    crowded = ShapeCollisions(replace(model, geometry=ArmGeometry((*own, stuck))))
+    assert crowded.apart[frozenset(("bracket", "wrist_3_link"))] == "never part"
+    assert all("bracket" not in (x.first, x.second) for x in crowded.labels)
+
+
+def test_base_payload_and_obstacles(arm):
+    _, model = arm
+    held = BodyShape("payload", 6, Box([0.05, 0.05, 0.2], position=[0.0, 0.0, 0.25]), carried=True)
+    geometry = replace(model.geometry, shapes=(*model.geometry.shapes, held))
+    around = [
+        floor(0.0),
+        Wall(np.array([1.0, 0, 0]), 2.0),
+        Pillar([1.0, 1, 0], 0.1),
+        Solid(Ball(0.1), "ball"),
+    ]
+    deck = BodyShape("deck", 0, Box([1.0, 1.0, 0.1], position=[0.0, 0, 0.6]))
+    collision = ShapeCollisions(replace(model, geometry=geometry), around, [deck])
+    names = {(x.first, x.second) for x in collision.labels}
+    assert ("wrist_2_link", "payload") in names
+    assert ("wrist_3_link", "payload") not in names
+    links = ("upper_arm_link", "forearm_link", "wrist_1_link", "payload")
+    assert all((link, "deck") in names for link in links)
+    assert ("shoulder_link", "deck") not in names
+    assert all((link, o.name) in names for link in ("shoulder_link", *links) for o in around)
+
+
+def test_nothing_known_is_none(tmp_path):
+    from tests.places import UR5
+
+    arm = arm_from_urdf(UR5, **ENDS)
+    assert geometry_from_urdf(UR5, arm, base_link="base_link", locked_joints={}) is None
