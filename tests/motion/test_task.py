@@ -479,9 +479,7 @@ def test_ur5_refuses_what_cannot_be(root, tmp_path):
     assert any(reason.startswith("start: the base does not stand at rest") for reason in reasons), reasons
     low = text.replace("0.30, 0.50, 0.90", "0.30, 0.50, 0.60")
     reasons = refusals(load(tmp_path, low))
-    assert any(re.match("start: collision: .*_link and floor overlap by", r) for r in reasons), (
-        reasons
-    )
+    assert any(re.match("start: collision: .*_link and floor overlap by", r) for r in reasons), reasons
 
 
 @pytest.mark.parametrize(

@@ -34,6 +34,8 @@ position = [0.0, 0.0, 0.69]
 [[contact]]"""
 CART = (EXAMPLES / "tasks/ur5_cart.toml").read_text(encoding="utf-8")
 CART = re.sub(r"sphere_radius.*\n", "", CART).replace("[[contact]]", DECK, 1)
+HELD = '[payload]\nmass = 1.0\n[payload.shape]\nkind = "sphere"\n'
+BLIND = "collision = false\n[arm.limits]"
 FLOOR = re.search(r"\[\[obstacle\]\][^\[]*", CART)[0]
 WALL = (EXAMPLES / "tasks/place_ur5_wall.toml").read_text(encoding="utf-8")
 
@@ -108,7 +110,11 @@ def test_start_and_goal_are_free_and_say_what_is_checked(task):
         ('name = "deck"', "radius = 1", r"base.shape\[1\].radius: unknown key"),
         (FLOOR, '[[obstacle]]\nkind = "mesh"\nfile = "no.stl"\n', "obstacle.*: .*no.stl: no such file"),
         (FLOOR, '[[obstacle]]\nkind = "cylinder"\nradius = 0.1\n', "obstacle.*length: missing"),
-        (FLOOR, '[payload.shape]\nkind = "sphere"\nradius = 0\n', "payload.shape.radius: must be > 0"),
+        (
+            FLOOR,
+            f"{HELD}radius = 0\n",
+            "payload.shape.radius: must be > 0",
+        ),
         ("[arm.limits]", 'srdf = "no.srdf"\n[arm.limits]', "arm.srdf: .*not a readable SRDF"),
         ("[arm.limits]", "package_dirs = 3\n[arm.limits]", "arm.package_dirs: expected folders, got 3"),
         (
@@ -116,7 +122,11 @@ def test_start_and_goal_are_free_and_say_what_is_checked(task):
             'excluded_links = [["a", "b"]]\n[arm.limits]',
             "arm.excluded_links: expected two of",
         ),
-        ("[arm.limits]", "collision = false\n[arm.limits]", "obstacle: the arm has no collision geometry"),
+        (
+            "[arm.limits]",
+            "collision = false\n[arm.limits]",
+            r"base\.shape: the arm has no collision geometry",
+        ),
     ],
 )
 def test_mistakes_in_one_line(folder, old, new, problem):
@@ -128,9 +138,7 @@ def test_mistakes_in_one_line(folder, old, new, problem):
 
 def test_shapes_and_obstacles_of_a_file(folder):
     bench = '[[obstacle]]\nkind = "mesh"\nname = "bench"\nfile = "bench.stl"\nscale = [0.01, 0.01, 0.01]\n'
-    bench += (
-        'position = [1.0, 0.0, 0.0]\nrpy_deg = [0, 0, 90]\n[payload.shape]\nkind = "sphere"\nradius = 0.05\n'
-    )
+    bench += f"position = [1.0, 0.0, 0.0]\nrpy_deg = [0, 0, 90]\n{HELD}radius = 0.05\n"
     bench += 'position = [0.0, 0.0, 0.2]\n[[obstacle]]\nkind = "cylinder"\nradius = 0.1\nlength = 1.0\n'
     task = load_task(written(folder, CART.replace(FLOOR, bench), "shapes.toml"))
     mesh, cylinder = task.robot.obstacles
@@ -151,7 +159,7 @@ def test_shapes_and_obstacles_of_a_file(folder):
 
 
 def test_without_geometry_the_verdict_says_so(folder):
-    text = CART.replace(FLOOR, "").replace("[arm.limits]", "collision = false\n[arm.limits]")
+    text = CART.replace(FLOOR, "").replace(DECK, "[[contact]]").replace("[arm.limits]", BLIND)
     blind = load_task(written(folder, text, "blind.toml"))
     start, goal = through_the_deck(blind)
     limits = blind.robot.limits

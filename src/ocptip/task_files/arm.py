@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -150,17 +150,21 @@ def carrying(arm: ArmModel, shapes: Sequence[BodyShape]) -> ArmModel:
     return replace(arm, geometry=replace(own, shapes=(*own.shapes, *held)))
 
 
-def require_geometry(data: Table, arm: ArmModel, *keys: str, hint: str = "") -> None:
-    """Refuse tables of a file that only count for an arm that can be checked against them.
+def require_geometry(data: Table, arm: ArmModel, given: Mapping[str, Sequence], *, hint: str = "") -> None:
+    """Refuse what only counts for an arm whose collisions can be checked.
+
+    Args:
+        data: the file.
+        arm: its arm.
+        given: tables by the place where they stand.
+        hint: ends the message.
 
     Raises:
-        InputError: the arm has neither collision geometry nor spheres; `hint` ends the message.
+        InputError: the arm has neither collision geometry nor spheres, and one of them is there.
     """
-    if not arm.may_collide:
-        for key in keys:
-            if data.tables(key):
-                missing = "the arm has no collision geometry to check"
-                raise data.error(f"{missing}; give arm.sphere_radius, or a URDF that has some{hint}", key)
+    for place in (place for place, tables in given.items() if tables and not arm.may_collide):
+        missing = "the arm has no collision geometry to check"
+        raise data.error(f"{missing}; give arm.sphere_radius, or a URDF that has some{hint}", place)
 
 
 def _with_spheres(arm: ArmModel, table: Table, link_names: Sequence[str]) -> ArmModel:

@@ -70,7 +70,7 @@ def _task(data: Table, path: Path) -> MotionTask:
         start, goal = (motion.vector(key, platform.n) for key in ("start", "goal"))
         return _ramp_task(name, platform, start, goal, limits, motion, platform.n)
     arm, motors = arm_and_motors(data, path.parent)
-    require_geometry(data, arm, "obstacle")
+    require_geometry(data, arm, {"base.shape": shapes, "obstacle": data.tables("obstacle")})
     obstacles = read_obstacles(data, "obstacle", path.parent)
     robot = StandingRobot(arm, support, motors, obstacles=obstacles, shapes=shapes, reference_moment=moment)
     motion = data.table("motion")

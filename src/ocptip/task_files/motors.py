@@ -11,7 +11,7 @@ from ocptip.basics.toml import Table
 from ocptip.published.arms import modular_motors
 from ocptip.robots.model import ArmModel
 from ocptip.robots.motors import DCMotors, Motors
-from ocptip.task_files.arm import carrying, read_arm
+from ocptip.task_files.arm import carrying, read_arm, require_geometry
 from ocptip.task_files.payload import read_payload
 from ocptip.task_files.shapes import read_shapes
 
@@ -30,6 +30,7 @@ def arm_and_motors(data: Table, folder: Path) -> tuple[ArmModel, Motors]:
     """
     arm = read_arm(data.table("arm"), folder)
     held = read_shapes(data.table("payload", optional=True), folder, "payload", carried=True)
+    require_geometry(data, arm, {"payload.shape": held})
     arm = carrying(arm.with_payload(read_payload(data)), held)
     modular = "name" in data.table("arm")
     table = data.table("motors", optional=True)

@@ -84,11 +84,11 @@ def _problem(data: Table, folder: Path) -> PlacementProblem:
     if support.dimension != 3:
         raise data.error("an arm needs a spatial support; give three numbers", "contact[1].position")
     arm, motors = arm_and_motors(data, folder)
+    given = {"base.shape": shapes} | {key: data.tables(key) for key in ("base_obstacle", "obstacle")}
+    require_geometry(data, arm, given, hint="; obstacles for the base alone are [[keep_out]]")
     limits, moment = _limits(data.table("limits", optional=True))
     deck = read_obstacles(data, "base_obstacle", folder, numbered=True)
     obstacles = read_obstacles(data, "obstacle", folder, numbered=True, world=True)
-    for_base = "; obstacles for the base alone are [[keep_out]]"
-    require_geometry(data, arm, "base_obstacle", "obstacle", hint=for_base)
     robot = StandingRobot(arm, support, motors, obstacles=deck, shapes=shapes, reference_moment=moment)
     tasks = [_task(table, f"task {k}") for k, table in enumerate(data.tables("task", required=True), 1)]
     references = data.table("references", optional=True)
