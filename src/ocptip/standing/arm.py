@@ -107,7 +107,8 @@ class StandingRobot(StandingMechanism):
 
 def _collisions(arm: ArmModel, obstacles: tuple[Obstacle, ...], shapes: tuple[BodyShape, ...]) -> Collisions:
     """Of spheres among floor, walls and pillars in closed form, of all else by solids."""
-    simple = arm.geometry is None and all(isinstance(obstacle, Wall | Pillar) for obstacle in obstacles)
-    if simple and not (arm.sphere_sets and shapes):
-        return CollisionModel(arm, obstacles)
+    plain = [obstacle for obstacle in obstacles if isinstance(obstacle, Wall | Pillar)]
+    solid = len(plain) < len(obstacles) or shapes
+    if arm.geometry is None and not (arm.sphere_sets and solid):
+        return CollisionModel(arm, plain)
     return ShapeCollisions(arm, obstacles, shapes)

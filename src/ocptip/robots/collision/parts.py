@@ -15,8 +15,8 @@ MOST = 4
 WORTHWHILE = 0.93
 """Volume of the parts, relative to the whole, up to which a cut is made."""
 
-_LEVELS = (0.15, 0.3, 0.5, 0.7, 0.85)
-_DIRECTIONS = np.random.default_rng(0).normal(size=(150, 3))
+_LEVELS = (0.15, 0.35, 0.65, 0.85)
+_DIRECTIONS = np.random.default_rng(0).normal(size=(100, 3))
 
 
 def convex_parts(points: np.ndarray, triangles: np.ndarray) -> list[np.ndarray]:
@@ -85,7 +85,7 @@ def _volume(surface: np.ndarray) -> float:
 def _hull_volume(surface: np.ndarray) -> float:
     points = surface.reshape(-1, 3)
     if len(points) > len(_DIRECTIONS):  # nearly the volume, of fine meshes much sooner
-        points = points[np.unique(np.argmax(points @ _DIRECTIONS.T, axis=0))]
+        points = points[np.unique(np.argmax(_DIRECTIONS @ points.T, axis=1))]
     try:
         return float(ConvexHull(points).volume)
     except (QhullError, ValueError):
