@@ -75,7 +75,8 @@ def test_summary(task, search, capsys):
     assert problem.tasks[0].name == "press"
     lines = {line.split("  ")[0].strip(): line for line in out.splitlines()}
     best = search.result.best
-    assert out.startswith(f"press: FOUND, all constraints verified. Total {best.total:.4f}; ")
+    scope = "(contacts and drives; collision not checked)"
+    assert out.startswith(f"press: FOUND, all constraints verified {scope}. Total {best.total:.4f}; ")
     assert f"p1 {best.parameters[0]:.3f} m, p2 {best.parameters[1]:.3f} m" in lines["place"]
     angles = [float(word) for word in lines["joints"].split()[1:3]]
     np.testing.assert_allclose(angles, np.rad2deg(best.angles[0]), atol=0.006)
