@@ -15,7 +15,7 @@ from ocptip.robots.collision.model import ShapeCollisions, link_frames_function
 from ocptip.robots.collision.parts import MOST, convex_parts
 from ocptip.robots.collision.shapes import ArmGeometry, Ball, BodyShape, Box
 from ocptip.robots.collision.urdf import find_mesh, geometry_from_urdf
-from ocptip.robots.geometry import Pillar, Solid, Wall, floor
+from ocptip.robots.geometry import CollisionModel, Pillar, Solid, Wall, floor, spheres_along_links
 from ocptip.robots.urdf import arm_from_urdf
 from tests.robots.collision.collision_urdf import box, elbow, with_collision
 
@@ -182,6 +182,27 @@ def test_base_payload_and_obstacles(arm):
     assert all((link, "deck") in names for link in links)
     assert ("shoulder_link", "deck") not in names
     assert all((link, o.name) in names for link in ("shoulder_link", *links) for o in around)
+
+
+def test_spheres_as_solids_have_the_distances_of_the_formulas(arm):
+    """Of floor, wall, pillar and each other."""
+    _, model = arm
+    model = replace(model, geometry=None)
+    sets = [replace(s, name=f"part {s.link}") for s in spheres_along_links(model, 0.03)]
+    model = model.with_spheres(sets)
+    around = [floor(0.0), Wall(np.array([0.6, 0, 0.8]), 1.5), Pillar([0.9, 0.3, 0], 0.1, [0.0, 0.6, 0.8])]
+    exact, solids = CollisionModel(model, around), ShapeCollisions(model, around)
+    q = np.random.default_rng(5).uniform(-2, 2, (10, 6))
+
+    def smallest(collision):
+        names = np.array([str(label) for label in collision.labels])
+        gaps = collision.gaps(q)
+        return {name: gaps[:, names == name].min(axis=1) for name in sorted(set(names))}
+
+    by_formula, by_coal = smallest(exact), smallest(solids)
+    assert by_formula.keys() == by_coal.keys()
+    for name, gaps in by_formula.items():
+        np.testing.assert_allclose(by_coal[name], gaps, atol=1e-6)
 
 
 def test_nothing_known_is_none(tmp_path):

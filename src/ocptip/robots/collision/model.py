@@ -99,9 +99,12 @@ class ShapeCollisions(Collisions):
         for q in (random_postures(self.arm, 10), random_postures(self.arm, POSTURES)):
             found = self.distances.of([pairs[k] for k in touching]).gaps(q, TOUCHING)
             touching = touching[(found < TOUCHING).all(axis=0)]
+        kept = [pair for k, pair in enumerate(pairs) if k not in touching]
+        names = {frozenset(self.solids[s][0] for s in pair) for pair in kept}
         for k in touching:
-            self.apart[frozenset(self.solids[s][0] for s in pairs[k])] = _NEVER
-        return [pair for k, pair in enumerate(pairs) if k not in touching]
+            pair = frozenset(self.solids[s][0] for s in pairs[k])
+            self.apart[pair] = f"some of their solids {_NEVER}" if pair in names else _NEVER
+        return kept
 
     def gaps(self, q: np.ndarray, below: float = np.inf) -> np.ndarray:
         states, single = joint_states("q", q, self.n)
