@@ -119,7 +119,7 @@ def test_refusals():
         drilling(tasks=[task, task])
     with pytest.raises(InputError, match="terrain: expected Patch"):
         drilling(terrain=[])
-    with pytest.raises(InputError, match="obstacles: expected Wall or Pillar"):
+    with pytest.raises(InputError, match="obstacles: expected Wall, Pillar or Solid"):
         drilling(obstacles=["wall"])
     with pytest.raises(InputError, match="base_spheres"):
         drilling(base_spheres=[[0, 0, 0, -1.0]])
