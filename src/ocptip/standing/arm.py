@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import casadi as cs
 import numpy as np
@@ -105,6 +106,7 @@ class StandingRobot(StandingMechanism):
         return torque, wrench + support.weight
 
 
+@lru_cache(maxsize=8)
 def _collisions(arm: ArmModel, obstacles: tuple[Obstacle, ...], shapes: tuple[BodyShape, ...]) -> Collisions:
     """Of spheres among floor, walls and pillars in closed form, of all else by solids."""
     plain = [obstacle for obstacle in obstacles if isinstance(obstacle, Wall | Pillar)]

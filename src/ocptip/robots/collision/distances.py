@@ -59,7 +59,7 @@ class Distances:
         self._shifts = np.array([shape.position for shape in self._shapes]).reshape(-1, 3)
         self._bounds = _Bounds(self._shapes, self._bodies)
         self._coal = load_coal()
-        self._request, self._result = self._coal.DistanceRequest(), self._coal.DistanceResult()
+        self._request = self._coal.DistanceRequest()
         self._request.enable_signed_distance = True
 
     def of(self, pairs: Sequence[tuple[int, int]]) -> Distances:
@@ -147,7 +147,8 @@ class Distances:
         points: bool = True,
     ) -> Contact:
         """Of some pairs at some states; if not asked for, normals and points are empty."""
-        rows, distance, result = len(states), self._coal.distance, self._result
+        rows, distance = len(states), self._coal.distance
+        result = self._coal.DistanceResult()  # of its own: threads may share this object
         distances, found = np.empty(rows), np.empty((rows, 3, 3)) if points else None
         solids = np.array(self.pairs, dtype=int).reshape(-1, 2)[pairs]
         number = len(self._shapes)

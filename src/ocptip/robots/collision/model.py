@@ -120,9 +120,10 @@ class ShapeCollisions(Collisions):
         return contact.distances, slopes
 
     def curvature(self, q: np.ndarray, states: np.ndarray, pairs: np.ndarray, on: np.ndarray) -> np.ndarray:
-        if self._last is None or not _same(self._last, q, states, pairs):
-            self.slopes(q, states, pairs)
-        return self.distances.curvature(q, self._last[1], on)
+        last = self._last
+        known = last is not None and _same(last, q, states, pairs)
+        contact = last[1] if known else self.distances.at(q, states, pairs)[0]
+        return self.distances.curvature(q, contact, on)
 
 
 def _same(last: tuple[np.ndarray, Contact], q: np.ndarray, states: np.ndarray, pairs: np.ndarray) -> bool:
