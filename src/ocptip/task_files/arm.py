@@ -98,7 +98,8 @@ def _arm_from_urdf(table: Table, folder: Path) -> ArmModel:
     with table.at("urdf", base_link="base_link", tool_frame="tool_frame"):
         arm = arm_from_urdf(file.path, **names, locked_joints=locked, accept_inertia=accepted)
     armature = table.per_joint("armature", arm.n, arm.armature, bound=">= 0")
-    arm = _with_spheres(replace(arm, armature=armature), table, [file.joints[name].child for name in arm.joint_names])
+    links = [file.joints[name].child for name in arm.joint_names]
+    arm = _with_spheres(replace(arm, armature=armature), table, links)
     if geometry and not arm.sphere_sets:
         with table.at("urdf", package_dirs="package_dirs", srdf="srdf"):
             found = geometry_from_urdf(file.path, arm, **where)

@@ -108,9 +108,7 @@ def _folders(file: Path, given: Sequence[str | os.PathLike[str]]) -> list[Path]:
     return [*paths, *file.resolve().parents]
 
 
-def _shapes(
-    robot: pin.Model, geometry: Any, arm: ArmModel
-) -> Iterator[BodyShape]:
+def _shapes(robot: pin.Model, geometry: Any, arm: ArmModel) -> Iterator[BodyShape]:
     """Solids in the frames of the arm's links; those before the first one in its mount frame."""
     pin = load_pinocchio()
     data, q = robot.createData(), pin.neutral(robot)
