@@ -26,6 +26,7 @@ from ocptip.contact.basis import (
     load_basis,
     polish,
 )
+from ocptip.contact.known_bases import recall, remember
 from ocptip.contact.tables import right_hand_sides, unpacked
 from ocptip.numerics.compiled import compiled
 
@@ -203,47 +204,6 @@ def _next_random(state):
 
 
 @compiled
-def _recall(known, count, inverses, bases, rhs, x, order, inverse_t, subset, element, owner):
-    """Load the known basis in which the state has no negative variable, else the one with the least.
-
-    `known` is the row of the basis that is loaded. The bases are tried in the `order` in which they served,
-    the one found moves one place forward. Returns its row.
-    """
-    m, n = rhs.shape[0], subset.shape[0]
-    best, least = known, -np.inf
-    for place in range(count):
-        row = order[place]
-        apply_inverse(inverses[row], rhs, x)
-        smallest = 0.0
-        for i in range(m):
-            smallest = x[i] if x[i] < smallest else smallest
-        if smallest > least:
-            best, least = row, smallest
-        if smallest >= -_ZERO:
-            if place > 0:
-                order[place], order[place - 1] = order[place - 1], row
-            break
-    if best != known:
-        inverse_t[:, :] = inverses[best]
-        for k in range(n):
-            subset[k] = bases[best, 2 * m + k]
-        for i in range(m):
-            element[i], owner[i] = bases[best, i], bases[best, m + i]
-    return best
-
-
-@compiled
-def _remember(row, inverses, bases, inverse_t, subset, element, owner):
-    """Store the loaded basis as a known one."""
-    m = element.shape[0]
-    inverses[row] = inverse_t
-    for i in range(m):
-        bases[row, i], bases[row, m + i] = element[i], owner[i]
-    for k in range(subset.shape[0]):
-        bases[row, 2 * m + k] = subset[k]
-
-
-@compiled
 def solve_batch(
     integers, floats, warm, memory, max_pivots, first_attempt, attempts, tolerance, initial,
     rhs_all, hints, check_rhs, seeds,
@@ -319,7 +279,7 @@ def solve_batch(
                 rhs[i] = rhs_all[state, i] / scale
                 e[i] = 0.2 + _next_random(generator) if attempt >= 4 else 1.0
             if attempt == 0 and remembered > 0:
-                loaded = _recall(
+                loaded = recall(
                     loaded, remembered, inverses, bases, rhs, x, order, inverse_t, subset, element, owner
                 )
             if attempt >= 6:
@@ -394,7 +354,7 @@ def solve_batch(
             # the least used one makes room
             loaded = order[min(remembered, memory - 1)]
             remembered = min(remembered + 1, memory)
-            _remember(loaded, inverses, bases, inverse_t, subset, element, owner)
+            remember(loaded, inverses, bases, inverse_t, subset, element, owner)
         out_status[state] = status
         out_pivots[state] = total
         out_attempt[state] = attempt

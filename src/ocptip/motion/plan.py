@@ -81,9 +81,9 @@ def plan_motion(
 
     Every start is a random motion, improved by Ipopt and checked on a dense time grid. Where the task leaves
     a choice of postures, the most promising pairs of start and goal get one start each and the best of them
-    the others, see `ocptip.motion.choices`. The result depends on
-    task, starts and seed only, not on where the starts run. An interrupt (Ctrl-C) or the death of a worker
-    (then with a RuntimeWarning) ends the planning with the best verified plan so far.
+    the others, see `ocptip.motion.choices`. The result depends on task, starts and seed only, not on where
+    the starts run. An interrupt (Ctrl-C) or the death of a worker (then with a RuntimeWarning) ends the
+    planning with the best verified plan so far.
 
     Args:
         task: made by hand, or one of `ocptip.published.tasks` or `ocptip.task_files.motion`.
@@ -100,16 +100,13 @@ def plan_motion(
             are no such numbers.
         PlanningError: no start gave a verified plan; the message names the nearest one's violations.
     """
-    for name, value in (("starts", starts), ("jobs", 1 if jobs is None else jobs)):
-        whole_number(name, value, 1)
-    whole_number("seed", seed, 0)
+    _require_numbers(starts, jobs, seed)
     require_plannable(task)
     began, rank = time.perf_counter(), partial(_rank, task.objective)
     attempts: list[Attempt] = []
     best: Attempt | None = None
     interrupted = False
-    costs: dict[int, float] = {}
-    tasks_of: dict[int, MotionTask] = {}
+    costs, tasks_of = dict[int, float](), dict[int, MotionTask]()
     if progress:
         progress(0, starts, None)
     own = executor is None and jobs == 1
@@ -151,6 +148,12 @@ def plan_motion(
         interrupted=interrupted,
         options={"starts": starts, **choices},
     )
+
+
+def _require_numbers(starts: int, jobs: int | None, seed: int) -> None:
+    for name, value in (("starts", starts), ("jobs", 1 if jobs is None else jobs)):
+        whole_number(name, value, 1)
+    whole_number("seed", seed, 0)
 
 
 def _rank(objective: Objective, attempt: Attempt) -> tuple[float, int]:
