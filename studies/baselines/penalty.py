@@ -209,7 +209,7 @@ class MotionPenalty:
             times, weights = np.zeros(1), np.zeros(0)
         q, qd, qdd = motion.states(times)
         at = Instants.of_states(robot, q, qd, qdd)
-        torques, gaps, count = at.torques, at.gaps, len(weights)
+        torques, gaps, count = at.torques, at.gaps(np.inf), len(weights)
         energy = float(weights @ np.sum(robot.motors.power(torques[:count], qd[:count]), axis=1))
         GN, GT = (np.nan_to_num(reserve, nan=_UNSOLVED) for reserve in (at.tip.GN, at.slip.GT))
         columns = np.column_stack([GN, GT, -gaps])

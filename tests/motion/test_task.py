@@ -369,7 +369,7 @@ POSE = "goal_pose = { position = [0.2, 0, 0.5], rpy_deg = [0, 90, 0] }"
         (changed(URDF, tool_frame=None), "arm.tool_frame: is missing, candidates: finger, tip"),
         (changed(URDF, locked_m='locked_m = { "gr?p*" = 1, "x*" = 1 }'), r"no joint 'x\*'; there are hip, "),
         (changed(URDF, locked_m="locked_m = { knee = 1 }"), "joint 'knee' turns, its key is locked_deg"),
-        (changed(URDF, locked_m="locked_deg = { grip = 1 }"), "joint 'grip' slides, its key is locked_m"),
+        (changed(URDF, locked_m="locked_deg = { grip = 10 }"), "joint 'grip' slides, its key is locked_m"),
         (changed(URDF, locked_m="locked_m = { end = 1 }"), "joint 'end' is fixed"),
         (changed(URDF, locked_m='locked_m = { grip = "x" }'), "arm.locked_m.grip: expected a number"),
         (changed(URDF, armature="armature = [1, -1]"), "arm.armature: must be >= 0, got -1"),

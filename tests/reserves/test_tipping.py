@@ -223,6 +223,8 @@ def test_ratio_is_between_0_and_1_and_moments_are_affine(seed):
     stands = ok
     if not TipOver(support).on_plane:
         stands = ok & states.persistent & (Slip(support).evaluate(states).GT < 1)
+    if not TipOver(support).on_plane:  # cone programs, whose forces reach the preloads of clamps
+        scale = 10 * np.maximum(scale, np.max(np.abs(reserve.moments), axis=1, initial=0.0))
     assert np.all(reserve.moments[stands] >= -1e-8 * scale[stands, None])
     assert np.all(np.isfinite(reserve.gradient[ok]))
 

@@ -27,7 +27,7 @@ ENDS = {"base_link": "base_link", "tool_frame": "tool0"}
 def arm(tmp_path_factory):
     path = with_collision(tmp_path_factory.mktemp("arm"))
     arm = arm_from_urdf(path, **ENDS)
-    geometry = geometry_from_urdf(path, arm, base_link="base_link", locked_joints={})
+    geometry = geometry_from_urdf(path, arm)
     turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
     return path, replace(arm, geometry=geometry).mounted([0.1, 0.2, 0.7], turn)
 
@@ -112,7 +112,7 @@ def test_meshes_are_found_or_named(tmp_path, monkeypatch):
     arm = arm_from_urdf(path, **ENDS)
 
     def read(**options):
-        return geometry_from_urdf(path, arm, base_link="base_link", locked_joints={}, **options)
+        return geometry_from_urdf(path, arm, **options)
 
     with pytest.raises(
         InputError, match=r"no mesh file 'package://my_arm/links/upper_arm_link.stl'"
@@ -151,11 +151,11 @@ def test_pairs_and_what_is_left_out(arm, tmp_path):
         '<robot name="a"><disable_collisions link1="shoulder_link" link2="wrist_1_link" reason="Never"/>'
         "</robot>"
     )
-    other = geometry_from_urdf(path, model, base_link="base_link", locked_joints={}, srdf=srdf)
+    other = geometry_from_urdf(path, model, srdf=srdf)
     assert other.apart == {frozenset(("shoulder_link", "wrist_1_link")): "SRDF: Never"}
     srdf.write_text("<robot>")
     with pytest.raises(InputError, match="not a readable SRDF"):
-        geometry_from_urdf(path, model, base_link="base_link", locked_joints={}, srdf=srdf)
+        geometry_from_urdf(path, model, srdf=srdf)
     own = model.geometry.shapes
     stuck = BodyShape("bracket", 3, Ball(2.0))
     crowded = ShapeCollisions(replace(model, geometry=ArmGeometry((*own, stuck))))
@@ -209,4 +209,4 @@ def test_nothing_known_is_none(tmp_path):
     from tests.places import UR5
 
     arm = arm_from_urdf(UR5, **ENDS)
-    assert geometry_from_urdf(UR5, arm, base_link="base_link", locked_joints={}) is None
+    assert geometry_from_urdf(UR5, arm) is None
