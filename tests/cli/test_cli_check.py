@@ -76,8 +76,8 @@ def test_table_says_the_same(capsys, plan):
         "-",
     ]
     assert len([line for line in lines if "<=" in line or ">=" in line]) == len(worst)
-    assert "masses base 3.45 kg, arm 15.71 kg; together 19.16 kg" in lines
-    assert f"energy {result['energy_J']:.4g} J, duration {result['duration_s']:.4g} s" in text
+    assert "masses     base 3.45 kg, arm 15.71 kg; together 19.16 kg" in lines
+    assert f"energy     {result['energy_J']:.4g} J in {result['duration_s']:.4g} s, checked at " in text
     assert "BROKEN" not in text
     assert "note" not in text
     assert text.isascii()
@@ -132,7 +132,7 @@ def test_samples_are_checked_like_commands(capsys, plan, task, tmp_path):
     assert samples["worst"]["GN"]["value"] == pytest.approx(commands["worst"]["GN"]["value"], rel=1e-3)
     assert (commands["interpolation"], samples["interpolation"]) == (None, "cubic Hermite polynomials")
     assert main(["check", str(csv), "--case", "C", "--base", "effective"]) == 0
-    assert "note: checked is the curve through the samples" in capsys.readouterr().out
+    assert "note       checked is the curve through the samples" in capsys.readouterr().out
     assert samples["energy_J"] == pytest.approx(commands["energy_J"], rel=1e-5)
 
 
@@ -166,7 +166,7 @@ def test_a_motion_that_does_not_fit_start_and_goal_is_noted(capsys, plan, tmp_pa
     moved = tmp_path / "moved.json"
     moved.write_text(json.dumps(data))
     main(["check", str(moved)])
-    assert "note: the motion starts 0.5 deg off the task's start" in capsys.readouterr().out
+    assert "note       the motion starts 0.5 deg off the task's start" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

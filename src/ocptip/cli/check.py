@@ -16,7 +16,7 @@ from ocptip.basics.errors import InputError, naming, positive_number
 from ocptip.basics.text import quantity, ratio
 from ocptip.basics.write import versions
 from ocptip.cli.command import Report
-from ocptip.cli.layout import masses, table, tolerance_lines
+from ocptip.cli.layout import masses, named, table, under
 from ocptip.cli.options import with_limits
 from ocptip.cli.progress import say_if_compiling
 from ocptip.motion.check import MotionCheck, check_motion
@@ -125,24 +125,30 @@ class CheckReport(Report):
         lines = [f"{self.motion} on {self.task.name}: {verdict}."]
         lines += [f"  {violation}" for violation in checked.violations]
         lines += ["", *_worst_table(checked), ""]
-        lines += [f"energy {quantity(checked.energy, 'J')}, duration {quantity(checked.duration, 's')}"]
-        lines += [f"masses {masses(self.task.robot)}"]
-        lines += [f"{label:10} {text}" for label, text in tolerance_lines(self.tolerated)]
-        lines += [f"checked at {checked.samples} instants"]
-        lines += [f"collision: {checked.collision_text}"]
-        if self.interpolation:
-            lines += [
-                f"note: checked is the curve through the samples, {self.interpolation}; where accelerations"
-            ]
-            lines += ["      jump between samples it overshoots, see ocptip.trajectories.sampled"]
-        for unit, pair in self.offsets.items():
-            for verb, place, offset in zip(("starts", "ends"), ("start", "goal"), pair, strict=True):
-                if offset > _SAME[unit]:
-                    lines += [f"note: the motion {verb} {offset:.4g} {unit} off the task's {place}"]
-        lines += [f"assumed: {note}" for note in self.task.robot.notes]
+        moving = f"{quantity(checked.energy, 'J')} in {quantity(checked.duration, 's')}"
+        rows = [("energy", f"{moving}, checked at {checked.samples} instants")]
+        rows += under("contacts", checked.contacts.lines())
+        rows.append(("collision", checked.collision_text))
+        rows += under("tolerates", self.tolerated)
+        rows.append(("masses", masses(self.task.robot)))
+        rows += under("assumed", self.task.robot.notes)
+        rows += under("note", self._notes())
+        lines += named(rows)
         if self.scaled:
             lines += ["", *_scale_table(self.scaled)]
         return "\n".join(lines)
+
+    def _notes(self) -> list[str]:
+        """What may be unexpected about the motion."""
+        notes = []
+        if self.interpolation:
+            notes += [f"checked is the curve through the samples, {self.interpolation}; where accelerations"]
+            notes += ["jump between samples it overshoots, see ocptip.trajectories.sampled"]
+        for unit, pair in self.offsets.items():
+            for verb, place, offset in zip(("starts", "ends"), ("start", "goal"), pair, strict=True):
+                if offset > _SAME[unit]:
+                    notes += [f"the motion {verb} {offset:.4g} {unit} off the task's {place}"]
+        return notes
 
 
 def _task(options: Namespace) -> MotionTask:
@@ -168,10 +174,10 @@ def _task(options: Namespace) -> MotionTask:
 
 
 def _offsets(motion: Motion, task: MotionTask) -> dict[str, tuple[float, float]]:
-    """Largest differences of start and goal from the task's, angles in degrees and lengths in m."""
-    angular = np.array([unit == "rad" for unit in task.robot.units])
-    off = np.abs([motion.start - task.start, motion.goal - task.goal])
-    found = {}
+    """Largest differences of start and goal from the task's (from the nearest of its choices), deg and m."""
+    ends = np.array([motion.start, motion.goal])
+    asked = min(((task.start, task.goal), *task.choices), key=lambda pair: np.abs(ends - pair).max())
+    off, angular, found = np.abs(ends - asked), np.array(task.robot.units) == "rad", {}
     for unit, factor, which in (("deg", 180 / np.pi, angular), ("m", 1.0, ~angular)):
         if which.any():
             start, goal = factor * off[:, which].max(axis=1)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from ocptip.basics.text import quantity
-from ocptip.motion.tolerated import Tolerated
+from ocptip.motion.check import MotionCheck
 from ocptip.standing.mechanism import StandingMechanism
 
 
@@ -36,9 +36,17 @@ def masses(robot: StandingMechanism) -> str:
     return f"{', '.join(parts)}{held}; together {quantity(robot.mass, 'kg')}"
 
 
-def tolerance_lines(tolerated: Sequence[Tolerated]) -> list[tuple[str, str]]:
-    """One line each; the first is named."""
-    return [("" if k else "tolerates", str(one)) for k, one in enumerate(tolerated)]
+def under(name: str, texts: Iterable[object]) -> list[tuple[str, str]]:
+    """Named lines of several texts; the first has the name."""
+    return [("" if k else name, f"{text}") for k, text in enumerate(texts)]
+
+
+def use_of_reserves(checked: MotionCheck) -> str:
+    """The larger use of tip-over and slip reserve: "slip GT 0.708 of 0.9 allowed (1: slips) at 0.081 s"."""
+    titles = {"GN": ("tip-over", "tips"), "GT": ("slip", "slips")}
+    name = max(titles, key=lambda n: checked.worst[n].value / checked.worst[n].limit)
+    worst, (title, loss) = checked.worst[name], titles[name]
+    return f"{title} {name} {worst.value:.3f} of {worst.limit:g} allowed (1: {loss}) at {worst.time:.3f} s"
 
 
 def summary(head: str, lines: Sequence[tuple[str, str]], written: Sequence[Path]) -> str:

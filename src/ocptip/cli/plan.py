@@ -12,7 +12,7 @@ from typing import Any, TextIO
 from ocptip.basics.errors import InputError, PlanningError, positive_number
 from ocptip.basics.write import plain
 from ocptip.cli.command import Answer, Report
-from ocptip.cli.layout import masses, summary, tolerance_lines
+from ocptip.cli.layout import masses, summary, under, use_of_reserves
 from ocptip.cli.options import output_directory, remove_figures, require_least, with_limits
 from ocptip.cli.progress import Progress, say_if_compiling
 from ocptip.motion.check import MotionCheck, check_motion
@@ -151,7 +151,7 @@ class PlanReport(Report):
 
     def to_text(self) -> str:
         """The summary in one line, then starts, time scales and files. ASCII only, but for names."""
-        lines = [("starts", self._starts()), ("collision", self.plan.check.collision_text)]
+        lines = [("starts", self._starts())]
         if self.execution:
             lines.append(("controller", self._controller(self.execution)))
         if "choices" in self.plan.options:
@@ -161,21 +161,21 @@ class PlanReport(Report):
             )
         if self.plan.interrupted:
             lines.append(("interrupted", "this is the best of the starts that had finished"))
+        lines += under("contacts", self.check.contacts.lines())
+        lines.append(("collision", self.check.collision_text))
+        lines += under("tolerates", self.tolerated)
         lines += [(f"time x {factor:g}", _scale_text(checked)) for factor, checked in self.time_scale]
-        lines += tolerance_lines(self.tolerated)
         lines.append(("masses", masses(self.plan.task.robot)))
-        lines += [("assumed", note) for note in self.plan.task.robot.notes]
+        lines += under("assumed", self.plan.task.robot.notes)
         return summary(self.headline(), lines, self.written)
 
     def headline(self) -> str:
-        """Status, energy, duration, worst reserve, ratio to the reference."""
+        """Status, energy, duration, use of the reserves, ratio to the reference."""
         plan, checked = self.plan, self.check
-        name = max(("GN", "GT"), key=lambda n: checked.worst[n].value / checked.worst[n].limit)
-        worst = checked.worst[name]
         parts = [
             f"{plan.task.name}: {'VERIFIED' if checked.verified else 'NOT VERIFIED'}{checked.scope}. "
             f"{checked.energy:.1f} J in {checked.duration:.3f} s",
-            f"worst reserve {name} {worst.value:.3f} (limit {worst.limit:g}) at {worst.time:.3f} s",
+            use_of_reserves(checked),
         ]
         if plan.task.reference is not None:
             energy = plan.task.robot.energy(plan.task.reference)
@@ -193,7 +193,7 @@ class PlanReport(Report):
         slower = (
             f", ramps slowed down by {100 * (execution.slower - 1):.2f} %" if execution.slower > 1 else ""
         )
-        return f"{execution.controller}: {how}{slower}; all above is of that motion"
+        return f"{execution.controller}: {how}{slower}; all numbers are of that motion"
 
     def _starts(self) -> str:
         starts = self.plan.starts

@@ -1,8 +1,8 @@
 """Check after the plan: does a motion keep all limits at every instant, not only at quadrature nodes?
 
-The exact motion is sampled in every interval between events, up to 1.5 ns from each event on either side
-(torques and reserves jump there; joints that switch together do so within 1 ns), and refined around the worst
-instants until they stay put. The rest before and after the motion is looked at, too.
+The exact motion is sampled in every interval between events, up to 0.15 us from each event on either side
+(torques and reserves jump there; joints that switch together do so within 0.1 us), and refined around the
+worst instants until they stay put. The rest before and after the motion is looked at, too.
 """
 
 from __future__ import annotations
@@ -13,15 +13,14 @@ from typing import Any
 import numpy as np
 
 from ocptip.basics.errors import InputError, positive_number
+from ocptip.standing.contact_margins import ContactMargins
 from ocptip.standing.instants import Instants
 from ocptip.standing.limit import Limit, Worst
 from ocptip.standing.limit_kinds import limits_of
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
+from ocptip.trajectories.arm_motion import INSIDE
 from ocptip.trajectories.sampled import Motion
-
-INSIDE = 1.5e-9
-"""Distance from events at which the two sides are sampled, s."""
 
 MOST_INSTANTS = 1_000_000
 """Largest number of instants of the first grid: some 3 GB of memory."""
@@ -50,6 +49,7 @@ class MotionCheck:
         violations: one sentence per broken limit, empty if verified.
         samples: number of instants evaluated.
         stands: no contact is lost at any sampled instant, whatever other limits are broken.
+        contacts: how close contacts come to being lost, in N, N m and m, at the sampled instants.
         collision: what was looked at, and the smallest distance, see `Collisions.to_dict`.
     """
 
@@ -60,6 +60,7 @@ class MotionCheck:
     violations: tuple[str, ...]
     samples: int
     stands: bool
+    contacts: ContactMargins
     collision: dict[str, Any]
 
     @property
@@ -87,6 +88,7 @@ class MotionCheck:
             "violations": list(self.violations),
             "samples": self.samples,
             "stands": self.stands,
+            "contacts": self.contacts.to_dict(),
             "collision": self.collision,
         }
 
@@ -119,7 +121,7 @@ def check_motion(
     worst = [found for limit in kinds for found in limit.exact(motion)]
     grids = [_Grid(left + INSIDE, right - INSIDE, step) for left, right in motion.intervals]
     grids += [_Grid(t, t, step) for t in (-INSIDE, motion.end + INSIDE)]
-    samples, unsolved, standing = 0, [], True
+    samples, unsolved, standing, contacts = 0, [], True, None
     todo = [grid.times for grid in grids]
     for _ in range(_ROUNDS):
         count = sum(map(len, todo))
@@ -129,9 +131,11 @@ def check_motion(
         found = _evaluate(robot, motion, kinds, todo)
         unsolved += found.unsolved
         standing &= found.standing
+        contacts = found.contacts.worse(contacts or found.contacts)
         for grid, times, values in zip(grids, todo, found.split(todo), strict=True):
             grid.add(times, values)
         todo = _refinements(grids)
+    assert contacts is not None  # rest is looked at, too
     times = np.concatenate([grid.times for grid in grids])
     values = np.concatenate([grid.values for grid in grids])
     holding = standing and not unsolved
@@ -154,6 +158,7 @@ def check_motion(
         violations=tuple(violations),
         samples=samples,
         stands=holding,
+        contacts=contacts,
         collision=robot.collision.to_dict(_nearest(motion, worst)),
     )
 
@@ -191,6 +196,7 @@ class _Found:
     ends: np.ndarray
     unsolved: list[float]
     standing: bool
+    contacts: ContactMargins
 
     def split(self, todo: list[np.ndarray]) -> list[np.ndarray]:
         """By the instants' grids."""
@@ -211,7 +217,8 @@ def _evaluate(
     values, ends = np.hstack(measured), np.cumsum([own.shape[1] for own in measured])[:-1]
     values[np.isnan(values)] = np.inf
     certain = at.states.solved & at.slip.solved
-    return _Found(values, ends, times[~certain].tolist(), bool(np.all(at.states.persistent)))
+    standing, contacts = bool(np.all(at.states.persistent)), ContactMargins.of(at, times)
+    return _Found(values, ends, times[~certain].tolist(), standing, contacts)
 
 
 def _refinements(grids: list[_Grid]) -> list[np.ndarray]:

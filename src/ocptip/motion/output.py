@@ -20,7 +20,7 @@ import numpy as np
 from ocptip.basics.errors import positive_number
 from ocptip.basics.write import plain, versions, write_text
 from ocptip.standing.mechanism import MotionSamples, StandingMechanism
-from ocptip.trajectories.arm_motion import MERGE
+from ocptip.trajectories.arm_motion import INSIDE, MERGE
 from ocptip.trajectories.controllers import controller_points
 from ocptip.trajectories.sampled import Motion, SampledMotion
 
@@ -66,6 +66,7 @@ def plan_to_dict(plan: MotionPlan) -> dict[str, Any]:
         "violations": checked.violations,
         "worst": checked.to_dict()["worst"],
         **plan.task.robot.masses_to_dict(),
+        "contacts": checked.contacts.to_dict(),
         "collision": checked.collision,
         **({"units": motion["units"]} if "units" in motion else {}),
         "start": motion["start"],
@@ -201,7 +202,7 @@ def write_plan(
 class _OneSided:
     """A motion whose accelerations at N given instants are limits from inside their intervals, (N, 2), s.
 
-    Not simply those from one side of the instant: events within 1 ns, as joints that end together up to
+    Not simply those from one side of the instant: events within 0.1 us, as joints that end together up to
     rounding, are one event, but between them some joints have jumped and others not.
     """
 
@@ -213,7 +214,7 @@ class _OneSided:
 
     def states(self, times: np.ndarray, **_: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         begin, end = self._intervals.T
-        margin = np.minimum(1.5 * MERGE, 0.5 * (end - begin))
+        margin = np.minimum(INSIDE, 0.5 * (end - begin))
         angles, speeds, _ = self._motion.states(times)
         return angles, speeds, self._motion.states(np.clip(times, begin + margin, end - margin))[2]
 

@@ -25,9 +25,9 @@ from ocptip.robots.kinematics import gripper_batch
 from ocptip.robots.payload import Payload
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.mechanism import StandingMechanism
+from ocptip.trajectories.arm_motion import INSIDE
 from ocptip.trajectories.sampled import Motion
 
-INSIDE = 1.5e-9  # s: both sides of events are looked at
 SPACING = 0.01  # s: between instants, at most
 CLOSE = 2e-3  # of a value: how near the bisection gets
 AROUND = 24  # horizontal directions

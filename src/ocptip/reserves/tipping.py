@@ -81,6 +81,11 @@ class TipOver:
         parallel = np.linalg.norm(normals - normals[0], axis=1) <= GEOMETRY_TOLERANCE
         return bool(np.all(level) and np.all(parallel))
 
+    @property
+    def on_polygon(self) -> bool:
+        """Whether contacts are ordinary ones on one plane; the axes are the edges of their polygon."""
+        return bool(self.axes) and not self.free_rotation and self._sets.ordinary and self.on_plane
+
     @cached_property
     def addable_moments(self) -> AddableMoments:
         """The moments M_i of contacts in general position."""
@@ -222,6 +227,18 @@ class TipOverReserve:
         maps, W = self.states.force_maps, self.states.support.wrench_matrix
         balanced = -np.einsum("wf,sfv->swv", W, maps.reshape(len(maps), W.shape[1], maps.shape[3]))
         return self.slopes @ balanced
+
+    @cached_property
+    def edge_distances(self) -> np.ndarray:
+        """(N,) distance of the zero-moment point from the nearest edge of the support polygon, m.
+
+        Moments of normal forces about the edges, divided by the sum of the forces. NaN where contacts are not
+        ordinary ones on one plane that bounds an area, or carry no load.
+        """
+        total = np.sum(self.states.contact_forces[:, :, 0], axis=1)
+        known = self.tip_over.on_polygon & (total > 0)
+        smallest = np.min(self.moments, axis=1, initial=np.inf)
+        return np.divide(np.maximum(smallest, 0.0), total, out=np.full(len(total), np.nan), where=known)
 
     @cached_property
     def gradient(self) -> np.ndarray:

@@ -61,7 +61,10 @@ class Worst:
         where = f" at {self.time:.4f} s" if np.isfinite(self.time) else ""
         what = f" ({self.detail})" if self.detail else ""
         sign = ">=" if self.least else "<="
-        return f"{self.name} is {self.value:.4g}{where}{what}, must be {sign} {self.limit:.4g}"
+        value, limit = f"{self.value:.4g}", f"{self.limit:.4g}"
+        if value == limit:
+            value = f"{limit} {'-' if self.least else '+'} {self.excess:.1g}"
+        return f"{self.name} is {value}{where}{what}, must be {sign} {limit}"
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""

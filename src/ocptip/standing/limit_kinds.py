@@ -239,9 +239,9 @@ class PeakLimit(Limit):
     def exact(self, motion: Motion) -> list[Worst]:
         ratio = getattr(motion, f"{self.name}_peaks") / getattr(self.robot.limits, self.name)
         j = int(np.argmax(ratio))
-        return [
-            Worst(f"{self.name}_ratio", float(ratio[j]), np.nan, 1.0, f"joint {j + 1}", float(ratio[j]) - 1)
-        ]
+        value = float(ratio[j])
+        excess = value - 1 - motion.peak_rounding
+        return [Worst(f"{self.name}_ratio", value, np.nan, 1.0, f"joint {j + 1}", excess)]
 
 
 class SpeedLimit(PeakLimit):

@@ -19,7 +19,9 @@ from ocptip.basics.errors import InputError, finite_array, naming, number_from, 
 from ocptip.basics.frozen import settle
 from ocptip.trajectories.ramps import JointRamps, RampCommand
 
-MERGE = 1e-9  # events nearer to each other than this are one, s
+MERGE = 1e-7  # events nearer to each other than this are one, s: rounding of commands moves events
+INSIDE = 1.5 * MERGE
+"""Distance from events at which their two sides are looked at, s."""
 _COMMAND_KEYS = ("phi_e", "speed", "acceleration")
 
 
@@ -67,7 +69,13 @@ def passive_command(
 
 
 class EventfulMotion:
-    """What motions have that their events divide into smooth pieces."""
+    """What motions have that their events divide into smooth pieces.
+
+    Attributes:
+        peak_rounding: share of the limits by which rounding may lift speeds and accelerations.
+    """
+
+    peak_rounding = 0.0
 
     @cached_property
     def event_times(self) -> np.ndarray:
@@ -221,7 +229,7 @@ class ArmMotion(EventfulMotion):
     def event_times(self) -> np.ndarray:
         """Boundaries of all joints' phases and all zero crossings of speeds, sorted, (S,), s (5.24), (5.26).
 
-        From 0 to the end. Events within 1 ns of each other are one, so that no interval is shorter. An arm
+        From 0 to the end. Events within 0.1 us of each other are one, so that no interval is shorter. An arm
         that does not move has but the event 0.
         """
         end = self.end

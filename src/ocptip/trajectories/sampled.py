@@ -59,6 +59,8 @@ class SampledMotion(EventfulMotion):
             other; only without speeds.
     """
 
+    peak_rounding = 1e-5  # times in whole ns, events within 0.1 us taken as one
+
     times: np.ndarray
     angles: np.ndarray
     speeds: np.ndarray | None = None
@@ -181,7 +183,7 @@ class SampledMotion(EventfulMotion):
     def event_times(self) -> np.ndarray:
         """Samples, and all instants at which a joint's speed changes sign, sorted, (S,), s.
 
-        Instants within 1 ns of a sample or of each other are one.
+        Instants within 0.1 us of a sample or of each other are one.
         """
         kept = [0.0]
         for t in np.unique(np.concatenate(self._turns)):

@@ -1,0 +1,129 @@
+"""How close contacts come to being lost, in N, N m, mm and per cent: beside GN and GT, which compare."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ocptip.basics.text import percent, quantity
+from ocptip.standing.instants import Instants
+
+_ALIKE = 1e-6
+
+
+@dataclass(frozen=True)
+class Margin:
+    """The worst instant of one quantity.
+
+    Attributes:
+        value: in the unit of its name.
+        time: s.
+        contacts: which, counted from 1: the two of a tipping axis, or all that are alike (to 1e-6).
+    """
+
+    value: float
+    time: float
+    contacts: tuple[int, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        return {"value": self.value, "time": self.time, "contacts": list(self.contacts)}
+
+    def __str__(self) -> str:
+        """Where and when."""
+        numbers = [f"{k}" for k in self.contacts]
+        which = f"contact {numbers[0]}, " if len(numbers) == 1 else ""
+        if len(numbers) > 1:
+            which = f"contacts {', '.join(numbers[:-1])} and {numbers[-1]}, "
+        return f"({which}{self.time:.3f} s)"
+
+
+@dataclass(frozen=True)
+class ContactMargins:
+    """Worst values of the contacts over some instants; None where a quantity has no meaning there.
+
+    Attributes:
+        force: least distance of a normal force from the end at which its contact lets go, N: for ordinary
+            contacts the normal force.
+        moment: least moment left about a tipping axis, N m.
+        edge: least distance of the zero-moment point from the edge of the support polygon, m; only for
+            ordinary contacts on one plane.
+        friction: greatest share of a contact's friction in use.
+        unique: the contacts share the normal forces in one way only; otherwise the forces are those of one
+            possible sharing (motion.csv has the same).
+    """
+
+    force: Margin | None
+    moment: Margin | None
+    edge: Margin | None
+    friction: Margin | None
+    unique: bool
+
+    @classmethod
+    def of(cls, at: Instants, times: np.ndarray) -> ContactMargins:
+        """Of instants at times (N,), s."""
+        tip, tip_over = at.tip, at.robot.tip_over
+        pairs = [(min(axis.contacts) + 1, max(axis.contacts) + 1) for axis in tip_over.axes]
+        usage = _least(-at.slip.usage, times)
+        return cls(
+            force=_least(np.maximum(tip.normal_reserves, 0.0), times),
+            moment=None if tip_over.free_rotation else _least(np.maximum(tip.moments, 0.0), times, pairs),
+            edge=_least(tip.edge_distances[:, None], times, [()]),
+            friction=usage and Margin(-usage.value + 0.0, usage.time, usage.contacts),
+            unique=at.robot.slip.redistribution == "tangential",
+        )
+
+    def worse(self, other: ContactMargins) -> ContactMargins:
+        """The worse of both, quantity by quantity."""
+        return ContactMargins(
+            _smaller(self.force, other.force),
+            _smaller(self.moment, other.moment),
+            _smaller(self.edge, other.edge),
+            _smaller(self.friction, other.friction, -1.0),
+            self.unique,
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON; units are in the keys."""
+        names = {"least_normal_force_N": self.force, "least_moment_Nm": self.moment}
+        names |= {"least_edge_distance_m": self.edge, "friction_use": self.friction}
+        data = {name: margin and margin.to_dict() for name, margin in names.items()}
+        return {**data, "normal_forces_unique": self.unique}
+
+    def lines(self) -> list[str]:
+        """In words, one line per quantity that has a meaning."""
+        found = []
+        if self.force:
+            shared = "" if self.unique else "; one possible sharing, rigid ground leaves it open"
+            found.append(f"least normal force {quantity(self.force.value, 'N', 3)} {self.force}{shared}")
+        if self.moment:
+            found.append(f"{quantity(self.moment.value, 'N m', 3)} left about a tipping axis {self.moment}")
+        if self.edge:
+            edge = quantity(1e3 * self.edge.value, "mm", 3)
+            found.append(f"zero-moment point {edge} from the edge of the support polygon {self.edge}")
+        if self.friction:
+            found.append(f"{percent(self.friction.value)} of the friction used {self.friction}")
+        return found
+
+
+def _least(
+    values: np.ndarray, times: np.ndarray, names: list[tuple[int, ...]] | None = None
+) -> Margin | None:
+    """The least of values (N, m) at times (N,); None if none is finite. Columns are contacts if not named."""
+    known = np.where(np.isfinite(values), values, np.inf)
+    if not np.isfinite(known).any():
+        return None
+    i, k = np.unravel_index(np.argmin(known), known.shape)
+    value = float(known[i, k])
+    if names:
+        return Margin(value, float(times[i]), names[k])
+    alike = np.flatnonzero(known[i] <= value + _ALIKE * abs(value))
+    return Margin(value, float(times[i]), tuple(int(j) + 1 for j in alike))
+
+
+def _smaller(one: Margin | None, other: Margin | None, sign: float = 1.0) -> Margin | None:
+    """The one of the smaller value times sign; what is None does not count."""
+    known = [margin for margin in (one, other) if margin]
+    return min(known, key=lambda margin: sign * margin.value, default=None)

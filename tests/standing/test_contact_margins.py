@@ -1,0 +1,98 @@
+"""Foot forces, moments left, zero-moment points and friction used, against geometry, GN, GT, samples."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial import ConvexHull
+
+from ocptip.contact.bindings.clamps import ForceConstantHalfRigidClamp
+from ocptip.contact.bindings.unilateral import UnilateralContact
+from ocptip.contact.solver import solve_many
+from ocptip.contact.support import Support
+from ocptip.motion.check import check_motion
+from ocptip.motion.output import sample_motion
+from ocptip.published.tasks import experiment_task
+from ocptip.reserves.tipping import TipOver
+from ocptip.standing.contact_margins import ContactMargins
+from ocptip.standing.instants import Instants
+
+
+@pytest.fixture(scope="module")
+def case():
+    return experiment_task("A", "effective")
+
+
+@given(st.integers(0, 10**6), st.integers(3, 6))
+def test_zero_moment_point_lies_that_far_inside_the_hull(seed, count):
+    rng = np.random.default_rng(seed)
+    angles = np.sort(rng.uniform(0, 2 * np.pi, count)) + np.arange(count)
+    feet = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(count)]) * rng.uniform(
+        0.4, 1, (count, 1)
+    )
+    hull, c = ConvexHull(feet[:, :2]), np.array([*feet[:, :2].mean(axis=0), 0.5])
+    support = Support(
+        [UnilateralContact(position=p, friction=0.9) for p in feet], mass=10.0, center_of_mass=c
+    )
+    wrenches = [0, 0, -100, 0, 0, 0] + rng.uniform(-1, 1, (20, 6)) * [5, 5, 20, 20, 20, 2]
+    states = solve_many(support, wrenches)
+    F, M = wrenches[:, :3], wrenches[:, 3:]
+    x = c[0] - (M[:, 1] + c[2] * F[:, 0]) / F[:, 2]  # where the wrench has no moment in the plane
+    y = c[1] + (M[:, 0] - c[2] * F[:, 1]) / F[:, 2]
+    inside = -np.max(hull.equations @ [x, y, np.ones(len(x))], axis=0)
+    still = states.persistent
+    distances = TipOver(support).evaluate(states).edge_distances
+    np.testing.assert_allclose(distances[still], inside[still], atol=1e-7)
+    assert np.all(inside[still] > -1e-7)
+
+
+def test_clamps_have_no_support_polygon():
+    feet = [UnilateralContact(position=p, friction=0.5) for p in ([1, 0, 0], [0, 1, 0])]
+    clamp = ForceConstantHalfRigidClamp(
+        position=[0, 0, 0], friction_upper=0.5, friction_lower=0.5, clamp_force=20.0
+    )
+    support = Support([*feet, clamp], mass=10.0, center_of_mass=[0.3, 0.3, 0.5])
+    states = solve_many(support, [[0, 0, -98.1, 0, 0, 0]])
+    assert np.isnan(TipOver(support).evaluate(states).edge_distances).all()
+
+
+def test_values_are_those_of_gn_gt_and_the_samples(case):
+    checked = check_motion(case.robot, case.reference)
+    found, tip = checked.contacts, case.robot.tip_over
+    assert found.unique
+    GN, GT = checked.worst["GN"], checked.worst["GT"]
+    assert found.moment.value == pytest.approx(tip.reference_moment * (1 / GN.value - 1), rel=1e-9)
+    assert (found.moment.time, found.friction.time) == (GN.time, GT.time)
+    assert found.friction.value == pytest.approx(GT.value, rel=1e-9)
+    samples = sample_motion(case.robot, case.reference, 1e-3)
+    normal = samples.states.contact_forces[:, :, 0]
+    assert found.force.value == pytest.approx(normal.min(), rel=1e-3)
+    assert found.force.contacts == (1 + int(np.argmin(normal.min(axis=0))),)
+    assert found.edge.value == pytest.approx(np.nanmin(samples.tip.edge_distances), rel=1e-3)
+
+
+def test_parts_together_are_the_whole(case):
+    times = np.linspace(0, case.reference.end, 40)
+    of = lambda t: ContactMargins.of(Instants.of_states(case.robot, *case.reference.states(t)), t)  # noqa: E731
+    whole, parts = of(times), of(times[:13]).worse(of(times[13:]))
+    for name in ("force", "moment", "edge", "friction"):
+        one, other = getattr(whole, name), getattr(parts, name)
+        assert (one.time, one.contacts) == (other.time, other.contacts), name
+        assert one.value == pytest.approx(other.value, rel=1e-9), name
+    assert set(whole.to_dict()) == {
+        "least_normal_force_N",
+        "least_moment_Nm",
+        "least_edge_distance_m",
+        "friction_use",
+        "normal_forces_unique",
+    }
+
+
+def test_what_has_no_meaning_is_left_out(case):
+    nothing = ContactMargins(None, None, None, None, unique=False)
+    assert nothing.lines() == []
+    assert nothing.to_dict()["least_moment_Nm"] is None
+    one = ContactMargins.of(Instants.at_rest(case.robot, case.start[None]), np.zeros(1))
+    assert nothing.worse(one).force == one.worse(nothing).force == one.force
+    shared = ContactMargins(one.force, None, None, None, unique=False)
+    assert shared.lines()[0].endswith("; one possible sharing, rigid ground leaves it open")
