@@ -39,12 +39,11 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import Bounds
 
 from ocptip.basics.errors import InputError, finite_array, positive_number
-from ocptip.motion.check import INSIDE
 from ocptip.motion.planner.random_start import DETOUR, random_start
 from ocptip.motion.task import MotionTask, require_plannable
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.instants import Instants
-from ocptip.trajectories.arm_motion import ArmMotion, earliest_end, passive_command
+from ocptip.trajectories.arm_motion import INSIDE, ArmMotion, earliest_end, passive_command
 from ocptip.trajectories.ramps import JointRamps, RampCommand
 
 LEAST_SPEED = 0.001

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ocptip.motion.check import INSIDE, check_motion
+from ocptip.motion.check import check_motion
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.mechanism import MotionSamples
-from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.arm_motion import INSIDE, ArmMotion
 
 SEARCHED = (0.05, 20.0)  # tau* is sought between these
 CELL = 5e-4  # s

@@ -88,12 +88,12 @@ def test_states_of_all_joints():
 
 @given(st.lists(st.tuples(angles(), commands), min_size=1, max_size=3))
 def test_events_split_the_motion(joints):
-    """Sorted, more than 1 ns apart, from 0 to the end; within an interval no acceleration or sign changes."""
+    """Sorted, over 0.1 us apart, from 0 to the end; within an interval no acceleration or sign changes."""
     motion = ArmMotion.from_commands([start for start, _ in joints], [given for _, given in joints])
     events = motion.event_times
     assert events[0] == 0
-    assert events[-1] == (motion.end if motion.end > 1e-9 else 0)
-    assert np.all(np.diff(events) > 1e-9)
+    assert events[-1] == (motion.end if motion.end > 1e-7 else 0)
+    assert np.all(np.diff(events) > 1e-7)
     all_times = np.concatenate([motion.crossings, *(joint.times for joint in motion.joints)])
     assert np.abs(all_times[:, None] - events).min(axis=1).max() < 2e-9 * len(all_times)
     if len(events) < 2:

@@ -178,7 +178,7 @@ def test_json_of_commands(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", r"m\.csv: is empty; expected a header"),
+        ("", r"m\.csv: is empty; expected ramp commands"),
         ("t,q1_deg\n0,1\n", "header: expected one column time_s, got t, q1_deg"),
         ("time_s,qd1_deg_s\n0,1\n", "header: q1_deg is missing"),
         ("time_s\n0\n", "header: q1_deg is missing"),

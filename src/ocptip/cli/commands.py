@@ -105,7 +105,11 @@ COMMANDS = (
         "accelerations, angles.",
         "0 the motion as given is verified, 1 it is not",
         (
-            argument("motion", "MOTION", "plan.json or other ramp commands, or samples as CSV"),
+            argument(
+                "motion",
+                "MOTION",
+                "plan.json or other ramp commands, a joint trajectory (JSON, YAML), or samples as CSV",
+            ),
             either(
                 argument("--case", "A..H", "a printed case (default: the one the motion names)"),
                 argument("--task", "TASK.toml", "robot, support and limits of a task file"),

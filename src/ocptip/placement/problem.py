@@ -179,7 +179,9 @@ class PlacementLimits:
                 share_of_one(name, getattr(self, name))
         for name in ("condition", "singular_ratio", "index_min"):
             if getattr(self, name) is not None:
-                positive_number(name, getattr(self, name))
+                value = positive_number(name, getattr(self, name))
+                if name != "index_min" and value <= 1:
+                    raise InputError(f"{name}: must be > 1, which no pose falls below, got {value:g}")
         if self.index is not None and self.index not in INDICES:
             raise InputError(f"index: expected one of {', '.join(INDICES)}, got {self.index!r}")
         if (self.index is None) != (self.index_min is None):

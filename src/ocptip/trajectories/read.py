@@ -158,7 +158,9 @@ def _stamp(number: int, point: Any) -> float:
 def _from_csv(text: str, units: Sequence[str]) -> SampledMotion:
     lines = [(k, row) for k, row in enumerate(csv.reader(text.splitlines()), 1) if any(map(str.strip, row))]
     if not lines:
-        raise InputError("is empty; expected a header with time_s, q1_deg, q2_deg, ...")
+        raise InputError(
+            "is empty; expected ramp commands, a joint trajectory, or columns time_s, q1_deg, q2_deg, ..."
+        )
     header = [name.strip() for name in lines[0][1]]
     time, angles, speeds = _columns(header)
     for columns in filter(None, (angles, speeds)):

@@ -17,7 +17,7 @@ from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.ramps import RampCommand
 from studies.baselines.penalty import MotionPenalty, _piecewise_maxima, _spline_maxima
 
-INSIDE = 1.5e-9
+INSIDE = 1.5e-7
 
 
 @pytest.fixture(scope="module")
