@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -14,7 +16,8 @@ from ocptip.published.tasks import experiment_task
 from ocptip.standing import limit_kinds
 from ocptip.standing.instants import Instants
 from ocptip.standing.limit import AskedLimit, QuantityLimit, Worst
-from ocptip.standing.limit_kinds import KINDS, limits_of
+from ocptip.standing.limit_kinds import KINDS, AccelerationLimit, limits_of
+from ocptip.standing.limits import MotionLimits
 
 
 class ShoulderLimit(QuantityLimit):
@@ -147,3 +150,18 @@ def test_paths_of_random_starts_see_a_new_kind(task, with_shoulder, monkeypatch)
     held = -Instants.at_rest(task.robot, q).torques[:, 1]
     assert _path_violation(task.robot, motion, limits) == pytest.approx(np.max(held) / 10 - 1)
     assert _path_violation(task.robot, motion, limits[:-1]) < 0
+
+
+def test_rounding_of_samples_breaks_no_peak_and_small_excesses_are_said():
+    robot = experiment_task("A", "effective").robot
+    limit = AccelerationLimit(robot, MotionLimits(), (0,))
+    for excess, rounding, said in (
+        (5e-6, 1e-5, ""),
+        (2e-5, 1e-5, "acceleration_ratio is 1 + 1e-05 (joint 1), must be <= 1"),
+        (5e-6, 0.0, "acceleration_ratio is 1 + 5e-06 (joint 1), must be <= 1"),
+        (1.0, 0.0, "acceleration_ratio is 2 (joint 1), must be <= 1"),
+    ):
+        peaks = robot.limits.acceleration * [1 + excess, 0, 0, 0, 0, 0]
+        motion = SimpleNamespace(acceleration_peaks=peaks, peak_rounding=rounding)
+        (worst,) = limit.exact(motion)
+        assert worst.violation == said

@@ -207,3 +207,10 @@ def test_bad_calls_are_refused():
             motion.quadrature(order)
     with pytest.raises(InputError, match="factor"):
         motion.time_scaled(0)
+
+
+@pytest.mark.parametrize("cruise", [0.0, 5e-9, 1e-3])
+def test_phases_that_only_rounding_makes_are_no_intervals(cruise):
+    motion = ArmMotion.from_commands([0.0], [[RampCommand(1.0 + cruise, 1.0, 1.0)]])
+    expected = [0, 1, 1 + cruise, 2 + cruise] if cruise > 1e-6 else [0, 1, 2]
+    np.testing.assert_allclose(motion.event_times, expected, atol=1e-8)

@@ -345,7 +345,9 @@ def _normal_forces(ax: Any, curves: _Curves) -> None:
             of = "" if len(which) == len(bounds) else f" ({', '.join(str(k + 1) for k in which)})"
             style = {**_LIMIT_STYLE, **(own if len(which) == 1 else {})}
             ax.axhline(value, **style, label=f"{word}{of}: {value:.4g} N", gid=f"{word}-normal")
-    _finish(ax, curves, _all("Normal forces of contacts", curves.normal_forces), "force on the base [N]")
+    title = _all("Normal forces of contacts", curves.normal_forces)
+    shared = "" if curves.plan.check.contacts.unique else ", one possible sharing"
+    _finish(ax, curves, title + shared, "force on the base [N]")
 
 
 def _drawn(draw: Callable[[_Curves], Figure], curves: _Curves) -> Figure:
