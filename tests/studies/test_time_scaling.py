@@ -115,7 +115,7 @@ def test_cells_fill_the_motion():
     assert np.all(np.diff(times) > 0)
     for event in motion.event_times[1:-1]:
         near = np.sort(np.abs(times - event))[:2]
-        assert near.max() < 2e-9
+        assert near.max() < 2e-7
     assert np.sum(widths == 0) == 2 * len(motion.intervals)
 
 

@@ -63,7 +63,10 @@ def controller_points(
 
 
 def _spread(events: np.ndarray, step: float) -> np.ndarray:
-    """Events and multiples of `step` between them, none too near to another one; both ends stay."""
+    """Events and multiples of `step` between them, none too near to another one; both ends stay.
+
+    Multiples keep a tenth of a step from events: rounded times weigh more the shorter an interval is.
+    """
     end, kept = events[-1], [events[0]]
     for time in events[1:]:
         if time - kept[-1] >= NEAREST and (time == end or end - time >= NEAREST):
@@ -72,7 +75,7 @@ def _spread(events: np.ndarray, step: float) -> np.ndarray:
     grid = step * np.arange(1, np.ceil(end / step))
     after = np.clip(np.searchsorted(events, grid), 1, len(events) - 1)
     near = np.minimum(np.abs(grid - events[after]), np.abs(grid - events[after - 1]))
-    return np.round(np.sort(np.concatenate([events, grid[near >= NEAREST]])), 9)
+    return np.round(np.sort(np.concatenate([events, grid[near >= max(NEAREST, 0.1 * step)]])), 9)
 
 
 def _rest(motion: ArmMotion, rise: float, times: np.ndarray, angles: np.ndarray, *rates: np.ndarray) -> None:
