@@ -5,10 +5,16 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import numpy  # noqa: F401  (its libraries must be there before their threads are limited)
 import pytest
+import scipy.linalg  # noqa: F401
 from hypothesis import settings
+from threadpoolctl import threadpool_limits
 
 from tests import places
+
+# Small matrices run on one thread, as in the workers of the planner; the tests have all cores anyway.
+threadpool_limits(1)
 
 # In CI the examples are the same in every run: no change fails because of an example that is new.
 settings.register_profile("ci", derandomize=True, deadline=None)

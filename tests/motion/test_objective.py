@@ -24,7 +24,7 @@ def task():
     robot, limits = task.robot, task.robot.arm.limits
     arm = robot.arm.with_limits(speed=2 * limits.speed, acceleration=1.5 * limits.acceleration)
     faster = StandingRobot(arm, robot.support, robot.motors, obstacles=robot.obstacles)
-    return dataclasses.replace(task, robot=faster, reference=None)
+    return dataclasses.replace(task, robot=faster, reference=None, commands=1)
 
 
 def planned(task, objective=ENERGY, **limits):
@@ -87,7 +87,7 @@ def test_derivatives_of_the_objective_by_differences(objective):
 def test_the_fastest_motion_is_faster_and_costs_more(task, least_energy):
     fastest = planned(task, TIME)
     assert fastest.verified
-    assert fastest.duration < 0.9 * least_energy.duration
+    assert fastest.duration < 0.95 * least_energy.duration
     assert fastest.energy > least_energy.energy
 
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
+from threadpoolctl import threadpool_limits
 
 from ocptip.basics.errors import InputError, SolverError, finite_array, positive_number, whole_number
 from ocptip.indices.platforms.platform import PlatformPose, StewartPlatform
@@ -55,6 +56,7 @@ class QualityIndex:
     best: BestPose | None
 
 
+@threadpool_limits.wrap(limits=1)  # small matrices: more threads only wait for each other
 def best_pose(
     platform: StewartPlatform,
     index: Callable[[PlatformPose], float],

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 from numpy.typing import ArrayLike
+from threadpoolctl import threadpool_limits
 
 from ocptip.basics.errors import finite_array, rotation_matrix
 from ocptip.indices.entry import IndexEntry
@@ -25,6 +26,7 @@ from ocptip.indices.platforms.reviewed import (
 )
 
 
+@threadpool_limits.wrap(limits=1)  # small matrices: more threads only wait for each other
 def rate_platform(
     platform: StewartPlatform,
     position: ArrayLike = (0.0, 0.0, 0.0),
