@@ -173,7 +173,7 @@ def test_no_place_of_a_grid_is_better(mode):
     ]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
     ground = np.min([np.min(r.margins, axis=1) for r in evaluator.ground(0, grid) if r.margins.size], axis=0)
-    found = best_branches(evaluator, 0, grid[ground >= 0], rng)
+    found = best_branches(evaluator, 0, grid[ground >= 0], ground[ground >= 0], rng)
     order = np.argsort(np.where(found.margins >= 0, found.totals, np.inf))[:2000]
     parameters, angles = np.array(found.parameters)[order], found.angles[order]
     totals, margins = exact_scores(evaluator, 0, parameters, angles, fast=True)
