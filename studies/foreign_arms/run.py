@@ -2,16 +2,19 @@
 
     python -m studies.foreign_arms.run --out FOLDER [--packages DIR ...] [--only NAME ...] [--starts 2]
 
-For every arm of arms.toml: `ocptip init` writes a task file, its marked lines are filled in (the file's lines
-count, without comments and blank ones), `ocptip plan` plans it, without payload and with the nominal one. The
-packages are found where they are installed, or in the folders --packages (`pip install --target`). Writes
-foreign_arms.json and .md, and per arm a folder with its task file and plan.
+For every arm of arms.toml: `ocptip init` writes a task file, its marked lines are filled in (the file's
+lines count, without comments and blank ones), `ocptip plan` plans it: without payload and with the nominal
+one, with the URDF's collision geometry; and, for the time it takes, without payload with spheres by hand.
+Every verified plan is looked at again in steps of 1 ms on the URDF's meshes (mesh_check.py). The packages are
+found where they are installed, or in the folders --packages (`pip install --target`). Writes
+foreign_arms.json and .md, and per task a folder with its file and plan.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
 import resource
 import subprocess
 import sys
@@ -21,15 +24,21 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ocptip.basics.errors import InputError
 from ocptip.basics.write import versions, write_text
-from ocptip.task_files.template import MARK, task_template
-from studies.common import PLANNING, ended, json_text, machine, number, source_state, table
+from ocptip.task_files.template import MARK, TaskTemplate, task_template
+from ocptip.trajectories.arm_motion import ArmMotion
+from studies.common import PLANNING, ended, json_text, machine, source_state
+from studies.foreign_arms.mesh_check import STEP, MeshCheck
+from studies.foreign_arms.report import report
 
 _NAME = "foreign_arms"
 _PLACES = {"example-robot-data": "share/example-robot-data/robots"}  # within a cmeel prefix
 _PLAN = "import sys; from ocptip.cli.main import main; sys.exit(main(sys.argv[1:]))"
-_PAYLOADS = find_spec("ocptip.task_files.payload") is not None
+_READ = "from ocptip.task_files.motion import load_task; load_task('task.toml')"
+_DECK = 0.1  # m, thickness at most
 
 
 def package_folder(name: str, folders: Sequence[Path]) -> Path:
@@ -52,31 +61,80 @@ def package_folder(name: str, folders: Sequence[Path]) -> Path:
     raise InputError(f"package {name} not found; pip install --target DIR {name}, then --packages DIR")
 
 
-def task_text(arm: Mapping[str, Any], urdf: Path, folder: Path, payload: float) -> str:
-    """The file of `ocptip init` with its marked lines filled in."""
-    names = {key: arm.get(key) for key in ("base_link", "tool_frame")}
-    base = arm["base"]
+def template_of(arm: Mapping[str, Any], urdf: Path, folder: Path) -> TaskTemplate:
+    """What `ocptip init` writes for an arm."""
+    return task_template(urdf, folder, base_link=arm.get("base_link"), tool_frame=arm.get("tool_frame"))
+
+
+def deck_of(base: Mapping[str, Any]) -> tuple[list[float], list[float]] | None:
+    """Edges and centre (base axes) of the box under an arm, m; None: the base is part of the URDF."""
+    if not base.get("deck", True):
+        return None
+    (x, y), thick = base["half"], min(_DECK, base["height"])
+    return [2 * x, 2 * y, thick], [0, 0, round(base["height"] - thick / 2, 4)]
+
+
+def task_text(
+    arm: Mapping[str, Any],
+    template: TaskTemplate,
+    payload: float,
+    places: Mapping[str, str],
+    spheres: float | None = None,
+) -> str:
+    """The file of `ocptip init` with its marked lines filled in.
+
+    Args:
+        arm: an entry of arms.toml.
+        template: of it.
+        payload: kg, 0: none.
+        places: files and folders of its collision geometry, by key of `[arm]`.
+        spheres: radius, m: spheres by hand instead of the URDF's geometry.
+    """
+    base, deck = arm["base"], deck_of(arm["base"])
     x, y = base["half"]
     values: dict[str, Any] = {
         "mass": base["mass"],
         "center_of_mass": [0, 0, round(0.4 * base["height"] + 0.1, 3)],
         "feet": [[x, y, 0], [x, -y, 0], [-x, -y, 0], [-x, y, 0]],
-        "friction": 0.6,
+        "friction": 0.5,
         "mount_position": [0, 0, base["height"]],
         **{key: arm[key] for key in ("start_deg", "goal_deg", "start_m", "goal_m") if key in arm},
         **arm.get("fill", {}),
     }
+    more: dict[str, list[str]] = {"name": [], "friction": [], "mount_position": []}
+    if payload:
+        more["name"].append(f"payload = {{ mass = {payload}, center_of_mass = [0, 0, 0.05] }}")
+    if deck:
+        size, position = deck
+        box = f'{{ name = "deck", kind = "box", size = {size}, position = {position} }}'
+        more["friction"].append(f"shape = [{box}]")
+    if spheres is not None:
+        geometry = {"sphere_radius": spheres, "excluded_links": arm.get("excluded_spheres")}
+    else:
+        geometry = {**places, "excluded_links": arm.get("excluded_links")}
+    more["mount_position"] += [f"{key} = {json.dumps(value)}" for key, value in geometry.items() if value]
     lines = []
-    for line in task_template(urdf, folder, **names).text.splitlines():
-        if line.startswith(MARK):
-            key = line.removeprefix(MARK).split("=")[0].strip()
-            line = f"{key} = {values[key]}"
-        lines.append(line)
+    for line in template.text.splitlines():
+        key = line.removeprefix(MARK).split("=")[0].strip()
+        lines += [f"{key} = {values[key]}" if line.startswith(MARK) else line, *more.get(key, [])]
     if "optimised" in arm:
         lines.append(f"optimised = {json.dumps(arm['optimised'])}")
-    if payload:
-        lines += ["", "[payload]", f"mass = {payload}", "center_of_mass = [0, 0, 0.05]"]
     return "\n".join(lines) + "\n"
+
+
+def places_of(arm: Mapping[str, Any], package: Path, folder: Path) -> dict[str, str]:
+    """Where the arm's geometry finds its files, seen from the task's folder.
+
+    A package that lies under another name than the URDF calls it gets a link of that name beside the task.
+    """
+    places = {}
+    if "srdf" in arm:
+        places["srdf"] = os.path.relpath((package / arm["srdf"]).resolve(), folder.resolve())
+    for name, inside in arm.get("links", {}).items():
+        places["package_dirs"] = "."
+        if not (folder / name).exists():
+            (folder / name).symlink_to((package / inside).resolve(), target_is_directory=True)
+    return places
 
 
 def code_lines(text: str) -> int:
@@ -84,17 +142,23 @@ def code_lines(text: str) -> int:
     return sum(bool(line.strip()) and not line.lstrip().startswith("#") for line in text.splitlines())
 
 
+def cpu_of(arguments: Sequence[str], folder: Path, limit: float) -> tuple[subprocess.CompletedProcess, float]:
+    """Run Python in a folder: what came of it, and CPU s."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    command = [sys.executable, *arguments]
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=limit, check=False)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return done, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
 def planned(folder: Path, starts: int, limit: float) -> dict[str, Any]:
     """What `ocptip plan` says of the file task.toml, and its CPU time."""
-    command = [sys.executable, "-c", _PLAN, "plan", "task.toml", "--json", "--no-figures", "--jobs", "1"]
+    command = ["-c", _PLAN, "plan", "task.toml", "--json", "--no-figures", "--jobs", "1"]
     command += ["--starts", str(starts), "--out", "plan"]
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
     try:
-        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=limit, check=False)
+        done, cpu = cpu_of(command, folder, limit)
     except subprocess.TimeoutExpired:
         return {"verdict": "stopped", "reason": f"not done in {limit:g} s", "cpu_s": limit}
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     if done.returncode not in (0, 1):
         return {"verdict": "refused", "reason": done.stderr.strip(), "cpu_s": cpu}
     data = json.loads(done.stdout)
@@ -108,95 +172,85 @@ def planned(folder: Path, starts: int, limit: float) -> dict[str, Any]:
         "duration_s": data.get("duration_s"),
         "GN": worst.get("GN", {}).get("value"),
         "GT": worst.get("GT", {}).get("value"),
+        "pairs": data.get("collision", {}).get("pairs"),
         "distance_m": distance.get("value"),
         "distance_between": distance.get("detail"),
+        "iterations": data.get("iterations"),
         "verified_starts": sum(start["verified"] for start in data.get("starts", [])),
     }
+
+
+def looked_at_again(check: MeshCheck, folder: Path) -> dict[str, Any]:
+    """Collisions of the plan of a folder on the meshes."""
+    data = json.loads((folder / "plan" / "plan.json").read_text(encoding="utf-8"))
+    motion = ArmMotion.from_dict(data)
+    times = np.append(np.arange(0, data["duration_s"], STEP), data["duration_s"])
+    found = check.motion(motion.states(times)[0])
+    return {**found, "random_colliding": check.colliding, "always": check.always}
 
 
 def rows_of(
     arm: Mapping[str, Any], folders: Sequence[Path], out: Path, starts: int, limit: float
 ) -> Iterator[dict[str, Any]]:
     """One row per payload."""
-    urdf = package_folder(arm["package"], folders) / arm["urdf"]
-    for payload in (0, arm["payload"]) if _PAYLOADS else (0,):
-        folder = out / f"{arm['name'].split(',')[0].replace(' ', '_')}{'_loaded' if payload else ''}"
-        folder.mkdir(parents=True, exist_ok=True)
+    package = package_folder(arm["package"], folders)
+    urdf, name = package / arm["urdf"], arm["name"].split(",")[0].replace(" ", "_")
+    check = None
+    for payload, ending in ((0, ""), (arm["payload"], "_loaded")):
         row = {"arm": arm["name"], "package": arm["package"], "urdf": arm["urdf"], "payload_kg": payload}
+        folder = out / f"{name}{ending}"
+        folder.mkdir(parents=True, exist_ok=True)
         try:
-            text = task_text(arm, urdf, folder, payload)
+            template = template_of(arm, urdf, folder)
         except InputError as error:
             yield {**row, "accepted": False, "verdict": "refused", "reason": str(error)}
             continue
+        places = places_of(arm, package, folder)
+        text = task_text(arm, template, payload, places)
         write_text(folder / "task.toml", text)
-        joints = [key for key in text.splitlines() if key.startswith("#   ")]
-        sliding = sum(" m, " in line for line in joints)
         found = planned(folder, starts, limit)
-        yield {
-            **row,
+        row |= {
             "accepted": found["verdict"] != "refused",
-            "joints": len(joints),
-            "sliding": sliding,
+            "joints": template.arm.n,
+            "sliding": int(template.arm.prismatic.sum()),
             "lines": code_lines(text),
             **found,
         }
+        if found["verdict"] == "verified":
+            check = check or mesh_check(arm, urdf, template, package, folder)
+            row["meshes"] = looked_at_again(check, folder)
+        if not payload:
+            row["spheres"] = with_spheres(arm, template, out / f"{name}_spheres", starts, limit)
+            row["spheres"]["read_meshes_s"] = cpu_of(["-c", _READ], folder, limit)[1]
+        yield row
 
 
-def report(data: Mapping[str, Any]) -> str:
-    """Results as Markdown."""
-    head = [
-        "arm",
-        "package",
-        "joints",
-        "payload kg",
-        "lines",
-        "verdict",
-        "J",
-        "s",
-        "GN",
-        "GT",
-        "least distance m",
-    ]
-    rows = []
-    for row in data["rows"]:
-        joints = f"{row.get('joints', '-')}" + (f", {row['sliding']} slide" if row.get("sliding") else "")
-        distance = row.get("distance_m")
-        between = (
-            f" ({row['distance_between']})" if distance is not None and row.get("distance_between") else ""
-        )
-        rows.append(
-            [
-                row["arm"],
-                row["package"],
-                joints,
-                f"{row['payload_kg']:g}",
-                f"{row.get('lines', '-')}",
-                row["verdict"],
-                number(row.get("energy_J"), 1),
-                number(row.get("duration_s"), 2),
-                number(row.get("GN")),
-                number(row.get("GT")),
-                ("not checked" if distance is None else number(distance)) + between,
-                number(row.get("cpu_s"), 0),
-            ]
-        )
-    verified = sum(row["verdict"] == "verified" for row in data["rows"])
-    reasons = [
-        f"- {r['arm']}, {r['payload_kg']:g} kg: {r['reason']}" for r in data["rows"] if r.get("reason")
-    ]
-    lines = [
-        "# Arms of other people's packages",
-        "",
-        f"{len(rows)} tasks, {sum(r['accepted'] for r in data['rows'])} accepted, {verified} verified; "
-        f"{data['starts']} starts each, one process; no URDF touched.",
-        *([] if _PAYLOADS else ["Without payload only: this state of the source has none."]),
-        "",
-        *table([*head, "CPU s"], rows, left=3),
-        "",
-        *(["Not verified:", "", *reasons, ""] if reasons else []),
-        f"Source {data['source']}, {data['machine']['cores']} cores, shared with other work.",
-    ]
-    return "\n".join(lines) + "\n"
+def with_spheres(
+    arm: Mapping[str, Any], template: TaskTemplate, folder: Path, starts: int, limit: float
+) -> dict[str, Any]:
+    """The same without payload and with spheres by hand along the links."""
+    folder.mkdir(parents=True, exist_ok=True)
+    write_text(folder / "task.toml", task_text(arm, template, 0, {}, arm.get("sphere_radius", 0.05)))
+    found = planned(folder, starts, limit)
+    kept = ("verdict", "reason", "cpu_s", "energy_J", "pairs", "distance_m", "iterations")
+    return {key: found.get(key) for key in kept} | {"read_s": cpu_of(["-c", _READ], folder, limit)[1]}
+
+
+def mesh_check(
+    arm: Mapping[str, Any], urdf: Path, template: TaskTemplate, package: Path, folder: Path
+) -> MeshCheck:
+    """The independent check of an arm's plans."""
+    model, deck, base = template.arm, deck_of(arm["base"]), arm["base"]
+    return MeshCheck(
+        urdf,
+        template.base_link,
+        model.joint_names,
+        model.resting,
+        deck=None if deck is None else (deck[0], [0, 0, deck[1][2] - base["height"]]),
+        excluded=arm.get("excluded_links", ()),
+        srdf=package / arm["srdf"] if "srdf" in arm else None,
+        package_dirs=[folder],
+    )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -222,9 +276,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for arm in chosen:
             for row in rows_of(arm, options.packages, options.out / _NAME, options.starts, options.limit):
                 data["rows"].append(row)
-                print(
-                    f"{row['arm']}, {row['payload_kg']:g} kg: {row['verdict']}", file=sys.stderr, flush=True
-                )
+                said = f"{row['arm']}, {row['payload_kg']:g} kg: {row['verdict']}"
+                print(said, file=sys.stderr, flush=True)
                 write_text(options.out / f"{_NAME}.json", json_text(data) + "\n")
                 write_text(options.out / f"{_NAME}.md", report(data))
         return report(data)
