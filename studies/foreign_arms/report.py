@@ -61,6 +61,12 @@ def _on_the_meshes(verified: Sequence[Mapping[str, Any]]) -> list[str]:
             f"  {len(again)} plans, {instants} instants, {hits} collide. That it sees collisions: of",
             f"  {POSTURES} random postures of an arm {min(seen)} to {max(seen)} collide.",
         ]
+        pairs = {
+            f"{row['arm']}: {' and '.join(p)}"
+            for row in verified
+            for p in row.get("meshes", {}).get("pairs", ())
+        }
+        lines += [f"  Collides: {pair}." for pair in sorted(pairs)]
     return lines
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import casadi as cs
 import numpy as np
 import pytest
@@ -197,3 +199,25 @@ def test_depth_of_overlap():
 def test_a_flat_mesh_gets_a_thickness():
     plate = Hull(np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]))
     np.testing.assert_allclose(np.ptp(plate.points[:, 2]), 1e-3)
+
+
+def test_fine_meshes_take_memory_in_proportion_to_their_corners():
+    points = np.random.default_rng(0).normal(size=(4000, 3))
+    points /= np.linalg.norm(points, axis=1)[:, None]  # a ball: all are corners
+    flat = points * [1.0, 1.0, 0.0]
+    tracemalloc.start()
+    enclosing_capsule(Hull(points))
+    thin = Hull(flat)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 20e6  # B; a matrix of corners by corners has 128e6
+    assert np.ptp(thin.points[:, 2]) == pytest.approx(1e-3)
+
+
+def test_slopes_where_all_pairs_begin_or_end_at_rest():
+    rng = np.random.default_rng(0)
+    solids = [(0, random_shape(rng, "box")), (RESTING, Box(np.ones(3), position=np.array([2.0, 0, 0])))]
+    y, one = rng.uniform(-1, 1, (1, 12)), np.zeros(1, dtype=int)
+    ahead, behind = (Distances(FRAMES, solids, [pair]).at(y, one, one)[1] for pair in ((0, 1), (1, 0)))
+    np.testing.assert_allclose(ahead, behind, atol=1e-9)
+    assert np.abs(ahead).max() > 0.1

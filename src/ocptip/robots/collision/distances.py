@@ -206,7 +206,7 @@ class Distances:
             along[:, :, 2 * side : 2 * side + 2] = sign * turn @ local
             moving = np.flatnonzero(bodies != RESTING)
             of_body = slopes[contact.states[moving], bodies[moving]]
-            of_axes = of_body[:, :9].reshape(len(moving), 3, 3, -1)
+            of_axes = of_body[:, :9].reshape(len(moving), 3, 3, of_body.shape[-1])
             moved = np.einsum("rabx,rb->rax", of_axes, own[moving, side]) + of_body[:, 9:]
             apart[moving] += sign * moved
             towards = np.einsum("rabx,rbs,ra->rxs", of_axes, local[moving], contact.normals[moving])

@@ -44,11 +44,18 @@ def convex_parts(points: np.ndarray, triangles: np.ndarray) -> list[np.ndarray]:
 def _best_cut(surface: np.ndarray) -> tuple[float, int, float]:
     """Volume of both hulls after the best cut, its axis and level, m."""
     best = (np.inf, 0, 0.0)
-    low, high = surface.min(axis=(0, 1)), surface.max(axis=(0, 1))
+    corners = np.unique(surface.reshape(-1, 3), axis=0)  # each once: a sixth
+    low, high = corners.min(axis=0), corners.max(axis=0)
     for axis in range(3):
+        least, most = surface[:, :, axis].min(axis=1), surface[:, :, axis].max(axis=1)
         for share in _LEVELS:
             level = float(low[axis] + share * (high[axis] - low[axis]))
-            volumes = [_hull_volume(_side(surface, axis, level, side)) for side in (-1.0, 1.0)]
+            across = surface[(least < level) & (most > level)]
+            volumes = []
+            for side in (-1.0, 1.0):
+                whole = corners[side * (corners[:, axis] - level) >= 0]
+                pieces = _side(across, axis, level, side).reshape(-1, 3)
+                volumes.append(_hull_volume(np.concatenate([whole, pieces])))
             if min(volumes) > 0:
                 best = min(best, (sum(volumes), axis, level))
     return best

@@ -181,7 +181,7 @@ class Hull(Shape):
         except (QhullError, ValueError):
             if not len(points):
                 raise InputError("points: a mesh without vertices") from None
-            across = np.linalg.svd(points - points.mean(axis=0))[2]
+            across = _principal_axes(points)
             thick = [points + sign * 0.5 * _THIN * axis for axis in across for sign in (-1, 1)]
             kept = np.vstack(thick)
             kept = kept[ConvexHull(kept).vertices]
@@ -252,7 +252,7 @@ def enclosing_capsule(shape: Shape) -> tuple[np.ndarray, float]:
     """
     corners = shape.outline()
     centre = corners.mean(axis=0)
-    axes = np.linalg.svd(corners - centre, full_matrices=True)[2]
+    axes = _principal_axes(corners)
     found = []
     for k in range(3):
         own = (corners - centre) @ np.roll(axes, -k, axis=0).T
@@ -267,3 +267,9 @@ def enclosing_capsule(shape: Shape) -> tuple[np.ndarray, float]:
         volume = np.pi * radius**2 * (high - low + 4 / 3 * radius)
         found.append((volume, k, ends, radius + shape.thickness + 1e-9))
     return min(found, key=lambda entry: entry[:2])[2:]
+
+
+def _principal_axes(points: np.ndarray) -> np.ndarray:
+    """Rows (3, 3): directions in which points (k, 3) spread most to least."""
+    few = len(points) < 3  # only then the whole matrices are needed, whose first is (k, k)
+    return np.linalg.svd(points - points.mean(axis=0), full_matrices=few)[2]
