@@ -194,7 +194,7 @@ def test_manipulability_measures_and_their_derivatives():
     arm = four_feet().arm
     q = angles(four_feet(), seed=7)
     values = measures(arm, q, 0.5)
-    logs = LogMeasures(arm, PlacementLimits(condition=1.0, singular_ratio=1.0, jacobian_length=0.5))
+    logs = LogMeasures(arm, PlacementLimits(condition=2.0, singular_ratio=2.0, jacobian_length=0.5))
     weights = np.array([0.7, -0.4])
     value, slope = logs.gradient(q[:3])
     assert value == pytest.approx(np.log(values[:3]))
