@@ -54,7 +54,7 @@ CONTRADICTIONS = (  # between two tables: the one that is read later is refused
     "is neither a parameter nor a multiple of pi",
     r"there is no \[table\.",
     r"there is no row \d+, only",
-    "the arm has no collision spheres to check; give arm.sphere_radius",
+    "the arm has no collision geometry to check; give arm.sphere_radius",
     "for legs that branch, with `ends`, but this leg has none",
     r"terrain '.*': uneven ground: ",  # between contacts and terrain
     r"terrain '.*': [xy]: lower bound .* is above upper bound",  # between the terrain and its grid
