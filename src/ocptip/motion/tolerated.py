@@ -277,9 +277,8 @@ def _late(robot: StandingRobot, motion: Motion) -> list[_Case]:
         late[moving[subset]] = True
 
         def loads(delay: float) -> np.ndarray:
-            times = np.sort(
-                np.concatenate([events + s * INSIDE + k * delay for s in (-1, 1) for k in (0, 1)])
-            )
+            sides = events[:, None] + np.array([-INSIDE, INSIDE])
+            times = np.hstack([sides, sides + delay]).ravel()  # by event, as the case's times
             now, then = motion.states(times), motion.states(times - delay)
             states = [np.where(late, b, a) for a, b in zip(now, then, strict=True)]
             return robot.loads(*states)[1]
