@@ -116,6 +116,8 @@ def task_text(
     lines = []
     for line in template.text.splitlines():
         key = line.removeprefix(MARK).split("=")[0].strip()
+        if line.startswith(MARK) and key == "package_dirs":  # comes with the geometry, if it is wanted
+            continue
         lines += [f"{key} = {values[key]}" if line.startswith(MARK) else line, *more.get(key, [])]
     if "optimised" in arm:
         lines.append(f"optimised = {json.dumps(arm['optimised'])}")

@@ -2,14 +2,17 @@
 
 import json
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from ocptip.basics.errors import InputError
 from ocptip.cli.main import main
 from ocptip.task_files.motion import load_task
 from ocptip.task_files.template import MARK, task_template
 from tests.places import UR5
+from tests.robots.collision.collision_urdf import with_collision
 from tests.task_files.test_arm_files import ON_A_LIFT
 
 VALUES = {
@@ -111,6 +114,38 @@ def test_filled_in_as_they_are_the_examples_make_a_task(tmp_path):
     task = load_task(tmp_path / "ur5.toml")
     assert task.robot.n == 6
     assert template.to_fill[:4] == ["mass", "center_of_mass", "feet", "friction"]
+
+
+@pytest.mark.parametrize(
+    ("meshes", "mark", "key"),
+    [
+        ("package://elsewhere", "package_dirs", "where packages are"),
+        ("elsewhere", "collision", "or get what"),
+    ],
+)
+def test_missing_meshes_are_said(tmp_path, monkeypatch, capsys, meshes, mark, key):
+    monkeypatch.chdir(tmp_path)
+    urdf = with_collision(tmp_path, meshes=meshes)
+    assert main(["init", urdf.name]) == 0
+    said = capsys.readouterr().out
+    names = f"{meshes}/upper_arm_link.stl, {meshes}/forearm_link.stl"
+    assert f"2 mesh files not found: {names}" in said
+    text = Path("ur5_with_collision.toml").read_text()
+    (line,) = [line for line in text.splitlines() if line.startswith(f"{MARK} {mark}")]
+    assert key in line
+    assert names in line
+    Path("ur5_with_collision.toml").write_text(text.replace(MARK, ""))
+    if mark == "collision":
+        assert load_task("ur5_with_collision.toml").robot.arm.geometry is None
+    else:
+        with pytest.raises(InputError, match=r"arm\.urdf: .*no mesh file 'package://elsewhere/upper"):
+            load_task("ur5_with_collision.toml")
+
+
+def test_without_geometry_it_says_that_nothing_is_checked(here, capsys):
+    assert main(["init", "robots/lift.urdf"]) == 0
+    assert "collision  not checked, for the URDF has no collision geometry" in capsys.readouterr().out
+    assert "# sphere_radius = " in Path("lift.toml").read_text()
 
 
 @pytest.mark.slow

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -35,6 +35,12 @@ def quantity(value: float, unit: str, digits: int = 4) -> str:
     if not math.isfinite(value):
         return "unlimited" if value > 0 else "-"
     return f"{value + 0.0:.{digits}g} {unit}"
+
+
+def some(names: Sequence[str], most: int = 5) -> str:
+    """The first of some names, and how many more there are: "a, b and 3 more"."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
 
 
 def did_you_mean(word: object, known: Iterable[str]) -> str:

@@ -9,9 +9,11 @@ from pathlib import Path
 from typing import Any
 
 from ocptip.basics.errors import InputError
+from ocptip.basics.text import some
 from ocptip.basics.write import write_text
 from ocptip.cli.command import Report
 from ocptip.cli.layout import named
+from ocptip.cli.options import naming_options
 from ocptip.task_files.template import MARK, TaskTemplate, task_template
 
 
@@ -42,6 +44,8 @@ class InitReport(Report):
             "joints": template.arm.joint_names,
             "units": template.arm.file_units,
             "assumed": template.arm.notes,
+            "collision_geometry": template.missing is not None,
+            "missing_meshes": template.missing or [],
             "to_fill": template.to_fill,
             "written": self.written,
         }
@@ -53,10 +57,19 @@ class InitReport(Report):
         lines = [
             ("arm", f"{template.base_link} to {template.tool_frame}: {', '.join(arm.joint_names)}"),
             *(("assumed", note) for note in arm.notes),
+            *self._geometry(),
             ("fill in", f"the lines that begin with {MARK}: {', '.join(template.to_fill)}"),
             ("then", f"ocptip plan {self.path}"),
         ]
         return "\n".join([f"{self.path}: written.", *named(lines)])
+
+    def _geometry(self) -> Iterator[tuple[str, str]]:
+        """What is missing of the geometry."""
+        missing = self.template.missing
+        if missing is None:
+            yield "collision", "not checked, for the URDF has no collision geometry; see sphere_radius"
+        elif missing:
+            yield "collision", f"{len(missing)} mesh files not found: {some(missing, 2)}"
 
 
 def run(options: Namespace) -> InitReport:
@@ -67,4 +80,5 @@ def run(options: Namespace) -> InitReport:
     if not path.parent.is_dir():
         raise InputError(f"{path}: there is no directory {path.parent}")
     names = {"base_link": options.base_link, "tool_frame": options.tool_frame}
-    return InitReport(path, task_template(options.robot, path.parent, **names))
+    with naming_options(*names):
+        return InitReport(path, task_template(options.robot, path.parent, **names))

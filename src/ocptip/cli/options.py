@@ -7,6 +7,8 @@ import json
 import re
 import tempfile
 from argparse import Namespace
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from ocptip.basics.errors import InputError, positive_number, share_of_one
@@ -32,6 +34,17 @@ def with_limits(task: MotionTask, options: Namespace) -> MotionTask:
         elif value is not None:
             given[limit] = positive_number(option, value, zero_allowed=limit == "clearance")
     return dataclasses.replace(task, limits=dataclasses.replace(task.limits, **given)) if given else task
+
+
+@contextmanager
+def naming_options(*arguments: str) -> Iterator[None]:
+    """Call arguments as options are typed, in every InputError of the block that is about one of them."""
+    try:
+        yield
+    except InputError as error:
+        if error.path not in arguments:
+            raise
+        raise InputError(error.text, f"--{error.path.replace('_', '-')}", error.file) from None
 
 
 def require_least(options: Namespace, **least: int) -> None:

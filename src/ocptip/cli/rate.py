@@ -15,6 +15,7 @@ from ocptip.basics.errors import InputError, bounded_array, naming
 from ocptip.basics.write import versions
 from ocptip.cli.command import Answer, Report
 from ocptip.cli.layout import named
+from ocptip.cli.options import naming_options
 from ocptip.indices.arms.rate import rate_arm
 from ocptip.indices.entry import IndexEntry
 from ocptip.indices.metric import OperationEllipsoid
@@ -115,7 +116,8 @@ def _arm(options: Namespace) -> ArmModel:
             raise InputError(f"--lock: {error}") from None
     names = {"base_link": options.base_link, "tool_frame": options.tool_frame}
     # Most indices need no masses; those that do say what is missing.
-    return arm_from_urdf(options.robot, **names, locked_joints=locked, accept_inertia=True)
+    with naming_options(*names):
+        return arm_from_urdf(options.robot, **names, locked_joints=locked, accept_inertia=True)
 
 
 def _payload(options: Namespace) -> Payload | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from types import ModuleType
 
 from ocptip.basics.errors import InputError
@@ -13,26 +14,17 @@ def load_pinocchio() -> ModuleType:
     Raises:
         InputError: it is not installed; says what for and where it is to be had.
     """
-    try:
-        import pinocchio
-    except ImportError as error:
-        raise InputError(_without("reading a URDF", error)) from None
-    return pinocchio
+    return _load("pinocchio", "reading a URDF")
 
 
 def load_coal() -> ModuleType:
-    """Return the module coal, which comes with Pinocchio.
+    """Return the module coal, which comes with Pinocchio; errors likewise."""
+    return _load("coal", "the distance of solids other than spheres")
 
-    Raises:
-        InputError: it is not installed; says what for and where it is to be had.
-    """
+
+def _load(module: str, what: str) -> ModuleType:
     try:
-        import coal
+        return import_module(module)
     except ImportError as error:
-        raise InputError(_without("the distance of solids other than spheres", error)) from None
-    return coal
-
-
-def _without(what: str, error: ImportError) -> str:
-    where = "which has no wheel for Windows (there: conda-forge, pinocchio)"
-    return f"{what} needs the package pin, {where}: {error}"
+        where = "which has no wheel for Windows (there: conda-forge, pinocchio)"
+        raise InputError(f"{what} needs the package pin, {where}: {error}") from None

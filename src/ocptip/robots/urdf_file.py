@@ -126,7 +126,7 @@ class UrdfFile:
         If none is called so it is the only one at an end.
 
         Raises:
-            InputError: no such link, or several; lists the candidates.
+            InputError: no such link, or several; lists the candidates. Or nothing moves behind `base`.
         """
         ends = self.ends(base)
         if name is not None:
@@ -140,8 +140,9 @@ class UrdfFile:
                 raise InputError(f"tool_frame: is missing, candidates: {', '.join(found)}")
         if len(ends) == 1:
             return ends[0]
-        which = f"candidates: {', '.join(ends)}" if ends else f"no joint moves behind {base!r}"
-        raise InputError(f"tool_frame: is missing, {which}")
+        if not ends:
+            raise InputError(f"base_link: no joint moves behind {base!r}")
+        raise InputError(f"tool_frame: is missing, candidates: {', '.join(ends)}")
 
     def _known(self, argument: str, name: str, candidates: list[str]) -> str:
         if name in self.links:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from ocptip.basics.text import some
+from ocptip.robots.collision.urdf import PACKAGE, missing_meshes
 from ocptip.robots.model import ArmModel
 from ocptip.robots.urdf import arm_from_urdf
 from ocptip.robots.urdf_file import UrdfFile, read_urdf
@@ -29,12 +31,14 @@ class TaskTemplate:
         text: its content.
         arm: the arm that it describes.
         base_link, tool_frame: names that were given or found.
+        missing: mesh files of its collision geometry that were not found; None: it has no such geometry.
     """
 
     text: str
     arm: ArmModel
     base_link: str
     tool_frame: str
+    missing: list[str] | None
 
     @property
     def to_fill(self) -> list[str]:
@@ -60,7 +64,9 @@ def task_template(
     base = file.base_link(base_link)
     tool = file.tool_frame(tool_frame, base)
     arm = arm_from_urdf(urdf, base_link=base, tool_frame=tool)
-    sections = (_base(file, arm), _arm(file, arm, base, tool, folder), _limits(arm), _motion(arm))
+    missing = missing_meshes(urdf)
+    of_arm = (*_arm(file, arm, base, tool, folder), *_geometry(missing))
+    sections = (_base(file, arm), of_arm, _limits(arm), _motion(arm))
     head = [
         f"# Task for `ocptip plan`, written by `ocptip init` from {file.path.name}.",
         f"# The lines that begin with {MARK} are examples: put your numbers there and take the mark away.",
@@ -68,7 +74,7 @@ def task_template(
         f"name = {_quoted(file.name)}",
     ]
     text = "\n\n".join("\n".join(lines) for lines in (head, *sections)) + "\n"
-    return TaskTemplate(text, arm, base, tool)
+    return TaskTemplate(text, arm, base, tool, missing)
 
 
 def _base(file: UrdfFile, arm: ArmModel) -> Iterator[str]:
@@ -88,11 +94,19 @@ def _arm(file: UrdfFile, arm: ArmModel, base: str, tool: str, folder: Path) -> I
     yield f"urdf = {_quoted(path)}"
     yield _line(f"base_link = {_quoted(base)}", "the link that rests")
     others = [link for link in file.ends(base) if link != tool]
-    yield _line(
-        f"tool_frame = {_quoted(tool)}", f"others: {_some(others)}" if others else "the gripper frame"
-    )
+    yield _line(f"tool_frame = {_quoted(tool)}", f"others: {some(others)}" if others else "the gripper frame")
     yield _line("mount_position = [0.0, 0.0, 0.5]", "m: base origin to the frame of base_link", mark=True)
     yield from (f"# {note}" for note in arm.notes)
+
+
+def _geometry(missing: list[str] | None) -> Iterator[str]:
+    """What collisions need that the URDF does not give."""
+    if missing is None:
+        yield "# sphere_radius = 0.06  # m; no collision geometry in the URDF: else nothing is checked"
+    elif any(name.startswith(PACKAGE) for name in missing):
+        yield _line('package_dirs = ["."]', f"where packages are; not found: {some(missing, 2)}", mark=True)
+    elif missing:
+        yield _line("collision = false", f"or get what is not found: {some(missing, 2)}", mark=True)
 
 
 def _limits(arm: ArmModel) -> Iterator[str]:
@@ -149,10 +163,6 @@ def _limit(value: float) -> str:
 
 def _list(values: np.ndarray) -> str:
     return f"[{', '.join(f'{value:.6g}' for value in values + 0.0)}]"
-
-
-def _some(names: Sequence[str]) -> str:
-    return ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
 
 
 def _quoted(text: str) -> str:

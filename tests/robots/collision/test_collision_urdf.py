@@ -14,9 +14,10 @@ from ocptip.basics.errors import InputError
 from ocptip.robots.collision.model import ShapeCollisions, link_frames_function
 from ocptip.robots.collision.parts import MOST, convex_parts
 from ocptip.robots.collision.shapes import ArmGeometry, Ball, BodyShape, Box
-from ocptip.robots.collision.urdf import find_mesh, geometry_from_urdf
+from ocptip.robots.collision.urdf import geometry_from_urdf, missing_meshes
 from ocptip.robots.geometry import CollisionModel, Pillar, Solid, Wall, floor, spheres_along_links
 from ocptip.robots.urdf import arm_from_urdf
+from tests.places import UR5
 from tests.robots.collision.collision_urdf import box, elbow, with_collision
 
 pin = pytest.importorskip("pinocchio")
@@ -121,6 +122,9 @@ def test_meshes_are_found_or_named(tmp_path, monkeypatch):
     assert "package_dirs" in str(error.value)
     assert "collision = false" in str(error.value)
     assert "\n" not in str(error.value)
+    assert missing_meshes(path) == [
+        f"package://my_arm/links/{name}_link.stl" for name in ("upper_arm", "forearm")
+    ]
     (tmp_path / "arm_meshes").rename(tmp_path / "my_arm")
     above = tmp_path / "ws"
     above.mkdir()
@@ -135,9 +139,14 @@ def test_meshes_are_found_or_named(tmp_path, monkeypatch):
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "install"))
     assert len(read().shapes) > 6
     here = tmp_path / "install/share/my_arm/links/forearm_link.stl"
-    assert find_mesh(str(here.relative_to(tmp_path)), path, []) == here
-    with pytest.raises(InputError, match=r"no mesh file 'x\.stl'; it is relative"):
-        find_mesh("x.stl", path, [])
+    text = path.read_text().replace("package://my_arm/links/forearm", str(here.parent) + "/forearm")
+    path.write_text(text)
+    assert len(read().shapes) > 6
+    path.write_text(text.replace("package://my_arm/links/upper_arm_link.stl", "x.stl"))
+    with pytest.raises(InputError, match=r"no mesh file 'x\.stl'; names are relative to"):
+        read()
+    assert missing_meshes(path) == ["x.stl"]
+    assert missing_meshes(UR5) is None
 
 
 def test_pairs_and_what_is_left_out(arm, tmp_path):

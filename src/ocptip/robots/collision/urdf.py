@@ -11,6 +11,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from ocptip.basics.errors import InputError
+from ocptip.basics.text import some
 from ocptip.robots.collision.parts import convex_parts
 from ocptip.robots.collision.shapes import ArmGeometry, Ball, BodyShape, Box, Capsule, Cylinder, Hull, Shape
 from ocptip.robots.kinematics import link_frames
@@ -21,7 +22,11 @@ from ocptip.robots.urdf_file import parse_urdf
 if TYPE_CHECKING:
     import pinocchio as pin
 
-_PACKAGE, _FILE = "package://", "file://"
+PACKAGE = "package://"
+"""Begins names of files in ROS packages."""
+
+_FILE = "file://"
+_GEOMETRY = ".//collision/geometry/*"
 
 
 def geometry_from_urdf(
@@ -48,11 +53,14 @@ def geometry_from_urdf(
     """
     file, pin = Path(path), load_pinocchio()
     tree = parse_urdf(file)
-    if tree.find(".//collision/geometry/*") is None:
+    if tree.find(_GEOMETRY) is None:
         return None
-    folders = _folders(file, package_dirs)
-    for mesh in tree.iterfind(".//collision/geometry/mesh"):
-        mesh.set("filename", str(find_mesh(mesh.get("filename", ""), file, folders)))
+    if missing := _with_meshes(tree, file, package_dirs):
+        hint = "give their packages' folder as package_dirs"
+        if not any(name.startswith(PACKAGE) for name in missing):
+            hint = f"names are relative to {file.name}"
+        names = some([repr(name) for name in missing], 2)
+        raise InputError(f"{file.name}: no mesh file {names}; {hint}, or collision = false to go on without")
     robot = pin.buildModelFromUrdf(str(file))
     try:
         text = ET.tostring(tree, encoding="unicode")
@@ -63,26 +71,41 @@ def geometry_from_urdf(
     return ArmGeometry(shapes, _disabled(srdf), f"collision geometry of {file.name}")
 
 
-def find_mesh(name: str, urdf: Path, folders: Iterable[Path]) -> Path:
-    """The file of a mesh as a URDF names it.
+def missing_meshes(
+    path: str | os.PathLike[str], package_dirs: Sequence[str | os.PathLike[str]] = ()
+) -> list[str] | None:
+    """Mesh files of a URDF's collision geometry that are not found, as it names them; None: it has none.
 
     Raises:
-        InputError: there is none; says where was looked.
+        InputError: the URDF cannot be read.
     """
-    if name.startswith(_PACKAGE):
-        rest = Path(name.removeprefix(_PACKAGE))
+    tree = parse_urdf(Path(path))
+    if tree.find(_GEOMETRY) is None:
+        return None
+    return _with_meshes(tree, Path(path), package_dirs)
+
+
+def _with_meshes(tree: ET.Element, file: Path, package_dirs: Sequence[str | os.PathLike[str]]) -> list[str]:
+    """Put the files that were found where the URDF names them; the names of the others, each once."""
+    folders, missing = _folders(file, package_dirs), []
+    for mesh in tree.iterfind(".//collision/geometry/mesh"):
+        name = mesh.get("filename", "")
+        found = _find_mesh(name, file, folders)
+        mesh.set("filename", str(found or name))
+        missing += [] if found else [name]
+    return list(dict.fromkeys(missing))
+
+
+def _find_mesh(name: str, urdf: Path, folders: Iterable[Path]) -> Path | None:
+    """The file of a mesh as a URDF names it."""
+    if name.startswith(PACKAGE):
+        rest = Path(name.removeprefix(PACKAGE))
         own = rest.parts[0] if rest.parts else ""
         candidates = [folder / rest for folder in folders]
         candidates += [folder / Path(*rest.parts[1:]) for folder in folders if folder.name == own]
     else:
         candidates = [urdf.parent / name.removeprefix(_FILE)]
-    for candidate in candidates:
-        if candidate.is_file():
-            return candidate.resolve()
-    hint = (
-        "give its package's folder as package_dirs" if name.startswith(_PACKAGE) else "it is relative to it"
-    )
-    raise InputError(f"{urdf.name}: no mesh file {name!r}; {hint}, or collision = false to go on without")
+    return next((candidate.resolve() for candidate in candidates if candidate.is_file()), None)
 
 
 def read_mesh(path: Path, scale: Sequence[float] = (1.0, 1.0, 1.0)) -> list[Shape]:
