@@ -165,7 +165,7 @@ def test_platform_file(capsys, tmp_path):
         (["FSFS", *POSE, "--center", "0", "0", "0.1"], "--center: needs --ellipsoid"),
         (["FSFS", *POSE, "--tool-frame", "x"], "--tool-frame: only for URDF files"),
         (["no.urdf", *POSE, "--base-link", "a", "--tool-frame", "b"], "no.urdf: no such file"),
-        ([str(UR5), *POSE, "--base-link", "a"], "base_link: no 'a'; candidates: "),
+        ([str(UR5), *POSE, "--base-link", "a"], "--base-link: no 'a'; candidates: "),
         (
             [str(UR5), *POSE, "--base-link", "base_link", "--tool-frame", "t", "--lock", "x=y"],
             "--lock: expected",
