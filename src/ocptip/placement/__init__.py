@@ -6,7 +6,7 @@ from ocptip.placement.problem import GripperTask, PlacementLimits, PlacementProb
 from ocptip.placement.result import NoPlacementError
 from ocptip.placement.scan import scan
 from ocptip.placement.terrain import custom_terrain, plane, rough_ground
-from ocptip.placement.tolerance import Tolerance
+from ocptip.standing.tolerance import Tolerance
 
 __all__ = [
     "GripperTask",

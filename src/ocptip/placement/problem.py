@@ -22,9 +22,9 @@ from ocptip.placement.cone import FEWEST, enclosure, enough
 from ocptip.placement.power import HoldingPower, TorqueCost
 from ocptip.placement.stand import Feet, Footing, Stand
 from ocptip.placement.terrain import Patch
-from ocptip.placement.tolerance import Corner, Tolerance
 from ocptip.robots.geometry import Obstacle
 from ocptip.standing.arm import StandingRobot
+from ocptip.standing.tolerance import Corner, Tolerance
 
 Orientation = Literal["full", "axis", "free"]
 CRITERIA = ("GN", "GT", "GK", "GE")
@@ -358,6 +358,7 @@ class PlacementProblem:
         if "GE" not in references:
             references["GE"] = self._energy_reference()
         setter(self, "references", references)
+        self.tolerance.require_only("base_mass", "center_of_mass", "friction", where="in placements")
         feet = Feet(self.robot, self.tolerance)
         setter(self, "footing", feet.usual)
         stands = tuple(Stand(patch, feet, self.ground_frame) for patch in self.terrain)

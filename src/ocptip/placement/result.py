@@ -311,7 +311,7 @@ def _asked(problem: PlacementProblem) -> dict[str, Any]:
         "references": problem.references,
         "limits": asdict(problem.limits),
         "unloaded": problem.unloaded,
-        "tolerance": asdict(problem.tolerance),
+        "tolerance": problem.tolerance.to_dict(),
         "contact_cases": len(problem.cases) * len(problem.corners),
         "tasks": tasks,
         **problem.robot.masses_to_dict(),

@@ -28,10 +28,10 @@ from ocptip.numerics.batch import BatchFunction
 from ocptip.numerics.point import PointFunction
 from ocptip.placement.ground import ORDERS
 from ocptip.placement.terrain import Patch
-from ocptip.placement.tolerance import Tolerance
 from ocptip.reserves.slip import Redistribution, Slip
 from ocptip.reserves.tipping import TipOver
 from ocptip.standing.arm import StandingRobot
+from ocptip.standing.tolerance import Tolerance
 
 GAP_TOLERANCE = 1e-7
 """Largest distance, m, of a foot from the ground where it counts as standing on it."""

@@ -35,7 +35,8 @@ from ocptip.task_files.kinds import require_kind
 from ocptip.task_files.motors import arm_and_motors
 from ocptip.task_files.scene import SCENE, read_support
 from ocptip.task_files.shapes import read_obstacles, read_shapes
-from ocptip.task_files.terrain import read_terrain, read_tolerance
+from ocptip.task_files.terrain import read_terrain
+from ocptip.task_files.tolerance import read_tolerance
 
 _OBSTACLES = ("base_obstacle", "obstacle", "keep_out")
 _TABLES = ("terrain", "task", "weights", "references", "limits", "energy", "tolerance")

@@ -1,4 +1,4 @@
-"""The tables `[[terrain]]` and `[tolerance]` of placement files; format: docs/placement.md."""
+"""The table `[[terrain]]` of placement files; format: docs/placement.md."""
 
 from __future__ import annotations
 
@@ -11,7 +11,6 @@ from ocptip.basics.errors import InputError
 from ocptip.basics.toml import DEGREES, Table, read_text
 from ocptip.placement.ground import Bump, HeightField, HeightGrid, Wave
 from ocptip.placement.terrain import Attitude, Patch, plane, rough_ground
-from ocptip.placement.tolerance import Tolerance
 
 _STEEPEST = 80.0  # degrees
 _UNEVEN = ("bump", "wave", "grid", "stroke", "attitude")
@@ -95,14 +94,3 @@ def _grid(table: Table, folder: Path) -> HeightGrid:
     rows, columns = heights.shape
     x, y = (np.linspace(*end, count) for end, count in zip(ends, (columns, rows), strict=True))
     return table.make(HeightGrid, x, y, heights)
-
-
-def read_tolerance(table: Table) -> Tolerance:
-    """What of the base is uncertain.
-
-    Raises:
-        InputError: a value is unknown or cannot be used; names its place.
-    """
-    mass = table.raw_numbers("base_mass", 0.0)
-    half = table.vector("center_of_mass", 3, np.zeros(3))
-    return table.make(Tolerance, mass, half, table.number("friction", 0.0))

@@ -12,9 +12,9 @@ from ocptip.placement.search.physics import PatchPhysics
 from ocptip.placement.search.program import PlacementProgram
 from ocptip.placement.search.selection import near_gaps, pieces
 from ocptip.placement.terrain import plane, rough_ground
-from ocptip.placement.tolerance import Tolerance
 from ocptip.robots.geometry import Pillar, Wall
 from ocptip.robots.kinematics import gripper_pose
+from ocptip.standing.tolerance import Tolerance
 from tests.placement.placement_scenes import (
     INTO_WALL,
     clamped,

@@ -14,10 +14,10 @@ from ocptip.placement.ground import HeightField, Wave
 from ocptip.placement.result import judge
 from ocptip.placement.search.starts import sample
 from ocptip.placement.terrain import plane, rough_ground
-from ocptip.placement.tolerance import Tolerance
 from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipOver
 from ocptip.robots.dynamics import evaluate_dynamics
+from ocptip.standing.tolerance import Tolerance
 from tests.placement.placement_scenes import clamped, drilling, four_feet, tripod
 
 TOLERANCE = Tolerance(base_mass=0.05, center_of_mass=[0.01, 0.015, 0.02], friction=0.2)

@@ -1,0 +1,238 @@
+"""What of a robot, its base and the floor is known to within bounds only.
+
+Of the base at rest (mass, centre of mass, friction) all corners are looked at, see `Tolerance.corners`: with
+the arm at its place the wrench on the contacts is affine in the base's mass and in mass times centre of mass.
+So it is a mean of the wrenches at the corners of all bounds, and since the wrenches that contacts carry
+within a share of their friction are a convex set, and addable moments are concave, no value inside the bounds
+is worse than at the worst corner. Cones of friction lie in each other: the smallest friction is the worst.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from itertools import product
+from math import exp, pi, sqrt
+from typing import Any
+
+import numpy as np
+
+from ocptip.basics.errors import InputError, finite_array, number_from, positive_number
+from ocptip.contact.bindings.binding import Binding
+from ocptip.contact.support import Support
+
+_ALONG = 1e-9  # sine of the angle up to which an axis counts as along gravity
+_STEEPEST = pi / 4  # rad
+_SHARES = ("arm_mass", "payload_mass", "friction", "speed")
+_SIZES = ("tilt", "extra_mass", "delay", "push", "base_push")
+_BOXES = ("center_of_mass", "payload_center")
+
+
+@dataclass(frozen=True, eq=False)
+class Corner:
+    """Base mass and centre of mass at ends of their bounds.
+
+    Attributes:
+        name: e.g. "base mass -5 %, centre of mass +10 mm in x, friction -20 %"; "" without tolerances.
+        mass: kg.
+        shift: (3,), m, base axes, of the centre of mass.
+        per_gravity: (6, 3): change of the wrench about the nominal centre of mass per gravity in base axes.
+    """
+
+    name: str
+    mass: float
+    shift: np.ndarray
+    per_gravity: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Tolerance:
+    """How far the world may differ from its description, everything at once.
+
+    Attributes:
+        base_mass: relative half width of the base's mass, below 1; or (2,), kg: least and largest mass.
+        center_of_mass: (3,), m: half sides of the box about the base's centre of mass, base axes.
+        friction: relative reduction of all friction coefficients, below 1.
+        tilt: of the floor, and of base and robot with it, in any direction, rad.
+        arm_mass: relative half width of the mass of each moving link, below 1; inertias in proportion.
+        payload_mass: the same of the payload.
+        extra_mass: kg: a point mass at the gripper point may be there, up to this.
+        payload_center: (3,), m: half sides of the box about the payload's centre of mass, gripper axes.
+        delay: s: every joint by itself may be late by up to this.
+        speed: relative: a motion may run so much faster or slower, below 1.
+        push: N: a force up to this in any direction at the gripper point.
+        base_push: N: the same at the base's centre of mass.
+        damping: damping ratio of feet and structure, below 1, with which accelerations overshoot where they
+            jump; None: they do not.
+    """
+
+    base_mass: float | Sequence[float] = 0.0
+    center_of_mass: Sequence[float] = (0.0, 0.0, 0.0)
+    friction: float = 0.0
+    tilt: float = 0.0
+    arm_mass: float = 0.0
+    payload_mass: float = 0.0
+    extra_mass: float = 0.0
+    payload_center: Sequence[float] = (0.0, 0.0, 0.0)
+    delay: float = 0.0
+    speed: float = 0.0
+    push: float = 0.0
+    base_push: float = 0.0
+    damping: float | None = None
+
+    def __post_init__(self) -> None:
+        setter = object.__setattr__
+        if np.ndim(self.base_mass):
+            low, high = mass = finite_array("base_mass", self.base_mass, (2,))
+            if not 0 < low <= high:
+                raise InputError(f"base_mass: expected 0 < least <= largest mass, kg, got {mass.tolist()}")
+            setter(self, "base_mass", mass)
+        shares = [*_SHARES, *(() if np.ndim(self.base_mass) else ("base_mass",))]
+        shares += [] if self.damping is None else ["damping"]
+        for name in shares:
+            if not 0 <= number_from(name, getattr(self, name)) < 1:
+                raise InputError(f"{name}: must be >= 0 and below 1, got {getattr(self, name)!r}")
+        for name in _SIZES:
+            positive_number(name, getattr(self, name), zero_allowed=True)
+        if self.tilt > _STEEPEST:
+            raise InputError(f"tilt: must be at most {_STEEPEST:.4g} rad (45 degrees), got {self.tilt!r}")
+        for name in _BOXES:
+            half = finite_array(name, getattr(self, name), (3,))
+            if np.any(half < 0):
+                raise InputError(f"{name}: half sides must be >= 0, got {half.tolist()}")
+            setter(self, name, half)
+
+    @property
+    def given(self) -> tuple[str, ...]:
+        """Names of what is uncertain."""
+        names = [field.name for field in fields(self)]
+        return tuple(
+            name
+            for name in names
+            if (getattr(self, name) is not None if name == "damping" else np.any(getattr(self, name)))
+        )
+
+    @property
+    def overshoot(self) -> float:
+        """Of a jump, as a share of its height: exp(-zeta pi / sqrt(1 - zeta^2)); 0 where none is counted."""
+        zeta = self.damping
+        return 0.0 if zeta is None else exp(-zeta * pi / sqrt(1 - zeta**2))
+
+    def only(self, *names: str) -> Tolerance:
+        """The same with nothing uncertain but these quantities."""
+        return Tolerance(**{name: getattr(self, name) for name in names})
+
+    def require_only(self, *names: str, where: str) -> None:
+        """Raise InputError if anything else is uncertain, which is not looked at `where`."""
+        if others := [name for name in self.given if name not in names]:
+            raise InputError(f"tolerance.{others[0]}: not looked at {where}; there are {', '.join(names)}")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON, SI units; only what is uncertain."""
+        return {name: np.asarray(getattr(self, name)).tolist() for name in self.given}
+
+    def lines(self) -> list[str]:
+        """In words, one entry per quantity: "tilt 0.5 deg", "arm masses +-5 %"."""
+        return [_WORDS[name](getattr(self, name)) for name in self.given]
+
+    def __str__(self) -> str:
+        return ", ".join(self.lines()) or "none"
+
+    def masses(self, nominal: float) -> list[float]:
+        """Ends of the interval of the base's mass, kg; one if it is known.
+
+        Raises:
+            InputError: the nominal mass is not inside.
+        """
+        if np.ndim(self.base_mass):
+            low, high = self.base_mass
+            if not low <= nominal <= high:
+                raise InputError(
+                    f"tolerance.base_mass: {low:g} to {high:g} kg without the base's mass {nominal:g} kg"
+                )
+            return sorted({float(low), float(high)})
+        return sorted({nominal * (1 - self.base_mass), nominal * (1 + self.base_mass)})
+
+    def corners(self, support: Support, gravity: np.ndarray) -> tuple[Corner, ...]:
+        """All combinations of ends that differ in their wrench.
+
+        Args:
+            support: the base, as described.
+            gravity: (N, 3), base axes, of some poses; what has no influence in any of them has none.
+        """
+        along = np.linalg.norm(np.cross(gravity[:, None], np.eye(3)), axis=2)
+        matters = np.any(along > _ALONG * np.linalg.norm(gravity, axis=1)[:, None], axis=0)
+        half = np.where(matters, self.center_of_mass, 0.0)
+        found = []
+        for mass, *shift in product(self.masses(support.mass), *(sorted({-h, h}) for h in half)):
+            d = np.array(shift)
+            across = np.array([[0, -d[2], d[1]], [d[2], 0, -d[0]], [-d[1], d[0], 0]])
+            change = np.vstack([(mass - support.mass) * np.eye(3), mass * across])
+            found.append(Corner(self._name(mass / support.mass - 1, d), mass, d, change))
+        return tuple(found)
+
+    def _name(self, more: float, shift: np.ndarray) -> str:
+        parts = [f"base mass {100 * more:+.3g} %"] if more else []
+        moved = [f"{1000 * d:+.3g} mm in {axis}" for d, axis in zip(shift, "xyz", strict=True) if d]
+        parts += ["centre of mass " + " and ".join(moved)] if moved else []
+        parts += [f"friction {-100 * self.friction:.3g} %"] if self.friction else []
+        return ", ".join(parts)
+
+    def contacts(self, nominal: Sequence[Binding]) -> tuple[Binding, ...]:
+        """The contacts with the least friction."""
+        return tuple(
+            replace(
+                contact,
+                **{
+                    field.name: (1 - self.friction) * getattr(contact, field.name)
+                    for field in fields(contact)
+                    if field.name.startswith("friction")
+                },
+            )
+            for contact in nominal
+        )
+
+
+def _half_sides(what: str, half: np.ndarray) -> str:
+    sides = [f"+-{1e3 * h:.3g} mm in {axis}" for h, axis in zip(half, "xyz", strict=True) if h]
+    return f"{what} {', '.join(sides)}"
+
+
+def _base_mass(mass: float | np.ndarray) -> str:
+    if np.ndim(mass):
+        low, high = np.asarray(mass)
+        return f"base mass {low:g} to {high:g} kg"
+    return f"base mass +-{100 * float(np.asarray(mass)):.3g} %"
+
+
+_WORDS = {
+    "base_mass": _base_mass,
+    "center_of_mass": lambda half: _half_sides("base's centre of mass", half),
+    "friction": lambda share: f"friction -{100 * share:.3g} %",
+    "tilt": lambda angle: f"floor tilt {np.degrees(angle):.3g} deg",
+    "arm_mass": lambda share: f"arm masses +-{100 * share:.3g} %",
+    "payload_mass": lambda share: f"payload +-{100 * share:.3g} %",
+    "extra_mass": lambda mass: f"{mass:.3g} kg more at the gripper",
+    "payload_center": lambda half: _half_sides("payload's centre of mass", half),
+    "delay": lambda time: f"joints up to {1e3 * time:.3g} ms late",
+    "speed": lambda share: f"{100 * share:.3g} % faster or slower",
+    "push": lambda force: f"push of {force:.3g} N at the gripper",
+    "base_push": lambda force: f"push of {force:.3g} N at the base",
+    "damping": lambda zeta: f"jumps overshoot at {100 * zeta:.3g} % damping",
+}
+
+NONE = Tolerance()
+WORKSHOP = Tolerance(
+    tilt=np.radians(0.5),
+    base_mass=0.05,
+    arm_mass=0.05,
+    payload_mass=0.05,
+    extra_mass=0.1,
+    friction=0.2,
+    delay=0.010,
+    speed=0.03,
+    damping=0.05,
+)
+SITE = replace(WORKSHOP, tilt=np.radians(1.5), extra_mass=0.5, friction=0.3, speed=0.05, push=20.0)
+PRESETS = {"none": NONE, "workshop": WORKSHOP, "site": SITE}
+"""By the name in files and options. `SITE` is `WORKSHOP` with more tilt, mass, speed and a push."""

@@ -1,0 +1,69 @@
+"""The table `[tolerance]`, and what `--tolerance` may be; format: docs/tolerance.md."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from ocptip.basics.errors import InputError
+from ocptip.basics.toml import DEGREES, Table
+from ocptip.standing.tolerance import PRESETS, Tolerance
+
+_NUMBERS = {
+    "arm_mass": ("arm_mass", 1.0),
+    "payload_mass": ("payload_mass", 1.0),
+    "friction": ("friction", 1.0),
+    "extra_mass": ("extra_mass", 1.0),
+    "tilt_deg": ("tilt", DEGREES),
+    "delay_ms": ("delay", 1e-3),
+    "speed": ("speed", 1.0),
+    "push": ("push", 1.0),
+    "base_push": ("base_push", 1.0),
+    "damping": ("damping", 1.0),
+}
+_BOXES = ("center_of_mass", "payload_center")
+_MASSES = ("base_mass", "arm_mass", "payload_mass")
+
+
+def read_tolerance(table: Table) -> Tolerance:
+    """A tolerance; what the table does not give is certain, or as in the preset that it names.
+
+    Raises:
+        InputError: a value is unknown or cannot be used; names its place.
+    """
+    preset = PRESETS[table.choice("preset", PRESETS, "none")]
+    given: dict[str, Any] = {}
+    masses = table.number("masses", None)
+    if masses is not None:
+        given.update(dict.fromkeys(_MASSES, masses))
+    if (mass := table.raw_numbers("base_mass", None)) is not None:
+        given["base_mass"] = mass
+    for key, (name, scale) in _NUMBERS.items():
+        if (number := table.number(key, None, scale=scale)) is not None:
+            given[name] = number
+    for key in _BOXES:
+        if (half := table.vector(key, 3, None)) is not None:
+            given[key] = half
+    table.close()
+    places = {name: key for key, (name, _) in _NUMBERS.items() if name != key}
+    if masses is not None:
+        places |= {name: "masses" for name in _MASSES if name not in table}
+    with table.at(**places):
+        return replace(preset, **given)
+
+
+def load_tolerance(word: str) -> Tolerance:
+    """A preset by its name, or the table `[tolerance]` of a TOML file.
+
+    Raises:
+        InputError: neither; or the file has no such table, or one that cannot be used.
+    """
+    if word in PRESETS:
+        return PRESETS[word]
+    path = Path(word)
+    if path.suffix.lower() != ".toml":
+        raise InputError(f"tolerance: expected {', '.join(PRESETS)} or a TOML file, got {word!r}")
+    with Table.read(path) as data:
+        data.close(*data)  # a task file has other tables
+        return read_tolerance(data.table("tolerance"))
