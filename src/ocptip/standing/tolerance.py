@@ -144,14 +144,15 @@ class Tolerance:
         Raises:
             InputError: the nominal mass is not inside.
         """
-        if np.ndim(self.base_mass):
-            low, high = self.base_mass
+        share = np.asarray(self.base_mass, dtype=float)
+        if share.ndim:
+            low, high = share
             if not low <= nominal <= high:
                 raise InputError(
                     f"tolerance.base_mass: {low:g} to {high:g} kg without the base's mass {nominal:g} kg"
                 )
             return sorted({float(low), float(high)})
-        return sorted({nominal * (1 - self.base_mass), nominal * (1 + self.base_mass)})
+        return sorted({nominal * (1 - float(share)), nominal * (1 + float(share))})
 
     def corners(self, support: Support, gravity: np.ndarray) -> tuple[Corner, ...]:
         """All combinations of ends that differ in their wrench.
