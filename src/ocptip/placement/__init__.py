@@ -6,7 +6,6 @@ from ocptip.placement.problem import GripperTask, PlacementLimits, PlacementProb
 from ocptip.placement.result import NoPlacementError
 from ocptip.placement.scan import scan
 from ocptip.placement.terrain import custom_terrain, plane, rough_ground
-from ocptip.standing.tolerance import Tolerance
 
 __all__ = [
     "GripperTask",
@@ -14,7 +13,6 @@ __all__ = [
     "PlacementLimits",
     "PlacementProblem",
     "ProcessLoad",
-    "Tolerance",
     "Weights",
     "custom_terrain",
     "place",
