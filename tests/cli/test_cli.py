@@ -579,3 +579,17 @@ def test_docs_list_every_binding_and_its_keys(root):
             assert f"`{kind}`" in readme
             for key in cls.parameter_names():
                 assert f"`{key}`" in readme, key
+
+
+def test_feet_that_give(capsys):
+    file = "src/ocptip/examples/scenes/cart_on_rubber.toml"
+    assert main(["stand", file]) == 0
+    text = capsys.readouterr().out
+    assert (
+        "feet          give by 0.424 mm to 1.06 mm; forces are those of their springs on level ground" in text
+    )
+    assert main(["stand", file, "--json"]) == 0
+    data = json.loads(capsys.readouterr().out)
+    pressed = -2e5 * np.array(data["foot_motions"])[:, 0]
+    assert np.allclose(pressed, data["normal_forces"])
+    assert data["redistribution"] == "tangential"

@@ -283,3 +283,31 @@ def test_files_that_are_no_scene(tmp_path):
     (tmp_path / "deep.toml").write_text("a = " + "[" * 100_000)
     with pytest.raises(InputError, match=r"deep\.toml: broken TOML"):
         read_scene(tmp_path / "deep.toml")
+
+
+RUBBER = {
+    "mass": 40.0, "center_of_mass": [0, 0, 0.4], "friction": 0.7, "stiffness": 2e5, "damping_ratio": 0.1,
+    "feet": [[0.3, 0.2, 0], [0.3, -0.2, 0], [-0.3, -0.2, 0]],
+}  # fmt: skip
+
+
+def test_stiffness_of_all_feet_and_of_one():
+    contact = {"position": [-0.3, 0.2, 0], "stiffness": 4e5, "tangential_stiffness": 1e5, "damping": 80.0}
+    feet = scene_from_dict({"base": RUBBER, "contact": [contact]}).support.contacts
+    assert [(f.stiffness, f.damping_ratio, f.damping) for f in feet[:3]] == [(2e5, 0.1, None)] * 3
+    assert (feet[3].stiffness, feet[3].tangential_stiffness) == (4e5, 1e5)
+    assert (feet[3].damping_ratio, feet[3].damping) == (None, 80.0)
+
+
+@pytest.mark.parametrize(
+    ("contact", "words"),
+    [
+        ({"kind": "rigid-clamp", "friction_upper": 1, "friction_lower": 1}, "contact 4 does not give"),
+        ({"stiffness": -1}, r"contact\[1\].stiffness: must be > 0"),
+        ({"damping": 1, "damping_ratio": 0.1}, r"contact\[1\].damping: give either damping or damping_ratio"),
+        ({"stifness": 1e5}, "contact.*stifness: unknown key.*stiffness"),
+    ],
+)
+def test_springs_that_are_refused(contact, words):
+    with pytest.raises(InputError, match=words):
+        scene_from_dict({"base": RUBBER, "contact": [{"position": [-0.3, 0.2, 0], **contact}]})

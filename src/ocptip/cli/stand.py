@@ -5,6 +5,7 @@ from __future__ import annotations
 from argparse import Namespace
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from ocptip.basics.write import versions
 from ocptip.cli.command import Report
 from ocptip.cli.layout import named, table
 from ocptip.cli.progress import say_if_compiling
+from ocptip.contact.elastic import Shared
 from ocptip.contact.moving import what_moves
 from ocptip.contact.states import BEYOND_RESOLUTION, STATUS, ContactState, ContactStates
 from ocptip.contact.verdict import StabilityVerdict, stability, standing_state, state_remark
@@ -91,6 +93,13 @@ class StandReport(Report):
         """(n,) distance of the normal forces of the slip reserve from the ends of their sets, N."""
         return np.minimum(*ForceSets(self.scene.support).room(self.slip.normal_forces[0]))
 
+    @cached_property
+    def feet(self) -> Shared | None:
+        """How feet that give share the load; None for rigid ones, or where the base does not rest."""
+        elastic = self.scene.support.elastic
+        shared = elastic.share(self.states.wrenches) if elastic and self.state.persistent else None
+        return shared if shared and shared.found[0] else None
+
     @property
     def good(self) -> bool:
         """True if the base stands: all solutions of the contact laws do, as far as is known.
@@ -136,6 +145,7 @@ class StandReport(Report):
             "friction_used": self.slip.usage[0],
             "remark": self.remark or None,
             "normal_reserves": self.normal_reserves,
+            "foot_motions": self.feet.deflections[0] if self.feet else None,
             "acceleration": state.acceleration,
             "GN": self.tip.GN[0],
             "GT": self.slip.GT[0],
@@ -190,7 +200,8 @@ class StandReport(Report):
             where = ", ".join(f"{x:.3f}" for x in contact.position + 0.0)
             force, reserve = quantity(forces[k], "N"), quantity(reserves[k], "N")
             used = percent(self.slip.usage[0, k])
-            rows.append([str(k + 1), contact.kind, where, state.modes[k], force, used, reserve])
+            mode = "lifted" if self.feet and not self.feet.pressing[0, k] else state.modes[k]
+            rows.append([str(k + 1), contact.kind, where, mode, force, used, reserve])
         return table(rows, left=(1, 3))
 
     def _summary(self) -> list[str]:
@@ -204,6 +215,8 @@ class StandReport(Report):
         if self.remark:
             lines.append(("", self.remark))
         lines.append(("tipping axis", _axis_text(self)))
+        if self.feet:
+            lines.append(("feet", _feet_text(self.feet)))
         only = " Under exactly this load; there is no reserve." if self.without_reserve else ""
         lines.append(("stability", f"{self.verdict.verdict}: {self.verdict.explanation}{only}"))
         if state.solved and not state.persistent:
@@ -238,6 +251,13 @@ def _nearest_axis(report: StandReport) -> dict[str, Any] | None:
         "direction": axis.direction,
         "moment_reserve": report.tip.moments[0, index],
     }
+
+
+def _feet_text(feet: Shared) -> str:
+    """How far they are pressed in."""
+    depths = np.maximum(-1e3 * feet.deflections[0, :, 0], 0.0)
+    least, most = (quantity(depth, "mm", 3) for depth in (depths.min(), depths.max()))
+    return f"give by {least} to {most}; forces are those of their springs on level ground"
 
 
 def _axis_text(report: StandReport) -> str:

@@ -53,6 +53,7 @@ def solve(support: Support, wrench: ArrayLike) -> ContactState:
         and wrench.dtype == np.float64
         and wrench.shape == shape
         and support.conditioned is support
+        and support.elastic is None
     ):
         codes, numbers = np.empty(integers, np.int64), np.empty(floats)
         numbers[: len(wrench)] = wrench
@@ -72,6 +73,9 @@ def solve_many(
     threads: int | None = None,
 ) -> ContactStates:
     """Solve the contact problem under many wrenches of one support.
+
+    Where the base rests on feet that give, the forces are those of their springs (`contact.elastic`). Modes,
+    and whether it rests, are those of rigid contacts.
 
     Args:
         support: the base on its contacts.
@@ -99,6 +103,25 @@ def solve_many(
         if initial.support is not support:
             raise InputError("initial: is a state of another support")
         start = initial.states.subsets[initial.index].astype(np.int64)
+    return on_springs(_solve(support, wrenches, warm_start, start, search, threads))
+
+
+def on_springs(states: ContactStates) -> ContactStates:
+    """The same states, with the forces of the springs where the base rests on feet that give.
+
+    Forces stay what they are where no set of pressing feet carries the load without friction cones, which
+    takes normals that differ.
+    """
+    elastic = states.support.elastic
+    resting = np.flatnonzero(states.persistent) if elastic else ()
+    if elastic is None or not len(resting):
+        return states
+    shared = elastic.share(states.wrenches[resting])
+    return states.changed(resting[shared.found], {"contact_forces": shared.forces[shared.found]})
+
+
+def _solve(support, wrenches, warm_start, start, search, threads) -> ContactStates:
+    """Solve with rigid contacts."""
     if support.conditioned is support:
         return _solve_all(support, wrenches, warm_start, start, search, threads)
     # a base that rests does so with any inertia: the given one decides only how the others move

@@ -195,9 +195,14 @@ class ContactStates:
 
         (N, n, d, 6) in contact axes: change of force (N) per unit of wrench (N, N m). NaN where not
         solved. Within one basis forces are affine in the wrench; where a basic variable is zero the map
-        is a one-sided derivative.
+        is a one-sided derivative. Where the base rests on feet that give: of the springs' forces.
         """
-        return self._shaped_maps(self.support.conditioned.system.force_matrix)
+        maps, elastic = self._shaped_maps(self.support.conditioned.system.force_matrix), self.support.elastic
+        resting = np.flatnonzero(self.persistent) if elastic else ()
+        if elastic and len(resting):
+            shared = elastic.share(self.wrenches[resting])
+            maps[resting[shared.found]] = shared.maps[shared.found]
+        return maps
 
     @cached_property
     def acceleration_maps(self) -> np.ndarray:

@@ -18,6 +18,7 @@ from ocptip.basics.errors import (
     refuse_huge,
 )
 from ocptip.contact.bindings.binding import Binding
+from ocptip.contact.elastic import ElasticFeet
 from ocptip.contact.tables import packed
 from ocptip.numerics.inertia import why_impossible
 
@@ -92,6 +93,7 @@ class Support:
                 raise InputError(f"contacts[{i}]: expected a Binding, got {type(contact).__name__}")
             if contact.dimension != self.contacts[0].dimension:
                 raise InputError(f"contacts[{i}]: planar and spatial contacts cannot be mixed")
+        _refuse_some_springs(self.contacts)
         d = self.contacts[0].dimension
         self.mass = positive_number("mass", mass)
         refuse_huge("mass", self.mass)
@@ -206,6 +208,12 @@ class Support:
         return total
 
     @cached_property
+    def elastic(self) -> ElasticFeet | None:
+        """How contacts that give share loads; None if they are rigid."""
+        springs = [spring for c in self.contacts if (spring := c.spring())]
+        return ElasticFeet(self.wrench_matrix, springs, self.length) if springs else None
+
+    @cached_property
     def no_subsets(self) -> np.ndarray:
         """(n,) -1: no contact's admissible subset is known."""
         return np.full(self.n_contacts, -1, dtype=np.int64)
@@ -245,6 +253,17 @@ def _inertia(value: ArrayLike | None, default: float, dimension: int) -> np.ndar
             f"squared distance of the farthest contact is {default:.4g} kg m^2"
         )
     return matrix
+
+
+def _refuse_some_springs(contacts: Sequence[Binding]) -> None:
+    rigid = [k for k, c in enumerate(contacts, 1) if c.spring() is None]
+    if rigid and len(rigid) < len(contacts):
+        kind = contacts[rigid[0] - 1].kind
+        why = "stiffness is missing" if kind == "unilateral" else f"a {kind} is rigid"
+        raise InputError(
+            f"stiffness: contact {rigid[0]} does not give ({why}), others do; a base stands on ordinary "
+            "contacts that all have a stiffness, or all on rigid ones"
+        )
 
 
 def refuse_impossible_inertia(support: Support) -> None:

@@ -33,7 +33,7 @@ from ocptip.contact.cone_motion import ConeProblem, MotionSearch, clearly_moving
 from ocptip.contact.cone_search import find_cone_motion
 from ocptip.contact.pivoting import SOLVED
 from ocptip.contact.planar_verdict import feet_share_a_plane, find_planar_motion
-from ocptip.contact.solver import solution_from_search, solve, solve_randomly
+from ocptip.contact.solver import on_springs, solution_from_search, solve, solve_randomly
 from ocptip.contact.states import REST_TOLERANCE, ContactState
 from ocptip.contact.support import LARGEST_WRENCH, Support
 
@@ -223,7 +223,7 @@ def standing_state(verdict: StabilityVerdict) -> ContactState | None:
     values |= {"subsets": -1, "basic": np.nan, "pivots": 0, "attempts": -1}
     balance = states.wrenches[0] + support.wrench_matrix @ forces.ravel()
     values["residual"] = np.max(np.abs(balance)) / np.max(np.abs(states.wrenches[0]), initial=1e-300)
-    return states.changed(np.array([0]), values)[0]
+    return on_springs(states.changed(np.array([0]), values))[0]
 
 
 def _motion_on_cones(

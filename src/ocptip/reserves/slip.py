@@ -81,8 +81,8 @@ class Slip:
             It never gives a larger ratio. Where the base does not persist, sliding friction is bound to the
             normal force, and "full" is the same as "tangential". Where contacts can squeeze each other
             without limit, their normal forces end at LARGEST_SQUEEZE times the largest force or limit of the
-            state, and the status says so. Default: "tangential" where all solutions have the same normal
-            forces (three feet on a plane), else "full".
+            state, and the status says so. Default: "tangential" where normal forces are unique (three feet on
+            a plane, or feet that give), else "full".
 
     Attributes:
         redistribution: the one in use.
@@ -102,7 +102,7 @@ class Slip:
         self._bases: dict[bytes, tuple[np.ndarray, np.ndarray, np.ndarray | None]] = {}
         if redistribution is None:
             _, basis, _ = self._basis(np.ones(support.n_contacts, dtype=bool), True)
-            redistribution = "full" if np.any(basis[:, 0]) else "tangential"
+            redistribution = "full" if np.any(basis[:, 0]) and not support.elastic else "tangential"
         self.redistribution: Redistribution = redistribution
 
     def evaluate(self, states: ContactStates, derivatives: bool = True) -> SlipReserve:

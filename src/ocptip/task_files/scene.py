@@ -24,6 +24,9 @@ from ocptip.task_files.kinds import require_kind
 SCENE = ("gravity", "base", "contact")
 """What :func:`read_support` reads of a file."""
 
+_DAMPING = ("damping_ratio", "damping")
+_COMMON = ("friction", "stiffness", "tangential_stiffness", *_DAMPING)  # of all contacts without their own
+
 
 @dataclass(frozen=True)
 class Scene:
@@ -86,8 +89,8 @@ def read_support(data: Table) -> Support:
         InputError: a value is missing, unknown or cannot be used; names its place.
     """
     base = data.table("base")
-    friction = base.raw_numbers("friction", None)
-    contacts: list[Binding] = _feet(base, friction) if "feet" in base else []
+    common = {name: base.raw_numbers(name, None) for name in _COMMON}
+    contacts: list[Binding] = _feet(base, common) if "feet" in base else []
     tables = data.tables("contact")
     if not contacts and not tables:
         for key in ("mass", "center_of_mass"):
@@ -95,7 +98,7 @@ def read_support(data: Table) -> Support:
         base.require("feet", "where it stands, m; or [[contact]]")
         base.close("inertia")
     for table in tables:
-        contacts.append(_contact(table, friction, contacts[0].dimension if contacts else None))
+        contacts.append(_contact(table, common, contacts[0].dimension if contacts else None))
     d = contacts[0].dimension
     support = base.make(
         Support,
@@ -110,34 +113,36 @@ def read_support(data: Table) -> Support:
     return support
 
 
-def _feet(base: Table, friction: Any) -> list[Binding]:
+def _feet(base: Table, common: dict[str, Any]) -> list[Binding]:
     """Ordinary contacts at the positions `feet` of `[base]`."""
     base.require("friction", "of the feet")
     feet = base.raw_numbers("feet")
     if not isinstance(feet, list) or not feet or not all(isinstance(position, list) for position in feet):
         raise base.error(f"expected a list of positions, got {feet!r}", "feet")
+    given = {"friction": 1.0, **_given(common)}  # missing: refused when the table is closed
     with base.at("feet"):
         return [
-            UnilateralContact(
-                position=position,
-                normal=[0.0] * (len(position) - 1) + [1.0],
-                friction=1.0 if friction is None else friction,  # missing: refused when the table is closed
-            )
+            UnilateralContact(position=position, normal=[0.0] * (len(position) - 1) + [1.0], **given)
             for position in feet
         ]
 
 
-def _contact(table: Table, friction: Any, dimension: int | None) -> Binding:
+def _given(parameters: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in parameters.items() if value is not None}
+
+
+def _contact(table: Table, common: dict[str, Any], dimension: int | None) -> Binding:
     """One contact.
 
     Args:
         table: of it.
-        friction: of contacts that give none; None: they have to.
+        common: parameters of contacts that have none of their own, by key.
         dimension: that of the contacts before it, None for the first.
     """
     kind = table.choice("kind", sorted(Binding.registry), "unilateral")
     cls = Binding.registry[kind]
-    parameters: dict[str, Any] = {"friction": friction} if "friction" in (f.name for f in fields(cls)) else {}
+    own = {key: None for key in _DAMPING if any(other in table for other in _DAMPING)}
+    parameters = {field.name: {**common, **own}.get(field.name) for field in fields(cls)}
     for field in fields(cls):
         needed = field.default is MISSING and field.default_factory is MISSING
         if field.init and needed and parameters.get(field.name) is None:
@@ -147,7 +152,7 @@ def _contact(table: Table, friction: Any, dimension: int | None) -> Binding:
             read = table.value if words else table.raw_numbers
             parameters[field.name] = read(field.name, parameters.get(field.name))
     table.close()
-    parameters = {key: value for key, value in parameters.items() if value is not None}
+    parameters = _given(parameters)
     position = parameters["position"]
     size = len(position) if isinstance(position, list) else None
     if dimension is not None and size not in (None, dimension):

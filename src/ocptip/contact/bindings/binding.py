@@ -62,6 +62,21 @@ class ForcePiece:
     slope: float
 
 
+@dataclass(frozen=True, eq=False)
+class Spring:
+    """A contact that gives: springs and dampers along the contact's axes.
+
+    Attributes:
+        stiffness: (d,) along (n, t1, t2), N/m.
+        delay: damping over stiffness, s, as far as it is given so.
+        ratio: damping ratio of the lowest mode, else.
+    """
+
+    stiffness: np.ndarray
+    delay: float
+    ratio: float
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Binding(ABC):
     """A contact of the base with the ground at one point.
@@ -140,6 +155,10 @@ class Binding(ABC):
     def auxiliary_rhs(self) -> tuple[float, ...]:
         """Right-hand sides of the auxiliary rows, N."""
         return ()
+
+    def spring(self) -> Spring | None:
+        """How the contact gives while it presses; None: it is rigid."""
+        return None
 
     @property
     def dimension(self) -> int:

@@ -1,0 +1,143 @@
+"""Feet that give: how contacts with springs share the load on a base that rests on them.
+
+The base moves by a small twist xi; a foot that presses is a spring D along the contact's axes, one that the
+motion lifts carries nothing. With W the wrench per contact force, foot motions are W' xi, and
+K xi = w with K = sum of W_k D_k W_k' over the feet that press: forces -D W' xi are linear in the wrench w
+while the same feet press. On one plane the normal forces are the unique minimiser of the elastic energy
+(sum of f^2 / 2 k, f >= 0, in balance), a strictly convex program, whatever the tangential springs.
+
+Friction cones are no part of this: they are what the slip reserve checks, with these normal forces.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ocptip.contact.bindings.binding import Spring
+
+_ROUNDS = 30
+_SINGULAR = 1e-11
+_ROUNDING = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Shared:
+    """Loads shared by springs, for N wrenches.
+
+    Attributes:
+        forces: (N, n, d) on the base in contact axes, N; 0 of feet that are lifted.
+        pressing: (N, n) True for feet that press.
+        maps: (N, n, d, w) derivative of the forces with respect to the wrench while the same feet press.
+        deflections: (N, n, d), m, contact axes: by how much the feet are moved; negative along the normal:
+            pressed in.
+        found: (N,) False where no set of pressing feet carries the load: the others' entries are NaN.
+    """
+
+    forces: np.ndarray
+    pressing: np.ndarray
+    maps: np.ndarray
+    deflections: np.ndarray
+    found: np.ndarray
+
+
+class ElasticFeet:
+    """The contacts of a support as springs.
+
+    Args:
+        wrench_matrix: W (w, n d), wrench about the centre of mass per contact force in contact axes.
+        springs: of the n contacts.
+        length: of the support, m.
+
+    Attributes:
+        springs: as given.
+        stiffness: (n, d), N/m, contact axes.
+    """
+
+    def __init__(self, wrench_matrix: np.ndarray, springs: Sequence[Spring], length: float) -> None:
+        self.springs = tuple(springs)
+        self.stiffness = np.array([spring.stiffness for spring in springs])
+        n, d = self.stiffness.shape
+        self._unit = np.ones(len(wrench_matrix))
+        self._unit[d:] = length
+        self.W = wrench_matrix.reshape(len(wrench_matrix), n, d)
+        self._maps: dict[bytes, np.ndarray] = {}
+
+    def matrix(self, pressing: np.ndarray | None = None, factors: np.ndarray | None = None) -> np.ndarray:
+        """K (w, w): wrench per small twist about the centre of mass, N/m, N, N m.
+
+        Args:
+            pressing: (n,) feet that press; default all.
+            factors: (n,) of the feet's stiffness, such as damping over stiffness; default 1.
+        """
+        D = self.stiffness * (1.0 if factors is None else factors[:, None])
+        if pressing is not None:
+            D = D * pressing[:, None]
+        return np.einsum("vkc,kc,wkc->vw", self.W, D, self.W)
+
+    def twist_map(self, pressing: np.ndarray) -> np.ndarray:
+        """(w, w): twist of the base per wrench while these feet (n,) press; the least one if some is free."""
+        key = np.packbits(pressing).tobytes()
+        if key not in self._maps:
+            K = self.matrix(pressing) / np.outer(self._unit, self._unit)
+            inverse = np.linalg.pinv(K, rcond=_SINGULAR, hermitian=True)
+            self._maps[key] = inverse / np.outer(self._unit, self._unit)
+        return self._maps[key]
+
+    def share(self, wrenches: np.ndarray) -> Shared:
+        """Forces under wrenches (N, w), N and N m, that the base rests under.
+
+        Newton's method on the set of pressing feet; where that goes in circles, feet that would pull are let
+        go one after the other.
+        """
+        N, (n, d) = len(wrenches), self.stiffness.shape
+        pressing, todo = np.ones((N, n), dtype=bool), np.arange(N)
+        deflections = np.full((N, n, d), np.nan)
+        tolerance = _ROUNDING * np.max(np.abs(wrenches) / self._unit, axis=1, initial=0.0)
+        for _ in range(_ROUNDS):
+            moved, _ = self._moved(wrenches[todo], pressing[todo])
+            deflections[todo] = moved
+            press = self._presses(moved, pressing[todo], tolerance[todo])
+            changed = np.any(press != pressing[todo], axis=1)
+            pressing[todo[changed]] = press[changed]
+            todo = todo[changed]
+            if not len(todo):
+                break
+        for i in todo:
+            pressing[i] = self._let_go(wrenches[i], tolerance[i])
+        deflections, maps = self._moved(wrenches, pressing)
+        maps = -self.stiffness[:, :, None] * maps * pressing[:, :, None, None]
+        forces = -self.stiffness * deflections * pressing[:, :, None]
+        found = self._balances(forces, wrenches) & np.all(forces[:, :, 0] >= -tolerance[:, None], axis=1)
+        for array in (forces, maps, deflections):
+            array[~found] = np.nan
+        return Shared(forces, pressing, maps, deflections, found)
+
+    def _moved(self, wrenches: np.ndarray, pressing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Motions of the feet (N, n, d), m, and their derivatives (N, n, d, w)."""
+        patterns, which = np.unique(pressing, axis=0, return_inverse=True)
+        maps = np.array([np.einsum("vkc,vw->kcw", self.W, self.twist_map(p)) for p in patterns])
+        maps = maps[which.reshape(-1)] if len(patterns) else np.empty((0, *self.W.shape[1:], len(self.W)))
+        return np.einsum("skcw,sw->skc", maps, wrenches), maps
+
+    def _presses(self, moved: np.ndarray, pressing: np.ndarray, tolerance: np.ndarray) -> np.ndarray:
+        """(N, n): feet pressed into the ground; those that neither press nor lift stay what they are."""
+        down = -self.stiffness[:, 0] * moved[:, :, 0]
+        return np.where(np.abs(down) <= tolerance[:, None], pressing, down > 0)
+
+    def _let_go(self, wrench: np.ndarray, tolerance: float) -> np.ndarray:
+        pressing = np.ones(len(self.stiffness), dtype=bool)
+        while True:
+            down = -self.stiffness[:, 0] * self._moved(wrench[None], pressing[None])[0][0, :, 0]
+            pulls = pressing & (down < -tolerance)
+            if not pulls.any():
+                return pressing
+            pressing[np.argmin(np.where(pulls, down, np.inf))] = False
+
+    def _balances(self, forces: np.ndarray, wrenches: np.ndarray) -> np.ndarray:
+        """(N,) whether the forces hold the wrenches."""
+        rest = (np.einsum("wkc,skc->sw", self.W, forces) + wrenches) / self._unit
+        scale = np.max(np.abs(wrenches) / self._unit, axis=1, initial=0.0)
+        return np.max(np.abs(rest), axis=1, initial=0.0) <= 1e-6 * scale
