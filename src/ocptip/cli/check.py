@@ -31,6 +31,8 @@ from ocptip.trajectories.sampled import Motion, SampledMotion
 _ROWS = {
     "GN": "tip-over GN",
     "GT": "slip GT",
+    "jump_GN": "GN at jumps, overshoot",
+    "jump_GT": "GT at jumps, overshoot",
     "torque_ratio": "torque / limit",
     "clearance_m": "clearance",
     "speed_ratio": "speed / limit",

@@ -122,15 +122,21 @@ class Limit:
     Attributes:
         name: of the kind.
         of_contacts: a matter of the contact forces: without meaning where the contacts do not hold.
+        at_jumps: it is about the loads at jumps with their overshoot, see `standing.jumps`.
         width: number of rows at a node.
     """
 
     name = ""
-    of_contacts = False
+    of_contacts = at_jumps = False
     width = 0
 
     def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
         self.robot, self.asked, self.joints = robot, asked, list(joints)
+
+    @classmethod
+    def wanted(cls, asked: MotionLimits) -> bool:
+        """Whether the task's numbers ask for this kind at all."""
+        return True
 
     # --- what happens -------------------------------------------------------------------------------------
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from ocptip.reserves.tipping import TipMap
 from ocptip.standing.instants import Instants, NodeColumns
+from ocptip.standing.jumps import AtJumps
 from ocptip.standing.limit import (
     TOLERANCE,
     AskedLimit,
@@ -376,9 +377,26 @@ class FurtherLimit(QuantityLimit):
         return columns.further.start
 
 
+class JumpTipOverLimit(AtJumps, TipOverLimit):
+    """Tip-over reserve under the loads at jumps with their overshoot."""
+
+    name, quantity, setting = "tip-over at jumps", "jump_GN", "jump_tip_over"
+
+    def near(self, at: Instants, share: float) -> np.ndarray:
+        return self._map(at.wrenches)[0] - self._least <= (1 - share) * self.unit
+
+
+class JumpSlipLimit(AtJumps, SlipLimit):
+    """Slip reserve under these loads."""
+
+    name, quantity, setting = "slip at jumps", "jump_GT", "jump_slip"
+
+
 KINDS: tuple[type[Limit], ...] = (
     TipOverLimit,
     SlipLimit,
+    JumpTipOverLimit,
+    JumpSlipLimit,
     TorqueLimit,
     ClearanceLimit,
     SpeedLimit,
@@ -392,11 +410,12 @@ KINDS: tuple[type[Limit], ...] = (
 def limits_of(
     robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...] | None = None
 ) -> tuple[Limit, ...]:
-    """One limit of each kind.
+    """One limit of each kind that is asked for.
 
     Args:
         robot: whose.
         asked: the task's numbers.
         joints: coordinates that ramps are planned for, 0-based; default all.
     """
-    return tuple(kind(robot, asked, tuple(range(robot.n)) if joints is None else joints) for kind in KINDS)
+    joints = tuple(range(robot.n)) if joints is None else joints
+    return tuple(kind(robot, asked, joints) for kind in KINDS if kind.wanted(asked))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from ocptip.basics.errors import InputError, positive_number, share_of_one
+from ocptip.basics.errors import InputError, number_from, positive_number, share_of_one
 
 
 @dataclass(frozen=True)
@@ -18,6 +18,9 @@ class MotionLimits:
         torque_ratio: largest |torque| / limit of any joint.
         clearance: smallest distance of collision spheres, m.
         min_duration, max_duration: of the motion, s; equal for a motion that must take just so long.
+        overshoot: share of every jump of the load that is added to the load after it, 0 (jumps do not count)
+            to 1; see `ocptip.standing.jumps`.
+        jump_tip_over, jump_slip: largest GN and GT of these loads, at most 1, where a contact is lost.
     """
 
     GN: float = 0.9
@@ -26,13 +29,18 @@ class MotionLimits:
     clearance: float = 0.0
     min_duration: float = 0.0
     max_duration: float = math.inf
+    overshoot: float = 0.0
+    jump_tip_over: float = 1.0
+    jump_slip: float = 1.0
 
     def __post_init__(self) -> None:
-        for name in ("GN", "GT"):
+        for name in ("GN", "GT", "jump_tip_over", "jump_slip"):
             share_of_one(name, getattr(self, name))
         positive_number("torque_ratio", self.torque_ratio)
         for name in ("clearance", "min_duration"):
             positive_number(name, getattr(self, name), zero_allowed=True)
+        if not 0 <= number_from("overshoot", self.overshoot) <= 1:
+            raise InputError(f"overshoot: must be >= 0 and <= 1, got {self.overshoot!r}")
         if not self.max_duration > 0:
             raise InputError(f"max_duration: must be > 0 s, got {self.max_duration!r}")
         if self.min_duration > self.max_duration:

@@ -21,6 +21,7 @@ from ocptip.robots.inverse.inverse_kinematics import solve_inverse_kinematics
 from ocptip.robots.inverse.joint_angles import within_limits
 from ocptip.robots.model import ArmModel
 from ocptip.standing.arm import StandingRobot
+from ocptip.standing.jumps import overshoot_of
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.rest import posture_refusals
@@ -62,7 +63,7 @@ def _task(data: Table, path: Path) -> MotionTask:
     support = read_support(data)
     table = data.table("limits", optional=True)
     moment = table.number("reference_moment", None, bound="> 0")
-    limits = table.make(MotionLimits, **table.numbers(*_LIMITS))
+    limits = table.make(MotionLimits, **table.numbers(*_LIMITS), **_jumps(table))
     name = data.text("name", path.stem)
     if "robot" in data:
         platform = read_platform_robot(data, support, moment, path.parent)
@@ -114,6 +115,16 @@ def _durations(table: Table) -> dict[str, float]:
         return {}
     seconds = table.number(key, bound="> 0")
     return {"min_duration": seconds if key == "duration" else 0.0, "max_duration": seconds}
+
+
+def _jumps(table: Table) -> dict[str, float]:
+    """What is added to the load after a jump, of [limits]: a share of the jump, or by the damping."""
+    key = table.one_of("overshoot", "damping", optional=True)
+    if key is None:
+        return {}
+    number = table.number(key)
+    with table.at():
+        return {"overshoot": number if key == "overshoot" else overshoot_of(number)}
 
 
 def _candidates(arm: ArmModel, table: Table, key: str) -> np.ndarray:

@@ -55,6 +55,15 @@ class EventOrder:
         """Events tied together: (first of the group, other member)."""
         return [(group[0], member) for group in self.groups for member in group[1:]]
 
+    def jump_masks(self, overshoot: float) -> np.ndarray:
+        """Masks (groups, n, C) of the accelerations after the jump at each group with its overshoot.
+
+        Those after the jump are the steps until then, each once; the step that is being taken counts once
+        more by the share `overshoot`. Angles and speeds are those of the event.
+        """
+        at = np.arange(len(self.groups))[:, None, None]
+        return (self.corner_positions <= at) + overshoot * (self.corner_positions == at)
+
 
 def order_of(formulation: Ramped, x: np.ndarray, merge: float = 0.0) -> tuple[EventOrder, np.ndarray]:
     """Signs and order of events at x (variables of the smooth program, or of an ordered one).

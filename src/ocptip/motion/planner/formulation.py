@@ -223,7 +223,7 @@ class Formulation:
         """The exact program with the events in the given order.
 
         Args:
-            limits: to keep at the nodes.
+            limits: to keep at the nodes; where jumps count with their overshoot every event is a node, too.
             order: of the events.
             x: near the solution; short intervals there get fewer nodes.
             extra: (interval, share of the interval) of further nodes, for rows only.
@@ -237,6 +237,9 @@ class Formulation:
             nodes = ORDER - sum(length < short for short in SHORT)
             abscissae, gauss = np.polynomial.legendre.leggauss(nodes)
             where += [(i, s, g) for s, g in zip((abscissae + 1) / 2, gauss / 2, strict=True)]
+        jumps = len(where), len(where) + len(events) * (limits.overshoot > 0)
+        last = len(events) - 2
+        where += [(min(i, last), float(i > last), 0.0) for i in range(jumps[1] - jumps[0])]
         where += [(i, s, 0.0) for i, s in extra]
         index = np.array([i for i, _, _ in where])
         shares, quadrature = np.array([s for _, s, _ in where]), np.array([g for _, _, g in where])
@@ -244,7 +247,10 @@ class Formulation:
         times = left + shares[:, None] * (right - left)
         weights = quadrature[:, None] * (right - left)
         masks = (order.corner_positions[None] <= index[:, None, None]).astype(float)
-        placed = Nodes(profiles, times, masks=masks, regime=order.regime)
+        masks[slice(*jumps)] = order.jump_masks(limits.overshoot)[: jumps[1] - jumps[0]]
+        at_jumps = np.zeros(len(where), dtype=bool)
+        at_jumps[slice(*jumps)] = True
+        placed = Nodes(profiles, times, masks=masks, regime=order.regime, jumps=at_jumps)
         directions = order.directions[index]
         if self.physics.smooth:  # the order says nothing about the motors' directions
             directions = np.full(directions.shape, COARSE.power)

@@ -191,12 +191,19 @@ class MotionProgram:
     def near_rows(self, x: np.ndarray, share: float) -> RowSet:
         """Rows whose use of their limit at x is at least `share` (1: at the limit)."""
         at = self._instants(x)
-        return RowSet({limit.name: limit.near(at, share) for limit in self.limits})
+        return RowSet(
+            {limit.name: limit.near(at, share) & self._about(limit)[:, None] for limit in self.limits}
+        )
 
     def use(self, x: np.ndarray) -> np.ndarray:
         """Worst use of any limit at each node (N,): 1 at the limit, more beyond; rows need not take part."""
         at = self._instants(x)
-        return np.max([limit.use(at) for limit in self.limits], axis=0)
+        uses = [np.where(self._about(limit), limit.use(at), -np.inf) for limit in self.limits]
+        return np.max(uses, axis=0)
+
+    def _about(self, limit: Limit) -> np.ndarray:
+        """(N,) True for the nodes that a limit is about."""
+        return self.nodes.jumps == limit.at_jumps
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper bounds of all rows, in the order of `values`."""

@@ -1,0 +1,135 @@
+"""Jumps of accelerations, and the load with which an elastic ground answers them.
+
+Where accelerations jump, as those of velocity ramps do at every event, the load on the base jumps. A base on
+feet that give swings: after a single jump of the load from w_before to w_after the forces reach those of
+
+    w_after + kappa (w_after - w_before) ,   kappa = exp(-zeta pi / sqrt(1 - zeta^2))
+
+with the damping ratio zeta of the ground (kappa = 1 without damping), whatever its stiffness. Angles and
+speeds do not jump and the load is affine in the accelerations, so that this is the load of the same instant
+with the accelerations after + kappa (after - before). Swings that have not died out when the next jump comes
+are not added.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ocptip.basics.errors import InputError, number_from
+from ocptip.standing.instants import Instants
+from ocptip.standing.limit import AskedLimit, Limit, Look, Worst
+from ocptip.standing.limits import MotionLimits
+from ocptip.standing.mechanism import StandingMechanism
+from ocptip.trajectories.arm_motion import INSIDE
+from ocptip.trajectories.sampled import Motion
+
+SMALLEST = 1e-3  # of a joint's greatest acceleration: less is no jump, but a change within 0.3 us
+
+
+def overshoot_of(damping: float) -> float:
+    """Share kappa of a jump by which the load on elastic feet exceeds the load after the jump.
+
+    Args:
+        damping: damping ratio of base and ground, 0 (kappa = 1) to below 1; 0.05 gives 0.85.
+
+    Raises:
+        InputError: no such ratio.
+    """
+    ratio = number_from("damping", damping)
+    if not 0 <= ratio < 1:
+        raise InputError(f"damping: must be >= 0 and < 1, got {damping!r}")
+    return math.exp(-ratio * math.pi / math.sqrt(1 - ratio**2))
+
+
+@dataclass(frozen=True, eq=False)
+class Jumps:
+    """The E jumps of a motion's accelerations, start and end of the motion included.
+
+    Attributes:
+        times: (E,), s.
+        angles, speeds: (E, n), rad, rad/s; they do not jump.
+        before, after: (E, n) accelerations on both sides, rad/s^2; equal where a joint does not jump.
+    """
+
+    times: np.ndarray
+    angles: np.ndarray
+    speeds: np.ndarray
+    before: np.ndarray
+    after: np.ndarray
+
+    @classmethod
+    def of(cls, motion: Motion) -> Jumps:
+        """Of any motion: ramps, or samples with a polynomial between them."""
+        times = motion.event_times
+        angles, speeds, _ = motion.states(times)
+        before, after = (motion.states(times + side)[2] for side in (-INSIDE, INSIDE))
+        jumping = np.abs(after - before) > SMALLEST * motion.acceleration_peaks
+        found = jumping.any(axis=1)
+        parts = angles, speeds, before, np.where(jumping, after, before)
+        return cls(times[found], *(part[found] for part in parts))
+
+    def __len__(self) -> int:
+        """Number of jumps."""
+        return len(self.times)
+
+    def loads(self, robot: StandingMechanism, overshoot: float) -> Instants:
+        """What has to be carried: the mechanism at the jumps, loaded as after each with its overshoot.
+
+        The (E,) instants have wrenches, contact states and reserves like any others.
+
+        Args:
+            robot: on its support.
+            overshoot: kappa, 0 (the load after the jump) to 1; -1 gives the load before it.
+
+        Raises:
+            InputError: the motion does not fit the mechanism.
+        """
+        robot.require_fit(self.angles.shape[1])
+        accelerations = self.after + overshoot * (self.after - self.before)
+        return Instants.of_states(robot, self.angles, self.speeds, accelerations)
+
+    def words(self, index: int) -> str:
+        """Which joints jump."""
+        joints = np.flatnonzero(self.after[index] != self.before[index]) + 1
+        return f"joint{'s' * (len(joints) > 1)} {', '.join(map(str, joints))}"
+
+
+class AtJumps(AskedLimit):
+    """A limit of the loads at jumps with their overshoot, not of those at ordinary instants.
+
+    In programs its rows are at nodes of their own, whose accelerations are those with overshoot.
+    """
+
+    at_jumps = True
+
+    @classmethod
+    def wanted(cls, asked: MotionLimits) -> bool:
+        return asked.overshoot > 0
+
+    def measure(self, at: Instants) -> np.ndarray:
+        return Limit.measure(self, at)
+
+    def worst(self, values: np.ndarray, times: np.ndarray, look: Look) -> list[Worst]:
+        return []
+
+    def refusals(self, at: Instants) -> list[str]:
+        return []
+
+    def path_excess(self, at: Instants) -> float:
+        return -np.inf
+
+    def kept(self, at: Instants) -> bool:
+        return True
+
+    def exact(self, motion: Motion) -> list[Worst]:
+        jumps = Jumps.of(motion)
+        if not len(jumps):
+            return [Worst(self.quantity, 0.0, np.nan, self.number, "no jumps", -self.number)]
+        values = super().measure(jumps.loads(self.robot, self.asked.overshoot))[:, 0]
+        values = np.where(np.isnan(values), np.inf, values)
+        k = int(np.argmax(values))
+        value, time, excess = float(values[k]), float(jumps.times[k]), float(values[k]) - self.number
+        return [Worst(self.quantity, value, time, self.number, jumps.words(k), excess)]

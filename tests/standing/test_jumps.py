@@ -1,0 +1,187 @@
+"""Jumps of the load with their overshoot: against a swinging mass, in checks, programs and plans."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.signal import StateSpace, step
+
+from ocptip.basics.errors import InputError
+from ocptip.motion.check import check_motion
+from ocptip.motion.planner.event_order import order_of
+from ocptip.motion.planner.formulation import Formulation
+from ocptip.motion.planner.one_start import Search
+from ocptip.motion.planner.random_start import random_start
+from ocptip.published.tasks import experiment_task
+from ocptip.standing.jumps import Jumps, overshoot_of
+from ocptip.standing.limit_kinds import limits_of
+from ocptip.standing.limits import MotionLimits
+from ocptip.task_files.motion import load_task
+from ocptip.trajectories.controllers import controller_points
+from tests.places import EXAMPLES
+
+KAPPA = overshoot_of(0.05)
+LIMITS = MotionLimits(overshoot=KAPPA)
+
+
+@pytest.fixture(scope="module")
+def task():
+    return replace(experiment_task("B"), limits=LIMITS)
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.02, 0.05, 0.3, 0.7])
+def test_overshoot_is_that_of_a_mass_on_spring_and_damper(damping):
+    swing = StateSpace([[0, 1], [-1, -2 * damping]], [[0], [1]], [[1, 0]], [[0]])
+    times = np.linspace(0, 2 * np.pi, 20001)
+    assert overshoot_of(damping) == pytest.approx(step(swing, T=times)[1].max() - 1, abs=1e-6)
+
+
+@pytest.mark.parametrize("damping", [-0.1, 1.0, float("nan"), "soft"])
+def test_dampings_without_overshoot_are_refused(damping):
+    with pytest.raises(InputError, match="damping: "):
+        overshoot_of(damping)
+
+
+@settings(max_examples=8, deadline=None)
+@given(seed=st.integers(0, 10**6), kappa=st.floats(0, 1))
+def test_loads_at_jumps_are_combined_from_those_of_both_sides(seed, kappa):
+    task = experiment_task("B")
+    rng = np.random.default_rng(seed)
+    own = task.robot, task.start, task.goal, task.optimised, task.commands, task.limits
+    motion = random_start(*own, rng)
+    jumps = Jumps.of(motion)
+    edges = np.concatenate([joint.times for joint in motion.joints])
+    assert np.max(np.min(np.abs(jumps.times[:, None] - edges), axis=1)) < 2e-7
+    assert {0.0, motion.end} <= set(jumps.times)
+    before = motion.states(jumps.times - 2e-7)[2]
+    after = motion.states(jumps.times + 2e-7)[2]
+    np.testing.assert_allclose(jumps.before, before, atol=1e-12)
+    np.testing.assert_allclose(jumps.after, after, atol=1e-12)
+    sides = [task.robot.loads(jumps.angles, jumps.speeds, a)[1] for a in (before, after)]
+    combined = sides[1] + kappa * (sides[1] - sides[0])
+    np.testing.assert_allclose(jumps.loads(task.robot, kappa).wrenches, combined, atol=1e-9)
+
+
+def test_between_two_steps_of_one_joint_that_joint_is_named(task):
+    jumps = Jumps.of(task.reference)
+    for k, time in enumerate(jumps.times):
+        named = [
+            j for j, joint in enumerate(task.reference.joints, 1) if np.min(np.abs(joint.times - time)) < 2e-7
+        ]
+        assert set(jumps.words(k).split(maxsplit=1)[1].split(", ")) <= set(map(str, named))
+
+
+def test_the_check_sees_the_worst_jump(task):
+    motion, robot = task.reference, task.robot
+    worst = check_motion(robot, motion, LIMITS).worst
+    at = Jumps.of(motion).loads(robot, KAPPA)
+    assert worst["jump_GN"].value == np.max(at.tip.GN)
+    assert worst["jump_GN"].time == Jumps.of(motion).times[np.argmax(at.tip.GN)]
+    assert worst["jump_GT"].value == np.nan_to_num(at.slip.GT, nan=np.inf).max()
+    assert worst["jump_GN"].detail.startswith("joint")
+    assert "jump_GN" not in check_motion(robot, motion).worst
+
+
+def test_slow_motions_and_continuous_accelerations_pass(task):
+    slow = check_motion(task.robot, task.reference.time_scaled(6), LIMITS)
+    assert slow.verified
+    assert slow.worst["jump_GN"].value < 0.5
+    points = controller_points(task.reference, "quintic")
+    assert len(Jumps.of(points)) == 0
+    assert check_motion(task.robot, points, LIMITS).worst["jump_GN"].detail == "no jumps"
+
+
+@pytest.mark.parametrize("merge", [0.0, 0.05])
+@pytest.mark.parametrize("seed", [1, 4])
+def test_nodes_of_the_exact_program_have_the_loads_of_the_jumps(task, seed, merge):
+    program, x, motion, order = ordered(task, seed, merge)
+    at = program._instants(x)
+    jumping = program.nodes.jumps
+    assert np.sum(jumping) == len(order.groups)
+    assert np.all(program.weights[jumping] == 0)
+    times, wrenches = (program.nodes.times @ x)[jumping], at.wrenches[jumping]
+    jumps = Jumps.of(motion)
+    loads = jumps.loads(task.robot, KAPPA).wrenches
+    for k, time in enumerate(jumps.times):
+        nearest = np.argmin(np.abs(times - time))
+        assert abs(times[nearest] - time) < 1e-7
+        if np.sum(np.abs(times - time) < 1e-6) == 1:
+            np.testing.assert_allclose(wrenches[nearest], loads[k], atol=1e-5)
+    about = {limit.name: limit.at_jumps for limit in limits_of(task.robot, LIMITS)}
+    for name, rows in program.near_rows(x, -100.0).masks.items():
+        assert not rows[jumping != about[name]].any()
+    assert program.near_rows(x, -100.0)["slip at jumps"][jumping].all()
+
+
+def ordered(task, seed, merge=0.0):
+    """Exact program near a random motion, its variables (equalities kept), the motion, the order."""
+    own = task.robot, task.start, task.goal, task.optimised, task.commands
+    formulation = Formulation(*own)
+    motion = random_start(*own, MotionLimits(), np.random.default_rng(seed))
+    order, x = order_of(formulation, formulation.variables(motion), merge)
+    x = formulation.polished(order, formulation.ordered_program(LIMITS, order, x, []).structure, x)
+    program = formulation.ordered_program(LIMITS, order, x, [(1, 0.5)])
+    return program, x, formulation.motion(x), order
+
+
+@pytest.mark.parametrize("seed", [1, 4])
+def test_derivatives_of_the_rows_at_jumps(task, seed):
+    program, x, _, _ = ordered(task, seed)
+    rows = program.no_rows()
+    rows["tip-over at jumps"][program.nodes.jumps] = True
+    program, count = program.with_rows(rows), len(program.structure.lower)
+    on = np.random.default_rng(seed).normal(size=len(program.bounds()[0]))
+    on[:count] = 0.0
+    J, H, h = program.jacobian(x), program.hessian(x, 0.0, on), 1e-6
+    for j in range(0, len(x) - 2, 3):
+        moved = h * (np.arange(len(x)) == j)
+        slope = (program.values(x + moved)[1] - program.values(x - moved)[1]) / (2 * h)
+        np.testing.assert_allclose(J[count:, j], slope[count:], atol=1e-5 * np.abs(J[count:]).max())
+        bend = on @ (program.jacobian(x + moved) - program.jacobian(x - moved)) / (2 * h)
+        np.testing.assert_allclose(H[j], bend, atol=1e-5 * np.abs(H).max())
+
+
+def test_plans_carry_their_jumps(task):
+    """A plan that takes no notice of jumps does not."""
+    attempt = Search(task).run(1, 0)
+    assert attempt.result.verified
+    assert 0.9 < attempt.check.worst["jump_GN"].value <= 1
+    plain = Search(experiment_task("B")).run(1, 0)
+    assert plain.result.verified
+    assert plain.check.energy < attempt.check.energy
+    checked = check_motion(task.robot, plain.motion, LIMITS)
+    assert not checked.verified
+    assert checked.stands
+    assert checked.worst["jump_GN"].value > 1.5
+    assert any(v.startswith("jump_GN is ") for v in checked.violations)
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [("overshoot = 0.5", 0.5), ("damping = 0.05", KAPPA), ("damping = 0", 1.0), ("GN = 0.8", 0.0)],
+)
+def test_task_files_ask_for_it(tmp_path, line, expected):
+    assert load_task(written(tmp_path, line)).limits.overshoot == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("overshoot = 1.5", "limits.overshoot: must be >= 0 and <= 1, got 1.5"),
+        ("damping = 1", "limits.damping: must be >= 0 and < 1, got 1"),
+        ("damping = 0.1\novershoot = 0.5", "expected either overshoot or damping, got overshoot and damping"),
+    ],
+)
+def test_bad_numbers_are_named(tmp_path, line, message):
+    with pytest.raises(InputError, match=message):
+        load_task(written(tmp_path, line))
+
+
+def written(folder, line):
+    path = folder / "task.toml"
+    path = folder / "task.toml"
+    text = (EXAMPLES / "tasks" / "delta_cart.toml").read_text()
+    path.write_text(f"{text.partition('[limits]')[0]}\n[limits]\n{line}\n")
+    return path
