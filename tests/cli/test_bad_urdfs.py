@@ -121,13 +121,19 @@ FILES = {
         edited(LIFT, LIFT.replace("0.4", "0")).replace("revolute", "fixed").replace("continuous", "fixed"),
         "no free joint between 'base' and 'tool0'",
     ),
-    "coupled on the way": (
-        edited('<limit velocity="2"', '<mimic joint="turn_1"/><limit velocity="2"'),
-        "joint 'turn_2' mimics 'turn_1', which moves; coupled joints are not modelled",
+    "mimics what is not there": (
+        edited('<limit velocity="2"', '<mimic joint="turn_7"/><limit velocity="2"'),
+        "joint 'turn_2' mimics 'turn_7', which is not there or mimics it, too",
+    ),
+    "coupled, no way left": (
+        edited('<limit velocity="2"', '<mimic joint="turn_1" offset="8"/><limit velocity="2"')
+        .replace("continuous", "revolute")
+        .replace('velocity="2" effort="60"', 'velocity="2" effort="60" lower="-1" upper="1"'),
+        "limits leave no way to 'turn_1', for turn_2 follows turn_1 at 1 times its value + 8",
     ),
     "coupled beside the way": (
         edited('<mimic joint="finger_1"/>', '<mimic joint="turn_1"/>'),
-        "joint 'finger_2' mimics 'turn_1', which moves",
+        "joint 'finger_2', beside the way to the tool, mimics 'turn_1', which moves; only couplings",
     ),
     "two tools": (
         edited(

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, finite_array
 from ocptip.numerics.batch import BatchFunction
-from ocptip.robots.kinematics import relative_rotation, slide
+from ocptip.robots.kinematics import joint_rates, joint_values, relative_rotation, slide
 from ocptip.robots.model import ArmModel, joint_states
 
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)
@@ -68,19 +68,21 @@ def newton_euler(
     about: cs.SX,
 ) -> tuple[cs.SX, cs.SX]:
     """The recursion as expressions; arguments and results as in :func:`inverse_dynamics`."""
-    relative = [relative_rotation(model, index, q[index]) for index in range(model.n)]
+    count, values = model.links, joint_values(model, q)
+    speeds, changes = joint_rates(model, qd), joint_rates(model, qdd)
+    relative = [relative_rotation(model, index, values[index]) for index in range(count)]
     inertial_force, inertial_moment = [], []
     omega, domega = cs.SX.zeros(3), cs.SX.zeros(3)
     # Gravity enters as an upward acceleration of the base, so m (r'' - g) of (2.40) needs no second term.
     acceleration = -gravity
     load, load_moment = force, moment
     offsets = [cs.SX.zeros(3), *map(cs.SX, model.offsets)]
-    levers = [offsets[i] + relative[i] @ slide(model, i, q[i]) for i in range(model.n)] + offsets[-1:]
+    levers = [offsets[i] + relative[i] @ slide(model, i, values[i]) for i in range(count)] + offsets[-1:]
     for index, A in enumerate(relative):
         acceleration = A.T @ (acceleration + _rotating(omega, domega, levers[index]))  # of Q_i
         omega, domega = A.T @ omega, A.T @ domega
-        rate, change = cs.vertcat(0, 0, qd[index]), cs.vertcat(0, 0, qdd[index])
-        if model.prismatic[index]:
+        rate, change = cs.vertcat(0, 0, speeds[index]), cs.vertcat(0, 0, changes[index])
+        if model.slides[index]:
             acceleration = acceleration + 2 * cs.cross(omega, rate) + change
         else:
             domega = domega + cs.cross(omega, rate) + change  # (2.36)
@@ -93,12 +95,14 @@ def newton_euler(
         load, load_moment = A.T @ load, A.T @ load_moment  # process load, now in frame i
 
     F, M = -load, -load_moment  # coupling load behind the last link: what G passes on to the process (2.45)
-    torque = [cs.SX(0)] * model.n
-    for index in reversed(range(model.n)):
+    needed = [cs.SX(0)] * count
+    for index in reversed(range(count)):
         M = inertial_moment[index] + M + cs.cross(levers[index + 1], F)  # (2.43) about Q_i
         F = inertial_force[index] + F  # (2.40)
-        torque[index] = (F if model.prismatic[index] else M)[2] + model.armature[index] * qdd[index]  # (2.44)
+        needed[index] = (F if model.slides[index] else M)[2]
         F, M = relative[index] @ F, relative[index] @ M
+    driven = needed if model.coupling is None else model.coupling.gathered(needed)
+    torque = [driven[i] + model.armature[i] * qdd[i] for i in range(model.n)]  # (2.44)
     arm = cs.SX(model.mount_position) + levers[0] - about
     return cs.vertcat(*torque), cs.vertcat(-F, -M - cs.cross(arm, F))
 

@@ -252,17 +252,17 @@ def spheres_along_links(
     Args:
         radius: m, of every sphere; neighbours are at most one radius apart, so the tube covered is 0.86 radii
             thick.
-        links: 1..n; all with a length above zero by default.
+        links: 1..L; all with a length above zero by default.
 
     Raises:
         InputError: no such link, or a radius that is not positive.
     """
     positive_number("radius", radius)
-    chosen = range(1, model.n + 1) if links is None else links
+    chosen = range(1, model.links + 1) if links is None else links
     sets = []
     for link in chosen:
-        if not 1 <= link <= model.n:
-            raise InputError(f"links: must be 1..{model.n}, got {link}")
+        if not 1 <= link <= model.links:
+            raise InputError(f"links: must be 1..{model.links}, got {link}")
         offset = model.offsets[link - 1]
         length = np.linalg.norm(offset)
         if length == 0 and links is None:

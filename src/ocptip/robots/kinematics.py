@@ -18,7 +18,7 @@ _CACHED_MODELS = 64
 def relative_rotation(model: ArmModel, index: int, q: cs.SX) -> cs.SX:
     """A_{i-1,i} (3, 3) of joint i = index + 1; for the first joint A_{B,1}, from frame 1 to base axes."""
     constant = model.mount_rotation @ model.rotations[0] if index == 0 else model.rotations[index]
-    if model.prismatic[index]:
+    if model.slides[index]:
         return cs.SX(constant)
     c, s = cs.cos(q), cs.sin(q)
     turn = cs.vertcat(cs.horzcat(c, -s, 0), cs.horzcat(s, c, 0), cs.horzcat(0, 0, 1))
@@ -27,7 +27,17 @@ def relative_rotation(model: ArmModel, index: int, q: cs.SX) -> cs.SX:
 
 def slide(model: ArmModel, index: int, q: cs.SX) -> cs.SX:
     """(3, 1), m, frame i: how far joint i = index + 1 moves Q_i; zero if it turns."""
-    return cs.vertcat(0, 0, q) if model.prismatic[index] else cs.SX.zeros(3)
+    return cs.vertcat(0, 0, q) if model.slides[index] else cs.SX.zeros(3)
+
+
+def joint_values(model: ArmModel, q: cs.SX) -> list[cs.SX]:
+    """Values of the joints of all links, rad or m; q (n,)."""
+    return cs.vertsplit(q) if model.coupling is None else model.coupling.joints(q)
+
+
+def joint_rates(model: ArmModel, rates: cs.SX) -> list[cs.SX]:
+    """The same of speeds, or of accelerations."""
+    return cs.vertsplit(rates) if model.coupling is None else model.coupling.rates(rates)
 
 
 def chain(model: ArmModel, q: cs.SX) -> tuple[list[cs.SX], list[cs.SX]]:
@@ -37,15 +47,15 @@ def chain(model: ArmModel, q: cs.SX) -> tuple[list[cs.SX], list[cs.SX]]:
         q: (n,), rad (sliding joints: m, here and below).
 
     Returns:
-        rotations: A_{B,1} .. A_{B,n}, A_{B,G}, each (3, 3).
-        origins: Q_1 .. Q_n, G, each (3, 1), m, base frame.
+        rotations: A_{B,1} .. A_{B,L}, A_{B,G}, each (3, 3).
+        origins: Q_1 .. Q_L, G, each (3, 1), m, base frame.
     """
     rotations: list[cs.SX] = []
     origins: list[cs.SX] = []
     rotation, origin = cs.SX.eye(3), cs.SX(model.mount_position)
-    for index in range(model.n):
-        rotation = rotation @ relative_rotation(model, index, q[index])
-        origin = origin + rotation @ slide(model, index, q[index])
+    for index, value in enumerate(joint_values(model, q)):
+        rotation = rotation @ relative_rotation(model, index, value)
+        origin = origin + rotation @ slide(model, index, value)
         rotations.append(rotation)
         origins.append(origin)
         origin = origin + rotation @ cs.SX(model.offsets[index])
@@ -56,8 +66,8 @@ def chain(model: ArmModel, q: cs.SX) -> tuple[list[cs.SX], list[cs.SX]]:
 def forward_kinematics(model: ArmModel) -> cs.Function:
     """CasADi function of the link frames; built once per model.
 
-    In: q (n,), rad. Out: `rotations` (3, 3 (n+1)), the blocks A_{B,1} .. A_{B,n}, A_{B,G} side by side;
-    `origins` (3, n+1), m, base frame: Q_1 .. Q_n, G.
+    In: q (n,), rad. Out: `rotations` (3, 3 (L+1)), the blocks A_{B,1} .. A_{B,L}, A_{B,G} side by side;
+    `origins` (3, L+1), m, base frame: Q_1 .. Q_L, G.
     """
     q = cs.SX.sym("q", model.n)
     rotations, origins = chain(model, q)
@@ -77,10 +87,12 @@ def gripper_kinematics(model: ArmModel) -> cs.Function:
     rotations, origins = chain(model, q)
     tip = origins[-1]
     columns = []
-    for rotation, origin, slides in zip(rotations[:-1], origins[:-1], model.prismatic, strict=True):
+    for rotation, origin, slides in zip(rotations[:-1], origins[:-1], model.slides, strict=True):
         axis = rotation[:, 2]
         turning = cs.vertcat(cs.cross(axis, tip - origin), axis)
         columns.append(cs.vertcat(axis, cs.SX.zeros(3)) if slides else turning)
+    if model.coupling is not None:
+        columns = model.coupling.gathered(columns)
     outputs = [tip, rotations[-1], cs.horzcat(*columns)]
     return cs.Function("gripper_kinematics", [q], outputs, ["q"], ["position", "rotation", "jacobian"])
 
@@ -90,8 +102,8 @@ class LinkFrames:
     """Frames of all links and the gripper at N states (no leading N for a single state).
 
     Attributes:
-        rotations: (N, n+1, 3, 3): A_{B,1} .. A_{B,n}, A_{B,G}.
-        origins: (N, n+1, 3), m, base frame: Q_1 .. Q_n, G.
+        rotations: (N, L+1, 3, 3): A_{B,1} .. A_{B,L}, A_{B,G}.
+        origins: (N, L+1, 3), m, base frame: Q_1 .. Q_L, G.
     """
 
     rotations: np.ndarray
@@ -109,7 +121,7 @@ def link_frames(model: ArmModel, q: np.ndarray) -> LinkFrames:
     """
     states, single = joint_states("q", q, model.n)
     rotations, origins = _frames_batch(model)(states)
-    blocks = rotations.reshape(len(states), 3, model.n + 1, 3).transpose(0, 2, 1, 3)
+    blocks = rotations.reshape(len(states), 3, model.links + 1, 3).transpose(0, 2, 1, 3)
     points = origins.transpose(0, 2, 1)
     return LinkFrames(blocks[0], points[0]) if single else LinkFrames(blocks, points)
 

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 from ocptip.basics.errors import InputError, finite_array, rotation_matrix
 from ocptip.numerics.inertia import RigidBody, union
 from ocptip.robots.collision.shapes import ArmGeometry
+from ocptip.robots.coupling import Coupling
 from ocptip.robots.payload import Payload
 
 
@@ -73,7 +74,7 @@ class SphereSet:
 
     Attributes:
         name: unique in its model.
-        link: 1..n, or 0 for the resting mount.
+        link: 1..L, or 0 for the resting mount.
         centres: (k, 3), m, frame `link` (for link 0: the mount frame, origin Q_1).
         radii: (k,), m.
     """
@@ -96,19 +97,22 @@ class SphereSet:
 class ArmModel:
     """A serial arm of n turning or sliding joints on a base that rests.
 
+    Where joints follow others (`coupling`), n is the number of those that lead: joint values, speeds, torques
+    and limits are theirs. There are more links then, L of them, each behind a joint of its own; else L = n.
+
     Link inertias may be indefinite: a fast rotor behind a gear, split between two links, leaves a negative
     axial moment on one of them (6.11). Compared and hashed by identity, so functions can be cached per model.
 
     Attributes:
         name: for messages and titles.
         joint_names: n names.
-        rotations: (n, 3, 3), A0: constant part of A_{i-1,i} = A0[i-1] Rz(phi_i).
-        offsets: (n, 3), m: Q_i to Q_{i+1}, of a sliding joint i+1 in its zero position (last: to the gripper
+        rotations: (L, 3, 3), A0: constant part of A_{i-1,i} = A0[i-1] Rz(phi_i).
+        offsets: (L, 3), m: Q_i to Q_{i+1}, of a sliding joint i+1 in its zero position (last: to the gripper
             point G), in frame i.
-        masses: (n,), kg.
-        centres: (n, 3), m: Q_i to the link's centre of mass in frame i.
-        inertias: (n, 3, 3), kg m^2, about the link's centre of mass, axes of frame i.
-        limits: joint limits.
+        masses: (L,), kg.
+        centres: (L, 3), m: Q_i to the link's centre of mass in frame i.
+        inertias: (L, 3, 3), kg m^2, about the link's centre of mass, axes of frame i.
+        limits: joint limits, (n,) each.
         tool_rotation: (3, 3), gripper axes to frame n.
         mount_position: (3,), m: base origin to Q_1 (of a sliding joint 1 in its zero position), base axes.
         mount_rotation: (3, 3), frame 0 to base axes.
@@ -121,11 +125,12 @@ class ArmModel:
         collision_pairs: names of sphere sets checked against each other.
         floor_sets: names of sphere sets checked against the floor.
         obstacle_sets: names of sphere sets checked against walls and pillars.
-        payload: what the gripper holds; it is in the masses, centres and inertias of link n.
-        bare_link: link n without payload, where there is one.
+        payload: what the gripper holds; it is in those of the last link.
+        bare_link: the last link without payload, where there is one.
         geometry: convex solids, which are looked at instead of spheres.
         base_link, resting: of an arm from a URDF: link of its base frame, and where joints of that file stand
             that do not move, rad or m by name.
+        coupling: joints that follow others; None: none does.
     """
 
     name: str
@@ -151,6 +156,7 @@ class ArmModel:
     geometry: ArmGeometry | None = None
     base_link: str = ""
     resting: Mapping[str, float] = field(default_factory=dict)
+    coupling: Coupling | None = None
 
     def __post_init__(self) -> None:
         n = len(self.joint_names)
@@ -162,12 +168,13 @@ class ArmModel:
         if kinds.shape != (n,) or kinds.dtype != bool:
             raise InputError(f"prismatic: expected {n} times true or false, got {self.prismatic!r}")
         object.__setattr__(self, "prismatic", _frozen(kinds))
+        links = n if self.coupling is None else len(self.coupling.names)
         shapes = {
-            "rotations": (n, 3, 3),
-            "offsets": (n, 3),
-            "masses": (n,),
-            "centres": (n, 3),
-            "inertias": (n, 3, 3),
+            "rotations": (links, 3, 3),
+            "offsets": (links, 3),
+            "masses": (links,),
+            "centres": (links, 3),
+            "inertias": (links, 3, 3),
             "tool_rotation": (3, 3),
             "mount_position": (3,),
             "mount_rotation": (3, 3),
@@ -187,7 +194,15 @@ class ArmModel:
         skew = np.abs(self.inertias - self.inertias.transpose(0, 2, 1)).max(axis=(1, 2))
         if (skew > 1e-9 * (1e-6 + np.abs(self.inertias).max())).any():
             raise InputError(f"inertias: must be symmetric, link {int(np.argmax(skew)) + 1} is not")
-        self._check_spheres(n)
+        self._check_coupling()
+        self._check_spheres(links)
+
+    def _check_coupling(self) -> None:
+        if self.coupling is not None and not (
+            self.coupling.leading == self.joint_names
+            and np.array_equal(self.coupling.slides[self.coupling.leads], self.prismatic)
+        ):
+            raise InputError(f"coupling: its leading joints must be {', '.join(self.joint_names)}")
 
     def _check_spheres(self, n: int) -> None:
         names = [s.name for s in self.sphere_sets]
@@ -203,8 +218,28 @@ class ArmModel:
 
     @property
     def n(self) -> int:
-        """Number of joints."""
+        """Number of joints, without those that follow others."""
         return len(self.joint_names)
+
+    @property
+    def links(self) -> int:
+        """Number of links L."""
+        return len(self.masses)
+
+    @property
+    def chain_names(self) -> tuple[str, ...]:
+        """Names of the joints of all links, (L,)."""
+        return self.joint_names if self.coupling is None else self.coupling.names
+
+    @property
+    def slides(self) -> np.ndarray:
+        """(L,) True where the joint of a link slides."""
+        return self.prismatic if self.coupling is None else self.coupling.slides
+
+    @property
+    def periodic(self) -> np.ndarray:
+        """(n,) True for joints that are where they were after a whole turn."""
+        return ~self.prismatic if self.coupling is None else ~self.prismatic & self.coupling.alone
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -223,7 +258,10 @@ class ArmModel:
     @property
     def reach(self) -> float:
         """Upper bound, m, of the distance from Q_1 to the gripper point; endless slides do not count."""
-        ways = np.maximum(np.abs(self.limits.angle_min), np.abs(self.limits.angle_max))[self.prismatic]
+        ways = np.maximum(np.abs(self.limits.angle_min), np.abs(self.limits.angle_max))
+        if self.coupling is not None:
+            ways = np.abs(self.coupling.ratios) * ways[self.coupling.leaders] + np.abs(self.coupling.offsets)
+        ways = ways[self.slides]
         return float(np.linalg.norm(self.offsets, axis=1).sum() + ways[np.isfinite(ways)].sum())
 
     @property
@@ -249,7 +287,7 @@ class ArmModel:
     def with_payload(self, payload: Payload | None) -> ArmModel:
         """The same arm that holds this in its gripper, and nothing else; None: the bare arm, to the last bit.
 
-        The payload becomes a part of link n: its mass and its parallel-axis terms are added exactly.
+        The payload becomes a part of the last link: its mass and its parallel-axis terms are added exactly.
         """
         bare = self.bare_link or (float(self.masses[-1]), self.centres[-1], self.inertias[-1])
         whole = bare

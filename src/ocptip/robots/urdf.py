@@ -5,16 +5,18 @@ from __future__ import annotations
 import dataclasses
 import os
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array, number_from
 from ocptip.basics.text import did_you_mean
+from ocptip.robots.coupling import Coupling
 from ocptip.robots.model import ArmModel, JointLimits
 from ocptip.robots.pinocchio import load_pinocchio
 from ocptip.robots.sanity import doubt_arm, refuse_impossible_links
-from ocptip.robots.urdf_file import UrdfFile, UrdfJoint, read_urdf
+from ocptip.robots.urdf_file import UrdfFile, read_urdf
 
 if TYPE_CHECKING:
     import pinocchio as pin
@@ -39,7 +41,8 @@ def arm_from_urdf(
     joints locked before the first free one (a torso) is not part of the arm: its mass belongs to the base.
 
     Joints of the arm that are not on the way to `tool_frame` (fingers) do not move. A joint that mimics one
-    that does not move stands where that one puts it.
+    that does not move stands where that one puts it. On the way to `tool_frame` joints may mimic one that
+    moves: that one has the drive (`ArmModel.coupling`).
 
     Args:
         path: the URDF file; meshes are not read.
@@ -49,8 +52,8 @@ def arm_from_urdf(
         locked_joints: joint name to angle, rad (m for sliding joints), of joints that do not move. Those that
             are not on the way to `tool_frame` are at zero by default, or at the limit next to it.
         armature: (n,), kg m^2, reflected rotor inertias (rotor inertia times gear ratio squared), which URDF
-            cannot hold; zero by default, which underestimates torques at high accelerations. See
-            `ArmModel.armature`.
+            cannot hold, of joints that follow no other; zero by default, which underestimates torques at high
+            accelerations. See `ArmModel.armature`.
         acceleration: (n,), rad/s^2, limits, which URDF cannot hold; infinite by default.
         accept_inertia: links that move without mass, or with an inertia that no body has, and are meant so;
             True: all.
@@ -61,8 +64,8 @@ def arm_from_urdf(
 
     Raises:
         InputError: the file cannot be read, or a name is not in it (the message lists candidates), or a joint
-            on the way neither turns nor slides nor is locked, or mimics one that moves, or a link that moves
-            has no inertia, or one that no body has.
+            on the way neither turns nor slides nor is locked, or one beside it mimics one that moves, or a
+            link that moves has no inertia, or one that no body has.
 
     Warns:
         InputWarning: masses or lengths that no arm has.
@@ -75,14 +78,12 @@ def arm_from_urdf(
         robot = pin.buildModelFromUrdf(str(file.path))
     except (ValueError, RuntimeError) as error:
         raise InputError(f"not a readable URDF: {error}", "", str(file.path)) from None
-    locked, resting = dict(locked_joints or {}), {}
+    locked = dict(locked_joints or {})
     _require_joints(robot, locked)
-    way = [joint.name for joint in file.way(tool)]
-    for joint in file.joints.values():
-        if joint.mimics and joint.name not in locked:
-            value = _mimicked(file, robot, joint, locked, way)
-            (locked if joint.name in way else resting)[joint.name] = value
-    arm = _from_pinocchio(robot, base, tool, locked, resting, armature, acceleration, accept_inertia)
+    ahead = {joint.name for joint in file.way(base)}
+    way = [joint.name for joint in file.way(tool) if joint.name not in ahead]
+    mimics = _mimics(file, robot, locked, way)
+    arm = _from_pinocchio(robot, base, tool, locked, mimics, armature, acceleration, accept_inertia)
     doubt_arm(arm)
     chosen = {"base_link": (base_link, base), "tool_frame": (tool_frame, tool)}
     names = [f"{key} {name!r}" for key, (given, name) in chosen.items() if given is None]
@@ -103,20 +104,24 @@ def arm_from_pinocchio(
     """The same for a Pinocchio model, whose armature is the default; `base_link` may be "universe"."""
     locked = dict(locked_joints or {})
     _require_joints(robot, locked)
-    return _from_pinocchio(robot, base_link, tool_frame, locked, {}, armature, acceleration, accept_inertia)
+    mimics = _Mimics()
+    return _from_pinocchio(
+        robot, base_link, tool_frame, locked, mimics, armature, acceleration, accept_inertia
+    )
 
 
 def _from_pinocchio(
     robot: pin.Model,
     base_link: str,
     tool_frame: str,
-    locked: Mapping[str, float],
-    resting: Mapping[str, float],
+    given: Mapping[str, float],
+    mimics: _Mimics,
     armature: np.ndarray | None,
     acceleration: np.ndarray | None,
     accept_inertia: bool | Iterable[str],
 ) -> ArmModel:
-    """The arm; `resting`: where joints rest that are neither locked nor on the way, by default near zero."""
+    """The arm; joints that are neither `given` nor mimic others nor are on the way rest near zero."""
+    locked = {**given, **mimics.locked}
     base = _frame(robot, "base_link", base_link)
     tool = _frame(robot, "tool_frame", tool_frame)
     path = list(robot.supports[robot.frames[tool].parentJoint])
@@ -125,7 +130,7 @@ def _from_pinocchio(
         raise InputError(f"tool_frame: {tool_frame!r} is not behind base_link {base_link!r}")
     ahead = path[path.index(root) + 1 :]
     free = [j for j in ahead if robot.names[j] not in locked]
-    moving = [j for j in free if not _stuck(robot, j)]
+    moving = [j for j in free if robot.names[j] in mimics.coupled or not _stuck(robot, j)]
     stuck = {robot.names[j]: _nearest_to_zero(robot, j) for j in free if j not in moving}
     if not moving:
         why = f" (limits leave no way to {', '.join(stuck)})" if stuck else ""
@@ -137,35 +142,55 @@ def _from_pinocchio(
                 "or slide can move; take a base_link behind it"
             )
     loose = [j for j in robot.subtrees[moving[0]] if j not in free and robot.names[j] not in locked]
-    at_rest = {robot.names[j]: resting.get(robot.names[j], _nearest_to_zero(robot, j)) for j in loose}
+    at_rest = {robot.names[j]: mimics.resting.get(robot.names[j], _nearest_to_zero(robot, j)) for j in loose}
     reduced, frames = _reduced(robot, {**stuck, **at_rest, **locked}, moving, (base, tool))
-    arm = _arm(reduced, *frames, armature, acceleration)
+    arm = _arm(reduced, *frames, mimics.coupled, armature, acceleration)
     refuse_impossible_links(arm, _links(reduced), accept_inertia)
     reasons = {"their limits leave no way": stuck, "not on the way to the tool": at_rest}
     notes = [_locked_note(why, values) for why, values in reasons.items() if values]
+    if arm.coupling is not None:
+        notes.append(f"coupled: {arm.coupling.text()}")
     rest = {**stuck, **at_rest, **locked}
     return dataclasses.replace(arm, notes=tuple(notes), base_link=base_link, resting=rest)
 
 
-def _mimicked(
-    file: UrdfFile, robot: pin.Model, joint: UrdfJoint, locked: Mapping[str, float], way: Sequence[str]
-) -> float:
-    """Where a joint stands that mimics one at rest."""
-    name, value, factor, seen = joint.name, 0.0, 1.0, [joint.name]
-    while joint.name not in locked and joint.mimics and joint.mimics[0] not in seen[1:]:
-        master, own, offset = joint.mimics
-        if master not in file.joints:
-            break
-        value, factor, joint = value + factor * offset, factor * own, file.joints[master]
-        seen.append(master)
-    if joint.name in locked or joint.kind == "fixed":
-        return value + factor * locked.get(joint.name, 0.0)
-    if joint.name in way:
-        raise InputError(
-            f"joint {name!r} mimics {joint.name!r}, which moves; coupled joints are not modelled: lock one "
-            "of them (locked_deg, locked_m)"
-        )
-    return value + factor * _nearest_to_zero(robot, robot.getJointId(joint.name))
+@dataclass(frozen=True)
+class _Mimics:
+    """Joints that mimic others: those that rest, and where, on the way to the tool or not; and those that
+    follow a joint that moves: its name, ratio and offset."""
+
+    locked: dict[str, float] = field(default_factory=dict)
+    resting: dict[str, float] = field(default_factory=dict)
+    coupled: dict[str, tuple[str, float, float]] = field(default_factory=dict)
+
+
+def _mimics(file: UrdfFile, robot: pin.Model, locked: Mapping[str, float], way: Sequence[str]) -> _Mimics:
+    """What becomes of all joints that mimic others and are not locked; `way`: between base and tool."""
+    found = _Mimics()
+    for joint in file.joints.values():
+        if not joint.mimics or joint.name in locked:
+            continue
+        leader, ratio, offset = file.leader(joint, locked)
+        if leader is None:
+            if joint.name in way:
+                name = joint.mimics[0]
+                raise InputError(
+                    f"joint {joint.name!r} mimics {name!r}, which is not there or mimics it, too"
+                )
+            continue
+        number = robot.getJointId(leader.name)
+        fixed = leader.kind == "fixed"
+        if ratio and not fixed and leader.name in {*way} - {*locked} and not _stuck(robot, number):
+            if joint.name not in way:
+                raise InputError(
+                    f"joint {joint.name!r}, beside the way to the tool, mimics {leader.name!r}, which moves; "
+                    "only couplings on the way are modelled: lock one of the two (locked_deg, locked_m)"
+                )
+            found.coupled[joint.name] = leader.name, ratio, offset
+            continue
+        at = locked.get(leader.name, 0.0 if fixed else _nearest_to_zero(robot, number))
+        (found.locked if joint.name in way else found.resting)[joint.name] = offset + ratio * at
+    return found
 
 
 def _links(robot: pin.Model) -> list[list[str]]:
@@ -237,12 +262,15 @@ def _arm(
     robot: pin.Model,
     base: pin.SE3,
     tool: pin.SE3,
+    coupled: Mapping[str, tuple[str, float, float]],
     armature: np.ndarray | None,
     acceleration: np.ndarray | None,
 ) -> ArmModel:
     """Convert a model whose joints form one chain; frames are turned so that joint axes become z."""
     n = robot.njoints - 1
-    joints = list(robot.joints)[1:]
+    names, slides = tuple(robot.names)[1:], np.array([_slides(robot, index) for index in range(1, n + 1)])
+    coupling = Coupling.of(names, slides, coupled) if coupled else None
+    leads = np.arange(n) if coupling is None else coupling.leads
     turns = [_z_onto(_axis(robot, index)) for index in range(1, n + 1)]
     placements = [robot.jointPlacements[index] for index in range(1, n + 1)]
     placements[0] = base.inverse() * placements[0]
@@ -258,24 +286,28 @@ def _arm(
         body = robot.inertias[index + 1]
         centres.append(back @ body.lever)
         inertias.append(back @ body.inertia @ back.T)
-    chosen = np.array([robot.armature[j.idx_v] for j in joints]) if armature is None else armature
+    rotors = np.array([robot.armature[joint.idx_v] for joint in list(robot.joints)[1:]])
+    if coupling is not None:
+        rotors = rotors @ coupling.matrix**2
     return ArmModel(
         name=robot.name,
-        joint_names=tuple(robot.names)[1:],
+        joint_names=tuple(names[k] for k in leads),
         rotations=np.array(rotations),
         offsets=np.array(offsets),
         masses=np.array([robot.inertias[index].mass for index in range(1, n + 1)]),
         centres=np.array(centres),
         inertias=np.array(inertias),
-        limits=_limits(robot, acceleration),
+        limits=_limits(robot, coupling, acceleration),
         tool_rotation=turns[-1].T @ tool.rotation,
         mount_position=placements[0].translation,
-        armature=finite_array("armature", chosen, (n,)),
-        prismatic=np.array([_slides(robot, index) for index in range(1, n + 1)]),
+        armature=finite_array("armature", rotors if armature is None else armature, (len(leads),)),
+        prismatic=slides[leads],
+        coupling=coupling,
     )
 
 
-def _limits(robot: pin.Model, acceleration: np.ndarray | None) -> JointLimits:
+def _limits(robot: pin.Model, coupling: Coupling | None, acceleration: np.ndarray | None) -> JointLimits:
+    """Limits of the joints; of those that lead, so that joints that follow keep theirs, but for torques."""
     joints = list(robot.joints)[1:]
     n = len(joints)
     low, high = np.full(n, -np.inf), np.full(n, np.inf)
@@ -291,6 +323,9 @@ def _limits(robot: pin.Model, acceleration: np.ndarray | None) -> JointLimits:
         np.where((value <= 0) | (value > _NO_LIMIT), np.inf, value)
         for value in (robot.upperVelocityLimit[order], robot.upperEffortLimit[order])
     )
+    if coupling is not None:
+        low, high, speed = coupling.limits(low, high, speed)
+        torque, n = torque[coupling.leads], len(coupling.leads)
     limit = np.full(n, np.inf) if acceleration is None else finite_array("acceleration", acceleration, (n,))
     return JointLimits(low, high, speed, limit, torque)
 

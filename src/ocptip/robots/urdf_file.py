@@ -9,7 +9,7 @@ import math
 import os
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from functools import cached_property
@@ -98,6 +98,20 @@ class UrdfFile:
             found.insert(0, self.above[link])
             link = found[0].parent
         return found
+
+    def leader(self, joint: UrdfJoint, locked: Container[str]) -> tuple[UrdfJoint | None, float, float]:
+        """The joint that one follows in the end, ratio and offset (rad or m); none if there is no such joint.
+
+        Joints that follow others may be followed; `locked` ones follow none.
+        """
+        ratio, offset, seen = 1.0, 0.0, set()
+        while joint.mimics and joint.name not in locked:
+            master, own, shift = joint.mimics
+            if joint.name in seen or master not in self.joints:
+                return None, ratio, offset
+            seen.add(joint.name)
+            ratio, offset, joint = ratio * own, offset + ratio * shift, self.joints[master]
+        return joint, ratio, offset
 
     def ends(self, base: str) -> list[str]:
         """Links behind `base` that carry no further link and do not rest on it."""

@@ -98,7 +98,7 @@ def _arm_from_urdf(table: Table, folder: Path) -> ArmModel:
     with table.at("urdf", base_link="base_link", tool_frame="tool_frame"):
         arm = arm_from_urdf(file.path, **names, locked_joints=locked, accept_inertia=accepted)
     armature = table.per_joint("armature", arm.n, arm.armature, bound=">= 0")
-    links = [file.joints[name].child for name in arm.joint_names]
+    links = [file.joints[name].child for name in arm.chain_names]
     arm = _with_spheres(replace(arm, armature=armature), table, links)
     if geometry and not arm.sphere_sets:
         with table.at("urdf", package_dirs="package_dirs", srdf="srdf"):
@@ -147,7 +147,7 @@ def carrying(arm: ArmModel, shapes: Sequence[BodyShape]) -> ArmModel:
         return arm
     own = arm.geometry or geometry_of_spheres(arm)
     tool = arm.tool_rotation, arm.offsets[-1]
-    held = [replace(s, body=arm.n, shape=s.shape.placed(*tool)) for s in shapes]
+    held = [replace(s, body=arm.links, shape=s.shape.placed(*tool)) for s in shapes]
     return replace(arm, geometry=replace(own, shapes=(*own.shapes, *held)))
 
 
@@ -171,7 +171,7 @@ def require_geometry(data: Table, arm: ArmModel, given: Mapping[str, Sequence], 
 def _with_spheres(arm: ArmModel, table: Table, link_names: Sequence[str]) -> ArmModel:
     """The arm with spheres along its links, (n,) names; `excluded_links` may name links without spheres."""
     where, excluded = "excluded_links", table.value("excluded_links", [])
-    radii = table.per_joint("sphere_radius", arm.n, None, bound=">= 0")
+    radii = table.per_joint("sphere_radius", arm.links, None, bound=">= 0")
     if radii is None:
         return arm
     lengths = np.linalg.norm(arm.offsets, axis=1)

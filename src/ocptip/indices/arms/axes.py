@@ -40,10 +40,12 @@ class ArmPose:
 
 
 def require_turning(model: ArmModel) -> None:
-    """Raise InputError if a joint slides: the indices compare joint rates, which need one unit."""
+    """Raise InputError if a joint slides or follows another: the indices compare rates of single axes."""
     if model.prismatic.any():
         names = ", ".join(np.array(model.joint_names)[model.prismatic])
         raise InputError(f"indices are for arms whose joints turn, but these slide: {names}; lock them")
+    if model.coupling is not None:
+        raise InputError(f"indices are for arms of independent joints, but {model.coupling.text()}")
 
 
 def arm_pose(model: ArmModel, q: np.ndarray) -> ArmPose:

@@ -39,7 +39,9 @@ class WorldSolids:
         if not isinstance(own, ShapeCollisions):
             own = ShapeCollisions(robot.arm, robot.obstacles, robot.shapes)
         self.arm = robot.arm
-        self._solids = [(robot.arm.n if body == RESTING else body, shape) for _, body, shape in own.solids]
+        self._solids = [
+            (robot.arm.links if body == RESTING else body, shape) for _, body, shape in own.solids
+        ]
         names = [name for name, _, _ in own.solids]
         pairs = list(own.pairs)
         for obstacles, of_arm in ((problem.obstacles, True), (problem.keep_out, False)):
@@ -115,7 +117,7 @@ def _placed_frames(arm: ArmModel) -> cs.Function:
     own = link_frames_function(arm)(y[: arm.n])
     base, origin = cs.reshape(y[arm.n : arm.n + 9], 3, 3).T, y[arm.n + 9 :]
     frames = []
-    for i in range(arm.n):
+    for i in range(arm.links):
         axes, at = cs.reshape(own[12 * i : 12 * i + 9], 3, 3).T, own[12 * i + 9 : 12 * i + 12]
         frames.append(cs.vertcat(cs.vec((base @ axes).T), origin + base @ at))
     return cs.Function("placed_frames", [y], [cs.vertcat(*frames, y[arm.n :])])

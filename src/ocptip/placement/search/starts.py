@@ -341,7 +341,8 @@ def turns_beneath(evaluator: Evaluator, patch: int) -> bool:
     """Whether the first joint can make up for a turn of the base about the ground's normal."""
     terrain, arm = evaluator.problem.terrain[patch], evaluator.arm
     axis = (arm.mount_rotation @ arm.rotations[0])[:, 2] @ evaluator.problem.ground_frame[1][:, 2]
-    turns = not arm.prismatic[0] and abs(abs(axis) - 1) < _PARALLEL
+    leads = arm.joint_names[0] == arm.chain_names[0]
+    turns = leads and arm.periodic[0] and abs(abs(axis) - 1) < _PARALLEL
     return turns and terrain.horizontal is not None and sum(terrain.angular) == 1
 
 

@@ -155,8 +155,8 @@ def geometry_of_spheres(arm: ArmModel) -> ArmGeometry:
 
 
 def link_frames_function(arm: ArmModel) -> cs.Function:
-    """CasADi function of q (n,), rad: axes row by row and origin, m, of links 1..n in base axes, (12 n,)."""
+    """CasADi function of q (n,), rad: axes row by row and origin, m, of links 1..L in base axes, (12 L,)."""
     q = cs.SX.sym("q", arm.n)
     rotations, origins = chain(arm, q)
-    frames = [cs.vertcat(cs.vec(rotations[i].T), origins[i]) for i in range(arm.n)]
+    frames = [cs.vertcat(cs.vec(rotations[i].T), origins[i]) for i in range(arm.links)]
     return cs.Function("frames", [q], [cs.vertcat(*frames)])

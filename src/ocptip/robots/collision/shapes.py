@@ -219,7 +219,7 @@ class BodyShape:
 
     Attributes:
         name: of what it belongs to, such as a link of the URDF; several may share it.
-        body: 1..n, a link of the arm; 0: what rests.
+        body: 1..L, a link of the arm; 0: what rests.
         shape: in the link's frame; on body 0 of an arm in its mount frame, else in base axes.
         carried: by the last link, not part of it.
     """

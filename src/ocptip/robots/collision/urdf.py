@@ -135,14 +135,16 @@ def _shapes(robot: pin.Model, geometry: Any, arm: ArmModel) -> Iterator[BodyShap
     """Solids in the frames of the arm's links; those before the first one in its mount frame."""
     pin = load_pinocchio()
     data, q = robot.createData(), pin.neutral(robot)
-    for name, value in arm.resting.items():
+    coupling = arm.coupling
+    followers = {} if coupling is None else dict(zip(coupling.names, coupling.offsets, strict=True))
+    for name, value in {**arm.resting, **followers}.items():
         joint = robot.joints[robot.getJointId(name)]
         angle = [value] if joint.nq == 1 else [np.cos(value), np.sin(value)]
         q[joint.idx_q : joint.idx_q + joint.nq] = angle
     pin.framesForwardKinematics(robot, data, q)
     to_base = data.oMf[robot.getFrameId(arm.base_link, pin.FrameType.BODY)].inverse()
     frames = link_frames(arm, np.zeros(arm.n))
-    numbers = {robot.getJointId(name): i + 1 for i, name in enumerate(arm.joint_names)}
+    numbers = {robot.getJointId(name): i + 1 for i, name in enumerate(arm.chain_names)}
     for item in geometry.geometryObjects:
         joint = item.parentJoint
         body = max((numbers.get(above, 0) for above in robot.supports[joint]), default=0)

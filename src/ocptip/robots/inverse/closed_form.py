@@ -56,7 +56,7 @@ class _Axes:
 @lru_cache(maxsize=64)
 def closed_form_family(model: ArmModel) -> str | None:
     """The family whose closed form fits this arm, or None."""
-    if model.n != 6 or model.prismatic.any():
+    if model.n != 6 or not model.periodic.all():
         return None
     axes = _axes(model)
     parallel23 = _parallel(axes, 2, 3)

@@ -1,4 +1,7 @@
-"""Angles of joints that may turn more than once: copies a whole number of turns away. Ways have no copies."""
+"""Angles of joints that may turn more than once: copies a whole number of turns away.
+
+Ways have no copies, nor have angles that other joints follow (`ArmModel.periodic`).
+"""
 
 from __future__ import annotations
 
@@ -26,27 +29,28 @@ def within_limits(model: ArmModel, angles: np.ndarray, near: np.ndarray | float 
     turns = np.clip(np.round((near - angles) / TURN), fewest, np.maximum(fewest, most))
     copies = np.where(fewest <= most, angles + TURN * turns, np.nan)
     ways = np.where((low <= angles) & (angles <= high), angles, np.nan)
-    return np.where(model.prismatic, ways, copies)
+    return np.where(model.periodic, copies, ways)
 
 
 def once_around(model: ArmModel, q: np.ndarray) -> np.ndarray:
-    """The same joint angles in (-pi, pi]; sliding joints as they are."""
-    return np.where(model.prismatic, q, wrapped(q))
+    """The same joint angles in (-pi, pi]; what has no copies as it is."""
+    return np.where(model.periodic, wrapped(q), q)
 
 
 def nearest_copies(model: ArmModel, q: np.ndarray, near: np.ndarray | float = 0.0) -> np.ndarray:
-    """The same joint angles at most half a turn from `near`, whatever the limits; ways as they are."""
-    return np.where(model.prismatic, q, nearest_turn(q, near))
+    """The same joint angles at most half a turn from `near`, whatever the limits; others as they are."""
+    return np.where(model.periodic, nearest_turn(q, near), q)
 
 
 def search_box(model: ArmModel, *, limits: bool = True) -> tuple[np.ndarray, np.ndarray]:
     """Lower and upper bounds (n,) between which a search begins: within one turn, and within the limits.
 
-    Sliding joints always begin within their limits; without `limits` the others begin anywhere.
+    What has no copies always begins within its limits; without `limits` the others begin anywhere.
     """
     low, high = model.limits.angle_min, model.limits.angle_max
     least, most = (np.maximum(low, -np.pi), np.minimum(high, np.pi)) if limits else (-np.pi, np.pi)
-    middle = np.where(np.isfinite(low), low + _ENDLESS, np.where(np.isfinite(high), high - _ENDLESS, 0.0))
-    first = np.where(np.isfinite(low), low, middle - _ENDLESS)
-    last = np.where(np.isfinite(high), high, middle + _ENDLESS)
-    return np.where(model.prismatic, first, least), np.where(model.prismatic, last, most)
+    wide = np.where(model.prismatic, _ENDLESS, np.pi)
+    middle = np.where(np.isfinite(low), low + wide, np.where(np.isfinite(high), high - wide, 0.0))
+    first = np.where(np.isfinite(low), low, middle - wide)
+    last = np.where(np.isfinite(high), high, middle + wide)
+    return np.where(model.periodic, least, first), np.where(model.periodic, most, last)
