@@ -17,6 +17,7 @@ from ocptip.cli import plan as command
 from ocptip.cli.main import main
 from ocptip.cli.options import OUTPUTS
 from ocptip.cli.plan import PlanReport, progress_bar
+from ocptip.motion.execution import Execution
 from ocptip.motion.objective import ENERGY, TIME, priced
 from ocptip.motion.output import plan_to_dict
 from ocptip.pictures import plan as motion_plots
@@ -26,7 +27,12 @@ from ocptip.standing.limits import MotionLimits
 from ocptip.trajectories.arm_motion import ArmMotion
 from tests.pictures.plan_stand_in import stand_in_plan
 
-FILES = ["plan.json", "motion.csv", "trajectory.json"]
+FILES = ["plan.json", "motion.csv", "trajectory.json", "task/task.toml", "SHA256SUMS"]
+
+
+def files_in(folder):
+    """Names of all files in a folder and below it."""
+    return sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
 
 
 class Terminal(io.StringIO):
@@ -79,8 +85,8 @@ def test_files_figures_and_summary(planner, capsys, tmp_path, monkeypatch):
     assert rest["contacts"].startswith("contacts   least normal force ")
     assert rest["tolerates"].startswith("tolerates  floor tilted by ")
     assert rest["masses"] == "masses     base 3.45 kg, arm 15.71 kg; together 19.16 kg"
-    assert rest["written"] == f"written    ocptip-plan-C/: {', '.join(names)}"
-    assert sorted(path.name for path in directory.iterdir()) == sorted(names)
+    assert rest["written"] == f"written    ocptip-plan-C/: {', '.join(names).replace('task.toml', '')}"
+    assert files_in(directory) == sorted(names)
     assert out.isascii()
     assert (directory / "plan.png").read_bytes().startswith(b"\x89PNG")
 
@@ -93,7 +99,7 @@ def test_options_reach_the_planner(planner, capsys, tmp_path):
     (given, options), *_ = planner.calls
     assert (options["starts"], options["seed"], options["jobs"]) == (5, 7, 2)
     assert given.limits == MotionLimits(GN=0.8, GT=0.7, torque_ratio=0.5, clearance=0.02)
-    assert sorted(path.name for path in (tmp_path / "x").iterdir()) == sorted(FILES)
+    assert files_in(tmp_path / "x") == sorted(FILES)
 
 
 @pytest.mark.parametrize(
@@ -170,9 +176,12 @@ def test_time_scale_says_what_still_stands(planner, capsys):
 def test_time_scale_beyond_a_limit_but_standing():
     plan = stand_in_plan("C", limits=MotionLimits(GN=0.89))
     faster = stand_in_plan("C", factor=0.99, limits=MotionLimits(GN=0.89))
-    text = PlanReport(plan, time_scale=[(0.99, faster.check)]).to_text()
+    run = Execution.of_ramps(plan.motion, plan.check)
+    text = PlanReport(plan, run, time_scale=[(0.99, faster.check)]).to_text()
     assert "time x 0.99  stands, but breaks limits: GN is 0." in text
-    assert PlanReport(plan, time_scale=[(0.99, faster.check)]).entries()["time_scale"][0]["stands"] is True
+    assert (
+        PlanReport(plan, run, time_scale=[(0.99, faster.check)]).entries()["time_scale"][0]["stands"] is True
+    )
 
 
 def test_without_a_reference_there_is_no_ratio(planner, capsys):
@@ -325,7 +334,7 @@ def test_files_of_others_are_not_replaced(planner, capsys, tmp_path):
     (other / "plan.json").write_text('{"energy_J": 3}')  # not from ocptip
     assert run(capsys, "C", "--no-figures")[0] == 2
     assert run(capsys, "C", "--no-figures", "--overwrite")[0] == 0
-    assert sorted(path.name for path in other.iterdir()) == sorted([*FILES, "notes.txt"])
+    assert files_in(other) == sorted([*FILES, "notes.txt"])
 
 
 def test_figures_of_an_earlier_plan_are_removed(planner, capsys, tmp_path):
@@ -334,7 +343,7 @@ def test_figures_of_an_earlier_plan_are_removed(planner, capsys, tmp_path):
     for name in ("plan.png", "friction.png", "mine.png"):
         (directory / name).write_text("old")
     assert run(capsys, "C", "--no-figures")[0] == 0
-    assert sorted(path.name for path in directory.iterdir()) == sorted([*FILES, "mine.png"])
+    assert files_in(directory) == sorted([*FILES, "mine.png"])
 
 
 def test_the_names_of_all_files_are_known():

@@ -88,7 +88,7 @@ def test_files_of_a_plan_are_of_what_the_controller_runs(task, executed, tmp_pat
     plan = stand_in_plan("C")
     paths = write_plan(tmp_path, plan, execution=executed)
     assert json.loads(paths[0].read_text())["controller"]["verified"] is True
-    for path in paths[1:]:
+    for path in paths[1:3]:
         motion = load_motion(path, task.robot.names)
         assert motion.end == pytest.approx(executed.points.end, abs=executed.points.period or 1e-9)
 

@@ -195,10 +195,11 @@ def test_trajectory_has_the_shape_of_the_ros_message(plan):
     np.testing.assert_array_equal(speeds[[0, -1]], 0)
 
 
-def test_write_plan_writes_three_files_with_extra_entries(plan, tmp_path):
+def test_write_plan_writes_files_with_extra_entries(plan, tmp_path):
     paths = write_plan(tmp_path / "out", plan, extra={"base": "effective", "worth": np.float64("nan")})
-    assert [path.name for path in paths] == ["plan.json", "motion.csv", "trajectory.json"]
-    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == sorted(path.name for path in paths)
+    names = ["plan.json", "motion.csv", "trajectory.json", "SHA256SUMS"]  # the robot is not that of a file
+    assert paths == [tmp_path / "out" / name for name in names]
+    assert sorted(p for p in (tmp_path / "out").rglob("*") if p.is_file()) == sorted(paths)
     data = strict(paths[0].read_text(encoding="utf-8"))
     assert (data["base"], data["worth"]) == ("effective", None)
     points = controller_points(plan.motion, "cubic")

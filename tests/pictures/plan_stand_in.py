@@ -27,6 +27,12 @@ def stand_in_plan(name="C", base="effective", *, factor=1.0, limits=None, refere
         if reference
         else SimpleNamespace(**{**vars(printed), "reference": None})
     )
+    return plan_of(task, motion, checked, interrupted=interrupted)
+
+
+def plan_of(task, motion, checked=None, *, interrupted=False):
+    """All attributes of a `MotionPlan` with this motion."""
+    checked = checked or check_motion(task.robot, motion, task.limits)
     nan = float("nan")
     starts = (
         SimpleNamespace(
@@ -59,7 +65,7 @@ def stand_in_plan(name="C", base="effective", *, factor=1.0, limits=None, refere
         seed=3,
         seconds=2.5,
         interrupted=interrupted,
-        options={"starts": 2, "limits": limits},
+        options={"starts": 2, "limits": task.limits},
         energy=checked.energy,
         duration=checked.duration,
         verified=checked.verified,

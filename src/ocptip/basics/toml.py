@@ -33,6 +33,7 @@ from ocptip.basics.errors import (
     rotation_matrix,
     whole_number,
 )
+from ocptip.basics.named_files import NamedFiles, Rename
 from ocptip.basics.text import did_you_mean, of_known
 
 DEGREES = np.pi / 180
@@ -75,10 +76,14 @@ class Table:
         data: nested dictionaries and lists as `tomllib` returns them.
         file: its name, for messages.
         path: of the table within the file.
+        folder: of the file, to which the files that it names are relative.
     """
 
-    def __init__(self, data: Mapping[str, Any], file: str, path: str = "") -> None:
+    def __init__(
+        self, data: Mapping[str, Any], file: str, path: str = "", folder: Path | None = None
+    ) -> None:
         self.file, self.path, self._data = file, path, data
+        self._folder, self._uses = folder or Path(), NamedFiles()
         self._known: dict[str, None] = {}
         self._missing: dict[str, str] = {}
         self._tables: dict[str, Table] = {}
@@ -93,7 +98,7 @@ class Table:
         """
         text = read_text(path)
         try:
-            return cls(tomllib.loads(text), path.name)
+            return cls(tomllib.loads(text), path.name, folder=path.parent)
         except ValueError as error:
             problem = str(error)
         except RecursionError:
@@ -215,7 +220,7 @@ class Table:
 
     def _below(self, key: str, data: Mapping[str, Any]) -> Table:
         table = self._tables.setdefault(key, Table(data, self.file, self.place(key)))
-        table._top = self._top or list(self._known)
+        table._top, table._folder, table._uses = self._top or list(self._known), self._folder, self._uses
         return table
 
     def require(self, key: str, why: str) -> None:
@@ -293,6 +298,30 @@ class Table:
     def text(self, key: str, default: Any = REQUIRED) -> str:
         """A text that is not blank."""
         return self._read(key, default, "", _text)
+
+    def path_of(self, key: str, default: Any = REQUIRED) -> Path:
+        """The file that is named, relative to the folder of this one; part of :meth:`copied`."""
+        found = self._read(key, default, Path(), lambda value: self._folder / _text(value))
+        if key in self._data:
+            self._uses.files[id(self._data), key] = found
+        return found
+
+    def folders(self, key: str) -> list[Path]:
+        """Folders in which named files are looked for, one or a list; :meth:`copied` goes without them."""
+        value = self.value(key, [])
+        folders = value if isinstance(value, list) else [value]
+        if not all(isinstance(item, str) for item in folders):
+            raise self.error(f"expected folders, got {value!r}", key)
+        self._uses.folders.add((id(self._data), key))
+        return [self._folder / item for item in folders]
+
+    def note_parts(self, path: Path, parts: Mapping[str, Path]) -> None:
+        """Say which files a file that is named here names in turn, and where they are."""
+        self._uses.parts[path] = dict(parts)
+
+    def copied(self, rename: Rename) -> dict[str, Any]:
+        """The content with other names of the files that have been read, and without `folders`."""
+        return self._uses.copied(self._data, rename)
 
     def flag(self, key: str, default: Any = REQUIRED) -> bool:
         """True or false."""

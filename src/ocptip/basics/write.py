@@ -69,8 +69,13 @@ def write_text(path: str | os.PathLike[str], text: str) -> None:
     Raises:
         OSError: the file cannot be written; names it.
     """
+    write_bytes(path, text.encode("utf-8"))
+
+
+def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:
+    """The same with bytes."""
     with atomic_file(path) as stream:
-        stream.write(text.encode("utf-8"))
+        stream.write(content)
 
 
 def write_json(path: str | os.PathLike[str], data: Any, *, indent: int | None = 2) -> None:

@@ -20,11 +20,13 @@ from ocptip.cli.layout import masses, named, table, under
 from ocptip.cli.options import with_limits
 from ocptip.cli.progress import say_if_compiling
 from ocptip.motion.check import MotionCheck, check_motion
+from ocptip.motion.output import PLAN
 from ocptip.motion.task import MotionTask
 from ocptip.motion.tolerated import Tolerated, tolerances
 from ocptip.published.cases import motion_cases
 from ocptip.published.tasks import experiment_task
 from ocptip.task_files.motion import load_task
+from ocptip.task_files.plan_folder import is_plan_folder, read_plan_folder
 from ocptip.trajectories.read import load_motion, motion_origin
 from ocptip.trajectories.sampled import Motion, SampledMotion
 
@@ -51,8 +53,9 @@ _SAME = {"deg": 0.01, "m": 1e-4}  # offsets up to this are not worth a note
 
 def run(options: Namespace) -> CheckReport:
     """Check the motion, and the same path faster or slower, on the robot that is named."""
-    task = with_limits(_task(options), options)
-    motion = load_motion(options.motion, task.robot.names, task.robot.units)
+    task, path = _task(options)
+    task = with_limits(task, options)
+    motion = load_motion(path, task.robot.names, task.robot.units)
     step = positive_number("--step", options.step)
     for factor in options.time_scale:
         positive_number("--time-scale", factor)
@@ -153,13 +156,21 @@ class CheckReport(Report):
         return notes
 
 
-def _task(options: Namespace) -> MotionTask:
-    """The task that is named, or the case that the motion's file names, by default with the file's base."""
+def _task(options: Namespace) -> tuple[MotionTask, Path]:
+    """The task and the motion's file.
+
+    The task that is named, or that of the plan's folder, or the case that the file names, with its base.
+    """
+    path = Path(options.motion)
+    folder, path = (path, path / PLAN) if path.is_dir() else (path.parent, path)
     if options.task is not None:
         if options.base is not None:
             raise InputError("--base: only for --case; a task file has its own base")
-        return load_task(options.task)
-    origin = motion_origin(options.motion)
+        return load_task(options.task), path
+    asked = options.case is not None or options.base is not None
+    if not asked and (folder == Path(options.motion) or is_plan_folder(folder)):
+        return read_plan_folder(folder).task, path
+    origin = motion_origin(path)
     named = origin.get("case")
     if options.case is None and named is None:
         raise InputError(
@@ -172,7 +183,7 @@ def _task(options: Namespace) -> MotionTask:
         )
     case = options.case or named
     base = origin.get("base") if case == named else None
-    return experiment_task(case, options.base or base or "effective")
+    return experiment_task(case, options.base or base or "effective"), path
 
 
 def _offsets(motion: Motion, task: MotionTask) -> dict[str, tuple[float, float]]:

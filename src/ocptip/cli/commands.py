@@ -108,11 +108,16 @@ COMMANDS = (
             argument(
                 "motion",
                 "MOTION",
-                "plan.json or other ramp commands, a joint trajectory (JSON, YAML), or samples as CSV",
+                "a plan's folder, or a file of it; other ramp commands, a joint trajectory (JSON, YAML), or "
+                "samples as CSV",
             ),
             either(
                 argument("--case", "A..H", "a printed case (default: the one the motion names)"),
-                argument("--task", "TASK.toml", "robot, support and limits of a task file"),
+                argument(
+                    "--task",
+                    "TASK.toml",
+                    "robot, support and limits of a task file (plan's folder: its)",
+                ),
             ),
             argument("--base", "SET", "base data of a case: printed or effective (default)"),
             *LIMITS,

@@ -52,6 +52,8 @@ def use_of_reserves(checked: MotionCheck) -> str:
 def summary(head: str, lines: Sequence[tuple[str, str]], written: Sequence[Path]) -> str:
     """A headline and named lines, the written files last."""
     if written:
-        names = ", ".join(path.name for path in written)
-        lines = [*lines, ("written", f"{written[0].parent}{os.sep}: {names}")]
+        folder = written[0].parent
+        parts = (path.relative_to(folder).parts for path in written)
+        names = dict.fromkeys(f"{first}{os.sep}" if below else first for first, *below in parts)
+        lines = [*lines, ("written", f"{folder}{os.sep}: {', '.join(names)}")]
     return "\n".join([head, *named(lines)])

@@ -16,8 +16,9 @@ from ocptip.motion.task import MotionTask
 
 OUTPUTS = {
     "plan": (
-        "plan.json", "motion.csv", "trajectory.json", "plan.png", "angles.png", "speeds.png", "torques.png",
-        "power.png", "reserves.png", "normal_forces.png", "friction.png",
+        "plan.json", "motion.csv", "trajectory.json", "task/task.toml", "SHA256SUMS", "plan.png",
+        "angles.png", "speeds.png", "torques.png", "power.png", "reserves.png", "normal_forces.png",
+        "friction.png",
     ),
     "place": ("placement.json", "placement.png", "map.png"),
 }  # fmt: skip

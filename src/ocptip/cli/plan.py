@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any, TextIO
 
 from ocptip.basics.errors import InputError, PlanningError, positive_number
-from ocptip.basics.write import plain
 from ocptip.cli.command import Answer, Report
 from ocptip.cli.layout import masses, summary, under, use_of_reserves
 from ocptip.cli.options import output_directory, remove_figures, require_least, with_limits
@@ -53,10 +52,10 @@ def run(options: Namespace) -> Report:
         (f, check_motion(task.robot, plan.motion.time_scaled(f), task.limits)) for f in options.time_scale
     ]
     execution = _execution(plan, options)
-    deviations = tolerances(plan.task.robot, execution.points if execution else plan.motion)
+    deviations = tolerances(plan.task.robot, execution.motion)
     extra = {**({"base": base} if base else {}), "tolerated": [one.to_dict() for one in deviations]}
-    written = directory, not options.no_figures, execution, options.effort
-    return PlanReport(plan, scaled, extra, *written, tolerated=deviations)
+    written = directory, not options.no_figures, options.effort
+    return PlanReport(plan, execution, scaled, extra, *written, tolerated=deviations)
 
 
 def progress_bar(stream: TextIO, objective: Objective = ENERGY) -> Progress:
@@ -99,28 +98,28 @@ class PlanReport(Report):
 
     Attributes:
         plan: the plan.
+        execution: what runs it.
         time_scale: factors with the checks of the plan run that much slower.
         extra: further entries of plan.json.
         directory: where files go.
         figures: whether figures are among them.
-        execution: by a controller that interpolates; None: the ramps as they are.
         effort: whether trajectory.json has torques.
         tolerated: deviations that lose no contact; empty if not computed.
     """
 
     plan: MotionPlan
+    execution: Execution
     time_scale: list[tuple[float, MotionCheck]] = field(default_factory=list)
     extra: dict[str, Any] = field(default_factory=dict)
     directory: Path = Path()
     figures: bool = True
-    execution: Execution | None = None
     effort: bool = False
     tolerated: tuple[Tolerated, ...] = ()
 
     @property
     def check(self) -> MotionCheck:
         """Of what is written."""
-        return self.execution.check if self.execution else self.plan.check
+        return self.execution.check
 
     @property
     def good(self) -> bool:
@@ -134,14 +133,12 @@ class PlanReport(Report):
 
     def to_dict(self) -> dict[str, Any]:
         """The content of plan.json and the list `written`."""
-        controlled = {"controller": plain(self.execution.to_dict())} if self.execution else {}
-        return {**plan_to_dict(self.plan), **controlled, **self.entries(), "written": self.written}
+        return {**plan_to_dict(self.plan, self.execution), **self.entries(), "written": self.written}
 
     def write(self) -> Iterator[Path]:
         """Write plan.json, tables and figures."""
         remove_figures(self.directory, "plan")
-        motion = self.execution.points if self.execution else self.plan.motion
-        samples = sample_motion(self.plan.task.robot, motion)
+        samples = sample_motion(self.plan.task.robot, self.execution.motion)
         how = {"samples": samples, "extra": self.entries(), "effort": self.effort}
         yield from write_plan(self.directory, self.plan, execution=self.execution, **how)
         if self.figures:
@@ -152,7 +149,7 @@ class PlanReport(Report):
     def to_text(self) -> str:
         """The summary in one line, then starts, time scales and files. ASCII only, but for names."""
         lines = [("starts", self._starts())]
-        if self.execution:
+        if self.execution.controller != "ramps":
             lines.append(("controller", self._controller(self.execution)))
         if "choices" in self.plan.options:
             pairs = self.plan.options["choices"]
@@ -205,9 +202,9 @@ class PlanReport(Report):
         )
 
 
-def _execution(plan: MotionPlan, options: Namespace) -> Execution | None:
+def _execution(plan: MotionPlan, options: Namespace) -> Execution:
     if options.controller == "ramps":
-        return None
+        return Execution.of_ramps(plan.motion, plan.check)
     times = {"step": 1 / options.rate, "rise_time": options.rise_time}
     return execute(plan.task.robot, plan.motion, plan.task.limits, options.controller, **times)
 

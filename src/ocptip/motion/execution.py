@@ -1,16 +1,18 @@
-"""A plan as a controller runs it: the points that are written, and the check of the motion between them."""
+"""A plan as it is run: the points that are written, and the check of the motion between them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from itertools import pairwise
+from typing import Any, Literal
 
 from ocptip.motion.check import MotionCheck, check_motion
+from ocptip.numerics.bisection import bisected
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.controllers import Controller, controller_points
-from ocptip.trajectories.sampled import SampledMotion
+from ocptip.trajectories.sampled import Motion, SampledMotion
 
 SLOWEST = 1.25  # a motion that has to be slowed down by more is another motion
 STEPS = (1.0, 1.0005, 1.002, 1.005, 1.01, 1.02, 1.05, 1.1, SLOWEST)
@@ -19,21 +21,28 @@ CLOSE = 1e-4  # of the factor
 
 @dataclass(frozen=True, eq=False)
 class Execution:
-    """What a controller makes of a ramp motion.
+    """What runs a ramp motion, and what it makes of it.
 
     Attributes:
-        controller: how it interpolates.
-        points: what it gets, and the motion that it makes of them.
-        check: of that motion.
+        controller: how it interpolates; "ramps": drives that take the commands as they are.
+        motion: that is run.
+        points: of trajectory.json; a controller makes `motion` of them.
+        check: of `motion`.
         slower: factor of all times of the ramps, with which all limits are kept.
         options: step and rise time, s.
     """
 
-    controller: Controller
+    controller: Controller | Literal["ramps"]
+    motion: Motion
     points: SampledMotion
     check: MotionCheck
     slower: float
     options: dict[str, float]
+
+    @classmethod
+    def of_ramps(cls, motion: ArmMotion, check: MotionCheck) -> Execution:
+        """Of drives with ramps, whose check is known; the points are for controllers that draw cubics."""
+        return cls("ramps", motion, controller_points(motion, "cubic"), check, 1.0, {})
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
@@ -67,26 +76,23 @@ def execute(
     """
     options = {"step": step, "rise_time": rise_time}
 
-    def tried(factor: float) -> tuple[SampledMotion, MotionCheck]:
+    def tried(factor: float) -> Execution:
         points = controller_points(motion.time_scaled(factor), controller, **options)
-        return points, check_motion(robot, points, limits)
+        return Execution(controller, points, points, check_motion(robot, points, limits), factor, options)
 
-    first, kept, low = tried(1.0), None, 1.0
-    if first[1].verified:
-        return Execution(controller, *first, 1.0, options)
-    for high in STEPS[1:]:
-        found = tried(high)
-        if found[1].verified:
-            kept = found
-            break
-        low = high
-    if kept is None:
-        return Execution(controller, *first, 1.0, options)
-    while high - low > max(CLOSE, 0.1 * (high - 1)):
-        middle = 0.5 * (low + high)
-        found = tried(middle)
-        if found[1].verified:
-            kept, high = found, middle
-        else:
-            low = middle
-    return Execution(controller, *kept, high, options)
+    def verified(factor: float) -> Execution | None:
+        found = tried(factor)
+        return found if found.check.verified else None
+
+    first = tried(1.0)
+    if first.check.verified:
+        return first
+    for low, high in pairwise(STEPS):
+        if kept := verified(high):
+            return bisected(verified, low, high, kept, _near)[1]
+    return first
+
+
+def _near(low: float, high: float) -> bool:
+    """Factors that differ by too little to be worth a check, measured by what they slow down."""
+    return high - low <= max(CLOSE, 0.1 * (high - 1))

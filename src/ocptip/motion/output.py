@@ -1,4 +1,4 @@
-"""Files of a plan: plan.json, motion.csv, trajectory.json. Every file appears complete or not at all.
+"""Files of a plan: motion, task, hashes of all. Every file appears complete or not at all.
 
 A plan is any object with the attributes of `ocptip.motion.plan.MotionPlan`. Inside the library: SI units and
 rad; in plan.json and motion.csv: degrees, as their keys say; in trajectory.json: rad, as ROS wants. Lengths,
@@ -18,15 +18,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ocptip.basics.errors import positive_number
-from ocptip.basics.write import plain, versions, write_text
+from ocptip.basics.sums import write_sums, written_names
+from ocptip.basics.write import plain, versions, write_bytes, write_text
+from ocptip.motion.execution import Execution
+from ocptip.motion.source import TASK, TaskSource
 from ocptip.standing.mechanism import MotionSamples, StandingMechanism
 from ocptip.trajectories.arm_motion import INSIDE, MERGE
-from ocptip.trajectories.controllers import controller_points
 from ocptip.trajectories.sampled import Motion, SampledMotion
 
 if TYPE_CHECKING:
-    from ocptip.motion.execution import Execution
     from ocptip.motion.plan import MotionPlan
+    from ocptip.motion.task import MotionTask
 
 STEP = 0.005
 """Spacing of the samples in motion.csv and in the figures, s."""
@@ -44,8 +46,8 @@ _START_KEYS = {
 }
 
 
-def plan_to_dict(plan: MotionPlan) -> dict[str, Any]:
-    """Return a plan as plain data for strict JSON; what is not finite is None.
+def plan_to_dict(plan: MotionPlan, execution: Execution | None = None) -> dict[str, Any]:
+    """Return a plan, and by what it is run, as plain data for strict JSON; what is not finite is None.
 
     `start` (degrees) and `commands` (degrees and seconds) are read back by `ArmMotion.from_dict`; if some
     coordinates are lengths, `units` says which. `worst`
@@ -59,6 +61,7 @@ def plan_to_dict(plan: MotionPlan) -> dict[str, Any]:
     data = {
         "case": plan.task.name,
         **({"base": plan.options["base"]} if "base" in plan.options else {}),
+        "task_file": TASK if _source(plan.task) else None,
         "objective": plan.task.objective.to_dict(),
         "energy_J": checked.energy,
         "duration_s": checked.duration,
@@ -82,6 +85,7 @@ def plan_to_dict(plan: MotionPlan) -> dict[str, Any]:
         "assumed": plan.task.robot.notes,
         "reference": _reference(plan),
         "versions": versions(),
+        **({"controller": execution.to_dict()} if execution and execution.controller != "ramps" else {}),
     }
     return plain(data)
 
@@ -165,14 +169,17 @@ def write_plan(
     execution: Execution | None = None,
     effort: bool = False,
 ) -> list[Path]:
-    """Write plan.json, motion.csv and trajectory.json; files of the same name are replaced.
+    """Write plan.json, motion.csv, trajectory.json, the task and the hashes of all; old ones are replaced.
+
+    The task, with all that its file names, is left out if it was made in Python, or its robot was changed
+    since it was read.
 
     Args:
         directory: made if it does not exist; the one above it must.
         plan: the plan.
         samples: of its motion, from :func:`sample_motion`; computed if None.
-        execution: by a controller; then motion.csv and trajectory.json are of its motion. Default:
-            trajectory.json is for one that interpolates by cubics, which runs the ramps as they are.
+        execution: what runs it; motion.csv and trajectory.json are of its motion. Default: drives with
+            ramps, and trajectory.json is for a controller that draws cubics, which runs them as they are.
         effort: see :func:`joint_trajectory`.
         extra: more entries of plan.json; they win over those of :func:`plan_to_dict`.
 
@@ -183,20 +190,42 @@ def write_plan(
         OSError: a file or the directory cannot be written; names it.
     """
     directory = Path(directory)
-    robot, motion = plan.task.robot, execution.points if execution else plan.motion
-    samples = samples or sample_motion(robot, motion)
-    points = execution.points if execution else controller_points(plan.motion, "cubic")
-    controlled = {"controller": execution.to_dict()} if execution else {}
-    data = {**plan_to_dict(plan), **plain({**controlled, **(extra or {})})}
+    robot, execution = plan.task.robot, execution or Execution.of_ramps(plan.motion, plan.check)
+    samples = samples or sample_motion(robot, execution.motion)
+    points = joint_trajectory(robot, execution.points, effort=effort)
+    data = {**plan_to_dict(plan, execution), **plain(extra or {})}
     texts = {
         PLAN: json.dumps(data, indent=2, allow_nan=False) + "\n",
         MOTION: _csv(samples),
-        TRAJECTORY: json.dumps(joint_trajectory(robot, points, effort=effort), allow_nan=False) + "\n",
+        TRAJECTORY: json.dumps(points, allow_nan=False) + "\n",
     }
     directory.mkdir(exist_ok=True)
+    earlier = written_names(directory)
     for name, text in texts.items():
         write_text(directory / name, text)
-    return [directory / name for name in texts]
+    names = [*texts, *_write_task(directory, plan.task)]
+    for name in set(earlier) - set(names):
+        (directory / name).unlink(missing_ok=True)
+    return [*(directory / name for name in names), write_sums(directory, names)]
+
+
+def _source(task: MotionTask) -> TaskSource | None:
+    """Where a task was read from; None if it was made in Python, or has another robot by now."""
+    source = task.source
+    return source if source is not None and source.robot is task.robot else None
+
+
+def _write_task(directory: Path, task: MotionTask) -> list[str]:
+    """Write the task's file and what it names, as far as there is one; returns names within the directory."""
+    source = _source(task)
+    if source is None:
+        return []
+    text = source.text(task.name, task.limits, task.objective)
+    beside = {(Path(TASK).parent / name).as_posix(): content for name, content in source.files.items()}
+    for name, content in {TASK: text.encode("utf-8"), **beside}.items():
+        (directory / name).parent.mkdir(parents=True, exist_ok=True)
+        write_bytes(directory / name, content)
+    return [TASK, *beside]
 
 
 class _OneSided:

@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, as_completed
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from typing import Any
 
@@ -182,7 +182,7 @@ def _in_process(batch: list[tuple[MotionTask, int]], seed: int) -> Iterator[Atte
 
 
 def _in_pool(pool: Executor, batch: list[tuple[MotionTask, int]], seed: int) -> Iterator[Attempt]:
-    payloads = {id(task): pickle.dumps(task) for task, _ in batch}
+    payloads = {id(task): pickle.dumps(replace(task, source=None)) for task, _ in batch}
     futures: list[Future] = [
         pool.submit(run_start, payloads[id(task)], number, seed) for task, number in batch
     ]

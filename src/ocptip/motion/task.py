@@ -9,6 +9,7 @@ import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array, is_whole
 from ocptip.motion.objective import ENERGY, Objective
+from ocptip.motion.source import TaskSource
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.rest import posture_refusals
@@ -31,6 +32,7 @@ class MotionTask:
         objective: what is least.
         reference: a motion to compare with.
         choices: pairs of start and goal, (n,) each, of which the planner may take any instead.
+        source: the file that it was read from; None: made in Python.
     """
 
     name: str
@@ -43,6 +45,7 @@ class MotionTask:
     objective: Objective = ENERGY
     reference: ArmMotion | None = None
     choices: tuple[tuple[np.ndarray, np.ndarray], ...] = ()
+    source: TaskSource | None = None
 
     def __post_init__(self) -> None:
         """Raise InputError if shapes or numbers of joints do not fit, or there is nothing to optimise."""

@@ -18,6 +18,7 @@ import numpy as np
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.solver import solve_many
 from ocptip.contact.support import Support
+from ocptip.numerics.bisection import bisected
 from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipOver
 from ocptip.robots.dynamics import evaluate_dynamics
@@ -209,16 +210,20 @@ class _Judge:
     ) -> Tolerated:
         """The largest level, of all cases the least; found to a relative precision of `CLOSE`."""
         best, time, how = most, np.nan, ""
+
+        def near(low: float, high: float) -> bool:
+            return high - low <= CLOSE * high or high <= 1e-6 * most
+
         for case in cases:
             fails = self.lost(case.loads(best))
             if fails is None:
                 continue
-            low, high = 0.0, best
-            while high - low > CLOSE * high and high > 1e-6 * most:
-                middle = 0.5 * (low + high)
-                found = self.lost(case.loads(middle))
-                low, high, fails = (middle, high, fails) if found is None else (low, middle, found)
-            best, time = low, float(case.times[fails[0]])
+
+            def lost(level: float, loads: Loads = case.loads) -> tuple[int, str] | None:
+                return self.lost(loads(level))
+
+            best, fails = bisected(lost, 0.0, best, fails, near)
+            time = float(case.times[fails[0]])
             how = ", ".join(part for part in (case.how, fails[1]) if part)
         return Tolerated(quantity, float(scale * best), unit, not how, time, how)
 
@@ -227,7 +232,7 @@ def _least_friction(robot: StandingRobot, parts: _Parts) -> Tolerated | None:
     """The least factor of the friction coefficients of ordinary contacts; None without such contacts."""
     if not any(isinstance(c, UnilateralContact) for c in robot.support.contacts):
         return None
-    wrenches, how, time = parts.total(), "slips", np.nan
+    wrenches = parts.total()
 
     def lost(factor: float) -> tuple[int, str] | None:
         own = robot.support
@@ -239,17 +244,16 @@ def _least_friction(robot: StandingRobot, parts: _Parts) -> Tolerated | None:
         tip_over = TipOver(support, robot.tip_over.reference_moment)
         return _Judge(support, tip_over, Slip(support, robot.slip.redistribution)).lost(wrenches)
 
-    low, high = 0.0, 1.0
-    if (found := lost(1.0)) is not None:
-        return Tolerated("friction", 1.0, "", False, float(parts.times[found[0]]), found[1])
-    while high - low > 0.5 * CLOSE and high > 1e-3:
-        middle = 0.5 * (low + high)
-        found = lost(middle)
-        if found is None:
-            high = middle
-        else:
-            low, time, how = middle, float(parts.times[found[0]]), found[1]
-    return Tolerated("friction", high, "", False, time, how)
+    def near(low: float, high: float) -> bool:
+        return high - low <= 0.5 * CLOSE or high <= 1e-3
+
+    factor, found = 1.0, lost(1.0)
+    if found is None:
+        factor, (row, how) = bisected(lost, 1.0, 0.0, (-1, "slips"), near)
+    else:
+        row, how = found
+    time = float(parts.times[row]) if row >= 0 else np.nan
+    return Tolerated("friction", factor, "", False, time, how)
 
 
 def _named(

@@ -6,6 +6,7 @@ from ocptip.basics.errors import InputError
 from ocptip.contact.bindings.clamps import ForceConstantHalfRigidClamp
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.support import Support
+from ocptip.motion.source import TaskSource
 from ocptip.motion.task import MotionTask
 from ocptip.published.arms import load_arm, modular_motors, published_data
 from ocptip.published.cases import MotionCase, motion_case
@@ -72,4 +73,6 @@ def experiment_task(name: str, base: str = "effective", limits: MotionLimits | N
     case = motion_case(name)
     robot = experiment_robot(case, base)
     reference = case.reference_motion(robot.limits.speed, robot.limits.acceleration)
-    return MotionTask(name, robot, case.start, case.goal, limits or MotionLimits(), reference=reference)
+    source = TaskSource({"case": name, "base": base}, robot)
+    limits = limits or MotionLimits()
+    return MotionTask(name, robot, case.start, case.goal, limits, reference=reference, source=source)

@@ -5,6 +5,7 @@ Pinocchio, which reads masses and placements, gives up at the first fault, and i
 
 from __future__ import annotations
 
+import html
 import math
 import os
 import re
@@ -36,6 +37,7 @@ _ONE_NUMBER = {
 _THREE_NUMBERS = {"origin": ("xyz", "rpy"), "axis": ("xyz",)}
 _OTHERS = {"sdf": "an SDF file", "mujoco": "a MuJoCo model", "COLLADA": "a COLLADA file"}
 _PREFIX = re.compile(r"(</?|\s)([A-Za-z_]\w*):(?=[A-Za-z_][\w.-]*\s*[=\s/>])")
+_FILENAME = re.compile(r"""(\bfilename\s*=\s*)(["'])(.*?)\2""", re.DOTALL)
 _XACRO = re.compile(r"\{[^}]*xacro\}")
 _MOST = 8  # complaints shown; the rest is counted
 
@@ -212,6 +214,16 @@ def read_urdf(path: str | os.PathLike[str]) -> UrdfFile:
     links = tuple(element.get("name", "") for element in root.findall("link"))
     masses = [float(element.get("value", 0)) for element in root.findall("link/inertial/mass")]
     return UrdfFile(file, root.get("name") or file.stem, links, joints, sum(masses))
+
+
+def with_files(text: str, names: Mapping[str, str]) -> str:
+    """The text of a URDF with other names of files (meshes), by their old ones; all else stays as it is."""
+
+    def put(found: re.Match[str]) -> str:
+        name = names.get(html.unescape(found[3]))
+        return found[0] if name is None else f'{found[1]}"{html.escape(name)}"'
+
+    return _FILENAME.sub(put, text)
 
 
 def parse_urdf(file: Path) -> ElementTree.Element:

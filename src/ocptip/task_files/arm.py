@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -13,7 +11,7 @@ from ocptip.basics.toml import DEGREES, Table
 from ocptip.published.arms import load_arm
 from ocptip.robots.collision.model import geometry_of_spheres
 from ocptip.robots.collision.shapes import BodyShape
-from ocptip.robots.collision.urdf import geometry_from_urdf
+from ocptip.robots.collision.urdf import collision_meshes, geometry_from_urdf
 from ocptip.robots.geometry import never_part, spheres_along_links
 from ocptip.robots.model import ArmModel
 from ocptip.robots.urdf import arm_from_urdf
@@ -36,12 +34,11 @@ FULL_SPEED = 0.5
 """s in which a joint reaches its full speed, where no acceleration is given."""
 
 
-def read_arm(table: Table, folder: Path) -> ArmModel:
+def read_arm(table: Table) -> ArmModel:
     """The arm of `[arm]`, in the base frame.
 
     Args:
         table: `[arm]`.
-        folder: of the file.
 
     Raises:
         InputError: a value is missing, unknown or cannot be used; names its place.
@@ -50,7 +47,7 @@ def read_arm(table: Table, folder: Path) -> ArmModel:
     position = table.vector("mount_position", 3)
     rotation = table.rotation("mount_", np.eye(3))
     if kind == "urdf":
-        arm = _arm_from_urdf(table, folder)
+        arm = _arm_from_urdf(table)
     else:
         name = table.text("name")
         table.close("limits")
@@ -81,9 +78,9 @@ def _with_limits(arm: ArmModel, table: Table) -> ArmModel:
     return replace(arm, notes=(*arm.notes, note))
 
 
-def _arm_from_urdf(table: Table, folder: Path) -> ArmModel:
+def _arm_from_urdf(table: Table) -> ArmModel:
     with table.at("urdf"):
-        file = read_urdf(folder / table.text("urdf"))
+        file = read_urdf(table.path_of("urdf"))
     names = {key: table.text(key, None) for key in ("base_link", "tool_frame")}
     locked = {}
     for key, slides, scale in (("locked_deg", False, DEGREES), ("locked_m", True, 1.0)):
@@ -93,7 +90,8 @@ def _arm_from_urdf(table: Table, folder: Path) -> ArmModel:
             with table.at(key):
                 locked |= file.locked(wanted, slides=slides)
     accepted = _accepted_links(table)
-    geometry, where = table.flag("collision", True), _geometry_options(table, folder)
+    geometry = table.flag("collision", True)
+    folders, srdf = table.folders("package_dirs"), table.path_of("srdf", None)
     table.close("armature", "sphere_radius", "excluded_links", "limits")
     with table.at("urdf", base_link="base_link", tool_frame="tool_frame"):
         arm = arm_from_urdf(file.path, **names, locked_joints=locked, accept_inertia=accepted)
@@ -102,7 +100,9 @@ def _arm_from_urdf(table: Table, folder: Path) -> ArmModel:
     arm = _with_spheres(replace(arm, armature=armature), table, links)
     if geometry and not arm.sphere_sets:
         with table.at("urdf", package_dirs="package_dirs", srdf="srdf"):
-            found = geometry_from_urdf(file.path, arm, **where)
+            found = geometry_from_urdf(file.path, arm, package_dirs=folders, srdf=srdf)
+            meshes = collision_meshes(file.path, folders) or {}
+            table.note_parts(file.path, {name: mesh for name, mesh in meshes.items() if mesh})
         arm = replace(arm, geometry=found)
     return _without_excluded(arm, table)
 
@@ -113,16 +113,6 @@ def _accepted_links(table: Table) -> bool | list[str]:
     if isinstance(value, bool) or (isinstance(value, list) and all(isinstance(item, str) for item in value)):
         return value
     raise table.error(f"expected true or a list of links, got {value!r}", key)
-
-
-def _geometry_options(table: Table, folder: Path) -> dict[str, Any]:
-    """Where the files of the collision geometry are."""
-    key, value = "package_dirs", table.value("package_dirs", [])
-    folders = value if isinstance(value, list) else [value]
-    if not all(isinstance(item, str) for item in folders):
-        raise table.error(f"expected folders, got {value!r}", key)
-    srdf = table.text("srdf", None)
-    return {key: [folder / item for item in folders], "srdf": None if srdf is None else folder / srdf}
 
 
 def _without_excluded(arm: ArmModel, table: Table) -> ArmModel:

@@ -26,7 +26,7 @@ def require_kind(data: Table, command: str) -> None:
 
 def _command(data: Table) -> str:
     """The command, "" if the file leaves it open."""
-    for key, command in (("motion", "plan"), ("task", "place"), ("leg", "parallel")):
+    for key, command in (("motion", "plan"), ("case", "plan"), ("task", "place"), ("leg", "parallel")):
         if key in data:
             return command
     if "contact" in data and "arm" not in data and "robot" not in data:

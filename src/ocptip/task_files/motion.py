@@ -17,6 +17,8 @@ from ocptip.basics.errors import InputError, is_whole
 from ocptip.basics.toml import DEGREES, Table
 from ocptip.motion.objective import objective_of
 from ocptip.motion.task import MotionTask, check_commands
+from ocptip.published.cases import motion_cases
+from ocptip.published.tasks import BASES, experiment_task
 from ocptip.robots.inverse.inverse_kinematics import solve_inverse_kinematics
 from ocptip.robots.inverse.joint_angles import within_limits
 from ocptip.robots.model import ArmModel
@@ -33,6 +35,7 @@ from ocptip.task_files.motors import arm_and_motors
 from ocptip.task_files.platform import read_platform_robot
 from ocptip.task_files.scene import SCENE, read_support
 from ocptip.task_files.shapes import read_obstacles, read_shapes
+from ocptip.task_files.source import task_source
 
 _LIMITS = ("GN", "GT", "torque_ratio", "clearance")
 
@@ -50,29 +53,42 @@ def load_task(path: str | os.PathLike[str]) -> MotionTask:
     path = Path(path)
     with Table.read(path) as data:
         require_kind(data, "plan")
+        if "case" in data:
+            return _published(data)
         doubt_units(data)
         data.close("name", *SCENE, "arm", "robot", "payload", "motors", "obstacle", "motion", "limits")
         task = _task(data, path)
+        task = replace(task, source=task_source(data, task.robot))
         doubt_masses(data, task.robot)
         doubt_way(data, task.start, task.goal)
         return task
 
 
+def _published(data: Table) -> MotionTask:
+    """A printed case, with limits, objective and duration of the file."""
+    name, base = data.choice("case", motion_cases()), data.choice("base", BASES, "effective")
+    motion, limits = data.table("motion", optional=True), data.table("limits", optional=True)
+    limits = limits.make(MotionLimits, **limits.numbers(*_LIMITS), **_durations(motion))
+    wanted = motion.text("objective", None), motion.number("price_per_second", None)
+    objective = motion.make(objective_of, *wanted)
+    return replace(experiment_task(name, base, limits), objective=objective)
+
+
 def _task(data: Table, path: Path) -> MotionTask:
-    shapes = read_shapes(data.table("base"), path.parent, "base")
+    shapes = read_shapes(data.table("base"), "base")
     support = read_support(data)
     table = data.table("limits", optional=True)
     moment = table.number("reference_moment", None, bound="> 0")
     limits = table.make(MotionLimits, **table.numbers(*_LIMITS), **_jumps(table))
     name = data.text("name", path.stem)
     if "robot" in data:
-        platform = read_platform_robot(data, support, moment, path.parent)
+        platform = read_platform_robot(data, support, moment)
         motion = data.table("motion")
         start, goal = (motion.vector(key, platform.n) for key in ("start", "goal"))
         return _ramp_task(name, platform, start, goal, limits, motion, platform.n)
-    arm, motors = arm_and_motors(data, path.parent)
+    arm, motors = arm_and_motors(data)
     require_geometry(data, arm, {"base.shape": shapes, "obstacle": data.tables("obstacle")})
-    obstacles = read_obstacles(data, "obstacle", path.parent)
+    obstacles = read_obstacles(data, "obstacle")
     robot = StandingRobot(arm, support, motors, obstacles=obstacles, shapes=shapes, reference_moment=moment)
     motion = data.table("motion")
     starts, goals = (_candidates(arm, motion, key) for key in ("start", "goal"))

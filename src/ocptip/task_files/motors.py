@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -18,18 +17,17 @@ from ocptip.task_files.shapes import read_shapes
 _DATASHEET = ("resistance", "torque_constant", "gear_ratio")
 
 
-def arm_and_motors(data: Table, folder: Path) -> tuple[ArmModel, Motors]:
+def arm_and_motors(data: Table) -> tuple[ArmModel, Motors]:
     """The arm of a file and its motors, by default measured ones of modular arms, estimated ones of others.
 
     Args:
         data: the file.
-        folder: of the file.
 
     Raises:
         InputError: a value is missing, unknown or cannot be used; names its place.
     """
-    arm = read_arm(data.table("arm"), folder)
-    held = read_shapes(data.table("payload", optional=True), folder, "payload", carried=True)
+    arm = read_arm(data.table("arm"))
+    held = read_shapes(data.table("payload", optional=True), "payload", carried=True)
     require_geometry(data, arm, {"payload.shape": held})
     arm = carrying(arm.with_payload(read_payload(data)), held)
     modular = "name" in data.table("arm")

@@ -72,24 +72,24 @@ def load_placement(path: str | os.PathLike[str]) -> PlacementTask:
         require_kind(data, "place")
         doubt_units(data)
         data.close("name", "unloaded", *SCENE, "arm", "payload", "motors", *_OBSTACLES, *_TABLES)
-        task = PlacementTask(data.text("name", path.stem), _problem(data, path.parent))
+        task = PlacementTask(data.text("name", path.stem), _problem(data))
         doubt_masses(data, task.problem.robot)
         return task
 
 
-def _problem(data: Table, folder: Path) -> PlacementProblem:
+def _problem(data: Table) -> PlacementProblem:
     base = data.table("base")
     spheres, ground = base.array("spheres", (None, 4), None), base.vector("ground", 3, None)
-    shapes = read_shapes(base, folder, "base")
+    shapes = read_shapes(base, "base")
     support = read_support(data)
     if support.dimension != 3:
         raise data.error("an arm needs a spatial support; give three numbers", "contact[1].position")
-    arm, motors = arm_and_motors(data, folder)
+    arm, motors = arm_and_motors(data)
     given = {"base.shape": shapes} | {key: data.tables(key) for key in ("base_obstacle", "obstacle")}
     require_geometry(data, arm, given, hint="; obstacles for the base alone are [[keep_out]]")
     limits, moment = _limits(data.table("limits", optional=True))
-    deck = read_obstacles(data, "base_obstacle", folder, numbered=True)
-    obstacles = read_obstacles(data, "obstacle", folder, numbered=True, world=True)
+    deck = read_obstacles(data, "base_obstacle", numbered=True)
+    obstacles = read_obstacles(data, "obstacle", numbered=True, world=True)
     robot = StandingRobot(arm, support, motors, obstacles=deck, shapes=shapes, reference_moment=moment)
     tasks = [_task(table, f"task {k}") for k, table in enumerate(data.tables("task", required=True), 1)]
     references = data.table("references", optional=True)
@@ -97,11 +97,11 @@ def _problem(data: Table, folder: Path) -> PlacementProblem:
         return PlacementProblem(
             robot,
             tasks,
-            read_terrain(data, folder),
+            read_terrain(data),
             weights=_weights(data),
             limits=limits,
             obstacles=obstacles,
-            keep_out=read_obstacles(data, "keep_out", folder, numbered=True, world=True),
+            keep_out=read_obstacles(data, "keep_out", numbered=True, world=True),
             unloaded=data.flag("unloaded", True),
             energy=_energy(data.table("energy", optional=True), arm),
             references=references.make(dict, **references.numbers(*CRITERIA)),

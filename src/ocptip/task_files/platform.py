@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,16 +17,13 @@ from ocptip.task_files.parallel import read_parallel_robot
 from ocptip.task_files.payload import read_payload
 
 
-def read_platform_robot(
-    data: Table, support: Support, moment: float | None, folder: Path
-) -> StandingParallelRobot:
+def read_platform_robot(data: Table, support: Support, moment: float | None) -> StandingParallelRobot:
     """The robot of a file on its support.
 
     Args:
         data: the file.
         support: of its scene.
         moment: reference moment, N m, or None.
-        folder: of the file.
 
     Raises:
         InputError: a value is missing, unknown or cannot be used; names its place.
@@ -40,7 +36,7 @@ def read_platform_robot(
     mount = {"position": table.vector("mount_position", 3), "rotation": table.rotation("mount_", np.eye(3))}
     table.close("limits")
     with table.at("parallel"):
-        robot = ParallelRobot(_description(name, folder).with_payload(payload))
+        robot = ParallelRobot(_description(table, name).with_payload(payload))
     motors = data.table("motors")
     motors.choice("kind", ("dc",))
     parts = robot, support, dc_motors(motors, robot.m), _limits(table.table("limits"), robot.m)
@@ -48,8 +44,8 @@ def read_platform_robot(
         return StandingParallelRobot(*parts, **mount, reference_moment=moment)
 
 
-def _description(name: str, folder: Path) -> RobotDescription:
-    return READY_MADE[name]() if name in READY_MADE else read_parallel_robot(folder / name)
+def _description(table: Table, name: str) -> RobotDescription:
+    return READY_MADE[name]() if name in READY_MADE else read_parallel_robot(table.path_of("parallel"))
 
 
 def _limits(table: Table, m: int) -> PlatformLimits:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 
@@ -13,26 +12,26 @@ from ocptip.robots.collision.urdf import read_mesh
 from ocptip.robots.geometry import Obstacle, Pillar, Solid, Wall, floor
 
 
-def _box(table: Table, folder: Path) -> list[Shape]:
+def _box(table: Table) -> list[Shape]:
     return [table.make(Box, table.vector("size", 3))]
 
 
-def _cylinder(table: Table, folder: Path) -> list[Shape]:
+def _cylinder(table: Table) -> list[Shape]:
     return [table.make(Cylinder, table.number("radius", bound="> 0"), table.number("length", bound="> 0"))]
 
 
-def _sphere(table: Table, folder: Path) -> list[Shape]:
+def _sphere(table: Table) -> list[Shape]:
     return [table.make(Ball, table.number("radius", bound="> 0"))]
 
 
-def _mesh(table: Table, folder: Path) -> list[Shape]:
-    file, scale = folder / table.text("file"), table.vector("scale", 3, np.ones(3))
+def _mesh(table: Table) -> list[Shape]:
+    file, scale = table.path_of("file"), table.vector("scale", 3, np.ones(3))
     table.close()
     with table.at("file"):
         return read_mesh(file, scale)
 
 
-SOLIDS: dict[str, Callable[[Table, Path], list[Shape]]] = {
+SOLIDS: dict[str, Callable[[Table], list[Shape]]] = {
     "box": _box,
     "cylinder": _cylinder,
     "sphere": _sphere,
@@ -40,7 +39,7 @@ SOLIDS: dict[str, Callable[[Table, Path], list[Shape]]] = {
 }
 
 
-def read_shape(table: Table, folder: Path) -> list[Shape]:
+def read_shape(table: Table) -> list[Shape]:
     """The solid of a table with its pose; a mesh may be several.
 
     Raises:
@@ -48,17 +47,14 @@ def read_shape(table: Table, folder: Path) -> list[Shape]:
     """
     kind = table.choice("kind", SOLIDS)
     position, rotation = table.vector("position", 3, np.zeros(3)), table.rotation(default=np.eye(3))
-    return [shape.placed(rotation, position) for shape in SOLIDS[kind](table, folder)]
+    return [shape.placed(rotation, position) for shape in SOLIDS[kind](table)]
 
 
-def read_shapes(
-    owner: Table, folder: Path, default: str, body: int = 0, *, carried: bool = False
-) -> list[BodyShape]:
+def read_shapes(owner: Table, default: str, body: int = 0, *, carried: bool = False) -> list[BodyShape]:
     """The solids of the table or tables `shape` of another one; several are called "... 1" and so on.
 
     Args:
         owner: such as `[base]`.
-        folder: of the file.
         default: name.
         body: that they are fixed to, see `BodyShape`.
         carried: by the gripper.
@@ -71,19 +67,16 @@ def read_shapes(
     found = []
     for number, table in enumerate(tables, 1):
         name = table.text("name", f"{default} {number}" if len(tables) > 1 else default)
-        found += [BodyShape(name, body, shape, carried) for shape in read_shape(table, folder)]
+        found += [BodyShape(name, body, shape, carried) for shape in read_shape(table)]
     return found
 
 
-def read_obstacles(
-    data: Table, key: str, folder: Path, *, numbered: bool = False, world: bool = False
-) -> list[Obstacle]:
+def read_obstacles(data: Table, key: str, *, numbered: bool = False, world: bool = False) -> list[Obstacle]:
     """The obstacles of tables in double brackets.
 
     Args:
         data: the file.
         key: of the tables.
-        folder: of the file.
         numbered: several without names are called "wall 1" and so on.
         world: in world axes, where floors are none of them.
 
@@ -109,5 +102,5 @@ def read_obstacles(
             found.append(table.make(Pillar, point, radius, axis, table.text("name", name)))
         else:
             name = table.text("name", name)
-            found += [Solid(shape, name) for shape in read_shape(table, folder)]
+            found += [Solid(shape, name) for shape in read_shape(table)]
     return found

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -11,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ocptip.basics.text import some
+from ocptip.basics.toml_text import toml_value
 from ocptip.robots.collision.urdf import PACKAGE, missing_meshes
 from ocptip.robots.model import ArmModel
 from ocptip.robots.urdf import arm_from_urdf
@@ -71,7 +71,7 @@ def task_template(
         f"# Task for `ocptip plan`, written by `ocptip init` from {file.path.name}.",
         f"# The lines that begin with {MARK} are examples: put your numbers there and take the mark away.",
         "# SI units; keys in degrees say so. All keys: docs/motion-planner.md.",
-        f"name = {_quoted(file.name)}",
+        f"name = {toml_value(file.name)}",
     ]
     text = "\n\n".join("\n".join(lines) for lines in (head, *sections)) + "\n"
     return TaskTemplate(text, arm, base, tool, missing)
@@ -91,10 +91,12 @@ def _base(file: UrdfFile, arm: ArmModel) -> Iterator[str]:
 def _arm(file: UrdfFile, arm: ArmModel, base: str, tool: str, folder: Path) -> Iterator[str]:
     yield f"[arm]  # {arm.n} joints, {arm.masses.sum():.4g} kg, reach from joint 1 below {arm.reach:.3g} m"
     path = Path(os.path.relpath(file.path.resolve(), folder.resolve())).as_posix()
-    yield f"urdf = {_quoted(path)}"
-    yield _line(f"base_link = {_quoted(base)}", "the link that rests")
+    yield f"urdf = {toml_value(path)}"
+    yield _line(f"base_link = {toml_value(base)}", "the link that rests")
     others = [link for link in file.ends(base) if link != tool]
-    yield _line(f"tool_frame = {_quoted(tool)}", f"others: {some(others)}" if others else "the gripper frame")
+    yield _line(
+        f"tool_frame = {toml_value(tool)}", f"others: {some(others)}" if others else "the gripper frame"
+    )
     yield _line("mount_position = [0.0, 0.0, 0.5]", "m: base origin to the frame of base_link", mark=True)
     yield from (f"# {note}" for note in arm.notes)
 
@@ -125,7 +127,7 @@ def _limits(arm: ArmModel) -> Iterator[str]:
         own = np.flatnonzero(arm.prismatic == slides)
         for key, values, example in zip(keys, (limits.speed, limits.torque), examples, strict=False):
             if lacking := [arm.joint_names[j] for j in own if not np.isfinite(values[j])]:
-                table = ", ".join(f"{_quoted(name)} = {example}" for name in lacking)
+                table = ", ".join(f"{toml_value(name)} = {example}" for name in lacking)
                 yield _line(f"{key} = {{ {table} }}", "not in the URDF", mark=True)
         if own.size and np.isfinite(limits.speed[own]).all():
             values = arm.in_degrees(limits.speed / FULL_SPEED)[own]
@@ -148,7 +150,7 @@ def _motion(arm: ArmModel) -> Iterator[str]:
             for place, values in places.items():
                 yield _line(f"{place}_{key} = {_list(values[own])}", names, mark=True)
     yield "# or start_pose = { position = [0.5, 0.0, 0.8], rpy_deg = [180, 0, 0] }: of tool_frame, base axes"
-    first = ", ".join(map(_quoted, arm.joint_names[:3]))
+    first = ", ".join(map(toml_value, arm.joint_names[:3]))
     yield f"# optimised = [{first}]  # the others move in one ramp each"
 
 
@@ -163,8 +165,3 @@ def _limit(value: float) -> str:
 
 def _list(values: np.ndarray) -> str:
     return f"[{', '.join(f'{value:.6g}' for value in values + 0.0)}]"
-
-
-def _quoted(text: str) -> str:
-    """A basic string of TOML, which is one of JSON."""
-    return json.dumps(text, ensure_ascii=False)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
@@ -16,22 +15,21 @@ _STEEPEST = 80.0  # degrees
 _UNEVEN = ("bump", "wave", "grid", "stroke", "attitude")
 
 
-def read_terrain(data: Table, folder: Path) -> list[Patch]:
+def read_terrain(data: Table) -> list[Patch]:
     """The patches of `[[terrain]]`; the horizontal floor without any.
 
     Args:
         data: the file.
-        folder: of the file.
 
     Raises:
         InputError: a value is missing, unknown or cannot be used; names its place.
     """
     patches = data.tables("terrain")
     names = [f"plane {k}" for k in range(1, len(patches) + 1)] if len(patches) != 1 else ["floor"]
-    return [_patch(*own, folder) for own in zip(patches, names, strict=True)] or [plane()]
+    return [_patch(*own) for own in zip(patches, names, strict=True)] or [plane()]
 
 
-def _patch(table: Table, name: str, folder: Path) -> Patch:
+def _patch(table: Table, name: str) -> Patch:
     slope, height = _slope(table), table.number("height", 0.0)
     options: dict[str, Any] = {}
     for key, scale in (("x", 1.0), ("y", 1.0), ("angle_deg", DEGREES)):
@@ -57,7 +55,7 @@ def _patch(table: Table, name: str, folder: Path) -> Patch:
         angles = (wave.number(key, 0.0, scale=DEGREES) for key in ("direction_deg", "phase_deg"))
         parts.append(wave.make(Wave, wave.number("amplitude"), wave.number("length"), *angles))
     if "grid" in table:
-        parts.append(_grid(table.table("grid"), folder))
+        parts.append(_grid(table.table("grid")))
     field = HeightField(*parts, height=height, slope=slope)
     return table.make(rough_ground, field, **options)
 
@@ -76,11 +74,11 @@ def _slope(table: Table) -> np.ndarray:
     return slope
 
 
-def _grid(table: Table, folder: Path) -> HeightGrid:
+def _grid(table: Table) -> HeightGrid:
     """Heights in rows of the same y, in the file or in one of comma-separated values."""
     ends = [table.vector(key, 2) for key in ("x", "y")]
     if table.one_of("heights", "file") == "file":
-        text = read_text(folder / table.text("file"))
+        text = read_text(table.path_of("file"))
         try:
             heights = np.array(
                 [[float(v) for v in row.split(",")] for row in text.splitlines() if row.strip()]

@@ -16,6 +16,7 @@ from ocptip.basics.doubts import doubt_degrees
 from ocptip.basics.errors import InputError, finite_array, refuse_huge
 from ocptip.basics.toml import read_text
 from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.controllers import controller_points
 from ocptip.trajectories.sampled import REST, Motion, SampledMotion
 
 _ENOUGH, _JUMP = 8, 4.0  # rows and ratio of accelerations from which a file counts as cut off
@@ -33,7 +34,8 @@ def load_motion(
 ) -> Motion:
     """Read a motion from a file: ramp commands, a joint trajectory, or CSV with samples.
 
-    Ramp commands: JSON as :meth:`ArmMotion.from_dict`; `plan.json` is one such file. Joint trajectory: JSON
+    Ramp commands: JSON as :meth:`ArmMotion.from_dict`; `plan.json` is one such file; where it names a
+    controller, the motion is what that makes of them. Joint trajectory: JSON
     or YAML like `trajectory_msgs/JointTrajectory`, angles in rad, lengths in m; the motion is what ROS 2's
     joint trajectory controller makes of it: quintic polynomials between points that have velocities and
     accelerations, cubic ones where accelerations are empty, straight lines where velocities are empty, too
@@ -63,6 +65,8 @@ def load_motion(
             motion = ArmMotion.from_dict(data)
             _require_units(data.get("units", ["deg"] * motion.n), units)
             _refuse_huge_commands(motion)
+            if "controller" in data:
+                return _as_run(motion, data["controller"])
             turning = np.array(data.get("units", ["deg"] * motion.n)) == "deg"
             doubt_degrees("start, commands", np.rad2deg(motion.angle_ranges[turning]))
             return motion
@@ -80,6 +84,16 @@ def motion_origin(path: str | os.PathLike[str]) -> dict[str, str]:
     except InputError as error:
         raise InputError(error.text, error.path, path.name) from None
     return {key: data[key] for key in ("case", "base") if isinstance(data.get(key), str)}
+
+
+def _as_run(motion: ArmMotion, controller: Any) -> SampledMotion:
+    """What a controller makes of ramp commands, by the entry `controller` of plan.json."""
+    try:
+        slower, times = controller["slower"], {key: controller[f"{key}_s"] for key in ("step", "rise_time")}
+        return controller_points(motion.time_scaled(slower), controller["name"], **times)
+    except (KeyError, TypeError):
+        keys = "name, slower, step_s, rise_time_s"
+        raise InputError(f"controller: expected a table with {keys}, got {controller!r}") from None
 
 
 def _require_units(given: Sequence[str], units: Sequence[str]) -> None:

@@ -26,7 +26,7 @@ PACKAGE = "package://"
 """Begins names of files in ROS packages."""
 
 _FILE = "file://"
-_GEOMETRY = ".//collision/geometry/*"
+_MESHES = ".//collision/geometry/mesh"
 
 
 def geometry_from_urdf(
@@ -52,15 +52,18 @@ def geometry_from_urdf(
         InputError: a mesh is not found or cannot be read, or the SRDF cannot be read; one line.
     """
     file, pin = Path(path), load_pinocchio()
-    tree = parse_urdf(file)
-    if tree.find(_GEOMETRY) is None:
+    meshes = collision_meshes(file, package_dirs)
+    if meshes is None:
         return None
-    if missing := _with_meshes(tree, file, package_dirs):
+    if missing := [name for name, found in meshes.items() if found is None]:
         hint = "give their packages' folder as package_dirs"
         if not any(name.startswith(PACKAGE) for name in missing):
             hint = f"names are relative to {file.name}"
         names = some([repr(name) for name in missing], 2)
         raise InputError(f"{file.name}: no mesh file {names}; {hint}, or collision = false to go on without")
+    tree = parse_urdf(file)
+    for mesh in tree.iterfind(_MESHES):
+        mesh.set("filename", str(meshes[mesh.get("filename", "")]))
     robot = pin.buildModelFromUrdf(str(file))
     try:
         text = ET.tostring(tree, encoding="unicode")
@@ -71,29 +74,29 @@ def geometry_from_urdf(
     return ArmGeometry(shapes, _disabled(srdf), f"collision geometry of {file.name}")
 
 
-def missing_meshes(
+def collision_meshes(
     path: str | os.PathLike[str], package_dirs: Sequence[str | os.PathLike[str]] = ()
-) -> list[str] | None:
-    """Mesh files of a URDF's collision geometry that are not found, as it names them; None: it has none.
+) -> dict[str, Path | None] | None:
+    """The mesh files of a URDF's collision geometry by the names that it has for them; None: not found.
+
+    Returns:
+        None if it has no collision geometry.
 
     Raises:
         InputError: the URDF cannot be read.
     """
-    tree = parse_urdf(Path(path))
-    if tree.find(_GEOMETRY) is None:
+    file, tree = Path(path), parse_urdf(Path(path))
+    if tree.find(".//collision/geometry/*") is None:
         return None
-    return _with_meshes(tree, Path(path), package_dirs)
+    names = (mesh.get("filename", "") for mesh in tree.iterfind(_MESHES))
+    folders = _folders(file, package_dirs)
+    return {name: _find_mesh(name, file, folders) for name in names}
 
 
-def _with_meshes(tree: ET.Element, file: Path, package_dirs: Sequence[str | os.PathLike[str]]) -> list[str]:
-    """Put the files that were found where the URDF names them; the names of the others, each once."""
-    folders, missing = _folders(file, package_dirs), []
-    for mesh in tree.iterfind(".//collision/geometry/mesh"):
-        name = mesh.get("filename", "")
-        found = _find_mesh(name, file, folders)
-        mesh.set("filename", str(found or name))
-        missing += [] if found else [name]
-    return list(dict.fromkeys(missing))
+def missing_meshes(path: str | os.PathLike[str]) -> list[str] | None:
+    """Names of :func:`collision_meshes` that are not found; None: there is no collision geometry."""
+    meshes = collision_meshes(path)
+    return None if meshes is None else [name for name, found in meshes.items() if found is None]
 
 
 def _find_mesh(name: str, urdf: Path, folders: Iterable[Path]) -> Path | None:

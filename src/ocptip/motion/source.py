@@ -1,0 +1,49 @@
+"""Where a task comes from: its file, and the files that it names, so that a plan's folder can hold them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from ocptip.basics.toml_text import toml_text
+from ocptip.motion.objective import Objective
+from ocptip.standing.limits import MotionLimits
+from ocptip.standing.mechanism import StandingMechanism
+
+TASK = "task/task.toml"
+"""The task file within a plan's folder; beside it what it names."""
+
+_LIMITS = ("GN", "GT", "torque_ratio", "clearance")
+
+
+@dataclass(frozen=True, eq=False)
+class TaskSource:
+    """The content of a task file, as it was when the task was read.
+
+    Attributes:
+        data: the file's content; files are named as in `files`.
+        robot: the one that it describes: a task with another one has no source.
+        files: what it names, URDF, meshes and others: content by name, relative to the task file, with "/".
+    """
+
+    data: Mapping[str, Any]
+    robot: StandingMechanism
+    files: Mapping[str, bytes] = field(default_factory=dict)
+
+    def text(self, name: str, limits: MotionLimits, objective: Objective) -> str:
+        """A task file with this name, these limits and this objective, whatever the file said."""
+        data = {} if "case" in self.data else {"name": name}
+        data |= {key: dict(v) if isinstance(v, Mapping) else v for key, v in self.data.items()}
+        data.setdefault("limits", {}).update({name: getattr(limits, name) for name in _LIMITS})
+        motion = data.setdefault("motion", {})
+        for key in ("duration", "max_duration", "objective", "price_per_second"):
+            motion.pop(key, None)
+        if math.isfinite(limits.max_duration):
+            exact = limits.min_duration == limits.max_duration
+            motion["duration" if exact else "max_duration"] = limits.max_duration
+        motion["objective"] = objective.name
+        if objective.name == "both":
+            motion["price_per_second"] = objective.time_weight
+        return toml_text(data)

@@ -1,0 +1,65 @@
+"""The folder that `ocptip plan` wrote, read back: task, motion, and what was said of them."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ocptip.basics.errors import InputError
+from ocptip.basics.sums import SUMS, require_unchanged
+from ocptip.basics.toml import read_text
+from ocptip.motion.output import PLAN
+from ocptip.motion.source import TASK
+from ocptip.motion.task import MotionTask
+from ocptip.task_files.motion import load_task
+from ocptip.trajectories.read import load_motion
+from ocptip.trajectories.sampled import Motion
+
+
+@dataclass(frozen=True, eq=False)
+class PlanFolder:
+    """A plan on disk; everything that is needed to go on with it.
+
+    Attributes:
+        path: of the folder.
+        task: as it was planned, with its limits and objective.
+        motion: that was checked: of the controller that was named, or the ramps.
+        data: content of plan.json: seed, options, versions, worst values and more.
+    """
+
+    path: Path
+    task: MotionTask
+    motion: Motion
+    data: dict[str, Any]
+
+
+def is_plan_folder(path: str | os.PathLike[str]) -> bool:
+    """Whether a folder holds a plan with its task."""
+    folder = Path(path)
+    return all((folder / name).is_file() for name in (PLAN, SUMS, TASK))
+
+
+def read_plan_folder(path: str | os.PathLike[str]) -> PlanFolder:
+    """Read a folder of a plan, wherever it is by now; nothing outside it is needed.
+
+    Args:
+        path: of the folder.
+
+    Raises:
+        InputError: it is no such folder, a file is missing or not what was written, or cannot be read; one
+            line that names it.
+    """
+    folder = Path(path)
+    if not folder.is_dir():
+        raise InputError("no such folder", "", str(folder))
+    if lacking := [name for name in (PLAN, SUMS) if not (folder / name).is_file()]:
+        raise InputError(f"is no folder of a plan: no {' and no '.join(lacking)} in it", "", str(folder))
+    require_unchanged(folder)
+    if not (folder / TASK).is_file():
+        raise InputError(f"holds no {TASK}: its task was made in Python", "", str(folder))
+    task = load_task(folder / TASK)
+    motion = load_motion(folder / PLAN, task.robot.names, task.robot.units)
+    return PlanFolder(folder, task, motion, json.loads(read_text(folder / PLAN)))

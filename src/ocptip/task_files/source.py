@@ -1,0 +1,51 @@
+"""What a task file names, collected so that it can be written elsewhere: see `ocptip.motion.source`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path, PurePosixPath
+
+from ocptip.basics.toml import Table, read_text
+from ocptip.motion.source import TASK, TaskSource
+from ocptip.robots.urdf_file import with_files
+from ocptip.standing.mechanism import StandingMechanism
+
+_MESHES = "meshes"
+
+
+def task_source(data: Table, robot: StandingMechanism) -> TaskSource:
+    """The content of a task file that has been read, with all files that were read for it.
+
+    Meshes are those of the collision geometry: visual ones are not needed, and stay named as they were.
+    """
+    collected = _Collection()
+    return TaskSource(data.copied(collected.add), robot, collected.files)
+
+
+class _Collection:
+    """Contents by names, of which every file gets its own."""
+
+    def __init__(self) -> None:
+        self.files: dict[str, bytes] = {}
+        self._names: dict[Path, str] = {}
+        self._taken = {PurePosixPath(TASK).name}
+
+    def add(self, path: Path, parts: Mapping[str, Path]) -> str:
+        """The new name of a file; those that it names in turn go into a folder beside it."""
+        if path not in self._names:
+            content = path.read_bytes()
+            if parts:
+                renamed = {name: self._put(part, part.read_bytes(), _MESHES) for name, part in parts.items()}
+                content = with_files(read_text(path), renamed).encode("utf-8")
+            self._put(path, content)
+        return self._names[path]
+
+    def _put(self, path: Path, content: bytes, folder: str = "") -> str:
+        if path not in self._names:
+            name, number = (PurePosixPath(folder) / path.name).as_posix(), 1
+            while name.lower() in self._taken:
+                number += 1
+                name = (PurePosixPath(folder) / f"{path.stem}-{number}{path.suffix}").as_posix()
+            self._taken.add(name.lower())
+            self._names[path], self.files[name] = name, content
+        return self._names[path]
