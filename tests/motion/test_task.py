@@ -151,7 +151,7 @@ def test_tasks_are_checked(change, message):
 
 def test_a_modular_arm_from_a_file(tmp_path):
     task = load(tmp_path, MODULAR)
-    assert (task.name, task.optimised, task.commands, task.reference) == ("task", (0, 1, 2), 3, None)
+    assert (task.name, task.optimised, task.commands, task.reference) == ("task", tuple(range(6)), 3, None)
     np.testing.assert_allclose(np.rad2deg(task.start), [-90, 35, -18, 45, -37, 180])
     assert isinstance(task.robot.motors, PowerMaps)
     assert task.limits == MotionLimits()

@@ -25,6 +25,7 @@ from ocptip.motion.task import MotionTask
 from ocptip.motion.tolerated import Tolerated, tolerances
 from ocptip.published.cases import motion_cases
 from ocptip.published.tasks import experiment_task
+from ocptip.standing.arm import StandingRobot
 from ocptip.task_files.motion import load_task
 from ocptip.task_files.plan_folder import is_plan_folder, read_plan_folder
 from ocptip.trajectories.read import load_motion, motion_origin
@@ -49,6 +50,7 @@ _LEAST = (*_UNITS, "singularity")
 _MARGINS = ("angle_margin_deg", "position_margin_m")
 _SCALE = 1e6  # factors of time up to this and down to its inverse
 _SAME = {"deg": 0.01, "m": 1e-4}  # offsets up to this are not worth a note
+_REACHED = 1e-6  # m and rad: how near to its pose a posture is as good as any other
 
 
 def run(options: Namespace) -> CheckReport:
@@ -187,10 +189,18 @@ def _task(options: Namespace) -> tuple[MotionTask, Path]:
 
 
 def _offsets(motion: Motion, task: MotionTask) -> dict[str, tuple[float, float]]:
-    """Largest differences of start and goal from the task's (from the nearest of its choices), deg and m."""
+    """Largest differences of start and goal from the task's (from the nearest of its choices), deg and m.
+
+    Where a gripper pose is asked for, any posture that reaches it is as good.
+    """
     ends = np.array([motion.start, motion.goal])
     asked = min(((task.start, task.goal), *task.choices), key=lambda pair: np.abs(ends - pair).max())
     off, angular, found = np.abs(ends - asked), np.array(task.robot.units) == "rad", {}
+    if isinstance(task.robot, StandingRobot):
+        arm = task.robot.arm
+        for own, posture, target in zip(off, ends, task.targets, strict=True):
+            if target is not None and target.residuals(arm, posture[None])[0] <= _REACHED:
+                own[:] = 0.0
     for unit, factor, which in (("deg", 180 / np.pi, angular), ("m", 1.0, ~angular)):
         if which.any():
             start, goal = factor * off[:, which].max(axis=1)

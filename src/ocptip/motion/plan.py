@@ -18,7 +18,7 @@ from ocptip.basics.errors import PlanningError, whole_number
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.choices import likely_choices, rounds
 from ocptip.motion.objective import Objective
-from ocptip.motion.planner.one_start import Attempt, Search, StartResult
+from ocptip.motion.planner.one_start import Attempt, Search, StartResult, free_ends
 from ocptip.motion.task import MotionTask, require_plannable
 from ocptip.motion.workers import Workers, worker_pool
 from ocptip.trajectories.arm_motion import ArmMotion
@@ -136,9 +136,12 @@ def plan_motion(
         interrupted = True
     if best is None:
         raise PlanningError(_why_not(attempts))
+    chosen = tasks_of[best.result.number]
+    if free_ends(chosen):
+        chosen = replace(chosen, start=best.motion.start, goal=best.motion.goal)
     choices = {"choices": {"pairs": len(task.choices), "planned": len(tasks)}} if task.choices else {}
     return MotionPlan(
-        task=tasks_of[best.result.number],
+        task=chosen,
         motion=best.motion,
         check=best.check,
         starts=tuple(sorted((a.result for a in attempts), key=lambda r: r.number)),

@@ -10,12 +10,15 @@ import numpy as np
 from ocptip.basics.errors import InputError, finite_array, is_whole
 from ocptip.motion.objective import ENERGY, Objective
 from ocptip.motion.source import TaskSource
+from ocptip.robots.inverse.pose_target import PoseTarget
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.rest import posture_refusals
 from ocptip.trajectories.arm_motion import ArmMotion, earliest_end
 
 MOST_COMMANDS = 12
+FIRST_SEVEN = tuple(range(7))
+"""Joints with ramps of their own if nothing else is asked for: those of them that there are."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,12 +30,15 @@ class MotionTask:
         robot: the arm, or the parallel robot, on its support.
         start, goal: joint angles, (n,), rad (sliding joints: m), or the platform's coordinates, m and rad.
         limits: reserves, torques, clearance.
-        optimised: joints with ramp parameters, counted from 0, increasing; the others are passive.
+        optimised: joints with ramp parameters, counted from 0, increasing; the others are passive. Default:
+            all joints up to the seventh.
         commands: ramp commands per optimised joint, at most 12.
         objective: what is least.
         reference: a motion to compare with.
         choices: pairs of start and goal, (n,) each, of which the planner may take any instead.
         source: the file that it was read from; None: made in Python.
+        targets: the gripper poses that start and goal are postures of; None where the angles are given. The
+            planner chooses the posture where enough joints are optimised (`planner.free_ends`).
     """
 
     name: str
@@ -40,12 +46,13 @@ class MotionTask:
     start: np.ndarray
     goal: np.ndarray
     limits: MotionLimits = field(default_factory=MotionLimits)
-    optimised: tuple[int, ...] = (0, 1, 2)
+    optimised: tuple[int, ...] = FIRST_SEVEN
     commands: int = 3
     objective: Objective = ENERGY
     reference: ArmMotion | None = None
     choices: tuple[tuple[np.ndarray, np.ndarray], ...] = ()
     source: TaskSource | None = None
+    targets: tuple[PoseTarget | None, PoseTarget | None] = (None, None)
 
     def __post_init__(self) -> None:
         """Raise InputError if shapes or numbers of joints do not fit, or there is nothing to optimise."""
@@ -60,6 +67,8 @@ class MotionTask:
             for name, angles in zip(("start", "goal"), pair, strict=True):
                 finite_array(f"choices: {name}", angles, (n,))
         joints = tuple(self.optimised)
+        if joints == FIRST_SEVEN:
+            joints = joints[:n]
         if not joints or not all(is_whole(j) and 0 <= j < n for j in joints):
             raise InputError(f"optimised: expected joints of 0 to {n - 1}, at least one, got {joints}")
         if any(b <= a for a, b in pairwise(joints)):

@@ -10,7 +10,7 @@ import numpy as np
 from ocptip.basics.errors import InputError, OcptipError, PlanningError, whole_number
 from ocptip.contact.support import Support
 from ocptip.motion.plan import MotionPlan, plan_motion
-from ocptip.motion.task import MotionTask
+from ocptip.motion.task import FIRST_SEVEN, MotionTask
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.place import place
 from ocptip.placement.problem import PlacementProblem
@@ -92,7 +92,7 @@ def place_for_motion(
     starts: int = 2,
     seed: int = 0,
     jobs: int | None = 1,
-    optimised: tuple[int, ...] = (0, 1, 2),
+    optimised: tuple[int, ...] = FIRST_SEVEN,
     commands: int = 3,
     placement_starts: int = 5,
 ) -> MotionPlacementResult:

@@ -15,6 +15,7 @@ from ocptip.standing.arm import StandingRobot
 from ocptip.standing.limits import MotionLimits
 
 BASES = ("printed", "effective")
+JOINTS = (0, 1, 2)  # with three commands each; the others follow in one ramp
 
 
 _FACETS = 12
@@ -75,4 +76,4 @@ def experiment_task(name: str, base: str = "effective", limits: MotionLimits | N
     reference = case.reference_motion(robot.limits.speed, robot.limits.acceleration)
     source = TaskSource({"case": name, "base": base}, robot)
     limits = limits or MotionLimits()
-    return MotionTask(name, robot, case.start, case.goal, limits, reference=reference, source=source)
+    return MotionTask(name, robot, case.start, case.goal, limits, JOINTS, reference=reference, source=source)

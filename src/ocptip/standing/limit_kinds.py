@@ -279,16 +279,18 @@ class AngleLimit(Limit):
     def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
         super().__init__(robot, asked, joints)
         self.width = robot.n
-        self._low, self._high = robot.limits.angle_min, robot.limits.angle_max
+        self._units = np.array(robot.units)
+        self._margin = np.where(self._units == "rad", asked.angle_margin, 0.0)
+        self._low, self._high = robot.limits.angle_min + self._margin, robot.limits.angle_max - self._margin
 
     def exact(self, motion: Motion) -> list[Worst]:
         low, high = motion.angle_ranges.T
-        margin, units, found = np.minimum(low - self._low, self._high - high), np.array(self.robot.units), []
+        room, found = np.minimum(low - self._low, self._high - high), []
         for unit, name, scale in (("rad", "angle_margin_deg", 180 / np.pi), ("m", "position_margin_m", 1.0)):
-            if (joints := np.flatnonzero(units == unit)).size:
-                j = joints[np.argmin(margin[joints])]
-                value = float(scale * margin[j])
-                found.append(Worst(name, value, np.nan, 0.0, f"joint {j + 1}", -value, least=True))
+            if (joints := np.flatnonzero(self._units == unit)).size:
+                j = joints[np.argmin(room[joints])]
+                least, short = float(scale * self._margin[j]), -float(scale * room[j])
+                found.append(Worst(name, least - short, np.nan, least, f"joint {j + 1}", short, least=True))
         return found
 
     def refusals(self, at: Instants) -> list[str]:
@@ -298,7 +300,8 @@ class AngleLimit(Limit):
             if self.robot.units[j] == "rad":
                 values, unit, digits = np.rad2deg(values), "degrees", 2
             here, least, greatest = (f"{value:.{digits}f}" for value in values)
-            found.append(f"joint {j + 1} at {here} {unit} is outside its limits {least} to {greatest}")
+            less = " less angle_margin" if self._margin[j] > 0 else ""
+            found.append(f"joint {j + 1} at {here} {unit} is outside its limits{less} {least} to {greatest}")
         return found
 
     def near(self, at: Instants, share: float) -> np.ndarray:

@@ -17,6 +17,7 @@ class MotionLimits:
         GT: largest slip reserve value, at most 1, which slips.
         torque_ratio: largest |torque| / limit of any joint.
         clearance: smallest distance of collision spheres, m.
+        angle_margin: smallest distance of turning joints from their angle limits, rad.
         min_duration, max_duration: of the motion, s; equal for a motion that must take just so long.
         overshoot: share of every jump of the load that is added to the load after it, 0 (jumps do not count)
             to 1; see `ocptip.standing.jumps`.
@@ -27,6 +28,7 @@ class MotionLimits:
     GT: float = 0.9
     torque_ratio: float = 1.0
     clearance: float = 0.0
+    angle_margin: float = 0.0
     min_duration: float = 0.0
     max_duration: float = math.inf
     overshoot: float = 0.0
@@ -37,7 +39,7 @@ class MotionLimits:
         for name in ("GN", "GT", "jump_tip_over", "jump_slip"):
             share_of_one(name, getattr(self, name))
         positive_number("torque_ratio", self.torque_ratio)
-        for name in ("clearance", "min_duration"):
+        for name in ("clearance", "angle_margin", "min_duration"):
             positive_number(name, getattr(self, name), zero_allowed=True)
         if not 0 <= number_from("overshoot", self.overshoot) <= 1:
             raise InputError(f"overshoot: must be >= 0 and <= 1, got {self.overshoot!r}")

@@ -16,11 +16,12 @@ import numpy as np
 from ocptip.basics.errors import InputError, is_whole
 from ocptip.basics.toml import DEGREES, Table
 from ocptip.motion.objective import objective_of
-from ocptip.motion.task import MotionTask, check_commands
+from ocptip.motion.planner.free_ends import FOUND_MARGIN
+from ocptip.motion.task import FIRST_SEVEN, MotionTask, check_commands
 from ocptip.published.cases import motion_cases
 from ocptip.published.tasks import BASES, experiment_task
-from ocptip.robots.inverse.inverse_kinematics import solve_inverse_kinematics
 from ocptip.robots.inverse.joint_angles import within_limits
+from ocptip.robots.inverse.pose_target import PoseTarget
 from ocptip.robots.model import ArmModel
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.jumps import overshoot_of
@@ -79,22 +80,27 @@ def _task(data: Table, path: Path) -> MotionTask:
     support = read_support(data)
     table = data.table("limits", optional=True)
     moment = table.number("reference_moment", None, bound="> 0")
-    limits = table.make(MotionLimits, **table.numbers(*_LIMITS), **_jumps(table))
+    margin = table.number("angle_margin_deg", 0.0, scale=DEGREES, bound=">= 0")
+    limits = table.make(MotionLimits, angle_margin=margin, **table.numbers(*_LIMITS), **_jumps(table))
     name = data.text("name", path.stem)
     if "robot" in data:
         platform = read_platform_robot(data, support, moment)
         motion = data.table("motion")
         start, goal = (motion.vector(key, platform.n) for key in ("start", "goal"))
-        return _ramp_task(name, platform, start, goal, limits, motion, platform.n)
+        return _ramp_task(name, platform, start, goal, limits, motion)
     arm, motors = arm_and_motors(data)
     require_geometry(data, arm, {"base.shape": shapes, "obstacle": data.tables("obstacle")})
     obstacles = read_obstacles(data, "obstacle")
     robot = StandingRobot(arm, support, motors, obstacles=obstacles, shapes=shapes, reference_moment=moment)
     motion = data.table("motion")
-    starts, goals = (_candidates(arm, motion, key) for key in ("start", "goal"))
+    targets = _target(arm, motion, "start"), _target(arm, motion, "goal")
+    starts, goals = (
+        _postures(motion, key, arm, target, limits) if target else _given(arm, motion, key)
+        for key, target in zip(("start", "goal"), targets, strict=True)
+    )
     pairs = _pairs(robot, limits, starts, goals)
-    task = _ramp_task(name, robot, *pairs[0], limits, motion, min(robot.n, 3))
-    return replace(task, choices=tuple(pairs)) if len(pairs) > 1 else task
+    task = _ramp_task(name, robot, *pairs[0], limits, motion)
+    return replace(task, targets=targets, choices=tuple(pairs) if len(pairs) > 1 else ())
 
 
 def _ramp_task(
@@ -104,13 +110,12 @@ def _ramp_task(
     goal: np.ndarray,
     limits: MotionLimits,
     table: Table,
-    count: int,
 ) -> MotionTask:
-    """The task with the optimised joints, by default the first `count`, and commands of [motion]."""
+    """The task with the optimised joints and commands of [motion]."""
     key, commands = "optimised", table.value("commands", 3)
     limits = replace(limits, **_durations(table))
     wanted = table.text("objective", None), table.number("price_per_second", None)
-    optimised = table.value(key, list(range(1, count + 1)))
+    optimised = table.value(key, [j + 1 for j in FIRST_SEVEN[: robot.n]])
     table.close()
     if not isinstance(optimised, list):
         raise table.error(f"expected a list of joints, got {optimised!r}", key)
@@ -143,27 +148,45 @@ def _jumps(table: Table) -> dict[str, float]:
         return {"overshoot": number if key == "overshoot" else overshoot_of(number)}
 
 
-def _candidates(arm: ArmModel, table: Table, key: str) -> np.ndarray:
-    """Joint angles (k, n), rad (sliding joints: m): those given, or all branches of the pose given."""
-    pose, turns = f"{key}_pose", ~arm.prismatic
-    keys = {f"{key}_deg": (turns, DEGREES), f"{key}_m": (~turns, 1.0)}
-    keys = {own: which for own, which in keys.items() if which[0].any()}
+def _given(arm: ArmModel, table: Table, key: str) -> np.ndarray:
+    """Joint angles (1, n), rad (sliding joints: m), that are given."""
+    q = np.full(arm.n, np.nan)
+    for own, slides in _angle_keys(arm, key).items():
+        joints, scale = arm.prismatic == slides, 1.0 if slides else DEGREES
+        if own not in table:
+            table.one_of(own, f"{key}_pose")  # complains
+        q[joints] = joint_values(table, own, arm, slides=slides, scale=scale, together=False)
+        if lacking := [arm.joint_names[j] for j in np.flatnonzero(joints & np.isnan(q))]:
+            raise table.error(f"no value for {', '.join(lacking)}", own)
+    return q[None]
+
+
+def _angle_keys(arm: ArmModel, key: str) -> dict[str, bool]:
+    """Keys of the values of start or goal, as far as there are such joints; whether the joints slide."""
+    keys = {f"{key}_deg": False, f"{key}_m": True}
+    return {own: slides for own, slides in keys.items() if (arm.prismatic == slides).any()}
+
+
+def _target(arm: ArmModel, table: Table, key: str) -> PoseTarget | None:
+    """The gripper pose of start or goal, if there is one."""
+    pose = f"{key}_pose"
     if pose not in table:
-        q = np.full(arm.n, np.nan)
-        for own, (joints, scale) in keys.items():
-            if own not in table:
-                table.one_of(own, pose)  # complains
-            slides = joints is not turns
-            q[joints] = joint_values(table, own, arm, slides=slides, scale=scale, together=False)
-            if lacking := [arm.joint_names[j] for j in np.flatnonzero(joints & np.isnan(q))]:
-                raise table.error(f"no value for {', '.join(lacking)}", own)
-        return q[None]
-    table.one_of(*keys, pose)
-    given = table.table(pose)
-    position, rotation = given.vector("position", 3), given.rotation()
-    given.close()
-    with given.at(pose=""):
-        return solve_inverse_kinematics(arm, position, rotation).branches
+        return None
+    table.one_of(*_angle_keys(arm, key), pose)
+    with table.table(pose) as given:
+        position, rotation = given.vector("position", 3), given.rotation()
+        axis, fold = given.text("symmetric_about", ""), given.value("fold", 0)
+        with given.at():
+            return PoseTarget(position, rotation, axis, fold)
+
+
+def _postures(table: Table, key: str, arm: ArmModel, target: PoseTarget, limits: MotionLimits) -> np.ndarray:
+    """Postures (k, n), rad (sliding joints: m), of a gripper pose; far from angle limits, if some are."""
+    with table.table(f"{key}_pose").at(pose=""):
+        found = target.postures(arm)
+    margin = np.where(arm.prismatic, 0.0, max(limits.angle_margin, FOUND_MARGIN))
+    far = (found >= arm.limits.angle_min + margin) & (found <= arm.limits.angle_max - margin)
+    return found[far.all(axis=1)] if far.all(axis=1).any() else found
 
 
 def _pairs(

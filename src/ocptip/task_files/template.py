@@ -151,7 +151,7 @@ def _motion(arm: ArmModel) -> Iterator[str]:
                 yield _line(f"{place}_{key} = {_list(values[own])}", names, mark=True)
     yield "# or start_pose = { position = [0.5, 0.0, 0.8], rpy_deg = [180, 0, 0] }: of tool_frame, base axes"
     first = ", ".join(map(toml_value, arm.joint_names[:3]))
-    yield f"# optimised = [{first}]  # the others move in one ramp each"
+    yield f"# optimised = [{first}]  # only these; the others move in one ramp each"
 
 
 def _line(text: str, comment: str, *, mark: bool = False) -> str:

@@ -36,7 +36,7 @@ def geared_task(heights=(0.0, 0.0, 0.0)):
     motors = DCMotors(5 + k, 0.3 * k, 0.1 * k, np.full(6, 2.0), regeneration=1.0)
     robot = StandingRobot(arm, support, motors, obstacles=[floor(0.0)])
     printed = experiment_task("A")
-    return MotionTask("geared", robot, printed.start, printed.goal)
+    return MotionTask("geared", robot, printed.start, printed.goal, optimised=(0, 1, 2))
 
 
 class Planned:

@@ -103,10 +103,10 @@ def order_of(formulation: Ramped, x: np.ndarray, merge: float = 0.0) -> tuple[Ev
             times[name], rank[name] = profiles.corner_time(joint, k), 2 * k
     for index, (j, k) in enumerate(crossings):
         name = f"{layout.joints[j] + 1}.x{k}"
-        times[name], rank[name] = unit_row(layout, layout.one + 1 + index), 4 * k + 1
+        times[name], rank[name] = unit_row(layout, layout.crossing + index), 4 * k + 1
         w = x[layout.w(j)]
         begin = times[f"{layout.joints[j] + 1}.{2 * k}"] @ x
-        x[layout.one + 1 + index] = begin + x[layout.d(j)][k] * w[k - 1] / (w[k - 1] - w[k])
+        x[layout.crossing + index] = begin + x[layout.d(j)][k] * w[k - 1] / (w[k - 1] - w[k])
     for joint in profiles.passive_joints:
         if regime[joint]:
             cruise = abs(profiles.way[joint]) / profiles.speed_limits[joint] * unit_row(layout, layout.one)

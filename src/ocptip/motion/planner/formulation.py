@@ -15,6 +15,7 @@ import numpy as np
 
 from ocptip.motion.objective import ENERGY, Objective
 from ocptip.motion.planner.event_order import SLOWEST, EventOrder, order_of, unit_row
+from ocptip.motion.planner.free_ends import FreeEnds
 from ocptip.motion.planner.node_physics import node_physics
 from ocptip.motion.planner.profiles import Layout, Nodes, Profiles
 from ocptip.motion.planner.program import MotionProgram, Structure
@@ -64,6 +65,7 @@ class Formulation:
         commands: K, ramp commands of each.
         objective: what is least.
         durations: least and greatest duration, s.
+        ends: which of start and goal are free; default none.
     """
 
     def __init__(
@@ -75,9 +77,11 @@ class Formulation:
         commands: int,
         objective: Objective = ENERGY,
         durations: tuple[float, float] = (0.0, LONGEST),
+        ends: FreeEnds | None = None,
     ) -> None:
         self.robot, self.start, self.goal, self.objective = robot, start, goal, objective
-        self.layout = Layout(robot.n, joints, commands)
+        self.ends = ends or FreeEnds(None, (start, goal), (None, None), joints)
+        self.layout = Layout(robot.n, joints, commands, free=self.ends.free)
         self.smooth_physics, self.physics = node_physics(robot, smooth=True), node_physics(robot)
         arm = robot.limits
         passive = [j for j in range(robot.n) if j not in joints]
@@ -97,6 +101,9 @@ class Formulation:
             x[layout.w(j)], x[layout.c(j)] = ramps.peaks, ramps.cruises
             x[layout.d(j)] = np.maximum(ramps.ramps, 1e-3)
         x[layout.end], x[layout.one] = motion.end, 1.0
+        joints = list(layout.joints)
+        for at, posture in ((layout.start, motion.start), (layout.goal, motion.goal)):
+            x[at] = posture[joints][: at.stop - at.start]
         return x
 
     def motion(self, x: np.ndarray) -> ArmMotion:
@@ -106,23 +113,24 @@ class Formulation:
             InputError: no commands produce these phases.
         """
         layout, arm = self.layout, self.robot.limits
+        start, goal = self.ends.values(layout, x)
         commands: list[tuple[RampCommand, ...]] = [
-            (passive_command(self.start[j], self.goal[j], x[layout.end], arm.speed[j], arm.acceleration[j]),)
+            (passive_command(start[j], goal[j], x[layout.end], arm.speed[j], arm.acceleration[j]),)
             for j in range(layout.n)
         ]
         for j, joint in enumerate(layout.joints):
-            if self.goal[joint] == self.start[joint] and np.all(np.abs(x[layout.w(j)]) <= SLOWEST):
-                commands[joint] = (RampCommand(self.goal[joint], 1.0, 1.0),)
+            if goal[joint] == start[joint] and np.all(np.abs(x[layout.w(j)]) <= SLOWEST):
+                commands[joint] = (RampCommand(goal[joint], 1.0, 1.0),)
                 continue
             commands[joint] = phases_to_commands(
-                self.start[joint],
+                start[joint],
                 x[layout.w(j)],
                 x[layout.d(j)],
                 x[layout.c(j)],
-                phi_goal=self.goal[joint],
+                phi_goal=goal[joint],
                 tolerance=1e-5,
             )
-        return ArmMotion.from_commands(self.start, commands)
+        return ArmMotion.from_commands(start, commands)
 
     def polished(self, order: EventOrder, structure: Structure, x: np.ndarray) -> np.ndarray:
         """x moved a little (least squares) so that all equalities hold to rounding, order rows that bind too.
@@ -209,6 +217,10 @@ class Formulation:
         self, limits: MotionLimits, smoothing: Smoothing, width: float, times: np.ndarray, weights: np.ndarray
     ) -> MotionProgram:
         layout, arm = self.layout, self.robot.limits
+        if self.ends:  # what is free must stand, too, at rest: nodes before and after the motion
+            outside = 2 * width * unit_row(layout, layout.one)
+            times = np.vstack([times, -outside, unit_row(layout, layout.end) + outside])
+            weights = np.vstack([weights, np.zeros((2, layout.size))])
         profiles = Profiles(layout, self.start, self.goal, arm.speed, rounding=0.5 * width)
         nodes = Nodes(profiles, times, half_width=width)
         speeds = np.full((len(times), layout.n), smoothing.power)
@@ -240,10 +252,11 @@ class Formulation:
         jumps = len(where), len(where) + len(events) * (limits.overshoot > 0)
         last = len(events) - 2
         where += [(min(i, last), float(i > last), 0.0) for i in range(jumps[1] - jumps[0])]
-        where += [(i, s, 0.0) for i, s in extra]
+        rest = [(-1, 0.0, 0.0), (len(events) - 1, 0.0, 0.0)] if self.ends else []  # before and after it
+        where += rest + [(i, s, 0.0) for i, s in extra]
         index = np.array([i for i, _, _ in where])
         shares, quadrature = np.array([s for _, s, _ in where]), np.array([g for _, _, g in where])
-        left, right = events[index], events[index + 1]
+        left, right = (events[np.clip(index + k, 0, len(events) - 1)] for k in (0, 1))
         times = left + shares[:, None] * (right - left)
         weights = quadrature[:, None] * (right - left)
         masks = (order.corner_positions[None] <= index[:, None, None]).astype(float)
@@ -251,7 +264,7 @@ class Formulation:
         at_jumps = np.zeros(len(where), dtype=bool)
         at_jumps[slice(*jumps)] = True
         placed = Nodes(profiles, times, masks=masks, regime=order.regime, jumps=at_jumps)
-        directions = order.directions[index]
+        directions = order.directions[np.clip(index, 0, last)]
         if self.physics.smooth:  # the order says nothing about the motors' directions
             directions = np.full(directions.shape, COARSE.power)
         kept, structure = limits_of(self.robot, limits, layout.joints), self._structure_of(order)
@@ -265,11 +278,12 @@ class Formulation:
         x = cs.SX.sym("x", layout.size)
         rows = _Rows()
         lower, upper = np.full(layout.size, smoothing.shortest * width), np.full(layout.size, LONGEST)
+        start, goal = self._ends(rows, layout, x, lower, upper)
         for j, joint in enumerate(layout.joints):
             w, d, c = x[layout.w(j)], x[layout.d(j)], x[layout.c(j)]
             before = _delayed(w)
             change = w - before
-            self._arrive(rows, joint, before, w, d, c)
+            _arrive(rows, goal[joint] - start[joint], before, w, d, c)
             rows.equal(
                 (_rounded(w[-1], smoothing.brake) * d[-2] - _rounded(change[-1], smoothing.brake) * d[-1])
                 * 10
@@ -296,15 +310,16 @@ class Formulation:
         x = cs.SX.sym("x", layout.size)
         rows = _Rows()
         lower, upper = np.full(layout.size, SHORTEST), np.full(layout.size, LONGEST)
-        crossing = layout.one + 1
+        start, goal = self._ends(rows, layout, x, lower, upper)
+        crossing = layout.crossing
         for j, joint in enumerate(layout.joints):
             w, d, c = x[layout.w(j)], x[layout.d(j)], x[layout.c(j)]
             before = _delayed(w)
             signs, changes = order.speed_signs[j], order.change_signs[j]
-            self._arrive(rows, joint, before, w, d, c)
+            _arrive(rows, goal[joint] - start[joint], before, w, d, c)
             size = [changes[k] * (w[k] - before[k]) for k in range(layout.commands)]
             rows.equal((signs[-1] * w[-1] * d[-2] - size[-1] * d[-1]) * 10)
-            angle = self.start[joint]
+            angle = start[joint]
             # Ipopt and polishing keep rows to some 1e-8 rad/s, which is more of a slow joint's acceleration.
             inside = 1 - 1e-7 / min(1.0, arm.acceleration[joint]) ** 2
             lower[layout.c(j)] = 0.0
@@ -342,9 +357,19 @@ class Formulation:
         rows.at_least(cs.mtimes(cs.DM(steps), x))
         return rows.structure(x, lower, upper)
 
-    def _arrive(self, rows: _Rows, joint: int, before: cs.SX, w: cs.SX, d: cs.SX, c: cs.SX) -> None:
-        way = cs.dot(0.5 * (before + w), d[:-1]) + cs.dot(w, c) + 0.5 * w[-1] * d[-1]
-        rows.equal((way - (self.goal[joint] - self.start[joint])) * 10)
+    def _ends(
+        self, rows: _Rows, layout: Layout, x: cs.SX, lower: np.ndarray, upper: np.ndarray
+    ) -> tuple[cs.SX, cs.SX]:
+        """Start and goal as expressions; rows and bounds of those that are free."""
+        for equation in self.ends.equations(layout, x):
+            rows.equal(equation * 10)
+        self.ends.bound(layout, lower, upper)
+        return self.ends.expressions(layout, x)
+
+
+def _arrive(rows: _Rows, asked: cs.SX, before: cs.SX, w: cs.SX, d: cs.SX, c: cs.SX) -> None:
+    way = cs.dot(0.5 * (before + w), d[:-1]) + cs.dot(w, c) + 0.5 * w[-1] * d[-1]
+    rows.equal((way - asked) * 10)
 
 
 def _delayed(w: cs.SX) -> cs.SX:

@@ -11,10 +11,12 @@ from ocptip.basics.errors import InputError, SolverError
 from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.planner.exact import Exact, Refiner
 from ocptip.motion.planner.formulation import Formulation, Smoothing
+from ocptip.motion.planner.free_ends import FreeEnds
 from ocptip.motion.planner.program import MotionProgram, Pull
 from ocptip.motion.planner.random_start import random_start
 from ocptip.motion.task import MotionTask
 from ocptip.numerics.ipopt import Solution
+from ocptip.standing.arm import StandingRobot
 from ocptip.standing.limit import AskedLimit
 from ocptip.standing.limit_kinds import limits_of
 from ocptip.trajectories.arm_motion import ArmMotion
@@ -30,6 +32,7 @@ MERGES = (0.004, 0.0, 0.012)  # s: events nearer than this become simultaneous; 
 SOLVED = 1e-4  # largest violation of an exact program that is good enough to be tightened
 HOPELESS = 0.05  # largest violation from which a motion is worth its check
 TIGHTENINGS = 5
+MISS = 1e-7  # m and rad, by which start and goal may miss their poses
 SLOWED = 1.001  # a motion that exceeds speeds or accelerations by less is slowed down by as much
 NUMERICAL = (InputError, SolverError, ArithmeticError, np.linalg.LinAlgError)
 
@@ -80,8 +83,10 @@ class Search:
     def __init__(self, task: MotionTask) -> None:
         self.task = task
         durations = task.limits.min_duration, task.limits.max_duration
+        self.ends = free_ends(task)
         self.formulation = Formulation(
-            task.robot, task.start, task.goal, task.optimised, task.commands, task.objective, durations
+            *(task.robot, task.start, task.goal, task.optimised, task.commands, task.objective, durations),
+            self.ends,
         )
         kinds = limits_of(task.robot, task.limits)
         self._asked = [limit for limit in kinds if isinstance(limit, AskedLimit)]
@@ -220,6 +225,8 @@ class Search:
         self, refiner: Refiner, exact: Exact, clock: _Clock
     ) -> tuple[ArmMotion, MotionCheck]:
         motion = refiner.motion(exact)
+        if (miss := self.ends.miss(motion.start, motion.goal)) > MISS:
+            raise SolverError(f"start or goal misses its pose by {miss:.2g} (m, rad)")
         checked = check_motion(self.task.robot, motion, self.task.limits)
         ratios = checked.worst["speed_ratio"].value, np.sqrt(checked.worst["acceleration_ratio"].value)
         if (
@@ -241,6 +248,13 @@ class Search:
             (c.verified, self.task.objective.cost(c.energy, c.duration)) for c in (checked, than)
         )
         return (good, -cost) > (than_good, -than_cost)
+
+
+def free_ends(task: MotionTask) -> FreeEnds:
+    """The ends of the task's motion that the planner may choose."""
+    arm = task.robot.arm if isinstance(task.robot, StandingRobot) else None
+    margin = task.limits.angle_margin
+    return FreeEnds(arm, (task.start, task.goal), task.targets, task.optimised, margin)
 
 
 class _Clock:

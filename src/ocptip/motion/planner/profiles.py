@@ -2,7 +2,8 @@
 
 Variables x, per optimised joint: signed cruise speeds w_1 .. w_K (rad/s), ramp durations d_1 .. d_K and the
 brake duration d_{K+1} (s), cruise durations c_1 .. c_K (s); then the end t_E (s), a constant 1 (so that
-affine expressions are linear in x) and the zero crossings of speeds (s). A joint's acceleration is a sum of
+affine expressions are linear in x), angles of start and goal (rad) where these are free, and the zero
+crossings of speeds (s). A joint's acceleration is a sum of
 steps alpha_k at its corner times tau_k, so that
 
     acceleration = sum alpha_k phi0(t - tau_k),  speed = sum alpha_k phi1,  angle = start + sum alpha_k phi2
@@ -30,15 +31,30 @@ class Layout:
         joints: optimised joints, 0-based.
         commands: K, ramp commands of each.
         crossings: number of zero-crossing variables at the end of x.
+        free: whether the optimised joints' angles at the start, and at the goal, are variables.
+
+    Attributes:
+        start, goal: these angles in x; empty where they are given.
+        crossing: the first zero-crossing variable.
     """
 
-    def __init__(self, n: int, joints: tuple[int, ...], commands: int, crossings: int = 0) -> None:
-        self.n, self.joints, self.commands, self.crossings = n, joints, commands, crossings
+    def __init__(
+        self,
+        n: int,
+        joints: tuple[int, ...],
+        commands: int,
+        crossings: int = 0,
+        free: tuple[bool, bool] = (False, False),
+    ) -> None:
+        self.n, self.joints, self.commands, self.crossings, self.free = n, joints, commands, crossings, free
         K = commands
         self.per_joint = 3 * K + 1
         self.end = self.per_joint * len(joints)
         self.one = self.end + 1
-        self.size = self.end + 2 + crossings
+        at_goal = self.one + 1 + free[0] * len(joints)
+        self.crossing = at_goal + free[1] * len(joints)
+        self.start, self.goal = slice(self.one + 1, at_goal), slice(at_goal, self.crossing)
+        self.size = self.crossing + crossings
 
     def w(self, j: int) -> slice:
         """Speeds of the j-th optimised joint."""
@@ -56,7 +72,7 @@ class Layout:
 
     def extended(self, crossings: int) -> Layout:
         """The same with another number of crossings."""
-        return Layout(self.n, self.joints, self.commands, crossings)
+        return Layout(self.n, self.joints, self.commands, crossings, self.free)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +99,7 @@ class Profiles:
 
     Args:
         layout: of x.
-        start, goal: (n,), rad.
+        start, goal: (n,), rad; where they are free, this is the passive joints'.
         speed_limits: (n,), rad/s; those of the passive joints are what their ramps aim at.
         rounding: s; width of the rounded transition of passive joints from triangle to trapezoid, 0 for
             the exact rule.
@@ -116,6 +132,14 @@ class Profiles:
         self.passive_joints = [
             joint for joint in range(n) if joint not in layout.joints and abs(self.way[joint]) > 0
         ]
+
+    def start_at(self, x: np.ndarray) -> np.ndarray:
+        """(n,) The start, rad, with the angles that are free as they are in x."""
+        if not self.layout.free[0]:
+            return self.start
+        start = self.start.copy()
+        start[list(self.layout.joints)] = x[self.layout.start]
+        return start
 
     def corner_time(self, joint: int, k: int) -> np.ndarray:
         """Time of a corner of an optimised joint as a row (nx,) times x."""
@@ -252,10 +276,13 @@ class Nodes:
             self.times,
             self.masks,
             self.half_width,
-            profiles.start,
+            profiles.start_at(x),
             *(corners.steps, corners.times, corners.d_steps, corners.d_times),
             *(profiles.columns, profiles.counts),
         )
+        if profiles.layout.free[0]:
+            joints = list(profiles.layout.joints)
+            jacobian[:, joints, range(profiles.layout.start.start, profiles.layout.start.stop)] += 1.0
         return NodeStates(values, jacobian, steps, corners)
 
     def second(self, hessian: np.ndarray, x: np.ndarray, states: NodeStates, weights: np.ndarray) -> None:

@@ -133,7 +133,7 @@ def pose_errors(
     if orientation == "full":
         turn = Rotation.from_matrix(rotation @ turned.transpose(0, 2, 1)).as_rotvec()
         return np.hstack([position - at, turn]), jacobian
-    have, want = turned @ tool_axis, rotation @ tool_axis
+    have, want = np.broadcast_arrays(turned @ tool_axis, rotation @ tool_axis)
     cross = _cross(have, want)
     sine, cosine = np.linalg.norm(cross, axis=1), np.sum(have * want, axis=1)
     side = _cross(have, np.eye(3)[np.argmin(np.abs(have), axis=1)])
