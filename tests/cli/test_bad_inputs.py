@@ -80,7 +80,8 @@ PLAN = [  # what becomes of ur5_cart.toml: old, new, message after the file's na
     ("GT = 0.9", "GT = inf", "limits.GT: must be finite"),
     ("clearance = 0.01", "clearance = -0.01", "limits.clearance: must be >= 0"),
     ("clearance = 0.01", "torque_ratio = 0", "limits.torque_ratio: must be > 0"),
-    ("[limits]", "[limits]\n[tolerance]\nfriction = 0.1", "tolerance: unknown key"),
+    ("[limits]", "[tolerance]\nfriction = 2\n[limits]", "tolerance.friction: must be >= 0 and below 1"),
+    ("[limits]", "[tolerance]\ntilt = 1\n[limits]", "tolerance.tilt: unknown key; did you mean 'tilt_deg'?"),
     ("[limits]", "[limits", "broken TOML"),
 ]
 PLACE = [  # of place_ur5_wall.toml

@@ -230,3 +230,22 @@ def test_offsets_of_lengths_are_lengths(task):
     moved = SimpleNamespace(start=cart.start + off, goal=cart.goal)
     assert _offsets(moved, cart) == {"m": (pytest.approx(1e-3), 0.0)}
     assert _offsets(task.reference, task)["deg"] == pytest.approx((0.0, 0.0), abs=1e-9)
+
+
+def test_within_a_tolerance(capsys, plan, tmp_path):
+    """Plans that use the limits as described fall at the worst of a tolerance, and the report says where."""
+    code, data = check_json(capsys, plan, "--tolerance", "workshop")
+    assert code == 1
+    worst = data["within_tolerance"]["tip"]
+    assert data["worst"]["GN_worst_case"]["value"] == worst["bound"] >= worst["value"] > 1
+    assert data["limits"]["tolerance"]["tilt"] == pytest.approx(np.radians(0.5))
+    small = tmp_path / "small.toml"
+    small.write_text("[tolerance]\ntilt_deg = 0.01\n")
+    main(["check", f"{plan}", "--tolerance", f"{small}"])
+    text = capsys.readouterr().out
+    assert "tip-over GN at worst" in text
+    assert "within     floor tilt 0.01 deg\n           worst for GN: tilt 0.01 deg towards (" in text
+    code, data = check_json(capsys, plan, "--tolerance", "none")
+    assert "within_tolerance" not in data
+    assert main(["check", f"{plan}", "--tolerance", "shop"]) == 2
+    assert "--tolerance: expected none, workshop, site or a TOML file" in capsys.readouterr().err

@@ -15,9 +15,10 @@ from ocptip.motion.planner.formulation import Formulation
 from ocptip.motion.planner.one_start import Search
 from ocptip.motion.planner.random_start import random_start
 from ocptip.published.tasks import experiment_task
-from ocptip.standing.jumps import Jumps, overshoot_of
+from ocptip.standing.jumps import Jumps
 from ocptip.standing.limit_kinds import limits_of
 from ocptip.standing.limits import MotionLimits
+from ocptip.standing.tolerance import overshoot_of
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.controllers import controller_points
 from tests.places import EXAMPLES

@@ -48,7 +48,5 @@ def test_mistakes_are_named(tmp_path, text, message):
 
 
 def test_neither_a_preset_nor_a_file():
-    with pytest.raises(
-        InputError, match="tolerance: expected none, workshop, site or a TOML file, got 'shop'"
-    ):
+    with pytest.raises(InputError, match=r"^expected none, workshop, site or a TOML file, got 'shop'"):
         load_tolerance("shop")

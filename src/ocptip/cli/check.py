@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from argparse import Namespace
 from collections.abc import Sequence
@@ -16,7 +15,7 @@ from ocptip.basics.errors import InputError, naming, positive_number
 from ocptip.basics.text import quantity, ratio
 from ocptip.basics.write import versions
 from ocptip.cli.command import Report
-from ocptip.cli.layout import masses, named, table, under
+from ocptip.cli.layout import masses, named, table, under, within_rows
 from ocptip.cli.options import with_limits
 from ocptip.cli.progress import say_if_compiling
 from ocptip.motion.check import MotionCheck, check_motion
@@ -36,6 +35,8 @@ _ROWS = {
     "GT": "slip GT",
     "jump_GN": "GN at jumps, overshoot",
     "jump_GT": "GT at jumps, overshoot",
+    "GN_worst_case": "tip-over GN at worst",
+    "GT_worst_case": "slip GT at worst",
     "torque_ratio": "torque / limit",
     "clearance_m": "clearance",
     "speed_ratio": "speed / limit",
@@ -48,6 +49,7 @@ _ROWS = {
 _UNITS = {"clearance_m": ("mm", 1e3), "angle_margin_deg": ("deg", 1.0), "position_margin_m": ("mm", 1e3)}
 _LEAST = (*_UNITS, "singularity")
 _MARGINS = ("angle_margin_deg", "position_margin_m")
+_AT_WORST = ("GN_worst_case", "GT_worst_case")
 _SCALE = 1e6  # factors of time up to this and down to its inverse
 _SAME = {"deg": 0.01, "m": 1e-4}  # offsets up to this are not worth a note
 _REACHED = 1e-6  # m and rad: how near to its pose a posture is as good as any other
@@ -116,7 +118,7 @@ class CheckReport(Report):
             "task": self.task.name,
             **self.check.to_dict(),
             **self.task.robot.masses_to_dict(),
-            "limits": dataclasses.asdict(self.task.limits),
+            "limits": self.task.limits.to_dict(),
             "tolerated": [one.to_dict() for one in self.tolerated],
             "assumed": list(self.task.robot.notes),
             "interpolation": self.interpolation,
@@ -136,6 +138,7 @@ class CheckReport(Report):
         rows = [("energy", f"{moving}, checked at {checked.samples} instants")]
         rows += under("contacts", checked.contacts.lines())
         rows.append(("collision", checked.collision_text))
+        rows += within_rows(checked)
         rows += under("tolerates", self.tolerated)
         rows.append(("masses", masses(self.task.robot)))
         rows += under("assumed", self.task.robot.notes)
@@ -218,9 +221,8 @@ def _worst_table(checked: MotionCheck) -> list[str]:
         time = f"{worst.time:.3f} s" if math.isfinite(worst.time) else "-"
         sign = ">=" if name in _LEAST else "<="
         limit = f"{sign} {_value(name, worst.limit)}"
-        rows.append(
-            [title, _value(name, worst.value), limit, time, worst.detail or "-", "BROKEN" if broken else ""]
-        )
+        where = "" if name in _AT_WORST else worst.detail
+        rows.append([title, _value(name, worst.value), limit, time, where or "-", "BROKEN" if broken else ""])
     return table(rows, left=(0, 4, 5))
 
 

@@ -17,6 +17,9 @@ LIMITS = tuple(
         ("--clearance", "M", "least distance to obstacles, m", 0),
     )
 )
+TOLERANCE = argument(
+    "--tolerance", "T", "how far the world may be off: none, workshop, site or a file, see docs/tolerance.md"
+)
 SEED = argument("--seed", "N", "of the starts (default: 0)", type=int, default=0)
 FILES = (
     argument("--out", "DIR", "where files go (default: ocptip-COMMAND-NAME)"),
@@ -121,6 +124,7 @@ COMMANDS = (
             ),
             argument("--base", "SET", "base data of a case: printed or effective (default)"),
             *LIMITS,
+            TOLERANCE,
             _time_scale("check also with all times x F"),
             argument("--step", "S", "first spacing, s (0.01)", type=float, default=0.01),
         ),

@@ -41,6 +41,15 @@ def under(name: str, texts: Iterable[object]) -> list[tuple[str, str]]:
     return [("" if k else name, f"{text}") for k, text in enumerate(texts)]
 
 
+def within_rows(checked: MotionCheck) -> list[tuple[str, str]]:
+    """What a check within a tolerance found; nothing without one."""
+    if (within := checked.within) is None:
+        return []
+    texts = [f"{within.tolerance}"]
+    texts += [f"worst for {name}: {at}" for name, at in (("GN", within.tip), ("GT", within.slip)) if at]
+    return under("within", texts)
+
+
 def use_of_reserves(checked: MotionCheck) -> str:
     """The larger use of tip-over and slip reserve: "slip GT 0.708 of 0.9 allowed (1: slips) at 0.081 s"."""
     titles = {"GN": ("tip-over", "tips"), "GT": ("slip", "slips")}

@@ -10,9 +10,11 @@ from argparse import Namespace
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
-from ocptip.basics.errors import InputError, positive_number, share_of_one
+from ocptip.basics.errors import InputError, naming, positive_number, share_of_one
 from ocptip.motion.task import MotionTask
+from ocptip.task_files.tolerance import load_tolerance
 
 OUTPUTS = {
     "plan": (
@@ -27,13 +29,16 @@ OUTPUTS = {
 
 def with_limits(task: MotionTask, options: Namespace) -> MotionTask:
     """The task with those limits replaced that are given; InputError names an option that cannot be."""
-    given = {}
+    given: dict[str, Any] = {}
     for name, limit in (("gn", "GN"), ("gt", "GT"), ("torque_ratio",) * 2, ("clearance",) * 2):
         value, option = getattr(options, name), f"--{name.replace('_', '-')}"
         if value is not None and limit in ("GN", "GT"):
             given[limit] = share_of_one(option, value)
         elif value is not None:
             given[limit] = positive_number(option, value, zero_allowed=limit == "clearance")
+    if getattr(options, "tolerance", None) is not None:
+        with naming("--tolerance"):
+            given["tolerance"] = load_tolerance(options.tolerance)
     return dataclasses.replace(task, limits=dataclasses.replace(task.limits, **given)) if given else task
 
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ocptip.basics.errors import InputError, positive_number
+from ocptip.motion.within_tolerance import WithinTolerance, worst_within
 from ocptip.standing.contact_margins import ContactMargins
 from ocptip.standing.instants import Instants
 from ocptip.standing.limit import Limit, Worst
@@ -51,6 +52,7 @@ class MotionCheck:
         stands: no contact is lost at any sampled instant, whatever other limits are broken.
         contacts: how close contacts come to being lost, in N, N m and m, at the sampled instants.
         collision: what was looked at, and the smallest distance, see `Collisions.to_dict`.
+        within: the contacts at the worst of the tolerance; None where none was given.
     """
 
     verified: bool
@@ -62,6 +64,7 @@ class MotionCheck:
     stands: bool
     contacts: ContactMargins
     collision: dict[str, Any]
+    within: WithinTolerance | None = None
 
     @property
     def scope(self) -> str:
@@ -90,6 +93,7 @@ class MotionCheck:
             "stands": self.stands,
             "contacts": self.contacts.to_dict(),
             "collision": self.collision,
+            **({"within_tolerance": self.within.to_dict()} if self.within else {}),
         }
 
 
@@ -117,7 +121,8 @@ def check_motion(
             f"{step:.4g} s, more than {MOST_INSTANTS:.0e}; take larger steps, or look for a speed or an "
             "acceleration that is far too small"
         )
-    kinds = limits_of(robot, limits or MotionLimits())
+    limits = limits or MotionLimits()
+    kinds = limits_of(robot, limits)
     worst = [found for limit in kinds for found in limit.exact(motion)]
     grids = [_Grid(left + INSIDE, right - INSIDE, step) for left, right in motion.intervals]
     grids += [_Grid(t, t, step) for t in (-INSIDE, motion.end + INSIDE)]
@@ -143,6 +148,10 @@ def check_motion(
         of_limit = limit.worst(own, times, lambda time: _instants(robot, motion, np.array([time])))
         holding &= not limit.of_contacts or all(w.value < 1 for w in of_limit)
         worst += of_limit
+    within = None
+    if limits.tolerance.given:
+        within = worst_within(robot, motion, limits.tolerance, times)
+        worst += within.measured(limits)
     violations = [w.violation for w in worst if w.violation]
     if unsolved:
         violations.append(
@@ -160,6 +169,7 @@ def check_motion(
         stands=holding,
         contacts=contacts,
         collision=robot.collision.to_dict(_nearest(motion, worst)),
+        within=within,
     )
 
 

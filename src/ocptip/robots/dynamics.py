@@ -8,6 +8,7 @@ function for many states at once.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -66,8 +67,15 @@ def newton_euler(
     force: cs.SX,
     moment: cs.SX,
     about: cs.SX,
+    *,
+    scales: cs.SX | None = None,
+    carried: Sequence[tuple[cs.SX, cs.SX, np.ndarray]] = (),
 ) -> tuple[cs.SX, cs.SX]:
-    """The recursion as expressions; arguments and results as in :func:`inverse_dynamics`."""
+    """The recursion as expressions; arguments and results as in :func:`inverse_dynamics`.
+
+    Further, `scales` (links,): factors of the links' masses and inertias; `carried`: bodies fixed to the last
+    link, each with mass, centre of mass (3,) and inertia (3, 3) about it in that link's frame.
+    """
     count, values = model.links, joint_values(model, q)
     speeds, changes = joint_rates(model, qd), joint_rates(model, qdd)
     relative = [relative_rotation(model, index, values[index]) for index in range(count)]
@@ -88,10 +96,16 @@ def newton_euler(
             domega = domega + cs.cross(omega, rate) + change  # (2.36)
             omega = omega + rate
         centre, inertia = cs.SX(model.centres[index]), cs.SX(model.inertias[index])
-        f = model.masses[index] * (acceleration + _rotating(omega, domega, centre))  # (2.35)
-        spin_moment = inertia @ domega + cs.cross(omega, inertia @ omega)  # (2.42)
+        mass = model.masses[index]
+        if scales is not None:
+            mass, inertia = scales[index] * mass, scales[index] * inertia
+        f, m = cs.SX.zeros(3), cs.SX.zeros(3)  # about Q_i
+        for own, place, tensor in ((mass, centre, inertia), *(carried if index == count - 1 else ())):
+            inertial = own * (acceleration + _rotating(omega, domega, place))  # (2.35)
+            spin = tensor @ domega + cs.cross(omega, tensor @ omega)  # (2.42)
+            f, m = f + inertial, m + spin + cs.cross(place, inertial)
         inertial_force.append(f)
-        inertial_moment.append(spin_moment + cs.cross(centre, f))  # about Q_i
+        inertial_moment.append(m)
         load, load_moment = A.T @ load, A.T @ load_moment  # process load, now in frame i
 
     F, M = -load, -load_moment  # coupling load behind the last link: what G passes on to the process (2.45)

@@ -37,6 +37,7 @@ class Instants:
         torques: (N, n), N m, or forces of linear motors, N.
         wrenches: (N, 6) on the base about its centre of mass, its weight included, N and N m.
         further: (N, k), of the robot's `FurtherLimits`.
+        speeds, accelerations: (N, n), rad/s and rad/s^2 (m/s and m/s^2).
     """
 
     def __init__(
@@ -46,15 +47,17 @@ class Instants:
         torques: np.ndarray,
         wrenches: np.ndarray,
         further: np.ndarray,
+        speeds: np.ndarray,
+        accelerations: np.ndarray,
     ) -> None:
-        self.robot = robot
+        self.robot, self.speeds, self.accelerations = robot, speeds, accelerations
         self.angles, self.torques, self.wrenches, self.further = angles, torques, wrenches, further
         self._gaps: tuple[float, np.ndarray] | None = None
 
     @classmethod
     def of_states(cls, robot: StandingMechanism, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> Instants:
         """At angles, speeds and accelerations, (N, n) each."""
-        return cls(robot, q, *robot.loads(q, qd, qdd), robot.further(q, qd))
+        return cls(robot, q, *robot.loads(q, qd, qdd), robot.further(q, qd), qd, qdd)
 
     @classmethod
     def at_rest(cls, robot: StandingMechanism, q: np.ndarray) -> Instants:
@@ -65,6 +68,11 @@ class Instants:
     def __len__(self) -> int:
         """Number of instants."""
         return len(self.angles)
+
+    @property
+    def s(self) -> np.ndarray:
+        """(N, 3 n): angles, speeds, accelerations."""
+        return np.hstack([self.angles, self.speeds, self.accelerations])
 
     @cached_property
     def states(self) -> ContactStates:

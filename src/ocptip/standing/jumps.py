@@ -13,12 +13,10 @@ are not added.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from ocptip.basics.errors import InputError, number_from
 from ocptip.standing.instants import Instants
 from ocptip.standing.limit import AskedLimit, Limit, Look, Worst
 from ocptip.standing.limits import MotionLimits
@@ -27,21 +25,6 @@ from ocptip.trajectories.arm_motion import INSIDE
 from ocptip.trajectories.sampled import Motion
 
 SMALLEST = 1e-3  # of a joint's greatest acceleration: less is no jump, but a change within 0.3 us
-
-
-def overshoot_of(damping: float) -> float:
-    """Share kappa of a jump by which the load on elastic feet exceeds the load after the jump.
-
-    Args:
-        damping: damping ratio of base and ground, 0 (kappa = 1) to below 1; 0.05 gives 0.85.
-
-    Raises:
-        InputError: no such ratio.
-    """
-    ratio = number_from("damping", damping)
-    if not 0 <= ratio < 1:
-        raise InputError(f"damping: must be >= 0 and < 1, got {damping!r}")
-    return math.exp(-ratio * math.pi / math.sqrt(1 - ratio**2))
 
 
 @dataclass(frozen=True, eq=False)

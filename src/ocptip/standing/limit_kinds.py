@@ -25,6 +25,7 @@ from ocptip.standing.limit import (
 )
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.worst_case_limits import WorstSlipLimit, WorstTipOverLimit
 from ocptip.trajectories.sampled import Motion
 
 PATH_MARGIN = 0.5  # share of M0 / GN - M0 that a path at rest keeps beyond the limit
@@ -407,6 +408,8 @@ KINDS: tuple[type[Limit], ...] = (
     DurationLimit,
     AngleLimit,
     FurtherLimit,
+    WorstTipOverLimit,
+    WorstSlipLimit,
 )
 
 

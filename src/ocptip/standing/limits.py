@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import Any
 
 from ocptip.basics.errors import InputError, number_from, positive_number, share_of_one
+from ocptip.standing.tolerance import NONE, Tolerance
 
 
 @dataclass(frozen=True)
@@ -22,6 +24,8 @@ class MotionLimits:
         overshoot: share of every jump of the load that is added to the load after it, 0 (jumps do not count)
             to 1; see `ocptip.standing.jumps`.
         jump_tip_over, jump_slip: largest GN and GT of these loads, at most 1, where a contact is lost.
+        tolerance: how far the world may be off.
+        GN_worst_case, GT_worst_case: largest values at the worst of the tolerance: no contact is lost.
     """
 
     GN: float = 0.9
@@ -34,9 +38,12 @@ class MotionLimits:
     overshoot: float = 0.0
     jump_tip_over: float = 1.0
     jump_slip: float = 1.0
+    tolerance: Tolerance = NONE
+    GN_worst_case: float = 0.999
+    GT_worst_case: float = 0.999
 
     def __post_init__(self) -> None:
-        for name in ("GN", "GT", "jump_tip_over", "jump_slip"):
+        for name in ("GN", "GT", "jump_tip_over", "jump_slip", "GN_worst_case", "GT_worst_case"):
             share_of_one(name, getattr(self, name))
         positive_number("torque_ratio", self.torque_ratio)
         for name in ("clearance", "angle_margin", "min_duration"):
@@ -49,3 +56,13 @@ class MotionLimits:
             raise InputError(
                 f"max_duration: must be >= min_duration, {self.min_duration} s, got {self.max_duration} s"
             )
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data; what is about the tolerance only where one is given."""
+        own = {field.name: getattr(self, field.name) for field in fields(self)}
+        if not self.tolerance.given:
+            return {name: value for name, value in own.items() if name not in _OF_TOLERANCE}
+        return {**own, "tolerance": self.tolerance.to_dict()}
+
+
+_OF_TOLERANCE = ("tolerance", "GN_worst_case", "GT_worst_case")

@@ -28,6 +28,21 @@ _SIZES = ("tilt", "extra_mass", "delay", "push", "base_push")
 _BOXES = ("center_of_mass", "payload_center")
 
 
+def overshoot_of(damping: float) -> float:
+    """Share kappa of a jump by which the load on elastic feet exceeds the load after the jump.
+
+    Args:
+        damping: damping ratio of base and ground, 0 (kappa = 1) to below 1; 0.05 gives 0.85.
+
+    Raises:
+        InputError: no such ratio.
+    """
+    ratio = number_from("damping", damping)
+    if not 0 <= ratio < 1:
+        raise InputError(f"damping: must be >= 0 and < 1, got {damping!r}")
+    return exp(-ratio * pi / sqrt(1 - ratio**2))
+
+
 @dataclass(frozen=True, eq=False)
 class Corner:
     """Base mass and centre of mass at ends of their bounds.
@@ -114,9 +129,8 @@ class Tolerance:
 
     @property
     def overshoot(self) -> float:
-        """Of a jump, as a share of its height: exp(-zeta pi / sqrt(1 - zeta^2)); 0 where none is counted."""
-        zeta = self.damping
-        return 0.0 if zeta is None else exp(-zeta * pi / sqrt(1 - zeta**2))
+        """Of a jump, as a share of its height; 0 where none is counted."""
+        return 0.0 if self.damping is None else overshoot_of(self.damping)
 
     def only(self, *names: str) -> Tolerance:
         """The same with nothing uncertain but these quantities."""

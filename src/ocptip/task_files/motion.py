@@ -24,10 +24,10 @@ from ocptip.robots.inverse.joint_angles import within_limits
 from ocptip.robots.inverse.pose_target import PoseTarget
 from ocptip.robots.model import ArmModel
 from ocptip.standing.arm import StandingRobot
-from ocptip.standing.jumps import overshoot_of
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.rest import posture_refusals
+from ocptip.standing.tolerance import overshoot_of
 from ocptip.task_files.arm import require_geometry
 from ocptip.task_files.doubts import doubt_masses, doubt_units, doubt_way
 from ocptip.task_files.joint_values import joint_values
@@ -37,6 +37,7 @@ from ocptip.task_files.platform import read_platform_robot
 from ocptip.task_files.scene import SCENE, read_support
 from ocptip.task_files.shapes import read_obstacles, read_shapes
 from ocptip.task_files.source import task_source
+from ocptip.task_files.tolerance import read_tolerance
 
 _LIMITS = ("GN", "GT", "torque_ratio", "clearance")
 
@@ -57,7 +58,9 @@ def load_task(path: str | os.PathLike[str]) -> MotionTask:
         if "case" in data:
             return _published(data)
         doubt_units(data)
-        data.close("name", *SCENE, "arm", "robot", "payload", "motors", "obstacle", "motion", "limits")
+        data.close(
+            "name", *SCENE, "arm", "robot", "payload", "motors", "obstacle", "motion", "limits", "tolerance"
+        )
         task = _task(data, path)
         task = replace(task, source=task_source(data, task.robot))
         doubt_masses(data, task.robot)
@@ -82,6 +85,7 @@ def _task(data: Table, path: Path) -> MotionTask:
     moment = table.number("reference_moment", None, bound="> 0")
     margin = table.number("angle_margin_deg", 0.0, scale=DEGREES, bound=">= 0")
     limits = table.make(MotionLimits, angle_margin=margin, **table.numbers(*_LIMITS), **_jumps(table))
+    limits = replace(limits, tolerance=read_tolerance(data.table("tolerance", optional=True)))
     name = data.text("name", path.stem)
     if "robot" in data:
         platform = read_platform_robot(data, support, moment)

@@ -63,7 +63,7 @@ def load_tolerance(word: str) -> Tolerance:
         return PRESETS[word]
     path = Path(word)
     if path.suffix.lower() != ".toml":
-        raise InputError(f"tolerance: expected {', '.join(PRESETS)} or a TOML file, got {word!r}")
+        raise InputError(f"expected {', '.join(PRESETS)} or a TOML file, got {word!r}")
     with Table.read(path) as data:
         data.close(*data)  # a task file has other tables
         return read_tolerance(data.table("tolerance"))

@@ -294,7 +294,8 @@ class MotionProgram:
             s, columns = self.nodes.states(x).values, self.physics.columns
             y = self.physics.values(s, self.directions)
             parts = y[:, columns.torque], y[:, columns.wrench], y[:, columns.further]
-            self._looked = x.copy(), Instants(self.physics.robot, s[:, : columns.n], *parts)
+            q, qd, qdd = np.split(s, 3, axis=1)
+            self._looked = x.copy(), Instants(self.physics.robot, q, *parts, qd, qdd)
         return self._looked[1]
 
     def _evaluate(self, x: np.ndarray) -> Evaluation:

@@ -1,0 +1,261 @@
+"""The wrench on the base of an arm as a function of its state and of how far the world is off.
+
+Deviations theta are numbers that are zero for the world as described: masses, gravity (a tilted floor),
+delays of the joints and so on. Most of them enter the wrench linearly. So what is worst for an affine
+functional of the wrench is, up to products of small numbers, the sum of closed forms: an end of every
+interval, the edge of the cap of gravity, the push along the gradient. Products count because the wrench is
+evaluated there, and the choice repeated.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property, lru_cache
+
+import casadi as cs
+import numpy as np
+
+from ocptip.numerics.batch import BatchFunction
+from ocptip.robots.dynamics import newton_euler
+from ocptip.robots.kinematics import chain
+from ocptip.standing.arm import StandingRobot
+from ocptip.standing.tolerance import Tolerance
+
+_NOTHING = 1e-12  # relative to the largest: slopes below this choose nothing
+
+
+class Deviations:
+    """What may be off of an arm on its base.
+
+    Args:
+        robot: on its base.
+        tolerance: of it.
+
+    Attributes:
+        size: number of deviations.
+        low, high: (size,) ends of those that are intervals; zero for tilts and pushes.
+        places: slices of theta by name.
+    """
+
+    def __init__(self, robot: StandingRobot, tolerance: Tolerance) -> None:
+        self.robot, self.tolerance = robot, tolerance
+        self.places: dict[str, slice] = {}
+        low, high = [], []
+
+        def add(name: str, least: np.ndarray, most: np.ndarray) -> None:
+            if np.any(least) or np.any(most) or name in _ALWAYS:
+                self.places[name] = slice(len(low), len(low) + len(least))
+                low.extend(least)
+                high.extend(most)
+
+        own, n = tolerance, robot.n
+        base = np.array(own.masses(robot.support.mass)) / robot.support.mass - 1
+        add("base_mass", base[:1], base[-1:])
+        share = np.full(len(robot.arm.masses), own.arm_mass)
+        add("arm_mass", -share, share)
+        if robot.payload is not None:
+            share, half = np.array([own.payload_mass]), np.asarray(own.payload_center)
+            add("payload_mass", -share, share)
+            add("payload_center", -half, half)
+        add("extra_mass", np.zeros(1), np.array([own.extra_mass]))
+        half = np.asarray(own.center_of_mass)
+        add("center_of_mass", -half, half)
+        ends = (1 + np.array([-1, 1]) * own.speed) ** 2 - 1
+        add("speed", ends[:1], ends[1:])
+        add("delay", np.zeros(n), np.full(n, own.delay * (1 + own.speed)))
+        for name, given in (("gravity", own.tilt), ("push", own.push), ("base_push", own.base_push)):
+            if given:
+                add(name, np.zeros(3), np.zeros(3))
+        self.low, self.high, self.size = np.array(low), np.array(high), len(low)
+        self._intervals = np.array(
+            [i for name, at in self.places.items() if name not in _FREE for i in range(at.start, at.stop)],
+            dtype=int,
+        )
+
+    # --- physics ------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _expressions(self) -> tuple[cs.SX, cs.SX, cs.SX]:
+        """State s (3 n,), deviations (size,), wrench (6,)."""
+        robot, n = self.robot, self.robot.n
+        s, theta = cs.SX.sym("s", 3 * n), cs.SX.sym("theta", self.size)
+
+        def part(name: str, size: int) -> cs.SX:
+            return theta[self.places[name]] if name in self.places else cs.SX.zeros(size)
+
+        support, gravity = robot.support, cs.SX(robot.support.gravity) + part("gravity", 3)
+        q, qd, qdd = cs.vertsplit(s, n)
+        late = part("delay", n)  # exact as long as the acceleration is constant
+        q, qd = q - late * qd + late**2 / 2 * qdd, qd - late * qdd
+        pace = 1 + part("speed", 1)  # speed squared
+        qd, qdd = cs.sqrt(pace) * qd, pace * qdd
+        arm = robot.arm.with_payload(None)
+        bodies = []
+        if (payload := robot.payload) is not None:
+            factor, shift = 1 + part("payload_mass", 1), part("payload_center", 3)
+            mass, centre, inertia = payload.seen_from(arm.tool_rotation, arm.offsets[-1])
+            bodies.append((factor * mass, cs.SX(centre) + arm.tool_rotation @ shift, factor * cs.SX(inertia)))
+        if "extra_mass" in self.places:
+            bodies.append((part("extra_mass", 1), cs.SX(arm.offsets[-1]), np.zeros((3, 3))))
+        still = cs.SX.zeros(3)
+        _, wrench = newton_euler(
+            arm, q, qd, qdd, gravity, still, still, cs.SX(support.center_of_mass),
+            scales=1 + part("arm_mass", len(arm.masses)), carried=bodies,
+        )  # fmt: skip
+        weight = support.mass * (1 + part("base_mass", 1)) * gravity
+        force, moment = weight + part("base_push", 3), cs.cross(part("center_of_mass", 3), weight)
+        push, tool = part("push", 3), chain(arm, q)[1][-1] - cs.SX(support.center_of_mass)
+        return s, theta, wrench + cs.vertcat(force + push, moment + cs.cross(tool, push))
+
+    @cached_property
+    def wrench(self) -> BatchFunction:
+        """Of states (N, 3 n) and deviations (N, size): wrench (N, 6), N and N m about the centre of mass."""
+        return BatchFunction(cs.Function("wrench", [*self._expressions[:2]], [self._expressions[2]]))
+
+    def wrench_and_slopes(self, s: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The same with slopes (N, 6, size) over the deviations."""
+        wrenches, slopes = self._first(s, theta)
+        return wrenches, slopes.reshape(len(s), 6, self.size)
+
+    @cached_property
+    def _first(self) -> BatchFunction:
+        s, theta, w = self._expressions
+        return BatchFunction(cs.Function("deviated", [s, theta], [w, cs.jacobian(w, theta)]))
+
+    @cached_property
+    def state_slopes(self) -> BatchFunction:
+        """Slopes (N, 3 n) over the state of functionals a (N, 6) of the wrench: of states, deviations, a."""
+        s, theta, w = self._expressions
+        a = cs.SX.sym("a", 6)
+        return BatchFunction(cs.Function("slopes", [s, theta, a], [cs.gradient(cs.dot(a, w), s)]))
+
+    @cached_property
+    def state_curvature(self) -> BatchFunction:
+        """Second derivatives (N, 3 n, 3 n) of the same."""
+        s, theta, w = self._expressions
+        a = cs.SX.sym("a", 6)
+        return BatchFunction(cs.Function("bend", [s, theta, a], [cs.hessian(cs.dot(a, w), s)[0]]))
+
+    @cached_property
+    def curvature(self) -> BatchFunction:
+        """Second derivatives (N, size, size) of functionals a (N, 6) over the deviations."""
+        s, theta, w = self._expressions
+        a = cs.SX.sym("a", 6)
+        return BatchFunction(cs.Function("products", [s, theta, a], [cs.hessian(cs.dot(a, w), theta)[0]]))
+
+    # --- what is worst ------------------------------------------------------------------------------------
+
+    def least(self, slopes: np.ndarray) -> np.ndarray:
+        """Deviations (N, size) at which slopes (N, size) . theta is least."""
+        theta = np.zeros(slopes.shape)
+        own = self._intervals
+        size = np.maximum(np.abs(self.low[own]), np.abs(self.high[own]))
+        change = np.abs(slopes[:, own]) * size
+        matters = change > _NOTHING * np.max(change, axis=1, initial=1e-300)[:, None]
+        theta[:, own] = np.where(matters, np.where(slopes[:, own] > 0, self.low[own], self.high[own]), 0.0)
+        for name, most in (("push", self.tolerance.push), ("base_push", self.tolerance.base_push)):
+            if name in self.places:
+                theta[:, self.places[name]] = -most * _unit(slopes[:, self.places[name]])
+        if "gravity" in self.places:
+            theta[:, self.places["gravity"]] = self._tilted(slopes[:, self.places["gravity"]])
+        return theta
+
+    def _tilted(self, b: np.ndarray) -> np.ndarray:
+        """Changes (N, 3) of gravity within the cap at which b (N, 3) . gravity is least."""
+        gravity, most = self.robot.support.gravity, self.tolerance.tilt
+        size = np.linalg.norm(gravity)
+        down = gravity / max(size, 1e-300)
+        wanted = -_unit(b)
+        along = wanted @ down
+        side = wanted - along[:, None] * down
+        angle = np.minimum(np.arctan2(np.linalg.norm(side, axis=1), along), most)[:, None]
+        return size * ((np.cos(angle) - 1) * down + np.sin(angle) * _unit(side))
+
+    def missed(self, s: np.ndarray, theta: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """(N,): by how much a . wrench may be less than at theta, at most, elsewhere within the tolerance.
+
+        Zero where every slope at theta outweighs all products of deviations; these are taken up to second
+        order. Of gravity and pushes along their edges what is of third order is left out.
+        """
+        slopes = np.einsum("nw,nwt->nt", a, self.wrench_and_slopes(s, theta)[1])
+        bend = np.abs(self.curvature(s, theta, a)[0].reshape(len(s), self.size, self.size))
+        span = self.high - self.low
+        for name, most in self._radii.items():
+            span[self.places[name]] = 2 * most
+        own = self._intervals
+        ways = np.where(theta[:, own] <= self.low[own], 1.0, -1.0) * slopes[:, own]
+        lost = 0.5 * np.einsum("nij,j->ni", bend, span)
+        rest = np.minimum(ways - lost[:, own], 0.0) * span[own]
+        found = -np.sum(rest, axis=1)
+        for name, most in self._radii.items():
+            at = self.places[name]
+            size = np.maximum(np.linalg.norm(slopes[:, at], axis=1), 1e-300)
+            turn = np.linalg.norm(lost[:, at], axis=1)
+            found += most * np.minimum(turn, turn**2 / (2 * size))
+        return found
+
+    @property
+    def _radii(self) -> dict[str, float]:
+        own, size = self.tolerance, float(np.linalg.norm(self.robot.support.gravity))
+        radii = {"gravity": size * own.tilt, "push": own.push, "base_push": own.base_push}
+        return {name: most for name, most in radii.items() if name in self.places}
+
+    # --- words --------------------------------------------------------------------------------------------
+
+    def words(self, theta: np.ndarray) -> str:
+        """Deviations (size,) by name: "tilt 0.5 deg towards -y, payload +0.1 kg"."""
+        found = []
+        parts = {name: theta[at] for name, at in self.places.items()}
+        if np.any(change := parts.get("gravity", np.zeros(3))):
+            gravity = self.robot.support.gravity
+            new = gravity + change
+            angle = np.degrees(np.arctan2(np.linalg.norm(np.cross(gravity, new)), gravity @ new))
+            down = gravity / np.linalg.norm(gravity)
+            found.append(f"tilt {angle:.3g} deg {towards(change - (change @ down) * down)}")
+        for name, word in _MASSES.items():
+            for k, share in enumerate(parts.get(name, ())):
+                if share:
+                    found.append(f"{word.format(k + 1)} {100 * share:+.3g} %")
+        if np.any(mass := parts.get("extra_mass", np.zeros(1))):
+            found.append(f"{float(mass[0]):.3g} kg more at the gripper")
+        for name, word in (("center_of_mass", "base's centre"), ("payload_center", "payload's centre")):
+            for axis, shift in zip("xyz", parts.get(name, ()), strict=False):
+                if shift:
+                    found.append(f"{word} {1e3 * shift:+.3g} mm in {axis}")
+        if np.any(pace := parts.get("speed", np.zeros(1))):
+            change = float(np.sqrt(1 + pace[0]) - 1)
+            found.append(f"{100 * abs(change):.3g} % {'faster' if change > 0 else 'slower'}")
+        if np.any(late := parts.get("delay", np.zeros(1))):
+            joints = ", ".join(f"{j + 1}" for j in np.flatnonzero(late))
+            found.append(f"joint{'s' * (',' in joints)} {joints} late by {1e3 * self.tolerance.delay:.3g} ms")
+        for name, word in (("push", "gripper"), ("base_push", "base")):
+            if np.any(force := parts.get(name, np.zeros(3))):
+                found.append(f"push of {np.linalg.norm(force):.3g} N at the {word} {towards(force)}")
+        if self.tolerance.friction:
+            found.append(f"friction {-100 * self.tolerance.friction:.3g} %")
+        return ", ".join(found)
+
+
+_ALWAYS = ("extra_mass", "gravity", "push", "base_push")  # the first so that there is one at least
+_FREE = ("gravity", "push", "base_push")
+_MASSES = {"base_mass": "base mass", "arm_mass": "link {}", "payload_mass": "payload"}
+
+
+def towards(side: np.ndarray) -> str:
+    """A direction in words: "towards -y", "towards (0.71, -0.71, 0)"."""
+    unit = side / max(np.linalg.norm(side), 1e-300)
+    k = int(np.argmax(np.abs(unit)))
+    if abs(unit[k]) > 0.999:
+        return f"towards {'-' if unit[k] < 0 else '+'}{'xyz'[k]}"
+    return "towards ({})".format(", ".join(f"{x:.2g}" for x in np.round(unit, 2) + 0.0))
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    """(N, 3) of length one; zero where there is no direction."""
+    size = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.divide(vectors, size, out=np.zeros(vectors.shape), where=size > 0)
+
+
+@lru_cache(maxsize=8)
+def deviations_of(robot: StandingRobot, tolerance: Tolerance) -> Deviations:
+    """Those of a robot, made once."""
+    return Deviations(robot, tolerance)

@@ -1,0 +1,186 @@
+"""The worst that a tolerance allows for the contacts of an arm on its base, state by state.
+
+Of every moment about a tipping axis and of the slip reserve the worst deviations are chosen by the slopes
+over them, evaluated exactly, chosen anew there, and evaluated again: what is found is attained. A moment
+about an axis on a plane is affine in the wrench, so that nothing but products of deviations can be missed,
+see `Deviations.missed`. The wrenches that contacts carry within a share of their friction are a convex set;
+of the slip reserve the ascent finds one worst end of the tolerance from each wrench that it starts from.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from ocptip.basics.errors import InputError
+from ocptip.contact.support import Support
+from ocptip.reserves.tipping import TipMap
+from ocptip.standing.arm import StandingRobot
+from ocptip.standing.deviations import Deviations, deviations_of
+from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.tolerance import Tolerance
+
+ROUNDS = 2  # how often the worst deviations are chosen
+
+
+@dataclass(frozen=True, eq=False)
+class Worst:
+    """The worst of N states.
+
+    Attributes:
+        values: (N,) moment, N m, or GT.
+        theta: (N, size) deviations there.
+        slopes: (N, 6) of the value over the wrench there.
+    """
+
+    values: np.ndarray
+    theta: np.ndarray
+    slopes: np.ndarray
+
+    def worse(self, other: Worst, sign: float) -> Worst:
+        """State by state the one with the larger sign * value."""
+        better = sign * other.values > sign * self.values
+        return Worst(
+            np.where(better, other.values, self.values),
+            np.where(better[:, None], other.theta, self.theta),
+            np.where(better[:, None], other.slopes, self.slopes),
+        )
+
+
+class WorstCase:
+    """Worst moments and slip reserves of an arm on its base within a tolerance.
+
+    Args:
+        robot: on its base.
+        tolerance: of it.
+
+    Attributes:
+        robot: with the least friction.
+        deviations: of it.
+        reference: M0 of the tip-over reserve, N m; of the robot as described.
+        axes: number of tipping axes.
+
+    Raises:
+        InputError: the tolerance does not fit the robot, or the robot is no arm.
+    """
+
+    def __init__(self, robot: StandingMechanism, tolerance: Tolerance) -> None:
+        if not isinstance(robot, StandingRobot):
+            raise InputError(f"tolerance: looked at for arms only, not for a {type(robot).__name__}")
+        self.deviations: Deviations = deviations_of(robot, tolerance)
+        self.robot = _weakest(robot, tolerance)
+        self.reference = robot.tip_over.reference_moment or 0.0
+        self._map = TipMap(self.robot.tip_over)
+        self.axes = self._map.count
+
+    def moments(self, s: np.ndarray, axis: np.ndarray) -> Worst:
+        """Least moments about tipping axes.
+
+        Args:
+            s: (N, 3 n) states.
+            axis: (N,) which axis of each.
+        """
+        rows = np.arange(len(s))
+
+        def at(theta: np.ndarray) -> tuple[Worst, np.ndarray]:
+            wrenches, over = self.deviations.wrench_and_slopes(s, theta)
+            values, slopes = self._map(wrenches)
+            own = slopes[rows, axis]
+            return Worst(values[rows, axis], theta, own), np.einsum("nw,nwt->nt", own, over)
+
+        found, slopes = at(np.zeros((len(s), self.deviations.size)))
+        for _ in range(ROUNDS):
+            new, slopes = at(self.deviations.least(slopes))
+            found = found.worse(new, -1.0)
+        return found
+
+    def all_moments(self, s: np.ndarray) -> np.ndarray:
+        """(N, axes) least moments."""
+        count, axes = len(s), self.axes
+        at = np.repeat(np.arange(count), axes), np.tile(np.arange(axes), count)
+        return self.moments(s[at[0]], at[1]).values.reshape(count, axes)
+
+    def estimated_moments(self, s: np.ndarray) -> np.ndarray:
+        """(N, axes) the same up to products of deviations, several times faster."""
+        over = self.deviations.wrench_and_slopes(s, np.zeros((len(s), self.deviations.size)))
+        values, slopes = self._map(over[0])
+        found = np.empty(values.shape)
+        for k in range(self.axes):
+            change = np.einsum("nw,nwt->nt", slopes[:, k], over[1])
+            found[:, k] = values[:, k] + np.einsum("nt,nt->n", change, self.deviations.least(change))
+        return found
+
+    def slip(self, s: np.ndarray, starts: int = 1) -> Worst:
+        """Greatest slip reserves that are found.
+
+        Args:
+            s: (N, 3 n) states.
+            starts: wrenches from which the worst is looked for: that of the world as described, then those
+                with gravity tilted and so on, along the axes of the force and the moment.
+        """
+        found: Worst | None = None
+        for theta in self._starts(s, starts):
+            new, slopes = self._slip_at(s, theta)
+            found = new if found is None else found.worse(new, 1.0)
+            for _ in range(ROUNDS):
+                new, slopes = self._slip_at(s, self.deviations.least(-slopes))
+                found = found.worse(new, 1.0)
+        assert found is not None  # one start at least
+        return found
+
+    def estimated_slip(self, s: np.ndarray) -> np.ndarray:
+        """(N,) slip reserves at the worst by their slopes at the state as described."""
+        found, slopes = self._slip_at(s, np.zeros((len(s), self.deviations.size)))
+        return found.values + np.einsum("nt,nt->n", slopes, self.deviations.least(-slopes))
+
+    def _starts(self, s: np.ndarray, count: int) -> Iterator[np.ndarray]:
+        still = np.zeros((len(s), self.deviations.size))
+        yield still
+        if count > 1:
+            over = self.deviations.wrench_and_slopes(s, still)[1]
+            for k in range(count - 1):
+                sign = 1.0 if k % 2 else -1.0
+                yield self.deviations.least(sign * over[:, (0, 1, 5, 3, 4, 2)[k // 2 % 6]])
+
+    def _slip_at(self, s: np.ndarray, theta: np.ndarray) -> tuple[Worst, np.ndarray]:
+        """GT at deviations, large where it is not known, and its slopes over the deviations."""
+        wrenches, over = self.deviations.wrench_and_slopes(s, theta)
+        reserve = self.robot.slip.evaluate(self.robot.contact_states(wrenches))
+        assert reserve.gradient is not None  # it was asked for
+        slopes = np.nan_to_num(reserve.gradient)
+        values = np.where(np.isfinite(reserve.GT), reserve.GT, UNSOLVED)
+        return Worst(values, theta, slopes), np.einsum("nw,nwt->nt", slopes, over)
+
+    def tip_ratio(self, moments: np.ndarray) -> np.ndarray:
+        """GN of moments, N m: M0 / (M0 + M); where the base tips, M < 0, on with the same slope."""
+        ratio = self.reference / (self.reference + np.maximum(moments, 0.0))
+        return ratio - np.minimum(moments, 0.0) / self.reference
+
+
+UNSOLVED = 10.0
+"""GT where it is not known."""
+
+
+def _weakest(robot: StandingRobot, tolerance: Tolerance) -> StandingRobot:
+    """The robot on contacts with the least friction."""
+    if not tolerance.friction:
+        return robot
+    own = robot.support
+    support = Support(
+        tolerance.contacts(own.contacts),
+        mass=own.mass,
+        center_of_mass=own.center_of_mass,
+        inertia=own.inertia,
+        gravity=own.gravity,
+    )
+    moment, redistribution = robot.tip_over.reference_moment, robot.slip.redistribution
+    return robot.varied(support=support, reference_moment=moment, redistribution=redistribution)
+
+
+@lru_cache(maxsize=8)
+def worst_case_of(robot: StandingMechanism, tolerance: Tolerance) -> WorstCase:
+    """That of a robot, made once."""
+    return WorstCase(robot, tolerance)

@@ -1,0 +1,146 @@
+"""Limits of the contacts at the worst of a tolerance: no contact is lost. See `standing.worst_case`.
+
+Their values at instants are not measured one by one: what joints that are late or overshoot do to a motion is
+the matter of `motion.within_tolerance`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ocptip.standing.instants import Instants
+from ocptip.standing.limit import AskedLimit, Look, NodeSlopes, Rows, Worst
+from ocptip.standing.limits import MotionLimits
+from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.worst_case import worst_case_of
+
+ROOM = 0.5  # share of M0 within which, at a use of zero, rows of moments would take part
+PATH_MARGIN = 0.05  # share of M0 that a path at rest keeps
+
+
+@dataclass(frozen=True, eq=False)
+class WorstRows(Rows):
+    """Rows with the deviations and the slopes over the wrench at which they are evaluated.
+
+    Attributes:
+        theta: (rows, size).
+        weights: (rows, 6).
+    """
+
+    theta: np.ndarray = field(default_factory=lambda: np.empty(0))
+    weights: np.ndarray = field(default_factory=lambda: np.empty(0))
+
+
+class WorstCaseLimit(AskedLimit):
+    """What both have in common: rows are functions of the state, sloped as at the worst deviations."""
+
+    of_contacts = True
+    largest_step = 0.02
+    unit = 1.0
+
+    def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
+        super().__init__(robot, asked, joints)
+        self.cases = worst_case_of(robot, asked.tolerance)
+
+    @classmethod
+    def wanted(cls, asked: MotionLimits) -> bool:
+        return bool(asked.tolerance.given)
+
+    def worst(self, values: np.ndarray, times: np.ndarray, look: Look) -> list[Worst]:
+        return []
+
+    def _rows(self, at: NodeSlopes, nodes: np.ndarray, places: np.ndarray, found: tuple) -> WorstRows:
+        values, theta, weights = found
+        weights = weights / self.unit
+        slopes = self.cases.deviations.state_slopes(at.s[nodes], theta, weights)[0]
+        return WorstRows(at, nodes, places, values / self.unit, slopes, theta, weights)
+
+    def jacobian(self, rows: Rows) -> np.ndarray:
+        return np.einsum("rs,rsx->rx", rows.slopes, rows.at.s_x[rows.nodes])
+
+    def add_hessian(self, rows: Rows, on: np.ndarray, H: np.ndarray, on_s: np.ndarray) -> None:
+        assert isinstance(rows, WorstRows)
+        np.add.at(on_s, rows.nodes, on[:, None] * rows.slopes)
+        weights = on[:, None] * rows.weights
+        bend = self.cases.deviations.state_curvature(rows.at.s[rows.nodes], rows.theta, weights)[0]
+        np.add.at(H, rows.nodes, bend)
+
+
+class WorstTipOverLimit(WorstCaseLimit):
+    """Least moments about the tipping axes."""
+
+    name, quantity, setting = "tip-over within tolerance", "GN_worst_case", "GN_worst_case"
+
+    def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
+        super().__init__(robot, asked, joints)
+        self.width = self.cases.axes
+        self.unit = 2 * (self.cases.reference or 1.0)
+        self._least = self.cases.reference * (1 / self.number - 1)  # N m
+
+    def kept(self, at: Instants) -> bool:
+        return bool(np.all(self.cases.estimated_moments(at.s) >= self._least))
+
+    def refusals(self, at: Instants) -> list[str]:
+        if not self.width or (moment := self.cases.all_moments(at.s).min()) >= self._least:
+            return []
+        ratio = float(self.cases.tip_ratio(moment))
+        theta = self.cases.moments(at.s, np.array([int(np.argmin(self.cases.all_moments(at.s)[0]))])).theta[0]
+        return [
+            f"within the tolerance tip-over GN reaches {ratio:.4g} at rest "
+            f"({self.cases.deviations.words(theta)})"
+        ]
+
+    def path_excess(self, at: Instants) -> float:
+        if not self.width:
+            return -np.inf
+        missing = self._least - float(np.min(self.cases.estimated_moments(at.s)))
+        return missing / self.cases.reference + PATH_MARGIN
+
+    def near(self, at: Instants, share: float) -> np.ndarray:
+        moments = self.cases.estimated_moments(at.s)
+        return moments <= self._least + (1 - share) * ROOM * self.cases.reference
+
+    def use(self, at: Instants) -> np.ndarray:
+        smallest = np.min(self.cases.estimated_moments(at.s), axis=1, initial=np.inf)
+        return 1 + (self._least - smallest) / self.unit
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        return np.full(self.width, self._least / self.unit), np.full(self.width, np.inf)
+
+    def rows(self, at: NodeSlopes, mask: np.ndarray) -> Rows:
+        i, k = np.nonzero(mask)
+        found = self.cases.moments(at.s[i], k)
+        return self._rows(at, i, k, (found.values, found.theta, found.slopes))
+
+
+class WorstSlipLimit(WorstCaseLimit):
+    """Greatest slip reserve GT."""
+
+    name, quantity, setting = "slip within tolerance", "GT_worst_case", "GT_worst_case"
+    width = 1
+
+    def kept(self, at: Instants) -> bool:
+        return bool(np.all(self.cases.slip(at.s).values <= self.number))
+
+    def refusals(self, at: Instants) -> list[str]:
+        found = self.cases.slip(at.s, starts=9)
+        if found.values[0] <= self.number:
+            return []
+        words = self.cases.deviations.words(found.theta[0])
+        return [f"within the tolerance slip GT reaches {found.values[0]:.4g} at rest ({words})"]
+
+    def near(self, at: Instants, share: float) -> np.ndarray:
+        return ~(self.cases.slip(at.s).values[:, None] < share * self.number)
+
+    def use(self, at: Instants) -> np.ndarray:
+        return self.cases.slip(at.s).values / self.number
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        return np.array([-np.inf]), np.array([self.number])
+
+    def rows(self, at: NodeSlopes, mask: np.ndarray) -> Rows:
+        i, k = np.nonzero(mask)
+        found = self.cases.slip(at.s[i])
+        return self._rows(at, i, k, (found.values, found.theta, found.slopes))

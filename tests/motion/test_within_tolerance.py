@@ -1,0 +1,117 @@
+"""Motions at the worst of a tolerance: no sample is worse, and the named worst is attained."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from ocptip.basics.errors import InputError
+from ocptip.motion.check import check_motion
+from ocptip.motion.within_tolerance import jump_states
+from ocptip.published.tasks import experiment_task
+from ocptip.standing.limits import MotionLimits
+from ocptip.standing.tolerance import SITE, WORKSHOP, Tolerance
+from ocptip.standing.worst_case import worst_case_of
+from ocptip.task_files.motion import load_task
+from ocptip.trajectories.arm_motion import ArmMotion
+from tests.places import EXAMPLES
+from tests.standing.test_deviations import inside
+
+
+@pytest.fixture(scope="module")
+def task():
+    return experiment_task("B", "effective")
+
+
+def slow(task, factor):
+    limits = task.robot.limits
+    rates = limits.speed / factor, limits.acceleration / factor**2
+    return ArmMotion.with_passive(task.start, task.goal, [None] * task.robot.n, *rates)
+
+
+def samples(robot, motion, tolerance, rng, count):
+    """Wrenches at random states and deviations: each joint late by itself, jumps overshooting."""
+    own = worst_case_of(robot, tolerance).deviations
+    theta = inside(own, rng, count)
+    theta[:, own.places["delay"]] = 0.0  # done here
+    times = rng.uniform(-0.05, motion.end + 0.05, count)
+    near = rng.random(count) < 0.7
+    times[near] = rng.choice(motion.event_times, near.sum()) + rng.uniform(0, tolerance.delay, near.sum())
+    late = np.where(rng.random((count, robot.n)) < 0.5, 0.0, tolerance.delay)
+    late = np.where(rng.random(late.shape) < 0.4, rng.uniform(0, tolerance.delay, late.shape), late)
+    s = np.empty((count, 3 * robot.n))
+    for j in range(robot.n):
+        moment = times - late[:, j]
+        q, qd, qdd = (part[:, j] for part in motion.states(moment))
+        just = np.array([np.min(np.abs(motion.event_times - t)) for t in moment]) < 1e-3
+        before, after = (motion.states(moment + side)[2][:, j] for side in (-2e-3, 2e-3))
+        over = just & (rng.random(count) < 0.8)
+        qdd = np.where(over, after + tolerance.overshoot * (after - before), qdd)
+        s[:, j], s[:, robot.n + j], s[:, 2 * robot.n + j] = q, qd, qdd
+    return own.wrench(s, theta)[0]
+
+
+@pytest.mark.parametrize("factor", [1.6, 3.0])
+def test_no_sample_is_worse_than_the_worst_case(task, factor):
+    robot, motion = task.robot, slow(task, factor)
+    checked = check_motion(robot, motion, dataclasses.replace(task.limits, tolerance=WORKSHOP))
+    within, cases = checked.within, worst_case_of(robot, WORKSHOP)
+    wrenches = samples(robot, motion, WORKSHOP, np.random.default_rng(0), 4000)
+    states = cases.robot.contact_states(wrenches)
+    moments = wrenches @ cases.robot.tip_over.affine_moments[0].T
+    least = float(cases.tip_ratio(moments.min()))
+    assert least <= within.tip.bound + 1e-3  # of delays inside the window, up to their second order
+    assert within.tip.value <= within.tip.bound
+    assert within.tip.bound - within.tip.value < 0.01 * within.tip.value
+    assert least > checked.worst["GN"].value  # samples find something
+    if within.tip.bound < 1:
+        GT = cases.robot.slip.evaluate(states, derivatives=False).GT
+        assert GT.max() <= within.slip.value + 1e-3
+        assert states.persistent.all()
+
+
+def test_verified_only_if_the_worst_case_is(task):
+    motion = slow(task, 3.0)
+    loose = dataclasses.replace(task.limits, tolerance=Tolerance(tilt=np.radians(0.5)))
+    assert check_motion(task.robot, motion, task.limits).verified
+    assert check_motion(task.robot, motion, loose).verified
+    strict = dataclasses.replace(task.limits, tolerance=SITE)
+    checked = check_motion(task.robot, motion, strict)
+    assert not checked.verified
+    assert any(text.startswith("GN_worst_case is ") for text in checked.violations)
+    assert "tilt 1.5 deg towards" in checked.within.tip.how
+    assert checked.to_dict()["within_tolerance"]["tolerance"]["push"] == 20
+    assert "contact" in checked.within.tip.left
+
+
+def test_jumps_overshoot_together_if_nothing_is_late(task):
+    motion = slow(task, 2.0)
+    found = jump_states(motion, Tolerance(damping=0.05))
+    assert len(found.times) == len(motion.event_times)
+    start = found.s[np.argmin(found.times), 12:]
+    acceleration = motion.states(np.array([1e-4]))[2][0]
+    assert np.allclose(start, (1 + np.exp(-np.pi * 0.05 / np.sqrt(1 - 0.05**2))) * acceleration)
+    assert jump_states(motion, Tolerance(tilt=0.01)).s.shape == (0, 18)
+
+
+def test_late_joints_are_combined_in_all_ways(task):
+    motion = slow(task, 2.0)
+    found = jump_states(motion, Tolerance(delay=0.01))
+    first = found.s[found.times == 0.0, 12:]
+    moving = np.flatnonzero(motion.states(np.array([1e-4]))[2][0])
+    assert len(first) == 2 ** len(moving)
+    assert len(np.unique(first, axis=0)) == len(first)
+    assert "late" in found.words[0]
+
+
+def test_parallel_robots_are_refused():
+    task = load_task(EXAMPLES / "tasks" / "delta_cart.toml")
+    with pytest.raises(InputError, match="tolerance: looked at for arms only"):
+        worst_case_of(task.robot, WORKSHOP)
+
+
+def test_limits_say_what_is_asked_of_the_worst_case():
+    limits = MotionLimits(tolerance=WORKSHOP)
+    assert limits.to_dict()["GN_worst_case"] == 0.999
+    assert limits.to_dict()["tolerance"]["speed"] == 0.03
+    assert "tolerance" not in MotionLimits().to_dict()
