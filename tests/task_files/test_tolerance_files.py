@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from ocptip.basics.errors import InputError
-from ocptip.standing.tolerance import SITE, WORKSHOP
+from ocptip.basics.toml_text import toml_text
+from ocptip.standing.tolerance import SITE, WORKSHOP, Tolerance
 from ocptip.task_files.tolerance import load_tolerance
 
 
@@ -45,6 +46,14 @@ def test_mistakes_are_named(tmp_path, text, message):
     with pytest.raises(InputError) as caught:
         read(tmp_path, text)
     assert f"{caught.value}".startswith(message)
+
+
+@pytest.mark.parametrize("one", [WORKSHOP, SITE, Tolerance(base_mass=[1, 2.5], payload_center=[0, 0.1, 0])])
+def test_tables_are_read_back(tmp_path, one):
+    found = read(tmp_path, toml_text(one.to_table()))
+    assert found.to_dict().keys() == one.to_dict().keys()
+    for name, value in one.to_dict().items():
+        assert found.to_dict()[name] == pytest.approx(value, rel=1e-14)
 
 
 def test_neither_a_preset_nor_a_file():

@@ -37,6 +37,9 @@ class TaskSource:
         data = {} if "case" in self.data else {"name": name}
         data |= {key: dict(v) if isinstance(v, Mapping) else v for key, v in self.data.items()}
         data.setdefault("limits", {}).update({name: getattr(limits, name) for name in _LIMITS})
+        data.pop("tolerance", None)
+        if limits.tolerance.given:
+            data["tolerance"] = limits.tolerance.to_table()
         motion = data.setdefault("motion", {})
         for key in ("duration", "max_duration", "objective", "price_per_second"):
             motion.pop(key, None)

@@ -27,6 +27,20 @@ _SHARES = ("arm_mass", "payload_mass", "friction", "speed")
 _SIZES = ("tilt", "extra_mass", "delay", "push", "base_push")
 _BOXES = ("center_of_mass", "payload_center")
 
+IN_FILES = {
+    "friction": ("friction", 1.0),
+    "tilt_deg": ("tilt", pi / 180),
+    "arm_mass": ("arm_mass", 1.0),
+    "payload_mass": ("payload_mass", 1.0),
+    "extra_mass": ("extra_mass", 1.0),
+    "delay_ms": ("delay", 1e-3),
+    "speed": ("speed", 1.0),
+    "push": ("push", 1.0),
+    "base_push": ("base_push", 1.0),
+    "damping": ("damping", 1.0),
+}
+"""Single numbers of `[tolerance]` in files: key, attribute, SI unit per unit of the file."""
+
 
 def overshoot_of(damping: float) -> float:
     """Share kappa of a jump by which the load on elastic feet exceeds the load after the jump.
@@ -60,7 +74,7 @@ class Corner:
     per_gravity: np.ndarray
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Tolerance:
     """How far the world may differ from its description, everything at once.
 
@@ -101,7 +115,7 @@ class Tolerance:
             low, high = mass = finite_array("base_mass", self.base_mass, (2,))
             if not 0 < low <= high:
                 raise InputError(f"base_mass: expected 0 < least <= largest mass, kg, got {mass.tolist()}")
-            setter(self, "base_mass", mass)
+            setter(self, "base_mass", tuple(mass.tolist()))
         shares = [*_SHARES, *(() if np.ndim(self.base_mass) else ("base_mass",))]
         shares += [] if self.damping is None else ["damping"]
         for name in shares:
@@ -115,7 +129,7 @@ class Tolerance:
             half = finite_array(name, getattr(self, name), (3,))
             if np.any(half < 0):
                 raise InputError(f"{name}: half sides must be >= 0, got {half.tolist()}")
-            setter(self, name, half)
+            setter(self, name, tuple(half.tolist()))
 
     @property
     def given(self) -> tuple[str, ...]:
@@ -144,6 +158,16 @@ class Tolerance:
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON, SI units; only what is uncertain."""
         return {name: np.asarray(getattr(self, name)).tolist() for name in self.given}
+
+    def to_table(self) -> dict[str, Any]:
+        """The table `[tolerance]` of a file."""
+        data = self.to_dict()
+        units = {name: (key, scale) for key, (name, scale) in IN_FILES.items()}
+        found = {}
+        for name, value in data.items():
+            key, scale = units.get(name, (name, 1.0))
+            found[key] = value if isinstance(value, list) else float(f"{value / scale:.15g}")
+        return found
 
     def lines(self) -> list[str]:
         """In words, one entry per quantity: "tilt 0.5 deg", "arm masses +-5 %"."""

@@ -73,6 +73,7 @@ def _published(data: Table) -> MotionTask:
     name, base = data.choice("case", motion_cases()), data.choice("base", BASES, "effective")
     motion, limits = data.table("motion", optional=True), data.table("limits", optional=True)
     limits = limits.make(MotionLimits, **limits.numbers(*_LIMITS), **_durations(motion))
+    limits = replace(limits, tolerance=read_tolerance(data.table("tolerance", optional=True)))
     wanted = motion.text("objective", None), motion.number("price_per_second", None)
     objective = motion.make(objective_of, *wanted)
     return replace(experiment_task(name, base, limits), objective=objective)

@@ -7,21 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from ocptip.basics.errors import InputError
-from ocptip.basics.toml import DEGREES, Table
-from ocptip.standing.tolerance import PRESETS, Tolerance
+from ocptip.basics.toml import Table
+from ocptip.standing.tolerance import IN_FILES, PRESETS, Tolerance
 
-_NUMBERS = {
-    "arm_mass": ("arm_mass", 1.0),
-    "payload_mass": ("payload_mass", 1.0),
-    "friction": ("friction", 1.0),
-    "extra_mass": ("extra_mass", 1.0),
-    "tilt_deg": ("tilt", DEGREES),
-    "delay_ms": ("delay", 1e-3),
-    "speed": ("speed", 1.0),
-    "push": ("push", 1.0),
-    "base_push": ("base_push", 1.0),
-    "damping": ("damping", 1.0),
-}
 _BOXES = ("center_of_mass", "payload_center")
 _MASSES = ("base_mass", "arm_mass", "payload_mass")
 
@@ -39,14 +27,14 @@ def read_tolerance(table: Table) -> Tolerance:
         given.update(dict.fromkeys(_MASSES, masses))
     if (mass := table.raw_numbers("base_mass", None)) is not None:
         given["base_mass"] = mass
-    for key, (name, scale) in _NUMBERS.items():
+    for key, (name, scale) in IN_FILES.items():
         if (number := table.number(key, None, scale=scale)) is not None:
             given[name] = number
     for key in _BOXES:
         if (half := table.vector(key, 3, None)) is not None:
             given[key] = half
     table.close()
-    places = {name: key for key, (name, _) in _NUMBERS.items() if name != key}
+    places = {name: key for key, (name, _) in IN_FILES.items() if name != key}
     if masses is not None:
         places |= {name: "masses" for name in _MASSES if name not in table}
     with table.at(**places):
