@@ -14,7 +14,8 @@ from ocptip.placement.manipulability import LogMeasures, index_of, measures
 from ocptip.placement.problem import GripperTask, PlacementLimits, ProcessLoad
 from ocptip.placement.result import judge
 from ocptip.placement.terrain import plane
-from ocptip.robots.geometry import Pillar, Wall
+from ocptip.robots.collision.shapes import Ball, BodyShape, Box
+from ocptip.robots.geometry import Pillar, Solid, Wall
 from ocptip.robots.kinematics import gripper_pose, link_frames
 from ocptip.task_files.motion import load_task
 from tests.placement.placement_scenes import INTO_WALL, clamped, drilling, four_feet, hills
@@ -139,9 +140,12 @@ def test_clearances_are_those_of_the_collision_model():
 
 
 def test_ground_rows():
+    contacts = [contact.position for contact in four_feet().support.contacts]
+    foot = BodyShape("foot", 0, Ball(0.02, position=contacts[1]))
+    ball = BodyShape("ball", 0, Ball(0.05, position=[0.1, 0.0, -0.2]))
     problem = drilling(
+        four_feet().varied(shapes=[foot, ball]),
         terrain=plane(x=(-1.0, 0.0), contacts_inside=True),
-        base_spheres=[[0.1, 0.0, -0.2, 0.05]],
         limits=PlacementLimits(base_clearance=0.01),
     )
     rows = {
@@ -149,14 +153,61 @@ def test_ground_rows():
         for r in Evaluator(problem).ground(0, [[-0.5, 0.1, np.pi / 2]])
         for label in r.labels
     }
-    wall = rows["base clearance", "base[1] and wall"]
-    assert wall.values[0] == pytest.approx([-0.05 + 0.5 - 0.05])
-    assert wall.limits == pytest.approx([0.01])
-    pillar = rows["base clearance", "base[1] and pillar"]
-    assert pillar.values[0] == pytest.approx([np.hypot(-0.5 + 0.4, 0.1 + 0.1 - 0.6) - 0.2 - 0.05])
+    wall = rows["base clearance", "ball and wall"]
+    gaps = dict(zip(wall.labels, wall.values[0], strict=True))
+    assert gaps["ball and wall"] == pytest.approx(-0.05 + 0.5 - 0.05)
+    assert wall.limits == pytest.approx(0.01)
+    pillar = rows["base clearance", "ball and pillar"]
+    gaps = dict(zip(pillar.labels, pillar.values[0], strict=True))
+    assert gaps["ball and pillar"] == pytest.approx(np.hypot(-0.5 + 0.4, 0.1 + 0.1 - 0.6) - 0.2 - 0.05)
+    assert {label for kind, label in rows if kind == "base clearance" and "wall" in label} == {
+        *(f"{name} and wall" for name in ("contact 1", "contact 3", "contact 4", "foot", "ball"))
+    }  # contact 2 is within the foot
     assert rows["bounds", "x: lower bound"].margins[0] == pytest.approx([5.0])
     corner = rows["contact area", "contact 1: x"]
     assert corner.values.min() == pytest.approx(-0.65)
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_a_base_of_balls_among_balls_is_the_same_in_closed_form_and_by_solids(known):
+    """One far box makes all of them solids; an arm without geometry does not matter."""
+    robot = four_feet()
+    arm = (
+        robot.arm
+        if known
+        else replace(robot.arm, sphere_sets=(), collision_pairs=(), floor_sets=(), obstacle_sets=())
+    )
+    balls = [
+        BodyShape(name, 0, Ball(r, position=p))
+        for name, r, p in (("a", 0.1, [0.1, 0, -0.1]), ("b", 0.05, [-0.2, 0.1, 0]))
+    ]
+    around = {"keep_out": [Solid(Ball(0.2, position=[-1.0, 0.3, 0.1]), "rock")]}
+    if known:
+        around["obstacles"] = [
+            Wall(np.array([1.0, 0.0, 0.0]), 0.4, "wall"),
+            Solid(Ball(0.1, position=[0.4, 0, 1]), "lamp"),
+        ]
+    far = Solid(Box([0.1, 0.1, 0.1], position=[50.0, 0, 0]), "far")
+    q, found = angles(robot), []
+    for more in ([], [far]):
+        placed = robot.varied(arm=arm, shapes=balls)
+        problem = drilling(placed, **{**around, "keep_out": [*around["keep_out"], *more]})
+        rows = [*evaluated(problem, q).rows] if known else []
+        rows += Evaluator(problem).ground(0, PARAMETERS)
+        kinds = {r.kind for r in rows if "far" not in " ".join(r.labels)}
+        assert "base clearance" in kinds
+        distances = {}
+        for r in (r for r in rows if r.kind in ("clearance", "base clearance")):
+            for label, values in zip(r.labels, r.values.T, strict=True):
+                pair = " and ".join(word.split("[")[0] for word in label.split(" and "))
+                near = np.minimum(values, 0.15)  # solids may answer with bounds beyond
+                distances[pair] = np.minimum(distances.get(pair, np.inf), near)
+        found.append({pair: d for pair, d in distances.items() if "far" not in pair and pair[:5] != "B and"})
+    closed, solid = found
+    assert set(closed) == set(solid)
+    assert any(pair.startswith("a and") for pair in closed)
+    for pair, values in closed.items():
+        np.testing.assert_allclose(solid[pair], values, atol=1e-6)
 
 
 def test_pose_rows_count_only_what_the_task_asks_for():

@@ -121,8 +121,6 @@ def test_refusals():
         drilling(terrain=[])
     with pytest.raises(InputError, match="obstacles: expected Wall, Pillar or Solid"):
         drilling(obstacles=["wall"])
-    with pytest.raises(InputError, match="base_spheres"):
-        drilling(base_spheres=[[0, 0, 0, -1.0]])
     with pytest.raises(InputError, match="the arm has 6 joints, the torque cost 2"):
         drilling(energy=TorqueCost([1.0, 1.0]))
     with pytest.raises(InputError, match="needs 6 free parameters, arm 'planar' on this terrain has 5"):

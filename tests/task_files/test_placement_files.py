@@ -51,7 +51,7 @@ def test_defaults(load):
     np.testing.assert_allclose(position[0], [1, 2, 0])
     np.testing.assert_allclose(rotation[0] @ [1, 0, 0], [0, 1, 0], atol=1e-12)
     assert isinstance(problem.energy, HoldingPower)
-    assert len(problem.base_spheres) == 3
+    assert len(problem.robot.shapes) == 0
 
 
 def test_everything_in_numbers(load):
@@ -175,12 +175,16 @@ def test_performance_index_as_a_limit(load):
     assert (limits.index, limits.index_min) == ("dm_2", 0.1)
 
 
-def test_base_spheres_and_ground_point(load):
+def test_spheres_of_the_base_and_ground_point(load):
     text = MINIMAL.replace(
-        "mass = 10.0", "mass = 10.0\nspheres = [[0, 0, 0.1, 0.3]]\nground = [0.1, 0.0, -0.05]"
+        "mass = 10.0",
+        "mass = 10.0\nground = [0.1, 0.0, -0.05]\n"
+        'shape = [{ kind = "sphere", position = [0, 0, 0.1], radius = 0.3 }]',
     )
     problem = load(text=text).problem
-    np.testing.assert_array_equal(problem.base_spheres, [[0, 0, 0.1, 0.3]])
+    (ball,) = problem.robot.shapes
+    np.testing.assert_array_equal(ball.shape.position, [0, 0, 0.1])
+    assert ball.shape.radius == 0.3
     np.testing.assert_array_equal(problem.ground_frame[0], [0.1, 0, -0.05])
     origin, _ = problem.base_pose(0, np.zeros((1, 3)))
     np.testing.assert_allclose(origin[0], [-0.1, 0, 0.05])
@@ -333,8 +337,16 @@ def test_wrong_files_are_refused_by_key(load, more, above, message):
     ("old", "new", "message"),
     [
         ("[[task]]\nposition = [0.5, 0.0, 0.5]", "", "task: at least one [[task]] is needed"),
-        ("mass = 10.0", "mass = 10.0\nspheres = [[0, 0, 0]]", "base.spheres: expected shape n x 4"),
-        ("mass = 10.0", "mass = 10.0\nspheres = [[0, 0, 0, -1]]", "radii must be >= 0"),
+        (
+            "mass = 10.0",
+            "mass = 10.0\nspheres = [[0, 0, 0, 1]]",
+            "base.spheres: is now a shape each: shape = ",
+        ),
+        (
+            "mass = 10.0",
+            'mass = 10.0\nshape = [{ kind = "sphere", radius = -1 }]',
+            "base.shape[1].radius: must be > 0",
+        ),
         ("mass = 10.0", "mass = 10.0\nground = [0, 0]", "base.ground: expected 3 numbers"),
         ("mass = 10.0", "weight = 3", "base.weight: unknown key"),
         ("[-0.2, 0.0, 0.0]", "[-0.2, 0.0, 0.1]", "base.ground: the contacts have different heights"),

@@ -31,6 +31,7 @@ from ocptip.pictures.world_view import (
     OTHER,
     SOLID,
     View,
+    base_solids,
     obstacles_of,
 )
 from ocptip.placement.maps import PlacementMap
@@ -268,7 +269,7 @@ def _robot_figure(name: str, placements: Sequence[Placement]) -> Figure:
         for other, label in _apart(best, others):
             view.base(ax, other, OTHER, label=label)
             view.arms(ax, other, faint=True)
-        view.base(ax, best, BASE, spheres=True)
+        view.base(ax, best, BASE, solids=True)
         view.arms(ax, best)
         view.loads(ax, best, limits)
         ax.set_xlim(*limits[0])
@@ -287,9 +288,8 @@ def _robot_figure(name: str, placements: Sequence[Placement]) -> Figure:
         Line2D([], [], color=BASE, marker="s", ms=7, ls="-", label="contacts and mount"),
         Line2D([], [], color=LOAD, marker=">", ls="-", label="process force on the gripper"),
     ]
-    if len(best.problem.base_spheres):
-        circle = {"marker": "o", "mfc": "none", "mec": BASE, "ls": "", "mew": 0.6, "ms": 10}
-        handles.append(Line2D([], [], **circle, label="spheres of the base"))
+    if any(base_solids(best)):
+        handles.append(Swatch(fc="none", ec=BASE, lw=0.8, label="solids of the base"))
     if _apart(best, placements[1:]):
         handles.append(Line2D([], [], color=OTHER, lw=2, label="alternatives, by number"))
     if any(not forbidden for _, forbidden in obstacles_of(best.problem)):

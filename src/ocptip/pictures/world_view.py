@@ -54,7 +54,8 @@ class View:
         """A square about bases, arms and process forces."""
         points = []
         for placement in placements:
-            points.append(in_world(placement, placement.problem.base_spheres[:, :3]))
+            contacts = [c.position for c in placement.problem.robot.support.contacts]
+            points += [in_world(placement, contacts), *(s.outline() for s in base_solids(placement))]
             points += [chain for chain, _ in chains(placement)]
         flat = self.flat(np.concatenate(points))
         arrows = self.arrows(placements[0].problem, float(np.ptp(flat, axis=0).max()))
@@ -72,24 +73,21 @@ class View:
         return [(self.flat(t.position), self.flat(t.position - scale * force)) for t, force in forces]
 
     def base(
-        self, ax: Any, placement: Placement, color: str, *, spheres: bool = False, label: str = ""
+        self, ax: Any, placement: Placement, color: str, *, solids: bool = False, label: str = ""
     ) -> None:
-        """Outline and positions of the contacts, the way to the mount, the spheres of the base."""
+        """Outline and positions of the contacts; with the way to the mount and the solids of the base."""
         problem = placement.problem
         contacts = self.flat(in_world(placement, _stood(placement).contacts[0]))
         mount = self.flat(in_world(placement, [problem.ground_frame[0], problem.robot.arm.mount_position]))
         outline = contacts[frame.hull(contacts)]
-        ax.add_patch(Polygon(outline, closed=True, fc="none", ec=color, lw=1.6 if spheres else 1.0))
-        size = 6 if spheres else 3
+        ax.add_patch(Polygon(outline, closed=True, fc="none", ec=color, lw=1.6 if solids else 1.0))
+        size = 6 if solids else 3
         ax.plot(*contacts.T, ls="", marker="s", ms=size, color=color, gid=f"contacts-{label or 'best'}")
-        if spheres:
+        if solids:
             ax.add_patch(Polygon(outline, closed=True, fc=color, alpha=0.12, ec="none"))
             ax.plot(*mount.T, color=color, lw=4, solid_capstyle="round")
-            centres = self.flat(in_world(placement, problem.base_spheres[:, :3]))
             for shape in base_solids(placement):
                 self.solid(ax, shape, fc="none", ec=color, lw=0.8)
-            for centre, radius in zip(centres, problem.base_spheres[:, 3], strict=True):
-                ax.add_patch(Circle(centre, radius, fc="none", ec=color, lw=0.6, ls=":"))
         if label:
             ax.annotate(label, outline[0], (4, 4), textcoords="offset points", color=color, fontsize=10)
 

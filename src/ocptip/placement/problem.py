@@ -147,7 +147,7 @@ class PlacementLimits:
             stand in the contact solver's solution (4.21), which the search keeps by 1 in place of the value.
         torque_ratio: largest |torque| / limit (4.33).
         clearance: m, smallest distance of the arm from itself and from obstacles.
-        base_clearance: m, the same for the base's spheres and shapes.
+        base_clearance: m, the same for the base's contacts and shapes.
         condition: largest Frobenius condition number |J| |J^-1| (4.35), usually 10 to 40; None: no limit.
         singular_ratio: largest ratio of the extreme singular values of J (4.37); None: no limit.
         jacobian_length: m, length by which the translational rows of J are divided for both.
@@ -248,9 +248,7 @@ class PlacementProblem:
         weights: of the criteria.
         limits: constraints.
         obstacles: walls, pillars and solids in the world, for the arm and for the base.
-        keep_out: such for the base only (4.27).
-        base_spheres: (k, 4), m: centres (base axes) and radii of spheres that cover the base; default the
-            contacts as points.
+        keep_out: such for the base only (4.27): for its shapes, and for its contacts as points.
         unloaded: all constraints hold without the process load, too: the arm has to get into place first.
         energy: model of GE; default the holding power of the robot's motors.
         references: values by which criteria are divided; default 1, for GE the power with all joints at their
@@ -271,7 +269,6 @@ class PlacementProblem:
     limits: PlacementLimits = field(default_factory=PlacementLimits)
     obstacles: Sequence[Obstacle] = ()
     keep_out: Sequence[Obstacle] = ()
-    base_spheres: np.ndarray | None = None
     unloaded: bool = True
     energy: HoldingPower | TorqueCost | None = None
     references: dict[str, float] = field(default_factory=dict)
@@ -321,13 +318,6 @@ class PlacementProblem:
 
     def _fill_in(self) -> None:
         setter, support = object.__setattr__, self.robot.support
-        if self.base_spheres is None:
-            contacts = np.array([c.position for c in support.contacts])
-            setter(self, "base_spheres", np.column_stack([contacts, np.zeros(len(contacts))]))
-        spheres = finite_array("base_spheres", self.base_spheres, (None, 4))
-        if (spheres[:, 3] < 0).any():
-            raise InputError(f"base_spheres: radii must be >= 0, got {spheres[:, 3]}")
-        setter(self, "base_spheres", spheres)
         if self.gravity is None:
             setter(self, "gravity", [0.0, 0.0, -float(np.linalg.norm(support.gravity))])
         setter(self, "gravity", finite_array("gravity", self.gravity, (3,)))

@@ -6,7 +6,7 @@ Solids other than spheres are the matter of `robots.collision`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from itertools import combinations
@@ -18,8 +18,16 @@ from scipy.spatial import ConvexHull
 
 from ocptip.basics.errors import InputError, finite_array, number_from, positive_number
 from ocptip.numerics.batch import BatchFunction
-from ocptip.robots.collision.gaps import POSTURES, TOUCHING, Collisions, Contact, GapLabel, random_postures
-from ocptip.robots.collision.shapes import Capsule, HalfSpace, Shape
+from ocptip.robots.collision.gaps import (
+    NEVER,
+    POSTURES,
+    TOUCHING,
+    Collisions,
+    Contact,
+    GapLabel,
+    random_postures,
+)
+from ocptip.robots.collision.shapes import Ball, BodyShape, Capsule, HalfSpace, Shape
 from ocptip.robots.kinematics import chain
 from ocptip.robots.model import ArmModel, SphereSet, joint_states
 
@@ -142,18 +150,26 @@ class Solid:
     name: str = "obstacle"
 
     def gap(self, centre: cs.SX, radius: float) -> cs.SX:
-        """Signed distance of a sphere from the solid's faces, at most that from the solid, m."""
+        """Signed distance of a sphere from the solid's faces, m; at most the true one, of balls exact."""
+        if self._is_ball:
+            return _length(centre - cs.DM(self.shape.position)) - self.shape.thickness - radius
         normals, levels = self._faces
         return cs.mmax(cs.DM(normals) @ centre + cs.DM(levels)) - radius
 
     def gaps(self, centres: np.ndarray, radii: np.ndarray) -> np.ndarray:
         """`gap` (..., k) of many spheres: centres (..., k, 3) and radii (k,), m."""
+        if self._is_ball:
+            return np.linalg.norm(centres - self.shape.position, axis=-1) - self.shape.thickness - radii
         normals, levels = self._faces
         return np.max(centres @ normals.T + levels, axis=-1) - radii
 
     def placed(self, rotation: np.ndarray, position: np.ndarray) -> Self:
         """The same in other axes, in which the present ones sit at this pose ((3, 3); (3,), m)."""
         return replace(self, shape=self.shape.placed(rotation, position))
+
+    @property
+    def _is_ball(self) -> bool:
+        return type(self.shape) is Ball  # a capsule is a longer one
 
     @cached_property
     def _faces(self) -> tuple[np.ndarray, np.ndarray]:
@@ -170,12 +186,19 @@ class Solid:
 Obstacle = Wall | Pillar | Solid
 
 
+def in_closed_form(obstacle: Obstacle | BodyShape) -> bool:
+    """Whether the distance of a sphere from it is a formula: of walls, pillars and balls."""
+    return isinstance(obstacle, Wall | Pillar) or type(obstacle.shape) is Ball
+
+
 class CollisionModel(Collisions):
-    """All signed distances of an arm of spheres among floor, walls and pillars, as CasADi function, too.
+    """All signed distances of an arm of spheres among floor, walls, pillars, balls; as CasADi function, too.
 
     Args:
         model: the arm with its sphere sets and pairs.
-        obstacles: floor (checked against `model.floor_sets`), walls and pillars (`model.obstacle_sets`).
+        obstacles: floor (checked against `model.floor_sets`), walls, pillars, balls (`model.obstacle_sets`).
+        base: balls of the base (body 0, base axes), checked against all links but the first, but for pairs
+            that touch in each of `POSTURES` random postures.
 
     Attributes:
         function: CasADi function, in: q (n,), rad; out: `gaps` (m,), m.
@@ -183,15 +206,17 @@ class CollisionModel(Collisions):
 
     source = "spheres"
 
-    def __init__(self, model: ArmModel, obstacles: Sequence[Wall | Pillar] = ()) -> None:
+    def __init__(
+        self, model: ArmModel, obstacles: Sequence[Obstacle] = (), base: Sequence[BodyShape] = ()
+    ) -> None:
         super().__init__(model.n)
         q = cs.SX.sym("q", model.n)
         centres = _centres(model, q)
         sets = {s.name: s for s in model.sphere_sets}
         gaps, labels = [], []
         for obstacle in obstacles:
-            if not isinstance(obstacle, Wall | Pillar):
-                raise InputError(f"obstacles: expected Wall, floor(...) or Pillar, got {obstacle!r}")
+            if not isinstance(obstacle, Obstacle) or not in_closed_form(obstacle):
+                raise InputError(f"obstacles: expected Wall, floor(...), Pillar or a ball, got {obstacle!r}")
             for name in model.floor_sets if isinstance(obstacle, Floor) else model.obstacle_sets:
                 for k, (centre, radius) in enumerate(zip(centres[name], sets[name].radii, strict=True), 1):
                     gaps.append(obstacle.gap(centre, radius))
@@ -207,9 +232,37 @@ class CollisionModel(Collisions):
             if not {(a.name, b.name), (b.name, a.name)} & set(model.collision_pairs)
         }
         self.model = model
+        for name, other, gap in self._parting(q, self._from_base(centres, base)):
+            gaps.append(gap)
+            labels.append(GapLabel(name, other))
         self.labels = tuple(labels)
         self.function = cs.Function("gaps", [q], [cs.vertcat(*gaps)], ["q"], ["gaps"])
         self._batch = BatchFunction(self.function) if gaps else None
+
+    def _from_base(
+        self, centres: Mapping[str, list[cs.SX]], base: Sequence[BodyShape]
+    ) -> list[tuple[str, str, cs.SX]]:
+        """Sphere, ball of the base and their distance, of all links but the first."""
+        return [
+            (f"{spheres.name}[{k}]", ball.name, Solid(ball.shape).gap(centre, radius))
+            for ball in base
+            for spheres in self.model.sphere_sets
+            if spheres.link >= 2
+            for k, (centre, radius) in enumerate(zip(centres[spheres.name], spheres.radii, strict=True), 1)
+        ]
+
+    def _parting(self, q: cs.SX, rows: list[tuple[str, str, cs.SX]]) -> list[tuple[str, str, cs.SX]]:
+        """Those that do not touch in every posture; the others are noted."""
+        if not rows:
+            return rows
+        gaps = BatchFunction(cs.Function("base", [q], [cs.vertcat(*(gap for _, _, gap in rows))]))
+        always = (gaps(random_postures(self.model, POSTURES))[0] < TOUCHING).reshape(POSTURES, -1).all(axis=0)
+        kept = [row for row, never in zip(rows, always, strict=True) if not never]
+        left = {frozenset((name.split("[")[0], other)) for name, other, _ in kept}
+        for name, other, _ in (row for row, never in zip(rows, always, strict=True) if never):
+            pair = frozenset((name.split("[")[0], other))
+            self.apart[pair] = f"some of their solids {NEVER}" if pair in left else NEVER
+        return kept
 
     def gaps(self, q: np.ndarray, below: float = np.inf) -> np.ndarray:
         states, single = joint_states("q", q, self.model.n)

@@ -14,7 +14,7 @@ from ocptip.robots.collision.gaps import Collisions
 from ocptip.robots.collision.model import ShapeCollisions
 from ocptip.robots.collision.shapes import BodyShape
 from ocptip.robots.dynamics import evaluate_dynamics, inverse_dynamics
-from ocptip.robots.geometry import CollisionModel, Obstacle, Pillar, Wall
+from ocptip.robots.geometry import CollisionModel, Obstacle, in_closed_form
 from ocptip.robots.model import ArmModel
 from ocptip.robots.motors import Motors
 from ocptip.robots.payload import Payload
@@ -108,9 +108,9 @@ class StandingRobot(StandingMechanism):
 
 @lru_cache(maxsize=8)
 def _collisions(arm: ArmModel, obstacles: tuple[Obstacle, ...], shapes: tuple[BodyShape, ...]) -> Collisions:
-    """Of spheres among floor, walls and pillars in closed form, of all else by solids."""
-    plain = [obstacle for obstacle in obstacles if isinstance(obstacle, Wall | Pillar)]
-    solid = len(plain) < len(obstacles) or shapes
-    if arm.geometry is None and not (arm.sphere_sets and solid):
-        return CollisionModel(arm, plain)
+    """Of spheres among floor, walls, pillars and balls in closed form, of all else by solids."""
+    if arm.geometry is None and not arm.sphere_sets:
+        return CollisionModel(arm)
+    if arm.geometry is None and all(map(in_closed_form, (*obstacles, *shapes))):
+        return CollisionModel(arm, obstacles, shapes)
     return ShapeCollisions(arm, obstacles, shapes)

@@ -21,8 +21,9 @@ _ANGLES = (  # judged together; inclinations and mounts may well be small
     r"(task\[\d+\]|motion\.(start|goal)_pose)\.(rpy|rotation_vector)_deg",
 )
 _LENGTHS = re.compile(  # of robot and base; the world may be large
-    r"contact\[\d+\]\.position|base\.(center_of_mass|feet|spheres|ground)|(arm|robot)\.mount_position"
+    r"contact\[\d+\]\.position|base\.(center_of_mass|feet|ground)|(arm|robot)\.mount_position"
     r"|arm\.sphere_radius|payload\.(center_of_mass|box)"
+    r"|(base|payload)\.shape(\[\d+\])?\.(position|size|radius|length)"
 )
 
 _LIGHTEST_BASE = 0.25  # of the arm's mass; the published experiments had 0.42

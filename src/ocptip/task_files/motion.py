@@ -35,7 +35,7 @@ from ocptip.task_files.kinds import require_kind
 from ocptip.task_files.motors import arm_and_motors
 from ocptip.task_files.platform import read_platform_robot
 from ocptip.task_files.scene import SCENE, read_support
-from ocptip.task_files.shapes import read_obstacles, read_shapes
+from ocptip.task_files.shapes import read_base_shapes, read_obstacles
 from ocptip.task_files.source import task_source
 from ocptip.task_files.tolerance import read_tolerance
 
@@ -80,7 +80,7 @@ def _published(data: Table) -> MotionTask:
 
 
 def _task(data: Table, path: Path) -> MotionTask:
-    shapes = read_shapes(data.table("base"), "base")
+    shapes = read_base_shapes(data)
     support = read_support(data)
     table = data.table("limits", optional=True)
     moment = table.number("reference_moment", None, bound="> 0")

@@ -34,7 +34,7 @@ from ocptip.task_files.doubts import doubt_masses, doubt_units
 from ocptip.task_files.kinds import require_kind
 from ocptip.task_files.motors import arm_and_motors
 from ocptip.task_files.scene import SCENE, read_support
-from ocptip.task_files.shapes import read_obstacles, read_shapes
+from ocptip.task_files.shapes import read_base_shapes, read_obstacles
 from ocptip.task_files.terrain import read_terrain
 from ocptip.task_files.tolerance import read_tolerance
 
@@ -78,14 +78,13 @@ def load_placement(path: str | os.PathLike[str]) -> PlacementTask:
 
 
 def _problem(data: Table) -> PlacementProblem:
-    base = data.table("base")
-    spheres, ground = base.array("spheres", (None, 4), None), base.vector("ground", 3, None)
-    shapes = read_shapes(base, "base")
+    base, shapes = data.table("base"), read_base_shapes(data)
+    ground = base.vector("ground", 3, None)
     support = read_support(data)
     if support.dimension != 3:
         raise data.error("an arm needs a spatial support; give three numbers", "contact[1].position")
     arm, motors = arm_and_motors(data)
-    given = {"base.shape": shapes} | {key: data.tables(key) for key in ("base_obstacle", "obstacle")}
+    given = {key: data.tables(key) for key in ("base_obstacle", "obstacle")}
     require_geometry(data, arm, given, hint="; obstacles for the base alone are [[keep_out]]")
     limits, moment = _limits(data.table("limits", optional=True))
     deck = read_obstacles(data, "base_obstacle", numbered=True)
@@ -93,7 +92,7 @@ def _problem(data: Table) -> PlacementProblem:
     robot = StandingRobot(arm, support, motors, obstacles=deck, shapes=shapes, reference_moment=moment)
     tasks = [_task(table, f"task {k}") for k, table in enumerate(data.tables("task", required=True), 1)]
     references = data.table("references", optional=True)
-    with base.at(None, base_spheres="spheres", ground_frame="ground"):
+    with base.at(None, ground_frame="ground"):
         return PlacementProblem(
             robot,
             tasks,
@@ -105,7 +104,6 @@ def _problem(data: Table) -> PlacementProblem:
             unloaded=data.flag("unloaded", True),
             energy=_energy(data.table("energy", optional=True), arm),
             references=references.make(dict, **references.numbers(*CRITERIA)),
-            base_spheres=spheres,
             ground_frame=None if ground is None else (ground, np.eye(3)),
             tolerance=read_tolerance(data.table("tolerance", optional=True)),
         )

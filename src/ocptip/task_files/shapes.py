@@ -71,6 +71,21 @@ def read_shapes(owner: Table, default: str, body: int = 0, *, carried: bool = Fa
     return found
 
 
+def read_base_shapes(data: Table) -> list[BodyShape]:
+    """The solids `[[base.shape]]` of a file.
+
+    Raises:
+        InputError: a value is missing, unknown or cannot be used; names its place.
+    """
+    base = data.table("base")
+    if "spheres" in base:
+        raise base.error(
+            'is now a shape each: shape = [{ kind = "sphere", position = [x, y, z], radius = r }, ...]',
+            "spheres",
+        )
+    return read_shapes(base, "base")
+
+
 def read_obstacles(data: Table, key: str, *, numbered: bool = False, world: bool = False) -> list[Obstacle]:
     """The obstacles of tables in double brackets.
 

@@ -13,7 +13,7 @@ from scipy.spatial import ConvexHull
 from ocptip.basics.errors import InputError
 from ocptip.robots.collision.model import ShapeCollisions, link_frames_function
 from ocptip.robots.collision.parts import MOST, convex_parts
-from ocptip.robots.collision.shapes import ArmGeometry, Ball, BodyShape, Box
+from ocptip.robots.collision.shapes import ArmGeometry, Ball, BodyShape, Box, Capsule
 from ocptip.robots.collision.urdf import geometry_from_urdf, missing_meshes
 from ocptip.robots.geometry import CollisionModel, Pillar, Solid, Wall, floor, spheres_along_links
 from ocptip.robots.urdf import arm_from_urdf
@@ -147,6 +147,32 @@ def test_meshes_are_found_or_named(tmp_path, monkeypatch):
         read()
     assert missing_meshes(path) == ["x.stl"]
     assert missing_meshes(UR5) is None
+
+
+def test_spheres_among_balls_need_no_solids(arm):
+    """The formulas for balls of the base and of the world agree with the solids; a capsule is no ball."""
+    model = replace(arm[1], geometry=None)
+    model = model.with_spheres(spheres_along_links(model, 0.06))
+    places = {"deck": [0.45, 0.3, 0.6], "foot": [0.1, 0.2, 0.7]}
+    base = [BodyShape(name, 0, Ball(0.3, position=place)) for name, place in places.items()]
+    around = [Solid(Ball(0.15, position=[0.4, 0.3, 0.5]), "ball"), floor(-0.3)]
+    exact, solids = CollisionModel(model, around, base), ShapeCollisions(model, around, base)
+    q = np.random.default_rng(3).uniform(-3, 3, (20, model.n))
+    by_pair = []
+    for collision in (exact, solids):
+        found: dict = {}
+        for label, gap in zip(collision.labels, collision.gaps(q).T, strict=True):
+            if label.second in ("deck", "foot", "ball", "floor"):
+                found[f"{label}"] = np.minimum(found.get(f"{label}", np.inf), gap)
+        by_pair.append(found)
+    assert set(by_pair[0]) == set(by_pair[1])
+    assert any("deck" in pair for pair in by_pair[0])
+    for pair, gap in by_pair[0].items():
+        np.testing.assert_allclose(by_pair[1][pair], gap, atol=1e-7)
+    left = [{p: why for p, why in c.apart.items() if p & {"deck", "foot"}} for c in (exact, solids)]
+    assert left[0] == left[1] != {}
+    with pytest.raises(InputError, match="obstacles: expected Wall"):
+        CollisionModel(model, [Solid(Capsule(0.1, 0.3))])
 
 
 def test_pairs_and_what_is_left_out(arm, tmp_path):

@@ -8,10 +8,11 @@ import numpy as np
 from ocptip.placement.limits.judged import Rows, Standing
 from ocptip.placement.limits.layout import Layout
 from ocptip.placement.limits.limit import ANGLE_UNIT, LENGTH_UNIT, Block, Limit, RowLabel, Symbols
+from ocptip.placement.limits.solids import needs_solids
 from ocptip.placement.limits.twice import Twice
 from ocptip.placement.problem import PlacementProblem
 from ocptip.placement.stand import GAP_TOLERANCE
-from ocptip.robots.geometry import Floor
+from ocptip.robots.geometry import Floor, in_closed_form
 
 
 class BaseLimit(Limit):
@@ -70,7 +71,10 @@ class ContactArea(BaseLimit):
 
 
 class BaseClearance(BaseLimit):
-    """The base's spheres against obstacles and keep-out zones of the world."""
+    """The contacts, as points, and the balls of the base against obstacles and keep-out zones of the world.
+
+    Balls are left to :class:`ocptip.placement.limits.arm.Clearance` where it looks at all solids.
+    """
 
     kind = "base clearance"
     many = True
@@ -79,22 +83,32 @@ class BaseClearance(BaseLimit):
         super().__init__(problem)
         around = (*problem.obstacles, *problem.keep_out)
         self._around = [obstacle for obstacle in around if not isinstance(obstacle, Floor)]
+        balls = [s for s in problem.robot.shapes if in_closed_form(s)]
+        contacts = np.array([contact.position for contact in problem.robot.support.contacts])
+        bare = [
+            k
+            for k, point in enumerate(contacts)
+            if not any(np.linalg.norm(point - s.shape.position) <= s.shape.thickness for s in balls)
+        ]
+        balls = [] if needs_solids(problem) else balls
+        self._names = [*(f"contact {k + 1}" for k in bare), *(s.name for s in balls)]
+        self._centres = np.array([*contacts[bare], *(s.shape.position for s in balls)]).reshape(-1, 3)
+        self._radii = np.array([*np.zeros(len(bare)), *(s.shape.thickness for s in balls)])
 
     def margins(self, found: Standing) -> list[Rows]:
-        spheres, rows = self.problem.base_spheres, []
-        world = found.world(spheres[:, :3])
+        least, rows = self.problem.limits.base_clearance, []
+        world = found.world(self._centres)
         for obstacle in self._around:
-            labels = [f"base[{k + 1}] and {obstacle.name}" for k in range(len(spheres))]
-            gaps = obstacle.gaps(world, spheres[:, 3])
-            rows.append(self.row(labels, gaps, self.problem.limits.base_clearance, False, "m", LENGTH_UNIT))
+            labels = [f"{name} and {obstacle.name}" for name in self._names]
+            rows.append(self.row(labels, obstacle.gaps(world, self._radii), least, False, "m", LENGTH_UNIT))
         return rows
 
     def expressions(self, at: Symbols) -> list[tuple[cs.SX, str]]:
         least, rows = self.problem.limits.base_clearance, []
-        for k, sphere in enumerate(self.problem.base_spheres):
-            centre = at.world(sphere[:3])
+        for name, own, radius in zip(self._names, self._centres, self._radii, strict=True):
+            centre = at.world(own)
             for obstacle in self._around:
-                rows.append((obstacle.gap(centre, sphere[3]) - least, f"base[{k + 1}] and {obstacle.name}"))
+                rows.append((obstacle.gap(centre, radius) - least, f"{name} and {obstacle.name}"))
         return rows
 
 

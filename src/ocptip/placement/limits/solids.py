@@ -13,7 +13,7 @@ from ocptip.placement.limits.limit import LENGTH_UNIT, RowLabel, Symbols
 from ocptip.placement.problem import PlacementProblem
 from ocptip.robots.collision.distances import RESTING, Distances
 from ocptip.robots.collision.model import ShapeCollisions, link_frames_function
-from ocptip.robots.geometry import Solid
+from ocptip.robots.geometry import in_closed_form
 from ocptip.robots.model import ArmModel
 
 _FAR = 0.2  # m beyond the least distance: how far a pair may be so that its distance is computed exactly
@@ -103,11 +103,13 @@ class SolidGaps:
 
 
 def needs_solids(problem: PlacementProblem) -> bool:
-    """Whether distances of a problem are more than those of spheres from floor, walls and pillars."""
+    """Whether distances of a problem are more than those of spheres from floor, walls, pillars and balls."""
     robot = problem.robot
     around = (*problem.obstacles, *problem.keep_out)
-    solid = any(isinstance(obstacle, Solid) for obstacle in around) and bool(robot.arm.sphere_sets)
-    return solid or isinstance(robot.collision, ShapeCollisions)
+    round_base = all(map(in_closed_form, robot.shapes))
+    solid = bool(around) and not (all(map(in_closed_form, around)) and round_base)
+    found = solid and (bool(robot.arm.sphere_sets) or not round_base)
+    return found or isinstance(robot.collision, ShapeCollisions)
 
 
 @lru_cache(maxsize=4)

@@ -14,6 +14,9 @@ from ocptip.robots.model import ArmModel
 POSTURES = 200
 """Random postures in which pairs that never part are looked for."""
 
+NEVER = "never part"
+"""Why such pairs are left out."""
+
 TOUCHING = 1e-3
 """Solids nearer than this, m, in all of these postures never part."""
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from ocptip.robots.collision.distances import RESTING, Distances
 from ocptip.robots.collision.gaps import (
+    NEVER,
     POSTURES,
     TOUCHING,
     Collisions,
@@ -22,7 +23,6 @@ from ocptip.robots.geometry import Floor, Obstacle
 from ocptip.robots.kinematics import chain
 from ocptip.robots.model import ArmModel, joint_states
 
-_NEVER = "never part"
 _BY_HAND = "excluded"
 _NEIGHBOURS = "neighbours"
 
@@ -103,7 +103,7 @@ class ShapeCollisions(Collisions):
         names = {frozenset(self.solids[s][0] for s in pair) for pair in kept}
         for k in touching:
             pair = frozenset(self.solids[s][0] for s in pairs[k])
-            self.apart[pair] = f"some of their solids {_NEVER}" if pair in names else _NEVER
+            self.apart[pair] = f"some of their solids {NEVER}" if pair in names else NEVER
         return kept
 
     def gaps(self, q: np.ndarray, below: float = np.inf) -> np.ndarray:
