@@ -207,7 +207,8 @@ def placement_task(folder):
         '[[obstacle]]\nkind = "box"\nname = "bench"\nsize = [0.4, 0.6, 1.0]\nposition = [1.4, -0.5, 0.5]\n'
     )
     cart = '[[base.shape]]\nkind = "box"\nname = "cart"\nsize = [0.6, 0.5, 0.5]\nposition = [0.0, 0.0, 0.4]\n'
-    text = re.sub(r"sphere_radius.*\n|shape = \[[^\n]*\n(    \{.*\n)*\]\n", "", WALL).replace("[[keep_out]]", bench + "\n[[keep_out]]", 1)
+    text = re.sub(r"sphere_radius.*\n|shape = \[[^\n]*\n(    \{.*\n)*\]\n", "", WALL)
+    text = text.replace("[[keep_out]]", bench + "\n[[keep_out]]", 1)
     return load_placement(
         written(folder, text.replace("[[contact]]", cart + "\n[[contact]]", 1), "place.toml")
     )
