@@ -16,6 +16,7 @@ from ocptip.motion.planner.one_start import Search
 from ocptip.motion.planner.random_start import random_start
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.jumps import Jumps
+from ocptip.standing.limit import JUMP
 from ocptip.standing.limit_kinds import limits_of
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.tolerance import overshoot_of
@@ -99,7 +100,7 @@ def test_slow_motions_and_continuous_accelerations_pass(task):
 def test_nodes_of_the_exact_program_have_the_loads_of_the_jumps(task, seed, merge):
     program, x, motion, order = ordered(task, seed, merge)
     at = program._instants(x)
-    jumping = program.nodes.jumps
+    jumping = program.nodes.kinds == JUMP
     assert np.sum(jumping) == len(order.groups)
     assert np.all(program.weights[jumping] == 0)
     times, wrenches = (program.nodes.times @ x)[jumping], at.wrenches[jumping]
@@ -110,7 +111,7 @@ def test_nodes_of_the_exact_program_have_the_loads_of_the_jumps(task, seed, merg
         assert abs(times[nearest] - time) < 1e-7
         if np.sum(np.abs(times - time) < 1e-6) == 1:
             np.testing.assert_allclose(wrenches[nearest], loads[k], atol=1e-5)
-    about = {limit.name: limit.at_jumps for limit in limits_of(task.robot, LIMITS)}
+    about = {limit.name: JUMP in limit.node_kinds for limit in limits_of(task.robot, LIMITS)}
     for name, rows in program.near_rows(x, -100.0).masks.items():
         assert not rows[jumping != about[name]].any()
     assert program.near_rows(x, -100.0)["slip at jumps"][jumping].all()
@@ -131,7 +132,7 @@ def ordered(task, seed, merge=0.0):
 def test_derivatives_of_the_rows_at_jumps(task, seed):
     program, x, _, _ = ordered(task, seed)
     rows = program.no_rows()
-    rows["tip-over at jumps"][program.nodes.jumps] = True
+    rows["tip-over at jumps"][program.nodes.kinds == JUMP] = True
     program, count = program.with_rows(rows), len(program.structure.lower)
     on = np.random.default_rng(seed).normal(size=len(program.bounds()[0]))
     on[:count] = 0.0

@@ -85,6 +85,7 @@ COMMANDS = (
             argument("--max-duration", "S", "the motion takes at most so long, s", type=float),
             argument("--duration", "S", "the motion takes just so long, s", type=float),
             *LIMITS,
+            TOLERANCE,
             _time_scale("check the plan with all times multiplied by F, too (0.95: faster)"),
             *FILES,
         ),

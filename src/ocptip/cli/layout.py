@@ -53,9 +53,14 @@ def within_rows(checked: MotionCheck) -> list[tuple[str, str]]:
 def use_of_reserves(checked: MotionCheck) -> str:
     """The larger use of tip-over and slip reserve: "slip GT 0.708 of 0.9 allowed (1: slips) at 0.081 s"."""
     titles = {"GN": ("tip-over", "tips"), "GT": ("slip", "slips")}
+    if checked.within:
+        at_worst = {f"{name}_worst_case": (f"at worst {word}", loss) for name, (word, loss) in titles.items()}
+        titles = {name: words for name, words in at_worst.items() if name in checked.worst}
     name = max(titles, key=lambda n: checked.worst[n].value / checked.worst[n].limit)
     worst, (title, loss) = checked.worst[name], titles[name]
-    return f"{title} {name} {worst.value:.3f} of {worst.limit:g} allowed (1: {loss}) at {worst.time:.3f} s"
+    return (
+        f"{title} {name[:2]} {worst.value:.3f} of {worst.limit:g} allowed (1: {loss}) at {worst.time:.3f} s"
+    )
 
 
 def summary(head: str, lines: Sequence[tuple[str, str]], written: Sequence[Path]) -> str:

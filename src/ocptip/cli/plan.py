@@ -11,7 +11,7 @@ from typing import Any, TextIO
 
 from ocptip.basics.errors import InputError, PlanningError, positive_number
 from ocptip.cli.command import Answer, Report
-from ocptip.cli.layout import masses, summary, under, use_of_reserves
+from ocptip.cli.layout import masses, summary, under, use_of_reserves, within_rows
 from ocptip.cli.options import output_directory, remove_figures, require_least, with_limits
 from ocptip.cli.progress import Progress, say_if_compiling
 from ocptip.motion.check import MotionCheck, check_motion
@@ -160,6 +160,7 @@ class PlanReport(Report):
             lines.append(("interrupted", "this is the best of the starts that had finished"))
         lines += under("contacts", self.check.contacts.lines())
         lines.append(("collision", self.check.collision_text))
+        lines += within_rows(self.check)
         lines += under("tolerates", self.tolerated)
         lines += [(f"time x {factor:g}", _scale_text(checked)) for factor, checked in self.time_scale]
         lines.append(("masses", masses(self.plan.task.robot)))

@@ -71,6 +71,7 @@ def plan_to_dict(plan: MotionPlan, execution: Execution | None = None) -> dict[s
         **plan.task.robot.masses_to_dict(),
         "contacts": checked.contacts.to_dict(),
         "collision": checked.collision,
+        **({"within_tolerance": checked.within.to_dict()} if checked.within else {}),
         **({"units": motion["units"]} if "units" in motion else {}),
         "start": motion["start"],
         "goal": np.where(np.array(units) == "rad", np.rad2deg(goal), goal),

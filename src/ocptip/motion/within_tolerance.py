@@ -151,11 +151,10 @@ def jump_states(motion: Motion, tolerance: Tolerance) -> _Looked:
         options = []
         for j in joints:
             places, of_joint = np.flatnonzero(inside & jumps[:, j]), []
-            for e in places[-1:]:
-                if delay:
-                    of_joint.append((q[e, j], qd[e, j], before[e, j], "late"))
-                high = after[e, j] + more * step[e, j]
-                of_joint.append((q[e, j], qd[e, j], high, "overshooting" if more else "on time"))
+            if delay:
+                of_joint = [(q[e, j], qd[e, j], before[e, j], "late") for e in places]
+            e, high = places[-1], after[places[-1], j] + more * np.sum(step[places, j])
+            of_joint.append((q[e, j], qd[e, j], high, "overshooting" if more else "on time"))
             options.append(of_joint)
         for chosen in _combinations(options):
             state = own.copy()

@@ -9,6 +9,7 @@ evaluated there, and the choice repeated.
 
 from __future__ import annotations
 
+from copy import copy
 from functools import cached_property, lru_cache
 
 import casadi as cs
@@ -31,45 +32,58 @@ class Deviations:
         tolerance: of it.
 
     Attributes:
-        size: number of deviations.
         low, high: (size,) ends of those that are intervals; zero for tilts and pushes.
         places: slices of theta by name.
     """
 
     def __init__(self, robot: StandingRobot, tolerance: Tolerance) -> None:
-        self.robot, self.tolerance = robot, tolerance
+        self.robot = robot
         self.places: dict[str, slice] = {}
-        low, high = [], []
+        for name, (least, _) in self._ends(tolerance).items():
+            self.places[name] = slice(self.size, self.size + len(least))
+        self._set(tolerance)
 
-        def add(name: str, least: np.ndarray, most: np.ndarray) -> None:
-            if np.any(least) or np.any(most) or name in _ALWAYS:
-                self.places[name] = slice(len(low), len(low) + len(least))
-                low.extend(least)
-                high.extend(most)
+    @property
+    def size(self) -> int:
+        """Number of deviations."""
+        return max((at.stop for at in self.places.values()), default=0)
 
-        own, n = tolerance, robot.n
-        base = np.array(own.masses(robot.support.mass)) / robot.support.mass - 1
-        add("base_mass", base[:1], base[-1:])
-        share = np.full(len(robot.arm.masses), own.arm_mass)
-        add("arm_mass", -share, share)
-        if robot.payload is not None:
-            share, half = np.array([own.payload_mass]), np.asarray(own.payload_center)
-            add("payload_mass", -share, share)
-            add("payload_center", -half, half)
-        add("extra_mass", np.zeros(1), np.array([own.extra_mass]))
-        half = np.asarray(own.center_of_mass)
-        add("center_of_mass", -half, half)
-        ends = (1 + np.array([-1, 1]) * own.speed) ** 2 - 1
-        add("speed", ends[:1], ends[1:])
-        add("delay", np.zeros(n), np.full(n, own.delay * (1 + own.speed)))
-        for name, given in (("gravity", own.tilt), ("push", own.push), ("base_push", own.base_push)):
-            if given:
-                add(name, np.zeros(3), np.zeros(3))
-        self.low, self.high, self.size = np.array(low), np.array(high), len(low)
-        self._intervals = np.array(
-            [i for name, at in self.places.items() if name not in _FREE for i in range(at.start, at.stop)],
-            dtype=int,
-        )
+    def within(self, tolerance: Tolerance) -> Deviations:
+        """The same with another tolerance, of these quantities at most; nothing is built anew."""
+        other = copy(self)
+        other._set(tolerance)
+        return other
+
+    def _set(self, tolerance: Tolerance) -> None:
+        self.tolerance, ends = tolerance, self._ends(tolerance)
+        self.low, self.high = np.zeros(self.size), np.zeros(self.size)
+        for name, at in self.places.items():
+            if name in ends:
+                self.low[at], self.high[at] = ends[name]
+        intervals = [at for name, at in self.places.items() if name not in _FREE]
+        self._intervals = np.array([i for at in intervals for i in range(at.start, at.stop)], dtype=int)
+
+    def _ends(self, own: Tolerance) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """Ends of the intervals of what is uncertain; zeros for tilts and pushes."""
+        robot, payload = self.robot, self.robot.payload
+        mass = np.array(own.masses(robot.support.mass)) / robot.support.mass - 1
+        links, held = np.full(len(robot.arm.masses), own.arm_mass), np.full(1, own.payload_mass)
+        base, inside = np.asarray(own.center_of_mass), np.asarray(own.payload_center)
+        pace, late = (1 + np.array([-1, 1]) * own.speed) ** 2 - 1, own.delay * (1 + own.speed)
+        ends = {
+            "base_mass": (mass[:1], mass[-1:]),
+            "arm_mass": (-links, links),
+            **({"payload_mass": (-held, held), "payload_center": (-inside, inside)} if payload else {}),
+            "extra_mass": (np.zeros(1), np.full(1, own.extra_mass)),
+            "center_of_mass": (-base, base),
+            "speed": (pace[:1], pace[1:]),
+            "delay": (np.zeros(robot.n), np.full(robot.n, late)),
+        }
+        found = {
+            name: pair for name, pair in ends.items() if np.any(pair) or name == "extra_mass"
+        }  # one at least
+        sizes = {"gravity": own.tilt, "push": own.push, "base_push": own.base_push}
+        return found | {name: (np.zeros(3), np.zeros(3)) for name, size in sizes.items() if size}
 
     # --- physics ------------------------------------------------------------------------------------------
 
@@ -235,7 +249,6 @@ class Deviations:
         return ", ".join(found)
 
 
-_ALWAYS = ("extra_mass", "gravity", "push", "base_push")  # the first so that there is one at least
 _FREE = ("gravity", "push", "base_push")
 _MASSES = {"base_mass": "base mass", "arm_mass": "link {}", "payload_mass": "payload"}
 

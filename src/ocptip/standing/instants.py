@@ -69,6 +69,11 @@ class Instants:
         """Number of instants."""
         return len(self.angles)
 
+    def some(self, rows: np.ndarray) -> Instants:
+        """Some of the instants."""
+        parts = self.angles, self.torques, self.wrenches, self.further, self.speeds, self.accelerations
+        return Instants(self.robot, *(part[rows] for part in parts))
+
     @property
     def s(self) -> np.ndarray:
         """(N, 3 n): angles, speeds, accelerations."""

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ocptip.standing.instants import Instants
-from ocptip.standing.limit import AskedLimit, Limit, Look, Worst
+from ocptip.standing.limit import JUMP, AskedLimit, Limit, Look, Worst
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.arm_motion import INSIDE
@@ -86,7 +86,7 @@ class AtJumps(AskedLimit):
     In programs its rows are at nodes of their own, whose accelerations are those with overshoot.
     """
 
-    at_jumps = True
+    node_kinds = (JUMP,)
 
     @classmethod
     def wanted(cls, asked: MotionLimits) -> bool:

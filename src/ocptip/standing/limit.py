@@ -25,6 +25,10 @@ from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.sampled import Motion
 
 TOLERANCE = 1e-9  # a limit exceeded by less than this, in its units, is kept
+ORDINARY, JUMP, DEVIATING = range(3)
+"""Kinds of nodes: of the motion; after a jump with its overshoot, see `standing.jumps`; with joints that are
+late or overshoot, each by itself, see `motion.planner.deviating`."""
+
 INNER = 1e-4  # an asked number is tightened by this share where rounding must not break it
 
 Look = Callable[[float], Instants]
@@ -122,12 +126,13 @@ class Limit:
     Attributes:
         name: of the kind.
         of_contacts: a matter of the contact forces: without meaning where the contacts do not hold.
-        at_jumps: it is about the loads at jumps with their overshoot, see `standing.jumps`.
+        node_kinds: of nodes of a program that it is about.
         width: number of rows at a node.
     """
 
     name = ""
-    of_contacts = at_jumps = False
+    of_contacts = False
+    node_kinds: tuple[int, ...] = (ORDINARY,)
     width = 0
 
     def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:

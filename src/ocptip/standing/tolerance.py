@@ -150,6 +150,23 @@ class Tolerance:
         """The same with nothing uncertain but these quantities."""
         return Tolerance(**{name: getattr(self, name) for name in names})
 
+    def scaled(self, factor: float) -> Tolerance:
+        """Everything but damping by this factor of it, 0 to 1; an interval of the base's mass stays."""
+        if not 0 <= factor <= 1:
+            raise InputError(f"factor: must be >= 0 and at most 1, got {factor!r}")
+        values = {name: getattr(self, name) for name in self.given if name != "damping"}
+        return replace(
+            self,
+            **{
+                name: value
+                if name == "base_mass" and isinstance(value, tuple)
+                else tuple(factor * x for x in value)
+                if isinstance(value, tuple)
+                else factor * value
+                for name, value in values.items()
+            },
+        )
+
     def require_only(self, *names: str, where: str) -> None:
         """Raise InputError if anything else is uncertain, which is not looked at `where`."""
         if others := [name for name in self.given if name not in names]:

@@ -10,6 +10,7 @@ of the slip reserve the ascent finds one worst end of the tolerance from each wr
 from __future__ import annotations
 
 from collections.abc import Iterator
+from copy import copy
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -69,12 +70,21 @@ class WorstCase:
 
     def __init__(self, robot: StandingMechanism, tolerance: Tolerance) -> None:
         if not isinstance(robot, StandingRobot):
-            raise InputError(f"tolerance: looked at for arms only, not for a {type(robot).__name__}")
+            raise InputError("tolerance: looked at for arms only, not for parallel robots (tolerance none)")
         self.deviations: Deviations = deviations_of(robot, tolerance)
         self.robot = _weakest(robot, tolerance)
         self.reference = robot.tip_over.reference_moment or 0.0
         self._map = TipMap(self.robot.tip_over)
         self.axes = self._map.count
+
+    def within(self, tolerance: Tolerance) -> WorstCase:
+        """The same within another tolerance, of these quantities at most; little is built anew."""
+        other = copy(self)
+        other.deviations = self.deviations.within(tolerance)
+        if tolerance.friction != self.deviations.tolerance.friction:
+            other.robot = _weakest(self.deviations.robot, tolerance)
+            other._map = TipMap(other.robot.tip_over)
+        return other
 
     def moments(self, s: np.ndarray, axis: np.ndarray) -> Worst:
         """Least moments about tipping axes.

@@ -6,15 +6,17 @@ the matter of `motion.within_tolerance`.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from ocptip.standing.instants import Instants
-from ocptip.standing.limit import AskedLimit, Look, NodeSlopes, Rows, Worst
+from ocptip.standing.limit import DEVIATING, ORDINARY, AskedLimit, Look, NodeSlopes, Rows, Worst
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.worst_case import worst_case_of
+from ocptip.standing.tolerable import why_not_at_rest
+from ocptip.standing.worst_case import WorstCase, worst_case_of
 
 ROOM = 0.5  # share of M0 within which, at a use of zero, rows of moments would take part
 PATH_MARGIN = 0.05  # share of M0 that a path at rest keeps
@@ -37,6 +39,7 @@ class WorstCaseLimit(AskedLimit):
     """What both have in common: rows are functions of the state, sloped as at the worst deviations."""
 
     of_contacts = True
+    node_kinds = (ORDINARY, DEVIATING)
     largest_step = 0.02
     unit = 1.0
 
@@ -50,6 +53,22 @@ class WorstCaseLimit(AskedLimit):
 
     def worst(self, values: np.ndarray, times: np.ndarray, look: Look) -> list[Worst]:
         return []
+
+    def _refusal(
+        self, what: str, value: float, at: Instants, theta: np.ndarray, kept: Callable[[WorstCase], bool]
+    ) -> str:
+        words, rest = self.cases.deviations.words(theta), why_not_at_rest(self.cases, at.s, kept)
+        return f"within the tolerance {what} reaches {value:.4g} at rest ({words}): {rest}"
+
+    def uses(self, at: Instants) -> np.ndarray:
+        """(N, width): use of the limit by each row, 1 at the limit, more beyond."""
+        raise NotImplementedError
+
+    def use(self, at: Instants) -> np.ndarray:
+        return np.max(self.uses(at), axis=1, initial=-np.inf)
+
+    def near(self, at: Instants, share: float) -> np.ndarray:
+        return ~(self.uses(at) < share)
 
     def _rows(self, at: NodeSlopes, nodes: np.ndarray, places: np.ndarray, found: tuple) -> WorstRows:
         values, theta, weights = found
@@ -83,14 +102,18 @@ class WorstTipOverLimit(WorstCaseLimit):
         return bool(np.all(self.cases.estimated_moments(at.s) >= self._least))
 
     def refusals(self, at: Instants) -> list[str]:
-        if not self.width or (moment := self.cases.all_moments(at.s).min()) >= self._least:
+        if not self.width:
             return []
-        ratio = float(self.cases.tip_ratio(moment))
-        theta = self.cases.moments(at.s, np.array([int(np.argmin(self.cases.all_moments(at.s)[0]))])).theta[0]
-        return [
-            f"within the tolerance tip-over GN reaches {ratio:.4g} at rest "
-            f"({self.cases.deviations.words(theta)})"
-        ]
+        axis = int(np.argmin(self.cases.all_moments(at.s)[0]))
+        found = self.cases.moments(at.s, np.array([axis]))
+        if found.values[0] >= self._least:
+            return []
+
+        def kept(cases: WorstCase) -> bool:
+            return bool(np.all(cases.all_moments(at.s) >= self._least))
+
+        value = float(self.cases.tip_ratio(found.values)[0])
+        return [self._refusal("tip-over GN", value, at, found.theta[0], kept)]
 
     def path_excess(self, at: Instants) -> float:
         if not self.width:
@@ -98,13 +121,9 @@ class WorstTipOverLimit(WorstCaseLimit):
         missing = self._least - float(np.min(self.cases.estimated_moments(at.s)))
         return missing / self.cases.reference + PATH_MARGIN
 
-    def near(self, at: Instants, share: float) -> np.ndarray:
-        moments = self.cases.estimated_moments(at.s)
-        return moments <= self._least + (1 - share) * ROOM * self.cases.reference
-
-    def use(self, at: Instants) -> np.ndarray:
-        smallest = np.min(self.cases.estimated_moments(at.s), axis=1, initial=np.inf)
-        return 1 + (self._least - smallest) / self.unit
+    def uses(self, at: Instants) -> np.ndarray:
+        room = ROOM * (self.cases.reference or 1.0)
+        return 1 + (self._least - self.cases.estimated_moments(at.s)) / room
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return np.full(self.width, self._least / self.unit), np.full(self.width, np.inf)
@@ -128,14 +147,14 @@ class WorstSlipLimit(WorstCaseLimit):
         found = self.cases.slip(at.s, starts=9)
         if found.values[0] <= self.number:
             return []
-        words = self.cases.deviations.words(found.theta[0])
-        return [f"within the tolerance slip GT reaches {found.values[0]:.4g} at rest ({words})"]
 
-    def near(self, at: Instants, share: float) -> np.ndarray:
-        return ~(self.cases.slip(at.s).values[:, None] < share * self.number)
+        def kept(cases: WorstCase) -> bool:
+            return bool(np.all(cases.slip(at.s, starts=9).values <= self.number))
 
-    def use(self, at: Instants) -> np.ndarray:
-        return self.cases.slip(at.s).values / self.number
+        return [self._refusal("slip GT", float(found.values[0]), at, found.theta[0], kept)]
+
+    def uses(self, at: Instants) -> np.ndarray:
+        return self.cases.estimated_slip(at.s)[:, None] / self.number
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return np.array([-np.inf]), np.array([self.number])

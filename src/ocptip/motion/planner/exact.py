@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ocptip.motion.planner.deviating import Place, deviating_places, worst_places
 from ocptip.motion.planner.event_order import EventOrder, order_of
 from ocptip.motion.planner.formulation import Formulation
 from ocptip.motion.planner.program import MotionProgram
@@ -32,13 +33,13 @@ class Exact:
     Attributes:
         order: of the events.
         program, solution: of the last solve.
-        extra: nodes (interval, share) added between the quadrature's.
+        extra: nodes added to the quadrature's.
     """
 
     order: EventOrder
     program: MotionProgram
     solution: Solution
-    extra: list[tuple[int, float]]
+    extra: list[Place]
 
 
 class Refiner:
@@ -74,20 +75,23 @@ class Refiner:
         order: EventOrder,
         x: np.ndarray,
         start_mu: float,
-        extra: list[tuple[int, float]] | None = None,
+        extra: list[Place] | None = None,
     ) -> Exact:
         """Solve with rows and nodes added until none is missing."""
         formulation, limits = self.formulation, self.limits
         intervals = len(order.rows) - 1
-        watch = [(i, float(s)) for i in range(intervals) for s in SHARES]
-        watched = formulation.ordered_program(limits, order, x, watch)
-        own = watched.n_nodes - len(watch)
+        watch: list[Place] = [(i, float(s)) for i in range(intervals) for s in SHARES]
+        deviating = deviating_places(order, x, limits.tolerance)
+        watched = formulation.ordered_program(limits, order, x, [*watch, *deviating])
+        own = watched.n_nodes - len(watch) - len(deviating)
         share = FIRST if extra is None else 1 + FEASIBLE
         extra = list(extra or [])
         rows = multipliers = None
         anchor = x
         for _ in range(ROUNDS):
-            fresh = [e for e in self._watch_out(watched, own, watch, x, share) if e not in extra]
+            fresh = self._watch_out(watched, own, watch, x, share)
+            fresh += worst_places(watched, x, deviating, own + len(watch), NEAR if rows is None else share)
+            fresh = [place for place in fresh if place not in extra]
             program = formulation.ordered_program(limits, order, anchor, extra + fresh)
             near = program.near_rows(x, NEAR)
             if rows is None:
@@ -116,16 +120,16 @@ class Refiner:
 
     @staticmethod
     def _watch_out(
-        watched: MotionProgram, own: int, watch: list[tuple[int, float]], x: np.ndarray, share: float
-    ) -> list[tuple[int, float]]:
+        watched: MotionProgram, own: int, watch: list[Place], x: np.ndarray, share: float
+    ) -> list[Place]:
         """Points that should become nodes: where a limit is broken most in each interval.
 
         At the first look (share below 1) the ends of intervals that use at least this share of a limit.
         """
         if share < 1:
-            hit = watched.near_rows(x, share).at_nodes[own:]
+            hit = watched.near_rows(x, share).at_nodes[own : own + len(watch)]
             return [place for place, h in zip(watch, hit, strict=True) if h and place[1] in (0.0, 1.0)]
-        use = watched.use(x)[own:].reshape(-1, len(SHARES))
+        use = watched.use(x)[own : own + len(watch)].reshape(-1, len(SHARES))
         chosen, step = [], SHARES[1]
         for i, u in enumerate(use):
             padded = np.concatenate([[-np.inf], u, [-np.inf]])

@@ -14,11 +14,13 @@ import casadi as cs
 import numpy as np
 
 from ocptip.motion.objective import ENERGY, Objective
+from ocptip.motion.planner.deviating import Place, masks_of
 from ocptip.motion.planner.event_order import SLOWEST, EventOrder, order_of, unit_row
 from ocptip.motion.planner.free_ends import FreeEnds
 from ocptip.motion.planner.node_physics import node_physics
 from ocptip.motion.planner.profiles import Layout, Nodes, Profiles
 from ocptip.motion.planner.program import MotionProgram, Structure
+from ocptip.standing.limit import DEVIATING, JUMP, ORDINARY
 from ocptip.standing.limit_kinds import limits_of
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
@@ -230,7 +232,7 @@ class Formulation:
         return MotionProgram(physics, kept, layout, nodes, weights, speeds, structure, objective)
 
     def ordered_program(
-        self, limits: MotionLimits, order: EventOrder, x: np.ndarray, extra: list[tuple[int, float]]
+        self, limits: MotionLimits, order: EventOrder, x: np.ndarray, extra: list[Place]
     ) -> MotionProgram:
         """The exact program with the events in the given order.
 
@@ -238,7 +240,7 @@ class Formulation:
             limits: to keep at the nodes; where jumps count with their overshoot every event is a node, too.
             order: of the events.
             x: near the solution; short intervals there get fewer nodes.
-            extra: (interval, share of the interval) of further nodes, for rows only.
+            extra: further nodes, for rows only.
         """
         layout = order.layout
         arm = self.robot.limits
@@ -253,7 +255,7 @@ class Formulation:
         last = len(events) - 2
         where += [(min(i, last), float(i > last), 0.0) for i in range(jumps[1] - jumps[0])]
         rest = [(-1, 0.0, 0.0), (len(events) - 1, 0.0, 0.0)] if self.ends else []  # before and after it
-        where += rest + [(i, s, 0.0) for i, s in extra]
+        where += rest + [(place[0], place[1], 0.0) for place in extra]
         index = np.array([i for i, _, _ in where])
         shares, quadrature = np.array([s for _, s, _ in where]), np.array([g for _, _, g in where])
         left, right = (events[np.clip(index + k, 0, len(events) - 1)] for k in (0, 1))
@@ -261,9 +263,12 @@ class Formulation:
         weights = quadrature[:, None] * (right - left)
         masks = (order.corner_positions[None] <= index[:, None, None]).astype(float)
         masks[slice(*jumps)] = order.jump_masks(limits.overshoot)[: jumps[1] - jumps[0]]
-        at_jumps = np.zeros(len(where), dtype=bool)
-        at_jumps[slice(*jumps)] = True
-        placed = Nodes(profiles, times, masks=masks, regime=order.regime, jumps=at_jumps)
+        kinds = np.full(len(where), ORDINARY)
+        kinds[slice(*jumps)] = JUMP
+        for node, place in enumerate(extra, len(where) - len(extra)):
+            if len(place) > 2:
+                masks[node], kinds[node] = masks_of(order, place), DEVIATING
+        placed = Nodes(profiles, times, masks=masks, regime=order.regime, kinds=kinds)
         directions = order.directions[np.clip(index, 0, last)]
         if self.physics.smooth:  # the order says nothing about the motors' directions
             directions = np.full(directions.shape, COARSE.power)

@@ -248,8 +248,8 @@ class Nodes:
         masks: (N, n, C) of 0 and 1, which corners have passed at each node; None with a smooth step.
         half_width: s, of the smooth step, see `profile_kernels`; 0 with masks.
         regime: of the passive joints, see `Profiles`.
-        jumps: (N,) True for nodes at an event whose masks give the accelerations after its jump with their
-            overshoot (1 + kappa at its corners); default none.
+        kinds: (N,) of the nodes, see `standing.limit`; at jumps masks are 1 + kappa at the event's corners;
+            default all ordinary.
     """
 
     def __init__(
@@ -260,12 +260,12 @@ class Nodes:
         masks: np.ndarray | None = None,
         half_width: float = 0.0,
         regime: dict[int, bool] | None = None,
-        jumps: np.ndarray | None = None,
+        kinds: np.ndarray | None = None,
     ) -> None:
         self.profiles, self.times, self.regime = profiles, np.ascontiguousarray(times), regime
         self.masks = np.zeros((0, 0, 0)) if masks is None else np.ascontiguousarray(masks, dtype=float)
         self.half_width = half_width
-        self.jumps = np.zeros(len(times), dtype=bool) if jumps is None else jumps
+        self.kinds = np.zeros(len(times), dtype=int) if kinds is None else kinds
 
     def states(self, x: np.ndarray) -> NodeStates:
         """States of all joints at all nodes."""

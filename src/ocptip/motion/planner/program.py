@@ -201,9 +201,13 @@ class MotionProgram:
         uses = [np.where(self._about(limit), limit.use(at), -np.inf) for limit in self.limits]
         return np.max(uses, axis=0)
 
+    def instants(self, x: np.ndarray, nodes: np.ndarray) -> Instants:
+        """Some of the nodes as limits look at them."""
+        return self._instants(x).some(nodes)
+
     def _about(self, limit: Limit) -> np.ndarray:
         """(N,) True for the nodes that a limit is about."""
-        return self.nodes.jumps == limit.at_jumps
+        return np.isin(self.nodes.kinds, limit.node_kinds)
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper bounds of all rows, in the order of `values`."""

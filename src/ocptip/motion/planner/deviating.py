@@ -1,0 +1,98 @@
+"""Nodes of an ordered program at which joints deviate: late at an event, or overshooting where they jump.
+
+Such a node lies at an event. Of every joint that jumps there, or has jumped within the longest delay before,
+the steps of its acceleration count not at all (late), or once and the share of the overshoot more; angles and
+speeds are those of the event. All combinations are looked at, the worst of each row takes part.
+"""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+
+from ocptip.motion.planner.event_order import EventOrder
+from ocptip.motion.planner.program import MotionProgram
+from ocptip.standing.limit import DEVIATING
+from ocptip.standing.tolerance import Tolerance
+
+Steps = tuple[tuple[int, int, float], ...]
+"""Per deviating joint: which, the first group of its steps, how many times more than once they count."""
+
+Place = tuple[int, float] | tuple[int, float, Steps]
+"""A node: interval, share of it; at the event that begins the interval also the steps of deviating joints."""
+
+MEET = 1e-6  # s: events nearer to each other than this have met
+MOST_JOINTS = 7  # that are combined in all ways; of more all alike, or all but one
+
+
+def deviating_places(order: EventOrder, x: np.ndarray, tolerance: Tolerance) -> list[Place]:
+    """All nodes at which joints may deviate from a motion with variables x.
+
+    Args:
+        order: of the events.
+        x: variables; events within the delay of each other there count as one.
+        tolerance: its delay and its overshoot.
+    """
+    delay, more = tolerance.delay, tolerance.overshoot
+    if not (delay or more):
+        return []
+    times, found = order.rows @ x, []
+    moving = [
+        joint for joint in range(order.layout.n) if joint in order.layout.joints or joint in order.regime
+    ]
+    for event, time in enumerate(times):
+        if event + 1 < len(times) and times[event + 1] - time < MEET:
+            continue
+        first = []
+        for joint in moving:
+            groups = order.corner_positions[joint]
+            near = groups[(groups <= event) & (times[groups] >= time - max(delay, MEET))]
+            first += [(joint, int(near.min()))] if len(near) else []
+        if first:
+            found += [(event, 0.0, steps) for steps in _combinations(first, delay > 0, more)]
+    return found
+
+
+def _combinations(first: list[tuple[int, int]], late: bool, more: float) -> list[Steps]:
+    values = (more, -1.0) if late else (more,)
+    if len(first) <= MOST_JOINTS:
+        chosen = list(product(values, repeat=len(first)))
+    else:
+        chosen = [(value,) * len(first) for value in values]
+        if late:
+            chosen += [
+                (*usual[:k], -1.0 if value == more else more, *usual[k + 1 :])
+                for value, usual in zip(values, list(chosen), strict=True)
+                for k in range(len(first))
+            ]
+    return [tuple((j, g, c) for (j, g), c in zip(first, steps, strict=True)) for steps in chosen]
+
+
+def masks_of(order: EventOrder, place: Place) -> np.ndarray:
+    """Masks (n, C) of a node, see `Nodes`."""
+    groups = order.corner_positions
+    masks = (groups <= place[0]).astype(float)
+    for joint, group, factor in place[2] if len(place) > 2 else ():
+        masks[joint] += factor * ((groups[joint] >= group) & (groups[joint] <= place[0]))
+    return masks
+
+
+def worst_places(
+    program: MotionProgram, x: np.ndarray, places: list[Place], first: int, share: float
+) -> list[Place]:
+    """Of deviating nodes, from node `first` on, the worst of each event and row, if it uses so much."""
+    if not places:
+        return []
+    events = np.array([place[0] for place in places])
+    chosen: set[int] = set()
+    at = program.instants(x, np.arange(first, first + len(places)))
+    for limit in program.limits:
+        if DEVIATING not in limit.node_kinds:
+            continue
+        uses = limit.uses(at)
+        for event in np.unique(events):
+            own = np.flatnonzero(events == event)
+            worst = own[np.argmax(uses[own], axis=0)]
+            chosen.update(int(k) for column, k in enumerate(worst) if uses[k, column] >= share)
+    return [places[k] for k in sorted(chosen)]

@@ -1,0 +1,116 @@
+"""Nodes at which joints are late or overshoot; rows within a tolerance and their derivatives."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ocptip.basics.errors import InputError
+from ocptip.motion.check import check_motion
+from ocptip.motion.planner.deviating import deviating_places
+from ocptip.motion.planner.event_order import order_of
+from ocptip.motion.planner.formulation import Formulation
+from ocptip.motion.planner.one_start import Search
+from ocptip.motion.planner.random_start import random_start
+from ocptip.motion.task import require_plannable
+from ocptip.motion.within_tolerance import jump_states
+from ocptip.published.tasks import experiment_task
+from ocptip.standing.limit import DEVIATING
+from ocptip.standing.limits import MotionLimits
+from ocptip.standing.tolerance import SITE, WORKSHOP, Tolerance
+
+LIMITS = MotionLimits(tolerance=replace(WORKSHOP, push=5.0))
+WITHIN = ("tip-over within tolerance", "slip within tolerance")
+
+
+@pytest.fixture(scope="module")
+def task():
+    return experiment_task("A", "effective")
+
+
+def planned(task, seed, tolerance):
+    own = task.robot, task.start, task.goal, task.optimised, task.commands
+    formulation = Formulation(*own)
+    motion = random_start(*own, MotionLimits(), np.random.default_rng(seed))
+    order, x = order_of(formulation, formulation.variables(motion))
+    limits = replace(LIMITS, tolerance=tolerance)
+    x = formulation.polished(order, formulation.ordered_program(limits, order, x, []).structure, x)
+    places = deviating_places(order, x, tolerance)
+    return formulation.ordered_program(limits, order, x, places), x, formulation.motion(x), places
+
+
+@pytest.mark.parametrize("tolerance", [Tolerance(damping=0.05), Tolerance(delay=0.002, damping=0.1)])
+@pytest.mark.parametrize("seed", [1, 4])
+def test_nodes_have_the_states_that_the_check_looks_at(task, seed, tolerance):
+    program, x, motion, _ = planned(task, seed, tolerance)
+    deviating = program.nodes.kinds == DEVIATING
+    assert np.all(program.weights[deviating] == 0)
+    times, found = (program.nodes.times @ x)[deviating], program._instants(x).s[deviating]
+    expected = jump_states(motion, tolerance)
+    single = 0
+    for time in np.unique(np.round(times, 9)):
+        near = np.abs(motion.event_times - time)
+        own = found[np.abs(times - time) < 1e-8]
+        same = np.abs(expected.times - time) < 1e-6
+        if np.sum(near < 2 * max(tolerance.delay, 1e-4)) > 1 or not same.any():
+            continue  # several events in one window: the nodes run on to the last one
+        apart = np.abs(own[:, None] - expected.s[same][None]).max(axis=2)
+        assert np.all(apart.min(axis=0) < 1e-4)  # every state of the check is a node
+        single += 1
+    assert single > 5
+
+
+@pytest.mark.parametrize("seed", [1, 4])
+def test_derivatives_of_the_rows_within_a_tolerance(task, seed):
+    program, x, _, _ = planned(task, seed, LIMITS.tolerance)
+    rng, rows = np.random.default_rng(seed), program.no_rows()
+    for name in WITHIN:
+        rows[name][...] = rng.random(rows[name].shape) < 0.04
+        deviating = program.nodes.kinds == DEVIATING
+        rows[name][deviating & (rng.random(len(deviating)) < 0.9)] = False
+    program, count = program.with_rows(rows), len(program.structure.lower)
+    tips = np.count_nonzero(rows[WITHIN[0]])
+    on = rng.normal(size=len(program.bounds()[0]))
+    on[:count] = on[count + tips :] = 0.0  # the curvature of GT over the wrench is left out
+    J, H, h = program.jacobian(x), program.hessian(x, 0.0, on), 1e-6
+    for j in range(0, len(x) - 2, 3):
+        moved = h * (np.arange(len(x)) == j)
+        slope = (program.values(x + moved)[1] - program.values(x - moved)[1]) / (2 * h)
+        # of tilt and push the worst is that of the state itself up to products of deviations
+        np.testing.assert_allclose(J[count:, j], slope[count:], atol=5e-3 * np.abs(J[count:]).max())
+        bend = on @ (program.jacobian(x + moved) - program.jacobian(x - moved)) / (2 * h)
+        # where the worst tilt and push turn with the state, that curvature is left out
+        np.testing.assert_allclose(H[j], bend, atol=0.1 * np.abs(H).max())
+
+
+def test_other_limits_look_at_other_nodes(task):
+    program, x, _, places = planned(task, 1, LIMITS.tolerance)
+    deviating = program.nodes.kinds == DEVIATING
+    assert deviating.sum() == len(places)
+    for name, rows in program.near_rows(x, -100.0).masks.items():
+        assert rows[deviating].any() == (name in WITHIN)
+
+
+@pytest.mark.slow
+def test_a_plan_keeps_its_tolerance_where_a_nominal_one_does_not(task):
+    small = replace(WORKSHOP, tilt=np.radians(0.3), delay=0.005)
+    limits = replace(task.limits, tolerance=small)
+    attempt = Search(replace(task, limits=limits)).run(1, 0)
+    assert attempt.result.verified
+    assert 0.9 < max(attempt.check.worst[f"{name}_worst_case"].value for name in ("GN", "GT")) <= 0.999
+    nominal = Search(task).run(1, 0)
+    assert nominal.check.energy < attempt.check.energy
+    checked = check_motion(task.robot, nominal.motion, limits)
+    assert not checked.verified
+    assert checked.stands
+
+
+def test_what_cannot_have_its_tolerance_at_rest_is_refused():
+    """H with the effective base stands at rest up to a tilt of 0.45 degrees; a push of 20 N lifts all."""
+    task = experiment_task("H", "effective")
+    within = replace(task, limits=replace(task.limits, tolerance=WORKSHOP))
+    with pytest.raises(InputError, match=r"of floor tilt 0\.5 deg alone it can have floor tilt 0\.45\d* deg"):
+        require_plannable(within)
+    task = experiment_task("A", "effective")
+    with pytest.raises(InputError, match=r"goal: within .* at rest .* together \d+ % of everything"):
+        require_plannable(replace(task, limits=replace(task.limits, tolerance=SITE)))
