@@ -51,8 +51,9 @@ def _on_the_meshes(verified: Sequence[Mapping[str, Any]]) -> list[str]:
     again = [row["meshes"] for row in verified if "meshes" in row]
     lines = [
         "- 1 ms check: Pinocchio and coal on the URDF's triangles, pairs chosen anew; left out are",
-        f"  neighbours, pairs of `excluded_links` and SRDF, and those that touch in all of {POSTURES} random",
-        "  postures.",
+        f"  neighbours, pairs of the SRDF, those that touch in all of {POSTURES} random postures, and what",
+        "  ocptip lists as tubes of a telescope, or as hidden by convex solids:",
+        *_hidden(verified),
     ]
     if again:
         seen = [found["random_colliding"] for found in again]
@@ -68,6 +69,17 @@ def _on_the_meshes(verified: Sequence[Mapping[str, Any]]) -> list[str]:
         }
         lines += [f"  Collides: {pair}." for pair in sorted(pairs)]
     return lines
+
+
+def _hidden(verified: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Pairs that plans leave out and list."""
+    rows = {row["arm"]: row for row in verified if row.get("left_out")}
+    lines = []
+    for name, row in rows.items():
+        kinds = [entry["reason"].split(":")[0].split(" (")[0] for entry in row["left_out"]]
+        counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
+        lines.append(f"  {name}: {counts}.")
+    return lines or ["  no pair."]
 
 
 def _on_times(rows: Sequence[Mapping[str, Any]]) -> list[str]:

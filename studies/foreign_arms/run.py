@@ -28,6 +28,7 @@ import numpy as np
 
 from ocptip.basics.errors import InputError
 from ocptip.basics.write import versions, write_text
+from ocptip.robots.collision.gaps import UNSEEN
 from ocptip.task_files.template import MARK, TaskTemplate, task_template
 from ocptip.trajectories.arm_motion import ArmMotion
 from studies.common import PLANNING, ended, json_text, machine, source_state
@@ -111,7 +112,7 @@ def task_text(
     if spheres is not None:
         geometry = {"sphere_radius": spheres, "excluded_links": arm.get("excluded_spheres")}
     else:
-        geometry = {**places, "excluded_links": arm.get("excluded_links")}
+        geometry = dict(places)
     more["mount_position"] += [f"{key} = {json.dumps(value)}" for key, value in geometry.items() if value]
     lines = []
     for line in template.text.splitlines():
@@ -175,11 +176,18 @@ def planned(folder: Path, starts: int, limit: float) -> dict[str, Any]:
         "GN": worst.get("GN", {}).get("value"),
         "GT": worst.get("GT", {}).get("value"),
         "pairs": data.get("collision", {}).get("pairs"),
+        "left_out": hidden_pairs(data),
         "distance_m": distance.get("value"),
         "distance_between": distance.get("detail"),
         "iterations": data.get("iterations"),
         "verified_starts": sum(start["verified"] for start in data.get("starts", [])),
     }
+
+
+def hidden_pairs(data: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Pairs that a plan leaves out although their meshes part: of telescopes, or hidden by convex solids."""
+    left_out = data.get("collision", {}).get("left_out", [])
+    return [entry for entry in left_out if entry["reason"].startswith(("telescope", UNSEEN))]
 
 
 def looked_at_again(check: MeshCheck, folder: Path) -> dict[str, Any]:
@@ -219,7 +227,8 @@ def rows_of(
             **found,
         }
         if found["verdict"] == "verified":
-            check = check or mesh_check(arm, urdf, template, package, folder)
+            hidden = [entry["pair"] for entry in found["left_out"]]
+            check = check or mesh_check(arm, urdf, template, package, folder, hidden)
             row["meshes"] = looked_at_again(check, folder)
         if not payload:
             row["spheres"] = with_spheres(arm, template, out / f"{name}_spheres", starts, limit)
@@ -239,9 +248,14 @@ def with_spheres(
 
 
 def mesh_check(
-    arm: Mapping[str, Any], urdf: Path, template: TaskTemplate, package: Path, folder: Path
+    arm: Mapping[str, Any],
+    urdf: Path,
+    template: TaskTemplate,
+    package: Path,
+    folder: Path,
+    hidden: Sequence[Sequence[str]],
 ) -> MeshCheck:
-    """The independent check of an arm's plans."""
+    """The independent check of an arm's plans, but for the pairs of :func:`hidden_pairs`."""
     model, deck, base = template.arm, deck_of(arm["base"]), arm["base"]
     return MeshCheck(
         urdf,
@@ -249,7 +263,7 @@ def mesh_check(
         model.joint_names,
         model.resting,
         deck=None if deck is None else (deck[0], [0, 0, deck[1][2] - base["height"]]),
-        excluded=arm.get("excluded_links", ()),
+        excluded=hidden,
         srdf=package / arm["srdf"] if "srdf" in arm else None,
         package_dirs=[folder],
     )

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ocptip.basics.errors import InputError, positive_number
+from ocptip.basics.text import some
 from ocptip.motion.within_tolerance import WithinTolerance, worst_within
 from ocptip.standing.contact_margins import ContactMargins
 from ocptip.standing.instants import Instants
@@ -79,7 +80,9 @@ class MotionCheck:
             return "not checked: no collision geometry"
         least = found["least"]
         gap = f"{1e3 * least['distance_m']:.1f} mm between {' and '.join(least['between'])}"
-        return f"{found['pairs']} pairs ({found['source']}), least {gap}"
+        unseen = [" and ".join(pair) for pair in found["unseen"]]
+        more = f"; not seen, for their solids never part: {some(unseen, 3)}" if unseen else ""
+        return f"{found['pairs']} pairs ({found['source']}), least {gap}{more}"
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""

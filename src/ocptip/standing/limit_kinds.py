@@ -195,11 +195,20 @@ class ClearanceLimit(AskedLimit):
     def refusals(self, at: Instants) -> list[str]:
         gap, pair, _ = self.robot.collision.worst(at.angles)
         if gap < 0:
-            return [f"collision: {pair} overlap by {-1e3 * gap:.1f} mm"]
+            return [f"collision: {', '.join(self._overlaps(at))} (where that is meant: excluded_links)"]
         if gap < self.number:
             least = 1e3 * self.number
             return [f"{pair} are {1e3 * gap:.1f} mm apart, must be >= {least:.1f} mm (clearance)"]
         return []
+
+    def _overlaps(self, at: Instants) -> list[str]:
+        """All pairs of names that overlap, the deepest first."""
+        found: dict[str, float] = {}
+        gaps = np.min(self.robot.collision.gaps(at.angles, 0.0), axis=0)
+        for k in np.argsort(gaps):
+            if gaps[k] < 0:
+                found.setdefault(str(self.robot.collision.labels[k]), float(gaps[k]))
+        return [f"{pair} overlap by {-1e3 * gap:.1f} mm" for pair, gap in found.items()]
 
     def path_excess(self, at: Instants) -> float:
         return float(np.max(GAP_SCALE * (self.number - self._smallest(at))))

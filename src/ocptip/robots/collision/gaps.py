@@ -17,6 +17,9 @@ POSTURES = 200
 NEVER = "never part"
 """Why such pairs are left out."""
 
+UNSEEN = "never part as convex solids, their meshes do"
+"""Begins the reason where a collision of the meshes may go unseen."""
+
 TOUCHING = 1e-3
 """Solids nearer than this, m, in all of these postures never part."""
 
@@ -118,6 +121,7 @@ class Collisions:
         if not self.labels:
             return {"checked": False}
         data: dict[str, Any] = {"checked": True, "source": self.source, "pairs": len(self.labels)}
+        data["unseen"] = [sorted(pair) for pair, why in self.apart.items() if why.startswith(UNSEEN)]
         data["left_out"] = [{"pair": sorted(pair), "reason": why} for pair, why in self.apart.items()]
         if q is not None:
             found = self.nearest(q[None])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import combinations, product
 
 import casadi as cs
@@ -13,6 +13,7 @@ from ocptip.robots.collision.gaps import (
     NEVER,
     POSTURES,
     TOUCHING,
+    UNSEEN,
     Collisions,
     Contact,
     GapLabel,
@@ -24,6 +25,7 @@ from ocptip.robots.kinematics import chain
 from ocptip.robots.model import ArmModel, joint_states
 
 _BY_HAND = "excluded"
+_PARALLEL = 1e-6
 _NEIGHBOURS = "neighbours"
 
 
@@ -32,7 +34,8 @@ class ShapeCollisions(Collisions):
 
     Pairs are: links that are no neighbours; what the arm carries and all links but the last; shapes of the
     base and all links but the first; obstacles and all links. Of these pairs those are left out that are
-    excluded, and those of arm and base that touch in each of `POSTURES` random postures.
+    excluded, and of arm and base those that touch in each of `POSTURES` random postures, and tubes of a
+    telescope, which touch in some: links between which all joints slide along one line.
 
     Args:
         arm: with geometry; its spheres, if it has only those, are solids, too.
@@ -43,6 +46,7 @@ class ShapeCollisions(Collisions):
         distances: of the pairs, over q (n,), rad.
         solids: name, body and shape; first those of the arm, then those of the base, then obstacles.
         of_arm, of_base: how many.
+        of_links: how many of the arm's, which come first, it does not carry.
         pairs: of numbers of solids.
     """
 
@@ -56,6 +60,7 @@ class ShapeCollisions(Collisions):
         around = [(o.name, RESTING, o.shape) for o in obstacles]
         self.solids = [*own, *fixed, *around]
         self.of_arm, self.of_base = len(own), len(fixed)
+        self.of_links = sum(not shape.carried for shape in geometry.shapes)
         bodies = [s.body for s in geometry.shapes]
         self.apart: dict[frozenset[str], str] = {}
         mounted = [self._links(bodies, 2), range(len(own), len(own) + len(fixed))]
@@ -63,7 +68,7 @@ class ShapeCollisions(Collisions):
         self.distances = Distances(
             link_frames_function(arm), [(body, shape) for _, body, shape in self.solids], inner
         )
-        inner = self._parting(inner)
+        inner = self._parting(inner, geometry.on_meshes)
         floors = [isinstance(o, Floor) for o in obstacles]
         outer = [
             (s, len(own) + len(fixed) + k)
@@ -93,18 +98,53 @@ class ShapeCollisions(Collisions):
             else:
                 yield a, b
 
-    def _parting(self, pairs: list[tuple[int, int]]) -> list[tuple[int, int]]:
-        """The pairs but for those that never part."""
-        touching = np.arange(len(pairs))
-        for q in (random_postures(self.arm, 10), random_postures(self.arm, POSTURES)):
-            found = self.distances.of([pairs[k] for k in touching]).gaps(q, TOUCHING)
-            touching = touching[(found < TOUCHING).all(axis=0)]
+    def _parting(
+        self, pairs: list[tuple[int, int]], on_meshes: Mapping[frozenset[str], int]
+    ) -> list[tuple[int, int]]:
+        """The pairs but for those that never part, and for tubes of a telescope."""
+        pairs = self._without_telescopes(pairs)
+        touching = set(always_touching(self.arm, self.distances.of(pairs)).tolist())
         kept = [pair for k, pair in enumerate(pairs) if k not in touching]
-        names = {frozenset(self.solids[s][0] for s in pair) for pair in kept}
-        for k in touching:
-            pair = frozenset(self.solids[s][0] for s in pairs[k])
-            self.apart[pair] = f"some of their solids {NEVER}" if pair in names else NEVER
+        names = {self._names(pair) for pair in kept}
+        for pair in {self._names(pairs[k]): None for k in sorted(touching)}:
+            count, some = on_meshes.get(pair, POSTURES), "some of their solids " if pair in names else ""
+            if count == POSTURES:
+                self.apart[pair] = f"{some}{NEVER}"
+            elif count == 0:
+                self.apart[pair] = f"{some}{NEVER} as convex solids, their meshes never touch"
+            else:
+                self.apart[pair] = f"{UNSEEN} (touching in {count} of {POSTURES} postures)"
         return kept
+
+    def _names(self, pair: tuple[int, int]) -> frozenset[str]:
+        return frozenset(self.solids[s][0] for s in pair)
+
+    def _without_telescopes(self, pairs: list[tuple[int, int]]) -> list[tuple[int, int]]:
+        """The pairs but for those of links that slide in one line and touch in some posture."""
+        own = [k for k, pair in enumerate(pairs) if max(pair) < self.of_links and self._in_line(*pair)]
+        if not own:
+            return pairs
+        found = self.distances.of([pairs[k] for k in own]).gaps(random_postures(self.arm, POSTURES), TOUCHING)
+        touches: dict[frozenset[str], np.ndarray] = {}
+        for k, touch in zip(own, (found < TOUCHING).T, strict=True):
+            names = self._names(pairs[k])
+            touches[names] = touches.get(names, np.zeros(len(touch), dtype=bool)) | touch
+        for names, touch in touches.items():
+            if touch.any():
+                count = f"touching in {touch.sum()} of {POSTURES} postures"
+                self.apart[names] = f"telescope: all joints between them slide along one line ({count})"
+        return [pair for k, pair in enumerate(pairs) if k not in own or self._names(pair) not in self.apart]
+
+    def _in_line(self, first: int, second: int) -> bool:
+        """Whether all joints between two solids, at least two, slide along parallel axes."""
+        low, high = sorted((self.solids[first][1], self.solids[second][1]))
+        joints, turn, axes = range(low + 1, high + 1), np.eye(3), []
+        if len(joints) < 2 or low == high or not self.arm.slides[list(joints)].all():
+            return False
+        for joint in joints:
+            turn = turn @ self.arm.rotations[joint]
+            axes.append(turn[:, 2])
+        return all(abs(axis @ axes[0]) > 1 - _PARALLEL for axis in axes)
 
     def gaps(self, q: np.ndarray, below: float = np.inf) -> np.ndarray:
         states, single = joint_states("q", q, self.n)
@@ -124,6 +164,15 @@ class ShapeCollisions(Collisions):
         known = last is not None and _same(last, q, states, pairs)
         contact = last[1] if known else self.distances.at(q, states, pairs)[0]
         return self.distances.curvature(q, contact, on)
+
+
+def always_touching(arm: ArmModel, distances: Distances) -> np.ndarray:
+    """Numbers of the pairs that touch in each of `POSTURES` random postures."""
+    touching = np.arange(len(distances.pairs))
+    for q in (random_postures(arm, 10), random_postures(arm, POSTURES)):
+        found = distances.of([distances.pairs[k] for k in touching]).gaps(q, TOUCHING)
+        touching = touching[(found < TOUCHING).all(axis=0)]
+    return touching
 
 
 def _same(last: tuple[np.ndarray, Contact], q: np.ndarray, states: np.ndarray, pairs: np.ndarray) -> bool:

@@ -238,11 +238,14 @@ class ArmGeometry:
         shapes: of the arm and what it carries.
         apart: pairs of names that need not be looked at, with the reason.
         source: in words, e.g. "collision geometry of ur5.urdf".
+        on_meshes: of pairs of names, some of whose solids never part: in how many of the random postures
+            their meshes, which the solids enclose, touch.
     """
 
     shapes: tuple[BodyShape, ...]
     apart: dict[frozenset[str], str] = field(default_factory=dict)
     source: str = ""
+    on_meshes: dict[frozenset[str], int] = field(default_factory=dict)
 
 
 def enclosing_capsule(shape: Shape) -> tuple[np.ndarray, float]:

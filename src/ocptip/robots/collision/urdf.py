@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree as ET
@@ -12,6 +13,7 @@ import numpy as np
 
 from ocptip.basics.errors import InputError
 from ocptip.basics.text import some
+from ocptip.robots.collision.on_meshes import Raw, touches_on_meshes
 from ocptip.robots.collision.parts import convex_parts
 from ocptip.robots.collision.shapes import ArmGeometry, Ball, BodyShape, Box, Capsule, Cylinder, Hull, Shape
 from ocptip.robots.kinematics import link_frames
@@ -70,8 +72,14 @@ def geometry_from_urdf(
         geometry = pin.buildGeomFromUrdfString(robot, text, pin.GeometryType.COLLISION)
     except (ValueError, RuntimeError) as error:
         raise InputError(f"{file}: collision geometry: {' '.join(str(error).split())}") from None
-    shapes = tuple(_shapes(robot, geometry, arm))
-    return ArmGeometry(shapes, _disabled(srdf), f"collision geometry of {file.name}")
+    raw = list(_raw(robot, geometry, arm))
+    shapes = [
+        BodyShape(item.name, item.body, shape.placed(item.rotation, item.position))
+        for item in raw
+        for shape in _solids(item.geometry)
+    ]
+    found = ArmGeometry(tuple(shapes), _disabled(srdf), f"collision geometry of {file.name}")
+    return replace(found, on_meshes=touches_on_meshes(arm, found, raw))
 
 
 def collision_meshes(
@@ -134,8 +142,8 @@ def _folders(file: Path, given: Sequence[str | os.PathLike[str]]) -> list[Path]:
     return [*paths, *file.resolve().parents]
 
 
-def _shapes(robot: pin.Model, geometry: Any, arm: ArmModel) -> Iterator[BodyShape]:
-    """Solids in the frames of the arm's links; those before the first one in its mount frame."""
+def _raw(robot: pin.Model, geometry: Any, arm: ArmModel) -> Iterator[Raw]:
+    """Geometries in the frames of the arm's links; those before the first one in its mount frame."""
     pin = load_pinocchio()
     data, q = robot.createData(), pin.neutral(robot)
     coupling = arm.coupling
@@ -157,9 +165,7 @@ def _shapes(robot: pin.Model, geometry: Any, arm: ArmModel) -> Iterator[BodyShap
         else:
             axes, origin = arm.mount_rotation, arm.mount_position
         rotation, position = axes.T @ pose.rotation, axes.T @ (pose.translation - origin)
-        name = robot.frames[item.parentFrame].name
-        for shape in _solids(item.geometry):
-            yield BodyShape(name, body, shape.placed(rotation, position))
+        yield Raw(robot.frames[item.parentFrame].name, body, item.geometry, rotation, position)
 
 
 def _solids(geometry: Any) -> list[Shape]:
