@@ -39,6 +39,9 @@ _ROWS = {
     "GT_worst_case": "slip GT at worst",
     "torque_ratio": "torque / limit",
     "clearance_m": "clearance",
+    "foot_force_N": "force on a foot that gives",
+    "jump_foot_force_N": "the same at jumps, overshoot",
+    "foot_lift_m": "lift of a foot that gives",
     "speed_ratio": "speed / limit",
     "acceleration_ratio": "acceleration / limit",
     "angle_margin_deg": "angle margin",
@@ -46,10 +49,17 @@ _ROWS = {
     "singularity": "distance from singular poses",
     "motor_speed": "motor speed",
 }
-_UNITS = {"clearance_m": ("mm", 1e3), "angle_margin_deg": ("deg", 1.0), "position_margin_m": ("mm", 1e3)}
-_LEAST = (*_UNITS, "singularity")
 _MARGINS = ("angle_margin_deg", "position_margin_m")
 _AT_WORST = ("GN_worst_case", "GT_worst_case")
+_UNITS = {
+    "clearance_m": ("mm", 1e3),
+    "foot_lift_m": ("mm", 1e3),
+    "foot_force_N": ("N", 1.0),
+    "jump_foot_force_N": ("N", 1.0),
+    "angle_margin_deg": ("deg", 1.0),
+    "position_margin_m": ("mm", 1e3),
+}
+_LEAST = ("clearance_m", "foot_force_N", "jump_foot_force_N", *_MARGINS, "singularity")
 _SCALE = 1e6  # factors of time up to this and down to its inverse
 _SAME = {"deg": 0.01, "m": 1e-4}  # offsets up to this are not worth a note
 _REACHED = 1e-6  # m and rad: how near to its pose a posture is as good as any other
@@ -137,6 +147,7 @@ class CheckReport(Report):
         moving = f"{quantity(checked.energy, 'J')} in {quantity(checked.duration, 's')}"
         rows = [("energy", f"{moving}, checked at {checked.samples} instants")]
         rows += under("contacts", checked.contacts.lines())
+        rows += under("on feet", checked.feet_lines)
         rows.append(("collision", checked.collision_text))
         rows += within_rows(checked)
         rows += under("tolerates", self.tolerated)

@@ -15,6 +15,7 @@ LIMITS = tuple(
         ("--gt", "X", "largest slip value GT", 0.9),
         ("--torque-ratio", "X", "largest torque / limit of any joint", 1),
         ("--clearance", "M", "least distance to obstacles, m", 0),
+        ("--foot-lift", "M", "largest height of a foot that gives above the ground, m", 0),
     )
 )
 TOLERANCE = argument(

@@ -27,15 +27,18 @@ OUTPUTS = {
 """What the commands write into a directory; the first one tells whose the others are."""
 
 
+_LIMITS = (("gn", "GN"), ("gt", "GT"), ("torque_ratio",) * 2, ("clearance",) * 2, ("foot_lift",) * 2)
+
+
 def with_limits(task: MotionTask, options: Namespace) -> MotionTask:
     """The task with those limits replaced that are given; InputError names an option that cannot be."""
     given: dict[str, Any] = {}
-    for name, limit in (("gn", "GN"), ("gt", "GT"), ("torque_ratio",) * 2, ("clearance",) * 2):
+    for name, limit in _LIMITS:
         value, option = getattr(options, name), f"--{name.replace('_', '-')}"
         if value is not None and limit in ("GN", "GT"):
             given[limit] = share_of_one(option, value)
         elif value is not None:
-            given[limit] = positive_number(option, value, zero_allowed=limit == "clearance")
+            given[limit] = positive_number(option, value, zero_allowed=limit in ("clearance", "foot_lift"))
     if getattr(options, "tolerance", None) is not None:
         with naming("--tolerance"):
             given["tolerance"] = load_tolerance(options.tolerance)

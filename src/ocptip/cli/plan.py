@@ -159,6 +159,7 @@ class PlanReport(Report):
         if self.plan.interrupted:
             lines.append(("interrupted", "this is the best of the starts that had finished"))
         lines += under("contacts", self.check.contacts.lines())
+        lines += under("on feet", self.check.feet_lines)
         lines.append(("collision", self.check.collision_text))
         lines += within_rows(self.check)
         lines += under("tolerates", self.tolerated)

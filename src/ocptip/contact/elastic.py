@@ -86,6 +86,12 @@ class ElasticFeet:
             self._maps[key] = inverse / np.outer(self._unit, self._unit)
         return self._maps[key]
 
+    @property
+    def normal_map(self) -> np.ndarray:
+        """(n, w): normal forces, N, per wrench while all feet press."""
+        down = np.einsum("vk,vw->kw", self.W[:, :, 0], self.twist_map(np.ones(len(self.springs), dtype=bool)))
+        return -self.stiffness[:, :1] * down
+
     def share(self, wrenches: np.ndarray) -> Shared:
         """Forces under wrenches (N, w), N and N m, that the base rests under.
 

@@ -21,6 +21,7 @@ from ocptip.standing.limit import Limit, Worst
 from ocptip.standing.limit_kinds import limits_of
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.on_feet import FeetMotion, on_its_feet
 from ocptip.trajectories.arm_motion import INSIDE
 from ocptip.trajectories.sampled import Motion
 
@@ -51,6 +52,7 @@ class MotionCheck:
         violations: one sentence per broken limit, empty if verified.
         samples: number of instants evaluated.
         stands: no contact is lost at any sampled instant, whatever other limits are broken.
+        feet: how the base swings on feet that give; None where it does not, or where that is not known.
         contacts: how close contacts come to being lost, in N, N m and m, at the sampled instants.
         collision: what was looked at, and the smallest distance, see `Collisions.to_dict`.
         within: the contacts at the worst of the tolerance; None where none was given.
@@ -66,11 +68,17 @@ class MotionCheck:
     contacts: ContactMargins
     collision: dict[str, Any]
     within: WithinTolerance | None = None
+    feet: FeetMotion | None = None
 
     @property
     def scope(self) -> str:
         """What a verdict is about, in words that follow it; empty where nothing was left out."""
         return "" if self.collision["checked"] else NO_COLLISION
+
+    @property
+    def feet_lines(self) -> list[str]:
+        """How the base swings on feet that give, in words; empty where they are rigid."""
+        return self.feet.lines() if self.feet else []
 
     @property
     def collision_text(self) -> str:
@@ -95,6 +103,7 @@ class MotionCheck:
             "samples": self.samples,
             "stands": self.stands,
             "contacts": self.contacts.to_dict(),
+            "feet": self.feet.to_dict() if self.feet else None,
             "collision": self.collision,
             **({"within_tolerance": self.within.to_dict()} if self.within else {}),
         }
@@ -173,6 +182,7 @@ def check_motion(
         contacts=contacts,
         collision=robot.collision.to_dict(_nearest(motion, worst)),
         within=within,
+        feet=on_its_feet(robot, motion),
     )
 
 

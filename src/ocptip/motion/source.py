@@ -15,7 +15,7 @@ from ocptip.standing.mechanism import StandingMechanism
 TASK = "task/task.toml"
 """The task file within a plan's folder; beside it what it names."""
 
-_LIMITS = ("GN", "GT", "torque_ratio", "clearance")
+_LIMITS = ("GN", "GT", "torque_ratio", "clearance", "foot_lift", "foot_force", "jump_foot_force")
 
 
 @dataclass(frozen=True, eq=False)

@@ -70,17 +70,21 @@ def newton_euler(
     *,
     scales: cs.SX | None = None,
     carried: Sequence[tuple[cs.SX, cs.SX, np.ndarray]] = (),
+    spin: cs.SX | None = None,
+    spin_change: cs.SX | None = None,
 ) -> tuple[cs.SX, cs.SX]:
     """The recursion as expressions; arguments and results as in :func:`inverse_dynamics`.
 
     Further, `scales` (links,): factors of the links' masses and inertias; `carried`: bodies fixed to the last
-    link, each with mass, centre of mass (3,) and inertia (3, 3) about it in that link's frame.
+    link, each with mass, centre of mass (3,) and inertia (3, 3) about it in that link's frame. A base that
+    turns has a `spin` (rad/s) and its change (rad/s^2), (3,) in base axes; Q_1 is then accelerated by minus
+    `gravity`.
     """
     count, values = model.links, joint_values(model, q)
     speeds, changes = joint_rates(model, qd), joint_rates(model, qdd)
     relative = [relative_rotation(model, index, values[index]) for index in range(count)]
     inertial_force, inertial_moment = [], []
-    omega, domega = cs.SX.zeros(3), cs.SX.zeros(3)
+    omega, domega = (cs.SX.zeros(3) if turn is None else turn for turn in (spin, spin_change))
     # Gravity enters as an upward acceleration of the base, so m (r'' - g) of (2.40) needs no second term.
     acceleration = -gravity
     load, load_moment = force, moment
@@ -119,6 +123,30 @@ def newton_euler(
     torque = [driven[i] + model.armature[i] * qdd[i] for i in range(model.n)]  # (2.44)
     arm = cs.SX(model.mount_position) + levers[0] - about
     return cs.vertcat(*torque), cs.vertcat(-F, -M - cs.cross(arm, F))
+
+
+@lru_cache(maxsize=_CACHED_MODELS)
+def base_inertia(model: ArmModel) -> BatchFunction:
+    """What moving the base of an arm takes, to first order in the base's motion.
+
+    In: `q`, `qd` (n,), rad, rad/s; `about` (3,), m, base frame. Out: `inertia` (6, 6), kg, kg m, kg m^2:
+    force and moment about `about` that the base has to give per acceleration of that point and angular
+    acceleration of the base; `gyration` (6, 3): per angular velocity of the base, from the joints' speeds.
+    Base axes.
+    """
+    q, qd = cs.SX.sym("q", model.n), cs.SX.sym("qd", model.n)
+    about, twist = cs.SX.sym("about", 3), cs.SX.sym("twist", 9)
+    acceleration, spin_change, spin = twist[:3], twist[3:6], twist[6:]
+    acceleration = acceleration + cs.cross(spin_change, cs.SX(model.mount_position) - about)
+    none = cs.SX.zeros(3)
+    still = cs.SX.zeros(model.n)
+    _, wrench = newton_euler(
+        model, q, qd, still, -acceleration, none, none, about, spin=spin, spin_change=spin_change
+    )
+    slopes = cs.substitute(cs.jacobian(-wrench, twist), twist, cs.SX.zeros(9))
+    outputs = [slopes[:, :6], slopes[:, 6:]]
+    names = ["q", "qd", "about"], ["inertia", "gyration"]
+    return BatchFunction(cs.Function("base_inertia", [q, qd, about], outputs, *names))
 
 
 def evaluate_dynamics(

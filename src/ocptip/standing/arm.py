@@ -13,8 +13,9 @@ from ocptip.reserves.slip import Redistribution
 from ocptip.robots.collision.gaps import Collisions
 from ocptip.robots.collision.model import ShapeCollisions
 from ocptip.robots.collision.shapes import BodyShape
-from ocptip.robots.dynamics import evaluate_dynamics, inverse_dynamics
+from ocptip.robots.dynamics import base_inertia, evaluate_dynamics, inverse_dynamics
 from ocptip.robots.geometry import CollisionModel, Obstacle, in_closed_form
+from ocptip.robots.kinematics import gripper_batch
 from ocptip.robots.model import ArmModel
 from ocptip.robots.motors import Motors
 from ocptip.robots.payload import Payload
@@ -38,6 +39,8 @@ class StandingRobot(StandingMechanism):
     Raises:
         InputError: a planar support, or no gravity and no reference moment.
     """
+
+    knows_inertia = True
 
     def __init__(
         self,
@@ -96,6 +99,15 @@ class StandingRobot(StandingMechanism):
             self.arm, q, qd, qdd, gravity=support.gravity, about=support.center_of_mass
         )
         return dynamics.torque, dynamics.wrench + support.weight
+
+    def inertia(self, q: np.ndarray, qd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What moving base and arm takes, see `StandingMechanism.inertia`."""
+        arm, turning = base_inertia(self.arm)(q, qd, self.support.center_of_mass)
+        return arm + np.linalg.inv(self.support.inverse_mass), turning
+
+    def tool(self, q: np.ndarray) -> np.ndarray:
+        """Positions (N, 3), m, of the gripper."""
+        return gripper_batch(self.arm)(q)[0]
 
     def load_expressions(self, q: cs.SX, qd: cs.SX, qdd: cs.SX) -> tuple[cs.SX, cs.SX]:
         """The same as CasADi columns."""

@@ -89,7 +89,7 @@ class AtJumps(AskedLimit):
     node_kinds = (JUMP,)
 
     @classmethod
-    def wanted(cls, asked: MotionLimits) -> bool:
+    def wanted(cls, robot: StandingMechanism, asked: MotionLimits) -> bool:
         return asked.overshoot > 0
 
     def measure(self, at: Instants) -> np.ndarray:

@@ -139,8 +139,8 @@ class Limit:
         self.robot, self.asked, self.joints = robot, asked, list(joints)
 
     @classmethod
-    def wanted(cls, asked: MotionLimits) -> bool:
-        """Whether the task's numbers ask for this kind at all."""
+    def wanted(cls, robot: StandingMechanism, asked: MotionLimits) -> bool:
+        """Whether the robot and the task's numbers ask for this kind at all."""
         return True
 
     # --- what happens -------------------------------------------------------------------------------------

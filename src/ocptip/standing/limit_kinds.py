@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from ocptip.reserves.tipping import TipMap
+from ocptip.standing.feet_limit import FootForceLimit, FootLiftLimit, JumpFootForceLimit
 from ocptip.standing.instants import Instants, NodeColumns
 from ocptip.standing.jumps import AtJumps
 from ocptip.standing.limit import (
@@ -419,6 +420,9 @@ KINDS: tuple[type[Limit], ...] = (
     FurtherLimit,
     WorstTipOverLimit,
     WorstSlipLimit,
+    FootForceLimit,
+    JumpFootForceLimit,
+    FootLiftLimit,
 )
 
 
@@ -433,4 +437,4 @@ def limits_of(
         joints: coordinates that ramps are planned for, 0-based; default all.
     """
     joints = tuple(range(robot.n)) if joints is None else joints
-    return tuple(kind(robot, asked, joints) for kind in KINDS if kind.wanted(asked))
+    return tuple(kind(robot, asked, joints) for kind in KINDS if kind.wanted(robot, asked))

@@ -23,6 +23,9 @@ class MotionLimits:
         min_duration, max_duration: of the motion, s; equal for a motion that must take just so long.
         overshoot: share of every jump of the load that is added to the load after it, 0 (jumps do not count)
             to 1; see `ocptip.standing.jumps`.
+        foot_lift: largest height above the ground, m, of a foot that gives, while the base swings.
+        foot_force: least normal force of a foot that gives, as springs share the load at rest on them, N.
+        jump_foot_force: the same of the loads after jumps with their overshoot, N.
         jump_tip_over, jump_slip: largest GN and GT of these loads, at most 1, where a contact is lost.
         tolerance: how far the world may be off.
         GN_worst_case, GT_worst_case: largest values at the worst of the tolerance: no contact is lost.
@@ -41,12 +44,15 @@ class MotionLimits:
     tolerance: Tolerance = NONE
     GN_worst_case: float = 0.999
     GT_worst_case: float = 0.999
+    foot_lift: float = 0.0
+    foot_force: float = 0.0
+    jump_foot_force: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("GN", "GT", "jump_tip_over", "jump_slip", "GN_worst_case", "GT_worst_case"):
             share_of_one(name, getattr(self, name))
         positive_number("torque_ratio", self.torque_ratio)
-        for name in ("clearance", "angle_margin", "min_duration"):
+        for name in ("clearance", "angle_margin", "min_duration", "foot_lift"):
             positive_number(name, getattr(self, name), zero_allowed=True)
         if not 0 <= number_from("overshoot", self.overshoot) <= 1:
             raise InputError(f"overshoot: must be >= 0 and <= 1, got {self.overshoot!r}")

@@ -128,6 +128,7 @@ class StandingMechanism(MadeOf, ABC):
 
     Attributes:
         kind: word for messages.
+        knows_inertia: :meth:`inertia` is known.
         direct_drives: every motor moves one coordinate, at that coordinate's speed.
         further_limits: of what :meth:`further` gives.
         mass: of base, mechanism and payload, kg.
@@ -137,6 +138,7 @@ class StandingMechanism(MadeOf, ABC):
     """
 
     kind = "arm"
+    knows_inertia = False
     direct_drives = True
     further_limits = FurtherLimits()
 
@@ -196,6 +198,23 @@ class StandingMechanism(MadeOf, ABC):
     @abstractmethod
     def load_expressions(self, q: cs.SX, qd: cs.SX, qdd: cs.SX) -> tuple[cs.SX, cs.SX]:
         """The same as CasADi columns (n,) and (6,)."""
+
+    def inertia(self, q: np.ndarray, qd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What moving base and mechanism takes, to first order, where `knows_inertia`.
+
+        (N, 6, 6), kg, kg m, kg m^2: force and moment about the base's centre of mass per acceleration of that
+        point and angular acceleration; (N, 6, 3): per angular velocity of the base.
+        """
+        raise NotImplementedError(f"{self.kind}: inertia as seen from the base")
+
+    @property
+    def swings(self) -> bool:
+        """Whether it stands on feet that give, and how it swings on them can be computed."""
+        return self.knows_inertia and self.support.elastic is not None
+
+    def tool(self, q: np.ndarray) -> np.ndarray:
+        """Positions (N, 3), m, base frame, of the point whose place matters; default: the centre of mass."""
+        return np.broadcast_to(self.support.center_of_mass, (len(q), 3))
 
     def motor_speeds(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         """(N, n), rad/s or m/s."""

@@ -48,7 +48,7 @@ class WorstCaseLimit(AskedLimit):
         self.cases = worst_case_of(robot, asked.tolerance)
 
     @classmethod
-    def wanted(cls, asked: MotionLimits) -> bool:
+    def wanted(cls, robot: StandingMechanism, asked: MotionLimits) -> bool:
         return bool(asked.tolerance.given)
 
     def worst(self, values: np.ndarray, times: np.ndarray, look: Look) -> list[Worst]:

@@ -15,6 +15,7 @@ import numpy as np
 
 from ocptip.basics.errors import InputError, is_whole
 from ocptip.basics.toml import DEGREES, Table
+from ocptip.contact.support import Support
 from ocptip.motion.objective import objective_of
 from ocptip.motion.planner.free_ends import FOUND_MARGIN
 from ocptip.motion.task import FIRST_SEVEN, MotionTask, check_commands
@@ -39,7 +40,7 @@ from ocptip.task_files.shapes import read_base_shapes, read_obstacles
 from ocptip.task_files.source import task_source
 from ocptip.task_files.tolerance import read_tolerance
 
-_LIMITS = ("GN", "GT", "torque_ratio", "clearance")
+_LIMITS = ("GN", "GT", "torque_ratio", "clearance", "foot_lift", "foot_force", "jump_foot_force")
 
 
 def load_task(path: str | os.PathLike[str]) -> MotionTask:
@@ -85,7 +86,8 @@ def _task(data: Table, path: Path) -> MotionTask:
     table = data.table("limits", optional=True)
     moment = table.number("reference_moment", None, bound="> 0")
     margin = table.number("angle_margin_deg", 0.0, scale=DEGREES, bound=">= 0")
-    limits = table.make(MotionLimits, angle_margin=margin, **table.numbers(*_LIMITS), **_jumps(table))
+    jumps = _jumps(table, support)
+    limits = table.make(MotionLimits, angle_margin=margin, **table.numbers(*_LIMITS), **jumps)
     limits = replace(limits, tolerance=read_tolerance(data.table("tolerance", optional=True)))
     name = data.text("name", path.stem)
     if "robot" in data:
@@ -143,11 +145,15 @@ def _durations(table: Table) -> dict[str, float]:
     return {"min_duration": seconds if key == "duration" else 0.0, "max_duration": seconds}
 
 
-def _jumps(table: Table) -> dict[str, float]:
-    """What is added to the load after a jump, of [limits]: a share of the jump, or by the damping."""
+def _jumps(table: Table, support: Support) -> dict[str, float]:
+    """What is added to the load after a jump, of [limits]: a share of the jump, or by the damping.
+
+    Default: nothing on rigid feet, else by the least damping ratio of the feet.
+    """
     key = table.one_of("overshoot", "damping", optional=True)
     if key is None:
-        return {}
+        ratios = [spring.ratio for spring in support.elastic.springs] if support.elastic else []
+        return {"overshoot": overshoot_of(min(ratios))} if ratios else {}
     number = table.number(key)
     with table.at():
         return {"overshoot": number if key == "overshoot" else overshoot_of(number)}

@@ -1,0 +1,139 @@
+"""Limits of bases on feet that give: every foot's share of a load, and how far feet lift while it swings."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ocptip.standing.instants import Instants
+from ocptip.standing.jumps import AtJumps, Jumps
+from ocptip.standing.limit import AskedLimit, Look, NodeSlopes, Rows, Worst, WrenchLimit
+from ocptip.standing.limits import MotionLimits
+from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.on_feet import on_its_feet
+from ocptip.trajectories.sampled import Motion
+
+_TIGHTER = 0.05  # of the weight per foot: by how much feet are kept down more where a motion lifts one
+
+
+class FootForceLimit(WrenchLimit, AskedLimit):
+    """Least normal force of a foot, as springs share the load while all press: linear in the wrench.
+
+    It goes on smoothly below zero, where a foot would have to pull.
+    """
+
+    name, quantity, setting = "foot force", "foot_force_N", "foot_force"
+    of_contacts = least = True
+
+    @classmethod
+    def wanted(cls, robot: StandingMechanism, asked: MotionLimits) -> bool:
+        return robot.support.elastic is not None
+
+    def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
+        super().__init__(robot, asked, joints)
+        elastic = robot.support.elastic
+        assert elastic is not None  # it was wanted
+        self._map = elastic.normal_map
+        self.width = len(self._map)
+        self.unit = robot.mass * float(np.linalg.norm(robot.support.gravity)) / self.width or 1.0
+
+    def forces(self, at: Instants) -> np.ndarray:
+        """(N, n), N."""
+        return at.wrenches @ self._map.T
+
+    def measure(self, at: Instants) -> np.ndarray:
+        return -np.min(self.forces(at), axis=1, keepdims=True)
+
+    def detail(self, look: Look, time: float) -> str:
+        return f"contact {int(np.argmin(self.forces(look(time))[0])) + 1}"
+
+    def refusals(self, at: Instants) -> list[str]:
+        forces = self.forces(at)[0]
+        k = int(np.argmin(forces))
+        if forces[k] >= self.number:
+            return []
+        return [
+            f"foot {k + 1} bears {forces[k]:.4g} N at rest on its springs, must be >= {self.number:.4g} N"
+        ]
+
+    def path_excess(self, at: Instants) -> float:
+        return float(self.number - np.min(self.forces(at))) / self.unit
+
+    def near(self, at: Instants, share: float) -> np.ndarray:
+        return self.forces(at) - self.number <= (1 - share) * self.unit
+
+    def use(self, at: Instants) -> np.ndarray:
+        return 1 + (self.number - np.min(self.forces(at), axis=1)) / self.unit
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        return np.full(self.width, self.number / self.unit), np.full(self.width, np.inf)
+
+    def rows(self, at: NodeSlopes, mask: np.ndarray) -> Rows:
+        i, k = np.nonzero(mask)
+        forces = at.y[:, at.columns.wrench] @ self._map.T
+        return Rows(at, i, k, forces[i, k] / self.unit, self._map[k])
+
+    def inner(self, asked: MotionLimits) -> MotionLimits:
+        return self._raised(asked, 1e-4)
+
+    def tightened(self, asked: MotionLimits, excess: float) -> MotionLimits:
+        return self._raised(asked, min(excess / self.unit, _TIGHTER))
+
+    def _raised(self, asked: MotionLimits, share: float) -> MotionLimits:
+        return replace(asked, **{self.setting: getattr(asked, self.setting) + share * self.unit})
+
+
+class JumpFootForceLimit(AtJumps, FootForceLimit):
+    """The same under the loads at jumps with their overshoot."""
+
+    name, quantity, setting = "foot force at jumps", "jump_foot_force_N", "jump_foot_force"
+
+    @classmethod
+    def wanted(cls, robot: StandingMechanism, asked: MotionLimits) -> bool:
+        return asked.overshoot > 0 and robot.support.elastic is not None
+
+    def exact(self, motion: Motion) -> list[Worst]:
+        jumps = Jumps.of(motion)
+        forces = self.forces(jumps.loads(self.robot, self.asked.overshoot))
+        if not len(jumps):
+            return [Worst(self.quantity, np.inf, np.nan, self.number, "no jumps", -np.inf, least=True)]
+        i, k = np.unravel_index(np.argmin(forces), forces.shape)
+        value, detail = float(forces[i, k]), f"contact {k + 1}, {jumps.words(int(i))}"
+        excess = self.number - value
+        return [Worst(self.quantity, value, float(jumps.times[i]), self.number, detail, excess, least=True)]
+
+
+class FootLiftLimit(AskedLimit):
+    """Largest height of a foot above the ground in a whole motion on springs.
+
+    Programs know nothing of swings; for a motion that breaks the limit feet are kept down more.
+    """
+
+    name, quantity, setting = "foot lift", "foot_lift_m", "foot_lift"
+
+    @classmethod
+    def wanted(cls, robot: StandingMechanism, asked: MotionLimits) -> bool:
+        return robot.swings
+
+    def worst(self, values: np.ndarray, times: np.ndarray, look: Look) -> list[Worst]:
+        return []
+
+    def exact(self, motion: Motion) -> list[Worst]:
+        found = on_its_feet(self.robot, motion)
+        if found is None:
+            return []
+        time, detail = found.end, ""
+        if found.lifts:
+            time, detail = found.lifts[0].time, f"contact {found.lifts[0].contact}"
+        return [Worst(self.quantity, found.lift, time, self.number, detail, found.lift - self.number)]
+
+    def kept(self, at: Instants) -> bool:
+        return True
+
+    def inner(self, asked: MotionLimits) -> MotionLimits:
+        return asked
+
+    def tightened(self, asked: MotionLimits, excess: float) -> MotionLimits:
+        kind = JumpFootForceLimit if asked.overshoot > 0 else FootForceLimit
+        return kind(self.robot, asked, tuple(self.joints)).tightened(asked, np.inf)

@@ -1,0 +1,182 @@
+"""A motion on feet that give: which feet lift and when, how the base rocks, how long it takes to settle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from ocptip.basics.text import percent, quantity
+from ocptip.numerics.vectors import cross
+from ocptip.standing.contact_margins import Margin
+from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.on_springs import FALLEN, Course, Modes, Ride, Simulation
+from ocptip.trajectories.sampled import Motion
+
+SETTLED = 1e-4  # m: the gripper is at rest when it stays as near to its last place
+_DECAYS = 6.0  # time constants of the lowest mode for which is looked on after the end
+_LOOK = 0.2, 5.0  # s: at least and at most
+
+
+@dataclass(frozen=True)
+class Lift:
+    """A foot in the air.
+
+    Attributes:
+        contact: counted from 1.
+        begin, end: s.
+        height: m, largest gap below it.
+        time: s, of the largest gap.
+    """
+
+    contact: int
+    begin: float
+    end: float
+    height: float
+    time: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        return {
+            "contact": self.contact,
+            "begin_s": self.begin,
+            "end_s": self.end,
+            "height_m": self.height,
+            "time_s": self.time,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class FeetMotion:
+    """What feet that give do during a motion and after it.
+
+    Attributes:
+        course: of base and feet.
+        end: of the motion, s.
+        frequency: lowest natural frequency at the start, Hz, all feet pressing.
+        damping: ratio of that mode.
+        least: least normal force of each foot, n margins, N.
+        lifts: feet in the air, the highest first.
+        shift: of the gripper by the feet, farthest from that at rest at the start, m.
+        settling: s after the end of the motion until the gripper stays within `SETTLED` of its last place;
+            infinite if that was not seen.
+    """
+
+    course: Course
+    end: float
+    frequency: float
+    damping: float
+    least: tuple[Margin, ...]
+    lifts: tuple[Lift, ...]
+    shift: Margin
+    settling: float
+
+    @property
+    def lift(self) -> float:
+        """Largest height of a foot above the ground, m; at least `FALLEN` if the base falls."""
+        return max(self.lifts[0].height if self.lifts else 0.0, FALLEN if self.falls else 0.0)
+
+    @property
+    def falls(self) -> bool:
+        """A foot moved so far that it was not followed any longer."""
+        return self.course.falls
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        return {
+            "frequency_Hz": self.frequency,
+            "damping_ratio": self.damping,
+            "least_normal_forces_N": [margin.to_dict() for margin in self.least],
+            "lift_m": self.lift,
+            "lifts": [lift.to_dict() for lift in self.lifts],
+            "falls": self.falls,
+            "gripper_shift_m": self.shift.value,
+            "gripper_shift_time_s": self.shift.time,
+            "settling_s": self.settling,
+        }
+
+    def lines(self) -> list[str]:
+        """In words."""
+        mode = f"lowest natural frequency {self.frequency:.3g} Hz, damping {percent(self.damping)}"
+        if self.falls:
+            return [f"a foot moves by more than {1e3 * FALLEN:.0f} mm at {self.course.times[-1]:.3f} s", mode]
+        if self.lifts:
+            found = self._lift_lines()
+        else:
+            least = min(self.least, key=lambda margin: margin.value)
+            found = [f"least normal force {quantity(least.value, 'N', 3)} {least}"]
+        shift = f"gripper shifted by up to {quantity(1e3 * self.shift.value, 'mm', 3)} {self.shift}"
+        within = f"within {1e3 * SETTLED:.1f} mm of rest"
+        if np.isfinite(self.settling):
+            rest = f"{within} {self.settling:.2f} s after the end"
+        else:
+            rest = f"not {within} {self.course.times[-1] - self.end:.2g} s after the end"
+        return [*found, mode, shift, rest]
+
+    def _lift_lines(self) -> list[str]:
+        highest = self.lifts[0]
+        line = f"contact {highest.contact} lifts by {1e3 * highest.height:.2g} mm ({highest.time:.3f} s)"
+        more = len(self.lifts) - 1
+        return [line + (f"; {more} other lift{'s' if more > 1 else ''}" if more else "")]
+
+
+@lru_cache(maxsize=8)
+def on_its_feet(robot: StandingMechanism, motion: Motion) -> FeetMotion | None:
+    """A motion on the springs of the robot's feet; None if they are rigid, or its inertia is not known."""
+    elastic, begin = robot.support.elastic, motion.start[None]
+    if elastic is None or not robot.knows_inertia:
+        return None
+    modes = Modes.of(elastic, robot.inertia(begin, 0 * begin)[0][0])
+    rate = 2 * np.pi * modes.lowest * max(modes.damping, 1e-9)
+    ride = Ride(robot, motion, rest=float(np.clip(_DECAYS / rate, *_LOOK)))
+    course = Simulation(ride, elastic, modes).run()
+    shifts = _shifts(robot, motion, course)
+    return FeetMotion(
+        course=course,
+        end=motion.end,
+        frequency=modes.lowest,
+        damping=modes.damping,
+        least=tuple(_least(course, k) for k in range(len(modes.delays))),
+        lifts=tuple(sorted(_lifts(course), key=lambda lift: -lift.height)),
+        shift=_largest(course.times, np.linalg.norm(shifts - shifts[0], axis=1)),
+        settling=_settling(course, motion.end, shifts),
+    )
+
+
+def _least(course: Course, k: int) -> Margin:
+    i = int(np.argmin(course.forces[:, k, 0]))
+    return Margin(float(course.forces[i, k, 0]), float(course.times[i]), (k + 1,))
+
+
+def _largest(times: np.ndarray, values: np.ndarray) -> Margin:
+    i = int(np.argmax(values))
+    return Margin(float(values[i]), float(times[i]))
+
+
+def _lifts(course: Course) -> list[Lift]:
+    """Runs of instants at which a foot has a gap below it."""
+    found = []
+    for k, gaps in enumerate(course.gaps.T):
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], gaps > 0, [False]])))
+        for first, last in edges.reshape(-1, 2):
+            top = first + int(np.argmax(gaps[first:last]))
+            begin, end = course.times[max(first - 1, 0)], course.times[min(last, len(gaps) - 1)]
+            found.append(Lift(k + 1, float(begin), float(end), float(gaps[top]), float(course.times[top])))
+    return found
+
+
+def _shifts(robot: StandingMechanism, motion: Motion, course: Course) -> np.ndarray:
+    """(T, 3), m: by how much the feet shift the gripper."""
+    places = robot.tool(motion.states(np.minimum(course.times, motion.end))[0])
+    arms = places - robot.support.center_of_mass
+    return course.twists[:, :3] + cross(course.twists[:, 3:], arms)
+
+
+def _settling(course: Course, end: float, shifts: np.ndarray) -> float:
+    away = np.linalg.norm(shifts - shifts[-1], axis=1) > SETTLED
+    late = np.flatnonzero(away & (course.times > end))
+    if course.falls or (len(late) and late[-1] >= len(away) - len(away) // 50):
+        return np.inf
+    return float(course.times[late[-1]] - end) if len(late) else 0.0

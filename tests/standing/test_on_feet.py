@@ -1,0 +1,227 @@
+"""Motions on feet that give, against a simulation of the rigid bodies that linearises nothing."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ocptip.contact.support import Support
+from ocptip.motion.check import check_motion
+from ocptip.published.tasks import experiment_task
+from ocptip.standing import on_springs
+from ocptip.standing.feet_limit import FootForceLimit, JumpFootForceLimit
+from ocptip.standing.instants import Instants
+from ocptip.standing.limit import NodeSlopes
+from ocptip.standing.limits import MotionLimits
+from ocptip.standing.on_feet import on_its_feet
+from ocptip.standing.on_springs import Modes, Ride, Simulation
+from ocptip.standing.tolerance import overshoot_of
+from ocptip.trajectories.arm_motion import ArmMotion
+from tests.oracles.feet_simulation import FeetSimulation
+from tests.places import ROOT
+
+
+def softened(robot, stiffness, **damping):
+    """The same robot on feet of this stiffness."""
+    own = robot.support
+    feet = [replace(c, stiffness=stiffness, **damping) for c in own.contacts]
+    support = Support(
+        feet, mass=own.mass, center_of_mass=own.center_of_mass, inertia=own.inertia, gravity=own.gravity
+    )
+    return robot.varied(support=support)
+
+
+def plan_of(case):
+    """Robot and verified motion of a published case."""
+    path = ROOT / f"studies/results/plans/{case}-effective/plan.json"
+    return experiment_task(case).robot, ArmMotion.from_dict(json.loads(path.read_text()))
+
+
+def simulated(robot, motion, step):
+    foot = robot.support.contacts[0]
+    delay = on_its_feet_delay(robot, motion)
+    stiffness = foot.spring().stiffness
+    return FeetSimulation(robot, motion, stiffness[0], stiffness[1], delay).run(step)
+
+
+def on_its_feet_delay(robot, motion):
+    """Damping over stiffness, s."""
+    start = motion.start[None]
+    return Modes.of(robot.support.elastic, robot.inertia(start, 0 * start)[0][0]).delays[0]
+
+
+def compared(robot, motion, step):
+    """Our forces and gaps and the simulation's, at its instants."""
+    theirs, ours = simulated(robot, motion, step), on_its_feet(robot, motion).course
+    kept = theirs.times < ours.times[-1]
+    forces, gaps = (
+        np.stack([np.interp(theirs.times[kept], ours.times, x) for x in values.T], axis=1)
+        for values in (ours.forces[:, :, 0], ours.gaps)
+    )
+    return forces, theirs.forces[kept], gaps, theirs.gaps[kept]
+
+
+def test_inertia_is_that_of_other_rigid_bodies():
+    robot, motion = plan_of("A")
+    simulation = FeetSimulation(robot, motion, 1e6, 1e6, 1e-3)
+    q, qd, _ = (x[0] for x in motion.states(np.array([0.31])))
+    y = np.array([*robot.support.center_of_mass, 1, 0, 0, 0, *np.zeros(6)])
+    inertia, turning = (x[0] for x in robot.inertia(q[None], qd[None]))
+    M, bias = simulation.inertia_and_bias(y, q, qd)
+    assert np.allclose(inertia, M[:6, :6], atol=1e-9)
+    for axis in range(3):
+        slopes = []
+        for size in (1e-4, -1e-4):
+            y[10:] = size * np.eye(3)[axis]
+            slopes.append(simulation.inertia_and_bias(y, q, qd)[1][:6])
+        assert np.allclose((slopes[0] - slopes[1]) / 2e-4, turning[:, axis], atol=1e-6)
+    wrench = robot.loads(q[None], qd[None], 0 * qd[None])[1][0]
+    assert np.allclose(bias[:6], -wrench, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("case", "stiffness", "ratio", "step"), [("A", 1e5, 0.05, 1e-3), ("A", 1e6, 0.2, 1e-3)]
+)
+def test_forces_are_those_of_a_simulation(case, stiffness, ratio, step):
+    """Feet lift in all these."""
+    robot, motion = plan_of(case)
+    forces, expected, gaps, lifted = compared(softened(robot, stiffness, damping_ratio=ratio), motion, step)
+    assert np.sqrt(np.mean((forces - expected) ** 2)) < 0.5  # N
+    assert forces.max() == pytest.approx(expected.max(), rel=0.01)
+    assert gaps.max() == pytest.approx(lifted.max(), rel=0.03)
+    assert lifted.max() > 1e-5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", ["A", "B", "G"])
+@pytest.mark.parametrize(("stiffness", "step"), [(1e6, 2e-4), (1e7, 1e-4)])
+@pytest.mark.parametrize("ratio", [0.05, 0.2])
+def test_forces_of_plans_are_those_of_a_simulation(case, stiffness, ratio, step):
+    robot, motion = plan_of(case)
+    if (case, stiffness) == ("B", 1e6):
+        pytest.skip("it falls, or nearly")
+    forces, expected, gaps, lifted = compared(softened(robot, stiffness, damping_ratio=ratio), motion, step)
+    assert np.sqrt(np.mean((forces - expected) ** 2)) < 1.5
+    assert forces.max() == pytest.approx(expected.max(), rel=0.02)
+    assert gaps.max() == pytest.approx(lifted.max(), rel=0.02)
+
+
+def test_plan_b_falls_from_soft_feet():
+    robot, motion = plan_of("B")
+    found = on_its_feet(softened(robot, 1e5, damping_ratio=0.2), motion)
+    assert found.falls
+    assert found.lift >= on_springs.FALLEN
+    assert "a foot moves by more than 20 mm at 0." in found.lines()[0]
+
+
+def test_steps_are_fine_enough(monkeypatch):
+    robot, motion = plan_of("G")
+    soft = softened(robot, 1e6)
+    elastic, start = soft.support.elastic, motion.start[None]
+    modes = Modes.of(elastic, soft.inertia(start, 0 * start)[0][0])
+
+    def least():
+        """Normal force, N, of the linear theory, and height, m, of feet that only push."""
+        ride = Ride(soft, motion)
+        pulling = Simulation(ride, elastic, modes, one_sided=False).run()
+        return pulling.forces[:, :, 0].min(), Simulation(ride, elastic, modes).run().gaps.max()
+
+    usual = least()
+    monkeypatch.setattr(on_springs, "LONGEST", 0.002)
+    monkeypatch.setattr(on_springs, "PER_PERIOD", 60)
+    finer = least()
+    assert usual[0] == pytest.approx(finer[0], abs=0.05)  # N, of 60
+    assert usual[1] == pytest.approx(finer[1], rel=0.01)
+
+
+def test_it_starts_at_rest_and_ends_at_rest():
+    robot, motion = plan_of("A")
+    soft = softened(robot, 1e6)
+    course = on_its_feet(soft, motion).course
+    ends = [soft.loads(q[None], 0 * q[None], 0 * q[None])[1] for q in (motion.start, motion.goal)]
+    for at, wrench in zip((0, -1), ends, strict=True):
+        expected = soft.support.elastic.share(wrench).forces[0, :, 0]
+        assert np.allclose(course.forces[at, :, 0], expected, atol=0.6)  # the base leans by a hair
+    assert course.times[0] == 0
+    assert course.times[-1] > motion.end + 0.15
+
+
+def test_damping_is_what_was_asked_for():
+    robot, motion = plan_of("A")
+    found = on_its_feet(softened(robot, 3e5, damping_ratio=0.07), motion)
+    assert found.damping == pytest.approx(0.07, rel=1e-3)
+    delay = on_its_feet_delay(softened(robot, 3e5, damping_ratio=0.07), motion)
+    same = on_its_feet(softened(robot, 3e5, damping=3e5 * delay), motion)
+    assert same.damping == pytest.approx(0.07, rel=1e-3)
+    assert same.lift == pytest.approx(found.lift)
+
+
+def test_stiffer_feet_lift_less_but_jumps_still_lift_them():
+    """What overshoots is a share of the jump, whatever the stiffness; the height goes with its inverse."""
+    robot, motion = plan_of("A")
+    lifts = [on_its_feet(softened(robot, k), motion).lift for k in (1e6, 1e7, 1e8)]
+    assert lifts[0] / lifts[1] == pytest.approx(10, rel=0.1)
+    assert lifts[1] / lifts[2] == pytest.approx(10, rel=0.1)
+
+
+def test_a_check_is_not_verified_where_a_foot_lifts():
+    robot, motion = plan_of("A")
+    assert check_motion(robot, motion).verified
+    assert check_motion(robot, motion).feet is None
+    soft = softened(robot, 1e6)
+    checked = check_motion(soft, motion)
+    assert not checked.verified
+    lift = checked.worst["foot_lift_m"]
+    assert checked.violations == (
+        f"foot_lift_m is {lift.value:.4g} at {lift.time:.4f} s (contact 1), must be <= 0",
+    )
+    assert checked.feet.lift == lift.value == pytest.approx(6.8e-5, rel=0.02)
+    allowed = check_motion(soft, motion, MotionLimits(foot_lift=1e-4))
+    assert allowed.verified
+    data = json.loads(json.dumps(allowed.to_dict()["feet"]))
+    assert data["lift_m"] == lift.value
+    assert data["frequency_Hz"] == pytest.approx(23.3, rel=0.01)
+    assert data["lifts"][0]["contact"] == 1
+
+
+def test_lines_say_what_is_known():
+    robot, motion = plan_of("A")
+    lines = on_its_feet(softened(robot, 1e6), motion).lines()
+    assert lines[0].startswith("contact 1 lifts by 0.068 mm (0.031 s); 1 other lift")
+    assert lines[1] == "lowest natural frequency 23.3 Hz, damping 5 %"
+    slow = on_its_feet(softened(robot, 1e6), motion.time_scaled(2.0)).lines()
+    assert slow[0].startswith("least normal force ")
+
+
+@pytest.mark.parametrize("kind", [FootForceLimit, JumpFootForceLimit])
+def test_rows_of_foot_forces_are_the_springs_and_their_slopes(kind):
+    robot, motion = plan_of("A")
+    soft = softened(robot, 2e5)
+    limit = kind(soft, MotionLimits(overshoot=0.5), (0, 1, 2))
+    at = Instants.of_states(soft, *motion.states(np.linspace(0.1, 1.2, 7)))
+    shared = soft.support.elastic.share(at.wrenches)
+    assert shared.pressing.all()
+    assert np.allclose(limit.forces(at), shared.forces[:, :, 0])
+    columns = type("Columns", (), {"wrench": slice(0, 6)})()
+    slopes = np.broadcast_to(np.eye(6), (7, 6, 6))
+    node = NodeSlopes(columns, np.empty((7, 0)), np.empty((7, 0, 6)), at.wrenches, slopes)
+    rows = limit.rows(node, np.ones((7, 3), dtype=bool))
+    assert np.allclose(limit.jacobian(rows).reshape(7, 3, 6) * limit.unit, shared.maps[:, :, 0])
+    assert np.allclose(rows.values.reshape(7, 3) * limit.unit, shared.forces[:, :, 0])
+
+
+def test_one_jump_overshoots_by_the_rule():
+    """Before the second event the most that a foot loses is its jump times 1 + kappa, mode by mode."""
+    robot, motion = plan_of("A")
+    soft = softened(robot, 1e8, damping_ratio=0.05)
+    second = motion.event_times[1]
+    course = on_its_feet(soft, motion).course
+    early = (course.times > 0) & (course.times < second)
+    start = soft.support.elastic.share(Instants.at_rest(soft, motion.start[None]).wrenches).forces[0, :, 0]
+    jumped = Instants.of_states(soft, *motion.states(np.array([2e-7])))
+    change = soft.support.elastic.share(jumped.wrenches).forces[0, :, 0] - start
+    k = int(np.argmin(change))
+    bound = start[k] + (1 + overshoot_of(0.05)) * change[k]
+    least = course.forces[early, k, 0].min()
+    assert bound - 1 <= least <= start[k] + 1.3 * change[k]
