@@ -17,17 +17,15 @@ from ocptip.basics.errors import InputError, is_whole
 from ocptip.basics.toml import DEGREES, Table
 from ocptip.contact.support import Support
 from ocptip.motion.objective import objective_of
-from ocptip.motion.planner.free_ends import FOUND_MARGIN
+from ocptip.motion.postures import posture_pairs, postures_of
 from ocptip.motion.task import FIRST_SEVEN, MotionTask, check_commands
 from ocptip.published.cases import motion_cases
 from ocptip.published.tasks import BASES, experiment_task
-from ocptip.robots.inverse.joint_angles import within_limits
 from ocptip.robots.inverse.pose_target import PoseTarget
 from ocptip.robots.model import ArmModel
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.rest import posture_refusals
 from ocptip.standing.tolerance import overshoot_of
 from ocptip.task_files.arm import require_geometry
 from ocptip.task_files.doubts import doubt_masses, doubt_units, doubt_way
@@ -101,11 +99,14 @@ def _task(data: Table, path: Path) -> MotionTask:
     robot = StandingRobot(arm, support, motors, obstacles=obstacles, shapes=shapes, reference_moment=moment)
     motion = data.table("motion")
     targets = _target(arm, motion, "start"), _target(arm, motion, "goal")
-    starts, goals = (
-        _postures(motion, key, arm, target, limits) if target else _given(arm, motion, key)
-        for key, target in zip(("start", "goal"), targets, strict=True)
-    )
-    pairs = _pairs(robot, limits, starts, goals)
+    found = []
+    for key, target in zip(("start", "goal"), targets, strict=True):
+        if target is None:
+            found.append(_given(arm, motion, key))
+            continue
+        with motion.table(f"{key}_pose").at(pose=""):
+            found.append(postures_of(arm, target, limits))
+    pairs = posture_pairs(robot, limits, *found)
     task = _ramp_task(name, robot, *pairs[0], limits, motion)
     return replace(task, targets=targets, choices=tuple(pairs) if len(pairs) > 1 else ())
 
@@ -189,38 +190,6 @@ def _target(arm: ArmModel, table: Table, key: str) -> PoseTarget | None:
         axis, fold = given.text("symmetric_about", ""), given.value("fold", 0)
         with given.at():
             return PoseTarget(position, rotation, axis, fold)
-
-
-def _postures(table: Table, key: str, arm: ArmModel, target: PoseTarget, limits: MotionLimits) -> np.ndarray:
-    """Postures (k, n), rad (sliding joints: m), of a gripper pose; far from angle limits, if some are."""
-    with table.table(f"{key}_pose").at(pose=""):
-        found = target.postures(arm)
-    margin = np.where(arm.prismatic, 0.0, max(limits.angle_margin, FOUND_MARGIN))
-    far = (found >= arm.limits.angle_min + margin) & (found <= arm.limits.angle_max - margin)
-    return found[far.all(axis=1)] if far.all(axis=1).any() else found
-
-
-def _pairs(
-    robot: StandingRobot, limits: MotionLimits, starts: np.ndarray, goals: np.ndarray
-) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Pairs of start and goal, (n,), rad each, by the rule of docs/motion-planner.md, ties by order.
-
-    All that stand at rest within all limits; if none does, the one with the fewest reasons against it.
-    """
-    arm = robot.arm.limits
-    reasons = [[0], [0]]
-    if len(starts) > 1 or len(goals) > 1:
-        reasons = [[len(posture_refusals(robot, limits, q)) for q in qs] for qs in (starts, goals)]
-    weights = 1 / np.where(np.isfinite(arm.speed), arm.speed, 1.0)
-    ranked = []
-    for s, start in enumerate(starts):
-        for g, goal in enumerate(goals):
-            # Branches of a pose, unlike the angles of a posture, may be taken whole turns away.
-            near = within_limits(robot.arm, goal, start) if len(goals) > 1 else goal
-            way = float(np.abs(near - start) @ weights)
-            ranked.append((reasons[0][s] + reasons[1][g], way, len(ranked), start, near))
-    ranked.sort(key=lambda entry: entry[:3])
-    return [entry[3:] for entry in ranked if entry[0] == 0] or [ranked[0][3:]]
 
 
 def _joints(item: object, names: tuple[str, ...]) -> list[int]:
