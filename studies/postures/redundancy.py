@@ -4,8 +4,9 @@
 
 A Panda and an xArm7 (package example-robot-data) on a platform with four feet move from a random gripper pose
 to another. `plan_motion` with default options against the best of 50 plans, each from a random posture of the
-first pose to a random posture of the second (one start each; pairs that do not stand are drawn again). Goes
-on where it was interrupted. Writes redundancy.jsonl and prints a table.
+first pose to a random posture of the second (one start each; pairs that do not stand are drawn again; those
+whose plainest motions cost 1.8 times as much as the cheapest pair's are not planned, see `hopeless`). Goes on
+where it was interrupted. Writes redundancy.jsonl and prints a table.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from ocptip.standing.limits import MotionLimits
 from ocptip.task_files.motion import load_task
 from studies.common import JsonLines, progress, table
 from studies.foreign_arms.run import package_folder, task_text, template_of
-from studies.postures.tasks import FAR, NEAR, pose_task, standing_posture
+from studies.postures.tasks import FAR, NEAR, hopeless, pose_task, standing_posture
 
 SEVEN = ("Panda, hand", "xArm7")
 ARMS = Path(__file__).parent.parent / "foreign_arms" / "arms.toml"
@@ -87,6 +88,7 @@ def rows_of(number: int, options: argparse.Namespace, lines: JsonLines) -> list[
     known = {(row["kind"], row["k"]): row for row in lines.read() if row["task"] == number}
     task = redundant_task(number, options.seed, options.packages)
     pairs = random_pairs(task, options.random, options.seed)
+    without = hopeless(pairs)
     for kind, k in [("plan", 0), *(("random", k) for k in range(options.random))]:
         if (kind, k) in known:
             continue
@@ -98,6 +100,8 @@ def rows_of(number: int, options: argparse.Namespace, lines: JsonLines) -> list[
                     row |= {"energy": plan.energy, "cpu": sum(start.cpu_seconds for start in plan.starts)}
                 except PlanningError as error:
                     row["status"] = str(error)
+            elif k in without:
+                row["status"] = "hopeless"
             else:
                 found = Search(pairs[k]).run(k, options.seed).result
                 row |= {"energy": found.energy if found.verified else None, "cpu": found.cpu_seconds}

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 
 from ocptip.basics.errors import InputError
+from ocptip.motion.choices import plainest_cost
 from ocptip.motion.postures import posture_pairs, postures_of
 from ocptip.motion.task import MotionTask, refusals
 from ocptip.published.cases import motion_case
@@ -23,6 +25,7 @@ from studies.common import EXAMPLES
 SIX = ("UR5", "FP1W2F", "FSFS")
 PLANNED = (0, 1, 2)
 MOST_PAIRS = 16
+HOPELESS = 1.8
 TRIES = 400
 NEAR, FAR = 0.5, 2.5  # rad: largest difference of the drawn postures, joint 1 to 3, at least and at most
 
@@ -76,6 +79,15 @@ def pose_task(
     pairs = posture_pairs(robot, limits, starts, postures_of(robot.arm, targets[1], limits))
     wanted = (targets[0] if given is None else None), targets[1]
     return MotionTask(name, robot, *pairs[0], limits, choices=tuple(pairs), targets=wanted)
+
+
+def hopeless(pairs: Sequence[MotionTask]) -> set[int]:
+    """Which pairs' plainest motions cost so much that no plan between these postures can be the cheapest.
+
+    Planned motions need down to 0.65 of their plainest ones; so do those of the cheapest pair, roughly.
+    """
+    costs = [plainest_cost(pair) for pair in pairs]
+    return {k for k, cost in enumerate(costs) if cost > HOPELESS * min(costs)}
 
 
 def plannable_pairs(task: MotionTask) -> list[MotionTask]:

@@ -2,7 +2,8 @@
 
 Every pair of start and goal postures is judged by the cost of the plainest motion between them: one ramp per
 joint, all ending together, slowed down until the base stands. That orders pairs as the planned motions do,
-nearly; the most promising ones are planned.
+nearly; the most promising ones are planned. Of pairs next to each other in a continuum of postures one stands
+for all: the planner moves along it.
 """
 
 from __future__ import annotations
@@ -12,12 +13,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from ocptip.motion.planner.one_start import free_ends
 from ocptip.motion.planner.random_start import SLOWER, stands
 from ocptip.motion.task import MotionTask, refusals
 from ocptip.standing.limit_kinds import limits_of
 from ocptip.trajectories.arm_motion import ArmMotion
 
 LOOKED_AT = 24  # pairs, those with the shortest ways
+APART = 0.5  # rad (sliding joints: m): least difference of two pairs in a continuum
 PLANNED, WORSE = 4, 1.25  # at most so many, whose plainest motions cost at most so much more than the best
 PROMISING = 1.03  # after one start each, the others go to pairs that cost at most so much more than the best
 
@@ -29,13 +32,24 @@ def likely_choices(task: MotionTask) -> list[MotionTask]:
     limits = task.robot.limits
     speed = np.where(np.isfinite(limits.speed), limits.speed, 1.0)
     pairs = sorted(task.choices, key=lambda pair: float(np.sum(np.abs(pair[1] - pair[0]) / speed)))
-    tasks = [replace(task, start=start, goal=goal, choices=()) for start, goal in pairs]
-    tasks = [one for one in tasks if not refusals(one)][:LOOKED_AT]
+    tasks: list[MotionTask] = []
+    apart = APART if free_ends(task) else 0.0
+    for start, goal in pairs:
+        one = replace(task, start=start, goal=goal, choices=())
+        if all(_difference(one, other) >= apart for other in tasks) and not refusals(one):
+            tasks.append(one)
+        if len(tasks) == LOOKED_AT:
+            break
     ranked = sorted(((plainest_cost(one), k) for k, one in enumerate(tasks)))
     least = ranked[0][0] if ranked else np.inf
     if not np.isfinite(least):
         return tasks[:PLANNED] or [task]
     return [tasks[k] for cost, k in ranked[:PLANNED] if cost <= WORSE * least]
+
+
+def _difference(one: MotionTask, other: MotionTask) -> float:
+    """Largest difference of any angle at start or goal."""
+    return float(np.max(np.abs([one.start - other.start, one.goal - other.goal])))
 
 
 def plainest_cost(task: MotionTask) -> float:
