@@ -78,6 +78,7 @@ def study(runs: Runs, k: int, complete: bool, seed: int) -> dict[str, Any]:
         if own[0] <= AGAIN * least:
             own.append(_energy(runs.get(k, p, 1, searches[p])))
     best = {p: min(own) for p, own in energies.items()}
+    cheapest = min(best, key=best.__getitem__)
     order = [_index(pairs, one) for one in likely_choices(task)]
     costs = {i: energies[p][0] for i, p in enumerate(order) if p in energies}
     *_, last = rounds([pairs[p] for p in order], 2 * len(order), costs)
@@ -90,9 +91,7 @@ def study(runs: Runs, k: int, complete: bool, seed: int) -> dict[str, Any]:
         "best": min(best.values()),
         "second": sorted(best.values())[1] if len(best) > 1 else None,
         "chosen": min(best.get(p, np.inf) for p in further),
-        "rank": order.index(min(best, key=best.__getitem__)) + 1
-        if min(best, key=best.__getitem__) in order
-        else 0,
+        "rank": order.index(cheapest) + 1 if cheapest in order else 0,
     }
 
 

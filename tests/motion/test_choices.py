@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ocptip.basics.errors import InputError
-from ocptip.motion.choices import PLANNED, likely_choices, plainest_cost, rounds
+from ocptip.motion.choices import APART, PLANNED, likely_choices, plainest_cost, rounds
 from ocptip.motion.plan import plan_motion
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.limits import MotionLimits
@@ -89,6 +89,21 @@ def test_the_ur5_has_many_pairs_and_the_cheapest_is_not_the_shortest():
     np.testing.assert_array_equal(task.choices[0][1], task.goal)
     chosen = likely_choices(task)
     assert plainest_cost(chosen[0]) < 0.9 * plainest_cost(dataclasses.replace(task, choices=()))
+
+
+def test_pairs_of_a_continuum_are_apart(tmp_path):
+    """A gripper that may turn: without that every twelfth of a turn would be looked at."""
+    text = (EXAMPLES / "tasks" / "ur5_cart.toml").read_text(encoding="utf-8")
+    text = text.replace("rpy_deg = [180, 0, -90]", 'rpy_deg = [180, 0, -90], symmetric_about = "z"')
+    lines = [line for line in text.splitlines() if not line.startswith("optimised")]
+    (tmp_path / "ur5.urdf").write_bytes((EXAMPLES / "tasks" / "ur5.urdf").read_bytes())
+    (tmp_path / "task.toml").write_text("\n".join(lines), encoding="utf-8")
+    chosen = likely_choices(load_task(tmp_path / "task.toml"))
+    ends = [np.append(one.start, one.goal) for one in chosen]
+    assert len(ends) > 1
+    for k, one in enumerate(ends):
+        for other in ends[:k]:
+            assert np.abs(one - other).max() >= APART
 
 
 def test_choices_of_another_shape_are_refused(task):
