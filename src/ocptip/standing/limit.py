@@ -171,6 +171,10 @@ class Limit:
 
     # --- rows of a program --------------------------------------------------------------------------------
 
+    def chosen(self, at: Instants) -> Limit:
+        """The limit for rows of a program near these instants of its nodes, smooth where it has kinks."""
+        return self
+
     def near(self, at: Instants, share: float) -> np.ndarray:
         """(N, width) True where the use of the limit is at least `share` (1: at the limit)."""
         return np.zeros((len(at), self.width), dtype=bool)

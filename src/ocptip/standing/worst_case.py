@@ -86,14 +86,18 @@ class WorstCase:
             other._map = TipMap(other.robot.tip_over)
         return other
 
-    def moments(self, s: np.ndarray, axis: np.ndarray) -> Worst:
+    def moments(self, s: np.ndarray, axis: np.ndarray, theta: np.ndarray | None = None) -> Worst:
         """Least moments about tipping axes.
 
         Args:
             s: (N, 3 n) states.
             axis: (N,) which axis of each.
+            theta: (N, size) deviations; default: the worst.
         """
         rows = np.arange(len(s))
+        if theta is not None:
+            values, slopes = self._map(self.deviations.wrench(s, theta)[0])
+            return Worst(values[rows, axis], theta, slopes[rows, axis])
 
         def at(theta: np.ndarray) -> tuple[Worst, np.ndarray]:
             wrenches, over = self.deviations.wrench_and_slopes(s, theta)
@@ -123,14 +127,17 @@ class WorstCase:
             found[:, k] = values[:, k] + np.einsum("nt,nt->n", change, self.deviations.least(change))
         return found
 
-    def slip(self, s: np.ndarray, starts: int = 1) -> Worst:
+    def slip(self, s: np.ndarray, starts: int = 1, theta: np.ndarray | None = None) -> Worst:
         """Greatest slip reserves that are found.
 
         Args:
             s: (N, 3 n) states.
             starts: wrenches from which the worst is looked for: that of the world as described, then those
                 with gravity tilted and so on, along the axes of the force and the moment.
+            theta: (N, size) deviations; default: the worst.
         """
+        if theta is not None:
+            return self._slip_under(self.deviations.wrench(s, theta)[0], theta)
         found: Worst | None = None
         for theta in self._starts(s, starts):
             new, slopes = self._slip_at(s, theta)
@@ -158,11 +165,15 @@ class WorstCase:
     def _slip_at(self, s: np.ndarray, theta: np.ndarray) -> tuple[Worst, np.ndarray]:
         """GT at deviations, large where it is not known, and its slopes over the deviations."""
         wrenches, over = self.deviations.wrench_and_slopes(s, theta)
+        found = self._slip_under(wrenches, theta)
+        return found, np.einsum("nw,nwt->nt", found.slopes, over)
+
+    def _slip_under(self, wrenches: np.ndarray, theta: np.ndarray) -> Worst:
         reserve = self.robot.slip.evaluate(self.robot.contact_states(wrenches))
         assert reserve.gradient is not None  # it was asked for
         slopes = np.nan_to_num(reserve.gradient)
         values = np.where(np.isfinite(reserve.GT), reserve.GT, UNSOLVED)
-        return Worst(values, theta, slopes), np.einsum("nw,nwt->nt", slopes, over)
+        return Worst(values, theta, slopes)
 
     def tip_ratio(self, moments: np.ndarray) -> np.ndarray:
         """GN of moments, N m: M0 / (M0 + M); where the base tips, M < 0, on with the same slope."""

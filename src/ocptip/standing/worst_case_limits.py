@@ -7,7 +7,8 @@ the matter of `motion.within_tolerance`.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from copy import copy
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -46,6 +47,7 @@ class WorstCaseLimit(AskedLimit):
     def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
         super().__init__(robot, asked, joints)
         self.cases = worst_case_of(robot, asked.tolerance)
+        self._theta: np.ndarray | None = None  # (N, width, size) of the nodes of a program
 
     @classmethod
     def wanted(cls, robot: StandingMechanism, asked: MotionLimits) -> bool:
@@ -69,6 +71,16 @@ class WorstCaseLimit(AskedLimit):
 
     def near(self, at: Instants, share: float) -> np.ndarray:
         return ~(self.uses(at) < share)
+
+    def chosen(self, at: Instants) -> WorstCaseLimit:
+        """With the deviations that are worst there."""
+        other = copy(self)
+        other._theta = self._worst_theta(at)
+        return other
+
+    def _worst_theta(self, at: Instants) -> np.ndarray:
+        """(N, width, size)."""
+        raise NotImplementedError
 
     def _rows(self, at: NodeSlopes, nodes: np.ndarray, places: np.ndarray, found: tuple) -> WorstRows:
         values, theta, weights = found
@@ -125,12 +137,18 @@ class WorstTipOverLimit(WorstCaseLimit):
         room = ROOM * (self.cases.reference or 1.0)
         return 1 + (self._least - self.cases.estimated_moments(at.s)) / room
 
+    def _worst_theta(self, at: Instants) -> np.ndarray:
+        count, axes = len(at), self.width
+        rows, axis = np.repeat(np.arange(count), axes), np.tile(np.arange(axes), count)
+        return self.cases.moments(at.s[rows], axis).theta.reshape(count, axes, -1)
+
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return np.full(self.width, self._least / self.unit), np.full(self.width, np.inf)
 
     def rows(self, at: NodeSlopes, mask: np.ndarray) -> Rows:
         i, k = np.nonzero(mask)
-        found = self.cases.moments(at.s[i], k)
+        theta = None if self._theta is None else self._theta[i, k]
+        found = self.cases.moments(at.s[i], k, theta)
         return self._rows(at, i, k, (found.values, found.theta, found.slopes))
 
 
@@ -156,10 +174,36 @@ class WorstSlipLimit(WorstCaseLimit):
     def uses(self, at: Instants) -> np.ndarray:
         return self.cases.estimated_slip(at.s)[:, None] / self.number
 
+    def _worst_theta(self, at: Instants) -> np.ndarray:
+        return self.cases.slip(at.s).theta[:, None]
+
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return np.array([-np.inf]), np.array([self.number])
 
     def rows(self, at: NodeSlopes, mask: np.ndarray) -> Rows:
         i, k = np.nonzero(mask)
-        found = self.cases.slip(at.s[i])
+        found = self.cases.slip(at.s[i], theta=None if self._theta is None else self._theta[i, k])
         return self._rows(at, i, k, (found.values, found.theta, found.slopes))
+
+
+def without_jumps(robot: StandingMechanism, asked: MotionLimits, rest: np.ndarray) -> MotionLimits:
+    """Limits of a program that does not see jumps of accelerations: tighter, so that these have some room.
+
+    A jump from a moment M about a tipping axis leads to M' >= kappa / (1 + kappa) M if that with its
+    overshoot, M' + kappa (M' - M), is to vanish at most. M is taken as the least at rest.
+
+    Args:
+        robot: whose.
+        asked: of it.
+        rest: (k, n) postures at rest.
+    """
+    more = asked.tolerance.overshoot
+    if not more:
+        return asked
+    cases = worst_case_of(robot, asked.tolerance)
+    if not cases.axes:
+        return asked
+    still = np.zeros_like(rest)
+    least = float(np.min(cases.all_moments(np.hstack([rest, still, still]))))
+    ratio = float(cases.tip_ratio(np.array(more / (1 + more) * max(least, 0.0))))
+    return replace(asked, GN_worst_case=min(asked.GN_worst_case, ratio))

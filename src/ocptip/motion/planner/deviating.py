@@ -23,6 +23,7 @@ Place = tuple[int, float] | tuple[int, float, Steps]
 """A node: interval, share of it; at the event that begins the interval also the steps of deviating joints."""
 
 MEET = 1e-6  # s: events nearer to each other than this have met
+KEPT = 1e-3  # by how much the use of a limit may exceed 1 after a solve
 MOST_JOINTS = 7  # that are combined in all ways; of more all alike, or all but one
 
 
@@ -96,3 +97,10 @@ def worst_places(
             worst = own[np.argmax(uses[own], axis=0)]
             chosen.update(int(k) for column, k in enumerate(worst) if uses[k, column] >= share)
     return [places[k] for k in sorted(chosen)]
+
+
+def kept_at_worst(program: MotionProgram, x: np.ndarray) -> bool:
+    """Whether rows within a tolerance are kept with the deviations chosen anew, not those of the solve."""
+    at = program.instants(x, np.arange(program.n_nodes))
+    own = [limit for limit in program.limits if DEVIATING in limit.node_kinds]
+    return all(float(np.max(limit.use(at), initial=0.0)) <= 1 + KEPT for limit in own)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ocptip.motion.planner.deviating import Place, deviating_places, worst_places
+from ocptip.motion.planner.deviating import Place, deviating_places, kept_at_worst, worst_places
 from ocptip.motion.planner.event_order import EventOrder, order_of
 from ocptip.motion.planner.formulation import Formulation
 from ocptip.motion.planner.program import MotionProgram
@@ -95,11 +95,11 @@ class Refiner:
             program = formulation.ordered_program(limits, order, anchor, extra + fresh)
             near = program.near_rows(x, NEAR)
             if rows is None:
-                program = program.with_rows(near)
+                program = program.with_rows(near, near=x)
             else:
-                if not fresh and not program.near_rows(x, 1 - FEASIBLE) - rows:
+                if not fresh and not program.near_rows(x, 1 - FEASIBLE) - rows and kept_at_worst(program, x):
                     break
-                program = program.with_rows(near.including(rows))
+                program = program.with_rows(near.including(rows), near=x)
                 multipliers = program.carried(multipliers[0], rows), multipliers[1]
             extra += fresh
             rows = program.rows

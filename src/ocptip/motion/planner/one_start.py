@@ -19,6 +19,7 @@ from ocptip.numerics.ipopt import Solution
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.limit import AskedLimit
 from ocptip.standing.limit_kinds import limits_of
+from ocptip.standing.worst_case_limits import without_jumps
 from ocptip.trajectories.arm_motion import ArmMotion
 
 WIDTHS = (0.010, 0.004)  # s: half widths of the steps in the fine programs
@@ -90,6 +91,7 @@ class Search:
         )
         kinds = limits_of(task.robot, task.limits)
         self._asked = [limit for limit in kinds if isinstance(limit, AskedLimit)]
+        self.smooth = without_jumps(task.robot, task.limits, np.array([task.start, task.goal]))
         self.inner = task.limits
         for limit in self._asked:
             self.inner = limit.inner(self.inner)
@@ -145,7 +147,7 @@ class Search:
 
     def _coarse(self, start: ArmMotion, clock: _Clock) -> np.ndarray:
         """Variables after the coarse programs; anew while the motion becomes much shorter than the grid."""
-        formulation, limits = self.formulation, self.task.limits
+        formulation, limits = self.formulation, self.smooth
         x = formulation.variables(start)
         at_end = formulation.layout.end
         for round_ in range(COARSE_ROUNDS):
@@ -160,7 +162,7 @@ class Search:
     def _fine(self, x: np.ndarray, clock: _Clock) -> np.ndarray:
         for width in WIDTHS:
             program = self.formulation.fine_program(
-                self.task.limits, Smoothing(width, 3 * width, 1.5 * width, 2.0), x
+                self.smooth, Smoothing(width, 3 * width, 1.5 * width, 2.0), x
             )
             x = self._solve(program, x, FINE_ROWS, 1e-4, 1e-4, clock).x
         return x
@@ -193,7 +195,7 @@ class Search:
     def _solve(
         program: MotionProgram, x: np.ndarray, share: float, mu: float, push: float, clock: _Clock
     ) -> Solution:
-        program = program.with_rows(program.near_rows(x, share), Pull(x.copy(), PULL))
+        program = program.with_rows(program.near_rows(x, share), Pull(x.copy(), PULL), near=x)
         solution = program.solve(x, start_mu=mu, push=push, tolerance=1e-3)
         clock.iterations += solution.iterations
         clock.solves += 1

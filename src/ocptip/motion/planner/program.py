@@ -173,9 +173,14 @@ class MotionProgram:
         self._last: Evaluation | None = None
         self._looked: tuple[np.ndarray, Instants] | None = None
 
-    def with_rows(self, rows: RowSet, pull: Pull | None = None) -> MotionProgram:
-        """The same program with other node rows, and with this pull."""
-        own = self.physics, self.limits, self.layout, self.nodes, self.weights, self.directions
+    def with_rows(
+        self, rows: RowSet, pull: Pull | None = None, near: np.ndarray | None = None
+    ) -> MotionProgram:
+        """The same program with other node rows, as they are `near` these variables, and with this pull."""
+        limits = self.limits
+        if near is not None:
+            limits = tuple(limit.chosen(self._instants(near)) for limit in limits)
+        own = self.physics, limits, self.layout, self.nodes, self.weights, self.directions
         return MotionProgram(*own, self.structure, self.objective, rows, pull)
 
     @property
