@@ -132,7 +132,7 @@ def test_samples_are_checked_like_commands(capsys, plan, task, tmp_path):
     code, samples = check_json(capsys, csv, "--case", "C", "--base", "effective", "--step", "0.02")
     assert code == 0
     assert samples["worst"]["GN"]["value"] == pytest.approx(commands["worst"]["GN"]["value"], rel=1e-3)
-    assert (commands["interpolation"], samples["interpolation"]) == (None, "cubic Hermite polynomials")
+    assert (commands["interpolation"], samples["interpolation"]) == (None, "quintic Hermite polynomials")
     assert main(["check", str(csv), "--case", "C", "--base", "effective"]) == 0
     assert "note       checked is the curve through the samples" in capsys.readouterr().out
     assert samples["energy_J"] == pytest.approx(commands["energy_J"], rel=1e-5)

@@ -353,11 +353,11 @@ def test_the_names_of_all_files_are_known():
 def test_a_plan_says_what_the_arm_holds(planner, capsys, tmp_path):
     read = task.experiment_task("C", "effective")
     held = read.robot.varied(arm=read.robot.arm.with_payload(Payload(2.0, [0, 0, 0.1])))
-    planner.result.task.robot = held
+    own, planner.result.task.robot = planner.result.task.robot, held
     try:
         _, out, _ = run(capsys, "C", "--no-figures")
     finally:
-        planner.result.task.robot = read.robot
+        planner.result.task.robot = own
     payload = "payload 2 kg (point mass at (0, 0, 0.1) m)"
     assert f"masses     base 3.45 kg, arm 15.71 kg, {payload}; together 21.16 kg" in out
     data = json.loads((tmp_path / "ocptip-plan-C" / "plan.json").read_text(encoding="utf-8"))

@@ -52,10 +52,10 @@ def files_in(folder):
 
 
 def plain_motion(task):
-    """One ramp per joint, slow enough to stand."""
+    """One ramp per joint."""
     limits = task.robot.limits
     none = [None] * task.robot.n
-    return ArmMotion.with_passive(task.start, task.goal, none, 0.4 * limits.speed, 0.1 * limits.acceleration)
+    return ArmMotion.with_passive(task.start, task.goal, none, 0.8 * limits.speed, 0.4 * limits.acceleration)
 
 
 def same_check(found, task, motion):
@@ -130,7 +130,7 @@ def test_nothing_outside_the_folder_is_needed(cart, tmp_path, capsys):
     assert len(geometry.shapes) == len(task.robot.arm.geometry.shapes)
     assert geometry.apart == task.robot.arm.geometry.apart
     assert found.task.name == task.name
-    for name in ("", "plan.json", "trajectory.json"):
+    for name in ("", "plan.json", "trajectory.json", "motion.csv"):
         code = main(["check", str(tmp_path / "moved" / name), "--json"])
         data = json.loads(capsys.readouterr().out)
         assert (code, data["verified"]) == (0 if plan.verified else 1, plan.verified), name

@@ -25,8 +25,10 @@ from ocptip.motion.tolerated import Tolerated, tolerances
 from ocptip.published.cases import motion_cases
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.arm import StandingRobot
+from ocptip.standing.mechanism import StandingMechanism
 from ocptip.task_files.motion import load_task
 from ocptip.task_files.plan_folder import is_plan_folder, read_plan_folder
+from ocptip.trajectories.fit import PEAK_TOLERANCE, FittedMotion
 from ocptip.trajectories.read import load_motion, motion_origin
 from ocptip.trajectories.sampled import Motion, SampledMotion
 
@@ -69,7 +71,7 @@ def run(options: Namespace) -> CheckReport:
     """Check the motion, and the same path faster or slower, on the robot that is named."""
     task, path = _task(options)
     task = with_limits(task, options)
-    motion = load_motion(path, task.robot.names, task.robot.units)
+    motion = load_motion(path, task.robot.names, task.robot.units, unit=options.unit)
     step = positive_number("--step", options.step)
     for factor in options.time_scale:
         positive_number("--time-scale", factor)
@@ -83,9 +85,8 @@ def run(options: Namespace) -> CheckReport:
             (f, check_motion(task.robot, motion.time_scaled(f), task.limits, step=step))
             for f in options.time_scale
         ]
-    curve = motion.interpolation if isinstance(motion, SampledMotion) else None
     deviations = tolerances(task.robot, motion)
-    return CheckReport(name, task, checked, scaled, _offsets(motion, task), curve, deviations)
+    return CheckReport(name, task, motion, checked, scaled, _offsets(motion, task), deviations)
 
 
 @dataclass
@@ -93,22 +94,22 @@ class CheckReport(Report):
     """What `ocptip check` knows about a motion.
 
     Attributes:
-        motion: name of the motion's file.
+        name: of the motion's file.
         task: the robot and the limits.
+        motion: that was checked.
         check: of the motion as it is.
         scaled: checks of the same path with all times multiplied by a factor, in the order asked for.
         offsets: by unit ("deg" for angles, "m" for lengths, as far as the coordinates have such), the largest
             difference of the motion's start and of its goal from the task's.
-        interpolation: what was checked between samples; None for ramp commands.
         tolerated: deviations that lose no contact; empty if not computed.
     """
 
-    motion: str
+    name: str
     task: MotionTask
+    motion: Motion
     check: MotionCheck
     scaled: list[tuple[float, MotionCheck]]
     offsets: dict[str, tuple[float, float]]
-    interpolation: str | None
     tolerated: tuple[Tolerated, ...] = ()
 
     @property
@@ -124,14 +125,15 @@ class CheckReport(Report):
             for place, offset in zip(("start", "goal"), pair, strict=True)
         }
         return {
-            "motion": self.motion,
+            "motion": self.name,
             "task": self.task.name,
             **self.check.to_dict(),
             **self.task.robot.masses_to_dict(),
             "limits": self.task.limits.to_dict(),
             "tolerated": [one.to_dict() for one in self.tolerated],
             "assumed": list(self.task.robot.notes),
-            "interpolation": self.interpolation,
+            "interpolation": self.motion.interpolation if isinstance(self.motion, SampledMotion) else None,
+            "fit": self.motion.fit_to_dict() if isinstance(self.motion, FittedMotion) else None,
             **offsets,
             "time_scale": [{"factor": factor, **checked.to_dict()} for factor, checked in self.scaled],
             "versions": versions(),
@@ -141,7 +143,7 @@ class CheckReport(Report):
         """Verdict, worst instants, energy."""
         checked = self.check
         verdict = f"VERIFIED{checked.scope}. All limits hold" if checked.verified else "NOT VERIFIED"
-        lines = [f"{self.motion} on {self.task.name}: {verdict}."]
+        lines = [f"{self.name} on {self.task.name}: {verdict}."]
         lines += [f"  {violation}" for violation in checked.violations]
         lines += ["", *_worst_table(checked), ""]
         moving = f"{quantity(checked.energy, 'J')} in {quantity(checked.duration, 's')}"
@@ -162,8 +164,11 @@ class CheckReport(Report):
     def _notes(self) -> list[str]:
         """What may be unexpected about the motion."""
         notes = []
-        if self.interpolation:
-            notes += [f"checked is the curve through the samples, {self.interpolation}; where accelerations"]
+        if isinstance(self.motion, FittedMotion):
+            notes += fit_notes(self.motion, self.task.robot)
+        elif isinstance(self.motion, SampledMotion):
+            curve = self.motion.interpolation
+            notes += [f"checked is the curve through the samples, {curve}; where accelerations"]
             notes += ["jump between samples it overshoots, see ocptip.trajectories.sampled"]
         for unit, pair in self.offsets.items():
             for verb, place, offset in zip(("starts", "ends"), ("start", "goal"), pair, strict=True):
@@ -220,6 +225,32 @@ def _offsets(motion: Motion, task: MotionTask) -> dict[str, tuple[float, float]]
             start, goal = factor * off[:, which].max(axis=1)
             found[unit] = float(start), float(goal)
     return found
+
+
+def fit_notes(motion: FittedMotion, robot: StandingMechanism) -> list[str]:
+    """What was made of samples, how far it is from them, and what it cannot know."""
+    units = ["deg" if unit == "rad" else unit for unit in robot.units]
+    scales = np.where(np.array(robot.units) == "rad", 180 / np.pi, 1.0)
+    far = int(np.argmax(motion.distance / motion.tolerance))
+    wide = int(np.argmax(motion.tolerance * scales))
+
+    def said(joint: int, values: np.ndarray, per: str = "") -> str:
+        return f"{scales[joint] * values[joint]:.2g} {units[joint]}{per} ({robot.names[joint]})"
+
+    notes = [
+        f"checked is the calmest motion that passes {motion.samples} samples within a tolerance, at most"
+    ]
+    why = "noise of the samples" if motion.noisy[wide] else "rounding of the file"
+    notes += [f"{said(wide, motion.tolerance)}, {why}; its largest distance is {said(far, motion.distance)};"]
+    notes += [f"speeds and accelerations may exceed limits by {100 * PEAK_TOLERANCE:g} %"]
+    with np.errstate(divide="ignore"):
+        unseen = np.sqrt(80 * motion.tolerance / robot.limits.acceleration)
+    longest = max(float(np.max(unseen)), motion.spacing)
+    notes += [f"10 % too much acceleration for less than {1e3 * longest:.2g} ms may not be seen"]
+    if motion.speed_distance is not None:
+        worst = int(np.argmax(motion.speed_distance * scales))
+        notes += [f"its speeds are up to {said(worst, motion.speed_distance, '/s')} from those of the file"]
+    return notes
 
 
 def _worst_table(checked: MotionCheck) -> list[str]:

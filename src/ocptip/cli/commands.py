@@ -127,6 +127,7 @@ COMMANDS = (
             argument("--base", "SET", "base data of a case: printed or effective (default)"),
             *LIMITS,
             TOLERANCE,
+            argument("--unit", None, "of angles in CSV columns that do not say it", choices=("deg", "rad")),
             _time_scale("check also with all times x F"),
             argument("--step", "S", "first spacing, s (0.01)", type=float, default=0.01),
         ),

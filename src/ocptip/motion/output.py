@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from ocptip.motion.plan import MotionPlan
     from ocptip.motion.task import MotionTask
 
+CLOSE = 0.1  # of a step: nearer to events there are no further samples
 STEP = 0.005
 """Spacing of the samples in motion.csv and in the figures, s."""
 
@@ -257,7 +258,8 @@ def _instants(motion: Motion, step: float) -> tuple[np.ndarray, np.ndarray]:
         return events, np.array([False])
     grid = step * np.arange(1, math.ceil(motion.end / step))
     after = np.clip(np.searchsorted(events, grid), 1, len(events) - 1)
-    grid = grid[np.minimum(np.abs(grid - events[after]), np.abs(grid - events[after - 1])) > MERGE]
+    near = np.minimum(np.abs(grid - events[after]), np.abs(grid - events[after - 1]))
+    grid = grid[near > max(MERGE, CLOSE * step)]
     times = np.concatenate([events[:-1], grid, events[1:]])
     left = np.repeat([False, True], [len(times) - len(events) + 1, len(events) - 1])
     order = np.lexsort((~left, times))
@@ -295,7 +297,7 @@ def _csv(samples: MotionSamples) -> str:
     blocks += list(zip(samples.further_names, samples.further.T, strict=True))
     rows = np.column_stack([values for _, values in blocks]) + 0.0  # no -0
     lines = [",".join(name for name, _ in blocks)]
-    lines += [",".join(f"{x:.12g}" for x in row) for row in rows.tolist()]
+    lines += [",".join(f"{x:.15g}" for x in row) for row in rows.tolist()]
     return "\n".join(lines) + "\n"
 
 

@@ -19,15 +19,15 @@ So samples of a ramp motion without its events get a verdict of their own, as a 
 commands. Of a robot that interpolates otherwise, or of a measurement's gaps, it says nothing.
 
 Rounded numbers are differentiated twice: an error e of the angles becomes up to 6 e / h^2 in the
-accelerations between samples h apart. Files should hold 12 digits; rows closer than 0.1 ms to another are
-left out, and with them phases shorter than that.
+accelerations between samples h apart. Samples of files are therefore fitted (`ocptip.trajectories.fit`)
+unless they have accelerations that fit.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -41,6 +41,7 @@ from ocptip.trajectories.ramps import checked_times
 REST = 1e-3
 """Speed, rad/s: a motion that begins or ends faster is only a piece of one."""
 
+SHORT = 3e-4  # s: of intervals whose positions are not differentiated where accelerations are given
 _STILL = 1e-9  # rad/s: a joint that never gets faster rests; changes of sign are rounding
 
 
@@ -55,6 +56,7 @@ class SampledMotion(EventfulMotion):
         angles: (N, n), rad.
         speeds: (N, n), rad/s, below 0.001 at both ends; None: rest at both ends, else from the spline.
         accelerations: (N, n), rad/s^2, with speeds only; None: not given.
+        before: (N, n), rad/s^2, those just before the samples, where they jump there; None: they do not.
         period: s, of a controller that draws straight lines between samples, which must not be nearer to each
             other; only without speeds.
     """
@@ -66,6 +68,7 @@ class SampledMotion(EventfulMotion):
     speeds: np.ndarray | None = None
     accelerations: np.ndarray | None = None
     period: float | None = None
+    before: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         """Raise InputError if shapes do not fit, times do not increase, or an end is not at rest."""
@@ -95,9 +98,10 @@ class SampledMotion(EventfulMotion):
         if self.accelerations is not None:
             if self.speeds is None:
                 raise InputError("accelerations: without speeds they say nothing")
-            values["accelerations"] = finite_array(
-                "accelerations", self.accelerations, values["angles"].shape
-            )
+            shape = values["angles"].shape
+            values["accelerations"] = finite_array("accelerations", self.accelerations, shape)
+            before = self.accelerations if self.before is None else self.before
+            values["before"] = finite_array("before", before, shape)
         if self.period is not None:
             if self.speeds is not None:
                 raise InputError("period: straight lines between samples have no speeds at them")
@@ -196,10 +200,10 @@ class SampledMotion(EventfulMotion):
     def time_scaled(self, factor: float) -> SampledMotion:
         """Return the same path with all times multiplied by `factor` > 0 (below 1: faster)."""
         factor = positive_number("factor", factor)
-        speeds = None if self.speeds is None else self.speeds / factor
-        accelerations = None if self.accelerations is None else self.accelerations / factor**2
-        period = None if self.period is None else self.period * factor
-        return SampledMotion(self.times * factor, self.angles, speeds, accelerations, period)
+        powers = {"times": 1, "period": 1, "speeds": -1, "accelerations": -2, "before": -2}
+        own: dict[str, Any] = {name: getattr(self, name) for name in powers}
+        scaled = {name: x * factor ** powers[name] for name, x in own.items() if x is not None}
+        return replace(self, **scaled)
 
     @cached_property
     def _curve(self) -> PPoly:
@@ -209,17 +213,26 @@ class SampledMotion(EventfulMotion):
             return CubicSpline(self.times, self.angles, bc_type="clamped")
         if self.accelerations is None:
             return CubicHermiteSpline(self.times, self.angles, self.speeds)
-        return self._quintic(self.speeds, self.accelerations)
+        return self._quintic(self.speeds, self.accelerations, self.before)
 
-    def _quintic(self, speeds: np.ndarray, accelerations: np.ndarray) -> PPoly:
-        """Quintic Hermite polynomials; exactly at rest where the samples are."""
-        h, begin = np.diff(self.times)[:, None], accelerations[:-1]
+    def _quintic(self, speeds: np.ndarray, accelerations: np.ndarray, before: np.ndarray | None) -> PPoly:
+        """Quintic Hermite polynomials; exactly at rest where the samples are.
+
+        In intervals so short that rounding would decide them, accelerations change evenly instead.
+        """
+        before = accelerations if before is None else before
+        h, begin, bends = np.diff(self.times)[:, None], accelerations[:-1], before[1:] - accelerations[:-1]
         way = np.diff(self.angles, axis=0) - h * (speeds[:-1] + 0.5 * h * begin)
         rate = h * (np.diff(speeds, axis=0) - h * begin)
-        bend = h**2 * np.diff(accelerations, axis=0)
+        bend = h**2 * bends
         fifth = (6 * way - 3 * rate + 0.5 * bend) / h**5
         fourth = (-15 * way + 7 * rate - bend) / h**4
         third = (10 * way - 4 * rate + 0.5 * bend) / h**3
+        short = h < SHORT
+        fifth, fourth, third = (
+            np.where(short, even, own)
+            for even, own in ((0.0, fifth), (0.0, fourth), (bends / (6 * h), third))
+        )
         rows = fifth, fourth, third, 0.5 * begin, speeds[:-1], self.angles[:-1]
         return PPoly(np.stack(rows), self.times)
 

@@ -1,0 +1,127 @@
+"""Fits to samples: what limits say of time-optimal motions of toppra, of noise, of ramps, of coarse files."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.fit import FINEST, PEAK_TOLERANCE, fitted, noise_of
+from ocptip.trajectories.ramps import RampCommand
+
+SPEED, ACCELERATION = np.array([1.5, 1.5, 2.0]), np.array([4.0, 4.0, 6.0])
+
+
+def toppra_path(share, seed):
+    """Function of the fastest motion along a spline with this share of the limits, and its duration."""
+    toppra = pytest.importorskip("toppra")
+    from toppra import algorithm, constraint
+
+    toppra.setup_logging("ERROR")
+    rng = np.random.default_rng(seed)
+    path = toppra.SplineInterpolator(np.linspace(0, 1, 4), rng.normal(size=(4, 3)).cumsum(axis=0) * 0.6)
+    limits = [
+        constraint.JointVelocityConstraint(share * SPEED),
+        constraint.JointAccelerationConstraint(share * ACCELERATION),
+    ]
+    grid = np.linspace(0, 1, 201)
+    trajectory = algorithm.TOPPRA(limits, path, gridpoints=grid, parametrizer="ParametrizeConstAccel")
+    found = trajectory.compute_trajectory(0, 0)
+    return found, found.duration
+
+
+def sampled_at(function, duration, rate, digits):
+    """Times and rounded positions."""
+    times = np.append(np.arange(0, duration - 0.2 / rate, 1 / rate), duration)
+    return np.round(times, 9), np.round(function(times), digits), np.full(3, 0.5 * 10.0**-digits)
+
+
+@pytest.mark.parametrize(("rate", "digits", "seed"), [(100, 4, 0), (100, 6, 1), (250, 5, 0), (1000, 4, 1)])
+def test_a_motion_within_its_limits_is_and_one_beyond_is_not(rate, digits, seed):
+    for share in (0.95, 1.03):
+        times, positions, rounding = sampled_at(*toppra_path(share, seed), rate, digits)
+        motion = fitted(times, positions, rounding=rounding)
+        peak = np.max(motion.acceleration_peaks / ACCELERATION)
+        assert peak == pytest.approx(share, abs=0.012)
+        assert np.max(motion.speed_peaks / SPEED) < share + 0.01
+        assert (max(peak, np.max(motion.speed_peaks / SPEED)) > 1 + PEAK_TOLERANCE) == (share > 1)
+        assert np.all(motion.distance <= 1.01 * motion.tolerance)
+        assert motion.end == pytest.approx(times[-1])
+        assert not motion.noisy.any()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("rate", [100, 250, 1000])
+@pytest.mark.parametrize("digits", [4, 5, 6, 12])
+def test_the_same_at_all_rates(rate, digits, seed):
+    test_a_motion_within_its_limits_is_and_one_beyond_is_not(rate, digits, seed)
+
+
+RAMP = ArmMotion.from_commands(
+    [0.0, 0.5], [[RampCommand(0.6, 0.8, 3.0)], [RampCommand(-0.2, 1.0, 4.0), RampCommand(0.3, 0.5, 2.0)]]
+)
+
+
+def test_of_ramps_the_accelerations_are_found():
+    times = np.append(np.arange(0, RAMP.end, 0.005), RAMP.end)
+    motion = fitted(times, RAMP.states(times)[0])
+    fine = np.linspace(0, RAMP.end, 999)
+    places, speeds, accelerations = motion.states(fine)
+    exact = RAMP.states(fine)
+    np.testing.assert_allclose(places, exact[0], atol=2e-5)
+    np.testing.assert_allclose(speeds, exact[1], atol=5e-3)
+    np.testing.assert_allclose(motion.acceleration_peaks, RAMP.acceleration_peaks, rtol=5e-3)
+    assert np.mean(np.abs(accelerations - exact[2]) < 0.02) > 0.97
+    assert np.all(motion.states([0.0, motion.end])[1] == 0)
+    slow = motion.time_scaled(2.0)
+    assert slow.peak_rounding == PEAK_TOLERANCE
+    np.testing.assert_allclose(slow.acceleration_peaks, motion.acceleration_peaks / 4)
+
+
+@pytest.mark.parametrize("sigma", [1e-5, 1e-3])
+def test_noise_is_estimated_and_said_and_does_not_become_acceleration(sigma):
+    times = np.append(np.arange(0, RAMP.end, 0.004), RAMP.end)
+    noise = sigma * np.random.default_rng(5).normal(size=(len(times), 2))
+    samples = RAMP.states(times)[0] + noise
+    np.testing.assert_allclose(noise_of(times, samples), sigma, rtol=0.3)
+    motion = fitted(times, samples, rounding=np.full(2, 5e-7))
+    assert motion.noisy.all()
+    assert np.all((motion.distance > 2 * sigma) & (motion.distance < 5.5 * sigma))
+    assert np.all(motion.acceleration_peaks < RAMP.acceleration_peaks * 1.05 + 8 * sigma / 0.01)
+    assert motion.fit_to_dict()["noisy"].all()
+
+
+def test_curvature_of_coarse_samples_is_no_noise():
+    times = np.linspace(0, 2, 41)
+    smooth = (0.5 - 0.5 * np.cos(np.pi * times / 2))[:, None]
+    assert noise_of(times, smooth)[0] == 0
+    motion = fitted(times, smooth)
+    assert motion.tolerance[0] == FINEST
+    assert motion.acceleration_peaks[0] == pytest.approx(np.pi**2 / 8, rel=0.05)
+
+
+def test_speeds_of_the_file_are_compared():
+    times = np.append(np.arange(0, RAMP.end, 0.01), RAMP.end)
+    states = RAMP.states(times)
+    near = fitted(times, states[0], speeds=states[1])
+    assert np.max(near.speed_distance) < 0.02
+    far = fitted(times, states[0], speeds=0.5 * states[1])
+    assert np.max(far.speed_distance) == pytest.approx(0.5, abs=0.02)
+
+
+@settings(max_examples=15, derandomize=True, deadline=None)
+@given(st.lists(st.floats(-1, 1), min_size=2, max_size=6), st.integers(0, 99))
+def test_few_samples_at_any_times_are_passed(values, seed):
+    times = np.cumsum(np.random.default_rng(seed).uniform(0.05, 0.4, len(values)))
+    motion = fitted(times, np.array(values)[:, None])
+    assert motion.distance[0] <= 1.5 * FINEST
+    assert np.all(motion.states([0, motion.end])[1] == 0)
+
+
+def test_joints_that_rest_stay_where_they_are():
+    times = np.linspace(0, 1, 30)
+    positions = np.stack([0.5 - 0.5 * np.cos(np.pi * times), np.full(30, 0.3)], axis=1)
+    motion = fitted(times, positions)
+    assert np.all(motion.states(np.linspace(0, 1, 77))[0][:, 1] == 0.3)
+    assert motion.acceleration_peaks[1] == 0
