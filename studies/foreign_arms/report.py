@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from statistics import median
 from typing import Any
@@ -43,7 +44,9 @@ def report(data: Mapping[str, Any]) -> str:
         if (r.get("spheres") or {}).get("reason")
     ]
     lines += ["", *(["Not verified:", "", *why, ""] if why else [])]
-    lines.append(f"Source {data['source']}, {data['machine']['cores']} cores, shared with other work.")
+    states = Counter(row.get("state") for row in rows)
+    sources = ", ".join(f"{state} ({count} rows)" for state, count in states.items())
+    lines.append(f"Source {sources}; {data['machine']['cores']} cores, shared with other work.")
     return "\n".join(lines) + "\n"
 
 

@@ -7,12 +7,14 @@ lines count, without comments and blank ones), `ocptip plan` plans it: without p
 one, with the URDF's collision geometry; and, for the time it takes, without payload with spheres by hand.
 Every verified plan is looked at again in steps of 1 ms on the URDF's meshes (mesh_check.py). The packages are
 found where they are installed, or in the folders --packages (`pip install --target`). Writes
-foreign_arms.json and .md, and per task a folder with its file and plan.
+foreign_arms.json and .md, and per task a folder with its file and plan. Goes on: rows of the same task, URDF
+and number of starts are kept.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
 import os
 import resource
@@ -31,7 +33,7 @@ from ocptip.basics.write import versions, write_text
 from ocptip.robots.collision.gaps import UNSEEN
 from ocptip.task_files.template import MARK, TaskTemplate, task_template
 from ocptip.trajectories.arm_motion import ArmMotion
-from studies.common import PLANNING, ended, json_text, machine, source_state
+from studies.common import PLANNING, digest, ended, json_text, machine, source_state
 from studies.foreign_arms.mesh_check import STEP, MeshCheck
 from studies.foreign_arms.report import report
 
@@ -200,13 +202,21 @@ def looked_at_again(check: MeshCheck, folder: Path) -> dict[str, Any]:
 
 
 def rows_of(
-    arm: Mapping[str, Any], folders: Sequence[Path], out: Path, starts: int, limit: float
+    arm: Mapping[str, Any],
+    folders: Sequence[Path],
+    out: Path,
+    starts: int,
+    limit: float,
+    known: Sequence[Mapping[str, Any]] = (),
+    loaded_only: bool = False,
 ) -> Iterator[dict[str, Any]]:
-    """One row per payload."""
+    """One row per payload, none and the nominal one; those `known` are kept if their task is the same."""
     package = package_folder(arm["package"], folders)
     urdf, name = package / arm["urdf"], arm["name"].split(",")[0].replace(" ", "_")
     check = None
     for payload, ending in ((0, ""), (arm["payload"], "_loaded")):
+        if loaded_only and not payload:
+            continue
         row = {"arm": arm["name"], "package": arm["package"], "urdf": arm["urdf"], "payload_kg": payload}
         folder = out / f"{name}{ending}"
         folder.mkdir(parents=True, exist_ok=True)
@@ -217,9 +227,15 @@ def rows_of(
             continue
         places = places_of(arm, package, folder)
         text = task_text(arm, template, payload, places)
+        row["task"] = digest([text, hashlib.sha256(urdf.read_bytes()).hexdigest(), starts])
+        same = [one for one in known if all(one.get(k) == row[k] for k in ("arm", "payload_kg", "task"))]
+        if same:
+            yield dict(same[0])
+            continue
         write_text(folder / "task.toml", text)
         found = planned(folder, starts, limit)
         row |= {
+            "state": source_state(*PLANNING, "task_files"),
             "accepted": found["verdict"] != "refused",
             "joints": template.arm.n,
             "sliding": int(template.arm.prismatic.sum()),
@@ -276,6 +292,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--only", nargs="+", default=[], help="arms whose names begin so")
     parser.add_argument("--starts", type=int, default=2)
     parser.add_argument("--limit", type=float, default=600.0, help="s per plan")
+    parser.add_argument("--loaded", action="store_true", help="only with payload")
     options = parser.parse_args(arguments)
     arms = tomllib.loads((Path(__file__).parent / "arms.toml").read_text(encoding="utf-8"))["arm"]
     chosen = [a for a in arms if not options.only or a["name"].startswith(tuple(options.only))]
@@ -283,22 +300,30 @@ def main(arguments: Sequence[str] | None = None) -> int:
     def study() -> str:
         data: dict[str, Any] = {
             "starts": options.starts,
-            "source": source_state(*PLANNING, "task_files"),
             "machine": machine(),
             "versions": versions(),
             "rows": [],
         }
         options.out.mkdir(parents=True, exist_ok=True)
+        path = options.out / f"{_NAME}.json"
+        known = json.loads(path.read_text(encoding="utf-8"))["rows"] if path.exists() else []
         for arm in chosen:
-            for row in rows_of(arm, options.packages, options.out / _NAME, options.starts, options.limit):
-                data["rows"].append(row)
+            where = options.packages, options.out / _NAME
+            for row in rows_of(arm, *where, options.starts, options.limit, known, options.loaded):
+                known = [one for one in known if not _same(one, row)] + [row]
+                order = {own["name"]: number for number, own in enumerate(arms)}
+                data["rows"] = sorted(known, key=lambda r: (order.get(r["arm"], 0), r["payload_kg"]))
                 said = f"{row['arm']}, {row['payload_kg']:g} kg: {row['verdict']}"
                 print(said, file=sys.stderr, flush=True)
-                write_text(options.out / f"{_NAME}.json", json_text(data) + "\n")
+                write_text(path, json_text(data) + "\n")
                 write_text(options.out / f"{_NAME}.md", report(data))
         return report(data)
 
     return ended(_NAME, study, "the arms so far are written.")
+
+
+def _same(one: Mapping[str, Any], other: Mapping[str, Any]) -> bool:
+    return all(one[key] == other[key] for key in ("arm", "payload_kg"))
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from ocptip.pictures.plan import draw_plan, plan_figures
 from ocptip.standing.limits import MotionLimits
 from tests.pictures.plan_stand_in import stand_in_plan
 
-NAMES = ["plan", "angles", "speeds", "torques", "power", "reserves", "normal_forces", "friction"]
+NAMES = ["plan", "angles", "speeds", "torques", "power", "reserves", "normal_forces", "friction", "clearance"]
 
 
 def drawn(name, **options):
@@ -71,6 +71,31 @@ def test_curves_are_the_samples(clamped):
     for ax, share in ((speeds, samples.speeds / limits.speed), (torques, samples.torques / limits.torque)):
         (line,) = ax.findobj(lambda artist: artist.get_gid() == "share-2")
         np.testing.assert_allclose(line.get_ydata(), 100 * share[:, 1])
+
+
+def test_least_distances_carry_the_names_of_their_pairs(free):
+    plan, samples, figures = free
+    collision = plan.task.robot.collision
+    names = np.array([str(label) for label in collision.labels])
+    gaps = collision.gaps(samples.angles)
+    nearest = names[np.argmin(gaps, axis=1)]
+    for figure in ("plan", "clearance"):
+        (ax,) = [ax for ax in figures[figure].axes if ax.get_ylabel() == "distance [mm]"]
+        shown = [
+            line
+            for line in ax.lines
+            if str(line.get_gid()).startswith("clearance-") and len(line.get_xdata()) > 1
+        ]
+        assert [line.get_label() for line in shown] == sorted(
+            set(nearest), key=lambda n: -np.sum(nearest == n)
+        )
+        for line in shown:
+            own = nearest == line.get_label()
+            np.testing.assert_allclose(line.get_ydata()[own], 1e3 * gaps.min(axis=1)[own])
+        assert all(np.isfinite([line.get_ydata() for line in shown]).any(axis=0))
+        _, y = curve(figures[figure], "clearance-worst")
+        assert y[0] == pytest.approx(1e3 * gaps.min(), rel=1e-3)
+        assert ax.get_title("left").startswith(f"Least distance {y[0]:.3g} mm at ")
 
 
 def test_energy_ends_at_that_of_the_check_and_the_reference_is_dashed(clamped):
@@ -188,6 +213,7 @@ def test_many_joints_without_limits_can_be_drawn():
     assert "1: shoulder_lift_joint_0" in legend(figures["angles"].axes[0])
     styles = {(line.get_color(), str(line._dash_pattern)) for line in figures["angles"].axes[0].lines[:9]}
     assert len(styles) == 9 > len(COLORS)
+    assert [text.get_text() for text in figures["clearance"].axes[0].texts] == ["collision not checked"]
     for name, figure in figures.items():
         check_texts(name, figure)
 

@@ -169,7 +169,9 @@ def test_report_tells_distances_only_where_they_were_checked():
         {**base, "verdict": "verified", "energy_J": 12.34, "distance_m": None},
         {**base, "arm": "B", "accepted": False, "verdict": "refused", "reason": "because"},
     ]
-    text = report({"starts": 2, "source": "s", "machine": {"cores": 2}, "rows": rows})
+    rows[0]["left_out"] = [{"pair": ["a", "b"], "reason": "telescope: all (touching in 3 of 200 postures)"}]
+    text = report({"starts": 2, "machine": {"cores": 2}, "rows": rows})
+    assert "  A: 1 telescope." in text
     assert "3 tasks, 2 accepted, 2 verified" in text
     assert "0.012 (hand and deck)" in text
     assert text.count("not checked") == 2

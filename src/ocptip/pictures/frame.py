@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -15,6 +16,10 @@ from ocptip.basics.write import atomic_file
 
 # Okabe and Ito's palette, told apart with any colour vision; its yellow is too pale for lines on white.
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
+
+
+LEGEND_SIZE, LEGEND_HANDLE, LEGEND_GAP = 8.5, 1.8, 1.2
+"""Points; the others in units of it."""
 
 
 def new_figure(width: float, height: float) -> Figure:
@@ -30,6 +35,16 @@ def hull(points: np.ndarray) -> np.ndarray:
         return ConvexHull(points).vertices
     except (QhullError, ValueError):
         return np.arange(len(points))
+
+
+def legend_columns(ax: Any, labels: list[str]) -> int:
+    """Most columns that are not wider than the panel; a wider legend would squeeze all panels."""
+    panel = 72 * ax.figure.get_figwidth() / ax.get_subplotspec().get_gridspec().ncols - 70
+    widths = [LEGEND_SIZE * (0.6 * len(text) + LEGEND_HANDLE + 0.8 + LEGEND_GAP) for text in labels]
+    for columns in range(len(labels), 1, -1):
+        if sum(max(own) for own in np.array_split(widths, columns)) <= panel:
+            return columns
+    return 1
 
 
 def save_figures(

@@ -1,6 +1,7 @@
-"""Figures of a plan: angles, speeds, torques, power and energy, reserves, normal forces, friction used.
+"""Figures of a plan: angles, speeds, torques, power and energy, reserves, normal forces, friction used,
+least distance.
 
-An overview of six panels and a figure for each quantity, all over the same time axis. Faint vertical lines
+An overview of eight panels and a figure for each quantity, all over the same time axis. Faint vertical lines
 are the events of the ramps, where accelerations jump. Joints and contacts are numbered from 1; a joint or
 contact has the same colour in all figures. A reference motion of the task, if there is one, is dashed.
 """
@@ -9,8 +10,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +18,17 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ocptip.motion.output import sample_motion
-from ocptip.pictures.frame import COLORS, new_figure, save_figures
+from ocptip.pictures.clearance import draw_clearance
+from ocptip.pictures.frame import (
+    COLORS,
+    LEGEND_GAP,
+    LEGEND_HANDLE,
+    LEGEND_SIZE,
+    legend_columns,
+    new_figure,
+    save_figures,
+)
+from ocptip.pictures.plan_curves import PlanCurves
 from ocptip.standing.mechanism import MotionSamples
 
 if TYPE_CHECKING:
@@ -28,8 +38,6 @@ STYLES = ("-", (0, (5, 1.2)), (0, (1.2, 1.2)))  # beyond seven joints or contact
 GN, GT, ENERGY, POWER = "#0072b2", "#d55e00", "#000000", "#009e73"
 LIMIT, EVENT = "#8b0000", "#e3e3e3"
 DPI = 130
-
-_LEGEND_SIZE, _LEGEND_HANDLE, _LEGEND_GAP = 8.5, 1.8, 1.2  # points; the others in units of it
 
 _DASHED = (0, (4, 2))
 _LIMIT_STYLE = {"color": LIMIT, "lw": 1.3, "ls": (0, (6, 2))}
@@ -61,71 +69,13 @@ def plan_figures(plan: MotionPlan, samples: MotionSamples | None = None) -> dict
 
 
 def _figures(plan: MotionPlan, samples: MotionSamples | None) -> dict[str, Callable[[], Figure]]:
-    curves = _Curves(plan, samples or sample_motion(plan.task.robot, plan.motion))
+    curves = PlanCurves(plan, samples or sample_motion(plan.task.robot, plan.motion))
     return {name: partial(_drawn, draw, curves) for name, draw in _FIGURES.items()}
 
 
-@dataclass(frozen=True)
-class _Curves:
-    """The numbers of a plan as they are drawn."""
-
-    plan: MotionPlan
-    samples: MotionSamples
-
-    @cached_property
-    def reference(self) -> MotionSamples | None:
-        """Samples of the reference motion."""
-        motion = self.plan.task.reference
-        return None if motion is None else sample_motion(self.plan.task.robot, motion)
-
-    @property
-    def times(self) -> np.ndarray:
-        """(N,), s."""
-        return self.samples.times
-
-    @property
-    def joint_names(self) -> list[str]:
-        """Number and name, or just the name if that is but the number."""
-        names = self.plan.task.robot.names
-        return [n if n == f"joint {j}" else f"{j}: {n}" for j, n in enumerate(names, 1)]
-
-    @property
-    def joint_limits(self) -> Any:
-        """Limits of joints, or of a platform's coordinates and motors."""
-        return self.plan.task.robot.limits
-
-    @property
-    def units(self) -> list[str]:
-        """Per joint deg, or m for a straight coordinate."""
-        return ["m" if unit == "m" else "deg" for unit in self.plan.task.robot.units]
-
-    @property
-    def scales(self) -> np.ndarray:
-        """(n,) factors from SI units to `units`."""
-        return np.array([1.0 if unit == "m" else 180 / np.pi for unit in self.units])
-
-    @cached_property
-    def normal_range(self) -> np.ndarray:
-        """(n, 2) least and greatest normal force each contact can bear, N; infinite for none."""
-        pieces = [contact.force_pieces() for contact in self.plan.task.robot.support.contacts]
-        return np.array([[min(p.normal_min for p in own), max(p.normal_max for p in own)] for own in pieces])
-
-    @property
-    def normal_forces(self) -> np.ndarray:
-        """(N, n), N."""
-        return self.samples.states.contact_forces[:, :, 0]
-
-    @property
-    def title(self) -> str:
-        """Case, verdict, energy and duration."""
-        checked = self.plan.check
-        verdict = ("verified" if checked.verified else "NOT verified") + checked.scope
-        return f"{self.plan.task.name}: {verdict}, {checked.energy:.1f} J in {checked.duration:.3f} s"
-
-
-def _overview(curves: _Curves) -> Figure:
-    figure, axes = _figure(curves, (14.0, 11.5), 3, 2)
-    (angles, speeds), (torques, power), (reserves, forces) = axes
+def _overview(curves: PlanCurves) -> Figure:
+    figure, axes = _figure(curves, (14.0, 15.0), 4, 2)
+    (angles, speeds), (torques, power), (reserves, forces), (friction, clearance) = axes
     _angles(angles, curves)
     limits = curves.joint_limits
     _shares(
@@ -148,26 +98,28 @@ def _overview(curves: _Curves) -> Figure:
     _total_power(power, curves)
     _reserves(reserves, curves, ("GN", "GT"))
     _normal_forces(forces, curves)
+    _friction(friction, curves)
+    _clearance(clearance, curves)
     return figure
 
 
-def _angle_figure(curves: _Curves) -> Figure:
+def _angle_figure(curves: PlanCurves) -> Figure:
     figure, axes = _figure(curves, (9.5, 5.5), 1, 1)
     _angles(axes[0, 0], curves, curves.joint_names)
     return figure
 
 
-def _speed_figure(curves: _Curves) -> Figure:
+def _speed_figure(curves: PlanCurves) -> Figure:
     units, scales = [f"{unit}/s" for unit in curves.units], curves.scales
     return _joint_panels(curves, "speed", units, scales * curves.samples.speeds, "speed", scales)
 
 
-def _torque_figure(curves: _Curves) -> Figure:
+def _torque_figure(curves: PlanCurves) -> Figure:
     units, ratio = list(curves.plan.task.robot.motor_units), curves.plan.task.limits.torque_ratio
     return _joint_panels(curves, "torque", units, curves.samples.torques, "torque", ratio)
 
 
-def _power_figure(curves: _Curves) -> Figure:
+def _power_figure(curves: PlanCurves) -> Figure:
     figure, axes = _figure(curves, (9.5, 8.5), 2, 1)
     power, energy = axes[:, 0]
     for j, values in enumerate(curves.samples.powers.T):
@@ -181,22 +133,33 @@ def _power_figure(curves: _Curves) -> Figure:
     return figure
 
 
-def _reserve_figure(curves: _Curves) -> Figure:
+def _reserve_figure(curves: PlanCurves) -> Figure:
     figure, axes = _figure(curves, (9.5, 8.5), 2, 1)
     for ax, name in zip(axes[:, 0], ("GN", "GT"), strict=True):
         _reserves(ax, curves, (name,))
     return figure
 
 
-def _normal_figure(curves: _Curves) -> Figure:
+def _normal_figure(curves: PlanCurves) -> Figure:
     figure, axes = _figure(curves, (9.5, 5.5), 1, 1)
     _normal_forces(axes[0, 0], curves)
     return figure
 
 
-def _friction_figure(curves: _Curves) -> Figure:
+def _friction_figure(curves: PlanCurves) -> Figure:
     figure, axes = _figure(curves, (9.5, 5.5), 1, 1)
-    ax, limit = axes[0, 0], curves.plan.task.limits.GT
+    _friction(axes[0, 0], curves)
+    return figure
+
+
+def _clearance_figure(curves: PlanCurves) -> Figure:
+    figure, axes = _figure(curves, (9.5, 5.5), 1, 1)
+    _clearance(axes[0, 0], curves)
+    return figure
+
+
+def _friction(ax: Any, curves: PlanCurves) -> None:
+    limit = curves.plan.task.limits.GT
     for k, usage in enumerate(curves.samples.slip.usage.T):
         # Contacts often share the largest use; thinner lines on top let the ones below be seen.
         width = max(3.9 - 1.2 * k, 1.2)
@@ -206,10 +169,20 @@ def _friction_figure(curves: _Curves) -> Figure:
     ax.axhline(100 * limit, **_LIMIT_STYLE, label=f"limit of GT, {100 * limit:.3g} %", gid="limit")
     _finish(ax, curves, "Friction used", "tangential force / friction limit [%]")
     ax.set_ylim(bottom=0.0)
-    return figure
 
 
-def _angles(ax: Any, curves: _Curves, names: Iterable[str] | None = None) -> None:
+def _clearance(ax: Any, curves: PlanCurves) -> None:
+    """The least distance; a ring marks the worst instant that the check has found."""
+    title = "Least distance"
+    if draw_clearance(ax, curves.plan.task.robot, curves.samples):
+        limit, worst = curves.plan.task.limits.clearance, curves.plan.check.worst["clearance_m"]
+        ax.plot([worst.time], [1e3 * worst.value], **_WORST, mec=LIMIT, gid="clearance-worst")
+        ax.axhline(1e3 * limit, **_LIMIT_STYLE, label=f"limit {1e3 * limit:.3g} mm", gid="limit")
+        title = f"Least distance {1e3 * worst.value:.3g} mm at {max(worst.time, 0.0) + 0.0:.3f} s"
+    _finish(ax, curves, title, "distance [mm]")
+
+
+def _angles(ax: Any, curves: PlanCurves, names: Iterable[str] | None = None) -> None:
     names = names or [str(j + 1) for j in range(curves.samples.angles.shape[1])]
     for j, (name, values) in enumerate(zip(names, (curves.scales * curves.samples.angles).T, strict=True)):
         ax.plot(curves.times, values, **_style(j), label=name, gid=f"angle-{j + 1}")
@@ -221,7 +194,7 @@ def _angles(ax: Any, curves: _Curves, names: Iterable[str] | None = None) -> Non
 
 
 def _shares(
-    ax: Any, curves: _Curves, title: str, values: np.ndarray, limits: np.ndarray, largest: float
+    ax: Any, curves: PlanCurves, title: str, values: np.ndarray, limits: np.ndarray, largest: float
 ) -> None:
     """Joint quantities as shares of their limits; joints without limit are left out."""
     if not np.any(np.isfinite(limits)):
@@ -240,7 +213,7 @@ def _shares(
 
 
 def _joint_panels(
-    curves: _Curves,
+    curves: PlanCurves,
     quantity: str,
     units: list[str],
     values: np.ndarray,
@@ -275,7 +248,7 @@ def _joint_panels(
     return figure
 
 
-def _total_power(ax: Any, curves: _Curves) -> None:
+def _total_power(ax: Any, curves: PlanCurves) -> None:
     """Power on the left axis, energy on the right one."""
     total = curves.samples.powers.sum(axis=1)
     ax.fill_between(curves.times, 0.0, total, color=POWER, alpha=0.15, lw=0)
@@ -292,7 +265,7 @@ def _total_power(ax: Any, curves: _Curves) -> None:
         right.set_ylim(top * low / high, top)
 
 
-def _energy(ax: Any, curves: _Curves) -> None:
+def _energy(ax: Any, curves: PlanCurves) -> None:
     for samples, style in ((curves.samples, {"ls": "-"}), (curves.reference, {"ls": _DASHED, "lw": 1.4})):
         if samples is not None:
             energy = _cumulated(samples)
@@ -303,7 +276,7 @@ def _energy(ax: Any, curves: _Curves) -> None:
     ax.set_ylim(min(0.0, ax.get_ylim()[0]) if ax.dataLim.ymin < 0 else 0.0, 1.06 * ax.dataLim.ymax)
 
 
-def _reserves(ax: Any, curves: _Curves, names: tuple[str, ...]) -> None:
+def _reserves(ax: Any, curves: PlanCurves, names: tuple[str, ...]) -> None:
     """Reserves with their limits; a ring marks the worst instant that the check has found."""
     limits = {name: getattr(curves.plan.task.limits, name) for name in names}
     for name in names:
@@ -334,7 +307,7 @@ def _reserves(ax: Any, curves: _Curves, names: tuple[str, ...]) -> None:
     ax.set_ylim(bottom=0.0)
 
 
-def _normal_forces(ax: Any, curves: _Curves) -> None:
+def _normal_forces(ax: Any, curves: PlanCurves) -> None:
     for k, values in enumerate(curves.normal_forces.T):
         ax.plot(curves.times, values, **_style(k), label=str(k + 1), gid=f"normal-{k + 1}")
     for side, word in ((0, "least"), (1, "most")):
@@ -350,7 +323,7 @@ def _normal_forces(ax: Any, curves: _Curves) -> None:
     _finish(ax, curves, title + shared, "force on the base [N]")
 
 
-def _drawn(draw: Callable[[_Curves], Figure], curves: _Curves) -> Figure:
+def _drawn(draw: Callable[[PlanCurves], Figure], curves: PlanCurves) -> Figure:
     """A figure whose time axes end with the motion, or with the reference where that is drawn and longer."""
     figure = draw(curves)
     lines = [line.get_gid() or "" for ax in figure.axes for line in ax.lines]
@@ -362,7 +335,9 @@ def _drawn(draw: Callable[[_Curves], Figure], curves: _Curves) -> Figure:
     return figure
 
 
-def _figure(curves: _Curves, size: tuple[float, float], rows: int, columns: int) -> tuple[Figure, np.ndarray]:
+def _figure(
+    curves: PlanCurves, size: tuple[float, float], rows: int, columns: int
+) -> tuple[Figure, np.ndarray]:
     figure = new_figure(*size)
     figure.suptitle(curves.title, fontsize=13, fontweight="bold")
     figure.supxlabel("grey lines: a ramp of a joint begins or ends", fontsize=9, color="#6f6f6f")
@@ -371,7 +346,7 @@ def _figure(curves: _Curves, size: tuple[float, float], rows: int, columns: int)
 
 
 def _finish(
-    ax: Any, curves: _Curves, title: str, label: str, more: tuple[list[Any], list[str]] = ([], [])
+    ax: Any, curves: PlanCurves, title: str, label: str, more: tuple[list[Any], list[str]] = ([], [])
 ) -> None:
     """Events, time axis, title, and the legend between title and panel, where it covers no curve."""
     for t in curves.plan.motion.event_times:
@@ -383,7 +358,7 @@ def _finish(
     ax.set_axisbelow(True)
     handles, labels = ax.get_legend_handles_labels()
     handles, labels = handles + more[0], labels + more[1]
-    columns = _legend_columns(ax, labels)
+    columns = legend_columns(ax, labels)
     ax.set_title(title, loc="left", fontsize=11, pad=7 + 14 * -(-len(labels) // columns))
     ax.legend(
         handles,
@@ -392,22 +367,12 @@ def _finish(
         bbox_to_anchor=(0.0, 1.0),
         ncol=columns,
         frameon=False,
-        fontsize=_LEGEND_SIZE,
-        handlelength=_LEGEND_HANDLE,
-        columnspacing=_LEGEND_GAP,
+        fontsize=LEGEND_SIZE,
+        handlelength=LEGEND_HANDLE,
+        columnspacing=LEGEND_GAP,
         borderaxespad=0.2,
         borderpad=0.2,
     )
-
-
-def _legend_columns(ax: Any, labels: list[str]) -> int:
-    """Most columns that are not wider than the panel; a wider legend would squeeze all panels."""
-    panel = 72 * ax.figure.get_figwidth() / ax.get_subplotspec().get_gridspec().ncols - 70
-    widths = [_LEGEND_SIZE * (0.6 * len(text) + _LEGEND_HANDLE + 0.8 + _LEGEND_GAP) for text in labels]
-    for columns in range(len(labels), 1, -1):
-        if sum(max(own) for own in np.array_split(widths, columns)) <= panel:
-            return columns
-    return 1
 
 
 def _all(what: str, values: np.ndarray) -> str:
@@ -433,7 +398,7 @@ def _cumulated(samples: MotionSamples) -> np.ndarray:
     return np.concatenate([[0.0], np.cumsum(0.5 * np.diff(samples.times) * (power[1:] + power[:-1]))])
 
 
-_FIGURES: dict[str, Callable[[_Curves], Figure]] = {
+_FIGURES: dict[str, Callable[[PlanCurves], Figure]] = {
     "plan": _overview,
     "angles": _angle_figure,
     "speeds": _speed_figure,
@@ -442,4 +407,5 @@ _FIGURES: dict[str, Callable[[_Curves], Figure]] = {
     "reserves": _reserve_figure,
     "normal_forces": _normal_figure,
     "friction": _friction_figure,
+    "clearance": _clearance_figure,
 }

@@ -1,0 +1,73 @@
+"""The numbers of a plan as its figures draw them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ocptip.motion.output import sample_motion
+from ocptip.standing.mechanism import MotionSamples
+
+if TYPE_CHECKING:
+    from ocptip.motion.plan import MotionPlan
+
+
+@dataclass(frozen=True)
+class PlanCurves:
+    """The numbers of a plan as they are drawn."""
+
+    plan: MotionPlan
+    samples: MotionSamples
+
+    @cached_property
+    def reference(self) -> MotionSamples | None:
+        """Samples of the reference motion."""
+        motion = self.plan.task.reference
+        return None if motion is None else sample_motion(self.plan.task.robot, motion)
+
+    @property
+    def times(self) -> np.ndarray:
+        """(N,), s."""
+        return self.samples.times
+
+    @property
+    def joint_names(self) -> list[str]:
+        """Number and name, or just the name if that is but the number."""
+        names = self.plan.task.robot.names
+        return [n if n == f"joint {j}" else f"{j}: {n}" for j, n in enumerate(names, 1)]
+
+    @property
+    def joint_limits(self) -> Any:
+        """Limits of joints, or of a platform's coordinates and motors."""
+        return self.plan.task.robot.limits
+
+    @property
+    def units(self) -> list[str]:
+        """Per joint deg, or m for a straight coordinate."""
+        return ["m" if unit == "m" else "deg" for unit in self.plan.task.robot.units]
+
+    @property
+    def scales(self) -> np.ndarray:
+        """(n,) factors from SI units to `units`."""
+        return np.array([1.0 if unit == "m" else 180 / np.pi for unit in self.units])
+
+    @cached_property
+    def normal_range(self) -> np.ndarray:
+        """(n, 2) least and greatest normal force each contact can bear, N; infinite for none."""
+        pieces = [contact.force_pieces() for contact in self.plan.task.robot.support.contacts]
+        return np.array([[min(p.normal_min for p in own), max(p.normal_max for p in own)] for own in pieces])
+
+    @property
+    def normal_forces(self) -> np.ndarray:
+        """(N, n), N."""
+        return self.samples.states.contact_forces[:, :, 0]
+
+    @property
+    def title(self) -> str:
+        """Case, verdict, energy and duration."""
+        checked = self.plan.check
+        verdict = ("verified" if checked.verified else "NOT verified") + checked.scope
+        return f"{self.plan.task.name}: {verdict}, {checked.energy:.1f} J in {checked.duration:.3f} s"
