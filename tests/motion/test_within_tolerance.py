@@ -14,8 +14,8 @@ from ocptip.standing.tolerance import SITE, WORKSHOP, Tolerance
 from ocptip.standing.worst_case import worst_case_of
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.arm_motion import ArmMotion
+from studies.tolerance.samples import sampled_wrenches
 from tests.places import EXAMPLES
-from tests.standing.test_deviations import inside
 
 
 @pytest.fixture(scope="module")
@@ -29,34 +29,12 @@ def slow(task, factor):
     return ArmMotion.with_passive(task.start, task.goal, [None] * task.robot.n, *rates)
 
 
-def samples(robot, motion, tolerance, rng, count):
-    """Wrenches at random states and deviations: each joint late by itself, jumps overshooting."""
-    own = worst_case_of(robot, tolerance).deviations
-    theta = inside(own, rng, count)
-    theta[:, own.places["delay"]] = 0.0  # done here
-    times = rng.uniform(-0.05, motion.end + 0.05, count)
-    near = rng.random(count) < 0.7
-    times[near] = rng.choice(motion.event_times, near.sum()) + rng.uniform(0, tolerance.delay, near.sum())
-    late = np.where(rng.random((count, robot.n)) < 0.5, 0.0, tolerance.delay)
-    late = np.where(rng.random(late.shape) < 0.4, rng.uniform(0, tolerance.delay, late.shape), late)
-    s = np.empty((count, 3 * robot.n))
-    for j in range(robot.n):
-        moment = times - late[:, j]
-        q, qd, qdd = (part[:, j] for part in motion.states(moment))
-        just = np.array([np.min(np.abs(motion.event_times - t)) for t in moment]) < 1e-3
-        before, after = (motion.states(moment + side)[2][:, j] for side in (-2e-3, 2e-3))
-        over = just & (rng.random(count) < 0.8)
-        qdd = np.where(over, after + tolerance.overshoot * (after - before), qdd)
-        s[:, j], s[:, robot.n + j], s[:, 2 * robot.n + j] = q, qd, qdd
-    return own.wrench(s, theta)[0]
-
-
 @pytest.mark.parametrize("factor", [1.6, 3.0])
 def test_no_sample_is_worse_than_the_worst_case(task, factor):
     robot, motion = task.robot, slow(task, factor)
     checked = check_motion(robot, motion, dataclasses.replace(task.limits, tolerance=WORKSHOP))
     within, cases = checked.within, worst_case_of(robot, WORKSHOP)
-    wrenches = samples(robot, motion, WORKSHOP, np.random.default_rng(0), 4000)
+    wrenches = sampled_wrenches(robot, motion, WORKSHOP, np.random.default_rng(0), 4000)
     states = cases.robot.contact_states(wrenches)
     moments = wrenches @ cases.robot.tip_over.affine_moments[0].T
     least = float(cases.tip_ratio(moments.min()))

@@ -16,6 +16,7 @@ from ocptip.standing.arm import StandingRobot
 from ocptip.standing.deviations import Deviations, towards
 from ocptip.standing.tolerance import SITE, Tolerance
 from ocptip.standing.worst_case import WorstCase
+from studies.tolerance.samples import random_deviations
 
 WIDE = dataclasses.replace(
     SITE, base_push=10.0, center_of_mass=[0.01, 0.02, 0.03], payload_center=[0.03, 0.02, 0.01]
@@ -37,20 +38,6 @@ def cases(robot):
 def states(rng, count, n=6):
     ends = np.repeat([1.5, 0.7, 4.0], n)
     return rng.uniform(-ends, ends, (count, 3 * n))
-
-
-def inside(own: Deviations, rng, count, edge=0.5):
-    """Deviations within the tolerance, a share of them at its edge."""
-    theta = np.zeros((count, own.size))
-    ends = np.where(rng.random(theta.shape) < 0.5, own.low, own.high)
-    theta = np.where(rng.random(theta.shape) < edge, ends, rng.uniform(own.low, own.high, theta.shape))
-    for name, most in own._radii.items():
-        side = rng.normal(size=(count, 3))
-        if name == "gravity":
-            theta[:, own.places[name]] = own._tilted(side)
-        else:
-            theta[:, own.places[name]] = most * side / np.linalg.norm(side, axis=1)[:, None]
-    return theta
 
 
 def built_anew(robot, own: Deviations, theta, s):
@@ -90,7 +77,7 @@ def built_anew(robot, own: Deviations, theta, s):
 def test_the_wrench_is_that_of_a_robot_built_anew(robot, cases):
     rng, own = np.random.default_rng(1), cases.deviations
     s = states(rng, 5)
-    theta = inside(own, rng, 5)
+    theta = random_deviations(own, rng, 5)
     # a push at the base acts at the nominal centre of mass, and so does `built_anew` with the moved one
     found = own.wrench(s, theta)[0]
     for row in range(5):
@@ -100,7 +87,7 @@ def test_the_wrench_is_that_of_a_robot_built_anew(robot, cases):
 
 def test_slopes_are_finite_differences(cases):
     rng, own = np.random.default_rng(2), cases.deviations
-    s, theta, a = states(rng, 1), inside(own, rng, 1), rng.normal(size=(1, 6))
+    s, theta, a = states(rng, 1), random_deviations(own, rng, 1), rng.normal(size=(1, 6))
     step = 1e-6
 
     def value(s, theta):
@@ -129,7 +116,7 @@ def test_nothing_within_the_tolerance_is_worse_than_the_bound(cases, seed):
     found = cases.moments(s, axis)
     assert found.values == pytest.approx(np.einsum("nw,nw->n", found.slopes, own.wrench(s, found.theta)[0]))
     least = found.values - own.missed(s, found.theta, found.slopes)
-    many = own.wrench(np.repeat(s[:1], 300, axis=0), inside(own, rng, 300))[0]
+    many = own.wrench(np.repeat(s[:1], 300, axis=0), random_deviations(own, rng, 300))[0]
     moments = many @ found.slopes.T
     assert np.all(moments >= least - 1e-9)
     nominal = own.wrench(s[:1], np.zeros((1, own.size)))[0] @ found.slopes.T
@@ -152,7 +139,7 @@ def test_no_sample_slips_more_than_the_worst_that_was_found(cases):
     s = 0.3 * states(rng, 12)
     worst = cases.slip(s, starts=5)
     for row in range(len(s)):
-        many = own.wrench(np.repeat(s[row : row + 1], 200, axis=0), inside(own, rng, 200))[0]
+        many = own.wrench(np.repeat(s[row : row + 1], 200, axis=0), random_deviations(own, rng, 200))[0]
         GT = cases.robot.slip.evaluate(solve_many(cases.robot.support, many), derivatives=False).GT
         assert np.all(worst.values[row] + 1e-9 >= GT)
     again = cases.robot.slip.evaluate(solve_many(cases.robot.support, own.wrench(s, worst.theta)[0])).GT

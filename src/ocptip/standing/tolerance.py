@@ -151,9 +151,7 @@ class Tolerance:
         return Tolerance(**{name: getattr(self, name) for name in names})
 
     def scaled(self, factor: float) -> Tolerance:
-        """Everything but damping by this factor of it, 0 to 1; an interval of the base's mass stays."""
-        if not 0 <= factor <= 1:
-            raise InputError(f"factor: must be >= 0 and at most 1, got {factor!r}")
+        """Everything but damping by this factor of it; an interval of the base's mass stays."""
         values = {name: getattr(self, name) for name in self.given if name != "damping"}
         return replace(
             self,

@@ -60,7 +60,8 @@ class WorstCaseLimit(AskedLimit):
         self, what: str, value: float, at: Instants, theta: np.ndarray, kept: Callable[[WorstCase], bool]
     ) -> str:
         words, rest = self.cases.deviations.words(theta), why_not_at_rest(self.cases, at.s, kept)
-        return f"within the tolerance {what} reaches {value:.4g} at rest ({words}): {rest}"
+        found = f"within the tolerance {what} reaches {value:.4g} at rest ({words}): {rest}"
+        return f"{found} (--tolerance none plans as described)"
 
     def uses(self, at: Instants) -> np.ndarray:
         """(N, width): use of the limit by each row, 1 at the limit, more beyond."""

@@ -1,0 +1,1 @@
+"""What a tolerance costs, and whether plans keep it."""

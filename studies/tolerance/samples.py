@@ -1,0 +1,72 @@
+"""Motions with random deviations, each joint late by itself, jumps overshooting: does a contact let go?"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ocptip.standing.arm import StandingRobot
+from ocptip.standing.deviations import Deviations
+from ocptip.standing.tolerance import Tolerance
+from ocptip.standing.worst_case import worst_case_of
+from ocptip.trajectories.sampled import Motion
+
+EDGE = 0.5  # share of the deviations that are at an end of their interval
+NEAR = 0.7  # share of the instants that are near an event
+ON_TIME, SOMEWHERE = 0.5, 0.4  # shares of joints that are not late; of the others, late by less than the most
+OVERSHOOTING = 0.8  # share of the jumps just done that overshoot
+JUST = 1e-3  # s: so near to an event a joint has just jumped
+
+
+def random_deviations(own: Deviations, rng: np.random.Generator, count: int) -> np.ndarray:
+    """Deviations (count, size) within the tolerance, many of them at its edge; tilts and pushes all are."""
+    theta = np.zeros((count, own.size))
+    ends = np.where(rng.random(theta.shape) < 0.5, own.low, own.high)
+    theta = np.where(rng.random(theta.shape) < EDGE, ends, rng.uniform(own.low, own.high, theta.shape))
+    sizes = {"push": own.tolerance.push, "base_push": own.tolerance.base_push}
+    gravity = own.robot.support.gravity
+    for name, at in own.places.items():
+        side = rng.normal(size=(count, 3))
+        side /= np.linalg.norm(side, axis=1)[:, None]
+        if name in sizes:
+            theta[:, at] = sizes[name] * side
+        elif name == "gravity":
+            across = np.cross(gravity, side)
+            across /= np.linalg.norm(across, axis=1)[:, None]
+            size, tilt = np.linalg.norm(gravity), own.tolerance.tilt
+            theta[:, at] = (np.cos(tilt) - 1) * gravity + np.sin(tilt) * size * across
+    return theta
+
+
+def sampled_wrenches(
+    robot: StandingRobot, motion: Motion, tolerance: Tolerance, rng: np.random.Generator, count: int
+) -> np.ndarray:
+    """Wrenches (count, 6) on the base at random instants of the motion run so."""
+    own, n = worst_case_of(robot, tolerance).deviations, robot.n
+    theta = random_deviations(own, rng, count)
+    if "delay" in own.places:
+        theta[:, own.places["delay"]] = 0.0  # done here, by the motion itself
+    delay = tolerance.delay
+    times = rng.uniform(-0.05, motion.end + 0.05, count)
+    near = rng.random(count) < NEAR
+    times[near] = rng.choice(motion.event_times, near.sum()) + rng.uniform(0, delay, near.sum())
+    late = np.where(rng.random((count, n)) < ON_TIME, 0.0, delay)
+    late = np.where(rng.random(late.shape) < SOMEWHERE, rng.uniform(0, delay, late.shape), late)
+    s = np.empty((count, 3 * n))
+    for j in range(n):
+        moment = times - late[:, j]
+        q, qd, qdd = (part[:, j] for part in motion.states(moment))
+        since = np.min(np.abs(motion.event_times[None] - moment[:, None]), axis=1)
+        before, after = (motion.states(moment + side)[2][:, j] for side in (-2 * JUST, 2 * JUST))
+        over = (since < JUST) & (rng.random(count) < OVERSHOOTING)
+        s[:, j], s[:, n + j] = q, qd
+        s[:, 2 * n + j] = np.where(over, after + tolerance.overshoot * (after - before), qdd)
+    return own.wrench(s, theta)[0]
+
+
+def lost(
+    robot: StandingRobot, motion: Motion, tolerance: Tolerance, rng: np.random.Generator, count: int
+) -> int:
+    """How many of so many random instants lose a contact, by the exact contact solver with least friction."""
+    weakest = worst_case_of(robot, tolerance).robot
+    states = weakest.contact_states(sampled_wrenches(robot, motion, tolerance, rng, count))
+    return int(np.sum(~(states.solved & states.persistent)))

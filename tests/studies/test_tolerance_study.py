@@ -1,0 +1,56 @@
+"""The study of tolerances, tiny: samples deviate as they should, and the table says what rows hold."""
+
+import numpy as np
+import pytest
+
+from ocptip.published.tasks import experiment_task
+from ocptip.standing.tolerance import SITE, WORKSHOP
+from ocptip.standing.worst_case import worst_case_of
+from ocptip.trajectories.arm_motion import ArmMotion
+from studies.tolerance.run import markdown, on_cart
+from studies.tolerance.samples import lost, random_deviations
+
+
+def straight(task, factor):
+    limits = task.robot.limits
+    rates = limits.speed / factor, limits.acceleration / factor**2
+    return ArmMotion.with_passive(task.start, task.goal, [None] * task.robot.n, *rates)
+
+
+def test_deviations_stay_within_the_tolerance():
+    robot = experiment_task("B", "effective").robot
+    own = worst_case_of(robot, SITE).deviations
+    theta = random_deviations(own, np.random.default_rng(0), 500)
+    intervals = own._intervals
+    assert np.all(theta[:, intervals] >= own.low[intervals] - 1e-15)
+    assert np.all(theta[:, intervals] <= own.high[intervals] + 1e-15)
+    gravity = robot.support.gravity + theta[:, own.places["gravity"]]
+    assert np.linalg.norm(gravity, axis=1) == pytest.approx(np.linalg.norm(robot.support.gravity))
+    angles = np.degrees(
+        np.arccos(gravity @ robot.support.gravity / np.linalg.norm(robot.support.gravity) ** 2)
+    )
+    assert angles == pytest.approx(1.5)
+    assert np.linalg.norm(theta[:, own.places["push"]], axis=1) == pytest.approx(20)
+
+
+def test_fast_motions_lose_contacts_and_slow_ones_on_a_heavy_cart_do_not():
+    task, rng = experiment_task("B", "effective"), np.random.default_rng(1)
+    assert lost(task.robot, straight(task, 1.0), WORKSHOP, rng, 300) > 0
+    cart = on_cart("A")
+    assert len(cart.robot.support.contacts) == 4
+    assert lost(cart.robot, straight(cart, 4.0), WORKSHOP, rng, 300) == 0
+
+
+def test_the_table_has_prices_and_refusals():
+    good = {
+        "task": "A", "preset": "workshop", "lost": 0, "beyond_loses": True,
+        "nominal": {"energy_J": 100.0, "duration_s": 1.0, "cpu_s": 10.0},
+        "within": {"energy_J": 104.0, "duration_s": 1.1, "cpu_s": 20.0},
+    }  # fmt: skip
+    bad = {"task": "H", "preset": "workshop", "nominal": good["nominal"], "within": {"refused": "too much"}}
+    text = markdown([good, bad], 300, ["- A note."])
+    assert "| A | workshop | 100.0 | 104.0 | 4.0 % | 10.0 % | 2.0 | 0 | yes |" in text
+    assert "| H | workshop | 100.0 | - | - | - | - | - | - |" in text
+    assert "- H: too much" in text
+    assert "within `workshop`: 4.0 %." in text
+    assert "- A note." in text
