@@ -23,6 +23,10 @@ class MadeOf:
         """An object made of the same arguments but for the given ones."""
         return type(self)(**{**self._arguments, **arguments})
 
+    def argument(self, name: str) -> Any:
+        """The argument of that name it was made of; None if it was left out."""
+        return self._arguments.get(name)
+
     def __reduce__(self) -> tuple:
         """What to call to make it again."""
         return partial(type(self), **self._arguments), ()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from argparse import Namespace
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,14 +18,17 @@ from ocptip.cli.command import Report
 from ocptip.cli.layout import masses, named, table, under, within_rows
 from ocptip.cli.options import with_limits
 from ocptip.cli.progress import say_if_compiling
+from ocptip.cli.stops import sensitivities_of, sensitivities_to_dict, stop_table, stops_of
 from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.output import PLAN
+from ocptip.motion.stops import Stops
 from ocptip.motion.task import MotionTask
 from ocptip.motion.tolerated import Tolerated, tolerances
 from ocptip.published.cases import motion_cases
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.sensitivity import Sensitivity
 from ocptip.task_files.motion import load_task
 from ocptip.task_files.plan_folder import is_plan_folder, read_plan_folder
 from ocptip.trajectories.fit import PEAK_TOLERANCE, FittedMotion
@@ -39,6 +42,8 @@ _ROWS = {
     "jump_GT": "GT at jumps, overshoot",
     "GN_worst_case": "tip-over GN at worst",
     "GT_worst_case": "slip GT at worst",
+    "GN_stop": "GN in stops on the path",
+    "GT_stop": "GT in stops on the path",
     "torque_ratio": "torque / limit",
     "clearance_m": "clearance",
     "foot_force_N": "force on a foot that gives",
@@ -71,6 +76,8 @@ def run(options: Namespace) -> CheckReport:
     """Check the motion, and the same path faster or slower, on the robot that is named."""
     task, path = _task(options)
     task = with_limits(task, options)
+    if options.stops in ("path", "both"):
+        task = replace(task, limits=task.stops.asked(task.limits))
     motion = load_motion(path, task.robot.names, task.robot.units, unit=options.unit)
     step = positive_number("--step", options.step)
     for factor in options.time_scale:
@@ -86,7 +93,11 @@ def run(options: Namespace) -> CheckReport:
             for f in options.time_scale
         ]
     deviations = tolerances(task.robot, motion)
-    return CheckReport(name, task, motion, checked, scaled, _offsets(motion, task), deviations)
+    stops = stops_of(task, motion, checked, options.stops)
+    report = CheckReport(name, task, motion, checked, scaled, _offsets(motion, task), deviations, stops)
+    if options.sensitivities:
+        report.sensitivities = sensitivities_of(task, motion)
+    return report
 
 
 @dataclass
@@ -102,6 +113,8 @@ class CheckReport(Report):
         offsets: by unit ("deg" for angles, "m" for lengths, as far as the coordinates have such), the largest
             difference of the motion's start and of its goal from the task's.
         tolerated: deviations that lose no contact; empty if not computed.
+        stops: what becomes of the base when the motion is stopped; None: not asked for.
+        sensitivities: what changes would do; empty if not asked for.
     """
 
     name: str
@@ -111,11 +124,13 @@ class CheckReport(Report):
     scaled: list[tuple[float, MotionCheck]]
     offsets: dict[str, tuple[float, float]]
     tolerated: tuple[Tolerated, ...] = ()
+    stops: Stops | None = None
+    sensitivities: tuple[Sensitivity, ...] = ()
 
     @property
     def good(self) -> bool:
-        """True if the motion as it is keeps all limits."""
-        return self.check.verified
+        """True if the motion as it is keeps all limits, stops included where they are asked for."""
+        return self.check.verified and (self.stops is None or self.stops.verified)
 
     def to_dict(self) -> dict[str, Any]:
         """Verdict, worst values with their times, limits."""
@@ -131,6 +146,8 @@ class CheckReport(Report):
             **self.task.robot.masses_to_dict(),
             "limits": self.task.limits.to_dict(),
             "tolerated": [one.to_dict() for one in self.tolerated],
+            **({"stops": self.stops.to_dict()} if self.stops else {}),
+            **sensitivities_to_dict(self.sensitivities),
             "assumed": list(self.task.robot.notes),
             "interpolation": self.motion.interpolation if isinstance(self.motion, SampledMotion) else None,
             "fit": self.motion.fit_to_dict() if isinstance(self.motion, FittedMotion) else None,
@@ -142,9 +159,10 @@ class CheckReport(Report):
     def to_text(self) -> str:
         """Verdict, worst instants, energy."""
         checked = self.check
-        verdict = f"VERIFIED{checked.scope}. All limits hold" if checked.verified else "NOT VERIFIED"
+        verdict = f"VERIFIED{checked.scope}. All limits hold" if self.good else "NOT VERIFIED"
         lines = [f"{self.name} on {self.task.name}: {verdict}."]
         lines += [f"  {violation}" for violation in checked.violations]
+        lines += [f"  {violation}" for violation in (self.stops.violations if self.stops else ())]
         lines += ["", *_worst_table(checked), ""]
         moving = f"{quantity(checked.energy, 'J')} in {quantity(checked.duration, 's')}"
         rows = [("energy", f"{moving}, checked at {checked.samples} instants")]
@@ -153,10 +171,14 @@ class CheckReport(Report):
         rows.append(("collision", checked.collision_text))
         rows += within_rows(checked)
         rows += under("tolerates", self.tolerated)
+        rows += under("would change", self.sensitivities)
+        rows += under("stops", self.stops.lines() if self.stops else ())
         rows.append(("masses", masses(self.task.robot)))
         rows += under("assumed", self.task.robot.notes)
         rows += under("note", self._notes())
         lines += named(rows)
+        if self.stops:
+            lines += ["", *stop_table(self.stops)]
         if self.scaled:
             lines += ["", *_scale_table(self.scaled)]
         return "\n".join(lines)

@@ -29,6 +29,11 @@ FILES = (
 )
 
 
+SENSITIVITIES = argument(
+    "--sensitivities", None, "what would help, and by how much (docs/sensitivities.md)", action="store_true"
+)
+
+
 def _time_scale(text: str) -> Argument:
     return argument("--time-scale", "F", text, type=float, nargs="+", default=[])
 
@@ -42,6 +47,7 @@ COMMANDS = (
         (
             argument("scene", "SCENE.toml", "the scene (format: see docs/scenes.md)"),
             argument("--plot", "FILE", "draw the scene into a .png, .pdf or .svg file"),
+            SENSITIVITIES,
             argument(
                 "--gn-reference",
                 "NM",
@@ -85,6 +91,13 @@ COMMANDS = (
             argument("--effort", None, "write torques into trajectory.json, too", action="store_true"),
             argument("--max-duration", "S", "the motion takes at most so long, s", type=float),
             argument("--duration", "S", "the motion takes just so long, s", type=float),
+            argument(
+                "--stop-safe",
+                None,
+                "stops along the path keep the reserves, too, begun at any instant (see docs/stops.md)",
+                action="store_true",
+            ),
+            SENSITIVITIES,
             *LIMITS,
             TOLERANCE,
             _time_scale("check the plan with all times multiplied by F, too (0.95: faster)"),
@@ -125,6 +138,15 @@ COMMANDS = (
                 ),
             ),
             argument("--base", "SET", "base data of a case: printed or effective (default)"),
+            argument(
+                "--stops",
+                None,
+                "what if it is stopped at any instant: on its path, by the joints' brakes, or both (default)",
+                nargs="?",
+                const="both",
+                choices=("path", "brakes", "both"),
+            ),
+            SENSITIVITIES,
             *LIMITS,
             TOLERANCE,
             argument("--unit", None, "of angles in CSV columns that do not say it", choices=("deg", "rad")),

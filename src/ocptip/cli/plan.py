@@ -14,15 +14,18 @@ from ocptip.cli.command import Answer, Report
 from ocptip.cli.layout import masses, summary, under, use_of_reserves, within_rows
 from ocptip.cli.options import output_directory, remove_figures, require_least, with_limits
 from ocptip.cli.progress import Progress, say_if_compiling
+from ocptip.cli.stops import sensitivities_of, sensitivities_to_dict, stops_of
 from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.execution import Execution, execute
 from ocptip.motion.objective import ENERGY, Objective, objective_of
 from ocptip.motion.output import plan_to_dict, sample_motion, write_plan
 from ocptip.motion.plan import MotionPlan, plan_motion
+from ocptip.motion.stops import Stops
 from ocptip.motion.task import MotionTask
 from ocptip.motion.tolerated import Tolerated, tolerances
 from ocptip.published.cases import motion_cases
 from ocptip.published.tasks import experiment_task
+from ocptip.standing.sensitivity import Sensitivity
 from ocptip.task_files.motion import load_task
 
 
@@ -35,6 +38,8 @@ def run(options: Namespace) -> Report:
         positive_number(f"--{name.replace('_', '-')}", getattr(options, name))
     task, base = _task(options)
     task = _with_objective(task, options)
+    if options.stop_safe:
+        task = replace(task, limits=task.stops.asked(task.limits))
     directory = output_directory(options, task.name)
     say_if_compiling()
     try:
@@ -53,9 +58,13 @@ def run(options: Namespace) -> Report:
     ]
     execution = _execution(plan, options)
     deviations = tolerances(plan.task.robot, execution.motion)
+    stops = stops_of(plan.task, execution.motion, execution.check)
     extra = {**({"base": base} if base else {}), "tolerated": [one.to_dict() for one in deviations]}
     written = directory, not options.no_figures, options.effort
-    return PlanReport(plan, execution, scaled, extra, *written, tolerated=deviations)
+    report = PlanReport(plan, execution, scaled, extra, *written, tolerated=deviations, stops=stops)
+    if options.sensitivities:
+        report.sensitivities = sensitivities_of(plan.task, execution.motion)
+    return report
 
 
 def progress_bar(stream: TextIO, objective: Objective = ENERGY) -> Progress:
@@ -105,6 +114,8 @@ class PlanReport(Report):
         figures: whether figures are among them.
         effort: whether trajectory.json has torques.
         tolerated: deviations that lose no contact; empty if not computed.
+        stops: of a plan that keeps its reserves in stops; None: not asked for.
+        sensitivities: what changes would do; empty if not asked for.
     """
 
     plan: MotionPlan
@@ -115,6 +126,8 @@ class PlanReport(Report):
     figures: bool = True
     effort: bool = False
     tolerated: tuple[Tolerated, ...] = ()
+    stops: Stops | None = None
+    sensitivities: tuple[Sensitivity, ...] = ()
 
     @property
     def check(self) -> MotionCheck:
@@ -129,7 +142,11 @@ class PlanReport(Report):
     def entries(self) -> dict[str, Any]:
         """What plan.json holds beside the plan: `extra`, and what else was asked for."""
         rows = [{"factor": f, **p.to_dict()} for f, p in self.time_scale]
-        return {**self.extra, "warnings": self.warnings, **({"time_scale": rows} if rows else {})}
+        more = {"time_scale": rows} if rows else {}
+        if self.stops:
+            more["stops"] = self.stops.to_dict()
+        more |= sensitivities_to_dict(self.sensitivities)
+        return {**self.extra, "warnings": self.warnings, **more}
 
     def to_dict(self) -> dict[str, Any]:
         """The content of plan.json and the list `written`."""
@@ -145,6 +162,10 @@ class PlanReport(Report):
             from ocptip.pictures.plan import draw_plan
 
             yield from draw_plan(self.directory, self.plan, samples)
+            if self.stops:
+                from ocptip.pictures.stops import draw_stops
+
+                yield from draw_stops(self.directory, self.stops)
 
     def to_text(self) -> str:
         """The summary in one line, then starts, time scales and files. ASCII only, but for names."""
@@ -163,6 +184,8 @@ class PlanReport(Report):
         lines.append(("collision", self.check.collision_text))
         lines += within_rows(self.check)
         lines += under("tolerates", self.tolerated)
+        lines += under("would change", self.sensitivities)
+        lines += under("stops", self.stops.lines() if self.stops else ())
         lines += [(f"time x {factor:g}", _scale_text(checked)) for factor, checked in self.time_scale]
         lines.append(("masses", masses(self.plan.task.robot)))
         lines += under("assumed", self.plan.task.robot.notes)

@@ -15,8 +15,9 @@ from ocptip.basics.errors import InputError
 from ocptip.basics.text import percent, quantity, ratio, without_noise
 from ocptip.basics.write import versions
 from ocptip.cli.command import Report
-from ocptip.cli.layout import named, table
+from ocptip.cli.layout import named, table, under
 from ocptip.cli.progress import say_if_compiling
+from ocptip.cli.stops import sensitivities_to_dict
 from ocptip.contact.elastic import Shared
 from ocptip.contact.moving import what_moves
 from ocptip.contact.states import BEYOND_RESOLUTION, STATUS, ContactState, ContactStates
@@ -24,6 +25,7 @@ from ocptip.contact.verdict import StabilityVerdict, stability, standing_state, 
 from ocptip.reserves.force_sets import ForceSets
 from ocptip.reserves.slip import Redistribution, Slip, SlipReserve
 from ocptip.reserves.tipping import TipOver, TipOverReserve
+from ocptip.standing.sensitivity import Sensitivity, scene_sensitivities
 from ocptip.task_files.scene import Scene, read_scene
 
 PLOT_FORMATS = (".png", ".pdf", ".svg")
@@ -56,6 +58,7 @@ def run(options: Namespace) -> StandReport:
         verdict=verdict,
         reference_given=reference is not None,
         plot=options.plot,
+        sensitivities=scene_sensitivities(support, scene.loads, reference) if options.sensitivities else (),
     )
 
 
@@ -72,6 +75,7 @@ class StandReport(Report):
         verdict: whether every solution of the contact laws stands.
         reference_given: the reference moment of GN is the user's, not the support's.
         plot: the file of its picture, None for none.
+        sensitivities: what changes would do; empty if not asked for.
     """
 
     scene: Scene
@@ -82,6 +86,7 @@ class StandReport(Report):
     verdict: StabilityVerdict
     reference_given: bool = False
     plot: str | None = None
+    sensitivities: tuple[Sensitivity, ...] = ()
 
     @property
     def state(self) -> ContactState:
@@ -151,6 +156,7 @@ class StandReport(Report):
             "GT": self.slip.GT[0],
             "tipping_axis": axis,
             "wrench": self.scene.wrench,
+            **sensitivities_to_dict(self.sensitivities),
             "residual": self.verdict.state.residual,
             "pivots": self.verdict.state.pivots,
             "versions": versions(),
@@ -217,6 +223,7 @@ class StandReport(Report):
         lines.append(("tipping axis", _axis_text(self)))
         if self.feet:
             lines.append(("feet", _feet_text(self.feet)))
+        lines += under("would change", self.sensitivities)
         only = " Under exactly this load; there is no reserve." if self.without_reserve else ""
         lines.append(("stability", f"{self.verdict.verdict}: {self.verdict.explanation}{only}"))
         if state.solved and not state.persistent:

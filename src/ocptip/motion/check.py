@@ -158,7 +158,7 @@ def check_motion(
     holding = standing and not unsolved
     for limit, own in zip(kinds, np.split(values, found.ends, axis=1), strict=True):
         of_limit = limit.worst(own, times, lambda time: _instants(robot, motion, np.array([time])))
-        holding &= not limit.of_contacts or all(w.value < 1 for w in of_limit)
+        holding &= not (limit.of_contacts and limit.of_motion) or all(w.value < 1 for w in of_limit)
         worst += of_limit
     within = None
     if limits.tolerance.given:

@@ -11,6 +11,7 @@ from ocptip.basics.toml_text import toml_text
 from ocptip.motion.objective import Objective
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.path_stops import PathStops
 
 TASK = "task/task.toml"
 """The task file within a plan's folder; beside it what it names."""
@@ -40,6 +41,8 @@ class TaskSource:
         data.pop("tolerance", None)
         if limits.tolerance.given:
             data["tolerance"] = limits.tolerance.to_table()
+        if limits.stops is not None:
+            data["stops"] = {**data.get("stops", {}), **_stops(limits.stops)}
         motion = data.setdefault("motion", {})
         for key in ("duration", "max_duration", "objective", "price_per_second"):
             motion.pop(key, None)
@@ -50,3 +53,8 @@ class TaskSource:
         if objective.name == "both":
             motion["price_per_second"] = objective.time_weight
         return toml_text(data)
+
+
+def _stops(stops: PathStops) -> dict[str, Any]:
+    """Keys of `[stops]` with which the task asks for them."""
+    return {"safe": True, "GN": stops.GN, "GT": stops.GT, "time": stops.time}

@@ -10,6 +10,7 @@ import numpy as np
 from ocptip.basics.errors import InputError, finite_array, is_whole
 from ocptip.motion.objective import ENERGY, Objective
 from ocptip.motion.source import TaskSource
+from ocptip.motion.stop_rules import StopRules
 from ocptip.robots.inverse.pose_target import PoseTarget
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
@@ -39,6 +40,7 @@ class MotionTask:
         source: the file that it was read from; None: made in Python.
         targets: the gripper poses that start and goal are postures of; None where the angles are given. The
             planner chooses the posture where enough joints are optimised (`planner.free_ends`).
+        stops: how the robot is stopped, for checks of stops; a plan looks at them where `limits.stops` does.
     """
 
     name: str
@@ -53,6 +55,7 @@ class MotionTask:
     choices: tuple[tuple[np.ndarray, np.ndarray], ...] = ()
     source: TaskSource | None = None
     targets: tuple[PoseTarget | None, PoseTarget | None] = (None, None)
+    stops: StopRules = field(default_factory=StopRules)
 
     def __post_init__(self) -> None:
         """Raise InputError if shapes or numbers of joints do not fit, or there is nothing to optimise."""

@@ -104,7 +104,7 @@ def tolerated(robot: StandingRobot, motion: Motion) -> tuple[Tolerated, ...]:
         InputError: the motion does not fit the arm.
     """
     robot.require_fit(motion.n)
-    parts = _Parts(robot, motion, _instants(motion))
+    parts = _Parts(robot, motion, motion.both_sides(SPACING))
     judge = _Judge(robot.support, robot.tip_over, robot.slip)
     free = robot.support.gravity
     down, size = free / max(np.linalg.norm(free), 1e-300), float(np.linalg.norm(free))
@@ -291,12 +291,3 @@ def _late(robot: StandingRobot, motion: Motion) -> list[_Case]:
         return _Case(loads, np.repeat(events, 4), f"late: {names}")
 
     return [case(subset) for subset in subsets]
-
-
-def _instants(motion: Motion) -> np.ndarray:
-    """Both sides of all events, and instants between them, s."""
-    pieces = [np.array([0.0, motion.end])]
-    for left, right in motion.intervals:
-        count = max(4, int(np.ceil((right - left) / SPACING)) + 1)
-        pieces.append(np.linspace(left + INSIDE, right - INSIDE, count))
-    return np.unique(np.concatenate(pieces))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -38,6 +39,9 @@ class Instants:
         wrenches: (N, 6) on the base about its centre of mass, its weight included, N and N m.
         further: (N, k), of the robot's `FurtherLimits`.
         speeds, accelerations: (N, n), rad/s and rad/s^2 (m/s and m/s^2).
+
+    Attributes:
+        memo: what limits compute of the instants for each other.
     """
 
     def __init__(
@@ -52,6 +56,7 @@ class Instants:
     ) -> None:
         self.robot, self.speeds, self.accelerations = robot, speeds, accelerations
         self.angles, self.torques, self.wrenches, self.further = angles, torques, wrenches, further
+        self.memo: dict[object, Any] = {}
         self._gaps: tuple[float, np.ndarray] | None = None
 
     @classmethod
@@ -73,6 +78,11 @@ class Instants:
         """Some of the instants."""
         parts = self.angles, self.torques, self.wrenches, self.further, self.speeds, self.accelerations
         return Instants(self.robot, *(part[rows] for part in parts))
+
+    @property
+    def motion_states(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Angles, speeds, accelerations, (N, n) each."""
+        return self.angles, self.speeds, self.accelerations
 
     @property
     def s(self) -> np.ndarray:

@@ -96,6 +96,12 @@ class NodeSlopes:
         """(N, n)."""
         return self.s[:, : self.columns.n]
 
+    @property
+    def motion_states(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Angles, speeds, accelerations, (N, n) each."""
+        n = self.columns.n
+        return self.s[:, :n], self.s[:, n : 2 * n], self.s[:, 2 * n :]
+
 
 @dataclass(frozen=True, eq=False)
 class Rows:
@@ -127,12 +133,14 @@ class Limit:
         name: of the kind.
         of_contacts: a matter of the contact forces: without meaning where the contacts do not hold.
         node_kinds: of nodes of a program that it is about.
+        of_motion: looks at the motion itself, not at what may become of it.
         width: number of rows at a node.
     """
 
     name = ""
     of_contacts = False
     node_kinds: tuple[int, ...] = (ORDINARY,)
+    of_motion = True
     width = 0
 
     def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:

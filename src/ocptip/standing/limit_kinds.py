@@ -26,11 +26,11 @@ from ocptip.standing.limit import (
 )
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.stop_limits import UNSOLVED, StopSlipLimit, StopTipLimit
 from ocptip.standing.worst_case_limits import WorstSlipLimit, WorstTipOverLimit
 from ocptip.trajectories.sampled import Motion
 
 PATH_MARGIN = 0.5  # share of M0 / GN - M0 that a path at rest keeps beyond the limit
-UNSOLVED = 10.0  # GT in programs where it is not known
 GAP_SCALE = 10.0  # rows of distances are in 0.1 m
 FAR = 0.1  # m beyond the clearance: how far a pair may be so that its distance is computed exactly
 FURTHER_INSIDE = 1e-4  # distance in their units with which programs keep further limits: rounding
@@ -411,6 +411,8 @@ KINDS: tuple[type[Limit], ...] = (
     SlipLimit,
     JumpTipOverLimit,
     JumpSlipLimit,
+    StopTipLimit,
+    StopSlipLimit,
     TorqueLimit,
     ClearanceLimit,
     SpeedLimit,

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 from ocptip.basics.errors import InputError, number_from, positive_number, share_of_one
+from ocptip.standing.path_stops import PathStops
 from ocptip.standing.tolerance import NONE, Tolerance
 
 
@@ -29,6 +30,7 @@ class MotionLimits:
         jump_tip_over, jump_slip: largest GN and GT of these loads, at most 1, where a contact is lost.
         tolerance: how far the world may be off.
         GN_worst_case, GT_worst_case: largest values at the worst of the tolerance: no contact is lost.
+        stops: what stops along the path, begun at any instant, have to keep; None: they are not looked at.
     """
 
     GN: float = 0.9
@@ -47,6 +49,7 @@ class MotionLimits:
     foot_lift: float = 0.0
     foot_force: float = 0.0
     jump_foot_force: float = 0.0
+    stops: PathStops | None = None
 
     def __post_init__(self) -> None:
         for name in ("GN", "GT", "jump_tip_over", "jump_slip", "GN_worst_case", "GT_worst_case"):
@@ -64,11 +67,14 @@ class MotionLimits:
             )
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data; what is about the tolerance only where one is given."""
-        own = {field.name: getattr(self, field.name) for field in fields(self)}
+        """Plain data; what is about tolerance and stops only where such are given."""
+        own: dict[str, Any] = {field.name: getattr(self, field.name) for field in fields(self)}
+        stops = {"stops": asdict(self.stops)} if self.stops else {}
         if not self.tolerance.given:
-            return {name: value for name, value in own.items() if name not in _OF_TOLERANCE}
-        return {**own, "tolerance": self.tolerance.to_dict()}
+            return {
+                name: value for name, value in own.items() if name not in (*_OF_TOLERANCE, "stops")
+            } | stops
+        return {**own, "tolerance": self.tolerance.to_dict(), **stops}
 
 
 _OF_TOLERANCE = ("tolerance", "GN_worst_case", "GT_worst_case")

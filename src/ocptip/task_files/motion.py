@@ -36,6 +36,7 @@ from ocptip.task_files.platform import read_platform_robot
 from ocptip.task_files.scene import SCENE, read_support
 from ocptip.task_files.shapes import read_base_shapes, read_obstacles
 from ocptip.task_files.source import task_source
+from ocptip.task_files.stops import with_stops
 from ocptip.task_files.tolerance import read_tolerance
 
 _LIMITS = ("GN", "GT", "torque_ratio", "clearance", "foot_lift", "foot_force", "jump_foot_force")
@@ -58,9 +59,10 @@ def load_task(path: str | os.PathLike[str]) -> MotionTask:
             return _published(data)
         doubt_units(data)
         data.close(
-            "name", *SCENE, "arm", "robot", "payload", "motors", "obstacle", "motion", "limits", "tolerance"
+            *("name", *SCENE, "arm", "robot", "payload", "motors", "obstacle", "motion", "limits"),
+            *("tolerance", "stops"),
         )
-        task = _task(data, path)
+        task = with_stops(data, _task(data, path))
         task = replace(task, source=task_source(data, task.robot))
         doubt_masses(data, task.robot)
         doubt_way(data, task.start, task.goal)
@@ -75,7 +77,8 @@ def _published(data: Table) -> MotionTask:
     limits = replace(limits, tolerance=read_tolerance(data.table("tolerance", optional=True)))
     wanted = motion.text("objective", None), motion.number("price_per_second", None)
     objective = motion.make(objective_of, *wanted)
-    return replace(experiment_task(name, base, limits), objective=objective)
+    task = replace(experiment_task(name, base, limits), objective=objective)
+    return with_stops(data, task)
 
 
 def _task(data: Table, path: Path) -> MotionTask:

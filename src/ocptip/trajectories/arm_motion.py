@@ -98,6 +98,14 @@ class EventfulMotion:
         """
         return gauss_legendre(self.intervals, order)
 
+    def both_sides(self, spacing: float) -> np.ndarray:
+        """Start, end, both sides of all events, instants between them at most `spacing` apart, (N,), s."""
+        pieces = [self.event_times[[0, -1]]]
+        for left, right in self.intervals:
+            count = max(4, int(np.ceil((right - left) / spacing)) + 1)
+            pieces.append(np.linspace(left + INSIDE, right - INSIDE, count))
+        return np.unique(np.concatenate(pieces))
+
 
 @dataclass(frozen=True, eq=False)
 class ArmMotion(EventfulMotion):

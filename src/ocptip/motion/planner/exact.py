@@ -24,6 +24,8 @@ NEAR, FIRST = 0.75, 0.3  # use of a limit from which a row takes part, and a fur
 FEASIBLE = 1e-5
 ROUNDS = 4
 PUSH = 1e-4
+SOLVED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
+WORSE = 3e-3  # share of the cost by which some more rows may well raise it
 
 
 @dataclass(eq=False)
@@ -87,6 +89,7 @@ class Refiner:
         share = FIRST if extra is None else 1 + FEASIBLE
         extra = list(extra or [])
         rows = multipliers = None
+        kept: Exact | None = None
         anchor = x
         for _ in range(ROUNDS):
             fresh = self._watch_out(watched, own, watch, x, share)
@@ -111,12 +114,23 @@ class Refiner:
                 max_iterations=60,
                 push=PUSH,
             )
-            multipliers = solution.multipliers, solution.bound_multipliers
             self.iterations, self.solves = self.iterations + solution.iterations, self.solves + 1
-            x, share, start_mu, last = solution.x, 1 + FEASIBLE, 1e-6, program
+            if kept is not None and limits.stops is not None and self._lost(solution, kept.solution, program):
+                return kept
+            multipliers = solution.multipliers, solution.bound_multipliers
+            x, share, start_mu, kept = solution.x, 1 + FEASIBLE, 1e-6, Exact(order, program, solution, extra)
             if solution.violation > 0.1:
                 break
-        return Exact(order, last, solution, extra)
+        assert kept is not None  # there is a first round
+        return kept
+
+    @staticmethod
+    def _lost(new: Solution, old: Solution, program: MotionProgram) -> bool:
+        """Whether a solve lost its way: rows of stops have corners, at which Newton steps may fail."""
+        if old.violation > FEASIBLE or new.status in SOLVED:
+            return False
+        costs = [program.values(solution.x)[0] for solution in (new, old)]
+        return new.violation > FEASIBLE or costs[0] > costs[1] * (1 + WORSE)
 
     @staticmethod
     def _watch_out(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -89,6 +89,7 @@ class Search:
             *(task.robot, task.start, task.goal, task.optimised, task.commands, task.objective, durations),
             self.ends,
         )
+        self.first = replace(task.limits, stops=None)  # stops narrow a motion that is good without them
         kinds = limits_of(task.robot, task.limits)
         self._asked = [limit for limit in kinds if isinstance(limit, AskedLimit)]
         self.smooth = without_jumps(task.robot, task.limits, np.array([task.start, task.goal]))
@@ -105,7 +106,7 @@ class Search:
         status = ""
         try:
             start = random_start(
-                *(task.robot, task.start, task.goal, task.optimised, task.commands, task.limits, rng),
+                *(task.robot, task.start, task.goal, task.optimised, task.commands, self.first, rng),
                 task.objective,
             )
             if start.end > task.limits.max_duration:  # breaks limits, but is of the right length
@@ -113,8 +114,9 @@ class Search:
             clock.stage("start")
             x = self._coarse(start, clock)
             clock.stage("coarse")
+            begin = x
             for cycle in range(CYCLES + FURTHER):
-                x = self._fine(x, clock)
+                x = self._fine(x if best is not None or task.limits.stops is None else begin, clock)
                 clock.stage("fine")
                 refiner = Refiner(self.formulation, self.inner)
                 found, x, status = self._exact(refiner, x, clock)
@@ -147,7 +149,7 @@ class Search:
 
     def _coarse(self, start: ArmMotion, clock: _Clock) -> np.ndarray:
         """Variables after the coarse programs; anew while the motion becomes much shorter than the grid."""
-        formulation, limits = self.formulation, self.smooth
+        formulation, limits = self.formulation, replace(self.smooth, stops=None)
         x = formulation.variables(start)
         at_end = formulation.layout.end
         for round_ in range(COARSE_ROUNDS):

@@ -1,0 +1,82 @@
+"""How a robot is stopped: table `[stops]` of task files."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ocptip.basics.errors import InputError, finite_array, positive_number, share_of_one
+from ocptip.standing.limits import MotionLimits
+from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.path_stops import PathStops
+
+BRAKES = (0.5, 2.0)
+"""Brake torques as shares of the torque limits where none are given: a round interval. A brake that just
+holds the arm has about the rated torque; a new one, or one that gears help, may have several times that."""
+
+
+@dataclass(frozen=True, eq=False)
+class StopRules:
+    """What stops have to keep, and how they go.
+
+    Attributes:
+        GN, GT: largest reserve values during stops, at most 1; None: those of the motion.
+        time: s, that the time law of a stop along the path takes at least from the planned speed to rest; 0:
+            as little as the drives can.
+        brake_min, brake_max: (n,), N m (sliding joints: N): least and greatest torque with which each brake
+            acts; None: `BRAKES` of the torque limits.
+        delay: s, least and greatest time from when the drives lose their torque until the brakes act.
+    """
+
+    GN: float | None = None
+    GT: float | None = None
+    time: float = 0.0
+    brake_min: np.ndarray | None = None
+    brake_max: np.ndarray | None = None
+    delay: tuple[float, float] = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        for name in ("GN", "GT"):
+            if getattr(self, name) is not None:
+                share_of_one(name, getattr(self, name))
+        positive_number("time", self.time, zero_allowed=True)
+        for name in ("brake_min", "brake_max"):
+            if (value := getattr(self, name)) is not None:
+                value = finite_array(name, value, (None,))
+                if not (value > 0).all():
+                    raise InputError(f"{name}: must be > 0, got {value}")
+                object.__setattr__(self, name, value)
+        low, high = self.brake_min, self.brake_max
+        if low is not None and high is not None and (len(low) != len(high) or (low > high).any()):
+            raise InputError(f"brake_max: must be >= brake_min, {low}, got {high}")
+        least, most = self.delay
+        positive_number("delay", least, zero_allowed=True)
+        if not least <= positive_number("delay", most, zero_allowed=True):
+            raise InputError(f"delay: expected [least, greatest], s, got [{least}, {most}]")
+
+    def asked(self, limits: MotionLimits) -> MotionLimits:
+        """The limits with stops along the path."""
+        stops = PathStops(self.GN or limits.GN, self.GT or limits.GT, self.time)
+        return replace(limits, stops=stops)
+
+    def brakes(self, robot: StandingMechanism) -> tuple[np.ndarray, np.ndarray]:
+        """Least and greatest brake torques, (n,) each, N m.
+
+        Raises:
+            InputError: their number is not the robot's, or they are not given and a torque limit is infinite.
+        """
+        found = []
+        for name, share in zip(("brake_min", "brake_max"), BRAKES, strict=True):
+            value = getattr(self, name)
+            if value is None:
+                value = share * robot.limits.torque
+            if len(value) != robot.n:
+                raise InputError(f"{name}: expected {robot.n} torques, got {len(value)}")
+            if not np.isfinite(value).all():
+                joint = int(np.argmin(np.isfinite(value))) + 1
+                raise InputError(f"{name}: joint {joint} has no torque limit; give its brake's torque")
+            found.append(value)
+        if (found[0] > found[1]).any():
+            raise InputError(f"brake_max: must be >= brake_min, {found[0]}, got {found[1]}")
+        return found[0], found[1]

@@ -1,0 +1,278 @@
+"""Stops of a motion, begun at any instant: along its path (category 1 and 2) and by brakes (category 0).
+
+Categories of IEC 60204-1: 0 takes the drives' power away at once, 1 after a controlled stop, 2 leaves it on.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from ocptip.motion.brake_stops import BrakeCheck, BrakeStops
+from ocptip.motion.check import MotionCheck
+from ocptip.motion.path_stops import StoppedPath
+from ocptip.motion.stop_rules import StopRules
+from ocptip.standing.arm import StandingRobot
+from ocptip.standing.limits import MotionLimits
+from ocptip.standing.mechanism import StandingMechanism
+from ocptip.trajectories.sampled import Motion
+
+Kinds = Literal["path", "brakes", "both"]
+
+SPACING = 0.02  # s, between instants at which brakes close
+ROWS = 12  # of the table
+LEVELS = 5  # halvings of the speed's share for brakes
+_CLOSE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Stops:
+    """What was found about the stops of a motion.
+
+    Attributes:
+        kinds: "path", "brakes" or "both": which were looked at.
+        verified: no stop breaks a limit.
+        violations: one sentence per broken limit of stops by brakes (those along the path are in the check).
+        worst: by category ("path", "brakes"), plain data with units in the keys: `GN`, `GT`, `begun_s`,
+            `after_s`, ...
+        times: (K,), s: instants of the table.
+        path_speeds, brake_speeds: (K,), largest safe share of the planned speed, at most 1, for stops along
+            the path and by brakes begun there; None if not looked at.
+        path_times, brake_times: (K,), s, that stops from the planned speed take.
+        curve: (2, M): times, s, and shares for stops along the path at all places looked at; for figures.
+        assumed: what was assumed, one sentence each.
+    """
+
+    kinds: Kinds
+    verified: bool
+    violations: tuple[str, ...]
+    worst: dict[str, dict[str, Any]]
+    times: np.ndarray
+    path_speeds: np.ndarray | None
+    brake_speeds: np.ndarray | None
+    path_times: np.ndarray | None
+    brake_times: np.ndarray | None
+    curve: np.ndarray | None
+    assumed: tuple[str, ...]
+
+    def lines(self) -> list[str]:
+        """In words: the worst of each category, and what was assumed."""
+        found = []
+        if path := self.worst.get("path"):
+            least = (
+                ""
+                if self.path_speeds is None
+                else f", safe up to {np.min(self.path_speeds):.2f} of the speed"
+            )
+            longest = f"rests within {path['longest_stop_s']:.3f} s"
+            values = ", ".join(f"{name} at most {path[name]:.3f}" for name in ("GN", "GT") if name in path)
+            found.append(f"along the path (category 1 and 2): {values}, {longest}{least}")
+        if brakes := self.worst.get("brakes"):
+            found.append(
+                f"by brakes (category 0): GN at most {brakes['GN']:.3g}, GT {brakes['GT']:.3g}, worst when "
+                f"stopped at {brakes['begun_s']:.3f} s (after {brakes['after_s']:.3f} s)"
+            )
+        return [*found, *self.assumed]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        columns = {
+            "time_s": self.times,
+            "path_safe_speed": self.path_speeds,
+            "path_stop_s": self.path_times,
+            "brakes_safe_speed": self.brake_speeds,
+            "brakes_stop_s": self.brake_times,
+        }
+        known = {
+            name: [value if np.isfinite(value) else None for value in values.tolist()]
+            for name, values in columns.items()
+            if values is not None
+        }
+        table = [dict(zip(known, row, strict=True)) for row in zip(*known.values(), strict=True)]
+        return {
+            "kinds": self.kinds,
+            "verified": self.verified,
+            "violations": list(self.violations),
+            "worst": self.worst,
+            "safe_speed_by_time": table,
+            "assumed": list(self.assumed),
+        }
+
+
+def check_stops(
+    robot: StandingMechanism,
+    motion: Motion,
+    limits: MotionLimits,
+    rules: StopRules,
+    checked: MotionCheck,
+    kinds: Kinds = "both",
+) -> Stops:
+    """Look at stops of a motion.
+
+    Args:
+        robot, motion: whose.
+        limits: of the motion, with stops along the path: see `StopRules.asked`.
+        rules: how it is stopped.
+        checked: the motion's check under these limits, which has looked at stops along the path.
+        kinds: along the path, by brakes (arms only), or both.
+
+    Raises:
+        InputError: brake torques are missing or too many, or nothing bounds the deceleration.
+    """
+    times = np.linspace(0, motion.end, ROWS + 1)[:-1] + motion.end / (2 * ROWS)
+    worst: dict[str, dict[str, Any]] = {}
+    path = brakes = None
+    if kinds != "brakes":
+        path = _PathTable(robot, motion, limits, times)
+        worst["path"] = path.worst(checked)
+    if kinds != "path" and isinstance(robot, StandingRobot):
+        brakes = _BrakeTable(robot, motion, limits, rules, times)
+        worst["brakes"] = brakes.worst()
+    stops = limits.stops
+    violations = brakes.violations() if brakes else ()
+    kept = path is None or all(
+        checked.worst[name].excess <= _CLOSE for name in ("GN_stop", "GT_stop") if name in checked.worst
+    )
+    return Stops(
+        kinds=kinds,
+        verified=kept and not violations,
+        violations=violations,
+        worst=worst,
+        times=times,
+        path_speeds=path and path.speeds,
+        brake_speeds=brakes and brakes.speeds,
+        path_times=path and path.durations,
+        brake_times=brakes and brakes.durations,
+        curve=path and path.curve,
+        assumed=_assumed(robot, rules, kinds, 0.0 if stops is None else stops.time),
+    )
+
+
+class _PathTable:
+    """Stops along the path."""
+
+    def __init__(
+        self, robot: StandingMechanism, motion: Motion, limits: MotionLimits, times: np.ndarray
+    ) -> None:
+        self._path = StoppedPath(robot, motion, limits)
+        safe = self._path.safe_speeds()
+        self.curve = np.array([self._path.places, safe])
+        self.speeds = np.interp(times, self._path.places, safe)
+        self.durations = np.array([self._path.stop(t).times[-1] for t in times])
+
+    def worst(self, checked: MotionCheck) -> dict[str, Any]:
+        """Of the check: values, and when the stop passes there."""
+        found: dict[str, Any] = {"longest_stop_s": float(np.max(self.durations))}
+        for name in ("GN", "GT"):
+            if worst := checked.worst.get(f"{name}_stop"):
+                found[name] = worst.value
+                found[f"{name}_at_s"] = worst.time
+                found[f"{name}_detail"] = worst.detail
+        return found
+
+
+class _BrakeTable:
+    """Stops by brakes."""
+
+    def __init__(
+        self,
+        robot: StandingRobot,
+        motion: Motion,
+        limits: MotionLimits,
+        rules: StopRules,
+        times: np.ndarray,
+    ) -> None:
+        self._robot, self._limits = robot, limits
+        self._check = BrakeCheck(robot, rules.brakes(robot), rules.delay)
+        count = max(2, int(np.ceil(motion.end / SPACING)))
+        self._times = np.unique(
+            [*np.linspace(0, motion.end, count + 1)[1:-1], *motion.event_times[1:-1], *times]
+        )
+        q, qd, _ = motion.states(self._times)
+        self._found = self._check.stops(q, qd)
+        at = np.searchsorted(self._times, times)
+        self.durations = self._found.rests[at]
+        self.speeds = self._safe(q[at], qd[at], self._kept(self._found)[at])
+
+    def _kept(self, found: BrakeStops) -> np.ndarray:
+        stops = self._limits.stops
+        assert stops is not None
+        return (found.GN <= stops.GN) & (found.GT <= stops.GT) & np.isfinite(found.rests)
+
+    def _safe(self, q: np.ndarray, qd: np.ndarray, kept: np.ndarray) -> np.ndarray:
+        """Largest shares of the speed found by halving; 0 where even the least one looked at is not safe."""
+        low, high = np.where(kept, 1.0, 0.0), np.ones(len(q))
+        todo = np.flatnonzero(~kept)
+        for _ in range(LEVELS if len(todo) else 0):
+            middle = 0.5 * (low[todo] + high[todo])
+            fine = self._kept(self._check.stops(q[todo], middle[:, None] * qd[todo]))
+            low[todo], high[todo] = np.where(fine, middle, low[todo]), np.where(fine, high[todo], middle)
+        return low
+
+    def worst(self) -> dict[str, Any]:
+        """Values and where they are."""
+        found, units = self._found, self._robot.units
+        i = int(np.argmax(np.maximum(found.GN, found.GT)))
+        over, joint = found.outside
+        ways = [
+            float(way) if unit == "m" else float(np.rad2deg(way))
+            for way, unit in zip(np.max(found.ways, axis=0), units, strict=True)
+        ]
+        return {
+            "GN": float(np.max(found.GN)),
+            "GT": float(np.max(found.GT)),
+            "begun_s": float(self._times[i]),
+            "after_s": float(found.after[i]),
+            "brake_torques": found.torques[i].tolist(),
+            "longest_stop_s": float(np.max(found.rests)) if np.isfinite(found.rests).all() else None,
+            "ways": {"values": ways, "units": ["m" if unit == "m" else "deg" for unit in units]},
+            "beyond_angle_limit": max(over, 0.0),
+            "joint_nearest_its_limit": joint + 1,
+            "clearance_m": found.clearance if np.isfinite(found.clearance) else None,
+            "postures_looked_at": found.postures,
+        }
+
+    def violations(self) -> tuple[str, ...]:
+        """One sentence per broken limit."""
+        stops, found, said = self._limits.stops, self._found, []
+        assert stops is not None
+        for name, values, limit in (("GN", found.GN, stops.GN), ("GT", found.GT, stops.GT)):
+            i = int(np.argmax(values))
+            if not values[i] <= limit:
+                said.append(
+                    f"{name} is {values[i]:.4g} in a stop by brakes begun at {self._times[i]:.4f} s, "
+                    f"must be <= {limit:.4g}"
+                )
+        if not np.isfinite(found.rests).all():
+            i = int(np.argmax(found.rests))
+            said.append(f"brakes that close at {self._times[i]:.4f} s do not bring the arm to rest")
+        over, joint = found.outside
+        if over > _CLOSE:
+            said.append(f"joint {joint + 1} leaves its limits by {over:.3g} {self._robot.units[joint]}")
+        if found.clearance < self._limits.clearance:
+            gap, asked = 1e3 * found.clearance, 1e3 * self._limits.clearance
+            said.append(f"clearance is {gap:.1f} mm in a stop by brakes, must be >= {asked:.1f} mm")
+        return tuple(said)
+
+
+def _assumed(robot: StandingMechanism, rules: StopRules, kinds: Kinds, time: float) -> tuple[str, ...]:
+    said = []
+    if kinds != "brakes":
+        hardest = "as hard as limits of torque and acceleration allow, and all gentler ones"
+        if time > 0:
+            hardest = f"from full speed to rest in {time:g} s or more within the drives' limits"
+        said.append(f"category 1 and 2: stops along the path, {hardest}; every instant of the check")
+    if kinds == "path":
+        return (*said, "category 0 (brakes) not looked at")
+    if not isinstance(robot, StandingRobot):
+        return (*said, "category 0: not computed for parallel robots")
+    given = "as given"
+    if rules.brake_min is None or rules.brake_max is None:
+        given = "0.5 to 2 times the torque limits, a guess; give brake_torque_Nm in [stops]"
+    delay = "at once" if rules.delay[1] == 0 else f"after {rules.delay[0]:g} to {rules.delay[1]:g} s"
+    said.append(f"category 0: brakes act {delay}, their torques are {given}; constant torques on the way")
+    if not robot.arm.may_collide:
+        said.append("category 0: collisions not checked, no collision geometry")
+    return tuple(said)

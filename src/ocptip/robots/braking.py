@@ -1,0 +1,177 @@
+"""Forward dynamics of an arm whose drives are off and whose joints brake with dry friction until they rest.
+
+A joint that moves is braked with a torque of given size against its motion; a joint that rests is held as
+long as no more than that torque is needed, otherwise it moves on. Time stepping with the brakes' torques
+implicit: at the end of each step speeds and torques obey the law of dry friction exactly, so that joints come
+to rest one by one; between such events of second order in the step.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as cs
+import numpy as np
+
+from ocptip.numerics.batch import BatchFunction
+from ocptip.numerics.compiled import compiled
+from ocptip.robots.dynamics import inverse_dynamics
+from ocptip.robots.model import ArmModel
+
+STEPS = 20  # in the time that the joint needs that brakes longest by itself
+SHORTEST_STEP, LONGEST_STEP = 2e-4, 4e-3  # s
+LONGEST = 2.0  # s: who does not rest by then does not rest
+_COARSER = 60  # after so many steps they are twice as long
+_SWEEPS, _CLOSE = 500, 1e-12
+# Share of the largest inertia that every joint gets, so that those of links without mass stop, too.
+_MASSLESS = 1e-8
+
+
+@dataclass(frozen=True, eq=False)
+class Terms:
+    """Of N states: torques are inertia qdd + bias, the wrench on the base is per_acceleration qdd + rest.
+
+    Attributes:
+        inertia: (N, n, n), kg m^2.
+        bias: (N, n), N m.
+        per_acceleration: (N, 6, n).
+        rest: (N, 6), N and N m; without the base's own weight.
+    """
+
+    inertia: np.ndarray
+    bias: np.ndarray
+    per_acceleration: np.ndarray
+    rest: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Braked:
+    """How N arms come to rest: K states each; those that rest stay where they are.
+
+    Attributes:
+        times: (K,), s since the drives went off.
+        angles, speeds: (K, N, n), rad and rad/s.
+        torques: (K, N, n), N m, that moves at each state: of brakes on joints in motion, else 0.
+        rests: (N,), s until everything rests; infinite where it does not.
+    """
+
+    times: np.ndarray
+    angles: np.ndarray
+    speeds: np.ndarray
+    torques: np.ndarray
+    rests: np.ndarray
+
+
+@lru_cache(maxsize=16)
+def _terms_function(model: ArmModel) -> BatchFunction:
+    n = model.n
+    q, qd, qdd = (cs.SX.sym(name, n) for name in ("q", "qd", "qdd"))
+    gravity, about = cs.SX.sym("gravity", 3), cs.SX.sym("about", 3)
+    none = cs.SX.zeros(3)
+    torque, wrench = inverse_dynamics(model)(q, qd, qdd, gravity, none, none, about)
+    still = [cs.substitute(part, qdd, cs.SX.zeros(n)) for part in (torque, wrench)]
+    inertia = cs.jacobian(torque, qdd)
+    inertia += _MASSLESS * cs.mmax(cs.diag(inertia)) * cs.DM.eye(n)
+    parts = inertia, still[0], cs.jacobian(wrench, qdd), still[1]
+    return BatchFunction(cs.Function("braking", [q, qd, gravity, about], parts))
+
+
+def terms(model: ArmModel, q: np.ndarray, qd: np.ndarray, gravity: np.ndarray, about: np.ndarray) -> Terms:
+    """Of angles and speeds (N, n) each; gravity and the point of the wrench's moment in base axes."""
+    return Terms(*_terms_function(model)(q, qd, gravity, about))
+
+
+def brake(
+    model: ArmModel,
+    q: np.ndarray,
+    qd: np.ndarray,
+    gravity: np.ndarray,
+    torque: np.ndarray,
+    *,
+    delay: np.ndarray | float = 0.0,
+    step: float | None = None,
+) -> Braked:
+    """Let N arms brake from angles q and speeds qd, (N, n) each.
+
+    Args:
+        model: the arm.
+        q, qd: where and how fast.
+        gravity: (3,), m/s^2, base axes.
+        torque: (N, n), N m, >= 0: of the brakes.
+        delay: (N,) or one number, s: until then nothing brakes and nothing drives.
+        step: s; default by the time that the joints need.
+    """
+    count = len(q)
+    q, qd, before = q.astype(float), qd.astype(float), qd.astype(float)
+    torque, delay = np.broadcast_to(torque, q.shape), np.broadcast_to(delay, count)
+    if step is None:
+        inertia = np.diagonal(terms(model, q, 0 * qd, gravity, np.zeros(3)).inertia, axis1=1, axis2=2)
+        alone = np.max(np.abs(qd) * inertia / torque, initial=0.0)
+        step = float(np.clip(alone / STEPS, SHORTEST_STEP, LONGEST_STEP))
+    history, rests, about = [], np.where(np.any(qd != 0, axis=1), np.inf, 0.0), np.zeros(3)
+    times, now = [], 0.0
+    while now < LONGEST:
+        if times and len(times) % _COARSER == 0:
+            step = min(2 * step, max(step, LONGEST_STEP))
+        times.append(now)
+        closed = np.clip((now + step - delay) / step, 0.0, 1.0)[:, None]  # share of the step with brakes
+        holding = closed > 0
+        history.append((q, qd, np.where((now >= delay)[:, None], -np.sign(qd) * torque, 0.0)))
+        going = np.flatnonzero(~np.isfinite(rests))
+        if not len(going):
+            break
+        old, ahead = qd[going], 1.5 * qd[going] - 0.5 * before[going]
+        ahead = np.where(ahead * old > 0, ahead, 0.0)
+        parts = _terms_function(model)(q[going] + 0.5 * step * old, ahead, gravity, about)
+        new = old.copy()
+        inverse, ways = np.ascontiguousarray(np.linalg.inv(parts[0])), np.empty_like(new)
+        _slow_down(inverse, np.ascontiguousarray(parts[1]), closed[going] * torque[going], step, new, ways)
+        before, q, qd = qd.copy(), q.copy(), qd.copy()
+        q[going] += ways
+        qd[going] = new
+        done = going[np.all(new == 0, axis=1) & holding[going, 0]]
+        rests[done] = now = now + step
+    states = (np.array(parts) for parts in zip(*history, strict=True))
+    return Braked(np.array(times), *states, rests)
+
+
+@compiled
+def _slow_down(inverse, bias, torque, step, speeds, ways):
+    """Speeds after a step, and ways; with brakes that stop what they can (projected Gauss-Seidel)."""
+    count, n = speeds.shape
+    brakes, speed, full = np.empty(n), np.empty(n), np.empty(n)
+    for i in range(count):
+        for j in range(n):
+            brakes[j] = -np.sign(speeds[i, j]) * torque[i, j]
+        scale = 1e-6
+        for j in range(n):
+            total = 0.0
+            for k in range(n):
+                total += inverse[i, j, k] * (brakes[k] - bias[i, k])
+            full[j] = speed[j] = speeds[i, j] + step * total
+            scale = max(scale, abs(speeds[i, j]))
+        for _ in range(_SWEEPS):
+            largest = 0.0
+            for j in range(n):
+                wanted = brakes[j] - speed[j] / (step * inverse[i, j, j])
+                wanted = min(max(wanted, -torque[i, j]), torque[i, j])
+                change = wanted - brakes[j]
+                if change != 0.0:
+                    brakes[j] = wanted
+                    for k in range(n):
+                        shift = step * inverse[i, k, j] * change
+                        speed[k] += shift
+                        largest = max(largest, abs(shift))
+            if largest <= _CLOSE * scale:
+                break
+        for j in range(n):
+            old = speeds[i, j]
+            if abs(brakes[j]) < torque[i, j]:
+                ways[i, j] = 0.5 * step * old
+                if old * full[j] < 0.0:
+                    ways[i, j] *= old / (old - full[j])  # it rests before the step's end
+                speeds[i, j] = 0.0
+            else:
+                ways[i, j] = 0.5 * step * (old + speed[j])
+                speeds[i, j] = speed[j]

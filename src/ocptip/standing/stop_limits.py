@@ -1,0 +1,194 @@
+"""Limits of stops along the path: reserves while a motion is stopped at any instant, see `path_stops`.
+
+Checks and programs look at the corners of the curve u_min(x). Rows of a program are those of the worst
+corner, whose choice may change from one x of the program to the next.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from ocptip.reserves.tipping import TipMap
+from ocptip.standing.instants import Instants
+from ocptip.standing.limit import AskedLimit, Look, NodeSlopes, Rows
+from ocptip.standing.limits import MotionLimits
+from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.path_stops import Path, PathStops, StopPoints, StopSlopes, stop_slopes
+
+STOP_INNER = 3e-3  # by so much tighter are programs: corners move between their nodes
+UNSOLVED = 10.0  # GT in programs where it is not known
+NEGLIGIBLE = 1e-9  # a row whose multiplier is below this is left out of the Hessian
+
+
+@dataclass(frozen=True, eq=False)
+class StopRows(Rows):
+    """Rows of stops: where, and slopes over the wrench there, (rows, 6)."""
+
+    points: StopPoints | None = None
+    on_wrench: np.ndarray | None = None
+
+
+class StopLimit(AskedLimit):
+    """One reserve during all stops along the path."""
+
+    of_contacts, of_motion = True, False
+    unit = 1.0
+
+    def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
+        super().__init__(robot, asked, joints)
+        self._stops = asked.stops or PathStops(asked.GN, asked.GT)
+
+    @classmethod
+    def wanted(cls, robot: StandingMechanism, asked: MotionLimits) -> bool:
+        return asked.stops is not None
+
+    @property
+    def number(self) -> float:
+        """Asked for."""
+        return getattr(self._stops, self.setting)
+
+    def inner(self, asked: MotionLimits) -> MotionLimits:
+        """The same numbers, this one a little tighter."""
+        return self._changed(asked, self._own(asked) * (1 - STOP_INNER))
+
+    def tightened(self, asked: MotionLimits, excess: float) -> MotionLimits:
+        """The same numbers, this one tighter where it was broken by `excess`; never by more than half."""
+        value = self._own(asked)
+        return self._changed(asked, max(value - min(excess, self.largest_step), value / 2))
+
+    def _own(self, asked: MotionLimits) -> float:
+        return getattr(asked.stops, self.setting)
+
+    def _changed(self, asked: MotionLimits, value: float) -> MotionLimits:
+        return replace(asked, stops=replace(asked.stops or PathStops(), **{self.setting: value}))
+
+    # --- what happens -------------------------------------------------------------------------------------
+
+    def detail(self, look: Look, time: float) -> str:
+        points = self._points(look(time))
+        worst = int(points.worst(self._values(points)[:, None])[1][0, 0])
+        left = 100 * np.sqrt(points.x[worst])
+        return f"a stop passing with {left:.0f} % of the speed, s'' = {points.u[worst]:.3g} 1/s"
+
+    def measure(self, at: Instants) -> np.ndarray:
+        points = self._points(at)
+        return points.worst(self._values(points)[:, None])[0]
+
+    def _values(self, points: StopPoints) -> np.ndarray:
+        """The reserve at points, (P,)."""
+        raise NotImplementedError
+
+    def _points(self, at: Instants) -> StopPoints:
+        """Corners; kept with the instants, for the other reserve."""
+        key = "stops", self.asked.torque_ratio, self._stops.time
+        if key not in at.memo:
+            at.memo[key] = self._points_of(at.motion_states)
+        return at.memo[key]
+
+    def _points_of(self, states: tuple[np.ndarray, np.ndarray, np.ndarray]) -> StopPoints:
+        path = Path.of(self.robot, states, self.asked.torque_ratio, self._stops.time)
+        return StopPoints.of(self.robot, path)
+
+    # --- rows of a program --------------------------------------------------------------------------------
+
+    @cached_property
+    def _slopes(self) -> StopSlopes:
+        return stop_slopes(self.robot, self._stops.time)
+
+    def _rows_of(self, points: StopPoints) -> tuple[np.ndarray, np.ndarray]:
+        """Values (P, width) of rows, the greatest the worst, and slopes (P, width, 6) over the wrench."""
+        raise NotImplementedError
+
+    def rows(self, at: NodeSlopes, mask: np.ndarray) -> Rows:
+        i, k = np.nonzero(mask)
+        nodes, place = np.unique(i, return_inverse=True)
+        q, qd, qdd = at.motion_states
+        points = self._points_of((q[nodes], qd[nodes], qdd[nodes]))
+        values, slopes = self._rows_of(points)
+        which = points.worst(values)[1][place, k]
+        on_wrench = slopes[which, k]
+        chosen = points.select(which)
+        gradient = self._slopes.gradient(at.s[i], self.asked.torque_ratio, chosen, on_wrench)
+        return StopRows(at, i, k, values[which, k], gradient, chosen, on_wrench)
+
+    def jacobian(self, rows: Rows) -> np.ndarray:
+        return np.einsum("rs,rsx->rx", rows.slopes, rows.at.s_x[rows.nodes])
+
+    def add_hessian(self, rows: Rows, on: np.ndarray, H: np.ndarray, on_s: np.ndarray) -> None:
+        assert isinstance(rows, StopRows)
+        assert rows.points is not None
+        assert rows.on_wrench is not None
+        np.add.at(on_s, rows.nodes, on[:, None] * rows.slopes)
+        some = np.flatnonzero(np.abs(on) > NEGLIGIBLE)
+        nodes, weights = rows.nodes[some], on[some, None] * rows.on_wrench[some]
+        bends = self._slopes.hessian(
+            rows.at.s[nodes], self.asked.torque_ratio, rows.points.select(some), weights
+        )
+        np.add.at(H, nodes, bends)
+
+
+class StopTipLimit(StopLimit):
+    """Tip-over reserve during stops; in programs the moments about the tipping axes."""
+
+    name, quantity, setting = "tip-over in stops", "GN_stop", "GN"
+
+    def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
+        super().__init__(robot, asked, joints)
+        self._map = TipMap(robot.tip_over)
+        self.width = self._map.count
+        reference = robot.tip_over.reference_moment
+        self.unit = 2 * (reference or 1.0)
+        self._least = (reference or 0.0) * (1 / self.number - 1)  # N m
+
+    def _values(self, points: StopPoints) -> np.ndarray:
+        return points.tip.GN
+
+    def _rows_of(self, points: StopPoints) -> tuple[np.ndarray, np.ndarray]:
+        moments, slopes = self._map(points.wrenches)
+        return -moments / self.unit, -slopes / self.unit
+
+    def _moments(self, at: Instants) -> np.ndarray:
+        """Least moments (N, axes) during stops, N m."""
+        points = self._points(at)
+        return -points.worst(-self._map(points.wrenches)[0])[0]
+
+    def near(self, at: Instants, share: float) -> np.ndarray:
+        return self._moments(at) * share <= self._least
+
+    def use(self, at: Instants) -> np.ndarray:
+        return 1 + (self._least - np.min(self._moments(at), axis=1, initial=np.inf)) / self.unit
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        return np.full(self.width, -np.inf), np.full(self.width, -self._least / self.unit)
+
+
+class StopSlipLimit(StopLimit):
+    """Slip reserve during stops; its own curvature over the wrench is left out."""
+
+    name, quantity, setting = "slip in stops", "GT_stop", "GT"
+    width = 1
+
+    def _values(self, points: StopPoints) -> np.ndarray:
+        return points.slip.GT
+
+    def _rows_of(self, points: StopPoints) -> tuple[np.ndarray, np.ndarray]:
+        reserve = self.robot.slip.evaluate(points.states)
+        assert reserve.gradient is not None  # it was asked for
+        return _known(reserve.GT)[:, None], np.nan_to_num(reserve.gradient)[:, None]
+
+    def near(self, at: Instants, share: float) -> np.ndarray:
+        return _known(self.measure(at)) >= share * self.number
+
+    def use(self, at: Instants) -> np.ndarray:
+        return _known(self.measure(at)[:, 0]) / self.number
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        return np.array([-np.inf]), np.array([self.number])
+
+
+def _known(GT: np.ndarray) -> np.ndarray:
+    """A large number where GT is not known."""
+    return np.where(np.isfinite(GT), GT, UNSOLVED)

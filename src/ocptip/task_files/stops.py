@@ -1,0 +1,35 @@
+"""The table `[stops]`; format: docs/stops.md."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ocptip.basics.toml import Table
+from ocptip.motion.stop_rules import StopRules
+from ocptip.motion.task import MotionTask
+
+
+def with_stops(data: Table, task: MotionTask) -> MotionTask:
+    """The task with the file's rules of stops; where they say `safe`, stops along the path are its limits.
+
+    Raises:
+        InputError: a value is unknown or cannot be used; names its place.
+    """
+    if "stops" not in data:
+        return task
+    table = data.table("stops")
+    n = task.robot.n
+    ends = [table.per_joint(f"brake_torque_{end}_Nm", n, None, bound="> 0") for end in ("min", "max")]
+    delay = tuple(table.vector("brake_delay", 2, np.zeros(2)).tolist())
+    rules = table.numbers("GN", "GT", "time")
+    safe = table.flag("safe", False)
+    table.close()
+    names = {"brake_min": "brake_torque_min_Nm", "brake_max": "brake_torque_max_Nm", "delay": "brake_delay"}
+    with table.at(**names):
+        found = StopRules(**rules, brake_min=ends[0], brake_max=ends[1], delay=delay)
+        if any(end is not None for end in ends):
+            found.brakes(task.robot)
+        limits = found.asked(task.limits) if safe else task.limits
+    return replace(task, stops=found, limits=limits)

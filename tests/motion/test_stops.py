@@ -1,0 +1,222 @@
+"""Stops of motions: brakes against Pinocchio and all combinations of torques; verdicts, files, commands."""
+
+import json
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+
+from ocptip.basics.errors import InputError
+from ocptip.cli.main import main
+from ocptip.motion.brake_stops import BrakeCheck
+from ocptip.motion.check import check_motion
+from ocptip.motion.plan import plan_motion
+from ocptip.motion.stop_rules import StopRules
+from ocptip.motion.stops import check_stops
+from ocptip.published.tasks import experiment_task
+from ocptip.robots.urdf import arm_from_urdf
+from ocptip.standing.arm import StandingRobot
+from ocptip.task_files.motion import load_task
+from tests.places import UR5
+from tests.robots.pinocchio_twin import dynamics, twin
+
+
+@pytest.fixture(scope="module")
+def task():
+    return experiment_task("A", "effective")
+
+
+@pytest.fixture(scope="module")
+def ur5(task):
+    """A UR5 on the base of case A, ten times as heavy."""
+    arm = arm_from_urdf(UR5).mounted([0.0, 0.0, 0.1])
+    own = task.robot.support
+    support = type(own)(own.contacts, mass=200.0, center_of_mass=own.center_of_mass, gravity=own.gravity)
+    return StandingRobot(arm, support, task.robot.motors)
+
+
+def looked_at(task, kinds="both", rules=None):
+    rules = rules or StopRules()
+    limits = rules.asked(task.limits)
+    checked = check_motion(task.robot, task.reference, limits)
+    return checked, check_stops(task.robot, task.reference, limits, rules, checked, kinds)
+
+
+def test_wrenches_at_the_brakes_closing_are_those_of_pinocchio(ur5):
+    """Accelerations from Pinocchio's mass matrix, for every combination of torques."""
+    rng = np.random.default_rng(1)
+    q, qd = rng.uniform(-1.5, 1.5, (2, 4, 6))
+    qd[1, 2:4] = 0.0  # two joints rest already
+    low, high = 0.5 * ur5.limits.torque, 1.5 * ur5.limits.torque
+    check = BrakeCheck(ur5, (low, high), (0.0, 0.0))
+    wrenches, torques = check._wrenches(q, qd, np.zeros(4))
+    model, support = twin(ur5.arm), ur5.support
+    nothing = support.gravity, np.zeros(3), np.zeros(3), support.center_of_mass
+
+    def exact(q, qd, torque):
+        moving = qd != 0
+        still = dynamics(model, q, qd, np.zeros(6), *nothing)[0]
+        M = np.column_stack([dynamics(model, q, qd, e, *nothing)[0] - still for e in np.eye(6)])
+        qdd = np.zeros(6)
+        rhs = (-np.sign(qd) * torque - still)[moving]
+        qdd[moving] = np.linalg.solve(M[np.ix_(moving, moving)], rhs)
+        return dynamics(model, q, qd, qdd, *nothing)[1] + support.weight
+
+    slope, offset = ur5.tip_over.affine_moments
+    for i in range(4):
+        for s in range(3):
+            expected = exact(q[i], qd[i], torques[i, s])
+            np.testing.assert_allclose(wrenches[i, s], expected, atol=2e-3 * np.abs(expected).max())
+        everything = [
+            exact(q[i], qd[i], np.where(ends, high, low)) for ends in product((False, True), repeat=6)
+        ]
+        least = np.min(np.array(everything) @ slope.T + offset)
+        assert np.min(slope @ wrenches[i, 0] + offset) == pytest.approx(least, rel=2e-3)
+
+
+def test_stronger_brakes_load_the_base_more(task):
+    found = []
+    for torque in (20.0, 40.0, 100.0):
+        brakes = np.full(6, torque)
+        found.append(looked_at(task, "brakes", StopRules(brake_min=brakes, brake_max=brakes))[1])
+    values = [one.worst["brakes"] for one in found]
+    assert values[0]["GN"] < values[1]["GN"] < values[2]["GN"]
+    assert values[0]["longest_stop_s"] > values[1]["longest_stop_s"] > values[2]["longest_stop_s"]
+    assert not found[2].verified
+    assert any("in a stop by brakes begun at" in violation for violation in found[2].violations)
+    assert found[2].brake_speeds.min() == 0.0
+
+
+def test_wider_intervals_are_never_better(task):
+    middle = np.array([20.0, 30.0, 20.0, 10.0, 5.0, 2.0])
+    narrow = looked_at(task, "brakes", StopRules(brake_min=middle, brake_max=middle))[1]
+    wide = looked_at(task, "brakes", StopRules(brake_min=0.8 * middle, brake_max=1.3 * middle))[1]
+    assert wide.worst["brakes"]["GN"] >= narrow.worst["brakes"]["GN"] - 1e-9
+    assert wide.worst["brakes"]["longest_stop_s"] >= narrow.worst["brakes"]["longest_stop_s"]
+
+
+def test_a_delay_lets_the_arm_fall_first(task):
+    at_once, late = (looked_at(task, "brakes", StopRules(delay=d))[1] for d in ((0.0, 0.0), (0.0, 0.05)))
+    more = late.worst["brakes"]["longest_stop_s"] - at_once.worst["brakes"]["longest_stop_s"]
+    assert more > 0.045
+
+
+def test_tables_tell_where_a_stop_is_safe(task):
+    checked, stops = looked_at(task, "path")
+    assert checked.verified
+    assert stops.verified
+    np.testing.assert_allclose(stops.path_speeds, 1.0)
+    binding = experiment_task("C", "effective")
+    checked, stops = looked_at(binding, "path")
+    assert not checked.verified
+    assert not stops.verified
+    assert stops.path_speeds.min() < 0.9
+    assert stops.path_speeds.max() == 1.0
+    assert stops.worst["path"]["GN"] == checked.worst["GN_stop"].value > 0.9
+    data = stops.to_dict()
+    assert [row["time_s"] for row in data["safe_speed_by_time"]] == stops.times.tolist()
+    assert json.loads(json.dumps(data, allow_nan=False)) == data
+
+
+def test_gentle_stops_are_safe_where_hard_ones_are_not():
+    task = experiment_task("C", "effective")
+    hard, gentle = (looked_at(task, "path", StopRules(time=time))[1] for time in (0.0, 2.0))
+    assert not hard.verified
+    assert gentle.worst["path"]["GN"] < hard.worst["path"]["GN"]
+    assert gentle.worst["path"]["longest_stop_s"] > hard.worst["path"]["longest_stop_s"]
+
+
+def test_torques_that_do_not_fit_are_refused(task):
+    with pytest.raises(InputError, match="brake_min: expected 6 torques, got 2"):
+        StopRules(brake_min=np.ones(2)).brakes(task.robot)
+    with pytest.raises(InputError, match="brake_max: must be >= brake_min"):
+        StopRules(brake_min=np.ones(6), brake_max=0.5 * np.ones(6))
+    with pytest.raises(InputError, match="delay: expected"):
+        StopRules(delay=(0.2, 0.1))
+    limits = replace(task.robot.limits, torque=np.full(6, np.inf))
+    robot = StandingRobot(replace(task.robot.arm, limits=limits), task.robot.support, task.robot.motors)
+    with pytest.raises(InputError, match="joint 1 has no torque limit; give its brake's torque"):
+        StopRules().brakes(robot)
+
+
+STOPS = """
+[stops]
+brake_torque_min_Nm = [20, 30, 20, 10, 5, 2]
+brake_torque_max_Nm = 40
+brake_delay = [0.0, 0.02]
+GN = 0.95
+time = 0.2
+"""
+
+
+@pytest.fixture
+def case_file(tmp_path):
+    def write(text):
+        path = tmp_path / "case.toml"
+        path.write_text('case = "A"\nbase = "effective"\n' + text)
+        return path
+
+    return write
+
+
+def test_files_have_rules_of_stops(case_file):
+    task = load_task(case_file(STOPS))
+    np.testing.assert_array_equal(task.stops.brake_min, [20, 30, 20, 10, 5, 2])
+    np.testing.assert_array_equal(task.stops.brake_max, np.full(6, 40))
+    assert (task.stops.delay, task.stops.GN, task.stops.GT, task.stops.time) == ((0.0, 0.02), 0.95, None, 0.2)
+    assert task.limits.stops is None
+    asked = load_task(case_file(STOPS + "safe = true\n"))
+    assert (asked.limits.stops.GN, asked.limits.stops.GT, asked.limits.stops.time) == (0.95, 0.9, 0.2)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[stops]\nbrake_torque_min_Nm = [1, 2]", "stops.brake_torque_min_Nm: "),
+        ("[stops]\nbrake_torque_max_Nm = 1", "stops.brake_torque_max_Nm: must be >= brake_min"),
+        ("[stops]\nbrake_delay = [0.2, 0.1]", "stops.brake_delay: expected [least, greatest], s"),
+        ("[stops]\nGN = 1.5", "stops.GN: must be above 0 and at most 1"),
+        ("[stops]\nbrake_torque = 3", "stops.brake_torque: unknown key"),
+    ],
+)
+def test_bad_rules_are_one_line(case_file, text, said):
+    with pytest.raises(InputError) as error:
+        load_task(case_file(text))
+    assert said in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+@pytest.fixture
+def motion_file(tmp_path, task):
+    path = tmp_path / "plan.json"
+    path.write_text(json.dumps({"case": "A", "base": "effective", **task.reference.to_dict()}))
+    return path
+
+
+def test_the_command_says_what_was_looked_at(capsys, motion_file):
+    assert main(["check", str(motion_file), "--stops", "path"]) == 0
+    text = capsys.readouterr().out
+    assert "GN in stops on the path" in text
+    assert "category 0 (brakes) not looked at" in text
+    assert "largest safe share of the planned speed" in text
+    assert main(["check", str(motion_file), "--stops", "--json"]) == 1
+    data = json.loads(capsys.readouterr().out)
+    assert data["verified"]
+    assert not data["stops"]["verified"]
+    assert {"path", "brakes"} == set(data["stops"]["worst"])
+    assert "0.5 to 2 times the torque limits, a guess" in " ".join(data["stops"]["assumed"])
+    assert main(["check", str(motion_file)]) == 0
+    assert "stops" not in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_plans_that_may_be_stopped_at_any_instant():
+    """Case G: the best plan without stops loses a contact in one; the price of the other."""
+    task = experiment_task("G", "effective")
+    asked = replace(task, limits=StopRules().asked(task.limits))
+    plain, safe = plan_motion(task, starts=2, jobs=1), plan_motion(asked, starts=2, jobs=1)
+    assert not check_motion(task.robot, plain.motion, asked.limits).verified
+    assert safe.verified
+    assert 1.0 < safe.energy / plain.energy < 1.1
+    assert max(safe.check.worst[name].value for name in ("GN_stop", "GT_stop")) <= 0.9 + 1e-9
