@@ -243,7 +243,9 @@ def _how(cases: WorstCase, found: Worst, k: int, words: str) -> str:
 
 
 def _kept(cases: WorstCase, s: np.ndarray, theta: np.ndarray) -> str:
-    """Which contact keeps how much of its normal force."""
+    """Which contact keeps how much of its normal force; nothing where they share it in several ways."""
+    if cases.robot.slip.redistribution != "tangential":
+        return ""
     states = cases.robot.contact_states(cases.deviations.wrench(s, theta)[0])
     reserves = cases.robot.tip_over.evaluate(states).normal_reserves[0]
     if not states.solved[0] or not np.isfinite(reserves).any():

@@ -226,9 +226,11 @@ class Deviations:
             down = gravity / np.linalg.norm(gravity)
             found.append(f"tilt {angle:.3g} deg {towards(change - (change @ down) * down)}")
         for name, word in _MASSES.items():
-            for k, share in enumerate(parts.get(name, ())):
-                if share:
-                    found.append(f"{word.format(k + 1)} {100 * share:+.3g} %")
+            shares = np.round(parts.get(name, np.zeros(0)), 9)
+            for share in dict.fromkeys(shares[shares != 0].tolist()):
+                own = [f"{k + 1}" for k in np.flatnonzero(shares == share)]
+                which = f"{word}{'s' * (len(own) > 1)} {', '.join(own)}" if len(shares) > 1 else word
+                found.append(f"{which} {100 * share:+.3g} %")
         if np.any(mass := parts.get("extra_mass", np.zeros(1))):
             found.append(f"{float(mass[0]):.3g} kg more at the gripper")
         for name, word in (("center_of_mass", "base's centre"), ("payload_center", "payload's centre")):
@@ -250,7 +252,7 @@ class Deviations:
 
 
 _FREE = ("gravity", "push", "base_push")
-_MASSES = {"base_mass": "base mass", "arm_mass": "link {}", "payload_mass": "payload"}
+_MASSES = {"base_mass": "base mass", "arm_mass": "link", "payload_mass": "payload"}
 
 
 def towards(side: np.ndarray) -> str:
