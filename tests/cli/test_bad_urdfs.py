@@ -102,6 +102,10 @@ FILES = {
         edited('lower="-3"', 'lower="-170deg"'),
         "joint 'turn_1': <limit lower>: expected a number",
     ),
+    "an SRDF": (
+        '<robot name="r"><disable_collisions link1="a" link2="b" reason="Never"/></robot>',
+        "no <link> in it; it is an SRDF, whose key is srdf",
+    ),
     "no joints": (
         '<robot name="r"><link name="base"/></robot>',
         "--base-link: no joint moves behind 'base'",

@@ -276,7 +276,8 @@ def _tree(root: ElementTree.Element) -> Iterator[str]:
     """What keeps links and joints from being one tree."""
     links, joints = ([e.get("name", "") for e in root.findall(tag)] for tag in ("link", "joint"))
     if not links:
-        yield "no <link> in it"
+        other = any(root.find(tag) is not None for tag in ("disable_collisions", "group", "end_effector"))
+        yield "no <link> in it" + ("; it is an SRDF, whose key is srdf" if other else "")
     for kind, names in (("link", links), ("joint", joints)):
         for name, count in Counter(names).items():
             if not name:
