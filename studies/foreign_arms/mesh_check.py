@@ -130,10 +130,11 @@ class MeshCheck:
     def _hits(self, angles: np.ndarray) -> np.ndarray:
         """Which pairs collide, (N, pairs).
 
-        Each is asked of coal anew: Pinocchio's computeCollisions, which starts from what it found before,
-        misses 8 % of the overlaps of the two cylinders about Baxter's forearm.
+        With contacts: without them, as Pinocchio's computeCollisions asks, coal 3.0.3 misses 16 of 200 overlaps
+        of the two cylinders about Baxter's forearm, 46 mm deep.
         """
         placed, request, result = self.solids.createData(), coal.CollisionRequest(), coal.CollisionResult()
+        request.enable_contact = True
         solids = [item.geometry for item in self.solids.geometryObjects]
         hits = np.zeros((len(angles), len(self.pairs)), dtype=bool)
         for state, values in enumerate(angles):

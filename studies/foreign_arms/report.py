@@ -57,6 +57,7 @@ def _on_the_meshes(verified: Sequence[Mapping[str, Any]]) -> list[str]:
         f"  neighbours, pairs of the SRDF, those that touch in all of {POSTURES} random postures, and what",
         "  ocptip lists as tubes of a telescope, or as hidden by convex solids:",
         *_hidden(verified),
+        *_of_earlier_tasks(verified),
     ]
     if again:
         seen = [found["random_colliding"] for found in again]
@@ -83,6 +84,17 @@ def _hidden(verified: Sequence[Mapping[str, Any]]) -> list[str]:
         counts = ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
         lines.append(f"  {name}: {counts}.")
     return lines or ["  no pair."]
+
+
+def _of_earlier_tasks(verified: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Rows from before tasks were part of them."""
+    old = [row for row in verified if "task" not in row]
+    if not old:
+        return []
+    return [
+        f"  {len(old)} rows are of an earlier arms.toml (heavier bases), their meshes looked at by Pinocchio's",
+        "  computeCollisions, which misses some overlaps of cylinders (mesh_check.py).",
+    ]
 
 
 def _on_times(rows: Sequence[Mapping[str, Any]]) -> list[str]:

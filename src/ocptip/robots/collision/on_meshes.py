@@ -56,6 +56,7 @@ def touches_on_meshes(arm: ArmModel, geometry: ArmGeometry, raw: Sequence[Raw]) 
         return {}
     coal, frames = load_coal(), link_frames(arm, random_postures(arm, POSTURES))
     request, result = coal.CollisionRequest(), coal.CollisionResult()
+    request.enable_contact = True  # without it coal 3.0.3 misses some overlaps of cylinders
 
     def pose(item: Raw, state: int) -> Any:
         turn, origin = arm.mount_rotation, arm.mount_position
