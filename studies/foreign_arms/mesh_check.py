@@ -130,8 +130,8 @@ class MeshCheck:
     def _hits(self, angles: np.ndarray) -> np.ndarray:
         """Which pairs collide, (N, pairs).
 
-        With contacts: without them, as Pinocchio's computeCollisions asks, coal 3.0.3 misses 16 of 200 overlaps
-        of the two cylinders about Baxter's forearm, 46 mm deep.
+        With contacts: without them, as Pinocchio's computeCollisions asks, coal 3.0.3 misses 16 of 200
+        overlaps of the two cylinders about Baxter's forearm, 46 mm deep.
         """
         placed, request, result = self.solids.createData(), coal.CollisionRequest(), coal.CollisionResult()
         request.enable_contact = True
