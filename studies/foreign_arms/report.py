@@ -92,9 +92,9 @@ def _of_earlier_tasks(verified: Sequence[Mapping[str, Any]]) -> list[str]:
     if not old:
         return []
     return [
-        f"  {len(old)} rows are of an earlier arms.toml (heavier bases, tubes of Stretch and housings of Baxter",
-        "  excluded by hand), their meshes looked at by Pinocchio's computeCollisions, which misses some overlaps",
-        "  of cylinders (mesh_check.py).",
+        f"  {len(old)} rows are of an earlier arms.toml (heavier bases; tubes of Stretch and housings of",
+        "  Baxter excluded by hand), their meshes looked at by Pinocchio's computeCollisions, which",
+        "  misses some overlaps of cylinders (mesh_check.py).",
     ]
 
 
