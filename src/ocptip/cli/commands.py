@@ -47,6 +47,7 @@ COMMANDS = (
         (
             argument("scene", "SCENE.toml", "the scene (format: see docs/scenes.md)"),
             argument("--plot", "FILE", "draw the scene into a .png, .pdf or .svg file"),
+            TOLERANCE,
             SENSITIVITIES,
             argument(
                 "--gn-reference",

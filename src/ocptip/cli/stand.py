@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.basics.errors import InputError
+from ocptip.basics.errors import InputError, naming
 from ocptip.basics.text import percent, quantity, ratio, without_noise
 from ocptip.basics.write import versions
 from ocptip.cli.command import Report
@@ -25,8 +25,10 @@ from ocptip.contact.verdict import StabilityVerdict, stability, standing_state, 
 from ocptip.reserves.force_sets import ForceSets
 from ocptip.reserves.slip import Redistribution, Slip, SlipReserve
 from ocptip.reserves.tipping import TipOver, TipOverReserve
+from ocptip.standing.rest_within import WithinAtRest, scene_within
 from ocptip.standing.sensitivity import Sensitivity, scene_sensitivities
 from ocptip.task_files.scene import Scene, read_scene
+from ocptip.task_files.tolerance import load_tolerance
 
 PLOT_FORMATS = (".png", ".pdf", ".svg")
 _NO_RESERVE = 1 - 1e-9  # reserve values from here on are 1 but for rounding
@@ -39,7 +41,15 @@ def run(options: Namespace) -> StandReport:
     scene = read_scene(options.scene)
     support, reference = scene.support, options.gn_reference
     slip = Slip(support)
+    tolerance = scene.tolerance
+    if options.tolerance is not None:
+        with naming("--tolerance"):
+            tolerance = load_tolerance(options.tolerance)
     say_if_compiling()
+    within = None
+    if tolerance.given:
+        with naming(scene.name):
+            within = scene_within(support, scene.loads, tolerance, reference)
     verdict = stability(support, scene.wrench)
     state = verdict.state
     if verdict.strong and state.solved and not state.persistent:
@@ -58,6 +68,7 @@ def run(options: Namespace) -> StandReport:
         verdict=verdict,
         reference_given=reference is not None,
         plot=options.plot,
+        within=within,
         sensitivities=scene_sensitivities(support, scene.loads, reference) if options.sensitivities else (),
     )
 
@@ -75,6 +86,7 @@ class StandReport(Report):
         verdict: whether every solution of the contact laws stands.
         reference_given: the reference moment of GN is the user's, not the support's.
         plot: the file of its picture, None for none.
+        within: the worst of a tolerance; None: none was given.
         sensitivities: what changes would do; empty if not asked for.
     """
 
@@ -86,6 +98,7 @@ class StandReport(Report):
     verdict: StabilityVerdict
     reference_given: bool = False
     plot: str | None = None
+    within: WithinAtRest | None = None
     sensitivities: tuple[Sensitivity, ...] = ()
 
     @property
@@ -107,7 +120,12 @@ class StandReport(Report):
 
     @property
     def good(self) -> bool:
-        """True if the base stands: all solutions of the contact laws do, as far as is known.
+        """True if the base stands as described, and within its tolerance where there is one."""
+        return self.stands and (self.within is None or self.within.stands)
+
+    @property
+    def stands(self) -> bool:
+        """True if the base as described stands: all solutions of the contact laws do, as far as is known.
 
         With ordinary contacts this does not depend on the facets of the friction pyramids.
         """
@@ -117,7 +135,7 @@ class StandReport(Report):
     @property
     def without_reserve(self) -> str:
         """What the least further load does to a base that just stands: "tips" or "slips"; else empty."""
-        if not self.good:
+        if not self.stands:
             return ""
         if self.tip.GN[0] >= _NO_RESERVE:
             return "tips"
@@ -134,7 +152,8 @@ class StandReport(Report):
         axis, counterexample = _nearest_axis(self), self.verdict.counterexample
         return {
             "scene": self.scene.name,
-            "persistent": self.good,
+            "persistent": self.stands,
+            **({"within": self.within.to_dict()} if self.within else {}),
             "without_reserve": self.without_reserve or None,
             "solved": state.solved,
             "status": state.status,
@@ -175,7 +194,8 @@ class StandReport(Report):
         return "\n".join([*self._headline(), "", *self._contact_table(), "", *self._summary()])
 
     def _headline(self) -> list[str]:
-        return [f"{self.scene.name}: {self._answer()}"]
+        lost = self.stands and not self.good
+        return [f"{self.scene.name}: {self._answer()}{' NOT WITHIN ITS TOLERANCE.' if lost else ''}"]
 
     def _answer(self) -> str:
         state = self.state
@@ -186,7 +206,7 @@ class StandReport(Report):
             return f"IN BALANCE WITHOUT ANY RESERVE: {what[self.without_reserve]}."
         if self.verdict.strong:
             return "STANDS. Nothing slips, nothing lifts off."
-        if self.good:
+        if self.stands:
             return "STANDS in this solution, but that is not sure, see stability."
         if self.verdict.weak:
             return "NOT SURE: one solution of the contact laws stands, others may move, see stability."
@@ -223,6 +243,7 @@ class StandReport(Report):
         lines.append(("tipping axis", _axis_text(self)))
         if self.feet:
             lines.append(("feet", _feet_text(self.feet)))
+        lines += under("within", self.within.lines() if self.within else ())
         lines += under("would change", self.sensitivities)
         only = " Under exactly this load; there is no reserve." if self.without_reserve else ""
         lines.append(("stability", f"{self.verdict.verdict}: {self.verdict.explanation}{only}"))

@@ -18,8 +18,10 @@ from ocptip.basics.toml import Table
 from ocptip.contact.bindings.binding import Binding
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.support import Load, Support, refuse_impossible_inertia
+from ocptip.standing.tolerance import NONE, Tolerance
 from ocptip.task_files.doubts import doubt_units
 from ocptip.task_files.kinds import require_kind
+from ocptip.task_files.tolerance import read_tolerance
 
 SCENE = ("gravity", "base", "contact")
 """What :func:`read_support` reads of a file."""
@@ -37,12 +39,14 @@ class Scene:
         support: the base on its contacts.
         loads: the loads besides the base's own weight.
         wrench: weight and loads about the base's centre of mass, N and N m, base axes; (6,), planar (3,).
+        tolerance: how far base and floor may be off.
     """
 
     name: str
     support: Support
     loads: tuple[Load, ...]
     wrench: np.ndarray
+    tolerance: Tolerance = NONE
 
     @property
     def planar(self) -> bool:
@@ -76,10 +80,11 @@ def _scene(data: Table) -> Scene:
     with data:
         require_kind(data, "stand")
         doubt_units(data)
-        data.close("name", *SCENE, "load")
+        data.close("name", *SCENE, "load", "tolerance")
         name, support = data.text("name", data.file), read_support(data)
         loads = tuple(_load(table, support.dimension) for table in data.tables("load"))
-        return Scene(name, support, loads, support.wrench(loads))
+        tolerance = read_tolerance(data.table("tolerance", optional=True))
+        return Scene(name, support, loads, support.wrench(loads), tolerance)
 
 
 def read_support(data: Table) -> Support:

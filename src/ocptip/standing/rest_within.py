@@ -1,0 +1,386 @@
+"""The worst that a tolerance allows for a base at rest: weights, fixed loads, a tilted floor, pushes.
+
+At rest everything that weighs is a point mass, so that a functional h = a . w of the wrench is, for bodies of
+masses m_k at c_k + d_k and gravity g,
+
+    h = sum_k m_k g . (a_F + a_M x (c_k + d_k)) + fixed loads + pushes .
+
+It is linear in each of masses, shifts d_k, gravity and pushes, so that the worst of each is a closed form: an
+end, a corner, the edge of the cap of gravity, the push along the gradient. What is worst of masses and shifts
+depends on gravity a little and the other way round: the choices are repeated, from many directions of tilt.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ocptip.basics.errors import InputError
+from ocptip.contact.solver import solve_many
+from ocptip.contact.support import Load, Support
+from ocptip.reserves.slip import Slip
+from ocptip.reserves.tipping import TipMap, TipOver
+from ocptip.standing.deviations import towards
+from ocptip.standing.tolerance import Tolerance
+
+LOOKED_AT = ("tilt", "base_mass", "center_of_mass", "friction", "base_push")
+"""Quantities that a scene can have; a scene knows no arm, payload or motion."""
+
+AROUND = 24  # directions of tilt from which the worst is looked for
+ROUNDS = 3
+CLOSE = 2e-3  # of a share, relative
+_ALONG = 1e-9
+_LOST = 1 - 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Weight:
+    """A body that weighs.
+
+    Attributes:
+        name: in words.
+        mass: kg, as described; negative for a load that pulls upwards.
+        center: (3,), m, from the base's centre of mass, base axes.
+        less, more: kg, by which the mass may be off.
+        half: (3,), m, half sides of the box about the centre.
+    """
+
+    name: str
+    mass: float
+    center: np.ndarray
+    less: float = 0.0
+    more: float = 0.0
+    half: np.ndarray = field(default_factory=lambda: np.zeros(3))
+
+
+@dataclass(frozen=True, eq=False)
+class Push:
+    """A force of up to `size`, N, in any direction at a point, m from the base's centre of mass; by name."""
+
+    name: str
+    size: float
+    point: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Off:
+    """How far everything is off.
+
+    Attributes:
+        masses: (K,), kg, of the weights.
+        shifts: (K, 3), m.
+        gravity: (3,), m/s^2.
+        pushes: (P, 3), N.
+    """
+
+    masses: np.ndarray
+    shifts: np.ndarray
+    gravity: np.ndarray
+    pushes: np.ndarray
+
+
+@dataclass(frozen=True)
+class WithinAtRest:
+    """What was found.
+
+    Attributes:
+        tolerance: within which.
+        GN, GT: at the worst.
+        GN_worst, GT_worst: what is off there, in words.
+        stands: no contact is lost.
+        reason: where one is, which quantity alone is too much and how much of it is not.
+        ignored: quantities given that a scene cannot have.
+    """
+
+    tolerance: Tolerance
+    GN: float
+    GT: float
+    GN_worst: str
+    GT_worst: str
+    stands: bool
+    reason: str
+    ignored: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        own = {name: getattr(self, name) for name in ("GN", "GT", "GN_worst", "GT_worst", "stands", "reason")}
+        return {"tolerance": self.tolerance.to_dict(), **own, "ignored": list(self.ignored)}
+
+    def lines(self) -> list[str]:
+        """In words."""
+        verdict = "no contact is lost" if self.stands else f"A CONTACT IS LOST: {self.reason}"
+        found = [
+            f"{self.tolerance}: {verdict}",
+            f"GN at most {self.GN:.3f} ({self.GN_worst or 'as described'})",
+            f"GT at most {self.GT:.3f} ({self.GT_worst or 'as described'})",
+        ]
+        return found + ([f"not looked at in a scene: {', '.join(self.ignored)}"] if self.ignored else [])
+
+
+def scene_within(
+    support: Support, loads: Sequence[Load], tolerance: Tolerance, reference_moment: float | None = None
+) -> WithinAtRest:
+    """The worst of a scene. Loads along gravity count as weights, which turn with gravity; others do not.
+
+    Args:
+        support: the base.
+        loads: on it, as described.
+        tolerance: of it; what a scene cannot have is left out, and said.
+        reference_moment: M0 of GN, N m; default that of the base as described.
+
+    Raises:
+        InputError: a planar scene, or one without gravity; a base mass outside its interval.
+    """
+    if support.dimension != 3:
+        raise InputError("tolerance: looked at for spatial scenes only (tolerance none)")
+    if not np.any(support.gravity):
+        raise InputError("tolerance: without gravity there is no tilt and no weight (tolerance none)")
+    own = tolerance.only(*(name for name in LOOKED_AT if name in tolerance.given))
+    moment = reference_moment or TipOver(support).reference_moment
+    fixed, hanging = _fixed_and_hanging(support, loads)
+
+    def within(some: Tolerance) -> RestCase:
+        push = [Push("base", some.base_push, np.zeros(3))] if some.base_push else []
+        return RestCase(support, [base_weight(support, some), *hanging], fixed, some, push, moment)
+
+    ignored = tuple(str(tolerance.only(name)) for name in tolerance.given if name not in LOOKED_AT)
+    return found_within([within], own, LOOKED_AT, ignored)
+
+
+def base_weight(support: Support, tolerance: Tolerance) -> Weight:
+    """The base as far as it is known."""
+    low, high = np.array(tolerance.masses(support.mass))[[0, -1]] - support.mass
+    half = np.asarray(tolerance.center_of_mass, dtype=float)
+    return Weight("base mass", support.mass, np.zeros(3), float(low), float(high), half)
+
+
+def _fixed_and_hanging(support: Support, loads: Sequence[Load]) -> tuple[np.ndarray, list[Weight]]:
+    """Loads that are no weights, as a wrench, and those that are."""
+    size = float(np.linalg.norm(support.gravity))
+    down, fixed, weights = support.gravity / size, support.wrench(list(loads)) - support.weight, []
+    for number, load in enumerate(loads, 1):
+        if load.force is None:
+            continue
+        force = np.asarray(load.force, dtype=float)
+        if force.any() and np.linalg.norm(np.cross(force, down)) <= _ALONG * np.linalg.norm(force):
+            point = np.zeros(3) if load.point is None else np.asarray(load.point, dtype=float)
+            arm = point - support.center_of_mass
+            weights.append(Weight(f"load {number}", float(force @ down) / size, arm))
+            fixed[:3] -= force
+            fixed[3:] -= np.cross(arm, force)
+    return fixed, weights
+
+
+def found_within(
+    cases: Sequence[Callable[[Tolerance], RestCase]],
+    tolerance: Tolerance,
+    looked_at: Sequence[str],
+    ignored: tuple[str, ...] = (),
+) -> WithinAtRest:
+    """The worst of several cases within a tolerance, each made by a function of it; a reason if one fails.
+
+    Args:
+        cases: postures or loads.
+        tolerance: of what can be off.
+        looked_at: names of that, likely culprits first.
+        ignored: what else was given, in words.
+    """
+    made = [case(tolerance) for case in cases]
+    (GN, tip, first), (GT, slip, other) = (
+        max(((*one, case) for one, case in zip(found, made, strict=True)), key=lambda item: item[0])
+        for found in ([case.tip() for case in made], [case.slip() for case in made])
+    )
+    stands = GN < _LOST and GT < _LOST
+    reason = "" if stands else _why_not(cases, tolerance, looked_at)
+    return WithinAtRest(tolerance, GN, GT, first.words(tip), other.words(slip), stands, reason, ignored)
+
+
+def _why_not(
+    cases: Sequence[Callable[[Tolerance], RestCase]], tolerance: Tolerance, looked_at: Sequence[str]
+) -> str:
+    def kept(within: Tolerance) -> bool:
+        made = (case(within) for case in cases)
+        return all(case.tip()[0] < _LOST and case.slip()[0] < _LOST for case in made)
+
+    def largest(within: Tolerance) -> float:
+        low, high = 0.0, 1.0
+        while high - low > CLOSE * high and high > 1e-6:
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if kept(within.scaled(middle)) else (low, middle)
+        return low
+
+    if not kept(Tolerance()):
+        return "it does not stand as described"
+    for name in looked_at:
+        alone = tolerance.only(name) if name in tolerance.given else None
+        if alone is not None and not kept(alone):
+            factor = largest(alone)
+            return f"of {alone} alone it can have {alone.scaled(factor)}" if factor else f"no {alone} at all"
+    return f"each alone it can have, together {100 * largest(tolerance):.0f} % of everything"
+
+
+class RestCase:
+    """Bodies on contacts with the least friction, within a tolerance.
+
+    Args:
+        support: as described.
+        weights: all bodies, the base first.
+        fixed: (6,), wrench of all else, N and N m about the base's centre of mass.
+        tolerance: of tilt and friction; that of weights and pushes is theirs.
+        pushes: that may be there.
+        moment: M0 of GN, N m.
+        name: put in front of what is said.
+    """
+
+    def __init__(
+        self,
+        support: Support,
+        weights: Sequence[Weight],
+        fixed: np.ndarray,
+        tolerance: Tolerance,
+        pushes: Sequence[Push] = (),
+        moment: float | None = None,
+        name: str = "",
+    ) -> None:
+        self._tolerance, self._gravity, self._fixed, self._name = tolerance, support.gravity, fixed, name
+        self._size = float(np.linalg.norm(support.gravity))
+        self._down = support.gravity / self._size
+        self._weights, self._pushes = tuple(weights), tuple(pushes)
+        columns = ("mass", "less", "more", "center", "half")
+        arrays = [np.array([getattr(w, column) for w in weights], dtype=float) for column in columns]
+        self._masses, self._less, self._more, self._centers, self._half = arrays
+        contacts = tolerance.contacts(support.contacts) if tolerance.friction else support.contacts
+        self.support = Support(
+            contacts,
+            mass=support.mass,
+            center_of_mass=support.center_of_mass,
+            inertia=support.inertia,
+            gravity=support.gravity,
+        )
+        self._tip_over = TipOver(self.support, moment)
+        self._map, self._slip = TipMap(self._tip_over), Slip(self.support)
+
+    def tip(self) -> tuple[float, Off]:
+        """GN at the worst, more than 1 where the base tips, and what is off there."""
+        nominal = self._off(self._gravity)
+        if not self._map.count:
+            ratio = 1.0 if self._tip_over.free_rotation else 0.0
+            return ratio, nominal
+        offs = [nominal]
+        for gravity in self._starts():
+            slopes = self._map(self._wrenches([self._off(gravity)]))[1][0]
+            offs += [self._worst(slope, gravity) for slope in slopes]
+        moments = self._map(self._wrenches(offs))[0].min(axis=1)
+        k, reference = int(np.argmin(moments)), float(self._tip_over.reference_moment or 1.0)
+        ratio = reference / (reference + max(moments[k], 0.0)) - min(moments[k], 0.0) / reference
+        return float(ratio), offs[k]
+
+    def slip(self) -> tuple[float, Off]:
+        """The greatest GT that is found, and what is off there."""
+        offs = [self._off(gravity) for gravity in self._starts()]
+        if self._pushes:  # from pushes on, too: a base without tangential load says nothing of where to push
+            level = self._level
+            sides = [np.cos(turn) * level[0] + np.sin(turn) * level[1] for turn in _turns()]
+            offs += [self._pushed(side, self._gravity) for side in sides]
+        best, found = -np.inf, offs[0]
+        for _ in range(ROUNDS + 1):
+            reserve = self._slip.evaluate(solve_many(self.support, self._wrenches(offs), warm_start=False))
+            GT = np.where(np.isnan(reserve.GT), np.inf, reserve.GT)
+            k = int(np.argmax(GT))
+            if GT[k] > best:
+                best, found = float(GT[k]), offs[k]
+            assert reserve.gradient is not None  # it was asked for
+            slopes = -np.nan_to_num(reserve.gradient)
+            offs = [self._worst(slope, off.gravity) for slope, off in zip(slopes, offs, strict=True)]
+        return best, found
+
+    def words(self, off: Off) -> str:
+        """What is off: "base mass -0.5 kg, tilt 0.5 deg towards -y"."""
+        found = [self._name] if self._name else []
+        changes = zip(self._weights, off.masses - self._masses, off.shifts, strict=True)
+        for weight, more, shift in changes:
+            if more:
+                found.append(f"{weight.name} {more:+.3g} kg")
+            if shift.any():
+                moved = [f"{1e3 * d:+.3g} mm in {axis}" for axis, d in zip("xyz", shift, strict=True) if d]
+                found.append(f"centre of {weight.name.removesuffix(' mass')} {' and '.join(moved)}")
+        side = off.gravity - (off.gravity @ self._down) * self._down
+        angle = np.degrees(np.arctan2(np.linalg.norm(side), off.gravity @ self._down))
+        if angle > 1e-9:
+            found.append(f"tilt {angle:.3g} deg {towards(side)}")
+        for push, force in zip(self._pushes, off.pushes, strict=True):
+            if force.any():
+                found.append(f"push of {np.linalg.norm(force):.3g} N at the {push.name} {towards(force)}")
+        if self._tolerance.friction:
+            found.append(f"friction {-100 * self._tolerance.friction:.3g} %")
+        return ", ".join(found)
+
+    def _pushed(self, side: np.ndarray, gravity: np.ndarray) -> Off:
+        pushes = np.array([push.size * side for push in self._pushes])
+        return Off(self._masses, np.zeros_like(self._half), gravity, pushes)
+
+    @property
+    def _level(self) -> np.ndarray:
+        """Two horizontal directions, (2, 3)."""
+        return np.linalg.svd(self._down[None])[2][1:]
+
+    def _off(self, gravity: np.ndarray) -> Off:
+        return Off(self._masses, np.zeros_like(self._half), gravity, np.zeros((len(self._pushes), 3)))
+
+    def _starts(self) -> Iterator[np.ndarray]:
+        """Gravity as described, and tilted by all of it in directions around."""
+        yield self._gravity
+        if self._tolerance.tilt:
+            level = self._level
+            for turn in _turns():
+                side = np.cos(turn) * level[0] + np.sin(turn) * level[1]
+                yield self._size * (
+                    np.cos(self._tolerance.tilt) * self._down + np.sin(self._tolerance.tilt) * side
+                )
+
+    def _worst(self, a: np.ndarray, gravity: np.ndarray) -> Off:
+        """What makes a . w least, from a direction of gravity on."""
+        force, moment, masses = a[:3], a[3:], self._masses
+        shifts = np.zeros_like(self._half)
+        for _ in range(ROUNDS):
+            pull = masses[:, None] * np.cross(gravity, moment)  # a_M . (d x g) = d . (g x a_M)
+            least = _ALONG * self._size * np.linalg.norm(moment) * np.abs(masses)[:, None]
+            shifts = np.where(np.abs(pull) > least, -np.sign(pull) * self._half, 0.0)
+            per_mass = force + np.cross(moment, self._centers + shifts)
+            masses = self._masses + np.where(per_mass @ gravity > 0, self._less, self._more)
+            if self._tolerance.tilt:
+                gravity = self._tilted(masses @ per_mass)
+        pushes = np.zeros((len(self._pushes), 3))
+        for k, push in enumerate(self._pushes):
+            slope = force + np.cross(moment, push.point)
+            size = np.linalg.norm(slope)
+            pushes[k] = -push.size * slope / size if size > 0 else 0.0
+        return Off(masses, shifts, gravity, pushes)
+
+    def _tilted(self, b: np.ndarray) -> np.ndarray:
+        """Gravity within the cap at which b . g is least."""
+        wanted = -b / max(np.linalg.norm(b), 1e-300)
+        along = float(wanted @ self._down)
+        side = wanted - along * self._down
+        size = float(np.linalg.norm(side))
+        angle = min(float(np.arctan2(size, along)), self._tolerance.tilt)
+        across = side / size if size > 0 else np.zeros(3)
+        return self._size * (np.cos(angle) * self._down + np.sin(angle) * across)
+
+    def _wrenches(self, offs: Sequence[Off]) -> np.ndarray:
+        """(N, 6), N and N m about the base's centre of mass as described."""
+        found = []
+        points = np.array([push.point for push in self._pushes]).reshape(-1, 3)
+        for off in offs:
+            centers = self._centers + off.shifts
+            force = off.masses.sum() * off.gravity + off.pushes.sum(axis=0)
+            moment = np.cross(off.masses @ centers, off.gravity) + np.cross(points, off.pushes).sum(axis=0)
+            found.append(self._fixed + np.concatenate([force, moment]))
+        return np.array(found)
+
+
+def _turns() -> np.ndarray:
+    return 2 * np.pi * np.arange(AROUND) / AROUND

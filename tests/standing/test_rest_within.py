@@ -1,0 +1,182 @@
+"""What a base at rest tolerates: brute force inside the tolerance, figures of the specification, words."""
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ocptip.basics.errors import InputError
+from ocptip.cli.main import main
+from ocptip.contact.bindings.unilateral import UnilateralContact
+from ocptip.contact.solver import solve_many
+from ocptip.contact.support import Load, Support
+from ocptip.published.tasks import experiment_task
+from ocptip.reserves.slip import Slip
+from ocptip.reserves.tipping import TipOver
+from ocptip.standing.rest_within import scene_within
+from ocptip.standing.tolerance import WORKSHOP, Tolerance
+
+FEET = [[0.4, 0.3, 0.0], [-0.4, 0.35, 0.0], [0.0, -0.5, 0.0]]
+HANGING = Load(force=[0.0, 0.0, -60.0], point=[0.1, 0.05, 0.9])
+PULL = Load(force=[25.0, -10.0, 0.0], moment=[1.0, 2.0, 0.5], point=[0.0, 0.1, 0.5])
+
+
+def support_of(mass=20.0, center=(0.02, 0.01, 0.4), friction=0.6, gravity=(0.0, 0.0, -9.81)):
+    contacts = [UnilateralContact(position=place, friction=friction) for place in FEET]
+    return Support(contacts, mass=mass, center_of_mass=center, gravity=gravity)
+
+
+def reserves(support, loads, moment):
+    states = solve_many(support, support.wrench(loads)[None])
+    GT = Slip(support).evaluate(states, derivatives=False).GT[0]
+    return float(TipOver(support, moment).evaluate(states).GN[0]), float(GT)
+
+
+def tilted(angle, turn):
+    side = np.array([np.cos(turn), np.sin(turn), 0.0])
+    return 9.81 * (np.cos(angle) * np.array([0, 0, -1.0]) + np.sin(angle) * side)
+
+
+@settings(max_examples=3, deadline=None)
+@given(seed=st.integers(0, 10**6))
+def test_nothing_inside_is_worse(seed):
+    rng = np.random.default_rng(seed)
+    tolerance = Tolerance(
+        tilt=rng.uniform(0, 0.05),
+        base_mass=rng.uniform(0, 0.1),
+        center_of_mass=rng.uniform(0, 0.02, 3),
+        friction=rng.uniform(0, 0.2),
+        base_push=rng.uniform(0, 10),
+    )
+    support, loads = support_of(), [HANGING, PULL]
+    moment = TipOver(support).reference_moment
+    found = scene_within(support, loads, tolerance)
+    worst = np.zeros(2)
+    for k in range(60):
+        ends = 1.0 if k % 2 else rng.uniform(0, 1)
+        sign = np.sign(rng.normal(size=4))
+        gravity = tilted(ends * tolerance.tilt, rng.uniform(0, 2 * np.pi))
+        push = rng.normal(size=3)
+        push *= ends * tolerance.base_push / np.linalg.norm(push)
+        other = support_of(
+            20.0 * (1 + ends * sign[0] * tolerance.base_mass),
+            support.center_of_mass + ends * sign[1:] * np.asarray(tolerance.center_of_mass),
+            0.6 * (1 - ends * tolerance.friction),
+            gravity,
+        )
+        hanging = Load(force=60.0 / 9.81 * gravity, point=HANGING.point)
+        pushed = Load(force=push, point=support.center_of_mass)
+        worst = np.maximum(worst, reserves(other, [hanging, PULL, pushed], moment))
+    assert worst[0] - 1e-9 <= found.GN
+    assert worst[1] - 1e-9 <= found.GT
+
+
+def test_the_worst_is_attained():
+    tolerance = Tolerance(tilt=0.03, base_mass=0.08, center_of_mass=(0.01, 0.0, 0.0), friction=0.1)
+    support, loads = support_of(), [HANGING, PULL]
+    moment = TipOver(support).reference_moment
+    found = scene_within(support, loads, tolerance)
+    best = np.zeros(2)
+    for turn in np.linspace(0, 2 * np.pi, 37):
+        for mass in (0.92, 1.08):
+            for shift in (-0.01, 0.01):
+                gravity = tilted(0.03, turn)
+                other = support_of(20.0 * mass, (0.02 + shift, 0.01, 0.4), 0.54, gravity)
+                hanging = Load(force=60.0 / 9.81 * gravity, point=HANGING.point)
+                best = np.maximum(best, reserves(other, [hanging, PULL], moment))
+    assert np.array([found.GN, found.GT]) == pytest.approx(best, rel=5e-3)
+
+
+@pytest.mark.parametrize(("case", "degrees"), [("A", 9.1), ("B", 2.05), ("H", 0.45)])
+def test_tilts_at_rest_are_those_of_statics_by_hand(case, degrees):
+    """Effective base, figures of the specification; the arm's weight as a load at its centre of mass."""
+    task = experiment_task(case, "effective")
+    robot = task.robot
+    least = 90.0
+    for q in (task.start, task.goal):
+        wrench = robot.loads(q[None], 0 * q[None], 0 * q[None])[1][0] - robot.support.weight
+        arm = np.array([-wrench[4], wrench[3], 0.0]) / wrench[2]
+        # moments of a vertical force say nothing of its height: found from a tilted base
+        turned = robot.varied(
+            support=Support(
+                robot.support.contacts,
+                mass=robot.support.mass,
+                center_of_mass=robot.support.center_of_mass,
+                gravity=[9.81, 0.0, 0.0],
+            ),
+            reference_moment=robot.tip_over.reference_moment,
+        )
+        sideways = turned.loads(q[None], 0 * q[None], 0 * q[None])[1][0] - turned.support.weight
+        arm[2] = sideways[4] / sideways[0]
+        load = Load(force=wrench[:3], point=robot.support.center_of_mass + arm)
+        found = scene_within(robot.support, [load], Tolerance(tilt=np.radians(12.0)))
+        assert not found.stands
+        least = min(least, float(found.reason.rsplit("floor tilt ", 1)[1].split()[0]))
+    assert least == pytest.approx(degrees, abs=0.06 if degrees > 3 else 0.012)
+
+
+def test_refusals_name_the_quantity_and_how_much_of_it_is_possible():
+    support, loads = support_of(), [HANGING, PULL]
+    found = scene_within(support, loads, Tolerance(base_push=200.0, base_mass=0.05))
+    assert not found.stands
+    assert found.reason.startswith("of push of 200 N at the base alone it can have push of ")
+    most = float(found.reason.split("push of ")[2].split()[0])
+    assert scene_within(support, loads, Tolerance(base_push=0.98 * most)).stands
+    assert not scene_within(support, loads, Tolerance(base_push=1.02 * most)).stands
+    assert "push of 200 N at the base towards" in found.GN_worst
+    fallen = scene_within(support, [Load(force=[500.0, 0, 0], point=[0, 0, 1.0])], Tolerance(tilt=0.01))
+    assert fallen.reason == "it does not stand as described"
+
+
+def test_what_a_scene_cannot_have_is_said():
+    found = scene_within(support_of(), [HANGING], WORKSHOP)
+    assert found.stands
+    assert found.ignored == (
+        "arm masses +-5 %", "payload +-5 %", "0.1 kg more at the gripper", "joints up to 10 ms late",
+        "3 % faster or slower", "jumps overshoot at 5 % damping",
+    )  # fmt: skip
+    assert found.to_dict()["stands"] is True
+    assert "not looked at in a scene: arm masses" in found.lines()[-1]
+
+
+def test_scenes_without_tilt_are_refused():
+    planar = Support(
+        [UnilateralContact(position=[x, 0.0], normal=[0.0, 1.0], friction=0.5) for x in (-0.3, 0.3)],
+        mass=5.0,
+        center_of_mass=[0.0, 0.4],
+    )
+    with pytest.raises(InputError, match="spatial scenes only"):
+        scene_within(planar, [], Tolerance(tilt=0.01))
+    with pytest.raises(InputError, match="without gravity"):
+        scene_within(support_of(gravity=(0.0, 0.0, 0.0)), [], Tolerance(tilt=0.01), 10.0)
+
+
+SCENE = """
+[base]
+mass = 20.0
+center_of_mass = [0.0, 0.0, 0.4]
+feet = [[0.4, 0.3, 0.0], [-0.4, 0.35, 0.0], [0.0, -0.5, 0.0]]
+friction = 0.6
+"""
+
+
+def test_the_command_judges_the_worst_of_a_tolerance(tmp_path, capsys):
+    path = tmp_path / "scene.toml"
+    path.write_text(SCENE + "[tolerance]\ntilt_deg = 1.0\n")
+    assert main(["stand", str(path)]) == 0
+    assert "floor tilt 1 deg: no contact is lost" in capsys.readouterr().out
+    assert main(["stand", str(path), "--tolerance", "none"]) == 0
+    assert "tilt" not in capsys.readouterr().out
+    path.write_text(SCENE + "[tolerance]\nbase_push = 400.0\n")
+    assert main(["stand", str(path)]) == 1
+    text = capsys.readouterr().out
+    assert "STANDS" in text
+    assert "NOT WITHIN ITS TOLERANCE" in text
+    assert "A CONTACT IS LOST: of push of 400 N at the base alone it can have push of" in text
+    assert main(["stand", str(path), "--json"]) == 1
+    data = json.loads(capsys.readouterr().out)
+    assert (data["persistent"], data["within"]["stands"]) == (True, False)
+    assert main(["stand", str(path), "--tolerance", "nowhere"]) == 2
+    assert "--tolerance: " in capsys.readouterr().err
