@@ -139,7 +139,7 @@ def test_contacts_bind_with_the_default_base(planner, capsys, tmp_path, argument
 
 def test_a_task_file_and_limits_over_those_of_the_file(planner, capsys, tmp_path, monkeypatch):
     read = task.experiment_task("C", "effective", MotionLimits(GN=0.5, GT=0.6))
-    monkeypatch.setattr(command, "load_task", lambda path: read)
+    monkeypatch.setattr(command, "read_task", lambda path: read)
     assert run(capsys, "my.toml", "--no-figures", "--gt", 0.8)[0] == 0
     assert planner.calls[0][0].limits == MotionLimits(GN=0.5, GT=0.8)
     assert "base" not in json.loads((tmp_path / "ocptip-plan-C" / "plan.json").read_text(encoding="utf-8"))

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from ocptip.basics.errors import InputError
-from ocptip.task_files.motion import load_task
+from ocptip.task_files.cycle import read_task
 from ocptip.task_files.parallel import read_parallel_robot
 from ocptip.task_files.placement import load_placement
 from ocptip.task_files.platform_points import read_platform
@@ -25,7 +25,7 @@ READERS = {
     "scenes": read_scene,
     "robots": read_parallel_robot,
     "platforms": read_platform,
-    "tasks": load_task,
+    "tasks": read_task,
 }
 FILES = sorted(EXAMPLES.rglob("*.toml"))
 SAMPLE = 12  # mutations per file in the quick suite

@@ -15,11 +15,15 @@ from ocptip.basics.errors import InputError, naming, positive_number
 from ocptip.basics.text import quantity, ratio
 from ocptip.basics.write import versions
 from ocptip.cli.command import Report
+from ocptip.cli.cycles import require_plain, seam_offsets, segment_table, segments_of, segments_within
 from ocptip.cli.layout import masses, named, table, under, within_rows
-from ocptip.cli.options import with_limits
+from ocptip.cli.options import given_limits, with_limits
 from ocptip.cli.progress import say_if_compiling
 from ocptip.cli.stops import sensitivities_of, sensitivities_to_dict, stop_table, stops_of
 from ocptip.motion.check import MotionCheck, check_motion
+from ocptip.motion.cycles.check import CycleCheck, check_cycle
+from ocptip.motion.cycles.task import CycleTask
+from ocptip.motion.cycles.tolerated import cycle_tolerances
 from ocptip.motion.output import PLAN
 from ocptip.motion.stops import Stops
 from ocptip.motion.task import MotionTask
@@ -29,11 +33,12 @@ from ocptip.published.tasks import experiment_task
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.sensitivity import Sensitivity
-from ocptip.task_files.motion import load_task
+from ocptip.task_files.cycle import read_task
 from ocptip.task_files.plan_folder import is_plan_folder, read_plan_folder
 from ocptip.trajectories.fit import PEAK_TOLERANCE, FittedMotion
-from ocptip.trajectories.read import load_motion, motion_origin
+from ocptip.trajectories.read import load_motion, load_motions, motion_origin
 from ocptip.trajectories.sampled import Motion, SampledMotion
+from ocptip.trajectories.sequence import MotionSequence
 
 _ROWS = {
     "GN": "tip-over GN",
@@ -75,10 +80,6 @@ _REACHED = 1e-6  # m and rad: how near to its pose a posture is as good as any o
 def run(options: Namespace) -> CheckReport:
     """Check the motion, and the same path faster or slower, on the robot that is named."""
     task, path = _task(options)
-    task = with_limits(task, options)
-    if options.stops in ("path", "both"):
-        task = replace(task, limits=task.stops.asked(task.limits))
-    motion = load_motion(path, task.robot.names, task.robot.units, unit=options.unit)
     step = positive_number("--step", options.step)
     for factor in options.time_scale:
         positive_number("--time-scale", factor)
@@ -86,6 +87,12 @@ def run(options: Namespace) -> CheckReport:
             raise InputError(f"--time-scale: must be between {1 / _SCALE:g} and {_SCALE:g}, got {factor:g}")
     say_if_compiling()
     name = Path(options.motion).name
+    if isinstance(task, CycleTask):
+        return _cycle(name, path, task, options, step)
+    task = with_limits(task, options)
+    if options.stops in ("path", "both"):
+        task = replace(task, limits=task.stops.asked(task.limits))
+    motion = load_motion(path, task.robot.names, task.robot.units, unit=options.unit)
     with naming(name):
         checked = check_motion(task.robot, motion, task.limits, step=step)
         scaled = [
@@ -98,6 +105,31 @@ def run(options: Namespace) -> CheckReport:
     if options.sensitivities:
         report.sensitivities = sensitivities_of(task, motion)
     return report
+
+
+def _cycle(name: str, path: Path, task: CycleTask, options: Namespace, step: float) -> CheckReport:
+    """Check the segments of a cycle."""
+    require_plain(options, "stops", "sensitivities")
+    task = task.with_limits(given_limits(options))
+    found = load_motions(path, task.robot.names, task.robot.units, unit=options.unit)
+    with naming(name):
+        motion = segments_of(task, found)
+        checked = check_cycle(task, motion, step=step)
+        scaled = [(f, check_cycle(task, motion.time_scaled(f), step=step).whole) for f in options.time_scale]
+    seams = seam_offsets(task, motion)
+    ends = {
+        unit: (own[0], own[-1])
+        for unit in ("deg", "m")
+        if (own := [offset for _, off in seams for own, offset in _by_unit(off, task) if own == unit])
+    }
+    notes = tuple(
+        f"the {place} is {offset:.4g} {unit} off the task's"
+        for place, off in seams
+        for unit, offset in _by_unit(off, task)
+        if offset > _SAME[unit]
+    )
+    deviations = cycle_tolerances(task, motion)
+    return CheckReport(name, task, found, checked.whole, scaled, ends, deviations, None, (), checked, notes)
 
 
 @dataclass
@@ -115,17 +147,21 @@ class CheckReport(Report):
         tolerated: deviations that lose no contact; empty if not computed.
         stops: what becomes of the base when the motion is stopped; None: not asked for.
         sensitivities: what changes would do; empty if not asked for.
+        segments: checks of the segments of a cycle; None for a single motion.
+        off: what is to be said of offsets of a cycle.
     """
 
     name: str
-    task: MotionTask
-    motion: Motion
+    task: MotionTask | CycleTask
+    motion: Motion | MotionSequence
     check: MotionCheck
     scaled: list[tuple[float, MotionCheck]]
     offsets: dict[str, tuple[float, float]]
     tolerated: tuple[Tolerated, ...] = ()
     stops: Stops | None = None
     sensitivities: tuple[Sensitivity, ...] = ()
+    segments: CycleCheck | None = None
+    off: tuple[str, ...] = ()
 
     @property
     def good(self) -> bool:
@@ -142,7 +178,7 @@ class CheckReport(Report):
         return {
             "motion": self.name,
             "task": self.task.name,
-            **self.check.to_dict(),
+            **(self.segments or self.check).to_dict(),
             **self.task.robot.masses_to_dict(),
             "limits": self.task.limits.to_dict(),
             "tolerated": [one.to_dict() for one in self.tolerated],
@@ -163,17 +199,20 @@ class CheckReport(Report):
         lines = [f"{self.name} on {self.task.name}: {verdict}."]
         lines += [f"  {violation}" for violation in checked.violations]
         lines += [f"  {violation}" for violation in (self.stops.violations if self.stops else ())]
+        if self.segments and isinstance(self.task, CycleTask):
+            lines += ["", *segment_table(self.task, self.segments)]
         lines += ["", *_worst_table(checked), ""]
         moving = f"{quantity(checked.energy, 'J')} in {quantity(checked.duration, 's')}"
         rows = [("energy", f"{moving}, checked at {checked.samples} instants")]
         rows += under("contacts", checked.contacts.lines())
         rows += under("on feet", checked.feet_lines)
         rows.append(("collision", checked.collision_text))
-        rows += within_rows(checked)
+        rows += segments_within(self.segments) if self.segments else within_rows(checked)
         rows += under("tolerates", self.tolerated)
         rows += under("would change", self.sensitivities)
         rows += under("stops", self.stops.lines() if self.stops else ())
-        rows.append(("masses", masses(self.task.robot)))
+        if not self.segments:
+            rows.append(("masses", masses(self.task.robot)))
         rows += under("assumed", self.task.robot.notes)
         rows += under("note", self._notes())
         lines += named(rows)
@@ -192,14 +231,15 @@ class CheckReport(Report):
             curve = self.motion.interpolation
             notes += [f"checked is the curve through the samples, {curve}; where accelerations"]
             notes += ["jump between samples it overshoots, see ocptip.trajectories.sampled"]
-        for unit, pair in self.offsets.items():
+        notes += self.off
+        for unit, pair in () if self.segments else self.offsets.items():
             for verb, place, offset in zip(("starts", "ends"), ("start", "goal"), pair, strict=True):
                 if offset > _SAME[unit]:
                     notes += [f"the motion {verb} {offset:.4g} {unit} off the task's {place}"]
         return notes
 
 
-def _task(options: Namespace) -> tuple[MotionTask, Path]:
+def _task(options: Namespace) -> tuple[MotionTask | CycleTask, Path]:
     """The task and the motion's file.
 
     The task that is named, or that of the plan's folder, or the case that the file names, with its base.
@@ -209,7 +249,7 @@ def _task(options: Namespace) -> tuple[MotionTask, Path]:
     if options.task is not None:
         if options.base is not None:
             raise InputError("--base: only for --case; a task file has its own base")
-        return load_task(options.task), path
+        return read_task(options.task), path
     asked = options.case is not None or options.base is not None
     if not asked and (folder == Path(options.motion) or is_plan_folder(folder)):
         return read_plan_folder(folder).task, path
@@ -273,6 +313,13 @@ def fit_notes(motion: FittedMotion, robot: StandingMechanism) -> list[str]:
         worst = int(np.argmax(motion.speed_distance * scales))
         notes += [f"its speeds are up to {said(worst, motion.speed_distance, '/s')} from those of the file"]
     return notes
+
+
+def _by_unit(off: np.ndarray, task: CycleTask) -> list[tuple[str, float]]:
+    """Largest of offsets (n,), rad and m, by unit of files."""
+    angular = np.array(task.robot.units) == "rad"
+    values = (("deg", np.degrees(off[angular])), ("m", off[~angular]))
+    return [(unit, float(own.max())) for unit, own in values if len(own)]
 
 
 def _worst_table(checked: MotionCheck) -> list[str]:

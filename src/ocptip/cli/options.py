@@ -30,8 +30,8 @@ OUTPUTS = {
 _LIMITS = (("gn", "GN"), ("gt", "GT"), ("torque_ratio",) * 2, ("clearance",) * 2, ("foot_lift",) * 2)
 
 
-def with_limits(task: MotionTask, options: Namespace) -> MotionTask:
-    """The task with those limits replaced that are given; InputError names an option that cannot be."""
+def given_limits(options: Namespace) -> dict[str, Any]:
+    """The limits that are given, by their names; InputError names an option that cannot be."""
     given: dict[str, Any] = {}
     for name, limit in _LIMITS:
         value, option = getattr(options, name), f"--{name.replace('_', '-')}"
@@ -42,6 +42,12 @@ def with_limits(task: MotionTask, options: Namespace) -> MotionTask:
     if getattr(options, "tolerance", None) is not None:
         with naming("--tolerance"):
             given["tolerance"] = load_tolerance(options.tolerance)
+    return given
+
+
+def with_limits(task: MotionTask, options: Namespace) -> MotionTask:
+    """The task with those limits replaced that are given."""
+    given = given_limits(options)
     return dataclasses.replace(task, limits=dataclasses.replace(task.limits, **given)) if given else task
 
 

@@ -11,11 +11,13 @@ from typing import Any, TextIO
 
 from ocptip.basics.errors import InputError, PlanningError, positive_number
 from ocptip.cli.command import Answer, Report
+from ocptip.cli.cycles import plan_it
 from ocptip.cli.layout import masses, summary, under, use_of_reserves, within_rows
 from ocptip.cli.options import output_directory, remove_figures, require_least, with_limits
 from ocptip.cli.progress import Progress, say_if_compiling
 from ocptip.cli.stops import sensitivities_of, sensitivities_to_dict, stops_of
 from ocptip.motion.check import MotionCheck, check_motion
+from ocptip.motion.cycles.task import CycleTask
 from ocptip.motion.execution import Execution, execute
 from ocptip.motion.objective import ENERGY, Objective, objective_of
 from ocptip.motion.output import plan_to_dict, sample_motion, write_plan
@@ -26,7 +28,7 @@ from ocptip.motion.tolerated import Tolerated, tolerances
 from ocptip.published.cases import motion_cases
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.sensitivity import Sensitivity
-from ocptip.task_files.motion import load_task
+from ocptip.task_files.cycle import read_task
 
 
 def run(options: Namespace) -> Report:
@@ -37,6 +39,8 @@ def run(options: Namespace) -> Report:
     for name in ("rate", "rise_time"):
         positive_number(f"--{name.replace('_', '-')}", getattr(options, name))
     task, base = _task(options)
+    if isinstance(task, CycleTask):
+        return plan_it(task, options)
     task = _with_objective(task, options)
     if options.stop_safe:
         task = replace(task, limits=task.stops.asked(task.limits))
@@ -89,7 +93,7 @@ def _with_objective(task: MotionTask, options: Namespace) -> MotionTask:
     return task
 
 
-def _task(options: Namespace) -> tuple[MotionTask, str | None]:
+def _task(options: Namespace) -> tuple[MotionTask | CycleTask, str | None]:
     """The task, and the base data if it is a case."""
     if options.task in motion_cases():
         base = options.base or "effective"
@@ -98,7 +102,8 @@ def _task(options: Namespace) -> tuple[MotionTask, str | None]:
         raise InputError(f"{options.task}: neither a case (A to H) nor a task file (.toml)")
     if options.base is not None:
         raise InputError(f"--base: belongs to the cases A to H, got {options.task}")
-    return with_limits(load_task(options.task), options), None
+    task = read_task(options.task)
+    return task if isinstance(task, CycleTask) else with_limits(task, options), None
 
 
 @dataclass

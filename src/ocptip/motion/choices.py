@@ -69,7 +69,7 @@ def plainest_cost(task: MotionTask) -> float:
 
 
 def rounds(
-    tasks: list[MotionTask], starts: int, costs: dict[int, float]
+    tasks: list[MotionTask], starts: int, costs: dict[int, float], begin: int = 0
 ) -> Iterator[list[tuple[MotionTask, int]]]:
     """Which starts to run, as pairs of task and number; the second round after the costs of the first.
 
@@ -77,7 +77,11 @@ def rounds(
         tasks: best first.
         starts: in all.
         costs: of the verified motions so far, by number of the start; filled by the caller meanwhile.
+        begin: number of the first start; not 0 for a single task only.
     """
+    if begin:
+        yield [(tasks[0], k) for k in range(begin, begin + starts)]
+        return
     first = starts if len(tasks) == 1 else min(starts, len(tasks))
     yield [(tasks[min(k, len(tasks) - 1)], k) for k in range(first)]
     if first < starts:

@@ -11,7 +11,7 @@ import dataclasses
 import json
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -131,7 +131,7 @@ def write_motion_csv(path: str | os.PathLike[str], samples: MotionSamples) -> No
     Raises:
         OSError: the file cannot be written; names it.
     """
-    write_text(path, _csv(samples))
+    write_text(path, csv_text(csv_blocks(samples)))
 
 
 def joint_trajectory(
@@ -199,14 +199,33 @@ def write_plan(
     data = {**plan_to_dict(plan, execution), **plain(extra or {})}
     texts = {
         PLAN: json.dumps(data, indent=2, allow_nan=False) + "\n",
-        MOTION: _csv(samples),
+        MOTION: csv_text(csv_blocks(samples)),
         TRAJECTORY: json.dumps(points, allow_nan=False) + "\n",
     }
+    source = _source(plan.task)
+    text = source.text(plan.task.name, plan.task.limits, plan.task.objective) if source else ""
+    return write_folder(directory, texts, source, text)
+
+
+def write_folder(
+    directory: Path, texts: Mapping[str, str], source: TaskSource | None, task: str
+) -> list[Path]:
+    """Write the files of a plan, its task and what that names, and their hashes; returns the paths.
+
+    Args:
+        directory: made if it does not exist; files of an earlier plan that are not written again go.
+        texts: by name.
+        source: of the task, if there is one.
+        task: content of the task's file.
+
+    Raises:
+        OSError: a file or the directory cannot be written; names it.
+    """
     directory.mkdir(exist_ok=True)
     earlier = written_names(directory)
     for name, text in texts.items():
         write_text(directory / name, text)
-    names = [*texts, *_write_task(directory, plan.task)]
+    names = [*texts, *(_write_task(directory, source, task) if source else ())]
     for name in set(earlier) - set(names):
         (directory / name).unlink(missing_ok=True)
     return [*(directory / name for name in names), write_sums(directory, names)]
@@ -218,12 +237,8 @@ def _source(task: MotionTask) -> TaskSource | None:
     return source if source is not None and source.robot is task.robot else None
 
 
-def _write_task(directory: Path, task: MotionTask) -> list[str]:
-    """Write the task's file and what it names, as far as there is one; returns names within the directory."""
-    source = _source(task)
-    if source is None:
-        return []
-    text = source.text(task.name, task.limits, task.objective)
+def _write_task(directory: Path, source: TaskSource, text: str) -> list[str]:
+    """Write the task's file and what it names; returns names within the directory."""
     beside = {(Path(TASK).parent / name).as_posix(): content for name, content in source.files.items()}
     for name, content in {TASK: text.encode("utf-8"), **beside}.items():
         (directory / name).parent.mkdir(parents=True, exist_ok=True)
@@ -273,7 +288,8 @@ def _intervals(motion: Motion, times: np.ndarray, left: np.ndarray) -> np.ndarra
     return intervals[np.where(left, before, upto) - 1]
 
 
-def _csv(samples: MotionSamples) -> str:
+def csv_blocks(samples: MotionSamples) -> list[tuple[str, np.ndarray]]:
+    """Columns of motion.csv, see :func:`write_motion_csv`: name and values (N,) each."""
     n, contacts = samples.angles.shape[1], samples.slip.usage.shape[1]
     blocks: list[tuple[str, np.ndarray]] = [("time_s", samples.times)]
     units = ["m" if unit == "m" else "deg" for unit in samples.units or ("rad",) * n]
@@ -294,7 +310,11 @@ def _csv(samples: MotionSamples) -> str:
         ("friction_use{}", samples.slip.usage),
     ):
         blocks += [(name.format(k + 1), values[:, k]) for k in range(contacts)]
-    blocks += list(zip(samples.further_names, samples.further.T, strict=True))
+    return [*blocks, *zip(samples.further_names, samples.further.T, strict=True)]
+
+
+def csv_text(blocks: Sequence[tuple[str, np.ndarray]]) -> str:
+    """A table of columns."""
     rows = np.column_stack([values for _, values in blocks]) + 0.0  # no -0
     lines = [",".join(name for name, _ in blocks)]
     lines += [",".join(f"{x:.15g}" for x in row) for row in rows.tolist()]

@@ -72,6 +72,7 @@ def plan_motion(
     task: MotionTask,
     *,
     starts: int = 8,
+    first: int = 0,
     seed: int = 0,
     executor: Executor | None = None,
     jobs: int | None = None,
@@ -88,6 +89,7 @@ def plan_motion(
     Args:
         task: made by hand, or one of `ocptip.published.tasks` or `ocptip.task_files.motion`.
         starts: number of random starts.
+        first: number of the first of them: with `first=2` those follow that `starts=2` has run.
         seed: of the random motions.
         executor: runs the starts: any `concurrent.futures` executor, such as `dask_client.get_executor()`.
             Default is a process pool of its own; as always with process pools, a script needs its `if
@@ -114,7 +116,7 @@ def plan_motion(
         with threadpool_limits(1):
             tasks = likely_choices(task)
         with nullcontext() if own else worker_pool(executor, jobs, starts) as pool:
-            for batch in rounds(tasks, starts, costs):
+            for batch in rounds(tasks, starts, costs, first):
                 tasks_of.update((number, chosen) for chosen, number in batch)
                 for attempt in _in_process(batch, seed) if own else _in_pool(pool, batch, seed):
                     attempts.append(attempt)

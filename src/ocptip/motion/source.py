@@ -16,7 +16,8 @@ from ocptip.standing.path_stops import PathStops
 TASK = "task/task.toml"
 """The task file within a plan's folder; beside it what it names."""
 
-_LIMITS = ("GN", "GT", "torque_ratio", "clearance", "foot_lift", "foot_force", "jump_foot_force")
+LIMITS = ("GN", "GT", "torque_ratio", "clearance", "foot_lift", "foot_force", "jump_foot_force")
+"""Keys of `[limits]` that are fields of `MotionLimits`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +38,7 @@ class TaskSource:
         """A task file with this name, these limits and this objective, whatever the file said."""
         data = {} if "case" in self.data else {"name": name}
         data |= {key: dict(v) if isinstance(v, Mapping) else v for key, v in self.data.items()}
-        data.setdefault("limits", {}).update({name: getattr(limits, name) for name in _LIMITS})
+        data.setdefault("limits", {}).update({name: getattr(limits, name) for name in LIMITS})
         data.pop("tolerance", None)
         if limits.tolerance.given:
             data["tolerance"] = limits.tolerance.to_table()

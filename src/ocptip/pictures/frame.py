@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from ocptip.basics.write import atomic_file
 
 # Okabe and Ito's palette, told apart with any colour vision; its yellow is too pale for lines on white.
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
+SEGMENT = "#f4f7fb"
 
 
 LEGEND_SIZE, LEGEND_HANDLE, LEGEND_GAP = 8.5, 1.8, 1.2
@@ -70,3 +71,11 @@ def save_figures(
         with atomic_file(paths[-1]) as stream:
             draw().savefig(stream, format="png", dpi=dpi)
     return paths
+
+
+def mark_segments(ax: Any, segments: Iterable[tuple[float, float, str]]) -> None:
+    """Shade the motions of a cycle on a time axis, and name them: begin and end, s, and name of each."""
+    for begin, end, name in segments:
+        ax.axvspan(begin, end, color=SEGMENT, zorder=-1, lw=0)
+        at = {"xy": (begin, 0.0), "xycoords": ("data", "axes fraction"), "textcoords": "offset points"}
+        ax.annotate(name, xytext=(2, 3), fontsize=7, color="#404040", annotation_clip=False, **at)

@@ -25,6 +25,7 @@ from ocptip.pictures.frame import (
     LEGEND_HANDLE,
     LEGEND_SIZE,
     legend_columns,
+    mark_segments,
     new_figure,
     save_figures,
 )
@@ -351,6 +352,7 @@ def _finish(
     """Events, time axis, title, and the legend between title and panel, where it covers no curve."""
     for t in curves.plan.motion.event_times:
         ax.axvline(t, color=EVENT, lw=0.8, zorder=0)
+    mark_segments(ax, getattr(curves.plan, "segments", ()))
     ax.set_xlabel("time [s]")
     ax.set_ylabel(label)
     ax.xaxis.set_tick_params(labelbottom=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -26,6 +26,10 @@ class Margin:
     value: float
     time: float
     contacts: tuple[int, ...] = ()
+
+    def later(self, seconds: float) -> Margin:
+        """The same at a time so much later."""
+        return replace(self, time=self.time + seconds)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
@@ -84,6 +88,12 @@ class ContactMargins:
             _smaller(self.friction, other.friction, -1.0),
             self.unique,
         )
+
+    def later(self, seconds: float) -> ContactMargins:
+        """The same at times so much later."""
+        names = ("force", "moment", "edge", "friction")
+        known = {name: margin for name in names if (margin := getattr(self, name))}
+        return replace(self, **{name: margin.later(seconds) for name, margin in known.items()})
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON; units are in the keys."""

@@ -30,15 +30,17 @@ _LIMITS = {  # key: limit, whether it is one of sliding joints, scale
     "acceleration_m_s2": ("acceleration", True, 1.0),
     "force_N": ("torque", True, 1.0),
 }
+LOCKED = {"locked_deg": (False, DEGREES), "locked_m": (True, 1.0)}  # key: of sliding joints, scale
 FULL_SPEED = 0.5
 """s in which a joint reaches its full speed, where no acceleration is given."""
 
 
-def read_arm(table: Table) -> ArmModel:
+def read_arm(table: Table, gripper: Table | None = None) -> ArmModel:
     """The arm of `[arm]`, in the base frame.
 
     Args:
         table: `[arm]`.
+        gripper: a further table with locked joints, which win over those of `[arm]`.
 
     Raises:
         InputError: a value is missing, unknown or cannot be used; names its place.
@@ -47,10 +49,12 @@ def read_arm(table: Table) -> ArmModel:
     position = table.vector("mount_position", 3)
     rotation = table.rotation("mount_", np.eye(3))
     if kind == "urdf":
-        arm = _arm_from_urdf(table)
+        arm = _arm_from_urdf(table, gripper)
     else:
         name = table.text("name")
         table.close("limits")
+        for key in (key for key in LOCKED if gripper is not None and key in gripper):
+            raise gripper.error("only joints of a URDF can be locked", key)
         with table.at(arm="name"):
             arm = load_arm(name)
     with table.at():
@@ -78,17 +82,18 @@ def _with_limits(arm: ArmModel, table: Table) -> ArmModel:
     return replace(arm, notes=(*arm.notes, note))
 
 
-def _arm_from_urdf(table: Table) -> ArmModel:
+def _arm_from_urdf(table: Table, gripper: Table | None) -> ArmModel:
     with table.at("urdf"):
         file = read_urdf(table.path_of("urdf"))
     names = {key: table.text(key, None) for key in ("base_link", "tool_frame")}
     locked = {}
-    for key, slides, scale in (("locked_deg", False, DEGREES), ("locked_m", True, 1.0)):
-        joints = table.table(key, optional=True)
-        wanted = {joint: joints.number(joint, scale=scale) for joint in joints}
-        if wanted:
-            with table.at(key):
-                locked |= file.locked(wanted, slides=slides)
+    for source in (table, gripper) if gripper is not None else (table,):
+        for key, (slides, scale) in LOCKED.items():
+            joints = source.table(key, optional=True)
+            wanted = {joint: joints.number(joint, scale=scale) for joint in joints}
+            if wanted:
+                with source.at(key):
+                    locked |= file.locked(wanted, slides=slides)
     accepted = _accepted_links(table)
     geometry = table.flag("collision", True)
     folders, srdf = table.folders("package_dirs"), table.path_of("srdf", None)

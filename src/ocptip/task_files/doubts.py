@@ -18,12 +18,14 @@ _ANGLES = (  # judged together; inclinations and mounts may well be small
     r"motion\.(start|goal)_deg(\..+)?",
     r"arm\.limits\.angle_(min|max)_deg(\..+)?",
     r"arm\.locked_deg\..+",
-    r"(task\[\d+\]|motion\.(start|goal)_pose)\.(rpy|rotation_vector)_deg",
+    r"segment\[\d+\]\.goal_deg(\..+)?",
+    r"segment\[\d+\]\.locked_deg\..+",
+    r"(task\[\d+\]|(motion|segment\[\d+\])\.(start|goal)_pose)\.(rpy|rotation_vector)_deg",
 )
 _LENGTHS = re.compile(  # of robot and base; the world may be large
     r"contact\[\d+\]\.position|base\.(center_of_mass|feet|ground)|(arm|robot)\.mount_position"
-    r"|arm\.sphere_radius|payload\.(center_of_mass|box)"
-    r"|(base|payload)\.shape(\[\d+\])?\.(position|size|radius|length)"
+    r"|arm\.sphere_radius|(segment\[\d+\]\.)?payload\.(\w+\.)?(center_of_mass|box)"
+    r"|(base|(segment\[\d+\]\.)?payload(\.\w+)?)\.shape(\[\d+\])?\.(position|size|radius|length)"
 )
 
 _LIGHTEST_BASE = 0.25  # of the arm's mass; the published experiments had 0.42

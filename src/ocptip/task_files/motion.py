@@ -18,6 +18,7 @@ from ocptip.basics.toml import DEGREES, Table
 from ocptip.contact.support import Support
 from ocptip.motion.objective import objective_of
 from ocptip.motion.postures import posture_pairs, postures_of
+from ocptip.motion.source import LIMITS
 from ocptip.motion.task import FIRST_SEVEN, MotionTask, check_commands
 from ocptip.published.cases import motion_cases
 from ocptip.published.tasks import BASES, experiment_task
@@ -27,7 +28,7 @@ from ocptip.standing.arm import StandingRobot
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import overshoot_of
-from ocptip.task_files.arm import require_geometry
+from ocptip.task_files.arm import LOCKED, read_arm, require_geometry
 from ocptip.task_files.doubts import doubt_masses, doubt_units, doubt_way
 from ocptip.task_files.joint_values import joint_values
 from ocptip.task_files.kinds import require_kind
@@ -39,7 +40,7 @@ from ocptip.task_files.source import task_source
 from ocptip.task_files.stops import with_stops
 from ocptip.task_files.tolerance import read_tolerance
 
-_LIMITS = ("GN", "GT", "torque_ratio", "clearance", "foot_lift", "foot_force", "jump_foot_force")
+TABLES = ("name", *SCENE, "arm", "robot", "payload", "motors", "obstacle", "motion", "limits", "tolerance")
 
 
 def load_task(path: str | os.PathLike[str]) -> MotionTask:
@@ -58,10 +59,9 @@ def load_task(path: str | os.PathLike[str]) -> MotionTask:
         if "case" in data:
             return _published(data)
         doubt_units(data)
-        data.close(
-            *("name", *SCENE, "arm", "robot", "payload", "motors", "obstacle", "motion", "limits"),
-            *("tolerance", "stops"),
-        )
+        if "segment" in data:
+            raise data.error("several motions are a cycle: ocptip.task_files.cycle.read_task", "segment")
+        data.close(*TABLES, "stops")
         task = with_stops(data, _task(data, path))
         task = replace(task, source=task_source(data, task.robot))
         doubt_masses(data, task.robot)
@@ -73,7 +73,7 @@ def _published(data: Table) -> MotionTask:
     """A printed case, with limits, objective and duration of the file."""
     name, base = data.choice("case", motion_cases()), data.choice("base", BASES, "effective")
     motion, limits = data.table("motion", optional=True), data.table("limits", optional=True)
-    limits = limits.make(MotionLimits, **limits.numbers(*_LIMITS), **_durations(motion))
+    limits = limits.make(MotionLimits, **limits.numbers(*LIMITS), **_durations(motion))
     limits = replace(limits, tolerance=read_tolerance(data.table("tolerance", optional=True)))
     wanted = motion.text("objective", None), motion.number("price_per_second", None)
     objective = motion.make(objective_of, *wanted)
@@ -82,39 +82,78 @@ def _published(data: Table) -> MotionTask:
 
 
 def _task(data: Table, path: Path) -> MotionTask:
-    shapes = read_base_shapes(data)
-    support = read_support(data)
-    table = data.table("limits", optional=True)
-    moment = table.number("reference_moment", None, bound="> 0")
-    margin = table.number("angle_margin_deg", 0.0, scale=DEGREES, bound=">= 0")
-    jumps = _jumps(table, support)
-    limits = table.make(MotionLimits, angle_margin=margin, **table.numbers(*_LIMITS), **jumps)
-    limits = replace(limits, tolerance=read_tolerance(data.table("tolerance", optional=True)))
-    name = data.text("name", path.stem)
-    if "robot" in data:
-        platform = read_platform_robot(data, support, moment)
-        motion = data.table("motion")
-        start, goal = (motion.vector(key, platform.n) for key in ("start", "goal"))
-        return _ramp_task(name, platform, start, goal, limits, motion)
-    arm, motors = arm_and_motors(data)
-    require_geometry(data, arm, {"base.shape": shapes, "obstacle": data.tables("obstacle")})
-    obstacles = read_obstacles(data, "obstacle")
-    robot = StandingRobot(arm, support, motors, obstacles=obstacles, shapes=shapes, reference_moment=moment)
-    motion = data.table("motion")
-    targets = _target(arm, motion, "start"), _target(arm, motion, "goal")
-    found = []
-    for key, target in zip(("start", "goal"), targets, strict=True):
-        if target is None:
-            found.append(_given(arm, motion, key))
-            continue
-        with motion.table(f"{key}_pose").at(pose=""):
-            found.append(postures_of(arm, target, limits))
-    pairs = posture_pairs(robot, limits, *found)
-    task = _ramp_task(name, robot, *pairs[0], limits, motion)
+    scene = TaskScene(data)
+    name, robot, motion = data.text("name", path.stem), scene.robot(), data.table("motion")
+    ends = [read_end(robot, motion, key, scene.limits) for key in ("start", "goal")]
+    starts, goals = (postures for postures, _ in ends)
+    if not isinstance(robot, StandingRobot):
+        return ramp_task(name, robot, starts[0], goals[0], scene.limits, motion)
+    pairs = posture_pairs(robot, scene.limits, starts, goals)
+    task = ramp_task(name, robot, *pairs[0], scene.limits, motion)
+    targets = ends[0][1], ends[1][1]
     return replace(task, targets=targets, choices=tuple(pairs) if len(pairs) > 1 else ())
 
 
-def _ramp_task(
+class TaskScene:
+    """What all motions of a file have in common: where the robot stands, what stands around it, limits.
+
+    Args:
+        data: the file.
+
+    Attributes:
+        limits: of `[limits]`.
+
+    Raises:
+        InputError: a value is missing, unknown or cannot be used; names its place.
+    """
+
+    def __init__(self, data: Table) -> None:
+        self._data, self._arms = data, dict[str, ArmModel]()
+        self._shapes = read_base_shapes(data)
+        self._support = read_support(data)
+        table = data.table("limits", optional=True)
+        self._moment = table.number("reference_moment", None, bound="> 0")
+        margin = table.number("angle_margin_deg", 0.0, scale=DEGREES, bound=">= 0")
+        jumps = _jumps(table, self._support)
+        limits = table.make(MotionLimits, angle_margin=margin, **table.numbers(*LIMITS), **jumps)
+        tolerance = read_tolerance(data.table("tolerance", optional=True))
+        self.limits = replace(limits, tolerance=tolerance)
+
+    def robot(self, segment: Table | None = None) -> StandingMechanism:
+        """The robot on its support, with what it holds in a segment of a cycle."""
+        data = self._data
+        if "robot" in data:
+            return read_platform_robot(data, self._support, self._moment, segment)
+        gripper = "" if segment is None else repr([segment.value(key, None) for key in LOCKED])
+        if gripper not in self._arms:
+            self._arms[gripper] = read_arm(data.table("arm"), segment)
+        arm, motors = arm_and_motors(data, segment, self._arms[gripper])
+        require_geometry(data, arm, {"base.shape": self._shapes, "obstacle": data.tables("obstacle")})
+        obstacles = read_obstacles(data, "obstacle")
+        return StandingRobot(
+            arm,
+            self._support,
+            motors,
+            obstacles=obstacles,
+            shapes=self._shapes,
+            reference_moment=self._moment,
+        )
+
+
+def read_end(
+    robot: StandingMechanism, table: Table, key: str, limits: MotionLimits
+) -> tuple[np.ndarray, PoseTarget | None]:
+    """Postures (k, n) of a start or a goal, and the pose they are postures of, if it is one."""
+    if not isinstance(robot, StandingRobot):
+        return table.vector(key, robot.n)[None], None
+    target = _target(robot.arm, table, key)
+    if target is None:
+        return _given(robot.arm, table, key), None
+    with table.table(f"{key}_pose").at(pose=""):
+        return postures_of(robot.arm, target, limits), target
+
+
+def ramp_task(
     name: str,
     robot: StandingMechanism,
     start: np.ndarray,
@@ -122,7 +161,7 @@ def _ramp_task(
     limits: MotionLimits,
     table: Table,
 ) -> MotionTask:
-    """The task with the optimised joints and commands of [motion]."""
+    """The task with the optimised joints, commands, objective and durations of [motion]."""
     key, commands = "optimised", table.value("commands", 3)
     limits = replace(limits, **_durations(table))
     wanted = table.text("objective", None), table.number("price_per_second", None)

@@ -11,25 +11,30 @@ from ocptip.published.arms import modular_motors
 from ocptip.robots.model import ArmModel
 from ocptip.robots.motors import DCMotors, Motors
 from ocptip.task_files.arm import carrying, read_arm, require_geometry
-from ocptip.task_files.payload import read_payload
+from ocptip.task_files.payload import payload_table, read_payload
 from ocptip.task_files.shapes import read_shapes
 
 _DATASHEET = ("resistance", "torque_constant", "gear_ratio")
 
 
-def arm_and_motors(data: Table) -> tuple[ArmModel, Motors]:
+def arm_and_motors(
+    data: Table, segment: Table | None = None, arm: ArmModel | None = None
+) -> tuple[ArmModel, Motors]:
     """The arm of a file and its motors, by default measured ones of modular arms, estimated ones of others.
 
     Args:
         data: the file.
+        segment: of a cycle, which may say what is held and where the gripper's joints stand.
+        arm: what `read_arm` has read from them, if it has.
 
     Raises:
         InputError: a value is missing, unknown or cannot be used; names its place.
     """
-    arm = read_arm(data.table("arm"))
-    held = read_shapes(data.table("payload", optional=True), "payload", carried=True)
+    arm = arm or read_arm(data.table("arm"), segment)
+    load = payload_table(data, segment)
+    held = [] if load is None else read_shapes(load, "payload", carried=True)
     require_geometry(data, arm, {"payload.shape": held})
-    arm = carrying(arm.with_payload(read_payload(data)), held)
+    arm = carrying(arm.with_payload(read_payload(load)), held)
     modular = "name" in data.table("arm")
     table = data.table("motors", optional=True)
     kind = table.choice("kind", ("modular", "estimated", "dc"), "modular" if modular else "estimated")

@@ -11,12 +11,14 @@ from typing import Any
 from ocptip.basics.errors import InputError
 from ocptip.basics.sums import SUMS, require_unchanged
 from ocptip.basics.toml import read_text
+from ocptip.motion.cycles.task import CycleTask
 from ocptip.motion.output import PLAN
 from ocptip.motion.source import TASK
 from ocptip.motion.task import MotionTask
-from ocptip.task_files.motion import load_task
-from ocptip.trajectories.read import load_motion
+from ocptip.task_files.cycle import read_task
+from ocptip.trajectories.read import load_motions
 from ocptip.trajectories.sampled import Motion
+from ocptip.trajectories.sequence import MotionSequence
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,8 +33,8 @@ class PlanFolder:
     """
 
     path: Path
-    task: MotionTask
-    motion: Motion
+    task: MotionTask | CycleTask
+    motion: Motion | MotionSequence
     data: dict[str, Any]
 
 
@@ -60,6 +62,6 @@ def read_plan_folder(path: str | os.PathLike[str]) -> PlanFolder:
     require_unchanged(folder)
     if not (folder / TASK).is_file():
         raise InputError(f"holds no {TASK}: its task was made in Python", "", str(folder))
-    task = load_task(folder / TASK)
-    motion = load_motion(folder / PLAN, task.robot.names, task.robot.units)
+    task = read_task(folder / TASK)
+    motion = load_motions(folder / PLAN, task.robot.names, task.robot.units)
     return PlanFolder(folder, task, motion, json.loads(read_text(folder / PLAN)))

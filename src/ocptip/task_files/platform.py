@@ -14,16 +14,19 @@ from ocptip.parallel.robot import ParallelRobot
 from ocptip.standing.platform import PlatformLimits, StandingParallelRobot
 from ocptip.task_files.motors import dc_motors
 from ocptip.task_files.parallel import read_parallel_robot
-from ocptip.task_files.payload import read_payload
+from ocptip.task_files.payload import payload_table, read_payload
 
 
-def read_platform_robot(data: Table, support: Support, moment: float | None) -> StandingParallelRobot:
+def read_platform_robot(
+    data: Table, support: Support, moment: float | None, segment: Table | None = None
+) -> StandingParallelRobot:
     """The robot of a file on its support.
 
     Args:
         data: the file.
         support: of its scene.
         moment: reference moment, N m, or None.
+        segment: of a cycle.
 
     Raises:
         InputError: a value is missing, unknown or cannot be used; names its place.
@@ -32,7 +35,7 @@ def read_platform_robot(data: Table, support: Support, moment: float | None) -> 
         if key in data:
             raise data.error("not together with [robot]; the box of its coordinates keeps it off others", key)
     table = data.table("robot")
-    name, payload = table.text("parallel"), read_payload(data)
+    name, payload = table.text("parallel"), read_payload(payload_table(data, segment))
     mount = {"position": table.vector("mount_position", 3), "rotation": table.rotation("mount_", np.eye(3))}
     table.close("limits")
     with table.at("parallel"):

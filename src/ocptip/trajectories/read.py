@@ -11,12 +11,13 @@ from typing import Any
 import numpy as np
 
 from ocptip.basics.doubts import doubt_degrees
-from ocptip.basics.errors import InputError, finite_array, refuse_huge
+from ocptip.basics.errors import InputError, finite_array, naming, positive_number, refuse_huge
 from ocptip.basics.toml import read_text
 from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.controllers import controller_points
 from ocptip.trajectories.read_csv import motion_from_csv, require_units
 from ocptip.trajectories.sampled import Motion, SampledMotion
+from ocptip.trajectories.sequence import MotionSequence
 
 
 def load_motion(
@@ -58,17 +59,35 @@ def load_motion(
             data = _json(text)
             if isinstance(data, dict) and "points" in data:
                 return _from_points(data, names)
-            motion = ArmMotion.from_dict(data)
-            require_units(data.get("units", ["deg"] * motion.n), units)
-            _refuse_huge_commands(motion)
-            if "controller" in data:
-                return _as_run(motion, data["controller"])
-            turning = np.array(data.get("units", ["deg"] * motion.n)) == "deg"
-            doubt_degrees("start, commands", np.rad2deg(motion.angle_ranges[turning]))
-            return motion
+            if isinstance(data, dict) and "segments" in data:
+                raise InputError("segments: several motions, a cycle; its robots are those of a task file")
+            return _from_commands(data, units)
         return motion_from_csv(text, names, units, unit)
     except InputError as error:
         raise InputError(error.text, error.path, path.name) from None
+
+
+def load_motions(
+    path: str | os.PathLike[str],
+    names: Sequence[str] | None = None,
+    units: Sequence[str] = (),
+    *,
+    unit: str = "",
+) -> Motion | MotionSequence:
+    """Read a motion as :func:`load_motion` does, or the segments of the plan.json of a cycle.
+
+    Raises:
+        InputError: see :func:`load_motion`; names the segment.
+    """
+    path = Path(path)
+    text = read_text(path)
+    try:
+        data = _json(text) if text.lstrip().startswith("{") else {}
+        if "segments" in data:
+            return _from_segments(data["segments"], units)
+    except InputError as error:
+        raise InputError(error.text, error.path, path.name) from None
+    return load_motion(path, names, units, unit=unit)
 
 
 def motion_origin(path: str | os.PathLike[str]) -> dict[str, str]:
@@ -90,6 +109,31 @@ def _as_run(motion: ArmMotion, controller: Any) -> SampledMotion:
     except (KeyError, TypeError):
         keys = "name, slower, step_s, rise_time_s"
         raise InputError(f"controller: expected a table with {keys}, got {controller!r}") from None
+
+
+def _from_commands(data: Any, units: Sequence[str]) -> Motion:
+    """Ramp commands, as they are or as a controller runs them."""
+    motion = ArmMotion.from_dict(data)
+    require_units(data.get("units", ["deg"] * motion.n), units)
+    _refuse_huge_commands(motion)
+    if "controller" in data:
+        return _as_run(motion, data["controller"])
+    turning = np.array(data.get("units", ["deg"] * motion.n)) == "deg"
+    doubt_degrees("start, commands", np.rad2deg(motion.angle_ranges[turning]))
+    return motion
+
+
+def _from_segments(rows: Any, units: Sequence[str]) -> MotionSequence:
+    """The motions of a cycle's plan."""
+    if not isinstance(rows, list) or not rows or not all(isinstance(row, dict) for row in rows):
+        raise InputError("segments: expected a list of motions with start, commands and rest_s")
+    motions, pauses = [], []
+    for number, row in enumerate(rows, 1):
+        with naming(f"segments[{number}]"):
+            motions.append(_from_commands(row, units))
+            pauses.append(positive_number("rest_s", row.get("rest_s", 0.0), zero_allowed=True))
+            refuse_huge("rest_s", pauses[-1])
+    return MotionSequence(tuple(motions), tuple(pauses))
 
 
 def _refuse_huge_commands(motion: ArmMotion) -> None:

@@ -1,0 +1,268 @@
+"""What `ocptip plan` and `ocptip check` say of cycles: several motions in one task."""
+
+from __future__ import annotations
+
+import sys
+from argparse import Namespace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ocptip.basics.errors import InputError, PlanningError
+from ocptip.basics.text import quantity, ratio
+from ocptip.basics.write import plain
+from ocptip.cli.command import Answer, Report
+from ocptip.cli.layout import summary, table, under, use_of_reserves, within_rows
+from ocptip.cli.options import given_limits, output_directory, remove_figures
+from ocptip.cli.progress import Progress, say_if_compiling
+from ocptip.motion.cycles.check import CycleCheck, check_cycle, cycle_check, parts_of
+from ocptip.motion.cycles.output import cycle_samples, cycle_to_dict, run_motion, write_cycle
+from ocptip.motion.cycles.plan import CyclePlan, plan_cycle
+from ocptip.motion.cycles.task import CycleTask
+from ocptip.motion.cycles.tolerated import cycle_tolerances
+from ocptip.motion.execution import Execution, execute
+from ocptip.motion.objective import objective_of
+from ocptip.motion.tolerated import Tolerated
+from ocptip.numerics.vectors import wrapped
+from ocptip.trajectories.sampled import Motion, SampledMotion
+from ocptip.trajectories.sequence import MotionSequence
+
+_NOT_OF_CYCLES = ("duration", "max_duration")
+_COLUMNS = ("GN", "GT", "torque_ratio", "clearance_m")
+_HEADS = {"GN": "GN", "GT": "GT", "torque_ratio": "torque", "clearance_m": "clearance"}
+
+
+def plan_it(task: CycleTask, options: Namespace) -> Report:
+    """Plan a cycle; where there is no plan, the report says why."""
+    for name in _NOT_OF_CYCLES:
+        if getattr(options, name) is not None:
+            option = f"--{name.replace('_', '-')}"
+            raise InputError(f"{option}: of a cycle belongs to its [[segment]]s, as a key of this name")
+    require_plain(options, "stop_safe", "sensitivities")
+    task = task.with_limits(given_limits(options))
+    if options.objective is not None or options.price_per_second is not None:
+        task = task.with_objective(objective_of(options.objective, options.price_per_second))
+    directory = output_directory(options, task.name)
+    say_if_compiling()
+    best = f"best of this segment {{:.{3 if task.objective.unit == 's' else 1}f}} {task.objective.unit}"
+    try:
+        with Progress(sys.stderr, "comparing postures ...", "no verified plan yet", best) as progress:
+            plan = plan_cycle(
+                task, starts=options.starts, seed=options.seed, jobs=options.jobs, progress=progress
+            )
+    except PlanningError as error:
+        data = {"case": task.name, "verified": False, "status": f"{error}", **task.robot.masses_to_dict()}
+        return Answer(False, summary(f"{task.name}: NO VERIFIED PLAN. {error}", [], []), data)
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt("before a segment had a verified plan") from None
+    executions = _executions(plan, options)
+    motion = run_motion(plan, executions)
+    checked = cycle_check(plan.finished, motion, [execution.check for execution in executions])
+    scaled = [(f, check_cycle(plan.finished, plan.motion.time_scaled(f))) for f in options.time_scale]
+    deviations = cycle_tolerances(plan.finished, motion)
+    written = directory, not options.no_figures, options.effort
+    return CycleReport(plan, executions, motion, checked, scaled, deviations, *written)
+
+
+def require_plain(options: Namespace, *names: str) -> None:
+    """Refuse options that are for single motions only."""
+    for name in names:
+        if getattr(options, name):
+            raise InputError(f"--{name.replace('_', '-')}: not for cycles")
+
+
+def _executions(plan: CyclePlan, options: Namespace) -> list[Execution]:
+    """What runs each segment."""
+    if options.controller == "ramps":
+        return [Execution.of_ramps(part.motion, part.check) for part in plan.parts]
+    times = {"step": 1 / options.rate, "rise_time": options.rise_time}
+    return [execute(p.task.robot, p.motion, p.task.limits, options.controller, **times) for p in plan.parts]
+
+
+@dataclass
+class CycleReport(Report):
+    """A planned cycle.
+
+    Attributes:
+        plan: the plan.
+        executions: what runs each segment.
+        motion: that is run.
+        check: of that.
+        time_scale: factors with the checks of the plan run that much slower.
+        tolerated: deviations that lose no contact.
+        directory: where files go.
+        figures: whether figures are among them.
+        effort: whether trajectory.json has torques.
+    """
+
+    plan: CyclePlan
+    executions: list[Execution]
+    motion: MotionSequence
+    check: CycleCheck
+    time_scale: list[tuple[float, CycleCheck]] = field(default_factory=list)
+    tolerated: tuple[Tolerated, ...] = ()
+    directory: Path = Path()
+    figures: bool = True
+    effort: bool = False
+
+    @property
+    def good(self) -> bool:
+        """True if all segments are planned and what is written is verified."""
+        return self.plan.complete and self.check.whole.verified
+
+    def entries(self) -> dict[str, Any]:
+        """What plan.json holds beside the plan."""
+        rows = [{"factor": f, **checked.to_dict()} for f, checked in self.time_scale]
+        return {
+            **({"time_scale": rows} if rows else {}),
+            "tolerated": [one.to_dict() for one in self.tolerated],
+            "warnings": self.warnings,
+        }
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of plan.json and the list `written`."""
+        data = cycle_to_dict(self.plan, self.executions, self.check)
+        return {**data, **plain(self.entries()), "written": self.written}
+
+    def write(self) -> Iterator[Path]:
+        """Write plan.json, tables and figures."""
+        remove_figures(self.directory, "plan")
+        samples = cycle_samples(self.plan.task, self.motion)
+        how = {"samples": samples, "extra": self.entries(), "effort": self.effort}
+        yield from write_cycle(self.directory, self.plan, executions=self.executions, **how)
+        if self.figures:
+            from ocptip.pictures.cycle import draw_cycle
+
+            yield from draw_cycle(self.directory, self.plan.task, self.motion, self.check, samples)
+
+    def to_text(self) -> str:
+        """The summary in one line, a table of the segments, then what else is known."""
+        whole, plan = self.check.whole, self.plan
+        lines = [("starts", self._starts())]
+        if self.executions[0].controller != "ramps":
+            lines.append(("controller", self._controller()))
+        if "choices" in plan.options:
+            chosen = plan.options["choices"]
+            counts = ", ".join(map(str, chosen["postures"]))
+            lines.append(
+                ("postures", f"{counts} that stand at start and goals; {chosen['ways']} ways planned")
+            )
+        if plan.interrupted:
+            lines.append(("interrupted", self._interrupted()))
+        lines += under("contacts", whole.contacts.lines())
+        lines.append(("collision", whole.collision_text))
+        lines += segments_within(self.check)
+        lines += under("tolerates", self.tolerated)
+        lines += [(f"time x {f:g}", scaled_text(checked)) for f, checked in self.time_scale]
+        lines += under("assumed", plan.task.robot.notes)
+        head = "\n".join([self.headline(), "", *segment_table(plan.task, self.check), ""])
+        return summary(head, lines, self.written)
+
+    def headline(self) -> str:
+        """Status, energy, duration, use of the reserves."""
+        whole = self.check.whole
+        verdict = "VERIFIED" if whole.verified else "NOT VERIFIED"
+        if not self.plan.complete:
+            verdict = f"INCOMPLETE ({len(self.plan.parts)} of {len(self.plan.task.segments)} segments)"
+        broken = "" if whole.verified else f" Broken: {'; '.join(whole.violations)}."
+        return (
+            f"{self.plan.task.name}: {verdict}{whole.scope}. {whole.energy:.1f} J in {whole.duration:.3f} s, "
+            f"{use_of_reserves(whole)}.{broken}"
+        )
+
+    def _starts(self) -> str:
+        found = [start for part in self.plan.parts for start in part.starts]
+        verified, iterations = sum(s.verified for s in found), sum(s.iterations for s in found)
+        return (
+            f"{verified} of {len(found)} verified, {iterations} iterations, {self.plan.seconds:.1f} s, "
+            f"seed {self.plan.seed}"
+        )
+
+    def _interrupted(self) -> str:
+        if self.plan.complete:
+            return "this is the best of the starts that had finished"
+        left = ", ".join(s.name for s in self.plan.task.segments[len(self.plan.parts) :])
+        return f"without a plan: {left}; no trajectory.json"
+
+    def _controller(self) -> str:
+        slower = max(execution.slower for execution in self.executions)
+        how = f", ramps slowed down by up to {100 * (slower - 1):.2f} %" if slower > 1 else ""
+        return f"{self.executions[0].controller}{how}; all numbers are of that motion"
+
+
+def segment_table(task: CycleTask, check: CycleCheck) -> list[str]:
+    """One row per segment: what it holds, energy, duration, rest, worst values; and one of all."""
+    rows = [["segment", "holds", "energy", "time", "rest", *_HEADS.values(), ""]]
+    for k, (name, own) in enumerate(zip(check.names, check.segments, strict=True)):
+        payload = task.segments[k].task.robot.payload
+        pause, energy = check.pauses[k], check.rest_energies[k]
+        rest = f"{quantity(pause, 's')}, {quantity(energy, 'J')}" if pause else "-"
+        rows.append(
+            [
+                f"{k + 1} {name}",
+                quantity(payload.mass, "kg") if payload else "nothing",
+                quantity(own.energy, "J"),
+                f"{own.duration:.3f} s",
+                rest,
+                *_values(own),
+                "" if own.verified else "BROKEN",
+            ]
+        )
+    whole = check.whole
+    rest = f"{quantity(sum(check.pauses), 's')}, {quantity(sum(check.rest_energies), 'J')}"
+    total = [quantity(whole.energy, "J"), f"{whole.duration:.3f} s", rest if any(check.pauses) else "-"]
+    rows.append(["in all", "", *total, *_values(whole), "" if whole.verified else "BROKEN"])
+    return table(rows, left=(0, 1))
+
+
+def _values(check: Any) -> list[str]:
+    values = [check.worst[name].value if name in check.worst else np.nan for name in _COLUMNS]
+    return [*map(ratio, values[:-1]), quantity(1e3 * values[-1], "mm")]
+
+
+def segments_within(check: CycleCheck) -> list[tuple[str, str]]:
+    """What the checks of the segments within a tolerance found; nothing without one."""
+    pairs = zip(check.names, check.segments, strict=True)
+    return [(name, f"{text} (segment {own})") for own, one in pairs for name, text in within_rows(one)]
+
+
+def scaled_text(checked: CycleCheck) -> str:
+    """What becomes of a cycle that is run faster or slower."""
+    whole = checked.whole
+    if whole.verified:
+        return f"stands, all limits kept: {whole.energy:.1f} J in {whole.duration:.3f} s"
+    verdict = "stands, but breaks limits" if whole.stands else "LOSES A CONTACT"
+    return f"{verdict}: {'; '.join(whole.violations)}"
+
+
+def segments_of(task: CycleTask, motion: Motion | MotionSequence) -> MotionSequence:
+    """The segments of what a file holds.
+
+    Raises:
+        InputError: it is not clear where they begin, or there are more or fewer than in the task.
+    """
+    if isinstance(motion, SampledMotion):
+        motion = parts_of(task, motion)
+    elif not isinstance(motion, MotionSequence):
+        motion = MotionSequence((motion,), (0.0,))
+    if len(motion) != len(task.segments):
+        raise InputError(f"has {len(motion)} segments, {task.name} has {len(task.segments)}")
+    return motion
+
+
+def seam_offsets(task: CycleTask, motion: MotionSequence) -> Sequence[tuple[str, np.ndarray]]:
+    """Start and ends of the segments, and how far they are off the nearest of the task's postures, (n,)."""
+    angular = np.array(task.robot.units) == "rad"
+    ends = [task.starts, *(segment.goals for segment in task.segments)]
+    names = ["start", *(f"goal of segment {segment.name}" for segment in task.segments)]
+    found = []
+    for name, postures, q in zip(
+        names, ends, [motion.start, *(own.goal for own in motion.motions)], strict=True
+    ):
+        off = q - postures
+        off = np.abs(np.where(angular, wrapped(off), off)) if len(postures) > 1 else np.abs(off)
+        found.append((name, off[np.argmin(off.max(axis=1))]))
+    return found

@@ -1,0 +1,189 @@
+"""Check of a cycle: every segment on its own robot and limits, the rests between, and the worst of all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ocptip.basics.errors import InputError
+from ocptip.motion.check import MotionCheck, check_motion
+from ocptip.motion.cycles.task import SAME, CycleTask
+from ocptip.standing.contact_margins import ContactMargins
+from ocptip.standing.limit import Worst
+from ocptip.trajectories.sampled import SampledMotion
+from ocptip.trajectories.sequence import MotionSequence, parted, standstills
+
+NEAR = 1e-3  # rad, m: a standstill so near to a segment's goal is that of the segment
+_MOST_WAYS = 10_000
+
+
+@dataclass(frozen=True)
+class CycleCheck:
+    """Outcome of the check of a cycle.
+
+    Attributes:
+        names: of the segments.
+        segments: check of each motion, rest before and after it with what it holds included; times are its
+            own.
+        begins: s, when each begins.
+        pauses: s, standstill after each.
+        rest_energies: J, electric, of these.
+        whole: of all: energy and duration with all rests, the worst value of each quantity, times from the
+            begin of the first.
+    """
+
+    names: tuple[str, ...]
+    segments: tuple[MotionCheck, ...]
+    begins: tuple[float, ...]
+    pauses: tuple[float, ...]
+    rest_energies: tuple[float, ...]
+    whole: MotionCheck
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON: those of the whole, and `segments` with those of each."""
+        rows = zip(self.names, self.segments, self.begins, self.pauses, self.rest_energies, strict=True)
+        return {
+            **self.whole.to_dict(),
+            "segments": [
+                {"name": name, "begin_s": begin, "rest_s": pause, "rest_energy_J": energy, **own.to_dict()}
+                for name, own, begin, pause, energy in rows
+            ],
+        }
+
+
+def check_cycle(task: CycleTask, motion: MotionSequence, *, step: float = 0.01) -> CycleCheck:
+    """Check the motions of a cycle, each against the limits and with the robot of its segment.
+
+    At each seam the base has to stand at rest with what is held before and after it.
+
+    Raises:
+        InputError: another number of motions than of segments, or one that does not fit the robot.
+    """
+    if len(motion) != len(task.segments):
+        raise InputError(f"motion: has {len(motion)} segments, {task.name} has {len(task.segments)}")
+    pairs = list(zip(task.segments, motion.motions, strict=True))
+    checks = [check_motion(s.task.robot, own, s.task.limits, step=step) for s, own in pairs]
+    return cycle_check(task, motion, checks)
+
+
+def cycle_check(task: CycleTask, motion: MotionSequence, checks: Sequence[MotionCheck]) -> CycleCheck:
+    """The same from the checks of the motions."""
+    pauses, segments = motion.pauses, task.segments
+    energies = [
+        pause * segment.standby(own.goal) if pause else 0.0
+        for segment, own, pause in zip(segments, motion.motions, pauses, strict=True)
+    ]
+    jumps = [
+        f"{title} starts {jump:.3g} rad or m off the end of the one before"
+        for title, jump in zip(task.titles()[1:], motion.jumps, strict=True)
+        if jump > SAME
+    ]
+    names = tuple(segment.name for segment in segments)
+    whole = _whole(names, checks, motion.begins, jumps, sum(energies), motion.end)
+    begins = tuple(motion.begins.tolist())
+    return CycleCheck(names, tuple(checks), begins, motion.pauses, tuple(energies), whole)
+
+
+def parts_of(task: CycleTask, motion: SampledMotion) -> MotionSequence:
+    """The motions of one trajectory: its standstills part the segments.
+
+    If there are more than that, those at the goals of the segments count.
+
+    Raises:
+        InputError: too few standstills, or it is not clear which of them are meant.
+    """
+    found, wanted = standstills(motion), len(task.segments)
+    last = len(motion.times) - 1
+    tail = [seam for seam in found if seam[1] == last]
+    inner = _longest(motion, [seam for seam in found if seam[1] < last])
+    if len(inner) < wanted - 1:
+        raise InputError(
+            f"stands still {len(inner)} times on its way; {wanted} segments of {task.name} need {wanted - 1}"
+        )
+    if len(inner) > wanted - 1:
+        ways = _assignments(task, [motion.angles[begin] for begin, _ in inner])
+        if len(ways) != 1:
+            which = "none fits their goals" if not ways else "several fit their goals"
+            raise InputError(
+                f"stands still {len(inner)} times on its way; which {wanted - 1} of them part the segments "
+                f"of {task.name} is not clear ({which}); check the plan.json, which says it"
+            )
+        inner = [inner[k] for k in ways[0]]
+    return parted(motion, [*inner, *tail])
+
+
+def _longest(motion: SampledMotion, seams: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    """The standstills; of neighbours between which no joint goes far, as where a ramp ends, the longest."""
+    groups: list[list[tuple[int, int]]] = []
+    for seam in seams:
+        if groups:
+            way = motion.angles[groups[-1][-1][1] : seam[0] + 1]
+            if np.ptp(way, axis=0).max() <= NEAR:
+                groups[-1].append(seam)
+                continue
+        groups.append([seam])
+    return [max(own, key=lambda seam: motion.times[seam[1]] - motion.times[seam[0]]) for own in groups]
+
+
+def _assignments(task: CycleTask, postures: list[np.ndarray]) -> list[list[int]]:
+    """Standstills at the goals of all segments but the last, in their order: the first two ways, if any."""
+    ways: list[list[int]] = [[]]
+    for segment in task.segments[:-1]:
+        offsets = [np.abs(segment.goals - q).max(axis=1).min() for q in postures]
+        fitting = [k for k, offset in enumerate(offsets) if offset <= NEAR]
+        ways = [[*way, k] for way in ways for k in fitting if not way or k > way[-1]][:_MOST_WAYS]
+    return ways[:2]
+
+
+def _whole(
+    names: Sequence[str],
+    checks: Sequence[MotionCheck],
+    begins: np.ndarray,
+    jumps: list[str],
+    rest_energy: float,
+    duration: float,
+) -> MotionCheck:
+    """The worst of all, times shifted to those of the cycle."""
+    worst: dict[str, Worst] = {}
+    violations = [*jumps]
+    contacts: ContactMargins | None = None
+    for name, check, begin in zip(names, checks, begins, strict=True):
+        own = {w.name: _placed(w, name, float(begin)) for w in check.worst.values()}
+        broken = [w.violation for w in own.values() if w.violation]
+        known = {w.violation for w in check.worst.values()}
+        others = [text for text in check.violations if text not in known]
+        violations += [*broken, *(f"{text} (segment {name})" for text in others)]
+        for key, found in own.items():
+            if key not in worst or found.excess > worst[key].excess:
+                worst[key] = found
+        shifted = check.contacts.later(float(begin))
+        contacts = shifted if contacts is None else contacts.worse(shifted)
+    assert contacts is not None  # there is a segment
+    return MotionCheck(
+        verified=not violations,
+        energy=sum(check.energy for check in checks) + rest_energy,
+        duration=duration,
+        worst=worst,
+        violations=tuple(violations),
+        samples=sum(check.samples for check in checks),
+        stands=all(check.stands for check in checks),
+        contacts=contacts,
+        collision=_collision([check.collision for check in checks]),
+    )
+
+
+def _placed(worst: Worst, name: str, begin: float) -> Worst:
+    """With the time of the cycle and the segment's name."""
+    detail = ", ".join(part for part in (worst.detail, f"segment {name}") if part)
+    return replace(worst, time=begin + worst.time, detail=detail)
+
+
+def _collision(found: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """What was looked at in all; that of the smallest distance."""
+    looked = [own for own in found if own["checked"]]
+    if len(looked) < len(found):
+        return next(own for own in found if not own["checked"])
+    return min(looked, key=lambda own: own["least"]["distance_m"])

@@ -1,0 +1,162 @@
+"""Which postures a cycle goes through: poses leave several, and the cheapest one depends on all segments.
+
+Every segment between two postures is judged by the cost of its plainest motion, as in `motion.choices`, and
+of the rest after it. The postures of all poses are chosen together: the cheapest ways through the
+layers of postures, closed if the cycle is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from ocptip.motion.choices import plainest_cost
+from ocptip.motion.cycles.task import CycleTask, Segment
+from ocptip.motion.task import MotionTask
+from ocptip.robots.inverse.joint_angles import within_limits
+from ocptip.standing.arm import StandingRobot
+from ocptip.standing.rest import posture_refusals
+
+CANDIDATES = 12  # postures per pose, at most: those through which the shortest ways lead
+LOOKED_AT = 32
+"""Pairs of postures per segment: those with the shortest ways, and the shortest of each posture."""
+PLANNED, WORSE = 4, 1.15
+"""At most so many ways, whose plainest motions cost at most so much more than the best."""
+NEVER = 1e6  # cost, in units of the objective's size, of a segment whose plainest motion never stands
+_SAME = 1e-6  # rad, m
+
+Way = tuple[int, ...]
+"""Numbers of the postures in the layers."""
+Cost = Callable[[int, int, int], float]
+"""Of a segment from one posture to another: numbers of segment and postures; infinite where there is none."""
+
+
+def layers_of(task: CycleTask) -> list[np.ndarray]:
+    """Postures at the start and at the end of each segment, (k, n) each; those that rest within limits.
+
+    Angles that limits allow more than once are taken near zero and near those of the start. The last layer of
+    a closed cycle is the first.
+    """
+    layers, segments = [task.starts], task.segments
+    for number, segment in enumerate(segments):
+        if task.closed and number == len(segments) - 1:
+            layers.append(layers[0])
+        else:
+            layers.append(_copies(segment, task.starts))
+    for number in range(len(segments) + (not task.closed)):
+        tasks = [segments[k].task for k in (number - 1, number) if 0 <= k < len(segments)]
+        if task.closed and number == 0:
+            tasks.append(segments[-1].task)
+        layers[number] = _standing(tasks, layers[number])
+    if task.closed:
+        layers[-1] = layers[0]
+    return _promising(task, layers)
+
+
+def _promising(task: CycleTask, layers: Sequence[np.ndarray]) -> list[np.ndarray]:
+    """Of many postures per layer those through which the shortest ways lead."""
+    lengths = [
+        np.sum(np.abs(after[None] - before[:, None]) / _speeds(task.segments[0]), axis=2)
+        for before, after in pairwise(layers)
+    ]
+    to = [np.zeros(len(layers[0]))]
+    for length in lengths:
+        to.append(np.min(to[-1][:, None] + length, axis=0))
+    onward = [np.zeros(len(layers[-1]))]
+    for length in reversed(lengths):
+        onward.insert(0, np.min(length + onward[0], axis=1))
+    through = [a + b for a, b in zip(to, onward, strict=True)]
+    if task.closed:
+        through[0] = through[-1] = np.minimum(through[0], through[-1])
+    best = [np.sort(np.argsort(own, kind="stable")[:CANDIDATES]) for own in through]
+    return [layer[own] for layer, own in zip(layers, best, strict=True)]
+
+
+def _speeds(segment: Segment) -> np.ndarray:
+    """Speed limits (n,), 1 where there is none."""
+    speed = segment.task.robot.limits.speed
+    return np.where(np.isfinite(speed), speed, 1.0)
+
+
+def likely_ways(task: CycleTask, layers: Sequence[np.ndarray]) -> list[Way]:
+    """The most promising ways through the layers, best first; the only one if there is no choice."""
+    if all(len(layer) == 1 for layer in layers):
+        return [(0,) * len(layers)]
+    costs = [
+        _costs(segment, before, after)
+        for segment, before, after in zip(task.segments, layers[:-1], layers[1:], strict=True)
+    ]
+    found = best_ways([len(layer) for layer in layers], lambda k, i, j: costs[k][i, j], task.closed, PLANNED)
+    least = found[0][0]
+    return [way for cost, way in found if cost <= WORSE * least]
+
+
+def best_ways(sizes: Sequence[int], cost: Cost, closed: bool, count: int) -> list[tuple[float, Way]]:
+    """The cheapest ways through layers of postures, with their costs, best first; exact.
+
+    Args:
+        sizes: number of postures per layer.
+        cost: of a segment between postures of neighbouring layers.
+        closed: only ways that end in the posture of the first layer that they start from.
+        count: of ways, at most.
+    """
+    found: list[tuple[float, Way]] = []
+    for group in [[i] for i in range(sizes[0])] if closed else [range(sizes[0])]:
+        best: dict[int, list[tuple[float, Way]]] = {i: [(0.0, (i,))] for i in group}
+        for k, size in enumerate(sizes[1:]):
+            ends = group if closed and k == len(sizes) - 2 else range(size)
+            best = {
+                j: sorted(
+                    (spent + step, (*way, j))
+                    for i, own in best.items()
+                    if np.isfinite(step := cost(k, i, j))
+                    for spent, way in own
+                )[:count]
+                for j in ends
+            }
+        found += [entry for own in best.values() for entry in own]
+    return sorted(found)[:count]
+
+
+def rest_cost(segment: Segment, goal: np.ndarray) -> float:
+    """Of the standstill after a segment that ends in posture `goal`, (n,), in units of the objective."""
+    return segment.task.objective.cost(segment.standby(goal) * segment.dwell, segment.dwell)
+
+
+def _costs(segment: Segment, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """(k, l) of the plainest motions, in units of the objective's size; infinite where not looked at."""
+    size = segment.task.objective.size
+    ways = np.sum(np.abs(after[None] - before[:, None]) / _speeds(segment), axis=2)
+    shortest = np.full(ways.shape, False)
+    shortest.ravel()[np.argsort(ways, axis=None, kind="stable")[:LOOKED_AT]] = True
+    shortest[np.arange(len(before)), np.argmin(ways, axis=1)] = True
+    shortest[np.argmin(ways, axis=0), np.arange(len(after))] = True
+    rests = [rest_cost(segment, goal) for goal in after]
+    costs = np.full(ways.shape, np.inf)
+    for i, j in zip(*np.nonzero(shortest), strict=True):
+        cost = plainest_cost(segment.between(before[i], after[j]))
+        costs[i, j] = (cost + rests[j]) / size if np.isfinite(cost) else NEVER + ways[i, j]
+    return costs
+
+
+def _copies(segment: Segment, starts: np.ndarray) -> np.ndarray:
+    """The segment's goals, angles of several branches also near those of the starts; each once."""
+    robot, goals = segment.task.robot, segment.goals
+    if len(goals) == 1 or not isinstance(robot, StandingRobot):
+        return goals
+    copies = [within_limits(robot.arm, goal, near) for near in starts for goal in goals]
+    kept: list[np.ndarray] = []
+    for q in (*goals, *copies):
+        if np.isfinite(q).all() and not any(np.abs(q - other).max() < _SAME for other in kept):
+            kept.append(q)
+    return np.array(kept)
+
+
+def _standing(tasks: Sequence[MotionTask], postures: np.ndarray) -> np.ndarray:
+    """Those of the postures (k, n) in which all robots stand at rest; else the one with fewest reasons."""
+    if len(postures) == 1:
+        return postures
+    reasons = np.array([sum(len(posture_refusals(t.robot, t.limits, q)) for t in tasks) for q in postures])
+    return postures[reasons == 0] if (reasons == 0).any() else postures[[int(np.argmin(reasons))]]

@@ -1,0 +1,192 @@
+"""Files of a cycle: plan.json, motion.csv, trajectory.json, as those of a motion, with its segments."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ocptip.basics.toml_text import toml_text
+from ocptip.basics.write import plain, versions
+from ocptip.motion.cycles.check import CycleCheck, cycle_check
+from ocptip.motion.cycles.plan import CyclePlan
+from ocptip.motion.cycles.task import CycleTask
+from ocptip.motion.execution import Execution
+from ocptip.motion.output import (
+    MOTION,
+    PLAN,
+    TRAJECTORY,
+    csv_blocks,
+    csv_text,
+    joint_trajectory,
+    plan_to_dict,
+    sample_motion,
+    write_folder,
+)
+from ocptip.motion.source import LIMITS, TASK, TaskSource
+from ocptip.standing.mechanism import MotionSamples
+from ocptip.trajectories.sequence import MotionSequence, joined
+
+_ONCE = ("case", "task_file", "versions", "options", "seed", "assumed")
+
+
+def cycle_to_dict(plan: CyclePlan, executions: Sequence[Execution], check: CycleCheck) -> dict[str, Any]:
+    """Return a cycle, and by what it is run, as plain data for strict JSON.
+
+    `segments` holds what `ocptip.motion.output.plan_to_dict` says of each segment, in times of its own, and
+    `name`, `begin_s`, `rest_s`, `rest_energy_J`; all else is of the whole, in times from the first begin.
+    """
+    data = check.to_dict()
+    rows = [
+        {
+            **{key: row[key] for key in ("name", "begin_s", "rest_s", "rest_energy_J")},
+            **{key: value for key, value in plan_to_dict(part, own).items() if key not in _ONCE},
+        }
+        for row, part, own in zip(data.pop("segments"), plan.parts, executions, strict=True)
+    ]
+    return plain(
+        {
+            "case": plan.task.name,
+            **data,
+            "verified": plan.complete and check.whole.verified,
+            "task_file": TASK if _source(plan.task) else None,
+            "closed": plan.task.closed,
+            "missing": [segment.name for segment in plan.task.segments[len(plan.parts) :]],
+            "segments": rows,
+            "iterations": sum(start.iterations for part in plan.parts for start in part.starts),
+            "seconds": plan.seconds,
+            "interrupted": plan.interrupted,
+            "seed": plan.seed,
+            "options": plan.options,
+            "versions": versions(),
+        }
+    )
+
+
+def cycle_samples(task: CycleTask, motion: MotionSequence) -> list[MotionSamples]:
+    """Samples of every segment as `sample_motion` takes them, and of both ends of the rest after it.
+
+    Times are those of the cycle. Each segment is sampled with its own robot.
+    """
+    found = []
+    for segment, own, begin, pause in zip(
+        task.segments, motion.motions, motion.begins, motion.pauses, strict=False
+    ):
+        robot = segment.task.robot
+        parts = [sample_motion(robot, own)]
+        if pause:
+            still = np.zeros((2, robot.n))
+            ends = own.end + np.array([0.0, pause])
+            parts.append(robot.samples_of(ends, np.tile(own.goal, (2, 1)), still, still))
+        whole = samples_joined(parts)
+        found.append(dataclasses.replace(whole, times=begin + whole.times))
+    return found
+
+
+def samples_joined(parts: Sequence[Any]) -> Any:
+    """Samples, or states or reserves in them, one after the other: arrays by rows, all else of the first."""
+    first = parts[0]
+    values = {}
+    for field in dataclasses.fields(first):
+        own = [getattr(part, field.name) for part in parts]
+        if isinstance(own[0], np.ndarray):
+            values[field.name] = np.concatenate(own)
+        elif field.name in ("states", "tip", "slip"):
+            values[field.name] = samples_joined(own)
+        elif field.name == "status":
+            values[field.name] = tuple(text for status in own for text in status)
+    return dataclasses.replace(first, **values)
+
+
+def run_motion(plan: CyclePlan, executions: Sequence[Execution]) -> MotionSequence:
+    """The motions that are run, and the rests between them."""
+    return MotionSequence(tuple(own.motion for own in executions), plan.motion.pauses)
+
+
+def cycle_trajectory(
+    task: CycleTask, pauses: Sequence[float], executions: Sequence[Execution], *, effort: bool = False
+) -> dict[str, Any]:
+    """One `trajectory_msgs/JointTrajectory` of a cycle; see `joint_trajectory`.
+
+    Args:
+        task: gives names, and efforts by segment.
+        pauses: s, after each segment.
+        executions: of the segments.
+        effort: fill in the joint torques, N m; at seams those with what was held before.
+    """
+    points = [own.points for own in executions]
+    whole, parts = joined(points, pauses), MotionSequence(tuple(points), tuple(pauses))
+    data = joint_trajectory(task.robot, whole)
+    if effort:
+        owner = np.clip(np.searchsorted(parts.begins, whole.times - 1e-9) - 1, 0, len(parts) - 1)
+        for number, segment in enumerate(task.segments):
+            rows = np.flatnonzero(owner == number)
+            torques = segment.task.robot.samples(whole, whole.times[rows]).torques
+            for row, values in zip(rows, torques.tolist(), strict=True):
+                data["points"][row]["effort"] = values
+    return data
+
+
+def write_cycle(
+    directory: str | os.PathLike[str],
+    plan: CyclePlan,
+    *,
+    executions: Sequence[Execution] | None = None,
+    samples: Sequence[MotionSamples] | None = None,
+    effort: bool = False,
+    extra: Mapping[str, Any] | None = None,
+) -> list[Path]:
+    """Write plan.json, motion.csv, trajectory.json, the task and what it names, and their hashes.
+
+    A cycle whose planning was interrupted before all segments had a plan gets no trajectory.json.
+
+    Args:
+        directory: made if it does not exist; the one above it must.
+        plan: the plan.
+        executions: what runs the segments; default: drives with ramps.
+        samples: of :func:`cycle_samples`; computed if None.
+        effort: see :func:`cycle_trajectory`.
+        extra: more entries of plan.json; they win.
+
+    Raises:
+        OSError: a file or the directory cannot be written; names it.
+    """
+    task, pauses = plan.task, plan.motion.pauses
+    executions = executions or [Execution.of_ramps(part.motion, part.check) for part in plan.parts]
+    motion = run_motion(plan, executions)
+    samples = samples or cycle_samples(task, motion)
+    check = cycle_check(plan.finished, motion, [own.check for own in executions])
+    number = np.repeat(np.arange(1, len(samples) + 1), [len(own.times) for own in samples])
+    blocks = [*csv_blocks(samples_joined(samples)), ("segment", number)]
+    data = {**cycle_to_dict(plan, executions, check), **plain(dict(extra or {}))}
+    texts = {PLAN: json.dumps(data, indent=2, allow_nan=False) + "\n", MOTION: csv_text(blocks)}
+    if plan.complete:
+        whole = cycle_trajectory(task, pauses, executions, effort=effort)
+        texts[TRAJECTORY] = json.dumps(whole, allow_nan=False) + "\n"
+    source = _source(task)
+    return write_folder(Path(directory), texts, source, _task_text(task, source) if source else "")
+
+
+def _source(task: CycleTask) -> TaskSource | None:
+    """Where a task was read from; None if it was made in Python, or has another robot by now."""
+    source = task.source
+    return source if source is not None and source.robot is task.robot else None
+
+
+def _task_text(task: CycleTask, source: TaskSource) -> str:
+    """The task's file with its limits and objectives, whatever the file said."""
+    rows = []
+    for row, segment in zip(source.data["segment"], task.segments, strict=True):
+        limits, objective = segment.task.limits, segment.task.objective
+        own = {key: value for key, value in row.items() if key != "price_per_second"}
+        own |= {"limits": {name: getattr(limits, name) for name in LIMITS}, "objective": objective.name}
+        price = {"price_per_second": objective.time_weight} if objective.name == "both" else {}
+        rows.append({**own, **price})
+    data = {key: value for key, value in source.data.items() if key != "tolerance"}
+    tolerance = {"tolerance": task.limits.tolerance.to_table()} if task.limits.tolerance.given else {}
+    return toml_text({"name": task.name, **data, **tolerance, "segment": rows})

@@ -1,0 +1,151 @@
+"""Cycles from TOML files: several motions, `[[segment]]`, in one file. Format: docs/motion-planner.md."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from ocptip.basics.doubts import doubt
+from ocptip.basics.toml import Table
+from ocptip.motion.cycles.task import CycleTask, Segment
+from ocptip.motion.source import LIMITS
+from ocptip.motion.task import MotionTask
+from ocptip.standing.mechanism import StandingMechanism
+from ocptip.task_files.arm import LOCKED
+from ocptip.task_files.doubts import doubt_masses, doubt_units
+from ocptip.task_files.kinds import require_kind
+from ocptip.task_files.motion import TABLES, TaskScene, load_task, ramp_task, read_end
+from ocptip.task_files.source import task_source
+
+_SHARED = (
+    "optimised",
+    "commands",
+    "objective",
+    "price_per_second",
+)  # of [motion], unless a segment has its own
+_GOALS = ("goal_deg", "goal_m", "goal_pose")
+_BACK = "start"
+
+
+def read_task(path: str | os.PathLike[str]) -> MotionTask | CycleTask:
+    """Read a task file: one motion, or a cycle where it has `[[segment]]`.
+
+    Raises:
+        InputError: see `ocptip.task_files.motion.load_task`.
+    """
+    path = Path(path)
+    return load_cycle(path) if "segment" in Table.read(path) else load_task(path)
+
+
+def load_cycle(path: str | os.PathLike[str]) -> CycleTask:
+    """Read a task file with `[[segment]]`.
+
+    Raises:
+        InputError: the file cannot be read or describes no cycle; one line that names file and key.
+
+    Warns:
+        InputWarning: values that are hardly meant.
+    """
+    path = Path(path)
+    with Table.read(path) as data:
+        require_kind(data, "plan")
+        doubt_units(data)
+        if "stops" in data:
+            raise data.error("stops of cycles are not looked at", "stops")
+        data.close(*TABLES, "segment")
+        task = _cycle(data, path)
+        task = replace(task, source=task_source(data, task.robot))
+        for segment in task.segments:
+            doubt_masses(data, segment.task.robot)
+        for message in _doubts(task):
+            doubt(f"{data.file}: {message}")
+        return task
+
+
+class _SegmentTable(Table):
+    """A segment's table, with those keys of `[motion]` that all segments share."""
+
+    def __init__(self, own: Table, motion: Table) -> None:
+        given = {key: own.value(key) for key in own}
+        self._motion = motion
+        self._shared = {key: motion.value(key) for key in _SHARED if key in motion and key not in given}
+        if "objective" in given or "price_per_second" in given:
+            self._shared = {k: v for k, v in self._shared.items() if k in ("optimised", "commands")}
+        super().__init__({**self._shared, **given}, own.file, own.path)
+        self._folder, self._uses = own._folder, own._uses
+
+    def place(self, key: str) -> str:
+        """Path of a key within the file."""
+        return self._motion.place(key) if key in self._shared else super().place(key)
+
+
+def _cycle(data: Table, path: Path) -> CycleTask:
+    scene, name, motion = TaskScene(data), data.text("name", path.stem), data.table("motion")
+    for key in ("goal", *_GOALS, "duration", "max_duration"):
+        if key in motion:
+            raise motion.error("of a cycle belongs to its [[segment]]s", key)
+    tables = [_SegmentTable(own, motion) for own in data.tables("segment", required=True)]
+    robots: dict[str, StandingMechanism] = {}
+    held: list[str] = []
+    for table in tables:
+        held.append(repr([table.value(key, None) for key in ("payload", *LOCKED)]))
+        if held[-1] not in robots:
+            robots[held[-1]] = scene.robot(table)
+    _require_use(data, tables)
+    starts, _ = read_end(robots[held[0]], motion, "start", scene.limits)
+    motion.close(*_SHARED)
+    segments: list[Segment] = []
+    for number, (table, own) in enumerate(zip(tables, held, strict=True), 1):
+        before = segments[-1].goals[0] if segments else starts[0]
+        segments.append(_segment(table, number, robots[own], scene, before, starts, number == len(tables)))
+    closed = tables[-1].value("goal", None) == _BACK
+    return CycleTask(name, tuple(segments), starts, closed)
+
+
+def _segment(
+    table: Table,
+    number: int,
+    robot: StandingMechanism,
+    scene: TaskScene,
+    before: np.ndarray,
+    starts: np.ndarray,
+    last: bool,
+) -> Segment:
+    """One segment; `before` is a posture that it may start in."""
+    name, dwell = table.text("name", f"{number}"), table.number("dwell", 0.0, bound=">= 0")
+    own = table.table("limits", optional=True)
+    limits = own.make(replace, scene.limits, **own.numbers(*LIMITS))
+    if "goal" in table and isinstance(table.value("goal"), str):
+        goals = starts
+        if table.value("goal") != _BACK or not last:
+            allowed = f"the last segment may have {_BACK!r}" if not last else f"expected {_BACK!r}"
+            raise table.error(f"{allowed}, got {table.value('goal')!r}", "goal")
+        for key in (key for key in _GOALS if key in table):
+            raise table.error(f"not together with goal = {_BACK!r}", key)
+    else:
+        goals, _ = read_end(robot, table, "goal", limits)
+    return Segment(name, ramp_task(name, robot, before, goals[0], limits, table), goals, dwell)
+
+
+def _require_use(data: Table, tables: list[_SegmentTable]) -> None:
+    """Refuse loads that nobody carries."""
+    values, used = data.value("payload", {}), [table.value("payload", None) for table in tables]
+    named = isinstance(values, dict) and values and all(isinstance(own, dict) for own in values.values())
+    for name in values if named and list(values) != ["shape"] else ():
+        if name not in used:
+            raise data.error("no segment carries it", f"payload.{name}")
+
+
+def _doubts(task: CycleTask) -> Iterator[str]:
+    """What segments hardly mean."""
+    for number, (one, other) in enumerate(zip(task.segments[:-1], task.segments[1:], strict=True), 1):
+        if one.task.robot is not other.task.robot and one.dwell == 0:
+            yield f"segment[{number}]: what the gripper holds changes after it, in no time; give a dwell"
+    for number, segment in enumerate(task.segments, 1):
+        apart = len(segment.goals) > 1 or np.abs(segment.task.start - segment.task.goal).max() > 1e-9
+        if not apart and not (number == len(task.segments) and task.closed and len(task.starts) > 1):
+            yield f"segment[{number}]: starts where it ends, there is nothing to plan"

@@ -1,0 +1,294 @@
+"""Cycles: planned, checked, written, read back; the ways through postures; what parts a trajectory."""
+
+import dataclasses
+import itertools
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given, seed, settings
+from hypothesis import strategies as st
+
+from ocptip.basics.errors import InputError, PlanningError
+from ocptip.cli.main import main
+from ocptip.motion.check import check_motion
+from ocptip.motion.cycles import plan as planning
+from ocptip.motion.cycles.check import check_cycle, parts_of
+from ocptip.motion.cycles.choices import CANDIDATES, best_ways, layers_of, likely_ways
+from ocptip.motion.cycles.output import cycle_samples, samples_joined, write_cycle
+from ocptip.motion.cycles.plan import plan_cycle
+from ocptip.motion.cycles.tolerated import cycle_tolerances
+from ocptip.motion.execution import execute
+from ocptip.motion.source import TASK
+from ocptip.motion.tolerated import tolerances
+from ocptip.task_files.cycle import load_cycle
+from ocptip.trajectories.controllers import CONTROLLERS
+from ocptip.trajectories.read import load_motion, load_motions
+from ocptip.trajectories.sampled import SampledMotion
+from tests.motion.cycles.cycle_files import CYCLE, written
+
+
+@pytest.fixture(scope="module")
+def plan(tmp_path_factory):
+    """A planned cycle; its first segment with two starts, one after the other."""
+    task = load_cycle(written(tmp_path_factory.mktemp("cycle")))
+    return plan_cycle(task, starts=1, jobs=1)
+
+
+def test_a_plan_is_verified_segment_by_segment(plan):
+    assert plan.verified
+    assert plan.complete
+    out, back = plan.parts
+    np.testing.assert_allclose(back.motion.start, out.motion.goal, atol=1e-12)
+    np.testing.assert_allclose(back.motion.goal, out.motion.start, atol=1e-12)
+    for part, segment, own in zip(plan.parts, plan.task.segments, plan.check.segments, strict=True):
+        again = check_motion(segment.task.robot, part.motion, segment.task.limits)
+        assert (again.energy, again.duration) == (own.energy, own.duration)
+    assert plan.check.begins == (0.0, pytest.approx(out.duration + 0.3))
+    assert plan.duration == pytest.approx(out.duration + 0.3 + back.duration)
+    with_load = {name: back.task.robot.samples(back.motion, np.array([0.2])).torques for name in ("loaded",)}
+    bare = out.task.robot.samples(back.motion, np.array([0.2])).torques
+    assert np.abs(with_load["loaded"] - bare).max() > 1
+
+
+def test_the_rest_costs_what_motors_at_rest_take(plan):
+    out = plan.task.segments[0]
+    q = plan.parts[0].motion.goal
+    resting = SampledMotion(np.array([0.0, 0.3]), np.stack([q, q]), np.zeros((2, out.task.robot.n)))
+    assert plan.check.rest_energies == (pytest.approx(out.task.robot.energy(resting)), 0.0)
+    assert plan.energy == pytest.approx(sum(p.energy for p in plan.parts) + plan.check.rest_energies[0])
+
+
+def test_the_worst_of_all_is_the_worst_of_its_segment(plan):
+    for name, worst in plan.check.whole.worst.items():
+        rows = [own.worst[name] for own in plan.check.segments]
+        most = max(range(2), key=lambda k: rows[k].excess)
+        assert worst.value == rows[most].value
+        assert worst.detail.endswith(f"segment {plan.check.names[most]}")
+        if np.isfinite(worst.time):
+            assert worst.time == pytest.approx(plan.check.begins[most] + rows[most].time)
+    least = min(own.contacts.force.value for own in plan.check.segments)
+    assert plan.check.whole.contacts.force.value == least
+
+
+def test_broken_limits_name_their_segment(plan):
+    tight = plan.task.with_limits({"GN": 0.05})
+    found = check_cycle(tight, plan.motion)
+    assert not found.whole.verified
+    assert any("segment out" in v for v in found.whole.violations)
+    assert any("segment back" in v for v in found.whole.violations)
+    cut = dataclasses.replace(plan.motion, motions=(plan.motion.motions[0],) * 2)
+    found = check_cycle(plan.task, cut)
+    assert any(v.startswith("segment 2 (back) starts") for v in found.whole.violations)
+    with pytest.raises(InputError, match="has 2 segments, swing has 1"):
+        check_cycle(dataclasses.replace(plan.task, segments=plan.task.segments[:1]), plan.motion)
+
+
+@pytest.mark.parametrize("controller", ["ramps", *CONTROLLERS])
+def test_what_is_written_is_what_was_checked(plan, tmp_path, controller):
+    executions = None
+    if controller != "ramps":
+        executions = [execute(p.task.robot, p.motion, p.task.limits, controller) for p in plan.parts]
+    paths = write_cycle(tmp_path / "out", plan, executions=executions, effort=True)
+    assert {"plan.json", "motion.csv", "trajectory.json", "task.toml"} <= {path.name for path in paths}
+    task = load_cycle(tmp_path / "out" / TASK)
+    data = json.loads((tmp_path / "out" / "plan.json").read_text())
+    assert data["verified"]
+    points = load_motion(tmp_path / "out" / "trajectory.json", task.robot.names, task.robot.units)
+    for motion in (load_motions(tmp_path / "out" / "plan.json"), parts_of(task, points)):
+        found = check_cycle(task, motion).whole
+        assert found.verified == data["verified"]
+        for name, worst in data["worst"].items():
+            rounding = 1e-5 if name in ("speed_ratio", "acceleration_ratio") else 1e-6
+            assert found.worst[name].value == pytest.approx(worst["value"], abs=rounding), name
+        assert found.energy == pytest.approx(data["energy_J"], rel=2e-4)
+    efforts = json.loads((tmp_path / "out" / "trajectory.json").read_text())["points"]
+    second = [
+        p["effort"] for p, t in zip(efforts, points.times, strict=True) if t > data["segments"][1]["begin_s"]
+    ]
+    robot = task.segments[1].task.robot
+    np.testing.assert_allclose(
+        second[-1], robot.loads(points.goal[None], *np.zeros((2, 1, 6)))[0][0], atol=1e-4
+    )
+
+
+def test_the_command_says_it_and_reads_it(plan, tmp_path, monkeypatch, capsys):
+    path = written(tmp_path)
+    monkeypatch.setattr(
+        "ocptip.cli.cycles.plan_cycle", lambda task, **_: dataclasses.replace(plan, task=task)
+    )
+    code = main(
+        ["plan", str(path), "--out", str(tmp_path / "out"), "--controller", "cubic", "--time-scale", "0.5"]
+    )
+    out = capsys.readouterr().out
+    assert code == 0
+    assert out.startswith(f"swing: VERIFIED. {plan.energy:.1f} J in {plan.duration:.3f} s, ")
+    table = [line for line in out.splitlines() if line.startswith(("1 out", "2 back", "in all"))]
+    assert [row.split()[2:4] for row in table[:2]] == [["nothing", table[0].split()[3]], ["1", "kg"]]
+    assert "0.3 s, " in table[0]
+    assert "time x 0.5" in out
+    assert "cubic; all numbers are of that motion" in out
+    assert (tmp_path / "out" / "plan.png").stat().st_size > 10_000
+    assert main(["check", str(tmp_path / "out")]) == 0
+    assert table[1] in capsys.readouterr().out
+    assert main(["check", str(tmp_path / "out" / "trajectory.json"), "--task", str(path), "--json"]) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert [row["name"] for row in data["segments"]] == ["out", "back"]
+    assert main(["check", str(tmp_path / "out" / "motion.csv"), "--task", str(path), "--gn", "0.05"]) == 1
+    assert "segment back" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("option", ["--duration", "--max-duration"])
+def test_durations_belong_to_segments(tmp_path, capsys, option):
+    assert main(["plan", str(written(tmp_path)), option, "3"]) == 2
+    assert f"{option}: of a cycle belongs to its [[segment]]s" in capsys.readouterr().err
+
+
+def test_a_cycle_that_was_cut_short_says_so(plan, tmp_path, monkeypatch, capsys):
+    first = dataclasses.replace(plan, parts=plan.parts[:1], interrupted=True)
+    part = dataclasses.replace(plan.task, segments=plan.task.segments[:1], closed=False)
+    first = dataclasses.replace(first, check=check_cycle(part, first.motion))
+    monkeypatch.setattr(
+        "ocptip.cli.cycles.plan_cycle", lambda task, **_: dataclasses.replace(first, task=task)
+    )
+    out_dir = tmp_path / "out"
+    assert main(["plan", str(written(tmp_path)), "--out", str(out_dir), "--no-figures"]) == 1
+    out = capsys.readouterr().out
+    assert out.startswith("swing: INCOMPLETE (1 of 2 segments). ")
+    assert "without a plan: back; no trajectory.json" in out
+    assert not (out_dir / "trajectory.json").exists()
+    data = json.loads((out_dir / "plan.json").read_text())
+    assert (data["verified"], data["missing"]) == (False, ["back"])
+
+
+def test_an_interrupt_keeps_the_segments_that_are_finished(plan, monkeypatch):
+    calls = []
+
+    def interrupted(task, **options):
+        calls.append(options)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        return plan.parts[0]
+
+    monkeypatch.setattr(planning, "plan_motion", interrupted)
+    found = plan_cycle(plan.task, starts=4, jobs=1)
+    assert (found.complete, found.interrupted, found.verified) == (False, True, False)
+    assert found.parts == (plan.parts[0],)
+    monkeypatch.setattr(planning, "plan_motion", lambda *_, **__: (_ for _ in ()).throw(KeyboardInterrupt))
+    with pytest.raises(KeyboardInterrupt):
+        plan_cycle(plan.task, starts=4, jobs=1)
+
+
+def test_starts_go_on_where_the_first_ones_ended(plan, monkeypatch):
+    calls = []
+
+    def planned(task, **options):
+        calls.append((options["first"], options["starts"]))
+        return plan.parts[int(task.robot.payload is not None)]
+
+    monkeypatch.setattr(planning, "plan_motion", planned)
+    found = plan_cycle(plan.task, starts=5, jobs=1)
+    assert calls == [(0, 2), (0, 2), (2, 3), (2, 3)]
+    assert not found.interrupted
+    monkeypatch.setattr(
+        planning, "plan_motion", lambda *_, **__: (_ for _ in ()).throw(PlanningError("no start stands"))
+    )
+    with pytest.raises(PlanningError, match=r"segment 1 \(out\): no start stands"):
+        plan_cycle(plan.task, starts=2, jobs=1)
+
+
+def test_what_cannot_be_planned_names_the_segment(tmp_path):
+    path = written(tmp_path, CYCLE.replace("[20, 30, -8, 45, -18, 150]", "[20, 30, -8, 45, -18, 1500]"))
+    with pytest.raises(InputError, match=r"swing: cannot be planned: segment 1 \(out\): goal: joint 6"):
+        plan_cycle(load_cycle(path), starts=1, jobs=1)
+
+
+@seed(5)
+@settings(max_examples=60, deadline=None)
+@given(st.data())
+def test_best_ways_are_those_of_enumeration(data):
+    sizes = data.draw(st.lists(st.integers(1, 3), min_size=2, max_size=5))
+    closed = data.draw(st.booleans())
+    if closed:
+        sizes[-1] = sizes[0]
+    costs = {
+        (k, i, j): data.draw(st.sampled_from([np.inf, 1.0, 2.0, 3.5, 7.25]))
+        for k in range(len(sizes) - 1)
+        for i in range(sizes[k])
+        for j in range(sizes[k + 1])
+    }
+    ways = [way for way in itertools.product(*map(range, sizes)) if not closed or way[0] == way[-1]]
+    legs = {way: [costs[k, i, j] for k, (i, j) in enumerate(itertools.pairwise(way))] for way in ways}
+    every = sorted((sum(own), way) for way, own in legs.items() if np.isfinite(own).all())
+    found = best_ways(sizes, lambda *leg: costs[leg], closed, 3)
+    assert [cost for cost, _ in found] == [cost for cost, _ in every[:3]]
+    assert all(entry in every for entry in found)
+
+
+def test_the_way_through_postures_is_chosen_with_all_segments_in_view(plan):
+    """A goal that is nearer to the start, but far from where the next segment goes, is not taken."""
+    task = plan.task
+    out, back = task.segments
+    near, between = task.starts[0] + [0.3, 0, 0, 0, 0, 0], task.starts[0] + [0.9, 0, 0, 0, 0, 0]
+    far = task.starts[0] + [2.0, 0, 0, 0, 0, 0]
+    near[2] += 0.6
+    segments = (
+        dataclasses.replace(out, goals=np.array([near, between])),
+        dataclasses.replace(back, goals=far[None], task=dataclasses.replace(back.task, goal=far)),
+    )
+    open_task = dataclasses.replace(task, segments=segments, closed=False)
+    layers = layers_of(open_task)
+    assert [len(layer) for layer in layers] == [1, 2, 1]
+    best = likely_ways(open_task, layers)[0]
+    np.testing.assert_array_equal(layers[1][best[1]], between)
+    assert likely_ways(task, layers_of(task)) == [(0, 0, 0)]
+
+
+def test_of_many_postures_those_on_short_ways_are_looked_at(plan):
+    out, back = plan.task.segments
+    goals = plan.task.starts + np.linspace(0, 0.5, 40)[:, None] * np.array([1, 0, 0, 0, 0, 0])
+    task = dataclasses.replace(plan.task, segments=(dataclasses.replace(out, goals=goals[::-1]), back))
+    layers = layers_of(task)
+    assert len(layers[1]) == CANDIDATES
+    np.testing.assert_allclose(np.sort(layers[1][:, 0]), goals[:CANDIDATES, 0], atol=1e-12)
+
+
+def test_standstills_that_are_not_clear_are_refused(plan):
+    task = plan.task
+    a, b = plan.parts[0].motion.start, plan.parts[0].motion.goal
+
+    def through(*stops):
+        times = np.arange(2.0 * len(stops))
+        return SampledMotion(times, np.repeat(stops, 2, axis=0), np.zeros((len(times), 6)))
+
+    found = parts_of(task, through(a, 0.5 * (a + b), b, a))
+    assert len(found) == 2
+    np.testing.assert_allclose(found.motions[0].goal, b)
+    with pytest.raises(InputError, match="stands still 0 times on its way; 2 segments of swing need 1"):
+        parts_of(task, through(a, b))
+    with pytest.raises(InputError, match=r"which 1 of them .* is not clear \(several fit their goals\)"):
+        parts_of(task, through(a, b, 0.5 * (a + b), b, a))
+    with pytest.raises(InputError, match=r"is not clear \(none fits their goals\)"):
+        parts_of(task, through(a, 0.5 * (a + b), 0.7 * a + 0.3 * b, a))
+
+
+def test_the_least_of_what_segments_tolerate(plan):
+    found = {one.quantity: one for one in cycle_tolerances(plan.task, plan.motion)}
+    rows = [
+        {one.quantity: one for one in tolerances(s.task.robot, own)}
+        for s, own in zip(plan.task.segments, plan.motion.motions, strict=True)
+    ]
+    for quantity, one in found.items():
+        values = [row[quantity].value for row in rows]
+        assert one.value == (max(values) if quantity == "friction" else min(values))
+
+
+def test_samples_of_all_segments(plan):
+    parts = cycle_samples(plan.task, plan.motion)
+    whole = samples_joined(parts)
+    assert np.all(np.diff(whole.times) >= -1e-12)
+    assert whole.times[-1] == pytest.approx(plan.duration)
+    assert len(whole.states) == len(whole.times) == len(whole.tip.GN)
+    power = whole.powers.sum(axis=1)
+    energy = 0.5 * np.diff(whole.times) @ (power[1:] + power[:-1])
+    assert energy == pytest.approx(plan.energy, rel=5e-3)
