@@ -347,7 +347,8 @@ def test_figures_of_an_earlier_plan_are_removed(planner, capsys, tmp_path):
 
 
 def test_the_names_of_all_files_are_known():
-    assert OUTPUTS["plan"] == (*FILES, *(f"{name}.png" for name in motion_plots._FIGURES))
+    figures = [f"{name}.png" for name in (*motion_plots._FIGURES, "feet")]
+    assert OUTPUTS["plan"] == (*FILES, *figures)
 
 
 def test_a_plan_says_what_the_arm_holds(planner, capsys, tmp_path):

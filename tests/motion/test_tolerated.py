@@ -7,7 +7,7 @@ import pytest
 
 from ocptip.contact.support import Support
 from ocptip.motion.check import check_motion
-from ocptip.motion.tolerated import tolerances, tolerated
+from ocptip.motion.tolerated import Tolerated, tolerances, tolerated
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.kinematics import gripper_pose
 from ocptip.robots.payload import Payload
@@ -176,3 +176,17 @@ def test_parallel_robots_have_none():
 
     task = load_task(EXAMPLES / "tasks" / "delta_cart.toml")
     assert tolerances(task.robot, at_rest(task.start)) == ()
+
+
+def test_stiffness_of_feet_in_words():
+    def words(value, at_most, how):
+        return str(Tolerated("foot_stiffness", value, "N/m", at_most, 0.5, how))
+
+    lifts = "contact 2 lifts"
+    assert words(np.inf, False, lifts) == (
+        "no feet that give (contact 2 lifts on those of 1e7 N/m, 5 % damping, 0.500 s)"
+    )
+    assert words(1e4, True, "") == "feet that give, of 1e4 N/m and more (5 % damping)"
+    assert words(2.5e5, False, lifts) == (
+        "feet that give, of 2.5e5 N/m and more (contact 2 lifts on softer ones, 5 % damping, 0.500 s)"
+    )

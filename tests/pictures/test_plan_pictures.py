@@ -15,7 +15,8 @@ from ocptip.pictures import plan as motion_plots
 from ocptip.pictures.frame import COLORS
 from ocptip.pictures.plan import draw_plan, plan_figures
 from ocptip.standing.limits import MotionLimits
-from tests.pictures.plan_stand_in import stand_in_plan
+from tests.pictures.plan_stand_in import plan_of, stand_in_plan
+from tests.standing.test_on_feet import softened
 
 NAMES = ["plan", "angles", "speeds", "torques", "power", "reserves", "normal_forces", "friction", "clearance"]
 
@@ -243,3 +244,17 @@ def test_files_are_pictures_and_complete(tmp_path, monkeypatch, free):
     assert caught.value.filename == str(paths[0])
     assert paths[0].read_bytes() == before
     assert len(list((tmp_path / "out").iterdir())) == 2
+
+
+def test_forces_and_gaps_of_feet_that_give():
+    plan = stand_in_plan("A", reference=False)
+    robot = softened(plan.task.robot, 1e6)
+    soft = plan_of(SimpleNamespace(**{**vars(plan.task), "robot": robot}), plan.motion)
+    figures = plan_figures(soft)
+    assert list(figures) == [*NAMES, "feet"]
+    found = soft.check.feet
+    times, forces = curve(figures["feet"], "force-2")
+    assert times[-1] > plan.motion.end
+    at = np.searchsorted(found.course.times, times)
+    np.testing.assert_array_equal(forces, found.course.forces[at, 1, 0])
+    assert curve(figures["feet"], "gap-1")[1].max() <= 1e3 * found.lift

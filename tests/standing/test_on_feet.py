@@ -9,16 +9,16 @@ import pytest
 from ocptip.contact.support import Support
 from ocptip.motion.check import check_motion
 from ocptip.published.tasks import experiment_task
-from ocptip.standing import on_springs
+from ocptip.standing import on_feet, on_springs
 from ocptip.standing.feet_limit import FootForceLimit, JumpFootForceLimit
 from ocptip.standing.instants import Instants
 from ocptip.standing.limit import NodeSlopes
 from ocptip.standing.limits import MotionLimits
-from ocptip.standing.on_feet import on_its_feet
+from ocptip.standing.on_feet import on_its_feet, softest_feet
 from ocptip.standing.on_springs import Modes, Ride, Simulation
 from ocptip.standing.tolerance import overshoot_of
 from ocptip.trajectories.arm_motion import ArmMotion
-from tests.oracles.feet_simulation import FeetSimulation
+from studies.elastic_feet.rigid_bodies import FeetSimulation
 from tests.places import ROOT
 
 
@@ -225,3 +225,17 @@ def test_one_jump_overshoots_by_the_rule():
     bound = start[k] + (1 + overshoot_of(0.05)) * change[k]
     least = course.forces[early, k, 0].min()
     assert bound - 1 <= least <= start[k] + 1.3 * change[k]
+
+
+def test_the_least_stiffness_is_where_a_foot_begins_to_lift():
+    robot, motion = plan_of("B")
+    slow = motion.time_scaled(1.5)
+    found = softest_feet(robot, slow)
+    assert 1e4 < found.value < 1e7
+    above, below = (on_its_feet(softened(robot, f * found.value), slow) for f in (1.05, 0.9))
+    assert above.lift == 0
+    assert below.lift > 0
+    assert softest_feet(robot, motion).value == np.inf
+    assert softest_feet(*plan_of("C")) is None  # a clamp
+    gentle = softest_feet(plan_of("A")[0], plan_of("A")[1].time_scaled(10.0))
+    assert (gentle.value, gentle.contacts) == (on_feet.SOFTEST, ())

@@ -20,7 +20,7 @@ OUTPUTS = {
     "plan": (
         "plan.json", "motion.csv", "trajectory.json", "task/task.toml", "SHA256SUMS", "plan.png",
         "angles.png", "speeds.png", "torques.png", "power.png", "reserves.png", "normal_forces.png",
-        "friction.png", "clearance.png", "stops.png",
+        "friction.png", "clearance.png", "stops.png", "feet.png",
     ),
     "place": ("placement.json", "placement.png", "map.png"),
 }  # fmt: skip

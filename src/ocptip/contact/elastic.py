@@ -87,6 +87,12 @@ class ElasticFeet:
         return self._maps[key]
 
     @property
+    def holds(self) -> bool:
+        """Whether the springs resist every motion of the base; castors alone do not."""
+        K = self.matrix() / np.outer(self._unit, self._unit)
+        return bool(np.linalg.matrix_rank(K, tol=1e-9 * np.trace(K), hermitian=True) == len(K))
+
+    @property
     def normal_map(self) -> np.ndarray:
         """(n, w): normal forces, N, per wrench while all feet press."""
         down = np.einsum("vk,vw->kw", self.W[:, :, 0], self.twist_map(np.ones(len(self.springs), dtype=bool)))

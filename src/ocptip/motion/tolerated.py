@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.contact.bindings.unilateral import UnilateralContact
+from ocptip.contact.bindings.unilateral import DAMPING_RATIO, UnilateralContact
 from ocptip.contact.solver import solve_many
 from ocptip.contact.support import Support
 from ocptip.numerics.bisection import bisected
@@ -26,6 +26,7 @@ from ocptip.robots.kinematics import gripper_batch
 from ocptip.robots.payload import Payload
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.on_feet import STIFFEST, softest_feet
 from ocptip.trajectories.arm_motion import INSIDE
 from ocptip.trajectories.sampled import Motion
 
@@ -68,11 +69,23 @@ class Tolerated:
     how: str
 
     def __str__(self) -> str:
+        if self.quantity == "foot_stiffness":
+            return self._of_feet()
         name, unit = _WORDS[self.quantity], f" {self.unit}" if self.unit else ""
         value = f"{name[0]}{self.value:.3g}{unit}{name[1]}"
         if self.at_most:
             return f"{value} and more"
         return f"{value} ({self.how}, {self.time:.3f} s)"
+
+    def _of_feet(self) -> str:
+        damping = f"{100 * DAMPING_RATIO:.0f} % damping"
+        value = f"{min(self.value, STIFFEST):.2g} N/m".replace("e+0", "e")
+        if np.isinf(self.value):
+            return f"no feet that give ({self.how} on those of {value}, {damping}, {self.time:.3f} s)"
+        if self.at_most:
+            return f"feet that give, of {value} and more ({damping})"
+        how = f"{self.how} on softer ones, {damping}, {self.time:.3f} s"
+        return f"feet that give, of {value} and more ({how})"
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
@@ -96,6 +109,8 @@ def tolerated(robot: StandingRobot, motion: Motion) -> tuple[Tolerated, ...]:
     - push: a force at the gripper in any direction, N;
     - friction: factor of the friction coefficients of all ordinary contacts (left out if all are clamps);
     - faster: all times shorter, per cent of speed;
+    - foot_stiffness: the least, N/m, of feet that give, see `ocptip.standing.on_feet.softest_feet`; infinite
+      if jumps lift one of any stiffness;
     - delay: any of the joints starts late by so much, ms (up to six joints that move).
 
     A motion that loses a contact as it is tolerates nothing: all values are zero.
@@ -138,6 +153,7 @@ def tolerated(robot: StandingRobot, motion: Motion) -> tuple[Tolerated, ...]:
             [_Case(lambda e: parts.total(speed=1 + e), parts.times, "")],
         ),
         judge.largest("delay", "ms", 1e3, DELAY, _late(robot, motion)),
+        _stiffness(robot, motion),
     ]
     return tuple(one for one in found if one is not None)
 
@@ -254,6 +270,15 @@ def _least_friction(robot: StandingRobot, parts: _Parts) -> Tolerated | None:
         row, how = found
     time = float(parts.times[row]) if row >= 0 else np.nan
     return Tolerated("friction", factor, "", False, time, how)
+
+
+def _stiffness(robot: StandingRobot, motion: Motion) -> Tolerated | None:
+    """The least stiffness of feet; None where it is not known."""
+    found = softest_feet(robot, motion)
+    if found is None:
+        return None
+    how = f"contact {found.contacts[0]} lifts" if found.contacts else ""
+    return Tolerated("foot_stiffness", found.value, "N/m", not how, found.time, how)
 
 
 def _named(

@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 
 from ocptip.motion.output import sample_motion
 from ocptip.pictures.clearance import draw_clearance
+from ocptip.pictures.feet import feet_figure
 from ocptip.pictures.frame import (
     COLORS,
     LEGEND_GAP,
@@ -71,7 +72,10 @@ def plan_figures(plan: MotionPlan, samples: MotionSamples | None = None) -> dict
 
 def _figures(plan: MotionPlan, samples: MotionSamples | None) -> dict[str, Callable[[], Figure]]:
     curves = PlanCurves(plan, samples or sample_motion(plan.task.robot, plan.motion))
-    return {name: partial(_drawn, draw, curves) for name, draw in _FIGURES.items()}
+    figures = {name: partial(_drawn, draw, curves) for name, draw in _FIGURES.items()}
+    if feet := plan.check.feet:
+        figures["feet"] = partial(feet_figure, curves.title, feet, curves.times, curves.normal_forces)
+    return figures
 
 
 def _overview(curves: PlanCurves) -> Figure:

@@ -210,7 +210,8 @@ class StandingMechanism(MadeOf, ABC):
     @property
     def swings(self) -> bool:
         """Whether it stands on feet that give, and how it swings on them can be computed."""
-        return self.knows_inertia and self.support.elastic is not None
+        elastic = self.support.elastic
+        return self.knows_inertia and elastic is not None and elastic.holds
 
     def tool(self, q: np.ndarray) -> np.ndarray:
         """Positions (N, 3), m, base frame, of the point whose place matters; default: the centre of mass."""

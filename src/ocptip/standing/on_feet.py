@@ -9,6 +9,10 @@ from typing import Any
 import numpy as np
 
 from ocptip.basics.text import percent, quantity
+from ocptip.contact.bindings.binding import Spring
+from ocptip.contact.bindings.unilateral import DAMPING_RATIO, TANGENTIAL_SHARE, UnilateralContact
+from ocptip.contact.elastic import ElasticFeet
+from ocptip.numerics.bisection import bisected
 from ocptip.numerics.vectors import cross
 from ocptip.standing.contact_margins import Margin
 from ocptip.standing.mechanism import StandingMechanism
@@ -16,6 +20,9 @@ from ocptip.standing.on_springs import FALLEN, Course, Modes, Ride, Simulation
 from ocptip.trajectories.sampled import Motion
 
 SETTLED = 1e-4  # m: the gripper is at rest when it stays as near to its last place
+STIFFEST, SOFTEST = 1e7, 1e4  # N/m
+_CLOSE = 0.02  # decades of stiffness
+_A_MOMENT = 1e-3  # s
 _DECAYS = 6.0  # time constants of the lowest mode for which is looked on after the end
 _LOOK = 0.2, 5.0  # s: at least and at most
 
@@ -124,9 +131,9 @@ class FeetMotion:
 
 @lru_cache(maxsize=8)
 def on_its_feet(robot: StandingMechanism, motion: Motion) -> FeetMotion | None:
-    """A motion on the springs of the robot's feet; None if they are rigid, or its inertia is not known."""
+    """A motion on the springs of the robot's feet; None where it does not swing on them."""
     elastic, begin = robot.support.elastic, motion.start[None]
-    if elastic is None or not robot.knows_inertia:
+    if elastic is None or not robot.swings:
         return None
     modes = Modes.of(elastic, robot.inertia(begin, 0 * begin)[0][0])
     rate = 2 * np.pi * modes.lowest * max(modes.damping, 1e-9)
@@ -143,6 +150,52 @@ def on_its_feet(robot: StandingMechanism, motion: Motion) -> FeetMotion | None:
         shift=_largest(course.times, np.linalg.norm(shifts - shifts[0], axis=1)),
         settling=_settling(course, motion.end, shifts),
     )
+
+
+def softest_feet(robot: StandingMechanism, motion: Motion) -> Margin | None:
+    """How stiff equal feet have to be so that none lifts, at `DAMPING_RATIO` of the lowest mode.
+
+    Feet from `STIFFEST` down to `SOFTEST` are looked at, two per decade; the first step within which one
+    begins to lift is bisected. What lifts feet of any stiffness are jumps: forces overshoot by a share of
+    them.
+
+    Returns:
+        The least stiffness from which on none lifts, N/m, and when and which lifts on softer ones: infinite
+        if one lifts on the stiffest, `SOFTEST` and no contact if none does. None where contacts are not
+        ordinary ones, or the robot's inertia is not known, or nothing holds it.
+    """
+    support = robot.support
+    ordinary = [contact for contact in support.contacts if isinstance(contact, UnilateralContact)]
+    if not robot.knows_inertia or len(ordinary) < support.n_contacts:
+        return None
+    unit = np.array([[1.0, *2 * [TANGENTIAL_SHARE if foot.friction else 0.0]] for foot in ordinary])
+
+    def feet(exponent: float) -> ElasticFeet:
+        springs = [Spring(10**exponent * each, 0.0, DAMPING_RATIO) for each in unit]
+        return ElasticFeet(support.wrench_matrix, springs, support.length)
+
+    if not feet(0.0).holds:
+        return None
+    ride = Ride(robot, motion, rest=_A_MOMENT)
+
+    def lifted(exponent: float) -> Margin | None:
+        elastic = feet(exponent)
+        modes = Modes.of(elastic, ride.start_inertia)
+        course = Simulation(ride, elastic, modes, one_sided=False).run()
+        least = min((_least(course, k) for k in range(len(unit))), key=lambda margin: margin.value)
+        return least if least.value < 0 else None
+
+    exponents = np.arange(np.log10(STIFFEST), np.log10(SOFTEST) - 0.1, -0.5).tolist()
+    for above, exponent in zip([np.inf, *exponents], exponents, strict=False):
+        if found := lifted(exponent):
+            if np.isfinite(above):
+                above, found = bisected(lifted, above, exponent, found, _near)
+            return Margin(float(10**above), found.time, found.contacts)
+    return Margin(SOFTEST, np.nan)
+
+
+def _near(low: float, high: float) -> bool:
+    return high - low <= _CLOSE
 
 
 def _least(course: Course, k: int) -> Margin:
