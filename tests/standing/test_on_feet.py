@@ -239,3 +239,13 @@ def test_the_least_stiffness_is_where_a_foot_begins_to_lift():
     assert softest_feet(*plan_of("C")) is None  # a clamp
     gentle = softest_feet(plan_of("A")[0], plan_of("A")[1].time_scaled(10.0))
     assert (gentle.value, gentle.contacts) == (on_feet.SOFTEST, ())
+
+
+def test_what_is_not_computed_is_said():
+    robot, motion = plan_of("A")
+    assert softened(robot, 1e6).notes == robot.notes == ()
+    own = robot.support
+    castors = [replace(c, friction=0.0, stiffness=1e6) for c in own.contacts]
+    rolling = robot.varied(support=Support(castors, mass=own.mass, center_of_mass=own.center_of_mass))
+    assert rolling.notes == ("how the base swings on feet that give is not computed for this arm",)
+    assert on_its_feet(rolling, motion) is None

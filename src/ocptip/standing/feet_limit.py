@@ -14,6 +14,7 @@ from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.on_feet import on_its_feet
 from ocptip.trajectories.sampled import Motion
 
+_TOUCH = 1e-6  # m: as what a foot counts that lets go and comes down at once
 _TIGHTER = 0.05  # of the weight per foot: by how much feet are kept down more where a motion lifts one
 
 
@@ -126,7 +127,10 @@ class FootLiftLimit(AskedLimit):
         time, detail = found.end, ""
         if found.lifts:
             time, detail = found.lifts[0].time, f"contact {found.lifts[0].contact}"
-        return [Worst(self.quantity, found.lift, time, self.number, detail, found.lift - self.number)]
+        excess = found.lift - self.number
+        if found.lifts and not self.number:
+            excess = max(excess, _TOUCH)
+        return [Worst(self.quantity, found.lift, time, self.number, detail, excess)]
 
     def kept(self, at: Instants) -> bool:
         return True

@@ -189,7 +189,9 @@ class StandingMechanism(MadeOf, ABC):
     @property
     def notes(self) -> tuple[str, ...]:
         """What was assumed of the mechanism, one sentence each, for reports."""
-        return ()
+        if self.support.elastic is None or self.swings:
+            return ()
+        return (f"how the base swings on feet that give is not computed for this {self.kind}",)
 
     @abstractmethod
     def loads(self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

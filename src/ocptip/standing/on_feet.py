@@ -209,7 +209,7 @@ def _largest(times: np.ndarray, values: np.ndarray) -> Margin:
 
 
 def _lifts(course: Course) -> list[Lift]:
-    """Runs of instants at which a foot has a gap below it."""
+    """Runs of instants at which a foot has a gap below it, and instants at which one lets go without a gap."""
     found = []
     for k, gaps in enumerate(course.gaps.T):
         edges = np.flatnonzero(np.diff(np.concatenate([[False], gaps > 0, [False]])))
@@ -217,6 +217,9 @@ def _lifts(course: Course) -> list[Lift]:
             top = first + int(np.argmax(gaps[first:last]))
             begin, end = course.times[max(first - 1, 0)], course.times[min(last, len(gaps) - 1)]
             found.append(Lift(k + 1, float(begin), float(end), float(gaps[top]), float(course.times[top])))
+    for k, time in course.lost:
+        if not any(lift.contact == k + 1 and lift.begin - 1e-9 <= time <= lift.end for lift in found):
+            found.append(Lift(k + 1, time, time, 0.0, time))
     return found
 
 

@@ -144,6 +144,7 @@ class Course:
         twists, rates: (T, 6), m and rad, m/s and rad/s.
         forces: (T, n, 3), N, contact axes, on the base.
         gaps: (T, n), m, of soles that are lifted; else 0.
+        lost: contact (from 0) and time of every foot that let go, also of those that came down at once.
         falls: the computation ended early, where a foot had moved by more than `FALLEN`.
     """
 
@@ -152,6 +153,7 @@ class Course:
     rates: np.ndarray
     forces: np.ndarray
     gaps: np.ndarray
+    lost: tuple[tuple[int, float], ...]
     falls: bool
 
 
@@ -183,7 +185,7 @@ class Simulation:
         ride, n = self._ride, len(self._D)
         self._pressing: np.ndarray = self._elastic.share(ride.start_load[None]).pressing[0].copy()
         self._anchors, self._soles, self._lifted = np.zeros((n, 3)), np.zeros(n), np.zeros(n)
-        self._switches = 0
+        self._switches, self._lost = 0, list[tuple[int, float]]()
         K = self._elastic.matrix(self._pressing) + self._leaning[0]
         z = np.zeros(16)
         z[:6] = np.linalg.lstsq(K, ride.start_load, rcond=1e-12)[0]
@@ -197,7 +199,7 @@ class Simulation:
             if falls:
                 break
         times, states, forces, gaps = (np.concatenate(values) for values in zip(*parts, strict=True))
-        return Course(times, states[:, :6], states[:, 6:], forces, gaps, falls)
+        return Course(times, states[:, :6], states[:, 6:], forces, gaps, tuple(self._lost), falls)
 
     def _seen(self, times: np.ndarray, states: np.ndarray) -> tuple[np.ndarray, ...]:
         gaps = np.where(self._pressing, 0.0, np.maximum(self._gaps(states, times), 0.0))
@@ -265,6 +267,7 @@ class Simulation:
             self._anchors[k, 1:] = z[:6] @ self._W[:, k, 1:]
         else:
             self._soles[k], self._lifted[k] = z[:6] @ self._W[:, k, 0], time
+            self._lost.append((k, time))
 
     def _far(self, z: np.ndarray) -> bool:
         return bool(np.max(np.abs(np.einsum("vkc,v->kc", self._W, z[:6]))) > FALLEN)
