@@ -125,6 +125,8 @@ class FeetMotion:
     def _lift_lines(self) -> list[str]:
         highest = self.lifts[0]
         line = f"contact {highest.contact} lifts by {1e3 * highest.height:.2g} mm ({highest.time:.3f} s)"
+        if highest.height == 0:
+            line = f"contact {highest.contact} bears nothing for an instant ({highest.time:.3f} s)"
         more = len(self.lifts) - 1
         return [line + (f"; {more} other lift{'s' if more > 1 else ''}" if more else "")]
 
@@ -209,7 +211,7 @@ def _largest(times: np.ndarray, values: np.ndarray) -> Margin:
 
 
 def _lifts(course: Course) -> list[Lift]:
-    """Runs of instants at which a foot has a gap below it, and instants at which one lets go without a gap."""
+    """Runs of instants at which a foot has a gap below it, and instants at which one lets go without."""
     found = []
     for k, gaps in enumerate(course.gaps.T):
         edges = np.flatnonzero(np.diff(np.concatenate([[False], gaps > 0, [False]])))
