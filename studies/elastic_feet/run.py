@@ -189,7 +189,7 @@ def main() -> None:
     options.out.mkdir(parents=True, exist_ok=True)
     plans = [row for case in options.cases for row in planned(case, options.starts, options.seed)]
     seen = [compared(case, k, zeta) for case in "ABG" for k in FEET for zeta in (0.05, 0.2)]
-    used = {"starts": options.starts, "seed": options.seed}
+    used = {"starts": options.starts, "seed": options.seed, "cases": options.cases}
     software_used = versions(("numpy", "scipy", "casadi", "mujoco"))
     result = {"versions": software_used, "options": used, "plans": plans, "compared": seen}
     write_json(options.out / "elastic_feet.json", result, indent=1)

@@ -347,7 +347,7 @@ def test_figures_of_an_earlier_plan_are_removed(planner, capsys, tmp_path):
 
 
 def test_the_names_of_all_files_are_known():
-    figures = [f"{name}.png" for name in (*motion_plots._FIGURES, "feet")]
+    figures = [f"{name}.png" for name in (*motion_plots._FIGURES, "stops", "feet")]
     assert OUTPUTS["plan"] == (*FILES, *figures)
 
 
