@@ -22,6 +22,7 @@ FLOORS = [
     "parallel",
     "indices",
     "standing",
+    "certificate",
     "motion",
     "placement",
     "published",

@@ -549,7 +549,7 @@ def test_readme_shows_what_the_command_prints(root, scenes, capsys):
     """Verdict and layout; with four wheels the forces are one choice of many and may differ."""
     readme = (root / "README.md").read_text(encoding="utf-8")
     blocks = re.findall(r"```text\n(.*?)\n```", readme, flags=re.DOTALL)
-    assert re.match(r"A: VERIFIED\. \d+\.\d J in \d\.\d{3} s, slip GT 0\.\d{3} of 0\.9 allowed", blocks[0])
+    assert re.match(r"A: CERTIFIED\. \d+\.\d J in \d\.\d{3} s, slip GT 0\.\d{3} of 0\.9 allowed", blocks[0])
     assert (root / "docs" / "plan.png").read_bytes().startswith(b"\x89PNG")
     shown = blocks[1].splitlines()
     main(["stand", str(scenes / "rover_on_slope.toml")])

@@ -154,4 +154,4 @@ def test_filled_in_it_plans(here, capsys):
     text = (here / "t.toml").read_text(encoding="utf-8")
     (here / "t.toml").write_text(filled(text, VALUES), encoding="utf-8")
     assert main(["plan", "t.toml", "--starts", "2", "--jobs", "1", "--no-figures"]) == 0
-    assert "VERIFIED" in capsys.readouterr().out
+    assert "CERTIFIED" in capsys.readouterr().out

@@ -27,7 +27,7 @@ from ocptip.standing.limits import MotionLimits
 from ocptip.trajectories.arm_motion import ArmMotion
 from tests.pictures.plan_stand_in import stand_in_plan
 
-FILES = ["plan.json", "motion.csv", "trajectory.json", "task/task.toml", "SHA256SUMS"]
+FILES = ["plan.json", "motion.csv", "trajectory.json", "certificate.json", "task/task.toml", "SHA256SUMS"]
 
 
 def files_in(folder):
@@ -74,14 +74,14 @@ def test_files_figures_and_summary(planner, capsys, tmp_path, monkeypatch):
     lines = out.splitlines()
     worst = planner.result.check.worst["GN"]
     assert lines[0] == (
-        f"C: VERIFIED. 221.9 J in 2.126 s, tip-over GN {worst.value:.3f} of 0.9 allowed (1: tips) at "
+        f"C: CERTIFIED. 221.9 J in 2.126 s, tip-over GN {worst.value:.3f} of 0.9 allowed (1: tips) at "
         f"{worst.time:.3f} s, 1.000 of the reference's 221.9 J."
     )
     assert lines[1] == "starts     1 of 2 verified, 43 iterations, 2.5 s, seed 3"
     directory = tmp_path / "ocptip-plan-C"
     names = [*FILES, "plan.png"]
     rest = {line.split()[0]: line for line in lines[2:] if not line.startswith(" ")}
-    assert list(rest) == ["contacts", "collision", "tolerates", "masses", "written"]
+    assert list(rest) == ["proof", "contacts", "collision", "tolerates", "masses", "written"]
     assert rest["contacts"].startswith("contacts   least normal force ")
     assert rest["tolerates"].startswith("tolerates  floor tilted by ")
     assert rest["masses"] == "masses     base 3.45 kg, arm 15.71 kg; together 19.16 kg"

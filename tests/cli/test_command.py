@@ -22,6 +22,7 @@ ARGUMENTS = {
     "plan": ["A"],
     "place": ["a.toml"],
     "check": ["a.json"],
+    "certify": ["a.json"],
     "rate": ["FSFS"],
     "parallel": ["6UPS"],
     "examples": ["ex"],

@@ -169,7 +169,7 @@ def test_plan_and_check_of_an_arm_on_a_lift_speak_of_metres(folder, capsys):
     load(folder, SHORT + 'optimised = ["lift", "turn_1"]\ncommands = 2\n')
     assert main(["plan", "task.toml", "--starts", "1", "--jobs", "1", "--out", "out", "--no-figures"]) == 0
     text = capsys.readouterr().out
-    assert "VERIFIED" in text
+    assert "CERTIFIED" in text
     assert "assumed" in text
     plan = json.loads((folder / "out" / "plan.json").read_text(encoding="utf-8"))
     assert plan["units"] == ["m", "deg", "deg"]

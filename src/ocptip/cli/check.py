@@ -16,11 +16,11 @@ from ocptip.basics.text import quantity, ratio
 from ocptip.basics.write import versions
 from ocptip.cli.command import Report
 from ocptip.cli.cycles import require_plain, seam_offsets, segment_table, segments_of, segments_within
-from ocptip.cli.layout import masses, named, table, under, within_rows
+from ocptip.cli.layout import certificate_rows, masses, named, table, under, within_rows
 from ocptip.cli.options import given_limits, with_limits
 from ocptip.cli.progress import say_if_compiling
 from ocptip.cli.stops import sensitivities_of, sensitivities_to_dict, stop_table, stops_of
-from ocptip.motion.check import MotionCheck, check_motion
+from ocptip.motion.check import MotionCheck, certified, check_motion
 from ocptip.motion.cycles.check import CycleCheck, check_cycle
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.motion.cycles.tolerated import cycle_tolerances
@@ -79,7 +79,7 @@ _REACHED = 1e-6  # m and rad: how near to its pose a posture is as good as any o
 
 def run(options: Namespace) -> CheckReport:
     """Check the motion, and the same path faster or slower, on the robot that is named."""
-    task, path = _task(options)
+    task, path = task_of(options)
     step = positive_number("--step", options.step)
     for factor in options.time_scale:
         positive_number("--time-scale", factor)
@@ -95,6 +95,7 @@ def run(options: Namespace) -> CheckReport:
     motion = load_motion(path, task.robot.names, task.robot.units, unit=options.unit)
     with naming(name):
         checked = check_motion(task.robot, motion, task.limits, step=step)
+        checked = certified(task.robot, motion, checked, task.limits)
         scaled = [
             (f, check_motion(task.robot, motion.time_scaled(f), task.limits, step=step))
             for f in options.time_scale
@@ -195,7 +196,8 @@ class CheckReport(Report):
     def to_text(self) -> str:
         """Verdict, worst instants, energy."""
         checked = self.check
-        verdict = f"VERIFIED{checked.scope}. All limits hold" if self.good else "NOT VERIFIED"
+        sampled = " (stops at sampled instants)" if self.stops and checked.certified else ""
+        verdict = f"{checked.headline}{sampled}. All limits hold" if self.good else "NOT VERIFIED"
         lines = [f"{self.name} on {self.task.name}: {verdict}."]
         lines += [f"  {violation}" for violation in checked.violations]
         lines += [f"  {violation}" for violation in (self.stops.violations if self.stops else ())]
@@ -204,6 +206,7 @@ class CheckReport(Report):
         lines += ["", *_worst_table(checked), ""]
         moving = f"{quantity(checked.energy, 'J')} in {quantity(checked.duration, 's')}"
         rows = [("energy", f"{moving}, checked at {checked.samples} instants")]
+        rows += certificate_rows(checked)
         rows += under("contacts", checked.contacts.lines())
         rows += under("on feet", checked.feet_lines)
         rows.append(("collision", checked.collision_text))
@@ -239,7 +242,7 @@ class CheckReport(Report):
         return notes
 
 
-def _task(options: Namespace) -> tuple[MotionTask | CycleTask, Path]:
+def task_of(options: Namespace) -> tuple[MotionTask | CycleTask, Path]:
     """The task and the motion's file.
 
     The task that is named, or that of the plan's folder, or the case that the file names, with its base.

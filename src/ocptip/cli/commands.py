@@ -32,6 +32,13 @@ FILES = (
 SENSITIVITIES = argument(
     "--sensitivities", None, "what would help, and by how much (docs/sensitivities.md)", action="store_true"
 )
+OF_MOTION = (
+    either(
+        argument("--case", "A..H", "a printed case (default: the one the motion names)"),
+        argument("--task", "TASK.toml", "robot, support and limits of a task file (plan's folder: its)"),
+    ),
+    argument("--base", "SET", "base data of a case: printed or effective (default)"),
+)
 
 
 def _time_scale(text: str) -> Argument:
@@ -130,15 +137,7 @@ COMMANDS = (
                 "a plan's folder, or a file of it; other ramp commands, a joint trajectory (JSON, YAML), or "
                 "samples as CSV",
             ),
-            either(
-                argument("--case", "A..H", "a printed case (default: the one the motion names)"),
-                argument(
-                    "--task",
-                    "TASK.toml",
-                    "robot, support and limits of a task file (plan's folder: its)",
-                ),
-            ),
-            argument("--base", "SET", "base data of a case: printed or effective (default)"),
+            *OF_MOTION,
             argument(
                 "--stops",
                 None,
@@ -153,6 +152,20 @@ COMMANDS = (
             argument("--unit", None, "of angles in CSV columns that do not say it", choices=("deg", "rad")),
             _time_scale("check also with all times x F"),
             argument("--step", "S", "first spacing, s (0.01)", type=float, default=0.01),
+        ),
+    ),
+    Command(
+        "certify",
+        "a proof that a motion keeps all limits at every instant, or the check of one",
+        "Proves that a motion loses no contact and keeps all limits at every instant, not only where it was "
+        "sampled; or checks a certificate, from its data alone.",
+        "0 certified (a certificate: it holds), 1 not",
+        (
+            argument("motion", "MOTION|CERTIFICATE", "as for check; or a certificate.json"),
+            *OF_MOTION,
+            *LIMITS,
+            TOLERANCE,
+            argument("--out", "FILE", "write the certificate (JSON)"),
         ),
     ),
     Command(

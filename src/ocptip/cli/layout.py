@@ -41,6 +41,11 @@ def under(name: str, texts: Iterable[object]) -> list[tuple[str, str]]:
     return [("" if k else name, f"{text}") for k, text in enumerate(texts)]
 
 
+def certificate_rows(checked: MotionCheck) -> list[tuple[str, str]]:
+    """What is proved for all instants; nothing where that was not asked for."""
+    return [("proof", f"{checked.certificate}")] if checked.certificate else []
+
+
 def within_rows(checked: MotionCheck) -> list[tuple[str, str]]:
     """What a check within a tolerance found; nothing without one."""
     if (within := checked.within) is None:

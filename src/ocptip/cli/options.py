@@ -18,7 +18,8 @@ from ocptip.task_files.tolerance import load_tolerance
 
 OUTPUTS = {
     "plan": (
-        "plan.json", "motion.csv", "trajectory.json", "task/task.toml", "SHA256SUMS", "plan.png",
+        "plan.json", "motion.csv", "trajectory.json", "certificate.json", "task/task.toml", "SHA256SUMS",
+        "plan.png",
         "angles.png", "speeds.png", "torques.png", "power.png", "reserves.png", "normal_forces.png",
         "friction.png", "clearance.png", "stops.png", "feet.png",
     ),

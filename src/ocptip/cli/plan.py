@@ -12,11 +12,11 @@ from typing import Any, TextIO
 from ocptip.basics.errors import InputError, PlanningError, positive_number
 from ocptip.cli.command import Answer, Report
 from ocptip.cli.cycles import plan_it
-from ocptip.cli.layout import masses, summary, under, use_of_reserves, within_rows
+from ocptip.cli.layout import certificate_rows, masses, summary, under, use_of_reserves, within_rows
 from ocptip.cli.options import output_directory, remove_figures, require_least, with_limits
 from ocptip.cli.progress import Progress, say_if_compiling
 from ocptip.cli.stops import sensitivities_of, sensitivities_to_dict, stops_of
-from ocptip.motion.check import MotionCheck, check_motion
+from ocptip.motion.check import MotionCheck, certified, check_motion
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.motion.execution import Execution, execute
 from ocptip.motion.objective import ENERGY, Objective, objective_of
@@ -61,6 +61,8 @@ def run(options: Namespace) -> Report:
         (f, check_motion(task.robot, plan.motion.time_scaled(f), task.limits)) for f in options.time_scale
     ]
     execution = _execution(plan, options)
+    proved = certified(plan.task.robot, execution.motion, execution.check, task.limits)
+    execution = replace(execution, check=proved)
     deviations = tolerances(plan.task.robot, execution.motion)
     stops = stops_of(plan.task, execution.motion, execution.check)
     extra = {**({"base": base} if base else {}), "tolerated": [one.to_dict() for one in deviations]}
@@ -184,6 +186,7 @@ class PlanReport(Report):
             )
         if self.plan.interrupted:
             lines.append(("interrupted", "this is the best of the starts that had finished"))
+        lines += certificate_rows(self.check)
         lines += under("contacts", self.check.contacts.lines())
         lines += under("on feet", self.check.feet_lines)
         lines.append(("collision", self.check.collision_text))
@@ -200,8 +203,7 @@ class PlanReport(Report):
         """Status, energy, duration, use of the reserves, ratio to the reference."""
         plan, checked = self.plan, self.check
         parts = [
-            f"{plan.task.name}: {'VERIFIED' if checked.verified else 'NOT VERIFIED'}{checked.scope}. "
-            f"{checked.energy:.1f} J in {checked.duration:.3f} s",
+            f"{plan.task.name}: {checked.headline}. {checked.energy:.1f} J in {checked.duration:.3f} s",
             use_of_reserves(checked),
         ]
         if plan.task.reference is not None:

@@ -7,13 +7,14 @@ worst instants until they stay put. The rest before and after the motion is look
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from ocptip.basics.errors import InputError, positive_number
 from ocptip.basics.text import some
+from ocptip.certificate.find import Certificate, certify
 from ocptip.motion.within_tolerance import WithinTolerance, worst_within
 from ocptip.standing.contact_margins import ContactMargins
 from ocptip.standing.instants import Instants
@@ -56,6 +57,7 @@ class MotionCheck:
         contacts: how close contacts come to being lost, in N, N m and m, at the sampled instants.
         collision: what was looked at, and the smallest distance, see `Collisions.to_dict`.
         within: the contacts at the worst of the tolerance; None where none was given.
+        certificate: what is proved for all instants; None where that was not asked for, see `certified`.
     """
 
     verified: bool
@@ -69,6 +71,18 @@ class MotionCheck:
     collision: dict[str, Any]
     within: WithinTolerance | None = None
     feet: FeetMotion | None = None
+    certificate: Certificate | None = None
+
+    @property
+    def certified(self) -> bool:
+        """Every limit is proved to hold at every instant."""
+        return self.verified and self.certificate is not None and self.certificate.certified
+
+    @property
+    def headline(self) -> str:
+        """The verdict in capital letters, and what it is about."""
+        word = "CERTIFIED" if self.certified else "VERIFIED" if self.verified else "NOT VERIFIED"
+        return word + self.scope
 
     @property
     def scope(self) -> str:
@@ -106,6 +120,8 @@ class MotionCheck:
             "feet": self.feet.to_dict() if self.feet else None,
             "collision": self.collision,
             **({"within_tolerance": self.within.to_dict()} if self.within else {}),
+            "certified": self.certified,
+            "certificate": self.certificate.to_dict() if self.certificate else None,
         }
 
 
@@ -184,6 +200,20 @@ def check_motion(
         within=within,
         feet=on_its_feet(robot, motion),
     )
+
+
+def certified(
+    robot: StandingMechanism, motion: Motion, checked: MotionCheck, limits: MotionLimits | None = None
+) -> MotionCheck:
+    """The check with a certificate, if it is verified: a proof for all instants, as far as there is one.
+
+    Args:
+        robot, motion, limits: as checked.
+        checked: what `check_motion` found.
+    """
+    if not checked.verified:
+        return checked
+    return replace(checked, certificate=certify(robot, motion, limits or MotionLimits(), checked.worst))
 
 
 def _nearest(motion: Motion, worst: list[Worst]) -> np.ndarray:

@@ -35,6 +35,7 @@ STEP = 0.005
 """Spacing of the samples in motion.csv and in the figures, s."""
 
 PLAN, MOTION, TRAJECTORY = "plan.json", "motion.csv", "trajectory.json"
+CERTIFICATE = "certificate.json"
 
 _START_KEYS = {
     "number": "number",
@@ -57,6 +58,8 @@ def plan_to_dict(plan: MotionPlan, execution: Execution | None = None) -> dict[s
     to it, or is None.
     """
     checked, units = plan.check, plan.task.robot.units
+    if execution is not None and execution.controller == "ramps":
+        checked = execution.check  # with its certificate
     motion = plan.motion.to_dict(units)
     goal = plan.motion.goal
     data = {
@@ -67,6 +70,7 @@ def plan_to_dict(plan: MotionPlan, execution: Execution | None = None) -> dict[s
         "energy_J": checked.energy,
         "duration_s": checked.duration,
         "verified": checked.verified,
+        **{key: checked.to_dict()[key] for key in ("certified", "certificate")},
         "violations": checked.violations,
         "worst": checked.to_dict()["worst"],
         **plan.task.robot.masses_to_dict(),
@@ -174,6 +178,8 @@ def write_plan(
 ) -> list[Path]:
     """Write plan.json, motion.csv, trajectory.json, the task and the hashes of all; old ones are replaced.
 
+    If there is a certificate, certificate.json is among them.
+
     The task, with all that its file names, is left out if it was made in Python, or its robot was changed
     since it was read.
 
@@ -202,6 +208,8 @@ def write_plan(
         MOTION: csv_text(csv_blocks(samples)),
         TRAJECTORY: json.dumps(points, allow_nan=False) + "\n",
     }
+    if (certificate := execution.check.certificate) and certificate.data:
+        texts[CERTIFICATE] = json.dumps(certificate.data, allow_nan=False) + "\n"
     source = _source(plan.task)
     text = source.text(plan.task.name, plan.task.limits, plan.task.objective) if source else ""
     return write_folder(directory, texts, source, text)

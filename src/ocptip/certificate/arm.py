@@ -1,0 +1,192 @@
+"""Torques and base wrench of a serial arm, and where its links are, over intervals of time, in Taylor forms.
+
+Newton and Euler's recursion in link axes, written for forms on its own; `robots.dynamics` has the same for
+numbers and symbols. Plain data and NumPy only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ocptip.certificate.forms import TINY, Form, K, U, cos_sin, linear, stack
+
+Turns = list[tuple[Form, tuple[Form, Form] | None]]
+
+
+def skew(v: np.ndarray) -> np.ndarray:
+    """Matrix of v x."""
+    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+
+
+_SQUARES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+
+
+def _centripetal(lever: np.ndarray) -> np.ndarray:
+    """(3, 6): omega x (omega x lever) as a linear map of the products of omega."""
+    x, y, z = lever
+    return np.array([[0, -x, -x, y, z, 0], [-y, 0, -y, x, 0, z], [-z, -z, 0, 0, x, y]], dtype=float)
+
+
+def _gyroscopic(inertia: np.ndarray) -> np.ndarray:
+    """(3, 6): omega x (inertia omega) likewise."""
+    out = np.zeros((3, 6))
+    for column, (i, j) in enumerate(_SQUARES):
+        outer = np.zeros((3, 3))
+        outer[i, j] = outer[j, i] = 1.0
+        turned = inertia @ outer  # of omega omega^T, row k of I omega omega^T
+        out[:, column] = [
+            turned[2, 1] - turned[1, 2],
+            turned[0, 2] - turned[2, 0],
+            turned[1, 0] - turned[0, 1],
+        ]
+    return out
+
+
+def _into(A: np.ndarray, turn: tuple[Form, Form] | None, v: Form) -> Form:
+    """Vectors (3, m, N) of the frame before a joint in that behind it."""
+    return _turned(_apply(A.T, v), turn, -1.0)
+
+
+def _out_of(A: np.ndarray, turn: tuple[Form, Form] | None, v: Form) -> Form:
+    """The other way."""
+    return _apply(A, _turned(v, turn, 1.0))
+
+
+def _apply(A: np.ndarray, v: Form) -> Form:
+    flat = Form(v.c.reshape(K, 3, -1), v.r.reshape(3, -1))
+    out = linear(A, flat)
+    return Form(out.c.reshape(v.c.shape), out.r.reshape(v.r.shape))
+
+
+def _turned(v: Form, turn: tuple[Form, Form] | None, sign: float) -> Form:
+    if turn is None:
+        return v
+    cosine, sine = turn
+    swapped = v[[1, 0]]
+    signs = np.array([-sign, sign]).reshape(2, *[1] * (v.r.ndim - 1))
+    xy = v[:2] * cosine + swapped * signs * sine
+    return Form(np.concatenate([xy.c, v.c[:, 2:]], axis=1), np.concatenate([xy.r, v.r[2:]]))
+
+
+class Arm:
+    """Torques and base wrench of an arm over intervals (Newton and Euler's recursion in forms).
+
+    Args:
+        data: of a certificate's model.
+        gravity: (3,), m/s^2, base axes.
+        about: (3,), m, base frame: reference point of the moment on the base.
+    """
+
+    def __init__(self, data: Mapping[str, Any], gravity: np.ndarray, about: np.ndarray) -> None:
+        number = {key: np.array(value, dtype=float) for key, value in data.items()}
+        self.rotations = number["rotations"].copy()
+        self.rotations[0] = number["mount_rotation"] @ self.rotations[0]
+        self.offsets, self.masses, self.centres = number["offsets"], number["masses"], number["centres"]
+        self.inertias, self.armature = number["inertias"], number["armature"]
+        self.slides = number["slides"].astype(bool)
+        self.ratios, self.shift = number["ratios"], number["shift"]
+        self.mount, self.mount_rotation = number["mount_position"], number["mount_rotation"]
+        self.gravity, self.about = gravity, about
+        self.n = len(self.masses)
+
+    def turns(self, q: Form) -> Turns:
+        """Of each joint its value (N,) and, if it turns, cosine and sine; q (n, N) coordinates."""
+        values = linear(self.ratios, q) + self.shift[:, None]
+        return [(values[i], None if self.slides[i] else cos_sin(values[i])) for i in range(self.n)]
+
+    def loads(self, turns: Turns, qd: Form, qdd: Form) -> tuple[Form, Form]:
+        """Torques (n, N) and the wrench (6, N) on the base about its centre of mass, without its weight."""
+        speeds, changes = linear(self.ratios, qd), linear(self.ratios, qdd)
+        count = qd.r.shape[-1]
+        zero = Form.of(np.zeros((3, count)))
+        omega, domega = zero, zero
+        acceleration = Form.of(np.broadcast_to(-self.gravity[:, None], (3, count)))
+        forces, moments = [], []
+        squares = Form.of(np.zeros((6, count)))
+        for i in range(self.n):
+            if i or self.slides[i]:
+                lever = self.offsets[i - 1] if i else np.zeros(3)
+                acceleration = acceleration + self._swing(lever, domega, squares)
+                if self.slides[i]:
+                    acceleration = (
+                        acceleration + self._swing(self.rotations[i][:, 2], domega, squares) * turns[i][0]
+                    )
+            moved = _into(self.rotations[i], turns[i][1], _columns(acceleration, omega, domega))
+            acceleration, omega, domega = moved[:, 0], moved[:, 1], moved[:, 2]
+            cross = stack(omega[1], -omega[0]) * speeds[i]  # omega x z qd
+            if self.slides[i]:
+                acceleration = _plus(acceleration, cross * 2.0, changes[i])
+            else:
+                domega = _plus(domega, cross, changes[i])
+                omega = _plus(omega, None, speeds[i])
+            squares = omega[[0, 1, 2, 0, 0, 1]] * omega[[0, 1, 2, 1, 2, 2]]
+            f = (acceleration + self._swing(self.centres[i], domega, squares)) * self.masses[i]
+            spin = linear(self.inertias[i], domega) + linear(_gyroscopic(self.inertias[i]), squares)
+            forces.append(f)
+            moments.append(spin + linear(skew(self.centres[i]), f))
+        F = M = zero
+        needed: list[Form] = []
+        for i in reversed(range(self.n)):
+            if i < self.n - 1:
+                lever = self.offsets[i]
+                M = M + linear(skew(lever), F)
+                if self.slides[i + 1]:
+                    M = M + linear(skew(self.rotations[i + 1][:, 2]), F) * turns[i + 1][0]
+            F, M = F + forces[i], M + moments[i]
+            needed.insert(0, (F if self.slides[i] else M)[2])
+            moved = _out_of(self.rotations[i], turns[i][1], _columns(F, M))
+            F, M = moved[:, 0], moved[:, 1]
+        M = M + linear(skew(self.mount - self.about), F)
+        if self.slides[0]:
+            M = M + linear(skew(self.rotations[0][:, 2]), F) * turns[0][0]
+        wrench = Form(-np.concatenate([F.c, M.c], axis=1), np.concatenate([F.r, M.r]))
+        return linear(self.ratios.T, stack(*needed)) + qdd * self.armature[:, None], wrench
+
+    @staticmethod
+    def _swing(lever: np.ndarray, domega: Form, squares: Form) -> Form:
+        return linear(-skew(lever), domega) + linear(_centripetal(lever), squares)
+
+    def frames(self, turns: Turns) -> list[tuple[Form, Form]]:
+        """Rotation (3, 3, N) of each link to base axes, first the mount's, and its origin (3, N)."""
+        count = turns[0][0].r.shape[-1]
+        R = Form.of(np.broadcast_to(np.eye(3)[:, :, None], (3, 3, count)))
+        p = Form.of(np.broadcast_to(self.mount[:, None], (3, count)))
+        out = [(_apply_right(R, self.mount_rotation), p)]
+        for i, (value, turn) in enumerate(turns):
+            if i:
+                p = p + linear_rows(R, self.offsets[i - 1])
+            R = _apply_right(R, self.rotations[i])
+            if turn is None:
+                p = p + R[:, 2] * value
+            else:
+                x, y = R[:, 0], R[:, 1]
+                R = _columns(x * turn[0] + y * turn[1], y * turn[0] - x * turn[1], R[:, 2])
+            out.append((R, p))
+        return out
+
+
+def _plus(v: Form, xy: Form | None, z: Form) -> Form:
+    """v (3, N) plus (x, y, z)."""
+    head = v[:2] if xy is None else v[:2] + xy
+    tail = v[2] + z
+    return Form(np.concatenate([head.c, tail.c[:, None]], axis=1), np.concatenate([head.r, tail.r[None]]))
+
+
+def _columns(*vectors: Form) -> Form:
+    return Form(np.stack([v.c for v in vectors], axis=2), np.stack([v.r for v in vectors], axis=1))
+
+
+def linear_rows(R: Form, v: np.ndarray) -> Form:
+    """R (3, 3, N) times a constant vector: (3, N)."""
+    c = np.einsum("kijn,j->kin", R.c, v)
+    r = np.einsum("ijn,j->in", R.r + U * R.size, np.abs(v))
+    return Form(c, r * (1 + U) + TINY)
+
+
+def _apply_right(R: Form, A: np.ndarray) -> Form:
+    c = np.einsum("kijn,jm->kimn", R.c, A)
+    r = np.einsum("ijn,jm->imn", R.r + U * R.size, np.abs(A))
+    return Form(c, r * (1 + U) + TINY)

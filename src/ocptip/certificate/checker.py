@@ -1,0 +1,433 @@
+"""Check a certificate: at every instant of a motion the base stands and every limit is kept.
+
+A reader has to trust this module, `arm` and `forms`, and nothing else: NumPy and plain data, no solver, no
+optimiser. What is assumed, and one interval worked by hand, are in docs/certificate.md.
+
+A certificate is plain data:
+
+- `model`: the arm (link frames, inertias), the base (mass, centre of mass, gravity), contacts with their
+  force sets, what may collide, the joints' limits, as numbers;
+- `motion`: pieces of time, on each of which every joint's coordinate is a polynomial of u in [-1, 1];
+- `bounds`: what is claimed, one number each for the whole motion;
+- `cover`: per piece the ends -1 = u_0 < u_1 < ... = 1 of its intervals, contact forces at both ends of
+  each, and directions that separate solids;
+- `sha256`: of model and motion.
+
+Over one interval the contact forces are those at its ends, interpolated, and corrected by one fixed linear
+map so that they hold the base exactly. If these forces stay in their sets, the contacts can hold the base
+throughout; the share of the friction that they use bounds GT from above.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from ocptip.certificate.arm import Arm, Turns, linear_rows, skew
+from ocptip.certificate.forms import Form, U, linear
+
+FORMAT = "ocptip certificate 1"
+CLAIMS = ("GN", "GT", "torque_ratio", "clearance")
+RELATIVE = 1e-5  # of themselves: by so much may speeds and accelerations exceed their limits: rounded times
+ANGLE = 1e-7  # rad or m, likewise
+JUMP = 1e-6  # rad or m, and 100 times as much per s: pieces that meet may differ by so much
+_FLAT = 1e-9
+
+Directions = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a certificate proves.
+
+    Attributes:
+        holds: everything that it claims.
+        problems: why not, one sentence each.
+        bounds: claimed: greatest GN, GT and torque_ratio, least clearance, m.
+        intervals: number of them.
+    """
+
+    holds: bool
+    problems: tuple[str, ...]
+    bounds: Mapping[str, float]
+    intervals: int
+
+
+def check_certificate(data: Mapping[str, Any]) -> Verdict:
+    """Judge a certificate, from its data alone."""
+    try:
+        problems, intervals = _problems(data)
+        bounds = dict(data["bounds"])
+    except (KeyError, IndexError, TypeError, ValueError, np.linalg.LinAlgError) as error:
+        return Verdict(False, (f"not readable: {type(error).__name__}: {error}",), {}, 0)
+    return Verdict(not problems, tuple(problems), bounds, intervals)
+
+
+def digest(data: Any) -> str:
+    """SHA-256 of plain data."""
+    text = json.dumps(data, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _problems(data: Mapping[str, Any]) -> tuple[list[str], int]:
+    if data["format"] != FORMAT:
+        return [f"format is {data['format']!r}, expected {FORMAT!r}"], 0
+    found = [
+        f"the {key} is not that of the digest"
+        for key in ("model", "motion")
+        if digest(data[key]) != data["sha256"][key]
+    ]
+    bounds, motion = data["bounds"], data["motion"]
+    if unknown := set(bounds) - set(CLAIMS):
+        found.append(f"unknown claims: {', '.join(sorted(unknown))}")
+    found += [
+        f"{key}: {bounds[key]} is no bound that proves anything"
+        for key in ("GN", "GT")
+        if not 0 < bounds[key] < 1
+    ]
+    if not (np.isfinite(bounds["torque_ratio"]) and np.isfinite(bounds.get("clearance", 0.0))):
+        found.append("bounds: not finite")
+    if ("clearance" in bounds) != bool(data["model"]["pairs"]):
+        found.append("clearance: claimed without anything that may collide, or not claimed with it")
+    found += _gaps_of(motion)
+    if len(data["cover"]) != len(motion["times"]):
+        found.append(f"cover: of {len(data['cover'])} pieces, the motion has {len(motion['times'])}")
+    if found:
+        return found, 0
+    piece, start, end, forces, given = [], [], [], [], {}
+    for number, part in enumerate(data["cover"]):
+        ends, own = np.array(part["ends"], dtype=float), np.array(part["forces"], dtype=float)
+        if not (len(ends) > 1 and ends[0] == -1 and ends[-1] == 1 and np.all(np.diff(ends) > 0)):
+            return [f"cover: piece {number + 1} is not covered"], 0
+        for interval, pair, *direction in part["directions"]:
+            given[len(piece) + interval, pair] = direction
+        piece += [number] * (len(ends) - 1)
+        start.append(ends[:-1])
+        end.append(ends[1:])
+        forces.append(own)
+    unknown = [np.nan] * 3
+
+    def directions(intervals: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+        return np.array(
+            [given.get(key, unknown) for key in zip(intervals.tolist(), pairs.tolist(), strict=True)]
+        )
+
+    at = Intervals(motion, np.array(piece), np.concatenate(start), np.concatenate(end))
+    every = np.moveaxis(np.concatenate(forces), 0, -1)  # (2, rules, contacts, 3, N)
+    checker = Checker(data["model"], bounds)
+    for name, margin in checker.margins(at, checker.loads(at), every, directions).items():
+        if not np.all(margin >= 0):
+            k = int(np.argmin(margin))
+            found.append(f"{name}: not proved near {at.times[k]:.6g} s, {np.sum(~(margin >= 0))} intervals")
+    return found, len(piece)
+
+
+def _gaps_of(motion: Mapping[str, Any]) -> list[str]:
+    """Why pieces are no motion from rest to rest."""
+    times, c = np.array(motion["times"], dtype=float), np.array(motion["angles"], dtype=float)
+    if not (np.all(np.isfinite(times)) and np.all(np.isfinite(c)) and times.shape == (len(c), 2)):
+        return ["motion: not finite, or times and angles do not fit"]
+    half = 0.5 * (times[:, 1] - times[:, 0])
+    if not (len(c) > 1 and half[0] == half[-1] == 0 and np.all(half[1:-1] > 0)):
+        return ["motion: a piece at rest is to begin and to end it"]
+    if np.any(times[1:, 0] != times[:-1, 1]):
+        return ["motion: times between pieces are missing"]
+    rate = np.where(half > 0, 1 / np.where(half > 0, half, 1.0), 0.0)[:, None]
+    order, sign = np.arange(c.shape[2]), (-1.0) ** np.arange(c.shape[2])
+    first, last = c @ sign, c.sum(axis=2)
+    before, after = rate * (c @ (order * -sign)), rate * (c @ order)
+    if np.max(np.abs(first[1:] - last[:-1])) > JUMP or np.max(np.abs(before[1:] - after[:-1])) > 100 * JUMP:
+        return ["motion: pieces do not meet"]
+    return []
+
+
+class Intervals:
+    """Coordinates, speeds and accelerations of a motion over intervals, forms (n, N).
+
+    Args:
+        motion: of a certificate.
+        piece: (N,) of which piece.
+        start, end: (N,) ends of the intervals in u.
+    """
+
+    def __init__(
+        self, motion: Mapping[str, Any], piece: np.ndarray, start: np.ndarray, end: np.ndarray
+    ) -> None:
+        times = np.array(motion["times"], dtype=float)[piece]
+        c = np.moveaxis(np.array(motion["angles"], dtype=float)[piece], 0, 2)  # (n, degrees, N)
+        self.piece, middle = piece, 0.5 * (start + end)
+        u = Form.of(middle, 0.5 * (end - start) * (1 + U) + U)  # a little further than both ends
+        half_time = 0.5 * (times[:, 1] - times[:, 0])
+        rate = np.where(half_time > 0, 1 / np.where(half_time > 0, half_time, 1.0), 0.0)
+        values = []
+        for order in range(3):
+            values.append(_horner(c, u) * rate**order)
+            c = c[:, 1:] * np.arange(1, c.shape[1])[:, None]
+        self.q, self.qd, self.qdd = values
+        self.times = 0.5 * (times[:, 0] + times[:, 1]) + middle * half_time
+
+
+def _horner(c: np.ndarray, u: Form) -> Form:
+    """Polynomials (n, degrees, N) at u (N,); their coefficients may be rounded."""
+    value = Form.of(np.zeros_like(c[:, 0]))
+    for k in reversed(range(c.shape[1])):
+        value = value * u + Form.of(c[:, k], radius=U * np.abs(c[:, k]))
+    return value
+
+
+class Checker:
+    """What is claimed of a motion, interval by interval.
+
+    Args:
+        model, bounds: of a certificate.
+
+    Attributes:
+        flat: all contacts lie on one plane: moments about tipping axes follow from the wrench alone.
+        couples: (axes, 6): wrenches that a motion must bear besides its own, each alone, where they are not.
+    """
+
+    def __init__(self, model: Mapping[str, Any], bounds: Mapping[str, float]) -> None:
+        self.bounds = bounds
+        base, contacts = model["base"], model["contacts"]
+        gravity, about = np.array(base["gravity"], dtype=float), np.array(base["center_of_mass"], dtype=float)
+        self.weight = np.concatenate([base["mass"] * gravity, np.zeros(3)])
+        self.arm = Arm(model["arm"], gravity, about)
+        self.limits = {
+            key: np.array([_end(x, key == "angle_min") for x in own]) for key, own in model["limits"].items()
+        }
+        positions, frames = np.array(contacts["positions"]), np.array(contacts["frames"])
+        levers = np.array([skew(arm) for arm in positions - about])
+        self.grasp = np.concatenate([np.hstack(list(frames)), np.hstack(list(levers @ frames))])
+        reach = np.concatenate([np.hstack(list(frames)), np.hstack(list(np.abs(levers) @ np.abs(frames)))])
+        self.rounded = U * np.abs(reach)
+        self.sets = [[(_end(p[0], True), _end(p[1]), *p[2:]) for p in pieces] for pieces in contacts["sets"]]
+        self.flat = _one_plane(positions, frames[:, :, 0])
+        self.axes, self.added = _tipping_axes(positions, frames[:, :, 0], about, self.sets)
+        self.unit = float(base["reference_moment"] or 1.0)
+        self.needed = self.unit * (1 / bounds["GN"] - 1)  # N m that must be left about each axis
+        self.couples = np.zeros((0 if self.flat else len(self.axes), 6))
+        self.couples[:, 3:] = -self.needed * self.axes[: len(self.couples), 3:]
+        self.bodies, self.pairs = model["bodies"], np.array(model["pairs"], dtype=int).reshape(-1, 2)
+        self._inverses: dict[bytes, tuple[np.ndarray, float]] = {}
+
+    def loads(self, at: Intervals) -> tuple[Turns, Form, Form]:
+        """Cosines and sines, torques (n, N) and the wrench (6, N) that the contacts have to hold."""
+        turns = self.arm.turns(at.q)
+        torques, wrench = self.arm.loads(turns, at.qd, at.qdd)
+        return turns, torques, wrench + self.weight[:, None]
+
+    @np.errstate(invalid="ignore", over="ignore", divide="ignore")
+    def margins(
+        self, at: Intervals, loads: tuple[Turns, Form, Form], forces: np.ndarray, directions: Directions
+    ) -> dict[str, np.ndarray]:
+        """By how much each claim is kept, (N,) each: proved where >= 0; -inf where nothing is known.
+
+        Args:
+            at: N intervals.
+            loads: of them.
+            forces: (2, 1 + couples, contacts, 3, N) at their ends, normal and tangential, N. A contact
+                without force at both ends carries none.
+            directions: of intervals and pairs, (R,) each: (R, 3), base axes, along which the pair's second is
+                beyond the first. Asked where balls about the two come nearer than claimed.
+        """
+        limits, bounds = self.limits, self.bounds
+        turns, torques, wrench = loads
+        found = self.contact_margins(wrench, forces)
+        found["torque"] = 1 - _share(torques, bounds["torque_ratio"] * limits["torque"])
+        found["speed"] = 1 + RELATIVE - _share(at.qd, limits["speed"])
+        found["acceleration"] = 1 + RELATIVE - _share(at.qdd, limits["acceleration"])
+        low, high = at.q.range
+        room = np.minimum(low - limits["angle_min"][:, None], limits["angle_max"][:, None] - high)
+        found["angle"] = np.min(room, axis=0) + ANGLE
+        if len(self.pairs):
+            found["clearance"] = np.min(self._gaps(at, turns, directions), axis=0) - bounds["clearance"]
+        return {name: np.where(np.isnan(value), -np.inf, value) for name, value in found.items()}
+
+    @np.errstate(invalid="ignore", over="ignore")
+    def contact_margins(self, wrench: Form, forces: np.ndarray) -> dict[str, np.ndarray]:
+        """Those of `margins` that are about the contacts; wrench (6, N) on the base."""
+        margins = {
+            "contacts": self._held(wrench, forces[:, 0], self.bounds["GT"]),
+            "tip-over": self._upright(wrench, forces),
+        }
+        return {name: np.where(np.isnan(value), -np.inf, value) for name, value in margins.items()}
+
+    def _upright(self, wrench: Form, forces: np.ndarray) -> np.ndarray:
+        count = wrench.r.shape[-1]
+        if self.flat:
+            least = linear(self.axes, wrench).range[0] + self.added[:, None]
+            return (np.min(least, axis=0, initial=np.inf) - self.needed) / self.unit
+        held = [
+            self._held(wrench + couple[:, None], forces[:, 1 + k], 1.0)
+            for k, couple in enumerate(self.couples)
+        ]
+        return np.min(held, axis=0) if held else np.full(count, np.inf)
+
+    def _held(self, wrench: Form, forces: np.ndarray, share: float) -> np.ndarray:
+        """How far forces that hold wrenches (6, N) are inside a share of their sets, per weight."""
+        count = wrench.r.shape[-1]
+        room = np.full(count, np.inf)
+        patterns, which = np.unique(np.any(forces != 0, axis=(0, 2)), axis=1, return_inverse=True)
+        for number, pattern in enumerate(patterns.T):
+            here = np.flatnonzero(which.reshape(-1) == number)
+            columns = np.repeat(pattern, 3)
+            correction, defect = self._inverse(columns)
+            if not np.isfinite(defect):  # these contacts cannot hold every wrench
+                room[here] = -np.inf
+                continue
+            ends = forces[:, pattern][..., here].reshape(2, -1, len(here))
+            chosen = Form.of(0.5 * (ends[0] + ends[1]), 0.5 * (ends[1] - ends[0]))
+            rest = linear(self.grasp[:, columns], chosen)
+            rest = Form(rest.c, rest.r + self.rounded[:, columns] @ chosen.size) + wrench[:, here]
+            left = defect * np.max(rest.size + rest.r, axis=0)  # what the correction leaves, corrected again
+            f = chosen - linear(correction, rest)
+            f = Form(f.c, f.r + np.abs(correction).sum(axis=1)[:, None] * left)
+            for k, contact in enumerate(np.flatnonzero(pattern)):
+                own = [self._inside(f[3 * k : 3 * k + 3], *piece, share) for piece in self.sets[contact]]
+                room[here] = np.minimum(room[here], np.max(own, axis=0))
+            for contact in np.flatnonzero(~pattern):
+                if not any(low <= 0 <= high and radius >= 0 for low, high, radius, _ in self.sets[contact]):
+                    room[here] = -np.inf
+        return room
+
+    def _inside(
+        self, f: Form, low: float, high: float, radius: float, slope: float, share: float
+    ) -> np.ndarray:
+        """Of forces (3, N) and one piece of their set: normal force from low to high, tangential force at
+        most the share of radius + slope times the normal force."""
+        scale = max(float(np.linalg.norm(self.weight)), 1e-9)
+        normal, first, second = f[0], f[1], f[2]
+        least, greatest = normal.range
+        limit = (normal * slope + radius) * share
+        cone = (limit * limit - first * first - second * second).range[0] / scale
+        return np.min([least - low, high - greatest, limit.range[0], cone], axis=0) / scale
+
+    def _inverse(self, columns: np.ndarray) -> tuple[np.ndarray, float]:
+        """A right inverse F of some contacts' grasp matrix G, and a bound of d / (1 - d) with d = |1 - G F|.
+
+        Without one, or with a poor one, the bound is infinite, and nothing is proved.
+        """
+        key = columns.tobytes()
+        if key not in self._inverses:
+            G = self.grasp[:, columns]
+            F = np.linalg.pinv(G) if G.shape[1] else np.zeros((0, 6))
+            rounding = (self.rounded[:, columns] + U * np.abs(G)) @ np.abs(F)
+            defect = float(np.max(np.sum(np.abs(np.eye(6) - G @ F) + rounding, axis=1)))
+            self._inverses[key] = F, (defect / (1 - defect) if defect < 0.5 else np.inf)
+        return self._inverses[key]
+
+    def _gaps(self, at: Intervals, turns: Turns, directions: Directions) -> np.ndarray:
+        """Lower bounds of the distances of pairs, (pairs, N), m; NaN where no direction separates them."""
+        frames, count = self.arm.frames(turns), len(at.piece)
+        centres, radii = np.zeros((len(self.bodies), 3, count)), np.full((len(self.bodies), count), np.inf)
+        for k, body in enumerate(self.bodies):
+            if "normal" not in body:
+                centres[k], radii[k] = _ball(frames, body, count)
+        a, b = self.pairs.T
+        gaps = np.linalg.norm(centres[a] - centres[b], axis=1) * (1 - U) - radii[a] - radii[b]
+        for pair, (i, j) in enumerate(self.pairs):
+            if "normal" in (half_space := self.bodies[j]):  # the points with normal . p >= level
+                normal = np.tile(np.array(half_space["normal"])[:, None], count)
+                gaps[pair] = (
+                    half_space["level"]
+                    - self._height(frames, i, normal, Form.of(np.zeros(count)))
+                    - U * (1 + abs(half_space["level"]))
+                )
+        near = np.argwhere(~(gaps >= self.bounds["clearance"]))
+        near = near[["normal" not in self.bodies[self.pairs[pair, 1]] for pair in near[:, 0]]]
+        towards = directions(near[:, 1], near[:, 0]) if len(near) else np.empty((0, 3))
+        for pair in np.unique(near[:, 0]):
+            rows = near[:, 0] == pair
+            intervals, d = near[rows, 1], towards[rows].T
+            some = [(R[..., intervals], p[..., intervals]) for R, p in frames]
+            i, j = self.pairs[pair]
+            common = _along(some, self.bodies[i]["link"], np.array(self.bodies[i]["points"]).mean(axis=0), d)
+            apart = -self._height(some, j, -d, -common) - self._height(some, i, d, common)
+            gaps[pair, intervals] = apart / np.linalg.norm(d, axis=0) - U * (1 + np.abs(apart))
+        return gaps
+
+    def _height(self, frames: list[tuple[Form, Form]], k: int, d: np.ndarray, above: Form) -> np.ndarray:
+        """Upper bound of d . p - above of all points p of a body, (N,), m times |d|; d (3, N)."""
+        body = self.bodies[k]
+        if body["link"] < 0:
+            along, origin = Form.of(d), -above
+        else:
+            R, p = frames[body["link"]]
+            turned, moved = R * d[:, None], p * d
+            along, origin = turned[0] + turned[1] + turned[2], moved[0] + moved[1] + moved[2] - above
+        heights = linear(np.array(body["points"]), along) + Form(origin.c[:, None], origin.r[None])
+        return np.max(heights.range[1], axis=0) + body["radius"] * np.linalg.norm(d, axis=0) * (1 + U)
+
+
+def _along(frames: list[tuple[Form, Form]], link: int, point: np.ndarray, d: np.ndarray) -> Form:
+    """d . p of a point of a link (-1: of the base), (N,), m times |d|."""
+    if link < 0:
+        return Form.of(point @ d)
+    R, p = frames[link]
+    parts = (p + linear_rows(R, point)) * d
+    return parts[0] + parts[1] + parts[2]
+
+
+def _ball(
+    frames: list[tuple[Form, Form]], body: Mapping[str, Any], count: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Centre (3, N) and radius (N,), m, base axes, of balls that hold a body throughout the intervals."""
+    points = np.array(body["points"])
+    middle = points.mean(axis=0)
+    reach = (np.max(np.linalg.norm(points - middle, axis=1)) + body["radius"]) * (1 + U)
+    if body["link"] < 0:
+        return np.tile(middle[:, None], count), np.full(count, reach + U * np.abs(middle).sum())
+    R, p = frames[body["link"]]
+    place = p + linear_rows(R, middle)
+    moved = place.size - np.abs(place.c[0]) + place.r + U * np.abs(place.c[0])
+    return place.c[0], reach + np.linalg.norm(moved, axis=0) * (1 + U)
+
+
+def _end(value: float | None, least: bool = False) -> float:
+    """A number; None: none, minus infinity for least ones."""
+    return (-np.inf if least else np.inf) if value is None else float(value)
+
+
+def _share(values: Form, limits: np.ndarray) -> np.ndarray:
+    """Greatest share of limits (n,) that values (n, N) use."""
+    low, high = values.range
+    return np.max(np.maximum(high, -low) / limits[:, None], axis=0)
+
+
+def _one_plane(positions: np.ndarray, normals: np.ndarray) -> bool:
+    centred = positions - positions.mean(axis=0)
+    extent = float(np.max(np.linalg.norm(centred, axis=1)))
+    level = np.max(np.abs(centred @ normals[0])) <= _FLAT * extent
+    return bool(level and np.max(np.linalg.norm(normals - normals[0], axis=1)) <= _FLAT)
+
+
+def _tipping_axes(
+    positions: np.ndarray, normals: np.ndarray, about: np.ndarray, sets: list[list[Any]]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Lines of two contacts round which all others can only let go: rows (axes, 6) and numbers (axes,).
+
+    Row times wrench (about `about`) plus number is the moment about the line of what the normal forces have
+    left before their contacts let go, for contacts on one plane.
+    """
+    rows, added, extent = [], [], float(np.max(np.linalg.norm(positions - positions.mean(axis=0), axis=1)))
+    lower = np.array([min(piece[0] for piece in pieces) for pieces in sets])
+    upper = np.array([max(piece[1] for piece in pieces) for pieces in sets])
+    for i, j in combinations(range(len(positions)), 2):
+        e = positions[j] - positions[i]
+        if np.linalg.norm(e) <= _FLAT * extent:
+            continue
+        e = e / np.linalg.norm(e)
+        lifts = np.einsum("kd,kd->k", normals, np.cross(e, positions - positions[i]))
+        lifts[np.abs(lifts) <= _FLAT * extent] = 0.0
+        for lift, axis in ((lifts, e), (-lifts, -e)):
+            up, down = lift > 0, lift < 0
+            if np.any(lift) and np.all(np.isfinite(lower[up])) and np.all(np.isfinite(upper[down])):
+                rows.append(-np.concatenate([np.cross(axis, about - positions[i]), axis]))
+                added.append(float(-lift[down] @ upper[down] - lift[up] @ lower[up]))
+    return np.array(rows).reshape(-1, 6), np.array(added)

@@ -1,0 +1,165 @@
+"""A robot on its support, and a motion, as the plain data of a certificate."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ocptip.robots.collision.gaps import Collisions
+from ocptip.robots.collision.model import ShapeCollisions
+from ocptip.robots.collision.shapes import HalfSpace, Shape
+from ocptip.robots.geometry import CollisionModel, Floor, sphere_centres
+from ocptip.standing.arm import StandingRobot
+from ocptip.trajectories.arm_motion import INSIDE
+from ocptip.trajectories.sampled import Motion
+
+_SAMPLES = np.array([-0.9, -0.3, 0.3, 0.9])
+_ROUNDING = 1e-10  # of accelerations: smaller coefficients are none
+_ARM = "rotations offsets masses centres inertias slides armature mount_position mount_rotation"
+_LIMITS = "angle_min angle_max speed acceleration torque"
+
+
+def motion_data(motion: Motion) -> dict[str, Any]:
+    """Pieces of a motion: between its events, and the rest before and after it.
+
+    Of each piece `times`, (2,), s, and `angles`, (n, 6): coefficients of 1, u, u^2 ... with u from -1 to 1
+    over the piece, rad or m. Events within 0.1 us are one: the coefficients come from the piece's middle and
+    accelerations inside it, exact up to rounding for polynomials of degree 5.
+    """
+    left, right = motion.intervals.T
+    middle, half = 0.5 * (left + right), 0.5 * (right - left)
+    q, qd, _ = motion.states(middle)
+    inside = np.maximum(half - INSIDE, 0.0)
+    u = _SAMPLES * np.minimum(1.0, inside / (0.9 * half))[:, None]
+    qdd = motion.states((middle[:, None] + u * half[:, None]).ravel())[2].reshape(*u.shape, -1)
+    a = np.zeros_like(qdd)  # (pieces, coefficients, n) of the accelerations
+    for k in range(len(u)):
+        if inside[k] > 0:
+            a[k] = np.linalg.solve(np.vander(u[k], 4, increasing=True), qdd[k])
+        else:
+            a[k, 0] = qdd[k, 0]
+    small = _ROUNDING * np.maximum(1.0, np.max(np.abs(qdd), axis=1))
+    a[:, 1:] = np.where(np.abs(a[:, 1:]) <= small[:, None], 0.0, a[:, 1:])
+    bent = half[:, None, None] ** 2 * a / np.array([2, 6, 12, 20])[:, None]
+    c = np.moveaxis(np.concatenate([q[:, None], (half[:, None] * qd)[:, None], bent], axis=1), 1, 2)
+    rest = np.zeros((2, motion.n, c.shape[2]))
+    rest[:, :, 0] = motion.start, motion.goal
+    ends = np.array([[0.0, 0.0], [motion.end, motion.end]])
+    return {
+        "times": np.concatenate([ends[:1], motion.intervals, ends[1:]]).tolist(),
+        "angles": np.concatenate([rest[:1], c, rest[1:]]).tolist(),
+    }
+
+
+def states_at(motion: dict[str, Any], piece: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Coordinates, speeds and accelerations, (N, n) each, of such data at u (N,) of pieces (N,)."""
+    c, times = np.array(motion["angles"])[piece], np.array(motion["times"])[piece]
+    half = 0.5 * (times[:, 1] - times[:, 0])
+    rate = np.where(half > 0, 1 / np.where(half > 0, half, 1.0), 0.0)[:, None]
+    values = []
+    for order in range(3):
+        powers = u[:, None] ** np.arange(c.shape[2])
+        values.append(np.einsum("Nnk,Nk->Nn", c, powers) * rate**order)
+        c = c[:, :, 1:] * np.arange(1, c.shape[2])
+    return tuple(values)
+
+
+def model_data(robot: StandingRobot) -> dict[str, Any]:
+    """Arm, base, contacts, what may collide, limits; SI units, base axes."""
+    arm, support = robot.arm, robot.support
+    bodies, pairs = _bodies(robot)
+    coupling = arm.coupling
+    return {
+        "arm": {
+            **{key: np.asarray(getattr(arm, key), dtype=float).tolist() for key in _ARM.split()},
+            "ratios": (np.eye(arm.n) if coupling is None else coupling.matrix).tolist(),
+            "shift": (np.zeros(arm.n) if coupling is None else coupling.offsets).tolist(),
+        },
+        "base": {
+            "mass": float(support.mass),
+            "center_of_mass": support.center_of_mass.tolist(),
+            "gravity": support.gravity.tolist(),
+            "reference_moment": robot.tip_over.reference_moment,
+        },
+        "contacts": {
+            "positions": (support.arms + support.center_of_mass).tolist(),
+            "frames": support.frames.tolist(),
+            "sets": [
+                [
+                    [*map(_finite, (p.normal_min, p.normal_max)), float(p.radius), float(p.slope)]
+                    for p in pieces
+                ]
+                for pieces in (contact.force_pieces() for contact in support.contacts)
+            ],
+        },
+        "limits": {key: [_finite(x) for x in getattr(robot.limits, key)] for key in _LIMITS.split()},
+        "bodies": bodies,
+        "pairs": pairs,
+    }
+
+
+class Separations:
+    """Directions that separate pairs of bodies best.
+
+    Args:
+        collision: of the arm.
+        model: made of it.
+    """
+
+    def __init__(self, robot: StandingRobot, model: dict[str, Any]) -> None:
+        self._collision, self._bodies, self._pairs = robot.collision, model["bodies"], model["pairs"]
+        self._centres = sphere_centres(robot.arm) if isinstance(self._collision, CollisionModel) else None
+
+    def __call__(self, q: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+        """(R, 3), base axes, from the first of each pair to the second, at q (R, n)."""
+        if isinstance(self._collision, ShapeCollisions):
+            return self._collision.distances.at(q, np.arange(len(q)), pairs)[0].normals
+        assert self._centres is not None  # the other kind
+        places = np.array(self._centres.map(len(q))(q.T)).reshape(3, len(q), -1)
+        found = np.empty((len(q), 3))
+        for r, pair in enumerate(pairs):
+            first, second = self._pairs[pair]
+            here, body = places[:, r, first], self._bodies[second]
+            if body["link"] >= 0:
+                there = places[:, r, second]
+            else:  # nearest point of a line
+                ends = np.array(body["points"])
+                way = ends[-1] - ends[0]
+                there = ends[0] + np.clip(way @ (here - ends[0]) / (way @ way), 0, 1) * way
+            found[r] = there - here
+        return found
+
+
+def _bodies(robot: StandingRobot) -> tuple[list[dict[str, Any]], list[list[int]]]:
+    """Solids (thickened points on a link, 0: the mount, -1: the base; or half spaces), and pairs of them."""
+    collision: Collisions = robot.collision
+    if isinstance(collision, ShapeCollisions):
+        bodies = [_body(body + 1 if body >= 0 else -1, shape) for _, body, shape in collision.solids]
+        return bodies, [[int(a), int(b)] for a, b in collision.pairs]
+    if not isinstance(collision, CollisionModel):
+        return [], []
+    bodies, number = [], {}
+    for spheres in robot.arm.sphere_sets:
+        number[spheres.name] = range(len(bodies), len(bodies) + len(spheres.radii))
+        for centre, radius in zip(spheres.centres, spheres.radii, strict=True):
+            bodies.append({"link": int(spheres.link), "points": [centre.tolist()], "radius": float(radius)})
+    pairs = []
+    for obstacle in robot.obstacles:
+        names = robot.arm.floor_sets if isinstance(obstacle, Floor) else robot.arm.obstacle_sets
+        pairs += [[k, len(bodies)] for name in names for k in number[name]]
+        bodies.append(_body(-1, obstacle.shape))
+    pairs += [
+        [a, b] for first, second in robot.arm.collision_pairs for a in number[first] for b in number[second]
+    ]
+    return bodies, pairs
+
+
+def _body(link: int, shape: Shape) -> dict[str, Any]:
+    if isinstance(shape, HalfSpace):
+        return {"normal": np.asarray(shape.normal, dtype=float).tolist(), "level": float(shape.distance)}
+    return {"link": int(link), "points": shape.outline().tolist(), "radius": float(shape.thickness)}
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

@@ -1,0 +1,337 @@
+"""Find a certificate: bounds near the sampled worst values, forces of the contact solver, bisection.
+
+Nothing here has to be trusted; what is found is judged by `checker`.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ocptip.certificate.checker import FORMAT, Checker, Intervals, Verdict, check_certificate, digest
+from ocptip.certificate.describe import Separations, model_data, motion_data, states_at
+from ocptip.certificate.interior import Interior
+from ocptip.standing.arm import StandingRobot
+from ocptip.standing.limit import Worst
+from ocptip.standing.limits import MotionLimits
+from ocptip.standing.mechanism import StandingMechanism
+from ocptip.trajectories.sampled import Motion
+
+LOSS = 2e-4
+"""How far claims are from the sampled worst values, relative (distances: 0.1 mm), where limits allow."""
+
+_LONGEST = 0.01  # s, of the first intervals
+_MOST = 15  # times as many intervals as at first are tried
+_SHORTEST = 1e-5  # s: what is shorter is not divided
+_LEAST_LOSS = 1e-4  # m
+_WORDS = {"GN": "GN", "GT": "GT", "torque_ratio": "torque / limit"}
+_COVERED = {
+    "GN",
+    "GT",
+    "torque_ratio",
+    "clearance_m",
+    "speed_ratio",
+    "acceleration_ratio",
+    "angle_margin_deg",
+    "position_margin_m",
+    "duration_s",
+}
+_AT_LIMIT = 1e-6  # relative (of distances m): what is claimed where a limit is used up
+_HIGHEST = 1 - 1e-6  # reserves of 1 are lost
+
+
+@dataclass(frozen=True)
+class Undecided:
+    """An interval of time on which a claim could not be proved.
+
+    Attributes:
+        start, end: s.
+        claim: which.
+        short: by how much, relative to the limit (of distances and angles: m, rad).
+    """
+
+    start: float
+    end: float
+    claim: str
+    short: float
+
+    def __str__(self) -> str:
+        return f"{self.claim} from {self.start:.6f} to {self.end:.6f} s, by {self.short:.2g}"
+
+
+@dataclass(frozen=True, eq=False)
+class Certificate:
+    """What was proved of a motion for all instants.
+
+    Attributes:
+        data: the certificate, plain data for JSON; None where none can be made.
+        verdict: of the checker on these data.
+        kept: the proved bounds keep the limits that were asked for.
+        undecided: where something is missing.
+        sampled: names of worst values that are beyond it, known at the sampled instants only.
+        reason: why there is none.
+        seconds: that finding and checking took.
+    """
+
+    data: Mapping[str, Any] | None
+    verdict: Verdict
+    kept: bool = False
+    undecided: tuple[Undecided, ...] = ()
+    sampled: tuple[str, ...] = ()
+    reason: str = ""
+    seconds: float = 0.0
+
+    @property
+    def certified(self) -> bool:
+        """All limits that were asked for are proved to hold at every instant."""
+        return self.holds and not self.sampled
+
+    @property
+    def holds(self) -> bool:
+        """The same but for those that are sampled."""
+        return self.verdict.holds and self.kept
+
+    def __str__(self) -> str:
+        """In words."""
+        if self.data is None:
+            return f"none: {self.reason}"
+        if not self.verdict.holds:
+            first = self.undecided[0] if self.undecided else self.verdict.problems[0]
+            more = f", and {len(self.undecided) - 1} more" if len(self.undecided) > 1 else ""
+            return f"not proved for all instants: {first}{more}"
+        found = f"at every instant {claims(self.verdict.bounds)} ({self.verdict.intervals} intervals)"
+        found += "" if self.kept else "; beyond the limits"
+        return found + (f"; sampled only: {', '.join(self.sampled)}" if self.sampled else "")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON, without the intervals."""
+        return {
+            "certified": self.certified,
+            "bounds": dict(self.verdict.bounds),
+            "intervals": self.verdict.intervals,
+            "sampled_only": list(self.sampled),
+            "undecided": [vars(one) for one in self.undecided],
+            "reason": self.reason,
+            "seconds": self.seconds,
+        }
+
+
+def claims(bounds: Mapping[str, float]) -> str:
+    """Bounds in words, rounded to the safe side."""
+    parts = [f"{word} <= {np.ceil(1e4 * bounds[name]) / 1e4:.4f}" for name, word in _WORDS.items()]
+    if "clearance" in bounds:
+        parts.append(f"clearance >= {np.floor(1e4 * bounds['clearance']) / 10:.1f} mm")
+    return ", ".join(parts)
+
+
+def certify(
+    robot: StandingMechanism, motion: Motion, limits: MotionLimits, worst: Mapping[str, Worst]
+) -> Certificate:
+    """Prove that a motion keeps all limits at every instant, as far as that can be done.
+
+    Args:
+        robot: the arm on its support.
+        motion: of its joints.
+        limits: that were asked for.
+        worst: the sampled worst values, from `check_motion`; claims stay near them.
+    """
+    began = time.perf_counter()
+    if reason := _missing(robot, worst):
+        return Certificate(None, Verdict(False, (), {}, 0), reason=reason)
+    assert isinstance(robot, StandingRobot)
+    search = _Search(robot, motion, _bounds(limits, worst, bool(robot.collision.labels)))
+    search.run()
+    data = search.data()
+    verdict = check_certificate(data)
+    return Certificate(
+        data,
+        verdict,
+        _kept(limits, data["bounds"]),
+        search.undecided(),
+        tuple(name for name in worst if name not in _COVERED),
+        seconds=time.perf_counter() - began,
+    )
+
+
+def _missing(robot: StandingMechanism, worst: Mapping[str, Worst]) -> str:
+    """Why no certificate can be made; empty if one can."""
+    if not isinstance(robot, StandingRobot):
+        return f"motions of a {robot.kind} cannot be certified"
+    if robot.tip_over.free_rotation:
+        return "contacts on one line"
+    lost = [name for name in ("GN", "GT") if not worst[name].value < _HIGHEST]
+    return f"{lost[0]} is {worst[lost[0]].value:.4g}: a contact is lost" if lost else ""
+
+
+def _bounds(limits: MotionLimits, worst: Mapping[str, Worst], collides: bool) -> dict[str, float]:
+    """What to claim: a little beyond the sampled values, but within the limits where these are kept."""
+    bounds = {}
+    for name, limit in (("GN", limits.GN), ("GT", limits.GT), ("torque_ratio", limits.torque_ratio)):
+        value = worst[name].value
+        bound = value + LOSS * max(value, 0.1)
+        if bound > limit and value <= limit * (1 + 0.1 * _AT_LIMIT):
+            bound = limit * (1 + _AT_LIMIT)
+        bounds[name] = float(bound if name == "torque_ratio" else min(bound, _HIGHEST))
+    if collides:
+        value, limit = worst["clearance_m"].value, limits.clearance
+        bound = value - _LEAST_LOSS
+        bounds["clearance"] = float(limit - _AT_LIMIT if bound < limit <= value + 0.1 * _AT_LIMIT else bound)
+    return bounds
+
+
+def _kept(limits: MotionLimits, bounds: Mapping[str, float]) -> bool:
+    most = all(
+        bounds[name] <= getattr(limits, name) * (1 + 2 * _AT_LIMIT) for name in ("GN", "GT", "torque_ratio")
+    )
+    return most and bounds.get("clearance", np.inf) >= limits.clearance - 2 * _AT_LIMIT
+
+
+@dataclass
+class _Batch:
+    """Piece, ends in u, forces there (2, rules, contacts, 3, N), directions by (interval, pair)."""
+
+    piece: np.ndarray
+    start: np.ndarray
+    end: np.ndarray
+    forces: np.ndarray
+    directions: dict[tuple[int, int], np.ndarray] = field(default_factory=dict)
+
+    def select(self, rows: np.ndarray) -> _Batch:
+        place = {int(row): k for k, row in enumerate(rows)}
+        kept = {(place[i], pair): d for (i, pair), d in self.directions.items() if i in place}
+        return _Batch(self.piece[rows], self.start[rows], self.end[rows], self.forces[..., rows], kept)
+
+
+class _Search:
+    def __init__(self, robot: StandingRobot, motion: Motion, bounds: dict[str, float]) -> None:
+        self.robot, self.bounds = robot, bounds
+        self.model, self.motion = model_data(robot), motion_data(motion)
+        self.checker = Checker(self.model, bounds)
+        self._separations = Separations(robot, self.model)
+        self._interior = Interior(robot.support)
+        self._done: list[_Batch] = []
+        self._open: list[tuple[_Batch, dict[str, np.ndarray]]] = []
+
+    def run(self) -> None:
+        """Bisect until all is proved, or more intervals than promised were tried."""
+        piece, start, end = [], [], []
+        for k, (a, b) in enumerate(self.motion["times"]):
+            ends = np.linspace(-1, 1, max(1, int(np.ceil((b - a) / _LONGEST))) + 1)
+            piece += [k] * (len(ends) - 1)
+            start.append(ends[:-1])
+            end.append(ends[1:])
+        todo = np.array(piece), np.concatenate(start), np.concatenate(end)
+        left, times = _MOST * len(piece), np.array(self.motion["times"])
+        while len(todo[0]):
+            batch, margins = self._judged(*todo)
+            proved = np.all([margin >= 0 for margin in margins.values()], axis=0)
+            self._done.append(batch.select(np.flatnonzero(proved)))
+            long = (times[batch.piece, 1] - times[batch.piece, 0]) * (batch.end - batch.start) > 2 * _SHORTEST
+            left -= len(proved)
+            rows = np.flatnonzero(~proved & (long & (left > 0)))
+            if len(given_up := np.setdiff1d(np.flatnonzero(~proved), rows)):
+                lacking = {name: margin[given_up] for name, margin in margins.items()}
+                self._open.append((batch.select(given_up), lacking))
+            piece, start, end = batch.piece[rows], batch.start[rows], batch.end[rows]
+            middle = 0.5 * (start + end)
+            todo = np.r_[piece, piece], np.r_[start, middle], np.r_[middle, end]
+
+    def _judged(
+        self, piece: np.ndarray, start: np.ndarray, end: np.ndarray
+    ) -> tuple[_Batch, dict[str, np.ndarray]]:
+        ends = np.concatenate([np.column_stack([piece, start]), np.column_stack([piece, end])])
+        unique, where = np.unique(ends, axis=0, return_inverse=True)
+        ways = [
+            np.stack(np.split(forces[..., where.reshape(-1)], 2, axis=-1))
+            for forces in self._forces(unique[:, 0].astype(int), unique[:, 1])
+        ]
+        batch, at = _Batch(piece, start, end, ways[0]), Intervals(self.motion, piece, start, end)
+        middle = at.q.c[0].T
+
+        def directions(intervals: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+            towards = self._separations(middle[intervals], pairs)
+            asked = zip(intervals.tolist(), pairs.tolist(), strict=True)
+            batch.directions.update(zip(asked, towards, strict=True))
+            return towards
+
+        loads = self.checker.loads(at)
+        margins = self.checker.margins(at, loads, ways[0], directions)
+        short = (margins["contacts"] < 0) | (margins["tip-over"] < 0)
+        loaded = np.any(ways[1] != 0, axis=3)  # (2, rules, contacts, N)
+        rows = np.flatnonzero(
+            short & np.all(loaded[0] == loaded[1], axis=(0, 1)) & ~np.all(loaded, axis=(0, 1, 2))
+        )
+        if len(rows):
+            for name, margin in self.checker.contact_margins(loads[2][:, rows], ways[1][..., rows]).items():
+                margins[name][rows] = margin
+            batch.forces[..., rows] = ways[1][..., rows]
+        return batch, margins
+
+    def _forces(self, piece: np.ndarray, u: np.ndarray) -> list[np.ndarray]:
+        """(rules, contacts, 3, N) that hold the wrench, and the wrench with each couple, in two ways."""
+        wrenches = self.robot.loads(*states_at(self.motion, piece, u))[1]
+        every = np.concatenate([wrenches, *(wrenches + couple for couple in self.checker.couples)])
+        slip = self.robot.slip.evaluate(self.robot.contact_states(every), derivatives=False)
+        forces = np.nan_to_num(
+            np.concatenate([slip.normal_forces[:, :, None], slip.tangential_forces], axis=2)
+        )
+        ways = self._interior.between(forces, every, self.bounds["GT"]), self._interior.without(forces, every)
+        return [np.moveaxis(way.reshape(-1, len(u), *way.shape[1:]), 1, -1) for way in ways]
+
+    def undecided(self) -> tuple[Undecided, ...]:
+        """What is left, neighbours as one."""
+        found: list[Undecided] = []
+        times = np.array(self.motion["times"])
+        for batch, margins in self._open:
+            a, b = times[batch.piece].T
+            start, end = (a + 0.5 * (u + 1) * (b - a) for u in (batch.start, batch.end))
+            for name, margin in margins.items():
+                for k in np.argsort(start, kind="stable"):
+                    if margin[k] >= 0:
+                        continue
+                    short = float(min(-margin[k], 1e9))
+                    last = found[-1] if found else None
+                    if last and last.claim == name and abs(last.end - start[k]) < 1e-9:
+                        found[-1] = Undecided(last.start, float(end[k]), name, max(last.short, short))
+                    else:
+                        found.append(Undecided(float(start[k]), float(end[k]), name, short))
+        return tuple(found)
+
+    def data(self) -> dict[str, Any]:
+        """The certificate."""
+        batches = [*self._done, *(batch for batch, _ in self._open)]
+        cover: list[list[tuple[float, _Batch, int]]] = [[] for _ in self.motion["times"]]
+        towards: dict[tuple[int, int], list[tuple[int, np.ndarray]]] = {}
+        for number, batch in enumerate(batches):
+            for k in range(len(batch.piece)):
+                cover[batch.piece[k]].append((float(batch.start[k]), batch, k))
+            for (k, pair), d in batch.directions.items():
+                towards.setdefault((number, k), []).append((pair, d))
+        numbers = {id(batch): number for number, batch in enumerate(batches)}
+        parts = []
+        for own in cover:
+            own.sort(key=lambda entry: entry[0])
+            _, last, k = own[-1]
+            parts.append(
+                {
+                    "ends": [*(start for start, _, _ in own), float(last.end[k])],
+                    "forces": [batch.forces[..., i].tolist() for _, batch, i in own],
+                    "directions": [
+                        [n, pair, *d.tolist()]
+                        for n, (_, batch, i) in enumerate(own)
+                        for pair, d in towards.get((numbers[id(batch)], i), [])
+                    ],
+                }
+            )
+        return {
+            "format": FORMAT,
+            "model": self.model,
+            "motion": self.motion,
+            "bounds": self.bounds,
+            "cover": parts,
+            "sha256": {"model": digest(self.model), "motion": digest(self.motion)},
+        }

@@ -1,0 +1,75 @@
+"""Contact forces well inside their sets: what is interpolated between them stays inside."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ocptip.contact.support import Support
+from ocptip.reserves.force_sets import ForceSets
+
+_SHARES = np.array([0.0, 0.01, 0.03, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0])
+_LEAST = 0.3  # of the mean normal force: what every contact is to carry if it can
+_ROUNDS = 40
+_NEXT_TO_NOTHING = 1e-6  # of the largest force
+_REGULAR = 1e-14
+
+
+class Interior:
+    """Moves forces that hold a wrench with the least friction away from the ends of their sets.
+
+    Args:
+        support: the base on its contacts.
+    """
+
+    def __init__(self, support: Support) -> None:
+        self._sets = ForceSets(support)
+        self._matrix = support.wrench_matrix
+        self._scaling = np.array([1.0] * 3 + [1 / support.length] * 3)
+
+    def between(self, forces: np.ndarray, wrenches: np.ndarray, share: float) -> np.ndarray:
+        """Forces (N, n, 3) that hold the same wrenches (N, 6), far inside a share of their sets."""
+        other = self._spread(forces, wrenches)
+        best, chosen = np.full(len(forces), -np.inf), forces
+        for part in _SHARES:
+            mixed = (1 - part) * forces + part * other
+            room = self._room(mixed, share)
+            better = room > best + 1e-12
+            chosen = np.where(better[:, None, None], mixed, chosen)
+            best = np.where(better, room, best)
+        return chosen
+
+    def without(self, forces: np.ndarray, wrenches: np.ndarray) -> np.ndarray:
+        """The same without the forces of contacts that carry next to nothing; the others hold the wrench."""
+        size = np.max(np.abs(forces), axis=(1, 2), keepdims=True)
+        loaded = np.max(np.abs(forces), axis=2, keepdims=True) > _NEXT_TO_NOTHING * size
+        kept = np.where(loaded, forces, 0.0)
+        return self._balanced(kept, wrenches, np.broadcast_to(loaded, forces.shape).astype(float))
+
+    def _room(self, forces: np.ndarray, share: float) -> np.ndarray:
+        normal, size = forces[:, :, 0], np.max(np.abs(forces), axis=(1, 2)) + 1e-300
+        limits = self._sets.limits(normal, size)
+        ends = np.minimum(normal - limits.normal_min, limits.normal_max - normal)
+        friction = share * (limits.radius + limits.slope * normal) - np.linalg.norm(forces[:, :, 1:], axis=2)
+        return np.min(np.minimum(ends, friction), axis=1)
+
+    def _spread(self, forces: np.ndarray, wrenches: np.ndarray) -> np.ndarray:
+        """Normal forces that all press, tangential ones in proportion to them."""
+        total = np.maximum(np.sum(np.maximum(forces[:, :, 0], 0.0), axis=1, keepdims=True), 1e-9)
+        least = _LEAST * total / forces.shape[1]
+        found = forces.copy()
+        for _ in range(_ROUNDS):
+            found[:, :, 0] = np.maximum(found[:, :, 0], least)
+            weight = np.concatenate(
+                [np.ones_like(found[:, :, :1]), np.repeat(found[:, :, :1] / total[:, None], 2, 2)], 2
+            )
+            weight = np.maximum(weight, 1e-6)
+            found = self._balanced(found, wrenches, weight)
+        return found
+
+    def _balanced(self, forces: np.ndarray, wrenches: np.ndarray, weight: np.ndarray) -> np.ndarray:
+        """Forces nearest by weight that hold the wrenches."""
+        G = (self._scaling[:, None] * self._matrix).reshape(6, -1, 3)
+        rest = np.einsum("wkc,Nkc->Nw", G, forces) + wrenches * self._scaling
+        A = np.einsum("wkc,Nkc,vkc->Nwv", G, weight, G)
+        A = A + _REGULAR * np.trace(A, axis1=1, axis2=2)[:, None, None] * np.eye(6)
+        return forces - weight * np.einsum("wkc,Nw->Nkc", G, np.linalg.solve(A, rest[..., None])[..., 0])

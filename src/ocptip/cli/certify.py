@@ -1,0 +1,137 @@
+"""`ocptip certify`: a proof that a motion keeps all limits at every instant, or the check of one."""
+
+from __future__ import annotations
+
+import json
+from argparse import Namespace
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ocptip.basics.errors import InputError, naming
+from ocptip.basics.toml import read_text
+from ocptip.basics.write import versions, write_text
+from ocptip.certificate.checker import FORMAT, Verdict, check_certificate
+from ocptip.certificate.find import Certificate, claims
+from ocptip.cli.check import task_of
+from ocptip.cli.command import Report
+from ocptip.cli.layout import named, under
+from ocptip.cli.options import with_limits
+from ocptip.cli.progress import say_if_compiling
+from ocptip.motion.check import MotionCheck, certified, check_motion
+from ocptip.motion.cycles.task import CycleTask
+from ocptip.trajectories.read import load_motion
+
+_MOST = 8  # undecided intervals that are listed
+
+
+def run(options: Namespace) -> Report:
+    """Find a certificate, or judge one."""
+    if (data := _certificate(options.motion)) is not None:
+        if options.out is not None:
+            raise InputError("--out: a certificate is checked, not written")
+        return VerdictReport(Path(options.motion).name, check_certificate(data))
+    task, path = task_of(options)
+    if isinstance(task, CycleTask):
+        raise InputError(f"{options.motion}: cycles cannot be certified, only motions of one segment")
+    task = with_limits(task, options)
+    motion = load_motion(path, task.robot.names, task.robot.units)
+    say_if_compiling()
+    name = Path(options.motion).name
+    with naming(name):
+        checked = certified(task.robot, motion, check_motion(task.robot, motion, task.limits), task.limits)
+    return CertifyReport(name, task.name, checked, None if options.out is None else Path(options.out))
+
+
+@dataclass
+class VerdictReport(Report):
+    """What a certificate proves.
+
+    Attributes:
+        name: of the file.
+        verdict: on its data.
+    """
+
+    name: str
+    verdict: Verdict
+
+    @property
+    def good(self) -> bool:
+        """Whether it holds."""
+        return self.verdict.holds
+
+    def to_dict(self) -> dict[str, Any]:
+        """The verdict."""
+        return {"certificate": self.name, **vars(self.verdict), "versions": versions()}
+
+    def to_text(self) -> str:
+        """The verdict."""
+        if not self.verdict.holds:
+            return "\n".join(
+                [f"{self.name}: DOES NOT HOLD.", *(f"  {text}" for text in self.verdict.problems)]
+            )
+        own = f"at every instant {claims(self.verdict.bounds)} ({self.verdict.intervals} intervals)"
+        return f"{self.name}: HOLDS.\n" + "\n".join(named([("proof", own)]))
+
+
+@dataclass
+class CertifyReport(Report):
+    """What was proved of a motion.
+
+    Attributes:
+        motion: name of the motion's file.
+        task: name of the task.
+        checked: the sampled check with the certificate.
+        out: where the certificate goes.
+    """
+
+    motion: str
+    task: str
+    checked: MotionCheck
+    out: Path | None
+
+    @property
+    def good(self) -> bool:
+        """Whether all limits are proved to be kept."""
+        return self.checked.certified
+
+    @property
+    def _certificate(self) -> Certificate | None:
+        return self.checked.certificate
+
+    def to_dict(self) -> dict[str, Any]:
+        """The check with the certificate's bounds."""
+        return {"motion": self.motion, "task": self.task, **self.checked.to_dict(), "versions": versions()}
+
+    def to_text(self) -> str:
+        """The verdict, what is proved, and where something is missing."""
+        checked, found = self.checked, self._certificate
+        lines = [f"{self.motion} on {self.task}: {checked.headline}."]
+        lines += [f"  {violation}" for violation in checked.violations]
+        if found is not None:
+            rows = [("proof", f"{found}"), ("time", f"{found.seconds:.2f} s")]
+            rows += under("undecided", [f"{one}" for one in found.undecided[:_MOST]])
+            if len(found.undecided) > _MOST:
+                rows.append(("", f"and {len(found.undecided) - _MOST} more"))
+            rows += under("written", [f"{path}" for path in self.written])
+            lines += ["", *named(rows)]
+        return "\n".join(lines)
+
+    def write(self) -> Iterator[Path]:
+        """The certificate."""
+        if self.out is not None and self._certificate is not None and self._certificate.data is not None:
+            write_text(self.out, json.dumps(self._certificate.data, allow_nan=False) + "\n")
+            yield self.out
+
+
+def _certificate(path: str) -> dict[str, Any] | None:
+    """The data if the file is a certificate."""
+    if Path(path).suffix.lower() != ".json" or not Path(path).is_file():
+        return None
+    try:
+        data = json.loads(read_text(Path(path)))
+    except ValueError:
+        return None  # the reader of motions says what is wrong
+    known = isinstance(data, dict) and str(data.get("format", "")).startswith(FORMAT.rsplit(" ", 1)[0])
+    return data if known else None

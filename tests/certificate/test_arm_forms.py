@@ -1,0 +1,107 @@
+"""Torques and wrenches of random arms over random intervals, in ball arithmetic and in numbers."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from ocptip.certificate.arm import Arm, linear_rows
+from ocptip.certificate.describe import model_data
+from ocptip.certificate.forms import Form
+from ocptip.published.tasks import experiment_task
+from ocptip.robots.kinematics import link_frames
+
+flint = pytest.importorskip("flint")
+from tests.oracles import arm_in_balls as balls  # noqa: E402
+
+GRAVITY, ABOUT = np.array([0.3, -1.0, -9.7]), np.array([0.1, -0.2, -0.4])
+
+
+def _random_arm(rng):
+    links = int(rng.integers(2, 8))
+    coordinates = links if rng.random() < 0.7 else links - 1
+    ratios = np.eye(links)[:, :coordinates]
+    if coordinates < links:
+        ratios[-1, rng.integers(coordinates)] = rng.uniform(-2, 2)
+    half = rng.normal(size=(links, 3, 3))
+    return {
+        "rotations": Rotation.random(links, random_state=rng).as_matrix(),
+        "offsets": rng.uniform(-0.5, 0.5, (links, 3)),
+        "masses": rng.uniform(0, 5, links),
+        "centres": rng.uniform(-0.2, 0.2, (links, 3)),
+        "inertias": 0.01 * (half @ half.transpose(0, 2, 1)),
+        "slides": rng.random(links) < 0.25,
+        "armature": rng.uniform(0, 0.1, coordinates),
+        "ratios": ratios,
+        "shift": np.where(np.arange(links) < coordinates, 0.0, 0.3),
+        "mount_position": rng.uniform(-0.5, 0.5, 3),
+        "mount_rotation": Rotation.random(random_state=rng).as_matrix(),
+    }
+
+
+def _contains(form, number, values, s):
+    return all(
+        abs(value - balls.polynomial(form.c[:, k, number], flint.arb(s)))
+        <= flint.arb(float(form.r[k, number]))
+        for k, value in enumerate(values)
+    )
+
+
+def _check_random_arms(arms, intervals, seed):
+    rng = np.random.default_rng(seed)
+    for _ in range(arms):
+        data = _random_arm(rng)
+        n, h = len(data["armature"]), rng.uniform(1e-4, 0.02, intervals)
+        q = rng.uniform(-3, 3, (n, intervals))
+        v, a, j = (rng.uniform(-k, k, (n, intervals)) for k in (3, 20, 300))
+        c = [q, v * h, a * h**2 / 2, j * h**3 / 6]
+        forms = Form.of(*c), Form.of(v, a * h, j * h**2 / 2), Form.of(a, j * h)
+        arm = Arm(data, GRAVITY, ABOUT)
+        torques, wrench = arm.loads(arm.turns(forms[0]), *forms[1:])
+        assert np.max(wrench.r) < 1e-2 * np.max(wrench.size)
+        for number in range(intervals):
+            for s in (-1.0, float(rng.uniform(-1, 1)), 1.0):
+                states = [
+                    [balls.polynomial(f.c[:, k, number], flint.arb(s)) for k in range(n)] for f in forms
+                ]
+                tau, w = balls.loads(_rounded(data), *states, GRAVITY, ABOUT)
+                assert _contains(torques, number, tau, s)
+                assert _contains(wrench, number, w, s)
+
+
+def _rounded(data):
+    """With the mount's rotation in the first joint's, rounded once, as the certificate's model is read."""
+    first = data["mount_rotation"] @ data["rotations"][0]
+    return {
+        **data,
+        "mount_rotation": np.eye(3),
+        "rotations": np.concatenate([first[None], data["rotations"][1:]]),
+    }
+
+
+def test_random_arms_against_ball_arithmetic():
+    _check_random_arms(arms=8, intervals=5, seed=1)
+
+
+@pytest.mark.slow
+def test_a_thousand_intervals_against_ball_arithmetic():
+    _check_random_arms(arms=50, intervals=20, seed=2)
+
+
+def test_frames_and_loads_are_those_of_the_library():
+    robot = experiment_task("B").robot
+    model = model_data(robot)
+    arm = Arm(model["arm"], robot.support.gravity, robot.support.center_of_mass)
+    rng = np.random.default_rng(0)
+    q, qd, qdd = (rng.uniform(-k, k, (20, robot.n)) for k in (3, 2, 10))
+    turns = arm.turns(Form.of(q.T))
+    torques, wrench = arm.loads(turns, Form.of(qd.T), Form.of(qdd.T))
+    expected = robot.loads(q, qd, qdd)
+    np.testing.assert_allclose(torques.c[0].T, expected[0], atol=1e-10)
+    np.testing.assert_allclose(wrench.c[0].T + robot.support.weight, expected[1], atol=1e-10)
+    frames = link_frames(robot.arm, q)
+    for k, (R, p) in enumerate(arm.frames(turns)[1:]):
+        np.testing.assert_allclose(np.moveaxis(R.c[0], 2, 0), frames.rotations[:, k], atol=1e-12)
+        np.testing.assert_allclose(p.c[0].T, frames.origins[:, k], atol=1e-12)
+    point = np.array([0.1, 0.2, 0.3])
+    moved = linear_rows(arm.frames(turns)[3][0], point)
+    np.testing.assert_allclose(moved.c[0].T, frames.rotations[:, 2] @ point, atol=1e-12)

@@ -1,0 +1,240 @@
+"""Certificates of motions: what is found, what they say, and that the checker refuses what is not so."""
+
+import copy
+import json
+
+import numpy as np
+import pytest
+
+from ocptip.certificate.checker import check_certificate, digest
+from ocptip.certificate.describe import motion_data, states_at
+from ocptip.certificate.find import certify
+from ocptip.motion.check import check_motion
+from ocptip.published.tasks import experiment_task
+from ocptip.standing.limits import MotionLimits
+from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.controllers import controller_points
+from ocptip.trajectories.ramps import RampCommand
+from ocptip.trajectories.sampled import SampledMotion
+
+
+def _swing(case="B", faster=1.0):
+    """A robot and a swing of its joints that stands with some reserve."""
+    task = experiment_task(case)
+    way = task.goal - task.start
+    speeds = task.robot.limits.speed
+    commands = [
+        [RampCommand(a + 0.4 * w, 0.25 * faster * v, 0.8 * faster**2)]
+        for a, w, v in zip(task.start, way, speeds, strict=True)
+    ]
+    return task, ArmMotion.from_commands(task.start, commands)
+
+
+def _certified(task, motion, limits=None):
+    limits = limits or task.limits
+    checked = check_motion(task.robot, motion, limits)
+    return checked, certify(task.robot, motion, limits, checked.worst)
+
+
+@pytest.fixture(scope="module")
+def swing():
+    task, motion = _swing()
+    return task, motion, *_certified(task, motion)
+
+
+def test_a_standing_motion_is_certified_close_to_its_sampled_worst_values(swing):
+    task, _, checked, found = swing
+    assert checked.verified
+    assert found.certified
+    assert not found.undecided
+    for name in ("GN", "GT", "torque_ratio"):
+        worst = checked.worst[name].value
+        assert worst <= found.verdict.bounds[name] <= worst + 1e-3 * max(worst, 0.1)
+    assert checked.worst["clearance_m"].value - 1.1e-4 <= found.verdict.bounds["clearance"]
+    assert task.limits.GN == 0.9
+
+
+@pytest.mark.parametrize("case", ["A", "C", "G"])
+def test_other_cases_clamps_and_frictions(case):
+    _, found = _certified(*_swing(case))
+    assert found.certified, (found.verdict, found.undecided)
+
+
+@pytest.mark.parametrize("controller", ["cubic", "quintic", "linear"])
+def test_what_controllers_run_is_certified(swing, controller):
+    task, motion, _, _ = swing
+    checked, found = _certified(task, controller_points(motion, controller))
+    assert found.certified == checked.verified, (checked.violations, found.undecided)
+
+
+def test_a_certificate_survives_json(swing):
+    data = json.loads(json.dumps(swing[3].data))
+    assert check_certificate(data) == swing[3].verdict
+
+
+def test_at_the_limit_and_beyond(swing):
+    task, motion, checked, _ = swing
+    tight = MotionLimits(GN=checked.worst["GN"].value, GT=checked.worst["GT"].value)
+    assert _certified(task, motion, tight)[1].certified
+    below = MotionLimits(GN=checked.worst["GN"].value * 0.999)
+    found = _certified(task, motion, below)[1]
+    assert found.verdict.holds  # contacts persist
+    assert not found.certified  # but the limit is not kept
+
+
+def test_a_motion_that_tips_is_not_certified():
+    task, motion = _swing(faster=8.0)
+    checked, found = _certified(task, motion)
+    assert not checked.verified
+    assert not found.certified
+    assert "contact is lost" in found.reason
+
+
+def test_pieces_are_the_motion(swing):
+    _, motion, _, _ = swing
+    data = motion_data(motion)
+    rng = np.random.default_rng(0)
+    times = np.array(data["times"])
+    piece, u = rng.integers(1, len(times) - 1, 200), rng.uniform(-0.99, 0.99, 200)
+    t = times[piece].mean(axis=1) + 0.5 * u * (times[piece, 1] - times[piece, 0])
+    for found, expected, tolerance in zip(
+        states_at(data, piece, u), motion.states(t), (1e-12, 1e-11, 1e-8), strict=True
+    ):
+        np.testing.assert_allclose(found, expected, atol=tolerance)
+
+
+def test_mechanisms_that_cannot_be_certified_say_so(swing):
+    other = certify(_Other(), swing[1], MotionLimits(), swing[2].worst)
+    assert not other.certified
+    assert "platform" in other.reason
+
+
+class _Other:
+    kind = "platform"
+
+
+def _mutations():
+    def forces(data):
+        data["cover"][2]["forces"][0][0][0][1][1] += 1e3  # squeezes; a change of the sum would be corrected
+
+    def weightless(data):
+        for part in data["cover"]:
+            part["forces"] = np.zeros_like(part["forces"]).tolist()
+
+    def on_two_feet(data):
+        for both in data["cover"][2]["forces"]:
+            for rules in both:
+                rules[0][1] = [0.0, 0.0, 0.0]
+
+    def less(data):
+        data["bounds"]["GT"] *= 0.99
+
+    def less_tip(data):
+        data["bounds"]["GN"] *= 0.99
+
+    def torque(data):
+        data["bounds"]["torque_ratio"] *= 0.99
+
+    def nearer(data):
+        data["bounds"]["clearance"] += 0.01
+
+    def gap(data):
+        ends = data["cover"][2]["ends"]
+        ends[1] = ends[0] + 0.5 * (ends[1] - ends[0])
+        data["cover"][2]["ends"] = ends[:2] + ends[2:]
+        data["cover"][2]["forces"] = data["cover"][2]["forces"]
+        data["cover"][2]["ends"][-1] = 0.99
+
+    def missing(data):
+        part = data["cover"][1]
+        part["ends"], part["forces"] = part["ends"][:-1], part["forces"][:-1]
+
+    def piece(data):
+        data["cover"].pop(2)
+
+    def motion(data):
+        data["motion"]["angles"][2][0][0] += 1e-9
+
+    def moved(data):
+        data["motion"]["angles"][2][0][0] += 0.1
+        data["sha256"]["motion"] = digest(data["motion"])
+
+    def model(data):
+        data["model"]["arm"]["masses"][3] += 1e-9
+
+    def heavier(data):
+        data["model"]["arm"]["masses"][3] *= 1.2
+        data["sha256"]["model"] = digest(data["model"])
+
+    def slippery(data):
+        for pieces in data["model"]["contacts"]["sets"]:
+            pieces[0][3] *= 0.9
+        data["sha256"]["model"] = digest(data["model"])
+
+    def nothing(data):
+        data["bounds"]["GN"] = 1.0
+
+    def not_a_number(data):
+        data["cover"][1]["forces"][0][0][0][0][0] = float("nan")
+
+    def format_(data):
+        data["format"] = "another"
+
+    def lacking(data):
+        del data["bounds"]
+
+    return [f for name, f in sorted(locals().items()) if callable(f)]
+
+
+@pytest.mark.parametrize("mutate", _mutations(), ids=lambda f: f.__name__)
+def test_mutations_are_refused(swing, mutate):
+    data = copy.deepcopy(swing[3].data)
+    assert check_certificate(data).holds
+    mutate(data)
+    verdict = check_certificate(data)
+    assert not verdict.holds
+    assert verdict.problems
+
+
+def _broken(motion, time, width, height):
+    """A motion whose first joint's angle has a bump between two instants, as samples."""
+    events = motion.event_times
+    inner = np.linspace(time - width / 2, time + width / 2, 9)
+    times = np.unique(np.concatenate([events, inner]))
+    q, qd, qdd = motion.states(times)
+    inside = (times > inner[0]) & (times < inner[-1])
+    s = (times - time) / width
+    bump = np.where(inside, (1 - 4 * s**2) ** 3, 0.0)
+    qdd = qdd.copy()
+    qdd[:, 0] += height * bump
+    return SampledMotion(times, q, qd, qdd)
+
+
+@pytest.mark.slow
+def test_motions_broken_for_less_than_a_millisecond_are_not_certified(swing):
+    """Between the instants that the sampled check looked at, the acceleration of a joint leaps."""
+    _broken_on_purpose(swing, 200)
+
+
+def test_some_motions_broken_between_instants_are_not_certified(swing):
+    _broken_on_purpose(swing, 3)
+
+
+def _broken_on_purpose(swing, count):
+    task, motion, checked, _ = swing
+    rng = np.random.default_rng(5)
+    lost = 0
+    for _ in range(count):
+        time, width = rng.uniform(0.1, 0.9) * motion.end, rng.uniform(2e-4, 9e-4)
+        if np.min(np.abs(motion.event_times - time)) < width:
+            continue
+        broken = _broken(motion, time, width, rng.choice([-1, 1]) * rng.uniform(60, 200))
+        found = certify(task.robot, broken, task.limits, checked.worst)
+        instants = np.linspace(time - width / 2, time + width / 2, 41)
+        with np.errstate(all="ignore"):
+            worst = np.max(np.abs(broken.states(instants)[2]) / task.robot.limits.acceleration)
+        assert worst > 1
+        lost += 1
+        assert not found.certified
+        assert any(one.start <= time + width and one.end >= time - width for one in found.undecided)
+    assert lost > count / 2

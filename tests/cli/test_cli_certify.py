@@ -1,0 +1,81 @@
+"""`ocptip certify`."""
+
+import json
+
+import pytest
+
+from ocptip.cli.main import main
+from tests.places import ROOT
+
+PLAN = str(ROOT / "studies" / "results" / "plans" / "B-effective" / "plan.json")
+
+
+@pytest.fixture(scope="module")
+def certificate(tmp_path_factory):
+    path = tmp_path_factory.mktemp("certificate") / "c.json"
+    assert main(["certify", PLAN, "--out", str(path)]) == 0
+    return path
+
+
+def test_it_says_what_is_proved(certificate, capsys):
+    assert main(["certify", PLAN]) == 0
+    out = capsys.readouterr().out
+    assert out.startswith("plan.json on B: CERTIFIED.")
+    assert "at every instant GN <= 0.8996, GT <= 0.61" in out
+    assert main(["certify", PLAN, "--json"]) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert data["certified"]
+    assert data["certificate"]["bounds"]["GN"] < 0.9
+
+
+def test_a_certificate_is_judged_from_its_data_alone(certificate, capsys, tmp_path):
+    assert main(["certify", str(certificate)]) == 0
+    assert capsys.readouterr().out.startswith("c.json: HOLDS.\nproof  at every instant GN <= 0.8996")
+    data = json.loads(certificate.read_text(encoding="utf-8"))
+    data["bounds"]["GN"] = 0.89
+    other = tmp_path / "other.json"
+    other.write_text(json.dumps(data), encoding="utf-8")
+    assert main(["certify", str(other)]) == 1
+    out = capsys.readouterr().out
+    assert out.startswith("other.json: DOES NOT HOLD.\n  tip-over: not proved near 1.43")
+    assert main(["certify", str(other), "--json"]) == 1
+    assert not json.loads(capsys.readouterr().out)["holds"]
+
+
+def test_a_motion_beyond_its_limits_is_not_certified(capsys):
+    assert main(["certify", PLAN, "--gn", "0.85"]) == 1
+    out = capsys.readouterr().out
+    assert "NOT VERIFIED" in out
+    assert "GN is 0.8993" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["missing.json"], "missing.json"),
+        ([PLAN, "--out", "no/such/folder/c.json"], "no/such/folder"),
+        (["CERTIFICATE", "--out", "c.json"], "--out"),
+        ([PLAN, "--case", "B", "--task", "t.toml"], "--task"),
+    ],
+)
+def test_bad_input_is_one_line(arguments, words, certificate, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    given = [str(certificate) if text == "CERTIFICATE" else text for text in arguments]
+    try:
+        code = main(["certify", *given])
+    except SystemExit as stop:
+        code = stop.code
+    err = capsys.readouterr().err
+    assert code == 2
+    assert words in err
+
+
+def test_plans_hold_their_certificate(tmp_path, capsys):
+    out = tmp_path / "plan"
+    assert main(["plan", "A", "--starts", "1", "--jobs", "1", "--no-figures", "--out", str(out)]) == 0
+    assert "A: CERTIFIED" in capsys.readouterr().out
+    plan = json.loads((out / "plan.json").read_text(encoding="utf-8"))
+    assert plan["certified"]
+    assert main(["certify", str(out / "certificate.json")]) == 0
+    assert main(["certify", str(out)]) == 0
+    assert "certified" in capsys.readouterr().out.lower()
