@@ -138,7 +138,7 @@ def test_what_a_scene_cannot_have_is_said():
         "3 % faster or slower", "jumps overshoot at 5 % damping",
     )  # fmt: skip
     assert found.to_dict()["stands"] is True
-    assert "not looked at in a scene: arm masses" in found.lines()[-1]
+    assert "not looked at here: arm masses" in found.lines()[-1]
 
 
 def test_scenes_without_tilt_are_refused():

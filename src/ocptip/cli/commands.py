@@ -120,6 +120,7 @@ COMMANDS = (
         (
             argument("task", "TASK.toml", "the task (format: see docs/placement.md)"),
             argument("--starts", "N", "starts (default: 5)", type=int, default=5),
+            TOLERANCE,
             SEED,
             *FILES,
         ),

@@ -5,22 +5,27 @@ from __future__ import annotations
 import sys
 from argparse import Namespace
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TextIO
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ocptip.basics.errors import naming
 from ocptip.cli.command import Report
-from ocptip.cli.layout import masses, summary
+from ocptip.cli.layout import masses, summary, under
 from ocptip.cli.options import output_directory, remove_figures, require_least
 from ocptip.cli.progress import Progress, say_if_compiling
 from ocptip.motion.check import NO_COLLISION
 from ocptip.placement.output import refusal_to_dict, result_to_dict, write_placement
 from ocptip.placement.place import place
 from ocptip.placement.result import Margin, NoPlacementError, Placement, PlacementResult
+from ocptip.placement.within import placement_within, searched
+from ocptip.standing.rest_within import WithinAtRest
+from ocptip.standing.tolerance import Tolerance
 from ocptip.task_files.placement import load_placement
+from ocptip.task_files.tolerance import load_tolerance
 
 _MEANING = {"GN": "tip-over", "GT": "slip", "GK": "force space", "GE": "power at rest"}
 _MOST_VIOLATED = 6
@@ -30,6 +35,11 @@ def run(options: Namespace) -> Report:
     """Place; where there is no placement, the report says why."""
     require_least(options, starts=1, seed=0)
     task = load_placement(options.task)
+    tolerance = task.tolerance
+    if options.tolerance is not None:
+        with naming("--tolerance"):
+            tolerance = load_tolerance(options.tolerance)
+            task = replace(task, problem=replace(task.problem, tolerance=searched(tolerance)))
     directory = output_directory(options, task.name)
     say_if_compiling()
     try:
@@ -39,7 +49,20 @@ def run(options: Namespace) -> Report:
         answer = error
     except KeyboardInterrupt:
         raise KeyboardInterrupt("before there was a result") from None
-    return PlaceReport(task.name, answer, directory, figures=not options.no_figures)
+    within, dropped = None, 0
+    if isinstance(answer, PlacementResult) and searched(tolerance) != tolerance:
+        answer, within, dropped = _holding(answer, tolerance)
+    return PlaceReport(task.name, answer, directory, not options.no_figures, within, dropped)
+
+
+def _holding(answer: PlacementResult, tolerance: Tolerance) -> tuple[PlacementResult, WithinAtRest, int]:
+    """The placements that hold the whole tolerance, the first one's worst, and how many do not; else all."""
+    found = [placement_within(placement, tolerance) for placement in answer.placements]
+    kept = [k for k, one in enumerate(found) if one.stands]
+    if not kept:
+        return answer, found[0], len(found)
+    placements = tuple(answer.placements[k] for k in kept)
+    return replace(answer, placements=placements), found[kept[0]], len(found) - len(kept)
 
 
 def progress_bar(stream: TextIO) -> Progress:
@@ -57,22 +80,32 @@ class PlaceReport(Report):
         answer: from `place`.
         directory: where files go.
         figures: whether figures are among them.
+        within: the best one at the worst of a tolerance of more than its base; None: none was given.
+        dropped: placements that do not hold that tolerance.
     """
 
     name: str
     answer: PlacementResult | NoPlacementError
     directory: Path
     figures: bool
+    within: WithinAtRest | None = None
+    dropped: int = 0
 
     @property
-    def good(self) -> bool:
+    def found(self) -> bool:
         """True if all constraints are kept."""
         return isinstance(self.answer, PlacementResult)
 
+    @property
+    def good(self) -> bool:
+        """True if all constraints are kept, within the whole tolerance where there is one."""
+        return self.found and (self.within is None or self.within.stands)
+
     def entries(self) -> dict[str, Any]:
         """Content of placement.json."""
-        to_dict = result_to_dict if self.good else refusal_to_dict
-        return {**to_dict(self.name, self.answer), "warnings": self.warnings}
+        to_dict = result_to_dict if self.found else refusal_to_dict
+        more = {"within": self.within.to_dict(), "dropped": self.dropped} if self.within else {}
+        return {**to_dict(self.name, self.answer), **more, "warnings": self.warnings}
 
     def to_dict(self) -> dict[str, Any]:
         """The content of placement.json and the list `written`."""
@@ -85,15 +118,21 @@ class PlaceReport(Report):
         if self.figures:
             from ocptip.pictures.placement import draw_placement
 
-            placements = self.answer.places if self.good else (self.answer.nearest,)
+            placements = self.answer.places if self.found else (self.answer.nearest,)
             with Progress(sys.stderr, "drawing ..."):
                 drawn = draw_placement(self.directory, self.name, placements)
             yield from drawn
 
     def to_text(self) -> str:
         """The best place, or the least-infeasible one and which constraints it breaks."""
-        head, lines = _found(self.answer) if self.good else _refusal(self.answer)
-        shown = self.answer.best if self.good else self.answer.nearest
+        head, lines = _found(self.answer) if self.found else _refusal(self.answer)
+        shown = self.answer.best if self.found else self.answer.nearest
+        if self.within:
+            if not self.within.stands:
+                head = f"NO PLACEMENT within the tolerance. As described: {head}"
+            lines += under("within", self.within.lines())
+            if self.dropped and self.within.stands:
+                lines.append(("", f"{self.dropped} better ones or alternatives do not hold it"))
         lines.append(("masses", masses(shown.problem.robot)))
         lines += [("assumed", note) for note in shown.problem.robot.notes]
         return summary(f"{self.name}: {head}", lines, self.written)

@@ -117,7 +117,7 @@ class WithinAtRest:
             f"GN at most {self.GN:.3f} ({self.GN_worst or 'as described'})",
             f"GT at most {self.GT:.3f} ({self.GT_worst or 'as described'})",
         ]
-        return found + ([f"not looked at in a scene: {', '.join(self.ignored)}"] if self.ignored else [])
+        return found + ([f"not looked at here: {', '.join(self.ignored)}"] if self.ignored else [])
 
 
 def scene_within(

@@ -27,8 +27,10 @@ from ocptip.placement.problem import (
     Weights,
     sampled_loads,
 )
+from ocptip.placement.within import searched
 from ocptip.robots.model import ArmModel
 from ocptip.standing.arm import StandingRobot
+from ocptip.standing.tolerance import NONE, Tolerance
 from ocptip.task_files.arm import require_geometry
 from ocptip.task_files.doubts import doubt_masses, doubt_units
 from ocptip.task_files.kinds import require_kind
@@ -50,11 +52,13 @@ class PlacementTask:
 
     Attributes:
         name: for titles and files.
-        problem: what it asks for.
+        problem: what it asks for; its tolerance is what the search looks at.
+        tolerance: all of the file's.
     """
 
     name: str
     problem: PlacementProblem
+    tolerance: Tolerance = NONE
 
 
 def load_placement(path: str | os.PathLike[str]) -> PlacementTask:
@@ -72,12 +76,13 @@ def load_placement(path: str | os.PathLike[str]) -> PlacementTask:
         require_kind(data, "place")
         doubt_units(data)
         data.close("name", "unloaded", *SCENE, "arm", "payload", "motors", *_OBSTACLES, *_TABLES)
-        task = PlacementTask(data.text("name", path.stem), _problem(data))
+        tolerance = read_tolerance(data.table("tolerance", optional=True))
+        task = PlacementTask(data.text("name", path.stem), _problem(data, searched(tolerance)), tolerance)
         doubt_masses(data, task.problem.robot)
         return task
 
 
-def _problem(data: Table) -> PlacementProblem:
+def _problem(data: Table, tolerance: Tolerance) -> PlacementProblem:
     base, shapes = data.table("base"), read_base_shapes(data)
     ground = base.vector("ground", 3, None)
     support = read_support(data)
@@ -105,7 +110,7 @@ def _problem(data: Table) -> PlacementProblem:
             energy=_energy(data.table("energy", optional=True), arm),
             references=references.make(dict, **references.numbers(*CRITERIA)),
             ground_frame=None if ground is None else (ground, np.eye(3)),
-            tolerance=read_tolerance(data.table("tolerance", optional=True)),
+            tolerance=tolerance,
         )
 
 

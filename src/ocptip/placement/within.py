@@ -1,0 +1,97 @@
+"""Whether a placement keeps its contacts at the worst of a tolerance, arm and payload included, at rest."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from ocptip.contact.support import Support
+from ocptip.placement.problem import LoadCase
+from ocptip.placement.result import Placement
+from ocptip.robots.kinematics import link_frames
+from ocptip.standing.arm import StandingRobot
+from ocptip.standing.rest_within import Push, RestCase, Weight, WithinAtRest, base_weight, found_within
+from ocptip.standing.tolerance import Tolerance
+
+SEARCHED = ("base_mass", "center_of_mass", "friction")
+"""Quantities that the search for placements looks at itself."""
+
+LOOKED_AT = (
+    "tilt",
+    "extra_mass",
+    "payload_mass",
+    "push",
+    "base_push",
+    "base_mass",
+    "arm_mass",
+    "center_of_mass",
+    "payload_center",
+    "friction",
+)
+
+
+def searched(tolerance: Tolerance) -> Tolerance:
+    """The part that the search looks at."""
+    return tolerance.only(*(name for name in SEARCHED if name in tolerance.given))
+
+
+def placement_within(placement: Placement, tolerance: Tolerance) -> WithinAtRest:
+    """The worst of all poses and load cases that count in the constraints; process loads are as described.
+
+    Args:
+        placement: judged.
+        tolerance: of floor, base, arm and payload; what needs motion is left out, and said.
+    """
+    own = tolerance.only(*(name for name in LOOKED_AT if name in tolerance.given))
+    ignored = tuple(str(tolerance.only(name)) for name in tolerance.given if name not in LOOKED_AT)
+    cases = [partial(rest_case, placement, case) for case in placement.problem.cases if case.constrained]
+    return found_within(cases, own, LOOKED_AT, ignored)
+
+
+def rest_case(placement: Placement, case: LoadCase, tolerance: Tolerance) -> RestCase:
+    """The robot at a placement in one pose under one load."""
+    problem = placement.problem
+    robot, back = problem.robot, placement.base_rotation.T
+    placed = problem.stands[placement.patch].footing(placement.parameters).support.contacts
+    contacts = [
+        replace(c, position=at.position, normal=at.normal, tangent=at.tangent)
+        for c, at in zip(robot.support.contacts, placed, strict=True)
+    ]
+    own, gravity = robot.support, back @ np.asarray(problem.gravity, dtype=float)
+    support = Support(
+        contacts, mass=own.mass, center_of_mass=own.center_of_mass, inertia=own.inertia, gravity=gravity
+    )
+    weights, tool = bodies(robot, placement.angles[case.task], tolerance)
+    force, moment = back @ case.force, back @ case.moment
+    fixed = np.concatenate([force, moment + np.cross(tool, force)])
+    pushes = [Push("gripper", tolerance.push, tool)] if tolerance.push else []
+    pushes += [Push("base", tolerance.base_push, np.zeros(3))] if tolerance.base_push else []
+    weights = [base_weight(support, tolerance), *weights]
+    reference = robot.tip_over.reference_moment
+    return RestCase(support, weights, fixed, tolerance, pushes, reference, case.name)
+
+
+def bodies(robot: StandingRobot, q: np.ndarray, tolerance: Tolerance) -> tuple[list[Weight], np.ndarray]:
+    """Links, payload and what may be at the gripper, at angles (n,); and the gripper point (3,), m.
+
+    Places are from the base's centre of mass, base axes.
+    """
+    bare, held, about = robot.arm.with_payload(None), robot.arm.payload, robot.support.center_of_mass
+    frames = link_frames(bare, q)
+    tool = frames.origins[-1] - about
+    found = []
+    links = zip(bare.masses, bare.centres, frames.rotations, frames.origins, strict=False)
+    for number, (mass, centre, rotation, origin) in enumerate(links, 1):
+        if mass > 0:
+            off = tolerance.arm_mass * mass
+            found.append(Weight(f"link {number}", float(mass), origin + rotation @ centre - about, -off, off))
+    if held is not None:
+        rotation, off = frames.rotations[-1], tolerance.payload_mass * held.mass
+        half = np.abs(rotation) @ np.asarray(tolerance.payload_center, dtype=float)
+        centre = tool + rotation @ held.center_of_mass
+        found.append(Weight("payload", held.mass, centre, -off, off, half))
+    if tolerance.extra_mass:
+        found.append(Weight("mass at the gripper", 0.0, tool, 0.0, tolerance.extra_mass))
+    return found, tool

@@ -1,0 +1,72 @@
+"""Placements at the worst of a tolerance: wrenches of the evaluator, brute force, refusals."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ocptip.contact.solver import solve_many
+from ocptip.placement.evaluate import Evaluator
+from ocptip.placement.result import judge
+from ocptip.placement.search.starts import sample
+from ocptip.placement.within import placement_within, rest_case, searched
+from ocptip.reserves.slip import Slip
+from ocptip.robots.payload import Payload
+from ocptip.standing.tolerance import WORKSHOP, Tolerance
+from tests.placement.placement_scenes import drilling
+
+
+@pytest.fixture(scope="module")
+def placement():
+    own = drilling()
+    arm = own.robot.arm.with_payload(Payload.box(1.5, [0.1, 0.1, 0.2], [0.0, 0.0, 0.1]))
+    own = replace(own, robot=own.robot.varied(arm=arm))
+    evaluator = Evaluator(own)
+    found = sample(evaluator, np.random.default_rng(0), 500)
+    return judge(evaluator, 0, found[0][1], found[0][2])
+
+
+def test_wrenches_are_those_of_the_evaluator(placement):
+    evaluator = Evaluator(placement.problem)
+    for t, q in enumerate(placement.angles):
+        found = evaluator.task(t, placement.patch, placement.parameters[None], q[None])
+        for c, case in enumerate(found.cases):
+            own = rest_case(placement, case, Tolerance())
+            nominal = own._wrenches([own._off(own.support.gravity)])[0]
+            np.testing.assert_allclose(nominal, found.wrenches[0, c], atol=1e-9)
+
+
+def test_nothing_inside_is_worse(placement):
+    tolerance = Tolerance(
+        tilt=0.02,
+        arm_mass=0.1,
+        payload_mass=0.1,
+        extra_mass=0.5,
+        push=10.0,
+        payload_center=(0.02, 0.01, 0.03),
+    )
+    found = placement_within(placement, tolerance)
+    rng, worst = np.random.default_rng(1), 0.0
+    for case in placement.problem.cases:
+        own = rest_case(placement, case, tolerance)
+        for _ in range(60):
+            direction = rng.normal(size=6)
+            off = own._worst(direction, own.support.gravity)  # ends of everything in some direction
+            states = solve_many(own.support, own._wrenches([off]))
+            worst = max(worst, float(Slip(own.support).evaluate(states, derivatives=False).GT[0]))
+    assert worst - 1e-9 <= found.GT
+
+
+def test_what_needs_a_motion_is_left_out_and_the_rest_is_named(placement):
+    found = placement_within(placement, WORKSHOP)
+    assert found.ignored == (
+        "joints up to 10 ms late",
+        "3 % faster or slower",
+        "jumps overshoot at 5 % damping",
+    )
+    assert found.GN_worst.startswith(tuple(case.name for case in placement.problem.cases))
+    assert "tilt 0.5 deg" in found.GN_worst
+    assert searched(WORKSHOP).given == ("base_mass", "friction")
+    heavy = placement_within(placement, Tolerance(push=5000.0))
+    assert not heavy.stands
+    assert heavy.reason.startswith("of push of 5e+03 N at the gripper alone it can have push of ")
