@@ -5,8 +5,8 @@
 A Panda and an xArm7 (package example-robot-data) on a platform with four feet move from a random gripper pose
 to another. `plan_motion` with default options against the best of 50 plans, each from a random posture of the
 first pose to a random posture of the second (one start each; pairs that do not stand are drawn again; those
-whose plainest motions cost 1.8 times as much as the cheapest pair's are not planned, see `hopeless`). Goes on
-where it was interrupted. Writes redundancy.jsonl and prints a table.
+whose plainest motions cost 1.3 times as much as the cheapest pair's are not planned, see `hopeless`). Goes on
+where it was interrupted. Writes redundancy.jsonl and redundancy.md.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ocptip.basics.errors import PlanningError
+from ocptip.basics.write import versions, write_text
 from ocptip.motion.plan import plan_motion
 from ocptip.motion.planner.one_start import Search
 from ocptip.motion.task import MotionTask, refusals
@@ -31,12 +32,13 @@ from ocptip.robots.inverse.joint_angles import within_limits
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.limits import MotionLimits
 from ocptip.task_files.motion import load_task
-from studies.common import JsonLines, progress, table
+from studies.common import JsonLines, progress, software, table
 from studies.foreign_arms.run import package_folder, task_text, template_of
 from studies.postures.tasks import FAR, NEAR, hopeless, pose_task, standing_posture
 
 SEVEN = ("Panda, hand", "xArm7")
 ARMS = Path(__file__).parent.parent / "foreign_arms" / "arms.toml"
+DEAR = 1.3  # in all tasks of `run` the cheapest pair's plainest motion is within 1.05 of the least
 RADIUS = 0.05  # m, of the collision spheres
 
 
@@ -88,7 +90,7 @@ def rows_of(number: int, options: argparse.Namespace, lines: JsonLines) -> list[
     known = {(row["kind"], row["k"]): row for row in lines.read() if row["task"] == number}
     task = redundant_task(number, options.seed, options.packages)
     pairs = random_pairs(task, options.random, options.seed)
-    without = hopeless(pairs)
+    without = hopeless(pairs, DEAR)
     for kind, k in [("plan", 0), *(("random", k) for k in range(options.random))]:
         if (kind, k) in known:
             continue
@@ -101,7 +103,7 @@ def rows_of(number: int, options: argparse.Namespace, lines: JsonLines) -> list[
                 except PlanningError as error:
                     row["status"] = str(error)
             elif k in without:
-                row["status"] = "hopeless"
+                row["status"] = "not planned"
             else:
                 found = Search(pairs[k]).run(k, options.seed).result
                 row |= {"energy": found.energy if found.verified else None, "cpu": found.cpu_seconds}
@@ -135,7 +137,9 @@ def main() -> None:
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     lines = JsonLines(options.out / "redundancy.jsonl")
-    print(report([rows_of(number, options, lines) for number in range(options.tasks)]))
+    found = report([rows_of(number, options, lines) for number in range(options.tasks)])
+    note = f"Seed {options.seed}, {options.random} random pairs of postures. {software(versions())}."
+    write_text(options.out / "redundancy.md", f"# Seven axes: optimised postures\n\n{found}\n\n{note}\n")
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ posture, every third task from a random gripper pose, to a random gripper pose. 
 one start of the planner with the same number (after the first 15 tasks all but `tasks.hopeless` ones), those
 within 15 % of the cheapest another one. Found is the cheapest if it, or a pair at most 0.5 % dearer, is among
 those that `plan_motion` gives its further starts. Goes on where it was interrupted. Writes postures.jsonl and
-prints a table.
+postures.md.
 """
 
 from __future__ import annotations
@@ -19,10 +19,11 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from ocptip.basics.write import versions, write_text
 from ocptip.motion.choices import likely_choices, rounds
 from ocptip.motion.planner.one_start import Search
 from ocptip.motion.task import MotionTask
-from studies.common import JsonLines, number, progress, table
+from studies.common import JsonLines, number, progress, software, table
 from studies.postures.tasks import branch_task, hopeless, plannable_pairs
 
 AGAIN, SAME = 1.15, 1.005
@@ -134,7 +135,9 @@ def main() -> None:
     for k in range(options.tasks):
         rows.append(study(runs, k, k < options.complete, options.seed))
         progress(k + 1, options.tasks, rows[-1]["task"])
-    print(report(rows), end="")
+    note = f"The first {options.complete} enumerations leave nothing out. Seed {options.seed}. "
+    note += f"{software(versions())}."
+    write_text(options.out / "postures.md", f"# Is the cheapest pair found?\n\n{report(rows)}\n{note}\n")
 
 
 if __name__ == "__main__":

@@ -81,13 +81,13 @@ def pose_task(
     return MotionTask(name, robot, *pairs[0], limits, choices=tuple(pairs), targets=wanted)
 
 
-def hopeless(pairs: Sequence[MotionTask]) -> set[int]:
-    """Which pairs' plainest motions cost so much that no plan between these postures can be the cheapest.
+def hopeless(pairs: Sequence[MotionTask], factor: float = HOPELESS) -> set[int]:
+    """Which pairs' plainest motions cost so much that no plan between these postures will be the cheapest.
 
     Planned motions need down to 0.65 of their plainest ones; so do those of the cheapest pair, roughly.
     """
     costs = [plainest_cost(pair) for pair in pairs]
-    return {k for k, cost in enumerate(costs) if cost > HOPELESS * min(costs)}
+    return {k for k, cost in enumerate(costs) if cost > factor * min(costs)}
 
 
 def plannable_pairs(task: MotionTask) -> list[MotionTask]:
