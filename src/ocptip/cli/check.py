@@ -26,7 +26,7 @@ from ocptip.motion.cycles.task import CycleTask
 from ocptip.motion.cycles.tolerated import cycle_tolerances
 from ocptip.motion.output import PLAN
 from ocptip.motion.stops import Stops
-from ocptip.motion.task import MotionTask
+from ocptip.motion.task import REACHED, MotionTask
 from ocptip.motion.tolerated import Tolerated, tolerances
 from ocptip.published.cases import motion_cases
 from ocptip.published.tasks import experiment_task
@@ -74,7 +74,6 @@ _UNITS = {
 _LEAST = ("clearance_m", "foot_force_N", "jump_foot_force_N", *_MARGINS, "singularity")
 _SCALE = 1e6  # factors of time up to this and down to its inverse
 _SAME = {"deg": 0.01, "m": 1e-4}  # offsets up to this are not worth a note
-_REACHED = 1e-6  # m and rad: how near to its pose a posture is as good as any other
 
 
 def run(options: Namespace) -> CheckReport:
@@ -283,7 +282,7 @@ def _offsets(motion: Motion, task: MotionTask) -> dict[str, tuple[float, float]]
     if isinstance(task.robot, StandingRobot):
         arm = task.robot.arm
         for own, posture, target in zip(off, ends, task.targets, strict=True):
-            if target is not None and target.residuals(arm, posture[None])[0] <= _REACHED:
+            if target is not None and target.residuals(arm, posture[None])[0] <= REACHED:
                 own[:] = 0.0
     for unit, factor, which in (("deg", 180 / np.pi, angular), ("m", 1.0, ~angular)):
         if which.any():

@@ -12,12 +12,14 @@ from ocptip.motion.objective import ENERGY, Objective
 from ocptip.motion.source import TaskSource
 from ocptip.motion.stop_rules import StopRules
 from ocptip.robots.inverse.pose_target import PoseTarget
+from ocptip.standing.arm import StandingRobot
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.rest import posture_refusals
 from ocptip.trajectories.arm_motion import ArmMotion, earliest_end
 
 MOST_COMMANDS = 12
+REACHED = 1e-6  # m and rad: how near to its pose a posture is as good as any other
 FIRST_SEVEN = tuple(range(7))
 """Joints with ramps of their own if nothing else is asked for: those of them that there are."""
 
@@ -69,6 +71,7 @@ class MotionTask:
         for pair in self.choices:
             for name, angles in zip(("start", "goal"), pair, strict=True):
                 finite_array(f"choices: {name}", angles, (n,))
+        self._check_targets()
         joints = tuple(self.optimised)
         if joints == FIRST_SEVEN:
             joints = joints[:n]
@@ -82,6 +85,17 @@ class MotionTask:
             raise InputError(f"objective: expected ENERGY, TIME or priced(...), got {self.objective!r}")
         if self.reference is not None and self.reference.n != n:
             raise InputError(f"reference: has {self.reference.n} joints, the {self.robot.kind} has {n}")
+
+    def _check_targets(self) -> None:
+        """Raise InputError if start or goal is no posture of its gripper pose."""
+        for name, target in zip(("start", "goal"), self.targets, strict=True):
+            if target is None:
+                continue
+            if not isinstance(self.robot, StandingRobot):
+                raise InputError(f"targets: the {self.robot.kind} has no gripper poses")
+            miss = float(target.residuals(self.robot.arm, getattr(self, name)[None])[0])
+            if not miss <= REACHED:
+                raise InputError(f"targets: {name} misses its gripper pose by {miss:.2g} (m, rad)")
 
 
 def refusals(task: MotionTask) -> tuple[str, ...]:

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from ocptip.basics.errors import InputError
 from ocptip.motion.check import check_motion
 from ocptip.motion.plan import plan_motion
 from ocptip.motion.planner.event_order import order_of
@@ -104,6 +105,12 @@ def test_only_ends_with_more_angles_than_equations_are_free():
     assert not Search(dataclasses.replace(task, optimised=(0, 1, 2))).ends
     exact = tuple(t and PoseTarget(t.position, t.rotation) for t in task.targets)
     assert not Search(dataclasses.replace(task, targets=exact)).ends
+
+
+def test_start_and_goal_have_to_be_postures_of_their_poses():
+    task = symmetric(("goal",))
+    with pytest.raises(InputError, match=r"targets: goal misses its gripper pose by 0\.\d+ \(m, rad\)"):
+        dataclasses.replace(task, goal=task.goal + 0.1)
 
 
 @pytest.fixture(scope="module")
