@@ -6,7 +6,7 @@ A Panda and an xArm7 (package example-robot-data) on a platform with four feet m
 to another. `plan_motion` with default options against the best of 50 plans, each from a random posture of the
 first pose to a random posture of the second (one start each; pairs that do not stand are drawn again; those
 whose plainest motions cost 1.3 times as much as the cheapest pair's are not planned, see `hopeless`). Goes on
-where it was interrupted. Writes redundancy.jsonl and redundancy.md.
+where it was interrupted. Writes redundancy.jsonl and postures_redundancy.md.
 """
 
 from __future__ import annotations
@@ -139,7 +139,9 @@ def main() -> None:
     lines = JsonLines(options.out / "redundancy.jsonl")
     found = report([rows_of(number, options, lines) for number in range(options.tasks)])
     note = f"Seed {options.seed}, {options.random} random pairs of postures. {software(versions())}."
-    write_text(options.out / "redundancy.md", f"# Seven axes: optimised postures\n\n{found}\n\n{note}\n")
+    write_text(
+        options.out / "postures_redundancy.md", f"# Seven axes: optimised postures\n\n{found}\n\n{note}\n"
+    )
 
 
 if __name__ == "__main__":
