@@ -54,6 +54,8 @@ def run(options: Namespace) -> Report:
     except PlanningError as error:
         data = {"case": task.name, "verified": False, "status": f"{error}", **task.robot.masses_to_dict()}
         lines = [("masses", masses(task.robot))]
+        if task.limits.tolerance.given:
+            lines.insert(0, ("within", f"{task.limits.tolerance}; --tolerance none plans as described"))
         return Answer(False, summary(f"{task.name}: NO VERIFIED PLAN. {error}", lines, []), data)
     except KeyboardInterrupt:
         raise KeyboardInterrupt("before there was a verified plan") from None
