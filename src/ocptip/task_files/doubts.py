@@ -15,10 +15,9 @@ from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.standing.mechanism import StandingMechanism
 
 _ANGLES = (  # judged together; inclinations and mounts may well be small
-    r"motion\.(start|goal)_deg(\..+)?",
+    r"(motion\.(start|goal)|segment\[\d+\]\.goal)_deg(\..+)?",
     r"arm\.limits\.angle_(min|max)_deg(\..+)?",
     r"arm\.locked_deg\..+",
-    r"segment\[\d+\]\.goal_deg(\..+)?",
     r"segment\[\d+\]\.locked_deg\..+",
     r"(task\[\d+\]|(motion|segment\[\d+\])\.(start|goal)_pose)\.(rpy|rotation_vector)_deg",
 )
