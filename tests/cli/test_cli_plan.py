@@ -25,7 +25,7 @@ from ocptip.published import tasks as task
 from ocptip.robots.payload import Payload
 from ocptip.standing.limits import MotionLimits
 from ocptip.trajectories.arm_motion import ArmMotion
-from tests.pictures.plan_stand_in import stand_in_plan
+from tests.pictures.plan_stand_in import plan_of, stand_in_plan
 
 FILES = ["plan.json", "motion.csv", "trajectory.json", "certificate.json", "task/task.toml", "SHA256SUMS"]
 
@@ -54,6 +54,8 @@ def planner(monkeypatch, tmp_path):
             progress(1, 2, 231.04)
         if isinstance(state.result, BaseException):
             raise state.result
+        if task.rise_times:
+            return plan_of(state.result.task, state.result.motion.with_rise_times(task.rise_times))
         return state.result
 
     monkeypatch.setattr(command, "plan_motion", plan_motion)
@@ -120,7 +122,8 @@ def test_what_is_least_and_how_long_it_may_take(planner, capsys, arguments, obje
 def test_a_controller_gets_points_and_the_verdict_is_of_its_motion(planner, capsys, tmp_path):
     code, out, _ = run(capsys, "C", "--no-figures", "--out", tmp_path / "x", "--controller", "quintic")
     assert code == 0
-    assert "controller  quintic: quintics between points, accelerations rise within 20 ms" in out
+    assert "S-curves    accelerations rise within 20 ms\n" in out
+    assert "controller  quintic: quintics between points; all" in out
     data = json.loads((tmp_path / "x" / "plan.json").read_text())
     assert f"{data['controller']['energy_J']:.1f} J in {data['controller']['duration_s']:.3f} s" in out
     points = json.loads((tmp_path / "x" / "trajectory.json").read_text())["points"]
@@ -176,7 +179,7 @@ def test_time_scale_says_what_still_stands(planner, capsys):
 def test_time_scale_beyond_a_limit_but_standing():
     plan = stand_in_plan("C", limits=MotionLimits(GN=0.89))
     faster = stand_in_plan("C", factor=0.99, limits=MotionLimits(GN=0.89))
-    run = Execution.of_ramps(plan.motion, plan.check)
+    run = Execution.of_drives(plan.motion, plan.check)
     text = PlanReport(plan, run, time_scale=[(0.99, faster.check)]).to_text()
     assert "time x 0.99  stands, but breaks limits: GN is 0." in text
     assert (

@@ -9,6 +9,7 @@ from ocptip.basics.errors import InputError
 from ocptip.motion.check import check_motion
 from ocptip.motion.within_tolerance import jump_states
 from ocptip.published.tasks import experiment_task
+from ocptip.reserves.tipping import TipMap
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.tolerance import SITE, WORKSHOP, Tolerance
 from ocptip.standing.worst_case import worst_case_of
@@ -80,6 +81,34 @@ def test_late_joints_are_combined_in_all_ways(task):
     assert len(first) == 2 ** len(moving)
     assert len(np.unique(first, axis=0)) == len(first)
     assert "late" in found.words[0]
+
+
+def test_late_s_curves_are_no_worse_than_the_states_that_are_looked_at(task):
+    """Random delays of all joints at random instants: moments about the tipping axes, which are affine."""
+    delay, robot = 0.015, task.robot
+    motion = slow(task, 1.3).with_rise_times(0.04)
+    found = jump_states(motion, Tolerance(delay=delay))
+    assert any("late" in words for words in found.words)
+    rng = np.random.default_rng(4)
+    times = rng.uniform(0, motion.end + delay, 4000)
+    late = np.where(
+        rng.random((4000, 6)) < 0.5, rng.choice([0.0, delay], (4000, 6)), rng.uniform(0, delay, (4000, 6))
+    )
+    states = [np.empty((4000, 6)) for _ in range(3)]
+    for j in range(6):
+        for state, own in zip(states, motion.states(times - late[:, j]), strict=True):
+            state[:, j] = own[:, j]
+
+    def moments(q, qd, qdd):
+        return TipMap(robot.tip_over)(robot.loads(q, qd, qdd)[1])[0]
+
+    looked, on_time = moments(*np.hsplit(found.s, 3)), moments(*motion.states(times))
+    least = np.minimum(looked.min(axis=0), on_time.min(axis=0))
+    reference = robot.tip_over.reference_moment
+    # angles and speeds of late joints are looked at elsewhere
+    assert np.all(moments(*states).min(axis=0) > least - 0.01 * reference)
+    then = moments(*motion.states(found.times))
+    assert np.all((then - looked).max(axis=0) > 0.1 * reference)
 
 
 def test_parallel_robots_are_refused():

@@ -44,8 +44,9 @@ def planned(make):
 @pytest.mark.parametrize(
     ("make", "controller"),
     [
-        *((published, controller) for controller in ("ramps", *CONTROLLERS)),
+        *((published, controller) for controller in ("ramps", "S-curves", *CONTROLLERS)),
         (cart, "ramps"),
+        (cart, "S-curves"),
         (cart, "quintic"),
         pytest.param(cart, "cubic", marks=pytest.mark.slow),
         pytest.param(cart, "linear", marks=pytest.mark.slow),
@@ -53,8 +54,11 @@ def planned(make):
 )
 def test_files_say_what_was_checked(make, controller, tmp_path):
     task, motion, checked = planned(make)
-    run = Execution.of_ramps(motion, checked)
-    if controller != "ramps":
+    if controller in ("S-curves", "quintic"):
+        motion = motion.with_rise_times(0.02)
+        checked = check_motion(task.robot, motion, task.limits)
+    run = Execution.of_drives(motion, checked)
+    if controller in CONTROLLERS:
         run = execute(task.robot, motion, task.limits, controller, step=0.03)
     write_plan(tmp_path, plan_of(task, motion, checked), execution=run)
     for name in (PLAN, MOTION, TRAJECTORY):

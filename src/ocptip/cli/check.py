@@ -16,7 +16,7 @@ from ocptip.basics.text import quantity, ratio
 from ocptip.basics.write import versions
 from ocptip.cli.command import Report
 from ocptip.cli.cycles import require_plain, seam_offsets, segment_table, segments_of, segments_within
-from ocptip.cli.layout import certificate_rows, masses, named, table, under, within_rows
+from ocptip.cli.layout import certificate_rows, masses, named, rises, table, under, within_rows
 from ocptip.cli.options import given_limits, with_limits
 from ocptip.cli.progress import say_if_compiling
 from ocptip.cli.stops import sensitivities_of, sensitivities_to_dict, stop_table, stops_of
@@ -35,6 +35,7 @@ from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.sensitivity import Sensitivity
 from ocptip.task_files.cycle import read_task
 from ocptip.task_files.plan_folder import is_plan_folder, read_plan_folder
+from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.fit import PEAK_TOLERANCE, FittedMotion
 from ocptip.trajectories.read import load_motion, load_motions, motion_origin
 from ocptip.trajectories.sampled import Motion, SampledMotion
@@ -92,6 +93,7 @@ def run(options: Namespace) -> CheckReport:
     if options.stops in ("path", "both"):
         task = replace(task, limits=task.stops.asked(task.limits))
     motion = load_motion(path, task.robot.names, task.robot.units, unit=options.unit)
+    motion = _risen(motion, task, options)
     with naming(name):
         checked = check_motion(task.robot, motion, task.limits, step=step)
         checked = certified(task.robot, motion, checked, task.limits)
@@ -109,7 +111,7 @@ def run(options: Namespace) -> CheckReport:
 
 def _cycle(name: str, path: Path, task: CycleTask, options: Namespace, step: float) -> CheckReport:
     """Check the segments of a cycle."""
-    require_plain(options, "stops", "sensitivities")
+    require_plain(options, "stops", "sensitivities", "rise_time")
     task = task.with_limits(given_limits(options))
     found = load_motions(path, task.robot.names, task.robot.units, unit=options.unit)
     with naming(name):
@@ -206,6 +208,8 @@ class CheckReport(Report):
         moving = f"{quantity(checked.energy, 'J')} in {quantity(checked.duration, 's')}"
         rows = [("energy", f"{moving}, checked at {checked.samples} instants")]
         rows += certificate_rows(checked)
+        if isinstance(self.motion, ArmMotion) and self.motion.rise_times:
+            rows.append(("S-curves", rises(self.motion)))
         rows += under("contacts", checked.contacts.lines())
         rows += under("on feet", checked.feet_lines)
         rows.append(("collision", checked.collision_text))
@@ -269,6 +273,16 @@ def task_of(options: Namespace) -> tuple[MotionTask | CycleTask, Path]:
     case = options.case or named
     base = origin.get("base") if case == named else None
     return experiment_task(case, options.base or base or "effective"), path
+
+
+def _risen(motion: Motion, task: MotionTask, options: Namespace) -> Motion:
+    """Ramp commands with the rise time as typed, else with their own, else with that of the task."""
+    if isinstance(motion, SampledMotion):
+        if options.rise_time is not None:
+            raise InputError(f"--rise-time: {options.motion} has samples, which say themselves how they move")
+        return motion
+    own = motion.rise_times if options.rise_time is None else ()
+    return motion.with_rise_times(own or task.rise_times)
 
 
 def _offsets(motion: Motion, task: MotionTask) -> dict[str, tuple[float, float]]:

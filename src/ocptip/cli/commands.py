@@ -45,6 +45,10 @@ def _time_scale(text: str) -> Argument:
     return argument("--time-scale", "F", text, type=float, nargs="+", default=[])
 
 
+def _rise_time(text: str) -> Argument:
+    return argument("--rise-time", "S", text, type=float)
+
+
 COMMANDS = (
     Command(
         "stand",
@@ -95,7 +99,9 @@ COMMANDS = (
                 default="ramps",
             ),
             argument("--rate", "HZ", "points per second for controllers (100)", type=float, default=100.0),
-            argument("--rise-time", "S", "of accelerations, for quintic (0.02)", type=float, default=0.02),
+            _rise_time(
+                "plan S-curves: accelerations rise within S (default: that of the task; quintic: 0.02)"
+            ),
             argument("--effort", None, "write torques into trajectory.json, too", action="store_true"),
             argument("--max-duration", "S", "the motion takes at most so long, s", type=float),
             argument("--duration", "S", "the motion takes just so long, s", type=float),
@@ -151,6 +157,7 @@ COMMANDS = (
             *LIMITS,
             TOLERANCE,
             argument("--unit", None, "of angles in CSV columns that do not say it", choices=("deg", "rad")),
+            _rise_time("of the accelerations, for ramp commands (default: that of the motion or the task)"),
             _time_scale("check also with all times x F"),
             argument("--step", "S", "first spacing, s (0.01)", type=float, default=0.01),
         ),

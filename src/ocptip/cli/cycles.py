@@ -30,6 +30,8 @@ from ocptip.numerics.vectors import wrapped
 from ocptip.trajectories.sampled import Motion, SampledMotion
 from ocptip.trajectories.sequence import MotionSequence
 
+RISE_TIME = 0.02
+"""s, for controllers that need one and where none is asked for."""
 _NOT_OF_CYCLES = ("duration", "max_duration")
 _COLUMNS = ("GN", "GT", "torque_ratio", "clearance_m")
 _HEADS = {"GN": "GN", "GT": "GT", "torque_ratio": "torque", "clearance_m": "clearance"}
@@ -42,6 +44,10 @@ def plan_it(task: CycleTask, options: Namespace) -> Report:
             option = f"--{name.replace('_', '-')}"
             raise InputError(f"{option}: of a cycle belongs to its [[segment]]s, as a key of this name")
     require_plain(options, "stop_safe", "sensitivities")
+    if options.rise_time is not None and options.controller != "quintic":
+        raise InputError(
+            "--rise-time: segments of cycles are planned as ramps; only for --controller quintic"
+        )
     task = task.with_limits(given_limits(options))
     if options.objective is not None or options.price_per_second is not None:
         task = task.with_objective(objective_of(options.objective, options.price_per_second))
@@ -77,9 +83,18 @@ def require_plain(options: Namespace, *names: str) -> None:
 def _executions(plan: CyclePlan, options: Namespace) -> list[Execution]:
     """What runs each segment."""
     if options.controller == "ramps":
-        return [Execution.of_ramps(part.motion, part.check) for part in plan.parts]
-    times = {"step": 1 / options.rate, "rise_time": options.rise_time}
-    return [execute(p.task.robot, p.motion, p.task.limits, options.controller, **times) for p in plan.parts]
+        return [Execution.of_drives(part.motion, part.check) for part in plan.parts]
+    rise = (options.rise_time or RISE_TIME) if options.controller == "quintic" else 0.0
+    return [
+        execute(
+            part.task.robot,
+            part.motion.with_rise_times(rise),  # planned as ramps, slowed down if need be
+            part.task.limits,
+            options.controller,
+            step=1 / options.rate,
+        )
+        for part in plan.parts
+    ]
 
 
 @dataclass

@@ -9,6 +9,7 @@ from pathlib import Path
 from ocptip.basics.text import quantity
 from ocptip.motion.check import MotionCheck
 from ocptip.standing.mechanism import StandingMechanism
+from ocptip.trajectories.arm_motion import ArmMotion
 
 
 def table(rows: Sequence[Sequence[str]], left: Sequence[int]) -> list[str]:
@@ -53,6 +54,16 @@ def within_rows(checked: MotionCheck) -> list[tuple[str, str]]:
     texts = [f"{within.tolerance}"]
     texts += [f"worst for {name}: {at}" for name, at in (("GN", within.tip), ("GT", within.slip)) if at]
     return under("within", texts)
+
+
+def rises(motion: ArmMotion) -> str:
+    """How accelerations rise: "accelerations rise within 20 ms"; empty for ramps."""
+    if not motion.rise_times:
+        return ""
+    ends = sorted(
+        {f"{1e3 * rise:.4g}" for rise in (min(motion.rise_times), max(motion.rise_times))}, key=float
+    )
+    return f"accelerations rise within {' to '.join(ends)} ms"
 
 
 def use_of_reserves(checked: MotionCheck) -> str:

@@ -15,6 +15,7 @@ from typing import Any
 from ocptip.basics.errors import InputError, naming, positive_number, share_of_one
 from ocptip.motion.task import MotionTask
 from ocptip.task_files.tolerance import load_tolerance
+from ocptip.trajectories.arm_motion import checked_rise_times
 
 OUTPUTS = {
     "plan": (
@@ -47,8 +48,11 @@ def given_limits(options: Namespace) -> dict[str, Any]:
 
 
 def with_limits(task: MotionTask, options: Namespace) -> MotionTask:
-    """The task with those limits replaced that are given."""
+    """The task with limits and rise time as typed; InputError names an option that cannot be."""
     given = given_limits(options)
+    if options.rise_time is not None:
+        rise_times = checked_rise_times(options.rise_time, task.robot.n, "--rise-time")
+        task = dataclasses.replace(task, rise_times=rise_times)
     return dataclasses.replace(task, limits=dataclasses.replace(task.limits, **given)) if given else task
 
 

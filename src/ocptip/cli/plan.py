@@ -11,8 +11,16 @@ from typing import Any, TextIO
 
 from ocptip.basics.errors import InputError, PlanningError, positive_number
 from ocptip.cli.command import Answer, Report
-from ocptip.cli.cycles import plan_it
-from ocptip.cli.layout import certificate_rows, masses, summary, under, use_of_reserves, within_rows
+from ocptip.cli.cycles import RISE_TIME, plan_it
+from ocptip.cli.layout import (
+    certificate_rows,
+    masses,
+    rises,
+    summary,
+    under,
+    use_of_reserves,
+    within_rows,
+)
 from ocptip.cli.options import output_directory, remove_figures, require_least, with_limits
 from ocptip.cli.progress import Progress, say_if_compiling
 from ocptip.cli.stops import sensitivities_of, sensitivities_to_dict, stops_of
@@ -36,11 +44,11 @@ def run(options: Namespace) -> Report:
     require_least(options, starts=1, seed=0, jobs=1)
     for factor in options.time_scale:
         positive_number("--time-scale", factor)
-    for name in ("rate", "rise_time"):
-        positive_number(f"--{name.replace('_', '-')}", getattr(options, name))
+    positive_number("--rate", options.rate)
     task, base = _task(options)
     if isinstance(task, CycleTask):
         return plan_it(task, options)
+    task = _with_rise_time(task, options)
     task = _with_objective(task, options)
     if options.stop_safe:
         task = replace(task, limits=task.stops.asked(task.limits))
@@ -95,6 +103,15 @@ def _with_objective(task: MotionTask, options: Namespace) -> MotionTask:
             limits = replace(task.limits, min_duration=least, max_duration=seconds)
             task = replace(task, limits=limits)
     return task
+
+
+def _with_rise_time(task: MotionTask, options: Namespace) -> MotionTask:
+    """The task as S-curves if a controller needs them."""
+    if options.controller != "quintic" or all(task.rise_times or [0.0]):
+        return task
+    if options.rise_time is not None:
+        raise InputError(f"--rise-time: must be > 0 for --controller quintic, got {options.rise_time:g}")
+    return replace(task, rise_times=RISE_TIME)
 
 
 def _task(options: Namespace) -> tuple[MotionTask | CycleTask, str | None]:
@@ -179,6 +196,8 @@ class PlanReport(Report):
     def to_text(self) -> str:
         """The summary in one line, then starts, time scales and files. ASCII only, but for names."""
         lines = [("starts", self._starts())]
+        if self.plan.motion.rise_times:
+            lines.append(("S-curves", rises(self.plan.motion)))
         if self.execution.controller != "ramps":
             lines.append(("controller", self._controller(self.execution)))
         if "choices" in self.plan.options:
@@ -215,15 +234,13 @@ class PlanReport(Report):
         return ", ".join(parts) + "." + broken
 
     def _controller(self, execution: Execution) -> str:
-        step, rise = (1000 * execution.options[name] for name in ("step", "rise_time"))
+        step = 1000 * execution.step
         how = {
             "linear": f"straight lines between points every {step:g} ms",
             "cubic": "cubics between points",
-            "quintic": f"quintics between points, accelerations rise within {rise:g} ms",
+            "quintic": "quintics between points",
         }[execution.controller]
-        slower = (
-            f", ramps slowed down by {100 * (execution.slower - 1):.2f} %" if execution.slower > 1 else ""
-        )
+        slower = f", slowed down by {100 * (execution.slower - 1):.2f} %" if execution.slower > 1 else ""
         return f"{execution.controller}: {how}{slower}; all numbers are of that motion"
 
     def _starts(self) -> str:
@@ -238,9 +255,9 @@ class PlanReport(Report):
 
 def _execution(plan: MotionPlan, options: Namespace) -> Execution:
     if options.controller == "ramps":
-        return Execution.of_ramps(plan.motion, plan.check)
-    times = {"step": 1 / options.rate, "rise_time": options.rise_time}
-    return execute(plan.task.robot, plan.motion, plan.task.limits, options.controller, **times)
+        return Execution.of_drives(plan.motion, plan.check)
+    own = plan.task.robot, plan.motion, plan.task.limits
+    return execute(*own, options.controller, step=1 / options.rate)
 
 
 def _scale_text(checked: MotionCheck) -> str:

@@ -37,6 +37,8 @@ _ROUNDS = 8
 _NEAREST = 6
 _FRESH = 9
 _RELATIVE_TOLERANCE = 1e-9
+_CONTINUOUS = 1e-3
+"""Share of itself, or of 1: at most so much changes across an event (0.3 us) what does not jump."""
 
 
 @dataclass(frozen=True)
@@ -275,13 +277,22 @@ def _evaluate(
 
 
 def _refinements(grids: list[_Grid]) -> list[np.ndarray]:
-    """New instants around the largest local maxima of each quantity, where neighbours still differ."""
+    """New instants around the largest local maxima of each quantity, where neighbours still differ.
+
+    An end of an interval is none where the quantity goes on rising without a jump in the next interval.
+    """
     new: list[list[np.ndarray]] = [[] for _ in grids]
+    first, last = (np.array([grid.values[at] for grid in grids]) for at in (0, -1))
+    with np.errstate(invalid="ignore"):  # infinite values
+        joined = np.abs(first[1:] - last[:-1]) <= _CONTINUOUS * np.maximum(1.0, np.abs(last[:-1]))
+    nothing = np.full((1, first.shape[1]), -np.inf)
+    before = np.concatenate([nothing, np.where(joined, last[:-1], -np.inf)])
+    after = np.concatenate([np.where(joined, first[1:], -np.inf), nothing])
     for column in range(grids[0].values.shape[1]):
         peaks = []
         for g, grid in enumerate(grids):
             v = grid.values[:, column]
-            padded = np.concatenate([[-np.inf], v, [-np.inf]])
+            padded = np.concatenate([before[g, column, None], v, after[g, column, None]])
             for i in np.flatnonzero((v >= padded[:-2]) & (v >= padded[2:])):
                 if np.isfinite(v[i]):
                     peaks.append((v[i], g, i))

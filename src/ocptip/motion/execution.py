@@ -17,11 +17,12 @@ from ocptip.trajectories.sampled import Motion, SampledMotion
 SLOWEST = 1.25  # a motion that has to be slowed down by more is another motion
 STEPS = (1.0, 1.0005, 1.002, 1.005, 1.01, 1.02, 1.05, 1.1, SLOWEST)
 CLOSE = 1e-4  # of the factor
+STEP = 0.01  # s
 
 
 @dataclass(frozen=True, eq=False)
 class Execution:
-    """What runs a ramp motion, and what it makes of it.
+    """What runs a planned motion, and what it makes of it.
 
     Attributes:
         controller: how it interpolates; "ramps": drives that take the commands as they are.
@@ -29,7 +30,8 @@ class Execution:
         points: of trajectory.json; a controller makes `motion` of them.
         check: of `motion`.
         slower: factor of all times of the ramps, with which all limits are kept.
-        options: step and rise time, s.
+        step: between points, s.
+        rise_times: of the commands' accelerations, (n,), s; empty: ramps.
     """
 
     controller: Controller | Literal["ramps"]
@@ -37,18 +39,24 @@ class Execution:
     points: SampledMotion
     check: MotionCheck
     slower: float
-    options: dict[str, float]
+    step: float
+    rise_times: tuple[float, ...] = ()
 
     @classmethod
-    def of_ramps(cls, motion: ArmMotion, check: MotionCheck) -> Execution:
-        """Of drives with ramps, whose check is known; the points are for controllers that draw cubics."""
-        return cls("ramps", motion, controller_points(motion, "cubic"), check, 1.0, {})
+    def of_drives(cls, motion: ArmMotion, check: MotionCheck) -> Execution:
+        """Of drives that take commands, whose check is known; the points are for who runs them as they are.
+
+        Those are controllers that draw cubics for ramps, and quintics for S-curves.
+        """
+        own: Controller = "quintic" if motion.rise_times and all(motion.rise_times) else "cubic"
+        return cls("ramps", motion, controller_points(motion, own), check, 1.0, STEP, motion.rise_times)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
         return {
             "name": self.controller,
-            **{f"{name}_s": value for name, value in self.options.items()},
+            "step_s": self.step,
+            "rise_time_s": list(self.rise_times),
             "slower": self.slower,
             "points": len(self.points.times),
             **self.check.to_dict(),
@@ -61,24 +69,23 @@ def execute(
     limits: MotionLimits,
     controller: Controller,
     *,
-    step: float = 0.01,
-    rise_time: float = 0.02,
+    step: float = STEP,
 ) -> Execution:
-    """Points for a controller whose motion keeps all limits, slower than the ramps if need be.
+    """Points for a controller whose motion keeps all limits, slower than the plan if need be.
 
-    What it makes of the ramps differs from them a little and may break limits that they just keep. Then all
-    times are stretched by the least factor that helps, up to 1.25; beyond, the motion as it is is returned,
-    with its violations.
+    Cubics run ramps as they are, quintics S-curves. What a controller makes of other motions differs from
+    them a little and may break limits that they just keep. Then all times of the ramps are stretched by the
+    least factor that helps, up to 1.25; beyond, the motion as it is is returned, with its violations.
 
     Args:
         robot, motion, limits: as for `check_motion`.
-        controller, step, rise_time: see `ocptip.trajectories.controllers.controller_points`.
+        controller, step: see `ocptip.trajectories.controllers.controller_points`.
     """
-    options = {"step": step, "rise_time": rise_time}
 
     def tried(factor: float) -> Execution:
-        points = controller_points(motion.time_scaled(factor), controller, **options)
-        return Execution(controller, points, points, check_motion(robot, points, limits), factor, options)
+        points = controller_points(motion.slowed(factor), controller, step=step)
+        checked = check_motion(robot, points, limits)
+        return Execution(controller, points, points, checked, factor, step, motion.rise_times)
 
     def verified(factor: float) -> Execution | None:
         found = tried(factor)

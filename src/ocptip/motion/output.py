@@ -51,8 +51,8 @@ _START_KEYS = {
 def plan_to_dict(plan: MotionPlan, execution: Execution | None = None) -> dict[str, Any]:
     """Return a plan, and by what it is run, as plain data for strict JSON; what is not finite is None.
 
-    `start` (degrees) and `commands` (degrees and seconds) are read back by `ArmMotion.from_dict`; if some
-    coordinates are lengths, `units` says which. `worst`
+    `start` (degrees), `commands` (degrees and seconds) and `rise_time_s` are read back by
+    `ArmMotion.from_dict`; if some coordinates are lengths, `units` says which. `worst`
     holds per quantity `value`, `time` (s), `limit` and `detail`; the exact limits of the ramps have no time.
     `reference` holds energy and duration of the task's reference motion and the ratio of the plan's energy
     to it, or is None.
@@ -82,6 +82,7 @@ def plan_to_dict(plan: MotionPlan, execution: Execution | None = None) -> dict[s
         "start": motion["start"],
         "goal": np.where(np.array(units) == "rad", np.rad2deg(goal), goal),
         "commands": motion["commands"],
+        "rise_time_s": motion.get("rise_time_s", 0.0),
         "starts": [{key: getattr(s, name) for name, key in _START_KEYS.items()} for s in plan.starts],
         "best": plan.best,
         "iterations": sum(s.iterations for s in plan.starts),
@@ -188,7 +189,7 @@ def write_plan(
         plan: the plan.
         samples: of its motion, from :func:`sample_motion`; computed if None.
         execution: what runs it; motion.csv and trajectory.json are of its motion. Default: drives with
-            ramps, and trajectory.json is for a controller that draws cubics, which runs them as they are.
+            ramps or S-curves, and trajectory.json is for a controller that runs them as they are.
         effort: see :func:`joint_trajectory`.
         extra: more entries of plan.json; they win over those of :func:`plan_to_dict`.
 
@@ -199,7 +200,7 @@ def write_plan(
         OSError: a file or the directory cannot be written; names it.
     """
     directory = Path(directory)
-    robot, execution = plan.task.robot, execution or Execution.of_ramps(plan.motion, plan.check)
+    robot, execution = plan.task.robot, execution or Execution.of_drives(plan.motion, plan.check)
     samples = samples or sample_motion(robot, execution.motion)
     points = joint_trajectory(robot, execution.points, effort=effort)
     data = {**plan_to_dict(plan, execution), **plain(extra or {})}
@@ -211,7 +212,8 @@ def write_plan(
     if (certificate := execution.check.certificate) and certificate.data:
         texts[CERTIFICATE] = json.dumps(certificate.data, allow_nan=False) + "\n"
     source = _source(plan.task)
-    text = source.text(plan.task.name, plan.task.limits, plan.task.objective) if source else ""
+    task = plan.task
+    text = source.text(task.name, task.limits, task.objective, task.rise_times) if source else ""
     return write_folder(directory, texts, source, text)
 
 

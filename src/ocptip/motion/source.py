@@ -34,11 +34,20 @@ class TaskSource:
     robot: StandingMechanism
     files: Mapping[str, bytes] = field(default_factory=dict)
 
-    def text(self, name: str, limits: MotionLimits, objective: Objective) -> str:
-        """A task file with this name, these limits and this objective, whatever the file said."""
+    def text(
+        self, name: str, limits: MotionLimits, objective: Objective, rise_times: tuple[float, ...] = ()
+    ) -> str:
+        """A task file with this name, these limits, objective and rise times, whatever the file said."""
         data = {} if "case" in self.data else {"name": name}
         data |= {key: dict(v) if isinstance(v, Mapping) else v for key, v in self.data.items()}
-        data.setdefault("limits", {}).update({name: getattr(limits, name) for name in LIMITS})
+        asked = data.setdefault("limits", {})
+        asked.update({name: getattr(limits, name) for name in LIMITS})
+        for key in ("overshoot", "damping", "rise_time", "jerk"):
+            asked.pop(key, None)
+        if limits.overshoot > 0 or self.robot.support.elastic:  # on feet that give it is not 0 by default
+            asked["overshoot"] = limits.overshoot
+        if rise_times:
+            asked["rise_time"] = list(rise_times)
         data.pop("tolerance", None)
         if limits.tolerance.given:
             data["tolerance"] = limits.tolerance.to_table()

@@ -16,7 +16,7 @@ from ocptip.standing.arm import StandingRobot
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.rest import posture_refusals
-from ocptip.trajectories.arm_motion import ArmMotion, earliest_end
+from ocptip.trajectories.arm_motion import ArmMotion, checked_rise_times, earliest_end
 
 MOST_COMMANDS = 12
 REACHED = 1e-6  # m and rad: how near to its pose a posture is as good as any other
@@ -43,6 +43,8 @@ class MotionTask:
         targets: the gripper poses that start and goal are postures of; None where the angles are given. The
             planner chooses the posture where enough joints are optimised (`planner.free_ends`).
         stops: how the robot is stopped, for checks of stops; a plan looks at them where `limits.stops` does.
+        rise_times: s, within which the joints' accelerations rise and fall (S-curves): one for all, or (n,);
+            none for ramps.
     """
 
     name: str
@@ -58,6 +60,7 @@ class MotionTask:
     source: TaskSource | None = None
     targets: tuple[PoseTarget | None, PoseTarget | None] = (None, None)
     stops: StopRules = field(default_factory=StopRules)
+    rise_times: float | tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         """Raise InputError if shapes or numbers of joints do not fit, or there is nothing to optimise."""
@@ -81,6 +84,7 @@ class MotionTask:
             raise InputError(f"optimised: joints must increase, got {joints}")
         object.__setattr__(self, "optimised", tuple(map(int, joints)))
         check_commands("commands", self.commands)
+        object.__setattr__(self, "rise_times", checked_rise_times(self.rise_times, n))
         if not isinstance(self.objective, Objective):
             raise InputError(f"objective: expected ENERGY, TIME or priced(...), got {self.objective!r}")
         if self.reference is not None and self.reference.n != n:
@@ -110,6 +114,7 @@ def refusals(task: MotionTask) -> tuple[str, ...]:
             found.append(f"joints without {name} limit: {', '.join(numbers)}; every joint needs one")
     if not found:
         ends = earliest_end(task.goal - task.start, limits.speed, limits.acceleration)
+        ends = ends + np.array(task.rise_times or 0.0)
         if (least := float(np.max(ends))) > (most := task.limits.max_duration):
             found.append(
                 f"max_duration: joint {int(np.argmax(ends)) + 1} needs {least:.4g} s at its limits, "

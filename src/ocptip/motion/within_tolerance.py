@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ocptip.basics.text import quantity
+from ocptip.standing.jumps import SMALLEST
 from ocptip.standing.limit import Worst as Measured
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
@@ -131,7 +132,11 @@ class _Looked:
 
 
 def jump_states(motion: Motion, tolerance: Tolerance) -> _Looked:
-    """States around the events at which accelerations jump."""
+    """States around the events at which accelerations jump, or, where they do not, are late.
+
+    A late joint whose acceleration does not jump has that of the delay before, or of an event since then, if
+    it was beyond.
+    """
     n, delay, more = motion.n, tolerance.delay, tolerance.overshoot
     found = _Looked(np.empty((0, 3 * n)), np.empty(0), [])
     events = motion.event_times
@@ -141,16 +146,27 @@ def jump_states(motion: Motion, tolerance: Tolerance) -> _Looked:
     after = motion.states(events + INSIDE)[2]
     step = after - before
     jumps = np.abs(step) > JUMP * np.max(np.abs(step), axis=0, initial=1e-300)
+    smooth = np.max(np.abs(step), axis=0) <= SMALLEST * motion.acceleration_peaks
+    jumps[:, smooth] = False
     states, times, words = [], [], []
     for t in np.unique(np.concatenate([events, events + delay])):
         inside = (events >= t - delay - INSIDE) & (events <= t + INSIDE)
-        joints = np.flatnonzero(np.any(jumps[inside], axis=0))
+        own, then = np.hstack(motion.states(np.array([t + INSIDE, t - delay])))
+        changed = np.abs(own - then)[2 * n :] > SMALLEST * motion.acceleration_peaks
+        joints = np.flatnonzero(np.any(jumps[inside], axis=0) | (smooth & changed))
         if not len(joints):
             continue
-        own = np.hstack(motion.states(np.array([t + INSIDE])))[0]
         options = []
         for j in joints:
             places, of_joint = np.flatnonzero(inside & jumps[:, j]), []
+            if smooth[j]:
+                between = np.column_stack([q[inside, j], qd[inside, j], after[inside, j]])
+                low, high = sorted([own[2 * n + j], then[2 * n + j]])
+                beyond = between[(between[:, 2] < low) | (between[:, 2] > high)]
+                options.append(
+                    [(*own[j::n], "on time"), *((*state, "late") for state in (then[j::n], *beyond))]
+                )
+                continue
             if delay:
                 of_joint = [(q[e, j], qd[e, j], before[e, j], "late") for e in places]
             e, high = places[-1], after[places[-1], j] + more * np.sum(step[places, j])

@@ -39,7 +39,9 @@ from ocptip.task_files.shapes import read_base_shapes, read_obstacles
 from ocptip.task_files.source import task_source
 from ocptip.task_files.stops import with_stops
 from ocptip.task_files.tolerance import read_tolerance
+from ocptip.trajectories.arm_motion import checked_rise_times
 
+_RISES = ("rise_time", "jerk")
 TABLES = ("name", *SCENE, "arm", "robot", "payload", "motors", "obstacle", "motion", "limits", "tolerance")
 
 
@@ -63,7 +65,8 @@ def load_task(path: str | os.PathLike[str]) -> MotionTask:
             raise data.error("several motions are a cycle: ocptip.task_files.cycle.read_task", "segment")
         data.close(*TABLES, "stops")
         task = with_stops(data, _task(data, path))
-        task = replace(task, source=task_source(data, task.robot))
+        rises = _rise_times(data.table("limits", optional=True), task.robot)
+        task = replace(task, source=task_source(data, task.robot), rise_times=rises)
         doubt_masses(data, task.robot)
         doubt_way(data, task.start, task.goal)
         return task
@@ -72,13 +75,16 @@ def load_task(path: str | os.PathLike[str]) -> MotionTask:
 def _published(data: Table) -> MotionTask:
     """A printed case, with limits, objective and duration of the file."""
     name, base = data.choice("case", motion_cases()), data.choice("base", BASES, "effective")
-    motion, limits = data.table("motion", optional=True), data.table("limits", optional=True)
-    limits = limits.make(MotionLimits, **limits.numbers(*LIMITS), **_durations(motion))
+    motion, table = data.table("motion", optional=True), data.table("limits", optional=True)
+    task = experiment_task(name, base)
+    jumps = _jumps(table, task.robot.support)
+    table.one_of(*_RISES, optional=True)
+    limits = table.make(MotionLimits, **table.numbers(*LIMITS), **jumps, **_durations(motion))
     limits = replace(limits, tolerance=read_tolerance(data.table("tolerance", optional=True)))
     wanted = motion.text("objective", None), motion.number("price_per_second", None)
     objective = motion.make(objective_of, *wanted)
-    task = replace(experiment_task(name, base, limits), objective=objective)
-    return with_stops(data, task)
+    rises = _rise_times(table, task.robot)
+    return with_stops(data, replace(task, limits=limits, objective=objective, rise_times=rises))
 
 
 def _task(data: Table, path: Path) -> MotionTask:
@@ -115,6 +121,8 @@ class TaskScene:
         self._moment = table.number("reference_moment", None, bound="> 0")
         margin = table.number("angle_margin_deg", 0.0, scale=DEGREES, bound=">= 0")
         jumps = _jumps(table, self._support)
+        if "segment" not in data:  # segments of cycles are planned as ramps
+            table.one_of(*_RISES, optional=True)
         limits = table.make(MotionLimits, angle_margin=margin, **table.numbers(*LIMITS), **jumps)
         tolerance = read_tolerance(data.table("tolerance", optional=True))
         self.limits = replace(limits, tolerance=tolerance)
@@ -200,6 +208,22 @@ def _jumps(table: Table, support: Support) -> dict[str, float]:
     number = table.number(key)
     with table.at():
         return {"overshoot": number if key == "overshoot" else overshoot_of(number)}
+
+
+def _rise_times(table: Table, robot: StandingMechanism) -> tuple[float, ...]:
+    """Of the accelerations, of [limits]: as they are, or those with which no jerk can be exceeded.
+
+    Within a rise time an acceleration changes by no more than from its limit to the opposite one.
+    """
+    key = table.one_of(*_RISES, optional=True)
+    if key is None:
+        return ()
+    if key == "rise_time":
+        found = table.per_joint(key, robot.n, bound=">= 0")
+    else:
+        found = 2 * robot.limits.acceleration / table.per_joint(key, robot.n, bound="> 0")
+    with table.at(rise_time=key):
+        return checked_rise_times(found, robot.n)
 
 
 def _given(arm: ArmModel, table: Table, key: str) -> np.ndarray:

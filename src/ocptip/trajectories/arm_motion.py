@@ -18,10 +18,13 @@ from numpy.typing import ArrayLike
 from ocptip.basics.errors import InputError, finite_array, naming, number_from, positive_number, whole_number
 from ocptip.basics.frozen import settle
 from ocptip.trajectories.ramps import JointRamps, RampCommand
+from ocptip.trajectories.s_curves import JointSCurve
 
 MERGE = 1e-7  # events nearer to each other than this are one, s: rounding of commands moves events
 INSIDE = 1.5 * MERGE
 """Distance from events at which their two sides are looked at, s."""
+SHORTEST_RISE = 1e-4
+"""Least rise time, s: far above the time within which events are one."""
 _COMMAND_KEYS = ("phi_e", "speed", "acceleration")
 
 
@@ -111,21 +114,36 @@ class EventfulMotion:
 class ArmMotion(EventfulMotion):
     """The motion of all n joints of an arm, each with its own ramps, all from rest at t = 0.
 
+    With rise times the joints move in S-curves, see `ocptip.trajectories.s_curves`; ramps have none.
+
     Attributes:
         joints: the joints' ramps, base first.
+        rise_times: (n,), s, of the joints' accelerations; empty: none, accelerations jump.
     """
 
     joints: tuple[JointRamps, ...]
+    rise_times: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        """Raise InputError if there is no joint."""
+        """Raise InputError if there is no joint, or a rise time is below 0."""
         settle(self, joints=tuple(self.joints))
         if not self.joints:
             raise InputError("joints: at least one is needed, got none")
+        settle(self, rise_times=checked_rise_times(self.rise_times, self.n))
 
     @classmethod
-    def from_commands(cls, start: ArrayLike, commands: Sequence[Sequence[RampCommand]]) -> ArmMotion:
+    def from_commands(
+        cls,
+        start: ArrayLike,
+        commands: Sequence[Sequence[RampCommand]],
+        rise_times: ArrayLike = (),
+    ) -> ArmMotion:
         """Return the motion from rest at angles `start` ((n,), rad) under each joint's commands.
+
+        Args:
+            start: (n,), rad.
+            commands: per joint.
+            rise_times: s, of the accelerations: one for all joints, (n,), or none.
 
         Raises:
             InputError: numbers of joints differ, or a joint has no command; names the joint, counted from 1.
@@ -135,7 +153,25 @@ class ArmMotion(EventfulMotion):
         for number, (phi, of_joint) in enumerate(zip(start, commands, strict=True), 1):
             with naming(f"joint {number}"):
                 joints.append(JointRamps.from_commands(phi, of_joint))
-        return cls(tuple(joints))
+        return cls(tuple(joints), checked_rise_times(rise_times, len(joints)))
+
+    def with_rise_times(self, rise_times: ArrayLike) -> ArmMotion:
+        """Return the same commands with accelerations that rise within this time, s: one for all, or (n,).
+
+        0 for the ramps themselves.
+
+        Raises:
+            InputError: a rise time is below 0, or their number is wrong.
+        """
+        return ArmMotion(self.joints, checked_rise_times(rise_times, self.n))
+
+    @cached_property
+    def curves(self) -> tuple[JointRamps | JointSCurve, ...]:
+        """What the joints do."""
+        if not self.rise_times:
+            return self.joints
+        pairs = zip(self.joints, self.rise_times, strict=True)
+        return tuple(JointSCurve(ramps, rise) if rise > 0 else ramps for ramps, rise in pairs)
 
     @classmethod
     def with_passive(
@@ -199,22 +235,22 @@ class ArmMotion(EventfulMotion):
     @property
     def end(self) -> float:
         """When the last joint has come to rest, s."""
-        return max(joint.end for joint in self.joints)
+        return max(joint.end for joint in self.curves)
 
     @property
     def angle_ranges(self) -> np.ndarray:
         """Least and greatest angle of each joint during the motion, overshoot included, (n, 2), rad."""
-        return np.array([joint.angle_range for joint in self.joints])
+        return np.array([joint.angle_range for joint in self.curves])
 
     @property
     def speed_peaks(self) -> np.ndarray:
         """Greatest |speed| of each joint, (n,), rad/s."""
-        return np.array([np.max(np.abs(joint.speeds)) for joint in self.joints])
+        return np.array([joint.speed_peak for joint in self.curves])
 
     @property
     def acceleration_peaks(self) -> np.ndarray:
         """Greatest |acceleration| of each joint, (n,), rad/s^2."""
-        return np.array([np.max(np.abs(joint.accelerations)) for joint in self.joints])
+        return np.array([joint.acceleration_peak for joint in self.curves])
 
     def states(
         self, times: ArrayLike, *, side: Literal["left", "right"] = "right"
@@ -223,14 +259,14 @@ class ArmMotion(EventfulMotion):
 
         See :meth:`JointRamps.states` for `side` and errors; a single time gives (n,).
         """
-        states = [joint.states(times, side=side) for joint in self.joints]
+        states = [joint.states(times, side=side) for joint in self.curves]
         angles, speeds, accelerations = (np.stack(values, axis=-1) for values in zip(*states, strict=True))
         return angles, speeds, accelerations
 
     @cached_property
     def crossings(self) -> np.ndarray:
         """When any joint's speed changes sign, sorted, (K,), s (5.27). A passive joint's does not."""
-        times = np.concatenate([joint.crossings for joint in self.joints])
+        times = np.concatenate([joint.crossings for joint in self.curves])
         return np.sort(times[np.isfinite(times)])
 
     @cached_property
@@ -241,7 +277,7 @@ class ArmMotion(EventfulMotion):
         that does not move has but the event 0.
         """
         end = self.end
-        times = np.unique(np.concatenate([self.crossings, *(joint.times for joint in self.joints)]))
+        times = np.unique(np.concatenate([self.crossings, *(joint.times for joint in self.curves)]))
         kept = [0.0]
         for t in times:
             if t - kept[-1] > MERGE and end - t > MERGE:
@@ -255,10 +291,16 @@ class ArmMotion(EventfulMotion):
             [RampCommand(c.phi_e, c.speed / factor, c.acceleration / factor**2) for c in joint.commands]
             for joint in self.joints
         ]
-        return ArmMotion.from_commands(self.start, scaled)
+        return ArmMotion.from_commands(self.start, scaled, factor * np.array(self.rise_times))
+
+    def slowed(self, factor: float) -> ArmMotion:
+        """Return the motion of ramps that take `factor` > 0 times as long, with the same rise times."""
+        return self.with_rise_times(0.0).time_scaled(factor).with_rise_times(self.rise_times)
 
     def to_dict(self, units: Sequence[str] = ()) -> dict[str, Any]:
         """Return `start` (degrees) and `commands`, per joint a list of commands in degrees and seconds.
+
+        S-curves have `rise_time_s`, too, one for all joints or a list.
 
         Args:
             units: of the joints, "rad" or "m"; where one is "m", start and commands of that joint are in
@@ -273,7 +315,11 @@ class ArmMotion(EventfulMotion):
             v if length else np.rad2deg(v) for v, length in zip(self.start.tolist(), lengths, strict=True)
         ]
         named = {"units": ["m" if length else "deg" for length in lengths]} if any(lengths) else {}
-        return {**named, "start": start, "commands": commands}
+        rises: dict[str, Any] = {}
+        if self.rise_times:
+            same = len(set(self.rise_times)) == 1
+            rises = {"rise_time_s": self.rise_times[0] if same else list(self.rise_times)}
+        return {**named, "start": start, "commands": commands, **rises}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> ArmMotion:
@@ -298,7 +344,27 @@ class ArmMotion(EventfulMotion):
             for j, (joint, length) in enumerate(zip(joints, lengths, strict=True), 1)
         ]
         start = finite_array("start", data["start"], (len(joints),))
-        return cls.from_commands(np.where(lengths, start, np.deg2rad(start)), commands)
+        rise_times = checked_rise_times(data.get("rise_time_s", ()), len(joints), "rise_time_s")
+        return cls.from_commands(np.where(lengths, start, np.deg2rad(start)), commands, rise_times)
+
+
+def checked_rise_times(rise_times: Any, n: int, name: str = "rise_time") -> tuple[float, ...]:
+    """Return one rise time, none or (n,), s, as a tuple of n; empty if all are 0.
+
+    Raises:
+        InputError: one is not a number or below 0, or too short to be told from none, or there are not n.
+    """
+    given = (
+        list(rise_times) if _is_list(rise_times) or isinstance(rise_times, np.ndarray) else [rise_times] * n
+    )
+    if not given:
+        return ()
+    if len(given) != n:
+        raise InputError(f"{name}: expected one, or one for each of {n} joints, got {len(given)}")
+    found = tuple(positive_number(name, one, zero_allowed=True) for one in given)
+    if any(0 < one < SHORTEST_RISE for one in found):
+        raise InputError(f"{name}: must be 0 or at least {SHORTEST_RISE} s, got {min(filter(None, found))!r}")
+    return found if any(found) else ()
 
 
 def gauss_legendre(intervals: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray]:

@@ -222,6 +222,16 @@ class JointRamps:
         return float(angles.min()), float(angles.max())
 
     @property
+    def speed_peak(self) -> float:
+        """Greatest |speed|, rad/s."""
+        return float(np.max(np.abs(self.speeds)))
+
+    @property
+    def acceleration_peak(self) -> float:
+        """Greatest |acceleration|, rad/s^2."""
+        return float(np.max(np.abs(self.accelerations)))
+
+    @property
     def margins(self) -> np.ndarray:
         """How far each target is from where braking at once would lead, (n,), rad.
 

@@ -104,8 +104,9 @@ def motion_origin(path: str | os.PathLike[str]) -> dict[str, str]:
 def _as_run(motion: ArmMotion, controller: Any) -> SampledMotion:
     """What a controller makes of ramp commands, by the entry `controller` of plan.json."""
     try:
-        slower, times = controller["slower"], {key: controller[f"{key}_s"] for key in ("step", "rise_time")}
-        return controller_points(motion.time_scaled(slower), controller["name"], **times)
+        slower, step = controller["slower"], controller["step_s"]
+        motion = motion.with_rise_times(motion.rise_times or controller["rise_time_s"])
+        return controller_points(motion.slowed(slower), controller["name"], step=step)
     except (KeyError, TypeError):
         keys = "name, slower, step_s, rise_time_s"
         raise InputError(f"controller: expected a table with {keys}, got {controller!r}") from None

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from ocptip.motion.planner.profile_kernels import joint_states
 from ocptip.motion.planner.profiles import Layout, Nodes, Profiles
-from ocptip.trajectories.arm_motion import earliest_end, passive_command
+from ocptip.trajectories.arm_motion import ArmMotion, earliest_end, passive_command
 from ocptip.trajectories.ramps import JointRamps, phases_to_commands
 from tests.trajectories.strategies import numbers, phases
 
@@ -58,7 +58,8 @@ def sharp_nodes(profiles, x, shares):
     times = at_shares(profiles.layout, shares)
     since = (times @ x)[:, None, None] - profiles(x).times
     regime = profiles.regime(x[profiles.layout.end])
-    return Nodes(profiles, times, masks=(since >= 0).astype(float), regime=regime), since
+    masks, late = since >= 0, since - profiles.rise_times[:, None] >= 0
+    return Nodes(profiles, times, masks=masks, late=late, regime=regime), since
 
 
 def exact_states(layout, x, start, goal):
@@ -93,6 +94,26 @@ def test_sharp_states_are_those_of_the_velocity_ramps(phases, way, seed):
     np.testing.assert_allclose(values[inside, 6:], a[inside], rtol=1e-6, atol=1e-6)
 
 
+@settings(max_examples=80, deadline=None)
+@given(phases=phases(), way=numbers(-1.5, 1.5), rise=numbers(1e-3, 0.8), seed=st.integers(0, 10**6))
+def test_sharp_s_curves_are_those_of_the_joints(phases, way, rise, seed):
+    layout, x, goal = with_two_optimised(*phases, passive_way=way)
+    rises = np.array([rise, 0.5 * rise, 0.0])
+    profiles = Profiles(layout, START, goal, SPEED, rise_times=rises)
+    nodes, since = sharp_nodes(profiles, x, np.random.default_rng(seed).uniform(0, 1.3, 40))
+    commands = [
+        phases_to_commands(START[joint], x[layout.w(j)], x[layout.d(j)], x[layout.c(j)])
+        for j, joint in enumerate(layout.joints)
+    ]
+    commands.insert(1, [passive_command(START[1], goal[1], x[layout.end], SPEED[1], 1e4)])
+    motion = ArmMotion.from_commands(START, commands, rises)
+    inside = np.all(np.abs(since[:, 2]) > 1e-6, axis=1)  # the third joint's accelerations jump
+    states = np.hstack(motion.states(nodes.times @ x))
+    found = nodes.states(x).values
+    np.testing.assert_allclose(found[:, :6], states[:, :6], atol=1e-7)
+    np.testing.assert_allclose(found[inside, 6:], states[inside, 6:], rtol=1e-5, atol=1e-5 + 1e-8 / rise)
+
+
 def test_corner_times_are_the_sums_of_durations():
     layout, x, goal = seeded(3)
     profiles = Profiles(layout, START, goal, SPEED)
@@ -122,6 +143,8 @@ def differences(function, x, step=1e-6):
     return np.stack(columns, axis=-1)
 
 
+FORMS = ["sharp", "smooth", "sharp S-curve", "smooth S-curve"]
+RISES = np.array([0.25, 0.08, 0.4])
 DERIVATIVE_CASES = [(seed, way) for seed in range(3) for way in (0.8, -2.5)]  # triangles, trapezoids
 
 
@@ -129,13 +152,14 @@ def forms(seed, way, form):
     """Nodes and x for a form of the steps."""
     layout, x, goal = seeded(seed, way)
     shares = np.random.default_rng(seed).uniform(0.01, 0.99, 25)
-    if form == "sharp":
-        return sharp_nodes(Profiles(layout, START, goal, SPEED), x, shares)[0], x
-    profiles = Profiles(layout, START, goal, SPEED, rounding=0.05)
+    rises = RISES if form.endswith("S-curve") else None
+    if form.startswith("sharp"):
+        return sharp_nodes(Profiles(layout, START, goal, SPEED, rise_times=rises), x, 1.2 * shares)[0], x
+    profiles = Profiles(layout, START, goal, SPEED, rounding=0.05, rise_times=rises)
     return Nodes(profiles, at_shares(layout, shares), half_width=0.1), x
 
 
-@pytest.mark.parametrize("form", ["sharp", "smooth"])
+@pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize(("seed", "way"), DERIVATIVE_CASES)
 def test_first_derivatives(seed, way, form):
     nodes, x = forms(seed, way, form)
@@ -144,7 +168,7 @@ def test_first_derivatives(seed, way, form):
     assert np.max(np.abs(jacobian - reference)) < 1e-7 * np.max(np.abs(reference))
 
 
-@pytest.mark.parametrize("form", ["sharp", "smooth"])
+@pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize(("seed", "way"), DERIVATIVE_CASES)
 def test_second_derivatives(seed, way, form):
     nodes, x = forms(seed, way, form)
@@ -173,7 +197,9 @@ def smooth_steps(t, half_width):
         t,
         np.ones((len(t), 1)),
         none,
+        none,
         half_width,
+        np.zeros(1),
         np.zeros(1),
         one,
         0 * one,
@@ -228,6 +254,26 @@ def test_smooth_motion_is_the_sharp_one_outside_its_transitions(seed):
     np.testing.assert_allclose(smooth[:, :3][clear], shifted[clear], atol=1e-11)
     assert np.max(np.abs(smooth - sharp)[:, :6]) < 0.25  # within transitions near, but not equal
     assert np.max(np.abs(smooth - sharp)[:, 6:]) > 0.1
+
+
+@pytest.mark.parametrize("half_width", [0.02, 0.3])
+@pytest.mark.parametrize("rise", [0.05, 0.5])
+def test_smooth_s_curves_are_means_of_the_smooth_motion(half_width, rise):
+    layout, x, goal = seeded(2)
+    shares = np.linspace(-0.3, 1.6, 60)
+    curves = Nodes(
+        Profiles(layout, START, goal, SPEED, rounding=0.05, rise_times=np.full(3, rise)),
+        at_shares(layout, shares),
+        half_width=half_width,
+    )
+    profiles = Profiles(layout, START, goal, SPEED, rounding=0.05)
+    abscissae, weights = np.polynomial.legendre.leggauss(80)
+    means = 0.0
+    for share, weight in zip(0.5 * (abscissae + 1), 0.5 * weights, strict=True):
+        times = at_shares(layout, shares)
+        times[:, layout.one] = -share * rise
+        means = means + weight * Nodes(profiles, times, half_width=half_width).states(x).values
+    np.testing.assert_allclose(curves.states(x).values, means, atol=2e-4)
 
 
 @pytest.mark.parametrize("way", [0.8, -2.5])

@@ -157,7 +157,7 @@ def write_cycle(
         OSError: a file or the directory cannot be written; names it.
     """
     task, pauses = plan.task, plan.motion.pauses
-    executions = executions or [Execution.of_ramps(part.motion, part.check) for part in plan.parts]
+    executions = executions or [Execution.of_drives(part.motion, part.check) for part in plan.parts]
     motion = run_motion(plan, executions)
     samples = samples or cycle_samples(task, motion)
     check = cycle_check(plan.finished, motion, [own.check for own in executions])

@@ -36,7 +36,9 @@ def deviating_places(order: EventOrder, x: np.ndarray, tolerance: Tolerance) -> 
         tolerance: its delay and its overshoot.
     """
     delay, more = tolerance.delay, tolerance.overshoot
-    if not (delay or more):
+    if order.rises or not (
+        delay or more
+    ):  # accelerations that do not jump: what delays do is up to the check
         return []
     times, found = order.rows @ x, []
     moving = [

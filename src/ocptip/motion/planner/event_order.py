@@ -1,14 +1,22 @@
-"""The order of the events of a motion: ends of ramps and cruises, zero crossings, passive joints' corners."""
+"""The order of the events of a motion: ends of ramps and cruises, zero crossings, passive joints' corners.
+
+In S-curves every corner is two events: its acceleration begins to change, and a rise time later it has
+changed. What is simultaneous at the first is so at the second.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
+import casadi as cs
 import numpy as np
 
 from ocptip.motion.planner.profiles import Layout, Profiles
 from ocptip.standing.mechanism import StandingMechanism
+from ocptip.trajectories.ramps import JointRamps
+from ocptip.trajectories.s_curves import JointSCurve
 
 SLOWEST = 5e-3
 """Least peak speed of a command in an ordered program, rad/s."""
@@ -21,6 +29,7 @@ class Ramped(Protocol):
     layout: Layout
     start: np.ndarray
     goal: np.ndarray
+    rise_times: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,10 +42,13 @@ class EventOrder:
         change_signs: (joints, K) sign of w_k - w_{k-1}.
         regime: passive joints, see `Profiles`.
         groups: names of the events in order, simultaneous ones in one group; "2.3" is corner 3 of joint 2
-            (1-based), "2.x1" its crossing in ramp 1, "5.p" and "5.pp" are t' and t'' of a passive joint.
+            (1-based), "2.x1" its crossing in ramp 1, "5.p" and "5.pp" are t' and t'' of a passive joint. In
+            S-curves "2.x1" is the joint's first crossing, and groups that end rises are named
+            "2.3+", "5.p+", after the first of their corners.
         times: by name, (nx,): event times are times[name] @ x.
         rows: (groups, nx), the times of the groups.
         corner_positions: (n, C) group of each corner.
+        late_positions: (n, C) group of each corner's end of rise; the same for ramps.
         directions: (intervals, n) directions of motion, +1 at rest.
     """
 
@@ -48,12 +60,55 @@ class EventOrder:
     times: dict[str, np.ndarray]
     rows: np.ndarray
     corner_positions: np.ndarray
+    late_positions: np.ndarray
     directions: np.ndarray
 
     @property
     def equalities(self) -> list[tuple[str, str]]:
         """Events tied together: (first of the group, other member)."""
         return [(group[0], member) for group in self.groups for member in group[1:]]
+
+    @cached_property
+    def steps(self) -> np.ndarray:
+        """Rows (., nx), at least 0 where the order holds: from each group to the next, each row once."""
+        steps = self.rows[1:] - self.rows[:-1]
+        if not self.rises:
+            return steps
+        steps = np.unique(steps, axis=0)  # two events and the ends of their rises: the same row
+        return steps[np.any(np.delete(steps, self.layout.one, axis=1) != 0, axis=1)]
+
+    @property
+    def rises(self) -> bool:
+        """Whether accelerations take time to change."""
+        return self.late_positions is not self.corner_positions
+
+    @property
+    def crossings(self) -> list[tuple[int, int]]:
+        """Joint (0-based) and group of each crossing, in the order of the variables."""
+        found = [
+            (int(group[0].partition(".")[0]) - 1, k, np.argmax(self.rows[k]))
+            for k, group in enumerate(self.groups)
+            if ".x" in group[0]
+        ]
+        return [(joint, k) for joint, k, _ in sorted(found, key=lambda one: one[2])]
+
+    def speed(self, x: cs.SX, rise: float, joint: int, time: cs.SX, group: int) -> cs.SX:
+        """Speed of an optimised joint, whose rise time is given, in the interval after a group of events."""
+        layout = self.layout
+        j = layout.joints.index(joint)
+        w, d, c = x[layout.w(j)], x[layout.d(j)], x[layout.c(j)]
+        ramps = (cs.vertcat(w, 0) - cs.vertcat(0, w)) / d
+        speed, since = cs.SX(0), time
+        for k in range(2 * layout.commands + 2):
+            step = ramps[k // 2] * (1 - 2 * (k % 2))
+            begun, done = (own[joint, k] <= group for own in (self.corner_positions, self.late_positions))
+            if rise > 0:
+                speed += step * (begun * since**2 - done * (since - rise) ** 2) / (2 * rise)
+            elif begun:
+                speed += step * since
+            if k < 2 * layout.commands + 1:
+                since = since - (c if k % 2 else d)[k // 2]
+        return speed
 
     def jump_masks(self, overshoot: float) -> np.ndarray:
         """Masks (groups, n, C) of the accelerations after the jump at each group with its overshoot.
@@ -93,7 +148,9 @@ def order_of(formulation: Ramped, x: np.ndarray, merge: float = 0.0) -> tuple[Ev
     layout = base.extended(len(crossings))
     x = np.concatenate([x, np.zeros(len(crossings))])
     arm = formulation.robot.limits
-    profiles = Profiles(layout, formulation.start, formulation.goal, arm.speed)
+    profiles = Profiles(
+        layout, formulation.start, formulation.goal, arm.speed, rise_times=formulation.rise_times
+    )
     regime = profiles.regime(x[layout.end])
     times = {"start": np.zeros(layout.size), "end": unit_row(layout, layout.end)}
     rank = {"start": -1, "end": 10**6}
@@ -125,7 +182,8 @@ def order_of(formulation: Ramped, x: np.ndarray, merge: float = 0.0) -> tuple[Ev
             groups.append([name])
     if groups[-1][-1] == "end":
         groups[-1] = ["end", *groups[-1][:-1]]
-    return _ordered(layout, profiles, speed_signs, change_signs, regime, groups, times), x
+    order = _ordered(layout, profiles, speed_signs, change_signs, regime, groups, times)
+    return _risen(order, profiles, x) if profiles.rise_times.any() else (order, x)
 
 
 def _may_join(group: list[str], name: str, commands: int) -> bool:
@@ -178,8 +236,106 @@ def _ordered(
         times,
         np.array([times[group[0]] for group in groups]),
         corners,
+        corners,
         directions,
     )
+
+
+def _risen(ramps: EventOrder, profiles: Profiles, x: np.ndarray) -> tuple[EventOrder, np.ndarray]:
+    """The order of an S-curve motion from that of its ramps, and x with its own crossings.
+
+    The ramps' events keep their order and groups, the ends of their rises have the same; in time these two
+    rows of events, and the crossings, come among each other as they do at x.
+    """
+    base = ramps.layout.extended(0)
+    x = x[: base.size]
+    joints, signs, found = list(base.joints), ramps.speed_signs, _crossings(profiles, x)
+    layout = base.extended(len(found))
+    padding = np.zeros(len(found))
+    kept = [k for k, group in enumerate(ramps.groups) if any(".x" not in name for name in group)]
+    groups = [tuple(name for name in ramps.groups[k] if ".x" not in name) for k in kept]
+    renamed = {
+        name: np.append(row[: base.size], padding) for name, row in ramps.times.items() if ".x" not in name
+    }
+    chain = np.full(ramps.corner_positions.shape, len(kept) - 1)
+    moving = dict.fromkeys(joints, 2 * base.commands + 2) | dict.fromkeys(profiles.passive_joints, 4)
+    for joint, count in moving.items():
+        chain[joint, :count] = np.searchsorted(kept, ramps.corner_positions[joint, :count])
+
+    events = [(renamed[group[0]], group) for group in groups]
+    one, late = unit_row(layout, layout.one), dict[tuple[int, float], int]()
+    longest = max(profiles.rise_times[joint] for joint in moving)
+    for rise in sorted({profiles.rise_times[joint] for joint in moving} - {0.0}):
+        of_rise = {
+            k for j, count in moving.items() if profiles.rise_times[j] == rise for k in chain[j, :count]
+        }
+        for k in sorted(of_rise | ({len(groups) - 1} if rise == longest else set())):
+            late[k, rise] = len(events)
+            events.append((events[k][0] + rise * one, (f"{groups[k][0]}+{rise:g}",)))
+    for index, (j, _) in enumerate(found):
+        events.append((unit_row(layout, layout.crossing + index), (f"{joints[j] + 1}.x{index + 1}",)))
+    x = np.concatenate([x, [time for _, time in found]])
+    instants = np.array([row @ x for row, _ in events])
+    for part in _chains(len(groups), late):
+        instants[part] = np.maximum.accumulate(instants[part])
+    instants[late[len(groups) - 1, longest]] = np.inf
+    sequence = np.argsort(instants, kind="stable")
+    place = np.argsort(sequence)
+
+    corners, ends = np.full((2, *chain.shape), len(events) - 1)
+    for joint, count in moving.items():
+        rise = profiles.rise_times[joint]
+        own = chain[joint, :count]
+        corners[joint, :count] = place[own]
+        ends[joint, :count] = place[[late.get((k, rise), k) for k in own]]
+    directions = np.ones((len(events) - 1, layout.n))
+    directions[:, joints] = signs[:, 0]
+    for index, (j, _) in enumerate(found):
+        directions[place[len(events) - len(found) + index] :, joints[j]] *= -1
+    for joint in profiles.passive_joints:
+        directions[:, joint] = np.sign(profiles.way[joint])
+    for joint, count in moving.items():
+        directions[ends[joint, count - 1] :, joint] = 1.0
+    ordered = [events[k] for k in sequence]
+    return EventOrder(
+        layout,
+        signs,
+        ramps.change_signs,
+        ramps.regime,
+        tuple(names for _, names in ordered),
+        renamed | {names[0]: row for row, names in events},
+        np.array([row for row, _ in ordered]),
+        corners,
+        ends,
+        directions,
+    ), x
+
+
+def _chains(count: int, late: dict[tuple[int, float], int]) -> list[list[int]]:
+    """Events that follow each other anyway: those of the ramps, and their ends for each rise time."""
+    rises = sorted({rise for _, rise in late})
+    return [list(range(count)), *([at for (_, own), at in late.items() if own == rise] for rise in rises)]
+
+
+def _crossings(profiles: Profiles, x: np.ndarray) -> list[tuple[int, float]]:
+    """Optimised joint (its number among those) and time of all changes of sign of its speed."""
+    layout, found = profiles.layout, []
+    for j, joint in enumerate(layout.joints):
+        w, d, c = x[layout.w(j)], x[layout.d(j)], x[layout.c(j)]
+        lengths = np.append(np.column_stack([d[:-1], c]), d[-1])
+        times = np.concatenate([[0.0], np.cumsum(lengths)])
+        speeds = np.concatenate([[0.0], np.repeat(w, 2), [0.0]])
+        angles = np.concatenate([[0.0], np.cumsum(0.5 * (speeds[1:] + speeds[:-1]) * lengths)])
+        steps = np.diff(speeds)
+        accelerations = np.divide(steps, lengths, out=np.zeros_like(steps), where=steps != 0)
+        ramps = JointRamps((), times, angles, speeds, accelerations)
+        rise = float(profiles.rise_times[joint])
+        if rise > 0:
+            found += [(j, float(t)) for t in JointSCurve(ramps, rise).crossings]
+            continue
+        for k in np.flatnonzero(speeds[:-1] * speeds[1:] < 0):
+            found.append((j, float(times[k] - speeds[k] / accelerations[k])))
+    return found
 
 
 def unit_row(layout: Layout, at: int) -> np.ndarray:

@@ -68,6 +68,7 @@ class Formulation:
         objective: what is least.
         durations: least and greatest duration, s.
         ends: which of start and goal are free; default none.
+        rise_times: (n,), s, of the accelerations; default 0: ramps.
     """
 
     def __init__(
@@ -80,6 +81,7 @@ class Formulation:
         objective: Objective = ENERGY,
         durations: tuple[float, float] = (0.0, LONGEST),
         ends: FreeEnds | None = None,
+        rise_times: np.ndarray | None = None,
     ) -> None:
         self.robot, self.start, self.goal, self.objective = robot, start, goal, objective
         self.ends = ends or FreeEnds(None, (start, goal), (None, None), joints)
@@ -89,8 +91,11 @@ class Formulation:
         passive = [j for j in range(robot.n) if j not in joints]
         self._latest: tuple[EventOrder, Structure] | None = None
         ends = earliest_end((goal - start)[passive], arm.speed[passive], arm.acceleration[passive])
-        self.earliest = max(float(np.max(ends, initial=0.0)), durations[0])
-        self.latest = min(durations[1], LONGEST)
+        self.rise_times = np.zeros(robot.n) if rise_times is None else np.asarray(rise_times, dtype=float)
+        moving = [j for j in range(robot.n) if j in joints or goal[j] != start[j]]
+        self.rise = float(np.max(self.rise_times[moving], initial=0.0))
+        self.earliest = max(float(np.max(ends, initial=0.0)), durations[0] - self.rise)
+        self.latest = min(durations[1], LONGEST) - self.rise
 
     # --- variables and motions ----------------------------------------------------------------------------
 
@@ -102,7 +107,7 @@ class Formulation:
             ramps = motion.joints[joint]
             x[layout.w(j)], x[layout.c(j)] = ramps.peaks, ramps.cruises
             x[layout.d(j)] = np.maximum(ramps.ramps, 1e-3)
-        x[layout.end], x[layout.one] = motion.end, 1.0
+        x[layout.end], x[layout.one] = motion.with_rise_times(0.0).end, 1.0
         joints = list(layout.joints)
         for at, posture in ((layout.start, motion.start), (layout.goal, motion.goal)):
             x[at] = posture[joints][: at.stop - at.start]
@@ -132,7 +137,7 @@ class Formulation:
                 phi_goal=goal[joint],
                 tolerance=1e-5,
             )
-        return ArmMotion.from_commands(start, commands)
+        return ArmMotion.from_commands(start, commands, self.rise_times)
 
     def polished(self, order: EventOrder, structure: Structure, x: np.ndarray) -> np.ndarray:
         """x moved a little (least squares) so that all equalities hold to rounding, order rows that bind too.
@@ -145,7 +150,8 @@ class Formulation:
         for edge in (structure.x_lower, structure.x_upper):
             x = np.where(np.abs(x - edge) < 1e-6, edge, x)
         binding = equal.copy()
-        binding[count - (len(order.groups) - 1) :] |= structure.rows(x)[0][-(len(order.groups) - 1) :] < MEET
+        first = count - len(order.steps)
+        binding[first:] |= structure.rows(x)[0][first:] < MEET
         for chosen in (binding, equal):  # order rows that cannot all be met are left as they are
             moved = self._newton(chosen, structure, x)
             if moved is not None:
@@ -172,12 +178,12 @@ class Formulation:
     # --- programs ------------------------------------------------------------------------------------------
 
     def coarse_program(self, limits: MotionLimits, end: float, nodes: int = SMOOTH_NODES) -> MotionProgram:
-        """The smooth program with nodes spread evenly, for motions of about `end` seconds."""
+        """The smooth program with nodes spread evenly, for ramps that end after about `end` seconds."""
         layout = self.layout
-        spacing = end / nodes
-        times, weights = np.zeros((nodes, layout.size)), np.zeros((nodes, layout.size))
-        times[:, layout.end] = (np.arange(nodes) + 0.5) / nodes
-        weights[:, layout.end] = 1.0 / nodes
+        spacing = (end + self.rise) / nodes
+        last = self._last(layout)
+        times = ((np.arange(nodes) + 0.5) / nodes)[:, None] * last
+        weights = np.tile(1.0 / nodes * last, (nodes, 1))
         return self._smooth_program(limits, COARSE, spacing, times, weights)
 
     def fine_program(self, limits: MotionLimits, smoothing: Smoothing, x: np.ndarray) -> MotionProgram:
@@ -221,9 +227,10 @@ class Formulation:
         layout, arm = self.layout, self.robot.limits
         if self.ends:  # what is free must stand, too, at rest: nodes before and after the motion
             outside = 2 * width * unit_row(layout, layout.one)
-            times = np.vstack([times, -outside, unit_row(layout, layout.end) + outside])
+            times = np.vstack([times, -outside, self._last(layout) + outside])
             weights = np.vstack([weights, np.zeros((2, layout.size))])
-        profiles = Profiles(layout, self.start, self.goal, arm.speed, rounding=0.5 * width)
+        ends = self.start, self.goal, arm.speed
+        profiles = Profiles(layout, *ends, rounding=0.5 * width, rise_times=self.rise_times)
         nodes = Nodes(profiles, times, half_width=width)
         speeds = np.full((len(times), layout.n), smoothing.power)
         kept = limits_of(self.robot, limits, layout.joints)
@@ -244,14 +251,14 @@ class Formulation:
         """
         layout = order.layout
         arm = self.robot.limits
-        profiles = Profiles(layout, self.start, self.goal, arm.speed)
+        profiles = Profiles(layout, self.start, self.goal, arm.speed, rise_times=self.rise_times)
         events = order.rows
         where = []
         for i, length in enumerate(np.diff(events @ x)):
             nodes = ORDER - sum(length < short for short in SHORT)
             abscissae, gauss = np.polynomial.legendre.leggauss(nodes)
             where += [(i, s, g) for s, g in zip((abscissae + 1) / 2, gauss / 2, strict=True)]
-        jumps = len(where), len(where) + len(events) * (limits.overshoot > 0)
+        jumps = len(where), len(where) + len(events) * (limits.overshoot > 0 and not order.rises)
         last = len(events) - 2
         where += [(min(i, last), float(i > last), 0.0) for i in range(jumps[1] - jumps[0])]
         rest = [(-1, 0.0, 0.0), (len(events) - 1, 0.0, 0.0)] if self.ends else []  # before and after it
@@ -261,14 +268,17 @@ class Formulation:
         left, right = (events[np.clip(index + k, 0, len(events) - 1)] for k in (0, 1))
         times = left + shares[:, None] * (right - left)
         weights = quadrature[:, None] * (right - left)
-        masks = (order.corner_positions[None] <= index[:, None, None]).astype(float)
+        masks, late = (
+            (positions[None] <= index[:, None, None]).astype(float)
+            for positions in (order.corner_positions, order.late_positions)
+        )
         masks[slice(*jumps)] = order.jump_masks(limits.overshoot)[: jumps[1] - jumps[0]]
         kinds = np.full(len(where), ORDINARY)
         kinds[slice(*jumps)] = JUMP
         for node, place in enumerate(extra, len(where) - len(extra)):
             if len(place) > 2:
                 masks[node], kinds[node] = masks_of(order, place), DEVIATING
-        placed = Nodes(profiles, times, masks=masks, regime=order.regime, kinds=kinds)
+        placed = Nodes(profiles, times, masks=masks, late=late, regime=order.regime, kinds=kinds)
         directions = order.directions[np.clip(index, 0, last)]
         if self.physics.smooth:  # the order says nothing about the motors' directions
             directions = np.full(directions.shape, COARSE.power)
@@ -339,7 +349,7 @@ class Formulation:
                 slows = k > 0 and signs[k] == signs[k - 1] and changes[k] != signs[k]
                 if slows and k < layout.commands - 1:
                     lower[layout.c(j).start + k] = MIDDLE_CRUISE
-                if k > 0 and signs[k] != signs[k - 1]:
+                if k > 0 and signs[k] != signs[k - 1] and not order.rises:
                     since = x[crossing] - cs.sum1(d[:k]) - cs.sum1(c[:k])
                     rows.equal((since * size[k] - d[k] * signs[k - 1] * w[k - 1]) * 10)
                     lower[crossing] = 0.0
@@ -358,9 +368,16 @@ class Formulation:
                 lower[layout.end] = max(lower[layout.end], change)
         for first, other in order.equalities:
             rows.equal(cs.dot(cs.DM(order.times[other] - order.times[first]), x))
-        steps = order.rows[1:] - order.rows[:-1]
-        rows.at_least(cs.mtimes(cs.DM(steps), x))
+        if order.rises:
+            lower[layout.crossing :] = 0.0
+            for index, (joint, group) in enumerate(order.crossings):
+                rows.equal(order.speed(x, self.rise_times[joint], joint, x[layout.crossing + index], group))
+        rows.at_least(cs.mtimes(cs.DM(order.steps), x))
         return rows.structure(x, lower, upper)
+
+    def _last(self, layout: Layout) -> np.ndarray:
+        """The row of the end of the motion, that of its ramps and the rise."""
+        return unit_row(layout, layout.end) + self.rise * unit_row(layout, layout.one)
 
     def _ends(
         self, rows: _Rows, layout: Layout, x: cs.SX, lower: np.ndarray, upper: np.ndarray

@@ -88,12 +88,14 @@ class Search:
         self.formulation = Formulation(
             *(task.robot, task.start, task.goal, task.optimised, task.commands, task.objective, durations),
             self.ends,
+            np.array(task.rise_times or (0.0,) * task.robot.n),
         )
         self.first = replace(task.limits, stops=None)  # stops narrow a motion that is good without them
         kinds = limits_of(task.robot, task.limits)
         self._asked = [limit for limit in kinds if isinstance(limit, AskedLimit)]
-        self.smooth = without_jumps(task.robot, task.limits, np.array([task.start, task.goal]))
-        self.inner = task.limits
+        self.smooth = self.inner = task.limits
+        if not task.rise_times:
+            self.smooth = without_jumps(task.robot, task.limits, np.array([task.start, task.goal]))
         for limit in self._asked:
             self.inner = limit.inner(self.inner)
 
@@ -109,8 +111,9 @@ class Search:
                 *(task.robot, task.start, task.goal, task.optimised, task.commands, self.first, rng),
                 task.objective,
             )
-            if start.end > task.limits.max_duration:  # breaks limits, but is of the right length
-                start = start.time_scaled(task.limits.max_duration / start.end)
+            most = task.limits.max_duration - self.formulation.rise
+            if start.end > most:  # breaks limits, but is of the right length
+                start = start.time_scaled(most / start.end)
             clock.stage("start")
             x = self._coarse(start, clock)
             clock.stage("coarse")
@@ -236,7 +239,7 @@ class Search:
         if (
             not checked.verified and 1 < max(ratios) < SLOWED
         ):  # a program that was solved to its tolerance only
-            slower = motion.time_scaled(max(ratios) * (1 + 1e-9))
+            slower = motion.slowed(max(ratios) * (1 + 1e-9))
             again = check_motion(self.task.robot, slower, self.task.limits)
             motion, checked = (slower, again) if again.verified else (motion, checked)
         clock.stage("check")

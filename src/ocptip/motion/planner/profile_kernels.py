@@ -3,12 +3,31 @@
 A joint's corners depend on its own few variables only, so that the loops go over these and not over all of x.
 Steps at a corner are exact (0 or 1, given) or spread smoothly over [-half_width, half_width], twice
 continuously differentiable. Behind a smooth step its first integral is exactly the time since the corner, so
-that a motion of steps that add to zero ends exactly where the sharp one does.
+that a motion of steps that add to zero ends exactly where the sharp one does. In S-curves a step is the mean
+of these over the last rise time: with exact steps its ends are two events.
 """
 
 import numpy as np
 
 from ocptip.numerics.compiled import compiled, compiled_inline
+
+
+@compiled_inline
+def _risen_step(t, begun, done, r):
+    """As `_smooth_step` of a step that rises within r; 0 or 1 say whether its begin and end have passed."""
+    s = t - r
+    phi0 = (begun * t - done * s) / r
+    phi1 = (begun * t * t - done * s * s) / (2 * r)
+    return (begun * t * t * t - done * s * s * s) / (6 * r), phi1, phi0, (begun - done) / r, 0.0
+
+
+@compiled_inline
+def _third_integral(t, e):
+    """Third integral of the smooth step at time t."""
+    u = min(max((t + e) / (2 * e), 0.0), 1.0)
+    v = max(t - e, 0.0)
+    u6 = u * u * u * u * u * u
+    return 8 * e * e * e * u6 * (1 / 12 - u / 14 + u * u / 56) + v * (4 * e * e / 7 + v * (e / 2 + v / 6))
 
 
 @compiled_inline
@@ -24,13 +43,15 @@ def _smooth_step(t, e):
 
 
 @compiled
-def joint_states(t, T, masks, half_width, start, alpha, tau, d_alpha, d_tau, columns, counts):
+def joint_states(t, T, masks, ends, half_width, rise, start, alpha, tau, d_alpha, d_tau, columns, counts):
     """States of n joints at N nodes.
 
     Args:
         t, T: node times (N,), s, and their derivatives (N, nx).
         masks: (N, n, C), or anything where half_width is not 0.
+        ends: the same for the ends of rises; anything where there are none.
         half_width: of the smooth steps, s; 0 for exact ones.
+        rise: (n,), s, 0 for ramps.
         start: (n,), rad.
         alpha, tau: (n, C) steps and times of the corners.
         d_alpha, d_tau: (n, C, P) their derivatives with respect to x[columns].
@@ -53,12 +74,23 @@ def joint_states(t, T, masks, half_width, start, alpha, tau, d_alpha, d_tau, col
                 since = t[i] - tau[j, c]
                 if half_width > 0:
                     phi2, phi1, phi0, slope, bend = _smooth_step(since, half_width)
+                    if rise[j] > 0:
+                        r = rise[j]
+                        b2, b1, b0, bs, _ = _smooth_step(since - r, half_width)
+                        third = _third_integral(since, half_width) - _third_integral(since - r, half_width)
+                        bend = (slope - bs) / r
+                        slope = (phi0 - b0) / r
+                        phi0 = (phi1 - b1) / r
+                        phi1 = (phi2 - b2) / r
+                        phi2 = third / r
+                elif rise[j] > 0:
+                    phi2, phi1, phi0, slope, bend = _risen_step(since, masks[i, j, c], ends[i, j, c], rise[j])
                 else:
                     phi0 = masks[i, j, c]
                     phi1 = since * phi0
                     phi2 = 0.5 * since * phi1
                     slope = bend = 0.0
-                if phi0 == 0.0 and phi2 == 0.0:
+                if phi0 == 0.0 and phi2 == 0.0 and slope == 0.0:
                     continue  # the corner is still to come
                 of = steps[i, j, c]
                 of[0], of[1], of[2], of[3], of[4] = phi2, phi1, phi0, slope, bend

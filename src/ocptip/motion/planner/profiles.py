@@ -8,10 +8,11 @@ steps alpha_k at its corner times tau_k, so that
 
     acceleration = sum alpha_k phi0(t - tau_k),  speed = sum alpha_k phi1,  angle = start + sum alpha_k phi2
 
-with phi0 the unit step and phi1, phi2 its integrals. The steps alpha depend on speeds and durations, the
-times tau on durations only, node times t are linear in x: all derivatives follow by hand. A smoothed step
-makes the motion a smooth function of x whatever the order of the corners; with the order fixed the step is
-the exact one (`phi0` a mask of zeros and ones). The loops are in `profile_kernels`.
+with phi0 the unit step and phi1, phi2 its integrals (in S-curves: their means over the last rise time). The
+steps alpha depend on speeds and durations, the times tau on durations only, node times t are linear in x: all
+derivatives follow by hand. A smoothed step makes the motion a smooth function of x whatever the order of the
+corners; with the order fixed the step is the exact one (`phi0` a mask of zeros and ones). The loops are in
+`profile_kernels`.
 """
 
 from __future__ import annotations
@@ -103,6 +104,7 @@ class Profiles:
         speed_limits: (n,), rad/s; those of the passive joints are what their ramps aim at.
         rounding: s; width of the rounded transition of passive joints from triangle to trapezoid, 0 for
             the exact rule.
+        rise_times: (n,), s, of the accelerations; default 0: ramps.
     """
 
     def __init__(
@@ -112,8 +114,10 @@ class Profiles:
         goal: np.ndarray,
         speed_limits: np.ndarray,
         rounding: float = 0.0,
+        rise_times: np.ndarray | None = None,
     ) -> None:
         self.layout, self.start, self.way = layout, start, goal - start
+        self.rise_times = np.zeros(layout.n) if rise_times is None else np.asarray(rise_times, dtype=float)
         self.speed_limits, self.rounding = speed_limits, rounding
         n, K = layout.n, layout.commands
         self.corners = 2 * K + 2 if layout.joints else 4
@@ -246,6 +250,7 @@ class Nodes:
         profiles: the joints' motion.
         times: (N, nx): node times are times @ x.
         masks: (N, n, C) of 0 and 1, which corners have passed at each node; None with a smooth step.
+        late: (N, n, C) the same a rise time later; needed for exact S-curves only.
         half_width: s, of the smooth step, see `profile_kernels`; 0 with masks.
         regime: of the passive joints, see `Profiles`.
         kinds: (N,) of the nodes, see `standing.limit`; at jumps masks are 1 + kappa at the event's corners;
@@ -258,12 +263,16 @@ class Nodes:
         times: np.ndarray,
         *,
         masks: np.ndarray | None = None,
+        late: np.ndarray | None = None,
         half_width: float = 0.0,
         regime: dict[int, bool] | None = None,
         kinds: np.ndarray | None = None,
     ) -> None:
         self.profiles, self.times, self.regime = profiles, np.ascontiguousarray(times), regime
-        self.masks = np.zeros((0, 0, 0)) if masks is None else np.ascontiguousarray(masks, dtype=float)
+        self.masks, self.late = (
+            np.zeros((0, 0, 0)) if own is None else np.ascontiguousarray(own, dtype=float)
+            for own in (masks, late)
+        )
         self.half_width = half_width
         self.kinds = np.zeros(len(times), dtype=int) if kinds is None else kinds
 
@@ -275,7 +284,9 @@ class Nodes:
             self.times @ x,
             self.times,
             self.masks,
+            self.late,
             self.half_width,
+            profiles.rise_times,
             profiles.start_at(x),
             *(corners.steps, corners.times, corners.d_steps, corners.d_times),
             *(profiles.columns, profiles.counts),
