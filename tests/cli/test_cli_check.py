@@ -251,3 +251,31 @@ def test_within_a_tolerance(capsys, plan, tmp_path):
     assert "within_tolerance" not in data
     assert main(["check", f"{plan}", "--tolerance", "shop"]) == 2
     assert "--tolerance: expected none, workshop, site or a TOML file" in capsys.readouterr().err
+
+
+def test_samples_with_noise_are_said_to_be_such(capsys, task, tmp_path):
+    """By names of joints, in any order; the verdict is of a fit, and the headline does not hide the noise."""
+    motion, names = task.reference, task.robot.names[::-1]
+    times = np.append(np.arange(0, motion.end, 0.01), motion.end)
+    noise = 1e-3 * np.random.default_rng(2).normal(size=(len(times), 6))
+    header = ",".join(["time", *(f"position.{name}" for name in names)])
+    head = ["check", str(tmp_path / "m.csv"), "--case", "C"]
+    for samples, noisy in ((motion.states(times)[0], False), (motion.states(times)[0] + noise, True)):
+        rows = np.column_stack([times, samples[:, ::-1]])
+        lines = [",".join(f"{value:.6f}" for value in row) for row in rows]
+        (tmp_path / "m.csv").write_text("\n".join([header, *lines]) + "\n")
+        assert main(head) == 2
+        assert "says neither degrees nor radians; give --unit deg or --unit rad" in capsys.readouterr().err
+        code = main([*head, "--unit", "rad"])
+        out = capsys.readouterr().out
+        assert code in (0, 1)
+        assert (
+            "VERIFIED (the calmest motion within the noise of the samples" in out.splitlines()[0]
+        ) == noisy
+        assert ("noise of the samples; its largest distance is 0.2" in out) == noisy
+        assert ("rounding of the file; its largest distance is 0.0001" in out) != noisy
+        _, data = check_json(capsys, *head[1:], "--unit", "rad")
+        assert any(data["fit"]["noisy"]) == noisy
+        assert data["fit"]["samples"] == len(times)
+        assert max(data["fit"]["distance"]) == pytest.approx(4e-3 if noisy else 2e-6, rel=0.5)
+        assert data["fit"]["limits_exceeded_by"] == 0.01

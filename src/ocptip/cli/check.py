@@ -73,6 +73,7 @@ _UNITS = {
     "position_margin_m": ("mm", 1e3),
 }
 _LEAST = ("clearance_m", "foot_force_N", "jump_foot_force_N", *_MARGINS, "singularity")
+_NOISY = "the calmest motion within the noise of the samples"
 _SCALE = 1e6  # factors of time up to this and down to its inverse
 _SAME = {"deg": 0.01, "m": 1e-4}  # offsets up to this are not worth a note
 
@@ -96,7 +97,8 @@ def run(options: Namespace) -> CheckReport:
     motion = _risen(motion, task, options)
     with naming(name):
         checked = check_motion(task.robot, motion, task.limits, step=step)
-        checked = certified(task.robot, motion, checked, task.limits)
+        if not isinstance(motion, FittedMotion):  # of which the accelerations are an estimate
+            checked = certified(task.robot, motion, checked, task.limits)
         scaled = [
             (f, check_motion(task.robot, motion.time_scaled(f), task.limits, step=step))
             for f in options.time_scale
@@ -198,7 +200,14 @@ class CheckReport(Report):
         """Verdict, worst instants, energy."""
         checked = self.check
         sampled = " (stops at sampled instants)" if self.stops and checked.certified else ""
-        verdict = f"{checked.headline}{sampled}. All limits hold" if self.good else "NOT VERIFIED"
+        noisy = (
+            f" ({_NOISY}, see note)"
+            if isinstance(self.motion, FittedMotion) and self.motion.noisy.any()
+            else ""
+        )
+        verdict = (
+            f"{checked.headline}{sampled}{noisy}. All limits hold" if self.good else f"NOT VERIFIED{noisy}"
+        )
         lines = [f"{self.name} on {self.task.name}: {verdict}."]
         lines += [f"  {violation}" for violation in checked.violations]
         lines += [f"  {violation}" for violation in (self.stops.violations if self.stops else ())]
