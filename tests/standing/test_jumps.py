@@ -90,7 +90,7 @@ def test_slow_motions_and_continuous_accelerations_pass(task):
     slow = check_motion(task.robot, task.reference.time_scaled(6), LIMITS)
     assert slow.verified
     assert slow.worst["jump_GN"].value < 0.5
-    points = controller_points(task.reference, "quintic")
+    points = controller_points(task.reference.with_rise_times(0.02), "quintic")
     assert len(Jumps.of(points)) == 0
     assert check_motion(task.robot, points, LIMITS).worst["jump_GN"].detail == "no jumps"
 
