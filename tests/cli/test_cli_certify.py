@@ -79,3 +79,21 @@ def test_plans_hold_their_certificate(tmp_path, capsys):
     assert main(["certify", str(out / "certificate.json")]) == 0
     assert main(["certify", str(out)]) == 0
     assert "certified" in capsys.readouterr().out.lower()
+
+
+def test_a_rise_time_as_typed_is_certified(capsys):
+    plan = str(ROOT / "studies" / "results" / "plans" / "A-effective" / "plan.json")
+    bounds = []
+    for more in ([], ["--rise-time", "0.05"]):
+        assert main(["certify", plan, "--json", *more]) == 0
+        data = json.loads(capsys.readouterr().out)
+        bounds.append((data["certificate"]["bounds"]["GT"], data["duration_s"]))
+    assert bounds[0] != bounds[1]
+
+
+def test_samples_that_have_to_be_fitted_are_not_certified(capsys, tmp_path):
+    rows = "\n".join(f"{0.05 * k:.3f}," + ",".join("0.123" for _ in range(6)) for k in range(20))
+    path = tmp_path / "m.csv"
+    path.write_text("t," + ",".join(f"q{k}_deg" for k in range(1, 7)) + "\n" + rows + "\n", encoding="utf-8")
+    assert main(["certify", str(path), "--case", "A"]) == 2
+    assert "m.csv: its samples do not say the accelerations exactly" in capsys.readouterr().err

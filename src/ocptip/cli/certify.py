@@ -14,14 +14,14 @@ from ocptip.basics.toml import read_text
 from ocptip.basics.write import versions, write_text
 from ocptip.certificate.checker import FORMAT, Verdict, check_certificate
 from ocptip.certificate.find import Certificate, claims
-from ocptip.cli.check import task_of
+from ocptip.cli.check import motion_of, task_of
 from ocptip.cli.command import Report
 from ocptip.cli.layout import named, under
 from ocptip.cli.options import with_limits
 from ocptip.cli.progress import say_if_compiling
 from ocptip.motion.check import MotionCheck, certified, check_motion
 from ocptip.motion.cycles.task import CycleTask
-from ocptip.trajectories.read import load_motion
+from ocptip.trajectories.fit import FittedMotion
 
 _MOST = 8  # undecided intervals that are listed
 
@@ -36,7 +36,12 @@ def run(options: Namespace) -> Report:
     if isinstance(task, CycleTask):
         raise InputError(f"{options.motion}: cycles cannot be certified, only motions of one segment")
     task = with_limits(task, options)
-    motion = load_motion(path, task.robot.names, task.robot.units)
+    motion = motion_of(path, task, options)
+    if isinstance(motion, FittedMotion):
+        raise InputError(
+            f"{options.motion}: its samples do not say the accelerations exactly, and a proof about a fit to "
+            "them says nothing about the motion; certify the commanded motion, or use ocptip check"
+        )
     say_if_compiling()
     name = Path(options.motion).name
     with naming(name):

@@ -93,8 +93,7 @@ def run(options: Namespace) -> CheckReport:
     task = with_limits(task, options)
     if options.stops in ("path", "both"):
         task = replace(task, limits=task.stops.asked(task.limits))
-    motion = load_motion(path, task.robot.names, task.robot.units, unit=options.unit)
-    motion = _risen(motion, task, options)
+    motion = motion_of(path, task, options)
     with naming(name):
         checked = check_motion(task.robot, motion, task.limits, step=step)
         if not isinstance(motion, FittedMotion):  # of which the accelerations are an estimate
@@ -284,8 +283,9 @@ def task_of(options: Namespace) -> tuple[MotionTask | CycleTask, Path]:
     return experiment_task(case, options.base or base or "effective"), path
 
 
-def _risen(motion: Motion, task: MotionTask, options: Namespace) -> Motion:
-    """Ramp commands with the rise time as typed, else with their own, else with that of the task."""
+def motion_of(path: Path, task: MotionTask, options: Namespace) -> Motion:
+    """The motion; ramp commands with the rise time as typed, else their own, else that of the task."""
+    motion = load_motion(path, task.robot.names, task.robot.units, unit=options.unit)
     if isinstance(motion, SampledMotion):
         if options.rise_time is not None:
             raise InputError(f"--rise-time: {options.motion} has samples, which say themselves how they move")

@@ -49,6 +49,11 @@ def _rise_time(text: str) -> Argument:
     return argument("--rise-time", "S", text, type=float)
 
 
+OF_FILE = (
+    argument("--unit", None, "of angles in CSV columns that do not say it", choices=("deg", "rad")),
+    _rise_time("of the accelerations, for ramp commands (default: that of the motion or the task)"),
+)
+
 COMMANDS = (
     Command(
         "stand",
@@ -156,8 +161,7 @@ COMMANDS = (
             SENSITIVITIES,
             *LIMITS,
             TOLERANCE,
-            argument("--unit", None, "of angles in CSV columns that do not say it", choices=("deg", "rad")),
-            _rise_time("of the accelerations, for ramp commands (default: that of the motion or the task)"),
+            *OF_FILE,
             _time_scale("check also with all times x F"),
             argument("--step", "S", "first spacing, s (0.01)", type=float, default=0.01),
         ),
@@ -173,6 +177,7 @@ COMMANDS = (
             *OF_MOTION,
             *LIMITS,
             TOLERANCE,
+            *OF_FILE,
             argument("--out", "FILE", "write the certificate (JSON)"),
         ),
     ),

@@ -270,7 +270,7 @@ def _assumed(robot: StandingMechanism, rules: StopRules, kinds: Kinds, time: flo
         return (*said, "category 0: not computed for parallel robots")
     given = "as given"
     if rules.brake_min is None or rules.brake_max is None:
-        given = "0.5 to 2 times the torque limits, a guess; give brake_torque_Nm in [stops]"
+        given = "0.5 to 2 times the torque limits, a guess; give brake_torque_min_Nm, _max_Nm in [stops]"
     delay = "at once" if rules.delay[1] == 0 else f"after {rules.delay[0]:g} to {rules.delay[1]:g} s"
     said.append(f"category 0: brakes act {delay}, their torques are {given}; constant torques on the way")
     if not robot.arm.may_collide:
