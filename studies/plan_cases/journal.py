@@ -142,11 +142,10 @@ class Journal:
 def limits_of(set_name: str, case: str) -> dict[str, float]:
     """The limits of a pair as they are written: rounded, since last digits differ between machines.
 
-    Durations are free in all of them, and jumps do not count.
+    All others are as they are by default: durations are free, jumps do not count, nothing is uncertain.
     """
-    limits = asdict(task_of(set_name, case).limits).items()
-    free = ("duration", "overshoot", "tip_over", "slip")
-    return {name: round(value, 9) for name, value in limits if not name.endswith(free)}
+    limits = task_of(set_name, case).limits
+    return {name: round(getattr(limits, name), 9) for name in ("GN", "GT", "torque_ratio", "clearance")}
 
 
 def line_of(key: Key, seed: int, attempt: Attempt | None, error: str = "") -> dict:

@@ -111,7 +111,7 @@ def _problems(data: Mapping[str, Any]) -> tuple[list[str], int]:
         start.append(ends[:-1])
         end.append(ends[1:])
         forces.append(own)
-    unknown = [np.nan] * 3
+    unknown = [0.0, np.nan, np.nan, np.nan]
 
     def directions(intervals: np.ndarray, pairs: np.ndarray) -> np.ndarray:
         return np.array(
@@ -233,8 +233,9 @@ class Checker:
             loads: of them.
             forces: (2, 1 + couples, contacts, 3, N) at their ends, normal and tangential, N. A contact
                 without force at both ends carries none.
-            directions: of intervals and pairs, (R,) each: (R, 3), base axes, along which the pair's second is
-                beyond the first. Asked where balls about the two come nearer than claimed.
+            directions: of intervals and pairs, (R,) each: (R, 4), 0 (base axes) or 1 (those of the first's
+                link), and a direction along which the pair's second is beyond the first.
+                Asked where balls about the two come nearer than claimed.
         """
         limits, bounds = self.limits, self.bounds
         turns, torques, wrench = loads
@@ -336,42 +337,64 @@ class Checker:
                 normal = np.tile(np.array(half_space["normal"])[:, None], count)
                 gaps[pair] = (
                     half_space["level"]
-                    - self._height(frames, i, normal, Form.of(np.zeros(count)))
+                    - self._height(frames, self.bodies[i], normal)
                     - U * (1 + abs(half_space["level"]))
                 )
         near = np.argwhere(~(gaps >= self.bounds["clearance"]))
         near = near[["normal" not in self.bodies[self.pairs[pair, 1]] for pair in near[:, 0]]]
-        towards = directions(near[:, 1], near[:, 0]) if len(near) else np.empty((0, 3))
-        for pair in np.unique(near[:, 0]):
-            rows = near[:, 0] == pair
-            intervals, d = near[rows, 1], towards[rows].T
+        towards = directions(near[:, 1], near[:, 0]) if len(near) else np.empty((0, 4))
+        keys = np.column_stack([near[:, 0], towards[:, 0] == 1]) if len(near) else near
+        for pair, linked in np.unique(keys, axis=0):
+            rows = np.all(keys == (pair, linked), axis=1)
+            intervals, d = near[rows, 1], towards[rows, 1:].T
             some = [(R[..., intervals], p[..., intervals]) for R, p in frames]
             i, j = self.pairs[pair]
-            common = _along(some, self.bodies[i]["link"], np.array(self.bodies[i]["points"]).mean(axis=0), d)
-            apart = -self._height(some, j, -d, -common) - self._height(some, i, d, common)
+            apart = self._apart(some, self.bodies[i], self.bodies[j], d, bool(linked))
             gaps[pair, intervals] = apart / np.linalg.norm(d, axis=0) - U * (1 + np.abs(apart))
         return gaps
 
-    def _height(self, frames: list[tuple[Form, Form]], k: int, d: np.ndarray, above: Form) -> np.ndarray:
-        """Upper bound of d . p - above of all points p of a body, (N,), m times |d|; d (3, N)."""
-        body = self.bodies[k]
-        if body["link"] < 0:
-            along, origin = Form.of(d), -above
-        else:
-            R, p = frames[body["link"]]
-            turned, moved = R * d[:, None], p * d
-            along, origin = turned[0] + turned[1] + turned[2], moved[0] + moved[1] + moved[2] - above
+    def _apart(
+        self,
+        frames: list[tuple[Form, Form]],
+        first: Mapping[str, Any],
+        second: Mapping[str, Any],
+        d: np.ndarray,
+        linked: bool,
+    ) -> np.ndarray:
+        """Lower bound, (N,), m times |d|, of how far along d (3, N) the second is beyond the first.
+
+        d is in base axes or, linked, turns with the first; what both do in common counts for nothing.
+        """
+        (R, p), (Q, q) = (_pose(frames, body["link"], d.shape[1]) for body in (first, second))
+        points = np.array(first["points"])
+        middle = points.mean(axis=0)
+        terms = R * d[None]
+        towards = terms[:, 0] + terms[:, 1] + terms[:, 2] if linked else Form.of(d)  # base axes
+        terms = R * towards[:, None]
+        own = Form.of(d) if linked else terms[0] + terms[1] + terms[2]  # axes of the first
+        top = np.max(linear(points - middle, own).range[1], axis=0) + U * np.abs(points).max() * own.size.sum(
+            axis=0
+        )
+        parts, turned = (q - (p + linear_rows(R, middle))) * towards, Q * towards[:, None]
+        along, origin = turned[0] + turned[1] + turned[2], parts[0] + parts[1] + parts[2]
+        heights = linear(np.array(second["points"]), along) + Form(origin.c[:, None], origin.r[None])
+        radii = (first["radius"] + second["radius"]) * np.linalg.norm(d, axis=0) * (1 + U)
+        return np.min(heights.range[0], axis=0) - top - radii
+
+    def _height(self, frames: list[tuple[Form, Form]], body: Mapping[str, Any], d: np.ndarray) -> np.ndarray:
+        """Upper bound of d . p of all points p of a body, (N,), m times |d|; d (3, N), base axes."""
+        R, p = _pose(frames, body["link"], d.shape[1])
+        turned, moved = R * d[:, None], p * d
+        along, origin = turned[0] + turned[1] + turned[2], moved[0] + moved[1] + moved[2]
         heights = linear(np.array(body["points"]), along) + Form(origin.c[:, None], origin.r[None])
         return np.max(heights.range[1], axis=0) + body["radius"] * np.linalg.norm(d, axis=0) * (1 + U)
 
 
-def _along(frames: list[tuple[Form, Form]], link: int, point: np.ndarray, d: np.ndarray) -> Form:
-    """d . p of a point of a link (-1: of the base), (N,), m times |d|."""
-    if link < 0:
-        return Form.of(point @ d)
-    R, p = frames[link]
-    parts = (p + linear_rows(R, point)) * d
-    return parts[0] + parts[1] + parts[2]
+def _pose(frames: list[tuple[Form, Form]], link: int, count: int) -> tuple[Form, Form]:
+    """Rotation (3, 3, N) and origin (3, N) of a link; -1: the base."""
+    if link >= 0:
+        return frames[link]
+    return Form.of(np.tile(np.eye(3)[:, :, None], count)), Form.of(np.zeros((3, count)))
 
 
 def _ball(
@@ -381,9 +404,7 @@ def _ball(
     points = np.array(body["points"])
     middle = points.mean(axis=0)
     reach = (np.max(np.linalg.norm(points - middle, axis=1)) + body["radius"]) * (1 + U)
-    if body["link"] < 0:
-        return np.tile(middle[:, None], count), np.full(count, reach + U * np.abs(middle).sum())
-    R, p = frames[body["link"]]
+    R, p = _pose(frames, body["link"], count)
     place = p + linear_rows(R, middle)
     moved = place.size - np.abs(place.c[0]) + place.r + U * np.abs(place.c[0])
     return place.c[0], reach + np.linalg.norm(moved, axis=0) * (1 + U)

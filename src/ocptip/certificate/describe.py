@@ -10,6 +10,7 @@ from ocptip.robots.collision.gaps import Collisions
 from ocptip.robots.collision.model import ShapeCollisions
 from ocptip.robots.collision.shapes import HalfSpace, Shape
 from ocptip.robots.geometry import CollisionModel, Floor, sphere_centres
+from ocptip.robots.kinematics import link_frames
 from ocptip.standing.arm import StandingRobot
 from ocptip.trajectories.arm_motion import INSIDE
 from ocptip.trajectories.sampled import Motion
@@ -109,10 +110,27 @@ class Separations:
 
     def __init__(self, robot: StandingRobot, model: dict[str, Any]) -> None:
         self._collision, self._bodies, self._pairs = robot.collision, model["bodies"], model["pairs"]
+        self._arm = robot.arm
         self._centres = sphere_centres(robot.arm) if isinstance(self._collision, CollisionModel) else None
 
     def __call__(self, q: np.ndarray, pairs: np.ndarray) -> np.ndarray:
-        """(R, 3), base axes, from the first of each pair to the second, at q (R, n)."""
+        """(R, 4), from the first of each pair to the second, at q (R, n): 1 and in axes of the first's link,
+        or, if both are balls or the second rests, 0 and in base axes."""
+        every = link_frames(self._arm, q).rotations
+        rest = {-1: np.eye(3), 0: self._arm.mount_rotation}
+        links = [self._bodies[self._pairs[pair][0]]["link"] for pair in pairs]
+        axes = [every[r, link - 1] if link > 0 else rest[link] for r, link in enumerate(links)]
+        towards = self._towards(q, pairs)
+        linked = np.array([self._linked(*self._pairs[pair]) for pair in pairs])
+        turned = np.einsum("rab,ra->rb", np.array(axes), towards)
+        return np.column_stack([linked, np.where(linked[:, None], turned, towards)])
+
+    def _linked(self, first: int, second: int) -> bool:
+        one, other = self._bodies[first], self._bodies[second]
+        return other["link"] > 0 and len(one["points"]) + len(other["points"]) > 2
+
+    def _towards(self, q: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+        """The same in base axes."""
         if isinstance(self._collision, ShapeCollisions):
             return self._collision.distances.at(q, np.arange(len(q)), pairs)[0].normals
         assert self._centres is not None  # the other kind
