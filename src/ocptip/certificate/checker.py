@@ -1,7 +1,7 @@
 """Check a certificate: at every instant of a motion the base stands and every limit is kept.
 
-A reader has to trust this module, `arm` and `forms`, and nothing else: NumPy and plain data, no solver, no
-optimiser. What is assumed, and one interval worked by hand, are in docs/certificate.md.
+A reader has to trust this module, `plain`, `arm` and `forms`, and nothing else: NumPy and plain data, no
+solver, no optimiser. What is assumed, and one interval worked by hand, are in docs/certificate.md.
 
 A certificate is plain data:
 
@@ -31,12 +31,20 @@ import numpy as np
 
 from ocptip.certificate.arm import Arm, Turns, linear_rows, skew
 from ocptip.certificate.forms import Form, U, linear
+from ocptip.certificate.plain import (
+    LARGEST,
+    ROUNDED,
+    MalformedError,
+    numbers,
+    require_cover,
+    require_model,
+    require_motion,
+)
 
 FORMAT = "ocptip certificate 1"
 CLAIMS = ("GN", "GT", "torque_ratio", "clearance")
 RELATIVE = 1e-5  # of themselves: by so much may speeds and accelerations exceed their limits: rounded times
 ANGLE = 1e-7  # rad or m, likewise
-JUMP = 1e-6  # rad or m, and 100 times as much per s: pieces that meet may differ by so much
 _FLAT = 1e-9
 
 Directions = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -64,7 +72,9 @@ def check_certificate(data: Mapping[str, Any]) -> Verdict:
     try:
         problems, intervals = _problems(data)
         bounds = dict(data["bounds"])
-    except (KeyError, IndexError, TypeError, ValueError, np.linalg.LinAlgError) as error:
+    except MalformedError as error:
+        return Verdict(False, (str(error),), {}, 0)
+    except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError) as error:
         return Verdict(False, (f"not readable: {type(error).__name__}: {error}",), {}, 0)
     return Verdict(not problems, tuple(problems), bounds, intervals)
 
@@ -83,28 +93,29 @@ def _problems(data: Mapping[str, Any]) -> tuple[list[str], int]:
         for key in ("model", "motion")
         if digest(data[key]) != data["sha256"][key]
     ]
-    bounds, motion = data["bounds"], data["motion"]
+    bounds, motion, model = data["bounds"], data["motion"], data["model"]
+    require_model(model)
+    require_motion(motion, len(model["limits"]["speed"]))
     if unknown := set(bounds) - set(CLAIMS):
         found.append(f"unknown claims: {', '.join(sorted(unknown))}")
     found += [
         f"{key}: {bounds[key]} is no bound that proves anything"
-        for key in ("GN", "GT")
-        if not 0 < bounds[key] < 1
+        for key, most in (("GN", 1.0), ("GT", 1.0), ("torque_ratio", LARGEST))
+        if not 0 < numbers(key, bounds[key], ()) < most
     ]
-    if not (np.isfinite(bounds["torque_ratio"]) and np.isfinite(bounds.get("clearance", 0.0))):
-        found.append("bounds: not finite")
-    if ("clearance" in bounds) != bool(data["model"]["pairs"]):
+    numbers("clearance", bounds.get("clearance", 0.0), ())
+    if ("clearance" in bounds) != bool(model["pairs"]):
         found.append("clearance: claimed without anything that may collide, or not claimed with it")
-    found += _gaps_of(motion)
     if len(data["cover"]) != len(motion["times"]):
         found.append(f"cover: of {len(data['cover'])} pieces, the motion has {len(motion['times'])}")
     if found:
         return found, 0
+    checker = Checker(model, bounds)
+    shape = (2, 1 + len(checker.couples), len(checker.sets), 3)
     piece, start, end, forces, given = [], [], [], [], {}
     for number, part in enumerate(data["cover"]):
+        require_cover(part, number + 1, shape, len(model["pairs"]))
         ends, own = np.array(part["ends"], dtype=float), np.array(part["forces"], dtype=float)
-        if not (len(ends) > 1 and ends[0] == -1 and ends[-1] == 1 and np.all(np.diff(ends) > 0)):
-            return [f"cover: piece {number + 1} is not covered"], 0
         for interval, pair, *direction in part["directions"]:
             given[len(piece) + interval, pair] = direction
         piece += [number] * (len(ends) - 1)
@@ -120,31 +131,11 @@ def _problems(data: Mapping[str, Any]) -> tuple[list[str], int]:
 
     at = Intervals(motion, np.array(piece), np.concatenate(start), np.concatenate(end))
     every = np.moveaxis(np.concatenate(forces), 0, -1)  # (2, rules, contacts, 3, N)
-    checker = Checker(data["model"], bounds)
     for name, margin in checker.margins(at, checker.loads(at), every, directions).items():
         if not np.all(margin >= 0):
             k = int(np.argmin(margin))
             found.append(f"{name}: not proved near {at.times[k]:.6g} s, {np.sum(~(margin >= 0))} intervals")
     return found, len(piece)
-
-
-def _gaps_of(motion: Mapping[str, Any]) -> list[str]:
-    """Why pieces are no motion from rest to rest."""
-    times, c = np.array(motion["times"], dtype=float), np.array(motion["angles"], dtype=float)
-    if not (np.all(np.isfinite(times)) and np.all(np.isfinite(c)) and times.shape == (len(c), 2)):
-        return ["motion: not finite, or times and angles do not fit"]
-    half = 0.5 * (times[:, 1] - times[:, 0])
-    if not (len(c) > 1 and half[0] == half[-1] == 0 and np.all(half[1:-1] > 0)):
-        return ["motion: a piece at rest is to begin and to end it"]
-    if np.any(times[1:, 0] != times[:-1, 1]):
-        return ["motion: times between pieces are missing"]
-    rate = np.where(half > 0, 1 / np.where(half > 0, half, 1.0), 0.0)[:, None]
-    order, sign = np.arange(c.shape[2]), (-1.0) ** np.arange(c.shape[2])
-    first, last = c @ sign, c.sum(axis=2)
-    before, after = rate * (c @ (order * -sign)), rate * (c @ order)
-    if np.max(np.abs(first[1:] - last[:-1])) > JUMP or np.max(np.abs(before[1:] - after[:-1])) > 100 * JUMP:
-        return ["motion: pieces do not meet"]
-    return []
 
 
 class Intervals:
@@ -206,11 +197,18 @@ class Checker:
         self.grasp = np.concatenate([np.hstack(list(frames)), np.hstack(list(levers @ frames))])
         reach = np.concatenate([np.hstack(list(frames)), np.hstack(list(np.abs(levers) @ np.abs(frames)))])
         self.rounded = U * np.abs(reach)
-        self.sets = [[(_end(p[0], True), _end(p[1]), *p[2:]) for p in pieces] for pieces in contacts["sets"]]
+        self.sets = [
+            [(_end(low, True), _end(high), radius, slope) for low, high, radius, slope in pieces]
+            for pieces in contacts["sets"]
+        ]
         self.flat = _one_plane(positions, frames[:, :, 0])
         self.axes, self.added = _tipping_axes(positions, frames[:, :, 0], about, self.sets)
+        lever = np.max(np.abs(about)) + np.max(np.abs(positions))
+        self.blurred = U * np.array([[4 * lever] * 3 + [4.0] * 3])
         self.unit = float(base["reference_moment"] or 1.0)
         self.needed = self.unit * (1 / bounds["GN"] - 1)  # N m that must be left about each axis
+        if base["reference_moment"] is None and len(self.axes):
+            self.needed = np.inf  # nothing says what is asked for
         self.couples = np.zeros((0 if self.flat else len(self.axes), 6))
         self.couples[:, 3:] = -self.needed * self.axes[: len(self.couples), 3:]
         self.bodies, self.pairs = model["bodies"], np.array(model["pairs"], dtype=int).reshape(-1, 2)
@@ -263,6 +261,7 @@ class Checker:
         count = wrench.r.shape[-1]
         if self.flat:
             least = linear(self.axes, wrench).range[0] + self.added[:, None]
+            least -= self.blurred @ wrench.size  # of the axes' own rounding
             return (np.min(least, axis=0, initial=np.inf) - self.needed) / self.unit
         held = [
             self._held(wrench + couple[:, None], forces[:, 1 + k], 1.0)
@@ -318,7 +317,7 @@ class Checker:
         if key not in self._inverses:
             G = self.grasp[:, columns]
             F = np.linalg.pinv(G) if G.shape[1] else np.zeros((0, 6))
-            rounding = (self.rounded[:, columns] + U * np.abs(G)) @ np.abs(F)
+            rounding = (self.rounded[:, columns] + U * G.shape[1] * np.abs(G)) @ np.abs(F)
             defect = float(np.max(np.sum(np.abs(np.eye(6) - G @ F) + rounding, axis=1)))
             self._inverses[key] = F, (defect / (1 - defect) if defect < 0.5 else np.inf)
         return self._inverses[key]
@@ -331,15 +330,12 @@ class Checker:
             if "normal" not in body:
                 centres[k], radii[k] = _ball(frames, body, count)
         a, b = self.pairs.T
-        gaps = np.linalg.norm(centres[a] - centres[b], axis=1) * (1 - U) - radii[a] - radii[b]
+        gaps = np.linalg.norm(centres[a] - centres[b], axis=1) * (1 - U) - (radii[a] + radii[b]) * (1 + U)
         for pair, (i, j) in enumerate(self.pairs):
             if "normal" in (half_space := self.bodies[j]):  # the points with normal . p >= level
                 normal = np.tile(np.array(half_space["normal"])[:, None], count)
-                gaps[pair] = (
-                    half_space["level"]
-                    - self._height(frames, self.bodies[i], normal)
-                    - U * (1 + abs(half_space["level"]))
-                )
+                height, level = self._height(frames, self.bodies[i], normal), half_space["level"]
+                gaps[pair] = level - height - (U + 2 * ROUNDED) * (1 + abs(level) + np.abs(height))
         near = np.argwhere(~(gaps >= self.bounds["clearance"]))
         near = near[["normal" not in self.bodies[self.pairs[pair, 1]] for pair in near[:, 0]]]
         towards = directions(near[:, 1], near[:, 0]) if len(near) else np.empty((0, 4))
@@ -347,10 +343,10 @@ class Checker:
         for pair, linked in np.unique(keys, axis=0):
             rows = np.all(keys == (pair, linked), axis=1)
             intervals, d = near[rows, 1], towards[rows, 1:].T
+            d = d / np.linalg.norm(d, axis=0)  # not a number where it is too short to have a length
             some = [(R[..., intervals], p[..., intervals]) for R, p in frames]
             i, j = self.pairs[pair]
-            apart = self._apart(some, self.bodies[i], self.bodies[j], d, bool(linked))
-            gaps[pair, intervals] = apart / np.linalg.norm(d, axis=0) - U * (1 + np.abs(apart))
+            gaps[pair, intervals] = self._apart(some, self.bodies[i], self.bodies[j], d, bool(linked))
         return gaps
 
     def _apart(
@@ -361,7 +357,7 @@ class Checker:
         d: np.ndarray,
         linked: bool,
     ) -> np.ndarray:
-        """Lower bound, (N,), m times |d|, of how far along d (3, N) the second is beyond the first.
+        """Lower bound, (N,), m, of how far along d (3, N), of length 1, the second is beyond the first.
 
         d is in base axes or, linked, turns with the first; what both do in common counts for nothing.
         """
@@ -372,14 +368,13 @@ class Checker:
         towards = terms[:, 0] + terms[:, 1] + terms[:, 2] if linked else Form.of(d)  # base axes
         terms = R * towards[:, None]
         own = Form.of(d) if linked else terms[0] + terms[1] + terms[2]  # axes of the first
-        top = np.max(linear(points - middle, own).range[1], axis=0) + U * np.abs(points).max() * own.size.sum(
-            axis=0
-        )
+        top = np.max(linear(points - middle, own).range[1], axis=0)
         parts, turned = (q - (p + linear_rows(R, middle))) * towards, Q * towards[:, None]
         along, origin = turned[0] + turned[1] + turned[2], parts[0] + parts[1] + parts[2]
         heights = linear(np.array(second["points"]), along) + Form(origin.c[:, None], origin.r[None])
-        radii = (first["radius"] + second["radius"]) * np.linalg.norm(d, axis=0) * (1 + U)
-        return np.min(heights.range[0], axis=0) - top - radii
+        low, radii = np.min(heights.range[0], axis=0), first["radius"] + second["radius"]
+        loose = U + 6 * len(frames) * ROUNDED  # rounded subtractions, and axes that are not quite orthonormal
+        return low - top - radii - loose * (1 + np.abs(points).sum(axis=1).max() + np.abs(low) + top + radii)
 
     def _height(self, frames: list[tuple[Form, Form]], body: Mapping[str, Any], d: np.ndarray) -> np.ndarray:
         """Upper bound of d . p of all points p of a body, (N,), m times |d|; d (3, N), base axes."""
@@ -418,7 +413,7 @@ def _end(value: float | None, least: bool = False) -> float:
 def _share(values: Form, limits: np.ndarray) -> np.ndarray:
     """Greatest share of limits (n,) that values (n, N) use."""
     low, high = values.range
-    return np.max(np.maximum(high, -low) / limits[:, None], axis=0)
+    return np.max(np.maximum(high, -low) / limits[:, None], axis=0) * (1 + U)
 
 
 def _one_plane(positions: np.ndarray, normals: np.ndarray) -> bool:

@@ -104,8 +104,9 @@ class Form:
 
 def linear(matrix: np.ndarray, v: Form) -> Form:
     """Constant (m, k) or (m, k) per... times forms (k, N): (m, N)."""
-    r = np.abs(matrix) @ (v.r + U * v.size)
-    return Form(matrix @ v.c, r * (1 + U) + TINY)
+    terms = U * matrix.shape[-1]  # each rounds
+    r = np.abs(matrix) @ (v.r + terms * v.size)
+    return Form(matrix @ v.c, r * (1 + terms) + TINY)
 
 
 def stack(*forms: Form) -> Form:

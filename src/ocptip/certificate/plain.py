@@ -1,0 +1,142 @@
+"""Are data those of a certificate? What is not of its form, types, shapes and magnitudes, is refused.
+
+The checker relies on this: NumPy would broadcast a list that is too short, and count a negative index from
+the end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+LARGEST = 1e9  # SI units: no number may be larger, so that none overflows
+ROUNDED = 1e-12  # by so much may rotations and normals miss being orthonormal
+JUMP = 1e-6  # rad or m, and 100 times as much per s: by so much may pieces that meet differ, all together
+LINE = 1e-6  # breadth over length: contacts narrower than that are on one line
+_LIMITS = {"angle_min", "angle_max", "speed", "acceleration", "torque"}
+
+
+class MalformedError(ValueError):
+    """Data that are no certificate."""
+
+
+def require(condition: Any, text: str) -> None:
+    """Raise MalformedError unless all of the condition holds."""
+    if not np.all(condition):
+        raise MalformedError(text)
+
+
+def numbers(name: str, value: Any, shape: tuple[int | None, ...], least: float = -LARGEST) -> np.ndarray:
+    """An array of such a shape (None: any length) of numbers, none below least or larger than LARGEST."""
+    array = np.array(value)
+    fits = array.ndim == len(shape) and all(
+        n is None or n == own for n, own in zip(shape, array.shape, strict=True)
+    )
+    require(fits and array.dtype.kind in "iuf", f"{name}: numbers of shape {shape} are expected")
+    require((array >= least) & (array <= LARGEST), f"{name}: a number is beyond {least:g} to {LARGEST:g}")
+    return array.astype(float)
+
+
+def require_model(model: Mapping[str, Any]) -> None:
+    """Raise MalformedError unless these are an arm, a base, contacts, limits and bodies."""
+    arm, base, limits = model["arm"], model["base"], model["limits"]
+    n, m = len(arm["masses"]), len(limits["speed"])
+    for key, least in (("masses", 0.0), ("shift", -LARGEST), ("slides", 0.0)):
+        numbers(key, arm[key], (n,), least)
+    require(np.isin(np.array(arm["slides"], dtype=float), (0.0, 1.0)), "slides: 0 or 1 is expected")
+    numbers("offsets", arm["offsets"], (n, 3))
+    numbers("centres", arm["centres"], (n, 3))
+    numbers("inertias", arm["inertias"], (n, 3, 3))
+    numbers("armature", arm["armature"], (m,), 0.0)
+    numbers("ratios", arm["ratios"], (n, m))
+    _rotations("rotations", arm["rotations"], n)
+    _rotations("mount_rotation", [arm["mount_rotation"]], 1)
+    numbers("mount_position", arm["mount_position"], (3,))
+    numbers("mass of the base", base["mass"], (), 0.0)
+    numbers("center_of_mass", base["center_of_mass"], (3,))
+    numbers("gravity", base["gravity"], (3,))
+    if base["reference_moment"] is not None:
+        numbers("reference_moment", base["reference_moment"], (), 1e-9)
+    _require_contacts(model["contacts"])
+    require(set(limits) == _LIMITS, "limits: others are expected")
+    for key, own in limits.items():
+        least = -LARGEST if key.startswith("angle") else 1e-9
+        numbers(f"limits of {key}", [1.0 if x is None else x for x in own], (m,), least)
+    _require_bodies(model["bodies"], model["pairs"], n)
+
+
+def require_motion(motion: Mapping[str, Any], joints: int) -> None:
+    """Raise MalformedError unless these are polynomials of pieces of time, at rest first and last."""
+    times = numbers("times", motion["times"], (None, 2))
+    c = numbers("angles", motion["angles"], (len(times), joints, None))
+    require(3 <= c.shape[2] <= 6, "angles: three to six coefficients are expected")
+    half = 0.5 * (times[:, 1] - times[:, 0])
+    ends = len(c) > 1 and half[0] == half[-1] == times[0, 0] == 0 and not np.any(c[[0, -1], :, 1:])
+    require(ends and np.all(half[1:-1] > 0), "motion: a piece at rest is to begin and to end it")
+    require(times[1:, 0] == times[:-1, 1], "motion: times between pieces are missing")
+    rate = np.where(half > 0, 1 / np.where(half > 0, half, 1.0), 0.0)[:, None]
+    order, sign = np.arange(c.shape[2]), (-1.0) ** np.arange(c.shape[2])
+    ways = np.sum(np.abs((c @ sign)[1:] - c.sum(axis=2)[:-1]), axis=0)
+    speeds = np.sum(np.abs((rate * (c @ (order * -sign)))[1:] - (rate * (c @ order))[:-1]), axis=0)
+    add_up = f"jumps add up to {np.max(ways):.3g} and {np.max(speeds):.3g} per s"
+    require((ways <= JUMP) & (speeds <= 100 * JUMP), f"motion: pieces do not meet, {add_up}")
+
+
+def require_cover(part: Mapping[str, Any], number: int, forces: tuple[int, ...], pairs: int) -> None:
+    """Raise MalformedError unless this is a cut-up piece, with forces (2, rules, contacts, 3) of each."""
+    ends = numbers("ends", part["ends"], (None,))
+    covered = len(ends) > 1 and ends[0] == -1 and ends[-1] == 1 and np.all(np.diff(ends) > 0)
+    require(covered, f"cover: piece {number} is not covered")
+    numbers(f"forces of piece {number}", part["forces"], (len(ends) - 1, *forces))
+    for row in part["directions"]:
+        require(len(row) == 6, "directions: an interval, a pair, 0 or 1 and three numbers are expected")
+        _index("directions", row[0], 0, len(ends) - 1)
+        _index("directions", row[1], 0, pairs)
+        numbers("directions", row[2:], (4,))
+
+
+def _require_contacts(contacts: Mapping[str, Any]) -> None:
+    positions = numbers("contacts", contacts["positions"], (None, 3))
+    require(len(positions) > 2, "contacts: at least three are expected")
+    size = np.linalg.svd(positions - positions.mean(axis=0), compute_uv=False)
+    require(size[1] > LINE * size[0], "contacts: they are on one line")
+    _rotations("frames", contacts["frames"], len(positions))
+    require(len(contacts["sets"]) == len(positions), "sets: one of each contact is expected")
+    for pieces in contacts["sets"]:
+        require(len(pieces) > 0, "sets: a contact has none")
+        for low, high, radius, slope in pieces:
+            numbers("sets", [radius, slope], (2,))
+            least, most = -LARGEST if low is None else low, LARGEST if high is None else high
+            ends = numbers("sets", [least, most], (2,))
+            require(ends[0] <= ends[1], "sets: normal forces are to increase")
+
+
+def _require_bodies(bodies: Any, pairs: Any, links: int) -> None:
+    for body in bodies:
+        if "normal" in body:
+            require(set(body) == {"normal", "level"}, "bodies: a half space has a normal and a level")
+            normal = numbers("normal", body["normal"], (3,))
+            require(abs(np.linalg.norm(normal) - 1) <= ROUNDED, "normal: not of length 1")
+            numbers("level", body["level"], ())
+        else:
+            require(set(body) == {"link", "points", "radius"}, "bodies: link, points and radius are expected")
+            _index("link", body["link"], -1, links + 1)
+            require(len(numbers("points", body["points"], (None, 3))) > 0, "points: none")
+            numbers("radius", body["radius"], (), 0.0)
+    for pair in pairs:
+        require(len(pair) == 2 and pair[0] != pair[1], "pairs: two different bodies are expected")
+        for k in pair:
+            _index("pairs", k, 0, len(bodies))
+        require("normal" not in bodies[pair[0]], "pairs: a half space comes second")
+
+
+def _rotations(name: str, value: Any, count: int) -> None:
+    R = numbers(name, value, (count, 3, 3))
+    off = np.abs(np.swapaxes(R, 1, 2) @ R - np.eye(3))
+    require((np.max(off, initial=0.0) <= ROUNDED) & (np.linalg.det(R) > 0), f"{name}: not orthonormal")
+
+
+def _index(name: str, value: Any, least: int, end: int) -> None:
+    require(type(value) is int and least <= value < end, f"{name}: {value!r} is no number of one")

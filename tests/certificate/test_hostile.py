@@ -1,0 +1,219 @@
+"""Certificates made by hand to be accepted though what they claim is not so: all are refused."""
+
+import copy
+from functools import partial
+
+import pytest
+
+from ocptip.certificate.checker import FORMAT, check_certificate, digest
+from tests.certificate.test_by_hand import BASE, MASS, G
+from tests.certificate.test_by_hand import _model as model_by_hand
+
+
+def _certificate():
+    """The mass of the page at rest on a base, balls about it and about a place of the base."""
+    model = model_by_hand()
+    model["bodies"] = [
+        {"link": 1, "points": [[0.0, 0.0, 0.0]], "radius": 0.1},
+        {"link": -1, "points": [[0.5, 0.0, 0.5], [0.7, 0.0, 0.5]], "radius": 0.1},
+        {"normal": [0.0, 0.0, -1.0], "level": 0.0},
+    ]
+    model["pairs"] = [[0, 1], [0, 2]]
+    weights = _weights()
+    forces = [[[[f, 0.0, 0.0] for f in weights]]] * 2
+    cover = {"ends": [-1.0, 1.0], "forces": [forces], "directions": [[0, 0, 0.0, 1.0, 0.0, 0.0]]}
+    return {
+        "format": FORMAT,
+        "model": model,
+        "motion": {
+            "times": [[0.0, 0.0], [0.0, 0.02], [0.02, 0.02]],
+            "angles": [[[0.0, 0.0, 0.0]]] * 3,
+        },
+        "bounds": {"GN": 0.4, "GT": 0.1, "torque_ratio": 0.1, "clearance": 0.09},
+        "cover": [cover] * 3,
+    }
+
+
+def _weights():
+    """Normal forces that hold the weights at x = 0.1 m and x = 0.2 m."""
+    front = G * (BASE * 0.1 + MASS * 0.2) / 0.4
+    rear = (BASE + MASS) * G - front
+    return [rear / 2, rear / 2, front]
+
+
+def _judged(data):
+    data["sha256"] = {key: digest(data[key]) for key in ("model", "motion")}
+    return check_certificate(data)
+
+
+def test_the_certificate_by_hand_holds():
+    verdict = _judged(_certificate())
+    assert verdict.holds, verdict.problems
+    assert verdict.intervals == 3
+
+
+def _set(place, value, data):
+    *way, last = place.split(".")
+    for key in way:
+        data = data[int(key) if key.isdigit() else key]
+    data[int(last) if last.isdigit() else last] = value
+
+
+def _fewer_forces(data):
+    data["cover"][1]["ends"] = [-1.0, 0.0, 0.5, 1.0]
+
+
+def _forces_of_few_contacts(data):
+    for part in data["cover"]:
+        part["forces"] = [[[[1e3, 0.0, 0.0]]]] * 2
+
+
+def _no_forces(data):
+    for part in data["cover"]:
+        part["forces"] = []
+
+
+def _creeping(data):
+    """By jumps of less than 1 um each: enough of them would go anywhere."""
+    angles = [[[7e-7 * k, 0.0, 0.0]] for k in range(5)]
+    data["motion"] = {
+        "times": [[0, 0], [0, 0.1], [0.1, 0.2], [0.2, 0.3], [0.3, 0.3]],
+        "angles": angles,
+    }
+    data["cover"] = [data["cover"][0]] * 5
+
+
+def _accelerating(data):
+    """Speeds that jump, without accelerations."""
+    times = [[0, 0], [0, 1e-4], [1e-4, 2e-4], [2e-4, 3e-4], [3e-4, 3e-4]]
+    place, angles = 0.0, [[[0.0, 0.0, 0.0]]]
+    for speed in (9e-5, 18e-5, 9e-5):
+        angles.append([[place + speed * 5e-5, speed * 5e-5, 0.0]])
+        place += speed * 1e-4
+    data["motion"] = {"times": times, "angles": [*angles, [[place, 0.0, 0.0]]]}
+    data["cover"] = [data["cover"][0]] * 5
+
+
+def _overlapping(direction, data):
+    """Two balls of 0.1 m, 0.05 m apart, seen along a direction of hardly any length."""
+    data["model"]["bodies"][1] = {"link": -1, "points": [[0.25, 0.0, 0.5]], "radius": 0.1}
+    data["cover"] = [{**part, "directions": [[0, 0, 0.0, *direction]]} for part in data["cover"]]
+
+
+def _scaled_half_space(data):
+    data["bounds"]["clearance"] = 0.3
+    data["model"]["bodies"][1]["points"] = [[2.0, 0.0, 0.5]]
+    data["model"]["bodies"][2] = {"normal": [0.0, 0.0, 5.0], "level": 4.0}
+
+
+def _scaled_frames(data):
+    data["model"]["contacts"]["frames"] = [[[0.0, 9.0, 0.0], [0.0, 0.0, 9.0], [1.0, 0.0, 0.0]]] * 3
+
+
+def _on_one_line(data):
+    data["model"]["contacts"]["positions"] = [[0.0, 0.0, 0.0], [0.2, 0.0, 0.0], [0.4, 1e-10, 0.0]]
+
+
+def _dropped_last_link(data):
+    arm = data["model"]["arm"]
+    for key in ("rotations", "offsets", "centres", "inertias", "slides", "ratios", "shift"):
+        arm[key] = arm[key] * 2
+
+
+def _weightless_overflow(data):
+    data["model"]["base"]["mass"] = 1e160
+
+
+def _one_joint_more(data):
+    data["motion"]["angles"] = [[*own, *own] for own in data["motion"]["angles"]]
+
+
+_CHANGES = {
+    "fewer forces than intervals": _fewer_forces,
+    "forces of one contact": _forces_of_few_contacts,
+    "no forces": _no_forces,
+    "creeping by jumps": _creeping,
+    "speeding up by jumps": _accelerating,
+    "tiny direction": partial(_overlapping, [1.5e-162, 0.0, 0.0]),
+    "no direction": partial(_overlapping, [0.0, 0.0, 0.0]),
+    "huge direction": partial(_overlapping, [1e200, 0.0, 0.0]),
+    "half space not of length 1": _scaled_half_space,
+    "frames not of length 1": _scaled_frames,
+    "contacts on a line": _on_one_line,
+    "a link dropped": _dropped_last_link,
+    "a mass that overflows": _weightless_overflow,
+    "a joint more": _one_joint_more,
+    **{
+        f"{place} = {value!r}": partial(_set, place, value)
+        for place, value in (
+            ("bounds.torque_ratio", -1.0),
+            ("bounds.torque_ratio", True),
+            ("bounds.torque_ratio", float("nan")),
+            ("bounds.GN", 0.0),
+            ("bounds.GT", "0.5"),
+            ("bounds.clearance", float("-inf")),
+            ("model.base.reference_moment", -1.0),
+            ("model.base.reference_moment", 0.0),
+            ("model.base.reference_moment", None),
+            ("model.base.gravity", [-9.81]),
+            ("model.base.center_of_mass", [0.1]),
+            ("model.base.mass", [3.0]),
+            ("model.base.mass", -1.0),
+            ("model.arm.masses", [-1.0]),
+            ("model.arm.masses", []),
+            ("model.arm.slides", [0.5]),
+            ("model.arm.slides", ["1"]),
+            ("model.arm.mount_position", [0.2]),
+            ("model.arm.mount_rotation", [[0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]]),
+            ("model.arm.mount_rotation", [[1, 0, 0], [0, 1, 0], [0, 0, -1]]),
+            ("model.limits.speed", [-1.0]),
+            ("model.limits.torque", [-1.0]),
+            ("model.limits.acceleration", [1.0, 1.0]),
+            ("model.limits.angle_max", []),
+            ("model.contacts.sets.0", []),
+            ("model.contacts.sets.0", [[None, None, 0.0]]),
+            ("model.contacts.sets", [[[0.0, None, 0.0, 0.5]]]),
+            ("model.contacts.sets.0.0.2", "1"),
+            ("model.contacts.sets.0.0.3", -0.5),
+            ("model.bodies.0.radius", -0.2),
+            ("model.bodies.0.link", -2),
+            ("model.bodies.0.link", 2),
+            ("model.bodies.0.link", True),
+            ("model.bodies.0.points", []),
+            ("model.bodies.0.points", [[0.0]]),
+            ("model.bodies.0", {"points": [[0.0, 0.0, 0.0]], "radius": 0.1}),
+            ("model.bodies.2.normal", [0.0, 0.0, 0.0]),
+            ("model.pairs", [[0, -2]]),
+            ("model.pairs", [[0, 3]]),
+            ("model.pairs", [[0, 0]]),
+            ("model.pairs", [[2, 0]]),
+            ("model.pairs", [[0.2, 1.3]]),
+            ("model.pairs", [0, 1]),
+            ("model.pairs", []),
+            ("motion.times", [[0.0, 0.0], [0.0, -0.02], [-0.02, -0.02]]),
+            ("motion.times", [[1.0, 1.0], [1.0, 1.02], [1.02, 1.02]]),
+            ("motion.times", [[0.0, 0.0], [0.01, 0.02], [0.02, 0.02]]),
+            ("motion.angles.0", [[0.0, 0.1, -0.1]]),
+            ("motion.angles", [[[0.0]]] * 3),
+            ("motion.angles", [[[0.0] * 7]] * 3),
+            ("cover", []),
+            ("cover.1", {"ends": [-1.0, 1.0], "forces": [], "directions": []}),
+            ("cover.1.directions", [[0, -2, 0.0, 1.0, 0.0, 0.0]]),
+            ("cover.1.directions", [[0, 0, 1.0]]),
+            ("cover", "none"),
+            ("model", []),
+            ("bounds", None),
+        )
+    },
+}
+
+
+@pytest.mark.parametrize("name", _CHANGES)
+def test_it_is_refused(name):
+    data = copy.deepcopy(_certificate())
+    data["cover"] = copy.deepcopy([dict(part) for part in data["cover"]])
+    _CHANGES[name](data)
+    verdict = _judged(data)
+    assert not verdict.holds
+    assert all(len(problem.splitlines()) == 1 for problem in verdict.problems)
+    assert verdict.problems
