@@ -13,23 +13,11 @@ from ocptip.placement.result import Placement
 from ocptip.robots.kinematics import link_frames
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.rest_within import Push, RestCase, Weight, WithinAtRest, base_weight, found_within
+from ocptip.standing.tolerable import AT_REST
 from ocptip.standing.tolerance import Tolerance
 
 SEARCHED = ("base_mass", "center_of_mass", "friction")
 """Quantities that the search for placements looks at itself."""
-
-LOOKED_AT = (
-    "tilt",
-    "extra_mass",
-    "payload_mass",
-    "push",
-    "base_push",
-    "base_mass",
-    "arm_mass",
-    "center_of_mass",
-    "payload_center",
-    "friction",
-)
 
 
 def searched(tolerance: Tolerance) -> Tolerance:
@@ -44,10 +32,10 @@ def placement_within(placement: Placement, tolerance: Tolerance) -> WithinAtRest
         placement: judged.
         tolerance: of floor, base, arm and payload; what needs motion is left out, and said.
     """
-    own = tolerance.only(*(name for name in LOOKED_AT if name in tolerance.given))
-    ignored = tuple(str(tolerance.only(name)) for name in tolerance.given if name not in LOOKED_AT)
+    own = tolerance.only(*(name for name in AT_REST if name in tolerance.given))
+    ignored = tuple(str(tolerance.only(name)) for name in tolerance.given if name not in AT_REST)
     cases = [partial(rest_case, placement, case) for case in placement.problem.cases if case.constrained]
-    return found_within(cases, own, LOOKED_AT, ignored)
+    return found_within(cases, own, AT_REST, ignored)
 
 
 def rest_case(placement: Placement, case: LoadCase, tolerance: Tolerance) -> RestCase:

@@ -29,7 +29,34 @@ class NodeColumns:
         self.further = slice(7 + n, 7 + n + further)
 
 
-class Instants:
+class Loaded:
+    """Wrenches on the base of a mechanism; contact states and reserves are computed when first asked for.
+
+    Attributes:
+        robot: on its support.
+        wrenches: (N, 6) on the base about its centre of mass, its weight included, N and N m.
+    """
+
+    robot: StandingMechanism
+    wrenches: np.ndarray
+
+    @cached_property
+    def states(self) -> ContactStates:
+        """Contact states under the wrenches."""
+        return self.robot.contact_states(self.wrenches)
+
+    @cached_property
+    def tip(self) -> TipOverReserve:
+        """Tip-over reserves."""
+        return self.robot.tip_over.evaluate(self.states)
+
+    @cached_property
+    def slip(self) -> SlipReserve:
+        """Slip reserves, without derivatives."""
+        return self.robot.slip.evaluate(self.states, derivatives=False)
+
+
+class Instants(Loaded):
     """A mechanism at N instants; contact states, reserves and distances are computed when first asked for.
 
     Args:
@@ -88,21 +115,6 @@ class Instants:
     def s(self) -> np.ndarray:
         """(N, 3 n): angles, speeds, accelerations."""
         return np.hstack([self.angles, self.speeds, self.accelerations])
-
-    @cached_property
-    def states(self) -> ContactStates:
-        """Contact states under the wrenches."""
-        return self.robot.contact_states(self.wrenches)
-
-    @cached_property
-    def tip(self) -> TipOverReserve:
-        """Tip-over reserves."""
-        return self.robot.tip_over.evaluate(self.states)
-
-    @cached_property
-    def slip(self) -> SlipReserve:
-        """Slip reserves, without derivatives."""
-        return self.robot.slip.evaluate(self.states, derivatives=False)
 
     def gaps(self, below: float) -> np.ndarray:
         """Signed distances (N, m), m; those above `below` (m) may be lower bounds above it."""

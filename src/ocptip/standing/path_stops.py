@@ -19,10 +19,8 @@ import casadi as cs
 import numpy as np
 
 from ocptip.basics.errors import InputError, positive_number, share_of_one
-from ocptip.contact.solver import ContactStates
 from ocptip.numerics.batch import BatchFunction
-from ocptip.reserves.slip import SlipReserve
-from ocptip.reserves.tipping import TipOverReserve
+from ocptip.standing.instants import Loaded
 from ocptip.standing.mechanism import StandingMechanism
 
 _NO_PULL = 1e-9  # share of the largest coefficient of u below which a bound says nothing about u
@@ -129,7 +127,7 @@ class Path:
 
 
 @dataclass(frozen=True, eq=False)
-class StopPoints:
+class StopPoints(Loaded):
     """Corners of the curves u_min(x) at N states: P moments of stops that are worst there.
 
     Attributes:
@@ -195,21 +193,6 @@ class StopPoints:
         number = np.arange(len(values)).reshape(-1, *[1] * (values.ndim - 1))
         number = np.where(values == greatest[self.owner], number, len(values) - 1)
         return greatest, np.minimum.reduceat(number, self.starts, axis=0)
-
-    @cached_property
-    def states(self) -> ContactStates:
-        """Contact states (P) under the wrenches."""
-        return self.robot.contact_states(self.wrenches)
-
-    @cached_property
-    def tip(self) -> TipOverReserve:
-        """Tip-over reserves (P)."""
-        return self.robot.tip_over.evaluate(self.states)
-
-    @cached_property
-    def slip(self) -> SlipReserve:
-        """Slip reserves (P), without derivatives."""
-        return self.robot.slip.evaluate(self.states, derivatives=False)
 
 
 def _steepest(c: np.ndarray, d: np.ndarray, state: np.ndarray) -> np.ndarray:
