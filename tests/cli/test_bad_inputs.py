@@ -82,6 +82,27 @@ PLAN = [  # what becomes of ur5_cart.toml: old, new, message after the file's na
     ("clearance = 0.01", "torque_ratio = 0", "limits.torque_ratio: must be > 0"),
     ("[limits]", "[tolerance]\nfriction = 2\n[limits]", "tolerance.friction: must be >= 0 and below 1"),
     ("[limits]", "[tolerance]\ntilt = 1\n[limits]", "tolerance.tilt: unknown key; did you mean 'tilt_deg'?"),
+    ("[limits]", "[tolerance]\ntilt_deg = -1\n[limits]", "tolerance.tilt_deg: must be >= 0, got -1\n"),
+    (
+        "[limits]",
+        "[tolerance]\ntilt_deg = 95\n[limits]",
+        "tolerance.tilt_deg: must be at most 45 degrees, got 95",
+    ),
+    (
+        "[limits]",
+        "[tolerance]\ndelay_ms = 2e3\n[limits]",
+        "tolerance.delay_ms: must be at most 1000 ms, got 2000",
+    ),
+    (
+        "[limits]",
+        "[stops]\nbrake_torque_min_Nm = 100\n[limits]",
+        "stops.brake_torque_min_Nm: joint 4: the least, 100, is above the greatest, 56, 2 times",
+    ),
+    (
+        "clearance = 0.01",
+        "foot_force = 5",
+        "limits.foot_force: is about feet that give; these have no stiffness",
+    ),
     ("[limits]", "[limits", "broken TOML"),
 ]
 PLACE = [  # of place_ur5_wall.toml

@@ -508,3 +508,13 @@ def test_what_is_least_and_how_long_it_may_take(tmp_path, lines, objective, dura
 def test_objectives_that_cannot_be_are_named(tmp_path, lines, message):
     with pytest.raises(InputError, match=re.escape(message)):
         load(tmp_path, URDF.replace("[motion]", f"[motion]\n{lines}"))
+
+
+def test_motions_that_have_to_take_longer_than_any_that_is_planned_are_refused():
+    task = experiment_task("A")
+    (reason,) = refusals(dataclasses.replace(task, rise_times=40.0))
+    assert reason.startswith("max_duration: joint 1 needs 41.")
+    assert reason.endswith("s at its limits, 30 s is the longest motion that is planned")
+    limits = dataclasses.replace(task.limits, min_duration=31.0, max_duration=31.0)
+    reasons = refusals(dataclasses.replace(task, limits=limits))
+    assert reasons == ("duration: is 31 s, 30 s is the longest motion that is planned",)

@@ -258,3 +258,19 @@ def test_forces_and_gaps_of_feet_that_give():
     at = np.searchsorted(found.course.times, times)
     np.testing.assert_array_equal(forces, found.course.forces[at, 1, 0])
     assert curve(figures["feet"], "gap-1")[1].max() <= 1e3 * found.lift
+
+
+def test_titles_say_what_was_proved_and_what_holds_within_a_tolerance():
+    plan = stand_in_plan("A")
+    (title,) = {figure.get_suptitle() for figure in plan_figures(plan).values()}
+    assert title.startswith("A: verified, ")
+    worst = plan.check.worst | {
+        f"{name}_worst_case": dataclasses.replace(plan.check.worst[name], value=0.75) for name in ("GN", "GT")
+    }
+    checked = dataclasses.replace(plan.check, worst=worst, certificate=SimpleNamespace(certified=True))
+    figures = plan_figures(plan_of(plan.task, plan.motion, checked))
+    assert "at the worst of the tolerance GN 0.750, GT 0.750" in figures["plan"].axes[4].get_title(loc="left")
+    assert (
+        figures["reserves"].axes[0].get_title(loc="left").endswith("at the worst of the tolerance GN 0.750")
+    )
+    assert figures["plan"].get_suptitle().startswith("A: certified, ")

@@ -49,7 +49,7 @@ class StopRules:
                 object.__setattr__(self, name, value)
         low, high = self.brake_min, self.brake_max
         if low is not None and high is not None and (len(low) != len(high) or (low > high).any()):
-            raise InputError(f"brake_max: must be >= brake_min, {low}, got {high}")
+            raise InputError(f"brake_max: must be >= the least, {low.tolist()}, got {high.tolist()}")
         least, most = self.delay
         positive_number("delay", least, zero_allowed=True)
         if not least <= positive_number("delay", most, zero_allowed=True):
@@ -78,5 +78,15 @@ class StopRules:
                 raise InputError(f"{name}: joint {joint} has no torque limit; give its brake's torque")
             found.append(value)
         if (found[0] > found[1]).any():
-            raise InputError(f"brake_max: must be >= brake_min, {found[0]}, got {found[1]}")
+            joint = int(np.argmax(found[0] > found[1]))
+            least, most = (f"{ends[joint]:.6g}" for ends in found)
+            own = [
+                "" if ends is not None else f", {share:g} times the torque limit, as none is given"
+                for ends, share in zip((self.brake_min, self.brake_max), BRAKES, strict=True)
+            ]
+            name = "brake_min" if self.brake_max is None else "brake_max"
+            raise InputError(
+                f"{name}: joint {joint + 1}: the least, {least}{own[0]}, is above the greatest, "
+                f"{most}{own[1]}"
+            )
         return found[0], found[1]

@@ -19,6 +19,7 @@ from ocptip.standing.rest import posture_refusals
 from ocptip.trajectories.arm_motion import ArmMotion, checked_rise_times, earliest_end
 
 MOST_COMMANDS = 12
+LONGEST = 30.0  # s, of a motion that is planned
 REACHED = 1e-6  # m and rad: how near to its pose a posture is as good as any other
 FIRST_SEVEN = tuple(range(7))
 """Joints with ramps of their own if nothing else is asked for: those of them that there are."""
@@ -84,6 +85,10 @@ class MotionTask:
             raise InputError(f"optimised: joints must increase, got {joints}")
         object.__setattr__(self, "optimised", tuple(map(int, joints)))
         check_commands("commands", self.commands)
+        if self.robot.support.elastic is None:
+            for name in ("foot_lift", "foot_force", "jump_foot_force"):
+                if getattr(self.limits, name):
+                    raise InputError(f"limits.{name}: is about feet that give; these have no stiffness")
         object.__setattr__(self, "rise_times", checked_rise_times(self.rise_times, n))
         if not isinstance(self.objective, Objective):
             raise InputError(f"objective: expected ENERGY, TIME or priced(...), got {self.objective!r}")
@@ -115,11 +120,15 @@ def refusals(task: MotionTask) -> tuple[str, ...]:
     if not found:
         ends = earliest_end(task.goal - task.start, limits.speed, limits.acceleration)
         ends = ends + np.array(task.rise_times or 0.0)
-        if (least := float(np.max(ends))) > (most := task.limits.max_duration):
+        least, most = float(np.max(ends)), min(task.limits.max_duration, LONGEST)
+        allowed = "are allowed" if most < LONGEST else "is the longest motion that is planned"
+        if least > most:
             found.append(
                 f"max_duration: joint {int(np.argmax(ends)) + 1} needs {least:.4g} s at its limits, "
-                f"{most:.4g} s are allowed"
+                f"{most:.4g} s {allowed}"
             )
+        elif task.limits.min_duration > most:
+            found.append(f"duration: is {task.limits.min_duration:.4g} s, {most:.4g} s {allowed}")
     for where, angles in (("start", task.start), ("goal", task.goal)):
         found += [f"{where}: {reason}" for reason in posture_refusals(task.robot, task.limits, angles)]
     return tuple(found)

@@ -33,8 +33,10 @@ def feet_figure(title: str, found: FeetMotion, times: np.ndarray, shared: np.nda
         forces.plot(course.times[some], own, color=color, lw=1.2, label=f"{k + 1}", gid=f"force-{k + 1}")
         gap = 1e3 * course.gaps[some, k]
         gaps.plot(course.times[some], gap, color=color, lw=1.2, label=f"{k + 1}", gid=f"gap-{k + 1}")
-    _finish(forces, found, f"Normal forces of feet: {'; '.join(found.lines()[:2])}", "force on the base [N]")
-    _finish(gaps, found, "Gaps below feet", "height above the ground [mm]")
+    first, second = found.lines()[:2]
+    _finish(forces, found, f"Normal forces of feet: {first};\n{second}", "force on the base [N]")
+    title = "Gaps below feet" if found.lifts or found.falls else "Gaps below feet: no foot lifts"
+    _finish(gaps, found, title, "height above the ground [mm]")
     gaps.set_xlabel("time [s]")
     figure.supxlabel("dashed: without swings; grey line: end of the motion", fontsize=9, color="#6f6f6f")
     return figure

@@ -308,6 +308,9 @@ def _reserves(ax: Any, curves: PlanCurves, names: tuple[str, ...]) -> None:
     most = {name: curves.plan.check.worst[name] for name in names}
     words = {"GN": "Tip-over GN", "GT": "slip GT"}
     title = ", ".join(f"{words[n]} at most {w.value:.3f} at {w.time:.3f} s" for n, w in most.items())
+    worst_case = {name: curves.plan.check.worst.get(f"{name}_worst_case") for name in names}
+    if within := [f"{name} {worst.value:.3f}" for name, worst in worst_case.items() if worst is not None]:
+        title += f";\nat the worst of the tolerance {', '.join(within)}"
     _finish(ax, curves, title[:1].upper() + title[1:], f"{', '.join(names)} (1: contact lost)")
     ax.set_ylim(bottom=0.0)
 

@@ -69,5 +69,6 @@ class PlanCurves:
     def title(self) -> str:
         """Case, verdict, energy and duration."""
         checked = self.plan.check
-        verdict = ("verified" if checked.verified else "NOT verified") + checked.scope
+        word = "certified" if checked.certified else "verified" if checked.verified else "NOT verified"
+        verdict = word + checked.scope
         return f"{self.plan.task.name}: {verdict}, {checked.energy:.1f} J in {checked.duration:.3f} s"

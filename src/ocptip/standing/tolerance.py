@@ -23,6 +23,7 @@ from ocptip.contact.support import Support
 
 _ALONG = 1e-9  # sine of the angle up to which an axis counts as along gravity
 _STEEPEST = pi / 4  # rad
+_LATEST = 1.0  # s; above that it is the value that is off: not in ms
 _SHARES = ("arm_mass", "payload_mass", "friction", "speed")
 _SIZES = ("tilt", "extra_mass", "delay", "push", "base_push")
 _BOXES = ("center_of_mass", "payload_center")
@@ -124,7 +125,9 @@ class Tolerance:
         for name in _SIZES:
             positive_number(name, getattr(self, name), zero_allowed=True)
         if self.tilt > _STEEPEST:
-            raise InputError(f"tilt: must be at most {_STEEPEST:.4g} rad (45 degrees), got {self.tilt!r}")
+            raise InputError(f"tilt: must be at most 45 degrees, got {np.degrees(self.tilt):.6g} degrees")
+        if self.delay > _LATEST:
+            raise InputError(f"delay: must be at most {1e3 * _LATEST:g} ms, got {1e3 * self.delay:.6g} ms")
         for name in _BOXES:
             half = finite_array(name, getattr(self, name), (3,))
             if np.any(half < 0):

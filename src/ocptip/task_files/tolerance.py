@@ -28,7 +28,8 @@ def read_tolerance(table: Table) -> Tolerance:
     if (mass := table.raw_numbers("base_mass", None)) is not None:
         given["base_mass"] = mass
     for key, (name, scale) in IN_FILES.items():
-        if (number := table.number(key, None, scale=scale)) is not None:
+        bound = ">= 0" if scale != 1 else ""  # else checked with the others, here in the file's unit
+        if (number := table.number(key, None, scale=scale, bound=bound)) is not None:
             given[name] = number
     for key in _BOXES:
         if (half := table.vector(key, 3, None)) is not None:

@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 import json
+import re
 
 import numpy as np
 import pytest
@@ -288,6 +289,7 @@ def test_the_least_of_what_segments_tolerate(plan):
     for quantity, one in found.items():
         values = [row[quantity].value for row in rows]
         assert one.value == (max(values) if quantity == "friction" else min(values))
+        assert one.at_most or re.match(r"segment \w+: ", one.how)
 
 
 def test_samples_of_all_segments(plan):

@@ -16,7 +16,7 @@ def cycle_tolerances(task: CycleTask, motion: MotionSequence) -> tuple[Tolerated
         for found in tolerances(segment.task.robot, own):
             placed = replace(found, time=float(begin) + found.time)
             if not found.at_most:
-                placed = replace(placed, how=f"{found.how}, segment {segment.name}")
+                placed = replace(placed, how=f"segment {segment.name}: {found.how}")
             before = least.get(found.quantity)
             if before is None or _worse(placed, before):
                 least[found.quantity] = placed

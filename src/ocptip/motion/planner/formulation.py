@@ -20,6 +20,7 @@ from ocptip.motion.planner.free_ends import FreeEnds
 from ocptip.motion.planner.node_physics import node_physics
 from ocptip.motion.planner.profiles import Layout, Nodes, Profiles
 from ocptip.motion.planner.program import MotionProgram, Structure
+from ocptip.motion.task import LONGEST
 from ocptip.standing.limit import DEVIATING, JUMP, ORDINARY
 from ocptip.standing.limit_kinds import limits_of
 from ocptip.standing.limits import MotionLimits
@@ -28,7 +29,6 @@ from ocptip.trajectories.arm_motion import ArmMotion, earliest_end, passive_comm
 from ocptip.trajectories.ramps import RampCommand, phases_to_commands
 
 SMOOTH_NODES = 48
-LONGEST = 30.0  # s, of a motion
 SHORTEST = 1e-3  # least duration of a ramp in an ordered program, s
 GENTLEST = 0.05  # least acceleration of a ramp, rad/s^2 (slow joints: half of their limit)
 MIDDLE_CRUISE = 1e-3  # s, where a middle command slows the joint down
