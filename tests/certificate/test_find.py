@@ -2,6 +2,7 @@
 
 import copy
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from ocptip.certificate.checker import check_certificate, digest
 from ocptip.certificate.describe import motion_data, states_at
 from ocptip.certificate.find import certify
+from ocptip.contact.support import Support
 from ocptip.motion.check import check_motion
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.limits import MotionLimits
@@ -246,3 +248,16 @@ def _broken_on_purpose(swing, count):
         assert not found.certified
         assert any(one.start <= time + width and one.end >= time - width for one in found.undecided)
     assert lost > count / 2
+
+
+def test_feet_that_give_are_not_certified(swing):
+    task, motion, checked, _ = swing
+    own = task.robot.support
+    feet = [replace(contact, stiffness=1e7) for contact in own.contacts]
+    support = Support(
+        feet, mass=own.mass, center_of_mass=own.center_of_mass, inertia=own.inertia, gravity=own.gravity
+    )
+    found = certify(task.robot.varied(support=support), motion, task.limits, checked.worst)
+    assert found.holds
+    assert "GT" in found.sampled
+    assert not found.certified
