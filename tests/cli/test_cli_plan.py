@@ -159,7 +159,9 @@ def test_json_is_that_of_the_file_and_the_paths(planner, capsys, tmp_path):
     printed = json.loads(out, parse_constant=refuse)
     assert printed.pop("written") == [f"ocptip-plan-C/{name}" for name in FILES]
     assert printed == json.loads((tmp_path / "ocptip-plan-C" / "plan.json").read_text(encoding="utf-8"))
-    assert set(printed) == set(plan_to_dict(planner.result)) | {"base", "time_scale", "warnings", "tolerated"}
+    assert set(printed) == set(plan_to_dict(planner.result)) | {
+        *("base", "time_scale", "warnings", "tolerated", "trajectory")
+    }
     assert printed["time_scale"][0]["factor"] == 1.2
 
 
@@ -179,7 +181,7 @@ def test_time_scale_says_what_still_stands(planner, capsys):
 def test_time_scale_beyond_a_limit_but_standing():
     plan = stand_in_plan("C", limits=MotionLimits(GN=0.89))
     faster = stand_in_plan("C", factor=0.99, limits=MotionLimits(GN=0.89))
-    run = Execution.of_drives(plan.motion, plan.check)
+    run = Execution.of_drives(plan.task.robot, plan.motion, plan.task.limits, plan.check)
     text = PlanReport(plan, run, time_scale=[(0.99, faster.check)]).to_text()
     assert "time x 0.99  stands, but breaks limits: GN is 0." in text
     assert (

@@ -5,16 +5,20 @@ import json
 import numpy as np
 import pytest
 import yaml
+from hypothesis import assume, given, seed, settings
+from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
 from ocptip.cli.main import main
 from ocptip.motion.check import check_motion
-from ocptip.motion.execution import SLOWEST, execute
+from ocptip.motion.execution import SLOWEST, Execution, execute
 from ocptip.motion.output import joint_trajectory, write_plan
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.limits import MotionLimits
-from ocptip.trajectories.controllers import CONTROLLERS
-from ocptip.trajectories.read import load_motion
+from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.controllers import CONTROLLERS, controller_points
+from ocptip.trajectories.ramps import RampCommand
+from ocptip.trajectories.read import _from_points, load_motion
 from tests.pictures.plan_stand_in import stand_in_plan
 
 
@@ -145,3 +149,52 @@ def test_broken_yaml_is_one_line(tmp_path):
     with pytest.raises(InputError, match=r"t\.yaml: broken YAML") as caught:
         load_motion(tmp_path / "t.yaml")
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("apart", [2e-6, 1.3e-5, 9.1e-5])
+def test_points_of_drives_keep_limits_in_whole_nanoseconds(task, apart, tmp_path):
+    """Two joints at their acceleration limits switch one just after the other."""
+    robot, start = task.robot, task.start
+    most, commands, ways = robot.limits.acceleration, [], [0, 0, 0, 0, 0.9, 0.9]
+    for j, way in enumerate(ways):
+        ramp = 0.12345678951 + apart * (j == 5)
+        commands.append([RampCommand(start[j] + way, most[j] * ramp, most[j])])
+    motion, limits = ArmMotion.from_commands(start, commands), MotionLimits()
+    checked = check_motion(robot, motion, limits)
+    assert checked.verified
+    assert not check_motion(robot, controller_points(motion, "cubic"), limits).verified
+    run = Execution.of_drives(robot, motion, limits, checked)
+    assert run.verified
+    assert run.motion is motion
+    assert run.written is not None
+    assert 1 < run.written.slower < 1.01
+    assert "whole ns" in run.trajectory_text
+    path = tmp_path / "trajectory.json"
+    path.write_text(json.dumps(joint_trajectory(robot, run.points)))
+    again = check_motion(robot, load_motion(path, robot.names), limits)
+    assert again.verified
+    assert again.worst == run.written.check.worst  # to the last bit
+
+
+@seed(3)
+@settings(max_examples=8, deadline=None)
+@given(st.integers(0, 10**6))
+def test_points_of_random_ramps_read_back_keep_their_limits(task, number):
+    """Of joints whose events lie anywhere, or near to each other."""
+    rng = np.random.default_rng(number)
+    robot, start = task.robot, task.start
+    most, commands = robot.limits.acceleration, []
+    for j in range(6):
+        ramp = 0.1 + rng.choice([1e-6, 1e-5, 1e-4, 1e-2]) * rng.random()
+        way = (0.02 if j < 4 else 0.3) * rng.choice([-1, 1])
+        low = min(most[j], abs(way) / ramp**2) * (0.05 if j < 4 else 1)
+        commands.append([RampCommand(start[j] + way, low * ramp, low)])
+    motion, limits = ArmMotion.from_commands(start, commands), MotionLimits(GN=0.99, GT=0.99)
+    checked = check_motion(robot, motion, limits)
+    assume(checked.verified)
+    run = Execution.of_drives(robot, motion, limits, checked)
+    assert run.verified
+    points = joint_trajectory(robot, run.points)
+    again = _from_points(json.loads(json.dumps(points)), robot.names)
+    assert np.array_equal(again.times, run.points.times)
+    assert check_motion(robot, again, limits).verified

@@ -57,7 +57,7 @@ def test_files_say_what_was_checked(make, controller, tmp_path):
     if controller in ("S-curves", "quintic"):
         motion = motion.with_rise_times(0.02)
         checked = check_motion(task.robot, motion, task.limits)
-    run = Execution.of_drives(motion, checked)
+    run = Execution.of_drives(task.robot, motion, task.limits, checked)
     if controller in CONTROLLERS:
         run = execute(task.robot, motion, task.limits, controller, step=0.03)
     write_plan(tmp_path, plan_of(task, motion, checked), execution=run)

@@ -19,7 +19,7 @@ from ocptip.cli.layout import summary, table, under, use_of_reserves, within_row
 from ocptip.cli.options import given_limits, output_directory, remove_figures
 from ocptip.cli.progress import Progress, say_if_compiling
 from ocptip.motion.cycles.check import CycleCheck, check_cycle, cycle_check, parts_of
-from ocptip.motion.cycles.output import cycle_samples, cycle_to_dict, run_motion, write_cycle
+from ocptip.motion.cycles.output import cycle_samples, cycle_to_dict, drives_of, run_motion, write_cycle
 from ocptip.motion.cycles.plan import CyclePlan, plan_cycle
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.motion.cycles.tolerated import cycle_tolerances
@@ -83,7 +83,7 @@ def require_plain(options: Namespace, *names: str) -> None:
 def _executions(plan: CyclePlan, options: Namespace) -> list[Execution]:
     """What runs each segment."""
     if options.controller == "ramps":
-        return [Execution.of_drives(part.motion, part.check) for part in plan.parts]
+        return drives_of(plan)
     rise = (options.rise_time or RISE_TIME) if options.controller == "quintic" else 0.0
     return [
         execute(
@@ -126,7 +126,7 @@ class CycleReport(Report):
     @property
     def good(self) -> bool:
         """True if all segments are planned and what is written is verified."""
-        return self.plan.complete and self.check.whole.verified
+        return self.plan.complete and self.check.whole.verified and all(e.verified for e in self.executions)
 
     def entries(self) -> dict[str, Any]:
         """What plan.json holds beside the plan."""
@@ -159,6 +159,9 @@ class CycleReport(Report):
         lines = [("starts", self._starts())]
         if self.executions[0].controller != "ramps":
             lines.append(("controller", self._controller()))
+        pairs = zip(plan.task.segments, self.executions, strict=False)
+        texts = [f"{e.trajectory_text} (segment {s.name})" for s, e in pairs if e.trajectory_text]
+        lines += under("points", texts)
         if "choices" in plan.options:
             chosen = plan.options["choices"]
             counts = ", ".join(map(str, chosen["postures"]))

@@ -163,7 +163,7 @@ class PlanReport(Report):
     @property
     def good(self) -> bool:
         """True if what is written is verified."""
-        return self.check.verified
+        return self.execution.verified
 
     def entries(self) -> dict[str, Any]:
         """What plan.json holds beside the plan: `extra`, and what else was asked for."""
@@ -200,6 +200,8 @@ class PlanReport(Report):
             lines.append(("S-curves", rises(self.plan.motion)))
         if self.execution.controller != "ramps":
             lines.append(("controller", self._controller(self.execution)))
+        if self.execution.trajectory_text:
+            lines.append(("points", self.execution.trajectory_text))
         if "choices" in self.plan.options:
             pairs = self.plan.options["choices"]
             lines.append(
@@ -255,7 +257,7 @@ class PlanReport(Report):
 
 def _execution(plan: MotionPlan, options: Namespace) -> Execution:
     if options.controller == "ramps":
-        return Execution.of_drives(plan.motion, plan.check)
+        return Execution.of_drives(plan.task.robot, plan.motion, plan.task.limits, plan.check)
     own = plan.task.robot, plan.motion, plan.task.limits
     return execute(*own, options.controller, step=1 / options.rate)
 

@@ -27,11 +27,12 @@ class Execution:
     Attributes:
         controller: how it interpolates; "ramps": drives that take the commands as they are.
         motion: that is run.
-        points: of trajectory.json; a controller makes `motion` of them.
+        points: of trajectory.json; a controller makes `motion` of them, or what `written` says.
         check: of `motion`.
         slower: factor of all times of the ramps, with which all limits are kept.
         step: between points, s.
         rise_times: of the commands' accelerations, (n,), s; empty: ramps.
+        written: of drives: what a controller makes of the points, with its check; else None.
     """
 
     controller: Controller | Literal["ramps"]
@@ -41,15 +42,51 @@ class Execution:
     slower: float
     step: float
     rise_times: tuple[float, ...] = ()
+    written: Execution | None = None
 
     @classmethod
-    def of_drives(cls, motion: ArmMotion, check: MotionCheck) -> Execution:
+    def of_drives(
+        cls, robot: StandingMechanism, motion: ArmMotion, limits: MotionLimits, check: MotionCheck
+    ) -> Execution:
         """Of drives that take commands, whose check is known; the points are for who runs them as they are.
 
-        Those are controllers that draw cubics for ramps, and quintics for S-curves.
+        Those are controllers that draw cubics for ramps, and quintics for S-curves. Times in whole
+        nanoseconds lift accelerations between events of two joints that are near to each other, so the
+        points are checked, too, and are slower by the least factor that is needed if they break a limit.
+
+        Args:
+            robot, motion, limits: as for `check_motion`.
+            check: of the motion.
         """
         own: Controller = "quintic" if motion.rise_times and all(motion.rise_times) else "cubic"
-        return cls("ramps", motion, controller_points(motion, own), check, 1.0, STEP, motion.rise_times)
+        written = execute(robot, motion, limits, own, slowest=SLOWEST if check.verified else 1.0)
+        return cls("ramps", motion, written.points, check, 1.0, STEP, motion.rise_times, written)
+
+    @property
+    def verified(self) -> bool:
+        """All limits hold in what is run, and in what a controller makes of the written points."""
+        return self.check.verified and (self.written is None or self.written.check.verified)
+
+    def trajectory_to_dict(self) -> dict[str, Any]:
+        """What a controller makes of the written points, as plain data for JSON."""
+        run = self.written or self
+        return {
+            "controller": run.controller,
+            "slower": run.slower,
+            "duration_s": run.points.end,
+            "verified": run.check.verified,
+            "violations": list(run.check.violations),
+        }
+
+    @property
+    def trajectory_text(self) -> str:
+        """How the written points differ from the motion that is run, in words; empty where they do not."""
+        run = self.written
+        if run is None or (run.check.verified and run.slower == 1):
+            return ""
+        if not run.check.verified:
+            return f"NOT VERIFIED in whole ns: {'; '.join(run.check.violations)}"
+        return f"slowed down by {100 * (run.slower - 1):.2g} %, with which times in whole ns keep all limits"
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
@@ -70,16 +107,18 @@ def execute(
     controller: Controller,
     *,
     step: float = STEP,
+    slowest: float = SLOWEST,
 ) -> Execution:
     """Points for a controller whose motion keeps all limits, slower than the plan if need be.
 
     Cubics run ramps as they are, quintics S-curves. What a controller makes of other motions differs from
     them a little and may break limits that they just keep. Then all times of the ramps are stretched by the
-    least factor that helps, up to 1.25; beyond, the motion as it is is returned, with its violations.
+    least factor that helps, up to `slowest`; beyond, the motion as it is is returned, with its violations.
 
     Args:
         robot, motion, limits: as for `check_motion`.
         controller, step: see `ocptip.trajectories.controllers.controller_points`.
+        slowest: factor, up to 1.25.
     """
 
     def tried(factor: float) -> Execution:
@@ -94,7 +133,7 @@ def execute(
     first = tried(1.0)
     if first.check.verified:
         return first
-    for low, high in pairwise(STEPS):
+    for low, high in pairwise(step for step in STEPS if step <= slowest):
         if kept := verified(high):
             return bisected(verified, low, high, kept, _near)[1]
     return first

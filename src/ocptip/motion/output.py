@@ -94,6 +94,7 @@ def plan_to_dict(plan: MotionPlan, execution: Execution | None = None) -> dict[s
         "reference": _reference(plan),
         "versions": versions(),
         **({"controller": execution.to_dict()} if execution and execution.controller != "ramps" else {}),
+        **({"trajectory": execution.trajectory_to_dict()} if execution and execution.written else {}),
     }
     return plain(data)
 
@@ -200,7 +201,8 @@ def write_plan(
         OSError: a file or the directory cannot be written; names it.
     """
     directory = Path(directory)
-    robot, execution = plan.task.robot, execution or Execution.of_drives(plan.motion, plan.check)
+    robot, own = plan.task.robot, (plan.task.robot, plan.motion, plan.task.limits, plan.check)
+    execution = execution or Execution.of_drives(*own)
     samples = samples or sample_motion(robot, execution.motion)
     points = joint_trajectory(robot, execution.points, effort=effort)
     data = {**plan_to_dict(plan, execution), **plain(extra or {})}

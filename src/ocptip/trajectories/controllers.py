@@ -14,7 +14,7 @@ import numpy as np
 
 from ocptip.basics.errors import InputError, positive_number
 from ocptip.trajectories.arm_motion import ArmMotion
-from ocptip.trajectories.sampled import SampledMotion
+from ocptip.trajectories.sampled import SampledMotion, stamped
 
 Controller = Literal["linear", "cubic", "quintic"]
 CONTROLLERS = ("linear", "cubic", "quintic")
@@ -45,7 +45,7 @@ def controller_points(motion: ArmMotion, controller: Controller, *, step: float 
         raise InputError(f"motion: lasts {motion.end:.4g} s, too short for a controller's points")
     if controller == "linear":
         times = step * np.arange(np.ceil(motion.end / step) + 1)
-        return SampledMotion(np.round(times, 9), motion.states(times)[0], period=step)
+        return SampledMotion(stamped(times), motion.states(times)[0], period=step)
     if controller == "cubic":
         times = _spread(motion.event_times, step)
         angles, speeds, _ = motion.states(times)
@@ -72,7 +72,7 @@ def _spread(events: np.ndarray, step: float) -> np.ndarray:
     grid = step * np.arange(1, np.ceil(end / step))
     after = np.clip(np.searchsorted(events, grid), 1, len(events) - 1)
     near = np.minimum(np.abs(grid - events[after]), np.abs(grid - events[after - 1]))
-    return np.round(np.sort(np.concatenate([events, grid[near >= max(NEAREST, 0.1 * step)]])), 9)
+    return stamped(np.sort(np.concatenate([events, grid[near >= max(NEAREST, 0.1 * step)]])))
 
 
 def _rest(motion: ArmMotion, times: np.ndarray, angles: np.ndarray, *rates: np.ndarray) -> None:

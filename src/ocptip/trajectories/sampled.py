@@ -285,4 +285,10 @@ def _peaks(curve: PPoly) -> np.ndarray:
     return np.array(peaks)
 
 
+def stamped(times: np.ndarray) -> np.ndarray:
+    """Times (N,), s, as whole nanoseconds: to the last bit those that are read from a message's stamps."""
+    seconds, nanoseconds = np.divmod(np.rint(times * 1e9), 1e9)
+    return seconds + 1e-9 * nanoseconds
+
+
 Motion = ArmMotion | SampledMotion

@@ -10,7 +10,7 @@ import numpy as np
 
 from ocptip.basics.errors import InputError, positive_number
 from ocptip.basics.frozen import settle
-from ocptip.trajectories.sampled import Motion, SampledMotion
+from ocptip.trajectories.sampled import Motion, SampledMotion, stamped
 
 STILL = 1e-6
 """rad, m and rad/s, m/s: samples that differ by less, or move slower, stand still."""
@@ -100,16 +100,16 @@ def joined(sequence: Sequence[SampledMotion], pauses: Sequence[float]) -> Sample
     """
     begin, times, rows = 0.0, [], {"angles": [], "speeds": [], "accelerations": []}
     for motion, pause in zip(sequence, pauses, strict=True):
-        own = np.round(begin + motion.times, 9)
+        own = stamped(begin + motion.times)
         seamless = bool(times) and own[0] - times[-1][-1] < 1e-9  # its first sample is the last one before
         values = {name: getattr(motion, name) for name in rows}
         times.append(own[int(seamless) :])
         for name, value in values.items():
             if value is not None:
                 rows[name].append(value[int(seamless) :])
-        begin = float(own[-1]) + pause + (motion.period or 0.0)
+        begin = float(stamped(own[-1] + pause + (motion.period or 0.0)))
     if pauses[-1] > 0:
-        times.append(np.round(times[-1][-1:] + max(pauses[-1], sequence[-1].period or 0.0), 9))
+        times.append(stamped(times[-1][-1:] + max(pauses[-1], sequence[-1].period or 0.0)))
         for name, own in rows.items():
             if own:
                 own.append(own[-1][-1:] if name == "angles" else np.zeros((1, sequence[0].n)))
@@ -150,13 +150,15 @@ def parted(motion: SampledMotion, seams: Sequence[tuple[int, int]]) -> MotionSeq
     """
     period = motion.period or 0.0
     last, first, motions, pauses = len(motion.times) - 1, 0, [], []
+    whole = np.array_equal(motion.times, stamped(motion.times))
     for begin, end in [*seams, *([] if seams and seams[-1][1] == last else [(last, last)])]:
         rows = slice(first, begin + 1)
         speeds, accelerations, before = (
             None if rate is None else rate[rows]
             for rate in (motion.speeds, motion.accelerations, motion.before)
         )
-        own = motion.times[rows], motion.angles[rows], speeds, accelerations
+        times = motion.times[rows] - motion.times[first]
+        own = stamped(times) if whole else times, motion.angles[rows], speeds, accelerations
         motions.append(SampledMotion(*own, period=motion.period, before=before))
         corners = period if begin < end < last else 0.0
         pauses.append(max(float(motion.times[end] - motion.times[begin]) - corners, 0.0))

@@ -103,6 +103,11 @@ def samples_joined(parts: Sequence[Any]) -> Any:
     return dataclasses.replace(first, **values)
 
 
+def drives_of(plan: CyclePlan) -> list[Execution]:
+    """What runs each segment if drives take the ramps as they are."""
+    return [Execution.of_drives(p.task.robot, p.motion, p.task.limits, p.check) for p in plan.parts]
+
+
 def run_motion(plan: CyclePlan, executions: Sequence[Execution]) -> MotionSequence:
     """The motions that are run, and the rests between them."""
     return MotionSequence(tuple(own.motion for own in executions), plan.motion.pauses)
@@ -157,7 +162,7 @@ def write_cycle(
         OSError: a file or the directory cannot be written; names it.
     """
     task, pauses = plan.task, plan.motion.pauses
-    executions = executions or [Execution.of_drives(part.motion, part.check) for part in plan.parts]
+    executions = executions or drives_of(plan)
     motion = run_motion(plan, executions)
     samples = samples or cycle_samples(task, motion)
     check = cycle_check(plan.finished, motion, [own.check for own in executions])
