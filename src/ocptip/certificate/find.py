@@ -6,8 +6,8 @@ Nothing here has to be trusted; what is found is judged by `checker`.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -118,6 +118,43 @@ class Certificate:
             "reason": self.reason,
             "seconds": self.seconds,
         }
+
+
+def together(parts: Sequence[Certificate], begins: Sequence[float]) -> Certificate:
+    """What is proved of motions one after the other: of every bound the weakest, times from the first begin.
+
+    Its data are those of the motions, in their order; each is judged by itself.
+
+    Args:
+        parts: of the motions, at least one.
+        begins: s, of each.
+    """
+    seconds = sum(part.seconds for part in parts)
+    if (none := next((part for part in parts if part.data is None), None)) is not None:
+        return replace(none, seconds=seconds)
+    verdicts = [part.verdict for part in parts]
+    names = dict.fromkeys(name for verdict in verdicts for name in verdict.bounds)
+    bounds = {}
+    for name in names:
+        weakest = min if name == "clearance" else max
+        bounds[name] = weakest(verdict.bounds[name] for verdict in verdicts if name in verdict.bounds)
+    return Certificate(
+        {"parts": [part.data for part in parts]},
+        Verdict(
+            all(verdict.holds for verdict in verdicts),
+            tuple(problem for verdict in verdicts for problem in verdict.problems),
+            bounds,
+            sum(verdict.intervals for verdict in verdicts),
+        ),
+        all(part.kept for part in parts),
+        tuple(
+            replace(one, start=begin + one.start, end=begin + one.end)
+            for part, begin in zip(parts, begins, strict=True)
+            for one in part.undecided
+        ),
+        tuple(dict.fromkeys(name for part in parts for name in part.sampled)),
+        seconds=seconds,
+    )
 
 
 def claims(bounds: Mapping[str, float]) -> str:

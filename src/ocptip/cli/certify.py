@@ -16,12 +16,15 @@ from ocptip.certificate.checker import FORMAT, Verdict, check_certificate
 from ocptip.certificate.find import Certificate, claims
 from ocptip.cli.check import motion_of, task_of
 from ocptip.cli.command import Report
+from ocptip.cli.cycles import require_plain, segments_of
 from ocptip.cli.layout import named, under
-from ocptip.cli.options import with_limits
+from ocptip.cli.options import given_limits, with_limits
 from ocptip.cli.progress import say_if_compiling
 from ocptip.motion.check import MotionCheck, certified, check_motion
+from ocptip.motion.cycles.check import CycleCheck, certified_cycle, check_cycle
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.trajectories.fit import FittedMotion
+from ocptip.trajectories.read import load_motions
 
 _MOST = 8  # undecided intervals that are listed
 
@@ -33,20 +36,39 @@ def run(options: Namespace) -> Report:
             raise InputError("--out: a certificate is checked, not written")
         return VerdictReport(Path(options.motion).name, check_certificate(data))
     task, path = task_of(options)
+    name = Path(options.motion).name
     if isinstance(task, CycleTask):
-        raise InputError(f"{options.motion}: cycles cannot be certified, only motions of one segment")
+        return _cycle(name, path, task, options)
     task = with_limits(task, options)
     motion = motion_of(path, task, options)
-    if isinstance(motion, FittedMotion):
-        raise InputError(
-            f"{options.motion}: its samples do not say the accelerations exactly, and a proof about a fit to "
-            "them says nothing about the motion; certify the commanded motion, or use ocptip check"
-        )
+    _refuse_fits(options.motion, motion)
     say_if_compiling()
-    name = Path(options.motion).name
     with naming(name):
         checked = certified(task.robot, motion, check_motion(task.robot, motion, task.limits), task.limits)
     return CertifyReport(name, task.name, checked, None if options.out is None else Path(options.out))
+
+
+def _cycle(name: str, path: Path, task: CycleTask, options: Namespace) -> CertifyReport:
+    """Certificates of all segments of a cycle."""
+    if options.out is not None:
+        raise InputError("--out: a cycle has a certificate per segment; ocptip plan writes them")
+    require_plain(options, "rise_time")
+    task = task.with_limits(given_limits(options))
+    found = load_motions(path, task.robot.names, task.robot.units, unit=options.unit)
+    _refuse_fits(options.motion, found)
+    say_if_compiling()
+    with naming(name):
+        motion = segments_of(task, found)
+        checked = certified_cycle(task, motion, check_cycle(task, motion))
+    return CertifyReport(name, task.name, checked.whole, None, checked)
+
+
+def _refuse_fits(name: str, motion: object) -> None:
+    if isinstance(motion, FittedMotion):
+        raise InputError(
+            f"{name}: its samples do not say the accelerations exactly, and a proof about a fit to "
+            "them says nothing about the motion; certify the commanded motion, or use ocptip check"
+        )
 
 
 @dataclass
@@ -89,12 +111,14 @@ class CertifyReport(Report):
         task: name of the task.
         checked: the sampled check with the certificate.
         out: where the certificate goes.
+        segments: checks of the segments of a cycle, with their certificates; None for a single motion.
     """
 
     motion: str
     task: str
     checked: MotionCheck
     out: Path | None
+    segments: CycleCheck | None = None
 
     @property
     def good(self) -> bool:
@@ -107,7 +131,8 @@ class CertifyReport(Report):
 
     def to_dict(self) -> dict[str, Any]:
         """The check with the certificate's bounds."""
-        return {"motion": self.motion, "task": self.task, **self.checked.to_dict(), "versions": versions()}
+        own = self.segments or self.checked
+        return {"motion": self.motion, "task": self.task, **own.to_dict(), "versions": versions()}
 
     def to_text(self) -> str:
         """The verdict, what is proved, and where something is missing."""
@@ -115,7 +140,13 @@ class CertifyReport(Report):
         lines = [f"{self.motion} on {self.task}: {checked.headline}."]
         lines += [f"  {violation}" for violation in checked.violations]
         if found is not None:
-            rows = [("proof", f"{found}"), ("time", f"{found.seconds:.2f} s")]
+            own = self.segments
+            parts = zip(own.names, own.segments, strict=True) if own else ()
+            rows = [
+                ("proof", f"{found}"),
+                *((name, f"{part.certificate}") for name, part in parts),
+                ("time", f"{found.seconds:.2f} s"),
+            ]
             rows += under("undecided", [f"{one}" for one in found.undecided[:_MOST]])
             if len(found.undecided) > _MOST:
                 rows.append(("", f"and {len(found.undecided) - _MOST} more"))

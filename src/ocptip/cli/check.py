@@ -21,7 +21,7 @@ from ocptip.cli.options import given_limits, with_limits
 from ocptip.cli.progress import say_if_compiling
 from ocptip.cli.stops import sensitivities_of, sensitivities_to_dict, stop_table, stops_of
 from ocptip.motion.check import MotionCheck, certified, check_motion
-from ocptip.motion.cycles.check import CycleCheck, check_cycle
+from ocptip.motion.cycles.check import CycleCheck, certified_cycle, check_cycle
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.motion.cycles.tolerated import cycle_tolerances
 from ocptip.motion.output import PLAN
@@ -118,6 +118,8 @@ def _cycle(name: str, path: Path, task: CycleTask, options: Namespace, step: flo
     with naming(name):
         motion = segments_of(task, found)
         checked = check_cycle(task, motion, step=step)
+        if not isinstance(found, FittedMotion):  # of which the accelerations are an estimate
+            checked = certified_cycle(task, motion, checked)
         scaled = [(f, check_cycle(task, motion.time_scaled(f), step=step).whole) for f in options.time_scale]
     seams = seam_offsets(task, motion)
     ends = {

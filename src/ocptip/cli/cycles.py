@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from argparse import Namespace
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +15,10 @@ from ocptip.basics.errors import InputError, PlanningError
 from ocptip.basics.text import quantity, ratio
 from ocptip.basics.write import plain
 from ocptip.cli.command import Answer, Report
-from ocptip.cli.layout import summary, table, under, use_of_reserves, within_rows
+from ocptip.cli.layout import certificate_rows, summary, table, under, use_of_reserves, within_rows
 from ocptip.cli.options import given_limits, output_directory, remove_figures
 from ocptip.cli.progress import Progress, say_if_compiling
+from ocptip.motion.check import MotionCheck, certified
 from ocptip.motion.cycles.check import CycleCheck, check_cycle, cycle_check, parts_of
 from ocptip.motion.cycles.output import cycle_samples, cycle_to_dict, drives_of, run_motion, write_cycle
 from ocptip.motion.cycles.plan import CyclePlan, plan_cycle
@@ -25,6 +26,7 @@ from ocptip.motion.cycles.task import CycleTask
 from ocptip.motion.cycles.tolerated import cycle_tolerances
 from ocptip.motion.execution import Execution, execute
 from ocptip.motion.objective import objective_of
+from ocptip.motion.task import MotionTask
 from ocptip.motion.tolerated import Tolerated
 from ocptip.numerics.vectors import wrapped
 from ocptip.trajectories.sampled import Motion, SampledMotion
@@ -64,13 +66,18 @@ def plan_it(task: CycleTask, options: Namespace) -> Report:
         return Answer(False, summary(f"{task.name}: NO VERIFIED PLAN. {error}", [], []), data)
     except KeyboardInterrupt:
         raise KeyboardInterrupt("before a segment had a verified plan") from None
-    executions = _executions(plan, options)
+    pairs = zip(plan.parts, _executions(plan, options), strict=True)
+    executions = [replace(own, check=_certified(part.task, own)) for part, own in pairs]
     motion = run_motion(plan, executions)
     checked = cycle_check(plan.finished, motion, [execution.check for execution in executions])
     scaled = [(f, check_cycle(plan.finished, plan.motion.time_scaled(f))) for f in options.time_scale]
     deviations = cycle_tolerances(plan.finished, motion)
     written = directory, not options.no_figures, options.effort
     return CycleReport(plan, executions, motion, checked, scaled, deviations, *written)
+
+
+def _certified(task: MotionTask, own: Execution) -> MotionCheck:
+    return certified(task.robot, own.motion, own.check, task.limits)
 
 
 def require_plain(options: Namespace, *names: str) -> None:
@@ -170,6 +177,7 @@ class CycleReport(Report):
             )
         if plan.interrupted:
             lines.append(("interrupted", self._interrupted()))
+        lines += certificate_rows(whole)
         lines += under("contacts", whole.contacts.lines())
         lines.append(("collision", whole.collision_text))
         lines += segments_within(self.check)
@@ -182,12 +190,13 @@ class CycleReport(Report):
     def headline(self) -> str:
         """Status, energy, duration, use of the reserves."""
         whole = self.check.whole
-        verdict = "VERIFIED" if whole.verified else "NOT VERIFIED"
+        verdict = whole.headline
         if not self.plan.complete:
-            verdict = f"INCOMPLETE ({len(self.plan.parts)} of {len(self.plan.task.segments)} segments)"
+            parts = f"{len(self.plan.parts)} of {len(self.plan.task.segments)} segments"
+            verdict = f"INCOMPLETE ({parts}){whole.scope}"
         broken = "" if whole.verified else f" Broken: {'; '.join(whole.violations)}."
         return (
-            f"{self.plan.task.name}: {verdict}{whole.scope}. {whole.energy:.1f} J in {whole.duration:.3f} s, "
+            f"{self.plan.task.name}: {verdict}. {whole.energy:.1f} J in {whole.duration:.3f} s, "
             f"{use_of_reserves(whole)}.{broken}"
         )
 

@@ -11,12 +11,14 @@ from hypothesis import given, seed, settings
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError, PlanningError
+from ocptip.certificate.checker import check_certificate
+from ocptip.certificate.find import Undecided
 from ocptip.cli.main import main
-from ocptip.motion.check import check_motion
+from ocptip.motion.check import certified, check_motion
 from ocptip.motion.cycles import plan as planning
-from ocptip.motion.cycles.check import check_cycle, parts_of
+from ocptip.motion.cycles.check import certified_cycle, check_cycle, cycle_check, parts_of
 from ocptip.motion.cycles.choices import CANDIDATES, best_ways, layers_of, likely_ways
-from ocptip.motion.cycles.output import cycle_samples, samples_joined, write_cycle
+from ocptip.motion.cycles.output import cycle_samples, drives_of, samples_joined, write_cycle
 from ocptip.motion.cycles.plan import plan_cycle
 from ocptip.motion.cycles.tolerated import cycle_tolerances
 from ocptip.motion.execution import execute
@@ -127,7 +129,7 @@ def test_the_command_says_it_and_reads_it(plan, tmp_path, monkeypatch, capsys):
     )
     out = capsys.readouterr().out
     assert code == 0
-    assert out.startswith(f"swing: VERIFIED. {plan.energy:.1f} J in {plan.duration:.3f} s, ")
+    assert out.startswith(f"swing: CERTIFIED. {plan.energy:.1f} J in {plan.duration:.3f} s, ")
     table = [line for line in out.splitlines() if line.startswith(("1 out", "2 back", "in all"))]
     assert [row.split()[2:4] for row in table[:2]] == [["nothing", table[0].split()[3]], ["1", "kg"]]
     assert "0.3 s, " in table[0]
@@ -163,7 +165,7 @@ def test_a_cycle_that_was_cut_short_says_so(plan, tmp_path, monkeypatch, capsys)
     assert "without a plan: back; no trajectory.json" in out
     assert not (out_dir / "trajectory.json").exists()
     data = json.loads((out_dir / "plan.json").read_text())
-    assert (data["verified"], data["missing"]) == (False, ["back"])
+    assert (data["verified"], data["certified"], data["missing"]) == (False, False, ["back"])
 
 
 def test_an_interrupt_keeps_the_segments_that_are_finished(plan, monkeypatch):
@@ -301,3 +303,70 @@ def test_samples_of_all_segments(plan):
     power = whole.powers.sum(axis=1)
     energy = 0.5 * np.diff(whole.times) @ (power[1:] + power[:-1])
     assert energy == pytest.approx(plan.energy, rel=5e-3)
+
+
+@pytest.fixture(scope="module")
+def proved(plan):
+    return certified_cycle(plan.task, plan.motion, plan.check)
+
+
+def test_every_segment_is_certified_with_what_it_holds(plan, proved):
+    assert not plan.check.whole.certified
+    assert proved.whole.certified
+    assert proved.whole.headline.startswith("CERTIFIED")
+    assert all(own.certified for own in proved.segments)
+    data = proved.to_dict()
+    assert data["certified"]
+    assert [row["certified"] for row in data["segments"]] == [True, True]
+    out, back = (own.certificate for own in proved.segments)
+    whole = proved.whole.certificate
+    assert whole.verdict.bounds["GN"] == max(out.verdict.bounds["GN"], back.verdict.bounds["GN"])
+    assert whole.verdict.intervals == out.verdict.intervals + back.verdict.intervals
+    for segment, own, motion in zip(plan.task.segments, (out, back), plan.motion.motions, strict=True):
+        assert check_certificate(own.data).holds
+        alone = certified(segment.task.robot, motion, check_motion(segment.task.robot, motion), None)
+        assert alone.certificate.data["sha256"] == own.data["sha256"]
+        ends = np.array(own.data["motion"]["angles"])[[0, -1]]  # at rest before and after it
+        np.testing.assert_allclose(ends[:, :, 0], [motion.start, motion.goal], atol=1e-12)
+        assert not np.any(ends[:, :, 1:])
+    assert out.data["sha256"]["model"] != back.data["sha256"]["model"]  # the load
+
+
+def test_a_segment_that_is_not_proved_leaves_the_cycle_verified(plan, proved):
+    lacking = dataclasses.replace(
+        proved.segments[1].certificate, kept=False, undecided=(Undecided(0.1, 0.2, "GN", 1e-3),)
+    )
+    segments = [proved.segments[0], dataclasses.replace(proved.segments[1], certificate=lacking)]
+    found = cycle_check(plan.task, plan.motion, segments).whole
+    assert found.verified
+    assert not found.certified
+    assert found.headline.startswith("VERIFIED")
+    assert found.certificate.undecided[0].start == pytest.approx(plan.check.begins[1] + 0.1)
+    tight = plan.task.with_limits({"GN": 0.05})
+    broken = check_cycle(tight, plan.motion)
+    assert certified_cycle(tight, plan.motion, broken) is broken
+
+
+def test_commands_certify_cycles(plan, tmp_path, capsys):
+    executions = [
+        dataclasses.replace(own, check=certified(p.task.robot, p.motion, p.check, p.task.limits))
+        for own, p in zip(drives_of(plan), plan.parts, strict=True)
+    ]
+    folder = tmp_path / "out"
+    write_cycle(folder, plan, executions=executions)
+    data = json.loads((folder / "plan.json").read_text())
+    assert data["certified"]
+    assert [row["certified"] for row in data["segments"]] == [True, True]
+    for name in ("certificate-1.json", "certificate-2.json"):
+        assert main(["certify", str(folder / name)]) == 0
+    for name in ("", "plan.json", "trajectory.json"):
+        assert main(["certify", str(folder / name)]) == 0
+        assert "on swing: CERTIFIED" in capsys.readouterr().out
+    assert main(["check", str(folder)]) == 0
+    assert "on swing: CERTIFIED" in capsys.readouterr().out
+    assert main(["certify", str(folder), "--json"]) == 0
+    assert len(json.loads(capsys.readouterr().out)["segments"]) == 2
+    assert main(["certify", str(folder), "--gn", "0.05"]) == 1
+    assert "NOT VERIFIED" in capsys.readouterr().out
+    assert main(["certify", str(folder), "--out", "c.json"]) == 2
+    assert "--out: a cycle has a certificate per segment" in capsys.readouterr().err

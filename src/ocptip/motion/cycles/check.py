@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from ocptip.basics.errors import InputError
-from ocptip.motion.check import MotionCheck, check_motion
+from ocptip.certificate.find import together
+from ocptip.motion.check import MotionCheck, certified, check_motion
 from ocptip.motion.cycles.task import SAME, CycleTask
 from ocptip.standing.contact_margins import ContactMargins
 from ocptip.standing.limit import Worst
@@ -67,6 +68,22 @@ def check_cycle(task: CycleTask, motion: MotionSequence, *, step: float = 0.01) 
     pairs = list(zip(task.segments, motion.motions, strict=True))
     checks = [check_motion(s.task.robot, own, s.task.limits, step=step) for s, own in pairs]
     return cycle_check(task, motion, checks)
+
+
+def certified_cycle(task: CycleTask, motion: MotionSequence, checked: CycleCheck) -> CycleCheck:
+    """The check with certificates of all segments, if it is verified.
+
+    Each holds for its segment and the rests before and after it with what that segment holds, which are
+    those at the seams.
+
+    Args:
+        task, motion: as checked.
+        checked: what `check_cycle` found.
+    """
+    if not checked.whole.verified:
+        return checked
+    rows = zip(task.segments, motion.motions, checked.segments, strict=True)
+    return cycle_check(task, motion, [certified(s.task.robot, own, c, s.task.limits) for s, own, c in rows])
 
 
 def cycle_check(task: CycleTask, motion: MotionSequence, checks: Sequence[MotionCheck]) -> CycleCheck:
@@ -162,6 +179,7 @@ def _whole(
         shifted = check.contacts.later(float(begin))
         contacts = shifted if contacts is None else contacts.worse(shifted)
     assert contacts is not None  # there is a segment
+    proofs = [check.certificate for check in checks if check.certificate is not None]
     return MotionCheck(
         verified=not violations,
         energy=sum(check.energy for check in checks) + rest_energy,
@@ -172,6 +190,7 @@ def _whole(
         stands=all(check.stands for check in checks),
         contacts=contacts,
         collision=_collision([check.collision for check in checks]),
+        certificate=together(proofs, begins.tolist()) if len(proofs) == len(checks) else None,
     )
 
 

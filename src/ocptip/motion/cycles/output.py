@@ -18,6 +18,7 @@ from ocptip.motion.cycles.plan import CyclePlan
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.motion.execution import Execution
 from ocptip.motion.output import (
+    CERTIFICATE,
     MOTION,
     PLAN,
     TRAJECTORY,
@@ -54,6 +55,7 @@ def cycle_to_dict(plan: CyclePlan, executions: Sequence[Execution], check: Cycle
             "case": plan.task.name,
             **data,
             "verified": plan.complete and check.whole.verified,
+            "certified": plan.complete and check.whole.certified,
             "task_file": TASK if _source(plan.task) else None,
             "closed": plan.task.closed,
             "missing": [segment.name for segment in plan.task.segments[len(plan.parts) :]],
@@ -150,6 +152,8 @@ def write_cycle(
 
     A cycle whose planning was interrupted before all segments had a plan gets no trajectory.json.
 
+    Certificates of the segments are certificate-1.json and so on.
+
     Args:
         directory: made if it does not exist; the one above it must.
         plan: the plan.
@@ -173,6 +177,10 @@ def write_cycle(
     if plan.complete:
         whole = cycle_trajectory(task, pauses, executions, effort=effort)
         texts[TRAJECTORY] = json.dumps(whole, allow_nan=False) + "\n"
+    for number, own in enumerate(executions, 1):
+        if (certificate := own.check.certificate) and certificate.data:
+            name = CERTIFICATE.replace(".", f"-{number}.")
+            texts[name] = json.dumps(certificate.data, allow_nan=False) + "\n"
     source = _source(task)
     return write_folder(Path(directory), texts, source, _task_text(task, source) if source else "")
 
