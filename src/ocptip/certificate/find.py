@@ -25,7 +25,7 @@ LOSS = 2e-4
 """How far claims are from the sampled worst values, relative (distances: 0.1 mm), where limits allow."""
 
 _LONGEST = 0.01  # s, of the first intervals
-_MOST = 15  # times as many intervals as at first are tried
+_MOST, _MOST_OFF_A_PLANE = 15, 4  # times as many intervals as at first are tried
 _SHORTEST = 1e-5  # s: what is shorter is not divided
 _LEAST_LOSS = 1e-4  # m
 _WORDS = {"GN": "GN", "GT": "GT", "torque_ratio": "torque / limit"}
@@ -268,7 +268,8 @@ class _Search:
             start.append(ends[:-1])
             end.append(ends[1:])
         todo = np.array(piece), np.concatenate(start), np.concatenate(end)
-        left, times = _MOST * len(piece), np.array(self.motion["times"])
+        most = _MOST if self.checker.flat else _MOST_OFF_A_PLANE
+        left, times = most * len(piece), np.array(self.motion["times"])
         while len(todo[0]):
             batch, margins = self._judged(*todo)
             proved = np.all([margin >= 0 for margin in margins.values()], axis=0)
