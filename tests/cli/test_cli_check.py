@@ -253,6 +253,7 @@ def test_within_a_tolerance(capsys, plan, tmp_path):
     assert "--tolerance: expected none, workshop, site or a TOML file" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_samples_with_noise_are_said_to_be_such(capsys, task, tmp_path):
     """By names of joints, in any order; the verdict is of a fit, and the headline does not hide the noise."""
     motion, names = task.reference, task.robot.names[::-1]
