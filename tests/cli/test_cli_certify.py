@@ -97,3 +97,8 @@ def test_samples_that_have_to_be_fitted_are_not_certified(capsys, tmp_path):
     path.write_text("t," + ",".join(f"q{k}_deg" for k in range(1, 7)) + "\n" + rows + "\n", encoding="utf-8")
     assert main(["certify", str(path), "--case", "A"]) == 2
     assert "m.csv: its samples do not say the accelerations exactly" in capsys.readouterr().err
+
+
+def test_check_says_who_judges_certificates(certificate, capsys):
+    assert main(["check", str(certificate)]) == 2
+    assert "is a certificate; ocptip certify judges it" in capsys.readouterr().err

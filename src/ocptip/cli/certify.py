@@ -10,11 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from ocptip.basics.errors import InputError, naming
-from ocptip.basics.toml import read_text
 from ocptip.basics.write import versions, write_text
-from ocptip.certificate.checker import FORMAT, Verdict, check_certificate
+from ocptip.certificate.checker import Verdict, check_certificate
 from ocptip.certificate.find import Certificate, claims
-from ocptip.cli.check import motion_of, task_of
+from ocptip.cli.check import certificate_in, motion_of, task_of
 from ocptip.cli.command import Report
 from ocptip.cli.cycles import require_plain, segments_of
 from ocptip.cli.layout import named, under
@@ -31,7 +30,7 @@ _MOST = 8  # undecided intervals that are listed
 
 def run(options: Namespace) -> Report:
     """Find a certificate, or judge one."""
-    if (data := _certificate(options.motion)) is not None:
+    if (data := certificate_in(options.motion)) is not None:
         if options.out is not None:
             raise InputError("--out: a certificate is checked, not written")
         return VerdictReport(Path(options.motion).name, check_certificate(data))
@@ -159,15 +158,3 @@ class CertifyReport(Report):
         if self.out is not None and self._certificate is not None and self._certificate.data is not None:
             write_text(self.out, json.dumps(self._certificate.data, allow_nan=False) + "\n")
             yield self.out
-
-
-def _certificate(path: str) -> dict[str, Any] | None:
-    """The data if the file is a certificate."""
-    if Path(path).suffix.lower() != ".json" or not Path(path).is_file():
-        return None
-    try:
-        data = json.loads(read_text(Path(path)))
-    except ValueError:
-        return None  # the reader of motions says what is wrong
-    known = isinstance(data, dict) and str(data.get("format", "")).startswith(FORMAT.rsplit(" ", 1)[0])
-    return data if known else None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from argparse import Namespace
 from collections.abc import Sequence
@@ -13,7 +14,9 @@ import numpy as np
 
 from ocptip.basics.errors import InputError, naming, positive_number
 from ocptip.basics.text import quantity, ratio
+from ocptip.basics.toml import read_text
 from ocptip.basics.write import versions
+from ocptip.certificate.checker import FORMAT
 from ocptip.cli.command import Report
 from ocptip.cli.cycles import require_plain, seam_offsets, segment_table, segments_of, segments_within
 from ocptip.cli.layout import certificate_rows, masses, named, rises, table, under, within_rows
@@ -80,6 +83,8 @@ _SAME = {"deg": 0.01, "m": 1e-4}  # offsets up to this are not worth a note
 
 def run(options: Namespace) -> CheckReport:
     """Check the motion, and the same path faster or slower, on the robot that is named."""
+    if certificate_in(options.motion) is not None:
+        raise InputError(f"{options.motion}: is a certificate; ocptip certify judges it")
     task, path = task_of(options)
     step = positive_number("--step", options.step)
     for factor in options.time_scale:
@@ -253,6 +258,18 @@ class CheckReport(Report):
                 if offset > _SAME[unit]:
                     notes += [f"the motion {verb} {offset:.4g} {unit} off the task's {place}"]
         return notes
+
+
+def certificate_in(path: str) -> dict[str, Any] | None:
+    """The data if the file is a certificate."""
+    if Path(path).suffix.lower() != ".json" or not Path(path).is_file():
+        return None
+    try:
+        data = json.loads(read_text(Path(path)))
+    except ValueError:
+        return None  # the reader of motions says what is wrong
+    known = isinstance(data, dict) and str(data.get("format", "")).startswith(FORMAT.rsplit(" ", 1)[0])
+    return data if known else None
 
 
 def task_of(options: Namespace) -> tuple[MotionTask | CycleTask, Path]:
