@@ -7,7 +7,7 @@ import numpy as np
 from ocptip.contact.support import Support
 from ocptip.reserves.force_sets import ForceSets
 
-_SHARES = np.array([0.0, 0.01, 0.03, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0])
+_SHARES = np.array([0.0, 1e-4, 1e-3, 0.01, 0.03, 0.1, 0.2, 0.35, 0.5, 0.75, 1.0])
 _LEAST = 0.3  # of the mean normal force: what every contact is to carry if it can
 _ROUNDS = 40
 _NEXT_TO_NOTHING = 1e-6  # of the largest force
