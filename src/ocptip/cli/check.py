@@ -266,7 +266,7 @@ def certificate_in(path: str) -> dict[str, Any] | None:
         return None
     try:
         data = json.loads(read_text(Path(path)))
-    except ValueError:
+    except (ValueError, RecursionError, InputError):
         return None  # the reader of motions says what is wrong
     known = isinstance(data, dict) and str(data.get("format", "")).startswith(FORMAT.rsplit(" ", 1)[0])
     return data if known else None
