@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from ocptip.basics.errors import InputError, naming
+from ocptip.basics.toml import read_text
 from ocptip.basics.write import versions, write_text
 from ocptip.certificate.checker import Verdict, check_certificate
 from ocptip.certificate.find import Certificate, claims
-from ocptip.cli.check import certificate_in, motion_of, task_of
+from ocptip.cli.check import motion_of, task_of
 from ocptip.cli.command import Report
 from ocptip.cli.cycles import require_plain, segments_of
 from ocptip.cli.layout import named, under
@@ -23,14 +24,14 @@ from ocptip.motion.check import MotionCheck, certified, check_motion
 from ocptip.motion.cycles.check import CycleCheck, certified_cycle, check_cycle
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.trajectories.fit import FittedMotion
-from ocptip.trajectories.read import load_motions
+from ocptip.trajectories.read import CERTIFICATE, load_motions
 
 _MOST = 8  # undecided intervals that are listed
 
 
 def run(options: Namespace) -> Report:
     """Find a certificate, or judge one."""
-    if (data := certificate_in(options.motion)) is not None:
+    if (data := _certificate_in(Path(options.motion))) is not None:
         if options.out is not None:
             raise InputError("--out: a certificate is checked, not written")
         return VerdictReport(Path(options.motion).name, check_certificate(data))
@@ -45,6 +46,18 @@ def run(options: Namespace) -> Report:
     with naming(name):
         checked = certified(task.robot, motion, check_motion(task.robot, motion, task.limits), task.limits)
     return CertifyReport(name, task.name, checked, None if options.out is None else Path(options.out))
+
+
+def _certificate_in(path: Path) -> dict[str, Any] | None:
+    """The data if the file is a certificate; of what is none, the reader of motions says what is wrong."""
+    if path.suffix.lower() != ".json" or not path.is_file() or CERTIFICATE not in (text := read_text(path)):
+        return None
+    try:
+        data = json.loads(text)
+    except (ValueError, RecursionError):
+        return None
+    known = isinstance(data, dict) and str(data.get("format", "")).startswith(CERTIFICATE)
+    return data if known else None
 
 
 def _cycle(name: str, path: Path, task: CycleTask, options: Namespace) -> CertifyReport:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from argparse import Namespace
 from collections.abc import Sequence
@@ -14,9 +13,7 @@ import numpy as np
 
 from ocptip.basics.errors import InputError, naming, positive_number
 from ocptip.basics.text import quantity, ratio
-from ocptip.basics.toml import read_text
 from ocptip.basics.write import versions
-from ocptip.certificate.checker import FORMAT
 from ocptip.cli.command import Report
 from ocptip.cli.cycles import require_plain, seam_offsets, segment_table, segments_of, segments_within
 from ocptip.cli.layout import certificate_rows, masses, named, rises, table, under, within_rows
@@ -83,8 +80,6 @@ _SAME = {"deg": 0.01, "m": 1e-4}  # offsets up to this are not worth a note
 
 def run(options: Namespace) -> CheckReport:
     """Check the motion, and the same path faster or slower, on the robot that is named."""
-    if certificate_in(options.motion) is not None:
-        raise InputError(f"{options.motion}: is a certificate; ocptip certify judges it")
     task, path = task_of(options)
     step = positive_number("--step", options.step)
     for factor in options.time_scale:
@@ -126,16 +121,13 @@ def _cycle(name: str, path: Path, task: CycleTask, options: Namespace, step: flo
         if not isinstance(found, FittedMotion):  # of which the accelerations are an estimate
             checked = certified_cycle(task, motion, checked)
         scaled = [(f, check_cycle(task, motion.time_scaled(f), step=step).whole) for f in options.time_scale]
-    seams = seam_offsets(task, motion)
-    ends = {
-        unit: (own[0], own[-1])
-        for unit in ("deg", "m")
-        if (own := [offset for _, off in seams for own, offset in _by_unit(off, task) if own == unit])
-    }
+    seams = [(place, _by_unit(off, task)) for place, off in seam_offsets(task, motion)]
+    (_, first), *_, (_, last) = seams
+    ends = {unit: (first[unit], last[unit]) for unit in first}
     notes = tuple(
         f"the {place} is {offset:.4g} {unit} off the task's"
         for place, off in seams
-        for unit, offset in _by_unit(off, task)
+        for unit, offset in off.items()
         if offset > _SAME[unit]
     )
     deviations = cycle_tolerances(task, motion)
@@ -260,18 +252,6 @@ class CheckReport(Report):
         return notes
 
 
-def certificate_in(path: str) -> dict[str, Any] | None:
-    """The data if the file is a certificate."""
-    if Path(path).suffix.lower() != ".json" or not Path(path).is_file():
-        return None
-    try:
-        data = json.loads(read_text(Path(path)))
-    except (ValueError, RecursionError, InputError):
-        return None  # the reader of motions says what is wrong
-    known = isinstance(data, dict) and str(data.get("format", "")).startswith(FORMAT.rsplit(" ", 1)[0])
-    return data if known else None
-
-
 def task_of(options: Namespace) -> tuple[MotionTask | CycleTask, Path]:
     """The task and the motion's file.
 
@@ -320,17 +300,21 @@ def _offsets(motion: Motion, task: MotionTask) -> dict[str, tuple[float, float]]
     """
     ends = np.array([motion.start, motion.goal])
     asked = min(((task.start, task.goal), *task.choices), key=lambda pair: np.abs(ends - pair).max())
-    off, angular, found = np.abs(ends - asked), np.array(task.robot.units) == "rad", {}
+    off = np.abs(ends - asked)
     if isinstance(task.robot, StandingRobot):
         arm = task.robot.arm
         for own, posture, target in zip(off, ends, task.targets, strict=True):
             if target is not None and target.residuals(arm, posture[None])[0] <= REACHED:
                 own[:] = 0.0
-    for unit, factor, which in (("deg", 180 / np.pi, angular), ("m", 1.0, ~angular)):
-        if which.any():
-            start, goal = factor * off[:, which].max(axis=1)
-            found[unit] = float(start), float(goal)
-    return found
+    start, goal = (_by_unit(own, task) for own in off)
+    return {unit: (start[unit], goal[unit]) for unit in start}
+
+
+def _by_unit(off: np.ndarray, task: MotionTask | CycleTask) -> dict[str, float]:
+    """Largest of offsets (n,), rad and m, by unit of files, as far as there are coordinates of it."""
+    angular = np.array(task.robot.units) == "rad"
+    values = {"deg": np.degrees(off[angular]), "m": off[~angular]}
+    return {unit: float(own.max()) for unit, own in values.items() if len(own)}
 
 
 def fit_notes(motion: FittedMotion, robot: StandingMechanism) -> list[str]:
@@ -357,13 +341,6 @@ def fit_notes(motion: FittedMotion, robot: StandingMechanism) -> list[str]:
         worst = int(np.argmax(motion.speed_distance * scales))
         notes += [f"its speeds are up to {said(worst, motion.speed_distance, '/s')} from those of the file"]
     return notes
-
-
-def _by_unit(off: np.ndarray, task: CycleTask) -> list[tuple[str, float]]:
-    """Largest of offsets (n,), rad and m, by unit of files."""
-    angular = np.array(task.robot.units) == "rad"
-    values = (("deg", np.degrees(off[angular])), ("m", off[~angular]))
-    return [(unit, float(own.max())) for unit, own in values if len(own)]
 
 
 def _worst_table(checked: MotionCheck) -> list[str]:

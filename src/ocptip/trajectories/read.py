@@ -19,6 +19,9 @@ from ocptip.trajectories.read_csv import motion_from_csv, require_units
 from ocptip.trajectories.sampled import Motion, SampledMotion
 from ocptip.trajectories.sequence import MotionSequence
 
+CERTIFICATE = "ocptip certificate"
+"""How the format begins that certificates name."""
+
 
 def load_motion(
     path: str | os.PathLike[str],
@@ -50,21 +53,9 @@ def load_motion(
         InputError: the file cannot be read or holds no motion, or angles of a joint that slides; names file,
             and key or line and column.
     """
-    path = Path(path)
-    text = read_text(path)
-    try:
-        if path.suffix.lower() in (".yaml", ".yml"):
-            return _from_points(_yaml(text), names)
-        if text.lstrip().startswith(("{", "[")):
-            data = _json(text)
-            if isinstance(data, dict) and "points" in data:
-                return _from_points(data, names)
-            if isinstance(data, dict) and "segments" in data:
-                raise InputError("segments: several motions, a cycle; its robots are those of a task file")
-            return _from_commands(data, units)
-        return motion_from_csv(text, names, units, unit)
-    except InputError as error:
-        raise InputError(error.text, error.path, path.name) from None
+    found = _read(path, names, units, unit, several=False)
+    assert not isinstance(found, MotionSequence)
+    return found
 
 
 def load_motions(
@@ -72,22 +63,42 @@ def load_motions(
     names: Sequence[str] | None = None,
     units: Sequence[str] = (),
     *,
-    unit: str = "",
+    unit: str | None = None,
 ) -> Motion | MotionSequence:
     """Read a motion as :func:`load_motion` does, or the segments of the plan.json of a cycle.
 
     Raises:
         InputError: see :func:`load_motion`; names the segment.
     """
+    return _read(path, names, units, unit, several=True)
+
+
+def _read(
+    path: str | os.PathLike[str],
+    names: Sequence[str] | None,
+    units: Sequence[str],
+    unit: str | None,
+    *,
+    several: bool,
+) -> Motion | MotionSequence:
+    """What a file holds; several motions only if they are wanted."""
     path = Path(path)
     text = read_text(path)
     try:
-        data = _json(text) if text.lstrip().startswith("{") else {}
-        if "segments" in data:
+        if path.suffix.lower() in (".yaml", ".yml"):
+            return _from_points(_yaml(text), names)
+        if not text.lstrip().startswith(("{", "[")):
+            return motion_from_csv(text, names, units, unit)
+        data = _json(text)
+        if isinstance(data, dict) and "points" in data:
+            return _from_points(data, names)
+        if not isinstance(data, dict) or "segments" not in data:
+            return _from_commands(data, units)
+        if several:
             return _from_segments(data["segments"], units)
+        raise InputError("segments: several motions, a cycle; its robots are those of a task file")
     except InputError as error:
         raise InputError(error.text, error.path, path.name) from None
-    return load_motion(path, names, units, unit=unit)
 
 
 def motion_origin(path: str | os.PathLike[str]) -> dict[str, str]:
@@ -146,12 +157,16 @@ def _refuse_huge_commands(motion: ArmMotion) -> None:
 
 
 def _json(text: str) -> Any:
+    """The data of a text; certificates, which may be beside a motion, are none."""
     try:
-        return json.loads(text)
+        data = json.loads(text)
     except json.JSONDecodeError as error:
         raise InputError(f"broken JSON: {error}") from None
     except RecursionError:
         raise InputError("broken JSON: nested too deeply") from None
+    if isinstance(data, dict) and str(data.get("format", "")).startswith(CERTIFICATE):
+        raise InputError("is a certificate; ocptip certify judges it")
+    return data
 
 
 def _yaml(text: str) -> Any:
