@@ -16,10 +16,11 @@ from tests import places
 # Small matrices run on one thread, as in the workers of the planner; the tests have all cores anyway.
 threadpool_limits(1)
 
-# In CI the examples are the same in every run: no change fails because of an example that is new.
+# In CI the examples are the same in every run: no change fails because of an example that is new. How long
+# one takes is never a matter of these tests.
 settings.register_profile("ci", derandomize=True, deadline=None)
-if os.environ.get("CI"):
-    settings.load_profile("ci")
+settings.register_profile("by hand", deadline=None)
+settings.load_profile("ci" if os.environ.get("CI") else "by hand")
 
 
 @pytest.fixture(scope="session")

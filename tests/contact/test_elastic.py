@@ -47,7 +47,8 @@ def least_energy(support, wrench):
         [clarabel.ZeroConeT(3), clarabel.NonnegativeConeT(n)],
         options,
     ).solve()
-    assert solution.status == clarabel.SolverStatus.Solved
+    assert max(solution.r_prim, solution.r_dual) < 1e-10  # it may stop short of the gap asked for
+    assert abs(solution.obj_val - solution.obj_val_dual) <= 1e-10 * (1 + abs(solution.obj_val))
     return np.array(solution.x)
 
 

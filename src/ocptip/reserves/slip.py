@@ -27,6 +27,9 @@ Redistribution = Literal["tangential", "full"]
 LARGEST_SQUEEZE = 10.0
 """Bound of the normal forces in a full redistribution, relative to the largest force or limit."""
 
+UNSOLVED = 10.0
+"""GT in programs where it is not known."""
+
 _RANK_TOLERANCE = 1e-9
 
 
@@ -64,6 +67,16 @@ class SlipReserve:
     solved: np.ndarray
     residual: np.ndarray
     status: tuple[str, ...]
+
+    def for_program(self) -> tuple[np.ndarray, np.ndarray]:
+        """(N,) GT, large where it is not known, and its gradient (N, 6), zero where there is none."""
+        assert self.gradient is not None  # it was asked for
+        return known(self.GT), np.nan_to_num(self.gradient)
+
+
+def known(GT: np.ndarray) -> np.ndarray:
+    """GT, a large number where it is not known."""
+    return np.where(np.isfinite(GT), GT, UNSOLVED)
 
 
 class Slip:

@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from ocptip.reserves.tipping import TipMap
 from ocptip.standing.instants import Instants, NodeColumns
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
@@ -245,6 +246,22 @@ class QuantityLimit(Limit):
         on_y[rows.nodes, self.first(rows.at.columns) + rows.places] += on / self.units[rows.places]
 
 
+class StateLimit(Limit):
+    """Rows that are functions of the states; `Rows.slopes` are (rows, 3 n)."""
+
+    def jacobian(self, rows: Rows) -> np.ndarray:
+        return np.einsum("rs,rsx->rx", rows.slopes, rows.at.s_x[rows.nodes])
+
+    def add_hessian(self, rows: Rows, on: np.ndarray, H: np.ndarray, on_s: np.ndarray) -> None:
+        np.add.at(on_s, rows.nodes, on[:, None] * rows.slopes)
+        some, bends = self.curvature(rows, on)
+        np.add.at(H, rows.nodes[some], bends)
+
+    def curvature(self, rows: Rows, on: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Which rows bend (k,), and the second derivatives (k, 3 n, 3 n) of on . rows over the states."""
+        raise NotImplementedError(f"{self.name}: no rows")
+
+
 class AskedLimit(Limit):
     """One quantity that must not exceed, or fall below, one number of `MotionLimits`.
 
@@ -286,3 +303,23 @@ class AskedLimit(Limit):
         """The same numbers, this one tighter where it was broken by `excess`; never by more than half."""
         value = getattr(asked, self.setting)
         return replace(asked, **{self.setting: max(value - min(excess, self.largest_step), value / 2)})
+
+
+class MomentLimit(AskedLimit):
+    """A number of the tip-over reserve; in programs the moments about the tipping axes.
+
+    Attributes:
+        unit: N m, of the rows.
+        least_moment: N m, that the number asks for.
+    """
+
+    of_contacts = True
+    unit = 1.0
+
+    def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
+        super().__init__(robot, asked, joints)
+        self._map = TipMap(robot.tip_over)
+        self.width = self._map.count
+        reference = robot.tip_over.reference_moment or 0.0
+        self.unit = 2 * (reference or 1.0)
+        self.least_moment = reference * (1 / self.number - 1)

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ocptip.reserves.tipping import TipMap
+from ocptip.reserves.slip import known
 from ocptip.standing.feet_limit import FootForceLimit, FootLiftLimit, JumpFootForceLimit
 from ocptip.standing.instants import Instants, NodeColumns
 from ocptip.standing.jumps import AtJumps
@@ -18,6 +18,7 @@ from ocptip.standing.limit import (
     AskedLimit,
     Limit,
     Look,
+    MomentLimit,
     NodeSlopes,
     QuantityLimit,
     Rows,
@@ -26,7 +27,7 @@ from ocptip.standing.limit import (
 )
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.stop_limits import UNSOLVED, StopSlipLimit, StopTipLimit
+from ocptip.standing.stop_limits import StopSlipLimit, StopTipLimit
 from ocptip.standing.worst_case_limits import WorstSlipLimit, WorstTipOverLimit
 from ocptip.trajectories.sampled import Motion
 
@@ -36,19 +37,10 @@ FAR = 0.1  # m beyond the clearance: how far a pair may be so that its distance 
 FURTHER_INSIDE = 1e-4  # distance in their units with which programs keep further limits: rounding
 
 
-class TipOverLimit(WrenchLimit, AskedLimit):
+class TipOverLimit(WrenchLimit, MomentLimit):
     """Tip-over reserve GN; in programs the moments about the tipping axes, which are smooth."""
 
     name, quantity, setting = "tip-over", "GN", "GN"
-    of_contacts = True
-
-    def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
-        super().__init__(robot, asked, joints)
-        self._map = TipMap(robot.tip_over)
-        self.width = self._map.count
-        reference = robot.tip_over.reference_moment
-        self.unit = 2 * (reference or 1.0)
-        self._least = (reference or 0.0) * (1 / self.number - 1)  # N m
 
     def measure(self, at: Instants) -> np.ndarray:
         return at.tip.GN[:, None]
@@ -67,18 +59,18 @@ class TipOverLimit(WrenchLimit, AskedLimit):
     def path_excess(self, at: Instants) -> float:
         if not self.width:
             return -np.inf
-        needed = self._least * (1 + PATH_MARGIN)
+        needed = self.least_moment * (1 + PATH_MARGIN)
         return (needed - np.min(self._map(at.wrenches)[0])) / self.robot.tip_over.reference_moment
 
     def near(self, at: Instants, share: float) -> np.ndarray:
-        return self._map(at.wrenches)[0] * share <= self._least
+        return self._map(at.wrenches)[0] * share <= self.least_moment
 
     def use(self, at: Instants) -> np.ndarray:
         smallest = np.min(self._map(at.wrenches)[0], axis=1, initial=np.inf)
-        return 1 + (self._least - smallest) / self.unit
+        return 1 + (self.least_moment - smallest) / self.unit
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        return np.full(self.width, self._least / self.unit), np.full(self.width, np.inf)
+        return np.full(self.width, self.least_moment / self.unit), np.full(self.width, np.inf)
 
     def rows(self, at: NodeSlopes, mask: np.ndarray) -> Rows:
         moments, slopes = self._map(at.y[:, at.columns.wrench])
@@ -109,10 +101,10 @@ class SlipLimit(WrenchLimit, AskedLimit):
         ]
 
     def near(self, at: Instants, share: float) -> np.ndarray:
-        return ~(_known(at.slip.GT)[:, None] < share * self.number)
+        return ~(known(at.slip.GT)[:, None] < share * self.number)
 
     def use(self, at: Instants) -> np.ndarray:
-        return _known(at.slip.GT) / self.number
+        return known(at.slip.GT) / self.number
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return np.array([-np.inf]), np.array([self.number])
@@ -120,13 +112,7 @@ class SlipLimit(WrenchLimit, AskedLimit):
     def rows(self, at: NodeSlopes, mask: np.ndarray) -> Rows:
         i, k = np.nonzero(mask)
         reserve = self.robot.slip.evaluate(self.robot.contact_states(at.y[i, at.columns.wrench]))
-        assert reserve.gradient is not None  # it was asked for
-        return Rows(at, i, k, _known(reserve.GT), np.nan_to_num(reserve.gradient))
-
-
-def _known(GT: np.ndarray) -> np.ndarray:
-    """A large number where GT is not known."""
-    return np.where(np.isfinite(GT), GT, UNSOLVED)
+        return Rows(at, i, k, *reserve.for_program())
 
 
 class TorqueLimit(QuantityLimit, AskedLimit):
@@ -397,7 +383,7 @@ class JumpTipOverLimit(AtJumps, TipOverLimit):
     name, quantity, setting = "tip-over at jumps", "jump_GN", "jump_tip_over"
 
     def near(self, at: Instants, share: float) -> np.ndarray:
-        return self._map(at.wrenches)[0] - self._least <= (1 - share) * self.unit
+        return self._map(at.wrenches)[0] - self.least_moment <= (1 - share) * self.unit
 
 
 class JumpSlipLimit(AtJumps, SlipLimit):

@@ -11,15 +11,14 @@ from functools import cached_property
 
 import numpy as np
 
-from ocptip.reserves.tipping import TipMap
+from ocptip.reserves.slip import known
 from ocptip.standing.instants import Instants
-from ocptip.standing.limit import AskedLimit, Look, NodeSlopes, Rows
+from ocptip.standing.limit import AskedLimit, Look, MomentLimit, NodeSlopes, Rows, StateLimit
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.path_stops import Path, PathStops, StopPoints, StopSlopes, stop_slopes
 
 STOP_INNER = 3e-3  # by so much tighter are programs: corners move between their nodes
-UNSOLVED = 10.0  # GT in programs where it is not known
 NEGLIGIBLE = 1e-9  # a row whose multiplier is below this is left out of the Hessian
 
 
@@ -31,15 +30,15 @@ class StopRows(Rows):
     on_wrench: np.ndarray | None = None
 
 
-class StopLimit(AskedLimit):
+class StopLimit(StateLimit, AskedLimit):
     """One reserve during all stops along the path."""
 
     of_contacts, of_motion = True, False
     unit = 1.0
 
     def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
-        super().__init__(robot, asked, joints)
         self._stops = asked.stops or PathStops(asked.GN, asked.GT)
+        super().__init__(robot, asked, joints)
 
     @classmethod
     def wanted(cls, robot: StandingMechanism, asked: MotionLimits) -> bool:
@@ -114,34 +113,20 @@ class StopLimit(AskedLimit):
         gradient = self._slopes.gradient(at.s[i], self.asked.torque_ratio, chosen, on_wrench)
         return StopRows(at, i, k, values[which, k], gradient, chosen, on_wrench)
 
-    def jacobian(self, rows: Rows) -> np.ndarray:
-        return np.einsum("rs,rsx->rx", rows.slopes, rows.at.s_x[rows.nodes])
-
-    def add_hessian(self, rows: Rows, on: np.ndarray, H: np.ndarray, on_s: np.ndarray) -> None:
+    def curvature(self, rows: Rows, on: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         assert isinstance(rows, StopRows)
         assert rows.points is not None
         assert rows.on_wrench is not None
-        np.add.at(on_s, rows.nodes, on[:, None] * rows.slopes)
         some = np.flatnonzero(np.abs(on) > NEGLIGIBLE)
         nodes, weights = rows.nodes[some], on[some, None] * rows.on_wrench[some]
-        bends = self._slopes.hessian(
-            rows.at.s[nodes], self.asked.torque_ratio, rows.points.select(some), weights
-        )
-        np.add.at(H, nodes, bends)
+        points = rows.points.select(some)
+        return some, self._slopes.hessian(rows.at.s[nodes], self.asked.torque_ratio, points, weights)
 
 
-class StopTipLimit(StopLimit):
+class StopTipLimit(StopLimit, MomentLimit):
     """Tip-over reserve during stops; in programs the moments about the tipping axes."""
 
     name, quantity, setting = "tip-over in stops", "GN_stop", "GN"
-
-    def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
-        super().__init__(robot, asked, joints)
-        self._map = TipMap(robot.tip_over)
-        self.width = self._map.count
-        reference = robot.tip_over.reference_moment
-        self.unit = 2 * (reference or 1.0)
-        self._least = (reference or 0.0) * (1 / self.number - 1)  # N m
 
     def _values(self, points: StopPoints) -> np.ndarray:
         return points.tip.GN
@@ -156,13 +141,13 @@ class StopTipLimit(StopLimit):
         return -points.worst(-self._map(points.wrenches)[0])[0]
 
     def near(self, at: Instants, share: float) -> np.ndarray:
-        return self._moments(at) * share <= self._least
+        return self._moments(at) * share <= self.least_moment
 
     def use(self, at: Instants) -> np.ndarray:
-        return 1 + (self._least - np.min(self._moments(at), axis=1, initial=np.inf)) / self.unit
+        return 1 + (self.least_moment - np.min(self._moments(at), axis=1, initial=np.inf)) / self.unit
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        return np.full(self.width, -np.inf), np.full(self.width, -self._least / self.unit)
+        return np.full(self.width, -np.inf), np.full(self.width, -self.least_moment / self.unit)
 
 
 class StopSlipLimit(StopLimit):
@@ -176,19 +161,14 @@ class StopSlipLimit(StopLimit):
 
     def _rows_of(self, points: StopPoints) -> tuple[np.ndarray, np.ndarray]:
         reserve = self.robot.slip.evaluate(points.states)
-        assert reserve.gradient is not None  # it was asked for
-        return _known(reserve.GT)[:, None], np.nan_to_num(reserve.gradient)[:, None]
+        GT, slopes = reserve.for_program()
+        return GT[:, None], slopes[:, None]
 
     def near(self, at: Instants, share: float) -> np.ndarray:
-        return _known(self.measure(at)) >= share * self.number
+        return known(self.measure(at)) >= share * self.number
 
     def use(self, at: Instants) -> np.ndarray:
-        return _known(self.measure(at)[:, 0]) / self.number
+        return known(self.measure(at)[:, 0]) / self.number
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return np.array([-np.inf]), np.array([self.number])
-
-
-def _known(GT: np.ndarray) -> np.ndarray:
-    """A large number where GT is not known."""
-    return np.where(np.isfinite(GT), GT, UNSOLVED)

@@ -170,19 +170,13 @@ class WorstCase:
 
     def _slip_under(self, wrenches: np.ndarray, theta: np.ndarray) -> Worst:
         reserve = self.robot.slip.evaluate(self.robot.contact_states(wrenches))
-        assert reserve.gradient is not None  # it was asked for
-        slopes = np.nan_to_num(reserve.gradient)
-        values = np.where(np.isfinite(reserve.GT), reserve.GT, UNSOLVED)
+        values, slopes = reserve.for_program()
         return Worst(values, theta, slopes)
 
     def tip_ratio(self, moments: np.ndarray) -> np.ndarray:
         """GN of moments, N m: M0 / (M0 + M); where the base tips, M < 0, on with the same slope."""
         ratio = self.reference / (self.reference + np.maximum(moments, 0.0))
         return ratio - np.minimum(moments, 0.0) / self.reference
-
-
-UNSOLVED = 10.0
-"""GT where it is not known."""
 
 
 def _weakest(robot: StandingRobot, tolerance: Tolerance) -> StandingRobot:

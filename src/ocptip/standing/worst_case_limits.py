@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ocptip.standing.instants import Instants
-from ocptip.standing.limit import DEVIATING, ORDINARY, AskedLimit, Look, NodeSlopes, Rows, Worst
+from ocptip.standing.limit import DEVIATING, ORDINARY, AskedLimit, Look, NodeSlopes, Rows, StateLimit, Worst
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerable import why_not_at_rest
@@ -36,7 +36,7 @@ class WorstRows(Rows):
     weights: np.ndarray = field(default_factory=lambda: np.empty(0))
 
 
-class WorstCaseLimit(AskedLimit):
+class WorstCaseLimit(StateLimit, AskedLimit):
     """What both have in common: rows are functions of the state, sloped as at the worst deviations."""
 
     of_contacts = True
@@ -89,15 +89,11 @@ class WorstCaseLimit(AskedLimit):
         slopes = self.cases.deviations.state_slopes(at.s[nodes], theta, weights)[0]
         return WorstRows(at, nodes, places, values / self.unit, slopes, theta, weights)
 
-    def jacobian(self, rows: Rows) -> np.ndarray:
-        return np.einsum("rs,rsx->rx", rows.slopes, rows.at.s_x[rows.nodes])
-
-    def add_hessian(self, rows: Rows, on: np.ndarray, H: np.ndarray, on_s: np.ndarray) -> None:
+    def curvature(self, rows: Rows, on: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         assert isinstance(rows, WorstRows)
-        np.add.at(on_s, rows.nodes, on[:, None] * rows.slopes)
         weights = on[:, None] * rows.weights
-        bend = self.cases.deviations.state_curvature(rows.at.s[rows.nodes], rows.theta, weights)[0]
-        np.add.at(H, rows.nodes, bend)
+        bends = self.cases.deviations.state_curvature(rows.at.s[rows.nodes], rows.theta, weights)[0]
+        return np.arange(len(on)), bends
 
 
 class WorstTipOverLimit(WorstCaseLimit):

@@ -12,9 +12,9 @@ from ocptip.placement.limits.placed import PlacedMoments, Worst, addable, least
 from ocptip.placement.limits.twice import Twice
 from ocptip.placement.problem import PlacementProblem
 from ocptip.placement.stand import Footing
+from ocptip.reserves.slip import known
 from ocptip.reserves.tipping import TipMap
 
-_UNSOLVED = 10.0  # stands in for a slip reserve without a contact solution
 _STEP = 1e-5  # of the largest wrench component, for the curvature of GT
 _MOST_CURVATURE = 1e3  # per squared largest wrench: beyond it a kink lies between, which has no curvature
 
@@ -195,8 +195,7 @@ class Slip(Limit):
         if not len(wrenches):
             return np.empty(0), np.empty((0, 6))
         reserve = footing.slip.evaluate(solve_many(footing.support, wrenches), derivatives)
-        GT = np.where(np.isfinite(reserve.GT), reserve.GT, _UNSOLVED)
-        return GT, np.nan_to_num(reserve.gradient) if derivatives else None
+        return reserve.for_program() if derivatives else (known(reserve.GT), None)
 
 
 class HeldForces(Limit):
