@@ -21,6 +21,7 @@ from ocptip.reserves.force_sets import LOAD_TOLERANCE, ForceSets, force_scale
 from ocptip.reserves.fractional import NEGLIGIBLE_LIMIT, minimise_fraction
 from ocptip.reserves.minimax import GAP_TOLERANCE, ZERO_USAGE, forces_of, lengths, minimise_usage
 from ocptip.reserves.optimality import ForceRange
+from ocptip.reserves.wrench_cone import wrench_half_spaces
 
 Redistribution = Literal["tangential", "full"]
 
@@ -133,6 +134,18 @@ class Slip:
         if self.redistribution == "full":
             self._redistribute_full(work)
         return self._result(work, derivatives)
+
+    def half_spaces(self, GT: float) -> np.ndarray | None:
+        """Rows a (m, 6): GT is kept under wrenches w on the base with a . w <= 0, see `wrench_cone`.
+
+        None where that set is no such cone: with contacts other than ordinary ones, or normal forces that
+        are not redistributed although they could be.
+        """
+        _, basis, _ = self._basis(np.ones(self.support.n_contacts, dtype=bool), True)
+        unique = not np.any(basis[:, 0])
+        if not self._sets.ordinary or not (unique or self.redistribution == "full"):
+            return None
+        return wrench_half_spaces(self.support, GT * self._sets.friction)
 
     def _redistribute_tangential(self, work: _Work) -> None:
         todo = np.flatnonzero(work.carries.any(axis=1))

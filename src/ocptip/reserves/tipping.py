@@ -276,6 +276,11 @@ class TipMap:
         self._affine = tip_over.affine_moments if self.count else None
         self._tip_over = tip_over
 
+    @property
+    def affine(self) -> bool:
+        """Whether the moments are affine in the wrench, or there are none."""
+        return self.count == 0 or self._affine is not None
+
     def __call__(self, wrenches: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Moments (N, axes), N m, and their derivatives (N, axes, 6) at wrenches (N, 6), N and N m."""
         if self.count == 0:

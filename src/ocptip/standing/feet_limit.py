@@ -25,7 +25,7 @@ class FootForceLimit(WrenchLimit, AskedLimit):
     """
 
     name, quantity, setting = "foot force", "foot_force_N", "foot_force"
-    of_contacts = least = True
+    of_contacts = least = affine = True
 
     @classmethod
     def wanted(cls, robot: StandingMechanism, asked: MotionLimits) -> bool:

@@ -135,6 +135,8 @@ class Limit:
         of_contacts: a matter of the contact forces: without meaning where the contacts do not hold.
         node_kinds: of nodes of a program that it is about.
         of_motion: looks at the motion itself, not at what may become of it.
+        of_place: a matter of the angles only, whatever the timing.
+        affine: rows of a program are affine in torques and wrench, and know nothing else of a state.
         width: number of rows at a node.
     """
 
@@ -142,6 +144,7 @@ class Limit:
     of_contacts = False
     node_kinds: tuple[int, ...] = (ORDINARY,)
     of_motion = True
+    of_place = affine = False
     width = 0
 
     def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
@@ -177,6 +180,12 @@ class Limit:
     def path_excess(self, at: Instants) -> float:
         """By how much a path, taken at rest, misses the limit, with some reserve; in about its units."""
         return -np.inf
+
+    # --- timing of a given path ---------------------------------------------------------------------------
+
+    def half_spaces(self) -> np.ndarray | None:
+        """Rows a (m, 6): the limit is kept under wrenches w with a . w <= 0; None: there are no such."""
+        return None
 
     # --- rows of a program --------------------------------------------------------------------------------
 

@@ -42,6 +42,10 @@ class TipOverLimit(WrenchLimit, MomentLimit):
 
     name, quantity, setting = "tip-over", "GN", "GN"
 
+    @property
+    def affine(self) -> bool:
+        return self._map.affine
+
     def measure(self, at: Instants) -> np.ndarray:
         return at.tip.GN[:, None]
 
@@ -85,6 +89,9 @@ class SlipLimit(WrenchLimit, AskedLimit):
     of_contacts = True
     width = 1
 
+    def half_spaces(self) -> np.ndarray | None:
+        return self.robot.slip.half_spaces(self.number)
+
     def measure(self, at: Instants) -> np.ndarray:
         return at.slip.GT[:, None]
 
@@ -119,6 +126,7 @@ class TorqueLimit(QuantityLimit, AskedLimit):
     """Torques of the joints, or forces of linear motors, as shares of the motors' limits."""
 
     name, quantity, setting = "torque", "torque_ratio", "torque_ratio"
+    affine = True
 
     def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
         super().__init__(robot, asked, joints)
@@ -159,7 +167,7 @@ class ClearanceLimit(AskedLimit):
     """Signed distances of what may collide; programs look only at pairs that are near."""
 
     name, quantity, setting = "clearance", "clearance_m", "clearance"
-    least = True
+    least = of_place = True
     largest_step = 1e-3  # m
 
     def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
@@ -272,6 +280,7 @@ class AngleLimit(Limit):
     """Angles of the joints, or a platform's coordinates; a motion knows its extremes exactly."""
 
     name = "angle"
+    of_place = True
 
     def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
         super().__init__(robot, asked, joints)

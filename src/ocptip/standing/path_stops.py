@@ -108,13 +108,7 @@ class Path:
                 "stops: some drive has neither a limit of torque nor of acceleration, so that nothing bounds "
                 "the deceleration; give [stops] time, in s"
             )
-        torque, wrench = robot.loads(
-            np.vstack([q, q, q]), np.vstack([still, qd, still]), np.vstack([qd, qdd, still])
-        )
-        parts = [
-            (part[:count] - part[2 * count :], part[count : 2 * count] - part[2 * count :], part[2 * count :])
-            for part in (torque, wrench)
-        ]
+        parts = affine_loads(robot, q, qd, qdd)
         by_acceleration, by_torque = 1 / limits.acceleration, 1 / (torque_ratio * limits.torque)
         rates = [part * by_acceleration for part in (qd, qdd, still)]
         efforts = [part * by_torque for part in parts[0]]
@@ -124,6 +118,30 @@ class Path:
             for rate, effort, value in zip(rates, efforts, law, strict=True)
         ]
         return cls(parts[0], parts[1], Bounds(*columns))
+
+
+Affine = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Coefficients of u, of x, and of 1."""
+
+
+def affine_loads(
+    robot: StandingMechanism, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
+) -> tuple[Affine, Affine]:
+    """Torques (N, n) and wrenches (N, 6) on the base as affine functions of u = s'' and x = s'^2.
+
+    Args:
+        robot: whose.
+        q, dq, ddq: (N, n), a path and its first two derivatives over s.
+    """
+    still, count = np.zeros_like(q), len(q)
+    torque, wrench = robot.loads(
+        np.vstack([q, q, q]), np.vstack([still, dq, still]), np.vstack([dq, ddq, still])
+    )
+    one, other = (
+        (part[:count] - part[2 * count :], part[count : 2 * count] - part[2 * count :], part[2 * count :])
+        for part in (torque, wrench)
+    )
+    return one, other
 
 
 @dataclass(frozen=True, eq=False)

@@ -37,6 +37,7 @@ from ocptip.basics.errors import InputError, finite_array, positive_number
 from ocptip.basics.frozen import settle
 from ocptip.trajectories.arm_motion import MERGE, ArmMotion, EventfulMotion
 from ocptip.trajectories.ramps import checked_times
+from ocptip.trajectories.timed_path import TimedPath
 
 REST = 1e-3
 """Speed, rad/s: a motion that begins or ends faster is only a piece of one."""
@@ -291,4 +292,4 @@ def stamped(times: np.ndarray) -> np.ndarray:
     return seconds + 1e-9 * nanoseconds
 
 
-Motion = ArmMotion | SampledMotion
+Motion = ArmMotion | SampledMotion | TimedPath

@@ -1,0 +1,53 @@
+"""Half spaces of wrenches that contacts with friction can hold, from the inside.
+
+Every friction cone is replaced by a pyramid inscribed in it, of `sides` sides: no tangential force beyond
+cos(pi / sides) of the limit is lost. What the contacts can balance is then the cone spanned by the pyramids'
+edges, whose facets are those of the convex hull of a cross-section (Caron, Pham and Nakamura: the contact
+wrench cone).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from ocptip.contact.support import Support
+
+SIDES = 16
+TOLERANCE = 1 - np.cos(np.pi / SIDES)
+"""Share of the friction that is lost at most: 1.9 %."""
+
+_SLANTED = 1e-3  # least cosine of a pyramid's edge against the mean normal
+_ROUNDING = 1e-9
+
+
+def wrench_half_spaces(support: Support, friction: np.ndarray, sides: int = SIDES) -> np.ndarray | None:
+    """Rows a (m, 6): wrenches w on the base with a . w <= 0 are held; None where the cone has no such facets.
+
+    Lengths of rows are such that a . w is a force for moments counted in units of the support's length.
+
+    Args:
+        support: spatial, with ordinary contacts.
+        friction: (n,), coefficients of the contacts.
+        sides: of the pyramids.
+    """
+    angles = 2 * np.pi * (np.arange(sides) + 0.5) / sides
+    circle = np.stack([np.ones(sides), np.cos(angles), np.sin(angles)])
+    scaling = np.r_[np.ones(3), np.full(3, 1 / support.length)]
+    matrix = (scaling[:, None] * support.wrench_matrix).reshape(6, len(friction), 3)
+    units = np.column_stack([np.ones_like(friction), friction, friction])
+    edges = np.einsum("wnc,nc,cs->nsw", matrix, units, circle).reshape(-1, 6)
+    normal = np.append(support.frames[:, :, 0].sum(axis=0), np.zeros(3))
+    heights = edges @ normal
+    if np.min(heights) <= _SLANTED * np.linalg.norm(normal):
+        return None
+    basis = np.linalg.svd(normal[None])[2][1:]
+    try:
+        hull = ConvexHull((edges / heights[:, None]) @ basis.T)
+    except QhullError:  # contacts on a line, or without friction
+        return None
+    rows = hull.equations[:, :-1] @ basis + hull.equations[:, -1:] * normal
+    rows /= np.linalg.norm(rows, axis=1, keepdims=True)
+    rows = np.unique(np.round(rows / _ROUNDING) * _ROUNDING, axis=0)
+    rows = rows[np.max(edges @ rows.T, axis=0) <= 10 * _ROUNDING * np.max(np.abs(edges))]
+    return -rows * scaling

@@ -1,0 +1,196 @@
+"""A path with its timing: x = (ds/dt)^2 is linear in s between nodes, so that d2s/dt2 is constant there.
+
+Time is then known in closed form: ds/dt is linear in t between nodes. Accelerations jump at nodes, as those
+of ramps do at their events.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import factorial
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.interpolate import PPoly
+
+from ocptip.basics.errors import InputError, finite_array, positive_number
+from ocptip.basics.frozen import settle
+from ocptip.trajectories.arm_motion import MERGE, EventfulMotion
+from ocptip.trajectories.path import JointPath
+from ocptip.trajectories.ramps import checked_times
+
+
+@dataclass(frozen=True, eq=False)
+class TimedPath(EventfulMotion):
+    """A motion along a path. Serves wherever an `ArmMotion` is checked.
+
+    It rests before its start and after its end.
+
+    Attributes:
+        path: whose breakpoints are among the nodes.
+        s: (N + 1,), increasing from 0 to 1: the nodes.
+        x: (N + 1,), 1/s^2, >= 0: squares of ds/dt at the nodes; never 0 at two neighbours.
+    """
+
+    path: JointPath
+    s: np.ndarray
+    x: np.ndarray
+
+    def __post_init__(self) -> None:
+        """Raise InputError if shapes do not fit, nodes do not increase or miss breakpoints, or it stops."""
+        s = finite_array("s", self.s, (None,))
+        x = finite_array("x", self.x, s.shape)
+        if len(s) < 2 or s[0] != 0 or s[-1] != 1 or np.any(np.diff(s) <= 0):
+            raise InputError("s: expected at least two nodes, increasing from 0 to 1")
+        if missed := np.setdiff1d(self.path.breakpoints, s).tolist():
+            raise InputError(f"s: the path's breakpoint {missed[0]:.9g} is no node")
+        if np.any(x < 0):
+            raise InputError(f"x: must be >= 0, got {x.min():.6g}")
+        if (stuck := np.flatnonzero(np.maximum(x[:-1], x[1:]) == 0)).size:
+            raise InputError(f"x: is 0 from s = {s[stuck[0]]:.6g} to {s[stuck[0] + 1]:.6g}: it never goes on")
+        settle(self, s=s, x=x)
+
+    @property
+    def n(self) -> int:
+        """Number of joints."""
+        return self.path.joints
+
+    @property
+    def start(self) -> np.ndarray:
+        """Angles before the motion, (n,), rad."""
+        return self.path.start
+
+    @property
+    def goal(self) -> np.ndarray:
+        """Angles after the motion, (n,), rad."""
+        return self.path.goal
+
+    @cached_property
+    def node_times(self) -> np.ndarray:
+        """When the nodes are passed, (N + 1,), s."""
+        speeds = np.sqrt(self.x)
+        return np.append(0.0, np.cumsum(2 * np.diff(self.s) / (speeds[:-1] + speeds[1:])))
+
+    @property
+    def end(self) -> float:
+        """Time of rest after the motion, s."""
+        return float(self.node_times[-1])
+
+    @property
+    def u(self) -> np.ndarray:
+        """d2s/dt2 between the nodes, (N,), 1/s^2."""
+        return 0.5 * np.diff(self.x) / np.diff(self.s)
+
+    @property
+    def angle_ranges(self) -> np.ndarray:
+        """Least and greatest angle of each joint during the motion, exact, (n, 2), rad."""
+        return self.path.ranges
+
+    @cached_property
+    def speed_peaks(self) -> np.ndarray:
+        """Greatest |speed| of each joint, exact, (n,), rad/s: at nodes or where accelerations vanish."""
+        return self._peaks(1, self._accelerations)
+
+    @cached_property
+    def acceleration_peaks(self) -> np.ndarray:
+        """Greatest |acceleration| of each joint, exact, (n,), rad/s^2."""
+        return self._peaks(2, self._accelerations.derivative())
+
+    def states(
+        self, times: ArrayLike, *, side: Literal["left", "right"] = "right"
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return angles (rad), speeds (rad/s), accelerations (rad/s^2) at N times (s): three arrays (N, n).
+
+        Args:
+            times: when; a single time gives (n,).
+            side: "right": at a node the acceleration after it, "left": the one before it.
+
+        Raises:
+            InputError: a time is not finite, or side is another word.
+        """
+        t = checked_times(times, side)
+        nodes = self.node_times
+        interval = np.searchsorted(nodes, t, side=side) - 1
+        moving = ((interval >= 0) & (interval < len(self.s) - 1))[..., None]
+        interval = np.clip(interval, 0, len(self.s) - 2)
+        elapsed = np.clip(t - nodes[interval], 0.0, np.diff(nodes)[interval])
+        u, speed = self.u[interval], np.sqrt(self.x[interval])
+        s = self.s[interval] + elapsed * (speed + 0.5 * elapsed * u)
+        s = np.clip(s, self.s[interval], self.s[interval + 1])
+        rate = np.maximum(speed + elapsed * u, 0.0)[..., None]
+        q, dq, ddq = self.path.at(s, side=side)
+        qdd = dq * u[..., None] + ddq * rate**2
+        return q, np.where(moving, dq * rate, 0.0), np.where(moving, qdd, 0.0)
+
+    def places(self, times: ArrayLike) -> np.ndarray:
+        """s at N times, (N,)."""
+        t, nodes = np.clip(times, 0.0, self.end), self.node_times
+        interval = np.clip(np.searchsorted(nodes, t, side="right") - 1, 0, len(self.s) - 2)
+        elapsed = t - nodes[interval]
+        s = self.s[interval] + elapsed * (np.sqrt(self.x[interval]) + 0.5 * elapsed * self.u[interval])
+        return np.clip(s, self.s[interval], self.s[interval + 1])
+
+    def times_at(self, s: ArrayLike) -> np.ndarray:
+        """When places (N,) in [0, 1] are passed, (N,), s."""
+        s = np.asarray(s, dtype=float)
+        interval = np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, len(self.s) - 2)
+        way, begin = s - self.s[interval], self.x[interval]
+        here = np.sqrt(np.maximum(begin + 2 * self.u[interval] * way, 0.0))
+        pace = np.sqrt(begin) + here
+        return self.node_times[interval] + np.divide(2 * way, pace, out=np.zeros_like(way), where=pace > 0)
+
+    @cached_property
+    def event_times(self) -> np.ndarray:
+        """Nodes, and all instants at which a joint's speed changes sign, sorted, (S,), s.
+
+        Instants within 0.1 us of the one before are one with it.
+        """
+        turns = PPoly(self.path.coefficients, self.path.breakpoints).derivative()
+        places = np.concatenate(turns.roots(discontinuity=False, extrapolate=False))
+        places = places[np.isfinite(places) & (places > 0) & (places < 1)]
+        kept = [0.0]
+        for t in np.unique(np.concatenate([self.node_times, self.times_at(places)])):
+            if t - kept[-1] > MERGE and self.end - t > MERGE:
+                kept.append(float(t))
+        return np.array([*kept, self.end])
+
+    def time_scaled(self, factor: float) -> TimedPath:
+        """Return the same path with all times multiplied by `factor` > 0 (below 1: faster)."""
+        return TimedPath(self.path, self.s, self.x / positive_number("factor", factor) ** 2)
+
+    @cached_property
+    def _accelerations(self) -> PPoly:
+        """Of the joints as functions of s, polynomials between nodes."""
+        curve, begins = PPoly(self.path.coefficients, self.path.breakpoints), self.s[:-1]
+        degree = len(self.path.coefficients) - 1
+        x, u = self.x[:-1, None], self.u[:, None]
+        derivatives = [curve(begins, nu=k) / factorial(k - 1) for k in range(1, degree + 1)]
+        parts = np.zeros((degree, *derivatives[0].shape))  # of the powers 0, 1 ...
+        for k, value in enumerate(derivatives):  # q' = sum value y^k, q'' = sum k value y^(k - 1), x + 2 u y
+            parts[k] += u * value + 2 * u * k * value
+            if k:
+                parts[k - 1] += x * k * value
+        return PPoly(parts[::-1], self.s)
+
+    def _peaks(self, order: int, slope: PPoly) -> np.ndarray:
+        """Greatest absolute speeds (order 1) or accelerations (2), whose slopes vanish where `slope` does."""
+        x, u = np.repeat(self.x, 2)[1:-1], np.repeat(self.u, 2)
+        sides = [self.path.at(self.s[1:], side="left"), self.path.at(self.s[:-1], side="right")]
+        ends = np.stack(sides[::-1], axis=2).reshape(3, -1, self.n)
+        at_ends = self._rates(ends, x, u)[order - 1]
+        peaks = np.max(np.abs(at_ends), axis=0)
+        for joint, places in enumerate(slope.roots(discontinuity=False, extrapolate=False)):
+            inner = places[np.isfinite(places) & (places > 0) & (places < 1)]
+            if inner.size:
+                interval = np.clip(np.searchsorted(self.s, inner, side="right") - 1, 0, len(self.s) - 2)
+                x = self.x[interval] + 2 * self.u[interval] * (inner - self.s[interval])
+                found = self._rates(np.array(self.path.at(inner)), np.maximum(x, 0.0), self.u[interval])
+                peaks[joint] = max(peaks[joint], np.max(np.abs(found[order - 1][:, joint])))
+        return peaks
+
+    @staticmethod
+    def _rates(path: np.ndarray, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Speeds and accelerations from q, q', q'' (3, N, n), x and u (N,)."""
+        return path[1] * np.sqrt(x)[:, None], path[1] * u[:, None] + path[2] * x[:, None]

@@ -1,0 +1,76 @@
+"""A path with its timing: states against differences, peaks against dense samples, time in closed form."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.interpolate import CubicSpline
+
+from ocptip.basics.errors import InputError
+from ocptip.trajectories.path import JointPath
+from ocptip.trajectories.timed_path import TimedPath
+
+
+def spline_path(seed: int, joints: int = 3, pieces: int = 4) -> JointPath:
+    ends = np.linspace(0, 1, pieces + 1)
+    return JointPath(ends, CubicSpline(ends, np.random.default_rng(seed).normal(size=(pieces + 1, joints))).c)
+
+
+def timed(seed: int) -> TimedPath:
+    rng, path = np.random.default_rng(seed), spline_path(seed)
+    s = np.unique(np.concatenate([path.breakpoints, np.linspace(0, 1, 21)]))
+    return TimedPath(path, s, rng.uniform(0.5, 2, len(s)) * s * (1 - s))
+
+
+@settings(max_examples=10, derandomize=True)
+@given(st.integers(0, 1000))
+def test_states_and_peaks(seed):
+    motion = timed(seed)
+    assert np.array_equal(motion.states([-1.0])[0][0], motion.start)
+    ends = motion.states(np.array([-1.0, motion.end + 1]))
+    assert not ends[1].any()
+    assert not ends[2].any()
+    assert np.allclose(ends[0][1], motion.goal)
+    times = np.concatenate([np.linspace(a + 1e-6, b - 1e-6, 41) for a, b in motion.intervals])
+    _, qd, qdd = motion.states(times)
+    h = 1e-6
+    after, before = motion.states(times + h), motion.states(times - h)
+    assert np.allclose((after[0] - before[0]) / (2 * h), qd, atol=1e-6 * (1 + motion.speed_peaks.max()))
+    inner = np.abs(times[:, None] - motion.event_times).min(axis=1) > 1.5e-6
+    change = (after[1] - before[1]) / (2 * h)
+    assert np.allclose(change[inner], qdd[inner], atol=1e-4 * (1 + motion.acceleration_peaks.max()))
+    for found, peaks in ((qd, motion.speed_peaks), (qdd, motion.acceleration_peaks)):
+        largest = np.abs(found).max(axis=0)
+        assert np.all(largest <= peaks * (1 + 1e-9))
+        assert np.all(largest >= 0.97 * peaks)
+    assert np.allclose(motion.times_at(motion.places(times)), times, atol=1e-9)
+
+
+def test_sides_of_nodes_and_scaling():
+    motion = timed(1)
+    node = motion.node_times[5:6]
+    left, right = (motion.states(node, side=side)[2] for side in ("left", "right"))
+    assert np.max(np.abs(left - right)) > 1e-3
+    slower = motion.time_scaled(2.0)
+    assert slower.end == pytest.approx(2 * motion.end)
+    assert np.allclose(slower.acceleration_peaks, motion.acceleration_peaks / 4)
+    path = JointPath([0.0, 1.0], [[[1.0]], [[0.0]]])
+    even = TimedPath(path, [0.0, 0.5, 1.0], [0.0, 4.0, 0.0])
+    assert even.end == pytest.approx(1.0)  # speed rises to 2 in half of the time
+    assert even.acceleration_peaks == pytest.approx(4.0)
+
+
+@pytest.mark.parametrize(
+    ("s", "x", "words"),
+    [
+        ([0.0, 1.0], [1.0, 1.0], "breakpoint 0.25 is no node"),
+        ([0.0, 0.25, 0.5, 0.75, 1.0], [0.0, 0.0, 1.0, 1.0, 0.0], "never goes on"),
+        ([0.0, 0.25, 0.5, 0.75, 1.0], [0.0, -1.0, 1.0, 1.0, 0.0], "must be >= 0"),
+        ([0.0, 0.25, 0.5, 0.75], [0.0, 1.0, 1.0, 1.0], "increasing from 0 to 1"),
+    ],
+)
+def test_refusals(s, x, words):
+    with pytest.raises(InputError, match=words):
+        TimedPath(spline_path(0), s, x)
