@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from scipy.optimize import linprog
 
 from ocptip.basics.errors import InputError
 from ocptip.contact.bindings.clamps import (
@@ -14,7 +15,7 @@ from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.solver import solve_many
 from ocptip.contact.support import Load, Support
 from ocptip.reserves.slip import Slip
-from ocptip.reserves.tipping import TipOver
+from ocptip.reserves.tipping import TipOver, largest_least
 from studies.contact.random_supports import random_support, random_wrenches
 from tests.reserves.reserve_scenes import (
     CLAMPS,
@@ -267,3 +268,17 @@ def test_a_rotation_that_a_rigid_clamp_blocks_is_no_axis():
     contacts[2] = clamp(RigidClamp, places[2])
     tip_over = TipOver(Support(contacts))
     assert tip_over.axes == ()
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_largest_least_is_that_of_a_linear_program(seed):
+    rng = np.random.default_rng(seed)
+    m, n = rng.integers(1, 12, size=2)
+    A = rng.uniform(size=(m, n)) * (rng.uniform(size=(m, n)) < rng.choice([0.4, 1.0]))
+    if seed % 3 == 0:  # many rows and columns that are alike
+        A = np.tile(np.round(A, 1), (2, 2))
+    m, n = A.shape
+    ahead = np.hstack([-A, np.ones((m, 1))])
+    sums = np.r_[np.ones(n), 0.0][None]
+    found = linprog(np.r_[np.zeros(n), -1.0], ahead, np.zeros(m), sums, [1.0], [(0, None)] * (n + 1))
+    assert largest_least(A) == pytest.approx(found.x[-1], abs=1e-12)

@@ -20,10 +20,9 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ocptip.basics.errors import (
     InputError,
@@ -35,6 +34,9 @@ from ocptip.basics.errors import (
 )
 from ocptip.basics.named_files import NamedFiles, Rename
 from ocptip.basics.text import did_you_mean, of_known
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 DEGREES = np.pi / 180
 """Scale of keys in degrees."""
@@ -402,7 +404,13 @@ def _quaternion(value: Any) -> np.ndarray:
     quaternion = _vector(value, 4)
     if not abs(np.linalg.norm(quaternion) - 1) < 1e-3:  # people round
         raise InputError(f"must have length 1 (x, y, z, w), got {value!r}", "")
-    return Rotation.from_quat(quaternion).as_matrix()
+    return _rotations().from_quat(quaternion).as_matrix()
+
+
+def _rotations() -> type[Rotation]:
+    from scipy.spatial.transform import Rotation  # loads for 0.3 s, and most files hold none
+
+    return Rotation
 
 
 def _text(value: Any) -> str:
@@ -423,9 +431,9 @@ def _either(keys: Iterable[str]) -> str:
 
 
 ROTATIONS: dict[str, Callable[[Any], np.ndarray]] = {
-    "rpy_deg": lambda value: Rotation.from_euler("xyz", _vector(value, 3), degrees=True).as_matrix(),
+    "rpy_deg": lambda value: _rotations().from_euler("xyz", _vector(value, 3), degrees=True).as_matrix(),
     "quaternion": _quaternion,
-    "rotation_vector_deg": lambda value: Rotation.from_rotvec(np.radians(_vector(value, 3))).as_matrix(),
+    "rotation_vector_deg": lambda value: _rotations().from_rotvec(np.radians(_vector(value, 3))).as_matrix(),
     "rotation": lambda value: rotation_matrix("value", _numbers(value), tolerance=1e-8),
 }
 """Forms of an orientation in files, by key: docs/scenes.md. Roll, pitch, yaw turn about fixed axes."""

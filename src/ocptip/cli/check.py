@@ -16,10 +16,19 @@ from ocptip.basics.text import quantity, ratio
 from ocptip.basics.write import versions
 from ocptip.cli.command import Report
 from ocptip.cli.cycles import require_plain, seam_offsets, segment_table, segments_of, segments_within
-from ocptip.cli.layout import certificate_rows, masses, named, rises, table, under, within_rows
+from ocptip.cli.layout import (
+    certificate_rows,
+    masses,
+    named,
+    rises,
+    sensitivities_to_dict,
+    table,
+    under,
+    within_rows,
+)
 from ocptip.cli.options import given_limits, with_limits
 from ocptip.cli.progress import say_if_compiling
-from ocptip.cli.stops import sensitivities_of, sensitivities_to_dict, stop_table, stops_of
+from ocptip.cli.stops import sensitivities_of, stop_table, stops_of
 from ocptip.motion.check import MotionCheck, certified, check_motion
 from ocptip.motion.cycles.check import CycleCheck, certified_cycle, check_cycle
 from ocptip.motion.cycles.task import CycleTask

@@ -1,15 +1,19 @@
-"""Text in columns."""
+"""What several commands say in the same way: tables, names and texts below each other, entries of JSON."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from ocptip.basics.text import quantity
-from ocptip.motion.check import MotionCheck
-from ocptip.standing.mechanism import StandingMechanism
-from ocptip.trajectories.arm_motion import ArmMotion
+
+if TYPE_CHECKING:  # most of them take long to load, and `ocptip stand` needs none
+    from ocptip.motion.check import MotionCheck
+    from ocptip.standing.mechanism import StandingMechanism
+    from ocptip.standing.sensitivity import Sensitivity
+    from ocptip.trajectories.arm_motion import ArmMotion
 
 
 def table(rows: Sequence[Sequence[str]], left: Sequence[int]) -> list[str]:
@@ -40,6 +44,11 @@ def masses(robot: StandingMechanism) -> str:
 def under(name: str, texts: Iterable[object]) -> list[tuple[str, str]]:
     """Named lines of several texts; the first has the name."""
     return [("" if k else name, f"{text}") for k, text in enumerate(texts)]
+
+
+def sensitivities_to_dict(found: Sequence[Sensitivity]) -> dict[str, Any]:
+    """An entry for JSON; none if they were not asked for."""
+    return {"sensitivities": [one.to_dict() for one in found]} if found else {}
 
 
 def certificate_rows(checked: MotionCheck) -> list[tuple[str, str]]:

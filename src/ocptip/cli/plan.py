@@ -16,6 +16,7 @@ from ocptip.cli.layout import (
     certificate_rows,
     masses,
     rises,
+    sensitivities_to_dict,
     summary,
     under,
     use_of_reserves,
@@ -23,7 +24,7 @@ from ocptip.cli.layout import (
 )
 from ocptip.cli.options import output_directory, remove_figures, require_least, with_limits
 from ocptip.cli.progress import Progress, say_if_compiling
-from ocptip.cli.stops import sensitivities_of, sensitivities_to_dict, stops_of
+from ocptip.cli.stops import sensitivities_of, stops_of
 from ocptip.motion.check import MotionCheck, certified, check_motion
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.motion.execution import Execution, execute

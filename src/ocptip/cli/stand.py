@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,9 +15,8 @@ from ocptip.basics.errors import InputError, naming
 from ocptip.basics.text import percent, quantity, ratio, without_noise
 from ocptip.basics.write import versions
 from ocptip.cli.command import Report
-from ocptip.cli.layout import named, table, under
+from ocptip.cli.layout import named, sensitivities_to_dict, table, under
 from ocptip.cli.progress import say_if_compiling
-from ocptip.cli.stops import sensitivities_to_dict
 from ocptip.contact.elastic import Shared
 from ocptip.contact.moving import what_moves
 from ocptip.contact.states import BEYOND_RESOLUTION, STATUS, ContactState, ContactStates
@@ -25,10 +24,12 @@ from ocptip.contact.verdict import StabilityVerdict, stability, standing_state, 
 from ocptip.reserves.force_sets import ForceSets
 from ocptip.reserves.slip import Redistribution, Slip, SlipReserve
 from ocptip.reserves.tipping import TipOver, TipOverReserve
-from ocptip.standing.rest_within import WithinAtRest, scene_within
-from ocptip.standing.sensitivity import Sensitivity, scene_sensitivities
 from ocptip.task_files.scene import Scene, read_scene
 from ocptip.task_files.tolerance import load_tolerance
+
+if TYPE_CHECKING:
+    from ocptip.standing.rest_within import WithinAtRest
+    from ocptip.standing.sensitivity import Sensitivity
 
 PLOT_FORMATS = (".png", ".pdf", ".svg")
 _NO_RESERVE = 1 - 1e-9  # reserve values from here on are 1 but for rounding
@@ -46,8 +47,10 @@ def run(options: Namespace) -> StandReport:
         with naming("--tolerance"):
             tolerance = load_tolerance(options.tolerance)
     say_if_compiling()
-    within = None
+    within, sensitivities = None, ()
     if tolerance.given:
+        from ocptip.standing.rest_within import scene_within
+
         with naming(scene.name):
             within = scene_within(support, scene.loads, tolerance, reference)
     verdict = stability(support, scene.wrench)
@@ -59,6 +62,10 @@ def run(options: Namespace) -> StandReport:
         tip_over = TipOver(support, reference)
     except InputError as error:
         raise InputError(str(error).replace("reference_moment", "--gn-reference")) from None
+    if options.sensitivities:
+        from ocptip.standing.sensitivity import scene_sensitivities
+
+        sensitivities = scene_sensitivities(support, scene.loads, reference)
     return StandReport(
         scene=scene,
         states=states,
@@ -69,7 +76,7 @@ def run(options: Namespace) -> StandReport:
         reference_given=reference is not None,
         plot=options.plot,
         within=within,
-        sensitivities=scene_sensitivities(support, scene.loads, reference) if options.sensitivities else (),
+        sensitivities=sensitivities,
     )
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from ocptip.cli.layout import table
@@ -29,11 +27,6 @@ def stops_of(
 def sensitivities_of(task: MotionTask, motion: Motion) -> tuple[Sensitivity, ...]:
     """What changes of the robot and its base would do to the worst reserves of a motion."""
     return motion_sensitivities(task.robot, *motion.states(motion.both_sides(SPACING)))
-
-
-def sensitivities_to_dict(found: tuple[Sensitivity, ...]) -> dict[str, Any]:
-    """An entry for JSON; none if they were not asked for."""
-    return {"sensitivities": [one.to_dict() for one in found]} if found else {}
 
 
 def stop_table(stops: Stops) -> list[str]:

@@ -13,13 +13,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import nnls
 
 from ocptip.contact.bindings.unilateral import LEAST_FRICTION, UnilateralContact
 from ocptip.contact.mode_search import FOUND, SearchResult
 from ocptip.contact.solver import solution_from_search
 from ocptip.contact.states import ContactState, ContactStates
 from ocptip.contact.support import Support
+from ocptip.numerics.non_negative import non_negative
 
 STICK, SLIDE, SEPARATE = "stick", "slide", "separate"
 
@@ -140,19 +140,15 @@ class ConeProblem:
             # of the steps that satisfy the equations a short one: they leave some forces open
             weight = min(_DAMPING, size)
             step = np.hstack([held, -per_a])
-            A = np.zeros((6 + m + s + m + s + 6, m + 2 * (s + 6)))
-            A[:6, :m], A[:6, m : m + s + 6], A[:6, m + s + 6 :] = pushes, step, -step
-            A[6 : 6 + m + s, m + s : m + s + 6], A[6 : 6 + m + s, -6:] = still, -still
-            rest = A[6 + m + s :]
-            rest[:m, :m] = weight * np.eye(m)
-            rest[m:, m : m + s + 6] = weight * np.eye(s + 6)
-            rest[m:, m + s + 6 :] = -weight * np.eye(s + 6)
+            A = np.zeros((6 + m + s + m + s + 6, m + s + 6))
+            A[:6, :m], A[:6, m:], A[6 : 6 + m + s, m + s :] = pushes, step, still
+            A[6 + m + s :] = weight * np.eye(m + s + 6)
             b = np.r_[self.mass_matrix @ a - self.load - held @ K, loose, weight * N, np.zeros(s + 6)]
             try:
-                x, _ = nnls(A, b)
+                x, _ = non_negative(A, b, signed=s + 6)
             except RuntimeError:  # its limit of iterations
                 return None
-            change = x[m : m + s + 6] - x[m + s + 6 :]
+            change = x[m:]
             N, K, a = x[:m], K + change[:s], a + change[s:]
         return None
 

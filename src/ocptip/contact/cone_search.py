@@ -11,11 +11,11 @@ from __future__ import annotations
 
 import clarabel
 import numpy as np
-from scipy.sparse import csc_matrix
 
 from ocptip.contact.cone_motion import SEPARATE, SLIDE, STICK, ConeProblem, MotionSearch
 from ocptip.contact.mode_search import EXHAUSTED, FOUND, LIMIT, MOTION_TOLERANCE
 from ocptip.contact.states import ContactState
+from ocptip.numerics.columns import columns_of, no_columns
 
 _ANYTHING = "anything"
 _ARC_PARTS = 3
@@ -130,9 +130,9 @@ class _Search:
         cost = np.zeros(size)
         cost[:6] = -2 * self.half
         solution = clarabel.DefaultSolver(
-            csc_matrix((size, size)),
+            no_columns(size),
             cost,
-            csc_matrix(A),
+            columns_of(A),
             b,
             [
                 clarabel.ZeroConeT(len(equations)),

@@ -16,14 +16,14 @@ Two questions are asked:
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import clarabel
 import numpy as np
-from scipy.optimize import linprog
-from scipy.sparse import csc_matrix
 
 from ocptip.contact.bindings import laws
 from ocptip.contact.support import ContactSystem
+from ocptip.numerics.columns import Columns, no_columns
 
 MOTION_TOLERANCE = 3e-9
 """Share of the free base's power that counts as motion: roughly, accelerations above 5e-5 of the free one."""
@@ -224,7 +224,7 @@ class _MotionSearch(_SolutionSearch):
             clarabel.SecondOrderConeT(1 + len(self.load)),
         ]
         solution = clarabel.DefaultSolver(
-            csc_matrix((count, count)),
+            no_columns(count),
             -self.power[columns],
             self._program(columns, rows),
             b,
@@ -241,7 +241,7 @@ class _MotionSearch(_SolutionSearch):
                 return None
         return x
 
-    def _program(self, columns: np.ndarray, rows: int) -> csc_matrix:
+    def _program(self, columns: np.ndarray, rows: int) -> Any:
         """Equations, x >= 0, and the ball: per column the dense equations, -1 on the diagonal, and -Y."""
         count, size = len(columns), len(self.load)
         data = np.empty((count, rows + 1 + size))
@@ -256,7 +256,7 @@ class _MotionSearch(_SolutionSearch):
         keep = data.ravel() != 0.0  # explicit zeros would cost time in every factorisation
         starts = np.concatenate([[0], np.cumsum(keep)])[starts]
         shape = (rows + count + 1 + size, count)
-        return csc_matrix((data.ravel()[keep], index.ravel()[keep], starts), shape=shape)
+        return Columns(data.ravel()[keep], index.ravel()[keep], starts, shape)
 
     def _positive(self, k: int, x: np.ndarray) -> np.ndarray:
         first = self.system.first_column[k]
@@ -280,6 +280,8 @@ class _MotionSearch(_SolutionSearch):
 
 def linear_program(cost: np.ndarray, equations: np.ndarray, rhs: np.ndarray):
     """Minimise cost'x over x >= 0 with HiGHS: the result (status 0 or 2), or None if no method decides."""
+    from scipy.optimize import linprog  # loads for 0.2 s, and most verdicts need none
+
     options = {
         "primal_feasibility_tolerance": _LP_TOLERANCE,
         "dual_feasibility_tolerance": _LP_TOLERANCE,

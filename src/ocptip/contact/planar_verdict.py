@@ -22,7 +22,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import nnls
 
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.cone_motion import (
@@ -294,6 +293,8 @@ class _Search:
 
     def _feasible(self, A: np.ndarray) -> np.ndarray | None:
         """x >= 0 with A x = load, or nearly so; None only with a certificate that there is none."""
+        from scipy.optimize import nnls  # loads for 0.3 s, and many scenes need none
+
         self.programs += 1
         try:
             x, residual = nnls(A, self.plane.load)

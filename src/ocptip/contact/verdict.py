@@ -22,7 +22,6 @@ from typing import Any
 import clarabel
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.sparse import csc_matrix
 
 from ocptip.basics.errors import SolverError, bounded_array
 from ocptip.contact import mode_search
@@ -36,6 +35,7 @@ from ocptip.contact.planar_verdict import feet_share_a_plane, find_planar_motion
 from ocptip.contact.solver import on_springs, solution_from_search, solve, solve_randomly
 from ocptip.contact.states import REST_TOLERANCE, ContactState
 from ocptip.contact.support import LARGEST_WRENCH, Support
+from ocptip.numerics.columns import columns_of, no_columns
 
 MARGIN_TOLERANCE = 1e-7
 """Margins above minus this (relative to the force unit) count as standing."""
@@ -358,7 +358,7 @@ def _margin(
         cones.append(clarabel.SecondOrderConeT(d))
     cost = np.zeros(size)
     cost[-1] = -1.0
-    matrices = csc_matrix((size, size)), cost, csc_matrix(np.vstack(blocks)), np.concatenate(limits), cones
+    matrices = no_columns(size), cost, columns_of(np.vstack(blocks)), np.concatenate(limits), cones
     ended = ""
     inverse = np.linalg.pinv(matrix)
     for tolerance in _TOLERANCES:

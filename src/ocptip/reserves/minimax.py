@@ -14,8 +14,8 @@ from dataclasses import dataclass, fields
 
 import clarabel
 import numpy as np
-from scipy import sparse
 
+from ocptip.numerics.columns import columns_of, no_columns
 from ocptip.reserves.planar import planar_forces
 
 GAP_TOLERANCE = 1e-7
@@ -53,9 +53,9 @@ class ConeBatch:
         cost = np.zeros(columns)
         cost[0] = 1.0
         self._solver = clarabel.DefaultSolver(
-            sparse.csc_matrix((columns, columns)),
+            no_columns(columns),
             cost,
-            sparse.csc_matrix(structure.astype(float)),
+            columns_of(structure.astype(float)),
             np.zeros(rows),
             cones,
             settings,

@@ -13,19 +13,21 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
 
+import clarabel
 import numpy as np
-from scipy.optimize import linprog
 
 from ocptip.basics.errors import InputError, SolverError, positive_number
 from ocptip.contact.solver import solve_many
 from ocptip.contact.states import ContactStates
 from ocptip.contact.support import Support
+from ocptip.numerics.columns import columns_of, no_columns
 from ocptip.reserves.force_sets import ForceSets
 from ocptip.reserves.tip_moments import AddableMoments, TippingAxis
 
 GEOMETRY_TOLERANCE = 1e-9
 """Lengths below this, relative to the extent of the contacts, are zero."""
 
+_ROUNDING = 1e-11
 REFERENCE_SHARE = 0.1
 """Reference moment M0 as a share of the largest moment sum without load (source: about 1/10)."""
 
@@ -168,19 +170,70 @@ class TipOver:
             raise InputError(
                 "reference_moment: gravity is zero, so that the weight gives no reference; pass M0 > 0 in N m"
             )
-        axes, n = self.lifts.shape
-        result = linprog(
-            np.r_[np.zeros(n), -1.0],
-            A_ub=np.hstack([-np.abs(self.lifts), np.ones((axes, 1))]),
-            b_ub=np.zeros(axes),
-            A_eq=np.r_[np.ones(n), 0.0][None],
-            b_eq=[1.0],
-            bounds=[(0, None)] * (n + 1),
-            method="highs",
-        )
-        if not result.success:
-            raise SolverError(f"reference moment: linear program failed: {result.message}")
-        return weight * float(result.x[-1])
+        value = largest_least(np.abs(self.lifts))
+        if value is None:
+            raise SolverError("reference moment: its linear program was not solved")
+        return weight * value
+
+
+def largest_least(rows: np.ndarray) -> float | None:
+    """The largest min_i (A x)_i over x >= 0 with sum 1, of A (m, n) >= 0; None if it was not found.
+
+    Clarabel finds which rows and columns take part, their equations the value to rounding; it counts where a
+    mean of rows shows that no x gives more. Where too many take part HiGHS decides, whose import takes longer
+    than a verdict.
+    """
+    m, n = rows.shape
+    unit = float(np.max(rows))
+    if unit == 0:
+        return 0.0
+    A = rows / unit
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.tol_feas = settings.tol_gap_abs = settings.tol_gap_rel = 1e-10
+    program = np.block([[np.ones((1, n)), 0.0], [-A, np.ones((m, 1))], [-np.eye(n), np.zeros((n, 1))]])
+    solution = clarabel.DefaultSolver(
+        no_columns(n + 1),
+        np.r_[np.zeros(n), -1.0],
+        columns_of(program),
+        np.r_[1.0, np.zeros(m + n)],
+        [clarabel.ZeroConeT(1), clarabel.NonnegativeConeT(m + n)],
+        settings,
+    ).solve()
+    x, y = np.array(solution.x[:n]), np.array(solution.z[1 : m + 1])
+    for share in (1e-6, 1e-8, 1e-4):
+        taking, holding = x > share, y > share
+        if not (taking.any() and holding.any()):
+            continue
+        low, mixed = _game(A[np.ix_(holding, taking)])
+        _, weighed = _game(-A[np.ix_(holding, taking)].T)
+        least, most = np.min(A[:, taking] @ mixed), np.max(weighed @ A[holding])
+        if min(np.min(mixed), np.min(weighed)) > -_ROUNDING and most - least < _ROUNDING:
+            return unit * low
+    from scipy.optimize import linprog
+
+    result = linprog(
+        np.r_[np.zeros(n), -1.0],
+        A_ub=program[1 : m + 1],
+        b_ub=np.zeros(m),
+        A_eq=program[:1],
+        b_eq=[1.0],
+        bounds=[(0, None)] * (n + 1),
+        method="highs",
+    )
+    return unit * float(result.x[-1]) if result.success else None
+
+
+def _game(A: np.ndarray) -> tuple[float, np.ndarray]:
+    """Value t and x of A x = t, sum x = 1; by least squares where that has no or many solutions."""
+    m, n = A.shape
+    system = np.block([[A, -np.ones((m, 1))], [np.ones((1, n)), np.zeros((1, 1))]])
+    right = np.r_[np.zeros(m), 1.0]
+    try:
+        *x, value = np.linalg.solve(system, right)
+    except np.linalg.LinAlgError:
+        *x, value = np.linalg.lstsq(system, right, rcond=None)[0]
+    return float(value), np.array(x)
 
 
 @dataclass(frozen=True, eq=False)

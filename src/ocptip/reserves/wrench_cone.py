@@ -9,7 +9,6 @@ wrench cone).
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
 
 from ocptip.contact.support import Support
 
@@ -42,6 +41,8 @@ def wrench_half_spaces(support: Support, friction: np.ndarray, sides: int = SIDE
     if np.min(heights) <= _SLANTED * np.linalg.norm(normal):
         return None
     basis = np.linalg.svd(normal[None])[2][1:]
+    from scipy.spatial import ConvexHull, QhullError  # loads for 0.3 s
+
     try:
         hull = ConvexHull((edges / heights[:, None]) @ basis.T)
     except QhullError:  # contacts on a line, or without friction

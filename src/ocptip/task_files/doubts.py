@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,7 +12,9 @@ from ocptip.basics.doubts import doubt, doubt_degrees, doubt_metres
 from ocptip.basics.errors import LARGEST
 from ocptip.basics.toml import Table
 from ocptip.contact.bindings.unilateral import UnilateralContact
-from ocptip.standing.mechanism import StandingMechanism
+
+if TYPE_CHECKING:
+    from ocptip.standing.mechanism import StandingMechanism
 
 _ANGLES = (  # judged together; inclinations and mounts may well be small
     r"(motion\.(start|goal)|segment\[\d+\]\.goal)_deg(\..+)?",
