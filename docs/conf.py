@@ -1,0 +1,71 @@
+"""The documentation site: `python -m sphinx -W docs site`.
+
+Pages are those of this folder, three notebooks (executed), the studies' tables, and the docstrings.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+from pathlib import Path
+
+from sphinx.application import Sphinx
+
+ROOT = Path(__file__).resolve().parents[1]
+RESULTS = "studies/results"
+
+project = "ocptip"
+author = copyright = "The ocptip authors"
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+html_theme = "furo"
+html_title = "ocptip"
+exclude_patterns = ["_build"]
+
+myst_enable_extensions = ["colon_fence"]
+myst_heading_anchors = 4
+nb_execution_mode = "cache"
+nb_execution_raise_on_error = True
+nb_execution_timeout = 300
+
+autodoc_default_options = {"members": True, "show-inheritance": True}
+autodoc_member_order = "bysource"
+autodoc_typehints = "none"
+napoleon_use_ivar = True
+napoleon_use_rtype = False
+suppress_warnings = [
+    "ref.python"
+]  # the shapes with which properties are described, (n, 3), are taken for types
+
+
+def _copy_tables(app: Sphinx) -> None:
+    """The studies' tables and figures become pages of the site."""
+    target = Path(app.srcdir) / "results"
+    shutil.rmtree(target, ignore_errors=True)
+    for path in (ROOT / RESULTS).rglob("*"):
+        if path.suffix in (".md", ".png"):
+            copy = target / path.relative_to(ROOT / RESULTS)
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(path, copy)
+
+
+def _inside(app: Sphinx, name: str, content: list[str]) -> None:
+    """Links to what was copied lead there, and each table has a title."""
+    content[0] = content[0].replace(f"](../{RESULTS}/", "](results/")
+    if name.startswith("results/") and not content[0].startswith("# "):
+        title = name.split("/")[-1].replace("_", " ").capitalize()
+        content[0] = f"# {title}\n\n{content[0]}"
+
+
+def _plain(app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
+    """Docstrings are plain text with `names`: nothing but these is markup."""
+    for i, line in enumerate(lines):
+        parts = re.split(r"(^ *\* |`+[^`]*`+|:class:`[^`]*`)", line)
+        parts[::2] = [re.sub(r"([*|\\])|_(?=\W|$)", lambda m: "\\" + m[0], part) for part in parts[::2]]
+        lines[i] = "".join(re.sub(r"^`([^`]+)`$", r"``\1``", part) for part in parts)
+
+
+def setup(app: Sphinx) -> None:
+    """Called by Sphinx."""
+    app.connect("builder-inited", _copy_tables)
+    app.connect("source-read", _inside)
+    app.connect("autodoc-process-docstring", _plain, priority=400)  # before napoleon
