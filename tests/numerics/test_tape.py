@@ -6,8 +6,9 @@ import casadi as cs
 import numpy as np
 import pytest
 
+from ocptip.numerics import native
 from ocptip.numerics.batch import BatchFunction
-from ocptip.numerics.tape import BLOCK, Tape
+from ocptip.numerics.tape import BLOCK, LOOK, WORTH, Tape
 
 UNARY = {
     "neg": lambda x: -x,
@@ -81,3 +82,50 @@ def test_an_unknown_operation_is_named():
     x = cs.SX.sym("x")
     with pytest.raises(NotImplementedError, match="CasADi operation"):
         Tape(cs.Function("f", [x], [cs.erf(x)]))
+
+
+@pytest.mark.parametrize("name", [*UNARY, *BINARY])
+def test_machine_code_gives_the_same_bits(name, monkeypatch, tmp_path):
+    monkeypatch.setattr(native, "_path", lambda key: tmp_path / "code.tape")
+    x, y = cs.SX.sym("x", 3), cs.SX.sym("y", 3)
+    result = UNARY[name](x) if name in UNARY else BINARY[name](x, y)
+    tape = Tape(cs.Function("f", [x, y], [result, cs.dot(x, result) + 2]))
+    made, from_disk = tape.native(compile_it=True), tape.native(compile_it=False)
+    for count in (1, 7, 8, 13, BLOCK + 3):
+        inputs = np.random.default_rng(count).uniform(-3, 3, (6, count))
+        inputs[:, 0], inputs[3:, -1] = 0.0, inputs[:3, -1]
+        for code in (made, from_disk):
+            code(inputs, tape._constants, found := np.full((4, count), np.nan))
+            np.testing.assert_array_equal(found, tape(inputs))
+
+
+def test_tapes_that_run_often_become_machine_code(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(native.config, "CACHE_DIR", "")
+    x = cs.SX.sym("x", 2)
+    tape, inputs = Tape(cs.Function("f", [x], [cs.sin(x) * 3])), np.array([[0.5, 1.0], [2.0, 3.0]])
+    for _ in range(WORTH + 1):
+        np.testing.assert_array_equal(tape(inputs), np.sin(inputs) * 3)
+        assert len(list(tmp_path.rglob("*.tape"))) == (tape._runs >= WORTH)
+    [file] = tmp_path.rglob("*.tape")
+    other = Tape(cs.Function("f", [x], [cs.sin(x) * 4]))  # another constant: the same code
+    assert other.native(compile_it=False) is not None
+    np.testing.assert_array_equal([other(inputs) for _ in range(LOOK + 1)][-1], np.sin(inputs) * 4)
+    file.write_bytes(file.read_bytes()[:-1])
+    assert other.native(compile_it=False) is None  # a torn file is no code
+    assert other.native(compile_it=True) is not None
+    for k in range(native.KEPT + 5):
+        native._write(file.with_name(f"{k}.tape"), b"code")
+    assert len(list(file.parent.iterdir())) == native.KEPT
+
+
+def test_without_a_folder_to_write_into_code_is_made_anew(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    monkeypatch.setattr(native.config, "CACHE_DIR", "")
+    (tmp_path / "file").write_text("no folder")
+    x = cs.SX.sym("x", 2)
+    tape = Tape(cs.Function("f", [x], [x + 1]))
+    assert tape.native(compile_it=False) is None
+    outputs = np.zeros((2, 1))
+    tape.native(compile_it=True)(np.ones((2, 1)), tape._constants, outputs)
+    assert np.all(outputs == 2)

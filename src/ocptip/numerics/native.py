@@ -1,0 +1,245 @@
+"""Instructions of a tape as machine code: eight states at a time, no decoding, kept on disk.
+
+LLVM, which Numba brings along, gets one straight line of vector instructions, without licence to reorder or
+contract: results are those of the interpreter to the last bit. Compiling costs about 0.1 ms per instruction,
+so that a tape asks for it only where it has run often; a later process finds the code on disk.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import hashlib
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import llvmlite
+import llvmlite.binding as llvm
+import numpy as np
+from llvmlite import ir
+from numba.core import config
+
+LANES = 8
+KEPT = 200  # files in the folder at most
+_VERSION = 1  # of what is generated here
+_DOUBLE, _INTEGER = ir.DoubleType(), ir.IntType(64)
+_VECTOR = ir.VectorType(_DOUBLE, LANES)
+_DIRECT = {"ADD": "fadd", "SUB": "fsub", "MUL": "fmul", "DIV": "fdiv"}
+_INTRINSICS = {
+    "SQRT": "sqrt", "SIN": "sin", "COS": "cos", "EXP": "exp", "LOG": "log", "FABS": "fabs", "FMIN": "minnum",
+    "FMAX": "maxnum", "POW": "pow", "CONSTPOW": "pow",
+}  # fmt: skip
+_OF_THE_C_LIBRARY = {"TAN": "tan", "ASIN": "asin", "ACOS": "acos", "ATAN": "atan", "ATAN2": "atan2"}
+_COMPARISONS = {"LT": "<", "LE": "<=", "EQ": "=="}
+
+Instruction = tuple[str, int, int, int]
+"""Name of the operation, two arguments, result: registers, inputs, outputs, or a constant's number."""
+
+
+class Native:
+    """Machine code of a tape.
+
+    Args:
+        code: machine code for this processor, as `compiled` gives it.
+    """
+
+    def __init__(self, code: bytes) -> None:
+        self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _machine())
+        self._engine.add_object_file(llvm.ObjectFileRef.from_data(code))
+        self._engine.finalize_object()
+        kind = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3, ctypes.c_int64)
+        self._function = kind(self._engine.get_function_address("run"))
+
+    def __call__(self, inputs: np.ndarray, constants: np.ndarray, outputs: np.ndarray) -> None:
+        """Puts results into outputs (results, N) for inputs (arguments, N), both contiguous."""
+        count = inputs.shape[1]
+        if count == 0:
+            return
+        if count < LANES:
+            few = np.repeat(inputs[:, -1:], LANES, axis=1)
+            few[:, :count] = inputs
+            results = np.empty((len(outputs), LANES))
+            self(few, constants, results)
+            outputs[:] = results[:, :count]
+            return
+        self._function(inputs.ctypes.data, constants.ctypes.data, outputs.ctypes.data, count)
+
+
+def native(instructions: Callable[[], list[Instruction]], key: bytes, compile_it: bool) -> Native | None:
+    """Machine code from disk, or compiled now and put there.
+
+    Args:
+        instructions: of the tape.
+        key: what tells it from others.
+        compile_it: else only from disk.
+
+    Returns:
+        None if there is none.
+    """
+    path = _path(key)
+    code = _read(path)
+    if code is None and compile_it:
+        code = compiled(instructions())
+        _write(path, code)
+    return None if code is None else Native(code)
+
+
+def compiled(instructions: list[Instruction]) -> bytes:
+    """Machine code of instructions for this processor."""
+    return _machine().emit_object(llvm.parse_assembly(_assembly(instructions)))
+
+
+def _machine() -> llvm.TargetMachine:
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    target = llvm.Target.from_triple(llvm.get_process_triple())
+    features = llvm.get_host_cpu_features().flatten()
+    return target.create_target_machine(cpu=llvm.get_host_cpu_name(), features=features, opt=1, jit=True)
+
+
+def _assembly(instructions: list[Instruction]) -> str:
+    """A function (inputs, constants, outputs, N): a loop over blocks of lanes, the last one flush right."""
+    module = ir.Module("tape")
+    module.triple = llvm.get_process_triple()
+    pointer = _DOUBLE.as_pointer()
+    kind = ir.FunctionType(ir.VoidType(), [pointer, pointer, pointer, _INTEGER])
+    function = ir.Function(module, kind, "run")
+    for argument in function.args[:3]:
+        argument.add_attribute("noalias")
+    begin, loop, end = (function.append_basic_block(name) for name in ("begin", "loop", "end"))
+    build = ir.IRBuilder(begin)
+    build.branch(loop)
+    build.position_at_end(loop)
+    lane = build.phi(_INTEGER)
+    lane.add_incoming(_INTEGER(0), begin)
+    _Line(module, build, function.args, lane).add(instructions)
+    last = build.sub(function.args[3], _INTEGER(LANES))
+    ahead = build.add(lane, _INTEGER(LANES))
+    following = build.select(build.icmp_signed("<", ahead, last), ahead, last)
+    lane.add_incoming(following, loop)
+    build.cbranch(build.icmp_signed("<", lane, last), loop, end)
+    ir.IRBuilder(end).ret_void()
+    return str(module)
+
+
+class _Line:
+    """Builds the straight line of one block of lanes."""
+
+    def __init__(self, module: ir.Module, build: ir.IRBuilder, arguments: tuple, lane: ir.Value) -> None:
+        self._module, self._build, self._lane = module, build, lane
+        self._inputs, self._constants, self._outputs, self._count = arguments
+        self._functions: dict[str, ir.Function] = {}
+        self._zero, self._one, self._minus = (ir.Constant(_VECTOR, [v] * LANES) for v in (0.0, 1.0, -1.0))
+
+    def add(self, instructions: list[Instruction]) -> None:
+        build, registers = self._build, dict[int, ir.Value]()
+        for name, first, second, result in instructions:
+            if name == "INPUT":
+                registers[result] = build.load(self._at(self._inputs, first), align=8)
+            elif name == "OUTPUT":
+                build.store(registers[first], self._at(self._outputs, result), align=8)
+            elif name == "CONST":
+                value = build.load(build.gep(self._constants, [_INTEGER(first)]))
+                alone = build.insert_element(ir.Constant(_VECTOR, ir.Undefined), value, ir.IntType(32)(0))
+                everywhere = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
+                registers[result] = build.shuffle_vector(alone, alone, everywhere)
+            else:
+                registers[result] = self._value(name, registers[first], registers[second])
+
+    def _at(self, base: ir.Value, row: int) -> Any:
+        build = self._build
+        place = build.add(build.mul(self._count, _INTEGER(row)), self._lane)
+        return build.bitcast(build.gep(base, [place]), _VECTOR.as_pointer())
+
+    def _value(self, name: str, x: Any, y: Any) -> Any:
+        build, zero, one = self._build, self._zero, self._one
+        if name in _DIRECT:
+            return getattr(build, _DIRECT[name])(x, y)
+        if name in _INTRINSICS:
+            both = name in ("FMIN", "FMAX", "POW", "CONSTPOW")
+            return build.call(
+                self._function(f"llvm.{_INTRINSICS[name]}.v{LANES}f64", _VECTOR, both), self._of(x, y, both)
+            )
+        if name in _OF_THE_C_LIBRARY:
+            return self._by_lane(self._function(_OF_THE_C_LIBRARY[name], _DOUBLE, name == "ATAN2"), x, y)
+        if name in _COMPARISONS:
+            return build.select(build.fcmp_ordered(_COMPARISONS[name], x, y), one, zero)
+        above, below = (build.fcmp_ordered(sign, x, zero) for sign in "><")
+        set_, other = (build.fcmp_unordered("!=", one_of, zero) for one_of in (x, y))
+        made: dict[str, Callable[[], Any]] = {
+            "ASSIGN": lambda: x,
+            "NEG": lambda: build.fneg(x),
+            "SQ": lambda: build.fmul(x, x),
+            "TWICE": lambda: build.fadd(x, x),
+            "INV": lambda: build.fdiv(one, x),
+            "SIGN": lambda: build.select(above, one, build.select(below, self._minus, x)),
+            "NE": lambda: build.select(build.fcmp_unordered("!=", x, y), one, zero),
+            "NOT": lambda: build.select(set_, zero, one),
+            "AND": lambda: build.select(build.and_(set_, other), one, zero),
+            "OR": lambda: build.select(build.or_(set_, other), one, zero),
+            "IF_ELSE_ZERO": lambda: build.select(set_, y, zero),
+        }
+        return made[name]()
+
+    @staticmethod
+    def _of(x: ir.Value, y: ir.Value, both: bool) -> list[ir.Value]:
+        return [x, y] if both else [x]
+
+    def _function(self, name: str, kind: ir.Type, both: bool) -> ir.Function:
+        if name not in self._functions:
+            own = ir.FunctionType(kind, [kind] * (1 + both))
+            self._functions[name] = ir.Function(self._module, own, name)
+        return self._functions[name]
+
+    def _by_lane(self, function: ir.Function, x: Any, y: Any) -> Any:
+        build, result = self._build, ir.Constant(_VECTOR, ir.Undefined)
+        for k in range(LANES):
+            place = ir.IntType(32)(k)
+            given = [build.extract_element(v, place) for v in (x, y)[: len(function.args)]]
+            result = build.insert_element(result, build.call(function, given), place)
+        return result
+
+
+# --- on disk ----------------------------------------------------------------------------------------------
+
+
+def _path(key: bytes) -> Path | None:
+    """Where the code of a tape is, or would be; None where there is no such place."""
+    base = (
+        getattr(config, "CACHE_DIR", "") or os.environ.get("XDG_CACHE_HOME") or os.environ.get("LOCALAPPDATA")
+    )
+    try:
+        folder = (Path(base) if base else Path.home() / ".cache") / "ocptip"
+    except RuntimeError:  # no home
+        return None
+    processor = f"{llvm.get_host_cpu_name()} {llvm.get_host_cpu_features().flatten()}"
+    made_by = f"{_VERSION} {LANES} {llvmlite.__version__} {llvm.get_process_triple()} {processor} "
+    return folder / f"{hashlib.sha256(made_by.encode() + key).hexdigest()}.tape"
+
+
+def _read(path: Path | None) -> bytes | None:
+    """The code in a file that is whole."""
+    try:
+        text = path.read_bytes() if path else b""
+    except OSError:
+        return None
+    digest, code = text[:32], text[32:]
+    return code if code and hashlib.sha256(code).digest() == digest else None
+
+
+def _write(path: Path | None, code: bytes) -> None:
+    """Put the code where a later process finds it, whole or not at all; the oldest files make room."""
+    if path is None:
+        return
+    with contextlib.suppress(OSError):
+        path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(dir=path.parent)
+        with os.fdopen(handle, "wb") as file:
+            file.write(hashlib.sha256(code).digest() + code)
+        os.replace(name, path)
+        files = sorted(path.parent.glob("*.tape"), key=lambda one: one.stat().st_mtime)
+        for old in files[:-KEPT]:
+            old.unlink(missing_ok=True)
