@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given
 
 from ocptip.basics.errors import InputError
-from ocptip.trajectories.ramps import JointRamps, phase_violations, phases_to_commands
+from ocptip.trajectories.ramps import JointRamps, phase_violations, phases_to_commands, without_idle_ramps
 from tests.trajectories.strategies import angles, commands, phases
 
 
@@ -138,3 +138,15 @@ def test_bad_arrays_are_refused():
         phase_violations([1.0], [1.0, 1.0], [np.nan])
     with pytest.raises(InputError, match="at least one"):
         phase_violations([], [1.0], [])
+
+
+def test_ramps_that_change_no_speed_are_cruise():
+    phases = [0.5, 0.5, -0.4], [0.2, 0.1, 0.3, 0.2], [0.3, 0.4, 0.5]
+    with pytest.raises(InputError, match="changes no speed"):
+        phases_to_commands(0.1, *phases)
+    w, d, c = without_idle_ramps(*map(np.array, phases))
+    np.testing.assert_allclose(d, [0.2, 0.0, 0.3, 0.2])
+    np.testing.assert_allclose(c, [0.4, 0.4, 0.5])
+    d[-1] = braking = 0.4 * 0.3 / 0.9
+    ramps = JointRamps.from_commands(0.1, phases_to_commands(0.1, w, d, c))
+    assert ramps.phi_end == pytest.approx(0.1 + 0.05 + 0.4 + 0.015 - 0.2 - 0.2 * braking)

@@ -15,7 +15,7 @@ from ocptip.basics.errors import InputError, naming, positive_number
 from ocptip.basics.text import quantity, ratio
 from ocptip.basics.write import versions
 from ocptip.cli.command import Report
-from ocptip.cli.cycles import require_plain, seam_offsets, segment_table, segments_of, segments_within
+from ocptip.cli.cycles import require_plain, segment_table, segments_of, segments_within
 from ocptip.cli.layout import (
     certificate_rows,
     masses,
@@ -130,17 +130,25 @@ def _cycle(name: str, path: Path, task: CycleTask, options: Namespace, step: flo
         if not isinstance(found, FittedMotion):  # of which the accelerations are an estimate
             checked = certified_cycle(task, motion, checked)
         scaled = [(f, check_cycle(task, motion.time_scaled(f), step=step).whole) for f in options.time_scale]
-    seams = [(place, _by_unit(off, task)) for place, off in seam_offsets(task, motion)]
-    (_, first), *_, (_, last) = seams
-    ends = {unit: (first[unit], last[unit]) for unit in first}
+    seams = [motion.start, *(own.goal for own in motion.motions)]
+    offsets = [_by_unit(task.offset(end, q, _SAME["m"]), task) for end, q in enumerate(seams)]
+    ends = {unit: (offsets[0][unit], offsets[-1][unit]) for unit in offsets[0]}
     notes = tuple(
-        f"the {place} is {offset:.4g} {unit} off the task's"
-        for place, off in seams
-        for unit, offset in off.items()
+        _off_text(task, end, seams[end], unit, offset)
+        for end, own in enumerate(offsets)
+        for unit, offset in own.items()
         if offset > _SAME[unit]
     )
     deviations = cycle_tolerances(task, motion)
     return CheckReport(name, task, found, checked.whole, scaled, ends, deviations, None, (), checked, notes)
+
+
+def _off_text(task: CycleTask, end: int, q: np.ndarray, unit: str, offset: float) -> str:
+    """That a segment does not end (or the first one start) where the task wants it."""
+    name, _, target = task.ends[end]
+    if target is None:
+        return f"the {name} is {offset:.4g} {unit} off the task's"
+    return f"the {name} misses its gripper pose by {task.pose_miss(end, q):.2g} (m, rad)"
 
 
 @dataclass

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from argparse import Namespace
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -22,13 +22,13 @@ from ocptip.motion.check import MotionCheck, certified
 from ocptip.motion.cycles.check import CycleCheck, check_cycle, cycle_check, parts_of
 from ocptip.motion.cycles.output import cycle_samples, cycle_to_dict, drives_of, run_motion, write_cycle
 from ocptip.motion.cycles.plan import CyclePlan, plan_cycle
-from ocptip.motion.cycles.task import CycleTask
+from ocptip.motion.cycles.task import CycleTask, freed_offset
 from ocptip.motion.cycles.tolerated import cycle_tolerances
 from ocptip.motion.execution import Execution, execute
 from ocptip.motion.objective import objective_of
 from ocptip.motion.task import MotionTask
 from ocptip.motion.tolerated import Tolerated
-from ocptip.numerics.vectors import wrapped
+from ocptip.robots.inverse.pose_target import AXES
 from ocptip.trajectories.sampled import Motion, SampledMotion
 from ocptip.trajectories.sequence import MotionSequence
 
@@ -175,6 +175,7 @@ class CycleReport(Report):
             lines.append(
                 ("postures", f"{counts} that stand at start and goals; {chosen['ways']} ways planned")
             )
+        lines += under("freed", list(freed_texts(plan)))
         if plan.interrupted:
             lines.append(("interrupted", self._interrupted()))
         lines += certificate_rows(whole)
@@ -218,6 +219,19 @@ class CycleReport(Report):
         slower = max(execution.slower for execution in self.executions)
         how = f", ramps slowed down by up to {100 * (slower - 1):.2f} %" if slower > 1 else ""
         return f"{self.executions[0].controller}{how}; all numbers are of that motion"
+
+
+def freed_texts(plan: CyclePlan) -> Iterator[str]:
+    """Where poses that are free within a range are."""
+    if not plan.parts:
+        return
+    motions = [part.motion for part in plan.parts]
+    postures = [motions[0].start, *(own.goal for own in motions)]
+    for (name, _, target), q in zip(plan.task.ends, postures, strict=False):
+        for axis, own in freed_offset(target, plan.task.robot, q).items():
+            assert target is not None
+            low, high = 1e3 * target.free[AXES.index(axis)]
+            yield f"{axis} {1e3 * own:+.4g} mm ({low:g} to {high:g}), {name}"
 
 
 def segment_table(task: CycleTask, check: CycleCheck) -> list[str]:
@@ -278,18 +292,3 @@ def segments_of(task: CycleTask, motion: Motion | MotionSequence) -> MotionSeque
     if len(motion) != len(task.segments):
         raise InputError(f"has {len(motion)} segments, {task.name} has {len(task.segments)}")
     return motion
-
-
-def seam_offsets(task: CycleTask, motion: MotionSequence) -> Sequence[tuple[str, np.ndarray]]:
-    """Start and ends of the segments, and how far they are off the nearest of the task's postures, (n,)."""
-    angular = np.array(task.robot.units) == "rad"
-    ends = [task.starts, *(segment.goals for segment in task.segments)]
-    names = ["start", *(f"goal of segment {segment.name}" for segment in task.segments)]
-    found = []
-    for name, postures, q in zip(
-        names, ends, [motion.start, *(own.goal for own in motion.motions)], strict=True
-    ):
-        off = q - postures
-        off = np.abs(np.where(angular, wrapped(off), off)) if len(postures) > 1 else np.abs(off)
-        found.append((name, off[np.argmin(off.max(axis=1))]))
-    return found

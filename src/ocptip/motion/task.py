@@ -100,6 +100,8 @@ class MotionTask:
         for name, target in zip(("start", "goal"), self.targets, strict=True):
             if target is None:
                 continue
+            if target.free.any():
+                raise InputError(f"{name}_pose.free: is for poses of cycles, in a [[segment]]")
             if not isinstance(self.robot, StandingRobot):
                 raise InputError(f"targets: the {self.robot.kind} has no gripper poses")
             miss = float(target.residuals(self.robot.arm, getattr(self, name)[None])[0])

@@ -6,6 +6,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.cycles.check import CycleCheck
@@ -29,12 +30,19 @@ class _Task:
 
 @dataclass(frozen=True, eq=False)
 class _Plan:
-    """What figures ask of a plan; `segments`: begin and end of each motion, s, and what to call it."""
+    """What figures ask of a plan.
+
+    Attributes:
+        task, motion, check: of the whole.
+        segments: begin and end of each motion, s, and what to call it.
+        segment_limits: of each.
+    """
 
     task: _Task
     motion: MotionSequence
     check: MotionCheck
     segments: tuple[tuple[float, float, str], ...]
+    segment_limits: tuple[MotionLimits, ...]
 
 
 def draw_cycle(
@@ -56,10 +64,16 @@ def draw_cycle(
     Raises:
         OSError: a file or the directory cannot be written; names it.
     """
+    return draw_plan(directory, seen_plan(task, motion, check), samples_joined(samples))
+
+
+def seen_plan(task: CycleTask, motion: MotionSequence, check: CycleCheck) -> Any:
+    """A cycle, or its first segments, as figures of plans see it."""
     rows = []
     for segment, own, begin in zip(task.segments, motion.motions, motion.begins, strict=False):
         payload = segment.task.robot.payload
         name = f"{segment.name}, {payload.mass:.4g} kg" if payload else segment.name
         rows.append((float(begin), float(begin) + own.end, name))
     seen = _Task(task.name, task.robot, task.limits)
-    return draw_plan(directory, _Plan(seen, motion, check.whole, tuple(rows)), samples_joined(samples))
+    limits = tuple(segment.task.limits for segment in task.segments[: len(rows)])
+    return _Plan(seen, motion, check.whole, tuple(rows), limits)

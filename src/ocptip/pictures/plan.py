@@ -89,16 +89,15 @@ def _overview(curves: PlanCurves) -> Figure:
         _all("Speed / limit of joints", curves.samples.speeds),
         curves.samples.speeds,
         limits.speed,
-        1.0,
+        np.ones(len(curves.times)),
     )
-    ratio = curves.plan.task.limits.torque_ratio
     _shares(
         torques,
         curves,
         _all("Torque / limit of joints", curves.samples.torques),
         curves.samples.torques,
         limits.torque,
-        ratio,
+        curves.limit("torque_ratio"),
     )
     _total_power(power, curves)
     _reserves(reserves, curves, ("GN", "GT"))
@@ -116,12 +115,14 @@ def _angle_figure(curves: PlanCurves) -> Figure:
 
 def _speed_figure(curves: PlanCurves) -> Figure:
     units, scales = [f"{unit}/s" for unit in curves.units], curves.scales
-    return _joint_panels(curves, "speed", units, scales * curves.samples.speeds, "speed", scales)
+    limits = np.tile(scales * curves.joint_limits.speed, (len(curves.times), 1))
+    return _joint_panels(curves, "speed", units, scales * curves.samples.speeds, limits)
 
 
 def _torque_figure(curves: PlanCurves) -> Figure:
-    units, ratio = list(curves.plan.task.robot.motor_units), curves.plan.task.limits.torque_ratio
-    return _joint_panels(curves, "torque", units, curves.samples.torques, "torque", ratio)
+    units = list(curves.plan.task.robot.motor_units)
+    limits = curves.limit("torque_ratio")[:, None] * curves.joint_limits.torque
+    return _joint_panels(curves, "torque", units, curves.samples.torques, limits)
 
 
 def _power_figure(curves: PlanCurves) -> Figure:
@@ -164,14 +165,13 @@ def _clearance_figure(curves: PlanCurves) -> Figure:
 
 
 def _friction(ax: Any, curves: PlanCurves) -> None:
-    limit = curves.plan.task.limits.GT
     for k, usage in enumerate(curves.samples.slip.usage.T):
         # Contacts often share the largest use; thinner lines on top let the ones below be seen.
         width = max(3.9 - 1.2 * k, 1.2)
         ax.plot(
             curves.times, 100 * usage, **_style(k), lw=width, label=f"contact {k + 1}", gid=f"use-{k + 1}"
         )
-    ax.axhline(100 * limit, **_LIMIT_STYLE, label=f"limit of GT, {100 * limit:.3g} %", gid="limit")
+    _limit(ax, curves, 100 * curves.limit("GT"), "limit of GT,", " %")
     _finish(ax, curves, "Friction used", "tangential force / friction limit [%]")
     ax.set_ylim(bottom=0.0)
 
@@ -180,11 +180,22 @@ def _clearance(ax: Any, curves: PlanCurves) -> None:
     """The least distance; a ring marks the worst instant that the check has found."""
     title = "Least distance"
     if draw_clearance(ax, curves.plan.task.robot, curves.samples):
-        limit, worst = curves.plan.task.limits.clearance, curves.plan.check.worst["clearance_m"]
+        worst = curves.plan.check.worst["clearance_m"]
         ax.plot([worst.time], [1e3 * worst.value], **_WORST, mec=LIMIT, gid="clearance-worst")
-        ax.axhline(1e3 * limit, **_LIMIT_STYLE, label=f"limit {1e3 * limit:.3g} mm", gid="limit")
+        _limit(ax, curves, 1e3 * curves.limit("clearance"), "limit", " mm")
         title = f"Least distance {1e3 * worst.value:.3g} mm at {max(worst.time, 0.0) + 0.0:.3f} s"
     _finish(ax, curves, title, "distance [mm]")
+
+
+def _limit(ax: Any, curves: PlanCurves, values: np.ndarray, label: str | None, unit: str = "") -> None:
+    """A limit (N,), with its value in the legend; it may change from segment to segment."""
+    low, high = values.min(), values.max()
+    if label is not None:
+        label = f"{label} {low:.4g}{unit}" if low == high else f"{label} {low:.4g} to {high:.4g}{unit}"
+    if low == high:
+        ax.axhline(low, **_LIMIT_STYLE, label=label, gid="limit")
+    else:
+        ax.plot(curves.times, values, **_LIMIT_STYLE, label=label, gid="limit")
 
 
 def _angles(ax: Any, curves: PlanCurves, names: Iterable[str] | None = None) -> None:
@@ -199,9 +210,9 @@ def _angles(ax: Any, curves: PlanCurves, names: Iterable[str] | None = None) -> 
 
 
 def _shares(
-    ax: Any, curves: PlanCurves, title: str, values: np.ndarray, limits: np.ndarray, largest: float
+    ax: Any, curves: PlanCurves, title: str, values: np.ndarray, limits: np.ndarray, largest: np.ndarray
 ) -> None:
-    """Joint quantities as shares of their limits; joints without limit are left out."""
+    """Joint quantities as shares of their limits, (N,) of which are allowed; those without are left out."""
     if not np.any(np.isfinite(limits)):
         ax.text(0.5, 0.5, "no joint has such a limit", ha="center", va="bottom", transform=ax.transAxes)
     for j in np.flatnonzero(np.isfinite(limits)):
@@ -213,7 +224,7 @@ def _shares(
             gid=f"share-{j + 1}",
         )
     for side, label in ((100, "limit"), (-100, None)):
-        ax.axhline(side * largest, **_LIMIT_STYLE, label=label)
+        _limit(ax, curves, side * largest, label, " %")
     _finish(ax, curves, title, "share of the limit [%]")
 
 
@@ -222,11 +233,10 @@ def _joint_panels(
     quantity: str,
     units: list[str],
     values: np.ndarray,
-    limit_name: str,
-    factor: float | np.ndarray,
+    limits: np.ndarray,
 ) -> Figure:
-    """One panel per joint with its own limits."""
-    n, limits = values.shape[1], factor * getattr(curves.joint_limits, limit_name)
+    """One panel per joint with its own limits, (N, n) as the values are."""
+    n = values.shape[1]
     columns = min(n, 2)
     rows = -(-n // columns)
     figure, axes = _figure(curves, (12.0, 0.8 + 2.7 * rows), rows, columns)
@@ -237,10 +247,10 @@ def _joint_panels(
         unit = units[j]
         ax.plot(curves.times, values[:, j], **_style(j), label=quantity, gid=f"{quantity}-{j + 1}")
         peak = float(np.max(np.abs(values[:, j])))
-        if np.isfinite(limits[j]):
-            for side, label in ((1, f"limit {limits[j]:.4g} {unit}"), (-1, None)):
-                ax.axhline(side * limits[j], **_LIMIT_STYLE, label=label)
-            most = f"{100 * peak / limits[j]:.0f} % of the limit"
+        if np.isfinite(limits[:, j]).all():
+            _limit(ax, curves, limits[:, j], "limit", f" {unit}")
+            _limit(ax, curves, -limits[:, j], None)
+            most = f"{100 * np.max(np.abs(values[:, j]) / limits[:, j]):.0f} % of the limit"
         else:
             most = "no limit"
         name = curves.joint_names[j]
@@ -283,7 +293,6 @@ def _energy(ax: Any, curves: PlanCurves) -> None:
 
 def _reserves(ax: Any, curves: PlanCurves, names: tuple[str, ...]) -> None:
     """Reserves with their limits; a ring marks the worst instant that the check has found."""
-    limits = {name: getattr(curves.plan.task.limits, name) for name in names}
     for name in names:
         color = GN if name == "GN" else GT
         ax.plot(curves.times, _reserve(curves.samples, name), color=color, label=name, gid=name)
@@ -301,10 +310,9 @@ def _reserves(ax: Any, curves: PlanCurves, names: tuple[str, ...]) -> None:
             style = {"color": color, "ls": _DASHED, "lw": 1.2, "alpha": 0.75, "zorder": 1.8}
             values, label = _reserve(curves.reference, name), None if name != names[0] else "reference"
             ax.plot(curves.reference.times, values, **style, label=label, gid=f"{name}-reference")
-    for value in dict.fromkeys(limits.values()):
-        which = " and ".join(name for name in names if limits[name] == value)
-        label = "limit" if len(set(limits.values())) == 1 else f"limit of {which}"
-        ax.axhline(value, **_LIMIT_STYLE, label=f"{label} {value:.3g}", gid="limit")
+    limits = {tuple(curves.limit(name)): name for name in reversed(names)}
+    for values, name in reversed(limits.items()):
+        _limit(ax, curves, np.array(values), "limit" if len(limits) == 1 else f"limit of {name}")
     most = {name: curves.plan.check.worst[name] for name in names}
     words = {"GN": "Tip-over GN", "GT": "slip GT"}
     title = ", ".join(f"{words[n]} at most {w.value:.3f} at {w.time:.3f} s" for n, w in most.items())

@@ -44,6 +44,15 @@ class PlanCurves:
         """Limits of joints, or of a platform's coordinates and motors."""
         return self.plan.task.robot.limits
 
+    def limit(self, name: str) -> np.ndarray:
+        """(N,) a limit of the task, or of the segment, up to the end of the rest after it, at each time."""
+        segments = getattr(self.plan, "segments", ())
+        if not segments:
+            return np.full(len(self.times), getattr(self.plan.task.limits, name))
+        values = np.array([getattr(limits, name) for limits in self.plan.segment_limits])
+        begins = [begin for begin, _, _ in segments]
+        return values[np.maximum(np.searchsorted(begins, self.times, "right") - 1, 0)]
+
     @property
     def units(self) -> list[str]:
         """Per joint deg, or m for a straight coordinate."""

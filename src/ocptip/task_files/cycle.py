@@ -14,6 +14,7 @@ from ocptip.basics.toml import Table
 from ocptip.motion.cycles.task import CycleTask, Segment
 from ocptip.motion.source import LIMITS
 from ocptip.motion.task import MotionTask
+from ocptip.robots.inverse.pose_target import PoseTarget
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.task_files.arm import LOCKED
 from ocptip.task_files.doubts import doubt_masses, doubt_units
@@ -96,14 +97,15 @@ def _cycle(data: Table, path: Path) -> CycleTask:
         if held[-1] not in robots:
             robots[held[-1]] = scene.robot(table)
     _require_use(data, tables)
-    starts, _ = read_end(robots[held[0]], motion, "start", scene.limits)
+    starts, pose = read_end(robots[held[0]], motion, "start", scene.limits)
     motion.close(*_SHARED)
     segments: list[Segment] = []
     for number, (table, own) in enumerate(zip(tables, held, strict=True), 1):
         before = segments[-1].goals[0] if segments else starts[0]
-        segments.append(_segment(table, number, robots[own], scene, before, starts, number == len(tables)))
+        last = number == len(tables)
+        segments.append(_segment(table, number, robots[own], scene, before, (starts, pose), last))
     closed = tables[-1].value("goal", None) == _BACK
-    return CycleTask(name, tuple(segments), starts, closed)
+    return CycleTask(name, tuple(segments), starts, closed, target=pose)
 
 
 def _segment(
@@ -112,23 +114,24 @@ def _segment(
     robot: StandingMechanism,
     scene: TaskScene,
     before: np.ndarray,
-    starts: np.ndarray,
+    start: tuple[np.ndarray, PoseTarget | None],
     last: bool,
 ) -> Segment:
-    """One segment; `before` is a posture that it may start in."""
+    """One segment; `before` is a posture that it may start in, `start` what the first one may."""
     name, dwell = table.text("name", f"{number}"), table.number("dwell", 0.0, bound=">= 0")
     own = table.table("limits", optional=True)
     limits = own.make(replace, scene.limits, **own.numbers(*LIMITS))
     if "goal" in table and isinstance(table.value("goal"), str):
-        goals = starts
+        goals, pose = start
         if table.value("goal") != _BACK or not last:
             allowed = f"the last segment may have {_BACK!r}" if not last else f"expected {_BACK!r}"
             raise table.error(f"{allowed}, got {table.value('goal')!r}", "goal")
         for key in (key for key in _GOALS if key in table):
             raise table.error(f"not together with goal = {_BACK!r}", key)
     else:
-        goals, _ = read_end(robot, table, "goal", limits)
-    return Segment(name, ramp_task(name, robot, before, goals[0], limits, table), goals, dwell)
+        goals, pose = read_end(robot, table, "goal", limits)
+    task = ramp_task(name, robot, before, goals[0], limits, table)
+    return Segment(name, task, goals, dwell, pose)
 
 
 def _require_use(data: Table, tables: list[_SegmentTable]) -> None:

@@ -22,7 +22,7 @@ from ocptip.motion.source import LIMITS
 from ocptip.motion.task import FIRST_SEVEN, MotionTask, check_commands
 from ocptip.published.cases import motion_cases
 from ocptip.published.tasks import BASES, experiment_task
-from ocptip.robots.inverse.pose_target import PoseTarget
+from ocptip.robots.inverse.pose_target import AXES, PoseTarget
 from ocptip.robots.model import ArmModel
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.limits import MotionLimits
@@ -254,8 +254,11 @@ def _target(arm: ArmModel, table: Table, key: str) -> PoseTarget | None:
     with table.table(pose) as given:
         position, rotation = given.vector("position", 3), given.rotation()
         axis, fold = given.text("symmetric_about", ""), given.value("fold", 0)
+        ranges = given.table("free", optional=True)
+        free = np.array([ranges.vector(own, 2, [0.0, 0.0]) for own in AXES])
+        ranges.close()
         with given.at():
-            return PoseTarget(position, rotation, axis, fold)
+            return PoseTarget(position, rotation, axis, fold, free)
 
 
 def _joints(item: object, names: tuple[str, ...]) -> list[int]:

@@ -391,6 +391,18 @@ def phases_to_commands(
     return tuple(commands)
 
 
+def without_idle_ramps(
+    peaks: np.ndarray, ramps: np.ndarray, cruises: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The same phases, see :func:`phase_violations`; a ramp that changes no speed is cruise before it."""
+    ramps, cruises = ramps.copy(), cruises.copy()
+    for k in range(1, len(peaks)):
+        if peaks[k] == peaks[k - 1]:
+            cruises[k - 1] += ramps[k]
+            ramps[k] = 0.0
+    return peaks, ramps, cruises
+
+
 def _phase_arrays(
     peaks: ArrayLike, ramps: ArrayLike, cruises: ArrayLike
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -24,6 +24,9 @@ from ocptip.motion.cycles.tolerated import cycle_tolerances
 from ocptip.motion.execution import execute
 from ocptip.motion.source import TASK
 from ocptip.motion.tolerated import tolerances
+from ocptip.pictures.cycle import seen_plan
+from ocptip.pictures.plan import _reserve_figure
+from ocptip.pictures.plan_curves import PlanCurves
 from ocptip.task_files.cycle import load_cycle
 from ocptip.trajectories.controllers import CONTROLLERS
 from ocptip.trajectories.read import load_motion, load_motions
@@ -292,6 +295,20 @@ def test_the_least_of_what_segments_tolerate(plan):
         values = [row[quantity].value for row in rows]
         assert one.value == (max(values) if quantity == "friction" else min(values))
         assert one.at_most or re.match(r"segment \w+: ", one.how)
+
+
+def test_figures_draw_the_limits_of_each_segment(plan):
+    out, back = plan.task.segments
+    own = dataclasses.replace(back.task, limits=dataclasses.replace(back.task.limits, GN=0.5))
+    task = dataclasses.replace(plan.task, segments=(out, dataclasses.replace(back, task=own)))
+    samples = samples_joined(cycle_samples(task, plan.motion))
+    curves = PlanCurves(seen_plan(task, plan.motion, check_cycle(task, plan.motion)), samples)
+    begin = plan.check.begins[1]
+    np.testing.assert_array_equal(curves.limit("GN"), np.where(samples.times < begin, 0.9, 0.5))
+    axes = _reserve_figure(curves).axes
+    lines = [ax.findobj(lambda artist: artist.get_gid() == "limit")[0] for ax in axes]
+    assert [line.get_label() for line in lines] == ["limit 0.5 to 0.9", "limit 0.9"]
+    assert set(lines[0].get_ydata()) == {0.5, 0.9}
 
 
 def test_samples_of_all_segments(plan):

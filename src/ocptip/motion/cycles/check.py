@@ -148,9 +148,8 @@ def _longest(motion: SampledMotion, seams: list[tuple[int, int]]) -> list[tuple[
 def _assignments(task: CycleTask, postures: list[np.ndarray]) -> list[list[int]]:
     """Standstills at the goals of all segments but the last, in their order: the first two ways, if any."""
     ways: list[list[int]] = [[]]
-    for segment in task.segments[:-1]:
-        offsets = [np.abs(segment.goals - q).max(axis=1).min() for q in postures]
-        fitting = [k for k, offset in enumerate(offsets) if offset <= NEAR]
+    for end in range(1, len(task.segments)):
+        fitting = [k for k, q in enumerate(postures) if task.offset(end, q, NEAR).max() <= NEAR]
         ways = [[*way, k] for way in ways for k in fitting if not way or k > way[-1]][:_MOST_WAYS]
     return ways[:2]
 

@@ -125,19 +125,26 @@ def rest_cost(segment: Segment, goal: np.ndarray) -> float:
     return segment.task.objective.cost(segment.standby(goal) * segment.dwell, segment.dwell)
 
 
+def leg_cost(segment: Segment, start: np.ndarray, goal: np.ndarray) -> float:
+    """Of the plainest motion between postures (n,) and the rest after it, in units of the objective's size.
+
+    Infinite if it never stands.
+    """
+    cost = plainest_cost(segment.between(start, goal))
+    return (cost + rest_cost(segment, goal)) / segment.task.objective.size
+
+
 def _costs(segment: Segment, before: np.ndarray, after: np.ndarray) -> np.ndarray:
     """(k, l) of the plainest motions, in units of the objective's size; infinite where not looked at."""
-    size = segment.task.objective.size
     ways = np.sum(np.abs(after[None] - before[:, None]) / _speeds(segment), axis=2)
     shortest = np.full(ways.shape, False)
     shortest.ravel()[np.argsort(ways, axis=None, kind="stable")[:LOOKED_AT]] = True
     shortest[np.arange(len(before)), np.argmin(ways, axis=1)] = True
     shortest[np.argmin(ways, axis=0), np.arange(len(after))] = True
-    rests = [rest_cost(segment, goal) for goal in after]
     costs = np.full(ways.shape, np.inf)
     for i, j in zip(*np.nonzero(shortest), strict=True):
-        cost = plainest_cost(segment.between(before[i], after[j]))
-        costs[i, j] = (cost + rests[j]) / size if np.isfinite(cost) else NEVER + ways[i, j]
+        cost = leg_cost(segment, before[i], after[j])
+        costs[i, j] = cost if np.isfinite(cost) else NEVER + ways[i, j]
     return costs
 
 

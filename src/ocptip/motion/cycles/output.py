@@ -15,7 +15,7 @@ from ocptip.basics.toml_text import toml_text
 from ocptip.basics.write import plain, versions
 from ocptip.motion.cycles.check import CycleCheck, cycle_check
 from ocptip.motion.cycles.plan import CyclePlan
-from ocptip.motion.cycles.task import CycleTask
+from ocptip.motion.cycles.task import CycleTask, freed_offset
 from ocptip.motion.execution import Execution
 from ocptip.motion.output import (
     CERTIFICATE,
@@ -29,6 +29,7 @@ from ocptip.motion.output import (
     sample_motion,
     write_folder,
 )
+from ocptip.motion.plan import MotionPlan
 from ocptip.motion.source import LIMITS, TASK, TaskSource
 from ocptip.standing.mechanism import MotionSamples
 from ocptip.trajectories.sequence import MotionSequence, joined
@@ -40,15 +41,19 @@ def cycle_to_dict(plan: CyclePlan, executions: Sequence[Execution], check: Cycle
     """Return a cycle, and by what it is run, as plain data for strict JSON.
 
     `segments` holds what `ocptip.motion.output.plan_to_dict` says of each segment, in times of its own, and
-    `name`, `begin_s`, `rest_s`, `rest_energy_J`; all else is of the whole, in times from the first begin.
+    `name`, `begin_s`, `rest_s`, `rest_energy_J`, and `goal_offset_m` where the goal's pose is free; all
+    else is of the whole, in times from the first begin.
     """
     data = check.to_dict()
     rows = [
         {
             **{key: row[key] for key in ("name", "begin_s", "rest_s", "rest_energy_J")},
+            **_freed(plan.task, end, part),
             **{key: value for key, value in plan_to_dict(part, own).items() if key not in _ONCE},
         }
-        for row, part, own in zip(data.pop("segments"), plan.parts, executions, strict=True)
+        for end, (row, part, own) in enumerate(
+            zip(data.pop("segments"), plan.parts, executions, strict=True), 1
+        )
     ]
     return plain(
         {
@@ -68,6 +73,12 @@ def cycle_to_dict(plan: CyclePlan, executions: Sequence[Execution], check: Cycle
             "versions": versions(),
         }
     )
+
+
+def _freed(task: CycleTask, end: int, part: MotionPlan) -> dict[str, Any]:
+    """Where in its ranges the pose of an end is."""
+    found = freed_offset(task.ends[end][2], task.robot, part.motion.goal)
+    return {"goal_offset_m": found} if found else {}
 
 
 def cycle_samples(task: CycleTask, motion: MotionSequence) -> list[MotionSamples]:

@@ -16,6 +16,7 @@ from threadpoolctl import threadpool_limits
 from ocptip.basics.errors import PlanningError, whole_number
 from ocptip.motion.cycles.check import CycleCheck, cycle_check
 from ocptip.motion.cycles.choices import Way, best_ways, layers_of, likely_ways, rest_cost
+from ocptip.motion.cycles.free_poses import moved_ways
 from ocptip.motion.cycles.task import CycleTask, require_way_plannable
 from ocptip.motion.plan import MotionPlan, plan_motion
 from ocptip.motion.workers import worker_pool
@@ -122,7 +123,10 @@ def plan_cycle(
     with threadpool_limits(1):
         layers = layers_of(task)
         ways = likely_ways(task, layers)
-    require_way_plannable(task, _postures(layers, ways[0]))
+        choices = {"choices": {"postures": [len(layer) for layer in layers]}}
+        require_way_plannable(task, _postures(layers, ways[0]))
+        layers, ways = moved_ways(task, layers, ways)
+        choices["choices"]["ways"] = len(ways)
     legs = _Legs(task, layers, ways, starts, seed, progress)
     interrupted, alone = False, executor is None and jobs == 1
     try:
@@ -133,7 +137,6 @@ def plan_cycle(
     parts = legs.parts()
     if not parts:
         raise KeyboardInterrupt
-    choices = {"choices": {"postures": [len(layer) for layer in layers], "ways": len(ways)}}
     planned = replace(task, segments=task.segments[: len(parts)], closed=False)
     return CyclePlan(
         task=task,

@@ -10,6 +10,9 @@ from ocptip.basics.errors import InputError, finite_array, positive_number
 from ocptip.motion.objective import Objective
 from ocptip.motion.source import TaskSource
 from ocptip.motion.task import MotionTask, refusals
+from ocptip.numerics.vectors import wrapped
+from ocptip.robots.inverse.pose_target import AXES, PoseTarget
+from ocptip.standing.arm import StandingRobot
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 
@@ -26,12 +29,14 @@ class Segment:
         task: robot with what it holds, limits, objective; its goal is the first of `goals`.
         goals: postures of which the segment may end in any, (k, n), rad (sliding joints: m).
         dwell: s, standstill at the goal, with what this segment holds.
+        target: the gripper pose that the goals are postures of; None where the angles are given.
     """
 
     name: str
     task: MotionTask
     goals: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
     dwell: float = 0.0
+    target: PoseTarget | None = None
 
     def __post_init__(self) -> None:
         n = self.task.robot.n
@@ -61,6 +66,7 @@ class CycleTask:
         starts: postures of which the first segment may start in any, (k, n), rad (sliding joints: m).
         closed: the last segment ends where the first one has started.
         source: the file that it was read from.
+        target: the gripper pose that the starts are postures of; None where the angles are given.
     """
 
     name: str
@@ -68,6 +74,7 @@ class CycleTask:
     starts: np.ndarray
     closed: bool = False
     source: TaskSource | None = None
+    target: PoseTarget | None = None
 
     def __post_init__(self) -> None:
         """Raise InputError if there is no segment, or joints differ."""
@@ -100,6 +107,36 @@ class CycleTask:
         """That of the first segment."""
         return self.segments[0].task.objective
 
+    @property
+    def ends(self) -> list[tuple[str, np.ndarray, PoseTarget | None]]:
+        """Start and goals of the segments: names, postures (k, n) of which each may be any, their poses."""
+        goals = [(f"goal of segment {s.name}", s.goals, s.target) for s in self.segments]
+        return [("start", self.starts, self.target), *goals]
+
+    def pose_miss(self, end: int, q: np.ndarray) -> float:
+        """By how much posture q misses the gripper pose of an end, m and rad; infinite if it has none."""
+        _, _, target = self.ends[end]
+        if target is None or not isinstance(self.robot, StandingRobot):
+            return np.inf
+        return float(target.residuals(self.robot.arm, q[None])[0])
+
+    def offset(self, end: int, q: np.ndarray, near: float) -> np.ndarray:
+        """(n,) How far posture q is off the nearest one of an end, rad, m; zero if it is in its pose.
+
+        Args:
+            end: number in `ends`.
+            q: (n,), rad (sliding joints: m).
+            near: m and rad, by which a pose may be missed.
+        """
+        if self.pose_miss(end, q) <= near:
+            return np.zeros(self.robot.n)
+        postures = self.ends[end][1]
+        off = q - postures
+        if len(postures) > 1:
+            off = np.where(np.array(self.robot.units) == "rad", wrapped(off), off)
+        off = np.abs(off)
+        return off[np.argmin(off.max(axis=1))]
+
     def titles(self) -> list[str]:
         """Of the segments, for messages: "segment 2 (carry)"."""
         return [f"segment {k} ({segment.name})" for k, segment in enumerate(self.segments, 1)]
@@ -117,6 +154,14 @@ class CycleTask:
         """The same with one objective for all segments."""
         changed = [replace(s, task=replace(s.task, objective=objective)) for s in self.segments]
         return replace(self, segments=tuple(changed))
+
+
+def freed_offset(target: PoseTarget | None, robot: StandingMechanism, q: np.ndarray) -> dict[str, float]:
+    """Where in its ranges a pose is in posture q, (n,): m, by the axes along which it is free."""
+    if target is None or not isinstance(robot, StandingRobot):
+        return {}
+    offset = target.offsets(robot.arm, q[None])[0]
+    return {axis: float(own) for axis, own, free in zip(AXES, offset, target.free, strict=True) if free.any()}
 
 
 def require_way_plannable(task: CycleTask, way: list[np.ndarray]) -> None:

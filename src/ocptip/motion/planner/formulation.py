@@ -26,7 +26,7 @@ from ocptip.standing.limit_kinds import limits_of
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.arm_motion import ArmMotion, earliest_end, passive_command
-from ocptip.trajectories.ramps import RampCommand, phases_to_commands
+from ocptip.trajectories.ramps import RampCommand, phases_to_commands, without_idle_ramps
 
 SMOOTH_NODES = 48
 SHORTEST = 1e-3  # least duration of a ramp in an ordered program, s
@@ -131,9 +131,7 @@ class Formulation:
                 continue
             commands[joint] = phases_to_commands(
                 start[joint],
-                x[layout.w(j)],
-                x[layout.d(j)],
-                x[layout.c(j)],
+                *without_idle_ramps(x[layout.w(j)], x[layout.d(j)], x[layout.c(j)]),
                 phi_goal=goal[joint],
                 tolerance=1e-5,
             )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import casadi as cs
 import numpy as np
@@ -13,7 +13,7 @@ from ocptip.robots.inverse.inverse_kinematics import pose_residuals, solve_inver
 from ocptip.robots.inverse.joint_angles import search_box
 from ocptip.robots.inverse.joint_angles import within_limits as copies_within_limits
 from ocptip.robots.inverse.pose_search import pose_errors, search
-from ocptip.robots.kinematics import chain
+from ocptip.robots.kinematics import chain, gripper_batch
 from ocptip.robots.model import ArmModel
 
 AXES = ("x", "y", "z")
@@ -33,12 +33,15 @@ class PoseTarget:
         rotation: (3, 3), gripper to base axes.
         symmetric_about: gripper axis "x", "y" or "z" about which the gripper may be turned; "": it may not.
         fold: the turns that are allowed are the multiples of a full turn divided by `fold`; 0: any turn.
+        free: (3, 2), m: how far from `position` the gripper point may be, from and to, along the axes of the
+            base frame; 0 is among them.
     """
 
     position: np.ndarray
     rotation: np.ndarray
     symmetric_about: str = ""
     fold: int = 0
+    free: np.ndarray = field(default_factory=lambda: np.zeros((3, 2)))
 
     def __post_init__(self) -> None:
         """Raise InputError for what is no pose, or no symmetry."""
@@ -51,6 +54,9 @@ class PoseTarget:
             raise InputError(f"fold: must be a whole number of 2 to {MOST_FOLDS}, got {self.fold!r}")
         if self.fold and not self.symmetric_about:
             raise InputError("fold: needs symmetric_about, the axis of the symmetry")
+        object.__setattr__(self, "free", finite_array("free", self.free, (3, 2)))
+        if not ((self.free[:, 0] <= 0) & (self.free[:, 1] >= 0)).all():
+            raise InputError(f"free: 0 must be within each range, got {self.free.tolist()}")
 
     @property
     def turns_freely(self) -> bool:
@@ -104,19 +110,32 @@ class PoseTarget:
             )
         return q[:SAMPLED]
 
+    def offsets(self, arm: ArmModel, q: np.ndarray) -> np.ndarray:
+        """(N, 3) m: what is allowed of the way from `position` to the gripper point at q (N, n), rad."""
+        if not self.free.any():
+            return np.zeros((len(q), 3))
+        return np.clip(gripper_batch(arm)(q)[0] - self.position, *self.free.T)
+
+    def at(self, offset: np.ndarray) -> PoseTarget:
+        """The same with the gripper point at `position` + offset (3,), m, exactly."""
+        return replace(self, position=self.position + offset, free=np.zeros((3, 2)))
+
     def residuals(self, arm: ArmModel, q: np.ndarray) -> np.ndarray:
         """(N,) By how much the gripper misses at q (N, n), rad: the largest component, m and rad."""
+        position = self.position + self.offsets(arm, q)
         if self.turns_freely:
-            errors = pose_errors(arm, q, self.position, self.rotation, "axis", self.axis)[0]
+            errors = pose_errors(arm, q, position, self.rotation, "axis", self.axis)[0]
             return np.abs(errors).max(axis=1)
-        return np.min([pose_residuals(arm, q, self.position, turn) for turn in self._rotations], axis=0)
+        return np.min([pose_residuals(arm, q, position, turn) for turn in self._rotations], axis=0)
 
     def nearest(self, arm: ArmModel, q: np.ndarray) -> PoseTarget:
         """The same without `fold`: of the turns that it allows, the one that is nearest at q (n,), rad."""
         if not self.fold:
             return self
-        misses = [pose_residuals(arm, q[None], self.position, turn)[0] for turn in self._rotations]
-        return PoseTarget(self.position, self._rotations[int(np.argmin(misses))])
+        position = self.position + self.offsets(arm, q[None])
+        misses = [pose_residuals(arm, q[None], position, turn)[0] for turn in self._rotations]
+        turn = self._rotations[int(np.argmin(misses))]
+        return replace(self, rotation=turn, symmetric_about="", fold=0)
 
     @property
     def _rotations(self) -> list[np.ndarray]:
