@@ -10,6 +10,7 @@ _KINDS = {
     "stand": "a scene",
     "parallel": "a parallel robot",
     "rate": "a platform",
+    "retime": "a path",
 }
 
 
@@ -29,6 +30,8 @@ def _command(data: Table) -> str:
     for key, command in (("motion", "plan"), ("case", "plan"), ("task", "place"), ("leg", "parallel")):
         if key in data:
             return command
+    if "waypoint" in data or "between" in data:
+        return "retime"
     if "contact" in data and "arm" not in data and "robot" not in data:
         return "stand"
     return "rate" if "platform" in data and "base" in data else ""

@@ -1,0 +1,163 @@
+"""Paths for `ocptip retime`: waypoints from TOML files, motions of others. Format: docs/retiming.md."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from ocptip.basics.errors import InputError, naming, positive_number
+from ocptip.basics.toml import Table
+from ocptip.motion.cycles.check import parts_of
+from ocptip.motion.cycles.task import CycleTask
+from ocptip.motion.task import MotionTask
+from ocptip.robots.inverse.joint_angles import within_limits
+from ocptip.robots.inverse.pose_target import PoseTarget
+from ocptip.robots.kinematics import gripper_pose
+from ocptip.standing.arm import StandingRobot
+from ocptip.task_files.kinds import require_kind
+from ocptip.task_files.motion import read_end
+from ocptip.trajectories.path_fit import FittedPath, blended_lines, path_of_motion, spline_through
+from ocptip.trajectories.read import load_motions
+from ocptip.trajectories.sampled import Motion, SampledMotion
+from ocptip.trajectories.sequence import MotionSequence
+from ocptip.trajectories.tool_path import tool_lines
+
+BETWEEN = ("spline", "lines", "tool lines")
+
+
+@dataclass(frozen=True, eq=False)
+class GivenPath:
+    """A path, and the motion that it was taken from.
+
+    Attributes:
+        paths: one, or of a cycle one per segment.
+        motions: with the times of the file, as many; empty where it has none.
+    """
+
+    paths: tuple[FittedPath, ...]
+    motions: tuple[Motion, ...] = ()
+
+
+def load_path(
+    path: str | os.PathLike[str],
+    task: MotionTask | CycleTask,
+    *,
+    tolerance: float | None = None,
+    unit: str | None = None,
+) -> GivenPath:
+    """Read a path: waypoints (TOML), or any motion that `load_motion` reads, whose times are a comparison.
+
+    Args:
+        path: the file.
+        task: whose robot moves; of a cycle each segment has a path of its own.
+        tolerance: degrees (sliding joints, tool lines: mm): how far the path may be from what is given:
+            corners are blended, noise is smoothed. Default: that of a file of waypoints, or none.
+        unit: see `load_motion`.
+
+    Raises:
+        InputError: the file cannot be read, holds no path, or one of another robot; one line that says where.
+    """
+    path = Path(path)
+    if tolerance is not None:
+        positive_number("--path-tolerance", tolerance, zero_allowed=True)
+    if path.suffix.lower() == ".toml":
+        return _waypoints(path, task, tolerance)
+    found = load_motions(path, task.robot.names, task.robot.units, unit=unit or "")
+    with naming(path.name):
+        task.robot.require_fit(found.n)
+        motions = _segments(task, found)
+        within = None if not tolerance else joint_tolerance(task, tolerance)
+        return GivenPath(tuple(path_of_motion(own, within) for own in motions), motions)
+
+
+def joint_tolerance(task: MotionTask | CycleTask, tolerance: float) -> np.ndarray:
+    """(n,), rad or m, from degrees and mm."""
+    return np.where(np.array(task.robot.units) == "rad", np.deg2rad(tolerance), 1e-3 * tolerance)
+
+
+def _segments(task: MotionTask | CycleTask, found: Motion | MotionSequence) -> tuple[Motion, ...]:
+    """The motions of the task's segments."""
+    if isinstance(task, MotionTask):
+        if isinstance(found, MotionSequence):
+            raise InputError(f"has {len(found)} segments, {task.name} is a single motion")
+        return (found,)
+    if isinstance(found, SampledMotion):
+        found = parts_of(task, found)
+    motions = found.motions if isinstance(found, MotionSequence) else (found,)
+    if len(motions) != len(task.segments):
+        raise InputError(f"has {len(motions)} segments, {task.name} has {len(task.segments)}")
+    return tuple(motions)
+
+
+def _waypoints(path: Path, task: MotionTask | CycleTask, tolerance: float | None) -> GivenPath:
+    with Table.read(path) as data:
+        require_kind(data, "retime")
+        data.close("between", "path_tolerance", "waypoint", "segment")
+        tables = data.tables("segment") if "segment" in data else [data]
+        tasks = [task] if isinstance(task, MotionTask) else [own.task for own in task.segments]
+        if len(tables) != len(tasks):
+            raise data.error(f"{len(tables)} paths, {task.name} has {len(tasks)} segments", "segment")
+        paths, before = [], tasks[0].start
+        for table, own in zip(tables, tasks, strict=True):
+            if table is not data:
+                table.close("between", "path_tolerance", "waypoint")
+            paths.append(_path(table, own, before, tolerance))
+            before = paths[-1].path.goal
+        for number, (one, other) in enumerate(pairwise(paths), 1):
+            gap = float(np.abs(one.path.goal - other.path.start).max())
+            if gap > 1e-6:
+                raise data.error(
+                    f"{number + 1} starts {gap:.3g} (rad or m) off the end of {number}", "segment"
+                )
+        return GivenPath(tuple(paths))
+
+
+def _path(table: Table, task: MotionTask, before: np.ndarray, tolerance: float | None) -> FittedPath:
+    """The path of one motion; `before` is where the robot is."""
+    between = table.choice("between", BETWEEN, "spline")
+    given = table.number("path_tolerance", 0.0, bound=">= 0")
+    tolerance = given if tolerance is None else tolerance
+    points = table.tables("waypoint", required=True)
+    ends = [read_end(task.robot, point, "at", task.limits) for point in points]
+    for point in points:
+        point.close()
+    with table.at("waypoint"):
+        if between == "tool lines":
+            return _tool_path(table, task, ends, before, tolerance)
+        postures = []
+        for branches, _ in ends:
+            near = postures[-1] if postures else before
+            postures.append(_nearest(task, branches, near)[0])
+        if between == "spline":
+            return spline_through(np.array(postures))
+        return blended_lines(np.array(postures), joint_tolerance(task, tolerance))
+
+
+def _nearest(task: MotionTask, branches: np.ndarray, near: np.ndarray) -> np.ndarray:
+    """Postures (k, n), the nearest first; what is given as joint angles stays as it is."""
+    if len(branches) == 1 or not isinstance(task.robot, StandingRobot):
+        return branches
+    copies = within_limits(task.robot.arm, branches, near)
+    return copies[np.argsort(np.sum((copies - near) ** 2, axis=1), kind="stable")]
+
+
+def _tool_path(
+    table: Table,
+    task: MotionTask,
+    ends: Sequence[tuple[np.ndarray, PoseTarget | None]],
+    before: np.ndarray,
+    tolerance: float,
+) -> FittedPath:
+    if not isinstance(task.robot, StandingRobot):
+        raise table.error(f"the {task.robot.kind} has no gripper poses", "between")
+    arm, poses = task.robot.arm, []
+    for number, (postures, target) in enumerate(ends, 1):
+        if target is None and number > 1:
+            raise table.error(f"{number}: on tool lines only the first may be joint positions", "waypoint")
+        poses.append(target or PoseTarget(*gripper_pose(arm, postures[0])))
+    return tool_lines(arm, poses, _nearest(task, ends[0][0], before), 1e-3 * tolerance)

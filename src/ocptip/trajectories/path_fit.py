@@ -1,0 +1,351 @@
+"""Paths of motions and of points: smooth curves within a tolerance of what is given.
+
+Accelerations along a path are its second derivatives, so these have to mean something. Samples are not
+differentiated: a spline with as few knots as a tolerance allows is fitted to them. Noise larger than the
+tolerance is refused, for the curvature of a path through noise is that of the noise.
+
+The parameter of all curves here is close to the length of the path, with 1 rad as long as 1 m, so that the
+first derivative never vanishes. A motion that rests on its way has a corner there, at which it rests again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from math import factorial
+
+import numpy as np
+from scipy.interpolate import BSpline, CubicSpline, PPoly
+from scipy.linalg import solveh_banded
+
+from ocptip.basics.errors import InputError, finite_array
+from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.fit import FittedMotion
+from ocptip.trajectories.path import JointPath
+from ocptip.trajectories.sampled import SampledMotion
+
+FINE = 5e-5  # rad or m: distance of a path from a motion that is known exactly
+SAMPLES = 4000  # of a motion between two rests
+IN_RAMP = 100  # samples between two events of ramps
+STILL = 1e-6  # rad/s or m/s: a motion that is slower rests
+LEAST = 1e-9  # rad or m: points that are nearer to each other are the same
+BACK = 0.2
+"""Lines whose unit vectors add up to less than this have no blend between them: the way turns back."""
+
+_DEGREE = 5
+_SAME = 1e-7  # of the length: samples that are nearer to each other are one
+_FEWEST = 12  # twice as many samples as a piece has at least
+_NEARLY = 0.3  # of the tolerance: pieces that are farther off are divided, if any is too far off
+_FIRST = 4  # pieces to begin with
+
+
+@dataclass(frozen=True, eq=False)
+class FittedPath:
+    """A path, and how far it is from what it was made of.
+
+    Attributes:
+        path: the path.
+        how: what was made of what, in words.
+        places: (M,), in [0, 1]: where on the path the samples are.
+        samples: (M, n), rad or m: what the path was made of.
+    """
+
+    path: JointPath
+    how: str
+    places: np.ndarray
+    samples: np.ndarray
+
+    @property
+    def distance(self) -> np.ndarray:
+        """Largest distance of each joint from the samples, (n,), rad or m."""
+        return np.max(np.abs(self.path.at(self.places)[0] - self.samples), axis=0)
+
+
+def path_of_motion(
+    motion: ArmMotion | SampledMotion, tolerance: float | np.ndarray | None = None
+) -> FittedPath:
+    """The path that a motion takes; its times are forgotten.
+
+    Args:
+        motion: of ramps, or samples. Samples of positions alone (those of a joint trajectory without
+            velocities) are points: a smooth curve goes through them, or within a tolerance straight lines.
+        tolerance: rad or m, or (n,): how far the path may be from it; default: almost not at all.
+
+    Raises:
+        InputError: it does not move, or its samples are noisy beyond the tolerance.
+    """
+    if isinstance(motion, SampledMotion) and motion.speeds is None:
+        points = motion.angles
+        return spline_through(points) if tolerance is None else blended_lines(points, tolerance)
+    wanted = np.full(motion.n, FINE) if tolerance is None else np.broadcast_to(tolerance, motion.n)
+    if isinstance(motion, FittedMotion):
+        _refuse_noise(motion, wanted)
+        wanted = np.maximum(wanted, motion.tolerance)
+    legs, ramps = [], isinstance(motion, ArmMotion)
+    for begin, end in _moving(motion):
+        events = motion.event_times
+        events = events[(events >= begin) & (events <= end)]
+        counts = np.ceil(SAMPLES / (end - begin) * np.diff(events)).astype(int)
+        counts = np.maximum(counts, IN_RAMP if ramps else 2)
+        owner = np.repeat(np.arange(len(counts)), counts)
+        first = np.append(0, np.cumsum(counts))
+        share = (np.arange(first[-1]) - first[owner]) / counts[owner]
+        times = np.append(events[owner] + share * np.diff(events)[owner], end)
+        legs.append(Leg.fitted(motion.states(times)[0], wanted, first[1:-1] if ramps else ()))
+    if not legs:
+        raise InputError("path: the motion does not move")
+    return joined(legs, "smooth curve along the motion")
+
+
+def spline_through(points: np.ndarray) -> FittedPath:
+    """The cubic spline through N points (N, n), rad or m, free at its ends.
+
+    Raises:
+        InputError: there are fewer than two points, or two neighbours are the same.
+    """
+    points = _checked(points)
+    lengths = _lengths(points)
+    curve = CubicSpline(lengths, points, bc_type="natural")
+    return joined(
+        [Leg(curve, lengths, points, np.arange(len(points)))], f"smooth curve through {len(points)} points"
+    )
+
+
+def blended_lines(points: np.ndarray, tolerance: float | np.ndarray = 0.0) -> FittedPath:
+    """Straight lines between N points (N, n), rad or m, whose corners are rounded.
+
+    Args:
+        points: the ends of the lines.
+        tolerance: rad or m, or (n,): how far each joint may be from the lines at corners; 0: corners stay.
+            Curvature is continuous everywhere. Where the way turns back there is no blend.
+
+    Raises:
+        InputError: there are fewer than two points, or two neighbours are the same.
+    """
+    points = _checked(points)
+    legs = _line_legs(points, np.broadcast_to(tolerance, points.shape[1]))
+    how = f"straight lines between {len(points)} points"
+    if np.any(np.asarray(tolerance) > 0):
+        how += ", corners blended"
+    return joined(legs, how)
+
+
+def _line_legs(points: np.ndarray, tolerance: np.ndarray) -> list[Leg]:
+    """Lines and blends between corners that stay."""
+    lengths = _lengths(points)
+    ways = np.diff(points, axis=0) / np.diff(lengths)[:, None]
+    room = 0.5 * np.diff(lengths)
+    legs, knots, rows, first = [], [0.0], [], 0
+    for k in range(1, len(points)):
+        knots.append(lengths[k])
+        rows.append(_line(points[k - 1], ways[k - 1], knots[-2] - lengths[k - 1]))
+        if k == len(points) - 1:
+            continue
+        bend = ways[k] - ways[k - 1]
+        reach = min(blend_reach(np.abs(bend), tolerance), room[k - 1], room[k])
+        if not np.any(np.abs(bend) > LEAST):
+            continue  # straight on
+        if reach > 0 and np.linalg.norm(ways[k] + ways[k - 1]) >= BACK:
+            knots[-1:] = [lengths[k] - reach, lengths[k] + reach]
+            rows.append(blend_rows(points[k] - reach * ways[k - 1], ways[k - 1], bend, reach))
+            continue
+        legs.append(Leg.of_rows(rows, knots, lengths, points, slice(first, k + 1)))
+        knots, rows, first = [lengths[k]], [], k
+    return [*legs, Leg.of_rows(rows, knots, lengths, points, slice(first, len(points)))]
+
+
+def _line(point: np.ndarray, way: np.ndarray, beyond: float) -> np.ndarray:
+    """Coefficients (5, n) of a line from `beyond` its first point on."""
+    rows = np.zeros((5, len(point)))
+    rows[3], rows[4] = way, point + beyond * way
+    return rows
+
+
+def blend_reach(bend: float | np.ndarray, tolerance: float | np.ndarray) -> float:
+    """Half length of a blend that stays within the tolerance of its corner."""
+    return float(np.min(np.divide(tolerance, 3 / 16 * np.maximum(bend, LEAST))))
+
+
+def blend_rows(begin: np.ndarray, way: np.ndarray, bend: np.ndarray, reach: float) -> np.ndarray:
+    """Coefficients (5, n): direction from `way` to `way + bend` over 2 `reach`, curvature 0 at both ends.
+
+    With y the distance from the begin and h = 2 reach: q' = way + bend (3 (y/h)^2 - 2 (y/h)^3).
+    """
+    h = 2 * reach
+    return np.stack([-bend / (2 * h**3), bend / h**2, 0 * bend, way, begin])
+
+
+def _checked(points: np.ndarray) -> np.ndarray:
+    points = finite_array("points", points, (None, None))
+    if len(points) < 2:
+        raise InputError(f"points: at least two are needed for a path, got {len(points)}")
+    steps = np.max(np.abs(np.diff(points, axis=0)), axis=1)
+    if np.any(steps <= LEAST):
+        k = int(np.argmax(steps <= LEAST))
+        raise InputError(f"points: {k + 1} and {k + 2} are the same")
+    return points
+
+
+def _lengths(points: np.ndarray) -> np.ndarray:
+    """Length of the polygon up to each point, (N,)."""
+    return np.append(0.0, np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
+
+
+def _refuse_noise(motion: FittedMotion, tolerance: np.ndarray) -> None:
+    """Refuse noise that the tolerance does not cover."""
+    loud = np.flatnonzero(motion.noisy & (motion.tolerance > tolerance))
+    if loud.size:
+        joint = int(loud[np.argmax(motion.tolerance[loud])])
+        raise InputError(
+            f"path: the samples of joint {joint + 1} are noisy, by up to {motion.tolerance[joint]:.2g} (rad "
+            "or m): the curvature of a path through them is that of the noise; say by how much the path may "
+            "be off (--path-tolerance), or give waypoints"
+        )
+
+
+def _moving(motion: ArmMotion | SampledMotion) -> list[tuple[float, float]]:
+    """Intervals (s) between rests in which the motion moves."""
+    events = motion.event_times
+    rests = np.max(np.abs(motion.states(events)[1]), axis=1) <= STILL
+    rests[[0, -1]] = True
+    ends, found = events[rests], []
+    for begin, end in pairwise(ends):
+        way = motion.states(np.linspace(begin, end, 9))[0]
+        if np.max(np.ptp(way, axis=0)) > LEAST:
+            found.append((float(begin), float(end)))
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Leg:
+    """A smooth piece of a path by its length.
+
+    Attributes:
+        curve: of the length, (n,).
+        lengths: (M,): where the samples are.
+        samples: (M, n).
+        numbers: (M,): which of the samples that were given these are.
+    """
+
+    curve: PPoly
+    lengths: np.ndarray
+    samples: np.ndarray
+    numbers: np.ndarray
+
+    @classmethod
+    def of_rows(
+        cls, rows: list[np.ndarray], knots: list[float], lengths: np.ndarray, points: np.ndarray, own: slice
+    ) -> Leg:
+        """Of the polynomials between knots."""
+        kept = np.append(np.diff(knots) > LEAST * knots[-1], True)  # blends may leave no line between them
+        curve = PPoly(np.stack(rows, axis=1)[:, kept[:-1]], np.array(knots)[kept])
+        return cls(curve, lengths[own], points[own], np.arange(len(points))[own])
+
+    @classmethod
+    def fitted(
+        cls, samples: np.ndarray, tolerance: np.ndarray, breaks: Sequence[int] | np.ndarray = ()
+    ) -> Leg:
+        """The spline with few knots that passes samples within a tolerance, exactly at both ends.
+
+        Args:
+            samples: (M, n), close to each other.
+            tolerance: (n,).
+            breaks: numbers of samples at which the curvature may jump.
+
+        Raises:
+            InputError: the samples have corners that no smooth curve passes within the tolerance.
+        """
+        lengths = _lengths(samples)
+        kept = np.append(np.diff(lengths) > _SAME * lengths[-1], True)
+        kept[0], kept[-2] = (
+            True,
+            len(samples) == 2 or (kept[-2] and lengths[-1] - lengths[-2] > _SAME * lengths[-1]),
+        )
+        at, values = lengths[kept], samples[kept]
+        places = np.clip(np.searchsorted(np.flatnonzero(kept), breaks), 0, len(at) - 1)
+        jumps = at[_apart(places.tolist(), len(at))]
+        knots = _supported(at, np.union1d(np.linspace(0, at[-1], _FIRST + 1)[1:-1], jumps), jumps)
+        while True:
+            curve = _least_squares(at, values, knots, jumps)
+            off = np.max(np.abs(curve(at) - values) / tolerance, axis=1)
+            if off.max() <= 1:
+                return cls(curve, at, values, np.flatnonzero(kept))
+            owner = np.searchsorted(knots, at, side="right")
+            bad = np.unique(owner[off > _NEARLY])  # neighbours pull at each other
+            middles = [float(np.median(at[owner == k])) for k in bad]
+            more = _supported(at, np.union1d(knots, middles), jumps)
+            if len(more) <= len(knots):
+                break
+            knots = more
+        share = at[int(np.argmax(off))] / at[-1]
+        miss = np.max(np.abs(curve(at) - values))
+        raise InputError(
+            f"path: no smooth curve keeps within {tolerance.min():.2g} (rad or m) of it: at "
+            f"{100 * share:.0f} % of its length it is {miss:.2g} off; is there a corner? Say by how much the "
+            "path may be off (--path-tolerance)"
+        )
+
+
+def _apart(places: Sequence[int], count: int) -> list[int]:
+    """Those of sorted numbers of samples that have enough others between them and before both ends."""
+    kept = [0]
+    for place in places:
+        if place - kept[-1] >= 2 * _FEWEST and count - place > 2 * _FEWEST:
+            kept.append(place)
+    return kept[1:]
+
+
+def _supported(at: np.ndarray, knots: np.ndarray, jumps: np.ndarray) -> np.ndarray:
+    """Knots (k,) with enough samples between them; those at jumps stay."""
+    kept: list[float] = []
+    fixed = np.concatenate([[0.0], jumps, at[-1:]])
+    for knot in knots:
+        last = kept[-1] if kept else 0.0
+        after = fixed[np.searchsorted(fixed, knot, side="right")]
+        room = min(np.count_nonzero((at > low) & (at <= high)) for low, high in ((last, knot), (knot, after)))
+        if room >= _FEWEST // 2 or knot in jumps:
+            kept.append(float(knot))
+    return np.array(kept)
+
+
+def _least_squares(at: np.ndarray, values: np.ndarray, knots: np.ndarray, jumps: np.ndarray) -> PPoly:
+    """The quintic spline nearest to values (M, n), exact at both ends; at jumps its slope is continuous."""
+    inner = np.sort(np.concatenate([knots, np.repeat(jumps, _DEGREE - 2)]))
+    edge = np.full(_DEGREE + 1, at[-1])
+    t = np.concatenate([np.zeros(_DEGREE + 1), inner, edge])
+    design = BSpline.design_matrix(at, t, _DEGREE).tocsr()
+    count = len(t) - _DEGREE - 1
+    weights = np.gradient(at)
+    coefficients = np.zeros((count, values.shape[1]))
+    coefficients[0], coefficients[-1] = values[0], values[-1]
+    left = values - design @ coefficients
+    free = design[:, 1:-1]
+    normal = (free.T @ free.multiply(weights[:, None])).toarray()
+    bands = np.zeros((_DEGREE + 1, count - 2))
+    for k in range(_DEGREE + 1):
+        bands[_DEGREE - k, k:] = np.diagonal(normal, k)
+    coefficients[1:-1] = solveh_banded(bands, free.T @ (weights[:, None] * left))
+    spline, ends = BSpline(t, coefficients, _DEGREE), np.unique(t)
+    rows = [spline(ends[:-1], nu=k) / factorial(k) for k in range(_DEGREE, -1, -1)]
+    return PPoly(np.stack(rows), ends)
+
+
+def joined(legs: Sequence[Leg], how: str) -> FittedPath:
+    """One path of all legs."""
+    whole = sum(leg.curve.x[-1] - leg.curve.x[0] for leg in legs)
+    degree = max(len(leg.curve.c) for leg in legs)
+    powers = whole ** np.arange(degree - 1, -1, -1.0)
+    ends, rows, places, begin = [0.0], [], [], 0.0
+    for leg in legs:
+        shift = begin - leg.curve.x[0]
+        own = np.zeros((degree, *leg.curve.c.shape[1:]))
+        own[degree - len(leg.curve.c) :] = leg.curve.c
+        rows.append(own * powers[:, None, None])
+        ends += ((leg.curve.x[1:] + shift) / whole).tolist()
+        places.append((leg.lengths + shift) / whole)
+        begin = leg.curve.x[-1] + shift
+    ends[-1] = 1.0
+    path = JointPath(np.array(ends), np.concatenate(rows, axis=1))
+    samples = np.concatenate([leg.samples for leg in legs])
+    return FittedPath(path, how, np.clip(np.concatenate(places), 0.0, 1.0), samples)

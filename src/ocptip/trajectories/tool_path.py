@@ -1,0 +1,251 @@
+"""Paths along which the gripper moves in straight lines, through inverse kinematics along each line.
+
+Orientations turn evenly about one axis from pose to pose. Corners between lines are rounded within a
+tolerance of the gripper point, or stay; then a motion has to stop there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ocptip.basics.errors import InputError
+from ocptip.robots.inverse.inverse_kinematics import solve_inverse_kinematics
+from ocptip.robots.inverse.pose_search import pose_errors, search
+from ocptip.robots.inverse.pose_target import PoseTarget
+from ocptip.robots.kinematics import gripper_pose
+from ocptip.robots.model import ArmModel
+from ocptip.trajectories.path_fit import BACK, FittedPath, Leg, blend_reach, blend_rows, joined
+
+ARM_LENGTH = 0.5  # m: a rotation by 1 rad is as long as a way of this
+REACHED = 1e-8  # m and rad
+NEAR = 0.2
+"""rad or m: joints that move by more between samples next to each other are looked at more closely."""
+
+_FIRST, _MOST, _LEAST = 32, 4096, 513  # samples of a line
+_IN_BLEND = 96  # samples of a blend
+_FURTHER = 0.01  # m: so far ahead is looked, too, where a line cannot be followed
+_CURVE = 2e-5  # rad or m: distance of the path from the solutions of the inverse kinematics
+
+
+@dataclass(frozen=True, eq=False)
+class ToolPath(FittedPath):
+    """A path through inverse kinematics.
+
+    Attributes:
+        tool: (2,): largest distance of the gripper from its lines and blends, m, and of its orientation, rad.
+        blended: m, largest distance of the blends from the corners that they round.
+    """
+
+    tool: np.ndarray
+    blended: float = 0.0
+
+
+def tool_lines(
+    arm: ArmModel,
+    poses: Sequence[PoseTarget],
+    starts: np.ndarray,
+    tolerance: float = 0.0,
+) -> ToolPath:
+    """The path on which the gripper moves in straight lines from pose to pose.
+
+    Args:
+        arm: the arm.
+        poses: at least two. A gripper that may turn freely about an axis may do so all the way, if the first
+            pose says so.
+        starts: (k, n), rad (sliding joints: m): postures of the first pose, the best first. The first one
+            from which all lines can be followed is taken.
+        tolerance: m, by which the gripper point may miss corners; 0: it stops there.
+
+    Raises:
+        InputError: there are fewer than two poses, two neighbours are the same, or a line cannot be followed:
+            where, and why.
+    """
+    lines = _Lines.of(poses, tolerance)
+    refusal: InputError | None = None
+    for start in starts:
+        try:
+            return _followed(arm, lines, start)
+        except InputError as error:
+            refusal = refusal or error
+    assert refusal is not None
+    raise refusal
+
+
+@dataclass(frozen=True, eq=False)
+class _Lines:
+    """Straight lines between K poses, and blends at some of the corners.
+
+    Attributes:
+        points: (K, 3), m.
+        turns: (K, 3, 3).
+        lengths: (K,), m: up to each pose, turns included.
+        ways: (K - 1, 6): how position (base axes) and orientation (gripper axes) change per length.
+        reaches: (K,), m: half lengths of the blends, 0 without one.
+        axis: of a gripper that may turn freely about it, gripper axes; None: it may not.
+    """
+
+    points: np.ndarray
+    turns: np.ndarray
+    lengths: np.ndarray
+    ways: np.ndarray
+    reaches: np.ndarray
+    axis: np.ndarray | None
+
+    @classmethod
+    def of(cls, poses: Sequence[PoseTarget], tolerance: float) -> _Lines:
+        if len(poses) < 2:
+            raise InputError(f"poses: at least two are needed for a path, got {len(poses)}")
+        if any(pose.fold for pose in poses):
+            raise InputError("fold: not on tool lines; give the orientation that is meant")
+        points = np.array([pose.position for pose in poses])
+        turns = np.array([pose.rotation for pose in poses])
+        turned = Rotation.from_matrix(turns[:-1].transpose(0, 2, 1) @ turns[1:]).as_rotvec()
+        change = np.hstack([np.diff(points, axis=0), turned])
+        sizes = np.linalg.norm(change * ([1.0] * 3 + [ARM_LENGTH] * 3), axis=1)
+        if np.any(sizes <= REACHED):
+            k = int(np.argmax(sizes <= REACHED))
+            raise InputError(f"poses: {k + 1} and {k + 2} are the same")
+        ways, reaches = change / sizes[:, None], np.zeros(len(poses))
+        for k, (before, after) in enumerate(pairwise(ways), 1):
+            bend = (after - before) * ([1.0] * 3 + [ARM_LENGTH] * 3)
+            if tolerance > 0 and np.linalg.norm(after + before) >= BACK:
+                reaches[k] = min(
+                    blend_reach(float(np.linalg.norm(bend)), tolerance), 0.5 * sizes[k - 1], 0.5 * sizes[k]
+                )
+        axis = poses[0].axis if poses[0].turns_freely else None
+        return cls(points, turns, np.append(0.0, np.cumsum(sizes)), ways, reaches, axis)
+
+    @property
+    def corners(self) -> list[int]:
+        """Poses at which a leg begins or ends: the first, the last, and those without a blend."""
+        inner = range(1, len(self.points) - 1)
+        bent = (np.linalg.norm(self.ways[k] - self.ways[k - 1]) > 1e-9 for k in inner)
+        stops = [k for k, bend in zip(inner, bent, strict=True) if bend and not self.reaches[k]]
+        return [0, *stops, len(self.points) - 1]
+
+    def at(self, lengths: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Positions (N, 3), m, and rotations (N, 3, 3)."""
+        k = np.argmin(np.abs(self.lengths - lengths[:, None]), axis=1)
+        y, last = lengths - self.lengths[k], len(self.ways) - 1
+        before, after = self.ways[np.maximum(k - 1, 0)], self.ways[np.minimum(k, last)]
+        ahead = (k == 0) | ((y > 0) & (k <= last))
+        moved = y[:, None] * np.where(ahead[:, None], after, before)
+        for i in np.flatnonzero(np.abs(y) < self.reaches[k]):
+            reach = float(self.reaches[k[i]])
+            rows = blend_rows(-reach * before[i], before[i], after[i] - before[i], reach)
+            moved[i] = (y[i] + reach) ** np.arange(4, -1, -1.0) @ rows
+        return self.points[k] + moved[:, :3], self.turns[k] @ Rotation.from_rotvec(moved[:, 3:]).as_matrix()
+
+    @property
+    def blended(self) -> float:
+        """Largest distance of blends from their corners, m."""
+        inner = [k for k in range(1, len(self.points) - 1) if self.reaches[k]]
+        miss = [
+            3 / 16 * self.reaches[k] * np.linalg.norm((self.ways[k] - self.ways[k - 1])[:3]) for k in inner
+        ]
+        return float(max(miss, default=0.0))
+
+    def where(self, length: float) -> str:
+        """A place in words."""
+        k = int(np.clip(np.searchsorted(self.lengths, length, side="right") - 1, 0, len(self.ways) - 1))
+        share = (length - self.lengths[k]) / (self.lengths[k + 1] - self.lengths[k])
+        point = ", ".join(f"{1e3 * x:.1f}" for x in self.at(np.array([length]))[0][0])
+        return f"line from pose {k + 1} to {k + 2}, at {100 * share:.0f} % of it ({point} mm)"
+
+
+def _followed(arm: ArmModel, lines: _Lines, start: np.ndarray) -> ToolPath:
+    """The path that begins in one posture."""
+    legs, places, q = [], [], start
+    for first, last in pairwise(lines.corners):
+        at, samples = _solutions(arm, lines, lines.lengths[first], lines.lengths[last], q)
+        legs.append(Leg.fitted(samples, np.full(arm.n, _CURVE)))
+        places.append(at[legs[-1].numbers])
+        q = samples[-1]
+    freely = "" if lines.axis is None else ", turning freely about its axis"
+    stops = len(lines.corners) - 2
+    how = f"straight lines of the gripper between {len(lines.points)} poses{freely}"
+    how += f", {stops} corners at which it stops" if stops else ""
+    fitted = joined(legs, how)
+    points, turns = lines.at(np.concatenate(places))
+    q = fitted.path.at(fitted.places)[0]
+    if lines.axis is None:
+        at, turned = gripper_pose(arm, q)
+        off = Rotation.from_matrix(turned.transpose(0, 2, 1) @ turns).magnitude()
+        miss = np.linalg.norm(at - points, axis=1)
+    else:
+        errors = pose_errors(arm, q, points, turns, "axis", lines.axis)[0]
+        miss, off = (np.linalg.norm(own, axis=1) for own in (errors[:, :3], errors[:, 3:]))
+    tool = np.array([miss.max(), off.max()])
+    return ToolPath(fitted.path, how, fitted.places, fitted.samples, tool, lines.blended)
+
+
+def _solutions(
+    arm: ArmModel, lines: _Lines, begin: float, end: float, q: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Lengths (M,) and joint positions (M, n) along lines, from the posture `q` on."""
+    at, found, step = [begin], [q], (end - begin) / _FIRST
+    least = (end - begin) / _MOST
+    while at[-1] < end:
+        ahead = min(at[-1] + step, end)
+        near = found[-1]
+        if len(at) > 1:
+            near = near + (ahead - at[-1]) / (at[-1] - at[-2]) * (near - found[-2])
+        solution, miss = _solved(arm, lines, near[None], *lines.at(np.array([ahead])))
+        if miss[0] <= REACHED and np.abs(solution[0] - found[-1]).max() <= NEAR:
+            at.append(ahead)
+            found.append(solution[0])
+            step = min(2 * step, (end - begin) / _FIRST)
+        elif step > least:
+            step *= 0.5
+        else:
+            raise _refusal(arm, lines, np.array([ahead, min(ahead + _FURTHER, end)]), found[-1])
+    return _refined(arm, lines, np.array(at), np.array(found))
+
+
+def _refined(
+    arm: ArmModel, lines: _Lines, at: np.ndarray, found: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Solutions between those that are known, until there are enough for a fit."""
+    shortest = min((r for r in lines.reaches if r), default=np.inf)
+    while len(at) < max(_LEAST, _IN_BLEND * (at[-1] - at[0]) / (2 * shortest)):
+        middles = 0.5 * (at[1:] + at[:-1])
+        solution, miss = _solved(arm, lines, 0.5 * (found[1:] + found[:-1]), *lines.at(middles))
+        if np.any(miss > REACHED):
+            k = int(np.argmax(miss))
+            raise _refusal(arm, lines, middles[k : k + 1], found[k])
+        order = np.argsort(np.concatenate([at, middles]), kind="stable")
+        at, found = np.concatenate([at, middles])[order], np.concatenate([found, solution])[order]
+    return at, found
+
+
+def _solved(
+    arm: ArmModel, lines: _Lines, near: np.ndarray, points: np.ndarray, turns: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    if lines.axis is None:
+        return search(arm, near, points, turns)
+    return search(arm, near, points, turns, "axis", lines.axis)
+
+
+def _refusal(arm: ArmModel, lines: _Lines, lengths: np.ndarray, q: np.ndarray) -> InputError:
+    """Why the first of some places cannot be gone to; where reach ends, that shows at the last one only."""
+    where = lines.where(float(lengths[0]))
+    if lines.axis is not None:
+        miss = max(_solved(arm, lines, q[None], *lines.at(lengths[k : k + 1]))[1][0] for k in (0, -1))
+        return InputError(f"{where}: not reached within the joint limits; missed by {miss:.2g} (m, rad)")
+    points, turns = lines.at(lengths)
+    try:
+        solve_inverse_kinematics(arm, points[-1], turns[-1], near=q)
+        other = solve_inverse_kinematics(arm, points[0], turns[0], near=q).nearest(q)
+    except InputError as error:
+        return InputError(f"{where}: {error.text.removeprefix('pose: ')}")
+    joint = int(np.argmax(np.abs(other - q)))
+    jump = arm.in_degrees(np.abs(other - q))[joint]
+    return InputError(
+        f"{where}: cannot be followed further: joint {arm.joint_names[joint]} would have to jump by "
+        f"{jump:.1f} {arm.file_units[joint]} (an angle limit, or a singular pose)"
+    )

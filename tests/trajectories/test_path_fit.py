@@ -1,0 +1,157 @@
+"""Paths of motions and points: near what they were made of, smooth where they say so."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ocptip.basics.errors import InputError
+from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.fit import fitted
+from ocptip.trajectories.path_fit import FINE, FittedPath, blended_lines, path_of_motion, spline_through
+from ocptip.trajectories.ramps import RampCommand
+from ocptip.trajectories.sampled import SampledMotion
+
+DENSE = np.linspace(0, 1, 5_001)
+
+
+def _random_motion(seed: int, joints: int = 3) -> ArmMotion:
+    rng = np.random.default_rng(seed)
+    commands = [
+        [RampCommand(*row) for row in rng.uniform([-2, 0.3, 1], [2, 3, 8], (rng.integers(1, 4), 3))]
+        for _ in range(joints)
+    ]
+    return ArmMotion.from_commands(rng.uniform(-1, 1, joints), commands)
+
+
+def _off_polygon(points: np.ndarray, polygon: np.ndarray) -> np.ndarray:
+    """Euclidean distances (N,) of points from a polygon."""
+    begins, ways = polygon[:-1], np.diff(polygon, axis=0)
+    share = np.einsum("nkj,kj->nk", points[:, None] - begins, ways) / np.sum(ways**2, axis=1)
+    nearest = begins + np.clip(share, 0, 1)[..., None] * ways
+    return np.min(np.linalg.norm(points[:, None] - nearest, axis=2), axis=1)
+
+
+def _smooth(fit: FittedPath) -> bool:
+    """Whether second derivatives are continuous at all breakpoints."""
+    inner = fit.path.breakpoints[1:-1]
+    left, right = fit.path.at(inner, side="left"), fit.path.at(inner)
+    ends = fit.path.breakpoints
+    size = np.abs(fit.path.at(0.5 * (ends[1:] + ends[:-1]))[2]).max()
+    return all(np.allclose(a, b, atol=1e-7 * size) for a, b in zip(left, right, strict=True))
+
+
+@settings(max_examples=15)
+@given(seed=st.integers(0, 10_000))
+def test_path_of_ramps_is_theirs(seed: int) -> None:
+    """Every posture of the motion is on the path, in order, at places that increase."""
+    motion = _random_motion(seed)
+    fit = path_of_motion(motion)
+    assert np.all(fit.distance <= FINE)
+    assert np.all(np.diff(fit.places) >= 0)
+    assert np.abs(fit.path.start - motion.start).max() < 1e-12
+    assert np.abs(fit.path.goal - motion.goal).max() < 1e-12
+    between = 0.5 * (fit.places[1:] + fit.places[:-1])
+    chords = 0.5 * (fit.samples[1:] + fit.samples[:-1])
+    assert np.abs(fit.path.at(between)[0] - chords).max() < 3 * FINE
+
+
+@settings(max_examples=15)
+@given(seed=st.integers(0, 10_000))
+def test_its_parameter_is_nearly_the_length(seed: int) -> None:
+    """So that the first derivative never vanishes."""
+    fit = path_of_motion(_random_motion(seed))
+    sizes = np.linalg.norm(fit.path.at(DENSE)[1], axis=1)
+    assert sizes.min() > 0.5 * np.median(sizes)
+
+
+def test_a_motion_that_rests_on_its_way_has_a_corner_there() -> None:
+    times = np.array([0.0, 1.0, 2.0])
+    angles = np.array([[0.0, 0.0], [1.0, 0.5], [0.2, 0.9]])
+    fit = path_of_motion(SampledMotion(times, angles, np.zeros((3, 2)), np.zeros((3, 2))))
+    assert fit.path.corners.size == 1
+    corner = fit.path.breakpoints[fit.path.corners[0]]
+    assert np.abs(fit.path.at(corner)[0] - angles[1]).max() < 1e-12
+    assert np.all(fit.distance <= FINE)
+
+
+def test_positions_alone_are_points_of_a_smooth_curve() -> None:
+    points = np.random.default_rng(3).normal(size=(7, 3))
+    motion = SampledMotion(np.arange(7.0), points, period=1.0)
+    fit = path_of_motion(motion)
+    assert fit.how == "smooth curve through 7 points"
+    assert fit.distance.max() < 1e-12
+    assert _smooth(fit)
+    assert not fit.path.corners.size
+    assert "corners blended" in path_of_motion(motion, 0.02).how
+
+
+@settings(max_examples=20)
+@given(seed=st.integers(0, 10_000), tolerance=st.floats(1e-4, 0.5))
+def test_blends_keep_their_tolerance_and_are_smooth(seed: int, tolerance: float) -> None:
+    rng = np.random.default_rng(seed)
+    points = rng.normal(size=(6, 3))
+    fit = blended_lines(points, tolerance)
+    off = _off_polygon(fit.path.at(DENSE)[0], points)
+    assert np.all(fit.distance <= tolerance * (1 + 1e-9))
+    assert off.max() <= tolerance * np.sqrt(3)
+    if not fit.path.corners.size:
+        assert _smooth(fit)
+    assert np.abs(fit.path.start - points[0]).max() < 1e-12
+    assert np.abs(fit.path.goal - points[-1]).max() < 1e-9
+
+
+def test_a_blend_uses_its_tolerance() -> None:
+    """A right angle with much room: the middle of the blend is as far off the corner as allowed."""
+    fit = blended_lines(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0]]), 0.05)
+    assert fit.distance == pytest.approx([0.05, 0.05], abs=1e-12)
+
+
+def test_lines_that_turn_back_or_have_no_tolerance_stop() -> None:
+    points = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [1.0, 0.2]])
+    assert blended_lines(points).path.corners.tolist() == [1, 2]
+    blended = blended_lines(points, 0.05).path
+    assert len(blended.corners) == 1
+    assert np.abs(blended.at(blended.breakpoints[blended.corners[0]])[0] - [1.0, 1.0]).max() < 1e-9
+
+
+def test_points_in_a_row_need_no_blend() -> None:
+    fit = blended_lines(np.array([[0.0], [0.25], [1.0]]), 0.1)
+    assert fit.distance.max() < 1e-15
+    assert not fit.path.corners.size
+
+
+@pytest.mark.parametrize(
+    ("points", "text"),
+    [
+        (np.zeros((0, 2)), "at least two"),
+        (np.zeros((1, 2)), "at least two are needed for a path, got 1"),
+        ([[0.0], [1.0], [1.0], [2.0]], "points: 2 and 3 are the same"),
+        ([[0.0], [np.nan]], "points"),
+    ],
+)
+def test_what_is_no_path_is_refused(points: np.ndarray, text: str) -> None:
+    for make in (spline_through, blended_lines):
+        with pytest.raises(InputError, match=text):
+            make(np.array(points))
+
+
+def test_noise_is_refused_unless_the_path_may_be_off() -> None:
+    rng, times = np.random.default_rng(0), np.linspace(0, 2, 101)
+    share = times / 2
+    smooth = (10 * share**3 - 15 * share**4 + 6 * share**5)[:, None] * [1.0, -0.7]
+    noisy = fitted(times, smooth + 1e-3 * rng.normal(size=smooth.shape))
+    with pytest.raises(InputError, match=r"joint [12] are noisy.*--path-tolerance"):
+        path_of_motion(noisy)
+    fit = path_of_motion(noisy, 0.006)
+    assert _off_polygon(fit.path.at(DENSE)[0], smooth).max() < 0.006
+    exact = path_of_motion(fitted(times, smooth))
+    curvature = [np.abs(one.path.at(DENSE)[2]).max() for one in (fit, exact)]
+    assert curvature[0] < 20 * (curvature[1] + 1)
+
+
+def test_a_motion_that_rests_is_no_path() -> None:
+    with pytest.raises(InputError, match="does not move"):
+        path_of_motion(SampledMotion(np.array([0.0, 1.0]), np.zeros((2, 2)), np.zeros((2, 2))))
