@@ -24,8 +24,10 @@ from ocptip.pictures import plan as motion_plots
 from ocptip.published import tasks as task
 from ocptip.robots.payload import Payload
 from ocptip.standing.limits import MotionLimits
+from ocptip.standing.tolerance import NONE, WORKSHOP, Tolerance
 from ocptip.trajectories.arm_motion import ArmMotion
 from tests.pictures.plan_stand_in import plan_of, stand_in_plan
+from tests.places import EXAMPLES
 
 FILES = ["plan.json", "motion.csv", "trajectory.json", "certificate.json", "task/task.toml", "SHA256SUMS"]
 
@@ -100,8 +102,26 @@ def test_options_reach_the_planner(planner, capsys, tmp_path):
     assert code == 0
     (given, options), *_ = planner.calls
     assert (options["starts"], options["seed"], options["jobs"]) == (5, 7, 2)
-    assert given.limits == MotionLimits(GN=0.8, GT=0.7, torque_ratio=0.5, clearance=0.02)
+    assert given.limits == MotionLimits(GN=0.8, GT=0.7, torque_ratio=0.5, clearance=0.02, tolerance=WORKSHOP)
     assert files_in(tmp_path / "x") == sorted(FILES)
+
+
+def test_a_plan_has_workshop_tolerance_unless_file_or_option_says_otherwise(planner, capsys, tmp_path):
+    (tmp_path / "free.toml").write_text('case = "C"\n')
+    (tmp_path / "own.toml").write_text('case = "C"\n[tolerance]\nfriction = 0.1\n')
+    (tmp_path / "none.toml").write_text('case = "C"\n[tolerance]\npreset = "none"\n')
+    delta = EXAMPLES / "tasks" / "delta_cart.toml"
+    for arguments in (
+        ["C"],
+        ["free.toml"],
+        ["own.toml"],
+        ["none.toml"],
+        ["C", "--tolerance", "none"],
+        [delta],
+    ):
+        run(capsys, *arguments, "--no-figures", "--overwrite")
+    given = [task.limits.tolerance for task, _ in planner.calls]
+    assert given == [WORKSHOP, WORKSHOP, Tolerance(friction=0.1), NONE, NONE, NONE]
 
 
 @pytest.mark.parametrize(
@@ -142,7 +162,7 @@ def test_contacts_bind_with_the_default_base(planner, capsys, tmp_path, argument
 
 def test_a_task_file_and_limits_over_those_of_the_file(planner, capsys, tmp_path, monkeypatch):
     read = task.experiment_task("C", "effective", MotionLimits(GN=0.5, GT=0.6))
-    monkeypatch.setattr(command, "read_task", lambda path: read)
+    monkeypatch.setattr(command, "read_task", lambda path, otherwise: read)
     assert run(capsys, "my.toml", "--no-figures", "--gt", 0.8)[0] == 0
     assert planner.calls[0][0].limits == MotionLimits(GN=0.5, GT=0.8)
     assert "base" not in json.loads((tmp_path / "ocptip-plan-C" / "plan.json").read_text(encoding="utf-8"))
@@ -167,7 +187,7 @@ def test_json_is_that_of_the_file_and_the_paths(planner, capsys, tmp_path):
 
 def test_time_scale_says_what_still_stands(planner, capsys):
     planner.result = stand_in_plan("B", limits=MotionLimits(GN=0.999))
-    code, out, _ = run(capsys, "B", "--no-figures", "--time-scale", 1.1, 0.999, 0.5)
+    code, out, _ = run(capsys, "B", "--no-figures", "--tolerance", "none", "--time-scale", 1.1, 0.999, 0.5)
     assert code == 0  # the plan itself is verified
     slower, quicker, quick = (line for line in out.splitlines() if line.startswith("time x"))
     assert re.fullmatch(
@@ -215,10 +235,14 @@ def test_no_verified_plan_is_exit_code_1(planner, capsys, tmp_path):
     planner.result = errors.PlanningError("none of 8 starts: GN is 0.912 at 1.2 s, must be <= 0.9")
     code, out, err = run(capsys, "C")
     assert (code, err) == (1, "")
-    assert out.splitlines() == [
-        "C: NO VERIFIED PLAN. none of 8 starts: GN is 0.912 at 1.2 s, must be <= 0.9",
-        "masses  base 3.45 kg, arm 15.71 kg; together 19.16 kg",
-    ]
+    head, within, held = out.splitlines()
+    assert head == "C: NO VERIFIED PLAN. none of 8 starts: GN is 0.912 at 1.2 s, must be <= 0.9"
+    assert within.startswith(
+        "within  base mass +-5 %, friction -20 %, floor tilt 0.5 deg, arm masses +-5 %, "
+    )
+    assert "payload" not in within  # nothing is held
+    assert within.endswith("; --tolerance none plans as described")
+    assert held == "masses  base 3.45 kg, arm 15.71 kg; together 19.16 kg"
     code, out, _ = run(capsys, "C", "--json")
     assert code == 1
     data = json.loads(out)

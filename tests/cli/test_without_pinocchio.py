@@ -36,7 +36,7 @@ def run(tmp_path):
     "arguments",
     [
         ["stand", EXAMPLES / "scenes/rover_on_slope.toml"],
-        ["plan", "A", "--starts", "1", "--jobs", "1", "--no-figures"],
+        ["plan", "A", "--starts", "1", "--jobs", "1", "--tolerance", "none", "--no-figures"],
         ["place", EXAMPLES / "tasks/place_incline.toml", "--starts", "1", "--no-figures"],
         ["rate", "FP1W2F", *POSE],
         ["parallel", "6UPS"],

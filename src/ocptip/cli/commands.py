@@ -19,7 +19,9 @@ LIMITS = tuple(
     )
 )
 TOLERANCE = argument(
-    "--tolerance", "T", "how far the world may be off: none, workshop, site or a file, see docs/tolerance.md"
+    "--tolerance",
+    "T",
+    "how far the world may be off: none, workshop (plan and place without [tolerance]), site or a file",
 )
 SEED = argument("--seed", "N", "of the starts (default: 0)", type=int, default=0)
 FILES = (

@@ -23,7 +23,7 @@ from ocptip.placement.place import place
 from ocptip.placement.result import Margin, NoPlacementError, Placement, PlacementResult
 from ocptip.placement.within import placement_within, searched
 from ocptip.standing.rest_within import WithinAtRest
-from ocptip.standing.tolerance import Tolerance
+from ocptip.standing.tolerance import WORKSHOP, Tolerance
 from ocptip.task_files.placement import load_placement
 from ocptip.task_files.tolerance import load_tolerance
 
@@ -34,7 +34,7 @@ _MOST_VIOLATED = 6
 def run(options: Namespace) -> Report:
     """Place; where there is no placement, the report says why."""
     require_least(options, starts=1, seed=0)
-    task = load_placement(options.task)
+    task = load_placement(options.task, WORKSHOP)
     tolerance = task.tolerance
     if options.tolerance is not None:
         with naming("--tolerance"):

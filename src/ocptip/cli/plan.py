@@ -31,12 +31,14 @@ from ocptip.motion.execution import Execution, execute
 from ocptip.motion.objective import ENERGY, Objective, objective_of
 from ocptip.motion.output import plan_to_dict, sample_motion, write_plan
 from ocptip.motion.plan import MotionPlan, plan_motion
+from ocptip.motion.planner.one_start import LEFT_OUT
 from ocptip.motion.stops import Stops
 from ocptip.motion.task import MotionTask
 from ocptip.motion.tolerated import Tolerated, tolerances
 from ocptip.published.cases import motion_cases
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.sensitivity import Sensitivity
+from ocptip.standing.tolerance import WORKSHOP
 from ocptip.task_files.cycle import read_task
 
 
@@ -63,8 +65,8 @@ def run(options: Namespace) -> Report:
     except PlanningError as error:
         data = {"case": task.name, "verified": False, "status": f"{error}", **task.robot.masses_to_dict()}
         lines = [("masses", masses(task.robot))]
-        if task.limits.tolerance.given:
-            lines.insert(0, ("within", f"{task.limits.tolerance}; --tolerance none plans as described"))
+        if (tolerance := task.limits.tolerance.of(task.robot.payload)).given:
+            lines.insert(0, ("within", f"{tolerance}; --tolerance none plans as described"))
         return Answer(False, summary(f"{task.name}: NO VERIFIED PLAN. {error}", lines, []), data)
     except KeyboardInterrupt:
         raise KeyboardInterrupt("before there was a verified plan") from None
@@ -119,12 +121,14 @@ def _task(options: Namespace) -> tuple[MotionTask | CycleTask, str | None]:
     """The task, and the base data if it is a case."""
     if options.task in motion_cases():
         base = options.base or "effective"
-        return with_limits(experiment_task(options.task, base), options), base
+        task = experiment_task(options.task, base)
+        task = replace(task, limits=replace(task.limits, tolerance=WORKSHOP))
+        return with_limits(task, options), base
     if Path(options.task).suffix.lower() != ".toml":
         raise InputError(f"{options.task}: neither a case (A to H) nor a task file (.toml)")
     if options.base is not None:
         raise InputError(f"--base: belongs to the cases A to H, got {options.task}")
-    task = read_task(options.task)
+    task = read_task(options.task, WORKSHOP)
     return task if isinstance(task, CycleTask) else with_limits(task, options), None
 
 
@@ -250,8 +254,10 @@ class PlanReport(Report):
         starts = self.plan.starts
         verified = sum(start.verified for start in starts)
         iterations = sum(start.iterations for start in starts)
+        out = sum(start.status == LEFT_OUT for start in starts)
+        left = f" ({out} that promised less left out)" if out else ""
         return (
-            f"{verified} of {len(starts)} verified, {iterations} iterations, "
+            f"{verified} of {len(starts) - out} verified{left}, {iterations} iterations, "
             f"{self.plan.seconds:.1f} s, seed {self.plan.seed}"
         )
 

@@ -18,12 +18,14 @@ from ocptip.basics.errors import PlanningError, whole_number
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.choices import likely_choices, rounds
 from ocptip.motion.objective import Objective
-from ocptip.motion.planner.one_start import Attempt, Search, StartResult, free_ends
+from ocptip.motion.planner.one_start import Attempt, Rough, Search, StartResult, free_ends
 from ocptip.motion.task import MotionTask, require_plannable
+from ocptip.motion.within_tolerance import tolerable
 from ocptip.motion.workers import Workers, worker_pool
 from ocptip.trajectories.arm_motion import ArmMotion
 
 _TASKS_IN_MEMORY = 4  # per worker
+FINISHED = 3  # of the starts within a tolerance, the most promising ones; more only if none is verified
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +84,8 @@ def plan_motion(
 
     Every start is a random motion, improved by Ipopt and checked on a dense time grid. Where the task leaves
     a choice of postures, the most promising pairs of start and goal get one start each and the best of them
-    the others, see `ocptip.motion.choices`. The result depends on task, starts and seed only, not on where
+    the others, see `ocptip.motion.choices`. Within a tolerance only the starts that promise the least cost
+    after their smooth programs are finished. The result depends on task, starts and seed only, not on where
     the starts run. An interrupt (Ctrl-C) or the death of a worker (then with a RuntimeWarning) ends the
     planning with the best verified plan so far.
 
@@ -118,7 +121,7 @@ def plan_motion(
         with nullcontext() if own else worker_pool(executor, jobs, starts) as pool:
             for batch in rounds(tasks, starts, costs, first):
                 tasks_of.update((number, chosen) for chosen, number in batch)
-                for attempt in _in_process(batch, seed) if own else _in_pool(pool, batch, seed):
+                for attempt in _attempts(_in_process if own else partial(_in_pool, pool), batch, seed):
                     attempts.append(attempt)
                     if attempt.result.verified:
                         costs[attempt.result.number] = rank(attempt)[0]
@@ -137,7 +140,7 @@ def plan_motion(
             raise
         interrupted = True
     if best is None:
-        raise PlanningError(_why_not(attempts))
+        raise PlanningError(_why_not(task, attempts))
     chosen = tasks_of[best.result.number]
     if free_ends(chosen):
         chosen = replace(chosen, start=best.motion.start, goal=best.motion.goal)
@@ -165,31 +168,61 @@ def _rank(objective: Objective, attempt: Attempt) -> tuple[float, int]:
     return objective.cost(attempt.check.energy, attempt.check.duration), attempt.result.number
 
 
-def _why_not(attempts: list[Attempt]) -> str:
-    """Says how the starts ended, and what the one with the fewest violations lacks."""
+def _why_not(task: MotionTask, attempts: list[Attempt]) -> str:
+    """Says how the starts ended, what the nearest one lacks, and how much of a tolerance there can be."""
     moving = [a for a in attempts if a.check is not None]
     if not moving:
         return f"none of {len(attempts)} starts gave a motion; the first: {attempts[0].result.status}"
     nearest = min(moving, key=lambda a: (len(a.check.violations), a.result.energy, a.result.number))
     violations = "; ".join(nearest.check.violations)
-    return (
-        f"none of {len(attempts)} starts gave a verified motion; start {nearest.result.number}: {violations}"
-    )
+    found = f"none of {len(attempts)} starts gave a verified motion"
+    if task.limits.tolerance.given:
+        most = max((tolerable(task.robot, a.motion, task.limits) for a in moving), key=lambda one: one[0])
+        share = f"{100 * most[0]:.0f} % of it"
+        found += f" within the tolerance; the best of the motions found can have {share} ({most[1]})"
+    return f"{found}; start {nearest.result.number}: {violations}"
 
 
-def _in_process(batch: list[tuple[MotionTask, int]], seed: int) -> Iterator[Attempt]:
+def _attempts(
+    work: Callable[[str, list[_Job]], Iterator[Any]], batch: list[tuple[MotionTask, int]], seed: int
+) -> Iterator[Attempt]:
+    """The starts; within a tolerance, which is slow, only the most promising ones are finished.
+
+    Args:
+        work: yields what a method of `Search` finds for each task with its arguments, in any order.
+        batch: tasks and numbers of starts.
+        seed: of the starts.
+    """
+    if len(batch) <= FINISHED or not batch[0][0].limits.tolerance.given:
+        yield from work("run", [(task, (number, seed)) for task, number in batch])
+        return
+    rough: list[Rough] = list(work("rough", [(task, (number, seed)) for task, number in batch]))
+    rough.sort(key=lambda one: (one.cost, one.number))
+    tasks, verified = {number: task for task, number in batch}, False
+    while rough and not verified:
+        now, rough = rough[:FINISHED], rough[FINISHED:]
+        for attempt in work("run", [(tasks[one.number], (one.number, seed, one)) for one in now]):
+            verified |= attempt.result.verified
+            yield attempt
+    yield from (one.left_out for one in rough)
+
+
+_Job = tuple[MotionTask, tuple]
+
+
+def _in_process(what: str, jobs: list[_Job]) -> Iterator[Any]:
     searches: dict[int, Search] = {}
-    for task, number in batch:
+    for task, arguments in jobs:
         with threadpool_limits(1):  # small matrices: more threads only wait for each other
             search = searches.get(id(task)) or searches.setdefault(id(task), Search(task))
-            attempt = search.run(number, seed)
-        yield attempt
+            found = getattr(search, what)(*arguments)
+        yield found
 
 
-def _in_pool(pool: Executor, batch: list[tuple[MotionTask, int]], seed: int) -> Iterator[Attempt]:
-    payloads = {id(task): pickle.dumps(replace(task, source=None)) for task, _ in batch}
+def _in_pool(pool: Executor, what: str, jobs: list[_Job]) -> Iterator[Any]:
+    payloads = {id(task): pickle.dumps(replace(task, source=None)) for task, _ in jobs}
     futures: list[Future] = [
-        pool.submit(run_start, payloads[id(task)], number, seed) for task, number in batch
+        pool.submit(_run, payloads[id(task)], what, arguments) for task, arguments in jobs
     ]
     try:
         for future in as_completed(futures):
@@ -201,9 +234,14 @@ def _in_pool(pool: Executor, batch: list[tuple[MotionTask, int]], seed: int) -> 
 
 
 def run_start(payload: bytes, number: int, seed: int) -> Attempt:
-    """The start of that number, of a pickled task; what a worker runs."""
+    """The start of that number, of a pickled task."""
+    return _run(payload, "run", (number, seed))
+
+
+def _run(payload: bytes, what: str, arguments: tuple) -> Any:
+    """What that method of `Search` finds; what a worker runs."""
     with threadpool_limits(1):
-        return _search(payload).run(number, seed)
+        return getattr(_search(payload), what)(*arguments)
 
 
 @lru_cache(maxsize=_TASKS_IN_MEMORY)

@@ -48,9 +48,7 @@ class TaskSource:
             asked["overshoot"] = limits.overshoot
         if rise_times:
             asked["rise_time"] = list(rise_times)
-        data.pop("tolerance", None)
-        if limits.tolerance.given:
-            data["tolerance"] = limits.tolerance.to_table()
+        data["tolerance"] = limits.tolerance.to_table() or {"preset": "none"}
         if limits.stops is not None:
             data["stops"] = {**data.get("stops", {}), **_stops(limits.stops)}
         motion = data.setdefault("motion", {})

@@ -18,6 +18,7 @@ from ocptip.standing.jumps import SMALLEST
 from ocptip.standing.limit import Worst as Measured
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.tolerable import IN_MOTION, largest, why_not
 from ocptip.standing.tolerance import Tolerance
 from ocptip.standing.worst_case import Worst, WorstCase, worst_case_of
 from ocptip.trajectories.arm_motion import INSIDE
@@ -27,6 +28,7 @@ MOST_JOINTS = 7  # that jump within a delay and are combined in all ways; of mor
 JUMP = 1e-6  # of the largest acceleration of a joint: smaller ones are none
 EXACT = 48  # instants that are looked at exactly, those that look worst up to products of deviations
 STARTS = 5  # of the search for the worst slip
+SPACING, ROUGHLY = 0.01, 0.02  # s, share: how closely it is looked at what a motion can have
 NEARER, FRESH = 2, 9  # rounds of instants around the worst
 
 
@@ -102,7 +104,24 @@ def worst_within(
     Raises:
         InputError: the robot is no arm.
     """
-    cases = worst_case_of(robot, tolerance)
+    return _worst_of(worst_case_of(robot, tolerance), motion, times)
+
+
+def tolerable(robot: StandingMechanism, motion: Motion, limits: MotionLimits) -> tuple[float, str]:
+    """How much of everything in its tolerance a motion can have, 0 to 1, and in words what is too much."""
+    cases = worst_case_of(robot, limits.tolerance)
+    times = motion.both_sides(SPACING)
+
+    def kept(tolerance: Tolerance) -> bool:
+        found = _worst_of(cases.within(tolerance), motion, times)
+        return all(worst.excess <= 0 for worst in found.measured(limits))
+
+    share = largest(limits.tolerance, kept, ROUGHLY)
+    return share, why_not(limits.tolerance, IN_MOTION, kept)
+
+
+def _worst_of(cases: WorstCase, motion: Motion, times: np.ndarray) -> WithinTolerance:
+    tolerance = cases.deviations.tolerance
     jumps = jump_states(motion, tolerance)
     looked = _Looked(np.hstack(motion.states(times)), times, [""] * len(times)).joined(jumps)
     tip = None

@@ -32,6 +32,7 @@ def placement_within(placement: Placement, tolerance: Tolerance) -> WithinAtRest
         placement: judged.
         tolerance: of floor, base, arm and payload; what needs motion is left out, and said.
     """
+    tolerance = tolerance.of(placement.problem.robot.payload)
     own = tolerance.only(*(name for name in AT_REST if name in tolerance.given))
     ignored = tuple(str(tolerance.only(name)) for name in tolerance.given if name not in AT_REST)
     cases = [partial(rest_case, placement, case) for case in placement.problem.cases if case.constrained]

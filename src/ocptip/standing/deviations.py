@@ -55,7 +55,7 @@ class Deviations:
         return other
 
     def _set(self, tolerance: Tolerance) -> None:
-        self.tolerance, ends = tolerance, self._ends(tolerance)
+        self.tolerance, ends = tolerance.of(self.robot.payload), self._ends(tolerance)
         self.low, self.high = np.zeros(self.size), np.zeros(self.size)
         for name, at in self.places.items():
             if name in ends:

@@ -278,12 +278,12 @@ class AskedLimit(Limit):
         quantity: its name in results.
         setting: the field of `MotionLimits`.
         least: the number is the least value.
-        largest_step: by how much the number is tightened at once, at most.
+        smallest_step, largest_step: by how much the number is tightened at once, at least and at most.
     """
 
     quantity = setting = ""
     least = False
-    largest_step = 2e-3
+    smallest_step, largest_step = 0.0, 2e-3
 
     @property
     def number(self) -> float:
@@ -311,7 +311,8 @@ class AskedLimit(Limit):
     def tightened(self, asked: MotionLimits, excess: float) -> MotionLimits:
         """The same numbers, this one tighter where it was broken by `excess`; never by more than half."""
         value = getattr(asked, self.setting)
-        return replace(asked, **{self.setting: max(value - min(excess, self.largest_step), value / 2)})
+        step = min(max(excess, self.smallest_step), self.largest_step)
+        return replace(asked, **{self.setting: max(value - step, value / 2)})
 
 
 class MomentLimit(AskedLimit):

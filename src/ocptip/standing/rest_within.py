@@ -24,6 +24,7 @@ from ocptip.contact.support import Load, Support
 from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipMap, TipOver
 from ocptip.standing.deviations import towards
+from ocptip.standing.tolerable import why_not
 from ocptip.standing.tolerance import Tolerance
 
 LOOKED_AT = ("tilt", "base_mass", "center_of_mass", "friction", "base_push")
@@ -31,7 +32,6 @@ LOOKED_AT = ("tilt", "base_mass", "center_of_mass", "friction", "base_push")
 
 AROUND = 24  # directions of tilt from which the worst is looked for
 ROUNDS = 3
-CLOSE = 2e-3  # of a share, relative
 _ALONG = 1e-9
 _LOST = 1 - 1e-9
 
@@ -194,32 +194,13 @@ def found_within(
         for found in ([case.tip() for case in made], [case.slip() for case in made])
     )
     stands = GN < _LOST and GT < _LOST
-    reason = "" if stands else _why_not(cases, tolerance, looked_at)
-    return WithinAtRest(tolerance, GN, GT, first.words(tip), other.words(slip), stands, reason, ignored)
 
-
-def _why_not(
-    cases: Sequence[Callable[[Tolerance], RestCase]], tolerance: Tolerance, looked_at: Sequence[str]
-) -> str:
     def kept(within: Tolerance) -> bool:
         made = (case(within) for case in cases)
         return all(case.tip()[0] < _LOST and case.slip()[0] < _LOST for case in made)
 
-    def largest(within: Tolerance) -> float:
-        low, high = 0.0, 1.0
-        while high - low > CLOSE * high and high > 1e-6:
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if kept(within.scaled(middle)) else (low, middle)
-        return low
-
-    if not kept(Tolerance()):
-        return "it does not stand as described"
-    for name in looked_at:
-        alone = tolerance.only(name) if name in tolerance.given else None
-        if alone is not None and not kept(alone):
-            factor = largest(alone)
-            return f"of {alone} alone it can have {alone.scaled(factor)}" if factor else f"no {alone} at all"
-    return f"each alone it can have, together {100 * largest(tolerance):.0f} % of everything"
+    reason = "" if stands else why_not(tolerance, looked_at, kept)
+    return WithinAtRest(tolerance, GN, GT, first.words(tip), other.words(slip), stands, reason, ignored)
 
 
 class RestCase:

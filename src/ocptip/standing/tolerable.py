@@ -1,13 +1,10 @@
-"""How much of a tolerance a robot at rest can have: why a task within a tolerance is refused."""
+"""How much of a tolerance is possible: why something within a tolerance is refused."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
-import numpy as np
+from collections.abc import Callable, Sequence
 
 from ocptip.standing.tolerance import Tolerance
-from ocptip.standing.worst_case import WorstCase
 
 CLOSE = 1e-3  # of a tolerance: how near the bisection gets
 AT_REST = (
@@ -22,32 +19,35 @@ AT_REST = (
     "payload_center",
     "friction",
 )  # what counts without motion, likely culprits first
+IN_MOTION = (*AT_REST, "speed", "delay", "damping")
 
 
-def why_not_at_rest(cases: WorstCase, s: np.ndarray, kept: Callable[[WorstCase], bool]) -> str:
+def why_not(tolerance: Tolerance, names: Sequence[str], kept: Callable[[Tolerance], bool]) -> str:
     """Which quantity alone is too much, and how much of it is not; else how much of everything together.
 
     Args:
-        cases: of the robot within the tolerance.
-        s: (1, 3 n) state at rest.
+        tolerance: with which something is lost.
+        names: of the quantities that count, likely culprits first.
         kept: whether nothing is lost within a tolerance.
     """
-    own = cases.deviations.tolerance
-    if not kept(cases.within(Tolerance())):
-        return "it cannot have any tolerance"
-    for name in AT_REST:
-        alone = own.only(name) if name in own.given else None
-        if alone is not None and not kept(cases.within(alone)):
-            factor = _largest(cases, alone, kept)
-            found = alone.scaled(factor) if factor > 0 else None
-            return f"of {alone} alone it can have {found or 'none'}" if found else f"it can have no {alone}"
-    factor = _largest(cases, own.only(*AT_REST), kept)
-    return f"each alone it could have, together {100 * factor:.0f} % of everything"
+    if not kept(Tolerance()):
+        return "it does not stand as described"
+    given = [name for name in names if name in tolerance.given]
+    for name in given:
+        alone = tolerance.only(name)
+        if not kept(alone):
+            factor = largest(alone, kept)
+            return f"of {alone} alone it can have {alone.scaled(factor)}" if factor else f"no {alone} alone"
+    share = 100 * largest(tolerance.only(*given), kept)
+    return f"each alone it can have, together {share:.0f} % of everything"
 
 
-def _largest(cases: WorstCase, tolerance: Tolerance, kept: Callable[[WorstCase], bool]) -> float:
+def largest(tolerance: Tolerance, kept: Callable[[Tolerance], bool], close: float = CLOSE) -> float:
+    """The largest factor of a tolerance, 0 to 1, with which nothing is lost, by bisection."""
+    if kept(tolerance):
+        return 1.0
     low, high = 0.0, 1.0
-    while high - low > CLOSE:
+    while high - low > close:
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if kept(cases.within(tolerance.scaled(middle))) else (low, middle)
+        low, high = (middle, high) if kept(tolerance.scaled(middle)) else (low, middle)
     return low

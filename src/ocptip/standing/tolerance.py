@@ -153,6 +153,10 @@ class Tolerance:
         """The same with nothing uncertain but these quantities."""
         return Tolerance(**{name: getattr(self, name) for name in names})
 
+    def of(self, payload: object) -> Tolerance:
+        """What of it there is for an arm that holds this; None: nothing."""
+        return self if payload else replace(self, payload_mass=0.0, payload_center=(0.0, 0.0, 0.0))
+
     def scaled(self, factor: float) -> Tolerance:
         """Everything but damping by this factor of it; an interval of the base's mass stays."""
         values = {name: getattr(self, name) for name in self.given if name != "damping"}

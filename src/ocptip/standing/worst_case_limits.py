@@ -16,10 +16,13 @@ from ocptip.standing.instants import Instants
 from ocptip.standing.limit import DEVIATING, ORDINARY, AskedLimit, Look, NodeSlopes, Rows, StateLimit, Worst
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.tolerable import why_not_at_rest
+from ocptip.standing.tolerable import AT_REST, why_not
+from ocptip.standing.tolerance import Tolerance
 from ocptip.standing.worst_case import WorstCase, worst_case_of
 
 ROOM = 0.5  # share of M0 within which, at a use of zero, rows of moments would take part
+NEGLIGIBLE = 1e-9  # multipliers of rows whose curvature does not count
+MOVING = 0.1  # share of the friction that a tolerance takes besides, about
 PATH_MARGIN = 0.05  # share of M0 that a path at rest keeps
 
 
@@ -41,7 +44,7 @@ class WorstCaseLimit(StateLimit, AskedLimit):
 
     of_contacts = True
     node_kinds = (ORDINARY, DEVIATING)
-    largest_step = 0.02
+    smallest_step, largest_step = 1e-4, 0.02
     unit = 1.0
 
     def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
@@ -59,7 +62,9 @@ class WorstCaseLimit(StateLimit, AskedLimit):
     def _refusal(
         self, what: str, value: float, at: Instants, theta: np.ndarray, kept: Callable[[WorstCase], bool]
     ) -> str:
-        words, rest = self.cases.deviations.words(theta), why_not_at_rest(self.cases, at.s, kept)
+        own = self.asked.tolerance
+        rest = why_not(own, AT_REST, lambda tolerance: kept(self.cases.within(tolerance)))
+        words = self.cases.deviations.words(theta)
         found = f"within the tolerance {what} reaches {value:.4g} at rest ({words}): {rest}"
         return f"{found} (--tolerance none plans as described)"
 
@@ -91,9 +96,9 @@ class WorstCaseLimit(StateLimit, AskedLimit):
 
     def curvature(self, rows: Rows, on: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         assert isinstance(rows, WorstRows)
-        weights = on[:, None] * rows.weights
-        bends = self.cases.deviations.state_curvature(rows.at.s[rows.nodes], rows.theta, weights)[0]
-        return np.arange(len(on)), bends
+        some = np.flatnonzero(np.abs(on) > NEGLIGIBLE)
+        at, weights = rows.at.s[rows.nodes[some]], on[some, None] * rows.weights[some]
+        return some, self.cases.deviations.state_curvature(at, rows.theta[some], weights)[0]
 
 
 class WorstTipOverLimit(WorstCaseLimit):
@@ -183,24 +188,29 @@ class WorstSlipLimit(WorstCaseLimit):
         return self._rows(at, i, k, (found.values, found.theta, found.slopes))
 
 
-def without_jumps(robot: StandingMechanism, asked: MotionLimits, rest: np.ndarray) -> MotionLimits:
-    """Limits of a program that does not see jumps of accelerations: tighter, so that these have some room.
+def as_described(robot: StandingMechanism, asked: MotionLimits, rest: np.ndarray) -> MotionLimits:
+    """Limits without a tolerance, tighter, so that motions of the world as described have about its room.
 
-    A jump from a moment M about a tipping axis leads to M' >= kappa / (1 + kappa) M if that with its
-    overshoot, M' + kappa (M' - M), is to vanish at most. M is taken as the least at rest.
+    What a tolerance costs is taken as at rest where it is worst. A jump from a moment M
+    about a tipping axis leads to M' >= kappa / (1 + kappa) M if that with its overshoot, M' + kappa (M' - M),
+    is to vanish at most; M is the least at rest.
 
     Args:
         robot: whose.
         asked: of it.
         rest: (k, n) postures at rest.
     """
-    more = asked.tolerance.overshoot
-    if not more:
+    if not asked.tolerance.given:
         return asked
-    cases = worst_case_of(robot, asked.tolerance)
-    if not cases.axes:
-        return asked
+    cases, more = worst_case_of(robot, asked.tolerance), asked.tolerance.overshoot
     still = np.zeros_like(rest)
-    least = float(np.min(cases.all_moments(np.hstack([rest, still, still]))))
-    ratio = float(cases.tip_ratio(np.array(more / (1 + more) * max(least, 0.0))))
-    return replace(asked, GN_worst_case=min(asked.GN_worst_case, ratio))
+    s = np.hstack([rest, still, still])
+    GN, GT = asked.GN, asked.GT
+    if cases.axes and cases.reference:
+        worst, plain = cases.all_moments(s), cases.within(Tolerance()).all_moments(s)
+        where = np.unravel_index(np.argmin(worst), worst.shape)
+        least = float(plain[where] - worst[where]) + more / (1 + more) * max(float(worst[where]), 0.0)
+        GN = min(GN, float(cases.tip_ratio(np.array(least))))
+    if asked.tolerance.friction:
+        GT = min(GT, 1 - asked.tolerance.friction - MOVING)
+    return replace(asked, tolerance=Tolerance(), GN=GN, GT=GT)

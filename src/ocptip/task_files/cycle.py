@@ -16,6 +16,7 @@ from ocptip.motion.source import LIMITS
 from ocptip.motion.task import MotionTask
 from ocptip.robots.inverse.pose_target import PoseTarget
 from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.tolerance import NONE, Tolerance
 from ocptip.task_files.arm import LOCKED
 from ocptip.task_files.doubts import doubt_masses, doubt_units
 from ocptip.task_files.kinds import require_kind
@@ -32,14 +33,18 @@ _GOALS = ("goal_deg", "goal_m", "goal_pose")
 _BACK = "start"
 
 
-def read_task(path: str | os.PathLike[str]) -> MotionTask | CycleTask:
+def read_task(path: str | os.PathLike[str], otherwise: Tolerance = NONE) -> MotionTask | CycleTask:
     """Read a task file: one motion, or a cycle where it has `[[segment]]`.
+
+    Args:
+        path: of the file.
+        otherwise: the tolerance of a motion of an arm if the file has none.
 
     Raises:
         InputError: see `ocptip.task_files.motion.load_task`.
     """
     path = Path(path)
-    return load_cycle(path) if "segment" in Table.read(path) else load_task(path)
+    return load_cycle(path) if "segment" in Table.read(path) else load_task(path, otherwise)
 
 
 def load_cycle(path: str | os.PathLike[str]) -> CycleTask:

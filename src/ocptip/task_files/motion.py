@@ -27,7 +27,7 @@ from ocptip.robots.model import ArmModel
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.tolerance import overshoot_of
+from ocptip.standing.tolerance import NONE, Tolerance, overshoot_of
 from ocptip.task_files.arm import LOCKED, read_arm, require_geometry
 from ocptip.task_files.doubts import doubt_masses, doubt_units, doubt_way
 from ocptip.task_files.joint_values import joint_values
@@ -38,15 +38,19 @@ from ocptip.task_files.scene import SCENE, read_support
 from ocptip.task_files.shapes import read_base_shapes, read_obstacles
 from ocptip.task_files.source import task_source
 from ocptip.task_files.stops import with_stops
-from ocptip.task_files.tolerance import read_tolerance
+from ocptip.task_files.tolerance import tolerance_of
 from ocptip.trajectories.arm_motion import checked_rise_times
 
 _RISES = ("rise_time", "jerk")
 TABLES = ("name", *SCENE, "arm", "robot", "payload", "motors", "obstacle", "motion", "limits", "tolerance")
 
 
-def load_task(path: str | os.PathLike[str]) -> MotionTask:
+def load_task(path: str | os.PathLike[str], otherwise: Tolerance = NONE) -> MotionTask:
     """Read a task file, format: docs/motion-planner.md. Whether it can be planned: :func:`refusals`.
+
+    Args:
+        path: of the file.
+        otherwise: the tolerance of an arm if the file has none.
 
     Raises:
         InputError: the file cannot be read or describes no task, or a pose is out of reach (by how much); one
@@ -59,12 +63,12 @@ def load_task(path: str | os.PathLike[str]) -> MotionTask:
     with Table.read(path) as data:
         require_kind(data, "plan")
         if "case" in data:
-            return _published(data)
+            return _published(data, otherwise)
         doubt_units(data)
         if "segment" in data:
             raise data.error("several motions are a cycle: ocptip.task_files.cycle.read_task", "segment")
         data.close(*TABLES, "stops")
-        task = with_stops(data, _task(data, path))
+        task = with_stops(data, _task(data, path, otherwise))
         rises = _rise_times(data.table("limits", optional=True), task.robot)
         task = replace(task, source=task_source(data, task.robot), rise_times=rises)
         doubt_masses(data, task.robot)
@@ -72,7 +76,7 @@ def load_task(path: str | os.PathLike[str]) -> MotionTask:
         return task
 
 
-def _published(data: Table) -> MotionTask:
+def _published(data: Table, otherwise: Tolerance) -> MotionTask:
     """A printed case, with limits, objective and duration of the file."""
     name, base = data.choice("case", motion_cases()), data.choice("base", BASES, "effective")
     motion, table = data.table("motion", optional=True), data.table("limits", optional=True)
@@ -80,15 +84,15 @@ def _published(data: Table) -> MotionTask:
     jumps = _jumps(table, task.robot.support)
     table.one_of(*_RISES, optional=True)
     limits = table.make(MotionLimits, **table.numbers(*LIMITS), **jumps, **_durations(motion))
-    limits = replace(limits, tolerance=read_tolerance(data.table("tolerance", optional=True)))
+    limits = replace(limits, tolerance=tolerance_of(data, otherwise))
     wanted = motion.text("objective", None), motion.number("price_per_second", None)
     objective = motion.make(objective_of, *wanted)
     rises = _rise_times(table, task.robot)
     return with_stops(data, replace(task, limits=limits, objective=objective, rise_times=rises))
 
 
-def _task(data: Table, path: Path) -> MotionTask:
-    scene = TaskScene(data)
+def _task(data: Table, path: Path, otherwise: Tolerance) -> MotionTask:
+    scene = TaskScene(data, otherwise)
     name, robot, motion = data.text("name", path.stem), scene.robot(), data.table("motion")
     ends = [read_end(robot, motion, key, scene.limits) for key in ("start", "goal")]
     starts, goals = (postures for postures, _ in ends)
@@ -105,6 +109,7 @@ class TaskScene:
 
     Args:
         data: the file.
+        otherwise: the tolerance of an arm if the file has none.
 
     Attributes:
         limits: of `[limits]`.
@@ -113,7 +118,7 @@ class TaskScene:
         InputError: a value is missing, unknown or cannot be used; names its place.
     """
 
-    def __init__(self, data: Table) -> None:
+    def __init__(self, data: Table, otherwise: Tolerance = NONE) -> None:
         self._data, self._arms = data, dict[str, ArmModel]()
         self._shapes = read_base_shapes(data)
         self._support = read_support(data)
@@ -124,8 +129,8 @@ class TaskScene:
         if "segment" not in data:  # segments of cycles are planned as ramps
             table.one_of(*_RISES, optional=True)
         limits = table.make(MotionLimits, angle_margin=margin, **table.numbers(*LIMITS), **jumps)
-        tolerance = read_tolerance(data.table("tolerance", optional=True))
-        self.limits = replace(limits, tolerance=tolerance)
+        plain = "robot" in data  # parallel robots: not looked at
+        self.limits = replace(limits, tolerance=tolerance_of(data, NONE if plain else otherwise))
 
     def robot(self, segment: Table | None = None) -> StandingMechanism:
         """The robot on its support, with what it holds in a segment of a cycle."""

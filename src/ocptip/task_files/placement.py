@@ -38,7 +38,7 @@ from ocptip.task_files.motors import arm_and_motors
 from ocptip.task_files.scene import SCENE, read_support
 from ocptip.task_files.shapes import read_base_shapes, read_obstacles
 from ocptip.task_files.terrain import read_terrain
-from ocptip.task_files.tolerance import read_tolerance
+from ocptip.task_files.tolerance import tolerance_of
 
 _OBSTACLES = ("base_obstacle", "obstacle", "keep_out")
 _TABLES = ("terrain", "task", "weights", "references", "limits", "energy", "tolerance")
@@ -61,8 +61,12 @@ class PlacementTask:
     tolerance: Tolerance = NONE
 
 
-def load_placement(path: str | os.PathLike[str]) -> PlacementTask:
+def load_placement(path: str | os.PathLike[str], otherwise: Tolerance = NONE) -> PlacementTask:
     """Read a placement file, see docs/placement.md.
+
+    Args:
+        path: of the file.
+        otherwise: the tolerance if the file has none.
 
     Raises:
         InputError: the file cannot be read or describes no placement problem; one line that names file and
@@ -76,7 +80,7 @@ def load_placement(path: str | os.PathLike[str]) -> PlacementTask:
         require_kind(data, "place")
         doubt_units(data)
         data.close("name", "unloaded", *SCENE, "arm", "payload", "motors", *_OBSTACLES, *_TABLES)
-        tolerance = read_tolerance(data.table("tolerance", optional=True))
+        tolerance = tolerance_of(data, otherwise)
         task = PlacementTask(data.text("name", path.stem), _problem(data, searched(tolerance)), tolerance)
         doubt_masses(data, task.problem.robot)
         return task

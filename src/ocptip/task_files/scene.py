@@ -21,7 +21,7 @@ from ocptip.contact.support import Load, Support, refuse_impossible_inertia
 from ocptip.standing.tolerance import NONE, Tolerance
 from ocptip.task_files.doubts import doubt_units
 from ocptip.task_files.kinds import require_kind
-from ocptip.task_files.tolerance import read_tolerance
+from ocptip.task_files.tolerance import tolerance_of
 
 SCENE = ("gravity", "base", "contact")
 """What :func:`read_support` reads of a file."""
@@ -83,7 +83,7 @@ def _scene(data: Table) -> Scene:
         data.close("name", *SCENE, "load", "tolerance")
         name, support = data.text("name", data.file), read_support(data)
         loads = tuple(_load(table, support.dimension) for table in data.tables("load"))
-        tolerance = read_tolerance(data.table("tolerance", optional=True))
+        tolerance = tolerance_of(data)
         return Scene(name, support, loads, support.wrench(loads), tolerance)
 
 

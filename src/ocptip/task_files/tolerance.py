@@ -8,10 +8,15 @@ from typing import Any
 
 from ocptip.basics.errors import InputError
 from ocptip.basics.toml import Table
-from ocptip.standing.tolerance import IN_FILES, PRESETS, Tolerance
+from ocptip.standing.tolerance import IN_FILES, NONE, PRESETS, Tolerance
 
 _BOXES = ("center_of_mass", "payload_center")
 _MASSES = ("base_mass", "arm_mass", "payload_mass")
+
+
+def tolerance_of(data: Table, otherwise: Tolerance = NONE) -> Tolerance:
+    """The table `[tolerance]` of a file; `otherwise` if it has none."""
+    return read_tolerance(data.table("tolerance")) if "tolerance" in data else otherwise
 
 
 def read_tolerance(table: Table) -> Tolerance:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ocptip.motion.check import check_motion
-from ocptip.motion.planner.one_start import SLOWED, Search, _Clock
+from ocptip.motion.planner.one_start import SLOWED, Clock, Search
 from ocptip.published.tasks import experiment_task
 
 
@@ -27,6 +27,6 @@ def test_what_exceeds_accelerations_by_rounding_is_slowed_down(task, share, help
     motion = at_share(task, share)
     assert not check_motion(task.robot, motion, task.limits).verified
     refiner = SimpleNamespace(motion=lambda exact: motion)
-    found, checked = Search(task)._motion_and_check(refiner, None, _Clock())
+    found, checked = Search(task)._motion_and_check(refiner, None, Clock())
     assert checked.verified == helped
     assert found.end == pytest.approx(motion.end * (share if helped else 1.0), rel=1e-6)

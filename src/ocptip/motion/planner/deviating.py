@@ -1,13 +1,14 @@
 """Nodes of an ordered program at which joints deviate: late at an event, or overshooting where they jump.
 
-Such a node lies at an event. Of every joint that jumps there, or has jumped within the longest delay before,
-the steps of its acceleration count not at all (late), or once and the share of the overshoot more; angles and
-speeds are those of the event. All combinations are looked at, the worst of each row takes part.
+Such a node lies at an event, or the longest delay after it. Of every joint that jumps there, or has jumped
+within that delay before, the steps of its acceleration count not at all (late), or once and the share of the
+overshoot more. All combinations are looked at, the worst of each row takes part.
 """
 
 from __future__ import annotations
 
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,15 +20,25 @@ from ocptip.standing.tolerance import Tolerance
 Steps = tuple[tuple[int, int, float], ...]
 """Per deviating joint: which, the first group of its steps, how many times more than once they count."""
 
-Place = tuple[int, float] | tuple[int, float, Steps]
-"""A node: interval, share of it; at the event that begins the interval also the steps of deviating joints."""
+
+class Deviating(NamedTuple):
+    """A node with deviating joints: so many seconds after an event, in an interval, with their steps."""
+
+    interval: int
+    event: int
+    after: float
+    steps: Steps
+
+
+Place = tuple[int, float] | Deviating
+"""A node: interval, share of it; or one with deviating joints."""
 
 MEET = 1e-6  # s: events nearer to each other than this have met
 KEPT = 1e-3  # by how much the use of a limit may exceed 1 after a solve
 MOST_JOINTS = 7  # that are combined in all ways; of more all alike, or all but one
 
 
-def deviating_places(order: EventOrder, x: np.ndarray, tolerance: Tolerance) -> list[Place]:
+def deviating_places(order: EventOrder, x: np.ndarray, tolerance: Tolerance) -> list[Deviating]:
     """All nodes at which joints may deviate from a motion with variables x.
 
     Args:
@@ -44,16 +55,18 @@ def deviating_places(order: EventOrder, x: np.ndarray, tolerance: Tolerance) -> 
     moving = [
         joint for joint in range(order.layout.n) if joint in order.layout.joints or joint in order.regime
     ]
-    for event, time in enumerate(times):
-        if event + 1 < len(times) and times[event + 1] - time < MEET:
-            continue
+    for event, after in product(range(len(times)), sorted({0.0, delay})):
+        time = times[event] + after
+        last = int(np.searchsorted(times, time + MEET, side="right")) - 1
+        if after == 0.0 and last > event:
+            continue  # the last of those that meet stands for all
         first = []
         for joint in moving:
             groups = order.corner_positions[joint]
-            near = groups[(groups <= event) & (times[groups] >= time - max(delay, MEET))]
+            near = groups[(groups <= last) & (times[groups] >= time - max(delay, MEET) - MEET)]
             first += [(joint, int(near.min()))] if len(near) else []
         if first:
-            found += [(event, 0.0, steps) for steps in _combinations(first, delay > 0, more)]
+            found += [Deviating(last, event, after, steps) for steps in _combinations(first, delay > 0, more)]
     return found
 
 
@@ -72,22 +85,22 @@ def _combinations(first: list[tuple[int, int]], late: bool, more: float) -> list
     return [tuple((j, g, c) for (j, g), c in zip(first, steps, strict=True)) for steps in chosen]
 
 
-def masks_of(order: EventOrder, place: Place) -> np.ndarray:
+def masks_of(order: EventOrder, place: Deviating) -> np.ndarray:
     """Masks (n, C) of a node, see `Nodes`."""
     groups = order.corner_positions
-    masks = (groups <= place[0]).astype(float)
-    for joint, group, factor in place[2] if len(place) > 2 else ():
-        masks[joint] += factor * ((groups[joint] >= group) & (groups[joint] <= place[0]))
+    masks = (groups <= place.interval).astype(float)
+    for joint, group, factor in place.steps:
+        masks[joint] += factor * ((groups[joint] >= group) & (groups[joint] <= place.interval))
     return masks
 
 
 def worst_places(
-    program: MotionProgram, x: np.ndarray, places: list[Place], first: int, share: float
-) -> list[Place]:
+    program: MotionProgram, x: np.ndarray, places: list[Deviating], first: int, share: float
+) -> list[Deviating]:
     """Of deviating nodes, from node `first` on, the worst of each event and row, if it uses so much."""
     if not places:
         return []
-    events = np.array([place[0] for place in places])
+    events = np.unique([(place.event, place.after > 0) for place in places], axis=0, return_inverse=True)[1]
     chosen: set[int] = set()
     at = program.instants(x, np.arange(first, first + len(places)))
     for limit in program.limits:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ocptip.motion.planner.deviating import Place, deviating_places, kept_at_worst, worst_places
+from ocptip.motion.planner.deviating import Deviating, Place, deviating_places, kept_at_worst, worst_places
 from ocptip.motion.planner.event_order import EventOrder, order_of
 from ocptip.motion.planner.formulation import Formulation
 from ocptip.motion.planner.program import MotionProgram
@@ -22,7 +22,7 @@ from ocptip.trajectories.arm_motion import ArmMotion
 SHARES = np.linspace(0.0, 1.0, 17)  # where intervals are looked at between nodes
 NEAR, FIRST = 0.75, 0.3  # use of a limit from which a row takes part, and a further node is made at the start
 FEASIBLE = 1e-5
-ROUNDS = 4
+ROUNDS, LATE_ROUNDS = 4, 6
 PUSH = 1e-4
 SOLVED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
 WORSE = 3e-3  # share of the cost by which some more rows may well raise it
@@ -87,11 +87,15 @@ class Refiner:
         watched = formulation.ordered_program(limits, order, x, [*watch, *deviating])
         own = watched.n_nodes - len(watch) - len(deviating)
         share = FIRST if extra is None else 1 + FEASIBLE
-        extra = list(extra or [])
+        near_by = set(deviating)  # joints that are no longer late together need no row
+        extra = [place for place in extra or [] if not isinstance(place, Deviating) or place in near_by]
         rows = multipliers = None
         kept: Exact | None = None
         anchor = x
-        for _ in range(ROUNDS):
+        for _ in range(LATE_ROUNDS if deviating else ROUNDS):
+            if kept is not None and deviating:  # other joints may be late together by now
+                deviating = deviating_places(order, x, limits.tolerance)
+                watched = formulation.ordered_program(limits, order, anchor, [*watch, *deviating])
             fresh = self._watch_out(watched, own, watch, x, share)
             fresh += worst_places(watched, x, deviating, own + len(watch), NEAR if rows is None else share)
             fresh = [place for place in fresh if place not in extra]

@@ -14,7 +14,7 @@ import casadi as cs
 import numpy as np
 
 from ocptip.motion.objective import ENERGY, Objective
-from ocptip.motion.planner.deviating import Place, masks_of
+from ocptip.motion.planner.deviating import Deviating, Place, masks_of
 from ocptip.motion.planner.event_order import SLOWEST, EventOrder, order_of, unit_row
 from ocptip.motion.planner.free_ends import FreeEnds
 from ocptip.motion.planner.node_physics import node_physics
@@ -260,7 +260,8 @@ class Formulation:
         last = len(events) - 2
         where += [(min(i, last), float(i > last), 0.0) for i in range(jumps[1] - jumps[0])]
         rest = [(-1, 0.0, 0.0), (len(events) - 1, 0.0, 0.0)] if self.ends else []  # before and after it
-        where += rest + [(place[0], place[1], 0.0) for place in extra]
+        ends = [0.0 if isinstance(place, Deviating) else place[1] for place in extra]
+        where += rest + [(place[0], share, 0.0) for place, share in zip(extra, ends, strict=True)]
         index = np.array([i for i, _, _ in where])
         shares, quadrature = np.array([s for _, s, _ in where]), np.array([g for _, _, g in where])
         left, right = (events[np.clip(index + k, 0, len(events) - 1)] for k in (0, 1))
@@ -274,7 +275,8 @@ class Formulation:
         kinds = np.full(len(where), ORDINARY)
         kinds[slice(*jumps)] = JUMP
         for node, place in enumerate(extra, len(where) - len(extra)):
-            if len(place) > 2:
+            if isinstance(place, Deviating):
+                times[node] = events[place.event] + place.after * unit_row(layout, layout.one)
                 masks[node], kinds[node] = masks_of(order, place), DEVIATING
         placed = Nodes(profiles, times, masks=masks, late=late, regime=order.regime, kinds=kinds)
         directions = order.directions[np.clip(index, 0, last)]

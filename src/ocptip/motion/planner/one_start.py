@@ -19,7 +19,7 @@ from ocptip.numerics.ipopt import Solution
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.limit import AskedLimit
 from ocptip.standing.limit_kinds import limits_of
-from ocptip.standing.worst_case_limits import without_jumps
+from ocptip.standing.worst_case_limits import as_described
 from ocptip.trajectories.arm_motion import ArmMotion
 
 WIDTHS = (0.010, 0.004)  # s: half widths of the steps in the fine programs
@@ -35,6 +35,7 @@ HOPELESS = 0.05  # largest violation from which a motion is worth its check
 TIGHTENINGS = 5
 MISS = 1e-7  # m and rad, by which start and goal may miss their poses
 SLOWED = 1.001  # a motion that exceeds speeds or accelerations by less is slowed down by as much
+LEFT_OUT = "left out: other starts promise a lower cost"
 NUMERICAL = (InputError, SolverError, ArithmeticError, np.linalg.LinAlgError)
 
 
@@ -66,6 +67,31 @@ class StartResult:
 
 
 @dataclass(frozen=True, eq=False)
+class Rough:
+    """A start after its first smooth programs.
+
+    Attributes:
+        number: of the start.
+        coarse, x: variables after the coarse and the fine programs; None if there are none.
+        cost: of the motion, about; infinite if there is none.
+        status: what is missing; empty if nothing is.
+        clock: what it took.
+    """
+
+    number: int
+    coarse: np.ndarray | None
+    x: np.ndarray | None
+    cost: float
+    status: str
+    clock: Clock
+
+    @property
+    def left_out(self) -> Attempt:
+        """The start, given up here."""
+        return Attempt(self.clock.result(self.number, self.status or LEFT_OUT, None), None, None)
+
+
+@dataclass(frozen=True, eq=False)
 class Attempt:
     """A start's result with its motion and checked, both None if no motion came out."""
 
@@ -90,22 +116,18 @@ class Search:
             self.ends,
             np.array(task.rise_times or (0.0,) * task.robot.n),
         )
+        self.smooth = as_described(task.robot, task.limits, np.array([task.start, task.goal]))
         self.first = replace(task.limits, stops=None)  # stops narrow a motion that is good without them
         kinds = limits_of(task.robot, task.limits)
         self._asked = [limit for limit in kinds if isinstance(limit, AskedLimit)]
-        self.smooth = self.inner = task.limits
-        if not task.rise_times:
-            self.smooth = without_jumps(task.robot, task.limits, np.array([task.start, task.goal]))
+        self.inner = task.limits
         for limit in self._asked:
             self.inner = limit.inner(self.inner)
 
-    def run(self, number: int, seed: int) -> Attempt:
-        """The start of that number."""
-        began, clock = time.perf_counter(), _Clock()
-        task = self.task
+    def rough(self, number: int, seed: int) -> Rough:
+        """The start of that number, as far as the first fine program."""
+        clock, task = Clock(), self.task
         rng = np.random.default_rng([seed, number])
-        best: tuple[ArmMotion, MotionCheck] | None = None
-        status = ""
         try:
             start = random_start(
                 *(task.robot, task.start, task.goal, task.optimised, task.commands, self.first, rng),
@@ -117,10 +139,28 @@ class Search:
             clock.stage("start")
             x = self._coarse(start, clock)
             clock.stage("coarse")
-            begin = x
-            for cycle in range(CYCLES + FURTHER):
-                x = self._fine(x if best is not None or task.limits.stops is None else begin, clock)
-                clock.stage("fine")
+            coarse = x
+            x, cost = self._fine(x, clock)
+            clock.stage("fine")
+        except NUMERICAL as error:
+            clock.pause()
+            return Rough(number, None, None, np.inf, f"no motion: {error}", clock)
+        clock.pause()
+        return Rough(number, coarse, x, cost, "", clock)
+
+    def run(self, number: int, seed: int, rough: Rough | None = None) -> Attempt:
+        """The start of that number, from where it was left."""
+        rough = rough or self.rough(number, seed)
+        clock, status, x = rough.clock, rough.status, rough.x
+        clock.go_on()
+        best: tuple[ArmMotion, MotionCheck] | None = None
+        cycles = 1 if self.task.limits.tolerance.given else CYCLES  # there further ones rarely find better
+        try:
+            for cycle in range(cycles + FURTHER if x is not None else 0):
+                if cycle > 0:
+                    begin = x if best is not None or self.task.limits.stops is None else rough.coarse
+                    x, _ = self._fine(begin, clock)
+                    clock.stage("fine")
                 refiner = Refiner(self.formulation, self.inner)
                 found, x, status = self._exact(refiner, x, clock)
                 clock.iterations += refiner.iterations
@@ -130,27 +170,17 @@ class Search:
                 if best is not None and not self._better(found[1], best[1]):
                     break
                 best = found
-                if found[1].verified and (cycle + 1 >= CYCLES or not self._at_the_limit(found[1])):
+                if found[1].verified and (cycle + 1 >= cycles or not self._at_the_limit(found[1])):
                     break
         except NUMERICAL as error:  # one start of many: what was found before counts
             status = f"no motion: {error}"
         motion, checked = best or (None, None)
         if checked is not None:
             status = "verified" if checked.verified else f"not verified: {'; '.join(checked.violations)}"
-        result = StartResult(
-            number=number,
-            status=status,
-            energy=checked.energy if checked else float("nan"),
-            verified=bool(checked and checked.verified),
-            iterations=clock.iterations,
-            seconds=time.perf_counter() - began,
-            cpu_seconds=clock.total(),
-            solves=clock.solves,
-            stages=clock.stages,
-        )
-        return Attempt(result, motion, checked)
+        clock.pause()
+        return Attempt(clock.result(number, status, checked), motion, checked)
 
-    def _coarse(self, start: ArmMotion, clock: _Clock) -> np.ndarray:
+    def _coarse(self, start: ArmMotion, clock: Clock) -> np.ndarray:
         """Variables after the coarse programs; anew while the motion becomes much shorter than the grid."""
         formulation, limits = self.formulation, replace(self.smooth, stops=None)
         x = formulation.variables(start)
@@ -164,16 +194,19 @@ class Search:
                 break
         return x
 
-    def _fine(self, x: np.ndarray, clock: _Clock) -> np.ndarray:
+    def _fine(self, x: np.ndarray, clock: Clock) -> tuple[np.ndarray, float]:
+        """Variables after the fine programs, and about the cost."""
+        cost = np.inf
         for width in WIDTHS:
             program = self.formulation.fine_program(
                 self.smooth, Smoothing(width, 3 * width, 1.5 * width, 2.0), x
             )
-            x = self._solve(program, x, FINE_ROWS, 1e-4, 1e-4, clock).x
-        return x
+            solution = self._solve(program, x, FINE_ROWS, 1e-4, 1e-4, clock)
+            x, cost = solution.x, program.values(solution.x)[0] * (1 + solution.violation)
+        return x, cost
 
     def _exact(
-        self, refiner: Refiner, x: np.ndarray, clock: _Clock
+        self, refiner: Refiner, x: np.ndarray, clock: Clock
     ) -> tuple[tuple[ArmMotion, MotionCheck] | None, np.ndarray, str]:
         """A checked exact motion near x, its variables, and what is missing if there is none.
 
@@ -198,7 +231,7 @@ class Search:
 
     @staticmethod
     def _solve(
-        program: MotionProgram, x: np.ndarray, share: float, mu: float, push: float, clock: _Clock
+        program: MotionProgram, x: np.ndarray, share: float, mu: float, push: float, clock: Clock
     ) -> Solution:
         program = program.with_rows(program.near_rows(x, share), Pull(x.copy(), PULL), near=x)
         solution = program.solve(x, start_mu=mu, push=push, tolerance=1e-3)
@@ -206,7 +239,7 @@ class Search:
         clock.solves += 1
         return solution
 
-    def _checked(self, refiner: Refiner, exact: Exact, clock: _Clock) -> tuple[ArmMotion, MotionCheck]:
+    def _checked(self, refiner: Refiner, exact: Exact, clock: Clock) -> tuple[ArmMotion, MotionCheck]:
         """The exact motion and its check; solved again, a little tighter, where the check finds a fault."""
         best = self._motion_and_check(refiner, exact, clock)
         checked = best[1]
@@ -229,7 +262,7 @@ class Search:
         return best
 
     def _motion_and_check(
-        self, refiner: Refiner, exact: Exact, clock: _Clock
+        self, refiner: Refiner, exact: Exact, clock: Clock
     ) -> tuple[ArmMotion, MotionCheck]:
         motion = refiner.motion(exact)
         if (miss := self.ends.miss(motion.start, motion.goal)) > MISS:
@@ -264,18 +297,41 @@ def free_ends(task: MotionTask) -> FreeEnds:
     return FreeEnds(arm, (task.start, task.goal), task.targets, task.optimised, margin)
 
 
-class _Clock:
-    """Adds up CPU time of the thread by stage, iterations and solves."""
+class Clock:
+    """Adds up CPU time of the thread by stage, wall time, iterations and solves."""
 
     def __init__(self) -> None:
-        self.began = self.last = time.thread_time()
         self.stages: dict[str, float] = {}
         self.iterations = self.solves = 0
+        self.seconds = self.cpu_seconds = 0.0
+        self.go_on()
+
+    def go_on(self) -> None:
+        """From here on, perhaps in another thread."""
+        self.began = time.perf_counter(), time.thread_time()
+        self.last = self.began[1]
+
+    def pause(self) -> None:
+        """Count no further."""
+        self.seconds += time.perf_counter() - self.began[0]
+        self.cpu_seconds += time.thread_time() - self.began[1]
 
     def stage(self, name: str) -> None:
+        """A stage of that name has ended."""
         now = time.thread_time()
         self.stages[name] = self.stages.get(name, 0.0) + now - self.last
         self.last = now
 
-    def total(self) -> float:
-        return time.thread_time() - self.began
+    def result(self, number: int, status: str, checked: MotionCheck | None) -> StartResult:
+        """Of a start that took so long."""
+        return StartResult(
+            number=number,
+            status=status,
+            energy=checked.energy if checked else float("nan"),
+            verified=bool(checked and checked.verified),
+            iterations=self.iterations,
+            seconds=self.seconds,
+            cpu_seconds=self.cpu_seconds,
+            solves=self.solves,
+            stages=self.stages,
+        )
