@@ -1,4 +1,4 @@
-"""MuJoCo's rigid bodies on springs and dampers, from a robot's data: given joint motion, free base.
+"""MuJoCo's rigid bodies on springs and dampers, from a robot's export: given joint motion, free base.
 
 Nothing is linearised: the base turns, and its feet's forces are in world axes. Soles have no mass: a foot
 whose spring and damper would have to pull is let go, its sole relaxes, and presses again where it meets the
@@ -12,42 +12,23 @@ import numpy as np
 from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 
+from ocptip.contact.bindings.unilateral import UnilateralContact
+from ocptip.contact.support import Support
+from ocptip.standing.arm import StandingRobot
+from ocptip.standing.simulation.bodies import real_bodies
+from ocptip.standing.simulation.mjcf import joint_order, to_mjcf
+
 INSIDE = 1.5e-7
 
 
-def quaternion(rotation):
-    """(4,) scalar first."""
-    return np.roll(Rotation.from_matrix(rotation).as_quat(), 1)
-
-
-def model_of(robot):
-    """Free base, then the arm's links; inertias may be indefinite, so they are put in after compiling."""
-    arm, support = robot.arm, robot.support
-    spec = mujoco.MjSpec()
-    spec.option.gravity = support.gravity
-    parent = spec.worldbody.add_body(name="base")
-    parent.add_freejoint()
-    place, bodies = arm.mount_position - support.center_of_mass, [(support.inertia, np.zeros(3))]
-    links = [parent]
-    for i in range(arm.n):
-        rotation = arm.mount_rotation @ arm.rotations[0] if i == 0 else arm.rotations[i]
-        parent = parent.add_body(name=f"link{i}", pos=place, quat=quaternion(rotation))
-        kinds = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
-        parent.add_joint(name=f"joint{i}", type=kinds[int(arm.prismatic[i])], axis=[0, 0, 1])
-        links.append(parent)
-        bodies.append((arm.inertias[i], arm.centres[i]))
-        place = arm.offsets[i]
-    for link in links:
-        link.mass, link.inertia, link.explicitinertial = 1.0, np.ones(3), True
-    model = spec.compile()
-    model.body_mass[1:] = [support.mass, *arm.masses]
-    for i, (inertia, centre) in enumerate(bodies, 1):
-        values, axes = np.linalg.eigh(inertia)
-        axes[:, 0] *= np.sign(np.linalg.det(axes))
-        model.body_ipos[i], model.body_inertia[i], model.body_iquat[i] = centre, values, quaternion(axes)
-        model.body_sameframe[i] = model.body_simple[i] = 0
-    model.dof_simplenum[:] = 0
-    return model
+def stiff(robot: StandingRobot) -> StandingRobot:
+    """The robot on feet that do not give: here they are not the model's."""
+    own = robot.support
+    feet = [UnilateralContact(position=c.position, normal=c.normal, friction=1.0) for c in own.contacts]
+    support = Support(
+        feet, mass=own.mass, center_of_mass=own.center_of_mass, inertia=own.inertia, gravity=own.gravity
+    )
+    return robot.varied(support=support)
 
 
 @dataclass
@@ -64,7 +45,10 @@ class FeetSimulation:
 
     def __init__(self, robot, motion, stiffness, tangential, delay):
         self.motion, self.support = motion, robot.support
-        self.model, self.weight = model_of(robot), robot.mass * 9.81
+        alone = stiff(robot)
+        self.model = mujoco.MjModel.from_xml_string(to_mjcf(alone))
+        self.joints = joint_order(alone, real_bodies(robot.arm), np.eye(robot.n)).T  # rotors turn with them
+        self.weight = robot.mass * 9.81
         self.data = mujoco.MjData(self.model)
         self.k, self.kt, self.delay = stiffness, tangential, delay
         n = len(self.support.arms)
@@ -72,10 +56,10 @@ class FeetSimulation:
         self.soles, self.lifted = np.zeros(n), np.zeros(n)
 
     def inertia_and_bias(self, y, q, qd):
-        """Mass matrix and bias forces at base state y and joint states."""
+        """Mass matrix of base and joints, and bias forces on the base, at base state y and joint states."""
         model, data = self.model, self.data
-        data.qpos[:7], data.qpos[7:] = y[:7], q
-        data.qvel[:6], data.qvel[6:] = y[7:], qd
+        data.qpos[:7], data.qpos[7:] = y[:7], self.joints @ q
+        data.qvel[:6], data.qvel[6:] = y[7:], self.joints @ qd
         for step in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_crb, mujoco.mj_comVel):
             step(model, data)
         bias, M = np.zeros(model.nv), np.zeros((model.nv, model.nv))
@@ -84,7 +68,7 @@ class FeetSimulation:
             mujoco.mj_fullM(model, data, M)
         except TypeError:  # before MuJoCo 4
             mujoco.mj_fullM(model, M, data.qM)
-        return M, bias
+        return np.hstack([M[:6, :6], M[:6, 6:] @ self.joints]), bias[:6]
 
     def feet(self, y):
         """Forces, as springs and dampers have them, places and speeds of the feet, (n, 3), contact axes."""
@@ -104,7 +88,7 @@ class FeetSimulation:
             "kij,kj->ki", self.support.frames, force * (self.pressing & (force[:, 0] > 0))[:, None]
         )
         load = np.concatenate([force.sum(axis=0), R.T @ np.cross(self.support.arms @ R.T, force).sum(axis=0)])
-        acceleration = np.linalg.solve(M[:6, :6], load - bias[:6] - M[:6, 6:] @ qdd)
+        acceleration = np.linalg.solve(M[:, :6], load - bias - M[:, 6:] @ qdd)
         w, (x, yy, z), (a, b, c) = y[3], y[4:7], y[10:]
         turn = 0.5 * np.array(
             [-x * a - yy * b - z * c, w * a + yy * c - z * b, w * b + z * a - x * c, w * c + x * b - yy * a]

@@ -69,15 +69,15 @@ def test_inertia_is_that_of_other_rigid_bodies():
     y = np.array([*robot.support.center_of_mass, 1, 0, 0, 0, *np.zeros(6)])
     inertia, turning = (x[0] for x in robot.inertia(q[None], qd[None]))
     M, bias = simulation.inertia_and_bias(y, q, qd)
-    assert np.allclose(inertia, M[:6, :6], atol=1e-9)
+    assert np.allclose(inertia, M[:, :6], atol=1e-7)
     for axis in range(3):
         slopes = []
         for size in (1e-4, -1e-4):
             y[10:] = size * np.eye(3)[axis]
-            slopes.append(simulation.inertia_and_bias(y, q, qd)[1][:6])
+            slopes.append(simulation.inertia_and_bias(y, q, qd)[1])
         assert np.allclose((slopes[0] - slopes[1]) / 2e-4, turning[:, axis], atol=1e-6)
     wrench = robot.loads(q[None], qd[None], 0 * qd[None])[1][0]
-    assert np.allclose(bias[:6], -wrench, atol=1e-9)
+    assert np.allclose(bias, -wrench, atol=1e-7)
 
 
 @pytest.mark.parametrize(

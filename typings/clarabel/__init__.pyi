@@ -17,6 +17,13 @@ class NonnegativeConeT:
 class SecondOrderConeT:
     def __init__(self, dim: int) -> None: ...
 
+class PSDTriangleConeT:
+    def __init__(self, dim: int) -> None: ...
+
+class SolverStatus:
+    Solved: SolverStatus
+    AlmostSolved: SolverStatus
+
 class DefaultSettings:
     verbose: bool
     presolve_enable: bool
@@ -40,7 +47,7 @@ class DefaultSolver:
         q: np.ndarray,
         A: csc_matrix,
         b: np.ndarray,
-        cones: Sequence[ZeroConeT | NonnegativeConeT | SecondOrderConeT],
+        cones: Sequence[ZeroConeT | NonnegativeConeT | SecondOrderConeT | PSDTriangleConeT],
         settings: DefaultSettings,
     ) -> None: ...
     def update(self, *, A: np.ndarray, b: np.ndarray) -> None: ...

@@ -184,6 +184,41 @@ COMMANDS = (
         ),
     ),
     Command(
+        "export",
+        "a plan's robot on its base, and its motion, for simulators (MJCF, URDF)",
+        "Writes arm, base, feet, payload and rotors of a plan as bodies with the masses of its task, and its "
+        "motion as keyframes.",
+        "0 written",
+        (
+            argument("plan", "PLAN_DIR", "folder of a plan"),
+            argument("--mjcf", "FILE", "write a MuJoCo model with feet, friction and motion"),
+            argument("--urdf", "FILE", "write a URDF: bodies and joints only"),
+        ),
+    ),
+    Command(
+        "simulate",
+        "a plan replayed by MuJoCo: does its base stand there, too?",
+        "Replays a plan on a free base in MuJoCo (pip install 'ocptip[simulate]') and compares the feet's "
+        "forces with the library's.",
+        "0 no foot lifts or slides, 1 one does",
+        (
+            argument("plan", "PLAN_DIR", "folder of a plan"),
+            argument("--stiffness", "N/M", "of all feet (default: as in the task, or stiff)", type=float),
+            argument("--damping", "ZETA", "damping ratio of such feet (0.05)", type=float),
+            argument(
+                "--tilt",
+                "DEG",
+                "floor tilted by so much, downhill towards this angle from x to y (0)",
+                nargs="+",
+                type=float,
+            ),
+            argument("--payload", "KG", "so much more at the gripper point", type=float),
+            argument("--friction", "F", "all coefficients x F", type=float),
+            argument("--speed", "F", "the motion F times as fast", type=float),
+            argument("--step", "S", "of the simulator (0.0001)", type=float, default=1e-4),
+        ),
+    ),
+    Command(
         "rate",
         "how well conditioned is a pose of an arm or a platform?",
         "Prints the performance indices of a pose: value, range, meaning.",

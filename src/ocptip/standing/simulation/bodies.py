@@ -1,0 +1,223 @@
+"""The links of an arm as bodies that can exist, with fast rotors of their own where there have to be some.
+
+Link inertias may be such as no body has: a drive's fast rotor, split between the links on both sides of its
+joint, leaves a negative axial moment on one of them (6.11). Simulators refuse that. What a base feels of an
+arm are its momenta, and these can be had with real bodies. Two changes leave them as they are:
+
+- Mass on the axis of a joint (mass, first and second moments along the axis) belongs to either side of the
+  joint: nothing at all changes.
+- Spin: a rotor of axial moment I on the near side of a joint, which turns kappa times as fast as the joint,
+  has the axial momentum I omega_near + kappa I qdot = I ((1 - kappa) omega_near + kappa omega_far). So the
+  near link gets (kappa - 1) I, the far one loses kappa I, about the axis; kappa may be negative.
+
+The least spin with which all bodies exist is a cone program. Mass, centre of mass, and momentum of the whole
+are those of the model for every motion; the torque of a joint with a rotor is not: it moves the rotor, too,
+kappa (kappa - 1) I qddot more.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import clarabel
+import numpy as np
+from scipy import sparse
+
+from ocptip.basics.errors import InputError
+from ocptip.numerics.inertia import RigidBody, parallel_axis
+from ocptip.robots.model import ArmModel
+
+_MARGIN = 1e-3  # least second moment of a link along any axis, over its mass, (0.1 m)^2
+_ROUNDED = 1e-9
+_SMALL = 0.01  # mass of a rotor, and of a link without mass, over that of the link that it is taken from
+_SPIN_SHARE = 0.1  # what a unit of a rotor's own moment is worth, in units of spin
+_THICK = 0.6  # transverse over axial moment of a rotor
+_FASTEST = 100.0  # ratio of a rotor
+_NO_SPIN = 1e-4  # a rotor with less, as a share of the largest, is left out
+_DAMPING = 1e-6  # of what is free otherwise
+_LEAST = 1e-9  # kg m^2: moments of a link without any
+_SCALE = np.array([0.1, 0.1, 0.1, 1.0])  # m
+_Z = np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True, eq=False)
+class Rotor:
+    """A rotor on the near side of a joint, about the joint's axis, its centre in the joint's origin.
+
+    Attributes:
+        joint: whose drive it is, from 0.
+        ratio: its speed over the joint's.
+        mass: kg.
+        axial, transverse: moments of inertia, kg m^2.
+    """
+
+    joint: int
+    ratio: float
+    mass: float
+    axial: float
+    transverse: float
+
+
+@dataclass(frozen=True, eq=False)
+class ArmBodies:
+    """What an arm without payload consists of.
+
+    Attributes:
+        links: mass, centre of mass and inertia about it of each link, in its frame.
+        rotors: those that there have to be.
+    """
+
+    links: tuple[RigidBody, ...]
+    rotors: tuple[Rotor, ...]
+
+
+@lru_cache(maxsize=16)
+def real_bodies(arm: ArmModel) -> ArmBodies:
+    """The links of an arm without payload as bodies that can exist.
+
+    Raises:
+        InputError: no rotors make such bodies of them.
+    """
+    bare = arm.with_payload(None)
+    links = [
+        (float(mass), np.array(centre), np.array(inertia))
+        for mass, centre, inertia in zip(bare.masses, bare.centres, bare.inertias, strict=True)
+    ]
+    if all(exists(link) for link in links):
+        return ArmBodies(tuple(links), ())
+    return _split(arm, links)
+
+
+def exists(body: RigidBody) -> bool:
+    """Whether a body has this mass and inertia, and a simulator takes it."""
+    mass, _, inertia = body
+    values = np.linalg.eigvalsh(inertia)
+    return mass > 0 and values[0] > 0 and values[2] <= (values[0] + values[1]) * (1 + _ROUNDED)
+
+
+# A body by ten numbers in which everything is linear: the 4 x 4 matrix [[sum m r r', sum m r], [., m]] of its
+# mass distribution, which is positive definite for bodies that exist.
+
+
+def _pseudo(body: RigidBody) -> np.ndarray:
+    mass, centre, inertia = body
+    about = inertia + parallel_axis(mass, centre)
+    found = np.empty((4, 4))
+    found[:3, :3] = 0.5 * np.trace(about) * np.eye(3) - about
+    found[:3, 3] = found[3, :3] = mass * centre
+    found[3, 3] = mass
+    return found
+
+
+def _body(pseudo: np.ndarray) -> RigidBody:
+    mass = float(pseudo[3, 3])
+    centre = pseudo[:3, 3] / mass
+    second = pseudo[:3, :3] - mass * np.outer(centre, centre)
+    inertia = np.trace(second) * np.eye(3) - second
+    return mass, centre, 0.5 * (inertia + inertia.T)
+
+
+def _spun(axis: np.ndarray) -> np.ndarray:
+    """What a moment of inertia of 1 about an axis through the origin adds, with no moment across it."""
+    found = np.zeros((4, 4))
+    found[:3, :3] = 0.5 * np.eye(3) - np.outer(axis, axis)
+    return found
+
+
+def _along(axis: np.ndarray, origin: np.ndarray) -> list[np.ndarray]:
+    """Mass 1 on an axis by its moments along it: the zeroth, first and second one alone, (4, 4) each."""
+    point, line = np.append(origin, 1.0), np.append(axis, 0.0)
+    first = np.outer(point, line)
+    return [np.outer(point, point), first + first.T, np.outer(line, line)]
+
+
+def _split(arm: ArmModel, links: list[RigidBody]) -> ArmBodies:
+    """Solve for masses on axes and rotors; scaled by the arm's mass and a length of 0.1 m."""
+    scale = np.outer(_SCALE, _SCALE) * float(arm.masses.sum())
+    given = [_pseudo(link) / scale for link in links]
+    lacking = [k for k, link in enumerate(links) if not link[0]]
+    small = {k: _SMALL * given[k - 1][3, 3] for k in range(1, len(links))}
+    joints = [k for k in small if not arm.slides[k] and k not in lacking]
+    columns: list[dict[int, np.ndarray]] = []
+    for k in joints:
+        near, far = _along(*_axis(arm, k)), _along(_Z, np.zeros(3))
+        columns += [{k - 1: -out, k: into} for out, into in zip(near, far, strict=True)]
+    moved = len(columns)
+    drives = [(k, forward) for k in joints for forward in (True, False)]
+    for k, forward in drives:
+        axis, origin = _axis(arm, k)
+        sign = 1 if forward else -1
+        thick = _THICK * _along(axis, origin)[2]
+        columns.append({k - 1: sign * _spun(axis), k: -sign * _spun(_Z)})
+        columns.append({k - 1: -thick, k: -_spun(_Z)} if forward else {k - 1: -thick - _spun(axis)})
+    for k in [k for k, _ in drives] + lacking:
+        if k == 0 or given[k - 1][3, 3] == 0:
+            raise InputError(f"arm {arm.name}: link {k + 1} has no mass, nor has the one before it")
+        given[k - 1] = given[k - 1] - small[k] * _along(*_axis(arm, k))[0]
+    found = _solved(given, lacking, columns, moved)
+    if found is None:
+        raise InputError(
+            f"arm {arm.name}: link inertias are such as no bodies have, with or without rotors "
+            "behind gears: no model of it for a simulator"
+        )
+    for own, x in zip(columns, found, strict=True):
+        for k, change in own.items():
+            given[k] = given[k] + x * change
+    rotors = []
+    spins = found[moved:].reshape(-1, 2) * float(arm.masses.sum()) * _SCALE[0] ** 2
+    for (k, forward), (spin, axial) in zip(drives, spins, strict=True):
+        mass = small[k] * float(arm.masses.sum())
+        if spin > _NO_SPIN * spins.max():
+            ratio = 1 + spin / axial if forward else -spin / axial
+            rotors.append(Rotor(k, ratio, mass, axial, _THICK * axial))
+        else:
+            given[k - 1] = given[k - 1] + small[k] * _along(*_axis(arm, k))[0]
+    bodies = [_body(own * scale) if k not in lacking else links[k] for k, own in enumerate(given)]
+    for k in lacking:
+        bodies[k] = small[k] * float(arm.masses.sum()), np.zeros(3), _LEAST * np.eye(3)
+    return ArmBodies(tuple(bodies), tuple(rotors))
+
+
+def _axis(arm: ArmModel, k: int) -> tuple[np.ndarray, np.ndarray]:
+    """Axis of joint k > 0 and a point of it, in units of `_SCALE`, in the frame of the link before it."""
+    return arm.rotations[k][:, 2], arm.offsets[k - 1] / _SCALE[0]
+
+
+def _solved(
+    given: list[np.ndarray], lacking: list[int], columns: list[dict[int, np.ndarray]], moved: int
+) -> np.ndarray | None:
+    """Least spin with all matrices positive definite; a rotor turns 2 to 100 times as fast as its joint."""
+    size = len(columns)
+    rows, right, cones = [], [], []
+    for k, own in enumerate(given):
+        if k not in lacking:
+            none = np.zeros((4, 4))
+            rows.append(-np.array([_triangle(column.get(k, none)) for column in columns]).T)
+            right.append(_triangle(own - _MARGIN * own[3, 3] * np.eye(4)))
+            cones.append(clarabel.PSDTriangleConeT(4))
+    cost = np.zeros(size)
+    cost[moved::2], cost[moved + 1 :: 2] = 1.0, -_SPIN_SHARE
+    limits = []
+    for j in range(moved, size, 2):
+        slow, fast = np.zeros(size), np.zeros(size)
+        slow[j], slow[j + 1] = -1, 1
+        fast[j], fast[j + 1] = 1, -_FASTEST + 1
+        limits += [slow, fast]
+    rows.append(np.array(limits))
+    right.append(np.zeros(len(limits)))
+    cones.append(clarabel.NonnegativeConeT(len(limits)))
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    solution = clarabel.DefaultSolver(
+        sparse.csc_matrix(_DAMPING * np.eye(size)), cost, sparse.csc_matrix(np.vstack(rows)),
+        np.concatenate(right), cones, settings,
+    ).solve()  # fmt: skip
+    done = solution.status in (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved)
+    return np.array(solution.x) if done else None
+
+
+def _triangle(matrix: np.ndarray) -> np.ndarray:
+    """Upper triangle column by column, off the diagonal times sqrt 2, as Clarabel takes it."""
+    i, j = np.tril_indices(len(matrix))
+    return matrix[j, i] * np.where(i == j, 1.0, np.sqrt(2))

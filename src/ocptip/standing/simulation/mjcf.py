@@ -1,0 +1,373 @@
+"""An arm on its base as a MuJoCo model (MJCF): free base, feet on the ground, arm, rotors, payload, motion.
+
+World axes are the base axes at the start. All masses are the model's, see `bodies`; a foot that gives is a
+small body on springs, whose mass is taken from the base.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ocptip.basics.errors import InputError
+from ocptip.contact.bindings.binding import Binding
+from ocptip.contact.bindings.clamps import RigidClamp
+from ocptip.contact.bindings.unilateral import UnilateralContact
+from ocptip.contact.support import Support
+from ocptip.numerics.inertia import RigidBody, parallel_axis
+from ocptip.robots.model import ArmModel
+from ocptip.standing.arm import StandingRobot
+from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.on_springs import Modes
+from ocptip.standing.simulation.bodies import ArmBodies, exists, real_bodies
+from ocptip.trajectories.sampled import Motion
+
+BASE, PAYLOAD = "base", "payload"
+SOLE = 1e-3  # m: radius of the sphere that touches the ground
+SENSOR = 2.5e-3  # m: so far below a sole is what measures its force, not that of an opposite jaw
+STEP = 1e-4  # s
+FOOT = 0.03  # mass of a foot that gives over that of the base, from which it is taken
+_KEYS = 0.02  # s between keyframes
+_SERVO = 2 * np.pi * 20.0  # rad/s: natural frequency of the actuators
+_POINT = 1e-9  # kg m^2: moments of a point mass
+RIGID = {"solref": [5 * STEP, 1.0], "solimp": [0.9, 0.9, 1e-3, 0.5, 2.0]}
+"""Contact of a stiff foot: 0.5 ms, critically damped. Much stiffer contacts chatter, softer ones swing."""
+
+ON_SPRINGS = {"solref": [2 * STEP, 1.0], "solimp": [0.97, 0.97, 1e-3, 0.5, 2.0]}
+"""The same of a sole on springs, which is lighter."""
+
+
+@dataclass(frozen=True)
+class Jaw:
+    """One side of a contact that can push.
+
+    Attributes:
+        contact: number, from 0.
+        normal: (3,) direction in which the ground pushes the base.
+        friction: coefficient.
+    """
+
+    contact: int
+    normal: np.ndarray
+    friction: float
+
+    def name(self, what: str) -> str:
+        """Of a geom, site or sensor."""
+        return f"{what}{self.contact + 1}"
+
+
+def jaws_of(contact: Binding, number: int) -> list[Jaw]:
+    """What touches the base at a contact: the ground, or both jaws of a rigid clamp.
+
+    Raises:
+        InputError: rigid bodies that touch do not behave like this contact.
+    """
+    if isinstance(contact, UnilateralContact):
+        return [Jaw(number, np.asarray(contact.normal), contact.friction)]
+    if isinstance(contact, RigidClamp):
+        upper, lower, normal = contact.friction_upper, contact.friction_lower, np.asarray(contact.normal)
+        return [Jaw(number, normal, upper), Jaw(number, -normal, lower)]
+    raise InputError(
+        f"contact {number + 1}: a {contact.kind} has no model for a simulator (a jaw that presses with "
+        "a given force and rubs); feet and rigid clamps have"
+    )
+
+
+def require_exportable(robot: StandingMechanism) -> StandingRobot:
+    """The robot as an arm that a simulator can have.
+
+    Raises:
+        InputError: it is a parallel robot, or a contact has no model.
+    """
+    if not isinstance(robot, StandingRobot):
+        raise InputError(
+            f"only arms are exported with their base, not a {robot.kind} (see ocptip parallel --mjcf)"
+        )
+    for number, contact in enumerate(robot.support.contacts):
+        jaws_of(contact, number)
+    return robot
+
+
+def to_mjcf(robot: StandingMechanism, motion: Motion | None = None, *, name: str = "ocptip") -> str:
+    """The robot on its base, and its motion as keyframes, whose controls are the actuators' references.
+
+    Args:
+        robot: an arm on feet, which may give, or in rigid clamps.
+        motion: of it; None: the model alone, at joint values 0.
+        name: of the model.
+
+    Raises:
+        InputError: there is no model for a simulator of its links or of a contact.
+    """
+    robot = require_exportable(robot)
+    start = motion.start if motion else np.zeros(robot.n)
+    root = ET.Element("mujoco", model=name)
+    root.append(ET.Comment(f" {'; '.join(remarks(robot))} "))
+    _settings(root, robot)
+    world = add(root, "worldbody")
+    add(world, "light", pos="1 -1 3", dir="-0.3 0.3 -1", directional="true")
+    base = _base(world, robot.support)
+    contact, sensors = ET.Element("contact"), ET.Element("sensor")
+    _feet(world, base, contact, sensors, robot, start)
+    bodies = real_bodies(robot.arm)
+    _arm(base, robot, bodies)
+    root.append(contact)
+    _drives(root, robot, bodies, start)
+    root.append(sensors)
+    _keyframes(root, robot, bodies, motion)
+    ET.indent(root)
+    return ET.tostring(root, encoding="unicode") + "\n"
+
+
+def remarks(robot: StandingRobot) -> list[str]:
+    """What of the model is not the robot's data, in sentences without full stops."""
+    found = [
+        "written by ocptip from the robot's data, SI units and radians, world axes are base axes at the start"
+    ]
+    found.append("solref, solimp, the sole's radius and the actuators' gains are numbers for the simulator")
+    if robot.support.elastic is not None:
+        found.append(f"feet that give are bodies with {FOOT:g} of the base's mass each, taken from it")
+    if rotors := real_bodies(robot.arm).rotors:
+        joints = ", ".join(f"{rotor.joint + 1}" for rotor in rotors)
+        found.append(
+            f"drives of joints {joints} have rotors of their own, since their links' inertias are such as no "
+            "body has without: the base feels the same, the torque of these joints moves the rotor, too"
+        )
+    if not np.all(robot.arm.with_payload(None).masses):
+        found.append("a link without mass got 1 percent of the mass before it, on their common axis")
+    return found
+
+
+def _settings(root: ET.Element, robot: StandingRobot) -> None:
+    add(root, "compiler", angle="radian", autolimits="false", inertiafromgeom="false")
+    option = {"timestep": text(STEP), "integrator": "implicitfast", "solver": "Newton", "cone": "elliptic"}
+    add(root, "option", gravity=text(robot.support.gravity), impratio="10", tolerance="1e-12", **option)
+    defaults = add(root, "default")
+    add(defaults, "geom", contype="0", conaffinity="0", mass="0", rgba="0.4 0.5 0.6 1")
+    numbers = RIGID if robot.support.elastic is None else ON_SPRINGS
+    add(defaults, "pair", condim="3", **{key: text(value) for key, value in numbers.items()})
+
+
+def _base(world: ET.Element, support: Support) -> ET.Element:
+    """The base; feet that give have a part of its mass."""
+    mass, inertia = support.mass, np.array(support.inertia)
+    if support.elastic is not None:
+        for arm in support.arms:
+            inertia = inertia - parallel_axis(FOOT * support.mass, arm)
+        moved = -FOOT * support.arms.sum(axis=0) / (1 - FOOT * len(support.arms))
+        mass = (1 - FOOT * len(support.arms)) * support.mass
+        inertia = inertia - parallel_axis(mass, moved)
+    else:
+        moved = np.zeros(3)
+    if not exists((mass, moved, inertia)):
+        values = ", ".join(f"{value:.3g}" for value in np.linalg.eigvalsh(inertia))
+        raise InputError(f"base: no body has its mass {mass:.4g} kg and principal moments {values} kg m^2")
+    base = add(world, "body", name=BASE, pos=text(support.center_of_mass))
+    add(base, "freejoint", name=BASE)
+    _inertial(base, (mass, moved, inertia))
+    for arm in support.arms:
+        _stick(base, np.zeros(3), arm)
+    return base
+
+
+def _feet(
+    world: ET.Element,
+    base: ET.Element,
+    contact: ET.Element,
+    sensors: ET.Element,
+    robot: StandingRobot,
+    start: np.ndarray,
+) -> None:
+    """Soles, the ground below each, and what is measured there."""
+    support, elastic = robot.support, robot.support.elastic
+    delays = np.zeros(len(support.contacts))
+    if elastic is not None:
+        still = start[None]
+        delays = Modes.of(elastic, robot.inertia(still, 0 * still)[0][0]).delays
+    for k, own in enumerate(support.contacts):
+        body, place = base, support.arms[k]
+        if elastic is not None:
+            body = add(base, "body", name=f"foot{k + 1}", pos=text(place))
+            mass = FOOT * support.mass
+            _inertial(body, (mass, np.zeros(3), 0.4 * mass * SOLE**2 * np.eye(3)))
+            for axis, letter, stiffness in zip(support.frames[k].T, "nst", elastic.stiffness[k], strict=True):
+                add(
+                    body, "joint", name=f"foot{k + 1}_{letter}", type="slide", axis=text(axis),
+                    stiffness=text(stiffness), damping=text(delays[k] * stiffness),
+                )  # fmt: skip
+            place = np.zeros(3)
+        for jaw, side in zip(jaws_of(own, k), ("", "_lower"), strict=False):
+            foot, floor = jaw.name("foot") + side, jaw.name("ground") + side
+            at = {"pos": text(own.position), "quat": text(_upright(jaw.normal))}
+            add(world, "geom", name=floor, type="plane", size="0.1 0.1 0.01", rgba="0.8 0.8 0.8 1", **at)
+            centre = text(place + SOLE * jaw.normal)
+            add(body, "geom", name=foot, type="sphere", size=text(SOLE), pos=centre)
+            sliding = text([max(jaw.friction, 1e-5)] * 2 + [1e-3, 1e-5, 1e-5])
+            add(contact, "pair", geom1=foot, geom2=floor, friction=sliding)
+            seen = text(place - SENSOR * jaw.normal)
+            add(body, "site", name=foot, type="sphere", size=text(SOLE), pos=seen, rgba="1 0.6 0 0.5")
+            add(sensors, "touch", name=f"{foot}_force", site=foot)
+            add(sensors, "framepos", name=f"{foot}_place", objtype="site", objname=foot)
+
+
+def _arm(base: ET.Element, robot: StandingRobot, bodies: ArmBodies) -> None:
+    """Links, rotors and payload."""
+    arm = robot.arm
+    armatures = np.zeros(arm.links)
+    leads = np.arange(arm.n) if arm.coupling is None else arm.coupling.leads
+    armatures[leads] = arm.armature
+    parent, place = base, arm.mount_position - robot.support.center_of_mass
+    rotation = arm.mount_rotation @ arm.rotations[0]
+    for k, link in enumerate(bodies.links):
+        _stick(parent, np.zeros(3) if k else place, place)
+        if k:
+            rotation = arm.rotations[k]
+        at = {"pos": text(place), "quat": text(_quaternion(rotation))}
+        for rotor in bodies.rotors:
+            if rotor.joint == k:
+                _rotor(parent, arm.chain_names[k], rotor.mass, rotor.axial, rotor.transverse, at, rotor.ratio)
+        parent = add(parent, "body", name=_link(arm, k), **at)
+        kind = "slide" if arm.slides[k] else "hinge"
+        add(parent, "joint", name=arm.chain_names[k], type=kind, axis="0 0 1", armature=text(armatures[k]))
+        _inertial(parent, link)
+        place = arm.offsets[k]
+    _stick(parent, np.zeros(3), place)
+    add(parent, "site", name="gripper", pos=text(place), quat=text(_quaternion(arm.tool_rotation)))
+    if arm.payload is not None:
+        held = add(parent, "body", name=PAYLOAD)
+        mass, centre, inertia = arm.payload.seen_from(arm.tool_rotation, arm.offsets[-1])
+        _inertial(held, (mass, centre, inertia if inertia.any() else _POINT * np.eye(3)))
+        add(held, "geom", type="sphere", size="0.03", pos=text(centre), rgba="0.8 0.4 0.2 1")
+
+
+def _rotor(
+    parent: ET.Element,
+    joint: str,
+    mass: float,
+    axial: float,
+    transverse: float,
+    at: dict[str, str],
+    ratio: float,
+) -> None:
+    own = add(parent, "body", name=f"{joint} rotor", **at)
+    own.append(ET.Comment(f" turns {ratio:.6g} times as fast as {joint} "))
+    add(own, "joint", name=f"{joint} rotor", type="hinge", axis="0 0 1")
+    _inertial(own, (mass, np.zeros(3), np.diag([transverse, transverse, axial])))
+
+
+def _drives(root: ET.Element, robot: StandingRobot, bodies: ArmBodies, start: np.ndarray) -> None:
+    """Gears between joints, and a position servo per joint that leads."""
+    arm = robot.arm
+    equality = ET.Element("equality")
+    for rotor in bodies.rotors:
+        joint = arm.chain_names[rotor.joint]
+        gear = text([0.0, rotor.ratio, 0.0, 0.0, 0.0])
+        add(equality, "joint", joint1=f"{joint} rotor", joint2=joint, polycoef=gear)
+    if (coupling := arm.coupling) is not None:
+        for k, joint in enumerate(coupling.names):
+            if k not in coupling.leads:
+                gear = text([coupling.offsets[k], coupling.ratios[k], 0.0, 0.0, 0.0])
+                lead = coupling.leading[coupling.leaders[k]]
+                add(equality, "joint", joint1=joint, joint2=lead, polycoef=gear)
+    if len(equality):
+        root.append(equality)
+    still = np.zeros((1, arm.n))
+    bias = robot.loads(start[None], still, still)[0][0]
+    moving = [robot.loads(start[None], still, row[None])[0][0] for row in np.eye(arm.n)]
+    own = np.maximum(np.diag(np.array(moving) - bias), 1e-4)
+    own = own + sum(
+        (r.axial * r.ratio**2 * (np.arange(arm.n) == r.joint) for r in bodies.rotors), np.zeros(arm.n)
+    )
+    actuator = add(root, "actuator")
+    for joint, inertia in zip(arm.joint_names, own, strict=True):
+        gains = {"kp": text(inertia * _SERVO**2), "kv": text(2 * inertia * _SERVO)}
+        add(actuator, "position", name=joint, joint=joint, **gains)
+
+
+def joint_order(robot: StandingRobot, bodies: ArmBodies, values: np.ndarray) -> np.ndarray:
+    """Joint values or speeds (..., n) as all joints of the model have them: feet, then rotors and links.
+
+    Offsets of joints that follow others are those of values.
+    """
+    arm, found = robot.arm, []
+    own = values
+    if arm.coupling is not None:
+        own = values @ arm.coupling.matrix.T
+    feet = 3 * len(robot.support.contacts) if robot.support.elastic is not None else 0
+    for k in range(arm.links):
+        found += [rotor.ratio * own[..., k] for rotor in bodies.rotors if rotor.joint == k]
+        found.append(own[..., k])
+    return np.concatenate([np.zeros((*values.shape[:-1], feet)), np.stack(found, axis=-1)], axis=-1)
+
+
+def joint_offsets(robot: StandingRobot, bodies: ArmBodies) -> np.ndarray:
+    """What joint values have besides `joint_order`: offsets of those that follow others."""
+    found = joint_order(robot, bodies, np.zeros(robot.n))
+    if (coupling := robot.arm.coupling) is not None:
+        at = len(found) - robot.arm.links - len(bodies.rotors)
+        for k in range(robot.arm.links):
+            at += sum(rotor.joint == k for rotor in bodies.rotors)
+            found[at] = coupling.offsets[k]
+            at += 1
+    return found
+
+
+def _keyframes(root: ET.Element, robot: StandingRobot, bodies: ArmBodies, motion: Motion | None) -> None:
+    frames = add(root, "keyframe")
+    times = np.zeros(1)
+    q, qd = np.zeros((1, robot.n)), np.zeros((1, robot.n))
+    if motion is not None:
+        times = np.unique(np.append(np.arange(0.0, motion.end, _KEYS), [*motion.event_times, motion.end]))
+        q, qd, _ = motion.states(times)
+    rest = [*robot.support.center_of_mass, 1, 0, 0, 0]
+    offsets = joint_offsets(robot, bodies)
+    for k, (time, at, speed) in enumerate(zip(times, q, qd, strict=True)):
+        add(
+            frames, "key", name="start" if k == 0 else f"{time:.6f} s", time=text(time),
+            qpos=text([*rest, *(joint_order(robot, bodies, at) + offsets)]),
+            qvel=text([*np.zeros(6), *joint_order(robot, bodies, speed)]), ctrl=text(at),
+        )  # fmt: skip
+
+
+def _link(arm: ArmModel, k: int) -> str:
+    return f"link {k + 1}"
+
+
+def _inertial(element: ET.Element, body: RigidBody) -> None:
+    mass, centre, inertia = body
+    values, axes = np.linalg.eigh(inertia)
+    axes[:, 0] *= np.sign(np.linalg.det(axes))
+    values[2] = min(values[2], values[0] + values[1])
+    add(
+        element, "inertial", mass=text(mass), pos=text(centre), diaginertia=text(values),
+        quat=text(_quaternion(axes)),
+    )  # fmt: skip
+
+
+def _stick(element: ET.Element, start: np.ndarray, end: np.ndarray) -> None:
+    """A sketch without mass that touches nothing."""
+    if np.linalg.norm(end - start) > 1e-6:
+        add(element, "geom", type="capsule", size="0.012", fromto=text([*start, *end]))
+
+
+def _upright(normal: np.ndarray) -> np.ndarray:
+    """Quaternion of a plane whose z axis is this normal."""
+    return np.roll(Rotation.align_vectors([normal], [[0.0, 0.0, 1.0]])[0].as_quat(), 1)
+
+
+def _quaternion(rotation: np.ndarray) -> np.ndarray:
+    """(4,) scalar first."""
+    return np.roll(Rotation.from_matrix(rotation).as_quat(), 1)
+
+
+def add(parent: ET.Element, tag: str, **attributes: str) -> ET.Element:
+    """A new element in another."""
+    return ET.SubElement(parent, tag, attributes)
+
+
+def text(values: object) -> str:
+    """Numbers that come back to the last bit."""
+    return " ".join(repr(float(x)) for x in np.atleast_1d(np.asarray(values, dtype=float)))

@@ -1,0 +1,138 @@
+"""An arm on its base as URDF: base, feet as frames, links, rotors that follow their joints, payload.
+
+URDF has no friction, no springs, no inertia of drives and no motion; comments in the file say what is left
+out.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+
+import numpy as np
+
+from ocptip.numerics.inertia import RigidBody
+from ocptip.robots.model import ArmModel
+from ocptip.standing.arm import StandingRobot
+from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.simulation.bodies import real_bodies
+from ocptip.standing.simulation.mjcf import (
+    BASE,
+    PAYLOAD,
+    SOLE,
+    add,
+    remarks,
+    require_exportable,
+    text,
+)
+
+_POINT = 1e-9  # kg m^2: moments of a point mass
+
+
+def to_urdf(robot: StandingMechanism, *, name: str = "ocptip") -> str:
+    """The robot on its base; the root link is the base, its frame the base axes.
+
+    Raises:
+        InputError: there is no model for a simulator of its links or of a contact.
+    """
+    robot = require_exportable(robot)
+    arm, support, bodies = robot.arm, robot.support, real_bodies(robot.arm)
+    root = ET.Element("robot", name=name)
+    for remark in [
+        *(r for r in remarks(robot) if "simulator" not in r and "springs" not in r),
+        *_lost(robot),
+    ]:
+        root.append(ET.Comment(f" {remark} "))
+    _link(root, BASE, (support.mass, support.center_of_mass, support.inertia))
+    for k, contact in enumerate(support.contacts, 1):
+        foot = _link(root, f"foot{k}")
+        collision = add(foot, "collision")
+        add(collision, "origin", xyz=text(SOLE * np.array([1.0, 0, 0])))
+        add(add(collision, "geometry"), "sphere", radius=text(SOLE))
+        _joint(root, f"contact{k}", "fixed", BASE, f"foot{k}", np.asarray(contact.position), contact.frame)
+    parent, place, rotation = BASE, arm.mount_position, arm.mount_rotation @ arm.rotations[0]
+    for k, body in enumerate(bodies.links):
+        if k:
+            place, rotation = arm.offsets[k - 1], arm.rotations[k]
+        own = arm.chain_names[k]
+        for rotor in bodies.rotors:
+            if rotor.joint == k:
+                moments = np.diag([rotor.transverse, rotor.transverse, rotor.axial])
+                _link(root, f"{own} rotor", (rotor.mass, np.zeros(3), moments))
+                joint = _joint(root, f"{own} rotor", "continuous", parent, f"{own} rotor", place, rotation)
+                add(joint, "axis", xyz="0 0 1")
+                add(joint, "mimic", joint=own, multiplier=text(rotor.ratio), offset="0")
+        _link(root, f"link{k + 1}", body)
+        kind = "prismatic" if arm.slides[k] else "revolute"
+        joint = _joint(root, own, kind, parent, f"link{k + 1}", place, rotation)
+        add(joint, "axis", xyz="0 0 1")
+        _limits(joint, arm, k)
+        parent = f"link{k + 1}"
+    _link(root, "gripper")
+    _joint(root, "gripper", "fixed", parent, "gripper", arm.offsets[-1], arm.tool_rotation)
+    if (payload := arm.payload) is not None:
+        inertia = payload.inertia if payload.inertia.any() else _POINT * np.eye(3)
+        _link(root, PAYLOAD, (payload.mass, payload.center_of_mass, inertia))
+        _joint(root, PAYLOAD, "fixed", "gripper", PAYLOAD, np.zeros(3), np.eye(3))
+    ET.indent(root)
+    return '<?xml version="1.0"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
+
+
+def _lost(robot: StandingRobot) -> list[str]:
+    """What URDF cannot say, in words."""
+    friction = ", ".join(
+        f"{getattr(c, 'friction', None) or getattr(c, 'friction_upper', 0):g}" for c in robot.support.contacts
+    )
+    found = [f"not in this file: friction of the feet ({friction}), the motion, the ground"]
+    if robot.support.elastic is not None:
+        found.append("not in this file: springs and dampers of the feet")
+    armature = robot.arm.armature
+    if armature is not None and np.any(armature):
+        values = ", ".join(f"{value:.6g}" for value in armature)
+        found.append(f"not in this file: drive inertias of the joints, {values} kg m^2 (kg)")
+    return found
+
+
+def _limits(joint: ET.Element, arm: ArmModel, k: int) -> None:
+    """Limits of a joint; those of one that follows another by its own motion."""
+    leader, ratio, offset = k, 1.0, 0.0
+    if arm.coupling is not None:
+        leader, ratio, offset = int(arm.coupling.leaders[k]), arm.coupling.ratios[k], arm.coupling.offsets[k]
+        if k not in arm.coupling.leads:
+            lead = arm.coupling.leading[leader]
+            add(joint, "mimic", joint=lead, multiplier=text(ratio), offset=text(offset))
+    own = arm.limits
+    ends = ratio * np.array([own.angle_min[leader], own.angle_max[leader]]) + offset
+    values = {
+        "lower": min(ends),
+        "upper": max(ends),
+        "velocity": abs(ratio) * own.speed[leader],
+        "effort": own.torque[leader],
+    }
+    finite = {key: text(np.clip(value, -1e9, 1e9)) for key, value in values.items()}
+    add(joint, "limit", **finite)
+
+
+def _link(root: ET.Element, name: str, body: RigidBody | None = None) -> ET.Element:
+    link = add(root, "link", name=name)
+    if body is not None:
+        mass, centre, inertia = body
+        own = add(link, "inertial")
+        add(own, "origin", xyz=text(centre), rpy="0 0 0")
+        add(own, "mass", value=text(mass))
+        names = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
+        add(own, "inertia", **{key: text(inertia[at]) for key, at in names.items()})
+    return link
+
+
+def _joint(
+    root: ET.Element, name: str, kind: str, parent: str, child: str, place: np.ndarray, rotation: np.ndarray
+) -> ET.Element:
+    joint = add(root, "joint", name=name, type=kind)
+    pitch = np.arctan2(-rotation[2, 0], np.hypot(rotation[2, 1], rotation[2, 2]))
+    roll, yaw = np.arctan2(rotation[2, 1], rotation[2, 2]), np.arctan2(rotation[1, 0], rotation[0, 0])
+    if np.hypot(rotation[2, 1], rotation[2, 2]) < 1e-9:  # only roll -+ yaw is definite
+        roll, yaw = 0.0, np.arctan2(-rotation[0, 1], rotation[1, 1])
+    add(joint, "origin", xyz=text(place), rpy=text([roll, pitch, yaw]))
+    add(joint, "parent", link=parent)
+    add(joint, "child", link=child)
+    return joint

@@ -1,0 +1,100 @@
+"""`ocptip export` and `ocptip simulate` as they are typed."""
+
+import json
+
+import mujoco
+import pytest
+
+from ocptip.cli.main import main
+from ocptip.motion.output import write_plan
+from ocptip.published.tasks import experiment_task
+from tests.pictures.plan_stand_in import plan_of
+from tests.standing.simulation.test_replay import plan_of as committed
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("plans") / "A"
+    write_plan(folder, plan_of(experiment_task("A"), committed("A-effective")[1]))
+    return folder
+
+
+def test_export(written, tmp_path, capsys):
+    mjcf, urdf = tmp_path / "a.xml", tmp_path / "a.urdf"
+    assert main(["export", str(written), "--mjcf", str(mjcf), "--urdf", str(urdf)]) == 0
+    said = capsys.readouterr().out
+    assert "rotors of their own" in said
+    model = mujoco.MjModel.from_xml_path(str(mjcf))
+    assert model.nkey > 70  # the motion
+    assert model.body_mass.sum() == pytest.approx(19.161)
+    assert "friction of the feet (0.2, 0.2, 0.2)" in urdf.read_text()
+
+
+def test_exported_motion_runs_in_mujoco_alone(written, tmp_path):
+    """Position servos follow the keyframes' controls, and the base stands: the file as users have it."""
+    path = tmp_path / "a.xml"
+    assert main(["export", str(written), "--mjcf", str(path)]) == 0
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    at = 0
+    while data.time < model.key_time[-1] + 0.2:
+        while at + 1 < model.nkey and model.key_time[at + 1] <= data.time:
+            at += 1
+        data.ctrl[:] = model.key_ctrl[at]
+        mujoco.mj_step(model, data)
+    goal = model.key_ctrl[-1]
+    reached = [data.joint(model.actuator(k).name).qpos[0] for k in range(model.nu)]
+    assert reached == pytest.approx(goal, abs=0.02)
+    assert data.qpos[2] == pytest.approx(model.key_qpos[0, 2], abs=1e-3)
+
+
+def test_simulate(written, capsys):
+    assert main(["simulate", str(written), "--json"]) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert data["stands"]
+    assert data["library"]["rms_least_N"] < 1
+    assert "step 0.1 ms" in data["simulator"]
+
+
+def test_simulate_says_no(written, capsys):
+    assert main(["simulate", str(written), "--tilt", "6", "-120", "--friction", "0.9"]) == 1
+    said = capsys.readouterr().out
+    assert "DOES NOT STAND" in said or "FALLS" in said
+    assert "floor tilted by 6 deg, downhill towards (-0.5, -0.87, 0), friction x 0.9" in said
+    assert "a contact is lost" in said
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--damping", "0.1"], "--damping: of feet that give; give --stiffness, too"),
+        (["--stiffness", "10"], "--stiffness: 1e3 to 1e8 N/m, got 10"),
+        (["--tilt", "90"], "--tilt: 0 to 60 degrees"),
+        (["--speed", "0"], "--speed: must be > 0"),
+        (["--friction", "1e9"], "--friction: a factor of 0.01 to 100"),
+        (["--step", "0.01"], "--step: at most 0.0005 s"),
+    ],
+)
+def test_bad_options(written, capsys, arguments, said):
+    assert main(["simulate", str(written), *arguments]) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_bad_folders(written, tmp_path, capsys):
+    assert main(["simulate", str(tmp_path)]) == 2
+    assert "is no folder of a plan" in capsys.readouterr().err
+    assert main(["export", str(written)]) == 2
+    assert "--mjcf FILE or --urdf FILE" in capsys.readouterr().err
+    clamped = tmp_path / "C"
+    task = experiment_task("C")
+    write_plan(clamped, plan_of(task, task.reference))
+    assert main(["export", str(clamped), "--mjcf", str(tmp_path / "c.xml")]) == 2
+    assert "contact 3: a force-constant-half-rigid-clamp has no model" in capsys.readouterr().err
+    assert not (tmp_path / "c.xml").exists()
+
+
+def test_without_mujoco(written, capsys, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "mujoco", None)
+    assert main(["simulate", str(written)]) == 2
+    assert "pip install 'ocptip[simulate]'" in capsys.readouterr().err

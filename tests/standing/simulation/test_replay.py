@@ -1,0 +1,128 @@
+"""Replays in MuJoCo beside the library: forces, lifts, slides."""
+
+import json
+
+import numpy as np
+import pytest
+
+from ocptip.contact.bindings.clamps import RigidClamp
+from ocptip.contact.support import Support
+from ocptip.published.tasks import experiment_task
+from ocptip.standing.simulation.replay import Simulator, World, compared
+from ocptip.trajectories.arm_motion import ArmMotion
+from tests.places import ROOT
+
+
+def plan_of(name):
+    """Robot and verified motion of a published case, as "A-effective"."""
+    case, base = name.split("-")
+    path = ROOT / f"studies/results/plans/{name}/plan.json"
+    return experiment_task(case, base).robot, ArmMotion.from_dict(json.loads(path.read_text()))
+
+
+@pytest.fixture(scope="module")
+def plan():
+    return plan_of("A-effective")
+
+
+@pytest.fixture(scope="module")
+def simulator(plan):
+    return Simulator(*plan)
+
+
+def test_forces_are_the_librarys(plan, simulator):
+    replay = simulator.run()
+    beside = compared(*plan, replay)
+    assert replay.stands
+    assert beside.stands
+    assert beside.rms_least < 1.0  # N
+    assert beside.rms < 1.0
+    assert beside.least.min() == pytest.approx(9.75, abs=0.01)  # README
+    moving = (replay.times > 0) & (replay.times < replay.end) & replay.quiet
+    assert moving.mean() > 0.7  # what is compared is nearly all of it
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "name",
+    [
+        "A-effective",
+        "B-effective",
+        "D-effective",
+        "E-effective",
+        "G-effective",
+        "H-effective",
+        "A-printed",
+        "D-printed",
+    ],
+)
+def test_least_foot_forces_of_eight_plans(name):
+    robot, motion = plan_of(name)
+    replay = Simulator(robot, motion).run()
+    beside = compared(robot, motion, replay)
+    assert replay.stands
+    assert beside.rms_least < 1.0  # N
+    assert beside.rms < 1.0
+
+
+def test_feet_that_give_lift_as_the_library_says(plan, simulator):
+    world = World(stiffness=1e6, damping=0.05)
+    replay = simulator.run(world)
+    beside = compared(*plan, replay)
+    assert replay.lift == pytest.approx(68e-6, rel=0.1)  # studies/results/elastic_feet.md
+    assert beside.rms < 3.0
+    assert not replay.stands
+    assert not beside.stands
+
+
+@pytest.mark.parametrize(
+    ("world", "stands"),
+    [
+        (World(tilt=np.radians(2.0), downhill=np.radians(-120)), True),  # README: tolerates 2.94 deg
+        (World(tilt=np.radians(4.5), downhill=np.radians(-120)), False),
+        (World(payload=1.5), True),  # 1.78 kg
+        (World(payload=2.6), False),
+        (World(friction=0.8), True),  # x 0.72
+        (World(friction=0.4), False),
+        (World(speed=1.1), True),  # 15.1 %
+        (World(speed=1.4), False),
+    ],
+    ids=str,
+)
+def test_worlds_that_are_tolerated_and_not(simulator, world, stands):
+    assert simulator.run(world).stands is stands
+
+
+def test_masses_change_forces(plan, simulator):
+    robot = plan[0]
+    heavier = simulator.run(World(masses=(1.05,) * (1 + robot.arm.links)))
+    same = simulator.run()
+    rest = same.times < 0
+    assert heavier.forces[rest].sum(axis=1).mean() == pytest.approx(1.05 * robot.mass * 9.81, rel=1e-3)
+    assert same.forces[rest].sum(axis=1).mean() == pytest.approx(robot.mass * 9.81, rel=1e-3)
+
+
+def test_late_joints_are_late(plan, simulator):
+    robot, motion = plan
+    late = simulator.run(World(late=(0.05,) * robot.n))
+    on_time = simulator.run()
+    shift = round(0.05 / late.step)
+    moving = slice(500, 8000)
+    away = late.forces[shift:][moving] - on_time.forces[moving]
+    assert np.sqrt(np.mean(away**2)) < 1.0
+    assert late.end == pytest.approx(motion.end + 0.05)
+
+
+def test_rigid_clamps_pull(plan):
+    """A base whose centre of mass is far outside its feet hangs in a clamp."""
+    robot, motion = plan
+    own = robot.support
+    places = [[0.3, 0.0, -0.298], [0.5, 0.2, -0.298], [0.5, -0.2, -0.298]]
+    clamps = [RigidClamp(position=p, friction_upper=0.9, friction_lower=0.9) for p in places]
+    support = Support(clamps, mass=own.mass, center_of_mass=own.center_of_mass)
+    replay = Simulator(robot.varied(support=support), motion).run()
+    assert not replay.falls
+    assert replay.slide < 1e-3
+    assert replay.forces.min() < -50  # N
+    rest = replay.times < 0
+    assert replay.forces[rest].sum(axis=1).mean() == pytest.approx(robot.mass * 9.81, rel=5e-3)
