@@ -24,6 +24,7 @@ FLOORS = [
     "standing",
     "certificate",
     "motion",
+    "retiming",
     "placement",
     "published",
     "task_files",

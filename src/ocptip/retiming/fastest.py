@@ -1,0 +1,223 @@
+"""The fastest timing of a path: reachability on a grid of nodes (Pham and Pham 2018), rows at both ends.
+
+Backward, from which x at each node the rest of the path can be done; then forward, the greatest x. Rows hold
+at both ends of every interval, so that there is no singularity where a coefficient of u vanishes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from ocptip.basics.errors import InputError
+from ocptip.retiming.kernels import MOST, controllable, greatest, reduced
+from ocptip.retiming.rows import HalfPlanes, Places, TimingLimits
+from ocptip.standing.mechanism import StandingMechanism
+from ocptip.trajectories.path import JointPath
+
+NODES = 100
+_RAMP = 0.25  # share of the time of a stretch in which nodes get farther apart
+_CLOSE = 0.2  # of the next step: nearer to a breakpoint there are no further nodes
+
+
+@dataclass(frozen=True, eq=False)
+class Polygons:
+    """What keeps all rows of N intervals: convex polygons in (p, q), x at both ends.
+
+    Attributes:
+        counts: (N,) edges; 0: there is nothing.
+        rows: (N, MOST, 3), a p + b q <= c.
+        numbers: (N, MOST) of the rows, see `kernels.reduced`.
+        corners: (N, MOST, 2).
+    """
+
+    counts: np.ndarray
+    rows: np.ndarray
+    numbers: np.ndarray
+    corners: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class ExtraRows:
+    """Further rows a p + b q <= c of intervals: tangents, and rows between the nodes.
+
+    Attributes:
+        intervals: (E,), sorted.
+        rows: (E, 3).
+        names: (E,) of the limits.
+    """
+
+    intervals: np.ndarray
+    rows: np.ndarray
+    names: tuple[str, ...]
+
+    @classmethod
+    def none(cls) -> ExtraRows:
+        """No rows."""
+        return cls(np.empty(0, dtype=int), np.empty((0, 3)), ())
+
+    def with_more(
+        self,
+        intervals: np.ndarray,
+        share: np.ndarray,
+        widths: np.ndarray,
+        block: np.ndarray,
+        names: list[str],
+    ) -> ExtraRows:
+        """And rows alpha u + beta x <= gamma, block (3, R), at shares (R,) of intervals (R,)."""
+        alpha, beta, gamma = block
+        u = alpha / (2 * widths[intervals])
+        rows = np.column_stack([beta * (1 - share) - u, beta * share + u, gamma])
+        every = np.concatenate([self.intervals, intervals])
+        order = np.argsort(every, kind="stable")
+        known = (*self.names, *names)
+        return ExtraRows(every[order], np.vstack([self.rows, rows])[order], tuple(known[k] for k in order))
+
+
+class Grid:
+    """The nodes of a path with the rows of all limits.
+
+    Args:
+        robot, path, limits: whose.
+        s: (N + 1,) nodes, all breakpoints among them.
+        ends: x at start and end, 1/s^2.
+
+    Attributes:
+        places: nodes; those at which derivatives jump twice.
+        left, right: (N,), the places at both ends of the intervals.
+        widths: (N,).
+        bounds: (N + 1, 2), least and greatest x at the nodes.
+    """
+
+    def __init__(
+        self,
+        robot: StandingMechanism,
+        path: JointPath,
+        limits: TimingLimits,
+        s: np.ndarray,
+        ends: tuple[float, float] = (0.0, 0.0),
+    ) -> None:
+        self.robot, self.path, self.limits, self.s, self.widths = robot, path, limits, s, np.diff(s)
+        count = len(s) - 1
+        double = np.isin(s, path.breakpoints[1:-1])
+        first = np.arange(count + 1) + np.cumsum(double) - double
+        self.right, self.left = first[1:], (first + double)[:-1]
+        places = np.repeat(s, 1 + double)
+        before = np.zeros(len(places), dtype=bool)
+        before[self.right] = True
+        before[self.left] = False
+        self.places = Places.of(robot, path, places, before)
+        self.planes: HalfPlanes = limits.half_planes(self.places)
+        self.bounds = np.tile([0.0, np.inf], (count + 1, 1))
+        self.bounds[[0, -1]] = np.array(ends)[:, None]
+        self.bounds[np.isin(s, path.breakpoints[path.corners])] = 0.0
+
+    def polygons(self, extra: ExtraRows) -> Polygons:
+        """What keeps all rows."""
+        count, planes = len(self.widths), self.planes
+        found = Polygons(
+            np.zeros(count, dtype=np.int64),
+            np.zeros((count, MOST, 3)),
+            np.zeros((count, MOST), dtype=np.int64),
+            np.zeros((count, MOST, 2)),
+        )
+        ends = np.searchsorted(extra.intervals, np.arange(count + 1))
+        reduced(
+            planes.alpha, planes.beta, planes.gamma, self.places.caps, self.left, self.right, self.widths,
+            ends, extra.rows, found.counts, found.rows, found.numbers, found.corners,
+        )  # fmt: skip
+        return found
+
+    def name(self, number: int, extra: ExtraRows, interval: int) -> str:
+        """Of the limit of a row of an interval."""
+        size = len(self.planes.names)
+        if number >= 2 * size:
+            return extra.names[int(np.searchsorted(extra.intervals, interval)) + number - 2 * size]
+        return self.planes.names[number % size] if number >= 0 else "speed" if number in (-3, -4) else ""
+
+
+@dataclass(frozen=True, eq=False)
+class FastestTiming:
+    """x at the nodes, and why it is not greater.
+
+    Attributes:
+        x: (N + 1,), 1/s^2.
+        active: (N,) names of the limits that end x at the intervals' ends; empty: what follows.
+        polygons: in which it lies.
+        controllable: (N + 1, 2), least and greatest x from which the rest can be done.
+    """
+
+    x: np.ndarray
+    active: tuple[str, ...]
+    polygons: Polygons
+    controllable: np.ndarray
+
+
+def spaced(path: JointPath, count: int = NODES) -> np.ndarray:
+    """About `count` intervals between nodes; nearer to each other at ends and corners, where it is slow."""
+    stops = np.concatenate([[0.0], path.breakpoints[path.corners], [1.0]])
+    found = [path.breakpoints]
+    for begin, end in pairwise(stops):
+        own = max(8, round(count * (end - begin)))
+        t = np.linspace(0.0, 1.0, own + 1)
+        found.append(begin + (end - begin) * _eased(t))
+    return _merged(path, np.unique(np.concatenate(found)))
+
+
+def _eased(t: np.ndarray) -> np.ndarray:
+    """Way after a time t in [0, 1] of a ramp up, an even speed, and a ramp down."""
+    speed = 1 / (1 - _RAMP)
+    early = np.minimum(t, 1 - t)
+    half = np.where(early < _RAMP, 0.5 * speed * early**2 / _RAMP, speed * (early - 0.5 * _RAMP))
+    return np.where(t <= 0.5, half, 1 - half)
+
+
+def _merged(path: JointPath, s: np.ndarray) -> np.ndarray:
+    """Without nodes that are much nearer to a breakpoint than to the node on their other side."""
+    own = np.isin(s, path.breakpoints)
+    steps = np.diff(s)
+    kept = np.ones(len(s), dtype=bool)
+    inner = np.arange(1, len(s) - 1)
+    for near, far, beside in ((steps[:-1], steps[1:], own[:-2]), (steps[1:], steps[:-1], own[2:])):
+        kept[inner] &= own[inner] | ~beside | (near > _CLOSE * far)
+    return s[kept]
+
+
+def fastest(grid: Grid, extra: ExtraRows) -> FastestTiming:
+    """The greatest x at all nodes.
+
+    Raises:
+        InputError: the path cannot be timed; says where and why.
+    """
+    polygons = grid.polygons(extra)
+    count = len(grid.widths)
+    found = np.empty((count + 1, 2))
+    stuck = controllable(polygons.counts, polygons.corners, grid.bounds, found)
+    if stuck >= 0:
+        raise InputError(_refusal(grid, extra, polygons, found, stuck))
+    x, active = np.empty(count + 1), np.zeros(count, dtype=np.int64)
+    x[0] = found[0, 1]
+    stuck = greatest(polygons.counts, polygons.rows, polygons.numbers, found, x, active)
+    still = np.flatnonzero(np.maximum(x[1:], x[:-1]) <= 0) if stuck < 0 else np.array([stuck])
+    if still.size:
+        place, name = grid.s[still[0]], grid.name(int(active[still[0]]), extra, int(still[0]))
+        raise InputError(f"path: at s = {place:.4f} it cannot go on" + (f" ({name})" if name else ""))
+    names = tuple(grid.name(int(number), extra, i) for i, number in enumerate(active))
+    return FastestTiming(x, names, polygons, found)
+
+
+def _refusal(grid: Grid, extra: ExtraRows, polygons: Polygons, found: np.ndarray, stuck: int) -> str:
+    """Why no timing exists, with place, limit and amount."""
+    place = grid.s[stuck]
+    if (why := grid.limits.why_not_at_rest(grid.places)) is not None:
+        return f"path: cannot be timed: at s = {why[0]:.4f}: {'; '.join(why[1])}"
+    if polygons.counts[stuck] == 0:
+        name = grid.name(int(polygons.numbers[stuck, 0]), extra, stuck)
+        return f"path: cannot be timed: no speed keeps all limits at s = {place:.4f} ({name})"
+    if stuck == 0 and found[0, 0] == grid.bounds[0, 0]:
+        least, most = np.sqrt(np.maximum(polygons.corners[0, : polygons.counts[0], 0], 0.0))[[0, -1]]
+        asked = np.sqrt(grid.bounds[0, 0])
+        return f"path: cannot begin with ds/dt = {asked:.4g} 1/s, its limits allow {least:.4g} to {most:.4g}"
+    return f"path: cannot be timed: what follows s = {place:.4f} cannot be reached within the limits"

@@ -1,0 +1,168 @@
+"""Inner loops of the timing of a path, compiled.
+
+Between nodes i and i + 1, where x goes from p to q, every limit is a row a p + b q <= c. What keeps all rows
+of an interval is a convex polygon in (p, q), of which edges are few.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ocptip.numerics.compiled import compiled
+
+MOST = 96
+"""Edges of a polygon, at most."""
+
+_ZERO = 1e-13
+
+
+@compiled
+def reduced(alpha, beta, gamma, caps, left, right, widths, ends, extra, counts, rows, numbers, corners):
+    """Put the polygons of N intervals into counts (N,), rows (N, MOST, 3), numbers (N, MOST), corners.
+
+    Rows alpha u + beta x <= gamma, (P, L) each, hold at places; left and right (N,) are the intervals'.
+    Extra rows (E, 3) of interval i are those from ends[i] to ends[i + 1]. Numbers of rows: l at the left
+    place, L + l at the right one, 2 L + e extra; -3 and -4: x at the left and right place is at its cap;
+    -1, -2: it is 0. A polygon without corners has count 0; its number 0 is the row that emptied it.
+    """
+    size = alpha.shape[1]
+    other, other_numbers = np.empty((MOST, 2)), np.empty(MOST, dtype=np.int64)
+    for i in range(len(left)):
+        one, two, h = left[i], right[i], 1 / (2 * widths[i])
+        polygon, names = corners[i], numbers[i]
+        polygon[0, 0] = polygon[0, 1] = polygon[1, 1] = polygon[3, 0] = 0.0
+        polygon[1, 0] = polygon[2, 0] = caps[one]
+        polygon[2, 1] = polygon[3, 1] = caps[two]
+        names[0], names[1], names[2], names[3] = -2, -3, -4, -1
+        n = 4
+        for k in range(2 * size + ends[i + 1] - ends[i]):
+            a, b, c = _row(alpha, beta, gamma, one, two, h, extra, ends[i], size, k)
+            n = _clipped(polygon, names, n, a, b, c, k, other, other_numbers)
+            if n == 0:
+                names[0] = k
+                break
+        counts[i] = n
+        for k in range(n):
+            number = names[k]
+            if number >= 0:
+                a, b, c = _row(alpha, beta, gamma, one, two, h, extra, ends[i], size, number)
+            elif number == -1:
+                a, b, c = -1.0, 0.0, 0.0
+            elif number == -2:
+                a, b, c = 0.0, -1.0, 0.0
+            elif number == -3:
+                a, b, c = 1.0, 0.0, caps[one]
+            else:
+                a, b, c = 0.0, 1.0, caps[two]
+            rows[i, k, 0], rows[i, k, 1], rows[i, k, 2] = a, b, c
+
+
+@compiled
+def _row(alpha, beta, gamma, one, two, h, extra, first, size, k):
+    """Coefficients a, b, c of row k of an interval, see `reduced`."""
+    if k < size:
+        u = alpha[one, k] * h
+        return beta[one, k] - u, u, gamma[one, k]
+    if k < 2 * size:
+        u = alpha[two, k - size] * h
+        return -u, beta[two, k - size] + u, gamma[two, k - size]
+    row = extra[first + k - 2 * size]
+    return row[0], row[1], row[2]
+
+
+@compiled
+def _clipped(polygon, names, n, a, b, c, name, other, other_names):
+    """Cut a polygon of n corners by a p + b q <= c; returns the new number. names[k]: edge after corner k."""
+    outside = False
+    for k in range(n):
+        if a * polygon[k, 0] + b * polygon[k, 1] > c:
+            outside = True
+            break
+    if not outside:
+        return n
+    size = _ZERO * (abs(c) + abs(a) * _extent(polygon, n, 0) + abs(b) * _extent(polygon, n, 1))
+    m = 0
+    here = a * polygon[n - 1, 0] + b * polygon[n - 1, 1] - c
+    for k in range(n):
+        before = n - 1 if k == 0 else k - 1
+        there = a * polygon[k, 0] + b * polygon[k, 1] - c
+        if (here <= size) != (there <= size):
+            share = min(max(here / (here - there), 0.0), 1.0)
+            for r in range(2):
+                other[m, r] = polygon[before, r] + share * (polygon[k, r] - polygon[before, r])
+            other_names[m] = name if here <= size else names[before]
+            m += 1
+        if there <= size:
+            other[m, 0], other[m, 1] = polygon[k, 0], polygon[k, 1]
+            other_names[m] = names[k]
+            m += 1
+        here = there
+    kept = 0
+    for k in range(m):  # edges without length go
+        following = 0 if k == m - 1 else k + 1
+        same = m > 1 and other[k, 0] == other[following, 0] and other[k, 1] == other[following, 1]
+        if not same and kept < MOST - 2:
+            polygon[kept, 0], polygon[kept, 1] = other[k, 0], other[k, 1]
+            names[kept] = other_names[k]
+            kept += 1
+    if m > 0 and kept == 0:
+        polygon[0, 0], polygon[0, 1], names[0] = other[0, 0], other[0, 1], name
+        kept = 1
+    return kept
+
+
+@compiled
+def _extent(polygon, n, r):
+    largest = 0.0
+    for k in range(n):
+        largest = max(largest, abs(polygon[k, r]))
+    return largest
+
+
+@compiled
+def controllable(counts, corners, bounds, found):
+    """From which x at the nodes the rest can be done: found (N + 1, 2), least and greatest.
+
+    bounds (N + 1, 2) are the least and greatest x that are allowed. Returns -1, or the interval that fails.
+    """
+    count = len(counts)
+    polygon, names = np.empty((MOST, 2)), np.empty(MOST, dtype=np.int64)
+    other, other_names = np.empty((MOST, 2)), np.empty(MOST, dtype=np.int64)
+    found[count, 0], found[count, 1] = bounds[count, 0], bounds[count, 1]
+    for i in range(count - 1, -1, -1):
+        n = counts[i]
+        for k in range(n):
+            polygon[k, 0], polygon[k, 1] = corners[i, k, 0], corners[i, k, 1]
+        n = _clipped(polygon, names, n, 0.0, 1.0, found[i + 1, 1], 0, other, other_names)
+        n = _clipped(polygon, names, n, 0.0, -1.0, -found[i + 1, 0], 0, other, other_names)
+        least, greatest = np.inf, -np.inf
+        for k in range(n):
+            least, greatest = min(least, polygon[k, 0]), max(greatest, polygon[k, 0])
+        found[i, 0], found[i, 1] = max(least, bounds[i, 0]), min(greatest, bounds[i, 1])
+        if not found[i, 0] <= found[i, 1]:
+            return i
+    return -1
+
+
+@compiled
+def greatest(counts, rows, numbers, found, x, active):
+    """The greatest x (N + 1,) from x[0] on, and the number of the row that ends it, (N,), -5: what follows.
+
+    Returns -1, or the interval in which nothing is left.
+    """
+    for i in range(len(counts)):
+        least, most = found[i + 1, 0], found[i + 1, 1]
+        size = _ZERO * (1 + most)
+        active[i] = -5
+        for k in range(counts[i]):
+            a, b, c = rows[i, k, 0], rows[i, k, 1], rows[i, k, 2]
+            room = c - a * x[i]
+            if b > _ZERO * abs(a):
+                if room < b * most:
+                    most, active[i] = room / b, numbers[i, k]
+            elif b < -_ZERO * abs(a):
+                least = max(least, room / b)
+        if most < least - 1e3 * size - 1e-9 * abs(least):
+            return i
+        x[i + 1] = min(max(most, found[i + 1, 0]), found[i + 1, 1])
+    return -1

@@ -1,0 +1,319 @@
+"""The timing of a path: solved on a grid, refined where something got through, checked as any motion."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from ocptip.basics.errors import InputError, positive_number, whole_number
+from ocptip.motion.check import MotionCheck, check_motion
+from ocptip.motion.execution import CLOSE, STEPS
+from ocptip.motion.objective import TIME, Objective
+from ocptip.numerics.bisection import bisected
+from ocptip.retiming.cheapest import CheapestTiming, Price, cheapest
+from ocptip.retiming.drives import QuadraticDrives
+from ocptip.retiming.fastest import ExtraRows, FastestTiming, Grid, fastest, spaced
+from ocptip.retiming.rows import HalfPlanes, Places, TimingLimits
+from ocptip.standing.limit import AskedLimit
+from ocptip.standing.limit_kinds import limits_of
+from ocptip.standing.limits import MotionLimits
+from ocptip.standing.mechanism import StandingMechanism
+from ocptip.trajectories.path import JointPath
+from ocptip.trajectories.timed_path import TimedPath
+
+FASTEST_NODES, CHEAPEST_NODES = 300, 100
+"""Intervals between nodes if nothing else is asked for: 0.1 % of the duration; costs are flatter."""
+
+_BETWEEN = np.array([0.25, 0.5, 0.75])
+_BEYOND = 1e-7  # excess of rows between nodes, in units of the limits, that is none
+_ROUNDS, _MOST_ROUNDS = 4, 25  # of rows between nodes; of tangents
+_TIGHTENINGS = 4
+_ROUNDING = 1e-12
+_KEPT = 2e-4  # of the longest duration: for what gets through between nodes
+_OF_PATH = ("clearance_m", "angle_margin_deg", "position_margin_m")
+
+
+@dataclass(frozen=True, eq=False)
+class Retimed:
+    """A path with its timing, and the evidence.
+
+    Attributes:
+        motion: the result.
+        check: of the motion, against all limits.
+        objective: what is least.
+        active: (N,) which limit ends the speed in the intervals between nodes of the fastest timing; empty:
+            what follows.
+        curve: (N,), 1/s: greatest ds/dt that the limits at the begin of each interval allow by themselves.
+        curve_limits: (N,) by which limit.
+        fastest: s, duration of the fastest timing.
+        cheapest: cost and its lower bound, on the grid; None where the fastest timing is asked for.
+        slower: factor of all times with which what got through between nodes keeps the limits.
+        later: kinds of limits that no timing knows of, only the check.
+        seconds: that it took, with the check.
+    """
+
+    motion: TimedPath
+    check: MotionCheck
+    objective: Objective
+    active: tuple[str, ...]
+    curve: np.ndarray
+    curve_limits: tuple[str, ...]
+    fastest: float
+    cheapest: CheapestTiming | None
+    slower: float
+    later: tuple[str, ...]
+    seconds: float
+
+    @property
+    def verified(self) -> bool:
+        """All limits hold in the check."""
+        return self.check.verified
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        bound = self.cheapest
+        return {
+            "objective": self.objective.to_dict(),
+            "duration_s": self.motion.end,
+            "fastest_s": self.fastest,
+            "slower": self.slower,
+            "nodes": len(self.motion.s),
+            "cost": None if bound is None else bound.cost,
+            "lower_bound": None if bound is None else bound.lower_bound,
+            "gap": None if bound is None else bound.gap,
+            "active": {name: self.active.count(name) for name in dict.fromkeys(self.active)},
+            "only_checked": list(self.later),
+            "seconds": self.seconds,
+            **self.check.to_dict(),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class _Solved:
+    grid: Grid
+    fast: FastestTiming
+    cheap: CheapestTiming | None
+
+    @property
+    def x(self) -> np.ndarray:
+        return self.fast.x if self.cheap is None else self.cheap.x
+
+
+def retime(
+    robot: StandingMechanism,
+    path: JointPath,
+    limits: MotionLimits | None = None,
+    objective: Objective = TIME,
+    *,
+    nodes: int | None = None,
+    ends: tuple[float, float] = (0.0, 0.0),
+) -> Retimed:
+    """Time a path so that the robot stands and keeps its limits: as fast, or as cheaply, as possible.
+
+    The optimum is global for the grid of nodes (for measured power maps, and viscous friction that outweighs
+    all else, see `Retimed.cheapest`). The result is checked on a dense grid; `Retimed.verified` says with
+    what outcome.
+
+    Args:
+        robot: on its support.
+        path: of its joints.
+        limits: default 0.9 for both reserves, the arm's torques, no collision.
+        objective: `TIME`, `ENERGY` or `priced`.
+        nodes: intervals between nodes.
+        ends: ds/dt at start and end, 1/s, for stretches of longer motions.
+
+    Raises:
+        InputError: the path does not fit the robot, or cannot be timed: says where, and by which limit.
+        SolverError: the program of the cheapest timing is not solved.
+    """
+    begun, limits = perf_counter(), limits or MotionLimits()
+    if path.joints != robot.n:
+        raise InputError(f"path: has {path.joints} joints, the {robot.kind} has {robot.n}")
+    speeds = [positive_number("ends", speed, zero_allowed=True) for speed in ends]
+    usual = FASTEST_NODES if objective.name == "time" else CHEAPEST_NODES
+    count = whole_number("nodes", usual if nodes is None else nodes, 8)
+    squares = speeds[0] ** 2, speeds[1] ** 2
+    asked, best = limits, None
+    for _ in range(_TIGHTENINGS):
+        timing = TimingLimits(robot, asked)
+        found = _solve(robot, path, timing, objective, spaced(path, count), squares)
+        motion, slower = _within_peaks(robot, _long_enough(TimedPath(path, found.grid.s, found.x), limits))
+        checked = check_motion(robot, motion, limits)
+        best = found, motion, checked, slower
+        tighter = _tightened(robot, asked, limits, checked)
+        if checked.verified or tighter == asked:
+            break
+        asked = tighter
+    assert best is not None
+    found, motion, checked, slower = best
+    if not checked.verified:
+        motion, checked, more = _slowed(robot, motion, limits, checked)
+        slower *= more
+    curve, names = _curve(found)
+    return Retimed(
+        motion, checked, objective, found.fast.active, curve, names, _duration(found), found.cheap, slower,
+        tuple(found.grid.limits.later), perf_counter() - begun,
+    )  # fmt: skip
+
+
+def _solve(
+    robot: StandingMechanism,
+    path: JointPath,
+    timing: TimingLimits,
+    objective: Objective,
+    s: np.ndarray,
+    ends: tuple[float, float],
+) -> _Solved:
+    """On a grid, with rows between the nodes where they are broken, and with tangents."""
+    grid, extra, drives = Grid(robot, path, timing, s, ends), ExtraRows.none(), None
+    if objective.name != "time":
+        drives = QuadraticDrives.of(robot.motors)
+        if drives is None or not robot.direct_drives:
+            raise InputError(
+                "objective: the cheapest timing is for DC motors at the joints; these drives are others "
+                "(time works with all)"
+            )
+    longest = timing.asked.max_duration * (1 - _KEPT)
+    price = Price(objective.energy_weight, objective.time_weight, longest)
+    between = _Between(grid)
+    for turn in range(_MOST_ROUNDS):
+        fast = fastest(grid, extra)
+        cheap = cheapest(grid, fast.polygons, drives, price, fast.x) if drives else None
+        solved = _Solved(grid, fast, cheap)
+        more = between.broken(solved.x, rows=turn < _ROUNDS)
+        if not len(more[0]):
+            break
+        extra = extra.with_more(more[0], more[1], grid.widths, more[2], more[3])
+    return solved
+
+
+class _Between:
+    """Places between the nodes of a grid, and its ends: where rows are looked at again.
+
+    Args:
+        grid: the nodes.
+    """
+
+    def __init__(self, grid: Grid) -> None:
+        count, shares = len(grid.widths), len(_BETWEEN)
+        self._grid, self._intervals = grid, np.repeat(np.arange(count), shares)
+        self._shares = np.tile(_BETWEEN, count)
+        s = grid.s[self._intervals] + self._shares * grid.widths[self._intervals]
+        limits = grid.limits
+        self._places = Places.of(grid.robot, grid.path, s, np.zeros(len(s), dtype=bool))
+        self._planes: HalfPlanes = limits.half_planes(self._places)
+        self._sides = [(self._places, self._intervals, self._shares)]
+        if limits.curved:
+            every = np.arange(count)
+            for own, share in ((grid.left, 0.0), (grid.right, 1.0)):
+                self._sides.append((_some(grid.places, own), every, np.full(count, share)))
+
+    def broken(self, x: np.ndarray, rows: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[str]]:
+        """Intervals, shares of them, rows (3, R) alpha u + beta x <= gamma, and names of what is broken.
+
+        Args:
+            x: (N + 1,), the timing.
+            rows: look at all rows, not only at tangents.
+        """
+        found = [self._broken_rows(x)] if rows else []
+        for places, intervals, shares in self._sides if self._grid.limits.curved else []:
+            u, here = self._at(x, intervals, shares)
+            tangents = self._grid.limits.tangents(places, u, here)
+            own = tangents.places
+            excess = tangents.alpha * u[own] + tangents.beta * here[own] - tangents.gamma
+            bad = excess > _BEYOND
+            block = np.stack([tangents.alpha, tangents.beta, tangents.gamma - _BEYOND])[:, bad]
+            names = [tangents.names[k] for k in np.flatnonzero(bad)]
+            found.append((intervals[own[bad]], shares[own[bad]], block, names))
+        if not found:
+            return np.empty(0, dtype=int), np.empty(0), np.empty((3, 0)), []
+        intervals, shares, blocks, lists = zip(*found, strict=True)
+        every = [name for names in lists for name in names]
+        return np.concatenate(intervals), np.concatenate(shares), np.concatenate(blocks, axis=1), every
+
+    def _broken_rows(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[str]]:
+        u, here = self._at(x, self._intervals, self._shares)
+        planes, caps = self._planes, self._places.caps
+        excess = planes.alpha * u[:, None] + planes.beta * here[:, None] - planes.gamma
+        k, row = np.nonzero(excess > _BEYOND)
+        fast = np.flatnonzero(here > caps * (1 + _BEYOND))
+        block = np.stack([planes.alpha[k, row], planes.beta[k, row], planes.gamma[k, row]])
+        caps = np.stack([np.zeros(len(fast)), np.ones(len(fast)), caps[fast]])
+        names = [planes.names[r] for r in row] + ["speed"] * len(fast)
+        every = np.concatenate([k, fast])
+        return self._intervals[every], self._shares[every], np.hstack([block, caps]), names
+
+    def _at(self, x: np.ndarray, intervals: np.ndarray, shares: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        step = np.diff(x)[intervals]
+        return step / (2 * self._grid.widths[intervals]), np.maximum(x[intervals] + shares * step, 0.0)
+
+
+def _some(places: Places, rows: np.ndarray) -> Places:
+    return Places(places.robot, *(part[rows] for part in (places.s, places.q, places.dq, places.ddq)))
+
+
+def _duration(found: _Solved) -> float:
+    return TimedPath(found.grid.path, found.grid.s, found.fast.x).end
+
+
+def _curve(found: _Solved) -> tuple[np.ndarray, tuple[str, ...]]:
+    """Greatest ds/dt at the begin of each interval by the rows there alone, and which limit it is."""
+    polygons, speeds, names = found.fast.polygons, [], []
+    extra = ExtraRows.none()
+    plain = found.grid.polygons(extra)
+    for i, count in enumerate(plain.counts):
+        k = int(np.argmax(plain.corners[i, :count, 0]))
+        speeds.append(np.sqrt(max(plain.corners[i, k, 0], 0.0)))
+        edges = int(plain.numbers[i, k]), int(plain.numbers[i, k - 1 if k else count - 1])
+        own = [found.grid.name(edge, extra, i) for edge in edges]
+        names.append(next(filter(None, own), ""))
+    assert len(speeds) == len(polygons.counts)
+    return np.array(speeds), tuple(names)
+
+
+def _long_enough(motion: TimedPath, limits: MotionLimits) -> TimedPath:
+    """Slower where the motion has to take longer; all limits are kept on the way to rest."""
+    return motion.time_scaled(max(1.0, limits.min_duration / motion.end))
+
+
+def _within_peaks(robot: StandingMechanism, motion: TimedPath) -> tuple[TimedPath, float]:
+    """Slower by what speeds and accelerations, which a motion knows exactly, are too great between nodes."""
+    speed = float(np.max(motion.speed_peaks / robot.limits.speed))
+    acceleration = float(np.max(motion.acceleration_peaks / robot.limits.acceleration))
+    factor = max(speed, np.sqrt(acceleration), 1.0) * (1 + _ROUNDING)
+    return motion.time_scaled(factor), factor
+
+
+def _tightened(
+    robot: StandingMechanism, asked: MotionLimits, limits: MotionLimits, checked: MotionCheck
+) -> MotionLimits:
+    """The numbers asked for, tighter where a motion broke them; the same where that does not help."""
+    names = [name for name, worst in checked.worst.items() if worst.violation and name not in _OF_PATH]
+    for limit in limits_of(robot, limits):
+        if isinstance(limit, AskedLimit) and limit.quantity in names:
+            asked = limit.tightened(asked, checked.worst[limit.quantity].excess)
+    if not checked.stands and not names:  # of several states of the contacts the solver's is one that slides
+        asked = replace(asked, GT=0.97 * asked.GT)
+    return asked
+
+
+def _slowed(
+    robot: StandingMechanism, motion: TimedPath, limits: MotionLimits, checked: MotionCheck
+) -> tuple[TimedPath, MotionCheck, float]:
+    """The motion slowed down by the least factor, up to that of `execute`, that keeps all limits."""
+    if any(checked.worst[name].violation for name in _OF_PATH if name in checked.worst):
+        return motion, checked, 1.0
+
+    def verified(factor: float) -> tuple[TimedPath, MotionCheck, float] | None:
+        slower = motion.time_scaled(factor)
+        found = check_motion(robot, slower, limits)
+        return (slower, found, factor) if found.verified else None
+
+    for low, high in pairwise(STEPS):
+        if kept := verified(high):
+            return bisected(verified, low, high, kept, lambda a, b: b - a <= max(CLOSE, 0.1 * (b - 1)))[1]
+    return motion, checked, 1.0

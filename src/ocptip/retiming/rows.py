@@ -1,0 +1,224 @@
+"""The limits of a robot along a path, as half planes of u = d2s/dt2 and x = (ds/dt)^2.
+
+With q(s), speeds are q' sqrt(x), accelerations q' u + q'' x; torques and the wrench on the base are affine in
+(u, x). So are the rows of most limits; of the others the rows are tangents at given (u, x), which bound their
+convex sets from outside.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ocptip.standing.instants import Instants, NodeColumns
+from ocptip.standing.limit import ORDINARY, Limit, NodeSlopes
+from ocptip.standing.limit_kinds import AccelerationLimit, FurtherLimit, SpeedLimit, limits_of
+from ocptip.standing.limits import MotionLimits
+from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.path_stops import Affine, affine_loads
+from ocptip.trajectories.path import JointPath
+
+FASTEST = 1e6  # 1/s^2: x is never greater: a path takes at least a millisecond
+NEAR = 0.995  # of a limit: where its tangents are taken
+_FLAT = 1e-9  # of further quantities in their units: they do not change with the speed
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """P places of a path, with their loads.
+
+    Attributes:
+        robot: whose.
+        s: (P,).
+        q, dq, ddq: (P, n), the path and its derivatives over s.
+    """
+
+    robot: StandingMechanism
+    s: np.ndarray
+    q: np.ndarray
+    dq: np.ndarray
+    ddq: np.ndarray
+
+    @classmethod
+    def of(cls, robot: StandingMechanism, path: JointPath, s: np.ndarray, left: np.ndarray) -> Places:
+        """At s (P,); where `left` (P,) is True, with the derivatives before them."""
+        before, after = path.at(s, side="left"), path.at(s)
+        return cls(robot, s, *(np.where(left[:, None], a, b) for a, b in zip(before, after, strict=True)))
+
+    def __len__(self) -> int:
+        return len(self.s)
+
+    @cached_property
+    def loads(self) -> tuple[Affine, Affine]:
+        """Torques and wrenches."""
+        return affine_loads(self.robot, self.q, self.dq, self.ddq)
+
+    @cached_property
+    def caps(self) -> np.ndarray:
+        """(P,), 1/s^2: greatest x that limits of speeds allow."""
+        robot, own = self.robot, self.robot.further_limits
+        pace = 1 / np.maximum(np.max(np.abs(self.dq) / robot.limits.speed, axis=1), FASTEST**-0.5)
+        if own.count:  # affine in the speeds
+            rest = robot.further(self.q, np.zeros_like(self.dq))
+            rates = robot.further(self.q, self.dq) - rest
+            for rate, room in ((rates, own.upper - rest), (-rates, rest - own.lower)):
+                share = np.divide(room, rate, out=np.full_like(rate, np.inf), where=rate > _FLAT * own.units)
+                pace = np.minimum(pace, np.maximum(np.min(share, axis=1), 0.0))
+        return pace**2
+
+    def instants(self, u: np.ndarray, x: np.ndarray) -> Instants:
+        """What happens there with u and x (P,)."""
+        u, x = u[:, None], x[:, None]
+        torque, wrench = (part[0] * u + part[1] * x + part[2] for part in self.loads)
+        qd, qdd = self.dq * np.sqrt(x), self.dq * u + self.ddq * x
+        return Instants(self.robot, self.q, torque, wrench, self.robot.further(self.q, qd), qd, qdd)
+
+    def slopes(self, at: Instants, u: np.ndarray, x: np.ndarray) -> NodeSlopes:
+        """Over (u, x), of the state, of torques and wrenches; those of all else are 0."""
+        n, count = self.q.shape[1], len(self)
+        own = np.maximum(x, 1e-12)[:, None]
+        of_u = np.hstack([np.zeros((count, 2 * n)), self.dq])
+        of_x = np.hstack([np.zeros((count, n)), self.dq / (2 * np.sqrt(own)), self.ddq])
+        power, none = np.zeros((count, 1)), np.zeros_like(at.further)
+        y = np.hstack([power, at.torques, at.wrenches, at.further])
+        parts = [np.hstack([power, *(load[k] for load in self.loads), none]) for k in range(2)]
+        columns = NodeColumns(at.torques.shape[1], at.further.shape[1])
+        return NodeSlopes(columns, at.s, np.stack([of_u, of_x], axis=2), y, np.stack(parts, axis=2))
+
+
+@dataclass(frozen=True, eq=False)
+class HalfPlanes:
+    """Rows alpha u + beta x <= gamma, (P, L) each.
+
+    Attributes:
+        names: (L,) of the limits.
+    """
+
+    names: tuple[str, ...]
+    alpha: np.ndarray
+    beta: np.ndarray
+    gamma: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Tangents:
+    """Rows alpha u + beta x <= gamma, (R,) each, that hold at places (R,).
+
+    Attributes:
+        names: (R,) of the limits.
+    """
+
+    places: np.ndarray
+    names: list[str]
+    alpha: np.ndarray
+    beta: np.ndarray
+    gamma: np.ndarray
+
+
+class TimingLimits:
+    """The limits of a robot that are a matter of timing.
+
+    Args:
+        robot: whose.
+        asked: the task's numbers.
+
+    Attributes:
+        curved: limits of which there are only tangents.
+        later: names of limits that a check sees, but no timing: of jumps and of stops.
+    """
+
+    def __init__(self, robot: StandingMechanism, asked: MotionLimits) -> None:
+        self.robot = robot
+        self.asked = asked
+        self._affine: list[Limit] = []
+        self._cones: list[tuple[str, np.ndarray]] = []
+        self.curved: list[Limit] = []
+        self.later: list[str] = []
+        self._unit = robot.mass * float(np.linalg.norm(robot.support.gravity)) or 1.0
+        for limit in limits_of(robot, asked):
+            if limit.of_place or not limit.width or isinstance(limit, FurtherLimit):
+                continue
+            if ORDINARY not in limit.node_kinds:
+                self.later.append(limit.name)
+            elif (rows := limit.half_spaces()) is not None:
+                self._cones.append((limit.name, rows))
+            else:
+                (self._affine if limit.affine else self.curved).append(limit)
+
+    def half_planes(self, places: Places) -> HalfPlanes:
+        """All rows but the caps of x and the tangents."""
+        robot, names, blocks = self.robot, [], []
+        acceleration = robot.limits.acceleration
+        known = np.isfinite(acceleration)
+        rates = [part[:, known] / acceleration[known] for part in (places.dq, places.ddq)]
+        names += [AccelerationLimit.name] * (2 * int(known.sum()))
+        blocks += [
+            np.stack([*rates, np.ones_like(rates[0])]),
+            np.stack([*(-rate for rate in rates), np.ones_like(rates[0])]),
+        ]
+        wrench = places.loads[1]
+        for name, rows in self._cones:
+            names += [name] * len(rows)
+            of_u, of_x, rest = (part @ (rows.T / self._unit) for part in wrench)
+            blocks.append(np.stack([of_u, of_x, -rest]))
+        if self._affine:
+            still = np.zeros(len(places))
+            at = places.instants(still, still)
+            slopes = places.slopes(at, still, still)
+            for limit in self._affine:
+                block = _both_sides(
+                    limit, limit.rows(slopes, np.ones((len(places), limit.width), dtype=bool)), len(places)
+                )
+                names += [limit.name] * block.shape[2]
+                blocks.append(block)
+        return HalfPlanes(tuple(names), *np.concatenate(blocks, axis=2))
+
+    def tangents(self, places: Places, u: np.ndarray, x: np.ndarray) -> Tangents:
+        """Of the curved limits, where their use is near 1 or more, at u and x (P,)."""
+        at = places.instants(u, x)
+        slopes = places.slopes(at, u, x)
+        found: list[tuple[np.ndarray, str, np.ndarray]] = []
+        for limit in self.curved:
+            mask = limit.near(at, NEAR)
+            if not mask.any():
+                continue
+            rows = limit.chosen(at).rows(slopes, mask)
+            lower, upper = (bound[rows.places] for bound in limit.bounds())
+            on = limit.jacobian(rows)
+            here = rows.values - on[:, 0] * u[rows.nodes] - on[:, 1] * x[rows.nodes]
+            for sign, bound in ((1.0, upper), (-1.0, -lower)):
+                some = np.isfinite(bound)
+                block = np.stack([sign * on[:, 0], sign * on[:, 1], bound - sign * here])[:, some]
+                found.append((rows.nodes[some], limit.name, block))
+        if not found:
+            return Tangents(np.empty(0, dtype=int), [], *np.empty((3, 0)))
+        names = [name for nodes, name, _ in found for _ in nodes]
+        return Tangents(
+            np.concatenate([f[0] for f in found]), names, *np.concatenate([f[2] for f in found], axis=1)
+        )
+
+    def why_not_at_rest(self, places: Places) -> tuple[float, list[str]] | None:
+        """The first place at which the robot cannot rest, and why; None: it can everywhere."""
+        kinds: Sequence[Limit] = limits_of(self.robot, self.asked)
+        kinds = [limit for limit in kinds if not limit.of_place and limit.name != SpeedLimit.name]
+        for k in range(len(places)):
+            at = Instants.at_rest(self.robot, places.q[k : k + 1])
+            if reasons := [reason for limit in kinds for reason in limit.refusals(at)]:
+                return float(places.s[k]), reasons
+        return None
+
+
+def _both_sides(limit: Limit, rows, count: int) -> np.ndarray:
+    """(3, P, L) of all rows of an affine limit at P places."""
+    lower, upper = limit.bounds()
+    on, values = limit.jacobian(rows).reshape(count, limit.width, 2), rows.values.reshape(count, limit.width)
+    sides = []
+    for sign, bound in ((1.0, upper), (-1.0, -lower)):
+        some = np.isfinite(bound)
+        sides.append(
+            np.stack([sign * on[:, some, 0], sign * on[:, some, 1], (bound - sign * values)[:, some]])
+        )
+    return np.concatenate(sides, axis=2)

@@ -1,0 +1,218 @@
+"""The fastest timing: closed forms, a dynamic program, Pinocchio's dynamics, explicit contact forces."""
+
+from __future__ import annotations
+
+import clarabel
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import sparse
+
+from ocptip.basics.errors import InputError
+from ocptip.published.tasks import experiment_task
+from ocptip.retiming.fastest import ExtraRows, Grid, fastest, spaced
+from ocptip.retiming.retime import retime
+from ocptip.retiming.rows import Places, TimingLimits
+from ocptip.standing.limits import MotionLimits
+from ocptip.standing.mechanism import StandingMechanism
+from ocptip.trajectories.arm_motion import earliest_end
+from ocptip.trajectories.path import JointPath
+from ocptip.trajectories.timed_path import TimedPath
+from tests.places import EXAMPLES
+from tests.retiming.paths import cart, delta, random_path, tripod
+
+
+def test_a_straight_line_is_a_trapezoid():
+    task = tripod()
+    way = task.goal - task.start
+    path = JointPath([0.0, 1.0], np.stack([way, task.start])[:, None])
+    found = retime(task.robot, path, MotionLimits(GN=0.999, GT=0.999, torque_ratio=100.0))
+    limits = task.robot.limits
+    pace = np.min(limits.speed / np.abs(way)), np.min(limits.acceleration / np.abs(way))
+    assert found.verified
+    assert found.motion.end == pytest.approx(float(earliest_end(1.0, *pace)), rel=2e-3)
+    assert found.motion.end >= float(earliest_end(1.0, *pace)) * (1 - 1e-9)
+
+
+@settings(max_examples=3, derandomize=True, deadline=None)
+@given(st.integers(0, 10_000))
+def test_random_paths_keep_all_limits(seed):
+    for task, limits in ((tripod(), MotionLimits()), (delta(), delta().limits)):
+        path = random_path(task, seed, 0.1)
+        found = retime(task.robot, path, limits, nodes=100)
+        assert found.verified, found.check.violations
+        assert found.slower < 1.002
+        assert set(found.active) > {""}
+        faster = found.motion.time_scaled(0.99)
+        states = faster.states(faster.both_sides(0.002))
+        assert _use(task.robot, limits, states) > 1.0
+
+
+def _use(robot: StandingMechanism, limits: MotionLimits, states) -> float:
+    """Largest use of what limits the timing."""
+    q, qd, qdd = states
+    samples = robot.samples_of(np.arange(len(q)), q, qd, qdd)
+    ratios = [
+        np.max(np.abs(qd) / robot.limits.speed),
+        np.max(np.abs(qdd) / robot.limits.acceleration),
+        np.max(np.abs(samples.torques) / robot.limits.torque) / limits.torque_ratio,
+        np.nanmax(samples.tip.GN) / limits.GN,
+        np.nanmax(samples.slip.GT) / limits.GT,
+        1 + np.max(robot.further_limits.excess(samples.further), initial=-1.0),
+    ]
+    return float(max(ratios))
+
+
+def test_reduced_rows_are_all_rows():
+    task = tripod()
+    path, rng = random_path(task, 4), np.random.default_rng(0)
+    timing = TimingLimits(task.robot, MotionLimits(GN=0.7, GT=0.5))
+    grid = Grid(task.robot, path, timing, spaced(path, 20))
+    planes, polygons = grid.planes, grid.polygons(ExtraRows.none())
+    for i, width in enumerate(grid.widths):
+        p, q = rng.uniform(0, 1.05, (2, 300)) * grid.places.caps[[grid.left[i], grid.right[i]]][:, None]
+        u, slack = (q - p) / (2 * width), np.full(300, np.inf)
+        for place, x in ((grid.left[i], p), (grid.right[i], q)):
+            rows = (own[place][:, None] for own in (planes.gamma, planes.alpha, planes.beta))
+            gamma, alpha, beta = rows
+            slack = np.minimum(slack, np.min(gamma - alpha * u - beta * x, axis=0))
+            slack = np.minimum(slack, grid.places.caps[place] - x)
+        a, b, c = polygons.rows[i, : polygons.counts[i]].T
+        inside = np.all(a[:, None] * p + b[:, None] * q <= c[:, None], axis=0)
+        clear = np.abs(slack) > 1e-9
+        assert np.array_equal(inside[clear], slack[clear] > 0)
+
+
+def test_against_a_dynamic_program():
+    """On the same intervals and levels of x at every node; with more nodes it hardly gets faster."""
+    task = tripod()
+    path = random_path(task, 1)
+    timing = TimingLimits(task.robot, MotionLimits(GN=0.7))
+    grid = Grid(task.robot, path, timing, spaced(path, 30))
+    found = TimedPath(path, grid.s, fastest(grid, ExtraRows.none()).x)
+    best = _dynamic_program(grid, 700)
+    assert found.end <= best * (1 + 1e-9)
+    assert found.end == pytest.approx(best, rel=2e-2)
+    ends = [retime(task.robot, path, MotionLimits(GN=0.7), nodes=nodes).motion.end for nodes in (300, 1200)]
+    assert ends[0] == pytest.approx(ends[1], rel=2e-3)
+
+
+def _dynamic_program(grid: Grid, levels: int) -> float:
+    """Least duration over x in a list of levels at every node."""
+    polygons = grid.polygons(ExtraRows.none())
+    x = np.linspace(0, 1, levels) ** 2 * np.max(grid.places.caps)
+    speed, later = np.sqrt(x), np.where(np.arange(levels) == 0, 0.0, np.inf)
+    for i in range(len(grid.widths) - 1, -1, -1):
+        ok = np.isfinite(later)[None] & np.ones((levels, 1), dtype=bool)
+        for a, b, c in polygons.rows[i, : polygons.counts[i]]:
+            ok &= a * x[:, None] + b * x[None] <= c + 1e-12 * abs(c)
+        with np.errstate(divide="ignore"):
+            time = 2 * grid.widths[i] / (speed[:, None] + speed[None])
+        later = np.min(np.where(ok, time + later[None], np.inf), axis=1)
+    return float(later[0])
+
+
+def test_coefficients_are_those_of_pinocchio():
+    task = cart()
+    path = random_path(task, 3)
+    places = Places.of(task.robot, path, np.linspace(0, 1, 7), np.zeros(7, dtype=bool))
+    (of_u, of_x, rest), _ = places.loads
+    model = pin.buildModelFromUrdf(str(EXAMPLES / "tasks" / "ur5.urdf"))
+    data, armature = model.createData(), task.robot.arm.armature
+    for k in range(7):
+        q, dq, ddq = places.q[k], places.dq[k], places.ddq[k]
+        still = np.zeros(model.nv)
+        gravity = pin.rnea(model, data, q, still, still)
+        assert np.allclose(rest[k], gravity, atol=1e-6)
+        assert np.allclose(of_u[k], pin.rnea(model, data, q, still, dq) - gravity + armature * dq, atol=1e-6)
+        assert np.allclose(of_x[k], pin.rnea(model, data, q, dq, ddq) - gravity + armature * ddq, atol=1e-6)
+
+
+def test_contact_forces_exist_at_the_nodes():
+    """Where slip ends the speed, explicit forces within the friction asked for hold the base."""
+    task, limits = delta(), delta().limits
+    robot = task.robot
+    found = retime(robot, random_path(task, 0, 0.1), limits, nodes=60)
+    times = found.motion.node_times[:-1][[name == "slip" for name in found.active]] + 1e-6
+    assert len(times) > 5
+    samples = robot.samples(found.motion, times)
+    support, frictions = robot.support, [contact.friction for contact in robot.support.contacts]
+    n = len(frictions)
+    for wrench in samples.wrenches:
+        shares = [_least_usage(support.wrench_matrix, wrench, np.array(frictions), n)]
+        assert shares[0] <= limits.GT * (1 + 1e-6)
+
+
+def _least_usage(matrix: np.ndarray, wrench: np.ndarray, friction: np.ndarray, n: int) -> float:
+    """Least excess share t: |f_t| <= mu f_n + t, found as the least t with forces f in balance."""
+    low, high = 0.0, 2.0
+    for _ in range(30):
+        share = 0.5 * (low + high)
+        rows = np.zeros((3 * n, 3 * n))
+        for k in range(n):
+            rows[3 * k, 3 * k] = -share * friction[k]
+            rows[3 * k + 1, 3 * k + 1] = rows[3 * k + 2, 3 * k + 2] = -1.0
+        A = sparse.csc_matrix(np.vstack([matrix / 100, rows]))
+        b = np.concatenate([-wrench / 100, np.zeros(3 * n)])
+        settings_ = clarabel.DefaultSettings()
+        settings_.verbose = False
+        cones = [clarabel.ZeroConeT(6), *[clarabel.SecondOrderConeT(3)] * n]
+        nothing = sparse.csc_matrix((3 * n, 3 * n))
+        solution = clarabel.DefaultSolver(nothing, np.zeros(3 * n), A, b, cones, settings_).solve()
+        if str(solution.status) in ("Solved", "AlmostSolved"):
+            high = share
+        else:
+            low = share
+    return high
+
+
+def test_nodes_hold_breakpoints_and_corners():
+    corner = JointPath([0.0, 0.4, 1.0], [[[1.0, 0.5], [1.0, -0.5]], [[0.0, 0.0], [0.4, 0.2]]])
+    s = spaced(corner, 50)
+    assert {0.0, 0.4, 1.0} <= set(s)
+    assert np.all(np.diff(s) > 1e-4)
+    first = np.diff(s)[[0, -1]]
+    assert np.all(first < 0.3 * np.max(np.diff(s)))
+
+
+def test_stops_at_corners():
+    task = tripod()
+    middle = 0.5 * (task.start + task.goal) + [0.2, 0, 0, 0, 0, 0]
+    ends = np.array([0.0, 0.5, 1.0])
+    way = 2 * np.array([middle - task.start, task.goal - middle])
+    path = JointPath(ends, np.stack([way, [task.start, middle]]))
+    found = retime(task.robot, path, MotionLimits(), nodes=60)
+    assert found.verified
+    assert found.motion.x[list(found.motion.s).index(0.5)] == 0.0
+
+
+def test_start_and_end_speeds():
+    task = tripod()
+    path = random_path(task, 0)
+    whole = retime(task.robot, path, nodes=100).motion
+    begun = retime(task.robot, path, nodes=100, ends=(0.1, 0.05)).motion
+    assert begun.x[[0, -1]] == pytest.approx([0.01, 0.0025], rel=1e-3)
+    assert begun.end < whole.end
+    with pytest.raises(InputError, match=r"cannot begin|cannot be timed"):
+        retime(task.robot, path, nodes=100, ends=(50.0, 0.0))
+
+
+def test_minimum_duration():
+    task = tripod()
+    found = retime(task.robot, random_path(task, 0), MotionLimits(min_duration=9.0), nodes=60)
+    assert found.verified
+    assert found.motion.end == pytest.approx(9.0)
+
+
+def test_refusals():
+    task = tripod()
+    path = random_path(task, 0)
+    lean = experiment_task("B")
+    with pytest.raises(InputError, match=r"at s = 0\.\d+: tip-over GN is 0\.933 at rest, must be <= 0\.9"):
+        retime(lean.robot, random_path(lean, 1))
+    with pytest.raises(InputError, match="has 6 joints, the robot has 3"):
+        retime(delta().robot, path)
+    with pytest.raises(InputError, match="nodes"):
+        retime(task.robot, path, nodes=2)
