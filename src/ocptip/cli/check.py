@@ -228,7 +228,7 @@ class CheckReport(Report):
         lines += [f"  {violation}" for violation in (self.stops.violations if self.stops else ())]
         if self.segments and isinstance(self.task, CycleTask):
             lines += ["", *segment_table(self.task, self.segments)]
-        lines += ["", *_worst_table(checked), ""]
+        lines += ["", *table(worst_rows(checked), left=(0, 4, 5)), ""]
         moving = f"{quantity(checked.energy, 'J')} in {quantity(checked.duration, 's')}"
         rows = [("energy", f"{moving}, checked at {checked.samples} instants")]
         rows += certificate_rows(checked)
@@ -360,19 +360,20 @@ def fit_notes(motion: FittedMotion, robot: StandingMechanism) -> list[str]:
     return notes
 
 
-def _worst_table(checked: MotionCheck) -> list[str]:
+def worst_rows(checked: MotionCheck) -> list[list[str]]:
+    """Worst value, limit, time and place of every quantity, below a row of titles."""
     rows = [["quantity", "worst", "limit", "time", "where", ""]]
     for name, title in _ROWS.items():
         if name not in checked.worst:
             continue
         worst = checked.worst[name]
         broken = any(violation.startswith(f"{name} ") for violation in checked.violations)
-        time = f"{worst.time:.3f} s" if math.isfinite(worst.time) else "-"
+        time = f"{max(worst.time, 0.0):.3f} s" if math.isfinite(worst.time) else "-"
         sign = ">=" if name in _LEAST else "<="
         limit = f"{sign} {_value(name, worst.limit)}"
         where = "" if name in _AT_WORST else worst.detail
         rows.append([title, _value(name, worst.value), limit, time, where or "-", "BROKEN" if broken else ""])
-    return table(rows, left=(0, 4, 5))
+    return rows
 
 
 def _scale_table(scaled: Sequence[tuple[float, MotionCheck]]) -> list[str]:

@@ -219,6 +219,17 @@ COMMANDS = (
         ),
     ),
     Command(
+        "report",
+        "one document: machine, assumptions, load cases, worst cases, tolerated quantities",
+        "Checks a plan, or the poses of a task, anew, and writes one HTML page (or PDF) for the safety file.",
+        "0 written, and it stands; 1 it does not",
+        (
+            argument("plan", "PLAN_DIR|TASK.toml", "a plan's folder; a task: its poses at rest"),
+            argument("--cases", "FILE.toml", "poses, payloads, tilts and pushes, see docs/report.md"),
+            argument("--out", "FILE", ".html or .pdf (default: ocptip-report-NAME.html)"),
+        ),
+    ),
+    Command(
         "rate",
         "how well conditioned is a pose of an arm or a platform?",
         "Prints the performance indices of a pose: value, range, meaning.",

@@ -18,11 +18,11 @@ import numpy as np
 from ocptip.contact.bindings.unilateral import DAMPING_RATIO, UnilateralContact
 from ocptip.contact.solver import solve_many
 from ocptip.contact.support import Support
+from ocptip.motion.load_cases import RestLoads, around, everywhere, tilted
 from ocptip.numerics.bisection import bisected
 from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipOver
 from ocptip.robots.dynamics import evaluate_dynamics
-from ocptip.robots.kinematics import gripper_batch
 from ocptip.robots.payload import Payload
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.mechanism import StandingMechanism
@@ -32,7 +32,6 @@ from ocptip.trajectories.sampled import Motion
 
 SPACING = 0.01  # s: between instants, at most
 CLOSE = 2e-3  # of a value: how near the bisection gets
-AROUND = 24  # horizontal directions
 MOST_LATE = 6  # joints of which every subset may be late
 TILT, SPEED, DELAY = np.radians(30.0), 1.0, 0.1  # rad, share, s: what is looked at, at most
 
@@ -122,20 +121,18 @@ def tolerated(robot: StandingRobot, motion: Motion) -> tuple[Tolerated, ...]:
     parts = _Parts(robot, motion, motion.both_sides(SPACING))
     judge = _Judge(robot.support, robot.tip_over, robot.slip)
     free = robot.support.gravity
-    down, size = free / max(np.linalg.norm(free), 1e-300), float(np.linalg.norm(free))
-    level = np.linalg.svd(down[None])[2][1:]  # two horizontal directions
-    turns = 2 * np.pi * np.arange(AROUND) / AROUND
-    around = np.cos(turns)[:, None] * level[0] + np.sin(turns)[:, None] * level[1]
-    pushes = [*around, *(0.5**0.5 * (around[::3] + down)), *(0.5**0.5 * (around[::3] - down)), down, -down]
+    size = float(np.linalg.norm(free))
 
-    def tilted(side: np.ndarray) -> Loads:
-        return lambda a: parts.total(gravity=size * (np.cos(a) * down + np.sin(a) * side))
+    def downhill(side: np.ndarray) -> Loads:
+        return lambda a: parts.total(gravity=tilted(free, side, a))
 
     def pushed(side: np.ndarray) -> Loads:
         return lambda force: parts.total() + force * parts.push(side)
 
     found = [
-        judge.largest("tilt", "deg", np.degrees(1.0), TILT, _named(parts, tilted, around, "downhill")),
+        judge.largest(
+            "tilt", "deg", np.degrees(1.0), TILT, _named(parts, downhill, around(free), "downhill")
+        ),
         judge.largest(
             "extra_mass",
             "kg",
@@ -143,7 +140,7 @@ def tolerated(robot: StandingRobot, motion: Motion) -> tuple[Tolerated, ...]:
             robot.mass,
             [_Case(lambda m: parts.total() + m * parts.extra, parts.times, "")],
         ),
-        judge.largest("push", "N", 1.0, size * robot.mass, _named(parts, pushed, pushes, "")),
+        judge.largest("push", "N", 1.0, size * robot.mass, _named(parts, pushed, everywhere(free), "")),
         _least_friction(robot, parts),
         judge.largest(
             "faster",
@@ -163,26 +160,24 @@ def tolerances(robot: StandingMechanism, motion: Motion) -> tuple[Tolerated, ...
     return tolerated(robot, motion) if isinstance(robot, StandingRobot) else ()
 
 
-class _Parts:
+class _Parts(RestLoads):
     """Loads of all instants (N, ...), by what they are linear in."""
 
     def __init__(self, robot: StandingRobot, motion: Motion, times: np.ndarray) -> None:
         self.times, self.support = times, robot.support
         q, qd, qdd = motion.states(times)
-        arm, still, about = robot.arm, np.zeros_like(q), robot.support.center_of_mass
+        super().__init__(robot, q)
+        arm, about = robot.arm, robot.support.center_of_mass
         bare = arm.with_payload(None)
         one = bare.with_payload(Payload(1.0))  # loads are linear in what is held
 
         def wrench(model: Any, rates: Sequence[np.ndarray], gravity: np.ndarray) -> np.ndarray:
             return evaluate_dynamics(model, q, *rates, gravity=gravity, about=about).wrench
 
-        moving, resting = (qd, qdd), (still, still)
-        self.per_gravity = np.stack([wrench(arm, resting, g) for g in np.eye(3)], axis=2)
-        self.per_gravity[:, :3] += self.support.mass * np.eye(3)
+        moving = (qd, qdd)
         self.inertial = wrench(arm, moving, np.zeros(3))
         both = wrench(one, moving, self.support.gravity), wrench(bare, moving, self.support.gravity)
         self.extra = both[0] - both[1]
-        self.tool = gripper_batch(arm)(q)[0] - about
 
     def total(self, gravity: np.ndarray | None = None, speed: float = 1.0) -> np.ndarray:
         """Wrenches (N, 6) on the base with this gravity (3,), m/s^2, at so many times the speed."""
@@ -191,7 +186,7 @@ class _Parts:
 
     def push(self, side: np.ndarray) -> np.ndarray:
         """(N, 6): of a force of 1 N at the gripper in direction `side`."""
-        return np.hstack([np.broadcast_to(side, self.tool.shape), np.cross(self.tool, side)])
+        return self.at_tool(side)
 
 
 class _Judge:

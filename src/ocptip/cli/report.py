@@ -1,0 +1,322 @@
+"""`ocptip report`: what a plan was checked for, as one document for the safety file."""
+
+from __future__ import annotations
+
+import os
+from argparse import Namespace
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ocptip.basics.errors import InputError, naming
+from ocptip.basics.sums import SUMS, read_sums
+from ocptip.basics.text import quantity, ratio
+from ocptip.basics.write import file_target, versions, write_bytes
+from ocptip.cli import report_page as html
+from ocptip.cli.check import worst_rows
+from ocptip.cli.command import Report
+from ocptip.cli.layout import certificate_rows, masses, within_rows
+from ocptip.cli.progress import say_if_compiling
+from ocptip.cli.stops import stops_of
+from ocptip.motion.check import MotionCheck, certified, check_motion
+from ocptip.motion.cycles.task import CycleTask
+from ocptip.motion.load_cases import (
+    MOST_TILT,
+    Asked,
+    LoadCase,
+    largest_payload,
+    load_cases,
+    tilt_by_direction,
+)
+from ocptip.motion.stops import Stops
+from ocptip.motion.task import MotionTask
+from ocptip.motion.tolerated import Tolerated, tolerated
+from ocptip.standing.arm import StandingRobot
+from ocptip.task_files.load_cases import load_asked
+from ocptip.task_files.motion import load_task
+from ocptip.task_files.plan_folder import PlanFolder, read_plan_folder
+from ocptip.trajectories.sampled import Motion
+
+ENDINGS = (".html", ".pdf")
+OVERVIEW = "plan.png"
+POSTURES = 60  # of a motion, for the largest payload
+_NOT = (
+    "This document lists what was computed, from what, and how. It claims no conformity with any standard, "
+    "and no test of the real machine is replaced by it."
+)
+_TESTS = (
+    ("tilt table (how far may the floor be tilted)", "Tilt by direction; Load cases; Tolerated alone"),
+    ("push or pull test at the gripper", "Load cases; Tolerated alone"),
+    ("overload test", "Load cases; Largest payload; Tolerated alone"),
+    ("stop test (controlled stop at any instant)", "Stops"),
+    ("test run at higher speed", "Tolerated alone"),
+    ("slope and friction of the floor", "Tilt by direction; Tolerated alone"),
+)
+
+
+def run(options: Namespace) -> DocumentReport:
+    """Compute everything anew, from the folder or the task alone."""
+    path = Path(options.plan)
+    with naming("--out"):
+        out = file_target(options.out or f"ocptip-report-{path.resolve().stem}.html", ENDINGS)
+    folder = read_plan_folder(path) if path.is_dir() else None
+    task = folder.task if folder else load_task(path)
+    if isinstance(task, CycleTask):
+        raise InputError(f"{path}: is a cycle; a report is about a single motion or a task")
+    robot = task.robot
+    if not isinstance(robot, StandingRobot):
+        raise InputError(f"{path}: load cases are of arms on their bases, not of a {robot.kind}")
+    say_if_compiling()
+    found = Document(path.name, task, folder, options.cases)
+    poses = {"start": task.start, "goal": task.goal}
+    if folder is not None:
+        motion = folder.motion
+        assert isinstance(motion, Motion)  # of no cycle
+        found.moves(robot, motion)
+        poses = {"start": motion.start, "goal": motion.goal, **found.worst_poses(motion)}
+    asked = Asked(poses) if options.cases is None else load_asked(options.cases, robot.arm, poses)
+    found.cases = load_cases(robot, asked)
+    found.tilts = {name: tilt_by_direction(robot, q) for name, q in asked.poses.items()}
+    return DocumentReport(found, out)
+
+
+class Document:
+    """Everything that is said.
+
+    Args:
+        name: of the plan's folder, or of the task's file.
+        task: with the robot.
+        folder: of the plan, if there is one.
+        cases_file: that was named for the load cases.
+    """
+
+    def __init__(
+        self, name: str, task: MotionTask, folder: PlanFolder | None, cases_file: str | None
+    ) -> None:
+        self.name, self.task, self.folder, self.cases_file = name, task, folder, cases_file
+        self.checked: MotionCheck | None = None
+        self.stops: Stops | None = None
+        self.tolerated: tuple[Tolerated, ...] = ()
+        self.payloads: tuple[np.ndarray, np.ndarray] | None = None
+        self.cases: list[LoadCase] = []
+        self.tilts: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+
+    def moves(self, robot: StandingRobot, motion: Motion) -> None:
+        """Look at the motion."""
+        task = self.task
+        self.checked = certified(robot, motion, check_motion(robot, motion, task.limits), task.limits)
+        stopped = check_motion(robot, motion, task.stops.asked(task.limits))
+        self.stops = stops_of(task, motion, stopped, "path")
+        self.tolerated = tolerated(robot, motion)
+        times = np.linspace(0.0, motion.end, POSTURES)
+        self.payloads = times, largest_payload(robot, motion.states(times)[0])
+
+    def worst_poses(self, motion: Motion) -> dict[str, np.ndarray]:
+        """Postures where the reserves are used most."""
+        assert self.checked is not None
+        times = {name: self.checked.worst[name].time for name in ("GN", "GT")}
+        return {
+            f"worst {name} ({time:.3f} s)": motion.states(np.array([time]))[0][0]
+            for name, time in times.items()
+            if 0 < time < motion.end
+        }
+
+    @property
+    def stands(self) -> bool:
+        """The motion is verified; without a motion: all postures stand on level ground."""
+        if self.checked is not None:
+            return self.checked.verified  # what becomes of it in stops is a table of its own
+        return all(case.stands for case in self.cases if not (case.tilt or case.push or case.payload))
+
+    @property
+    def headline(self) -> str:
+        """One line."""
+        if self.checked is not None:
+            return f"{self.task.name}: {self.checked.headline}"
+        return f"{self.task.name}: at rest it {'STANDS' if self.stands else 'DOES NOT STAND'}"
+
+    # --- parts of the page --------------------------------------------------------------------------------
+
+    def parts(self) -> Iterator[str]:
+        """All sections."""
+        yield html.heading(f"Stability of {self.task.name}", 1)
+        yield html.paragraph(f"{self.headline}.")
+        yield html.paragraph(_NOT)
+        yield from self._machine()
+        yield from self._assumed()
+        if self.checked is not None:
+            yield from self._motion(self.checked)
+        yield from self._rest()
+        yield from self._tests()
+        yield from self._again()
+
+    def _machine(self) -> Iterator[str]:
+        robot, support = self.task.robot, self.task.robot.support
+        yield html.heading("Machine")
+        rows = [
+            ("masses", masses(robot)),
+            ("centre of mass of the base", f"{_vector(support.center_of_mass)} m"),
+            ("joints", ", ".join(robot.names)),
+        ]
+        yield html.grid(("", ""), rows)
+        feet = [
+            (k, c.kind, _vector(c.position), _vector(c.normal), f"{getattr(c, 'friction', '-')}",
+             getattr(c, "stiffness", None) or "rigid")
+            for k, c in enumerate(support.contacts, 1)
+        ]  # fmt: skip
+        titles = ("contact", "kind", "position [m]", "normal", "friction", "stiffness [N/m]")
+        yield html.grid(titles, feet)
+
+    def _assumed(self) -> Iterator[str]:
+        yield html.heading("Assumed, and not checked")
+        texts = [
+            "Base and links are rigid; contacts obey Coulomb's law with the friction given above.",
+            "The ground bears every foot; it is level unless a tilt is named.",
+            *self.task.robot.notes,
+        ]
+        if self.checked is not None:
+            texts += [f"Collision: {self.checked.collision_text}.", *self.checked.feet_lines]
+            texts += self.stops.assumed if self.stops else ()
+        yield html.items(texts)
+
+    def _motion(self, checked: MotionCheck) -> Iterator[str]:
+        yield html.heading("Motion")
+        energy = f"{quantity(checked.energy, 'J')} in {quantity(checked.duration, 's')}"
+        yield html.paragraph(f"{energy}; looked at {checked.samples} instants.")
+        yield html.items(text for _, text in (*certificate_rows(checked), *within_rows(checked)))
+        titles, *rows = worst_rows(checked)
+        yield html.grid(titles, rows)
+        yield html.items(checked.contacts.lines())
+        if self.folder is not None and (image := self.folder.path / OVERVIEW).is_file():
+            yield html.image(image.read_bytes(), "The motion, as planned.")
+        yield html.heading("Tolerated alone")
+        yield html.paragraph("Each of these, all else as described, loses no contact in the motion:")
+        yield html.items(self.tolerated)
+        if self.stops is not None:
+            yield html.heading("Stops")
+            yield html.items(self.stops.lines())
+
+    def _rest(self) -> Iterator[str]:
+        from ocptip.pictures.load_cases import payload_figure, tilt_figure
+
+        yield html.heading("Load cases")
+        yield html.paragraph(
+            "At rest in each pose, with more payload at the gripper, the floor tilted and the gripper pushed "
+            "in the worst directions together. GN: use of the reserve against tipping, GT: of the friction; "
+            "1: lost. Directions in degrees from the base's x axis towards y."
+        )
+        titles = ("pose", "payload", "tilt", "push", "stands", "GN", "GT", "least force", "worst direction")
+        yield html.grid(titles, map(_case_row, self.cases))
+        yield html.heading("Tilt by direction")
+        least = ", ".join(f"{name} {_tilt(tilts)}" for name, (_, tilts) in self.tilts.items())
+        yield html.paragraph(f"At rest, as described else; least: {least}.")
+        yield html.picture(
+            tilt_figure(self.tilts), "Largest tilt of the floor by direction, seen from above."
+        )
+        if self.payloads is not None:
+            times, held = self.payloads
+            yield html.heading("Largest payload")
+            least = f"{quantity(float(held.min()), 'kg')} more at the gripper at {times[held.argmin()]:.3f} s"
+            yield html.paragraph(
+                f"At rest in the postures of the motion; least: {least}. Drives not looked at."
+            )
+            yield html.picture(payload_figure(*self.payloads), "What the gripper may hold, at rest.")
+
+    def _tests(self) -> Iterator[str]:
+        yield html.heading("Which table answers which test")
+        yield html.grid(("common test", "see"), _TESTS)
+
+    def _again(self) -> Iterator[str]:
+        yield html.heading("To compute this again")
+        cases = f" --cases {self.cases_file}" if self.cases_file else ""
+        yield html.paragraph(f"`ocptip report {self.name}{cases}`")
+        if self.folder is not None:
+            data = self.folder.data
+            yield html.paragraph(
+                f"`ocptip check {self.name} --stops path`; planned with seed {data.get('seed')}."
+            )
+            sums = read_sums(self.folder.path)
+            yield html.grid((f"file ({SUMS})", "SHA-256"), sums.items())
+        yield html.grid(("program", "version"), versions().items())
+
+    def to_dict(self) -> dict[str, Any]:
+        """The same as data."""
+        worst = {} if self.checked is None else {"check": self.checked.to_dict()}
+        stops = {} if self.stops is None else {"stops": self.stops.to_dict()}
+        payload = {} if self.payloads is None else {"least_more_payload_kg": float(self.payloads[1].min())}
+        return {
+            "name": self.task.name,
+            **worst,
+            **stops,
+            **payload,
+            "tolerated": [one.to_dict() for one in self.tolerated],
+            "load_cases": [case.to_dict() for case in self.cases],
+            "least_tilt_deg": {
+                name: float(np.degrees(tilts.min())) for name, (_, tilts) in self.tilts.items()
+            },
+            "assumed": list(self.task.robot.notes),
+            "versions": versions(),
+        }
+
+
+@dataclass
+class DocumentReport(Report):
+    """The document, and where it goes."""
+
+    document: Document
+    out: Path
+
+    @property
+    def good(self) -> bool:
+        """Whether it stands."""
+        return self.document.stands
+
+    def to_dict(self) -> dict[str, Any]:
+        """The document as data."""
+        return {**self.document.to_dict(), "written": [str(path) for path in self.written]}
+
+    def to_text(self) -> str:
+        """The headline, the load cases that do not stand, and the file."""
+        cases = self.document.cases
+        fallen = [case for case in cases if not case.stands]
+        lines = [f"{self.document.headline}. {len(cases) - len(fallen)} of {len(cases)} load cases stand."]
+        lines += [f"  does not stand: {' '.join(_case_row(case)[:4])}" for case in fallen]
+        lines += [f"written    {os.fspath(path)}" for path in self.written]
+        return "\n".join(lines)
+
+    def write(self) -> Iterator[Path]:
+        """The page."""
+        make = html.pdf if self.out.suffix == ".pdf" else html.page
+        write_bytes(self.out, make(self.document.headline, self.document.parts()))
+        yield self.out
+
+
+def _case_row(case: LoadCase) -> tuple[str, ...]:
+    named = (("downhill", case.downhill), ("push", case.towards))
+    words = [f"{word} {_direction(np.array(side))}" for word, side in named if any(side)]
+    return (
+        case.pose, f"+{case.payload:g} kg", f"{np.degrees(case.tilt):g} deg", f"{case.push:g} N",
+        "yes" if case.stands else "NO", ratio(case.GN), ratio(case.GT), f"{case.least_force:.1f} N",
+        ", ".join(words) or "-",
+    )  # fmt: skip
+
+
+def _vector(values: Any) -> str:
+    return "({})".format(", ".join(f"{x:.3g}" for x in np.round(np.asarray(values), 3) + 0.0))
+
+
+def _direction(side: np.ndarray) -> str:
+    """In degrees from the base's x axis towards y, and above or below the horizontal."""
+    level = float(np.hypot(*side[:2]))
+    rise = int(np.degrees(np.arctan2(side[2], level)).round())
+    height = f"{abs(rise)}° {'up' if rise > 0 else 'down'}" if rise else ""
+    turn = f"at {round(np.degrees(np.arctan2(side[1], side[0])) % 360) % 360}°" if level > 1e-9 else ""
+    return ", ".join(part for part in (turn, height) if part)
+
+
+def _tilt(tilts: np.ndarray) -> str:
+    more = " and more" if tilts.min() >= MOST_TILT else ""
+    return f"{np.degrees(tilts.min()):.2f} deg{more}"

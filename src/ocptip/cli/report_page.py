@@ -1,0 +1,89 @@
+"""HTML of a report: one file without addresses outside; and the same as PDF."""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from collections.abc import Iterable, Sequence
+from html import escape
+from io import BytesIO
+from typing import Any
+
+from ocptip.basics.errors import InputError
+
+_STYLE = """
+body { font: 15px/1.45 system-ui, sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em }
+h1, h2 { line-height: 1.2 } h2 { margin-top: 2em; border-bottom: 1px solid #d0d0d0 }
+table { border-collapse: collapse; font-size: 13px }
+td, th { padding: 2px 10px; text-align: left; vertical-align: top }
+th { border-bottom: 1px solid #808080 } tr:nth-child(even) td { background: #f5f5f5 }
+img { max-width: 100% } code { background: #f0f0f0; padding: 0 3px }
+@media print { h2 { break-after: avoid } table, img { break-inside: avoid } }
+"""
+
+
+def page(title: str, parts: Iterable[str]) -> bytes:
+    """A whole page of parts made by the functions below."""
+    head = f"<!doctype html><html lang='en'><head><meta charset='utf-8'><title>{escape(title)}</title>"
+    return f"{head}<style>{_STYLE}</style></head><body>{''.join(parts)}</body></html>\n".encode()
+
+
+def heading(text: str, level: int = 2) -> str:
+    """A heading."""
+    return f"<h{level}>{escape(text)}</h{level}>"
+
+
+def paragraph(text: str) -> str:
+    """A paragraph; `words` in backquotes are code."""
+    pieces = escape(text).split("`")
+    pieces[1::2] = [f"<code>{piece}</code>" for piece in pieces[1::2]]
+    return f"<p>{''.join(pieces)}</p>"
+
+
+def items(texts: Iterable[object]) -> str:
+    """A list."""
+    return f"<ul>{''.join(f'<li>{escape(str(text))}</li>' for text in texts)}</ul>"
+
+
+def grid(titles: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """A table with a line of titles."""
+    head = "".join(f"<th>{escape(title)}</th>" for title in titles)
+    body = "".join(f"<tr>{''.join(f'<td>{_cell(cell)}</td>' for cell in row)}</tr>" for row in rows)
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+
+
+def _cell(value: object) -> str:
+    """Numbers stay on a line with their units."""
+    text = escape(str(value))
+    return text.replace(" ", "&nbsp;") if len(text) < 24 else text
+
+
+def picture(figure: Any, caption: str, dpi: int = 110) -> str:
+    """A matplotlib figure inside the page."""
+    stream = BytesIO()
+    figure.savefig(stream, format="png", dpi=dpi)
+    return image(stream.getvalue(), caption)
+
+
+def image(content: bytes, caption: str) -> str:
+    """A PNG inside the page."""
+    data = b64encode(content).decode("ascii")
+    return f"<p><img src='data:image/png;base64,{data}' alt='{escape(caption)}'></p><p>{escape(caption)}</p>"
+
+
+def pdf(title: str, parts: Iterable[str]) -> bytes:
+    """The same as a PDF.
+
+    Raises:
+        InputError: fpdf2, which makes it, is not there.
+    """
+    try:
+        from fpdf import FPDF
+    except ImportError:
+        raise InputError("--out: a .pdf needs fpdf2 (pip install 'ocptip[report]'); .html does not") from None
+    document = FPDF(format="A4")
+    document.set_title(title)
+    document.add_page()
+    document.set_font("helvetica", size=9)
+    text = "".join(parts).replace("<img ", "<img width='520' ").replace("&nbsp;", " ")
+    document.write_html(text.encode("latin-1", "replace").decode("latin-1"), table_line_separators=True)
+    return bytes(document.output())

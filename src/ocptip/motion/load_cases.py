@@ -1,0 +1,212 @@
+"""Load cases at rest: poses of an arm, each with more payload, on tilted floors, pushed at the gripper.
+
+Nothing moves here; what motions do is the matter of the check. Every direction of tilt and push is looked at
+in steps of 15 and about 45 degrees, all in combination.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+import numpy as np
+
+from ocptip.basics.errors import finite_array
+from ocptip.contact.solver import solve_many
+from ocptip.robots.dynamics import evaluate_dynamics
+from ocptip.robots.kinematics import gripper_batch
+from ocptip.standing.arm import StandingRobot
+
+AROUND = 24  # directions of tilt, and of pushes along the floor
+MOST_TILT = np.pi / 3
+HALVINGS = 20
+
+
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """Which load cases.
+
+    Attributes:
+        poses: joint angles (n,), rad (m), by name.
+        payloads: kg, point masses at the gripper beyond what it holds.
+        tilts: rad, of the floor, downhill in any direction.
+        pushes: N, at the gripper, in any direction.
+    """
+
+    poses: Mapping[str, np.ndarray]
+    payloads: Sequence[float] = (0.0, 0.5)
+    tilts: Sequence[float] = (0.0, np.radians(1.0), np.radians(3.0))
+    pushes: Sequence[float] = (0.0, 20.0)
+
+
+@dataclass(frozen=True)
+class LoadCase:
+    """One load case in its worst direction.
+
+    Attributes:
+        pose: its name.
+        payload, tilt, push: kg, rad, N.
+        GN, GT: uses of the reserves; 1 and more, or NaN: a contact is lost.
+        least_force: N, the least normal force of a contact; of four and more feet in one possible sharing.
+        stands: no contact is lost in any direction.
+        downhill, towards: of the floor and of the push, in base axes, where it is worst; zero without.
+    """
+
+    pose: str
+    payload: float
+    tilt: float
+    push: float
+    GN: float
+    GT: float
+    least_force: float
+    stands: bool
+    downhill: tuple[float, ...]
+    towards: tuple[float, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON, the tilt in degrees."""
+        data = dict(vars(self))
+        return {**data, "tilt": float(np.degrees(self.tilt))}
+
+
+class RestLoads:
+    """Wrenches on the base of an arm at rest, by what they are linear in.
+
+    Args:
+        robot: on its base.
+        q: (N, n) postures.
+
+    Attributes:
+        per_gravity: (N, 6, 3) per component of gravity, N per m/s^2.
+        tool: (N, 3) gripper from the base's centre of mass, m.
+    """
+
+    def __init__(self, robot: StandingRobot, q: np.ndarray) -> None:
+        self.robot, still, about = robot, np.zeros_like(q), robot.support.center_of_mass
+        self.per_gravity = np.stack(
+            [evaluate_dynamics(robot.arm, q, still, still, gravity=g, about=about).wrench for g in np.eye(3)],
+            axis=2,
+        )
+        self.per_gravity[:, :3] += robot.support.mass * np.eye(3)
+        self.tool = gripper_batch(robot.arm)(q)[0] - about
+
+    def at_tool(self, forces: np.ndarray) -> np.ndarray:
+        """(N, 6): of forces (N, 3) at the gripper, N."""
+        forces = np.broadcast_to(forces, self.tool.shape)
+        return np.hstack([forces, np.cross(self.tool, forces)])
+
+    def wrenches(
+        self, gravity: np.ndarray, payload: float | np.ndarray = 0.0, push: np.ndarray | None = None
+    ) -> np.ndarray:
+        """(N, 6) with gravity (3,), m/s^2, more payload, kg (or one each, (N, 1)), and a push (3,), N."""
+        force = payload * gravity + (0.0 if push is None else push)
+        return self.per_gravity @ gravity + self.at_tool(force)
+
+
+def load_cases(robot: StandingRobot, asked: Asked) -> list[LoadCase]:
+    """All combinations of what was asked for, each in its worst direction.
+
+    Raises:
+        InputError: a pose does not fit the arm, or a number is not finite.
+    """
+    found = []
+    for name, angles in asked.poses.items():
+        loads = RestLoads(robot, finite_array(name, angles, (robot.n,))[None])
+        for payload, tilt, push in product(asked.payloads, asked.tilts, asked.pushes):
+            found.append(_case(robot, loads, name, payload, tilt, push))
+    return found
+
+
+def tilt_by_direction(robot: StandingRobot, q: np.ndarray, count: int = 72) -> tuple[np.ndarray, np.ndarray]:
+    """By how much the floor may tilt before a contact is lost, at rest.
+
+    Args:
+        robot: on its base.
+        q: (n,) posture.
+        count: number of directions.
+
+    Returns:
+        Directions downhill (count, 3), base axes, and tilts (count,), rad, at most `MOST_TILT`; 0 where it
+        does not stand on level ground.
+    """
+    loads, gravity = RestLoads(robot, q[None]), robot.support.gravity
+    sides = around(gravity, count)
+
+    def stands(tilt: np.ndarray) -> np.ndarray:
+        return _stands(robot, np.vstack([loads.wrenches(g) for g in tilted(gravity, sides, tilt)]))
+
+    return sides, _largest(stands, np.full(count, MOST_TILT))
+
+
+def largest_payload(robot: StandingRobot, q: np.ndarray) -> np.ndarray:
+    """(N,) kg: the largest point mass at the gripper beyond what it holds, at rest in postures q (N, n).
+
+    At most the robot's own mass; what the drives can hold is not looked at.
+    """
+    loads, gravity = RestLoads(robot, q), robot.support.gravity
+
+    def stands(payload: np.ndarray) -> np.ndarray:
+        return _stands(robot, loads.wrenches(gravity, payload[:, None]))
+
+    return _largest(stands, np.full(len(q), robot.mass))
+
+
+def _case(
+    robot: StandingRobot, loads: RestLoads, name: str, payload: float, tilt: float, push: float
+) -> LoadCase:
+    gravity, nowhere = robot.support.gravity, np.zeros((1, 3))
+    downhill, towards = around(gravity) if tilt else nowhere, everywhere(gravity) if push else nowhere
+    gravities = tilted(gravity, downhill, np.full(len(downhill), tilt))
+    pairs = list(product(range(len(downhill)), range(len(towards))))
+    wrenches = np.vstack([loads.wrenches(gravities[i], payload, push * towards[k]) for i, k in pairs])
+    states = solve_many(robot.support, wrenches)
+    GN = robot.tip_over.evaluate(states).GN
+    GT = robot.slip.evaluate(states, derivatives=False).GT
+    use = np.fmax(np.nan_to_num(GN, nan=np.inf), np.nan_to_num(GT, nan=np.inf))
+    i, k = pairs[int(np.argmax(use))]
+    return LoadCase(
+        name, float(payload), float(tilt), float(push), float(np.max(GN)), float(np.max(GT)),
+        float(np.min(states.contact_forces[:, :, 0])), bool(np.all(use < 1)),
+        tuple(downhill[i].tolist()), tuple(towards[k].tolist()),
+    )  # fmt: skip
+
+
+def _stands(robot: StandingRobot, wrenches: np.ndarray) -> np.ndarray:
+    """(N,) whether no contact is lost."""
+    states = solve_many(robot.support, wrenches)
+    tips = robot.tip_over.evaluate(states).GN
+    return (tips < 1) & (robot.slip.evaluate(states, derivatives=False).GT < 1)
+
+
+def _largest(stands: Callable[[np.ndarray], np.ndarray], most: np.ndarray) -> np.ndarray:
+    """The largest levels (N,) up to `most` below which all stand, by bisection; 0 where nothing stands."""
+    low, high = np.zeros_like(most), most
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2
+        good = stands(middle)
+        low, high = np.where(good, middle, low), np.where(good, high, middle)
+    low = np.where(stands(most), most, low)
+    return np.where(stands(np.zeros_like(most)), low, 0.0)
+
+
+def around(gravity: np.ndarray, count: int = AROUND) -> np.ndarray:
+    """(count, 3) horizontal directions all around."""
+    down = gravity / max(np.linalg.norm(gravity), 1e-300)
+    level = np.linalg.svd(down[None])[2][1:]
+    turns = 2 * np.pi * np.arange(count) / count
+    return np.cos(turns)[:, None] * level[0] + np.sin(turns)[:, None] * level[1]
+
+
+def everywhere(gravity: np.ndarray) -> np.ndarray:
+    """(k, 3) directions of a push: horizontal ones, down, up, and between."""
+    down, sides = gravity / max(np.linalg.norm(gravity), 1e-300), around(gravity)
+    return np.vstack([sides, 0.5**0.5 * (sides[::3] + down), 0.5**0.5 * (sides[::3] - down), down, -down])
+
+
+def tilted(gravity: np.ndarray, downhill: np.ndarray, tilt: float | np.ndarray) -> np.ndarray:
+    """(..., 3) gravity on a floor tilted by (...), rad, downhill towards (..., 3)."""
+    size = np.linalg.norm(gravity)
+    down, tilt = gravity / max(size, 1e-300), np.asarray(tilt)[..., None]
+    return size * (np.cos(tilt) * down + np.sin(tilt) * downhill)
