@@ -17,6 +17,8 @@ from ocptip.numerics.compiled import compiled
 _GAP = 1e-10  # relative: between the bounds of a value that is good enough
 _STEPS = 60  # Newton steps
 _NOISE = 1e-10  # relative
+_SURE, _STILL = 1e-7, 1e-7  # gap between the bounds; speed of a contact turned about, relative to the largest
+_LEAST_LIMIT = 1e-6  # of a contact that carries load, relative to the largest
 
 
 def planar_forces(q: np.ndarray, J: np.ndarray, limits: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -34,6 +36,104 @@ def planar_forces(q: np.ndarray, J: np.ndarray, limits: np.ndarray) -> tuple[np.
     forces, pulls = np.zeros(q.shape), np.zeros(q.shape)
     _solve_all(loads, np.ascontiguousarray(limits), np.ascontiguousarray(J), forces, pulls)
     return forces, pulls
+
+
+def usage_map(
+    wrenches: np.ndarray, loads: np.ndarray, limits: np.ndarray, J: np.ndarray, derivatives: bool
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The least largest usage as a function of the wrench, with two derivatives.
+
+    Args:
+        wrenches: (N, 6).
+        loads: (3, 6): the load h that the forces balance is loads @ wrench.
+        limits: (n, 6): friction limits are limits @ wrench.
+        J: (n, 2, 3) with orthonormal columns.
+        derivatives: else they are zero.
+
+    Returns:
+        Usage (N,), slopes (N, 6), second derivatives (N, 6, 6). Where the limits are not all positive, or
+        the optimum is not certain, the usage is NaN and the derivatives are zero.
+    """
+    count = len(wrenches)
+    h, most = wrenches @ loads.T, wrenches @ limits.T
+    good = np.min(most, axis=1) > _LEAST_LIMIT * np.max(np.abs(most), axis=1)
+    wide = np.broadcast_to(J, (count, *J.shape))
+    forces, pulls = np.zeros((2, count, *J.shape[:2]))
+    _solve_all(h, np.where(good[:, None], most, 1.0), np.ascontiguousarray(wide), forces, pulls)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        usage = np.max(np.sqrt(np.einsum("sik,sik->si", forces, forces)) / np.abs(most), axis=1)
+    slopes, bends = np.zeros((count, 6)), np.zeros((count, 6, 6))
+    sure = _derive(h, most, J, loads, limits, pulls, usage, slopes, bends, derivatives)
+    return np.where(good & sure, usage, np.nan), slopes, bends
+
+
+@compiled
+def _derive(h, most, J, loads, limits, pulls, usage, slopes, bends, derivatives):
+    """Puts slopes and second derivatives of usages; True where both bounds of the usage agree.
+
+    Half the square of the usage rho is the largest h . u - D(u)^2 / 2 over motions u, D the friction's power:
+    by the theorem of the envelope its slope is that of h and of the limits at the best u, and its curvature
+    C' H^-1 C less that of the limits' square, with H the curvature over u and C the slope of the gradient
+    over u. At a rotation about a contact u stays as it is, and rho is a ratio of linear functions.
+    """
+    count, n = most.shape
+    sure = np.ones(count, dtype=np.bool_)
+    u, g, L, slope = np.empty(3), np.empty(3), np.empty(6), np.empty(6)
+    H, C, column = np.empty((3, 3)), np.empty((3, 6)), np.empty(3)
+    for s in range(count):
+        rho = usage[s]
+        u[:] = 0.0
+        largest = 0.0
+        for i in range(n):
+            x, y = pulls[s, i, 0], pulls[s, i, 1]
+            largest = max(largest, np.sqrt(x * x + y * y))
+            for r in range(3):
+                u[r] += J[i, 0, r] * x + J[i, 1, r] * y
+        if not abs(rho - _power(h[s], u)) <= _SURE * max(1.0, rho):
+            sure[s] = False
+            continue
+        if not derivatives or rho < _SURE:
+            continue
+        g[:] = 0.0
+        H[:] = 0.0
+        C[:] = 0.0
+        L[:] = 0.0
+        pivots = False
+        for i in range(n):
+            x, y = pulls[s, i, 0], pulls[s, i, 1]
+            speed = np.sqrt(x * x + y * y)
+            L += speed * limits[i]
+            if speed <= _STILL * largest:
+                pivots = True
+                continue
+            x, y = x / speed, y / speed
+            for r in range(3):
+                along = x * J[i, 0, r] + y * J[i, 1, r]
+                g[r] += most[s, i] * along
+                C[r] -= rho * along * limits[i]
+                across = most[s, i] / speed * (x * J[i, 1, r] - y * J[i, 0, r])
+                for c in range(3):
+                    H[r, c] += across * (x * J[i, 1, c] - y * J[i, 0, c])
+        for k in range(6):
+            slope[k] = u[0] * loads[0, k] + u[1] * loads[1, k] + u[2] * loads[2, k]
+        if pivots:
+            for k in range(6):
+                for m in range(6):
+                    bends[s, k, m] = 2 * rho * L[k] * L[m] - slope[k] * L[m] - L[k] * slope[m]
+            slopes[s] = slope - rho * L
+            continue
+        slopes[s] = slope - rho * L
+        for r in range(3):
+            C[r] += loads[r] - rho * g[r] * L
+            for c in range(3):
+                H[r, c] += g[r] * g[c]
+        for k in range(6):
+            _solve_3(H, C[:, k], column)
+            for m in range(6):
+                bends[s, m, k] = (
+                    _power(C[:, m], column) - rho * rho * L[m] * L[k] - slopes[s, m] * slopes[s, k]
+                ) / rho
+    return sure
 
 
 @compiled

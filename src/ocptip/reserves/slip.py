@@ -15,12 +15,15 @@ from typing import Literal, get_args
 import numpy as np
 
 from ocptip.basics.errors import InputError
+from ocptip.contact.bindings.pyramid import radius_error
+from ocptip.contact.solver import solve_many
 from ocptip.contact.states import ContactStates
 from ocptip.contact.support import Support
 from ocptip.reserves.force_sets import LOAD_TOLERANCE, ForceSets, force_scale
 from ocptip.reserves.fractional import NEGLIGIBLE_LIMIT, minimise_fraction
 from ocptip.reserves.minimax import GAP_TOLERANCE, ZERO_USAGE, forces_of, lengths, minimise_usage
 from ocptip.reserves.optimality import ForceRange
+from ocptip.reserves.planar import usage_map
 from ocptip.reserves.wrench_cone import wrench_half_spaces
 
 Redistribution = Literal["tangential", "full"]
@@ -114,6 +117,7 @@ class Slip:
         scaling[d:] /= support.length
         self._matrix = scaling[:, None] * support.wrench_matrix
         self._bases: dict[bytes, tuple[np.ndarray, np.ndarray, np.ndarray | None]] = {}
+        self._maps: dict[float, SlipMap] = {}
         if redistribution is None:
             _, basis, _ = self._basis(np.ones(support.n_contacts, dtype=bool), True)
             redistribution = "full" if np.any(basis[:, 0]) and not support.elastic else "tangential"
@@ -146,6 +150,12 @@ class Slip:
         if not self._sets.ordinary or not (unique or self.redistribution == "full"):
             return None
         return wrench_half_spaces(self.support, GT * self._sets.friction)
+
+    def map(self, up_to: float) -> SlipMap:
+        """GT as a smooth function of the wrench, as far as it is at most `up_to`."""
+        if up_to not in self._maps:
+            self._maps[up_to] = SlipMap(self, up_to)
+        return self._maps[up_to]
 
     def _redistribute_tangential(self, work: _Work) -> None:
         todo = np.flatnonzero(work.carries.any(axis=1))
@@ -290,6 +300,51 @@ class Slip:
                     J = None
             self._bases[key] = np.flatnonzero(taking_part), basis[taking_part], J
         return self._bases[key]
+
+
+class SlipMap:
+    """The slip reserve as a function of the wrench, as programs want it: smooth beyond what holds.
+
+    Where three feet on a plane stand and GT is at most `up_to`, values are GT. Beyond they are the usage of
+    friction that standing would need, while all feet are loaded. Elsewhere, and of all other supports, they
+    are GT as :class:`Slip` has it, second derivatives then zero.
+
+    Args:
+        slip: of the support.
+        up_to: GT that matters.
+    """
+
+    def __init__(self, slip: Slip, up_to: float) -> None:
+        self._slip, self._smooth = slip, None
+        support, sets = slip.support, slip._sets
+        if slip.redistribution == "full" or support.elastic or not sets.ordinary or sets.frictionless.any():
+            return
+        picked, _, J = slip._basis(np.ones(support.n_contacts, dtype=bool), False)
+        if J is None or len(picked) < support.n_contacts:
+            return
+        if up_to > min(1 - radius_error(contact.facets) for contact in support.contacts):
+            return
+        forces = -np.linalg.pinv(support.wrench_matrix).reshape(support.n_contacts, 3, 6)
+        if np.max(np.abs(support.wrench_matrix @ forces.reshape(-1, 6) + np.eye(6))) > _RANK_TOLERANCE:
+            return
+        loads = np.einsum("ikr,ikw->rw", J, forces[:, 1:])
+        self._smooth = loads, sets.friction[:, None] * forces[:, 0], J
+
+    def __call__(
+        self, wrenches: np.ndarray, derivatives: bool = True
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Values (N,), slopes (N, 6), second derivatives (N, 6, 6) at wrenches (N, 6); NaN where unknown."""
+        count = len(wrenches)
+        values, slopes, bends = np.full(count, np.nan), np.zeros((count, 6)), np.zeros((count, 6, 6))
+        if self._smooth is not None:
+            values, slopes, bends = usage_map(wrenches, *self._smooth, derivatives)
+        others = np.flatnonzero(np.isnan(values))
+        if len(others):
+            reserve = self._slip.evaluate(solve_many(self._slip.support, wrenches[others]), derivatives)
+            values[others] = reserve.GT
+            if reserve.gradient is not None:
+                slopes[others] = np.nan_to_num(reserve.gradient)
+        return values, slopes, bends
 
 
 def _force_units(grip: np.ndarray, d: int) -> np.ndarray:

@@ -113,6 +113,7 @@ class Rows:
         nodes, places: (rows,) node, and number among the limit's rows there.
         values: (rows,).
         slopes: (rows, ...) over what the limit is a function of; empty where that is plain.
+        bends: (rows, 6, 6) second derivatives over the wrench; empty where there are none.
     """
 
     at: NodeSlopes
@@ -120,6 +121,7 @@ class Rows:
     places: np.ndarray
     values: np.ndarray
     slopes: np.ndarray = field(default_factory=lambda: np.empty(0))
+    bends: np.ndarray = field(default_factory=lambda: np.empty(0))
 
 
 class Limit:
@@ -219,9 +221,12 @@ class Limit:
     def add_hessian(self, rows: Rows, on: np.ndarray, H: np.ndarray, on_s: np.ndarray) -> None:
         """Add what does not go by way of y: slopes over s to on_s (N, 3 n), curvature to H (N, 3 n, 3 n)."""
 
+    def add_curvature(self, rows: Rows, on: np.ndarray, result: np.ndarray) -> None:
+        """Add the curvature of on . rows over the quantities, by way of their slopes, to result (nx, nx)."""
+
 
 class WrenchLimit(Limit):
-    """Rows that are functions of the wrench, divided by `unit`; their curvature over it is left out."""
+    """Rows that are functions of the wrench, divided by `unit`."""
 
     unit = 1.0
 
@@ -232,6 +237,12 @@ class WrenchLimit(Limit):
     def add_to_quantities(self, rows: Rows, on: np.ndarray, on_y: np.ndarray) -> None:
         slopes = on[:, None] * rows.slopes / self.unit
         np.add.at(on_y[:, rows.at.columns.wrench], rows.nodes, slopes)
+
+    def add_curvature(self, rows: Rows, on: np.ndarray, result: np.ndarray) -> None:
+        if rows.bends.size:
+            slopes = rows.at.y_x[rows.nodes, rows.at.columns.wrench]
+            bent = np.matmul((on / self.unit)[:, None, None] * rows.bends, slopes)
+            result += slopes.reshape(-1, len(result)).T @ bent.reshape(-1, len(result))
 
 
 class QuantityLimit(Limit):

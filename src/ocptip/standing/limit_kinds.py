@@ -89,6 +89,10 @@ class SlipLimit(WrenchLimit, AskedLimit):
     of_contacts = True
     width = 1
 
+    def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
+        super().__init__(robot, asked, joints)
+        self._map = robot.slip.map(up_to=self.number)
+
     def half_spaces(self) -> np.ndarray | None:
         return self.robot.slip.half_spaces(self.number)
 
@@ -108,18 +112,20 @@ class SlipLimit(WrenchLimit, AskedLimit):
         ]
 
     def near(self, at: Instants, share: float) -> np.ndarray:
-        return ~(known(at.slip.GT)[:, None] < share * self.number)
+        return ~(self.use(at)[:, None] < share)
 
     def use(self, at: Instants) -> np.ndarray:
-        return known(at.slip.GT) / self.number
+        if self._map not in at.memo:
+            at.memo[self._map] = known(self._map(at.wrenches, derivatives=False)[0])
+        return at.memo[self._map] / self.number
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return np.array([-np.inf]), np.array([self.number])
 
     def rows(self, at: NodeSlopes, mask: np.ndarray) -> Rows:
         i, k = np.nonzero(mask)
-        reserve = self.robot.slip.evaluate(self.robot.contact_states(at.y[i, at.columns.wrench]))
-        return Rows(at, i, k, *reserve.for_program())
+        values, slopes, bends = self._map(at.y[i, at.columns.wrench])
+        return Rows(at, i, k, known(values), slopes, bends)
 
 
 class TorqueLimit(QuantityLimit, AskedLimit):

@@ -270,7 +270,7 @@ class MotionProgram:
         return np.concatenate([at.structure[1], *parts])
 
     def hessian(self, x: np.ndarray, sigma: float, multipliers: np.ndarray) -> np.ndarray:
-        """Hessian of sigma * objective + multipliers . rows; the curvature of GT itself is left out."""
+        """Hessian of sigma * objective + multipliers . rows."""
         at = self._evaluate(x)
         nodes, of_energy = at.nodes, sigma * self.objective.energy_weight / self.objective.size
         ends = np.cumsum([len(self.structure.lower), *(len(rows.values) for rows in at.rows)])
@@ -289,6 +289,8 @@ class MotionProgram:
             limit.add_hessian(rows, on, H, on_s)
         nx = self.layout.size
         result = nodes.s_x.reshape(-1, nx).T @ np.matmul(H, nodes.s_x).reshape(-1, nx)
+        for limit, rows, on in parts:
+            limit.add_curvature(rows, on, result)
         self.nodes.second(result, x, at.states, on_s)
         mixed = of_energy * self.weights.T @ nodes.y_x[:, POWER]
         result += mixed + mixed.T
