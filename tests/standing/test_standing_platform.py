@@ -13,7 +13,7 @@ from ocptip.motion.check import check_motion
 from ocptip.motion.output import joint_trajectory, plan_to_dict, sample_motion, write_motion_csv
 from ocptip.motion.plan import plan_motion
 from ocptip.motion.planner.formulation import Formulation
-from ocptip.motion.planner.node_physics import node_physics
+from ocptip.motion.planner.node_physics import NodePhysics
 from ocptip.motion.planner.random_start import random_start
 from ocptip.motion.task import MotionTask, refusals
 from ocptip.parallel.description.ready_made import delta, rrr3, ups6
@@ -119,7 +119,7 @@ def test_power_and_wrench_have_exact_derivatives(standing, name, coulomb):
     robot = StandingParallelRobot(
         robot.robot, robot.support, dc_motors(robot.n, coulomb), robot.platform_limits, position=(0, 0, 0.9)
     )
-    physics = node_physics(robot)
+    physics = NodePhysics(robot)
     assert physics.smooth
     s = np.hstack(states(robot, 3, 2))
     rounding = np.full((3, robot.n), 0.5)
@@ -145,7 +145,7 @@ def test_power_is_that_of_the_motors(standing):
     speeds = robot.motor_speeds(z, zd)
     away = (np.abs(speeds) > 0.1).all(axis=1)
     assert away.sum() > 50
-    power = node_physics(robot).values(np.hstack([z, zd, zdd]), np.full(z.shape, 0.1))[:, 0]
+    power = NodePhysics(robot).values(np.hstack([z, zd, zdd]), np.full(z.shape, 0.1))[:, 0]
     exact = robot.motors.power(robot.loads(z, zd, zdd)[0], speeds).sum(axis=1)
     # the expression rounds the kink of the regeneration: at most half of its smoothing per motor
     assert np.all((power - exact)[away] >= -1e-9)

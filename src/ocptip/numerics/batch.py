@@ -49,10 +49,14 @@ class BatchFunction:
                 np.asarray(argument).T if np.ndim(argument) > 1 else np.reshape(argument, (-1, 1))
             )
             row += size
-        outputs = np.ascontiguousarray(self._tape(inputs).T)
+        outputs = np.ascontiguousarray(self.in_columns(inputs).T)
         results, row = [], 0
         for rows, columns in self._out:
             part = outputs[:, row : row + rows * columns]
             row += rows * columns
             results.append(part if columns == 1 else part.reshape(count, columns, rows).transpose(0, 2, 1))
         return results
+
+    def in_columns(self, inputs: np.ndarray) -> np.ndarray:
+        """All outputs, one below the other and column by column, (rows, N), at such inputs (rows, N)."""
+        return self._tape(inputs)

@@ -17,7 +17,7 @@ from ocptip.motion.objective import ENERGY, Objective
 from ocptip.motion.planner.deviating import Deviating, Place, masks_of
 from ocptip.motion.planner.event_order import SLOWEST, EventOrder, order_of, unit_row
 from ocptip.motion.planner.free_ends import FreeEnds
-from ocptip.motion.planner.node_physics import node_physics
+from ocptip.motion.planner.node_physics import NodePhysics
 from ocptip.motion.planner.profiles import Layout, Nodes, Profiles
 from ocptip.motion.planner.program import MotionProgram, Structure
 from ocptip.motion.task import LONGEST
@@ -86,7 +86,7 @@ class Formulation:
         self.robot, self.start, self.goal, self.objective = robot, start, goal, objective
         self.ends = ends or FreeEnds(None, (start, goal), (None, None), joints)
         self.layout = Layout(robot.n, joints, commands, free=self.ends.free)
-        self.smooth_physics, self.physics = node_physics(robot, smooth=True), node_physics(robot)
+        self.smooth_physics, self.physics = NodePhysics(robot, smooth=True), NodePhysics(robot)
         arm = robot.limits
         passive = [j for j in range(robot.n) if j not in joints]
         self._latest: tuple[EventOrder, Structure] | None = None

@@ -8,6 +8,7 @@ import casadi as cs
 import numpy as np
 
 from ocptip.numerics.batch import BatchFunction
+from ocptip.numerics.compiled import compiled
 from ocptip.standing.instants import NodeColumns
 from ocptip.standing.mechanism import StandingMechanism
 
@@ -21,24 +22,27 @@ class NodePhysics:
     the smooth form a speed r (rad/s): the jump is then spread over speeds from -r to r.
 
     The power of a motor depends on its own torque and speed alone: its derivatives are joined to those of the
-    dynamics here, which keeps CasADi's expressions a third as long. In this class the motors' speeds are
-    those of the joints; see :func:`node_physics` for robots in general.
+    dynamics here, which keeps CasADi's expressions a third as long.
 
     Args:
-        robot: on its support.
+        robot: on its support. Where the motors' speeds are functions of the state, the last n of the further
+            quantities, a coordinate's direction says nothing about the motors': then there is the smooth
+            form only.
         smooth: in the smooth form.
 
     Attributes:
         columns: of y.
+        smooth: in the smooth form.
     """
 
     def __init__(self, robot: StandingMechanism, smooth: bool = False) -> None:
-        self.robot, self.smooth = robot, smooth
+        self.robot, self.smooth = robot, smooth or not robot.direct_drives
         n = self.n = robot.n
         self.columns = NodeColumns(n, robot.further_limits.count)
         self._s = cs.SX.sym("s", 3 * n)
         q, qd, qdd = cs.vertsplit(self._s, n)
         self._z = cs.vertcat(*robot.load_expressions(q, qd, qdd), robot.further_expressions(q, qd))
+        self._speeds = -1 if robot.direct_drives else self._z.numel() - n  # where they stand in z
         jacobian = cs.jacobian(self._z, self._s)
         self._values = self._batch("values", [self._s], [self._z])
         self._jacobian = self._batch("jacobian", [self._s], [self._z, jacobian])
@@ -77,102 +81,114 @@ class NodePhysics:
 
     def values(self, s: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """y (N, 7 + n + k) at s (N, 3 n) and directions or rounding speeds (N, n)."""
-        n = self.n
-        z = self._values(s)[0]
-        power = self._power(z[:, :n], self._speeds(s, z), direction)[0]
-        return np.concatenate([power, z], axis=1)
+        z = self._values.in_columns(s.T)
+        return np.ascontiguousarray(np.vstack([self._powers(s, z, direction)[:1], z]).T)
 
     def jacobian(self, s: np.ndarray, direction: np.ndarray) -> NodeJacobian:
         """y and its first derivatives, and what the second ones need."""
+        found = self._jacobian.in_columns(s.T)
+        count = self._z.numel()
+        power = self._powers(s, found[:count], direction)
+        y, slope = np.empty((len(s), 1 + count)), np.empty((len(s), 1 + count, 3 * self.n))
+        _join(found, power, self._speeds, y, slope)
+        return NodeJacobian(s, y, slope, power[1:])
+
+    def _powers(self, s: np.ndarray, z: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        """Power and its derivatives over the motors' torques and speeds, (1 + 5 n, N)."""
         n = self.n
-        z, slope = self._jacobian(s)
-        power, on_torque, on_speed, *bends = self._power(z[:, :n], self._speeds(s, z), direction)
-        row = np.matmul(on_torque[:, None, :], slope[:, :n])
-        self._add_speeds(row, on_speed, slope)
-        y, slope = np.concatenate([power, z], axis=1), np.concatenate([row, slope], axis=1)
-        return NodeJacobian(s, y, slope, on_torque, on_speed, bends)
-
-    def _speeds(self, s: np.ndarray, z: np.ndarray) -> np.ndarray:
-        """Speeds of the motors (N, n)."""
-        return s[:, self.n : 2 * self.n]
-
-    def _add_speeds(self, row: np.ndarray, on_speed: np.ndarray, slope: np.ndarray) -> None:
-        """Add the speeds' part to the slope of the power, (N, 1, 3 n)."""
-        row[:, 0, self.n : 2 * self.n] += on_speed
+        speeds = s[:, n : 2 * n].T if self._speeds < 0 else z[self._speeds :]
+        return self._power.in_columns(np.vstack([z[:n], speeds, direction.T]))
 
     def hessian(self, at: NodeJacobian, weights: np.ndarray) -> np.ndarray:
         """Second derivative (N, 3 n, 3 n) of the sum of weights (N, 7 + n + k) times y."""
-        n = self.n
-        on_power, inner = weights[:, :1], weights[:, 1:].copy()
-        inner[:, :n] += on_power * at.on_torque
-        result = self._hessian(at.s, inner)[0]
-        slope = at.slope[:, self.columns.torque]
-        twice, mixed, speeds = (on_power * bend for bend in at.bends)
-        result = result + np.matmul(slope.transpose(0, 2, 1) * twice[:, None, :], slope)
-        mixed = mixed[:, :, None] * slope  # (N, n speeds, 3 n)
-        result[:, n : 2 * n] += mixed
-        result[:, :, n : 2 * n] += mixed.transpose(0, 2, 1)
-        joints = np.arange(n, 2 * n)
-        result[:, joints, joints] += speeds
+        inputs = np.empty((3 * self.n + self._z.numel(), len(at.s)))
+        _weigh(at.s, weights, at.of_power, self._speeds, inputs)
+        result = np.empty((len(at.s), 3 * self.n, 3 * self.n))
+        _bend(self._hessian.in_columns(inputs), at.slope, at.of_power, weights, self._speeds, result)
         return result
 
 
-class CoupledNodePhysics(NodePhysics):
-    """The same where the motors' speeds are functions of the state: the last n of the further quantities.
+class NodeJacobian:
+    """Values y and slopes (N, 7 + n + k, 3 n) at s (N, 3 n), with the power's own derivatives (5 n, N).
 
-    A coordinate's direction then says nothing about the motors': only the smooth form exists.
+    Those are over torques and speeds, then twice over torques, over both, and twice over speeds.
     """
 
-    def __init__(self, robot: StandingMechanism) -> None:
-        super().__init__(robot, smooth=True)
-
-    def _speeds(self, s: np.ndarray, z: np.ndarray) -> np.ndarray:
-        return z[:, -self.n :]
-
-    def _add_speeds(self, row: np.ndarray, on_speed: np.ndarray, slope: np.ndarray) -> None:
-        row += np.matmul(on_speed[:, None, :], slope[:, -self.n :])
-
-    def hessian(self, at: NodeJacobian, weights: np.ndarray) -> np.ndarray:
-        """Second derivative (N, 3 n, 3 n) of the sum of weights (N, 7 + n + k) times y."""
-        n = self.n
-        on_power, inner = weights[:, :1], weights[:, 1:].copy()
-        inner[:, :n] += on_power * at.on_torque
-        inner[:, -n:] += on_power * at.on_speed
-        torque, speed = at.slope[:, self.columns.torque], at.slope[:, -n:]
-        twice, mixed, speeds = ((on_power * bend)[:, :, None] for bend in at.bends)
-        back = torque.transpose(0, 2, 1)
-        cross = np.matmul(back, mixed * speed)
-        result = self._hessian(at.s, inner)[0] + np.matmul(back, twice * torque)
-        return result + np.matmul(speed.transpose(0, 2, 1), speeds * speed) + cross + cross.transpose(0, 2, 1)
-
-
-def node_physics(robot: StandingMechanism, smooth: bool = False) -> NodePhysics:
-    """Quantities at nodes; the smooth form if asked for, or where the motors are not the joints' own."""
-    return NodePhysics(robot, smooth) if robot.direct_drives else CoupledNodePhysics(robot)
-
-
-class NodeJacobian:
-    """Values y and slopes (N, 7 + n + k, 3 n) at s (N, 3 n), with the power's inner derivatives."""
-
-    def __init__(
-        self,
-        s: np.ndarray,
-        y: np.ndarray,
-        slope: np.ndarray,
-        on_torque: np.ndarray,
-        on_speed: np.ndarray,
-        bends: list[np.ndarray],
-    ) -> None:
-        self.s, self.y, self.slope = s, y, slope
-        self.on_torque, self.on_speed, self.bends = on_torque, on_speed, bends
+    def __init__(self, s: np.ndarray, y: np.ndarray, slope: np.ndarray, of_power: np.ndarray) -> None:
+        self.s, self.y, self.slope, self.of_power = s, y, slope, of_power
 
     def at(self, nodes: np.ndarray) -> NodeJacobian:
         """The same of some nodes only."""
-        return NodeJacobian(
-            self.s[nodes],
-            self.y[nodes],
-            self.slope[nodes],
-            self.on_torque[nodes],
-            self.on_speed[nodes],
-            [bend[nodes] for bend in self.bends],
-        )
+        return NodeJacobian(self.s[nodes], self.y[nodes], self.slope[nodes], self.of_power[:, nodes])
+
+
+@compiled
+def _join(found, power, speeds, y, slope):
+    """Put z, its slopes and the power's into y (N, 1 + m) and slope (N, 1 + m, 3 n)."""
+    N, rows, columns = slope.shape
+    n, m = columns // 3, rows - 1
+    for i in range(N):
+        y[i, 0] = power[0, i]
+        for k in range(m):
+            y[i, 1 + k] = found[k, i]
+        for c in range(columns):
+            first, total = m + c * m, 0.0
+            for k in range(m):
+                slope[i, 1 + k, c] = found[first + k, i]
+            for j in range(n):
+                total += power[1 + j, i] * slope[i, 1 + j, c]
+            if speeds >= 0:
+                for j in range(n):
+                    total += power[1 + n + j, i] * slope[i, 1 + speeds + j, c]
+            elif n <= c < 2 * n:
+                total += power[1 + c, i]
+            slope[i, 0, c] = total
+
+
+@compiled
+def _weigh(s, weights, of_power, speeds, inputs):
+    """Put states, and the weights of z with the power's part, into inputs (3 n + m, N)."""
+    N, columns = s.shape
+    n, m = columns // 3, weights.shape[1] - 1
+    for i in range(N):
+        for c in range(columns):
+            inputs[c, i] = s[i, c]
+        for k in range(m):
+            inputs[columns + k, i] = weights[i, 1 + k]
+        for j in range(n):
+            inputs[columns + j, i] += weights[i, 0] * of_power[j, i]
+            if speeds >= 0:
+                inputs[columns + speeds + j, i] += weights[i, 0] * of_power[n + j, i]
+
+
+@compiled
+def _bend(inner, slope, of_power, weights, speeds, result):
+    """Put inner second derivatives (9 n^2, N), and what the power's own add, into result (N, 3 n, 3 n)."""
+    N, size, _ = result.shape
+    n = size // 3
+    for i in range(N):
+        H, on = result[i], weights[i, 0]
+        for c in range(size):
+            for r in range(size):
+                H[r, c] = inner[c * size + r, i]
+        if on == 0.0:
+            continue
+        for j in range(n):
+            torque = slope[i, 1 + j]
+            twice, mixed = on * of_power[2 * n + j, i], on * of_power[3 * n + j, i]
+            bent = on * of_power[4 * n + j, i]
+            for r in range(size):
+                across = twice * torque[r]
+                for c in range(size):
+                    H[r, c] += across * torque[c]
+            if speeds < 0:
+                for r in range(size):
+                    H[n + j, r] += mixed * torque[r]
+                    H[r, n + j] += mixed * torque[r]
+                H[n + j, n + j] += bent
+            else:
+                speed = slope[i, 1 + speeds + j]
+                for r in range(size):
+                    for c in range(size):
+                        H[r, c] += mixed * (torque[r] * speed[c] + speed[r] * torque[c])
+                        H[r, c] += bent * speed[r] * speed[c]
