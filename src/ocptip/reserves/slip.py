@@ -307,7 +307,7 @@ class SlipMap:
 
     Where three feet on a plane stand and GT is at most `up_to`, values are GT. Beyond they are the usage of
     friction that standing would need, while all feet are loaded. Elsewhere, and of all other supports, they
-    are GT as :class:`Slip` has it, second derivatives then zero.
+    are GT as :class:`Slip` has it, a large number where unknown, second derivatives then zero.
 
     Args:
         slip: of the support.
@@ -333,7 +333,7 @@ class SlipMap:
     def __call__(
         self, wrenches: np.ndarray, derivatives: bool = True
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Values (N,), slopes (N, 6), second derivatives (N, 6, 6) at wrenches (N, 6); NaN where unknown."""
+        """Values (N,), slopes (N, 6) and second derivatives (N, 6, 6) at wrenches (N, 6)."""
         count = len(wrenches)
         values, slopes, bends = np.full(count, np.nan), np.zeros((count, 6)), np.zeros((count, 6, 6))
         if self._smooth is not None:
@@ -341,9 +341,9 @@ class SlipMap:
         others = np.flatnonzero(np.isnan(values))
         if len(others):
             reserve = self._slip.evaluate(solve_many(self._slip.support, wrenches[others]), derivatives)
-            values[others] = reserve.GT
-            if reserve.gradient is not None:
-                slopes[others] = np.nan_to_num(reserve.gradient)
+            values[others] = known(reserve.GT)
+            if derivatives:
+                slopes[others] = reserve.for_program()[1]
         return values, slopes, bends
 
 

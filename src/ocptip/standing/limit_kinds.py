@@ -9,7 +9,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from ocptip.reserves.slip import known
 from ocptip.standing.feet_limit import FootForceLimit, FootLiftLimit, JumpFootForceLimit
 from ocptip.standing.instants import Instants, NodeColumns
 from ocptip.standing.jumps import AtJumps
@@ -116,7 +115,7 @@ class SlipLimit(WrenchLimit, AskedLimit):
 
     def use(self, at: Instants) -> np.ndarray:
         if self._map not in at.memo:
-            at.memo[self._map] = known(self._map(at.wrenches, derivatives=False)[0])
+            at.memo[self._map] = self._map(at.wrenches, derivatives=False)[0]
         return at.memo[self._map] / self.number
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
@@ -124,8 +123,7 @@ class SlipLimit(WrenchLimit, AskedLimit):
 
     def rows(self, at: NodeSlopes, mask: np.ndarray) -> Rows:
         i, k = np.nonzero(mask)
-        values, slopes, bends = self._map(at.y[i, at.columns.wrench])
-        return Rows(at, i, k, known(values), slopes, bends)
+        return Rows(at, i, k, *self._map(at.y[i, at.columns.wrench]))
 
 
 class TorqueLimit(QuantityLimit, AskedLimit):
