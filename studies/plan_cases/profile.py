@@ -1,0 +1,181 @@
+"""Where the time of a plan goes: evaluation, callbacks, Ipopt's own, building, check; imports and processes.
+
+One start of each case runs with clocks around the program's functions, the callbacks and the solves, after
+another one that has compiled and loaded everything. CPU times of the thread. Imports and processes are timed
+from outside, wall time, the least of three.
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+from threadpoolctl import threadpool_limits
+
+from ocptip.basics.write import versions, write_json
+from ocptip.motion.planner.one_start import Search
+from ocptip.motion.planner.program import MotionProgram
+from ocptip.motion.workers import worker_pool
+from ocptip.numerics import ipopt
+from ocptip.published.tasks import experiment_task
+from studies.common import RESULTS, ended, machine, number, table
+
+PARTS = ("values", "gradient", "jacobian", "hessian")
+COMMANDS = {
+    "python": "pass",
+    "numpy, casadi, numba": "import numpy, casadi, numba",
+    "planner": "import ocptip.motion.plan",
+    "command line, plan": "import ocptip.cli.plan",
+    "a worker that is ready": "from studies.plan_cases.profile import ready; ready()",
+}
+HEAD = (
+    "case",
+    "iterations",
+    "ms per iteration",
+    *PARTS,
+    "callbacks",
+    "Ipopt's own",
+    "nodes, rows of the last",
+)
+STAGES = ("case", "building s", "start", "coarse", "fine", "exact", "check", "all but building")
+
+
+class Clocks:
+    """CPU seconds by name; what a clock inside another one counts is counted there, too."""
+
+    def __init__(self) -> None:
+        self.seconds: Counter[str] = Counter()
+        self.last: MotionProgram | None = None
+
+    def around(self, name: str, function: Callable) -> Callable:
+        def timed(*arguments: Any, **options: Any) -> Any:
+            began = time.thread_time()
+            try:
+                return function(*arguments, **options)
+            finally:
+                self.seconds[name] += time.thread_time() - began
+                if name == "solve":
+                    self.last = arguments[0]
+
+        return timed
+
+    @contextmanager
+    def running(self) -> Iterator[None]:
+        watched = [(MotionProgram, name) for name in (*PARTS, "solve")] + [(ipopt._Function, "eval_buffer")]
+        patches = [mock.patch.object(of, name, self.around(name, getattr(of, name))) for of, name in watched]
+        for patch in patches:
+            patch.start()
+        try:
+            yield
+        finally:
+            for patch in patches:
+                patch.stop()
+
+
+def profile(case: str, base: str) -> dict[str, Any]:
+    """Seconds of one start, number 1; of `solve` those of the parts, of callbacks and of Ipopt are shares."""
+    task, clocks = experiment_task(case, base), Clocks()
+    with threadpool_limits(1):
+        began = time.thread_time()
+        search = Search(task)
+        building = time.thread_time() - began
+        search.run(0, 0)
+        with clocks.running():
+            result = search.run(1, 0).result
+    seconds, last = clocks.seconds, clocks.last
+    assert last is not None
+    evaluation = sum(seconds[name] for name in PARTS)
+    return {
+        "case": case,
+        "iterations": result.iterations,
+        "per_iteration_s": seconds["solve"] / result.iterations,
+        "parts_s": {name: seconds[name] / result.iterations for name in PARTS},
+        "callbacks_s": (seconds["eval_buffer"] - evaluation) / result.iterations,
+        "ipopt_s": (seconds["solve"] - seconds["eval_buffer"]) / result.iterations,
+        "nodes": last.n_nodes,
+        "rows": len(last.bounds()[0]),
+        "building_s": building,
+        "stages_s": result.stages,
+        "start_s": result.cpu_seconds,
+    }
+
+
+def ready() -> None:
+    """Start a worker as plans do, and wait until it has loaded the planner."""
+    with worker_pool(None, 1, 1) as pool:
+        pool.submit(len, b"").result()
+        pool.submit(loaded).result()
+
+
+def loaded() -> None:
+    """Nothing: this module loads the planner."""
+
+
+def processes() -> dict[str, float]:
+    """Wall seconds of each of COMMANDS."""
+    found = {}
+    for name, command in COMMANDS.items():
+        times = []
+        for _ in range(3):
+            began = time.perf_counter()
+            subprocess.run([sys.executable, "-c", command], check=True)
+            times.append(time.perf_counter() - began)
+        found[name] = min(times)
+    return found
+
+
+def text(rows: list[dict[str, Any]], commands: dict[str, float]) -> str:
+    """Three tables."""
+    evaluation, stages = [], []
+    for row in rows:
+        parts = [row["per_iteration_s"], *row["parts_s"].values(), row["callbacks_s"], row["ipopt_s"]]
+        own = [number(1e3 * part, 2) for part in parts]
+        evaluation.append([row["case"], str(row["iterations"]), *own, f"{row['nodes']}, {row['rows']}"])
+        times = [
+            row["building_s"],
+            *(row["stages_s"].get(name, 0.0) for name in STAGES[2:-1]),
+            row["start_s"],
+        ]
+        stages.append([row["case"], *(number(seconds, 2) for seconds in times)])
+    title = (
+        "CPU ms per iteration of Ipopt, effective base, start 1 of seed 0; values include what they keep for"
+    )
+    lines = [
+        f"{title} gradient and Jacobian.",
+        "",
+        *table(HEAD, evaluation),
+        "",
+        "CPU s of that start by stage.",
+        "",
+        *table(STAGES, stages),
+        "",
+    ]
+    return "\n".join([*lines, *table(("wall s", ""), [[k, number(v, 2)] for k, v in commands.items()]), ""])
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--out", type=Path, default=RESULTS, metavar="DIR")
+    parser.add_argument("--cases", default="A,B,C,D,E,F,G,H")
+    options = parser.parse_args()
+
+    def study() -> str:
+        rows, commands = [profile(case, "effective") for case in options.cases.split(",")], processes()
+        data = {"versions": versions(), "machine": machine(), "rows": rows, "processes_s": commands}
+        write_json(options.out / "plan_profile.json", data, indent=1)
+        (options.out / "plan_profile.md").write_text(text(rows, commands))
+        return text(rows, commands)
+
+    return ended("profile", study)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
