@@ -43,6 +43,56 @@ def _smooth_step(t, e):
 
 
 @compiled
+def put_corners(x, joints, K, ramps, steps, times, d_steps):
+    """Put accelerations of ramps (joints, K + 1), and steps and times of the corners, of optimised joints.
+
+    Args:
+        x: variables.
+        joints: optimised ones.
+        K: commands of each.
+        ramps, steps, times, d_steps: of `Corners`, zero as they come.
+    """
+    P = 3 * K + 1
+    for j in range(len(joints)):
+        own, joint, time = x[j * P : (j + 1) * P], joints[j], 0.0
+        for k in range(K + 1):
+            d = own[K + k]
+            ramp = ((own[k] if k < K else 0.0) - (own[k - 1] if k > 0 else 0.0)) / d
+            ramps[j, k] = ramp
+            for corner, sign in ((2 * k, 1.0), (2 * k + 1, -1.0)):
+                steps[joint, corner] = sign * ramp
+                row = d_steps[joint, corner]
+                if k < K:
+                    row[k] = sign / d
+                if k > 0:
+                    row[k - 1] = -sign / d
+                row[K + k] = -sign * ramp / d
+            times[joint, 2 * k] = time
+            time += d
+            times[joint, 2 * k + 1] = time
+            if k < K:
+                time += own[2 * K + 1 + k]
+
+
+@compiled
+def add_corners_curvature(hessian, x, joints, K, ramps, on_steps):
+    """Add second derivatives of the steps of optimised joints, with weights on_steps (n, C), to (nx, nx)."""
+    P = 3 * K + 1
+    for j in range(len(joints)):
+        first, joint = j * P, joints[j]
+        for k in range(K + 1):
+            at = first + K + k
+            cross = (on_steps[joint, 2 * k] - on_steps[joint, 2 * k + 1]) / x[at] ** 2
+            if k < K:
+                hessian[first + k, at] -= cross
+                hessian[at, first + k] -= cross
+            if k > 0:
+                hessian[first + k - 1, at] += cross
+                hessian[at, first + k - 1] += cross
+            hessian[at, at] += 2 * ramps[j, k] * cross
+
+
+@compiled
 def joint_states(t, T, masks, ends, half_width, rise, start, alpha, tau, d_alpha, d_tau, columns, counts):
     """States of n joints at N nodes.
 

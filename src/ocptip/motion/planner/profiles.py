@@ -21,7 +21,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ocptip.motion.planner.profile_kernels import add_second_derivatives, joint_states
+from ocptip.motion.planner.profile_kernels import (
+    add_corners_curvature,
+    add_second_derivatives,
+    joint_states,
+    put_corners,
+)
 
 
 class Layout:
@@ -133,6 +138,7 @@ class Profiles:
                 self._constant_d_times[joint, k] = row
                 if k < 2 * K + 1:
                     row[K + k // 2 if k % 2 == 0 else 2 * K + 1 + k // 2] = 1.0
+        self._optimised = np.array(layout.joints, dtype=np.int64)
         self.passive_joints = [
             joint for joint in range(n) if joint not in layout.joints and abs(self.way[joint]) > 0
         ]
@@ -164,18 +170,8 @@ class Profiles:
         n, K, C, P = layout.n, layout.commands, self.corners, layout.per_joint
         steps, times = np.zeros((n, C)), np.zeros((n, C))
         d_steps, d_times = np.zeros((n, C, P)), self._constant_d_times.copy()
-        joints = list(layout.joints)
-        own = x[: layout.end].reshape(-1, P)
-        d = own[:, K : 2 * K + 1]
-        ramps = np.diff(own[:, :K], prepend=0.0, append=0.0) / d
-        steps[joints, : 2 * K + 2 : 2], steps[joints, 1 : 2 * K + 2 : 2] = ramps, -ramps
-        times[joints] = np.einsum("jcp,jp->jc", self._constant_d_times[joints], own)
-        rows = np.zeros((len(joints), K + 1, P))
-        k = np.arange(K)
-        rows[:, k, k], rows[:, k + 1, k] = 1.0 / d[:, :K], -1.0 / d[:, 1:]
-        k = np.arange(K + 1)
-        rows[:, k, K + k] = -ramps / d
-        d_steps[joints, : 2 * K + 2 : 2], d_steps[joints, 1 : 2 * K + 2 : 2] = rows, -rows
+        ramps = np.zeros((len(layout.joints), K + 1))
+        put_corners(x, self._optimised, K, ramps, steps, times, d_steps)
         end = x[layout.end]
         regime = self.regime(end) if regime is None else regime
         second = np.zeros((n, 2))
@@ -207,20 +203,7 @@ class Profiles:
     ) -> None:
         """Add sum of on_steps * (second derivative of steps) + on_times * (that of times), both (n, C)."""
         layout = self.layout
-        K = layout.commands
-        for j, joint in enumerate(layout.joints):
-            d, a = x[layout.d(j)], corners.ramps[j]
-            iw, idd = layout.w(j).start, layout.d(j).start
-            weight = on_steps[joint, : 2 * K + 2 : 2] - on_steps[joint, 1 : 2 * K + 2 : 2]
-            for k in range(K + 1):
-                cross = weight[k] / d[k] ** 2
-                if k < K:
-                    hessian[iw + k, idd + k] -= cross
-                    hessian[idd + k, iw + k] -= cross
-                if k > 0:
-                    hessian[iw + k - 1, idd + k] += cross
-                    hessian[idd + k, iw + k - 1] += cross
-                hessian[idd + k, idd + k] += 2 * a[k] * cross
+        add_corners_curvature(hessian, x, self._optimised, layout.commands, corners.ramps, on_steps)
         e = layout.end
         for joint in self.passive_joints:
             a2, p2 = corners.passive[joint]

@@ -280,11 +280,8 @@ class MotionProgram:
         on_y[:, POWER] = of_energy * at.durations
         for limit, rows, on in parts:
             limit.add_to_quantities(rows, on, on_y)
-        N, size = nodes.s.shape
-        H = np.zeros((N, size, size))
-        weighty = np.flatnonzero(np.max(np.abs(on_y), axis=1) > NEGLIGIBLE)
-        H[weighty] = self.physics.hessian(at.physics.at(weighty), on_y[weighty])
-        on_s = np.einsum("ik,iks->is", on_y, at.physics.slope)
+        H = self._curvature(at.physics, on_y)
+        on_s = np.matmul(on_y[:, None], at.physics.slope)[:, 0]
         for limit, rows, on in parts:
             limit.add_hessian(rows, on, H, on_s)
         nx = self.layout.size
@@ -298,6 +295,15 @@ class MotionProgram:
         if self.pull:
             result[np.diag_indices_from(result)] += sigma * self.pull.weight
         return result
+
+    def _curvature(self, at: NodeJacobian, on_y: np.ndarray) -> np.ndarray:
+        """Second derivatives (N, 3 n, 3 n) of on_y . y at the nodes."""
+        weighty = np.max(np.abs(on_y), axis=1) > NEGLIGIBLE
+        if weighty.all():
+            return self.physics.hessian(at, on_y)
+        H = np.zeros((len(on_y), at.s.shape[1], at.s.shape[1]))
+        H[weighty] = self.physics.hessian(at.at(weighty), on_y[weighty])
+        return H
 
     def _instants(self, x: np.ndarray) -> Instants:
         """The nodes as limits look at them."""
