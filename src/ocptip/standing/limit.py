@@ -121,7 +121,7 @@ class Rows:
     places: np.ndarray
     values: np.ndarray
     slopes: np.ndarray = field(default_factory=lambda: np.empty(0))
-    bends: np.ndarray = field(default_factory=lambda: np.empty(0))
+    bends: np.ndarray = field(default_factory=lambda: np.empty(0), kw_only=True)
 
 
 class Limit:

@@ -123,7 +123,8 @@ class SlipLimit(WrenchLimit, AskedLimit):
 
     def rows(self, at: NodeSlopes, mask: np.ndarray) -> Rows:
         i, k = np.nonzero(mask)
-        return Rows(at, i, k, *self._map(at.y[i, at.columns.wrench]))
+        values, slopes, bends = self._map(at.y[i, at.columns.wrench])
+        return Rows(at, i, k, values, slopes, bends=bends)
 
 
 class TorqueLimit(QuantityLimit, AskedLimit):
