@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ocptip.certificate.checker import Checker, Intervals
+from ocptip.certificate.described import Checker, Intervals
 from ocptip.certificate.forms import linear
 
 BASE, MASS, G = 3.0, 2.0, 9.81
@@ -26,6 +26,7 @@ def _model():
             "mount_position": [0.2, 0.0, 0.5],
             "mount_rotation": np.eye(3).tolist(),
         },
+        "payload": None,
         "base": {
             "mass": BASE,
             "center_of_mass": [0.1, 0.0, 0.0],

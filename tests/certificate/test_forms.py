@@ -55,11 +55,6 @@ def test_cosine_and_sine_enclose(bends, middle, s):
         assert _inside(sine, value.sin(), s)
 
 
-def test_slope_is_the_derivative():
-    f = _form([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], 0.0)
-    np.testing.assert_array_equal(f.slope().c[:, 0], [2, 6, 12, 20, 30, 0])
-
-
 def test_range_is_that_of_the_polynomial_at_its_ends():
     f = _form([0.2, -0.5, 0.1], 0.0)
     low, high = f.range

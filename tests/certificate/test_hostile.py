@@ -29,6 +29,8 @@ def _certificate():
             "times": [[0.0, 0.0], [0.0, 0.02], [0.02, 0.02]],
             "angles": [[[0.0, 0.0, 0.0]]] * 3,
         },
+        "tolerance": None,
+        "cover_within": None,
         "bounds": {"GN": 0.4, "GT": 0.1, "torque_ratio": 0.1, "clearance": 0.09},
         "cover": [cover] * 3,
     }
@@ -42,7 +44,7 @@ def _weights():
 
 
 def _judged(data):
-    data["sha256"] = {key: digest(data[key]) for key in ("model", "motion")}
+    data["sha256"] = {key: digest(data[key]) for key in ("model", "motion", "tolerance")}
     return check_certificate(data)
 
 

@@ -11,9 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.certificate.forms import TINY, Form, K, U, cos_sin, linear, stack
+from ocptip.certificate.forms import TINY, Form, U, cos_sin, joined, linear, stack
 
 Turns = list[tuple[Form, tuple[Form, Form] | None]]
+
+
+Motion = tuple[Form, Form, Form]
 
 
 def skew(v: np.ndarray) -> np.ndarray:
@@ -56,7 +59,7 @@ def _out_of(A: np.ndarray, turn: tuple[Form, Form] | None, v: Form) -> Form:
 
 
 def _apply(A: np.ndarray, v: Form) -> Form:
-    flat = Form(v.c.reshape(K, 3, -1), v.r.reshape(3, -1))
+    flat = Form(v.c.reshape(len(v.c), 3, -1), v.r.reshape(3, -1))
     out = linear(A, flat)
     return Form(out.c.reshape(v.c.shape), out.r.reshape(v.r.shape))
 
@@ -68,7 +71,7 @@ def _turned(v: Form, turn: tuple[Form, Form] | None, sign: float) -> Form:
     swapped = v[[1, 0]]
     signs = np.array([-sign, sign]).reshape(2, *[1] * (v.r.ndim - 1))
     xy = v[:2] * cosine + swapped * signs * sine
-    return Form(np.concatenate([xy.c, v.c[:, 2:]], axis=1), np.concatenate([xy.r, v.r[2:]]))
+    return joined(xy, v[2:])
 
 
 class Arm:
@@ -99,34 +102,12 @@ class Arm:
 
     def loads(self, turns: Turns, qd: Form, qdd: Form) -> tuple[Form, Form]:
         """Torques (n, N) and the wrench (6, N) on the base about its centre of mass, without its weight."""
-        speeds, changes = linear(self.ratios, qd), linear(self.ratios, qdd)
-        count = qd.r.shape[-1]
-        zero = Form.of(np.zeros((3, count)))
-        omega, domega = zero, zero
-        acceleration = Form.of(np.broadcast_to(-self.gravity[:, None], (3, count)))
-        forces, moments = [], []
-        squares = Form.of(np.zeros((6, count)))
-        for i in range(self.n):
-            if i or self.slides[i]:
-                lever = self.offsets[i - 1] if i else np.zeros(3)
-                acceleration = acceleration + self._swing(lever, domega, squares)
-                if self.slides[i]:
-                    acceleration = (
-                        acceleration + self._swing(self.rotations[i][:, 2], domega, squares) * turns[i][0]
-                    )
-            moved = _into(self.rotations[i], turns[i][1], _columns(acceleration, omega, domega))
-            acceleration, omega, domega = moved[:, 0], moved[:, 1], moved[:, 2]
-            cross = stack(omega[1], -omega[0]) * speeds[i]  # omega x z qd
-            if self.slides[i]:
-                acceleration = _plus(acceleration, cross * 2.0, changes[i])
-            else:
-                domega = _plus(domega, cross, changes[i])
-                omega = _plus(omega, None, speeds[i])
-            squares = omega[[0, 1, 2, 0, 0, 1]] * omega[[0, 1, 2, 1, 2, 2]]
-            f = (acceleration + self._swing(self.centres[i], domega, squares)) * self.masses[i]
-            spin = linear(self.inertias[i], domega) + linear(_gyroscopic(self.inertias[i]), squares)
-            forces.append(f)
-            moments.append(spin + linear(skew(self.centres[i]), f))
+        zero = Form.of(np.zeros((3, qd.r.shape[-1])))
+        moved = self.accelerations(turns, qd, qdd, self.gravity)
+        own = zip(self.masses, self.centres, self.inertias, moved, strict=True)
+        forces, moments = zip(
+            *(inertial(m, centre, inertia, at) for m, centre, inertia, at in own), strict=True
+        )
         F = M = zero
         needed: list[Form] = []
         for i in reversed(range(self.n)):
@@ -142,12 +123,35 @@ class Arm:
         M = M + linear(skew(self.mount - self.about), F)
         if self.slides[0]:
             M = M + linear(skew(self.rotations[0][:, 2]), F) * turns[0][0]
-        wrench = Form(-np.concatenate([F.c, M.c], axis=1), np.concatenate([F.r, M.r]))
-        return linear(self.ratios.T, stack(*needed)) + qdd * self.armature[:, None], wrench
+        return linear(self.ratios.T, stack(*needed)) + qdd * self.armature[:, None], -joined(F, M)
 
-    @staticmethod
-    def _swing(lever: np.ndarray, domega: Form, squares: Form) -> Form:
-        return linear(-skew(lever), domega) + linear(_centripetal(lever), squares)
+    def accelerations(self, turns: Turns, qd: Form, qdd: Form, gravity: np.ndarray) -> list[Motion]:
+        """Of each link's frame, in its axes: acceleration less gravity, angular acceleration, (3, N), and the
+        products (6, N) of its angular velocity."""
+        speeds, changes = linear(self.ratios, qd), linear(self.ratios, qdd)
+        count = qd.r.shape[-1]
+        omega = domega = Form.of(np.zeros((3, count)))
+        acceleration = Form.of(np.broadcast_to(-gravity[:, None], (3, count)))
+        squares = Form.of(np.zeros((6, count)))
+        found = []
+        for i in range(self.n):
+            if i or self.slides[i]:
+                lever = self.offsets[i - 1] if i else np.zeros(3)
+                acceleration = acceleration + _swing(lever, domega, squares)
+                if self.slides[i]:
+                    along = _swing(self.rotations[i][:, 2], domega, squares)
+                    acceleration = acceleration + along * turns[i][0]
+            moved = _into(self.rotations[i], turns[i][1], _columns(acceleration, omega, domega))
+            acceleration, omega, domega = moved[:, 0], moved[:, 1], moved[:, 2]
+            cross = stack(omega[1], -omega[0]) * speeds[i]  # omega x z qd
+            if self.slides[i]:
+                acceleration = _plus(acceleration, cross * 2.0, changes[i])
+            else:
+                domega = _plus(domega, cross, changes[i])
+                omega = _plus(omega, None, speeds[i])
+            squares = omega[[0, 1, 2, 0, 0, 1]] * omega[[0, 1, 2, 1, 2, 2]]
+            found.append((acceleration, domega, squares))
+        return found
 
     def frames(self, turns: Turns) -> list[tuple[Form, Form]]:
         """Rotation (3, 3, N) of each link to base axes, first the mount's, and its origin (3, N)."""
@@ -168,15 +172,37 @@ class Arm:
         return out
 
 
+def inertial(mass: float, centre: np.ndarray, inertia: np.ndarray, at: Motion) -> tuple[Form, Form]:
+    """Force and moment (3, N), about its frame's origin, that a body in a frame that moves so needs."""
+    acceleration, domega, squares = at
+    f = (acceleration + _swing(centre, domega, squares)) * mass
+    return f, linear(inertia, domega) + linear(_gyroscopic(inertia), squares) + linear(skew(centre), f)
+
+
+def turned(R: Form, v: Form) -> Form:
+    """R (3, 3, N) times v (3, N)."""
+    terms = R * v[None]
+    return terms[:, 0] + terms[:, 1] + terms[:, 2]
+
+
+def crossed(a: Form, b: Form) -> Form:
+    """a x b, (3, N) each."""
+    return a[[1, 2, 0]] * b[[2, 0, 1]] - a[[2, 0, 1]] * b[[1, 2, 0]]
+
+
+def _swing(lever: np.ndarray, domega: Form, squares: Form) -> Form:
+    return linear(-skew(lever), domega) + linear(_centripetal(lever), squares)
+
+
 def _plus(v: Form, xy: Form | None, z: Form) -> Form:
     """v (3, N) plus (x, y, z)."""
     head = v[:2] if xy is None else v[:2] + xy
     tail = v[2] + z
-    return Form(np.concatenate([head.c, tail.c[:, None]], axis=1), np.concatenate([head.r, tail.r[None]]))
+    return joined(head, tail[None])
 
 
 def _columns(*vectors: Form) -> Form:
-    return Form(np.stack([v.c for v in vectors], axis=2), np.stack([v.r for v in vectors], axis=1))
+    return stack(*vectors, axis=1)
 
 
 def linear_rows(R: Form, v: np.ndarray) -> Form:

@@ -6,12 +6,14 @@ from typing import Any
 
 import numpy as np
 
+from ocptip.contact.support import Support
 from ocptip.robots.collision.gaps import Collisions
 from ocptip.robots.collision.model import ShapeCollisions
 from ocptip.robots.collision.shapes import HalfSpace, Shape
 from ocptip.robots.geometry import CollisionModel, Floor, sphere_centres
 from ocptip.robots.kinematics import link_frames
 from ocptip.standing.arm import StandingRobot
+from ocptip.standing.tolerance import Tolerance
 from ocptip.trajectories.arm_motion import INSIDE
 from ocptip.trajectories.sampled import Motion
 
@@ -70,13 +72,18 @@ def model_data(robot: StandingRobot) -> dict[str, Any]:
     """Arm, base, contacts, what may collide, limits; SI units, base axes."""
     arm, support = robot.arm, robot.support
     bodies, pairs = _bodies(robot)
-    coupling = arm.coupling
+    coupling, held = arm.coupling, None
+    if (payload := robot.payload) is not None:
+        mass, center, inertia = payload.seen_from(arm.tool_rotation, arm.offsets[-1])
+        parts = {"center": center, "inertia": inertia, "axes": arm.tool_rotation}
+        held = {"mass": float(mass), **{key: np.asarray(part).tolist() for key, part in parts.items()}}
     return {
         "arm": {
             **{key: np.asarray(getattr(arm, key), dtype=float).tolist() for key in _ARM.split()},
             "ratios": (np.eye(arm.n) if coupling is None else coupling.matrix).tolist(),
             "shift": (np.zeros(arm.n) if coupling is None else coupling.offsets).tolist(),
         },
+        "payload": held,  # a part of the last link
         "base": {
             "mass": float(support.mass),
             "center_of_mass": support.center_of_mass.tolist(),
@@ -98,6 +105,23 @@ def model_data(robot: StandingRobot) -> dict[str, Any]:
         "bodies": bodies,
         "pairs": pairs,
     }
+
+
+def tolerance_data(tolerance: Tolerance, support: Support) -> dict[str, Any]:
+    """How far the world may be off: SI units, masses relative."""
+    mass = np.array(tolerance.masses(support.mass)) / support.mass - 1
+    return {
+        "base_mass": [float(mass[0]), float(mass[-1])],
+        "center_of_mass": list(map(float, tolerance.center_of_mass)),
+        "payload_center": list(map(float, tolerance.payload_center)),
+        **{name: float(getattr(tolerance, name)) for name in _SHARES_AND_SIZES},
+    }
+
+
+_SHARES_AND_SIZES = (
+    *("friction", "tilt", "arm_mass", "payload_mass", "extra_mass", "delay", "speed"),
+    *("push", "base_push", "overshoot"),
+)
 
 
 class Separations:

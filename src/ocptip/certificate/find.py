@@ -12,13 +12,16 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.certificate.checker import FORMAT, Checker, Intervals, Verdict, check_certificate, digest
-from ocptip.certificate.describe import Separations, model_data, motion_data, states_at
+from ocptip.certificate.checker import FORMAT, Verdict, check_certificate, digest
+from ocptip.certificate.describe import Separations, model_data, motion_data, states_at, tolerance_data
+from ocptip.certificate.described import Checker, Intervals
+from ocptip.certificate.find_within import HIGHEST, find_within
 from ocptip.certificate.interior import Interior
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.limit import Worst
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.worst_case import worst_case_of
 from ocptip.trajectories.sampled import Motion
 
 LOSS = 2e-4
@@ -29,6 +32,8 @@ _MOST, _MOST_OFF_A_PLANE = 15, 4  # times as many intervals as at first are trie
 _SHORTEST = 1e-5  # s: what is shorter is not divided
 _LEAST_LOSS = 1e-4  # m
 _WORDS = {"GN": "GN", "GT": "GT", "torque_ratio": "torque / limit"}
+_WITHIN = {"GN_worst_case": "GN", "GT_worst_case": "GT"}
+_ON_TIME = {"delay": 0.0, "overshoot": 0.0}
 _COVERED = {
     "GN",
     "GT",
@@ -41,7 +46,7 @@ _COVERED = {
     "duration_s",
 }
 _AT_LIMIT = 1e-6  # relative (of distances m): what is claimed where a limit is used up
-_HIGHEST = 1 - 1e-6  # reserves of 1 are lost
+_ROOM = 1e-3  # by so much may what is proved within a tolerance exceed the limit of what is sampled, below 1
 
 
 @dataclass(frozen=True)
@@ -87,7 +92,8 @@ class Certificate:
 
     @property
     def certified(self) -> bool:
-        """All limits that were asked for are proved to hold at every instant."""
+        """All limits that were asked for are proved to hold at every instant, within the tolerance if one is
+        given."""
         return self.holds and not self.sampled
 
     @property
@@ -162,6 +168,8 @@ def claims(bounds: Mapping[str, float]) -> str:
     parts = [f"{word} <= {np.ceil(1e4 * bounds[name]) / 1e4:.4f}" for name, word in _WORDS.items()]
     if "clearance" in bounds:
         parts.append(f"clearance >= {np.floor(1e4 * bounds['clearance']) / 10:.1f} mm")
+    if within := [f"{w} <= {np.ceil(1e4 * bounds[k]) / 1e4:.4f}" for k, w in _WITHIN.items() if k in bounds]:
+        parts[-1] += f"; within the tolerance {', '.join(within)}"
     return ", ".join(parts)
 
 
@@ -182,6 +190,9 @@ def certify(
     assert isinstance(robot, StandingRobot)
     search = _Search(robot, motion, _bounds(limits, worst, bool(robot.collision.labels)))
     search.run()
+    sampled = _sampled(robot, worst)
+    if limits.tolerance.given:
+        sampled += search.run_within(limits, worst)
     data = search.data()
     verdict = check_certificate(data)
     return Certificate(
@@ -189,7 +200,7 @@ def certify(
         verdict,
         _kept(limits, data["bounds"]),
         search.undecided(),
-        _sampled(robot, worst),
+        sampled,
         seconds=time.perf_counter() - began,
     )
 
@@ -197,7 +208,7 @@ def certify(
 def _sampled(robot: StandingRobot, worst: Mapping[str, Worst]) -> tuple[str, ...]:
     """Names of worst values that the proof says nothing of; on springs it is of rigid feet."""
     rigid = () if robot.support.elastic is None else ("GT",)
-    return (*rigid, *(name for name in worst if name not in _COVERED))
+    return (*rigid, *(name for name in worst if name not in _COVERED and name not in _WITHIN))
 
 
 def _missing(robot: StandingMechanism, worst: Mapping[str, Worst]) -> str:
@@ -206,7 +217,7 @@ def _missing(robot: StandingMechanism, worst: Mapping[str, Worst]) -> str:
         return f"motions of a {robot.kind} cannot be certified"
     if robot.tip_over.free_rotation:
         return "contacts on one line"
-    lost = [name for name in ("GN", "GT") if not worst[name].value < _HIGHEST]
+    lost = [name for name in ("GN", "GT") if not worst[name].value < HIGHEST]
     return f"{lost[0]} is {worst[lost[0]].value:.4g}: a contact is lost" if lost else ""
 
 
@@ -218,7 +229,7 @@ def _bounds(limits: MotionLimits, worst: Mapping[str, Worst], collides: bool) ->
         bound = value + LOSS * max(value, 0.1)
         if bound > limit and value <= limit * (1 + 0.1 * _AT_LIMIT):
             bound = limit * (1 + _AT_LIMIT)
-        bounds[name] = float(bound if name == "torque_ratio" else min(bound, _HIGHEST))
+        bounds[name] = float(bound if name == "torque_ratio" else min(bound, HIGHEST))
     if collides:
         value, limit = worst["clearance_m"].value, limits.clearance
         bound = value - _LEAST_LOSS
@@ -230,6 +241,7 @@ def _kept(limits: MotionLimits, bounds: Mapping[str, float]) -> bool:
     most = all(
         bounds[name] <= getattr(limits, name) * (1 + 2 * _AT_LIMIT) for name in ("GN", "GT", "torque_ratio")
     )
+    most &= all(bounds.get(name, 0.0) <= min(getattr(limits, name) + _ROOM, HIGHEST) for name in _WITHIN)
     return most and bounds.get("clearance", np.inf) >= limits.clearance - 2 * _AT_LIMIT
 
 
@@ -258,6 +270,9 @@ class _Search:
         self._interior = Interior(robot.support)
         self._done: list[_Batch] = []
         self._open: list[tuple[_Batch, dict[str, np.ndarray]]] = []
+        self._tolerance: dict[str, Any] | None = None
+        self._cover_within: dict[str, Any] | None = None
+        self._short: list[Undecided] = []
 
     def run(self) -> None:
         """Bisect until all is proved, or more intervals than promised were tried."""
@@ -283,6 +298,28 @@ class _Search:
             piece, start, end = batch.piece[rows], batch.start[rows], batch.end[rows]
             middle = 0.5 * (start + end)
             todo = np.r_[piece, piece], np.r_[start, middle], np.r_[middle, end]
+
+    def run_within(self, limits: MotionLimits, worst: Mapping[str, Worst]) -> tuple[str, ...]:
+        """Prove the contacts within the tolerance, else at least with all joints on time; what is missing."""
+        weakest = worst_case_of(self.robot, limits.tolerance).robot
+        assert isinstance(weakest, StandingRobot)
+        goals = {
+            name: min(worst[name].value * (1 + LOSS), HIGHEST) if name in worst else HIGHEST
+            for name in _WITHIN
+        }
+        whole = tolerance_data(limits.tolerance, self.robot.support)
+        on_time = {**whole, **_ON_TIME}
+        for tolerance in (whole, on_time) if whole != on_time else (whole,):
+            found = find_within(weakest, self.model, self.motion, tolerance, goals)
+            if not self._short:
+                self._short = [Undecided(*one) for one in found.short]
+            if not found.short:
+                self._tolerance, self._cover_within = tolerance, found.cover
+                self.bounds.update(found.bounds)
+                break
+        if self._tolerance is whole:
+            return ()
+        return tuple(_WITHIN) if self._tolerance is None else ("joints that are late", "jumps that overshoot")
 
     def _judged(
         self, piece: np.ndarray, start: np.ndarray, end: np.ndarray
@@ -328,22 +365,14 @@ class _Search:
 
     def undecided(self) -> tuple[Undecided, ...]:
         """What is left, neighbours as one."""
-        found: list[Undecided] = []
-        times = np.array(self.motion["times"])
+        found, times = [], np.array(self.motion["times"])
         for batch, margins in self._open:
             a, b = times[batch.piece].T
             start, end = (a + 0.5 * (u + 1) * (b - a) for u in (batch.start, batch.end))
             for name, margin in margins.items():
-                for k in np.argsort(start, kind="stable"):
-                    if margin[k] >= 0:
-                        continue
-                    short = float(min(-margin[k], 1e9))
-                    last = found[-1] if found else None
-                    if last and last.claim == name and abs(last.end - start[k]) < 1e-9:
-                        found[-1] = Undecided(last.start, float(end[k]), name, max(last.short, short))
-                    else:
-                        found.append(Undecided(float(start[k]), float(end[k]), name, short))
-        return tuple(found)
+                for k in np.flatnonzero(~(margin >= 0)):
+                    found.append(Undecided(float(start[k]), float(end[k]), name, float(min(-margin[k], 1e9))))
+        return _joined([*found, *self._short])
 
     def data(self) -> dict[str, Any]:
         """The certificate."""
@@ -375,7 +404,26 @@ class _Search:
             "format": FORMAT,
             "model": self.model,
             "motion": self.motion,
+            "tolerance": self._tolerance,
             "bounds": self.bounds,
             "cover": parts,
-            "sha256": {"model": digest(self.model), "motion": digest(self.motion)},
+            "cover_within": self._cover_within,
+            "sha256": {
+                "model": digest(self.model),
+                "motion": digest(self.motion),
+                "tolerance": digest(self._tolerance),
+            },
         }
+
+
+def _joined(parts: list[Undecided]) -> tuple[Undecided, ...]:
+    """Neighbours as one."""
+    found: list[Undecided] = []
+    for one in sorted(parts, key=lambda one: (one.claim, one.start)):
+        last = found[-1] if found else None
+        if last and last.claim == one.claim and one.start <= last.end + 1e-9:
+            end, short = max(last.end, one.end), max(last.short, one.short)
+            found[-1] = Undecided(last.start, end, one.claim, short)
+        else:
+            found.append(one)
+    return tuple(found)

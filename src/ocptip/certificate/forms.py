@@ -4,11 +4,15 @@ A form is a polynomial of degree 5 and a bound of the distance from it. Many are
 axis counting intervals. Every operation adds to the bound what it cuts off and what it may round, from
 above: U times the absolute values that took part covers up to a hundred roundings of double precision, and
 TINY what underflows.
+
+Forms may depend on m further numbers e_j in [-1, 1], too: after the powers of s they then have coefficients
+of e_1 ... e_m, e_1 s ... e_m s and e_i e_j (i <= j); what is of higher degree is cut off.
 """
 
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -18,7 +22,7 @@ K = ORDER + 1
 U = 2.0**-46
 TINY = 1e-280
 # Bernstein coefficients of s^j on [-1, 1]: row i, column j
-_BERNSTEIN = np.array(
+BERNSTEIN = np.array(
     [
         [
             sum(
@@ -30,6 +34,31 @@ _BERNSTEIN = np.array(
         for i in range(K)
     ]
 )
+
+
+def length(m: int) -> int:
+    """Number of coefficients of forms in s and m further numbers."""
+    return K + 2 * m + m * (m + 1) // 2
+
+
+# degrees in s and in the further numbers of groups of coefficients; which two groups make none
+_DEGREES = [*((k, 0) for k in range(K)), (0, 1), (1, 1), (0, 2)]
+_DROPPED = np.array([[float((a + b, i + j) not in _DEGREES) for b, j in _DEGREES] for a, i in _DEGREES])
+
+
+@lru_cache
+def numbers_of(count: int) -> tuple[int, np.ndarray, np.ndarray]:
+    """Of forms with so many coefficients: m, and the pairs i <= j."""
+    m = next(m for m in range(count) if length(m) == count)
+    return m, *np.triu_indices(m)
+
+
+def _groups(size: np.ndarray, m: int) -> np.ndarray:
+    """Absolute values of coefficients, summed by their degrees."""
+    if not m:
+        return size
+    ends = (size[K : K + m], size[K + m : K + 2 * m], size[K + 2 * m :])
+    return np.concatenate([size[:K], *(part.sum(axis=0)[None] for part in ends)])
 
 
 class Form:
@@ -64,7 +93,8 @@ class Form:
     def __add__(self, other: Form | np.ndarray | float) -> Form:
         if not isinstance(other, Form):
             other = Form.of(np.broadcast_to(other, self.r.shape))
-        c = self.c + other.c
+        first, second = _alike(self.c, other.c)
+        c = first + second
         return Form(c, (self.r + other.r + U * np.abs(c).sum(axis=0)) * (1 + U) + TINY)
 
     def __sub__(self, other: Form | np.ndarray | float) -> Form:
@@ -74,32 +104,41 @@ class Form:
         if not isinstance(other, Form):
             k = np.asarray(other)
             return Form(self.c * k, (np.abs(k) * (self.r + U * self.size)) * (1 + U) + TINY)
-        rank = max(self.c.ndim, other.c.ndim)
-        a, b = (f.c.reshape(K, *[1] * (rank - f.c.ndim), *f.r.shape) for f in (self, other))
+        first, second = _alike(self.c, other.c)
+        rank = max(first.ndim, second.ndim)
+        a, b = (c.reshape(len(c), *[1] * (rank - c.ndim), *c.shape[1:]) for c in (first, second))
+        m, i, j = numbers_of(len(a))
         c = np.zeros(np.broadcast_shapes(a.shape, b.shape))
-        size_a, size_b = np.abs(a), np.abs(b)
-        tails = size_b[::-1].cumsum(axis=0)[::-1]  # of |b| from a degree on
-        cut = 0.0
         for k in range(K):
-            c[k:] += a[k] * b[: K - k]
-            if k:
-                cut = cut + size_a[k] * tails[K - k]
-        A, B = size_a.sum(axis=0), tails[0]
+            c[k:K] += a[k] * b[: K - k]
+        if m:
+            (a0, a1), (b0, b1) = (x[K : K + 2 * m].reshape(2, m, *x.shape[1:]) for x in (a, b))
+            c[K : K + m] = a[0] * b0 + b[0] * a0
+            c[K + m : K + 2 * m] = a[0] * b1 + a[1] * b0 + b[0] * a1 + b[1] * a0
+            both = (i != j).reshape(-1, *[1] * (rank - 1))
+            c[K + 2 * m :] = a[0] * b[K + 2 * m :] + b[0] * a[K + 2 * m :] + a0[i] * b0[j]
+            c[K + 2 * m :] += both * (a0[j] * b0[i])
+        size_a, size_b = _groups(np.abs(a), m), _groups(np.abs(b), m)
+        A, B = size_a.sum(axis=0), size_b.sum(axis=0)
+        dropped = _DROPPED[: len(size_a), : len(size_b)]
+        cut = np.sum(size_a * np.tensordot(dropped, size_b, axes=1), axis=0)
         r = A * other.r + B * self.r + self.r * other.r + cut + U * A * B
         return Form(c, r * (1 + U) + TINY)
 
     @property
     def range(self) -> tuple[np.ndarray, np.ndarray]:
         """A lower and an upper bound: the least and the greatest Bernstein coefficient, and the errors."""
-        b = np.tensordot(_BERNSTEIN, self.c, axes=1)
-        slack = (self.r + U * self.size) * (1 + U) + TINY
+        b = np.tensordot(BERNSTEIN, self.c[:K], axes=1)
+        slack = (self.r + U * self.size + np.abs(self.c[K:]).sum(axis=0)) * (1 + U) + TINY
         return b.min(axis=0) - slack, b.max(axis=0) + slack
 
-    def slope(self) -> Form:
-        """Derivative with respect to s, of polynomials only (r must be 0)."""
-        c = np.zeros_like(self.c)
-        c[:-1] = self.c[1:] * np.arange(1, K).reshape(-1, *[1] * self.r.ndim)
-        return Form(c, U * np.abs(c).sum(axis=0) + TINY)
+
+def _alike(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Coefficients of as many numbers: those of a form in s alone go with zeros."""
+    most = max(len(a), len(b))
+    return tuple(
+        c if len(c) == most else np.concatenate([c, np.zeros((most - len(c), *c.shape[1:]))]) for c in (a, b)
+    )  # type: ignore[return-value]
 
 
 def linear(matrix: np.ndarray, v: Form) -> Form:
@@ -109,9 +148,21 @@ def linear(matrix: np.ndarray, v: Form) -> Form:
     return Form(matrix @ v.c, r * (1 + terms) + TINY)
 
 
-def stack(*forms: Form) -> Form:
-    """Forms of one shape along a new first axis."""
-    return Form(np.stack([f.c for f in forms], axis=1), np.stack([f.r for f in forms]))
+def stack(*forms: Form, axis: int = 0) -> Form:
+    """Forms of one shape along a new axis."""
+    most = max((f.c for f in forms), key=len)
+    return Form(
+        np.stack([_alike(f.c, most)[0] for f in forms], axis=1 + axis),
+        np.stack([f.r for f in forms], axis=axis),
+    )
+
+
+def joined(*forms: Form) -> Form:
+    """Forms along their first axis."""
+    most = max((f.c for f in forms), key=len)
+    return Form(
+        np.concatenate([_alike(f.c, most)[0] for f in forms], axis=1), np.concatenate([f.r for f in forms])
+    )
 
 
 def cos_sin(q: Form) -> tuple[Form, Form]:

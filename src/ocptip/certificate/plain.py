@@ -15,6 +15,13 @@ LARGEST = 1e9  # SI units: no number may be larger, so that none overflows
 ROUNDED = 1e-12  # by so much may rotations and normals miss being orthonormal
 JUMP = 1e-6  # rad or m, and 100 times as much per s: by so much may pieces that meet differ, all together
 LINE = 1e-6  # breadth over length: contacts narrower than that are on one line
+_SHARE = 0.999  # relative, at most
+_BOXES = ("center_of_mass", "payload_center")
+_MOST = {
+    **dict.fromkeys(("friction", "arm_mass", "payload_mass", "speed"), _SHARE),
+    **{"tilt": np.pi / 4, "delay": 1.1, "overshoot": 1.0},
+    **dict.fromkeys(("extra_mass", "push", "base_push"), LARGEST),
+}
 _LIMITS = {"angle_min", "angle_max", "speed", "acceleration", "torque"}
 
 
@@ -54,6 +61,14 @@ def require_model(model: Mapping[str, Any]) -> None:
     _rotations("rotations", arm["rotations"], n)
     _rotations("mount_rotation", [arm["mount_rotation"]], 1)
     numbers("mount_position", arm["mount_position"], (3,))
+    if (held := model["payload"]) is not None:
+        require(set(held) == {"mass", "center", "inertia", "axes"}, "payload: others are expected")
+        require(
+            numbers("mass of the payload", held["mass"], (), 0.0) <= arm["masses"][-1], "payload: too heavy"
+        )
+        numbers("center of the payload", held["center"], (3,))
+        numbers("inertia of the payload", held["inertia"], (3, 3))
+        _rotations("axes", [held["axes"]], 1)
     numbers("mass of the base", base["mass"], (), 0.0)
     numbers("center_of_mass", base["center_of_mass"], (3,))
     numbers("gravity", base["gravity"], (3,))
@@ -82,6 +97,25 @@ def require_motion(motion: Mapping[str, Any], joints: int) -> None:
     speeds = np.sum(np.abs((rate * (c @ (order * -sign)))[1:] - (rate * (c @ order))[:-1]), axis=0)
     add_up = f"jumps add up to {np.max(ways):.3g} and {np.max(speeds):.3g} per s"
     require((ways <= JUMP) & (speeds <= 100 * JUMP), f"motion: pieces do not meet, {add_up}")
+
+
+def require_tolerance(tolerance: Mapping[str, Any]) -> None:
+    """Raise MalformedError unless this says of every quantity how far it may be off."""
+    require(set(tolerance) == {*_MOST, *_BOXES, "base_mass"}, "tolerance: other quantities are expected")
+    for key, most in _MOST.items():
+        require(numbers(key, tolerance[key], (), 0.0) <= most, f"{key}: more than {most:g}")
+    for key in _BOXES:
+        numbers(key, tolerance[key], (3,), 0.0)
+    low, high = numbers("base_mass", tolerance["base_mass"], (2,), -_SHARE)
+    require(low <= 0 <= high, "base_mass: its interval is to hold 0")
+
+
+def require_ends(value: Any, end: float) -> np.ndarray:
+    """Times (N + 1,), s, from 0 to the end or later, one after the other; else MalformedError."""
+    ends = numbers("ends within tolerance", value, (None,))
+    covered = len(ends) > 1 and ends[0] == 0 and ends[-1] >= end and np.all(np.diff(ends) > 0)
+    require(covered, "cover_within: the motion and its delays are not covered")
+    return ends
 
 
 def require_cover(part: Mapping[str, Any], number: int, forces: tuple[int, ...], pairs: int) -> None:

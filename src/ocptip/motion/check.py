@@ -84,6 +84,8 @@ class MotionCheck:
     def headline(self) -> str:
         """The verdict in capital letters, and what it is about."""
         word = "CERTIFIED" if self.certified else "VERIFIED" if self.verified else "NOT VERIFIED"
+        if self.certified and self.within is not None:
+            word += " within the tolerance"
         return word + self.scope
 
     @property

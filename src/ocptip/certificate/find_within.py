@@ -1,0 +1,257 @@
+"""Find what a certificate says within a tolerance: intervals, contact forces, weights of rules, bounds.
+
+Nothing here has to be trusted; what is found is judged by `checker`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from ocptip.certificate.interior import Interior
+from ocptip.certificate.late import Rows
+from ocptip.certificate.sharing import Sharing
+from ocptip.certificate.within import Terms
+from ocptip.standing.arm import StandingRobot
+
+HIGHEST = 1 - 1e-6  # reserves of 1 are lost
+_LONGEST, _SHORTEST = 0.01, 2e-4  # s, of intervals
+_ROUNDS = 2
+_MOST = 6000  # rows of combinations
+_LOSS = 2e-4  # relative: how far claims are from what is proved
+_STEPS = 8  # of the bisection of GT
+_STEPS_OF_WEIGHTS = (0.5,) * 8 + (0.2,) * 8  # how far they go from try to try
+_DIGITS = 6  # of forces, N
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A part of a certificate.
+
+    Attributes:
+        bounds: GN_worst_case and GT_worst_case.
+        cover: of its intervals.
+        short: of intervals that are not proved: start, end, claim, and by how much.
+    """
+
+    bounds: dict[str, float]
+    cover: dict[str, Any]
+    short: list[tuple[float, float, str, float]]
+
+
+@dataclass(eq=False)
+class _Judged:
+    """Rows of intervals with what was named for them."""
+
+    interval: np.ndarray
+    terms: Terms
+    forces: np.ndarray
+    weights: np.ndarray
+    moments: np.ndarray
+    beyond: np.ndarray  # GT is greater than what was to be good enough
+    holds: np.ndarray
+
+
+def find_within(
+    robot: StandingRobot,
+    model: Mapping[str, Any],
+    motion: Mapping[str, Any],
+    tolerance: Mapping[str, Any],
+    goals: Mapping[str, float],
+) -> Found:
+    """Bounds of GN and GT within a tolerance, and what proves them.
+
+    Args:
+        robot: with the least friction.
+        model, motion, tolerance: of a certificate.
+        goals: bounds that are good enough; what is proved beyond is not looked for.
+    """
+    search = _Search(robot, model, motion, tolerance, goals)
+    search.run()
+    return search.found()
+
+
+class _Search:
+    def __init__(
+        self,
+        robot: StandingRobot,
+        model: Mapping[str, Any],
+        motion: Mapping[str, Any],
+        tolerance: Mapping[str, Any],
+        goals: Mapping[str, float],
+    ) -> None:
+        self._robot, self._goals = robot, goals
+        self._interior = Interior(robot.support)
+        self._sharing = Sharing(model, motion, tolerance, goals)
+        self._parts: list[tuple[np.ndarray, np.ndarray, _Judged]] = []  # starts, ends, rows
+
+    def run(self) -> None:
+        """Judge intervals, and divide those on which something is missing."""
+        events = np.unique(np.array(self._motion_events()))
+        starts, ends = self._first(events)
+        for k in range(_ROUNDS + 1):
+            judged = self._judged(self._sharing.late.rows(starts, ends))
+            bad = np.zeros(len(starts), dtype=bool)
+            bad[judged.interval[~judged.holds]] = True
+            total = sum(len(part.interval) for _, _, part in self._parts) + len(judged.interval)
+            bad &= (ends - starts > _SHORTEST) & (k < _ROUNDS) & (total < _MOST)
+            kept = ~bad[judged.interval]
+            place = np.cumsum(~bad) - 1
+            part = _some(judged, kept)
+            part.interval = place[part.interval]
+            self._parts.append((starts[~bad], ends[~bad], part))
+            if not bad.any():
+                break
+            middle = 0.5 * (starts[bad] + ends[bad])
+            starts, ends = np.concatenate([starts[bad], middle]), np.concatenate([middle, ends[bad]])
+
+    def _motion_events(self) -> np.ndarray:
+        return self._sharing.late.events
+
+    def _first(self, events: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        late = self._sharing.late
+        cuts = np.unique(np.concatenate([events, events + late.delay]))
+        cuts = np.append(cuts[:-1][np.diff(cuts) > _SHORTEST / 10], late.end)
+        ends = [np.zeros(1)]
+        for a, b in pairwise(cuts):
+            ends.append(np.linspace(a, b, max(1, int(np.ceil((b - a) / _LONGEST))) + 1)[1:])
+        every = np.concatenate(ends)
+        return every[:-1], every[1:]
+
+    # --- forces and rules ---------------------------------------------------------------------------------
+
+    def _judged(self, rows: Rows) -> _Judged:
+        sharing, terms = self._sharing, self._sharing.terms(rows)
+        forces = self._forces(terms)
+        weights, capacity = self._weights(terms, forces)
+        room, beyond = np.full(len(rows.interval), -np.inf), np.zeros(len(rows.interval), dtype=bool)
+        for share in (self._goals["GT_worst_case"], HIGHEST):
+            short = np.flatnonzero(~(room >= 0))
+            if not len(short):
+                break
+            room[short] = sharing.held(
+                terms.some(short), forces[:, 0][..., short], weights[..., short], share
+            )
+            if len(short := short[~(room[short] >= 0)]):
+                some, own = terms.some(short), forces[:, 0][..., short]
+                start = weights[..., short], capacity[:, short]
+                weights[..., short], room[short] = self._improved(some, own, *start, share)
+            if share < HIGHEST:
+                beyond = ~(room >= 0)
+        judged = _Judged(rows.interval, terms, forces, weights, np.full(len(room), np.inf), beyond, room >= 0)
+        if sharing.flat:
+            judged.moments = sharing.moments(terms)
+            judged.holds &= judged.moments > 0
+        if not sharing.flat:
+            margins = sharing.margins(terms, forces, weights)
+            judged.holds &= margins["tip-over within tolerance"] >= 0
+        return judged
+
+    def _improved(
+        self, terms: Terms, forces: np.ndarray, weights: np.ndarray, capacity: np.ndarray, share: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Weights with which the contact that slips first slips later, and how much room there is."""
+        best, most = weights, np.full(terms.size.shape[1], -np.inf)
+        for step in _STEPS_OF_WEIGHTS:
+            rooms = self._sharing.rooms(terms, forces, weights, share)
+            room = np.min(rooms, axis=0)
+            better = room > most
+            best, most = np.where(better, weights, best), np.where(better, room, most)
+            used = np.clip(share - rooms / np.maximum(capacity, 1e-6), 0.05, 20.0)
+            weights = weights.copy()
+            weights[:, 1] *= (np.exp(np.mean(np.log(used), axis=0)) / used) ** step
+            weights[:, 1] = np.clip(weights[:, 1] / np.max(weights[:, 1], axis=0), 1e-6, None)
+        return best, most
+
+    def _forces(self, terms: Terms) -> np.ndarray:
+        """(2, rules, contacts, 3, R) that hold the wrench of the middle weights at both ends."""
+        count = terms.size.shape[1]
+        wrenches = np.concatenate([terms.described(s) for s in (-1.0, 1.0)], axis=1).T  # (2 R, 6)
+        every = np.concatenate([wrenches, *(wrenches + couple for couple in self._sharing.couples)])
+        slip = self._robot.slip.evaluate(self._robot.contact_states(every), derivatives=False)
+        forces = np.nan_to_num(
+            np.concatenate([slip.normal_forces[:, :, None], slip.tangential_forces], axis=2)
+        )
+        forces = self._interior.between(forces, every, self._goals["GT_worst_case"])
+        forces[:, :, 1:] = 0.0  # the rule shares what is tangential
+        shaped = forces.reshape(-1, 2, count, *forces.shape[1:])  # rules, ends, R, contacts, 3
+        return np.round(np.moveaxis(shaped, (1, 2), (0, -1)), _DIGITS)
+
+    def _weights(self, terms: Terms, forces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(contacts, 2, R): shares in proportion to what contacts bear at least; and that, (contacts, R)."""
+        contacts, count = self._sharing.contacts, terms.size.shape[1]
+        weights = np.ones((contacts, 2, count))
+        normal = np.maximum(forces[0, 0, :, 0], forces[1, 0, :, 0])
+        weights[:, 0] = np.maximum(normal, 0.02 * np.max(np.abs(normal), axis=0)) if contacts > 3 else 1.0
+        capacity = self._sharing.capacities(terms, forces[:, 0], weights)
+        largest = np.max(capacity, axis=0)
+        weights[:, 1] = np.clip(capacity / np.where(largest > 0, largest, 1.0), 1e-4, None)
+        return weights, capacity
+
+    # --- what was found -----------------------------------------------------------------------------------
+
+    def found(self) -> Found:
+        """The bounds, and the cover."""
+        bounds = dict(self._goals)
+        if self._sharing.flat:
+            unit = self._sharing.unit
+            least = min(float(np.min(part.moments, initial=np.inf)) for *_, part in self._parts)
+            value = unit / (unit + least) if least > 0 else HIGHEST
+            bounds["GN_worst_case"] = min(value * (1 + 1e-9), HIGHEST)
+        bounds["GT_worst_case"] = self._proved_share()
+        return Found(bounds, self._cover(), self._short())
+
+    def _proved_share(self) -> float:
+        """The least share of friction that is found to be enough for all rows."""
+        low, high = self._goals["GT_worst_case"], HIGHEST
+        some = [_some(part, part.beyond & part.holds) for *_, part in self._parts]
+        some = [part for part in some if len(part.interval)]
+        if not some:
+            return low
+        for _ in range(_STEPS):
+            share = 0.5 * (low + high)
+            enough = True
+            for part in some:
+                enough &= bool(
+                    np.all(self._sharing.held(part.terms, part.forces[:, 0], part.weights, share) >= 0)
+                )
+            low, high = (low, share) if enough else (share, high)
+        return high
+
+    def _cover(self) -> dict[str, Any]:
+        starts = np.concatenate([part[0] for part in self._parts])
+        order = np.argsort(starts)
+        first = np.concatenate([[0], np.cumsum([len(part[0]) for part in self._parts])])
+        owner = np.concatenate([first[k] + part[2].interval for k, part in enumerate(self._parts)])
+        forces = np.concatenate([part.forces for *_, part in self._parts], axis=-1)
+        weights = np.concatenate([part.weights for *_, part in self._parts], axis=-1)
+        rank = np.empty(len(order), dtype=int)
+        rank[order] = np.arange(len(order))
+        rows = np.argsort(rank[owner], kind="stable")
+        return {
+            "ends": [*starts[order].tolist(), float(max(np.max(part[1], initial=0) for part in self._parts))],
+            "forces": np.moveaxis(forces, -1, 0)[rows].tolist(),
+            "weights": np.moveaxis(weights, -1, 0)[rows].tolist(),
+        }
+
+    def _short(self) -> list[tuple[float, float, str, float]]:
+        found = []
+        for starts, ends, part in self._parts:
+            bad = np.flatnonzero(~part.holds)
+            if not len(bad):
+                continue
+            some = _some(part, ~part.holds)
+            for name, margin in self._sharing.margins(some.terms, some.forces, some.weights).items():
+                for k, short in zip(some.interval, margin, strict=True):
+                    if not short >= 0:
+                        found.append((float(starts[k]), float(ends[k]), name, float(min(-short, 1e9))))
+        return found
+
+
+def _some(part: _Judged, rows: np.ndarray) -> _Judged:
+    names = ("interval", "forces", "weights", "moments", "beyond", "holds")
+    return _Judged(terms=part.terms.some(rows), **{name: getattr(part, name)[..., rows] for name in names})

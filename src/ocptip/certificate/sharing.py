@@ -1,0 +1,221 @@
+"""Contacts hold the base within a tolerance: by forces that follow the wrench by one linear rule per row.
+
+A rule shares a change of the wrench among the contacts in proportion to given weights. Every facet of a
+contact's friction cone is then a functional of the wrench, and so is a moment about a tipping axis; what is
+least of it comes from `within`. Any forces and any weights prove a bound. Plain data and NumPy only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ocptip.certificate.described import Checker
+from ocptip.certificate.forms import U
+from ocptip.certificate.late import Late, Rows
+from ocptip.certificate.within import Terms, Within
+
+FACETS = (8, 48)  # of cones: few first, more where these are not enough
+_REGULAR = 1e-15
+
+
+class Sharing:
+    """What is claimed within a tolerance, row by row.
+
+    Args:
+        model, motion, tolerance, bounds: of a certificate; of the bounds GN_worst_case and GT_worst_case.
+
+    Attributes:
+        late: what the joints may be doing.
+        couples: as of `Checker`.
+        contacts: number of them.
+        flat, unit: as of `Checker`.
+    """
+
+    def __init__(
+        self,
+        model: Mapping[str, Any],
+        motion: Mapping[str, Any],
+        tolerance: Mapping[str, Any],
+        bounds: Mapping[str, float],
+    ) -> None:
+        less = 1 - tolerance["friction"]
+        sets = [
+            [[low, high, less * radius, less * slope] for low, high, radius, slope in pieces]
+            for pieces in model["contacts"]["sets"]
+        ]
+        own = {"GN": bounds["GN_worst_case"], "GT": bounds["GT_worst_case"]}
+        weaker = {**model, "contacts": {**model["contacts"], "sets": sets}}
+        self._base, self._share = Checker(weaker, own), own["GT"]
+        self._within = Within(model, tolerance)
+        self.late = Late(motion, tolerance["delay"] * (1 + tolerance["speed"]), tolerance["overshoot"])
+        self.couples, self.contacts = self._base.couples, len(sets)
+        self.flat, self.unit = self._base.flat, self._base.unit
+        self._scale = np.array([1.0] * 3 + [1 / max(self._base.lever, 1e-9)] * 3)
+
+    def terms(self, rows: Rows) -> Terms:
+        """What the wrench is made of."""
+        return self._within.terms(rows)
+
+    @np.errstate(invalid="ignore", over="ignore", divide="ignore")
+    def margins(self, terms: Terms, forces: np.ndarray, weights: np.ndarray) -> dict[str, np.ndarray]:
+        """By how much both claims are kept, (R,) each: proved where >= 0.
+
+        Args:
+            terms: of R rows.
+            forces: (2, 1 + couples, contacts, 3, R) for the world as described, at both ends of their
+                intervals; what they miss is shared by the rule.
+            weights: (contacts, 2, R) of the rule, normal and tangential. A contact without any, and without
+                force, carries none.
+        """
+        found = {"contacts within tolerance": self.held(terms, forces[:, 0], weights, self._share)}
+        if self._base.flat:
+            found["tip-over within tolerance"] = (self.moments(terms) - self._base.needed) / self._base.unit
+        else:
+            held = [
+                self.held(terms, forces[:, 1 + k], weights, 1.0, couple)
+                for k, couple in enumerate(self.couples)
+            ]
+            found["tip-over within tolerance"] = np.min(held, axis=0)
+        return {name: np.where(np.isnan(value), -np.inf, value) for name, value in found.items()}
+
+    def moments(self, terms: Terms) -> np.ndarray:
+        """Lower bounds (R,), N m, of all moments about tipping axes, of contacts on one plane."""
+        count = terms.size.shape[1]
+        axes = np.broadcast_to(self._base.axes[:, :, None], (*self._base.axes.shape, count))
+        added = np.broadcast_to(self._base.added[:, None], (2, len(axes), count))
+        least = self._within.least(terms, axes, added) - self._base.blurred @ terms.size
+        return np.min(least, axis=0, initial=np.inf)
+
+    def capacities(self, terms: Terms, forces: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """(contacts, R): what friction of each contact bears at least, per weight."""
+        every = np.ones(self.contacts, dtype=bool)
+        rule = _Rule(self._base, self._scale, every, weights)
+        constant, error = rule.constant(forces.reshape(2, -1, terms.size.shape[1]), np.zeros(6), terms.size)
+        found = []
+        for k, pieces in enumerate(self._base.sets):
+            at = slice(3 * k, 3 * k + 3)
+            place = rule.rule[:, at], constant[:, at], error[at]
+            sides = [self._facets(terms, place, [(np.array([p[3], 0.0, 0.0]), p[2])]) for p in pieces]
+            found.append(np.max(sides, axis=0))
+        return np.array(found)
+
+    def held(
+        self,
+        terms: Terms,
+        forces: np.ndarray,
+        weights: np.ndarray,
+        share: float,
+        couple: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """(R,): how far forces that hold the wrench, and a couple, are inside a share of their sets, per weight."""
+        return np.min(self.rooms(terms, forces, weights, share, couple), axis=0)
+
+    def rooms(
+        self,
+        terms: Terms,
+        forces: np.ndarray,
+        weights: np.ndarray,
+        share: float,
+        couple: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """The same contact by contact, (contacts, R)."""
+        room = np.full((self.contacts, terms.size.shape[1]), np.inf)
+        loaded = np.any(forces != 0, axis=(0, 2)) | np.any(weights != 0, axis=1)
+        patterns, which = np.unique(loaded, axis=1, return_inverse=True)
+        for number, pattern in enumerate(patterns.T):
+            here = np.flatnonzero(which.reshape(-1) == number)
+            own = _Rule(self._base, self._scale, pattern, weights[pattern][..., here])
+            some = terms.some(here)
+            add = np.zeros(6) if couple is None else couple
+            ends = forces[:, pattern][..., here].reshape(2, -1, len(here))
+            constant, error = own.constant(ends, add, some.size)
+            for k, contact in enumerate(np.flatnonzero(pattern)):
+                at = slice(3 * k, 3 * k + 3)
+                place = own.rule[:, at], constant[:, at], error[at]
+                ways = [self._inside(some, place, piece, share) for piece in self._base.sets[contact]]
+                room[contact, here] = np.max(ways, axis=0)
+            for contact in np.flatnonzero(~pattern):
+                if not any(
+                    low <= 0 <= high and radius >= 0 for low, high, radius, _ in self._base.sets[contact]
+                ):
+                    room[contact, here] = -np.inf
+        return room
+
+    def _inside(
+        self,
+        terms: Terms,
+        place: tuple[np.ndarray, np.ndarray, np.ndarray],
+        piece: tuple[float, float, float, float],
+        share: float,
+    ) -> np.ndarray:
+        """(R,): of one contact and one piece of its set."""
+        low, high, radius, slope = piece
+        normal = [(np.array([1.0, 0.0, 0.0]), -low), (np.array([-1.0, 0.0, 0.0]), high)]
+        room = self._facets(terms, place, [row for row in normal if np.isfinite(row[1])])
+        rows = np.flatnonzero(room >= 0)
+        for count in FACETS:
+            if not len(rows):
+                break
+            angle = 2 * np.pi * (np.arange(count) + 0.5) / count
+            around = np.column_stack([np.zeros(count), np.cos(angle), np.sin(angle)]) / np.cos(np.pi / count)
+            cone = [(np.array([share * slope, 0.0, 0.0]) - side, share * radius) for side in around]
+            own = place[0][rows], place[1][..., rows], place[2][..., rows]
+            found = self._facets(terms.some(rows), own, cone)
+            done = (found >= 0) | (count == FACETS[-1])
+            room[rows[done]] = np.minimum(room[rows], found)[done]
+            rows = rows[~done]
+        return room
+
+    def _facets(
+        self,
+        terms: Terms,
+        place: tuple[np.ndarray, np.ndarray, np.ndarray],
+        rows: list[tuple[np.ndarray, float]],
+    ) -> np.ndarray:
+        """Least of row . force + number, per weight, (R,)."""
+        rule, constant, error = place  # (R, 3, 6), (2, 3, R), (3, R)
+        if not rows:
+            return np.full(len(rule), np.inf)
+        b, added = np.array([row for row, _ in rows]), np.array([number for _, number in rows])
+        h = -np.einsum("ac,rci->air", b, rule)
+        ends = np.einsum("ac,ecr->ear", b, constant) + added[:, None]
+        least = self._within.least(terms, h, ends) - np.abs(b) @ error
+        return np.min(least, axis=0) / self._base.scale
+
+
+class _Rule:
+    """Shares wrenches among contacts by weights: f = f_0 - F (G f_0 + w), and what that misses.
+
+    Attributes:
+        rule: F, (R, 3 contacts, 6).
+    """
+
+    def __init__(self, base: Checker, scale: np.ndarray, pattern: np.ndarray, weights: np.ndarray) -> None:
+        columns = np.repeat(pattern, 3)
+        self._G, self._blur = base.grasp[:, columns], base.rounded[:, columns]
+        self._correction, self._defect = base.inverse(columns)
+        own = np.repeat(np.maximum(weights, 0.0), (1, 2), axis=1).reshape(-1, weights.shape[2]).T  # (R, 3 n)
+        G = scale[:, None] * self._G
+        A = np.einsum("ia,ra,ja->rij", G, own, G)
+        A += (_REGULAR * np.trace(A, axis1=1, axis2=2) + 1e-200)[:, None, None] * np.eye(6)
+        self.rule = own[:, :, None] * (G.T @ np.linalg.inv(A)) * scale
+        rounding = self._blur + U * self._G.shape[1] * np.abs(self._G)
+        self._left = np.abs(np.eye(6) - self._G @ self.rule) + rounding @ np.abs(self.rule)
+
+    def constant(
+        self, ends: np.ndarray, couple: np.ndarray, size: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Of forces (2, 3 contacts, R) at both ends, and a couple: the part of the forces that the wrench does
+        not change, (2, 3 contacts, R), and a bound of errors (3 contacts, R)."""
+        largest = np.max(np.abs(ends), axis=0)
+        missed = np.einsum("ic,ecr->eir", self._G, ends) + couple[:, None]
+        shared = np.einsum("rci,eir->ecr", self.rule, missed)
+        whole = np.abs(self._G) @ largest + np.abs(couple)[:, None] + size
+        left = np.max(np.einsum("rij,jr->ir", self._left, whole), axis=0)  # of the wrench, corrected again
+        error = np.abs(self._correction).sum(axis=1)[:, None] * left * (1 + self._defect)
+        blur = (self._blur + U * self._G.shape[1] * np.abs(self._G)) @ largest
+        error = error + np.einsum("rci,ir->cr", np.abs(self.rule), blur + U * np.abs(couple)[:, None])
+        return ends - shared, error * (1 + U) + U * largest

@@ -1,0 +1,294 @@
+"""The worst that a tolerance allows for the contacts, over intervals of time, from below.
+
+With the joints' states given, the wrench on the base is a sum of terms, one per body: a weight times what the
+body needs, which is affine in gravity and in the square of the pace. A moment about a tipping axis, and every
+facet of a friction cone under a fixed rule that shares the wrench among the contacts, is a functional h of
+the wrench. Its least value within the tolerance is least over all combinations of linear functions of the
+terms, so a concave function of them. The terms are polynomials of s, and so means of their Bernstein
+coefficients: the least value is at least that at one of these. There it is a closed form.
+
+Plain data and NumPy only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ocptip.certificate.arm import Arm, crossed, inertial, linear_rows, turned
+from ocptip.certificate.forms import BERNSTEIN, ORDER, Form, K, U, joined, numbers_of, stack
+from ocptip.certificate.late import Rows
+
+_NODES = np.linspace(-1.0, 1.0, ORDER + 1)  # Bernstein coefficients of s
+_AT_ONCE = 8000  # functionals times rows
+
+
+@dataclass(frozen=True, eq=False)
+class Terms:
+    """What the wrench on the base is made of, over R rows.
+
+    Attributes:
+        low, high: (T,) ends of the weights.
+        masses: (T,) kg: times gravity it is a term's force.
+        parts: forms (T, 9, R): first moment about the reference point, kg m, and the wrench that its motion
+            needs, at the motion's pace.
+        tool: index of the term of a unit mass at the gripper.
+        gravity: (3,), m/s^2.
+        size, error: (6, R) bounds of absolute values of the wrench, and of errors.
+        middle, spread: (T, 6, R): a term's wrench in the middle, and by how much at most it differs.
+    """
+
+    low: np.ndarray
+    high: np.ndarray
+    masses: np.ndarray
+    parts: Form
+    tool: int
+    gravity: np.ndarray
+    size: np.ndarray
+    error: np.ndarray
+    middle: np.ndarray
+    spread: np.ndarray
+
+    def some(self, rows: Any) -> Terms:
+        """Of some rows."""
+        own = {name: getattr(self, name)[..., rows] for name in ("size", "error", "middle", "spread")}
+        parts = Form(self.parts.c[..., rows], self.parts.r[..., rows])
+        return Terms(self.low, self.high, self.masses, parts, self.tool, self.gravity, **own)
+
+    def described(self, s: float) -> np.ndarray:
+        """(6, R): the wrench with middle weights at s, everybody on time."""
+        powers = s ** np.arange(K)
+        c = np.einsum("t,k,ktir->ir", 0.5 * (self.low + self.high), powers, self.parts.c[:K])
+        weight = np.sum(0.5 * (self.low + self.high) * self.masses) * self.gravity
+        return np.concatenate(
+            [weight[:, None] + c[3:6], np.cross(c[:3], self.gravity, axisa=0, axisc=0) + c[6:]]
+        )
+
+
+class Within:
+    """Least values of functionals of the wrench.
+
+    Args:
+        model, tolerance: of a certificate.
+    """
+
+    def __init__(self, model: Mapping[str, Any], tolerance: Mapping[str, Any]) -> None:
+        base = model["base"]
+        self._own = tolerance
+        self._gravity = np.array(base["gravity"], dtype=float)
+        self._about = np.array(base["center_of_mass"], dtype=float)
+        self._mass, self._payload = float(base["mass"]), model["payload"]
+        self._arm = Arm(model["arm"], np.zeros(3), self._about)
+        self._size = float(np.linalg.norm(self._gravity))
+        self._tilt = float(tolerance["tilt"])
+        speed = tolerance["speed"]
+        self._paces = ((1 - speed) ** 2, (1 + speed) ** 2)
+        self._off = self._size * self._tilt * (1 + U)  # by so much gravity changes at most
+
+    # --- what the wrench is made of -----------------------------------------------------------------------
+
+    def terms(self, at: Rows) -> Terms:
+        """Of rows."""
+        own, arm = self._own, self._arm
+        turns = arm.turns(at.q)
+        frames = arm.frames(turns)[1:]
+        moved = arm.accelerations(turns, at.qd, at.qdd, np.zeros(3))
+        found: list[tuple[float, float, float, Form]] = []
+        nothing = Form.of(np.zeros((3, at.q.r.shape[-1])))
+
+        def body(k: int, mass: float, centre: np.ndarray, inertia: np.ndarray) -> Form:
+            R, p = frames[k]
+            origin = p + -self._about[:, None]
+            force, moment = (turned(R, v) for v in inertial(mass, centre, inertia, moved[k]))
+            place = (origin + linear_rows(R, centre)) * mass
+            return joined(place, -force, -(moment + crossed(origin, force)))
+
+        e = own["arm_mass"]
+        for k, (mass, centre, inertia) in enumerate(zip(arm.masses, arm.centres, arm.inertias, strict=True)):
+            part = body(k, mass, centre, inertia)
+            if k == arm.n - 1 and self._payload is not None:
+                held, place = float(self._payload["mass"]), np.array(self._payload["center"], dtype=float)
+                other = body(k, held, place, np.array(self._payload["inertia"], dtype=float))
+                part, mass, h = part - other, mass - held, own["payload_mass"]
+                found.append((1 - h, 1 + h, held, other))
+                if np.any(own["payload_center"]):
+                    found += self._moved_payload(frames[k], moved[k], held * (1 + h), place)
+            found.append((1 - e, 1 + e, mass, part))
+        tool = len(found)
+        found.append((0.0, own["extra_mass"], 1.0, body(arm.n - 1, 1.0, arm.offsets[-1], np.zeros((3, 3)))))
+        low, high = own["base_mass"]
+        found.append((1 + low, 1 + high, self._mass, joined(nothing, nothing, nothing)))
+        for axis, half in zip(np.eye(3), own["center_of_mass"], strict=True):
+            if half:
+                lever = Form.of(np.broadcast_to(self._mass * (1 + high) * axis[:, None], nothing.r.shape))
+                found.append((-half, half, 0.0, joined(lever, nothing, nothing)))
+        ends = np.array([(low, high, mass) for low, high, mass, _ in found]).T
+        return self._terms(ends, stack(*(part for *_, part in found)), tool)
+
+    def _moved_payload(
+        self, frame: tuple[Form, Form], moved: Any, mass: float, centre: np.ndarray
+    ) -> list[tuple[float, float, float, Form]]:
+        """Terms of the payload's centre of mass anywhere in its box: each of its axes, and what is of second
+        order in them as errors."""
+        R, p = frame
+        half = np.array(self._own["payload_center"], dtype=float)
+        axes = np.array(self._payload["axes"], dtype=float).T
+        still = np.zeros((3, 3))
+        place = p + -self._about[:, None] + linear_rows(R, centre)
+        acceleration = turned(R, inertial(1.0, centre, still, moved)[0])
+        rest = Form.of(np.zeros(place.r.shape)), moved[1], moved[2]  # what shifts add to it
+        swings = [turned(R, inertial(1.0, axis, still, rest)[0]) for axis in axes]
+        sides = [linear_rows(R, axis) for axis in axes]
+        second = np.zeros(place.r.shape)
+        for i in range(3):
+            for j in range(3):
+                product = crossed(sides[i], swings[j])
+                second = second + mass * half[i] * half[j] * (product.size + product.r)
+        found = []
+        for i in np.flatnonzero(half):
+            force = swings[i] * mass
+            moment = crossed(place, force) + crossed(sides[i], acceleration) * mass
+            found.append((-half[i], half[i], 0.0, joined(sides[i] * mass, -force, -moment)))
+        zero = Form.of(np.zeros(second.shape))
+        found.append((1.0, 1.0, 0.0, joined(zero, zero, Form.of(np.zeros(second.shape), radius=second))))
+        return found
+
+    def _terms(self, ends: np.ndarray, parts: Form, tool: int) -> Terms:
+        low, high, masses = ends
+        most = np.maximum(np.abs(low), np.abs(high))[:, None, None]
+        first, size = np.abs(parts.c[0]), parts.size
+        half = size - first + parts.r
+        fast, off = self._paces[1], self._off
+        g = np.abs(self._gravity)
+
+        def around(lever: np.ndarray, by: np.ndarray) -> np.ndarray:
+            """Bounds of the moments of (T, 3, R) with forces (3,)."""
+            x, y, z = np.moveaxis(lever, 1, 0)
+            return np.stack([y * by[2] + z * by[1], z * by[0] + x * by[2], x * by[1] + y * by[0]], axis=1)
+
+        full, all_off = g + off, np.full(3, off)
+        error = np.concatenate(
+            [fast * parts.r[:, 3:6], fast * parts.r[:, 6:] + around(parts.r[:, :3], full)], 1
+        )
+        push = np.full((3, 1), self._own["push"])
+        whole = np.concatenate([fast * size[:, 3:6], fast * size[:, 6:] + around(size[:, :3], full)], 1)
+        whole[:, :3] += masses[:, None, None] * full[:, None]
+        reach = 2 * np.max(parts.size[tool, :3] + parts.r[tool, :3], axis=0)
+        both = push + self._own["base_push"]
+        pushes = np.concatenate([np.broadcast_to(both, (3, len(reach))), push * np.ones((3, 1)) * reach])
+        away = fast - 1
+        spread = np.concatenate(
+            [
+                fast * half[:, 3:6] + away * first[:, 3:6] + off * masses[:, None, None],
+                fast * half[:, 6:]
+                + away * first[:, 6:]
+                + around(half[:, :3], full)
+                + around(first[:, :3], all_off),
+            ],
+            axis=1,
+        )
+        c = parts.c[0]
+        weight = masses[:, None, None] * np.broadcast_to(self._gravity[:, None], c[:, :3].shape)
+        middle = np.concatenate(
+            [weight + c[:, 3:6], np.cross(c[:, :3], self._gravity, axisa=1, axisc=1) + c[:, 6:]], 1
+        )
+        # a push at the tool: errors of where that is
+        at_tool = around(parts.r[tool : tool + 1, :3], np.full(3, self._own["push"]))[0]
+        error = np.sum(most * error, axis=0)
+        error[3:] += at_tool
+        size = np.sum(most * whole, axis=0) + pushes
+        return Terms(low, high, masses, parts, tool, self._gravity, size, error, middle, spread)
+
+    # --- what is worst ------------------------------------------------------------------------------------
+
+    def least(self, terms: Terms, h: np.ndarray, constant: np.ndarray) -> np.ndarray:
+        """Lower bounds (A, R) of constant + h . wrench within the tolerance.
+
+        Args:
+            terms: of R rows.
+            h: (A, 6, R).
+            constant: (2, A, R), at s = -1 and s = 1 of what is linear between.
+        """
+        count = max(1, _AT_ONCE // max(1, len(h)))
+        parts = [slice(k, k + count) for k in range(0, h.shape[2], count)]
+        return np.concatenate(
+            [self._least(terms.some(k), h[..., k], constant[..., k]) for k in parts], axis=1
+        )
+
+    def _least(self, terms: Terms, h: np.ndarray, constant: np.ndarray) -> np.ndarray:
+        middle = np.einsum("air,tir->tar", h, terms.middle)
+        spread = np.einsum("air,tir->tar", np.abs(h), terms.spread)
+        low, high = terms.low[:, None, None], terms.high[:, None, None]
+        size, either = np.abs(middle), 3 * np.abs(middle) < spread  # either: no end is better than the middle
+        weights = np.where(either, 0.5 * (low + high), np.where(middle > 0, low, high))
+        doubt = np.where(either, 0.5 * (spread + size), np.maximum(spread - size, 0.0))
+        doubt = np.sum((high - low) * doubt, axis=0)
+        c = np.moveaxis(terms.parts.c, (3, 1), (0, 3)).reshape(len(h[0, 0]), -1, len(weights))
+        sums = (c @ np.moveaxis(weights, 2, 0)).reshape(len(c), -1, 9, len(h))  # (R, coefficients, 9, A)
+        sums = np.moveaxis(sums, 0, -1)
+        lever = sums[:, :3], terms.parts.c[:, terms.tool, :3, None]
+        force, turn = np.moveaxis(h[:, :3], 1, 0), np.moveaxis(h[:, 3:], 1, 0)  # (3, A, R)
+        X = np.empty((len(sums), 7, *sums.shape[2:]))  # what goes with the pace, gravity, a push at the tool
+        X[:, 0] = np.einsum("air,miar->mar", h, sums[:, 3:])
+        for k in range(3):
+            i, j = (k + 1) % 3, (k + 2) % 3
+            for place, arm in zip((1, 4), lever, strict=True):
+                X[:, place + k] = turn[i] * arm[:, j] - turn[j] * arm[:, i]
+        X[0, 1:4] += np.einsum("tar,t->ar", weights, terms.masses) * force
+        X[0, 4:7] += force
+        bump = self._own["base_push"] * np.linalg.norm(force, axis=0)
+        ends = 0.5 * ((1 - _NODES)[:, None, None] * constant[0] + (1 + _NODES)[:, None, None] * constant[1])
+        value = np.min(self._at_vertices(X) + ends, axis=0)
+        size = np.einsum("air,ir->ar", np.abs(h), terms.size) + np.max(np.abs(constant), axis=0)
+        error = np.einsum("air,ir->ar", np.abs(h), terms.error)
+        return value - (bump + doubt + error + 4 * U * size) * (1 + U)
+
+    def _at_vertices(self, X: np.ndarray) -> np.ndarray:
+        """Least values (vertices, A, R) over pace, gravity, pushes at the tool and the numbers e."""
+        m, i, j = numbers_of(len(X))
+        at = np.tensordot(BERNSTEIN, X[:K], axes=1)  # (V, 7, A, R)
+        by_node = _NODES.reshape(-1, 1, 1, 1)
+        slopes = [X[K + k] + by_node * X[K + m + k] for k in range(m)]
+        bends = X[K + 2 * m :]
+        push, far = self._own["push"], self._size + self._off
+        reach = np.linalg.norm(at[:, 4:], axis=1)
+        unit = at[:, 4:] / np.maximum(reach, 1e-300)[:, None]
+        pushed = [-push * np.sum(unit * slope[:, 4:], axis=1) for slope in slopes]
+        turns = [self._off * np.linalg.norm(slope[:, 1:4], axis=1) for slope in slopes]
+        bent = np.linalg.norm(bends[:, 4:], axis=1)
+        moved = sum(np.linalg.norm(slope[:, 4:], axis=1) for slope in slopes) + np.sum(bent, axis=0)
+        lost = push * (
+            np.minimum(2 * moved, 0.5 * moved**2 / np.maximum(reach, 1e-300)) + np.sum(bent, axis=0)
+        )
+        best = np.full(reach.shape, np.inf)
+        for pace in self._paces:
+            here, found = at[:, :4].copy(), -push * reach - lost
+            size = pace * np.abs(bends[:, 0]) + far * np.linalg.norm(bends[:, 1:4], axis=1)
+            sides = []
+            for k, (slope, other, turn) in enumerate(zip(slopes, pushed, turns, strict=True)):
+                way = pace * slope[:, 0] + np.tensordot(self._gravity, slope[:, 1:4], axes=(0, 1)) + other
+                side = np.where(way > 0, -1.0, 1.0)
+                change = np.sum(size[i == k], axis=0) + np.sum(size[j == k], axis=0)
+                found = found + side * other - 2 * np.maximum(turn + change - np.abs(way), 0.0)
+                here += side[:, None] * slope[:, :4]
+                sides.append(side)
+            for bend, first, second in zip(bends, i, j, strict=True):
+                here += (sides[first] * sides[second])[:, None] * bend[:4]
+            best = np.minimum(best, pace * here[:, 0] + self._under_cap(here[:, 1:]) + found)
+        return best
+
+    def _under_cap(self, y: np.ndarray) -> np.ndarray:
+        """Least y . g of y (V, 3, A, R) and gravity g tilted by up to the tolerance."""
+        along = np.tensordot(self._gravity, y, axes=(0, 1))
+        g = self._gravity
+        across = np.sqrt(
+            (y[:, 1] * g[2] - y[:, 2] * g[1]) ** 2
+            + (y[:, 2] * g[0] - y[:, 0] * g[2]) ** 2
+            + (y[:, 0] * g[1] - y[:, 1] * g[0]) ** 2
+        )
+        inside = across * np.cos(self._tilt) <= -along * np.sin(self._tilt)
+        rim = along * np.cos(self._tilt) - across * np.sin(self._tilt)
+        return np.where(inside, -np.hypot(along, across), rim)
