@@ -88,7 +88,7 @@ class Late:
         self._peaks = np.max(np.sum(size, axis=2), axis=0)  # (n,)
 
     def _about(self, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Taylor coefficients in time about u (pieces,): (pieces, n, degrees), and how far they are rounded."""
+        """Taylor coefficients in time about u (pieces,): (pieces, n, degrees), and bounds of rounding."""
         found, blur = np.zeros_like(self._c), np.zeros_like(self._c)
         for i in range(self._c.shape[2]):
             for k in range(i, self._c.shape[2]):

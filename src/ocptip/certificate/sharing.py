@@ -110,7 +110,7 @@ class Sharing:
         share: float,
         couple: np.ndarray | None = None,
     ) -> np.ndarray:
-        """(R,): how far forces that hold the wrench, and a couple, are inside a share of their sets, per weight."""
+        """(R,): how far forces that hold wrench and couple are inside a share of their sets, per weight."""
         return np.min(self.rooms(terms, forces, weights, share, couple), axis=0)
 
     def rooms(
@@ -208,8 +208,8 @@ class _Rule:
     def constant(
         self, ends: np.ndarray, couple: np.ndarray, size: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Of forces (2, 3 contacts, R) at both ends, and a couple: the part of the forces that the wrench does
-        not change, (2, 3 contacts, R), and a bound of errors (3 contacts, R)."""
+        """Of forces (2, 3 contacts, R) at both ends, and a couple: what the wrench does not change of the
+        forces, (2, 3 contacts, R), and a bound of errors (3 contacts, R)."""
         largest = np.max(np.abs(ends), axis=0)
         missed = np.einsum("ic,ecr->eir", self._G, ends) + couple[:, None]
         shared = np.einsum("rci,eir->ecr", self.rule, missed)
