@@ -2,11 +2,12 @@
 
 import dataclasses
 import os
+import signal
 import time
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
-from threading import Timer
+from threading import Thread, Timer
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from ocptip.basics.errors import InputError, PlanningError
 from ocptip.motion.check import check_motion
 from ocptip.motion.plan import plan_motion
 from ocptip.motion.planner.one_start import Attempt, Search, StartResult
-from ocptip.motion.workers import worker_pool
+from ocptip.motion.workers import WorkerDiedError, worker_pool
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.geometry import Pillar
 from ocptip.robots.kinematics import gripper_pose
@@ -322,29 +323,41 @@ def test_a_dead_worker_leaves_the_best_verified_start(case_b, scripted):
         plan_motion(case_b, starts=3, executor=Dying(0))
 
 
-def test_workers_have_one_thread_and_the_environment_is_left_alone(monkeypatch):
-    monkeypatch.setenv("OMP_NUM_THREADS", "7")
+class Losing(Dying):
+    """An executor that loses one start and runs the others here."""
+
+    def submit(self, function, /, payload, number, seed):
+        future = Future()
+        if number == 1:
+            future.set_exception(WorkerDiedError("its worker process died 2 times"))
+        else:
+            future.set_result(function(payload, number, seed))
+        return future
+
+
+def test_a_start_that_kills_its_workers_is_said_and_the_others_count(case_b, scripted):
+    slower = case_b.reference.time_scaled(1.4)
+    scripted(slower, slower, slower)
+    plan = plan_motion(case_b, starts=3, executor=Losing(3))
+    assert plan.verified
+    assert not plan.interrupted
+    assert [start.number for start in plan.starts] == [0, 1, 2]
+    assert [(one.number, one.status) for one in plan.lost] == [(1, "lost: its worker process died 2 times")]
+    with pytest.raises(PlanningError, match="none of 1 starts gave a motion; the first: lost: its worker"):
+        plan_motion(case_b, starts=1, first=1, executor=Losing(1))
+
+
+@pytest.mark.slow
+def test_a_killed_worker_changes_nothing(task, plan):
+    def kill(pool):
+        while not pool.processes:
+            time.sleep(0.01)
+        time.sleep(2)
+        os.kill(pool.processes[0].pid, signal.SIGKILL)
+
     with worker_pool(None, 1, 1) as pool:
-        assert pool.submit(os.getenv, "OMP_NUM_THREADS").result() == "1"
-        assert os.environ["OMP_NUM_THREADS"] == "7"
-
-
-def test_workers_end_with_an_interrupt():
-    workers = []
-
-    def interrupted():
-        with worker_pool(None, 1, 2) as pool:
-            pool.submit(time.sleep, 0).result()
-            pool.submit(time.sleep, 60)
-            workers.extend(pool._processes.values())
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        interrupted()
-    assert workers
-    for worker in workers:
-        worker.join(10)
-        assert not worker.is_alive()
+        Thread(target=kill, args=(pool,)).start()
+        assert_same(plan[0], plan_motion(task, starts=1, executor=pool))
 
 
 @pytest.mark.parametrize("error", [np.linalg.LinAlgError("singular"), ZeroDivisionError("by zero")])

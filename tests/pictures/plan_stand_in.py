@@ -61,6 +61,7 @@ def plan_of(task, motion, checked=None, *, interrupted=False):
         motion=motion,
         check=checked,
         starts=starts,
+        lost=(),
         best=0,
         seed=3,
         seconds=2.5,

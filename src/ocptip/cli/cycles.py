@@ -164,6 +164,7 @@ class CycleReport(Report):
         """The summary in one line, a table of the segments, then what else is known."""
         whole, plan = self.check.whole, self.plan
         lines = [("starts", self._starts())]
+        lines += [("", f"start {one.number} {one.status}") for part in plan.parts for one in part.lost]
         if self.executions[0].controller != "ramps":
             lines.append(("controller", self._controller()))
         pairs = zip(plan.task.segments, self.executions, strict=False)

@@ -201,6 +201,7 @@ class PlanReport(Report):
     def to_text(self) -> str:
         """The summary in one line, then starts, time scales and files. ASCII only, but for names."""
         lines = [("starts", self._starts())]
+        lines += [("", f"start {one.number} {one.status}") for one in self.plan.lost]
         if self.plan.motion.rise_times:
             lines.append(("S-curves", rises(self.plan.motion)))
         if self.execution.controller != "ramps":

@@ -21,8 +21,11 @@ from ocptip.motion.objective import Objective
 from ocptip.motion.planner.one_start import Attempt, Rough, Search, StartResult, free_ends
 from ocptip.motion.task import MotionTask, require_plannable
 from ocptip.motion.within_tolerance import tolerable
-from ocptip.motion.workers import Workers, worker_pool
+from ocptip.motion.workers import WorkerDiedError, worker_pool
 from ocptip.trajectories.arm_motion import ArmMotion
+
+LOST = "lost: "
+"""Status of a start begins so if it killed its worker process again and again."""
 
 _TASKS_IN_MEMORY = 4  # per worker
 FINISHED = 3  # of the starts within a tolerance, the most promising ones; more only if none is verified
@@ -65,6 +68,11 @@ class MotionPlan:
         return self.check.duration
 
     @property
+    def lost(self) -> tuple[StartResult, ...]:
+        """Starts without a result, because they killed their workers."""
+        return tuple(start for start in self.starts if start.status.startswith(LOST))
+
+    @property
     def verified(self) -> bool:
         """Every limit holds on the dense grid."""
         return self.check.verified
@@ -86,8 +94,10 @@ def plan_motion(
     a choice of postures, the most promising pairs of start and goal get one start each and the best of them
     the others, see `ocptip.motion.choices`. Within a tolerance only the starts that promise the least cost
     after their smooth programs are finished. The result depends on task, starts and seed only, not on where
-    the starts run. An interrupt (Ctrl-C) or the death of a worker (then with a RuntimeWarning) ends the
-    planning with the best verified plan so far.
+    the starts run. An interrupt (Ctrl-C) ends the planning with the best verified plan so far. A worker that
+    dies is replaced and its start run again; a start that kills two is left out, see `lost`. (Of an executor
+    that breaks with its worker, such as a ProcessPoolExecutor, the death ends the planning like an interrupt,
+    with a RuntimeWarning.)
 
     Args:
         task: made by hand, or one of `ocptip.published.tasks` or `ocptip.task_files.motion`.
@@ -196,7 +206,9 @@ def _attempts(
     if len(batch) <= FINISHED or not batch[0][0].limits.tolerance.given:
         yield from work("run", [(task, (number, seed)) for task, number in batch])
         return
-    rough: list[Rough] = list(work("rough", [(task, (number, seed)) for task, number in batch]))
+    found: list[Rough | Attempt] = list(work("rough", [(task, (number, seed)) for task, number in batch]))
+    yield from (one for one in found if isinstance(one, Attempt))  # lost
+    rough = [one for one in found if isinstance(one, Rough)]
     rough.sort(key=lambda one: (one.cost, one.number))
     tasks, verified = {number: task for task, number in batch}, False
     while rough and not verified:
@@ -226,11 +238,20 @@ def _in_pool(pool: Executor, what: str, jobs: list[_Job]) -> Iterator[Any]:
     ]
     try:
         for future in as_completed(futures):
-            yield future.result()
+            try:
+                yield future.result()
+            except WorkerDiedError as error:
+                _, (number, *_) = jobs[futures.index(future)]
+                yield _lost(number, error)
     finally:
-        if not isinstance(pool, Workers):  # which cancels by itself
-            for future in futures:
-                future.cancel()
+        for future in futures:
+            future.cancel()
+
+
+def _lost(number: int, error: WorkerDiedError) -> Attempt:
+    """What is said of a start that nobody could run to its end."""
+    result = StartResult(number, f"{LOST}{error}", float("nan"), False, 0, 0.0, 0.0, 0, {})
+    return Attempt(result, None, None)
 
 
 def run_start(payload: bytes, number: int, seed: int) -> Attempt:
