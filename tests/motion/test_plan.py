@@ -156,7 +156,7 @@ def test_the_same_plan_from_another_process(task, plan, process_pool):
 
 def test_the_same_plan_from_a_dask_client(task, plan):
     distributed = pytest.importorskip("distributed")
-    cluster = {"processes": False, "n_workers": 1, "threads_per_worker": 1, "dashboard_address": None}
+    cluster = {"processes": False, "n_workers": 1, "threads_per_worker": 1, "dashboard_address": ":0"}
     with distributed.Client(**cluster) as client:
         assert_same(plan[0], plan_motion(task, starts=1, executor=client.get_executor()))
 

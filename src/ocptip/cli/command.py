@@ -135,20 +135,20 @@ class Command:
         """Run, write, print; every error becomes one line on stderr. Returns the exit code."""
         try:
             module = import_module(f"ocptip.cli.{self.name}")
-            with _suspicions() as said:
+            with suspicions() as said:
                 report: Report = module.run(options)
             report.warnings = said
-            failure = _written(report)
+            failure = written(report)
             _print(report.to_json() if options.json else report.to_text())
-            return report.exit_code if failure is None else _explain(failure)
+            return report.exit_code if failure is None else _say(*explained(failure))
         except KeyboardInterrupt as stop:
-            return _say(f"interrupted {stop}".rstrip(), INTERRUPTED)
+            return _say(INTERRUPTED, f"interrupted {stop}".rstrip())
         except Exception as error:  # Python itself would exit with 1, which means "no"
-            return _explain(error)
+            return _say(*explained(error))
 
 
 @contextmanager
-def _suspicions() -> Iterator[list[str]]:
+def suspicions() -> Iterator[list[str]]:
     """Say what is suspicious about the input on stderr, and collect it; other warnings go their way."""
     from ocptip.basics.errors import InputWarning
 
@@ -167,7 +167,7 @@ def _suspicions() -> Iterator[list[str]]:
         yield said
 
 
-def _written(report: Report) -> OSError | None:
+def written(report: Report) -> OSError | None:
     """Write the files; an error is returned, not raised: a full disk must not cost the result."""
     try:
         for path in report.write():
@@ -177,25 +177,25 @@ def _written(report: Report) -> OSError | None:
     return None
 
 
-def _explain(error: Exception) -> int:
-    """One line on stderr, and the exit code."""
+def explained(error: Exception) -> tuple[int, str]:
+    """The exit code, and what is said."""
     from ocptip.basics.errors import InputError, OcptipError
 
     if isinstance(error, InputError):
-        return _say(f"{error}", BAD_INPUT)
+        return BAD_INPUT, f"{error}"
     if isinstance(error, OcptipError):
-        return _say(f"computation failed: {error}", BAD_INPUT)
+        return BAD_INPUT, f"computation failed: {error}"
     if isinstance(error, OSError) and error.filename:
-        return _say(f"{error.filename}: {error.strerror or error}", BAD_INPUT)
+        return BAD_INPUT, f"{error.filename}: {error.strerror or error}"
     if os.environ.get(DEBUG):
         import traceback
 
         traceback.print_exception(error)
     text = f"{type(error).__name__}: {error}; please report it ({DEBUG}=1 shows the traceback)"
-    return _say(f"internal error: {text}", INTERNAL_ERROR)
+    return INTERNAL_ERROR, f"internal error: {text}"
 
 
-def _say(message: str, code: int) -> int:
+def _say(code: int, message: str) -> int:
     print("ocptip: " + " ".join(message.splitlines()), file=sys.stderr)
     return code
 

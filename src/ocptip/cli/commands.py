@@ -23,9 +23,12 @@ TOLERANCE = argument(
     "T",
     "how far the world may be off: none, workshop (plan and place without [tolerance]), site or a file",
 )
+SCHEDULER = argument(
+    "--scheduler", "ADDRESS", "run on the workers of a Dask cluster (docs/motion-planner.md)"
+)
 SEED = argument("--seed", "N", "of the starts (default: 0)", type=int, default=0)
 FILES = (
-    argument("--out", "DIR", "where files go (default: ocptip-COMMAND-NAME)"),
+    argument("--out", "DIR", "where files go (default: ocptip-COMMAND-NAME); of several tasks: DIR/NAME"),
     argument("--overwrite", None, "replace files there that ocptip did not write", action="store_true"),
     argument("--no-figures", None, "write no figures", action="store_true"),
 )
@@ -81,7 +84,7 @@ COMMANDS = (
         "Plans the ramp motion of least electric energy, or time, that keeps all contacts, and checks it.",
         "0 a verified plan, 1 none was found",
         (
-            argument("task", "A..H|TASK.toml", "a published case, or a task file (see README)"),
+            argument("task", "A..H|TASK.toml", "published cases, or task files (see README)", nargs="+"),
             argument(
                 "--base",
                 None,
@@ -91,6 +94,7 @@ COMMANDS = (
             argument("--starts", "N", "random starts (default: 8)", type=int, default=8),
             SEED,
             argument("--jobs", "N", "processes (default: one per core)", type=int),
+            SCHEDULER,
             argument(
                 "--objective",
                 None,
@@ -131,8 +135,10 @@ COMMANDS = (
         "Finds the best places for the base of a task file, with all constraints checked.",
         "0 found and verified, 1 no placement keeps all constraints",
         (
-            argument("task", "TASK.toml", "the task (format: see docs/placement.md)"),
+            argument("task", "TASK.toml", "the task, or several (format: see docs/placement.md)", nargs="+"),
             argument("--starts", "N", "starts (default: 5)", type=int, default=5),
+            argument("--jobs", "N", "of several tasks: processes (default: one per core)", type=int),
+            SCHEDULER,
             TOLERANCE,
             SEED,
             *FILES,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from argparse import Namespace
 from collections.abc import Iterator
+from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -16,8 +17,9 @@ from ocptip.basics.text import quantity, ratio
 from ocptip.basics.write import plain
 from ocptip.cli.command import Answer, Report
 from ocptip.cli.layout import certificate_rows, summary, table, under, use_of_reserves, within_rows
-from ocptip.cli.options import given_limits, output_directory, remove_figures
-from ocptip.cli.progress import Progress, say_if_compiling
+from ocptip.cli.many import Asked
+from ocptip.cli.options import given_limits, remove_figures
+from ocptip.cli.progress import Progress
 from ocptip.motion.check import MotionCheck, certified
 from ocptip.motion.cycles.check import CycleCheck, check_cycle, cycle_check, parts_of
 from ocptip.motion.cycles.output import cycle_samples, cycle_to_dict, drives_of, run_motion, write_cycle
@@ -39,8 +41,8 @@ _COLUMNS = ("GN", "GT", "torque_ratio", "clearance_m")
 _HEADS = {"GN": "GN", "GT": "GT", "torque_ratio": "torque", "clearance_m": "clearance"}
 
 
-def plan_it(task: CycleTask, options: Namespace) -> Report:
-    """Plan a cycle; where there is no plan, the report says why."""
+def cycle_with_options(task: CycleTask, options: Namespace) -> CycleTask:
+    """The task with limits and objective as typed."""
     for name in _NOT_OF_CYCLES:
         if getattr(options, name) is not None:
             option = f"--{name.replace('_', '-')}"
@@ -52,15 +54,18 @@ def plan_it(task: CycleTask, options: Namespace) -> Report:
         )
     task = task.with_limits(given_limits(options))
     if options.objective is not None or options.price_per_second is not None:
-        task = task.with_objective(objective_of(options.objective, options.price_per_second))
-    directory = output_directory(options, task.name)
-    say_if_compiling()
+        return task.with_objective(objective_of(options.objective, options.price_per_second))
+    return task
+
+
+def plan_it(one: Asked, options: Namespace, executor: Executor | None) -> Report:
+    """Plan a cycle; where there is no plan, the report says why."""
+    task: CycleTask = one.task
+    how = {"starts": options.starts, "seed": options.seed, "jobs": options.jobs, "executor": executor}
     best = f"best of this segment {{:.{3 if task.objective.unit == 's' else 1}f}} {task.objective.unit}"
     try:
         with Progress(sys.stderr, "comparing postures ...", "no verified plan yet", best) as progress:
-            plan = plan_cycle(
-                task, starts=options.starts, seed=options.seed, jobs=options.jobs, progress=progress
-            )
+            plan = plan_cycle(task, **how, progress=progress)
     except PlanningError as error:
         data = {"case": task.name, "verified": False, "status": f"{error}", **task.robot.masses_to_dict()}
         return Answer(False, summary(f"{task.name}: NO VERIFIED PLAN. {error}", [], []), data)
@@ -72,7 +77,7 @@ def plan_it(task: CycleTask, options: Namespace) -> Report:
     checked = cycle_check(plan.finished, motion, [execution.check for execution in executions])
     scaled = [(f, check_cycle(plan.finished, plan.motion.time_scaled(f))) for f in options.time_scale]
     deviations = cycle_tolerances(plan.finished, motion)
-    written = directory, not options.no_figures, options.effort
+    written = one.directory, not options.no_figures, options.effort, one.digest
     return CycleReport(plan, executions, motion, checked, scaled, deviations, *written)
 
 
@@ -118,6 +123,7 @@ class CycleReport(Report):
         directory: where files go.
         figures: whether figures are among them.
         effort: whether trajectory.json has torques.
+        digest: of all that the plan depends on.
     """
 
     plan: CyclePlan
@@ -129,6 +135,7 @@ class CycleReport(Report):
     directory: Path = Path()
     figures: bool = True
     effort: bool = False
+    digest: str = ""
 
     @property
     def good(self) -> bool:
@@ -141,6 +148,7 @@ class CycleReport(Report):
         return {
             **({"time_scale": rows} if rows else {}),
             "tolerated": [one.to_dict() for one in self.tolerated],
+            "digest": self.digest,
             "warnings": self.warnings,
         }
 

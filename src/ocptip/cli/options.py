@@ -80,7 +80,10 @@ def output_directory(options: Namespace, name: str) -> Path:
 
     Neither if they would replace files that an earlier run of the command did not write.
     """
-    path = Path(options.out or f"ocptip-{options.command}-" + re.sub(r"[^\w.-]+", "-", name))
+    own = re.sub(r"[^\w.-]+", "-", name)
+    path = Path(options.out or f"ocptip-{options.command}-{own}")
+    if options.out and getattr(options, "many", False):
+        path = path / own
     if path.exists() and not path.is_dir():
         raise InputError(f"--out: {path} is not a directory")
     if not path.parent.is_dir():
@@ -98,6 +101,11 @@ def output_directory(options: Namespace, name: str) -> Path:
             f"{', '.join(others)}; choose another directory, or --overwrite"
         )
     return path
+
+
+def in_folder(options: Namespace, task: str) -> Namespace:
+    """The options of one of many tasks: --out names the folder of its folder."""
+    return Namespace(**{**vars(options), "task": task, "many": True})
 
 
 def remove_figures(directory: Path, command: str) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from argparse import Namespace
 from collections.abc import Iterator
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TextIO
@@ -15,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from ocptip.basics.errors import naming
 from ocptip.cli.command import Report
 from ocptip.cli.layout import masses, summary, under
+from ocptip.cli.many import Asked, answer_many
 from ocptip.cli.options import output_directory, remove_figures, require_least
 from ocptip.cli.progress import Progress, say_if_compiling
 from ocptip.motion.check import NO_COLLISION
@@ -33,15 +35,29 @@ _MOST_VIOLATED = 6
 
 def run(options: Namespace) -> Report:
     """Place; where there is no placement, the report says why."""
-    require_least(options, starts=1, seed=0)
+    require_least(options, starts=1, seed=0, jobs=1)
+    if len(options.task) > 1 or options.scheduler:
+        return answer_many(options, _asked, placed)
+    one = _asked(Namespace(**{**vars(options), "task": options.task[0]}))
+    say_if_compiling()
+    return placed(one, options)
+
+
+def _asked(options: Namespace) -> Asked:
+    """A task, with what the options change."""
     task = load_placement(options.task, WORKSHOP)
     tolerance = task.tolerance
     if options.tolerance is not None:
         with naming("--tolerance"):
             tolerance = load_tolerance(options.tolerance)
             task = replace(task, problem=replace(task.problem, tolerance=searched(tolerance)))
-    directory = output_directory(options, task.name)
-    say_if_compiling()
+        task = replace(task, tolerance=tolerance)
+    return Asked(task, task.name, output_directory(options, task.name))
+
+
+def placed(one: Asked, options: Namespace, _: Executor | None = None) -> Report:
+    """Place one task; where there is no placement, the report says why."""
+    task, tolerance = one.task, one.task.tolerance
     try:
         with progress_bar(sys.stderr) as progress:
             answer = place(task.problem, starts=options.starts, seed=options.seed, progress=progress)
@@ -52,7 +68,7 @@ def run(options: Namespace) -> Report:
     within, dropped = None, 0
     if isinstance(answer, PlacementResult) and searched(tolerance) != tolerance:
         answer, within, dropped = _holding(answer, tolerance)
-    return PlaceReport(task.name, answer, directory, not options.no_figures, within, dropped)
+    return PlaceReport(task.name, answer, one.directory, not options.no_figures, within, dropped)
 
 
 def _holding(answer: PlacementResult, tolerance: Tolerance) -> tuple[PlacementResult, WithinAtRest, int]:

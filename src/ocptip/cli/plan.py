@@ -5,13 +5,14 @@ from __future__ import annotations
 import sys
 from argparse import Namespace
 from collections.abc import Iterator
+from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TextIO
 
 from ocptip.basics.errors import InputError, PlanningError, positive_number
 from ocptip.cli.command import Answer, Report
-from ocptip.cli.cycles import RISE_TIME, plan_it
+from ocptip.cli.cycles import RISE_TIME, cycle_with_options, plan_it
 from ocptip.cli.layout import (
     certificate_rows,
     masses,
@@ -22,6 +23,7 @@ from ocptip.cli.layout import (
     use_of_reserves,
     within_rows,
 )
+from ocptip.cli.many import Asked, answer_many, cluster, digest_of
 from ocptip.cli.options import output_directory, remove_figures, require_least, with_limits
 from ocptip.cli.progress import Progress, say_if_compiling
 from ocptip.cli.stops import sensitivities_of, stops_of
@@ -48,20 +50,36 @@ def run(options: Namespace) -> Report:
     for factor in options.time_scale:
         positive_number("--time-scale", factor)
     positive_number("--rate", options.rate)
-    task, base = _task(options)
-    if isinstance(task, CycleTask):
-        return plan_it(task, options)
-    task = _with_rise_time(task, options)
-    task = _with_objective(task, options)
-    if options.stop_safe:
-        task = replace(task, limits=task.stops.asked(task.limits))
-    directory = output_directory(options, task.name)
+    if len(options.task) > 1:
+        return answer_many(options, _asked, planned)
+    one = _asked(Namespace(**{**vars(options), "task": options.task[0]}))
     say_if_compiling()
+    with cluster(options) as executor:
+        return planned(one, options, executor)
+
+
+def _asked(options: Namespace) -> Asked:
+    """A task, with what the options change."""
+    task, base = _task(options)
+    digest = digest_of(task.source, options)
+    if isinstance(task, CycleTask):
+        task = cycle_with_options(task, options)
+    else:
+        task = _with_objective(_with_rise_time(task, options), options)
+        if options.stop_safe:
+            task = replace(task, limits=task.stops.asked(task.limits))
+    return Asked(task, task.name, output_directory(options, task.name), digest, base)
+
+
+def planned(one: Asked, options: Namespace, executor: Executor | None) -> Report:
+    """Plan one task; where there is no plan, the report says why."""
+    if isinstance(one.task, CycleTask):
+        return plan_it(one, options, executor)
+    task = one.task
+    how = {"starts": options.starts, "seed": options.seed, "jobs": options.jobs, "executor": executor}
     try:
         with progress_bar(sys.stderr, task.objective) as progress:
-            plan = plan_motion(
-                task, starts=options.starts, seed=options.seed, jobs=options.jobs, progress=progress
-            )
+            plan = plan_motion(task, **how, progress=progress)
     except PlanningError as error:
         data = {"case": task.name, "verified": False, "status": f"{error}", **task.robot.masses_to_dict()}
         lines = [("masses", masses(task.robot))]
@@ -78,8 +96,9 @@ def run(options: Namespace) -> Report:
     execution = replace(execution, check=proved)
     deviations = tolerances(plan.task.robot, execution.motion)
     stops = stops_of(plan.task, execution.motion, execution.check)
-    extra = {**({"base": base} if base else {}), "tolerated": [one.to_dict() for one in deviations]}
-    written = directory, not options.no_figures, options.effort
+    extra = {"base": one.base} if one.base else {}
+    extra |= {"tolerated": [d.to_dict() for d in deviations], "digest": one.digest}
+    written = one.directory, not options.no_figures, options.effort
     report = PlanReport(plan, execution, scaled, extra, *written, tolerated=deviations, stops=stops)
     if options.sensitivities:
         report.sensitivities = sensitivities_of(plan.task, execution.motion)

@@ -185,8 +185,8 @@ class Cluster(Executor):
         return outer
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """As of every executor; the cluster goes on."""
-        self._executor.shutdown(wait=wait, cancel_futures=cancel_futures or not wait)
+        """As of every executor; without `wait` running calls are dropped, too. The cluster goes on."""
+        self._executor.shutdown(wait=wait)
         self._client.close()
 
     def end(self) -> None:

@@ -288,6 +288,10 @@ class NoPlacementError(PlanningError):
         super().__init__(message)
         self.nearest, self.starts = nearest, starts
 
+    def __reduce__(self) -> tuple:
+        """So that it comes out of another process."""
+        return type(self), (str(self), self.nearest, self.starts)
+
     def to_dict(self) -> dict[str, Any]:
         """Plain data for strict JSON: `reason`, and `nearest`, the least-infeasible placement found."""
         nearest, asked = self.nearest.to_dict(), _asked(self.nearest.problem)

@@ -1,0 +1,1 @@
+"""Many motions on a Dask cluster."""
