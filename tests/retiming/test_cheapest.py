@@ -9,6 +9,7 @@ import pytest
 
 from ocptip.basics.errors import InputError
 from ocptip.motion.objective import ENERGY, priced
+from ocptip.retiming.drives import QuadraticDrives
 from ocptip.retiming.retime import retime
 from ocptip.robots.motors import DCMotors
 from ocptip.standing.limits import MotionLimits
@@ -64,10 +65,41 @@ def test_viscous_friction_that_outweighs_all_else():
     assert robot.energy(slower) + slower.end >= (robot.energy(found.motion) + found.motion.end) * (1 - 2e-3)
 
 
-def test_measured_maps_are_refused():
+def test_measured_maps_have_a_lower_bound():
     task = tripod()
-    with pytest.raises(InputError, match="DC motors"):
-        retime(task.robot, random_path(task, 0), MotionLimits(), ENERGY)
+    path = random_path(task, 1, 0.1)
+    found = retime(task.robot, path, MotionLimits(), ENERGY, nodes=60)
+    energy = task.robot.energy(found.motion)
+    assert found.verified
+    assert energy == pytest.approx(found.cheapest.cost, rel=3e-3)
+    assert found.cheapest.lower_bound < energy
+    assert found.cheapest.gap < 0.15
+    assert energy <= task.robot.energy(retime(task.robot, path, nodes=60).motion) * (1 + 1e-3)
+
+
+def test_quadratic_drives_are_nowhere_above_measured_ones():
+    robot = tripod().robot
+    drives = QuadraticDrives.of(robot.motors, robot.limits)
+    assert not drives.exact
+    rng = np.random.default_rng(0)
+    torque = rng.uniform(-1, 1, (4000, 6)) * robot.limits.torque
+    speed = rng.uniform(-1, 1, (4000, 6)) * robot.limits.speed
+    m = torque + drives.coulomb * np.sign(speed)
+    own = drives.loss * m**2 + drives.mechanical * m * speed + drives.rub * np.abs(speed)
+    own = np.sum(own + drives.drag * speed**2, axis=1) + drives.standby
+    power = np.sum(robot.motors.power(torque, speed), axis=1)
+    assert np.all(own <= power)
+    assert np.mean(power - own) < 0.25 * np.mean(power)
+
+
+def test_quadratic_drives_are_dc_motors():
+    _, robot = robot_with(1.0, 2.0, viscous=3.0)
+    drives, rng = QuadraticDrives.of(robot.motors, robot.limits), np.random.default_rng(0)
+    torque, speed = rng.normal(size=(2, 50, 6)) * 10
+    m = torque + drives.coulomb * np.sign(speed)
+    own = drives.loss * m**2 + drives.mechanical * m * speed + drives.drag * speed**2
+    power = robot.motors.power(torque, speed).sum(axis=1)
+    assert np.allclose(own.sum(axis=1) + drives.standby, power)
 
 
 def test_four_feet():

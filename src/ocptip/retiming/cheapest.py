@@ -84,10 +84,10 @@ class CheapestProgram:
         self.on_q = (0.5 * of_x[right] + turn) * self.unit
         self.constant = 0.5 * (rest[left] + rest[right]) + drives.coulomb * np.sign(dq)
         self.width, self.dq = w, dq
-        self.straight = w[:, None] * dq * (1 + 2 * drives.loss * drives.viscous)  # J per N m
-        viscous = drives.viscous * (1 + drives.loss * drives.viscous)
-        self.drag = w[:, None] * viscous * dq**2 * pace  # J per unit of z
-        self.steady = w * (price.energy * drives.standby + price.time) / pace
+        self.straight = w[:, None] * dq * drives.mechanical  # J per N m
+        self.rub = w[:, None] * np.abs(dq) * drives.rub  # J
+        self.drag = w[:, None] * drives.drag * dq**2 * pace  # J per unit of z
+        self.steady = w * max(price.energy * drives.standby + price.time, 0.0) / pace
         self.copper = w[:, None] * drives.loss / pace  # J z / (N m)^2
         self.by_joint = drives.regeneration < 1
 
@@ -96,7 +96,7 @@ class CheapestProgram:
         x = x / self.unit
         z = 0.5 * (np.sqrt(x[1:]) + np.sqrt(x[:-1]))[:, None]
         m = self.on_p * x[:-1, None] + self.on_q * x[1:, None] + self.constant
-        drawn = self.copper * m**2 / z + self.straight * m + self.drag * z
+        drawn = self.copper * m**2 / z + self.straight * m + self.rub + self.drag * z
         drawn = np.where(drawn > 0, drawn, self.drives.regeneration * drawn)
         return float(self.price.energy * np.sum(drawn) + np.sum(self.steady / z[:, 0]))
 
@@ -180,7 +180,7 @@ class CheapestProgram:
                     (z[:-1], on_z[:, j]),
                     (z[1:], on_z[:, j]),
                 ]
-                program.add("positive", entries, -on_m[:, j] * self.constant[:, j])
+                program.add("positive", entries, -on_m[:, j] * self.constant[:, j] - share * self.rub[:, j])
 
     def _cones(self, program: _Rows) -> None:
         z, y, own, t = self._places
@@ -221,7 +221,7 @@ class CheapestProgram:
         i = np.arange(len(y))
         np.add.at(cost, i, np.sum(straight * self.on_p, axis=1))
         np.add.at(cost, i + 1, np.sum(straight * self.on_q, axis=1))
-        offset = float(np.sum(straight * self.constant))
+        offset = float(np.sum(straight * self.constant + energy * self.rub))
         drag = np.zeros(len(z))
         drag[:-1] += 0.5 * energy * np.sum(self.drag, axis=1)
         drag[1:] += 0.5 * energy * np.sum(self.drag, axis=1)
@@ -328,7 +328,7 @@ def cheapest(
     program = CheapestProgram(grid, drives, price, fast)
     x, lower = program.solve(polygons)
     best = CheapestTiming(x, program.cost(x), lower)
-    if program.by_joint:
+    if program.by_joint or not drives.exact:
         return best
     for _ in range(_ROUNDS):
         if best.gap <= GAP:

@@ -17,6 +17,7 @@ from ocptip.numerics.bisection import bisected
 from ocptip.retiming.cheapest import CheapestTiming, Price, cheapest
 from ocptip.retiming.drives import QuadraticDrives
 from ocptip.retiming.fastest import ExtraRows, FastestTiming, Grid, fastest, spaced
+from ocptip.retiming.measured import PoweredTiming
 from ocptip.retiming.rows import HalfPlanes, Places, TimingLimits
 from ocptip.standing.limit import AskedLimit
 from ocptip.standing.limit_kinds import limits_of
@@ -114,9 +115,9 @@ def retime(
 ) -> Retimed:
     """Time a path so that the robot stands and keeps its limits: as fast, or as cheaply, as possible.
 
-    The optimum is global for the grid of nodes (for measured power maps, and viscous friction that outweighs
-    all else, see `Retimed.cheapest`). The result is checked on a dense grid; `Retimed.verified` says with
-    what outcome.
+    The optimum is global for the grid of nodes, up to the gap of `Retimed.cheapest`. With drives other than
+    DC motors, such as measured maps, the solution is a local one, and the bound is of quadratic drives below.
+    The result is checked on a dense grid; `Retimed.verified` says with what outcome.
 
     Args:
         robot: on its support.
@@ -171,24 +172,40 @@ def _solve(
     """On a grid, with rows between the nodes where they are broken, and with tangents."""
     grid, extra, drives = Grid(robot, path, timing, s, ends), ExtraRows.none(), None
     if objective.name != "time":
-        drives = QuadraticDrives.of(robot.motors)
-        if drives is None or not robot.direct_drives:
+        if not robot.direct_drives:
             raise InputError(
-                "objective: the cheapest timing is for DC motors at the joints; these drives are others "
-                "(time works with all)"
+                "objective: the cheapest timing is for drives at the joints (time works with all)"
             )
+        drives = QuadraticDrives.of(robot.motors, robot.limits)
     longest = timing.asked.max_duration * (1 - _KEPT)
     price = Price(objective.energy_weight, objective.time_weight, longest)
-    between = _Between(grid)
-    for turn in range(_MOST_ROUNDS):
+    between, measured = _Between(grid), drives is not None and not drives.exact
+    settled, turn = not measured, 0
+    while True:
         fast = fastest(grid, extra)
         cheap = cheapest(grid, fast.polygons, drives, price, fast.x) if drives else None
+        if cheap and measured and settled:
+            cheap = _improved(grid, fast, price, cheap)
         solved = _Solved(grid, fast, cheap)
-        more = between.broken(solved.x, rows=turn < _ROUNDS)
-        if not len(more[0]):
-            break
-        extra = extra.with_more(more[0], more[1], grid.widths, more[2], more[3])
-    return solved
+        more = between.broken(solved.x, rows=turn < _ROUNDS + 2 * measured)
+        if len(more[0]):
+            extra = extra.with_more(more[0], more[1], grid.widths, more[2], more[3])
+        elif settled:
+            return solved
+        settled, turn = True, turn + 1
+        if turn == _MOST_ROUNDS:
+            return solved
+
+
+def _improved(grid: Grid, fast: FastestTiming, price: Price, bound: CheapestTiming) -> CheapestTiming:
+    """The best of the cone program's timing, the fastest, and what Ipopt makes of the first."""
+    powered = PoweredTiming(grid, grid.robot.motors, price)
+    tried = [bound.x, fast.x]
+    if (found := powered.local(fast.polygons, bound.x)) is not None:
+        tried.append(found)
+    costs = [powered.cost(x) for x in tried]
+    k = int(np.argmin(costs))
+    return CheapestTiming(tried[k], costs[k], bound.lower_bound)
 
 
 class _Between:
@@ -294,7 +311,7 @@ def _tightened(
     """The numbers asked for, tighter where a motion broke them; the same where that does not help."""
     names = [name for name, worst in checked.worst.items() if worst.violation and name not in _OF_PATH]
     for limit in limits_of(robot, limits):
-        if isinstance(limit, AskedLimit) and limit.quantity in names:
+        if isinstance(limit, AskedLimit) and limit.quantity in names and not limit.of_place:
             asked = limit.tightened(asked, checked.worst[limit.quantity].excess)
     if not checked.stands and not names:  # of several states of the contacts the solver's is one that slides
         asked = replace(asked, GT=0.97 * asked.GT)
