@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.fit import FINEST, PEAK_TOLERANCE, fitted, noise_of
 from ocptip.trajectories.ramps import RampCommand
+from ocptip.trajectories.sequence import standstills
 
 SPEED, ACCELERATION = np.array([1.5, 1.5, 2.0]), np.array([4.0, 4.0, 6.0])
 
@@ -125,3 +126,22 @@ def test_joints_that_rest_stay_where_they_are():
     motion = fitted(times, positions)
     assert np.all(motion.states(np.linspace(0, 1, 77))[0][:, 1] == 0.3)
     assert motion.acceleration_peaks[1] == 0
+
+
+@pytest.mark.parametrize(("sigma", "digits"), [(0.0, 5), (3e-4, 6)])
+def test_a_rest_on_the_way_is_a_rest_and_the_motions_beside_it_are_as_calm(sigma, digits):
+    rng, pause = np.random.default_rng(2), 0.4
+    times = np.arange(0, 2 * RAMP.end + pause + 0.005, 0.01)
+    there = RAMP.states(np.clip(times, 0, RAMP.end))[0]
+    back = RAMP.states(np.clip(2 * RAMP.end + pause - times, 0, RAMP.end))[0]
+    positions = np.where((times < RAMP.end + 0.5 * pause)[:, None], there, back)
+    noisy = np.round(positions + sigma * rng.normal(size=positions.shape), digits)
+    motion = fitted(times, noisy, rounding=np.full(2, 0.5 * 10.0**-digits))
+    first, _ = standstills(motion)[0]
+    middle = motion.states(np.linspace(RAMP.end + 0.1, RAMP.end + pause - 0.1, 9))
+    np.testing.assert_allclose(middle[0], np.tile(there[-1], (9, 1)), atol=4 * sigma + 2e-5)
+    np.testing.assert_allclose(middle[1], 0.0, atol=1e-4)
+    assert RAMP.end - 0.02 <= motion.times[first] <= RAMP.end + 0.25 * pause + 0.05
+    assert np.all(motion.distance <= 1.05 * motion.tolerance)
+    assert np.all(motion.acceleration_peaks <= (1.05 if sigma else 1.01) * RAMP.acceleration_peaks)
+    assert motion.end == pytest.approx(times[-1])

@@ -11,6 +11,9 @@ What a fit cannot know: an acceleration that lasts so shortly that it moves the 
 tolerance (an excess a over a time T moves it by about a T^2 / 8), or that begins and ends between two
 samples. The calmest motion has none of these.
 
+Samples that stay within the tolerance for a while, all joints together, are a standstill: the motion rests
+there, and what lies between two of them is fitted by itself. So cycles can be parted where they rest.
+
 One linear program per joint, whose size grows with the number of samples; solved by Clarabel.
 """
 
@@ -34,6 +37,9 @@ SPACING = 6e-4  # s: of the pieces of constant acceleration, about
 MOST_PIECES = 60_000  # per joint
 NOISE = 1.2  # times the rounding: standard deviations from which on there is noise beside rounding
 WHITE = 0.5  # ratio of what polynomials of degree 5 and 3 leave; of curvature the higher degree leaves less
+REST_TIME = 0.1  # s, from which on samples within the tolerance of each other are a standstill
+REST_EDGE = 0.25  # share of a standstill, at its begin and its end, in which the motion may yet move
+HELD = 1e-3  # share of the tolerance by which a motion may miss where it stands still
 ENOUGH = 20  # samples from which on noise is estimated
 STILL = 0.3186  # quantile 0.25 of the absolute value of a standard normal variable
 
@@ -101,22 +107,24 @@ def fitted(
     noise = noise_of(times, positions)
     most = np.sqrt(2 * np.log(len(times))) + 0.5  # standard deviations, which hardly one in N exceeds
     tolerance = np.maximum(np.where(noise > NOISE * rounding, most * noise, 1.02 * rounding), FINEST)
-    pieces = _Pieces.of(times)
-    columns = []
-    for joint in range(n):
-        at, limit = positions[:, joint], tolerance[joint]
-        if np.ptp(at) <= 0:
-            columns.append((np.full(len(pieces.knots), at[0]), np.zeros(len(pieces.knots))))
-            continue
-        try:
-            columns.append(pieces.calmest(at, limit))
-        except ArithmeticError as error:
-            raise InputError(f"no fit of joint {joint + 1} to the samples: {error}") from None
-    angles, rates = (np.stack(values, axis=1) for values in zip(*columns, strict=True))
-    off = np.max(np.abs(angles[pieces.first] - positions), axis=0)
-    rates_off = None if speeds is None else np.max(np.abs(rates[pieces.first] - speeds), axis=0)
+    rests = rests_of(times, positions, tolerance)
+    held = positions.copy()
+    for first, last in rests:
+        own = positions[first : last + 1]
+        held[first : last + 1] = 0.5 * (own.min(axis=0) + own.max(axis=0))
+    begins, ends = [0, *(last for _, last in rests)], [*(first for first, _ in rests), len(times) - 1]
+    parts = [
+        _part(times[a : b + 1], held[a : b + 1], tolerance, (a > 0, b < len(times) - 1))
+        for a, b in zip(begins, ends, strict=True)
+    ]
+    knots, angles, rates, at_samples = (np.concatenate(values) for values in zip(*parts, strict=True))
+    moving = np.concatenate([np.arange(a, b + 1) for a, b in zip(begins, ends, strict=True)])
+    off = np.maximum(
+        np.abs(at_samples[:, :n] - positions[moving]).max(axis=0), np.abs(held - positions).max(axis=0)
+    )
+    rates_off = None if speeds is None else np.abs(at_samples[:, n:] - speeds[moving]).max(axis=0)
     return FittedMotion(
-        pieces.knots,
+        knots,
         angles,
         rates,
         samples=len(times),
@@ -126,6 +134,60 @@ def fitted(
         rounding=rounding,
         speed_distance=rates_off,
     )
+
+
+def rests_of(times: np.ndarray, positions: np.ndarray, tolerance: np.ndarray) -> list[tuple[int, int]]:
+    """First and last samples of the standstills on the way, without their edges.
+
+    Args:
+        times: (N,), s.
+        positions: (N, n), rad or m.
+        tolerance: (n,), of these.
+    """
+    runs: list[list[int]] = []
+    low = high = positions[0]
+    for k, q in enumerate(positions):
+        low, high = np.minimum(low, q), np.maximum(high, q)
+        if not runs or np.any(high - low > 2 * tolerance):
+            low = high = q
+            runs.append([k, k])
+        runs[-1][1] = k
+    found = []
+    for first, last in runs[1:-1]:
+        edge = REST_EDGE * (times[last] - times[first])
+        inside = (
+            np.searchsorted(times, times[first] + edge),
+            np.searchsorted(times, times[last] - edge, "right") - 1,
+        )
+        if times[last] - times[first] >= REST_TIME and inside[1] > inside[0]:
+            found.append((int(inside[0]), int(inside[1])))
+    return found
+
+
+def _part(
+    times: np.ndarray, positions: np.ndarray, tolerance: np.ndarray, held: tuple[bool, bool]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Knots, positions and speeds there, and both at the samples, (N, 2 n), of a motion from rest to rest.
+
+    Args:
+        times: (N,), s.
+        positions: (N, n), rad or m.
+        tolerance: (n,), of these.
+        held: whether the first and the last one are to be met, nearly.
+    """
+    pieces = _Pieces.of(times)
+    columns = []
+    for joint, limit in enumerate(tolerance):
+        at = positions[:, joint]
+        if np.ptp(at) <= 0:
+            columns.append((np.full(len(pieces.knots), at[0]), np.zeros(len(pieces.knots))))
+            continue
+        try:
+            columns.append(pieces.calmest(at, limit, held))
+        except ArithmeticError as error:
+            raise InputError(f"no fit of joint {joint + 1} to the samples: {error}") from None
+    angles, rates = (np.stack(values, axis=1) for values in zip(*columns, strict=True))
+    return pieces.knots, angles, rates, np.hstack([angles, rates])[pieces.first]
 
 
 def noise_of(times: np.ndarray, positions: np.ndarray) -> np.ndarray:
@@ -178,12 +240,15 @@ class _Pieces:
         knots = np.append(times[owner] + number * (widths / counts)[owner], times[-1])
         return cls(times, knots, first)
 
-    def calmest(self, positions: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
+    def calmest(
+        self, positions: np.ndarray, tolerance: float, held: tuple[bool, bool] = (False, False)
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Positions and speeds (K + 1,) at the knots of the motion whose accelerations vary least.
 
         Args:
             positions: (N,) at the samples.
             tolerance: of them.
+            held: whether the first and the last one are to be met, nearly.
 
         Raises:
             ArithmeticError: the solver has no solution; its status.
@@ -191,7 +256,9 @@ class _Pieces:
         unit = float(np.median(np.diff(self.times)))  # of time; that of positions is the tolerance
         knots = self.knots / unit
         widths, at = np.diff(knots), (positions - positions[0]) / tolerance
-        problem = _Program(widths, self.first, at)
+        slack = np.ones(len(at))
+        slack[[0, -1]] = np.where(held, HELD, 1.0)
+        problem = _Program(widths, self.first, at, slack)
         place, speed, acceleration = problem.solve()
         owner = np.repeat(np.arange(len(at) - 1), np.diff(self.first))
         # Within each interval from its own sample on, so that nothing accumulates.
@@ -212,7 +279,7 @@ class _Program:
     with those from and to rest). Two pieces between samples can pass any of them: there is a solution.
     """
 
-    def __init__(self, widths: np.ndarray, first: np.ndarray, at: np.ndarray) -> None:
+    def __init__(self, widths: np.ndarray, first: np.ndarray, at: np.ndarray, slack: np.ndarray) -> None:
         self._n, self._k = len(at), len(widths)
         self._blocks = np.cumsum([0, self._n, self._n, self._k, self._k + 1])
         place, speed, push, jump = (self._block(i) for i in range(4))
@@ -236,7 +303,7 @@ class _Program:
         self._matrix = sp.csc_matrix(sp.vstack([equal, below]))
         equations, jumps = 2 * self._n, 2 * (self._k + 1)
         none = np.zeros(equations + jumps)
-        self._bounds = np.concatenate([none, at + 1, 1 - at])
+        self._bounds = np.concatenate([none, at + slack, slack - at])
         self._cones = [clarabel.ZeroConeT(equations), clarabel.NonnegativeConeT(jumps + 2 * self._n)]
 
     def _block(self, number: int) -> sp.csr_matrix:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -158,8 +158,9 @@ def parted(motion: SampledMotion, seams: Sequence[tuple[int, int]]) -> MotionSeq
             for rate in (motion.speeds, motion.accelerations, motion.before)
         )
         times = motion.times[rows] - motion.times[first]
-        own = stamped(times) if whole else times, motion.angles[rows], speeds, accelerations
-        motions.append(SampledMotion(*own, period=motion.period, before=before))
+        own = stamped(times) if whole else times
+        values = {"speeds": speeds, "accelerations": accelerations, "before": before}
+        motions.append(replace(motion, times=own, angles=motion.angles[rows], **values))
         corners = period if begin < end < last else 0.0
         pauses.append(max(float(motion.times[end] - motion.times[begin]) - corners, 0.0))
         first = end

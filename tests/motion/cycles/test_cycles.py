@@ -263,6 +263,23 @@ def test_of_many_postures_those_on_short_ways_are_looked_at(plan):
     np.testing.assert_allclose(np.sort(layers[1][:, 0]), goals[:CANDIDATES, 0], atol=1e-12)
 
 
+def test_a_recording_of_positions_is_parted_where_it_rests(plan, tmp_path):
+    """Angles every 10 ms, as somebody else's robot writes them."""
+    task, path = plan.task, tmp_path / "theirs.csv"
+    write_cycle(tmp_path / "out", plan)
+    points = load_motion(tmp_path / "out" / "trajectory.json", task.robot.names, task.robot.units)
+    times = np.append(np.arange(0.0, points.end, 0.01), points.end)
+    rows = np.column_stack([times, np.degrees(points.states(times)[0])])
+    lines = [",".join(["time", *task.robot.names]), *(",".join(f"{x:.4f}" for x in row) for row in rows)]
+    path.write_text("\n".join(lines), encoding="utf-8")
+    found = parts_of(task, load_motions(path, task.robot.names, task.robot.units, unit="deg"))
+    assert 0.1 < found.pauses[0] < 0.31
+    np.testing.assert_allclose(found.motions[0].goal, plan.parts[0].motion.goal, atol=1e-5)
+    checked = check_cycle(task, found).whole
+    assert checked.verified, checked.violations
+    assert checked.energy == pytest.approx(plan.energy, rel=0.01)
+
+
 def test_standstills_that_are_not_clear_are_refused(plan):
     task = plan.task
     a, b = plan.parts[0].motion.start, plan.parts[0].motion.goal
