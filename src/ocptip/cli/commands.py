@@ -242,7 +242,9 @@ COMMANDS = (
         "0 a regular pose, 1 a singular one",
         (
             argument(
-                "robot", "ROBOT", "FP1W2F, FSFS, W1P1P2W2, IRB2000, a URDF, 6UPS, or a platform file (.toml)"
+                "robot",
+                "ROBOT",
+                "FP1W2F, FSFS, W1P1P2W2, IRB2000, a URDF, 6UPS, or a .toml with [arm] or a platform",
             ),
             argument(
                 "pose",

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ocptip.basics.errors import InputError, bounded_array, naming
+from ocptip.basics.toml import Table
 from ocptip.basics.write import versions
 from ocptip.cli.command import Answer, Report
 from ocptip.cli.layout import named
@@ -28,6 +29,7 @@ from ocptip.robots.model import ArmModel
 from ocptip.robots.payload import Payload
 from ocptip.robots.urdf import arm_from_urdf
 from ocptip.robots.urdf_file import read_urdf
+from ocptip.task_files.arm import arm_of_file
 from ocptip.task_files.platform_points import read_platform, rotation_from_degrees
 
 _WIDTH = 110
@@ -38,7 +40,10 @@ _HEXAPOD = "6UPS"
 
 def run(options: Namespace) -> Report:
     """Rate the arm or the platform in its pose."""
-    is_platform = options.robot.upper() == _HEXAPOD or Path(options.robot).suffix.lower() == ".toml"
+    is_file = Path(options.robot).suffix.lower() == ".toml"
+    is_platform = options.robot.upper() == _HEXAPOD or (
+        is_file and "arm" not in Table.read(Path(options.robot))
+    )
     return _rate_platform(options) if is_platform else _rate_arm(options)
 
 
@@ -105,7 +110,8 @@ def _rate_platform(options: Namespace) -> Report:
 def _arm(options: Namespace) -> ArmModel:
     if Path(options.robot).suffix.lower() not in _URDF_SUFFIXES:
         _refuse_given(options, _URDF_OPTIONS, "only for URDF files")
-        return arm_by_name(options.robot)
+        is_file = Path(options.robot).suffix.lower() == ".toml"
+        return arm_of_file(options.robot) if is_file else arm_by_name(options.robot)
     wanted, file = [_lock(text) for text in options.lock], read_urdf(options.robot)
     locked: dict[str, float] = {}
     for slides in (False, True):

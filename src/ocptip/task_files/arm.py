@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
+from typing import get_args
 
 import numpy as np
 
 from ocptip.basics.toml import DEGREES, Table
+from ocptip.numerics.inertia import symmetric_matrix
 from ocptip.published.arms import load_arm
 from ocptip.robots.collision.model import geometry_of_spheres
 from ocptip.robots.collision.shapes import BodyShape
 from ocptip.robots.collision.urdf import collision_meshes, geometry_from_urdf
+from ocptip.robots.dh import Convention, DHRow, arm_from_dh
 from ocptip.robots.geometry import never_part, spheres_along_links
 from ocptip.robots.model import ArmModel
 from ocptip.robots.urdf import arm_from_urdf
@@ -35,21 +40,35 @@ FULL_SPEED = 0.5
 """s in which a joint reaches its full speed, where no acceleration is given."""
 
 
-def read_arm(table: Table, gripper: Table | None = None) -> ArmModel:
+def arm_of_file(path: str | os.PathLike[str]) -> ArmModel:
+    """The arm of the table `[arm]` of a TOML file, wherever it is mounted.
+
+    Raises:
+        InputError: there is none, or it cannot be used.
+    """
+    with Table.read(Path(path)) as data:
+        data.close(*data)  # a task file has other tables
+        return replace(read_arm(data.table("arm"), alone=True), name=Path(path).stem)
+
+
+def read_arm(table: Table, gripper: Table | None = None, *, alone: bool = False) -> ArmModel:
     """The arm of `[arm]`, in the base frame.
 
     Args:
         table: `[arm]`.
         gripper: a further table with locked joints, which win over those of `[arm]`.
+        alone: it need not say where it is mounted, and a table of joints no masses.
 
     Raises:
         InputError: a value is missing, unknown or cannot be used; names its place.
     """
-    kind = table.one_of("name", "urdf")
-    position = table.vector("mount_position", 3)
+    kind = table.one_of("name", "urdf", "dh")
+    position = table.vector("mount_position", 3, *([np.zeros(3)] if alone else []))
     rotation = table.rotation("mount_", np.eye(3))
     if kind == "urdf":
         arm = _arm_from_urdf(table, gripper)
+    elif kind == "dh":
+        arm = _arm_from_dh(table, alone)
     else:
         name = table.text("name")
         table.close("limits")
@@ -110,6 +129,26 @@ def _arm_from_urdf(table: Table, gripper: Table | None) -> ArmModel:
             table.note_parts(file.path, {name: mesh for name, mesh in meshes.items() if mesh})
         arm = replace(arm, geometry=found)
     return _without_excluded(arm, table)
+
+
+def _arm_from_dh(table: Table, alone: bool) -> ArmModel:
+    """The arm of the rows `[[arm.joint]]`."""
+    convention = table.choice("dh", get_args(Convention))
+    rows, names = [], []
+    for number, joint in enumerate(table.tables("joint", required=True), 1):
+        names.append(joint.text("name", f"joint {number}"))
+        values = joint.numbers("a", "d")
+        values |= {key: joint.number(f"{key}_deg", 0.0, scale=DEGREES) for key in ("alpha", "theta")}
+        mass = joint.number("mass", *([0.0] if alone else []), bound=">= 0" if alone else "> 0")
+        values |= {"mass": mass, "armature": joint.number("armature", 0.0, bound=">= 0")}
+        values["center_of_mass"] = joint.vector("center_of_mass", 3, np.zeros(3))
+        inertia, slides = joint.raw_numbers("inertia", np.zeros(3)), joint.flag("slides", False)
+        inertia = joint.make(symmetric_matrix, inertia)
+        rows.append(DHRow(**values, inertia=inertia, slides=slides))
+    table.close("sphere_radius", "excluded_links", "limits")
+    with table.at():
+        arm = arm_from_dh("arm", rows, convention, names)
+    return _with_spheres(arm, table, names)
 
 
 def _accepted_links(table: Table) -> bool | list[str]:
