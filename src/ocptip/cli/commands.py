@@ -190,6 +190,18 @@ COMMANDS = (
         ),
     ),
     Command(
+        "view",
+        "a plan, a scene or a placement in three dimensions, in a browser",
+        "Shows robot, base, obstacles, contact forces, friction cones, the nearest tipping axis, the "
+        "zero-moment point and what is left of the reserves (pip install 'ocptip[view]').",
+        "0 shown or written",
+        (
+            argument("what", "PLAN_DIR|SCENE.toml|PLACE_DIR", "folder of a plan or a placement, or a scene"),
+            argument("--html", "FILE", "write one file that needs nothing else (default: serve it here)"),
+            argument("--task", "TASK.toml", "of a placement: its task file"),
+        ),
+    ),
+    Command(
         "export",
         "a plan's robot on its base, and its motion, for simulators (MJCF, URDF)",
         "Writes arm, base, feet, payload and rotors of a plan as bodies with the masses of its task, and its "

@@ -1,0 +1,147 @@
+"""`ocptip view`: a plan, a scene or a placement in three dimensions, in a browser."""
+
+from __future__ import annotations
+
+import json
+import sys
+from argparse import Namespace
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ocptip.basics.errors import InputError, naming
+from ocptip.basics.toml import read_text
+from ocptip.basics.write import versions, write_text
+from ocptip.cli.command import Report
+from ocptip.contact.solver import solve
+from ocptip.motion.cycles.task import CycleTask
+from ocptip.pictures.view import Show, library_viser, motion_show, pose_show, scene_show, serve, to_html
+from ocptip.placement.output import PLACEMENT
+from ocptip.placement.problem import PlacementProblem
+from ocptip.reserves.slip import Slip
+from ocptip.reserves.tipping import TipOver
+from ocptip.standing.arm import StandingRobot
+from ocptip.task_files.placement import load_placement
+from ocptip.task_files.plan_folder import read_plan_folder
+from ocptip.task_files.scene import read_scene
+from ocptip.trajectories.sequence import MotionSequence
+
+
+def run(options: Namespace) -> ViewReport:
+    """Make the page; without --html serve it until Ctrl-C."""
+    library_viser()
+    if options.html is not None and not Path(options.html).resolve().parent.is_dir():
+        raise InputError(f"--html: no such directory: {Path(options.html).parent}")
+    name, show = _show(options)
+    if options.html is None:
+        serve(show, lambda address: print(f"{name}: {address}", file=sys.stderr))
+        return ViewReport(name, len(show.times), None, "")
+    return ViewReport(name, len(show.times), Path(options.html), to_html(show))
+
+
+def _show(options: Namespace) -> tuple[str, Show]:
+    path = Path(options.what)
+    placement = path / PLACEMENT if path.is_dir() else path
+    if placement.name == PLACEMENT and placement.is_file():
+        return _placement(placement, options.task)
+    if options.task is not None:
+        raise InputError(f"--task: belongs to the folder of a placement, and {path} is none")
+    if path.is_dir():
+        plan = read_plan_folder(path)
+        if isinstance(plan.task, CycleTask) or isinstance(plan.motion, MotionSequence):
+            raise InputError("is a cycle; view shows single motions", "", str(path))
+        robot = plan.task.robot
+        if not isinstance(robot, StandingRobot):
+            raise InputError(f"is the plan of a {robot.kind}; view shows arms", "", str(path))
+        return plan.task.name, motion_show(plan.task.name, robot, plan.motion)
+    scene = read_scene(path)
+    states = solve(scene.support, scene.wrench).states
+    with naming(str(path)):
+        tip = TipOver(scene.support).evaluate(states)
+        slip = Slip(scene.support).evaluate(states, derivatives=False)
+        return scene.name, scene_show(scene, states.contact_forces, tip, slip)
+
+
+def _placement(path: Path, task_file: str | None) -> tuple[str, Show]:
+    """The best placement of a file, in base axes, with what stands around it."""
+    if task_file is None:
+        raise InputError(
+            "--task: missing; the file does not hold the robot, name its task file", "", str(path)
+        )
+    data, problem = json.loads(read_text(path)), load_placement(task_file).problem
+    try:
+        if not data["found"]:
+            raise InputError("holds no placement", "", str(path))
+        best = data["best"]
+        position, rotation = (np.array(best["base"][key], dtype=float) for key in ("position", "rotation"))
+        values = np.array([best["angles_deg"][task.name] for task in problem.tasks], dtype=float)
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"does not fit {task_file}: {error}", "", str(path)) from None
+    robot = _in_its_place(problem, position, rotation)
+    if values.shape[1] != robot.n:
+        raise InputError(
+            f"has {values.shape[1]} joint values, the arm of {task_file} {robot.n}", "", str(path)
+        )
+    q = np.where(robot.arm.prismatic, values, np.deg2rad(values))
+    return data["task"], pose_show(f"{data['task']}, {problem.tasks[0].name}", robot, q[0])
+
+
+def _in_its_place(problem: PlacementProblem, position: np.ndarray, rotation: np.ndarray) -> StandingRobot:
+    """The robot with gravity and obstacles of the world, in base axes."""
+    robot, own = problem.robot, problem.robot.support
+    around = [
+        one.placed(rotation.T, -rotation.T @ position) for one in (*problem.obstacles, *problem.keep_out)
+    ]
+    size = float(np.linalg.norm(own.gravity))
+    gravity = np.array([0, 0, -size]) if problem.gravity is None else np.asarray(problem.gravity, dtype=float)
+    support = type(own)(
+        own.contacts, mass=own.mass, center_of_mass=own.center_of_mass, inertia=own.inertia,
+        gravity=rotation.T @ gravity,
+    )  # fmt: skip
+    return robot.varied(support=support, obstacles=(*robot.obstacles, *around))
+
+
+@dataclass
+class ViewReport(Report):
+    """A page.
+
+    Attributes:
+        name: of what it shows.
+        frames: their number.
+        path: where it goes; None: it was served.
+        html: the page.
+    """
+
+    name: str
+    frames: int
+    path: Path | None
+    html: str
+
+    good = True
+
+    def to_dict(self) -> dict[str, Any]:
+        """What was written."""
+        size = len(self.html.encode())
+        path = None if self.path is None else f"{self.path}"
+        return {
+            "name": self.name,
+            "frames": self.frames,
+            "html": path,
+            "bytes": size,
+            "versions": versions(("viser",)),
+        }
+
+    def to_text(self) -> str:
+        """What was written."""
+        if self.path is None:
+            return f"{self.name}: shown."
+        return f"{self.name}: {self.path} ({len(self.html.encode()) / 1e6:.2f} MB, {self.frames} frames)"
+
+    def write(self) -> Iterator[Path]:
+        """The page."""
+        if self.path is not None:
+            write_text(self.path, self.html)
+            yield self.path

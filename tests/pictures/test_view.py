@@ -1,0 +1,198 @@
+"""Pages in three dimensions: small, whole, made quickly, and shown by a browser."""
+
+import json
+import re
+import shutil
+import subprocess
+import time
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from ocptip.cli.main import main
+from ocptip.motion.output import write_plan
+from ocptip.pictures.view import LINK, motion_show, pose_show, to_html
+from ocptip.placement.output import result_to_dict, write_placement
+from ocptip.placement.place import place
+from ocptip.published.tasks import experiment_task
+from ocptip.robots.payload import Payload
+from ocptip.task_files.motion import load_task
+from ocptip.task_files.placement import load_placement
+from ocptip.trajectories.arm_motion import ArmMotion
+from tests.pictures.plan_stand_in import plan_of
+from tests.places import EXAMPLES, ROOT
+
+pytest.importorskip("viser")
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+ADDRESS = re.compile(r"""(?:src|href)\s*=\s*["']?(?:https?:)?//|fetch\(\s*["']https?://""")
+
+
+def committed(case):
+    """Robot and verified motion of a published case."""
+    path = ROOT / f"studies/results/plans/{case}-effective/plan.json"
+    return experiment_task(case).robot, ArmMotion.from_dict(json.loads(path.read_text()))
+
+
+def swing(task):
+    """One ramp per joint, which only has to be drawn."""
+    limits = task.robot.limits
+    none = [None] * task.robot.n
+    return ArmMotion.with_passive(task.start, task.goal, none, 0.8 * limits.speed, 0.4 * limits.acceleration)
+
+
+@pytest.fixture(scope="module")
+def page():
+    return to_html(motion_show("A", *committed("A")))
+
+
+def test_page_is_small_and_whole(page):
+    assert len(page.encode()) < 3_000_000
+    assert not ADDRESS.search(page)
+    assert "__VISER_EMBED_DATA__" in page
+
+
+def test_page_of_an_arm_with_solids_is_made_quickly():
+    task = load_task(EXAMPLES / "tasks/ur5_cart.toml")
+    motion = swing(task)
+    task.robot.samples(motion, np.zeros(1))  # kernels are there
+    began = time.process_time()
+    found = to_html(motion_show("UR5", task.robot, motion))
+    assert time.process_time() - began < 5.0
+    assert len(found.encode()) < 3_000_000
+
+
+class Node:
+    """Records what is put on stage."""
+
+    def __init__(self, name="", **given):
+        self.__dict__.update(given, name=name)
+
+
+class Recorder:
+    """Takes the place of viser's server and scene."""
+
+    def __init__(self):
+        self.scene, self.nodes = self, {}
+
+    def __getattr__(self, kind):
+        def add(name, *values, **given):
+            self.nodes[name] = Node(name, kind=kind, values=values, **given)
+            return self.nodes[name]
+
+        return add
+
+
+def test_what_is_on_stage_is_what_the_check_says():
+    robot, motion = committed("A")
+    show, stage = motion_show("A", robot, motion), Recorder()
+    frame = show.stage(stage)
+    for k in (0, len(show.times) // 2, len(show.times) - 1):
+        frame(k)
+        seen = robot.samples(motion, show.times[k : k + 1])
+        slip = seen.slip
+        local = np.column_stack([slip.normal_forces[0], slip.tangential_forces[0]])
+        forces = np.einsum("kij,kj->ki", robot.support.frames, local)
+        ends = stage.nodes["/contact forces"].points
+        arrows = np.array(ends[:, 1] - ends[:, 0], dtype=float)
+        share = arrows / np.linalg.norm(arrows.sum(axis=0))
+        assert np.allclose(share, forces / np.linalg.norm(forces.sum(axis=0)), atol=1e-4)
+        pair = robot.tip_over.axes[seen.tip.nearest_axis[0]].contacts
+        places = np.array([robot.support.contacts[c].position for c in pair])
+        assert np.allclose(stage.nodes["/nearest tipping axis"].points[0], places, atol=1e-6)
+        normal = slip.normal_forces[0]
+        centre = normal @ np.array([c.position for c in robot.support.contacts]) / normal.sum()
+        assert np.allclose(stage.nodes["/zero-moment point"].position, centre)
+        assert f"GN {seen.tip.GN[0]:.3f}, GT {slip.GT[0]:.3f}" in stage.nodes["/clock"].text
+    tip = np.array(stage.nodes["/arm/6"].position)
+    assert np.linalg.norm(tip) < robot.arm.reach
+    cone = stage.nodes["/friction cones/1"].values[0]
+    assert np.allclose(np.hypot(*cone[1:, :2].T), 0.2 * cone[1:, 2])  # friction
+
+
+def test_payload_base_and_solids_are_there():
+    task = load_task(EXAMPLES / "tasks/ur5_cart.toml")
+    stage = Recorder()
+    robot = task.robot.varied(arm=task.robot.arm.with_payload(Payload(2.0)))
+    pose_show("UR5", robot, task.start).stage(stage)(0)
+    assert any(name.endswith("/payload") for name in stage.nodes)
+    assert any(name.startswith("/base") for name in stage.nodes)
+    arm = [node for name, node in stage.nodes.items() if name.startswith("/arm")]
+    assert sum(node.kind != "add_frame" for node in arm) > 5
+
+
+def test_view_of_a_plan_folder(tmp_path, capsys):
+    task = experiment_task("A")
+    write_plan(tmp_path / "A", plan_of(task, task.reference))
+    assert main(["view", str(tmp_path / "A"), "--html", str(tmp_path / "a.html")]) == 0
+    assert capsys.readouterr().out.startswith("A: ")
+    assert (tmp_path / "a.html").stat().st_size < 3_000_000
+
+
+def test_view_of_a_scene(tmp_path, capsys):
+    scene = EXAMPLES / "scenes/rover_on_slope.toml"
+    assert main(["view", str(scene), "--html", str(tmp_path / "s.html"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["frames"] == 1
+
+
+def test_view_of_a_placement(tmp_path, capsys):
+    path = EXAMPLES / "tasks/place_incline.toml"
+    result = place(load_placement(path).problem, starts=1)
+    write_placement(tmp_path, result_to_dict("incline", result))
+    assert main(["view", str(tmp_path), "--task", str(path), "--html", str(tmp_path / "p.html")]) == 0
+    assert (tmp_path / "p.html").is_file()
+    assert main(["view", str(tmp_path), "--html", str(tmp_path / "p.html")]) == 2
+    assert "name its task file" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["nowhere.toml"], "nowhere.toml"),
+        (["scenes/rover_on_slope.toml", "--task", "x.toml"], "--task: belongs to the folder of a placement"),
+        (["scenes/rover_on_slope.toml", "--html", "no/such/place.html"], "--html: no such directory"),
+    ],
+)
+def test_refusals(arguments, said, capsys, monkeypatch):
+    monkeypatch.chdir(EXAMPLES)
+    assert main(["view", *arguments]) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_without_viser(capsys, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "viser", None)
+    assert main(["view", str(EXAMPLES / "scenes/rover_on_slope.toml")]) == 2
+    assert "pip install 'ocptip[view]'" in capsys.readouterr().err
+
+
+def test_planar_scenes_are_drawn_elsewhere(tmp_path, capsys):
+    feet = "".join(
+        f'[[contact]]\nkind = "unilateral"\nposition = [{x}, 0]\nfriction = 0.5\n' for x in (-0.3, 0.3)
+    )
+    path = tmp_path / "plane.toml"
+    path.write_text(f"[base]\nmass = 20\ncenter_of_mass = [0, 0.4]\n{feet}")
+    assert main(["view", str(path), "--html", str(tmp_path / "p.html")]) == 2
+    assert "ocptip stand --plot draws it" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(CHROMIUM is None, reason="no chromium: apt-get install chromium")
+def test_browser_shows_the_page(page, tmp_path):
+    """Without any network; the robot is there, and the console has no error."""
+    path, picture = tmp_path / "a.html", tmp_path / "a.png"
+    path.write_text(page, encoding="utf-8")
+    options = ["--headless", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+    options += ["--host-resolver-rules=MAP * ~NOTFOUND", f"--user-data-dir={tmp_path / 'profile'}"]
+    options += ["--enable-logging=stderr", "--v=0", "--window-size=1000,700", "--virtual-time-budget=6000"]
+    done = subprocess.run(
+        [CHROMIUM, *options, f"--screenshot={picture}", path.as_uri()],
+        capture_output=True, text=True, timeout=300, check=True,
+    )  # fmt: skip
+    console = [line for line in done.stderr.splitlines() if "CONSOLE" in line]
+    assert any("Embedded data loaded" in line for line in console)
+    assert not [line for line in console if "ERROR:CONSOLE" in line or "Uncaught" in line]
+    pixels = np.asarray(Image.open(picture).convert("RGB")).astype(int)[:640, 320:]
+    shown = pixels[(pixels[:, :, 2] > pixels[:, :, 0] + 40) & (pixels[:, :, 2] > 60)]
+    assert len(shown) > 1000  # links are blue
+    assert LINK[2] > LINK[0]
+    assert pixels.std() > 10
