@@ -27,6 +27,10 @@ ARGUMENTS = {
     "parallel": ["6UPS"],
     "examples": ["ex"],
     "init": ["robot.urdf"],
+    "view": ["a.toml"],
+    "export": ["plan"],
+    "simulate": ["plan"],
+    "report": ["plan"],
 }
 NAMES = [command.name for command in COMMANDS]
 

@@ -8,6 +8,7 @@ import pytest
 from ocptip.contact.bindings.clamps import RigidClamp
 from ocptip.contact.support import Support
 from ocptip.published.tasks import experiment_task
+from ocptip.standing.simulation.mjcf import to_mjcf
 from ocptip.standing.simulation.replay import Simulator, World, compared
 from ocptip.trajectories.arm_motion import ArmMotion
 from tests.places import ROOT
@@ -63,6 +64,13 @@ def test_least_foot_forces_of_eight_plans(name):
     assert replay.stands
     assert beside.rms_least < 1.0  # N
     assert beside.rms < 1.0
+
+
+def test_events_close_together_are_keyframes_of_their_own():
+    robot, motion = plan_of("D-printed")
+    assert np.diff(motion.event_times).min() < 1e-6
+    assert to_mjcf(robot, motion).count("<key ") == to_mjcf(robot, motion).count('name="key ') + 1
+    Simulator(robot, motion.time_scaled(0.01)).run()  # MuJoCo takes it
 
 
 def test_feet_that_give_lift_as_the_library_says(plan, simulator):

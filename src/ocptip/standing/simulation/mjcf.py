@@ -326,7 +326,7 @@ def _keyframes(root: ET.Element, robot: StandingRobot, bodies: ArmBodies, motion
     offsets = joint_offsets(robot, bodies)
     for k, (time, at, speed) in enumerate(zip(times, q, qd, strict=True)):
         add(
-            frames, "key", name="start" if k == 0 else f"{time:.6f} s", time=text(time),
+            frames, "key", name=f"key {k}" if k else "start", time=text(time),
             qpos=text([*rest, *(joint_order(robot, bodies, at) + offsets)]),
             qvel=text([*np.zeros(6), *joint_order(robot, bodies, speed)]), ctrl=text(at),
         )  # fmt: skip

@@ -1,0 +1,91 @@
+"""Twenty tasks for plans within a tolerance, and their plans, kept in a file."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from ocptip.basics.errors import InputError, PlanningError
+from ocptip.basics.write import write_json
+from ocptip.contact.bindings.unilateral import UnilateralContact
+from ocptip.contact.support import Support
+from ocptip.motion.plan import plan_motion
+from ocptip.motion.task import MotionTask
+from ocptip.published.tasks import experiment_task
+from ocptip.robots.payload import Payload
+from ocptip.standing.tolerance import PRESETS
+from ocptip.task_files.motion import load_task
+from ocptip.trajectories.arm_motion import ArmMotion
+from studies.common import EXAMPLES
+
+CARTS = ((15.0, 0.25), (30.0, 0.25), (60.0, 0.30))
+"""Mass, kg, and half the distance of the feet, m."""
+
+
+def on_feet(case: str, mass: float, half: float, feet: int) -> MotionTask:
+    """The arm of a published case on three or four feet under another base."""
+    task = experiment_task(case, "effective")
+    own = task.robot.support
+    height = float(own.contacts[0].position[2])
+    corners = {3: ((1, 0.8), (1, -0.8), (-1.2, 0)), 4: ((1, 1), (-1, 1), (-1, -1), (1, -1))}[feet]
+    contacts = [UnilateralContact(position=[x * half, y * half, height], friction=0.6) for x, y in corners]
+    support = Support(contacts, mass=mass, center_of_mass=[0, 0, height / 2], gravity=own.gravity)
+    robot = task.robot.varied(support=support)
+    return replace(task, robot=robot, reference=None, source=None)
+
+
+def ur5(payload: float) -> MotionTask:
+    """The UR5 of the examples on its cart, with a payload, kg."""
+    task = load_task(EXAMPLES / "tasks" / "ur5_cart.toml")
+    arm = task.robot.arm.with_payload(Payload(payload) if payload else None)
+    return replace(task, robot=task.robot.varied(arm=arm), source=None)
+
+
+def tasks() -> dict[str, tuple[Callable[[], MotionTask], str]]:
+    """How to make every task, by name, and the name of its tolerance."""
+    found: dict[str, tuple[Callable[[], MotionTask], str]] = {}
+    for feet in (3, 4):
+        for mass, half in CARTS:
+            for case in ("A", "D", "G"):
+                name = f"arm of {case}, {feet} feet, {mass:g} kg"
+                make = lambda case=case, mass=mass, half=half, feet=feet: on_feet(case, mass, half, feet)  # noqa: E731
+                found[name] = make, "workshop"
+    for case in ("A", "G", "D"):
+        found[case] = (lambda case=case: experiment_task(case, "effective")), "workshop"
+    for payload in (0.0, 5.0):
+        for preset in ("workshop", "site"):
+            make = lambda payload=payload: ur5(payload)  # noqa: E731
+            found[f"UR5 on a cart, {payload:g} kg"[:40] + f", {preset}"] = make, preset
+    found["B"] = (lambda: experiment_task("B", "effective")), "workshop"
+    return found
+
+
+def planned(name: str, folder: Path, starts: int) -> tuple[MotionTask, ArmMotion] | str:
+    """The task within its tolerance and its plan, from the file or made now; or why there is none."""
+    make, preset = tasks()[name]
+    task = make()
+    task = replace(task, limits=replace(task.limits, tolerance=PRESETS[preset]))
+    path = folder / f"{name.replace(' ', '_').replace(',', '')}.json"
+    if not path.is_file():
+        data: dict[str, Any] = {"task": name, "preset": preset, "starts": starts}
+        try:
+            plan = plan_motion(task, starts=starts, jobs=1)
+            data |= {"energy_J": plan.energy, "verified": plan.verified, "motion": plan.motion.to_dict()}
+        except (InputError, PlanningError) as error:
+            data["refused"] = f"{error}"
+        write_json(path, data)
+    data = json.loads(path.read_text())
+    if "refused" in data or not data["verified"]:
+        return data.get("refused", "not verified")
+    return task, ArmMotion.from_dict(data["motion"])
+
+
+def all_planned(
+    folder: Path, names: Sequence[str], starts: int
+) -> dict[str, tuple[MotionTask, ArmMotion] | str]:
+    """The plans of several tasks."""
+    folder.mkdir(parents=True, exist_ok=True)
+    return {name: planned(name, folder, starts) for name in names}

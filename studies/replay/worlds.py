@@ -1,0 +1,92 @@
+"""Worlds within a tolerance: random ones, corners, and those that are named the worst."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ocptip.motion.within_tolerance import jump_states
+from ocptip.standing.arm import StandingRobot
+from ocptip.standing.deviations import Deviations
+from ocptip.standing.simulation.replay import World
+from ocptip.standing.tolerance import Tolerance
+from ocptip.standing.worst_case import worst_case_of
+from ocptip.trajectories.sampled import Motion
+
+INSTANTS = 400
+EXACT = 60  # instants that are looked at exactly, those with the least estimated moments
+JUST = 1e-5  # s
+
+
+def random_world(robot: StandingRobot, tolerance: Tolerance, rng: np.random.Generator, corner: bool) -> World:
+    """A world within a tolerance without pushes; of a corner everything is at an end."""
+
+    def share(size: tuple[int, ...] = ()) -> np.ndarray:
+        """-1 to 1."""
+        return rng.choice([-1.0, 1.0], size) if corner else rng.uniform(-1, 1, size)
+
+    factors = [1 + tolerance.arm_mass * share() for _ in range(robot.arm.links)]
+    low, high = tolerance.masses(robot.support.mass)[0], tolerance.masses(robot.support.mass)[-1]
+    base = (low + high + (high - low) * share()) / 2 / robot.support.mass
+    held = [1 + tolerance.payload_mass * share()] if robot.payload else []
+    return World(
+        tilt=float(tolerance.tilt * (1 if corner else rng.random())),
+        downhill=float(rng.uniform(-np.pi, np.pi)),
+        payload=float(tolerance.extra_mass * (1 + share()) / 2),
+        friction=float(1 - tolerance.friction * (1 + share()) / 2),
+        speed=float(1 + tolerance.speed * share()),
+        masses=tuple(float(f) for f in (base, *factors, *held)),
+        late=tuple(float(x) for x in tolerance.delay * (1 + share((robot.n,))) / 2),
+    )
+
+
+def worst_worlds(
+    robot: StandingRobot, motion: Motion, tolerance: Tolerance
+) -> dict[str, tuple[World, str, float]]:
+    """The worlds of the least moment about a tipping axis, N m, and of the greatest GT; name and value.
+
+    Without pushes.
+    """
+    cases = worst_case_of(robot, tolerance)
+    jumps = jump_states(motion, tolerance)
+    times = np.linspace(0, motion.end, INSTANTS)
+    s = np.vstack([np.hstack(motion.states(times)), jumps.s])
+    times = np.concatenate([times, jumps.times])
+    estimated = cases.estimated_moments(s)
+    rows, axes = np.unravel_index(np.argsort(estimated, axis=None)[:EXACT], estimated.shape)
+    tip = cases.moments(s[rows], axes)
+    k = int(np.argmin(tip.values))
+    found = {"tips": (rows[k], tip.theta[k], tip.values[k])}
+    rows = np.argsort(-cases.estimated_slip(s))[:EXACT]
+    slip = cases.slip(s[rows])
+    k = int(np.argmax(slip.values))
+    found["slips"] = (rows[k], slip.theta[k], slip.values[k])
+    worlds = {}
+    for name, (row, theta, value) in found.items():
+        time = float(times[row])
+        words = f"{cases.deviations.words(theta)}, at {time:.3f} s"
+        worlds[name] = _world(cases.deviations, motion, s[row], time, theta), words, float(value)
+    return worlds
+
+
+def _world(own: Deviations, motion: Motion, state: np.ndarray, time: float, theta: np.ndarray) -> World:
+    """Deviations as a world; joints that have not jumped yet at a state near an event are late."""
+    robot, tolerance, n = own.robot, own.tolerance, own.robot.n
+    before, after = (motion.states(np.array([time + side]))[2][0] for side in (-JUST, JUST))
+    jumped = np.abs(after - before) > 1e-6
+    late = jumped & (np.abs(state[2 * n :] - before) < np.abs(state[2 * n :] - after))
+    part = {name: theta[at] for name, at in own.places.items()}
+    late |= part.get("delay", np.zeros(n)) > 0
+    gravity, change = robot.support.gravity, part.get("gravity", np.zeros(3))
+    down, tilted = (x / np.linalg.norm(x) for x in (gravity, gravity + change))
+    factors = [1 + part.get("base_mass", np.zeros(1)), 1 + part.get("arm_mass", np.zeros(robot.arm.links))]
+    if "payload_mass" in part:
+        factors.append(1 + part["payload_mass"])
+    return World(
+        tilt=float(np.arctan2(np.linalg.norm(np.cross(down, tilted)), down @ tilted)),
+        downhill=float(np.arctan2(change[1], change[0])),
+        payload=float(part.get("extra_mass", np.zeros(1))[0]),
+        friction=1 - tolerance.friction,
+        speed=float(np.sqrt(1 + part.get("speed", np.zeros(1))[0])),
+        masses=tuple(np.concatenate(factors).tolist()),
+        late=tuple(np.where(late, tolerance.delay, 0.0).tolist()),
+    )
