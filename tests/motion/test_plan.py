@@ -14,14 +14,15 @@ import pytest
 
 from ocptip.basics.errors import InputError, PlanningError
 from ocptip.motion.check import check_motion
-from ocptip.motion.plan import plan_motion
-from ocptip.motion.planner.one_start import Attempt, Search, StartResult
+from ocptip.motion.plan import FINISHED, _attempts, plan_motion
+from ocptip.motion.planner.one_start import LEFT_OUT, Attempt, Clock, Rough, Search, StartResult
 from ocptip.motion.workers import WorkerDiedError, worker_pool
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.geometry import Pillar
 from ocptip.robots.kinematics import gripper_pose
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.limits import MotionLimits
+from ocptip.standing.tolerance import WORKSHOP
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.arm_motion import ArmMotion
 
@@ -441,3 +442,29 @@ def test_a_ur5_on_a_cart(root):
 @pytest.mark.slow
 def test_a_ur5_on_a_cart_from_several_starts(root):
     assert_ur5_is_planned(root, 3)
+
+
+@pytest.mark.parametrize(
+    ("good", "finished"), [({4}, [4, 2, 0]), ({3}, [4, 2, 0, 5, 1, 3]), ({}, [4, 2, 0, 5, 1, 3])]
+)
+def test_of_starts_within_a_tolerance_the_most_promising_ones_are_finished(task, good, finished):
+    task = dataclasses.replace(task, limits=MotionLimits(tolerance=WORKSHOP))
+    costs, done = [3.0, np.inf, 2.0, np.inf, 1.0, 4.0], []
+
+    def work(what, jobs):
+        for _, (number, seed, *rough) in jobs:
+            assert seed == 7
+            if what == "rough":
+                yield Rough(number, np.zeros(1), np.zeros(1), costs[number], "", Clock())
+                continue
+            assert rough[0].number == number
+            done.append(number)
+            result = rough[0].clock.result(number, "verified" if number in good else "no motion", None)
+            yield Attempt(dataclasses.replace(result, verified=number in good), None, None)
+
+    found = list(_attempts(work, [(task, number) for number in range(len(costs))], 7))
+    assert done == finished
+    assert len(done) % FINISHED == 0
+    assert sorted(a.result.number for a in found) == list(range(len(costs)))
+    left_out = {a.result.number for a in found if a.result.status == LEFT_OUT}
+    assert left_out == set(range(len(costs))) - set(finished)

@@ -7,7 +7,7 @@ import pytest
 
 from ocptip.basics.errors import InputError
 from ocptip.motion.check import check_motion
-from ocptip.motion.within_tolerance import jump_states
+from ocptip.motion.within_tolerance import jump_states, tolerable, worst_within
 from ocptip.published.tasks import experiment_task
 from ocptip.reserves.tipping import TipMap
 from ocptip.standing.limits import MotionLimits
@@ -47,6 +47,18 @@ def test_no_sample_is_worse_than_the_worst_case(task, factor):
         GT = cases.robot.slip.evaluate(states, derivatives=False).GT
         assert GT.max() <= within.slip.value + 1e-3
         assert states.persistent.all()
+
+
+def test_how_much_of_a_tolerance_a_motion_can_have(task):
+    motion, tolerance = slow(task, 2.0), Tolerance(tilt=np.radians(3.0), friction=0.2, damping=0.05)
+    limits = dataclasses.replace(task.limits, tolerance=tolerance)
+    share, why = tolerable(task.robot, motion, limits)
+    assert 0.1 < share < 0.9
+    assert why.startswith("of floor tilt 3 deg alone it can have floor tilt ")
+    times = np.linspace(0, motion.end, 300)
+    for factor, kept in ((share - 0.03, True), (share + 0.05, False)):
+        found = worst_within(task.robot, motion, tolerance.scaled(factor), times).measured(limits)
+        assert all(worst.excess <= 0 for worst in found) == kept
 
 
 def test_verified_only_if_the_worst_case_is(task):

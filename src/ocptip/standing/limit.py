@@ -289,12 +289,14 @@ class AskedLimit(Limit):
         quantity: its name in results.
         setting: the field of `MotionLimits`.
         least: the number is the least value.
+        rows_first: not tightened at once where it is broken by more than a step: then rows were missing.
         smallest_step, largest_step: by how much the number is tightened at once, at least and at most.
     """
 
     quantity = setting = ""
     least = False
     smallest_step, largest_step = 0.0, 2e-3
+    rows_first = False
 
     @property
     def number(self) -> float:

@@ -45,6 +45,7 @@ class WorstCaseLimit(StateLimit, AskedLimit):
     of_contacts = True
     node_kinds = (ORDINARY, DEVIATING)
     smallest_step, largest_step = 1e-4, 0.02
+    rows_first = True
     unit = 1.0
 
     def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:

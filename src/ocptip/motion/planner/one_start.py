@@ -243,13 +243,14 @@ class Search:
         """The exact motion and its check; solved again, a little tighter, where the check finds a fault."""
         best = self._motion_and_check(refiner, exact, clock)
         checked = best[1]
-        for _ in range(TIGHTENINGS):
+        for attempt in range(TIGHTENINGS):
             worst = [(limit, checked.worst[limit.quantity]) for limit in self._asked]
             faults = [(limit, w) for limit, w in worst if w.excess > 0]
             if checked.verified or not faults:
                 break
             for limit, w in faults:
-                refiner.limits = limit.tightened(refiner.limits, w.excess)
+                if attempt or not limit.rows_first or w.excess <= limit.largest_step:
+                    refiner.limits = limit.tightened(refiner.limits, w.excess)
             try:
                 exact = refiner.again(exact, [w.time for _, w in faults])
                 clock.stage("exact")
