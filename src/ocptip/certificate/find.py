@@ -191,7 +191,7 @@ def certify(
     search = _Search(robot, motion, _bounds(limits, worst, bool(robot.collision.labels)))
     search.run()
     sampled = _sampled(robot, worst)
-    if limits.tolerance.given:
+    if limits.tolerance.given and any(name in worst for name in _WITHIN):
         sampled += search.run_within(limits, worst)
     data = search.data()
     verdict = check_certificate(data)
