@@ -46,6 +46,16 @@ OF_MOTION = (
 )
 
 
+PRICE = argument("--price-per-second", "W", "energy + W J per second is least", type=float)
+RATE = argument("--rate", "HZ", "points per second for controllers (100)", type=float, default=100.0)
+EFFORT = argument("--effort", None, "write torques into trajectory.json, too", action="store_true")
+
+
+def _objective(default: str) -> Argument:
+    text = f"what is least (default: {default})"
+    return argument("--objective", None, text, choices=("energy", "time", "both"))
+
+
 def _time_scale(text: str) -> Argument:
     return argument("--time-scale", "F", text, type=float, nargs="+", default=[])
 
@@ -95,13 +105,8 @@ COMMANDS = (
             SEED,
             argument("--jobs", "N", "processes (default: one per core)", type=int),
             SCHEDULER,
-            argument(
-                "--objective",
-                None,
-                "what is least (default: that of the task, or energy)",
-                choices=("energy", "time", "both"),
-            ),
-            argument("--price-per-second", "W", "energy + W J per second is least", type=float),
+            _objective("that of the task, or energy"),
+            PRICE,
             argument(
                 "--controller",
                 None,
@@ -109,11 +114,11 @@ COMMANDS = (
                 choices=("ramps", "linear", "cubic", "quintic"),
                 default="ramps",
             ),
-            argument("--rate", "HZ", "points per second for controllers (100)", type=float, default=100.0),
+            RATE,
             _rise_time(
                 "plan S-curves: accelerations rise within S (default: that of the task; quintic: 0.02)"
             ),
-            argument("--effort", None, "write torques into trajectory.json, too", action="store_true"),
+            EFFORT,
             argument("--max-duration", "S", "the motion takes at most so long, s", type=float),
             argument("--duration", "S", "the motion takes just so long, s", type=float),
             argument(
@@ -141,6 +146,43 @@ COMMANDS = (
             SCHEDULER,
             TOLERANCE,
             SEED,
+            *FILES,
+        ),
+    ),
+    Command(
+        "retime",
+        "the fastest or cheapest timing of a given path that loses no contact",
+        "Times a given path anew: as fast, or as cheaply, as all contacts and limits allow, and checks it.",
+        "0 a verified timing, 1 none",
+        (
+            argument(
+                "motion",
+                "PATH",
+                "a file of waypoints (TOML), or a motion as for check, whose times are forgotten",
+            ),
+            *OF_MOTION,
+            _objective("time"),
+            PRICE,
+            argument("--max-duration", "S", "the motion takes at most so long, s", type=float),
+            argument(
+                "--path-tolerance",
+                "X",
+                "how far the path may be from what is given, degrees (sliding joints, tool lines: mm): "
+                "corners are blended, noise is smoothed",
+                type=float,
+            ),
+            argument(
+                "--controller",
+                None,
+                "who runs it: a controller that interpolates points by cubics (default), or straight lines",
+                choices=("cubic", "linear"),
+                default="cubic",
+            ),
+            RATE,
+            EFFORT,
+            argument("--unit", None, "of angles in CSV columns that do not say it", choices=("deg", "rad")),
+            *LIMITS,
+            TOLERANCE,
             *FILES,
         ),
     ),

@@ -171,20 +171,12 @@ class CycleReport(Report):
     def to_text(self) -> str:
         """The summary in one line, a table of the segments, then what else is known."""
         whole, plan = self.check.whole, self.plan
-        lines = [("starts", self._starts())]
-        lines += [("", f"start {one.number} {one.status}") for part in plan.parts for one in part.lost]
+        lines = self.found()
         if self.executions[0].controller != "ramps":
             lines.append(("controller", self._controller()))
         pairs = zip(plan.task.segments, self.executions, strict=False)
         texts = [f"{e.trajectory_text} (segment {s.name})" for s, e in pairs if e.trajectory_text]
         lines += under("points", texts)
-        if "choices" in plan.options:
-            chosen = plan.options["choices"]
-            counts = ", ".join(map(str, chosen["postures"]))
-            lines.append(
-                ("postures", f"{counts} that stand at start and goals; {chosen['ways']} ways planned")
-            )
-        lines += under("freed", list(freed_texts(plan)))
         if plan.interrupted:
             lines.append(("interrupted", self._interrupted()))
         lines += certificate_rows(whole)
@@ -196,6 +188,18 @@ class CycleReport(Report):
         lines += under("assumed", plan.task.robot.notes)
         head = "\n".join([self.headline(), "", *segment_table(plan.task, self.check), ""])
         return summary(head, lines, self.written)
+
+    def found(self) -> list[tuple[str, str]]:
+        """How the motions were found."""
+        lines = [("starts", self._starts())]
+        lines += [("", f"start {one.number} {one.status}") for part in self.plan.parts for one in part.lost]
+        if "choices" in self.plan.options:
+            chosen = self.plan.options["choices"]
+            counts = ", ".join(map(str, chosen["postures"]))
+            lines.append(
+                ("postures", f"{counts} that stand at start and goals; {chosen['ways']} ways planned")
+            )
+        return lines + under("freed", list(freed_texts(self.plan)))
 
     def headline(self) -> str:
         """Status, energy, duration, use of the reserves."""

@@ -24,6 +24,12 @@ OUTPUTS = {
         "angles.png", "speeds.png", "torques.png", "power.png", "reserves.png", "normal_forces.png",
         "friction.png", "clearance.png", "stops.png", "feet.png",
     ),
+    "retime": (
+        "plan.json", "motion.csv", "trajectory.json", "certificate.json", "task/task.toml", "SHA256SUMS",
+        "plan.png",
+        "angles.png", "speeds.png", "torques.png", "power.png", "reserves.png", "normal_forces.png",
+        "friction.png", "clearance.png", "feet.png", "phase_plane.png",
+    ),
     "place": ("placement.json", "placement.png", "map.png"),
 }  # fmt: skip
 """What the commands write into a directory; the first one tells whose the others are."""

@@ -42,6 +42,7 @@ from ocptip.published.tasks import experiment_task
 from ocptip.standing.sensitivity import Sensitivity
 from ocptip.standing.tolerance import WORKSHOP
 from ocptip.task_files.cycle import read_task
+from ocptip.trajectories.arm_motion import ArmMotion
 
 
 def run(options: Namespace) -> Report:
@@ -219,21 +220,11 @@ class PlanReport(Report):
 
     def to_text(self) -> str:
         """The summary in one line, then starts, time scales and files. ASCII only, but for names."""
-        lines = [("starts", self._starts())]
-        lines += [("", f"start {one.number} {one.status}") for one in self.plan.lost]
-        if self.plan.motion.rise_times:
-            lines.append(("S-curves", rises(self.plan.motion)))
+        lines = self.found()
         if self.execution.controller != "ramps":
             lines.append(("controller", self._controller(self.execution)))
         if self.execution.trajectory_text:
             lines.append(("points", self.execution.trajectory_text))
-        if "choices" in self.plan.options:
-            pairs = self.plan.options["choices"]
-            lines.append(
-                ("postures", f"{pairs['planned']} of {pairs['pairs']} pairs of start and goal planned")
-            )
-        if self.plan.interrupted:
-            lines.append(("interrupted", "this is the best of the starts that had finished"))
         lines += certificate_rows(self.check)
         lines += under("contacts", self.check.contacts.lines())
         lines += under("on feet", self.check.feet_lines)
@@ -246,6 +237,21 @@ class PlanReport(Report):
         lines.append(("masses", masses(self.plan.task.robot)))
         lines += under("assumed", self.plan.task.robot.notes)
         return summary(self.headline(), lines, self.written)
+
+    def found(self) -> list[tuple[str, str]]:
+        """How the motion was found."""
+        lines = [("starts", self._starts())]
+        lines += [("", f"start {one.number} {one.status}") for one in self.plan.lost]
+        if isinstance(self.plan.motion, ArmMotion) and self.plan.motion.rise_times:
+            lines.append(("S-curves", rises(self.plan.motion)))
+        if "choices" in self.plan.options:
+            pairs = self.plan.options["choices"]
+            lines.append(
+                ("postures", f"{pairs['planned']} of {pairs['pairs']} pairs of start and goal planned")
+            )
+        if self.plan.interrupted:
+            lines.append(("interrupted", "this is the best of the starts that had finished"))
+        return lines
 
     def headline(self) -> str:
         """Status, energy, duration, use of the reserves, ratio to the reference."""

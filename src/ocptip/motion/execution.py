@@ -13,6 +13,7 @@ from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.controllers import Controller, controller_points
 from ocptip.trajectories.sampled import Motion, SampledMotion
+from ocptip.trajectories.timed_path import TimedPath
 
 SLOWEST = 1.25  # a motion that has to be slowed down by more is another motion
 STEPS = (1.0, 1.0005, 1.002, 1.005, 1.01, 1.02, 1.05, 1.1, SLOWEST)
@@ -102,7 +103,7 @@ class Execution:
 
 def execute(
     robot: StandingMechanism,
-    motion: ArmMotion,
+    motion: ArmMotion | TimedPath,
     limits: MotionLimits,
     controller: Controller,
     *,
@@ -124,7 +125,8 @@ def execute(
     def tried(factor: float) -> Execution:
         points = controller_points(motion.slowed(factor), controller, step=step)
         checked = check_motion(robot, points, limits)
-        return Execution(controller, points, points, checked, factor, step, motion.rise_times)
+        rises = motion.rise_times if isinstance(motion, ArmMotion) else ()
+        return Execution(controller, points, points, checked, factor, step, rises)
 
     def verified(factor: float) -> Execution | None:
         found = tried(factor)

@@ -81,7 +81,7 @@ def plan_to_dict(plan: MotionPlan, execution: Execution | None = None) -> dict[s
         **({"units": motion["units"]} if "units" in motion else {}),
         "start": motion["start"],
         "goal": np.where(np.array(units) == "rad", np.rad2deg(goal), goal),
-        "commands": motion["commands"],
+        **({"path": motion["path"]} if "path" in motion else {"commands": motion["commands"]}),
         "rise_time_s": motion.get("rise_time_s", 0.0),
         "starts": [{key: getattr(s, name) for name, key in _START_KEYS.items()} for s in plan.starts],
         "best": plan.best,

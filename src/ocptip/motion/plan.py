@@ -23,6 +23,7 @@ from ocptip.motion.task import MotionTask, require_plannable
 from ocptip.motion.within_tolerance import tolerable
 from ocptip.motion.workers import WorkerDiedError, worker_pool
 from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.timed_path import TimedPath
 
 LOST = "lost: "
 """Status of a start begins so if it killed its worker process again and again."""
@@ -48,7 +49,7 @@ class MotionPlan:
     """
 
     task: MotionTask
-    motion: ArmMotion
+    motion: ArmMotion | TimedPath
     check: MotionCheck
     starts: tuple[StartResult, ...]
     best: int

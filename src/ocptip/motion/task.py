@@ -16,7 +16,8 @@ from ocptip.standing.arm import StandingRobot
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.rest import posture_refusals
-from ocptip.trajectories.arm_motion import ArmMotion, checked_rise_times, earliest_end
+from ocptip.trajectories.arm_motion import checked_rise_times, earliest_end
+from ocptip.trajectories.sampled import Motion
 
 MOST_COMMANDS = 12
 LONGEST = 30.0  # s, of a motion that is planned
@@ -56,7 +57,7 @@ class MotionTask:
     optimised: tuple[int, ...] = FIRST_SEVEN
     commands: int = 3
     objective: Objective = ENERGY
-    reference: ArmMotion | None = None
+    reference: Motion | None = None
     choices: tuple[tuple[np.ndarray, np.ndarray], ...] = ()
     source: TaskSource | None = None
     targets: tuple[PoseTarget | None, PoseTarget | None] = (None, None)

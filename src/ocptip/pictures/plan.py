@@ -356,7 +356,8 @@ def _figure(
 ) -> tuple[Figure, np.ndarray]:
     figure = new_figure(*size)
     figure.suptitle(curves.title, fontsize=13, fontweight="bold")
-    figure.supxlabel("grey lines: a ramp of a joint begins or ends", fontsize=9, color="#6f6f6f")
+    if len(curves.events):
+        figure.supxlabel("grey lines: a ramp of a joint begins or ends", fontsize=9, color="#6f6f6f")
     axes = figure.subplots(rows, columns, squeeze=False, sharex=True)
     return figure, axes
 
@@ -365,7 +366,7 @@ def _finish(
     ax: Any, curves: PlanCurves, title: str, label: str, more: tuple[list[Any], list[str]] = ([], [])
 ) -> None:
     """Events, time axis, title, and the legend between title and panel, where it covers no curve."""
-    for t in curves.plan.motion.event_times:
+    for t in curves.events:
         ax.axvline(t, color=EVENT, lw=0.8, zorder=0)
     mark_segments(ax, getattr(curves.plan, "segments", ()))
     ax.set_xlabel("time [s]")

@@ -10,6 +10,7 @@ import numpy as np
 
 from ocptip.motion.output import sample_motion
 from ocptip.standing.mechanism import MotionSamples
+from ocptip.trajectories.timed_path import TimedPath
 
 if TYPE_CHECKING:
     from ocptip.motion.plan import MotionPlan
@@ -27,6 +28,12 @@ class PlanCurves:
         """Samples of the reference motion."""
         motion = self.plan.task.reference
         return None if motion is None else sample_motion(self.plan.task.robot, motion)
+
+    @property
+    def events(self) -> np.ndarray:
+        """When ramps begin or end, (S,), s; the timing of a path has none."""
+        motion = self.plan.motion
+        return np.empty(0) if isinstance(motion, TimedPath) else motion.event_times
 
     @property
     def times(self) -> np.ndarray:

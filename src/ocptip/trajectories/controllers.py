@@ -15,6 +15,7 @@ import numpy as np
 from ocptip.basics.errors import InputError, positive_number
 from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.sampled import SampledMotion, stamped
+from ocptip.trajectories.timed_path import TimedPath
 
 Controller = Literal["linear", "cubic", "quintic"]
 CONTROLLERS = ("linear", "cubic", "quintic")
@@ -23,20 +24,22 @@ SHORTEST = 1e-3  # s: of a motion
 ROUNDING = 1e-9  # s: of times
 
 
-def controller_points(motion: ArmMotion, controller: Controller, *, step: float = 0.01) -> SampledMotion:
+def controller_points(
+    motion: ArmMotion | TimedPath, controller: Controller, *, step: float = 0.01
+) -> SampledMotion:
     """Return the points for a controller, and with them the motion that it makes of them.
 
     Times are whole nanoseconds, as messages hold them.
 
     Args:
-        motion: of ramps or S-curves.
+        motion: of ramps or S-curves, or along a path.
         controller: "linear": angles every `step`; "cubic": angles and speeds at all events and every `step`,
             which are ramps exactly; "quintic": with accelerations, which are S-curves exactly.
         step: s; of a linear controller its period.
 
     Raises:
         InputError: no such controller, a step that is not positive, a motion shorter than 1 ms, or for
-            quintics a joint without rise time.
+            quintics a joint without rise time, or a timing of a path, whose accelerations jump.
     """
     step = positive_number("step", step)
     if controller not in CONTROLLERS:
@@ -49,8 +52,13 @@ def controller_points(motion: ArmMotion, controller: Controller, *, step: float 
     if controller == "cubic":
         times = _spread(motion.event_times, step)
         angles, speeds, _ = motion.states(times)
-        _rest(motion, times, angles, speeds)
+        if isinstance(motion, ArmMotion):
+            _rest(motion, times, angles, speeds)
+        else:  # it rests at both ends, wherever rounding puts these
+            angles[-1], speeds[[0, -1]] = motion.goal, 0.0
         return SampledMotion(times, angles, speeds)
+    if isinstance(motion, TimedPath):
+        raise InputError("quintic: a timing of a path has accelerations that jump, which quintics cannot run")
     if not all(motion.rise_times or [0.0]):
         raise InputError("rise_time: must be > 0 for quintic, which cannot run accelerations that jump")
     times = _spread(np.unique(np.concatenate([curve.times for curve in motion.curves])), step)

@@ -23,7 +23,8 @@ from ocptip.basics.errors import InputError, finite_array
 from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.fit import FittedMotion
 from ocptip.trajectories.path import JointPath
-from ocptip.trajectories.sampled import SampledMotion
+from ocptip.trajectories.sampled import Motion, SampledMotion
+from ocptip.trajectories.timed_path import TimedPath
 
 FINE = 5e-5  # rad or m: distance of a path from a motion that is known exactly
 SAMPLES = 4000  # of a motion between two rests
@@ -62,9 +63,7 @@ class FittedPath:
         return np.max(np.abs(self.path.at(self.places)[0] - self.samples), axis=0)
 
 
-def path_of_motion(
-    motion: ArmMotion | SampledMotion, tolerance: float | np.ndarray | None = None
-) -> FittedPath:
+def path_of_motion(motion: Motion, tolerance: float | np.ndarray | None = None) -> FittedPath:
     """The path that a motion takes; its times are forgotten.
 
     Args:
@@ -75,6 +74,9 @@ def path_of_motion(
     Raises:
         InputError: it does not move, or its samples are noisy beyond the tolerance.
     """
+    if isinstance(motion, TimedPath):
+        ends = motion.path.breakpoints
+        return FittedPath(motion.path, "the path of a timing as it is", ends, motion.path.at(ends)[0])
     if isinstance(motion, SampledMotion) and motion.speeds is None:
         points = motion.angles
         return spline_through(points) if tolerance is None else blended_lines(points, tolerance)
@@ -204,7 +206,7 @@ def _refuse_noise(motion: FittedMotion, tolerance: np.ndarray) -> None:
         )
 
 
-def _moving(motion: ArmMotion | SampledMotion) -> list[tuple[float, float]]:
+def _moving(motion: Motion) -> list[tuple[float, float]]:
     """Intervals (s) between rests in which the motion moves."""
     events = motion.event_times
     rests = np.max(np.abs(motion.states(events)[1]), axis=1) <= STILL

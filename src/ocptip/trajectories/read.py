@@ -18,6 +18,7 @@ from ocptip.trajectories.controllers import controller_points
 from ocptip.trajectories.read_csv import motion_from_csv, require_units
 from ocptip.trajectories.sampled import Motion, SampledMotion
 from ocptip.trajectories.sequence import MotionSequence
+from ocptip.trajectories.timed_path import TimedPath
 
 CERTIFICATE = "ocptip certificate"
 """How the format begins that certificates name."""
@@ -112,11 +113,12 @@ def motion_origin(path: str | os.PathLike[str]) -> dict[str, str]:
     return {key: data[key] for key in ("case", "base") if isinstance(data.get(key), str)}
 
 
-def _as_run(motion: ArmMotion, controller: Any) -> SampledMotion:
-    """What a controller makes of ramp commands, by the entry `controller` of plan.json."""
+def _as_run(motion: ArmMotion | TimedPath, controller: Any) -> SampledMotion:
+    """What a controller makes of ramp commands or a timed path, by the entry `controller` of plan.json."""
     try:
         slower, step = controller["slower"], controller["step_s"]
-        motion = motion.with_rise_times(motion.rise_times or controller["rise_time_s"])
+        if isinstance(motion, ArmMotion):
+            motion = motion.with_rise_times(motion.rise_times or controller["rise_time_s"])
         return controller_points(motion.slowed(slower), controller["name"], step=step)
     except (KeyError, TypeError):
         keys = "name, slower, step_s, rise_time_s"
@@ -124,10 +126,12 @@ def _as_run(motion: ArmMotion, controller: Any) -> SampledMotion:
 
 
 def _from_commands(data: Any, units: Sequence[str]) -> Motion:
-    """Ramp commands, as they are or as a controller runs them."""
-    motion = ArmMotion.from_dict(data)
+    """Ramp commands, or a path with its timing, as they are or as a controller runs them."""
+    on_path = isinstance(data, dict) and "path" in data
+    motion = TimedPath.from_dict(data) if on_path else ArmMotion.from_dict(data)
     require_units(data.get("units", ["deg"] * motion.n), units)
-    _refuse_huge_commands(motion)
+    if isinstance(motion, ArmMotion):
+        _refuse_huge_commands(motion)
     if "controller" in data:
         return _as_run(motion, data["controller"])
     turning = np.array(data.get("units", ["deg"] * motion.n)) == "deg"

@@ -6,16 +6,17 @@ of ramps do at their events.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import factorial
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import PPoly
 
-from ocptip.basics.errors import InputError, finite_array, positive_number
+from ocptip.basics.errors import InputError, finite_array, naming, positive_number
 from ocptip.basics.frozen import settle
 from ocptip.trajectories.arm_motion import MERGE, EventfulMotion
 from ocptip.trajectories.path import JointPath
@@ -173,6 +174,42 @@ class TimedPath(EventfulMotion):
             if k:
                 parts[k - 1] += x * k * value
         return PPoly(parts[::-1], self.s)
+
+    def slowed(self, factor: float) -> TimedPath:
+        """The same as `time_scaled`, as other motions have it."""
+        return self.time_scaled(factor)
+
+    def to_dict(self, units: Sequence[str] = ()) -> dict[str, Any]:
+        """Return `start` (degrees; m where `units` says so) and `path`, pieces and timing, rad and s."""
+        turning = np.array(units or ["rad"] * self.n) == "rad"
+        named = {} if turning.all() else {"units": ["deg" if turns else "m" for turns in turning]}
+        path = {
+            "breakpoints": self.path.breakpoints.tolist(),
+            "coefficients_rad": self.path.coefficients.tolist(),
+            "s": self.s.tolist(),
+            "x_1_s2": self.x.tolist(),
+        }
+        return {
+            **named,
+            "start": np.where(turning, np.rad2deg(self.start), self.start).tolist(),
+            "path": path,
+        }
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> TimedPath:
+        """Return the motion written by :meth:`to_dict`, to the last bit.
+
+        Raises:
+            InputError: a key is missing, or its value cannot be used; names it.
+        """
+        own = data.get("path")
+        keys = ("breakpoints", "coefficients_rad", "s", "x_1_s2")
+        if not isinstance(own, Mapping) or any(key not in own for key in keys):
+            raise InputError(f"path: expected a table with {', '.join(keys)}")
+        with naming("path"):
+            shapes = (None,), (None, None, None), (None,), (None,)
+            values = [finite_array(key, own[key], shape) for key, shape in zip(keys, shapes, strict=True)]
+            return cls(JointPath(*values[:2]), *values[2:])
 
     def _peaks(self, order: int, slope: PPoly) -> np.ndarray:
         """Greatest absolute speeds (order 1) or accelerations (2), whose slopes vanish where `slope` does."""

@@ -249,3 +249,9 @@ def _refusal(arm: ArmModel, lines: _Lines, lengths: np.ndarray, q: np.ndarray) -
         f"{where}: cannot be followed further: joint {arm.joint_names[joint]} would have to jump by "
         f"{jump:.1f} {arm.file_units[joint]} (an angle limit, or a singular pose)"
     )
+
+
+def tool_distance(arm: ArmModel, fit: FittedPath) -> float:
+    """Largest distance, m, of the gripper point on a path from where it is at the samples."""
+    ours, given = (gripper_pose(arm, q)[0] for q in (fit.path.at(fit.places)[0], fit.samples))
+    return float(np.linalg.norm(ours - given, axis=1).max())

@@ -1,0 +1,120 @@
+"""`ocptip retime`: what it says, writes and refuses; its folder is read by `ocptip check`."""
+
+from __future__ import annotations
+
+import json
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from ocptip.cli.main import main
+from ocptip.robots.kinematics import gripper_pose
+from ocptip.task_files.motion import load_task
+from ocptip.task_files.plan_folder import read_plan_folder
+from tests.places import EXAMPLES
+
+TASK = str(EXAMPLES / "tasks" / "ur5_cart.toml")
+SWEEP, TOO_FAST = (str(EXAMPLES / "paths" / f"ur5_sweep.{end}") for end in ("toml", "json"))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A motion that tips, timed anew."""
+    out = tmp_path_factory.mktemp("retimed") / "out"
+    assert main(["retime", TOO_FAST, "--task", TASK, "--out", str(out), "--no-figures"]) == 0
+    return out
+
+
+def test_a_motion_that_tips_stands_with_another_timing_on_its_path(folder: Path) -> None:
+    data = json.loads((folder / "plan.json").read_text(encoding="utf-8"))
+    own = data["retimed"]
+    assert data["controller"]["certified"]
+    assert data["controller"]["worst"]["GN"]["value"] <= 0.9
+    assert not own["as_given"]["verified"]
+    assert own["as_given"]["worst"]["GN"]["value"] > 1
+    assert data["worst"]["GN"]["value"] <= 0.9
+    assert data["duration_s"] < 1.01 * own["as_given"]["duration_s"]
+    points = json.loads((folder / "trajectory.json").read_text(encoding="utf-8"))["points"]
+    given = json.loads(Path(TOO_FAST).read_text(encoding="utf-8"))["points"]
+    for ours, theirs in ((points[0], given[0]), (points[-1], given[-1])):
+        assert ours["positions"] == pytest.approx(theirs["positions"], abs=1e-6)
+
+
+def test_its_gripper_is_on_the_given_path(folder: Path) -> None:
+    """Every gripper position of the result is near one of the given motion, whose points are 10 ms apart."""
+    arm = load_task(TASK).robot.arm
+    points, given = (
+        gripper_pose(arm, np.array([p["positions"] for p in json.loads(Path(f).read_text())["points"]]))[0]
+        for f in (folder / "trajectory.json", TOO_FAST)
+    )
+    fine = np.concatenate([np.linspace(a, b, 50) for a, b in pairwise(given)])
+    assert max(np.min(np.linalg.norm(fine - p, axis=1)) for p in points) < 1e-3
+
+
+def test_the_folder_is_checked_as_any(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The motion that is read back is that of the controller, to the last bit."""
+    capsys.readouterr()
+    assert main(["check", str(folder), "--json"]) == 0
+    data = json.loads(capsys.readouterr().out)
+    plan = json.loads((folder / "plan.json").read_text(encoding="utf-8"))
+    assert data["worst"]["GN"]["value"] == plan["controller"]["worst"]["GN"]["value"]
+    assert data["duration_s"] == plan["controller"]["duration_s"]
+    found = read_plan_folder(folder)
+    assert found.task.name == "UR5 on a cart"
+
+
+def test_waypoints_and_the_cheapest_timing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    call = ["retime", SWEEP, "--task", TASK, "--no-figures", "--out", str(tmp_path / "out"), "--overwrite"]
+    assert main(call) == 0
+    fast = capsys.readouterr().out
+    assert "The fastest timing takes 0.8" in fast
+    assert "smooth curve through 3 points" in fast
+    assert "decided by" in fast
+    assert main([*call, "--objective", "energy", "--max-duration", "1.5"]) == 0
+    cheap = capsys.readouterr().out
+    assert "The cheapest timing takes" in cheap
+    assert "at least" in cheap
+
+
+@pytest.mark.slow
+def test_figures_are_those_of_a_plan_and_the_phase_plane(tmp_path: Path) -> None:
+    assert main(["retime", TOO_FAST, "--task", TASK, "--out", str(tmp_path / "out")]) == 0
+    for name in ("plan", "phase_plane"):
+        assert (tmp_path / "out" / f"{name}.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        ([SWEEP], "say which robot by --task"),
+        ([SWEEP, "--task", TASK, "--path-tolerance", "-1"], "--path-tolerance"),
+        ([SWEEP, "--task", TASK, "--objective", "both"], "price_per_second"),
+        ([SWEEP, "--task", TASK, "--max-duration", "0"], "--max-duration"),
+        ([SWEEP, "--task", TASK, "--rate", "0"], "--rate"),
+        ([TASK, "--task", TASK], "is a motion task (ocptip plan), not a path"),
+        (["missing.json", "--task", TASK], "missing.json"),
+    ],
+)
+def test_bad_arguments_are_one_line(
+    tmp_path: Path, arguments: list[str], complaint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["retime", *arguments, "--out", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert complaint in error
+    assert len(error.splitlines()) == 1
+
+
+def test_a_path_that_cannot_be_timed_says_where_and_why(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "far.toml"
+    path.write_text(
+        "".join(f"[[waypoint]]\nat_deg = [{pan}, 0, 0, -90, -90, 0]\n" for pan in (90, 40)), encoding="utf-8"
+    )
+    code = main(["retime", str(path), "--task", TASK, "--gn", "0.3", "--out", str(tmp_path / "out")])
+    assert code == 2
+    error = capsys.readouterr().err
+    assert "far.toml" in error
+    assert "s = 0" in error
