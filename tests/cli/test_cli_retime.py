@@ -88,7 +88,7 @@ def test_figures_are_those_of_a_plan_and_the_phase_plane(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
-        ([SWEEP], "say which robot by --task"),
+        ([SWEEP], "or --task TASK.toml"),
         ([SWEEP, "--task", TASK, "--path-tolerance", "-1"], "--path-tolerance"),
         ([SWEEP, "--task", TASK, "--objective", "both"], "price_per_second"),
         ([SWEEP, "--task", TASK, "--max-duration", "0"], "--max-duration"),
