@@ -113,8 +113,8 @@ def test_a_path_that_cannot_be_timed_says_where_and_why(
     path.write_text(
         "".join(f"[[waypoint]]\nat_deg = [{pan}, 0, 0, -90, -90, 0]\n" for pan in (90, 40)), encoding="utf-8"
     )
-    code = main(["retime", str(path), "--task", TASK, "--gn", "0.3", "--out", str(tmp_path / "out")])
+    code = main(["retime", str(path), "--task", TASK, "--gn", "0.05", "--out", str(tmp_path / "out")])
     assert code == 2
     error = capsys.readouterr().err
     assert "far.toml" in error
-    assert "s = 0" in error
+    assert "at s = 0.0000: tip-over GN is" in error
