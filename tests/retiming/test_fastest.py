@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import clarabel
 import numpy as np
 import pinocchio as pin
@@ -11,8 +13,10 @@ from hypothesis import strategies as st
 from scipy import sparse
 
 from ocptip.basics.errors import InputError
+from ocptip.motion.check import check_motion
 from ocptip.published.tasks import experiment_task
 from ocptip.retiming.fastest import ExtraRows, Grid, fastest, spaced
+from ocptip.retiming.retime import _slowed as slowed_as_needed
 from ocptip.retiming.retime import retime
 from ocptip.retiming.rows import Places, TimingLimits
 from ocptip.standing.limits import MotionLimits
@@ -44,7 +48,7 @@ def test_random_paths_keep_all_limits(seed):
         found = retime(task.robot, path, limits, nodes=100)
         assert found.verified, found.check.violations
         assert found.slower < 1.002
-        assert set(found.active) > {""}
+        assert "" not in found.active
         faster = found.motion.time_scaled(0.99)
         states = faster.states(faster.both_sides(0.002))
         assert _use(task.robot, limits, states) > 1.0
@@ -83,6 +87,44 @@ def test_reduced_rows_are_all_rows():
         inside = np.all(a[:, None] * p + b[:, None] * q <= c[:, None], axis=0)
         clear = np.abs(slack) > 1e-9
         assert np.array_equal(inside[clear], slack[clear] > 0)
+
+
+def test_active_limits_are_used_up():
+    """Those of speeding up, braking and speed, each recomputed from the motion itself."""
+    task = tripod()
+    found = retime(task.robot, random_path(task, 0), MotionLimits(GN=0.7), nodes=100)
+    motion, robot = found.motion, task.robot
+    begins, ends = motion.node_times[:-1] + 1e-7, motion.node_times[1:] - 1e-7
+    use: dict[str, np.ndarray] = {}
+    for times in (begins, ends):
+        _, qd, qdd = motion.states(times)
+        samples = robot.samples(motion, times)
+        own = {
+            "speed": np.max(np.abs(qd) / robot.limits.speed, axis=1),
+            "acceleration": np.max(np.abs(qdd) / robot.limits.acceleration, axis=1),
+            "tip-over": samples.tip.GN / 0.7,
+        }
+        use = {name: np.maximum(use.get(name, 0.0), values) for name, values in own.items()}
+    assert set(found.active) <= set(use)
+    assert len(set(found.active)) > 1
+    kept = np.array([use[name][i] for i, name in enumerate(found.active)])
+    assert np.sum(kept < 0.98) <= 2  # where it turns from one to the other between two nodes
+    assert np.min(kept) > 0.85
+    assert sum(a != b for a, b in pairwise(found.active)) < 10
+
+
+def test_what_timing_can_cure_is_cured_although_clearance_is_not():
+    task, limits = cart(), MotionLimits(clearance=0.6)
+    found = retime(task.robot, random_path(task, 5), limits, nodes=30)
+    hasty = found.motion.time_scaled(0.97)
+    before = check_motion(task.robot, hasty, limits)
+    assert len(before.violations) > 1
+    slowed, checked, factor = slowed_as_needed(task.robot, hasty, limits, before)
+    for after in (found.check, checked):
+        assert [name for name, worst in after.worst.items() if worst.violation] == ["clearance_m"]
+        assert len(after.violations) == 1
+    assert slowed.end == pytest.approx(factor * hasty.end)
+    assert 1.0 < factor < 1.05
 
 
 def test_against_a_dynamic_program():

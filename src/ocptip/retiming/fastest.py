@@ -19,6 +19,7 @@ from ocptip.trajectories.path import JointPath
 
 NODES = 100
 _RAMP = 0.25  # share of the time of a stretch in which nodes get farther apart
+_SAME = 1e-6  # of x: rooms that differ by less are the same
 _CLOSE = 0.2  # of the next step: nearer to a breakpoint there are no further nodes
 
 
@@ -144,7 +145,7 @@ class FastestTiming:
 
     Attributes:
         x: (N + 1,), 1/s^2.
-        active: (N,) names of the limits that end x at the intervals' ends; empty: what follows.
+        active: (N,) names of the limits that decide in the intervals: those with the least room.
         polygons: in which it lies.
         controllable: (N + 1, 2), least and greatest x from which the rest can be done.
     """
@@ -204,8 +205,20 @@ def fastest(grid: Grid, extra: ExtraRows) -> FastestTiming:
     if still.size:
         place, name = grid.s[still[0]], grid.name(int(active[still[0]]), extra, int(still[0]))
         raise InputError(f"path: at s = {place:.4f} it cannot go on" + (f" ({name})" if name else ""))
-    names = tuple(grid.name(int(number), extra, i) for i, number in enumerate(active))
-    return FastestTiming(x, names, polygons, found)
+    return FastestTiming(x, _deciding(grid, extra, polygons, x), polygons, found)
+
+
+def _deciding(grid: Grid, extra: ExtraRows, polygons: Polygons, x: np.ndarray) -> tuple[str, ...]:
+    """Which limit has the least room in each interval; of those with hardly more the one before it."""
+    names: list[str] = []
+    for i, count in enumerate(polygons.counts):
+        numbers, (a, b, c) = polygons.numbers[i, :count], polygons.rows[i, :count].T
+        room = (c - a * x[i] - b * x[i + 1]) / np.hypot(a, b)  # distances of x at both ends
+        room = np.where(np.isin(numbers, (-1, -2)), np.inf, room)  # no limits: the speed is not negative
+        near = np.flatnonzero(room <= room.min() + _SAME * max(x[i], x[i + 1]))
+        own = [grid.name(int(numbers[k]), extra, i) for k in near[np.argsort(room[near])]]
+        names.append(names[-1] if names and names[-1] in own else own[0])
+    return tuple(names)
 
 
 def _refusal(grid: Grid, extra: ExtraRows, polygons: Polygons, found: np.ndarray, stuck: int) -> str:

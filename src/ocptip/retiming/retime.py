@@ -46,8 +46,8 @@ class Retimed:
         motion: the result.
         check: of the motion, against all limits.
         objective: what is least.
-        active: (N,) which limit ends the speed in the intervals between nodes of the fastest timing; empty:
-            what follows.
+        active: (N,) which limit decides in the intervals between nodes of the fastest timing, whether it is
+            speeding up, braking or at its greatest speed.
         curve: (N,), 1/s: greatest ds/dt that the limits at the begin of each interval allow by themselves.
         curve_limits: (N,) by which limit.
         fastest: s, duration of the fastest timing.
@@ -146,7 +146,7 @@ def retime(
         checked = check_motion(robot, motion, limits)
         best = found, motion, checked, slower
         tighter = _tightened(robot, asked, limits, checked)
-        if checked.verified or tighter == asked:
+        if _timed_well(checked) or tighter == asked:
             break
         asked = tighter
     assert best is not None
@@ -321,16 +321,22 @@ def _tightened(
 def _slowed(
     robot: StandingMechanism, motion: TimedPath, limits: MotionLimits, checked: MotionCheck
 ) -> tuple[TimedPath, MotionCheck, float]:
-    """The motion slowed down by the least factor, up to that of `execute`, that keeps all limits."""
-    if any(checked.worst[name].violation for name in _OF_PATH if name in checked.worst):
-        return motion, checked, 1.0
+    """The motion slowed down by the least factor, up to that of `execute`, that cures what timing can."""
 
-    def verified(factor: float) -> tuple[TimedPath, MotionCheck, float] | None:
+    def kept(factor: float) -> tuple[TimedPath, MotionCheck, float] | None:
         slower = motion.time_scaled(factor)
         found = check_motion(robot, slower, limits)
-        return (slower, found, factor) if found.verified else None
+        return (slower, found, factor) if _timed_well(found) else None
 
+    if _timed_well(checked):
+        return motion, checked, 1.0
     for low, high in pairwise(STEPS):
-        if kept := verified(high):
-            return bisected(verified, low, high, kept, lambda a, b: b - a <= max(CLOSE, 0.1 * (b - 1)))[1]
+        if best := kept(high):
+            return bisected(kept, low, high, best, lambda a, b: b - a <= max(CLOSE, 0.1 * (b - 1)))[1]
     return motion, checked, 1.0
+
+
+def _timed_well(checked: MotionCheck) -> bool:
+    """Nothing is broken but what no timing cures: limits of the path itself."""
+    broken = [name for name in _OF_PATH if name in checked.worst and checked.worst[name].violation]
+    return len(broken) == len(checked.violations)
