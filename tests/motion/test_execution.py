@@ -87,8 +87,14 @@ def test_joints_come_in_any_order(task, executed, tmp_path):
 
 def test_efforts_are_the_torques(task, executed):
     points = joint_trajectory(task.robot, executed.points, effort=True)["points"]
-    torques = task.robot.samples(executed.points, executed.points.times).torques
-    np.testing.assert_allclose([p["effort"] for p in points], torques, rtol=1e-12)
+    efforts = np.array([p["effort"] for p in points])
+    times = executed.points.times
+    if executed.controller == "linear":  # corners are half a period late, and of the last one there is a rest
+        times = times + 0.5 * executed.points.period
+    torques = task.robot.samples(executed.points, times).torques
+    np.testing.assert_allclose(efforts[:-1], torques[:-1], rtol=1e-12)
+    held = task.robot.loads(executed.points.goal[None], *np.zeros((2, 1, executed.points.n)))[0][0]
+    np.testing.assert_allclose(efforts[-1], held, atol=1e-6)
 
 
 def test_files_of_a_plan_are_of_what_the_controller_runs(task, executed, tmp_path):

@@ -149,14 +149,14 @@ def joint_trajectory(
         robot: gives names and efforts.
         points: velocities and accelerations are empty where they have none, which tells a controller how to
             interpolate.
-        effort: fill in the joint torques, N m. Controllers without an effort interface refuse such points.
+        effort: fill in the joint torques, N m, the last ones at rest. Controllers without an effort interface refuse such points.
     """
     empty = np.empty((len(points.times), 0))
     columns = {
         "positions": points.angles,
         "velocities": empty if points.speeds is None else points.speeds,
         "accelerations": empty if points.accelerations is None else points.accelerations,
-        "effort": robot.samples(points, points.times).torques if effort else empty,
+        "effort": robot.samples(points, points.passing_times).torques if effort else empty,
     }
     rows = zip(*(values.tolist() for values in columns.values()), points.times, strict=True)
     return {

@@ -135,6 +135,11 @@ class SampledMotion(EventfulMotion):
         return self.angles[-1]
 
     @property
+    def passing_times(self) -> np.ndarray:
+        """When the motion is at its samples, (N,), s: half a period late with straight lines, the last at rest."""
+        return self.times if self.period is None else np.append(self.times[:-1] + 0.5 * self.period, self.end)
+
+    @property
     def end(self) -> float:
         """Time of rest after the motion, s."""
         return float(self._breaks[-1])

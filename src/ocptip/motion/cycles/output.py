@@ -144,7 +144,7 @@ def cycle_trajectory(
         owner = np.clip(np.searchsorted(parts.begins, whole.times - 1e-9) - 1, 0, len(parts) - 1)
         for number, segment in enumerate(task.segments):
             rows = np.flatnonzero(owner == number)
-            torques = segment.task.robot.samples(whole, whole.times[rows]).torques
+            torques = segment.task.robot.samples(whole, whole.passing_times[rows]).torques
             for row, values in zip(rows, torques.tolist(), strict=True):
                 data["points"][row]["effort"] = values
     return data
