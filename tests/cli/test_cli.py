@@ -545,12 +545,33 @@ def test_readme_commands_are_one_line_each_and_ci_runs_them(root):
     assert os.access(root / ".ci" / "run", os.X_OK)
 
 
-def test_readme_shows_what_the_command_prints(root, scenes, capsys):
-    """Verdict and layout; with four wheels the forces are one choice of many and may differ."""
+def plan_in_readme(root):
+    """The lines that `plan A` prints, as the README has them, but for times of computation and what is cut."""
     readme = (root / "README.md").read_text(encoding="utf-8")
-    blocks = re.findall(r"```text\n(.*?)\n```", readme, flags=re.DOTALL)
-    assert re.match(r"A: CERTIFIED\. \d+\.\d J in \d\.\d{3} s, slip GT 0\.\d{3} of 0\.9 allowed", blocks[0])
+    return re.search(r"```text\n(A: .*?)\n```", readme, flags=re.DOTALL)[1].splitlines()
+
+
+def test_readme_shows_a_plan(root):
+    lines = plan_in_readme(root)
+    assert re.match(r"A: (CERTIFIED|VERIFIED)\. \d+\.\d J in \d\.\d{3} s, at worst ", lines[0])
+    assert re.match(r"starts +\d of \d verified .*, \d+ iterations, .* s, seed 0$", lines[1])
+    assert [line for line in lines if line.startswith("within ")]
     assert (root / "docs" / "plan.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.slow
+def test_readme_shows_the_plan_that_the_command_prints(root, tmp_path, monkeypatch, capsys):
+    """Verdict, energy, duration, starts, what it is proved for: all that no other processor changes."""
+    monkeypatch.chdir(tmp_path)
+    assert main(["plan", "A", "--no-figures"]) == 0
+    shown, printed = plan_in_readme(root), capsys.readouterr().out.splitlines()
+    assert shown[0] == printed[0]
+    assert shown[1].split(" iterations")[0] == printed[1].split(" iterations")[0]
+    assert [line.split("  ")[0] for line in shown] == [line.split("  ")[0] for line in printed][: len(shown)]
+
+
+def test_docs_show_what_stand_prints(root, scenes, capsys):
+    """Verdict and layout; with four wheels the forces are one choice of many and may differ."""
     page = (root / "docs" / "commands.md").read_text(encoding="utf-8")
     shown = re.findall(r"```text\n(.*?)\n```", page, flags=re.DOTALL)[0].splitlines()
     main(["stand", str(scenes / "rover_on_slope.toml")])

@@ -310,10 +310,10 @@ POSE = "goal_pose = { position = [0.2, 0, 0.5], rpy_deg = [0, 90, 0] }"
         (changed(MODULAR, mount_position=None), "arm.mount_position: missing"),
         (changed(MODULAR, name='name = "FP1"'), "arm.name: no arm 'FP1'"),
         (changed(MODULAR, name="name = 3"), "arm.name: expected a text, got 3"),
-        (changed(MODULAR, name=None), "arm.name: expected either name or urdf, got none"),
+        (changed(MODULAR, name=None), "arm.name: expected either name, urdf or dh, got none"),
         (
             changed(MODULAR, name='name = "FSFS"\nurdf = "a"'),
-            "arm.name: expected either name or urdf, got name and urdf",
+            "arm.name: expected either name, urdf or dh, got name and urdf",
         ),
         (changed(MODULAR, name='name = "FSFS"\nbase_link = "a"'), "arm.base_link: unknown key"),
         (changed(MODULAR, goal_deg="goal_deg = [1, 2, 3]"), "motion.goal_deg: expected 6 numbers, got 3"),

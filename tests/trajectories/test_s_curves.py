@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
@@ -59,6 +59,11 @@ def test_pieces_join_and_rest_at_both_ends(phi, ramps, rise):
 
 @settings(max_examples=60, deadline=None)
 @given(phi=angles(), ramps=commands, rise=rises)
+@example(
+    phi=6e-6,  # back, then rest in the midst of the motion, then forth
+    ramps=[RampCommand(0.0, 1.0, 1.0), RampCommand(5e-6, 1.0, 3.0), RampCommand(6e-6, 1.0, 1.0)],
+    rise=0.5,
+)
 def test_extremes_are_exact_and_within_those_of_the_ramps(phi, ramps, rise):
     made = curve(phi, ramps, rise)
     q, v, a = made.states(np.linspace(0, made.end, 4001))

@@ -71,16 +71,18 @@ class JointSCurve:
 
     @cached_property
     def crossings(self) -> np.ndarray:
-        """When the speed changes sign, (K,), s, increasing."""
+        """When the speed changes sign, (K,), s, increasing; with a rest between, when that begins."""
         _, _, v, a, j = self._pieces
         lengths = np.append(np.diff(self.times), 0.0)
         found = []
         for t, length, *piece in zip(self.times, lengths, v[1:], a[1:], j[1:], strict=True):
             roots = _roots(*piece)
             found += [t + r for r in roots if 0 <= r <= length and ENDS < t + r < self.end - ENDS]
-        candidates = np.unique([0.0, *found, self.end])
+        candidates = np.unique([*self.times, *found])
         signs = np.sign(self.states(0.5 * (candidates[1:] + candidates[:-1]))[1])
-        return candidates[1:-1][signs[1:] * signs[:-1] < 0]
+        moving = np.flatnonzero(signs)
+        turned = signs[moving[1:]] != signs[moving[:-1]]
+        return candidates[1 + moving[:-1][turned]]
 
     @cached_property
     def angle_range(self) -> tuple[float, float]:
