@@ -546,7 +546,7 @@ def test_readme_commands_are_one_line_each_and_ci_runs_them(root):
 
 
 def plan_in_readme(root):
-    """The lines that `plan A` prints, as the README has them, but for times of computation and what is cut."""
+    """The lines that `plan A` prints, as the README has them."""
     readme = (root / "README.md").read_text(encoding="utf-8")
     return re.search(r"```text\n(A: .*?)\n```", readme, flags=re.DOTALL)[1].splitlines()
 

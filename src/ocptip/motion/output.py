@@ -149,7 +149,8 @@ def joint_trajectory(
         robot: gives names and efforts.
         points: velocities and accelerations are empty where they have none, which tells a controller how to
             interpolate.
-        effort: fill in the joint torques, N m, the last ones at rest. Controllers without an effort interface refuse such points.
+        effort: fill in the joint torques, N m, the last ones at rest. Controllers without an effort interface
+            refuse such points.
     """
     empty = np.empty((len(points.times), 0))
     columns = {

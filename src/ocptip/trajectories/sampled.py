@@ -136,7 +136,7 @@ class SampledMotion(EventfulMotion):
 
     @property
     def passing_times(self) -> np.ndarray:
-        """When the motion is at its samples, (N,), s: half a period late with straight lines, the last at rest."""
+        """When the motion is at its samples, (N,), s: straight lines are half a period late."""
         return self.times if self.period is None else np.append(self.times[:-1] + 0.5 * self.period, self.end)
 
     @property
