@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ocptip.motion.within_tolerance import jump_states
+from ocptip.motion.late_joints import jump_states, on_time
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.deviations import Deviations
 from ocptip.standing.simulation.replay import World
@@ -47,17 +47,16 @@ def worst_worlds(
     Without pushes.
     """
     cases = worst_case_of(robot, tolerance)
-    jumps = jump_states(motion, tolerance)
-    times = np.linspace(0, motion.end, INSTANTS)
-    s = np.vstack([np.hstack(motion.states(times)), jumps.s])
-    times = np.concatenate([times, jumps.times])
-    estimated = cases.estimated_moments(s)
+    looked = on_time(motion, tolerance, np.linspace(0, motion.end, INSTANTS))
+    looked = looked.joined(jump_states(motion, tolerance))
+    s, times, room = looked.s, looked.times, looked.room
+    estimated = cases.estimated_moments(s, room)
     rows, axes = np.unravel_index(np.argsort(estimated, axis=None)[:EXACT], estimated.shape)
-    tip = cases.moments(s[rows], axes)
+    tip = cases.moments(s[rows], axes, room=room[rows])
     k = int(np.argmin(tip.values))
     found = {"tips": (rows[k], tip.theta[k], tip.values[k])}
-    rows = np.argsort(-cases.estimated_slip(s))[:EXACT]
-    slip = cases.slip(s[rows])
+    rows = np.argsort(-cases.estimated_slip(s, room))[:EXACT]
+    slip = cases.slip(s[rows], room=room[rows])
     k = int(np.argmax(slip.values))
     found["slips"] = (rows[k], slip.theta[k], slip.values[k])
     worlds = {}

@@ -13,8 +13,8 @@ from ocptip.trajectories.sampled import Motion
 EDGE = 0.5  # share of the deviations that are at an end of their interval
 NEAR = 0.7  # share of the instants that are near an event
 ON_TIME, SOMEWHERE = 0.5, 0.4  # shares of joints that are not late; of the others, late by less than the most
-OVERSHOOTING = 0.8  # share of the jumps just done that overshoot
-JUST = 1e-3  # s: so near to an event a joint has just jumped
+JUMPING = 0.6  # share of the joints with a jump within the delay that just do it, or are just before it
+JUST = 1e-6  # s: so near to a jump
 
 
 def random_deviations(own: Deviations, rng: np.random.Generator, count: int) -> np.ndarray:
@@ -45,22 +45,45 @@ def sampled_wrenches(
     theta = random_deviations(own, rng, count)
     if "delay" in own.places:
         theta[:, own.places["delay"]] = 0.0  # done here, by the motion itself
-    delay = tolerance.delay
+    delay = tolerance.delay * np.sqrt(1 + theta[:, own.places["speed"]][:, 0] if "speed" in own.places else 1)
+    delay = np.broadcast_to(delay, count)  # in the motion's own time
     times = rng.uniform(-0.05, motion.end + 0.05, count)
     near = rng.random(count) < NEAR
-    times[near] = rng.choice(motion.event_times, near.sum()) + rng.uniform(0, delay, near.sum())
-    late = np.where(rng.random((count, n)) < ON_TIME, 0.0, delay)
-    late = np.where(rng.random(late.shape) < SOMEWHERE, rng.uniform(0, delay, late.shape), late)
+    times[near] = rng.choice(motion.event_times, near.sum()) + rng.uniform(0, delay[near])
+    late = np.where(rng.random((count, n)) < ON_TIME, 0.0, delay[:, None])
+    late = np.where(rng.random(late.shape) < SOMEWHERE, rng.uniform(0, 1, late.shape) * delay[:, None], late)
     s = np.empty((count, 3 * n))
     for j in range(n):
-        moment = times - late[:, j]
-        q, qd, qdd = (part[:, j] for part in motion.states(moment))
-        since = np.min(np.abs(motion.event_times[None] - moment[:, None]), axis=1)
-        before, after = (motion.states(moment + side)[2][:, j] for side in (-2 * JUST, 2 * JUST))
-        over = (since < JUST) & (rng.random(count) < OVERSHOOTING)
-        s[:, j], s[:, n + j] = q, qd
-        s[:, 2 * n + j] = np.where(over, after + tolerance.overshoot * (after - before), qdd)
+        s[:, j::n] = _states_of_joint(motion, j, times, late[:, j], delay, tolerance.overshoot, rng)
     return own.wrench(s, theta)[0]
+
+
+def _states_of_joint(
+    motion: Motion,
+    j: int,
+    times: np.ndarray,
+    late: np.ndarray,
+    delay: np.ndarray,
+    overshoot: float,
+    rng: np.random.Generator,
+) -> np.ndarray:
+    """Angle, speed, acceleration (count, 3) of a joint that is late, some of them at a jump within the delay.
+
+    Those overshoot by a share of that step, or of the sum of all since the delay began, or have not jumped.
+    """
+    found = np.stack([part[:, j] for part in motion.states(times - late)], axis=1)
+    events = motion.event_times
+    q, qd, before = (part[:, j] for part in motion.states(events - JUST))
+    after = motion.states(events + JUST)[2][:, j]
+    step = np.where(np.abs(after - before) > 1e-6 * motion.acceleration_peaks[j], after - before, 0.0)
+    for k in np.flatnonzero(rng.random(len(times)) < JUMPING):
+        inside = np.flatnonzero((events >= times[k] - delay[k]) & (events <= times[k]) & (step != 0))
+        if len(inside):
+            e = rng.choice(inside)
+            sizes = (step[e], np.sum(step[inside[inside <= e]]))
+            way = rng.integers(3)
+            found[k] = q[e], qd[e], before[e] if way == 2 else after[e] + overshoot * sizes[way]
+    return found
 
 
 def lost(

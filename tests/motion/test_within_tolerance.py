@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 
 from ocptip.basics.errors import InputError
+from ocptip.certificate.describe import motion_data
+from ocptip.certificate.forms import K
+from ocptip.certificate.late import Late
 from ocptip.motion.check import check_motion
-from ocptip.motion.within_tolerance import jump_states, tolerable, worst_within
+from ocptip.motion.late_joints import jump_states, on_time
+from ocptip.motion.within_tolerance import tolerable, worst_within
 from ocptip.published.tasks import experiment_task
 from ocptip.reserves.tipping import TipMap
 from ocptip.standing.limits import MotionLimits
@@ -15,6 +19,7 @@ from ocptip.standing.tolerance import SITE, WORKSHOP, Tolerance
 from ocptip.standing.worst_case import worst_case_of
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.ramps import RampCommand
 from studies.tolerance.samples import sampled_wrenches
 from tests.places import EXAMPLES
 
@@ -37,7 +42,7 @@ def test_no_sample_is_worse_than_the_worst_case(task, factor):
     within, cases = checked.within, worst_case_of(robot, WORKSHOP)
     wrenches = sampled_wrenches(robot, motion, WORKSHOP, np.random.default_rng(0), 4000)
     states = cases.robot.contact_states(wrenches)
-    moments = wrenches @ cases.robot.tip_over.affine_moments[0].T
+    moments = TipMap(cases.robot.tip_over)(wrenches)[0]
     least = float(cases.tip_ratio(moments.min()))
     assert least <= within.tip.bound + 1e-3  # of delays inside the window, up to their second order
     assert within.tip.value <= within.tip.bound
@@ -83,6 +88,9 @@ def test_jumps_overshoot_together_if_nothing_is_late(task):
     acceleration = motion.states(np.array([1e-4]))[2][0]
     assert np.allclose(start, (1 + np.exp(-np.pi * 0.05 / np.sqrt(1 - 0.05**2))) * acceleration)
     assert jump_states(motion, Tolerance(tilt=0.01)).s.shape == (0, 18)
+    assert not on_time(motion, Tolerance(damping=0.05), found.times).room.any()
+    assert not on_time(motion, Tolerance(damping=0.05), found.times).room.any()
+    assert not on_time(motion, Tolerance(damping=0.05), found.times).room.any()
 
 
 def test_late_joints_are_combined_in_all_ways(task):
@@ -93,6 +101,88 @@ def test_late_joints_are_combined_in_all_ways(task):
     assert len(first) == 2 ** len(moving)
     assert len(np.unique(first, axis=0)) == len(first)
     assert "late" in found.words[0]
+
+
+# C on its effective base, planned: joint 1 jumps twice within 4 ms (phi_e, speed, acceleration)
+CLOSE = (
+    ((1.063572394, 2.617976236, 3.802761455), (2.752244625, 2.612391551, 1.439386596),
+     (1.569159277, 2.617823035, 2.897254065)),
+    ((0.615407066, 0.005007178, 0.050813831), (0.567141118, 0.150812919, 1.523038299),
+     (0.526421450, 0.272572356, 1.418380153)),
+    ((-0.350685167, 0.039398056, 0.050008860), (-0.142233253, 1.004390580, 10.463802706),
+     (-0.142213985, 0.416666577, 10.459621767)),
+    ((0.780501537, 2.356194490, 0.004915190),),
+    ((0.319572729, 3.769911184, 0.971046382),),
+    ((0.004088808, 5.934119457, 3.147725267),),
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def close_jumps():
+    task = experiment_task("C", "effective")
+    commands = [[RampCommand(*numbers) for numbers in own] for own in CLOSE]
+    return task.robot, ArmMotion.from_commands(task.start, commands)
+
+
+def test_the_last_of_two_near_jumps_overshoots_alone(close_jumps):
+    """At 1.0108 s joint 1 overshoots its second step, joints 2 and 3 are 4 ms late and overshoot: C tips."""
+    robot, motion = close_jumps
+    events, cases = motion.event_times, worst_case_of(robot, WORKSHOP)
+    at = [float(events[np.argmin(np.abs(events - t))]) for t in (1.010778, 1.006898, 1.006941)]
+    state = np.hstack(motion.states([at[0] + 1e-6]))[0]
+    for j, event in enumerate(at):
+        before, after = (np.hstack(motion.states([event + side]))[0, j::6] for side in (-1e-6, 1e-6))
+        state[j::6] = after + np.array([0, 0, WORKSHOP.overshoot]) * (after - before)
+    s, room = np.tile(state, (cases.axes, 1)), np.zeros((cases.axes, 6))
+    least = cases.moments(s, np.arange(cases.axes), room=room).values.min()
+    assert -0.03 < least < 0
+    found = worst_within(robot, motion, WORKSHOP, motion.both_sides(0.01))
+    assert found.tip.value >= float(cases.tip_ratio(least)) > 1
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_no_admissible_delays_are_worse_than_the_check_says(close_jumps, seed):
+    """Random motions with jumps close together; every joint late and overshooting by itself."""
+    robot, motion = close_jumps
+    rng = np.random.default_rng(seed)
+    if seed:
+        way, middle = rng.uniform(0.5, 1.0, 6) * rng.choice([-1, 1], 6), 0.5 + rng.uniform(-0.02, 0.02, 6)
+        turns = [
+            [RampCommand(a + share * x, 1.0, 2.0), RampCommand(a + x, 1.0, 2.0)]
+            for a, x, share in zip(motion.start, way, middle, strict=True)
+        ]
+        motion = ArmMotion.from_commands(motion.start, turns)
+    tolerance = dataclasses.replace(WORKSHOP, delay=float(rng.choice([0.004, 0.02])))
+    cases = worst_case_of(robot, tolerance)
+    found = worst_within(robot, motion, tolerance, motion.both_sides(0.005))
+    wrenches = sampled_wrenches(robot, motion, tolerance, rng, 5000)
+    least = TipMap(cases.robot.tip_over)(wrenches)[0].min()
+    assert float(cases.tip_ratio(least)) <= found.tip.bound * (1 + 1e-4)
+
+
+@pytest.mark.parametrize("delay", [0.003, 0.01])
+def test_the_check_looks_at_what_certificates_are_about(close_jumps, delay):
+    """Joint by joint the ends of its stretches are those of the branches that a certificate encloses."""
+    robot, motion = close_jumps
+    n, tolerance = robot.n, dataclasses.replace(WORKSHOP, delay=delay)
+    late = Late(motion_data(motion), delay * (1 + tolerance.speed), tolerance.overshoot)
+    found, most = jump_states(motion, tolerance), 0
+    for t in np.unique(found.times):
+        own = found.some(np.flatnonzero(found.times == t))
+        for j in range(n):
+            branches = late._branches(j, t, t + 1e-7)
+            most = max(most, len(branches))
+            forms = [form.c for form in late._states(branches, np.full(len(branches), j))]
+            proved = [np.array([c[0] + side * c[K] + c[K + 2] for c in forms]).T for side in (-1, 1)]
+            state, room = own.s[:, j::n], own.room[:, j, None]
+            early = state - room * np.column_stack([state[:, 1:], np.zeros(len(state))])
+            early[:, :1] += room**2 / 2 * state[:, 2:]
+            apart = np.abs(np.vstack([early, state])[:, None] - np.vstack(proved)[None]).max(axis=2)
+            assert apart.min(axis=1).max() < 1e-4
+            just = branches[-1].low[0] > t - 1e-6  # between having jumped not yet, and overshooting
+            kept = [k for k in range(2 * len(branches)) if not just or k % len(branches) < len(branches) - 1]
+            assert apart[:, kept].min(axis=0).max() < 1e-4
+    assert most > 3
 
 
 def test_late_s_curves_are_no_worse_than_the_states_that_are_looked_at(task):

@@ -1,31 +1,27 @@
 """A whole motion at the worst of its tolerance: every instant, and every joint by itself where it jumps.
 
-Looked at are instants, and states around jumps of accelerations: within the longest delay after an event
-each joint that jumps there may not have done so yet, or just has, and then its acceleration overshoots. Every
-joint does one or the other, in all combinations. What one jump rings on when the next one comes is left out.
+Looked at are instants, with every joint as late as it can be without a jump, and the states of late joints
+around jumps of accelerations, in all combinations, see `late_joints`.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import product
 from typing import Any
 
 import numpy as np
 
 from ocptip.basics.text import quantity
-from ocptip.standing.jumps import SMALLEST
+from ocptip.motion.late_joints import Looked, jump_states, on_time
 from ocptip.standing.limit import Worst as Measured
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerable import IN_MOTION, largest, why_not
 from ocptip.standing.tolerance import Tolerance
 from ocptip.standing.worst_case import Worst, WorstCase, worst_case_of
-from ocptip.trajectories.arm_motion import INSIDE
 from ocptip.trajectories.sampled import Motion
 
-MOST_JOINTS = 7  # that jump within a delay and are combined in all ways; of more, one by one
-JUMP = 1e-6  # of the largest acceleration of a joint: smaller ones are none
 EXACT = 48  # instants that are looked at exactly, those that look worst up to products of deviations
 STARTS = 5  # of the search for the worst slip
 SPACING, ROUGHLY = 0.01, 0.02  # s, share: how closely it is looked at what a motion can have
@@ -122,8 +118,7 @@ def tolerable(robot: StandingMechanism, motion: Motion, limits: MotionLimits) ->
 
 def _worst_of(cases: WorstCase, motion: Motion, times: np.ndarray) -> WithinTolerance:
     tolerance = cases.deviations.tolerance
-    jumps = jump_states(motion, tolerance)
-    looked = _Looked(np.hstack(motion.states(times)), times, [""] * len(times)).joined(jumps)
+    looked = on_time(motion, tolerance, times).joined(jump_states(motion, tolerance))
     tip = None
     if cases.axes:
         tip = _worst_tip(cases, _refined(cases, motion, looked, _least_moments))
@@ -131,109 +126,19 @@ def _worst_of(cases: WorstCase, motion: Motion, times: np.ndarray) -> WithinTole
     return WithinTolerance(tolerance, tip, _worst_slip(cases, at), len(looked.times))
 
 
-@dataclass(frozen=True, eq=False)
-class _Looked:
-    """States (N, 3 n) at times (N,), s; what jumps there do, in words."""
-
-    s: np.ndarray
-    times: np.ndarray
-    words: list[str]
-
-    def joined(self, other: _Looked) -> _Looked:
-        return _Looked(
-            np.vstack([self.s, other.s]),
-            np.concatenate([self.times, other.times]),
-            [*self.words, *other.words],
-        )
-
-    def some(self, rows: np.ndarray) -> _Looked:
-        return _Looked(self.s[rows], self.times[rows], [self.words[k] for k in rows])
+def _least_moments(cases: WorstCase, at: Looked) -> np.ndarray:
+    return -np.min(cases.estimated_moments(at.s, at.room), axis=1)
 
 
-def jump_states(motion: Motion, tolerance: Tolerance) -> _Looked:
-    """States around the events at which accelerations jump, or, where they do not, are late.
-
-    A late joint whose acceleration does not jump has that of the delay before, or of an event since then, if
-    it was beyond.
-    """
-    n, delay, more = motion.n, tolerance.delay, tolerance.overshoot
-    found = _Looked(np.empty((0, 3 * n)), np.empty(0), [])
-    events = motion.event_times
-    if not (delay or more) or not len(events):
-        return found
-    q, qd, before = motion.states(events - INSIDE)
-    after = motion.states(events + INSIDE)[2]
-    step = after - before
-    jumps = np.abs(step) > JUMP * np.max(np.abs(step), axis=0, initial=1e-300)
-    smooth = np.max(np.abs(step), axis=0) <= SMALLEST * motion.acceleration_peaks
-    jumps[:, smooth] = False
-    states, times, words = [], [], []
-    for t in np.unique(np.concatenate([events, events + delay])):
-        inside = (events >= t - delay - INSIDE) & (events <= t + INSIDE)
-        own, then = np.hstack(motion.states(np.array([t + INSIDE, t - delay])))
-        changed = np.abs(own - then)[2 * n :] > SMALLEST * motion.acceleration_peaks
-        joints = np.flatnonzero(np.any(jumps[inside], axis=0) | (smooth & changed))
-        if not len(joints):
-            continue
-        options = []
-        for j in joints:
-            places, of_joint = np.flatnonzero(inside & jumps[:, j]), []
-            if smooth[j]:
-                between = np.column_stack([q[inside, j], qd[inside, j], after[inside, j]])
-                low, high = sorted([own[2 * n + j], then[2 * n + j]])
-                beyond = between[(between[:, 2] < low) | (between[:, 2] > high)]
-                options.append(
-                    [(*own[j::n], "on time"), *((*state, "late") for state in (then[j::n], *beyond))]
-                )
-                continue
-            if delay:
-                of_joint = [(q[e, j], qd[e, j], before[e, j], "late") for e in places]
-            e, high = places[-1], after[places[-1], j] + more * np.sum(step[places, j])
-            of_joint.append((q[e, j], qd[e, j], high, "overshooting" if more else "on time"))
-            options.append(of_joint)
-        for chosen in _combinations(options):
-            state = own.copy()
-            for j, (angle, speed, acceleration, _) in zip(joints, chosen, strict=True):
-                state[[j, n + j, 2 * n + j]] = angle, speed, acceleration
-            states.append(state)
-            times.append(t)
-            words.append(_doing(joints, [own[3] for own in chosen]))
-    return _Looked(np.array(states).reshape(-1, 3 * n), np.array(times), words)
+def _greatest_slips(cases: WorstCase, at: Looked) -> np.ndarray:
+    return cases.estimated_slip(at.s, at.room)
 
 
-def _doing(joints: np.ndarray, what: list[str]) -> str:
-    """ "joints 1, 2 overshooting, joint 4 late"."""
-    found = []
-    for word in dict.fromkeys(what):
-        own = [f"{j + 1}" for j, doing in zip(joints, what, strict=True) if doing == word]
-        found.append(f"joint{'s' if len(own) > 1 else ''} {', '.join(own)} {word}")
-    return ", ".join(found)
-
-
-def _combinations(options: list[list[tuple]]) -> list[tuple]:
-    """All, or of too many those in which all joints but one do the same."""
-    if len(options) <= MOST_JOINTS:
-        return list(product(*options))
-    found = []
-    for k in range(max(map(len, options))):
-        usual = [own[min(k, len(own) - 1)] for own in options]
-        found.append(tuple(usual))
-        for j, own in enumerate(options):
-            found += [(*usual[:j], other, *usual[j + 1 :]) for other in own if other is not usual[j]]
-    return found
-
-
-def _least_moments(cases: WorstCase, s: np.ndarray) -> np.ndarray:
-    return -np.min(cases.estimated_moments(s), axis=1)
-
-
-def _greatest_slips(cases: WorstCase, s: np.ndarray) -> np.ndarray:
-    return cases.estimated_slip(s)
-
-
-def _refined(cases: WorstCase, motion: Motion, looked: _Looked, badness: Any) -> _Looked:
+def _refined(
+    cases: WorstCase, motion: Motion, looked: Looked, badness: Callable[[WorstCase, Looked], np.ndarray]
+) -> Looked:
     """The states that look worst, with instants around the worst one."""
-    bad = badness(cases, looked.s)
+    bad = badness(cases, looked)
     for _ in range(NEARER):
         row = int(np.argmax(bad))
         if looked.words[row]:
@@ -242,31 +147,31 @@ def _refined(cases: WorstCase, motion: Motion, looked: _Looked, badness: Any) ->
         times = np.sort(looked.times[plain])
         near = np.searchsorted(times, looked.times[row])
         left, right = times[max(near - 1, 0)], times[min(near + 1, len(times) - 1)]
-        fresh = np.linspace(left, right, FRESH + 2)[1:-1]
-        new = _Looked(np.hstack(motion.states(fresh)), fresh, [""] * FRESH)
-        looked, bad = looked.joined(new), np.concatenate([bad, badness(cases, new.s)])
+        new = on_time(motion, cases.deviations.tolerance, np.linspace(left, right, FRESH + 2)[1:-1])
+        looked, bad = looked.joined(new), np.concatenate([bad, badness(cases, new)])
     return looked.some(np.argsort(-bad, kind="stable")[:EXACT])
 
 
-def _worst_tip(cases: WorstCase, at: _Looked) -> WorstInstant:
+def _worst_tip(cases: WorstCase, at: Looked) -> WorstInstant:
     rows, axes = (
         np.repeat(np.arange(len(at.times)), cases.axes),
         np.tile(np.arange(cases.axes), len(at.times)),
     )
-    found = cases.moments(at.s[rows], axes)
+    found = cases.moments(at.s[rows], axes, room=at.room[rows])
     k = int(np.argmin(found.values))
-    row, state = int(rows[k]), at.s[rows[k : k + 1]]
-    missed = float(cases.deviations.missed(state, found.theta[k : k + 1], found.slopes[k : k + 1])[0])
+    row, state, room = int(rows[k]), at.s[rows[k : k + 1]], at.room[rows[k : k + 1]]
+    theta, slopes = found.theta[k : k + 1], found.slopes[k : k + 1]
+    missed = float(cases.deviations.missed(state, theta, slopes, room)[0])
     moment = float(found.values[k])
     first, second = sorted(c + 1 for c in cases.robot.tip_over.axes[axes[k]].contacts)
     left = f"{quantity(moment, 'N m', 3)} left about contacts {first} and {second}"
-    left += _kept(cases, state, found.theta[k : k + 1])
+    left += _kept(cases, state, theta)
     value, bound = (float(cases.tip_ratio(np.array(m))) for m in (moment, moment - missed))
     return WorstInstant(value, float(at.times[row]), _how(cases, found, k, at.words[row]), left, bound)
 
 
-def _worst_slip(cases: WorstCase, at: _Looked) -> WorstInstant:
-    found = cases.slip(at.s, STARTS)
+def _worst_slip(cases: WorstCase, at: Looked) -> WorstInstant:
+    found = cases.slip(at.s, STARTS, room=at.room)
     k = int(np.argmax(found.values))
     left = f"slip GT {found.values[k]:.3g}{_kept(cases, at.s[k : k + 1], found.theta[k : k + 1])}"
     how = _how(cases, found, k, at.words[k])

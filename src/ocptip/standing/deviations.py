@@ -158,14 +158,22 @@ class Deviations:
 
     # --- what is worst ------------------------------------------------------------------------------------
 
-    def least(self, slopes: np.ndarray) -> np.ndarray:
-        """Deviations (N, size) at which slopes (N, size) . theta is least."""
-        theta = np.zeros(slopes.shape)
+    def greatest(self, room: np.ndarray | None) -> np.ndarray:
+        """(size,) greatest deviations; (N, size) with (N, n) s by which joints can be late at most."""
+        if room is None or "delay" not in self.places:
+            return self.high
+        high = np.tile(self.high, (len(room), 1))
+        high[:, self.places["delay"]] = room
+        return high
+
+    def least(self, slopes: np.ndarray, room: np.ndarray | None = None) -> np.ndarray:
+        """Deviations (N, size) at which slopes (N, size) . theta is least; room as in `greatest`."""
+        theta, high = np.zeros(slopes.shape), self.greatest(room)
         own = self._intervals
-        size = np.maximum(np.abs(self.low[own]), np.abs(self.high[own]))
+        size = np.maximum(np.abs(self.low[own]), np.abs(high[..., own]))
         change = np.abs(slopes[:, own]) * size
         matters = change > _NOTHING * np.max(change, axis=1, initial=1e-300)[:, None]
-        theta[:, own] = np.where(matters, np.where(slopes[:, own] > 0, self.low[own], self.high[own]), 0.0)
+        theta[:, own] = np.where(matters, np.where(slopes[:, own] > 0, self.low[own], high[..., own]), 0.0)
         for name, most in (("push", self.tolerance.push), ("base_push", self.tolerance.base_push)):
             if name in self.places:
                 theta[:, self.places[name]] = -most * _unit(slopes[:, self.places[name]])
@@ -184,7 +192,9 @@ class Deviations:
         angle = np.minimum(np.arctan2(np.linalg.norm(side, axis=1), along), most)[:, None]
         return size * ((np.cos(angle) - 1) * down + np.sin(angle) * _unit(side))
 
-    def missed(self, s: np.ndarray, theta: np.ndarray, a: np.ndarray) -> np.ndarray:
+    def missed(
+        self, s: np.ndarray, theta: np.ndarray, a: np.ndarray, room: np.ndarray | None = None
+    ) -> np.ndarray:
         """(N,): by how much a . wrench may be less than at theta, at most, elsewhere within the tolerance.
 
         Zero where every slope at theta outweighs all products of deviations; these are taken up to second
@@ -192,13 +202,13 @@ class Deviations:
         """
         slopes = np.einsum("nw,nwt->nt", a, self.wrench_and_slopes(s, theta)[1])
         bend = np.abs(self.curvature(s, theta, a)[0].reshape(len(s), self.size, self.size))
-        span = self.high - self.low
+        span = np.broadcast_to(self.greatest(room) - self.low, theta.shape).copy()
         for name, most in self._radii.items():
-            span[self.places[name]] = 2 * most
+            span[:, self.places[name]] = 2 * most
         own = self._intervals
         ways = np.where(theta[:, own] <= self.low[own], 1.0, -1.0) * slopes[:, own]
-        lost = 0.5 * np.einsum("nij,j->ni", bend, span)
-        rest = np.minimum(ways - lost[:, own], 0.0) * span[own]
+        lost = 0.5 * np.einsum("nij,nj->ni", bend, span)
+        rest = np.minimum(ways - lost[:, own], 0.0) * span[:, own]
         found = -np.sum(rest, axis=1)
         for name, most in self._radii.items():
             at = self.places[name]
@@ -240,9 +250,10 @@ class Deviations:
         if np.any(pace := parts.get("speed", np.zeros(1))):
             change = float(np.sqrt(1 + pace[0]) - 1)
             found.append(f"{100 * abs(change):.3g} % {'faster' if change > 0 else 'slower'}")
-        if np.any(late := parts.get("delay", np.zeros(1))):
-            joints = ", ".join(f"{j + 1}" for j in np.flatnonzero(late))
-            found.append(f"joint{'s' * (',' in joints)} {joints} late by {1e3 * self.tolerance.delay:.3g} ms")
+        late = np.round(np.minimum(parts.get("delay", np.zeros(0)), self.tolerance.delay), 6)
+        for delay in dict.fromkeys(late[late > 0].tolist()):
+            joints = ", ".join(f"{j + 1}" for j in np.flatnonzero(late == delay))
+            found.append(f"joint{'s' * (',' in joints)} {joints} late by {1e3 * delay:.3g} ms")
         for name, word in (("push", "gripper"), ("base_push", "base")):
             if np.any(force := parts.get(name, np.zeros(3))):
                 found.append(f"push of {np.linalg.norm(force):.3g} N at the {word} {towards(force)}")

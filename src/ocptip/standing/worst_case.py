@@ -86,13 +86,20 @@ class WorstCase:
             other._map = TipMap(other.robot.tip_over)
         return other
 
-    def moments(self, s: np.ndarray, axis: np.ndarray, theta: np.ndarray | None = None) -> Worst:
+    def moments(
+        self,
+        s: np.ndarray,
+        axis: np.ndarray,
+        theta: np.ndarray | None = None,
+        room: np.ndarray | None = None,
+    ) -> Worst:
         """Least moments about tipping axes.
 
         Args:
             s: (N, 3 n) states.
             axis: (N,) which axis of each.
             theta: (N, size) deviations; default: the worst.
+            room: (N, n), s: by how much joints can be late there at most; default: the whole delay.
         """
         rows = np.arange(len(s))
         if theta is not None:
@@ -107,7 +114,7 @@ class WorstCase:
 
         found, slopes = at(np.zeros((len(s), self.deviations.size)))
         for _ in range(ROUNDS):
-            new, slopes = at(self.deviations.least(slopes))
+            new, slopes = at(self.deviations.least(slopes, room))
             found = found.worse(new, -1.0)
         return found
 
@@ -117,17 +124,23 @@ class WorstCase:
         at = np.repeat(np.arange(count), axes), np.tile(np.arange(axes), count)
         return self.moments(s[at[0]], at[1]).values.reshape(count, axes)
 
-    def estimated_moments(self, s: np.ndarray) -> np.ndarray:
+    def estimated_moments(self, s: np.ndarray, room: np.ndarray | None = None) -> np.ndarray:
         """(N, axes) the same up to products of deviations, several times faster."""
         over = self.deviations.wrench_and_slopes(s, np.zeros((len(s), self.deviations.size)))
         values, slopes = self._map(over[0])
         found = np.empty(values.shape)
         for k in range(self.axes):
             change = np.einsum("nw,nwt->nt", slopes[:, k], over[1])
-            found[:, k] = values[:, k] + np.einsum("nt,nt->n", change, self.deviations.least(change))
+            found[:, k] = values[:, k] + np.einsum("nt,nt->n", change, self.deviations.least(change, room))
         return found
 
-    def slip(self, s: np.ndarray, starts: int = 1, theta: np.ndarray | None = None) -> Worst:
+    def slip(
+        self,
+        s: np.ndarray,
+        starts: int = 1,
+        theta: np.ndarray | None = None,
+        room: np.ndarray | None = None,
+    ) -> Worst:
         """Greatest slip reserves that are found.
 
         Args:
@@ -135,32 +148,33 @@ class WorstCase:
             starts: wrenches from which the worst is looked for: that of the world as described, then those
                 with gravity tilted and so on, along the axes of the force and the moment.
             theta: (N, size) deviations; default: the worst.
+            room: (N, n), s: by how much joints can be late there at most; default: the whole delay.
         """
         if theta is not None:
             return self._slip_under(self.deviations.wrench(s, theta)[0], theta)
         found: Worst | None = None
-        for theta in self._starts(s, starts):
+        for theta in self._starts(s, starts, room):
             new, slopes = self._slip_at(s, theta)
             found = new if found is None else found.worse(new, 1.0)
             for _ in range(ROUNDS):
-                new, slopes = self._slip_at(s, self.deviations.least(-slopes))
+                new, slopes = self._slip_at(s, self.deviations.least(-slopes, room))
                 found = found.worse(new, 1.0)
         assert found is not None  # one start at least
         return found
 
-    def estimated_slip(self, s: np.ndarray) -> np.ndarray:
+    def estimated_slip(self, s: np.ndarray, room: np.ndarray | None = None) -> np.ndarray:
         """(N,) slip reserves at the worst by their slopes at the state as described."""
         found, slopes = self._slip_at(s, np.zeros((len(s), self.deviations.size)))
-        return found.values + np.einsum("nt,nt->n", slopes, self.deviations.least(-slopes))
+        return found.values + np.einsum("nt,nt->n", slopes, self.deviations.least(-slopes, room))
 
-    def _starts(self, s: np.ndarray, count: int) -> Iterator[np.ndarray]:
+    def _starts(self, s: np.ndarray, count: int, room: np.ndarray | None) -> Iterator[np.ndarray]:
         still = np.zeros((len(s), self.deviations.size))
         yield still
         if count > 1:
             over = self.deviations.wrench_and_slopes(s, still)[1]
             for k in range(count - 1):
                 sign = 1.0 if k % 2 else -1.0
-                yield self.deviations.least(sign * over[:, (0, 1, 5, 3, 4, 2)[k // 2 % 6]])
+                yield self.deviations.least(sign * over[:, (0, 1, 5, 3, 4, 2)[k // 2 % 6]], room)
 
     def _slip_at(self, s: np.ndarray, theta: np.ndarray) -> tuple[Worst, np.ndarray]:
         """GT at deviations, large where it is not known, and its slopes over the deviations."""

@@ -1,24 +1,28 @@
 """Nodes of an ordered program at which joints deviate: late at an event, or overshooting where they jump.
 
-Such a node lies at an event, or the longest delay after it. Of every joint that jumps there, or has jumped
-within that delay before, the steps of its acceleration count not at all (late), or once and the share of the
-overshoot more. All combinations are looked at, the worst of each row takes part.
+Such a node lies at an event, or the longest delay after it, and its states are those that the check looks at
+(`motion.late_joints`), up to how far angles and speeds have gone: of every joint that jumps there, or has
+jumped within that delay before, the steps of its acceleration count up to one of them, which is not done yet,
+or counts the share of the overshoot more, or does so with all steps before. All combinations are looked at,
+the worst of each row takes part.
 """
 
 from __future__ import annotations
 
-from itertools import product
+from itertools import chain, product
 from typing import NamedTuple
 
 import numpy as np
 
+from ocptip.motion.late_joints import combinations
 from ocptip.motion.planner.event_order import EventOrder
 from ocptip.motion.planner.program import MotionProgram
 from ocptip.standing.limit import DEVIATING
 from ocptip.standing.tolerance import Tolerance
 
 Steps = tuple[tuple[int, int, float], ...]
-"""Per deviating joint: which, the first group of its steps, how many times more than once they count."""
+"""Deviating joints: which, a group of its steps, and how many times more than once this and all later ones
+count; several of a joint add up."""
 
 
 class Deviating(NamedTuple):
@@ -35,7 +39,6 @@ Place = tuple[int, float] | Deviating
 
 MEET = 1e-6  # s: events nearer to each other than this have met
 KEPT = 1e-3  # by how much the use of a limit may exceed 1 after a solve
-MOST_JOINTS = 7  # that are combined in all ways; of more all alike, or all but one
 
 
 def deviating_places(order: EventOrder, x: np.ndarray, tolerance: Tolerance) -> list[Deviating]:
@@ -46,7 +49,7 @@ def deviating_places(order: EventOrder, x: np.ndarray, tolerance: Tolerance) -> 
         x: variables; events within the delay of each other there count as one.
         tolerance: its delay and its overshoot.
     """
-    delay, more = tolerance.delay, tolerance.overshoot
+    delay, more = tolerance.delay * (1 + tolerance.speed), tolerance.overshoot
     if order.rises or not (
         delay or more
     ):  # accelerations that do not jump: what delays do is up to the check
@@ -60,29 +63,31 @@ def deviating_places(order: EventOrder, x: np.ndarray, tolerance: Tolerance) -> 
         last = int(np.searchsorted(times, time + MEET, side="right")) - 1
         if after == 0.0 and last > event:
             continue  # the last of those that meet stands for all
-        first = []
+        ways = []
         for joint in moving:
             groups = order.corner_positions[joint]
             near = groups[(groups <= last) & (times[groups] >= time - max(delay, MEET) - MEET)]
-            first += [(joint, int(near.min()))] if len(near) else []
-        if first:
-            found += [Deviating(last, event, after, steps) for steps in _combinations(first, delay > 0, more)]
+            if len(near):
+                ways.append(_ways(joint, _apart(np.unique(near), times), delay > 0, more))
+        if ways:
+            found += [Deviating(last, event, after, tuple(chain(*own))) for own in combinations(ways)]
     return found
 
 
-def _combinations(first: list[tuple[int, int]], late: bool, more: float) -> list[Steps]:
-    values = (more, -1.0) if late else (more,)
-    if len(first) <= MOST_JOINTS:
-        chosen = list(product(values, repeat=len(first)))
-    else:
-        chosen = [(value,) * len(first) for value in values]
-        if late:
-            chosen += [
-                (*usual[:k], -1.0 if value == more else more, *usual[k + 1 :])
-                for value, usual in zip(values, list(chosen), strict=True)
-                for k in range(len(first))
-            ]
-    return [tuple((j, g, c) for (j, g), c in zip(first, steps, strict=True)) for steps in chosen]
+def _apart(groups: np.ndarray, times: np.ndarray) -> list[int]:
+    """Of groups of steps that meet, the first; together they are one jump."""
+    return groups[np.diff(times[groups], prepend=-np.inf) > MEET].tolist()
+
+
+def _ways(joint: int, groups: list[int], late: bool, more: float) -> list[Steps]:
+    """What a joint may do whose steps of these groups are within the delay."""
+    found: list[Steps] = []
+    for k, group in enumerate(groups):
+        found += [((joint, group, -1.0),)] if late else []
+        later = tuple((joint, g, -1.0 - more) for g in groups[k + 1 : k + 2] if late)
+        if later or k == len(groups) - 1:
+            found += [((joint, first, more), *later) for first in ([group, groups[0]] if k else [group])]
+    return found
 
 
 def masks_of(order: EventOrder, place: Deviating) -> np.ndarray:
