@@ -8,6 +8,7 @@ from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPool
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
 from threading import Thread, Timer
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -217,20 +218,34 @@ def test_bad_options_are_named(task, options, message):
 
 
 class Scripted:
-    """Stands in for a search: start k yields the k-th of prepared motions, None for no motion."""
+    """Stands in for a search: start k yields the k-th of prepared motions, None for no motion.
+
+    Of a list the first motion comes first, and each time it is gone on with the next one.
+    """
 
     motions: tuple = ()
+    gone_on: ClassVar[list[int]] = []  # numbers of the starts that were gone on with
 
     def __init__(self, task):
         self.task = task
 
     def run(self, number, seed):
-        motion = self.motions[number]
+        return self._attempt(number, 0)
+
+    def further(self, before):
+        self.gone_on.append(before.result.number)
+        return self._attempt(before.result.number, before.result.iterations)
+
+    def _attempt(self, number, cycle):
+        motions = self.motions[number]
+        motions = motions if isinstance(motions, list) else [motions]
+        motion = motions[cycle]
         checked = motion and check_motion(self.task.robot, motion, self.task.limits)
         verified = bool(checked and checked.verified)
         status = "verified" if verified else "no motion: nothing to be had at 17 N m"
         energy = checked.energy if checked else float("nan")
-        return Attempt(StartResult(number, status, energy, verified, 1, 0.1, 0.1, 1, {}), motion, checked)
+        result = StartResult(number, status, energy, verified, cycle + 1, 0.1, 0.1, 1, {})
+        return Attempt(result, motion, checked, np.zeros(1) if cycle + 1 < len(motions) else None)
 
 
 @pytest.fixture
@@ -239,6 +254,7 @@ def scripted(monkeypatch):
 
     def script(*motions):
         monkeypatch.setattr(Scripted, "motions", motions)
+        monkeypatch.setattr(Scripted, "gone_on", [])
         monkeypatch.setattr("ocptip.motion.plan.Search", Scripted)
 
     return script
@@ -264,6 +280,20 @@ def test_the_least_energy_among_the_verified_wins(case_b, scripted):
     assert plan.starts[2].energy < plan.energy  # but it tips
     energies = [energy for _, _, energy in progress.calls]
     assert energies == [None, None, plan.starts[1].energy, plan.starts[1].energy, *3 * [plan.energy]]
+
+
+def test_the_best_few_starts_are_gone_on_with(case_b, scripted):
+    """Of six starts the best two, where they may still gain and cost no more than 3 % more than the best."""
+    slowed = {factor: case_b.reference.time_scaled(factor) for factor in (1.2, 1.3, 1.305, 1.31, 1.6)}
+    behind, best, third, second = ([slowed[f], slowed[1.2]] for f in (1.6, 1.3, 1.31, 1.305))
+    scripted(behind, best, None, third, second, slowed[1.6])
+    plan = plan_motion(case_b, starts=6, jobs=1)
+    assert Scripted.gone_on == [1, 4]
+    assert plan.motion is slowed[1.2]
+    assert (plan.best, [start.iterations for start in plan.starts]) == (1, [1, 2, 1, 1, 2, 1])
+    scripted([slowed[1.6], slowed[1.2]], slowed[1.3])
+    assert plan_motion(case_b, starts=2, jobs=1).best == 1
+    assert Scripted.gone_on == []  # too far behind
 
 
 def test_where_no_start_succeeds_the_nearest_one_is_described(case_b, scripted):

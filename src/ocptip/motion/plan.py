@@ -18,7 +18,7 @@ from ocptip.basics.errors import PlanningError, whole_number
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.choices import likely_choices, rounds
 from ocptip.motion.objective import Objective
-from ocptip.motion.planner.one_start import Attempt, Rough, Search, StartResult, free_ends
+from ocptip.motion.planner.one_start import FURTHER, Attempt, Rough, Search, StartResult, free_ends
 from ocptip.motion.task import MotionTask, require_plannable
 from ocptip.motion.within_tolerance import tolerable
 from ocptip.motion.workers import WorkerDiedError, worker_pool
@@ -29,6 +29,7 @@ LOST = "lost: "
 """Status of a start begins so if it killed its worker process again and again."""
 
 _TASKS_IN_MEMORY = 4  # per worker
+SHARE, NEAR = 3, 1.03  # one of so many starts is gone on with, if it costs at most so much more than the best
 FINISHED = 3  # of the starts within a tolerance, the most promising ones; more only if none is verified
 
 
@@ -93,7 +94,8 @@ def plan_motion(
 
     Every start is a random motion, improved by Ipopt and checked on a dense time grid. Where the task leaves
     a choice of postures, the most promising pairs of start and goal get one start each and the best of them
-    the others, see `ocptip.motion.choices`. Within a tolerance only the starts that promise the least cost
+    the others, see `ocptip.motion.choices`. Verified starts that may still win are improved further: a third
+    of them at most, those within 3 % of the best. Within a tolerance only the starts that promise the least cost
     after their smooth programs are finished. The result depends on task, starts and seed only, not on where
     the starts run. An interrupt (Ctrl-C) ends the planning with the best verified plan so far. A worker that
     dies is replaced and its start run again; a start that kills two is left out, see `lost`. (Of an executor
@@ -119,7 +121,7 @@ def plan_motion(
     _require_numbers(starts, jobs, seed)
     require_plannable(task)
     began, rank = time.perf_counter(), partial(_rank, task.objective)
-    attempts: list[Attempt] = []
+    attempts: dict[int, Attempt] = {}
     best: Attempt | None = None
     interrupted = False
     costs, tasks_of = dict[int, float](), dict[int, MotionTask]()
@@ -130,15 +132,16 @@ def plan_motion(
         with threadpool_limits(1):
             tasks = likely_choices(task)
         with nullcontext() if own else worker_pool(executor, jobs, starts) as pool:
-            for batch in rounds(tasks, starts, costs, first):
-                tasks_of.update((number, chosen) for chosen, number in batch)
-                for attempt in _attempts(_in_process if own else partial(_in_pool, pool), batch, seed):
-                    attempts.append(attempt)
-                    if attempt.result.verified:
-                        costs[attempt.result.number] = rank(attempt)[0]
-                        best = attempt if best is None or rank(attempt) < rank(best) else best
-                    if progress:
-                        progress(len(attempts), starts, rank(best)[0] if best else None)
+            work = partial(_in_process, {}) if own else partial(_in_pool, pool)
+            for attempt in _turns(work, rounds(tasks, starts, costs, first), seed, costs, attempts, tasks_of):
+                if attempt.check is None and attempt.result.number in costs:
+                    continue  # going on killed workers: what was found before counts
+                attempts[attempt.result.number] = attempt
+                if attempt.result.verified:
+                    costs[attempt.result.number] = rank(attempt)[0]
+                    best = attempts[min((cost, number) for number, cost in costs.items())[1]]
+                if progress:
+                    progress(len(attempts), starts, rank(best)[0] if best else None)
     except BrokenExecutor as error:
         died = f"a worker process died after {len(attempts)} of {starts} starts ({error}); out of memory? "
         died += "With jobs=1 no workers are needed"
@@ -151,7 +154,7 @@ def plan_motion(
             raise
         interrupted = True
     if best is None:
-        raise PlanningError(_why_not(task, attempts))
+        raise PlanningError(_why_not(task, list(attempts.values())))
     chosen = tasks_of[best.result.number]
     if free_ends(chosen):
         chosen = replace(chosen, start=best.motion.start, goal=best.motion.goal)
@@ -160,7 +163,7 @@ def plan_motion(
         task=chosen,
         motion=best.motion,
         check=best.check,
-        starts=tuple(sorted((a.result for a in attempts), key=lambda r: r.number)),
+        starts=tuple(sorted((a.result for a in attempts.values()), key=lambda r: r.number)),
         best=best.result.number,
         seed=seed,
         seconds=time.perf_counter() - began,
@@ -220,11 +223,30 @@ def _attempts(
     yield from (one.left_out for one in rough)
 
 
+def _turns(
+    work: Callable[[str, list[_Job]], Iterator[Any]],
+    batches: Iterator[list[tuple[MotionTask, int]]],
+    seed: int,
+    costs: dict[int, float],
+    attempts: dict[int, Attempt],
+    tasks_of: dict[int, MotionTask],
+) -> Iterator[Attempt]:
+    """All starts, then again those that may still win; the caller fills costs and attempts meanwhile."""
+    for batch in batches:
+        tasks_of.update((number, task) for task, number in batch)
+        yield from _attempts(work, batch, seed)
+    for _ in range(FURTHER):
+        near = NEAR * min(costs.values(), default=0.0)
+        best = sorted((cost, number) for number, cost in costs.items() if cost <= near)
+        chosen = [attempts[number] for _, number in best[: -(-len(attempts) // SHARE)]]
+        jobs = [(tasks_of[one.result.number], (one,)) for one in chosen if one.x is not None]
+        yield from work("further", jobs)
+
+
 _Job = tuple[MotionTask, tuple]
 
 
-def _in_process(what: str, jobs: list[_Job]) -> Iterator[Any]:
-    searches: dict[int, Search] = {}
+def _in_process(searches: dict[int, Search], what: str, jobs: list[_Job]) -> Iterator[Any]:
     for task, arguments in jobs:
         with threadpool_limits(1):  # small matrices: more threads only wait for each other
             search = searches.get(id(task)) or searches.setdefault(id(task), Search(task))
@@ -256,8 +278,9 @@ def _lost(number: int, error: WorkerDiedError) -> Attempt:
 
 
 def run_start(payload: bytes, number: int, seed: int) -> Attempt:
-    """The start of that number, of a pickled task."""
-    return _run(payload, "run", (number, seed))
+    """The start of that number, of a pickled task, improved further once if that may pay."""
+    attempt = _run(payload, "run", (number, seed))
+    return attempt if attempt.x is None else _run(payload, "further", (attempt,))
 
 
 def _run(payload: bytes, what: str, arguments: tuple) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,8 +27,8 @@ WIDTHS = (0.010, 0.004)  # s: half widths of the steps in the fine programs
 PULL = 1e-3  # keeps a program regular where phases do nothing, see `Pull`
 COARSE_ROWS, FINE_ROWS = 0.7, 0.75  # use of a limit from which node rows take part
 COARSE_ROUNDS = 3
-CYCLES = 2  # fine and exact programs are run again from the exact motion, which often finds a better order
-FURTHER = 1  # cycles more where none has given a verified motion
+CYCLES = 3  # at most, of fine and exact programs, until a motion is verified
+FURTHER = 2  # cycles more from a verified motion, which often find a better order
 BINDING = 0.97  # share of a reserve's limit from which the contacts decide; only then a second cycle pays
 MERGES = (0.004, 0.0, 0.012)  # s: events nearer than this become simultaneous; tried in this order
 SOLVED = 1e-4  # largest violation of an exact program that is good enough to be tightened
@@ -93,11 +94,20 @@ class Rough:
 
 @dataclass(frozen=True, eq=False)
 class Attempt:
-    """A start's result with its motion and checked, both None if no motion came out."""
+    """What a start has come to.
+
+    Attributes:
+        result: in numbers.
+        motion, check: both None if no motion came out.
+        x: variables to go on from, where another cycle may find a better order of events; else None.
+        clock: what it took.
+    """
 
     result: StartResult
     motion: ArmMotion | None
     check: MotionCheck | None
+    x: np.ndarray | None = None
+    clock: Clock | None = None
 
 
 class Search:
@@ -154,23 +164,20 @@ class Search:
         clock, status, x = rough.clock, rough.status, rough.x
         clock.go_on()
         best: tuple[ArmMotion, MotionCheck] | None = None
-        cycles = 1 if self.task.limits.tolerance.given else CYCLES  # there further ones rarely find better
+        cycles = CYCLES - self.task.limits.tolerance.given if x is not None else 0
         try:
-            for cycle in range(cycles + FURTHER if x is not None else 0):
+            for cycle in range(cycles):
                 if cycle > 0:
                     begin = x if best is not None or self.task.limits.stops is None else rough.coarse
                     x, _ = self._fine(begin, clock)
                     clock.stage("fine")
-                refiner = Refiner(self.formulation, self.inner)
-                found, x, status = self._exact(refiner, x, clock)
-                clock.iterations += refiner.iterations
-                clock.solves += refiner.solves
+                found, x, status = self._refined(x, clock)
                 if found is None:
                     continue
                 if best is not None and not self._better(found[1], best[1]):
                     break
                 best = found
-                if found[1].verified and (cycle + 1 >= cycles or not self._at_the_limit(found[1])):
+                if found[1].verified:
                     break
         except NUMERICAL as error:  # one start of many: what was found before counts
             status = f"no motion: {error}"
@@ -178,7 +185,43 @@ class Search:
         if checked is not None:
             status = "verified" if checked.verified else f"not verified: {'; '.join(checked.violations)}"
         clock.pause()
-        return Attempt(clock.result(number, status, checked), motion, checked)
+        return Attempt(
+            clock.result(number, status, checked), motion, checked, self._open_at(x, checked), clock
+        )
+
+    def further(self, before: Attempt) -> Attempt:
+        """A verified start after another cycle of fine and exact programs from its motion."""
+        assert before.x is not None
+        assert before.clock is not None
+        assert before.check is not None
+        clock, x, motion, checked = before.clock.again(), None, before.motion, before.check
+        try:
+            start, _ = self._fine(before.x, clock)
+            clock.stage("fine")
+            found, end, _ = self._refined(start, clock)
+            if found is not None and self._better(found[1], checked):
+                motion, checked = found
+                x = self._open_at(end, checked)
+        except NUMERICAL:
+            pass  # what was found before counts
+        clock.pause()
+        return Attempt(clock.result(before.result.number, "verified", checked), motion, checked, x, clock)
+
+    def _refined(
+        self, x: np.ndarray, clock: Clock
+    ) -> tuple[tuple[ArmMotion, MotionCheck] | None, np.ndarray, str]:
+        """As `_exact`, with what it took."""
+        refiner = Refiner(self.formulation, self.inner)
+        try:
+            return self._exact(refiner, x, clock)
+        finally:
+            clock.iterations += refiner.iterations
+            clock.solves += refiner.solves
+
+    def _open_at(self, x: np.ndarray | None, checked: MotionCheck | None) -> np.ndarray | None:
+        """Variables from which another cycle may pay; within a tolerance it rarely does."""
+        pays = checked and checked.verified and self._at_the_limit(checked)
+        return x if pays and not self.task.limits.tolerance.given else None
 
     def _coarse(self, start: ArmMotion, clock: Clock) -> np.ndarray:
         """Variables after the coarse programs; anew while the motion becomes much shorter than the grid."""
@@ -306,6 +349,13 @@ class Clock:
         self.iterations = self.solves = 0
         self.seconds = self.cpu_seconds = 0.0
         self.go_on()
+
+    def again(self) -> Clock:
+        """Another clock that goes on from here."""
+        other = copy(self)
+        other.stages = dict(self.stages)
+        other.go_on()
+        return other
 
     def go_on(self) -> None:
         """From here on, perhaps in another thread."""
