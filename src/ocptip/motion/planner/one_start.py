@@ -164,7 +164,7 @@ class Search:
         clock, status, x = rough.clock, rough.status, rough.x
         clock.go_on()
         best: tuple[ArmMotion, MotionCheck] | None = None
-        cycles = CYCLES - self.task.limits.tolerance.given if x is not None else 0
+        cycles = CYCLES - bool(self.task.limits.tolerance.given) if x is not None else 0
         try:
             for cycle in range(cycles):
                 if cycle > 0:
