@@ -95,11 +95,11 @@ def plan_motion(
     Every start is a random motion, improved by Ipopt and checked on a dense time grid. Where the task leaves
     a choice of postures, the most promising pairs of start and goal get one start each and the best of them
     the others, see `ocptip.motion.choices`. Verified starts that may still win are improved further: a third
-    of them at most, those within 3 % of the best. Within a tolerance only the starts that promise the least cost
-    after their smooth programs are finished. The result depends on task, starts and seed only, not on where
-    the starts run. An interrupt (Ctrl-C) ends the planning with the best verified plan so far. A worker that
-    dies is replaced and its start run again; a start that kills two is left out, see `lost`. (Of an executor
-    that breaks with its worker, such as a ProcessPoolExecutor, the death ends the planning like an interrupt,
+    of them at most, those within 3 % of the best. Within a tolerance, instead, only the starts that promise
+    the least cost after their smooth programs are finished. The result depends on task, starts and seed only,
+    not on where the starts run. An interrupt (Ctrl-C) ends the planning with the best verified plan so far. A
+    worker that dies is replaced and its start run again; a start that kills two is left out, see `lost`, one
+    that does so only while it is improved further keeps what it had. (Of an executor that breaks with its worker, such as a ProcessPoolExecutor, the death ends the planning like an interrupt,
     with a RuntimeWarning.)
 
     Args:
@@ -134,8 +134,6 @@ def plan_motion(
         with nullcontext() if own else worker_pool(executor, jobs, starts) as pool:
             work = partial(_in_process, {}) if own else partial(_in_pool, pool)
             for attempt in _turns(work, rounds(tasks, starts, costs, first), seed, costs, attempts, tasks_of):
-                if attempt.check is None and attempt.result.number in costs:
-                    continue  # going on killed workers: what was found before counts
                 attempts[attempt.result.number] = attempt
                 if attempt.result.verified:
                     costs[attempt.result.number] = rank(attempt)[0]
@@ -264,16 +262,17 @@ def _in_pool(pool: Executor, what: str, jobs: list[_Job]) -> Iterator[Any]:
             try:
                 yield future.result()
             except WorkerDiedError as error:
-                _, (number, *_) = jobs[futures.index(future)]
-                yield _lost(number, error)
+                yield _lost(jobs[futures.index(future)][1][0], error)
     finally:
         for future in futures:
             future.cancel()
 
 
-def _lost(number: int, error: WorkerDiedError) -> Attempt:
-    """What is said of a start that nobody could run to its end."""
-    result = StartResult(number, f"{LOST}{error}", float("nan"), False, 0, 0.0, 0.0, 0, {})
+def _lost(begun: int | Attempt, error: WorkerDiedError) -> Attempt:
+    """What is said of the start of a number that nobody could run to its end; one gone on with stays."""
+    if isinstance(begun, Attempt):
+        return replace(begun, x=None)
+    result = StartResult(begun, f"{LOST}{error}", float("nan"), False, 0, 0.0, 0.0, 0, {})
     return Attempt(result, None, None)
 
 
