@@ -17,7 +17,6 @@ from threadpoolctl import threadpool_limits
 from ocptip.basics.errors import PlanningError, whole_number
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.choices import likely_choices, rounds
-from ocptip.motion.objective import Objective
 from ocptip.motion.planner.one_start import FURTHER, Attempt, Rough, Search, StartResult, free_ends
 from ocptip.motion.task import MotionTask, require_plannable
 from ocptip.motion.within_tolerance import tolerable
@@ -99,8 +98,9 @@ def plan_motion(
     the least cost after their smooth programs are finished. The result depends on task, starts and seed only,
     not on where the starts run. An interrupt (Ctrl-C) ends the planning with the best verified plan so far. A
     worker that dies is replaced and its start run again; a start that kills two is left out, see `lost`, one
-    that does so only while it is improved further keeps what it had. (Of an executor that breaks with its worker, such as a ProcessPoolExecutor, the death ends the planning like an interrupt,
-    with a RuntimeWarning.)
+    that does so only while it is improved further keeps what it had. (Of an executor that breaks with its
+    worker, such as a ProcessPoolExecutor, the death ends the planning like an interrupt, with a
+    RuntimeWarning.)
 
     Args:
         task: made by hand, or one of `ocptip.published.tasks` or `ocptip.task_files.motion`.
@@ -120,7 +120,7 @@ def plan_motion(
     """
     _require_numbers(starts, jobs, seed)
     require_plannable(task)
-    began, rank = time.perf_counter(), partial(_rank, task.objective)
+    began = time.perf_counter()
     attempts: dict[int, Attempt] = {}
     best: Attempt | None = None
     interrupted = False
@@ -136,10 +136,11 @@ def plan_motion(
             for attempt in _turns(work, rounds(tasks, starts, costs, first), seed, costs, attempts, tasks_of):
                 attempts[attempt.result.number] = attempt
                 if attempt.result.verified:
-                    costs[attempt.result.number] = rank(attempt)[0]
-                    best = attempts[min((cost, number) for number, cost in costs.items())[1]]
+                    checked, number = attempt.check, attempt.result.number
+                    costs[number] = task.objective.cost(checked.energy, checked.duration)
+                    best = attempts[min((cost, k) for k, cost in costs.items())[1]]
                 if progress:
-                    progress(len(attempts), starts, rank(best)[0] if best else None)
+                    progress(len(attempts), starts, min(costs.values(), default=None))
     except BrokenExecutor as error:
         died = f"a worker process died after {len(attempts)} of {starts} starts ({error}); out of memory? "
         died += "With jobs=1 no workers are needed"
@@ -174,10 +175,6 @@ def _require_numbers(starts: int, jobs: int | None, seed: int) -> None:
     for name, value in (("starts", starts), ("jobs", 1 if jobs is None else jobs)):
         whole_number(name, value, 1)
     whole_number("seed", seed, 0)
-
-
-def _rank(objective: Objective, attempt: Attempt) -> tuple[float, int]:
-    return objective.cost(attempt.check.energy, attempt.check.duration), attempt.result.number
 
 
 def _why_not(task: MotionTask, attempts: list[Attempt]) -> str:
