@@ -362,7 +362,8 @@ class Losing(Executor):
 
     def submit(self, function, /, payload, what, arguments):
         future = Future()
-        if (what, arguments[0]) in self.lost:
+        number = arguments[0].result.number if what == "further" else arguments[0]
+        if (what, number) in self.lost:
             future.set_exception(WorkerDiedError("its worker process died 2 times"))
         else:
             future.set_result(function(payload, what, arguments))
@@ -379,6 +380,19 @@ def test_a_start_that_kills_its_workers_is_said_and_the_others_count(case_b, scr
     assert [(one.number, one.status) for one in plan.lost] == [(1, "lost: its worker process died 2 times")]
     with pytest.raises(PlanningError, match="none of 1 starts gave a motion; the first: lost: its worker"):
         plan_motion(case_b, starts=1, first=1, executor=Losing(("run", 1)))
+
+
+def test_a_start_that_kills_its_workers_while_it_is_gone_on_with_keeps_what_it_had(case_b, scripted):
+    slowed = {factor: case_b.reference.time_scaled(factor) for factor in (1.2, 1.3, 1.305, 1.6)}
+    scripted([slowed[1.3], slowed[1.2], slowed[1.2]], [slowed[1.305]] * 3, *4 * [slowed[1.6]])
+    plan = plan_motion(case_b, starts=6, executor=Losing(("further", 0)))
+    assert Scripted.gone_on == [1, 1]  # what has killed two workers is not tried again
+    assert (plan.best, plan.verified, plan.interrupted, plan.lost) == (0, True, False, ())
+    assert plan.motion.end == slowed[1.3].end
+    assert plan.starts[0].energy == plan.energy
+    assert [start.iterations for start in plan.starts] == [1, 3, 1, 1, 1, 1]
+    better = plan_motion(case_b, starts=6, executor=Losing(("further", 1)))
+    assert (better.best, better.motion.end) == (0, slowed[1.2].end)
 
 
 @pytest.mark.slow

@@ -5,8 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from ocptip.basics.errors import SolverError
 from ocptip.motion.check import check_motion
-from ocptip.motion.planner.one_start import SLOWED, Clock, Search
+from ocptip.motion.planner.one_start import SLOWED, Attempt, Clock, Search
 from ocptip.published.tasks import experiment_task
 
 
@@ -30,3 +31,33 @@ def test_what_exceeds_accelerations_by_rounding_is_slowed_down(task, share, help
     found, checked = Search(task)._motion_and_check(refiner, None, Clock())
     assert checked.verified == helped
     assert found.end == pytest.approx(motion.end * (share if helped else 1.0), rel=1e-6)
+
+
+@pytest.mark.parametrize(("factor", "helped"), [(0.99, True), (1.01, False), (None, False)])
+def test_a_start_that_is_gone_on_with_never_gets_worse(task, monkeypatch, factor, helped):
+    """Where the next cycle is faster, slower or fails."""
+    begin, end = np.zeros(3), np.ones(3)
+    slow = at_share(task, 0.9)
+    checked = check_motion(task.robot, slow, task.limits)
+    assert checked.verified
+    clock = Clock()
+    clock.iterations = 100
+    before = Attempt(clock.result(5, "verified", checked), slow, checked, begin, clock)
+    search = Search(task)
+
+    def refined(x, clock):
+        clock.iterations += 7
+        if factor is None:
+            raise SolverError("no")
+        motion = slow.time_scaled(factor)
+        return (motion, check_motion(task.robot, motion, task.limits)), end, ""
+
+    monkeypatch.setattr(search, "_fine", lambda x, clock: (x, 0.0))
+    monkeypatch.setattr(search, "_refined", refined)
+    monkeypatch.setattr(search, "_at_the_limit", lambda checked: True)
+    after = search.further(before)
+    assert after.motion.end == pytest.approx(slow.end * (factor if helped else 1.0))
+    assert after.x is (end if helped else None)  # nothing new: another cycle would find the same
+    assert (after.result.number, after.result.verified, after.result.iterations) == (5, True, 107)
+    assert (before.result.iterations, clock.iterations) == (100, 100)  # the result so far is as it was
+    assert after.result.energy == after.check.energy <= checked.energy
