@@ -17,6 +17,7 @@ from ocptip.certificate.describe import Separations, model_data, motion_data, st
 from ocptip.certificate.described import Checker, Intervals
 from ocptip.certificate.find_within import HIGHEST, find_within
 from ocptip.certificate.interior import Interior
+from ocptip.numerics.threads import one_thread
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.limit import Worst
 from ocptip.standing.limits import MotionLimits
@@ -173,6 +174,7 @@ def claims(bounds: Mapping[str, float]) -> str:
     return ", ".join(parts)
 
 
+@one_thread
 def certify(
     robot: StandingMechanism, motion: Motion, limits: MotionLimits, worst: Mapping[str, Worst]
 ) -> Certificate:

@@ -16,6 +16,7 @@ from ocptip.basics.errors import InputError, positive_number
 from ocptip.basics.text import some
 from ocptip.certificate.find import Certificate, certify
 from ocptip.motion.within_tolerance import WithinTolerance, worst_within
+from ocptip.numerics.threads import one_thread
 from ocptip.standing.contact_margins import ContactMargins
 from ocptip.standing.instants import Instants
 from ocptip.standing.limit import Limit, Worst
@@ -129,6 +130,7 @@ class MotionCheck:
         }
 
 
+@one_thread
 def check_motion(
     robot: StandingMechanism, motion: Motion, limits: MotionLimits | None = None, *, step: float = 0.01
 ) -> MotionCheck:

@@ -12,8 +12,6 @@ from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from typing import Any
 
-from threadpoolctl import threadpool_limits
-
 from ocptip.basics.errors import PlanningError, whole_number
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.choices import likely_choices, rounds
@@ -21,6 +19,7 @@ from ocptip.motion.planner.one_start import FURTHER, Attempt, Rough, Search, Sta
 from ocptip.motion.task import MotionTask, require_plannable
 from ocptip.motion.within_tolerance import tolerable
 from ocptip.motion.workers import WorkerDiedError, worker_pool
+from ocptip.numerics.threads import one_thread
 from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.timed_path import TimedPath
 
@@ -129,7 +128,7 @@ def plan_motion(
         progress(0, starts, None)
     own = executor is None and jobs == 1
     try:
-        with threadpool_limits(1):
+        with one_thread:
             tasks = likely_choices(task)
         with nullcontext() if own else worker_pool(executor, jobs, starts) as pool:
             work = partial(_in_process, {}) if own else partial(_in_pool, pool)
@@ -243,7 +242,7 @@ _Job = tuple[MotionTask, tuple]
 
 def _in_process(searches: dict[int, Search], what: str, jobs: list[_Job]) -> Iterator[Any]:
     for task, arguments in jobs:
-        with threadpool_limits(1):  # small matrices: more threads only wait for each other
+        with one_thread:
             search = searches.get(id(task)) or searches.setdefault(id(task), Search(task))
             found = getattr(search, what)(*arguments)
         yield found
@@ -281,7 +280,7 @@ def run_start(payload: bytes, number: int, seed: int) -> Attempt:
 
 def _run(payload: bytes, what: str, arguments: tuple) -> Any:
     """What that method of `Search` finds; what a worker runs."""
-    with threadpool_limits(1):
+    with one_thread:
         return getattr(_search(payload), what)(*arguments)
 
 

@@ -6,10 +6,10 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from ocptip.basics.errors import InputError, whole_number
 from ocptip.numerics.ipopt import Solution, solve
+from ocptip.numerics.threads import one_thread
 from ocptip.numerics.vectors import nearest_turn
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.limits.arm import POSE_TOLERANCE
@@ -84,7 +84,7 @@ def place(
         whole_number(name, value, 1)
     whole_number("seed", seed, 0)
     began = time.perf_counter()
-    with threadpool_limits(1):
+    with one_thread:
         return _place(problem, starts, seed, samples, keep, progress, began)
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array
+from ocptip.numerics.threads import one_thread
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.limits.judged import Rows
 from ocptip.placement.problem import PlacementProblem
@@ -52,6 +53,7 @@ class Scan:
         return int(np.nanargmin(self.totals)) if np.isfinite(self.totals).any() else None
 
 
+@one_thread
 def scan(
     problem: PlacementProblem,
     parameters: np.ndarray,

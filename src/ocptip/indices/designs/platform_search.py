@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
-from threadpoolctl import threadpool_limits
 
 from ocptip.basics.errors import InputError, SolverError, finite_array, positive_number, whole_number
 from ocptip.indices.platforms.platform import PlatformPose, StewartPlatform
 from ocptip.indices.platforms.reviewed import manipulability
 from ocptip.indices.platforms.workspace import index_at
+from ocptip.numerics.threads import one_thread
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +56,7 @@ class QualityIndex:
     best: BestPose | None
 
 
-@threadpool_limits.wrap(limits=1)  # small matrices: more threads only wait for each other
+@one_thread
 def best_pose(
     platform: StewartPlatform,
     index: Callable[[PlatformPose], float],

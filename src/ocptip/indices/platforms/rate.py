@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 from numpy.typing import ArrayLike
-from threadpoolctl import threadpool_limits
 
 from ocptip.basics.errors import finite_array, rotation_matrix
 from ocptip.indices.entry import IndexEntry
@@ -24,9 +23,10 @@ from ocptip.indices.platforms.reviewed import (
     rigidity_rate,
     spans_a_plane,
 )
+from ocptip.numerics.threads import one_thread
 
 
-@threadpool_limits.wrap(limits=1)  # small matrices: more threads only wait for each other
+@one_thread
 def rate_platform(
     platform: StewartPlatform,
     position: ArrayLike = (0.0, 0.0, 0.0),

@@ -11,7 +11,6 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from ocptip.basics.errors import PlanningError, whole_number
 from ocptip.motion.cycles.check import CycleCheck, cycle_check
@@ -20,6 +19,7 @@ from ocptip.motion.cycles.free_poses import moved_ways
 from ocptip.motion.cycles.task import CycleTask, require_way_plannable
 from ocptip.motion.plan import MotionPlan, plan_motion
 from ocptip.motion.workers import worker_pool
+from ocptip.numerics.threads import one_thread
 from ocptip.trajectories.sequence import MotionSequence
 
 FIRST = 2  # starts that every segment of every promising way gets; the others go to the best way
@@ -120,7 +120,7 @@ def plan_cycle(
     ):
         whole_number(name, value, least)
     began = time.perf_counter()
-    with threadpool_limits(1):
+    with one_thread:
         layers = layers_of(task)
         ways = likely_ways(task, layers)
         choices = {"choices": {"postures": [len(layer) for layer in layers]}}

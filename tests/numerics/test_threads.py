@@ -1,0 +1,70 @@
+"""Small matrices run on one thread, whatever the environment says; afterwards all is as before."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
+
+from ocptip.numerics.threads import one_thread
+
+SCRIPT = """
+import importlib, sys
+import numpy as np
+from threadpoolctl import threadpool_info
+from ocptip.motion.check import certified, check_motion
+from ocptip.placement.scan import scan
+from ocptip.published.tasks import experiment_task
+from ocptip.standing.limits import MotionLimits
+from ocptip.task_files.placement import load_placement
+
+def threads():
+    return [own["num_threads"] for own in threadpool_info()]
+
+seen = []
+def watch(module, name):
+    module = importlib.import_module(module)
+    inner = getattr(module, name)
+    def outer(*arguments, **named):
+        seen.append((name, threads()))
+        return inner(*arguments, **named)
+    setattr(module, name, outer)
+
+watch("ocptip.motion.check", "_evaluate")
+watch("ocptip.certificate.find", "_missing")
+watch("ocptip.placement.scan", "worst")
+task, limits, before = experiment_task("A"), MotionLimits(GN=1.0, GT=1.0), threads()
+checked = check_motion(task.robot, task.reference, limits)
+assert certified(task.robot, task.reference, checked, limits).certificate is not None
+problem = load_placement("src/ocptip/examples/tasks/place_incline.toml").problem
+scan(problem, np.zeros((1, problem.terrain[0].size)))
+assert {name for name, _ in seen} == {"_evaluate", "_missing", "worst"}, seen
+assert all(set(own) == {1} for _, own in seen), seen
+assert threads() == before and len(before) > 0, (before, threads())
+"""
+
+
+def test_checks_certificates_and_scans_limit_threads_themselves(root):
+    own = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
+    done = subprocess.run(
+        [sys.executable, "-c", SCRIPT], cwd=root, env=own, capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def numbers():
+    return {own["num_threads"] for own in threadpool_info()}
+
+
+def test_nested_limits_end_with_the_outermost():
+    with threadpool_limits(2):
+        before = numbers()
+        with one_thread:
+            with one_thread:
+                assert numbers() == {1}
+            assert numbers() == {1}
+        assert numbers() == before
+        with pytest.raises(KeyError), one_thread:
+            raise KeyError
+        assert numbers() == before
