@@ -56,7 +56,7 @@ def loads(rng, support, count):
     return support.weight + rng.normal(size=(count, 6)) * [40, 40, 100, 40, 40, 10]
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(0, 10**6), st.integers(3, 9))
 def test_normal_forces_have_the_least_energy(seed, n):
     rng = np.random.default_rng(seed)

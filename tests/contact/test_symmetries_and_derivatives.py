@@ -64,7 +64,7 @@ def changed(kind, transform, *, force=1.0, length=1.0, mass=1.0):
 PLAIN = {kind: changed(kind, np.eye(3)) for kind in KINDS}
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.sampled_from(KINDS), loads_of_all_kinds, st.integers(-6, 6), st.integers(-3, 3))
 def test_units_of_force_and_length_do_not_matter(kind, disturbance, force_exponent, length_exponent):
     force, length = 10.0**force_exponent, 10.0**length_exponent
@@ -79,7 +79,7 @@ def test_units_of_force_and_length_do_not_matter(kind, disturbance, force_expone
     np.testing.assert_allclose(scaled.acceleration / factor, state.acceleration, atol=1e-7 * size)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.sampled_from(KINDS), loads_of_all_kinds, vectors.filter(lambda v: np.linalg.norm(v) > 0.1))
 def test_the_choice_of_base_axes_does_not_matter(kind, disturbance, axis):
     turn = Rotation.from_rotvec(3 * axis).as_matrix()

@@ -183,7 +183,7 @@ def test_points_of_drives_keep_limits_in_whole_nanoseconds(task, apart, tmp_path
 
 
 @seed(3)
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(st.integers(0, 10**6))
 def test_points_of_random_ramps_read_back_keep_their_limits(task, number):
     """Of joints whose events lie anywhere, or near to each other."""

@@ -19,7 +19,7 @@ def body(masses, points):
     )
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(0, 10_000))
 def test_the_union_of_two_clouds_is_the_cloud_of_both(seed):
     rng = np.random.default_rng(seed)

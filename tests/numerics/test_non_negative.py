@@ -8,7 +8,7 @@ from ocptip.numerics.non_negative import non_negative
 
 
 @seed(1)
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 12), st.integers(1, 16), st.booleans(), st.integers(-6, 6))
 def test_as_near_as_scipy(number, m, n, alike, power):
     rng = np.random.default_rng(number)
@@ -23,7 +23,7 @@ def test_as_near_as_scipy(number, m, n, alike, power):
 
 
 @seed(2)
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(st.integers(0, 2**32 - 1), st.integers(3, 12), st.integers(1, 8), st.integers(0, 8))
 def test_the_last_ones_may_have_any_sign(number, m, n, signed):
     rng, signed = np.random.default_rng(number), min(signed, n)

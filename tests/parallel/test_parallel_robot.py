@@ -29,7 +29,7 @@ def near_home(robot, seed, size=0.05):
 
 @pytest.mark.parametrize("name", ROBOTS)
 @given(seed=st.integers(0, 10**6))
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 def test_inverse_and_forward_kinematics(name, seed):
     robot = ROBOTS[name]
     z, _, _ = near_home(robot, seed)

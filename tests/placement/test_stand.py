@@ -78,7 +78,7 @@ def test_feet_are_on_the_ground_with_its_normals(mode):
         assert moved == pytest.approx(0.0, abs=1e-12)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(x=st.floats(-1, 1), y=st.floats(-1, 1), angle=st.floats(-3, 3))
 def test_a_tripod_stands_where_a_general_solver_puts_it(x, y, angle):
     own = stand("tripod")

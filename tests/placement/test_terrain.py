@@ -13,7 +13,7 @@ from tests.placement.placement_scenes import hills
 SLOPE = st.floats(-2, 2)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(SLOPE, SLOPE, st.floats(-3, 3), st.floats(-3, 3), st.floats(-7, 7))
 def test_plane_has_the_axes_of_the_source(a, b, x, y, angle):
     position, rotation = plane((a, b), 0.3).poses([[x, y, angle]])

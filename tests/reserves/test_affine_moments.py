@@ -61,7 +61,7 @@ def assert_moments_follow_from_the_wrench(support, rng, count=30, least=5):
     assert np.max(error) < 1e-9 * scale
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(seed=st.integers(0, 10**6), n=st.integers(3, 5))
 def test_feet_on_a_plane_anywhere_in_space(seed, n):
     rng = np.random.default_rng(seed)

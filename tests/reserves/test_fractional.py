@@ -48,7 +48,7 @@ def test_derivatives_of_the_optimum(n, k):
     assert np.max(errors) < 0.05
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(seed=st.integers(0, 10**6), n=st.integers(3, 7), radius=st.sampled_from([0.0, 0.3]))
 def test_no_other_forces_are_better(seed, n, radius):
     rng = np.random.default_rng(seed)

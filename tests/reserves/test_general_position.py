@@ -43,7 +43,7 @@ def loaded(rng, support, force=60.0):
     return wrench, states, tip_over
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(seed=seeds, n=st.integers(3, 6))
 def test_the_least_moment_is_what_can_be_added_about_any_axis(seed, n):
     rng = np.random.default_rng(seed)
@@ -60,7 +60,7 @@ def test_the_least_moment_is_what_can_be_added_about_any_axis(seed, n):
     assert not stands(nearest, least + 1e-3 * max(1.0, least))
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(seed=seeds, n=st.integers(3, 5), clamp=st.booleans())
 def test_derivatives(seed, n, clamp):
     rng = np.random.default_rng(seed)
@@ -83,7 +83,7 @@ def test_derivatives(seed, n, clamp):
     assert reserve.moments[0, at] == pytest.approx(moments(wrench), rel=1e-6, abs=1e-6)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=seeds)
 def test_almost_on_a_plane_the_reserve_is_that_of_the_plane(seed):
     rng = np.random.default_rng(seed)

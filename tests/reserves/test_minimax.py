@@ -55,7 +55,7 @@ def test_against_slsqp():
         assert optimum.usage[s] == pytest.approx(found.x[0], rel=1e-6)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(seed=st.integers(0, 10**6), n=st.integers(2, 8), spread=st.floats(0, 8))
 def test_bounds_meet_and_the_forces_are_redistributions(seed, n, spread):
     q, Q, limits = problem(np.random.default_rng(seed), 5, n, 2, spread)

@@ -248,7 +248,7 @@ def test_contacts_that_squeeze_each_other_say_so():
     assert full.GT[0] < 0.2 * tangential.GT[0]
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(seed=st.integers(0, 10**6))
 def test_persistent_means_both_reserves_below_one_on_three_feet(seed):
     rng = np.random.default_rng(seed)
@@ -261,7 +261,7 @@ def test_persistent_means_both_reserves_below_one_on_three_feet(seed):
     np.testing.assert_array_equal((worst < 1)[clear], states.persistent[clear])
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(seed=st.integers(0, 10**6))
 def test_any_support(seed):
     rng = np.random.default_rng(seed)
@@ -281,7 +281,7 @@ def test_any_support(seed):
     assert np.all(tangential.GT[states.persistent] <= outer * (1 + 1e-6))
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 10**6), mode=st.sampled_from(MODES))
 def test_rotating_the_base_axes_changes_nothing(seed, mode):
     rng = np.random.default_rng(seed)
@@ -373,7 +373,7 @@ def test_a_state_whose_forces_are_all_but_optimal_is_certified():
     assert Slip(support).evaluate(states).solved.all()  # the 309th had a gap of 1.6e-7
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(seed=st.integers(0, 10**6), n=st.integers(4, 6))
 def test_tiny_friction_is_certified(seed, n):
     """Friction and the loads in its plane times the same factor give the same reserve."""

@@ -209,7 +209,7 @@ def test_gradients_against_central_differences(name):
         assert np.max(np.abs(reserve.moment_gradients[:, i] - reference)[same]) < 1e-5
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(seed=st.integers(0, 10**6))
 @example(seed=5392)  # no load beside large preloads
 def test_ratio_is_between_0_and_1_and_moments_are_affine(seed):
@@ -230,7 +230,7 @@ def test_ratio_is_between_0_and_1_and_moments_are_affine(seed):
     assert np.all(np.isfinite(reserve.gradient[ok]))
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(seed=st.integers(0, 10**6))
 def test_rotating_the_base_axes_changes_nothing(seed):
     rng = np.random.default_rng(seed)

@@ -40,7 +40,7 @@ def test_a_straight_line_is_a_trapezoid():
     assert found.motion.end >= float(earliest_end(1.0, *pace)) * (1 - 1e-9)
 
 
-@settings(max_examples=3, derandomize=True, deadline=None)
+@settings(max_examples=3, derandomize=True)
 @given(st.integers(0, 10_000))
 def test_random_paths_keep_all_limits(seed):
     for task, limits in ((tripod(), MotionLimits()), (delta(), delta().limits)):

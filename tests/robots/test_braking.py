@@ -58,7 +58,7 @@ def test_rest_is_where_pinocchio_comes_to_rest(arm, share):
     np.testing.assert_allclose(exact.angles[-1, 0], angles, atol=0.005 * np.abs(angles - q).max())
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(seed=st.integers(0, 10**6))
 def test_brakes_only_take_energy_until_everything_rests(seed):
     arm = arm_from_urdf_once()

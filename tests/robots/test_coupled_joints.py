@@ -88,7 +88,7 @@ def chains(draw, forwards: bool):
     return draw(st.integers(0, 2**31 - 1)), slides, mimics
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(chain=chains(forwards=True))
 def test_it_agrees_with_the_mimic_joints_of_pinocchio(chain, tmp_path_factory):
     folder = tmp_path_factory.mktemp("chain")
@@ -112,7 +112,7 @@ def test_it_agrees_with_the_mimic_joints_of_pinocchio(chain, tmp_path_factory):
     np.testing.assert_allclose(rotation, data.oMf[frame].rotation, atol=1e-12)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(chain=chains(forwards=False))
 def test_it_is_the_projection_of_the_chain_of_all_joints(chain, tmp_path_factory):
     """Torques are G' tau, in whatever order joints follow each other; tau by Pinocchio."""

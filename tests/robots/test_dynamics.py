@@ -60,7 +60,7 @@ def test_negative_inertias_by_an_equivalent_of_positive_ones():
         np.testing.assert_allclose(ours.wrench, more[1] - less[1], atol=1e-10)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(seed=st.integers(0, 2**32 - 1), joints=st.integers(1, 8))
 def test_random_arms_agree_with_pinocchio(seed, joints):
     model = random_arm(seed, joints)

@@ -29,7 +29,7 @@ def centres(model, q):
 
 
 @pytest.mark.parametrize("name", arm_names())
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(angles=st.lists(st.floats(-3, 3), min_size=6, max_size=6))
 def test_all_gaps_by_plain_geometry(name, angles):
     model = load_arm(name).mounted([0.02, 0.03, 0.1])

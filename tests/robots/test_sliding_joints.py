@@ -49,7 +49,7 @@ def random_model(seed: int, slides: list[bool], root: pin.JointModelFreeFlyer | 
 chains = st.lists(st.booleans(), min_size=1, max_size=8)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(seed=st.integers(0, 2**31 - 1), slides=chains)
 def test_any_chain_agrees_with_pinocchio_and_with_its_floating_base(seed, slides):
     pin.seed(seed)
@@ -94,7 +94,7 @@ def slider(seed: int, slides: list[bool]) -> ArmModel:
     return dataclasses.replace(random_arm(seed, len(slides)), prismatic=np.array(slides))
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 2**31 - 1), slides=chains)
 def test_loads_at_the_gripper_and_armatures_agree_with_pinocchio(seed, slides):
     model, rng = slider(seed, slides), np.random.default_rng(seed)
@@ -108,7 +108,7 @@ def test_loads_at_the_gripper_and_armatures_agree_with_pinocchio(seed, slides):
     assert np.abs(difference).max() < 1e-12 * np.abs(theirs).max()
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(seed=st.integers(0, 2**31 - 1), slides=chains)
 def test_derivatives_agree_with_finite_differences(seed, slides):
     model, n = slider(seed, slides), len(slides)

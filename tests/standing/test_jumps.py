@@ -46,7 +46,7 @@ def test_dampings_without_overshoot_are_refused(damping):
         overshoot_of(damping)
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(seed=st.integers(0, 10**6), kappa=st.floats(0, 1))
 def test_loads_at_jumps_are_combined_from_those_of_both_sides(seed, kappa):
     task = experiment_task("B")

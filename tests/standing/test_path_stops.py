@@ -110,7 +110,7 @@ def test_no_stop_is_worse_than_the_check_says(case):
             assert 0.97 * checked.worst["GT_stop"].value < GT
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(seed=st.integers(0, 10**6))
 def test_corners_are_all_corners_of_the_curve(seed):
     """u_min by brute force over x; no value of an affine function on it is below those at the corners."""

@@ -111,7 +111,7 @@ def test_speeds_of_the_file_are_compared():
     assert np.max(far.speed_distance) == pytest.approx(0.5, abs=0.02)
 
 
-@settings(max_examples=15, derandomize=True, deadline=None)
+@settings(max_examples=15, derandomize=True)
 @given(st.lists(st.floats(-1, 1), min_size=2, max_size=6), st.integers(0, 99))
 def test_few_samples_at_any_times_are_passed(values, seed):
     times = np.cumsum(np.random.default_rng(seed).uniform(0.05, 0.4, len(values)))

@@ -92,7 +92,7 @@ def test_motion_obeys_physics(phi_start, given_commands):
     assert angle.max() <= high + 1e-12
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(angles(), commands)
 def test_agrees_with_a_simulated_drive(phi_start, given_commands):
     """A drive simulated step by step, without any formula of (5.2) to (5.8), moves the same way.

@@ -27,7 +27,7 @@ def curve(phi, ramps, rise):
     return JointSCurve(made, rise)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(phi=angles(), ramps=commands, rise=rises, seed=st.integers(0, 10**6))
 def test_states_are_means_of_the_ramps_over_the_rise_time(phi, ramps, rise, seed):
     """Gauss-Legendre between the ramps' own boundaries integrates their piecewise polynomials exactly."""
@@ -44,7 +44,7 @@ def test_states_are_means_of_the_ramps_over_the_rise_time(phi, ramps, rise, seed
         np.testing.assert_allclose(state, means, rtol=1e-9, atol=1e-9 + 1e-11 / rise)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(phi=angles(), ramps=commands, rise=rises)
 def test_pieces_join_and_rest_at_both_ends(phi, ramps, rise):
     made = curve(phi, ramps, rise)
@@ -57,7 +57,7 @@ def test_pieces_join_and_rest_at_both_ends(phi, ramps, rise):
     assert np.all(np.diff(made.times) > 0)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(phi=angles(), ramps=commands, rise=rises)
 @example(
     phi=6e-6,  # back, then rest in the midst of the motion, then forth
@@ -83,7 +83,7 @@ def test_extremes_are_exact_and_within_those_of_the_ramps(phi, ramps, rise):
     assert acceleration <= made.ramps.acceleration_peak * (1 + 1e-9) + 1e-12 / rise
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(phi=angles(), ramps=commands, rise=rises)
 def test_crossings_are_where_the_speed_changes_its_sign(phi, ramps, rise):
     made = curve(phi, ramps, rise)

@@ -25,7 +25,7 @@ MOTIONS = [ramps(a, b) for a, b in pairwise(STOPS)]
 
 
 @seed(3)
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(st.sampled_from(CONTROLLERS), st.lists(st.sampled_from([0.0, 0.013, 0.5]), min_size=3, max_size=3))
 def test_parted_again_the_motions_are_those_that_were_joined(controller, pauses):
     rise = 0.02 if controller == "quintic" else 0.0

@@ -75,7 +75,7 @@ def test_determinant_of_any_matrix():
         laplace_determinant(cs.SX.sym("m", 6, 7))
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seeds)
 def test_expressions_bound_the_indices(rng):
     model = arm_from_spears("random", random_axes(rng).T, tool_position=rng.normal(size=3))
@@ -241,7 +241,7 @@ def test_seven_axes_with_the_condition_number():
         dm_2_constraint(arm, 0.1, sign=1)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seeds)
 def test_heading_constraint_is_the_motion_angle(rng):
     arm = SymbolicArm.of(irb_2000())

@@ -25,7 +25,7 @@ from tests.robots.sample_arms import random_arm
 seeds = st.integers(0, 2**32 - 1).map(np.random.default_rng)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(seeds, st.integers(1, 8))
 def test_axes_are_those_of_a_product_of_rotations(rng, count):
     axes, (rotation, position) = random_axes(rng, count), random_pose(rng)

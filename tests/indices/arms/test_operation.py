@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import eigh
 
@@ -168,7 +168,6 @@ def test_sphere(rng):
     assert operation_indices(J, OperationEllipsoid.sphere(radius, on_axis)).inv_cdn_oe < 1
 
 
-@settings(deadline=None)
 @given(seeds)
 def test_design_constant_and_first_joint_along_motions(rng):
     arm = irb_2000()

@@ -58,7 +58,7 @@ def test_values_are_those_of_the_functions():
         rating["ctn"]
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(seeds)
 def test_many_poses_are_rated_as_single_ones(rng):
     arm = heavy_arm(6)
@@ -70,7 +70,7 @@ def test_many_poses_are_rated_as_single_ones(rng):
             assert many[name][k] == pytest.approx(one[name], rel=1e-7, abs=1e-12), name
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(seeds)
 def test_base_frame_and_unit_of_length_do_not_matter(rng):
     axes, tool = random_axes(rng), rng.normal(size=3)

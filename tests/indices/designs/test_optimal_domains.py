@@ -21,7 +21,7 @@ SHAPES = st.floats(0.02, 0.98).flatmap(lambda t: st.sampled_from([t, -t]))
 T_N = TOUCHING_POINT[0]
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(SHAPES, st.floats(0.01, 4))
 def test_roots_follow_the_borders(t, r1):
     """The pattern of section 9.3: which roots are real between the curves."""
@@ -41,7 +41,7 @@ def test_roots_follow_the_borders(t, r1):
     assert sorted(-b for b in mirrored.values()) == pytest.approx(sorted(main_roots(t, r1).values()))
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(SHAPES)
 def test_borders_are_zeros_of_the_discriminants(t):
     S = outer_border(t)

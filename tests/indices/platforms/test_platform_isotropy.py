@@ -20,7 +20,7 @@ from tests.indices.sample_platforms import (
 )
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(SEEDS, LEGS)
 def test_equals_the_generalised_eigenproblem(seed, n):
     rng = np.random.default_rng(seed)
@@ -36,7 +36,7 @@ def test_equals_the_generalised_eigenproblem(seed, n):
     assert rates**2 * result.lambdas[-1] == pytest.approx(1.0, rel=1e-6)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(SEEDS, LEGS, st.floats(0.01, 100))
 def test_does_not_depend_on_frame_and_unit(seed, n, factor):
     rng = np.random.default_rng(seed)

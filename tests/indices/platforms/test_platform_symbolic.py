@@ -37,7 +37,7 @@ def random_platform(seed, n=6):
     return rng, StewartPlatform(pose.base, pose.platform)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(SEEDS)
 def test_forms_have_the_eigenvalues_of_the_numeric_ones(seed):
     rng, platform = random_platform(seed, 7)
@@ -59,7 +59,7 @@ def test_forms_have_the_eigenvalues_of_the_numeric_ones(seed):
     assert float(volume[0, 0]) == pytest.approx(manipulability(here), rel=1e-6)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(SEEDS)
 def test_determinant_and_scaling_motion_of_six_legs(seed):
     rng, platform = random_platform(seed)
@@ -81,7 +81,7 @@ def test_determinant_and_scaling_motion_of_six_legs(seed):
             assert g[7] < 0
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(SEEDS)
 def test_sigmas_are_where_their_matrices_stop_being_positive(seed):
     rng, platform = random_platform(seed)

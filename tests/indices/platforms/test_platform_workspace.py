@@ -16,7 +16,7 @@ def ctn(pose):
     return control_number(pose).value
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(SEEDS, LEGS)
 def test_many_poses_at_once_as_one_by_one(seed, n):
     rng = np.random.default_rng(seed)

@@ -30,7 +30,7 @@ def test_pitch_near_the_singular_turn(epsilon, pitch, kernel):
     np.testing.assert_allclose(np.abs(diagnosis.motion.direction), [0, 0, 1], atol=1e-9)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(SEEDS)
 def test_screw_near_a_singularity_converges_to_the_self_motion(seed):
     """Legs nearly path normals of a random screw."""
@@ -56,7 +56,7 @@ def test_screw_near_a_singularity_converges_to_the_self_motion(seed):
     np.testing.assert_allclose(exact.motion.pitch, screw[:3] @ screw[3:] / (screw[:3] @ screw[:3]), rtol=1e-4)
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(SEEDS)
 def test_lines_through_one_axis_give_a_rotation(seed):
     rng = np.random.default_rng(seed)

@@ -214,7 +214,7 @@ def test_what_cannot_be_planned_names_the_segment(tmp_path):
 
 
 @seed(5)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.data())
 def test_best_ways_are_those_of_enumeration(data):
     sizes = data.draw(st.lists(st.integers(1, 3), min_size=2, max_size=5))

@@ -36,7 +36,7 @@ def drawn(name, seed):
     return formulation, formulation.motion(x), x  # once around: a slowed-down start has other passive ramps
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(name=NAMES, seed=SEEDS)
 def test_variables_and_motion_are_inverse(name, seed):
     formulation, motion, x = drawn(name, seed)
@@ -48,7 +48,7 @@ def test_variables_and_motion_are_inverse(name, seed):
         np.testing.assert_allclose(a, b, atol=1e-7)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(name=NAMES, seed=SEEDS)
 def test_order_has_all_events_sorted(name, seed):
     formulation, motion, x = drawn(name, seed)
@@ -73,7 +73,7 @@ def test_order_has_all_events_sorted(name, seed):
     np.testing.assert_allclose(np.sort([order.times[c] @ x for c in crossings]), motion.crossings, atol=1e-12)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(name=NAMES, seed=SEEDS)
 def test_directions_are_the_signs_of_the_speeds(name, seed):
     formulation, motion, x = drawn(name, seed)
@@ -86,7 +86,7 @@ def test_directions_are_the_signs_of_the_speeds(name, seed):
     np.testing.assert_array_equal(order.directions[inside][moving], np.sign(speeds[moving]))
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(name=NAMES, seed=SEEDS)
 def test_corner_positions_are_those_of_the_times(name, seed):
     formulation, motion, x = drawn(name, seed)
@@ -102,7 +102,7 @@ def test_corner_positions_are_those_of_the_times(name, seed):
             )
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(name=NAMES, seed=SEEDS, merge=st.sampled_from([0.01, 0.05, 0.2]))
 def test_merged_events_are_near_each_other_and_of_different_joints(name, seed, merge):
     formulation, _, x = drawn(name, seed)

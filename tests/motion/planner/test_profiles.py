@@ -79,7 +79,7 @@ def exact_states(layout, x, start, goal):
     return states
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(phases=phases(), way=numbers(-1.5, 1.5), seed=st.integers(0, 10**6))
 def test_sharp_states_are_those_of_the_velocity_ramps(phases, way, seed):
     layout, x, goal = with_two_optimised(*phases, passive_way=way)
@@ -94,7 +94,7 @@ def test_sharp_states_are_those_of_the_velocity_ramps(phases, way, seed):
     np.testing.assert_allclose(values[inside, 6:], a[inside], rtol=1e-6, atol=1e-6)
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(phases=phases(), way=numbers(-1.5, 1.5), rise=numbers(1e-3, 0.8), seed=st.integers(0, 10**6))
 def test_sharp_s_curves_are_those_of_the_joints(phases, way, rise, seed):
     layout, x, goal = with_two_optimised(*phases, passive_way=way)
@@ -284,7 +284,7 @@ def test_smooth_motion_ends_at_the_goal(way):
         np.testing.assert_allclose(smooth[-1, 3:], 0, atol=1e-11)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(way=numbers(-3.0, 3.0), slack=numbers(1.0, 4.0))
 def test_passive_ramps_are_those_of_the_passive_command(way, slack):
     """Triangle at slow ends, trapezoid at early ones."""

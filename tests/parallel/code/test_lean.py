@@ -109,7 +109,7 @@ def test_conventions(convention):
     assert lean.count.weighted == pytest.approx(2401, rel=0.01)
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(seed=st.integers(0, 10**6))
 def test_power_balance(seed):
     """Power of the motors equals the change of energy, by differences along a motion."""

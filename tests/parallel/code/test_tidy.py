@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as cs
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
@@ -35,7 +35,6 @@ EXPRESSIONS = st.recursive(
 )
 
 
-@settings(deadline=None)
 @given(first=EXPRESSIONS, second=EXPRESSIONS)
 def test_value_is_kept_and_work_does_not_grow(first, second):
     plain = made(first, second, first * second - first)

@@ -40,7 +40,7 @@ def random_frame(seed):
 
 
 @given(seed=st.integers(0, 10**6))
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_any_frame_is_one_row(seed):
     R, p = random_frame(seed)
     row = fixed_row((R, p))

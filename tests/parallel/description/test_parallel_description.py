@@ -38,7 +38,7 @@ def test_right_angles_are_exact_numbers_but_parameters_are_not():
 
 
 @given(seed=st.integers(0, 10**6))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_inertia_forms(seed):
     rng = np.random.default_rng(seed)
     mass, center = rng.uniform(0.1, 3), rng.uniform(-1, 1, 3)

@@ -53,7 +53,7 @@ def test_determinant_of_the_rates(convention):
 
 
 @given(st.lists(st.floats(-1, 1), min_size=3, max_size=3), st.floats(0, np.pi))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_rotation_vector_inverts_the_exponential(direction, angle):
     axis = np.array(direction)
     if np.linalg.norm(axis) < 1e-3:

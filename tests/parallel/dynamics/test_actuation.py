@@ -33,7 +33,7 @@ def test_extra_motor_on_a_3rrr():
     assert np.abs(found["J_a"].T @ shared.null_space).max() < 1e-12
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(seed=st.integers(0, 10**6))
 def test_weighted_minimum_is_the_closed_formula(seed):
     J, tau, w = problem(seed)
@@ -47,7 +47,7 @@ def test_weighted_minimum_is_the_closed_formula(seed):
     assert found.status == "closed form"
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(seed=st.integers(0, 10**6))
 def test_wide_limits_change_nothing(seed):
     J, tau, w = problem(seed)

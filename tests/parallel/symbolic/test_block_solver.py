@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as cs
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
@@ -20,7 +20,6 @@ def numbers(entries) -> np.ndarray:
     return np.array(cs.DM(cs.evalf(cs.vertcat(*entries)))).ravel()
 
 
-@settings(deadline=None)
 @given(size=st.integers(1, 6), seed=st.integers(0, 10**6), density=st.sampled_from([0.3, 0.6, 1.0]))
 def test_solutions(size, seed, density):
     rng = np.random.default_rng(seed)

@@ -83,7 +83,7 @@ def test_all_solids_contain_their_meshes(arm):
         assert inside.all()
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(seed=st.integers(0, 10**6))
 def test_parts_contain_the_body_and_less_than_its_hull(seed):
     rng = np.random.default_rng(seed)

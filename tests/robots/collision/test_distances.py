@@ -73,7 +73,7 @@ def apart(rng: np.random.Generator) -> np.ndarray:
 
 @pytest.mark.parametrize("first", KINDS)
 @pytest.mark.parametrize("second", KINDS)
-@settings(max_examples=2, deadline=None)
+@settings(max_examples=2)
 @given(seed=SEEDS)
 def test_distance_is_that_of_the_cores(first, second, seed):
     """The distance of the hulls of corners, by quadratic programming, minus both thicknesses."""
@@ -105,7 +105,7 @@ def test_distance_is_that_of_the_cores(first, second, seed):
 
 @pytest.mark.parametrize("first", KINDS)
 @pytest.mark.parametrize("second", [*KINDS, "half space"])
-@settings(max_examples=2, deadline=None)
+@settings(max_examples=2)
 @given(seed=SEEDS)
 def test_derivatives_by_differences(first, second, seed):
     rng = np.random.default_rng(seed)
@@ -130,7 +130,7 @@ def test_derivatives_by_differences(first, second, seed):
         np.testing.assert_allclose((slopes[:, 0] - slopes[:, 1]) / (2 * h), bend, atol=2e-4 * scale)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(seed=SEEDS)
 def test_segments(seed):
     rng = np.random.default_rng(seed)
@@ -149,7 +149,7 @@ def test_segments(seed):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(seed=SEEDS)
 def test_capsules_enclose(kind, seed):
     shape = random_shape(np.random.default_rng(seed), kind)
@@ -159,7 +159,7 @@ def test_capsules_enclose(kind, seed):
     assert (beyond + shape.thickness <= radius).all()
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(seed=SEEDS, below=st.floats(-0.1, 0.6))
 def test_far_pairs_are_bounded_and_the_nearest_is_found(seed, below):
     rng = np.random.default_rng(seed)

@@ -56,7 +56,7 @@ def test_search_finds_no_branch_that_closed_form_misses_nor_the_other_way_round(
 
 
 @pytest.mark.parametrize("name", CLOSED)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(angles=ANGLES)
 def test_any_pose_is_reproduced_singular_ones_included(name, angles):
     model = CLOSED[name]

@@ -42,7 +42,7 @@ def states(robot, seed):
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(seed=st.integers(0, 10**6))
 def test_base_feels_the_same_in_mujoco(name, seed):
     robot, model = ROBOTS[name], MODELS[name]

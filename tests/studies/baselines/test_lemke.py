@@ -204,7 +204,7 @@ def degenerate_problems(draw):
     return B.T @ B + K - K.T, q
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(degenerate_problems())
 def test_degenerate_problems_agree_with_exact_arithmetic(problem):
     M, q = problem
@@ -217,7 +217,7 @@ def test_degenerate_problems_agree_with_exact_arithmetic(problem):
     assert not (solve_lcp(M, q, "textbook").solved and not exact.solved)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(st.integers(1, 12), st.integers(0, 2**32 - 1))
 def test_positive_definite_problems_have_one_solution(n, seed):
     rng = np.random.default_rng(seed)
