@@ -2,10 +2,14 @@
 
 import copy
 from functools import partial
+from itertools import pairwise
 
+import numpy as np
 import pytest
 
 from ocptip.certificate.checker import FORMAT, check_certificate, digest
+from ocptip.certificate.late import REST, Late
+from ocptip.certificate.sharing import Sharing
 from tests.certificate.test_by_hand import BASE, MASS, G
 from tests.certificate.test_by_hand import _model as model_by_hand
 
@@ -219,3 +223,65 @@ def test_it_is_refused(name):
     assert not verdict.holds
     assert all(len(problem.splitlines()) == 1 for problem in verdict.problems)
     assert verdict.problems
+
+
+# --- within tolerances --------------------------------------------------------------------------------------
+
+
+def _within(accelerations, half, **tolerance):
+    """The mass on its slide, pieces of constant acceleration one after the other, 2 half seconds each."""
+    data = _certificate()
+    angles, q, v = [[[0.0, 0.0, 0.0]]], 0.0, 0.0
+    for a in accelerations:
+        bent = 0.5 * a * half**2
+        angles.append([[q + v * half + bent, v * half + 2 * bent, bent]])
+        q, v = q + 2 * v * half + 4 * bent, v + 2 * half * a
+    ends = [2 * half * k for k in range(len(accelerations) + 1)]
+    times = [[0.0, 0.0], *([a, b] for a, b in pairwise(ends)), [ends[-1], ends[-1]]]
+    data["motion"] = {"times": times, "angles": [*angles, [[q, 0.0, 0.0]]]}
+    data["cover"] = [data["cover"][0]] * len(times)
+    none = dict.fromkeys(("friction", "arm_mass", "payload_mass", "speed", "tilt", "delay", "overshoot"), 0.0)
+    none |= dict.fromkeys(("extra_mass", "push", "base_push"), 0.0)
+    boxes = {key: [0.0] * 3 for key in ("center_of_mass", "payload_center")}
+    data["tolerance"] = {**none, **boxes, "base_mass": [0.0, 0.0], **tolerance}
+    data["bounds"] |= {"GN": 0.5, "GT": 0.7, "clearance": 0.05, "GT_worst_case": 0.9}
+    return data
+
+
+def _judged_within(data, ends, bound):
+    """With one choice of forces and weights in all rows there are."""
+    data["bounds"]["GN_worst_case"] = bound
+    late = Sharing(data["model"], data["motion"], data["tolerance"], data["bounds"]).late
+    count = len(late.rows(np.array(ends[:-1]), np.array(ends[1:])).interval)
+    forces = [[[[f, 0.0, 0.0] for f in _weights()]]] * 2
+    data["cover_within"] = {"ends": ends, "forces": [forces] * count, "weights": [[[1.0, 1.0]] * 3] * count}
+    return _judged(data)
+
+
+def test_rest_is_within_the_tolerance_if_nothing_is_late():
+    """At rest 6.867 N m are left about the rear line; only while it goes back, for 40 us, more than 7 N m."""
+    data = _within([-1.0], 2e-5)
+    moving, resting = (0.49 / (0.49 + moment) for moment in (7.0, 6.86))
+    end = data["motion"]["times"][-1][0]
+    verdict = _judged_within(data, [0.0, end], moving)
+    assert "not covered" in verdict.problems[0]
+    ends = [-REST, 0.0, end, end + REST]
+    assert "tip-over within tolerance" in _judged_within(data, ends, moving).problems[0]
+    assert _judged_within(data, ends, resting).holds
+
+
+def test_steps_within_a_delay_add_up_from_each_of_them():
+    """Steps of -1, 1, 1, -1 m/s^2, the second and the third within the delay, not the first: 2 m/s^2 more."""
+    data = _within([-1.0, 0.0, 1.0], 0.003, delay=0.01, overshoot=1.0)
+    late = data["motion"]["times"][-1][0] + 0.01 + 2e-9
+    apart, together = (0.49 / (0.49 + 6.867 - a - 0.05) for a in (1 + 1, 1 + 2))
+    assert _judged_within(data, [0.0, late], together).holds
+    assert "tip-over within tolerance" in _judged_within(data, [0.0, late], apart).problems[0]
+
+
+def test_what_steps_hardly_add_up_to_is_not_lost():
+    data = _within([1.0, 5e-6], 0.002, delay=0.01, overshoot=1.0)  # 1, then nearly -1
+    at = Late(data["motion"], 0.01, 1.0).rows(np.array([0.004]), np.array([0.005]))
+    _, high = at.qdd.range
+    resting = np.isclose(at.qdd.c[0, 0], 5e-6, atol=1e-9)
+    assert np.any(resting & (high[0] >= 1e-5 - 1e-12))

@@ -13,8 +13,9 @@ A certificate is plain data:
 - `bounds`: what is claimed, one number each for the whole motion;
 - `cover`: per piece the ends -1 = u_0 < u_1 < ... = 1 of its intervals, contact forces at both ends of
   each, and directions that separate solids;
-- `cover_within`: for the tolerance the ends 0 = t_0 < t_1 < ... of intervals, contact forces and weights of
-  every combination of what late joints may be doing there, or null;
+- `cover_within`: for the tolerance the ends t_0 < t_1 < ... of intervals (from 0 to the delay after the
+  motion; if nothing is late, from 1 s before it to 1 s after it), contact forces and weights of every
+  combination of what late joints may be doing there, or null;
 - `sha256`: of model, motion and tolerance.
 """
 
@@ -162,7 +163,7 @@ def _problems_within(data: Mapping[str, Any]) -> tuple[list[str], int]:
     """Of the claims within the tolerance."""
     cover = data["cover_within"]
     sharing = Sharing(data["model"], data["motion"], data["tolerance"], data["bounds"])
-    ends = require_ends(cover["ends"], sharing.late.end)
+    ends = require_ends(cover["ends"], sharing.late.start, sharing.late.end)
     rows = sharing.late.rows(ends[:-1], ends[1:])
     count, contacts = len(rows.interval), sharing.contacts
     shape = (count, 2, 1 + len(sharing.couples), contacts, 3)

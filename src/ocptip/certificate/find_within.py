@@ -115,11 +115,11 @@ class _Search:
     def _first(self, events: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         late = self._sharing.late
         cuts = np.unique(np.concatenate([events, events + late.delay]))
-        cuts = np.append(cuts[:-1][np.diff(cuts) > _SHORTEST / 10], late.end)
+        cuts = np.append(cuts[:-1][np.diff(cuts) > _SHORTEST / 10], cuts[-1])
         ends = [np.zeros(1)]
         for a, b in pairwise(cuts):
             ends.append(np.linspace(a, b, max(1, int(np.ceil((b - a) / _LONGEST))) + 1)[1:])
-        every = np.concatenate(ends)
+        every = np.unique(np.concatenate([[late.start], *ends, [late.end]]))
         return every[:-1], every[1:]
 
     # --- forces and rules ---------------------------------------------------------------------------------

@@ -25,6 +25,7 @@ from ocptip.certificate.forms import Form, K, U, length
 SLACK = (
     1e-9  # s: delays are looked at a little further than declared, so that rounded times count for nothing
 )
+REST = 1.0  # s before and after a motion: what else is looked at if nothing is late
 MOST = 250  # combinations of branches; of more, joints' branches are put into one box
 _SMALL = 1e-5  # of a joint's greatest acceleration: changes below it are bounds of errors, not jumps
 
@@ -67,7 +68,7 @@ class Late:
     Attributes:
         delay: a little more, s; 0 if nothing is late and nothing overshoots.
         events: (E,) times between pieces, s.
-        end: s: from then on everything rests.
+        start, end: s: everything rests before, and from then on.
     """
 
     def __init__(self, motion: Mapping[str, Any], delay: float, overshoot: float) -> None:
@@ -76,7 +77,8 @@ class Late:
         self.delay = delay + SLACK if delay or overshoot else 0.0
         self._overshoot = overshoot
         self.events = self._times[:-1, 1]
-        self.end = float(self.events[-1]) + self.delay
+        self.start = 0.0 if self.delay else -REST
+        self.end = float(self.events[-1]) + (self.delay or REST)
         half = 0.5 * (self._times[:, 1] - self._times[:, 0])
         self._rate = np.where(half > 0, 1 / np.where(half > 0, half, 1.0), 0.0)
         left, blur = self._about(np.ones(len(half)))
@@ -119,19 +121,19 @@ class Late:
         jumps = [k for k in inside if changes[k][2] > least]
         smooth = np.sum([changes[k] for k in inside if k not in jumps] or [np.zeros(3)], axis=0)
         smooth[2] *= 1 + self._overshoot
-        low, high, total, found = (start - d, end - d), (start, end), 0.0, []
-        loose = smooth
+        low, high, found = (start - d, end - d), (start, end), []
+        loose, rounded, sums = smooth, 0.0, {}  # sums: over steps that end at an event, by where they begin
         for k in jumps:
             e = float(events[k])
             until = (e, e) if e < 0.5 * sum(high) else high
             found.append(_Branch(k, low, until, 0.0, loose))
             own, blur = (2 * self._overshoot * x[k, joint, 2] for x in (self._step, self._blur))
-            total += float(own)
-            for more in sorted({float(own), total}):
-                if abs(more) > least:
-                    loose = smooth + np.array([0.0, 0.0, len(jumps) * blur])
-                    found.append(_Branch(k + 1, (e, e), (e, e), more, loose))
-            loose = smooth + np.array([0.0, 0.0, abs(own) if abs(own) <= least else 0.0])
+            rounded += blur
+            sums = {i: x + float(own) for i, x in {**sums, k: 0.0}.items() if e - events[i] <= d}
+            for more in sorted({x for x in sums.values() if abs(x) > least}):
+                found.append(_Branch(k + 1, (e, e), (e, e), more, smooth + np.array([0.0, 0.0, rounded])))
+            small = max((abs(x) for x in sums.values() if abs(x) <= least), default=0.0)
+            loose = smooth + np.array([0.0, 0.0, small + rounded])
             low = (e, e) if e > start - d + 0.5 * (end - start) else (start - d, end - d)
         return [*found, _Branch(inside.stop, low, high, 0.0, loose)]
 

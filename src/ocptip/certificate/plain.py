@@ -110,11 +110,11 @@ def require_tolerance(tolerance: Mapping[str, Any]) -> None:
     require(low <= 0 <= high, "base_mass: its interval is to hold 0")
 
 
-def require_ends(value: Any, end: float) -> np.ndarray:
-    """Times (N + 1,), s, from 0 to the end or later, one after the other; else MalformedError."""
+def require_ends(value: Any, start: float, end: float) -> np.ndarray:
+    """Times (N + 1,), s, from the start to the end or later, one after the other; else MalformedError."""
     ends = numbers("ends within tolerance", value, (None,))
-    covered = len(ends) > 1 and ends[0] == 0 and ends[-1] >= end and np.all(np.diff(ends) > 0)
-    require(covered, "cover_within: the motion and its delays are not covered")
+    covered = len(ends) > 1 and ends[0] == start and ends[-1] >= end and np.all(np.diff(ends) > 0)
+    require(covered, "cover_within: the motion, its delays and rests are not covered")
     return ends
 
 

@@ -289,6 +289,6 @@ class Within:
             + (y[:, 2] * g[0] - y[:, 0] * g[2]) ** 2
             + (y[:, 0] * g[1] - y[:, 1] * g[0]) ** 2
         )
-        inside = across * np.cos(self._tilt) <= -along * np.sin(self._tilt)
+        inside = (along < 0) & (across * np.cos(self._tilt) <= -along * np.sin(self._tilt))
         rim = along * np.cos(self._tilt) - across * np.sin(self._tilt)
         return np.where(inside, -np.hypot(along, across), rim)
