@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from ocptip.basics.errors import InputError
+from ocptip.task_files.cell import load_cell
 from ocptip.task_files.cycle import read_task
 from ocptip.task_files.parallel import read_parallel_robot
 from ocptip.task_files.placement import load_placement
@@ -126,7 +127,8 @@ def read(file: Path, folder: Path, case: tuple[Path_, str, object]) -> str:
     data = mutated(tomllib.loads(file.read_text(encoding="utf-8")), *case)
     path = folder / file.name
     path.write_text("".join(f"{key} = {toml(value)}\n" for key, value in data.items()), encoding="utf-8")
-    reader = load_placement if file.name.startswith("place_") else READERS[file.parent.name]
+    named = {"place": load_placement, "cell": load_cell}
+    reader = named.get(file.name.split("_")[0], READERS[file.parent.name])
     try:
         with np.errstate(all="raise", under="ignore"):
             reader(path)

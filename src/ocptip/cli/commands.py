@@ -150,6 +150,25 @@ COMMANDS = (
         ),
     ),
     Command(
+        "cell",
+        "where should the base stand, and how should the arm move, for a whole cycle?",
+        "Finds places for the base, plans the cycle on the best ones, and ranks them by energy or time.",
+        "0 a place with a verified plan, 1 none was found",
+        (
+            argument("task", "TASK.toml", "the cell (format: see docs/cell.md)"),
+            argument("--places", "K", "places to plan on, at most (default: 3)", type=int, default=3),
+            argument(
+                "--starts", "N", "random starts per segment and place (default: 2)", type=int, default=2
+            ),
+            SEED,
+            argument("--jobs", "N", "processes (default: one per core)", type=int),
+            _objective("that of the task, or energy"),
+            PRICE,
+            TOLERANCE,
+            *FILES,
+        ),
+    ),
+    Command(
         "retime",
         "the fastest or cheapest timing of a given path that loses no contact",
         "Times a given path anew: as fast, or as cheaply, as all contacts and limits allow, and checks it.",

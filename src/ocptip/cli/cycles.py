@@ -71,6 +71,11 @@ def plan_it(one: Asked, options: Namespace, executor: Executor | None) -> Report
         return Answer(False, summary(f"{task.name}: NO VERIFIED PLAN. {error}", [], []), data)
     except KeyboardInterrupt:
         raise KeyboardInterrupt("before a segment had a verified plan") from None
+    return report_of(plan, one, options)
+
+
+def report_of(plan: CyclePlan, one: Asked, options: Namespace) -> CycleReport:
+    """What is to be said of a planned cycle."""
     pairs = zip(plan.parts, _executions(plan, options), strict=True)
     executions = [replace(own, check=_certified(part.task, own)) for part, own in pairs]
     motion = run_motion(plan, executions)

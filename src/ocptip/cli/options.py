@@ -31,6 +31,7 @@ OUTPUTS = {
         "friction.png", "clearance.png", "feet.png", "phase_plane.png",
     ),
     "place": ("placement.json", "placement.png", "map.png"),
+    "cell": ("cell.json", "placement.png"),
 }  # fmt: skip
 """What the commands write into a directory; the first one tells whose the others are."""
 

@@ -141,7 +141,7 @@ class PlaceReport(Report):
 
     def to_text(self) -> str:
         """The best place, or the least-infeasible one and which constraints it breaks."""
-        head, lines = _found(self.answer) if self.found else _refusal(self.answer)
+        head, lines = _found(self.answer) if self.found else refusal_lines(self.answer)
         shown = self.answer.best if self.found else self.answer.nearest
         if self.within:
             if not self.within.stands:
@@ -175,7 +175,7 @@ def _scope(placement: Placement) -> str:
     return "" if placement.problem.collision_checked else NO_COLLISION
 
 
-def _refusal(error: NoPlacementError) -> tuple[str, list[tuple[str, str]]]:
+def refusal_lines(error: NoPlacementError) -> tuple[str, list[tuple[str, str]]]:
     """Which constraints cannot be met, and by how much at the least-infeasible place."""
     lines = [("nearest", "the least-infeasible placement found:"), *_pose_lines(error.nearest)]
     violated = error.nearest.violations
@@ -186,7 +186,7 @@ def _refusal(error: NoPlacementError) -> tuple[str, list[tuple[str, str]]]:
     return f"NO PLACEMENT. {reason[:1].upper()}{reason[1:]}.", lines
 
 
-def _where(placement: Placement) -> str:
+def where_text(placement: Placement) -> str:
     """Parameters as people read them: "x 1.028 m, y 0.228 m, angle 33.6 deg"."""
     terrain = placement.problem.terrain[placement.patch]
     parts = [
@@ -203,7 +203,7 @@ def _alternative(placement: Placement) -> str:
     terrain = placement.problem.terrain
     on = f" on {terrain[placement.patch].name}" if len(terrain) > 1 else ""
     values = ", ".join(f"{name} {_value(name, placement)}" for name in placement.criteria)
-    return f"total {placement.total:.4f}{on} at {_where(placement)}; {values}"
+    return f"total {placement.total:.4f}{on} at {where_text(placement)}; {values}"
 
 
 def _pose_lines(placement: Placement) -> list[tuple[str, str]]:
@@ -211,7 +211,7 @@ def _pose_lines(placement: Placement) -> list[tuple[str, str]]:
     x, y, z = placement.base_position + 0.0
     roll, pitch, yaw = Rotation.from_matrix(placement.base_rotation).as_euler("xyz", degrees=True) + 0.0
     lines = [
-        ("place", f"{problem.terrain[placement.patch].name}: {_where(placement)}"),
+        ("place", f"{problem.terrain[placement.patch].name}: {where_text(placement)}"),
         (
             "base",
             f"origin ({x:.3f}, {y:.3f}, {z:.3f}) m in the world, "

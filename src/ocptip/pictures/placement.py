@@ -88,6 +88,11 @@ def draw_placement(
     return save_figures(directory, _figures(name, placements, cells), DPI)
 
 
+def draw_places(directory: str | os.PathLike[str], title: str, placements: Sequence[Placement]) -> list[Path]:
+    """Draw `placement.png` alone, see :func:`draw_placement`: the ranked places, the best one first."""
+    return save_figures(directory, {"placement": lambda: _robot_figure(title, placements)}, DPI)
+
+
 def placement_figures(
     name: str, placements: Sequence[Placement], *, cells: int | None = None
 ) -> dict[str, Figure]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,6 +15,7 @@ from ocptip.motion.cycles.task import CycleTask, Segment
 from ocptip.motion.source import LIMITS
 from ocptip.motion.task import MotionTask
 from ocptip.robots.inverse.pose_target import PoseTarget
+from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import NONE, Tolerance
 from ocptip.task_files.arm import LOCKED
@@ -31,6 +32,9 @@ _SHARED = (
 )  # of [motion], unless a segment has its own
 _GOALS = ("goal_deg", "goal_m", "goal_pose")
 _BACK = "start"
+
+Ends = Callable[[StandingMechanism, Table, str, MotionLimits], tuple[np.ndarray, PoseTarget | None]]
+"""Reads a start or a goal, as `read_end` does."""
 
 
 def read_task(path: str | os.PathLike[str], otherwise: Tolerance = NONE) -> MotionTask | CycleTask:
@@ -63,7 +67,7 @@ def load_cycle(path: str | os.PathLike[str]) -> CycleTask:
         if "stops" in data:
             raise data.error("stops of cycles are not looked at", "stops")
         data.close(*TABLES, "segment")
-        task = _cycle(data, path)
+        task = read_cycle(data, path.stem)
         task = replace(task, source=task_source(data, task.robot))
         for segment in task.segments:
             doubt_masses(data, segment.task.robot)
@@ -89,8 +93,18 @@ class _SegmentTable(Table):
         return self._motion.place(key) if key in self._shared else super().place(key)
 
 
-def _cycle(data: Table, path: Path) -> CycleTask:
-    scene, name, motion = TaskScene(data), data.text("name", path.stem), data.table("motion")
+def read_cycle(data: Table, default: str, ends: Ends = read_end) -> CycleTask:
+    """The cycle of a file, without its source.
+
+    Args:
+        data: the file.
+        default: name.
+        ends: what reads starts and goals.
+
+    Raises:
+        InputError: a value is missing, unknown or cannot be used; names its place.
+    """
+    scene, name, motion = TaskScene(data), data.text("name", default), data.table("motion")
     for key in ("goal", *_GOALS, "duration", "max_duration"):
         if key in motion:
             raise motion.error("of a cycle belongs to its [[segment]]s", key)
@@ -102,13 +116,13 @@ def _cycle(data: Table, path: Path) -> CycleTask:
         if held[-1] not in robots:
             robots[held[-1]] = scene.robot(table)
     _require_use(data, tables)
-    starts, pose = read_end(robots[held[0]], motion, "start", scene.limits)
+    starts, pose = ends(robots[held[0]], motion, "start", scene.limits)
     motion.close(*_SHARED)
     segments: list[Segment] = []
     for number, (table, own) in enumerate(zip(tables, held, strict=True), 1):
         before = segments[-1].goals[0] if segments else starts[0]
         last = number == len(tables)
-        segments.append(_segment(table, number, robots[own], scene, before, (starts, pose), last))
+        segments.append(_segment(table, number, robots[own], scene, before, (starts, pose), last, ends))
     closed = tables[-1].value("goal", None) == _BACK
     return CycleTask(name, tuple(segments), starts, closed, target=pose)
 
@@ -121,6 +135,7 @@ def _segment(
     before: np.ndarray,
     start: tuple[np.ndarray, PoseTarget | None],
     last: bool,
+    ends: Ends,
 ) -> Segment:
     """One segment; `before` is a posture that it may start in, `start` what the first one may."""
     name, dwell = table.text("name", f"{number}"), table.number("dwell", 0.0, bound=">= 0")
@@ -134,7 +149,7 @@ def _segment(
         for key in (key for key in _GOALS if key in table):
             raise table.error(f"not together with goal = {_BACK!r}", key)
     else:
-        goals, pose = read_end(robot, table, "goal", limits)
+        goals, pose = ends(robot, table, "goal", limits)
     task = ramp_task(name, robot, before, goals[0], limits, table)
     return Segment(name, task, goals, dwell, pose)
 

@@ -7,6 +7,7 @@ from ocptip.basics.toml import Table
 _KINDS = {
     "plan": "a motion task",
     "place": "a placement task",
+    "cell": "a cell",
     "stand": "a scene",
     "parallel": "a parallel robot",
     "rate": "a platform",
@@ -27,6 +28,8 @@ def require_kind(data: Table, command: str) -> None:
 
 def _command(data: Table) -> str:
     """The command, "" if the file leaves it open."""
+    if "segment" in data and "terrain" in data:
+        return "cell"
     for key, command in (("motion", "plan"), ("case", "plan"), ("task", "place"), ("leg", "parallel")):
         if key in data:
             return command

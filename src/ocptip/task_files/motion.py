@@ -159,9 +159,9 @@ def read_end(
     """Postures (k, n) of a start or a goal, and the pose they are postures of, if it is one."""
     if not isinstance(robot, StandingRobot):
         return table.vector(key, robot.n)[None], None
-    target = _target(robot.arm, table, key)
+    target = read_target(robot.arm, table, key)
     if target is None:
-        return _given(robot.arm, table, key), None
+        return given_angles(robot.arm, table, key), None
     with table.table(f"{key}_pose").at(pose=""):
         return postures_of(robot.arm, target, limits), target
 
@@ -231,7 +231,7 @@ def _rise_times(table: Table, robot: StandingMechanism) -> tuple[float, ...]:
         return checked_rise_times(found, robot.n)
 
 
-def _given(arm: ArmModel, table: Table, key: str) -> np.ndarray:
+def given_angles(arm: ArmModel, table: Table, key: str) -> np.ndarray:
     """Joint angles (1, n), rad (sliding joints: m), that are given."""
     q = np.full(arm.n, np.nan)
     for own, slides in _angle_keys(arm, key).items():
@@ -250,7 +250,7 @@ def _angle_keys(arm: ArmModel, key: str) -> dict[str, bool]:
     return {own: slides for own, slides in keys.items() if (arm.prismatic == slides).any()}
 
 
-def _target(arm: ArmModel, table: Table, key: str) -> PoseTarget | None:
+def read_target(arm: ArmModel, table: Table, key: str) -> PoseTarget | None:
     """The gripper pose of start or goal, if there is one."""
     pose = f"{key}_pose"
     if pose not in table:

@@ -81,12 +81,21 @@ def load_placement(path: str | os.PathLike[str], otherwise: Tolerance = NONE) ->
         doubt_units(data)
         data.close("name", "unloaded", *SCENE, "arm", "payload", "motors", *_OBSTACLES, *_TABLES)
         tolerance = tolerance_of(data, otherwise)
-        task = PlacementTask(data.text("name", path.stem), _problem(data, searched(tolerance)), tolerance)
+        task = PlacementTask(data.text("name", path.stem), read_problem(data, searched(tolerance)), tolerance)
         doubt_masses(data, task.problem.robot)
         return task
 
 
-def _problem(data: Table, tolerance: Tolerance) -> PlacementProblem:
+def read_problem(data: Table, tolerance: Tolerance) -> PlacementProblem:
+    """What a file asks for.
+
+    Args:
+        data: the file.
+        tolerance: what the search looks at.
+
+    Raises:
+        InputError: a value is missing, unknown or cannot be used; names its place.
+    """
     base, shapes = data.table("base"), read_base_shapes(data)
     ground = base.vector("ground", 3, None)
     support = read_support(data)

@@ -85,9 +85,9 @@ class SolidGaps:
         self._distances, self._least, self.labels = distances, least, tuple(labels)
         self.size = len(self.labels)
 
-    def first(self, y: np.ndarray) -> list[np.ndarray]:
+    def values(self, y: np.ndarray) -> np.ndarray:
         """Values (m,)."""
-        return [(self._distances.gaps(y[None])[0] - self._least) / LENGTH_UNIT]
+        return (self._distances.gaps(y[None])[0] - self._least) / LENGTH_UNIT
 
     def jacobian(self, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Values (m,) and Jacobian (m, ny)."""
@@ -98,6 +98,8 @@ class SolidGaps:
     def hessian(self, y: np.ndarray, multipliers: np.ndarray) -> np.ndarray:
         """(ny, ny), of the product of multipliers (m,) and values."""
         used = np.flatnonzero(multipliers)
+        if not used.size:
+            return np.zeros((len(y), len(y)))
         contact, _ = self._distances.at(y[None], np.zeros_like(used), used)
         return self._distances.curvature(y[None], contact, multipliers[used])[0] / LENGTH_UNIT
 

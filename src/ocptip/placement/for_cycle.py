@@ -1,0 +1,155 @@
+"""Placement for a cycle: good placements at rest, ranked by what the cycle planned on them costs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ocptip.basics.errors import InputError, PlanningError, whole_number
+from ocptip.motion.cycles.plan import CyclePlan, plan_cycle
+from ocptip.motion.cycles.task import CycleTask
+from ocptip.placement.evaluate import Evaluator
+from ocptip.placement.place import place
+from ocptip.placement.problem import PlacementProblem
+from ocptip.placement.result import Placement, PlacementResult, judge
+from ocptip.placement.search import starts as sampling
+
+_SAMPLES = 2000
+_LOOKED_AT = 6  # sampled placements per place that is missing
+
+
+@dataclass(frozen=True, eq=False)
+class CyclePlacement:
+    """One place with the cycle that was planned on it.
+
+    Attributes:
+        placement: with all poses of the cycle at rest.
+        sampled: no optimum at rest, but a sampled place that keeps all limits there.
+        plan: None where there is none.
+        refusal: why; else empty.
+    """
+
+    placement: Placement
+    sampled: bool
+    plan: CyclePlan | None
+    refusal: str = ""
+
+    @property
+    def verified(self) -> bool:
+        """There is a verified plan of all segments."""
+        return self.plan is not None and self.plan.verified
+
+    @property
+    def cost(self) -> float:
+        """Of the plan, in the unit of the cycle's objective; infinite where there is no verified one."""
+        if self.plan is None or not self.plan.verified:
+            return np.inf
+        return self.plan.task.objective.cost(self.plan.energy, self.plan.duration)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        found = self.plan is not None and self.verified
+        return {
+            "verified": self.verified,
+            "energy_J": self.plan.energy if self.plan and found else None,
+            "duration_s": self.plan.duration if self.plan and found else None,
+            "cost": self.cost if found else None,
+            "refusal": self.refusal,
+            "sampled": self.sampled,
+            "placement": self.placement.to_dict(),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class CyclePlacements:
+    """Places ranked by the cost of the cycle there.
+
+    Attributes:
+        ranked: the least cost first; those without verified plan last.
+        static: what the placement at rest found.
+    """
+
+    ranked: tuple[CyclePlacement, ...]
+    static: PlacementResult
+
+    @property
+    def best(self) -> CyclePlacement:
+        """The place with the least cost; check whether it is verified."""
+        return self.ranked[0]
+
+
+def place_for_cycle(
+    problem: PlacementProblem,
+    placed: Callable[[Placement], CycleTask],
+    *,
+    candidates: int = 3,
+    starts: int = 2,
+    seed: int = 0,
+    executor: Executor | None = None,
+    jobs: int | None = None,
+    placement_starts: int = 5,
+    progress: Callable[[str], None] | None = None,
+) -> CyclePlacements:
+    """Find the place from which a cycle costs least.
+
+    Candidates are the distinct optima at rest (all poses, all constraints) and, where these are fewer than
+    asked for, the best sampled places apart from them that keep all constraints. On each the cycle is
+    planned.
+
+    Args:
+        problem: with all poses of the cycle as gripper tasks.
+        placed: the cycle in base axes at a placement.
+        candidates: number of places to plan on, at most.
+        starts: of the motion planner, per segment; see `ocptip.motion.cycles.plan.plan_cycle`.
+        seed: of placements and plans.
+        executor, jobs: of the motion planner.
+        placement_starts: of `place`.
+        progress: called with what is about to be done.
+
+    Raises:
+        InputError: bad numbers.
+        NoPlacementError: no placement serves all poses at rest.
+    """
+    numbers = {"candidates": candidates, "starts": starts, "placement_starts": placement_starts}
+    for name, value in numbers.items():
+        whole_number(name, value, 1)
+    say = progress or (lambda text: None)
+    say("looking for places ...")
+    static = place(problem, starts=placement_starts, seed=seed, keep=candidates)
+    places = [(placement, False) for placement in static.places[:candidates]]
+    places += [(p, True) for p in _sampled(problem, static, candidates - len(places), seed)]
+    found = []
+    for number, (placement, sampled) in enumerate(places, 1):
+        say(f"planning the cycle at place {number} of {len(places)} ...")
+        plan, refusal = None, ""
+        try:
+            plan = plan_cycle(placed(placement), starts=starts, seed=seed, executor=executor, jobs=jobs)
+            refusal = "" if plan.verified else "; ".join(plan.check.whole.violations) or "not complete"
+        except (PlanningError, InputError) as error:
+            refusal = str(error)
+        found.append(CyclePlacement(placement, sampled, plan, refusal))
+        if plan is not None and plan.interrupted:
+            break
+    return CyclePlacements(tuple(sorted(found, key=lambda one: one.cost)), static)
+
+
+def _sampled(problem: PlacementProblem, static: PlacementResult, count: int, seed: int) -> list[Placement]:
+    """Sampled placements that keep all constraints, at places of their own; the best first."""
+    if count < 1:
+        return []
+    evaluator, found = Evaluator(problem), list[Placement]()
+    candidates = sampling.sample(evaluator, np.random.default_rng(seed), _SAMPLES)
+    if not candidates.reached:
+        return []
+    for i in sampling.spread(evaluator, candidates, _LOOKED_AT * count):
+        placement = judge(evaluator, *candidates[i])
+        known = any(placement.shares_place(other) for other in (*static.placements, *found))
+        if placement.feasible and not known:
+            found.append(placement)
+        if len(found) == count:
+            break
+    return found

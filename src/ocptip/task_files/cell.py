@@ -1,0 +1,254 @@
+"""Cells from TOML files: where should the base stand for a whole cycle? Format: docs/cell.md.
+
+A cell file is the file of a cycle whose poses and obstacles are in world axes, with the ground of a placement
+file. At a place it becomes the file of a cycle in base axes, and is read as such.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ocptip.basics.toml import ROTATIONS, Table
+from ocptip.motion.cycles.task import CycleTask
+from ocptip.placement.problem import PlacementLimits, PlacementProblem
+from ocptip.placement.result import Placement
+from ocptip.placement.within import searched
+from ocptip.robots.inverse.pose_target import PoseTarget
+from ocptip.robots.payload import Payload
+from ocptip.standing.arm import StandingRobot
+from ocptip.standing.limits import MotionLimits
+from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.tolerance import NONE, Tolerance
+from ocptip.task_files.cycle import read_cycle
+from ocptip.task_files.doubts import doubt_masses, doubt_units
+from ocptip.task_files.kinds import require_kind
+from ocptip.task_files.motion import TABLES, given_angles, read_target
+from ocptip.task_files.placement import read_problem
+from ocptip.task_files.scene import SCENE
+from ocptip.task_files.source import task_source
+
+_OF_PLACES = ("base_obstacle", "keep_out", "terrain", "weights", "references", "energy")
+_LIMITS = tuple(field.name for field in fields(PlacementLimits))
+_SHARED_LIMITS = ("GN", "GT", "torque_ratio", "clearance")
+_LEVEL = 1e-9  # of gravity
+
+
+@dataclass(frozen=True, eq=False)
+class CellTask:
+    """A cell file.
+
+    Attributes:
+        name: for titles and files.
+        cycle: with its poses in world axes; the postures in it that belong to poses mean nothing.
+        problem: where the base may stand: one gripper task per pose of the cycle, its loads what the gripper
+            holds as it comes and as it goes, at rest.
+        tolerance: of the motions; the problem has the part that the search for places looks at.
+        data: the file's content.
+        path: of the file.
+    """
+
+    name: str
+    cycle: CycleTask
+    problem: PlacementProblem
+    tolerance: Tolerance
+    data: dict[str, Any]
+    path: Path
+
+    def within(self, tolerance: Tolerance) -> CellTask:
+        """The same cell with another tolerance."""
+        problem = replace(self.problem, tolerance=searched(tolerance))
+        return replace(self, problem=problem, tolerance=tolerance)
+
+    def placed(self, placement: Placement) -> CycleTask:
+        """The cycle in base axes at a place, as a file of it would be read; it knows its source.
+
+        Raises:
+            InputError: a pose has no posture there; names it.
+        """
+        data = self._table(self.placed_data(placement))
+        with data:
+            task = read_cycle(data, self.path.stem)
+            return replace(task, source=task_source(data, task.robot))
+
+    def placed_data(self, placement: Placement) -> dict[str, Any]:
+        """The content of that file; its tip-over reserve has the reference moment of the placement."""
+        back, origin = placement.base_rotation.T, placement.base_position
+        data = {key: value for key, value in self.data.items() if key not in _OF_PLACES}
+        limits = {key: v for key, v in data.get("limits", {}).items() if key not in _only_of_places()}
+        limits["reference_moment"] = self.problem.robot.tip_over.reference_moment
+        obstacles = [_placed_obstacle(own, back, origin) for own in self.data.get("obstacle", [])]
+        return {
+            **data,
+            "gravity": _floats(back @ np.asarray(self.problem.gravity)),
+            "tolerance": self.tolerance.to_table() or {"preset": "none"},
+            "limits": limits,
+            "obstacle": [*self.data.get("base_obstacle", []), *obstacles],
+            "motion": _placed_ends(data["motion"], back, origin),
+            "segment": [_placed_ends(own, back, origin) for own in data["segment"]],
+        }
+
+    def _table(self, data: dict[str, Any]) -> Table:
+        return Table(data, self.path.name, folder=self.path.parent)
+
+
+def load_cell(path: str | os.PathLike[str], otherwise: Tolerance = NONE) -> CellTask:
+    """Read a cell file, see docs/cell.md.
+
+    Args:
+        path: of the file.
+        otherwise: the tolerance if the file has none.
+
+    Raises:
+        InputError: the file cannot be read or describes no cell; one line that names file and key.
+
+    Warns:
+        InputWarning: values that are hardly meant.
+    """
+    path = Path(path)
+    with Table.read(path) as data:
+        for key in ("segment", "terrain"):
+            if "motion" in data and key not in data:
+                missing = {"segment": "motions of the cycle", "terrain": "ground where the base may stand"}
+                raise data.error(f"a cell needs the {missing[key]}; give [[{key}]]", key)
+        require_kind(data, "cell")
+        doubt_units(data)
+        data.close(*TABLES, "segment", *_OF_PLACES)
+        content = {key: data.value(key) for key in data}
+        cycle = _unplaced(data, content, path)
+        problem, tolerance = _problem(data, content, cycle, path, otherwise)
+        doubt_masses(data, problem.robot)
+        return CellTask(cycle.name, cycle, problem, tolerance, content, path)
+
+
+def _unplaced(data: Table, content: dict[str, Any], path: Path) -> CycleTask:
+    """The cycle with its poses as they are in the file."""
+    motions = {key: value for key, value in content.items() if key not in _OF_PLACES}
+    limits = content.get("limits", {})
+    if isinstance(limits, dict):
+        motions["limits"] = {key: value for key, value in limits.items() if key not in _only_of_places()}
+    cycle = read_cycle(Table(motions, path.name, folder=path.parent), path.stem, _end)
+    objectives = {(own.task.objective.name, own.task.objective.time_weight) for own in cycle.segments}
+    if len(objectives) > 1:
+        raise data.error("segments of a cell have one objective; give it in [motion]", "segment")
+    if not isinstance(cycle.robot, StandingRobot):
+        raise data.error("cells are for arms", "robot")
+    gravity = cycle.robot.support.gravity
+    if np.linalg.norm(gravity[:2]) > _LEVEL * np.linalg.norm(gravity) or gravity[2] >= 0:
+        raise data.error(f"of a cell points along -z of the world, got {gravity.tolist()}", "gravity")
+    targets = [target for _, _, target in cycle.ends if target]
+    if not targets:
+        raise data.error("a cell needs a pose in the world, or any place will do; give goal_pose", "segment")
+    for name, _, target in cycle.ends:
+        if target and np.any(target.free):
+            raise data.error(f"{name}: poses of a cell cannot be free along axes of the base", "segment")
+    return cycle
+
+
+def _end(
+    robot: StandingMechanism, table: Table, key: str, limits: MotionLimits
+) -> tuple[np.ndarray, PoseTarget | None]:
+    """As `read_end`, without the postures of poses, which depend on the place."""
+    target = read_target(robot.arm, table, key) if isinstance(robot, StandingRobot) else None
+    if target is None:
+        return (
+            given_angles(robot.arm, table, key)
+            if isinstance(robot, StandingRobot)
+            else np.zeros((1, robot.n))
+        ), None
+    arm = robot.arm.limits
+    return np.clip(np.zeros(robot.n), arm.angle_min, arm.angle_max)[None], target
+
+
+def _problem(
+    data: Table, content: dict[str, Any], cycle: CycleTask, path: Path, otherwise: Tolerance
+) -> tuple[PlacementProblem, Tolerance]:
+    """Where the base may stand, and the whole tolerance."""
+    keys = (*SCENE, "arm", "motors", "obstacle", *_OF_PLACES)
+    asked: dict[str, Any] = {key: content[key] for key in keys if key in content}
+    own = content.get("limits", {})
+    asked["limits"] = {key: own[key] for key in (*_LIMITS, "reference_moment") if key in own}
+    asked["task"] = list(_gripper_tasks(cycle))
+    asked["unloaded"] = any(segment.task.robot.payload is None for segment in cycle.segments)
+    tolerance = cycle.limits.tolerance if "tolerance" in content else otherwise
+    problem = read_problem(Table(asked, path.name, folder=path.parent), searched(tolerance))
+    for number, stand in enumerate(problem.stands, 1):
+        if stand.conforms:
+            raise data.error("cells stand on planes; bumps, waves, grids are not", f"terrain[{number}]")
+    return problem, tolerance
+
+
+def _gripper_tasks(cycle: CycleTask) -> Iterator[dict[str, Any]]:
+    """Tables `[[task]]`: the poses, with the weights of what is held there."""
+    names, segments = ["start", *cycle.titles()], cycle.segments
+    ends = cycle.ends[:-1] if cycle.closed else cycle.ends
+    gravity = cycle.robot.support.gravity
+    for number, (_, _, target) in enumerate(ends):
+        if target is None:
+            continue
+        around = [number - 1] if number or cycle.closed else []
+        around += [number] if number < len(segments) else []
+        held = {id(p): p for p in (segments[k].task.robot.payload for k in around) if p is not None}
+        turning = {"orientation": "axis", "tool_axis": _floats(target.axis)} if target.turns_freely else {}
+        yield {
+            "name": names[number],
+            "position": _floats(target.position),
+            **_turn(target.rotation),
+            **turning,
+            "load": [_weight(p, target.rotation, gravity, k) for k, p in enumerate(held.values(), 1)],
+        }
+
+
+def _weight(payload: Payload, rotation: np.ndarray, gravity: np.ndarray, number: int) -> dict[str, Any]:
+    """A payload at rest as a process load, world axes."""
+    force = payload.mass * gravity
+    moment = np.cross(rotation @ payload.center_of_mass, force)
+    return {"name": f"payload {number}", "force": _floats(force), "moment": _floats(moment)}
+
+
+def _placed_ends(table: dict[str, Any], back: np.ndarray, origin: np.ndarray) -> dict[str, Any]:
+    """The same table with its poses in base axes."""
+    poses = [key for key in ("start_pose", "goal_pose") if key in table]
+    return {**table, **{key: _placed_pose(table[key], back, origin) for key in poses}}
+
+
+def _placed_pose(table: dict[str, Any], back: np.ndarray, origin: np.ndarray) -> dict[str, Any]:
+    """A pose, or the pose of a solid, in base axes."""
+    given = Table(table, "")
+    position = given.vector("position", 3, np.zeros(3))
+    rotation = given.rotation(default=np.eye(3))
+    rest = {key: value for key, value in table.items() if key not in ("position", *ROTATIONS)}
+    return {**rest, "position": _floats(back @ (position - origin)), **_turn(back @ rotation)}
+
+
+def _placed_obstacle(table: dict[str, Any], back: np.ndarray, origin: np.ndarray) -> dict[str, Any]:
+    """An obstacle of the world in base axes."""
+    given = Table(table, "")
+    if table["kind"] == "wall":
+        normal = given.direction("normal")
+        distance = given.number("distance") - float(normal @ origin)
+        return {**table, "normal": _floats(back @ normal), "distance": distance}
+    if table["kind"] == "pillar":
+        axis = given.direction("axis", np.array([0.0, 0.0, 1.0]))
+        point = back @ (given.vector("point", 3) - origin)
+        return {**table, "point": _floats(point), "axis": _floats(back @ axis)}
+    return _placed_pose(table, back, origin)
+
+
+def _turn(rotation: np.ndarray) -> dict[str, Any]:
+    """The key of a rotation matrix."""
+    return {"rotation_vector_deg": _floats(np.degrees(Rotation.from_matrix(rotation).as_rotvec()))}
+
+
+def _only_of_places() -> set[str]:
+    return set(_LIMITS) - set(_SHARED_LIMITS)
+
+
+def _floats(values: np.ndarray) -> list[float]:
+    return [float(value) for value in values]
