@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from ocptip.certificate.checker import check_certificate, digest
-from ocptip.certificate.describe import model_data, motion_data, tolerance_data
+from ocptip.certificate.describe import model_data, motion_data, tolerance_data, tolerance_words
+from ocptip.certificate.find import _kept
 from ocptip.certificate.late import Late
 from ocptip.certificate.sharing import Sharing
 from ocptip.motion.check import certified, check_motion
@@ -153,6 +154,24 @@ class _Support:
 def _judged(data):
     data["sha256"] = {key: digest(data[key]) for key in ("model", "motion", "tolerance")}
     return check_certificate(data)
+
+
+@pytest.mark.parametrize("tolerance", [WORKSHOP, replace(_PUSHED, base_mass=0.1), NONE])
+def test_certificates_say_their_tolerance_as_tasks_do(tolerance):
+    assert tolerance_words(tolerance_data(tolerance, _Support())) == str(tolerance)
+
+
+def test_an_uneven_interval_of_the_base_is_said():
+    data = tolerance_data(NONE, _Support()) | {"base_mass": [-0.1, 0.2]}
+    assert tolerance_words(data) == "base mass -10 to +20 %"
+
+
+@pytest.mark.parametrize(("limit", "proved", "kept"), [
+    (0.999, 0.99995, True), (0.999, 1.0, False), (0.9, 0.8999, True), (0.9, 0.9005, False),
+])  # fmt: skip
+def test_what_is_proved_keeps_the_limit_asked_for_or_all_contacts(limit, proved, kept):
+    limits = MotionLimits(tolerance=WORKSHOP, GN_worst_case=limit)
+    assert _kept(limits, {"GN": 0.5, "GT": 0.5, "torque_ratio": 0.5, "GN_worst_case": proved}) == kept
 
 
 def test_the_tolerance_by_hand_holds():

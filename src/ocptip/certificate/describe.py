@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -116,6 +117,22 @@ def tolerance_data(tolerance: Tolerance, support: Support) -> dict[str, Any]:
         "payload_center": list(map(float, tolerance.payload_center)),
         **{name: float(getattr(tolerance, name)) for name in _SHARES_AND_SIZES},
     }
+
+
+def tolerance_words(data: Mapping[str, Any]) -> str:
+    """The tolerance of a certificate in words."""
+    low, high = data["base_mass"]
+    even = abs(low + high) <= 1e-9 * (high - low)
+    swing = np.log(data["overshoot"]) if data["overshoot"] else None
+    own = Tolerance(
+        base_mass=float(high) if even else 0.0,
+        center_of_mass=data["center_of_mass"],
+        payload_center=data["payload_center"],
+        damping=None if swing is None else float(-swing / np.hypot(np.pi, swing)),
+        **{name: data[name] for name in _SHARES_AND_SIZES if name != "overshoot"},
+    )
+    uneven = [] if even else [f"base mass {100 * low:+.3g} to {100 * high:+.3g} %"]
+    return ", ".join([*uneven, *own.lines()]) or "none"
 
 
 _SHARES_AND_SIZES = (

@@ -20,7 +20,7 @@ from ocptip.certificate.interior import Interior
 from ocptip.numerics.threads import one_thread
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.limit import Worst
-from ocptip.standing.limits import MotionLimits
+from ocptip.standing.limits import NEARLY_LOST, MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.worst_case import worst_case_of
 from ocptip.trajectories.sampled import Motion
@@ -47,7 +47,6 @@ _COVERED = {
     "duration_s",
 }
 _AT_LIMIT = 1e-6  # relative (of distances m): what is claimed where a limit is used up
-_ROOM = 1e-3  # by so much may what is proved within a tolerance exceed the limit of what is sampled, below 1
 
 
 @dataclass(frozen=True)
@@ -243,7 +242,9 @@ def _kept(limits: MotionLimits, bounds: Mapping[str, float]) -> bool:
     most = all(
         bounds[name] <= getattr(limits, name) * (1 + 2 * _AT_LIMIT) for name in ("GN", "GT", "torque_ratio")
     )
-    most &= all(bounds.get(name, 0.0) <= min(getattr(limits, name) + _ROOM, HIGHEST) for name in _WITHIN)
+    for name in _WITHIN:
+        limit = getattr(limits, name)
+        most &= bounds.get(name, 0.0) <= (HIGHEST if limit >= NEARLY_LOST else limit)
     return most and bounds.get("clearance", np.inf) >= limits.clearance - 2 * _AT_LIMIT
 
 

@@ -13,6 +13,7 @@ from ocptip.basics.errors import InputError, naming
 from ocptip.basics.toml import read_text
 from ocptip.basics.write import versions, write_text
 from ocptip.certificate.checker import Verdict, check_certificate
+from ocptip.certificate.describe import tolerance_words
 from ocptip.certificate.find import Certificate, claims
 from ocptip.cli.check import motion_of, task_of
 from ocptip.cli.command import Report
@@ -111,7 +112,9 @@ class VerdictReport(Report):
                 [f"{self.name}: DOES NOT HOLD.", *(f"  {text}" for text in self.verdict.problems)]
             )
         own = f"at every instant {claims(self.verdict.bounds)} ({self.verdict.intervals} intervals)"
-        return f"{self.name}: HOLDS.\n" + "\n".join(named([("proof", own)]))
+        tolerance = self.verdict.tolerance
+        words = "none: the world as described" if tolerance is None else tolerance_words(tolerance)
+        return f"{self.name}: HOLDS.\n" + "\n".join(named([("proof", own), ("tolerance", words)]))
 
 
 @dataclass

@@ -10,6 +10,9 @@ from ocptip.basics.errors import InputError, number_from, positive_number, share
 from ocptip.standing.path_stops import PathStops
 from ocptip.standing.tolerance import NONE, Tolerance
 
+NEARLY_LOST = 0.999
+"""Of GN and GT: so near to 1, where a contact is lost, may the worst within a tolerance come in samples."""
+
 
 @dataclass(frozen=True)
 class MotionLimits:
@@ -29,7 +32,9 @@ class MotionLimits:
         jump_foot_force: the same of the loads after jumps with their overshoot, N.
         jump_tip_over, jump_slip: largest GN and GT of these loads, at most 1, where a contact is lost.
         tolerance: how far the world may be off.
-        GN_worst_case, GT_worst_case: largest values at the worst of the tolerance: no contact is lost.
+        GN_worst_case, GT_worst_case: largest values at the worst of the tolerance, planned and found by the
+            sampled check; proofs keep smaller limits as they are, and instead of the default that no contact
+            is lost: below 1.
         stops: what stops along the path, begun at any instant, have to keep; None: they are not looked at.
     """
 
@@ -44,8 +49,8 @@ class MotionLimits:
     jump_tip_over: float = 1.0
     jump_slip: float = 1.0
     tolerance: Tolerance = NONE
-    GN_worst_case: float = 0.999
-    GT_worst_case: float = 0.999
+    GN_worst_case: float = NEARLY_LOST
+    GT_worst_case: float = NEARLY_LOST
     foot_lift: float = 0.0
     foot_force: float = 0.0
     jump_foot_force: float = 0.0
