@@ -48,6 +48,43 @@ def test_states_and_peaks(seed):
     assert np.allclose(motion.times_at(motion.places(times)), times, atol=1e-9)
 
 
+@settings(max_examples=5, derandomize=True)
+@given(st.integers(0, 1000))
+def test_given_times_make_cubics(seed):
+    """Accelerations and jerks against differences; peaks against dense samples."""
+    even = timed(seed)
+    rng = np.random.default_rng(seed)
+    steps = np.diff(even.node_times) * rng.uniform(0.95, 1.05, len(even.s) - 1)
+    motion = TimedPath(even.path, even.s, even.x, np.append(0.0, np.cumsum(steps)))
+    assert motion.end == pytest.approx(steps.sum())
+    assert np.allclose(motion.places(motion.node_times), motion.s)
+    times = np.concatenate([np.linspace(a, b, 43)[1:-1] for a, b in motion.intervals])
+    h = 1e-6
+    states = motion.states(times)
+    after, before = motion.states(times + h), motion.states(times - h)
+    for k, peaks in ((1, motion.speed_peaks), (2, motion.acceleration_peaks), (3, motion.jerk_peaks)):
+        rate = (after[k - 1] - before[k - 1]) / (2 * h)
+        if k < 3:
+            assert np.allclose(rate, states[k], atol=1e-5 * peaks.max())
+        largest = np.abs(rate).max(axis=0)
+        assert np.all(largest <= peaks * (1 + 1e-4))
+        assert np.all(largest >= 0.9 * peaks)  # samples keep away from nodes
+    assert np.allclose(motion.times_at(motion.places(times)), times, atol=1e-9)
+    again = TimedPath.from_dict(motion.to_dict())
+    assert np.array_equal(again.states(times)[2], states[2])
+    slower = motion.time_scaled(2.0)
+    assert np.allclose(slower.jerk_peaks, motion.jerk_peaks / 8)
+    assert np.all(np.isinf(even.jerk_peaks))
+
+
+def test_times_that_do_not_fit():
+    path = JointPath([0.0, 1.0], [[[1.0]], [[0.0]]])
+    with pytest.raises(InputError, match="times: between nodes it goes backwards"):
+        TimedPath(path, [0.0, 0.5, 1.0], [0.0, 4.0, 0.0], [0.0, 2.0, 4.0])
+    with pytest.raises(InputError, match="times: expected increasing ones from 0"):
+        TimedPath(path, [0.0, 0.5, 1.0], [0.0, 4.0, 0.0], [0.0, 2.0, 1.0])
+
+
 def test_sides_of_nodes_and_scaling():
     motion = timed(1)
     node = motion.node_times[5:6]

@@ -50,7 +50,7 @@ def phase_plane(plan: MotionPlan, timed: Retimed) -> Figure:
     rates = np.sqrt(motion.x)
     ax.plot(motion.s, rates, color=_OTHER, lw=2.0, gid="timing", label="timing" if not timed.active else None)
     middles = 0.5 * (motion.s[1:] + motion.s[:-1])
-    if len(timed.active) == len(middles) and timed.cheapest is None:
+    if len(timed.active) == len(middles) and timed.cheapest is None and timed.jerk is None:
         _by_name(ax, motion.s, rates, timed.active, colors, lw=2.6, alpha=1.0, gid="active")
     if (given := plan.task.reference) is not None:
         ax.plot(

@@ -37,7 +37,7 @@ def reduced(alpha, beta, gamma, caps, left, right, widths, ends, extra, counts, 
         n = 4
         for k in range(2 * size + ends[i + 1] - ends[i]):
             a, b, c = _row(alpha, beta, gamma, one, two, h, extra, ends[i], size, k)
-            n = _clipped(polygon, names, n, a, b, c, k, other, other_numbers)
+            n = clipped(polygon, names, n, a, b, c, k, other, other_numbers)
             if n == 0:
                 names[0] = k
                 break
@@ -71,7 +71,7 @@ def _row(alpha, beta, gamma, one, two, h, extra, first, size, k):
 
 
 @compiled
-def _clipped(polygon, names, n, a, b, c, name, other, other_names):
+def clipped(polygon, names, n, a, b, c, name, other, other_names):
     """Cut a polygon of n corners by a p + b q <= c; returns the new number. names[k]: edge after corner k."""
     outside = False
     for k in range(n):
@@ -133,8 +133,8 @@ def controllable(counts, corners, bounds, found):
         n = counts[i]
         for k in range(n):
             polygon[k, 0], polygon[k, 1] = corners[i, k, 0], corners[i, k, 1]
-        n = _clipped(polygon, names, n, 0.0, 1.0, found[i + 1, 1], 0, other, other_names)
-        n = _clipped(polygon, names, n, 0.0, -1.0, -found[i + 1, 0], 0, other, other_names)
+        n = clipped(polygon, names, n, 0.0, 1.0, found[i + 1, 1], 0, other, other_names)
+        n = clipped(polygon, names, n, 0.0, -1.0, -found[i + 1, 0], 0, other, other_names)
         least, greatest = np.inf, -np.inf
         for k in range(n):
             least, greatest = min(least, polygon[k, 0]), max(greatest, polygon[k, 0])

@@ -8,6 +8,7 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, positive_number, whole_number
 from ocptip.motion.check import MotionCheck, check_motion
@@ -17,6 +18,7 @@ from ocptip.numerics.bisection import bisected
 from ocptip.retiming.cheapest import CheapestTiming, Price, cheapest
 from ocptip.retiming.drives import QuadraticDrives
 from ocptip.retiming.fastest import ExtraRows, FastestTiming, Grid, fastest, spaced
+from ocptip.retiming.jerk import steady
 from ocptip.retiming.measured import PoweredTiming
 from ocptip.retiming.rows import HalfPlanes, Places, TimingLimits
 from ocptip.standing.limit import AskedLimit
@@ -29,11 +31,15 @@ from ocptip.trajectories.timed_path import TimedPath
 FASTEST_NODES, CHEAPEST_NODES = 300, 100
 """Intervals between nodes if nothing else is asked for: 0.1 % of the duration; costs are flatter."""
 
+JERK_NODES = 150
+"""The same with a limit of the jerk, whose program is the slowest."""
+
 _BETWEEN = np.array([0.25, 0.5, 0.75])
 _BEYOND = 1e-7  # excess of rows between nodes, in units of the limits, that is none
 _ROUNDS, _MOST_ROUNDS = 4, 25  # of rows between nodes; of tangents
 _TIGHTENINGS = 4
 _ROUNDING = 1e-12
+_STEPS = 1e-5  # of the greatest acceleration: so much the solver of the jerk leaves at nodes
 _KEPT = 2e-4  # of the longest duration: for what gets through between nodes
 _OF_PATH = ("clearance_m", "angle_margin_deg", "position_margin_m")
 
@@ -54,6 +60,7 @@ class Retimed:
         cheapest: cost and its lower bound, on the grid; None where the fastest timing is asked for.
         slower: factor of all times with which what got through between nodes keeps the limits.
         later: kinds of limits that no timing knows of, only the check.
+        jerk: (n,), rad/s^3 or m/s^3, that was asked for; None: accelerations may jump.
         seconds: that it took, with the check.
     """
 
@@ -67,12 +74,21 @@ class Retimed:
     cheapest: CheapestTiming | None
     slower: float
     later: tuple[str, ...]
+    jerk: np.ndarray | None
     seconds: float
 
     @property
     def verified(self) -> bool:
-        """All limits hold in the check."""
-        return self.check.verified
+        """All limits hold in the check; with one of the jerk it holds, too, and no acceleration jumps."""
+        if self.jerk is None:
+            return self.check.verified
+        steps = np.max(self.motion.acceleration_jumps / np.max(self.motion.acceleration_peaks))
+        return self.check.verified and self.jerk_ratio <= 1 + 1e3 * _ROUNDING and bool(steps < _STEPS)
+
+    @property
+    def jerk_ratio(self) -> float:
+        """Greatest jerk of the motion as a share of what was asked for; 0 where that was nothing."""
+        return 0.0 if self.jerk is None else float(np.max(self.motion.jerk_peaks / self.jerk))
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
@@ -88,6 +104,7 @@ class Retimed:
             "gap": None if bound is None else bound.gap,
             "active": {name: self.active.count(name) for name in dict.fromkeys(self.active)},
             "only_checked": list(self.later),
+            "jerk_ratio": None if self.jerk is None else self.jerk_ratio,
             "seconds": self.seconds,
             **self.check.to_dict(),
         }
@@ -112,6 +129,7 @@ def retime(
     *,
     nodes: int | None = None,
     ends: tuple[float, float] = (0.0, 0.0),
+    jerk: ArrayLike | None = None,
 ) -> Retimed:
     """Time a path so that the robot stands and keeps its limits: as fast, or as cheaply, as possible.
 
@@ -126,16 +144,21 @@ def retime(
         objective: `TIME`, `ENERGY` or `priced`.
         nodes: intervals between nodes.
         ends: ds/dt at start and end, 1/s, for stretches of longer motions.
+        jerk: greatest one of each joint, (n,) or one for all, rad/s^3 or m/s^3; accelerations then do not
+            jump. A second stage, nowhere faster than the first, a local solution. None: not limited.
 
     Raises:
-        InputError: the path does not fit the robot, or cannot be timed: says where, and by which limit.
-        SolverError: the program of the cheapest timing is not solved.
+        InputError: the path does not fit the robot, or cannot be timed: says where, and by which limit; or
+            its curvature jumps, which no limit of the jerk allows.
+        SolverError: the program of the cheapest timing, or that of the jerk, is not solved.
     """
     begun, limits = perf_counter(), limits or MotionLimits()
     if path.joints != robot.n:
         raise InputError(f"path: has {path.joints} joints, the {robot.kind} has {robot.n}")
     speeds = [positive_number("ends", speed, zero_allowed=True) for speed in ends]
+    own_jerk = None if jerk is None else _limits_of_jerk(robot, jerk)
     usual = FASTEST_NODES if objective.name == "time" else CHEAPEST_NODES
+    usual = usual if own_jerk is None else min(usual, JERK_NODES)
     count = whole_number("nodes", usual if nodes is None else nodes, 8)
     squares = speeds[0] ** 2, speeds[1] ** 2
     asked, best = limits, None
@@ -151,13 +174,17 @@ def retime(
         asked = tighter
     assert best is not None
     found, motion, checked, slower = best
+    if own_jerk is not None:
+        motion = _long_enough(steady(found.grid, motion, own_jerk), limits)
+        motion, slower = _within_peaks(robot, motion, own_jerk)
+        checked = check_motion(robot, motion, limits)
     if not checked.verified:
         motion, checked, more = _slowed(robot, motion, limits, checked)
         slower *= more
     curve, names = _curve(found)
     return Retimed(
         motion, checked, objective, found.fast.active, curve, names, _duration(found), found.cheap, slower,
-        tuple(found.grid.limits.later), perf_counter() - begun,
+        tuple(found.grid.limits.later), own_jerk, perf_counter() - begun,
     )  # fmt: skip
 
 
@@ -297,11 +324,24 @@ def _long_enough(motion: TimedPath, limits: MotionLimits) -> TimedPath:
     return motion.time_scaled(max(1.0, limits.min_duration / motion.end))
 
 
-def _within_peaks(robot: StandingMechanism, motion: TimedPath) -> tuple[TimedPath, float]:
-    """Slower by what speeds and accelerations, which a motion knows exactly, are too great between nodes."""
+def _limits_of_jerk(robot: StandingMechanism, jerk: ArrayLike) -> np.ndarray:
+    """(n,), rad/s^3 or m/s^3; infinite: not limited."""
+    values = np.asarray(jerk, dtype=float)
+    if values.shape not in ((), (robot.n,)):
+        raise InputError(f"jerk: expected 1 or {robot.n} numbers, got {values.size}")
+    if not np.all(values > 0):
+        raise InputError(f"jerk: must be > 0, got {values.min():.6g}")
+    return np.broadcast_to(values, robot.n)
+
+
+def _within_peaks(
+    robot: StandingMechanism, motion: TimedPath, jerk: np.ndarray | None = None
+) -> tuple[TimedPath, float]:
+    """Slower by what speeds, accelerations and jerks, which a motion knows, are too great between nodes."""
     speed = float(np.max(motion.speed_peaks / robot.limits.speed))
     acceleration = float(np.max(motion.acceleration_peaks / robot.limits.acceleration))
-    factor = max(speed, np.sqrt(acceleration), 1.0) * (1 + _ROUNDING)
+    sharp = 0.0 if jerk is None else float(np.max(motion.jerk_peaks / jerk))
+    factor = max(speed, np.sqrt(acceleration), np.cbrt(sharp), 1.0) * (1 + _ROUNDING)
     return motion.time_scaled(factor), factor
 
 

@@ -86,7 +86,7 @@ class JointPath:
         piece = np.clip(np.searchsorted(self.breakpoints, places, side=side) - 1, 0, self.pieces - 1)
         beyond = (places - self.breakpoints[piece])[..., None]
         own = self.coefficients[:, piece]
-        return _values(own, beyond, 0), _values(own, beyond, 1), _values(own, beyond, 2)
+        return derivatives(own, beyond, 0), derivatives(own, beyond, 1), derivatives(own, beyond, 2)
 
     @property
     def pieces(self) -> int:
@@ -114,10 +114,11 @@ class JointPath:
     def _at_ends(self, order: int) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of that order at begin and end of every piece, (K, n) each."""
         widths = np.diff(self.breakpoints)[:, None]
-        return _values(self.coefficients, 0 * widths, order), _values(self.coefficients, widths, order)
+        begins, ends = (derivatives(self.coefficients, at, order) for at in (0 * widths, widths))
+        return begins, ends
 
 
-def _values(coefficients: np.ndarray, places: np.ndarray, order: int) -> np.ndarray:
+def derivatives(coefficients: np.ndarray, places: np.ndarray, order: int) -> np.ndarray:
     """Derivatives (N, n) of N polynomials (D + 1, N, n) at their own places (N, 1)."""
     for _ in range(order):
         powers = np.arange(len(coefficients) - 1, 0, -1).reshape(-1, *[1] * (coefficients.ndim - 1))
