@@ -25,6 +25,8 @@ _MOST = 6000  # rows of combinations
 _LOSS = 2e-4  # relative: how far claims are from what is proved
 _STEPS = 8  # of the bisection of GT
 _STEPS_OF_WEIGHTS = (0.5,) * 8 + (0.2,) * 8  # how far they go from try to try
+_PATIENCE, _SLOW = 4, 0.9  # after so many tries, the share that may be left of what is missing
+_IN_VAIN = 1.6  # so many times the rows before: what is missing is not the length of the intervals
 _DIGITS = 6  # of forces, N
 
 
@@ -93,12 +95,15 @@ class _Search:
         """Judge intervals, and divide those on which something is missing."""
         events = np.unique(np.array(self._motion_events()))
         starts, ends = self._first(events)
+        missing = np.inf
         for k in range(_ROUNDS + 1):
             judged = self._judged(self._sharing.late.rows(starts, ends))
             bad = np.zeros(len(starts), dtype=bool)
             bad[judged.interval[~judged.holds]] = True
             total = sum(len(part.interval) for _, _, part in self._parts) + len(judged.interval)
-            bad &= (ends - starts > _SHORTEST) & (k < _ROUNDS) & (total < _MOST)
+            before, missing = missing, np.count_nonzero(~judged.holds)
+            useful = k < _ROUNDS and total < _MOST and missing < _IN_VAIN * before
+            bad &= (ends - starts > _SHORTEST) & useful
             kept = ~bad[judged.interval]
             place = np.cumsum(~bad) - 1
             part = _some(judged, kept)
@@ -155,14 +160,21 @@ class _Search:
         self, terms: Terms, forces: np.ndarray, weights: np.ndarray, capacity: np.ndarray, share: float
     ) -> tuple[np.ndarray, np.ndarray]:
         """Weights with which the contact that slips first slips later, and how much room there is."""
-        best, most = weights, np.full(terms.size.shape[1], -np.inf)
-        for step in _STEPS_OF_WEIGHTS:
-            rooms = self._sharing.rooms(terms, forces, weights, share)
+        best, most = weights.copy(), np.full(terms.size.shape[1], -np.inf)
+        rows, before = np.arange(len(most)), most.copy()
+        for k, step in enumerate(_STEPS_OF_WEIGHTS):
+            rooms = self._sharing.rooms(terms.some(rows), forces[..., rows], weights, share)
             room = np.min(rooms, axis=0)
-            better = room > most
-            best, most = np.where(better, weights, best), np.where(better, room, most)
-            used = np.clip(share - rooms / np.maximum(capacity, 1e-6), 0.05, 20.0)
-            weights = weights.copy()
+            better = room > most[rows]
+            best[..., rows[better]], most[rows[better]] = weights[..., better], room[better]
+            going = most[rows] < 0
+            if k % _PATIENCE == _PATIENCE - 1:  # what hardly moves does not arrive
+                going &= most[rows] > _SLOW * before[rows]
+                before = most.copy()
+            rows, rooms, weights = rows[going], rooms[:, going], weights[..., going].copy()
+            if not len(rows):
+                break
+            used = np.clip(share - rooms / np.maximum(capacity[:, rows], 1e-6), 0.05, 20.0)
             weights[:, 1] *= (np.exp(np.mean(np.log(used), axis=0)) / used) ** step
             weights[:, 1] = np.clip(weights[:, 1] / np.max(weights[:, 1], axis=0), 1e-6, None)
         return best, most
