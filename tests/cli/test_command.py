@@ -21,6 +21,7 @@ ARGUMENTS = {
     "stand": ["a.toml"],
     "plan": ["A"],
     "place": ["a.toml"],
+    "cell": ["a.toml"],
     "retime": ["a.toml"],
     "check": ["a.json"],
     "certify": ["a.json"],
