@@ -1,6 +1,6 @@
 """Timing of the same random paths by ocptip and by toppra: durations, what is broken, how many tip.
 
-Each path is a spline through random postures around the start of a task. It is timed
+Each path is a spline from start to goal of a task through three random postures. It is timed
 
 - by toppra with limits of speed and acceleration only, interpolated collocation (`toppra`);
 - by ocptip with the same limits only: on a base of 1e6 kg, torques not limited (`same`);
@@ -10,9 +10,9 @@ Each path is a spline through random postures around the start of a task. It is 
 All four have the same nodes. The motions are then looked at on a dense grid: toppra's as piecewise constant
 accelerations along the path, exactly as they were computed, between its nodes, too.
 
-    python -m studies.retiming.run --out results [--paths 10] [--seed 0] [--nodes 300]
+    python -m studies.retiming.run --out results [--paths 20] [--seed 0] [--nodes 100]
 
-Writes OUT/retiming.json and .md.
+Adds to OUT/retiming.jsonl, writes OUT/retiming.md. It goes on: paths that the file has are not timed again.
 """
 
 from __future__ import annotations
@@ -24,32 +24,48 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import toppra
 from toppra.constraint import DiscretizationType, JointAccelerationConstraint, JointVelocityConstraint
 from toppra.constraint.linear_constraint import LinearConstraint, canlinear_colloc_to_interpolate
 
-from ocptip.basics.errors import OcptipError
-from ocptip.basics.write import versions, write_text
+from ocptip.basics.errors import InputError, OcptipError
+from ocptip.basics.write import plain, versions, write_text
+from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.support import Support
 from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.published.tasks import experiment_task
+from ocptip.retiming.fastest import spaced
 from ocptip.retiming.retime import retime
 from ocptip.retiming.rows import Places, TimingLimits
-from ocptip.standing.arm import StandingRobot
 from ocptip.standing.limits import MotionLimits
+from ocptip.standing.mechanism import StandingMechanism
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.path import JointPath
 from ocptip.trajectories.path_fit import spline_through
 from ocptip.trajectories.timed_path import TimedPath
-from studies.common import EXAMPLES, RESULTS, ended, json_text, machine, number, progress, table
+from studies.common import (
+    EXAMPLES,
+    PLANNING,
+    RESULTS,
+    JsonLines,
+    ended,
+    number,
+    progress,
+    software,
+    source_state,
+    state_notes,
+    table,
+)
 
 NAMES = ("toppra", "same", "rows", "retime")
 HEAVY = 1e6  # kg
-SPREAD = 0.6  # rad, of the postures around the start
+SPREAD = (0.02, 0.25)  # of the postures around the straight line, per largest travel of a joint
+APART = 0.03  # of the ends from those of the task, likewise
 MOST_TRIES = 50
+PACKAGES = (*PLANNING, "retiming")
 
 
 class _Geometry(toppra.interpolator.AbstractGeometricPath):
@@ -77,7 +93,7 @@ class _Geometry(toppra.interpolator.AbstractGeometricPath):
 class _Rows(LinearConstraint):
     """Half planes alpha u + beta x <= gamma at the nodes."""
 
-    def __init__(self, robot: StandingRobot, path: JointPath, limits: MotionLimits) -> None:
+    def __init__(self, robot: StandingMechanism, path: JointPath, limits: MotionLimits) -> None:
         super().__init__()
         self._own, self._timing = (robot, path), TimingLimits(robot, limits)
         self.set_discretization_type(DiscretizationType.Interpolation)
@@ -94,7 +110,7 @@ class _Rows(LinearConstraint):
 
 
 def by_toppra(
-    robot: StandingRobot, path: JointPath, nodes: np.ndarray, *more: Any
+    robot: StandingMechanism, path: JointPath, nodes: np.ndarray, *more: Any
 ) -> tuple[TimedPath, float]:
     """The timing and the seconds it took, set-up included."""
     limits, begun = robot.limits, time.perf_counter()
@@ -113,44 +129,70 @@ def by_toppra(
     return TimedPath(path, nodes, np.maximum(rates, 0.0) ** 2), seconds
 
 
-def robots() -> dict[str, tuple[StandingRobot, np.ndarray]]:
-    """By name: the robot and a posture to begin with."""
-    found = {"UR5 on a cart": load_task(EXAMPLES / "tasks" / "ur5_cart.toml")}
-    found |= {f"case {name}": experiment_task(name, "effective") for name in "ADG"}
-    return {k: (t.robot, t.start) for k, t in found.items() if isinstance(t.robot, StandingRobot)}
+class Ends(NamedTuple):
+    """A robot, start and goal (n,) around which its paths begin and end, and its limits."""
+
+    robot: StandingMechanism
+    start: np.ndarray
+    goal: np.ndarray
+    limits: MotionLimits
 
 
-def heavy(robot: StandingRobot) -> StandingRobot:
+def robots() -> dict[str, Ends]:
+    """By name; durations are not limited."""
+    cart, delta = (load_task(EXAMPLES / "tasks" / f"{name}_cart.toml") for name in ("ur5", "delta"))
+    tasks = {"UR5 on a cart": cart, "delta robot": delta}
+    tasks |= {f"case {name}": experiment_task(name, "effective") for name in "ADG"}
+    found = {
+        name: Ends(t.robot, t.start, t.goal, replace(t.limits, max_duration=np.inf))
+        for name, t in tasks.items()
+    }
+    feet = [
+        UnilateralContact(position=p, friction=0.4, facets=12)
+        for p in ([0.3, 0.0, 0.0], [-0.2, 0.3, 0.0], [-0.2, -0.3, 0.0])
+    ]
+    three = Support(feet, mass=60.0, center_of_mass=[0.0, 0.0, 0.3])
+    found["UR5 on three feet"] = found["UR5 on a cart"]._replace(robot=cart.robot.varied(support=three))
+    return found
+
+
+def heavy(robot: StandingMechanism) -> StandingMechanism:
     """The same on a base that never tips."""
     own = robot.support
     base = Support(list(own.contacts), mass=HEAVY, center_of_mass=own.center_of_mass)
-    return StandingRobot(robot.arm, base, robot.motors)
+    return robot.varied(support=base)
 
 
-def random_path(rng: np.random.Generator, robot: StandingRobot, start: np.ndarray) -> JointPath:
-    """A spline through four postures, along which nothing collides and the base stands at rest."""
-    low, high = robot.limits.angle_min, robot.limits.angle_max
+def random_path(rng: np.random.Generator, ends: Ends) -> JointPath:
+    """A spline through five postures, along which nothing collides and the base stands at rest."""
+    robot, travel = ends.robot, np.abs(ends.goal - ends.start).max()
     for _ in range(MOST_TRIES):
-        points = np.clip(start + SPREAD * np.cumsum(rng.normal(size=(4, robot.n)), axis=0), low, high)
-        path = spline_through(points).path
+        points = ends.start + np.linspace(0, 1, 5)[:, None] * (ends.goal - ends.start)
+        points[1:-1] += travel * rng.uniform(*SPREAD) * rng.normal(size=(3, robot.n))
+        points[[0, -1]] += travel * APART * rng.normal(size=(2, robot.n))
+        path = spline_through(np.clip(points, robot.limits.angle_min, robot.limits.angle_max)).path
         slow = TimedPath(path, path.breakpoints, np.r_[0, np.full(path.pieces - 1, 1e-4), 0])
-        if check_motion(robot, slow, MotionLimits(), step=0.5).verified:
-            return path
+        try:
+            if check_motion(robot, slow, ends.limits, step=0.5).verified:
+                return path
+        except InputError:  # out of a parallel robot's workspace
+            continue
     raise OcptipError("no path that stands at rest was found")
 
 
-def row_of(name: str, robot: StandingRobot, path: JointPath, nodes: int) -> dict[str, Any]:
-    """Durations, seconds and outcome of the four timings of a path."""
-    limits = MotionLimits()
-    row: dict[str, Any] = {"robot": name}
+def row_of(ends: Ends, path: JointPath, nodes: int, rows: bool) -> dict[str, Any]:
+    """Durations, seconds and outcome of the timings of a path; `rows` only if asked for."""
+    robot, limits, row = ends.robot, ends.limits, {}
     none = replace(limits, torque_ratio=1e6)
-    places: np.ndarray = retime(robot, path, limits, nodes=nodes).motion.s
+    places = spaced(path, nodes)
     ways: dict[str, Callable[[], tuple[TimedPath, float]]] = {
         "toppra": lambda: by_toppra(robot, path, places),
         "same": lambda: _ours(heavy(robot), path, none, nodes),
         "rows": lambda: by_toppra(robot, path, places, _Rows(robot, path, limits)),
         "retime": lambda: _ours(robot, path, limits, nodes),
     }
+    if not rows:
+        del ways["rows"]
     for way, timed in ways.items():
         try:
             motion, seconds = timed()
@@ -162,7 +204,9 @@ def row_of(name: str, robot: StandingRobot, path: JointPath, nodes: int) -> dict
     return row
 
 
-def _ours(robot: StandingRobot, path: JointPath, limits: MotionLimits, nodes: int) -> tuple[TimedPath, float]:
+def _ours(
+    robot: StandingMechanism, path: JointPath, limits: MotionLimits, nodes: int
+) -> tuple[TimedPath, float]:
     found = retime(robot, path, limits, nodes=nodes)
     return found.motion, found.seconds
 
@@ -173,51 +217,66 @@ def _outcome(checked: MotionCheck) -> dict[str, Any]:
     return {"verified": checked.verified, "stands": checked.stands, **{name: worst[name] for name in names}}
 
 
-def markdown(rows: Sequence[dict[str, Any]], data: dict[str, Any]) -> str:
+def markdown(rows: Sequence[dict[str, Any]], options: dict[str, Any]) -> str:
     """The table of the study."""
     lines = []
     for name in dict.fromkeys(row["robot"] for row in rows):
         own = [row for row in rows if row["robot"] == name]
-        for way in NAMES:
-            good = [row[way] for row in own if "duration_s" in row[way]]
-            if not good:
-                continue
-            over = [one["acceleration_ratio"] for one in good]
-            ratio = [
-                row[way]["duration_s"] / row["toppra"]["duration_s"]
-                for row in own
-                if "duration_s" in row[way]
-            ]
-            cells = f"{len(good)} of {len(own)}", number(float(np.median(ratio)), 4), number(max(ratio), 4)
-            lost = sum(not one["stands"] for one in good)
-            cells += f"{lost}", f"{sum(one['verified'] for one in good)}", number(max(o["GN"] for o in good))
-            cells += number(max(over), 4), number(1e3 * float(np.median([o["seconds"] for o in good])))
-            lines.append((name, way, *cells))
-    head = ("robot", "by", "timed", "duration / toppra (median)", "most", "lose a contact", "keep all limits",
-            "largest GN", "largest acceleration / limit", "ms (median)")  # fmt: skip
+        lines += [(name, way, *_cells(own, way)) for way in NAMES]
+    head = ("robot", "by", "timed", "duration / toppra (median)", "least", "most", "lose a contact",
+            "keep all limits", "largest GN", "largest acceleration / limit", "ms (median)")  # fmt: skip
+    refused = [f"- {row['robot']}, path {row['path']}, {way}: {row[way]['status']}"
+               for row in rows for way in NAMES if "status" in row.get(way, {})]  # fmt: skip
     text = [
+        f"{len(rows)} paths of {len({row['robot'] for row in rows})} robots, seed {options['seed']}, "
+        f"{options['nodes']} nodes; {software({**versions(), 'toppra': version('toppra')})}.",
+        "",
         *table(head, lines, left=2),
         "",
-        f"Seed {data['seed']}, {data['nodes']} nodes. ms: `toppra` and `rows` ",
+        "Durations are divided by toppra's of the same path with speeds and accelerations only. ms: `toppra` "
+        "and `rows` with set-up, without a check; `same` and `retime` with the check on a dense grid; on a "
+        "machine that others used, too.",
+        "",
+        *(["Not timed:", "", *refused] if refused else ["No path was refused."]),
+        *state_notes([row["state"] for row in rows], source_state(*PACKAGES)),
     ]
-    text[-1] += "with set-up, without a check; `same` and `retime` with the check on a dense grid."
     return "\n".join(text) + "\n"
 
 
+def _cells(rows: Sequence[dict[str, Any]], way: str) -> tuple[str, ...]:
+    rows = [row for row in rows if way in row]
+    good = [row[way] for row in rows if "duration_s" in row[way]]
+    both = [row for row in rows if "duration_s" in row[way] and "duration_s" in row["toppra"]]
+    if not both:
+        return f"0 of {len(rows)}", *"-" * 8
+    ratio = [row[way]["duration_s"] / row["toppra"]["duration_s"] for row in both]
+    return (
+        f"{len(good)} of {len(rows)}",
+        *(number(float(value), 4) for value in (np.median(ratio), min(ratio), max(ratio))),
+        f"{sum(not one['stands'] for one in good)}",
+        f"{sum(one['verified'] for one in good)}",
+        number(max(one["GN"] for one in good)),
+        number(max(one["acceleration_ratio"] for one in good), 4),
+        number(1e3 * float(np.median([one["seconds"] for one in good])), 1),
+    )
+
+
 def study(options: argparse.Namespace) -> str:
-    """Run, write, and say where."""
-    rows, machines = [], robots()
-    for name, (robot, start) in machines.items():
-        rng = np.random.default_rng([options.seed, *name.encode()])
-        for k in range(options.paths):
-            progress(k, options.paths, name)
-            rows.append(row_of(name, robot, random_path(rng, robot, start), options.nodes))
-    data = {"seed": options.seed, "nodes": options.nodes, "machine": machine(), "versions": versions()}
-    data["versions"]["toppra"] = version("toppra")
+    """Run what is missing, write, and say where."""
     out = Path(options.out)
-    write_text(out / "retiming.json", json_text({**data, "rows": rows}))
-    write_text(out / "retiming.md", markdown(rows, data))
-    return f"{out / 'retiming.md'}"
+    file, machines = JsonLines(out / "retiming.jsonl"), robots()
+    own = {"seed": options.seed, "nodes": options.nodes}
+    done = {(row["robot"], row["path"]) for row in file.read() if own.items() <= row.items()}
+    for k in range(options.paths):
+        progress(k, options.paths, "paths of each robot")
+        for name, ends in machines.items():
+            if (name, k) not in done:
+                path = random_path(np.random.default_rng([options.seed, k, *name.encode()]), ends)
+                row = {"robot": name, "path": k, **own, **row_of(ends, path, options.nodes, k < options.rows)}
+                file.append(plain({**row, "state": source_state(*PACKAGES)}))
+    rows = [row for row in file.read() if own.items() <= row.items()]
+    write_text(out / "retiming.md", markdown(rows, own))
+    return f"{out / 'retiming.md'}\n"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -226,12 +285,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--out", default=str(RESULTS))
-    parser.add_argument("--paths", type=int, default=10)
+    parser.add_argument("--paths", type=int, default=20, help="of each robot")
+    parser.add_argument(
+        "--rows", type=int, default=4, help="paths of each robot timed by toppra with rows, too"
+    )
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--nodes", type=int, default=300)
+    parser.add_argument("--nodes", type=int, default=100)
     options = parser.parse_args(arguments)
     toppra.setup_logging("ERROR")
-    return ended("retiming", lambda: study(options))
+    return ended("retiming", lambda: study(options), "finished rows are kept.")
 
 
 if __name__ == "__main__":

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import json
+import re
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from ocptip.cli.check import retimed
 from ocptip.cli.main import main
+from ocptip.motion.check import check_motion
 from ocptip.robots.kinematics import gripper_pose
 from ocptip.task_files.motion import load_task
 from ocptip.task_files.plan_folder import read_plan_folder
+from ocptip.trajectories.read import load_motion
 from tests.places import EXAMPLES
 
 TASK = str(EXAMPLES / "tasks" / "ur5_cart.toml")
@@ -35,7 +40,7 @@ def test_a_motion_that_tips_stands_with_another_timing_on_its_path(folder: Path)
     assert not own["as_given"]["verified"]
     assert own["as_given"]["worst"]["GN"]["value"] > 1
     assert data["worst"]["GN"]["value"] <= 0.9
-    assert data["duration_s"] < 1.01 * own["as_given"]["duration_s"]
+    assert data["duration_s"] < 1.03 * own["as_given"]["duration_s"]
     points = json.loads((folder / "trajectory.json").read_text(encoding="utf-8"))["points"]
     given = json.loads(Path(TOO_FAST).read_text(encoding="utf-8"))["points"]
     for ours, theirs in ((points[0], given[0]), (points[-1], given[-1])):
@@ -65,14 +70,61 @@ def test_the_folder_is_checked_as_any(folder: Path, capsys: pytest.CaptureFixtur
     assert found.task.name == "UR5 on a cart"
 
 
+def test_check_says_what_another_timing_of_the_path_takes(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Nothing is said where the motion is good, or where no timing helps."""
+    capsys.readouterr()
+    assert main(["check", TOO_FAST, "--task", TASK, "--json"]) == 1
+    text = json.loads(capsys.readouterr().out)["retimed"]
+    found = re.match(r"on its own path the limits allow (\d\.\d+) instead of 1\.000 s", text)
+    timed = json.loads((folder / "plan.json").read_text(encoding="utf-8"))["duration_s"]
+    assert found
+    assert float(found[1]) == pytest.approx(timed, rel=0.01)
+    task = load_task(TASK)
+    motion = load_motion(TOO_FAST, task.robot.names, task.robot.units)
+    good = check_motion(task.robot, motion.time_scaled(2.0), task.limits, step=0.1)
+    assert not retimed(task, motion.time_scaled(2.0), good)
+    tight = replace(task, limits=replace(task.limits, clearance=0.05))
+    assert not retimed(tight, motion, check_motion(task.robot, motion, tight.limits, step=0.1))
+    still = replace(task, limits=replace(task.limits, GN=0.05))
+    bad = check_motion(task.robot, motion, still.limits, step=0.1)
+    assert "no timing of its path from rest to rest keeps the limits" in retimed(still, motion, bad)
+
+
+@pytest.mark.slow
+def test_segments_of_a_cycle_have_their_own_paths_and_payloads(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """From a file with a path for each, and from the folder that came of it."""
+    task, path = str(EXAMPLES / "tasks" / "ur5_pick_and_place.toml"), tmp_path / "cycle.toml"
+    home = "at_deg = [0, -90, 90, -90, -90, 0]"
+    left, right = (
+        f"at_pose = {{ position = {at}, rpy_deg = [180, 0, {yaw}] }}"
+        for at, yaw in (([0.30, 0.50, 0.90], 0), ([0.30, -0.50, 1.05], -90))
+    )
+    pairs = ((home, left), (left, right), (right, home))
+    text = ("[[segment]]\n" + "".join(f"[[segment.waypoint]]\n{point}\n" for point in pair) for pair in pairs)
+    path.write_text("".join(text), encoding="utf-8")
+    call, outs = ["--task", task, "--no-figures", "--out"], [str(tmp_path / name) for name in ("a", "b")]
+    assert main(["retime", str(path), *call, outs[0]]) == 0
+    assert "(segment carry)" in capsys.readouterr().out
+    assert main(["check", outs[0]]) == 0
+    assert main(["retime", outs[0], *call, outs[1]]) == 0
+    path.write_text("".join("[[segment]]\n[[segment.waypoint]]\n" + home for _ in range(2)), encoding="utf-8")
+    capsys.readouterr()
+    assert main(["retime", str(path), *call, outs[1]]) == 2
+    assert "2 paths" in capsys.readouterr().err
+
+
 def test_waypoints_and_the_cheapest_timing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     call = ["retime", SWEEP, "--task", TASK, "--no-figures", "--out", str(tmp_path / "out"), "--overwrite"]
     assert main(call) == 0
     fast = capsys.readouterr().out
-    assert "The fastest timing takes 0.8" in fast
+    assert "The fastest timing takes 1.0" in fast
     assert "smooth curve through 3 points" in fast
     assert "decided by" in fast
-    assert main([*call, "--objective", "energy", "--max-duration", "1.5"]) == 0
+    assert main([*call, "--objective", "energy", "--max-duration", "1.8"]) == 0
     cheap = capsys.readouterr().out
     assert "The cheapest timing takes" in cheap
     assert "at least" in cheap
@@ -95,6 +147,7 @@ def test_figures_are_those_of_a_plan_and_the_phase_plane(tmp_path: Path) -> None
         ([SWEEP, "--task", TASK, "--rate", "0"], "--rate"),
         ([TASK, "--task", TASK], "is a motion task (ocptip plan), not a path"),
         (["missing.json", "--task", TASK], "missing.json"),
+        ([SWEEP, "--task", TASK, "--tolerance", "workshop"], "tolerance: retime does not time within one"),
     ],
 )
 def test_bad_arguments_are_one_line(

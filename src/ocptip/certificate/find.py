@@ -164,11 +164,12 @@ def together(parts: Sequence[Certificate], begins: Sequence[float]) -> Certifica
 
 
 def claims(bounds: Mapping[str, float]) -> str:
-    """Bounds in words, rounded to the safe side."""
-    parts = [f"{word} <= {np.ceil(1e4 * bounds[name]) / 1e4:.4f}" for name, word in _WORDS.items()]
+    """Bounds in words, rounded to the safe side; those that exceed a limit by rounding as the limit."""
+    most = {name: np.ceil(1e4 * bound / (1 + 2 * _AT_LIMIT)) / 1e4 for name, bound in bounds.items()}
+    parts = [f"{word} <= {most[name]:.4f}" for name, word in _WORDS.items()]
     if "clearance" in bounds:
         parts.append(f"clearance >= {np.floor(1e4 * bounds['clearance']) / 10:.1f} mm")
-    if within := [f"{w} <= {np.ceil(1e4 * bounds[k]) / 1e4:.4f}" for k, w in _WITHIN.items() if k in bounds]:
+    if within := [f"{w} <= {most[k]:.4f}" for k, w in _WITHIN.items() if k in bounds]:
         parts[-1] += f"; within the tolerance {', '.join(within)}"
     return ", ".join(parts)
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.basics.errors import InputError, naming, positive_number
+from ocptip.basics.errors import InputError, OcptipError, naming, positive_number
 from ocptip.basics.text import quantity, ratio
 from ocptip.basics.write import versions
 from ocptip.cli.command import Report
@@ -39,6 +39,7 @@ from ocptip.motion.task import REACHED, MotionTask
 from ocptip.motion.tolerated import Tolerated, tolerances
 from ocptip.published.cases import motion_cases
 from ocptip.published.tasks import experiment_task
+from ocptip.retiming.retime import OF_PATH, least_duration
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.sensitivity import Sensitivity
@@ -46,6 +47,7 @@ from ocptip.task_files.cycle import read_task
 from ocptip.task_files.plan_folder import is_plan_folder, read_plan_folder
 from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.fit import PEAK_TOLERANCE, FittedMotion
+from ocptip.trajectories.path_fit import path_of_motion
 from ocptip.trajectories.read import load_motion, load_motions, motion_origin
 from ocptip.trajectories.sampled import Motion, SampledMotion
 from ocptip.trajectories.sequence import MotionSequence
@@ -83,6 +85,7 @@ _UNITS = {
 }
 _LEAST = ("clearance_m", "foot_force_N", "jump_foot_force_N", *_MARGINS, "singularity")
 _NOISY = "the calmest motion within the noise of the samples"
+_RETIMED_NODES = 100  # of the timing that a motion is told about: within 1 % of the duration
 _SCALE = 1e6  # factors of time up to this and down to its inverse
 _SAME = {"deg": 0.01, "m": 1e-4}  # offsets up to this are not worth a note
 
@@ -114,6 +117,7 @@ def run(options: Namespace) -> CheckReport:
     deviations = tolerances(task.robot, motion)
     stops = stops_of(task, motion, checked, options.stops)
     report = CheckReport(name, task, motion, checked, scaled, _offsets(motion, task), deviations, stops)
+    report.retimed = retimed(task, motion, checked)
     if options.sensitivities:
         report.sensitivities = sensitivities_of(task, motion)
     return report
@@ -168,6 +172,7 @@ class CheckReport(Report):
         sensitivities: what changes would do; empty if not asked for.
         segments: checks of the segments of a cycle; None for a single motion.
         off: what is to be said of offsets of a cycle.
+        retimed: what another timing of the path of a motion that fails would be; empty: not known.
     """
 
     name: str
@@ -181,6 +186,7 @@ class CheckReport(Report):
     sensitivities: tuple[Sensitivity, ...] = ()
     segments: CycleCheck | None = None
     off: tuple[str, ...] = ()
+    retimed: str = ""
 
     @property
     def good(self) -> bool:
@@ -207,6 +213,7 @@ class CheckReport(Report):
             "interpolation": self.motion.interpolation if isinstance(self.motion, SampledMotion) else None,
             "fit": self.motion.fit_to_dict() if isinstance(self.motion, FittedMotion) else None,
             **offsets,
+            "retimed": self.retimed or None,
             "time_scale": [{"factor": factor, **checked.to_dict()} for factor, checked in self.scaled],
             "versions": versions(),
         }
@@ -231,6 +238,7 @@ class CheckReport(Report):
         lines += ["", *table(worst_rows(checked), left=(0, 4, 5)), ""]
         moving = f"{quantity(checked.energy, 'J')} in {quantity(checked.duration, 's')}"
         rows = [("energy", f"{moving}, checked at {checked.samples} instants")]
+        rows += under("retimed", [self.retimed] if self.retimed else ())
         rows += certificate_rows(checked)
         if isinstance(self.motion, ArmMotion) and self.motion.rise_times:
             rows.append(("S-curves", rises(self.motion)))
@@ -297,6 +305,30 @@ def task_of(options: Namespace) -> tuple[MotionTask | CycleTask, Path]:
     case = options.case or named
     base = origin.get("base") if case == named else None
     return experiment_task(case, options.base or base or "effective"), path
+
+
+def retimed(task: MotionTask, motion: Motion, checked: MotionCheck) -> str:
+    """What the fastest timing of the path of a motion that fails is.
+
+    Empty where no timing can help (angles, clearance), where the limits include a tolerance (takes long), and
+    where the path cannot be fitted.
+    """
+    broken = [name for name, worst in checked.worst.items() if worst.violation]
+    of_place = any(name in OF_PATH for name in broken)
+    if checked.verified or of_place or task.limits.tolerance.given:
+        return ""
+    try:
+        path = path_of_motion(motion).path
+    except (OcptipError, ValueError, ArithmeticError):
+        return ""
+    try:
+        least = least_duration(task.robot, path, task.limits, _RETIMED_NODES)
+    except InputError as error:
+        return f"no timing of its path from rest to rest keeps the limits: {error}"
+    except (OcptipError, ValueError, ArithmeticError):
+        return ""
+    slower = f"{least:.3f} instead of {motion.end:.3f} s"
+    return f"on its own path the limits allow {slower} (not checked; ocptip retime finds it)"
 
 
 def motion_of(path: Path, task: MotionTask, options: Namespace) -> Motion:

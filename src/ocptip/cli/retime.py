@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.basics.errors import naming, positive_number
+from ocptip.basics.errors import InputError, naming, positive_number
 from ocptip.basics.text import quantity
 from ocptip.cli.check import task_of
 from ocptip.cli.command import Report
@@ -44,6 +44,12 @@ def run(options: Namespace) -> Report:
     """Time the path; one that cannot be timed is bad input, and it is said where and why."""
     positive_number("--rate", options.rate)
     task, path = task_of(options)
+    asked = given_limits(options).get("tolerance", task.limits.tolerance)
+    if asked.given:
+        raise InputError(
+            "tolerance: retime does not time within one: the check of its 300 jumps takes minutes; "
+            "time it with a lower --gn, such as 0.7, then ocptip check --tolerance"
+        )
     given = load_path(path, task, tolerance=options.path_tolerance, unit=options.unit)
     directory = output_directory(options, task.name)
     say_if_compiling()

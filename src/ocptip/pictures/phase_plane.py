@@ -48,9 +48,9 @@ def phase_plane(plan: MotionPlan, timed: Retimed) -> Figure:
     begins = motion.s[:-1]
     _by_name(ax, begins, timed.curve, timed.curve_limits, colors, lw=1.2, alpha=0.55, gid="limit")
     rates = np.sqrt(motion.x)
-    ax.plot(motion.s, rates, color=_OTHER, lw=2.0, gid="timing", label="timing" if not timed.active else None)
-    middles = 0.5 * (motion.s[1:] + motion.s[:-1])
-    if len(timed.active) == len(middles) and timed.cheapest is None and timed.jerk is None:
+    coloured = len(timed.active) == len(begins) and timed.cheapest is None and timed.jerk is None
+    ax.plot(motion.s, rates, color=_OTHER, lw=2.0, gid="timing", label=None if coloured else "timing")
+    if coloured:
         _by_name(ax, motion.s, rates, timed.active, colors, lw=2.6, alpha=1.0, gid="active")
     if (given := plan.task.reference) is not None:
         ax.plot(
@@ -60,6 +60,8 @@ def phase_plane(plan: MotionPlan, timed: Retimed) -> Figure:
         ax.axvline(motion.path.breakpoints[k], color="#e3e3e3", lw=0.8, zorder=0)
     for name in names:
         ax.plot([], [], color=colors[name], lw=2.6, label=name)
+    if "" in (*timed.curve_limits, *(timed.active if coloured else ())):
+        ax.plot([], [], color=_OTHER, lw=2.6, label="none at this place", gid="none")
     ax.set_xlim(0.0, 1.0)
     ax.set_ylim(0.0, ROOM * float(rates.max()))
     ax.set_xlabel("s, place on the path (0: start, 1: goal)")

@@ -41,7 +41,8 @@ _TIGHTENINGS = 4
 _ROUNDING = 1e-12
 _STEPS = 1e-5  # of the greatest acceleration: so much the solver of the jerk leaves at nodes
 _KEPT = 2e-4  # of the longest duration: for what gets through between nodes
-_OF_PATH = ("clearance_m", "angle_margin_deg", "position_margin_m")
+OF_PATH = ("clearance_m", "angle_margin_deg", "position_margin_m")
+"""Quantities that no timing changes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,6 +187,23 @@ def retime(
         motion, checked, objective, found.fast.active, curve, names, _duration(found), found.cheap, slower,
         tuple(found.grid.limits.later), own_jerk, perf_counter() - begun,
     )  # fmt: skip
+
+
+def least_duration(robot: StandingMechanism, path: JointPath, limits: MotionLimits, nodes: int) -> float:
+    """Duration of the fastest timing on a grid, s; not checked, angles and clearance are not looked at.
+
+    Args:
+        robot: on its support.
+        path: of its joints.
+        limits: those with tolerances take long.
+        nodes: intervals between nodes.
+
+    Raises:
+        InputError: the path cannot be timed: says where, and by which limit.
+    """
+    grid = spaced(path, nodes)
+    found = _solve(robot, path, TimingLimits(robot, limits), TIME, grid, (0.0, 0.0))
+    return _long_enough(TimedPath(path, grid, found.x), limits).end
 
 
 def _solve(
@@ -349,7 +367,7 @@ def _tightened(
     robot: StandingMechanism, asked: MotionLimits, limits: MotionLimits, checked: MotionCheck
 ) -> MotionLimits:
     """The numbers asked for, tighter where a motion broke them; the same where that does not help."""
-    names = [name for name, worst in checked.worst.items() if worst.violation and name not in _OF_PATH]
+    names = [name for name, worst in checked.worst.items() if worst.violation and name not in OF_PATH]
     for limit in limits_of(robot, limits):
         if isinstance(limit, AskedLimit) and limit.quantity in names and not limit.of_place:
             asked = limit.tightened(asked, checked.worst[limit.quantity].excess)
@@ -378,5 +396,5 @@ def _slowed(
 
 def _timed_well(checked: MotionCheck) -> bool:
     """Nothing is broken but what no timing cures: limits of the path itself."""
-    broken = [name for name in _OF_PATH if name in checked.worst and checked.worst[name].violation]
+    broken = [name for name in OF_PATH if name in checked.worst and checked.worst[name].violation]
     return len(broken) == len(checked.violations)
