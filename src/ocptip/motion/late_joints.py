@@ -2,9 +2,10 @@
 
 A joint that is late by up to d is, at a time t, where it should be at a time T in [t - d, t]; d is the delay
 in the motion's own time, times 1 + speed. Where its acceleration jumps at T, it has that before, or that
-after and the share kappa of the step more, or of the sum of all its steps since t - d. `certificate.late`
-encloses the same for all t. Here it is looked at instants, and at events and the longest delay after them:
-there the joints between whose jumps less than the delay lies are combined in all ways.
+after and the share kappa of the step more, or of the sum of its last two, three, ... steps since t - d, which
+add up. `certificate.late` encloses the same for all t. Here it is looked at instants, and at events and the
+longest delay after them: there the joints between whose jumps less than the delay lies are combined in all
+ways.
 
 A state says where each joint is at the end of its stretch of times T without a jump; `room` is how long that
 stretch is. The deviation "delay" goes back within it, exactly if the acceleration is constant.
@@ -82,14 +83,15 @@ class _Events:
         if self.smooth[joint]:
             return self._smooth_ways(inside, joint, own, then)
         found: list[_Way] = []
-        low, total, at_once = t - self.delay, 0.0, False
+        low, at_once = t - self.delay, False
+        sums: list[float] = []  # of the last step, the last two, and so on
         for e in np.flatnonzero(inside & self.jumps[:, joint]):
             time, step, state = self.times[e], self.step[e, joint], (self.q[e, joint], self.qd[e, joint])
             if self.delay:
                 found.append((*state, self.before[e, joint], max(time - low, 0.0), "late"))
-            total, low, at_once = total + step, max(time, low), t - time <= INSIDE
+            sums, low, at_once = [step, *(s + step for s in sums)], max(time, low), t - time <= INSIDE
             if self.more:
-                for size in sorted({step, total}):
+                for size in sorted(set(sums)):
                     found.append((*state, self.after[e, joint] + self.more * size, 0.0, "overshooting"))
         if not (at_once and self.more):  # that is between what it was before and overshooting
             found.append((*own, min(max(t - low, 0.0), self.delay), "on time"))

@@ -86,7 +86,7 @@ def _ways(joint: int, groups: list[int], late: bool, more: float) -> list[Steps]
         found += [((joint, group, -1.0),)] if late else []
         later = tuple((joint, g, -1.0 - more) for g in groups[k + 1 : k + 2] if late)
         if later or k == len(groups) - 1:
-            found += [((joint, first, more), *later) for first in ([group, groups[0]] if k else [group])]
+            found += [((joint, first, more), *later) for first in groups[: k + 1]]
     return found
 
 
