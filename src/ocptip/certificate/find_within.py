@@ -27,6 +27,7 @@ _STEPS = 8  # of the bisection of GT
 _STEPS_OF_WEIGHTS = (0.5,) * 8 + (0.2,) * 8  # how far they go from try to try
 _PATIENCE, _SLOW = 4, 0.9  # after so many tries, the share that may be left of what is missing
 _IN_VAIN = 1.6  # so many times the rows before: what is missing is not the length of the intervals
+_FACETS = (12,)  # of cones, while weights are looked for
 _DIGITS = 6  # of forces, N
 
 
@@ -35,8 +36,8 @@ class Found:
     """A part of a certificate.
 
     Attributes:
-        bounds: GN_worst_case and GT_worst_case.
-        cover: of its intervals.
+        bounds: GN_worst_case and GT_worst_case; the goals where something is short.
+        cover: of its intervals; empty where something is short.
         short: of intervals that are not proved: start, end, claim, and by how much.
     """
 
@@ -163,7 +164,7 @@ class _Search:
         best, most = weights.copy(), np.full(terms.size.shape[1], -np.inf)
         rows, before = np.arange(len(most)), most.copy()
         for k, step in enumerate(_STEPS_OF_WEIGHTS):
-            rooms = self._sharing.rooms(terms.some(rows), forces[..., rows], weights, share)
+            rooms = self._sharing.rooms(terms.some(rows), forces[..., rows], weights, share, facets=_FACETS)
             room = np.min(rooms, axis=0)
             better = room > most[rows]
             best[..., rows[better]], most[rows[better]] = weights[..., better], room[better]
@@ -177,6 +178,8 @@ class _Search:
             used = np.clip(share - rooms / np.maximum(capacity[:, rows], 1e-6), 0.05, 20.0)
             weights[:, 1] *= (np.exp(np.mean(np.log(used), axis=0)) / used) ** step
             weights[:, 1] = np.clip(weights[:, 1] / np.max(weights[:, 1], axis=0), 1e-6, None)
+        rows = np.flatnonzero(most < 0)
+        most[rows] = self._sharing.held(terms.some(rows), forces[..., rows], best[..., rows], share)
         return best, most
 
     def _forces(self, terms: Terms) -> np.ndarray:
@@ -208,14 +211,16 @@ class _Search:
 
     def found(self) -> Found:
         """The bounds, and the cover."""
-        bounds = dict(self._goals)
+        bounds, short = dict(self._goals), self._short()
+        if short:
+            return Found(bounds, {}, short)
         if self._sharing.flat:
             unit = self._sharing.unit
             least = min(float(np.min(part.moments, initial=np.inf)) for *_, part in self._parts)
             value = unit / (unit + least) if least > 0 else HIGHEST
             bounds["GN_worst_case"] = min(value * (1 + 1e-9), HIGHEST)
         bounds["GT_worst_case"] = self._proved_share()
-        return Found(bounds, self._cover(), self._short())
+        return Found(bounds, self._cover(), [])
 
     def _proved_share(self) -> float:
         """The least share of friction that is found to be enough for all rows."""

@@ -7,7 +7,7 @@ least of it comes from `within`. Any forces and any weights prove a bound. Plain
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -120,8 +120,9 @@ class Sharing:
         weights: np.ndarray,
         share: float,
         couple: np.ndarray | None = None,
+        facets: Sequence[int] = FACETS,
     ) -> np.ndarray:
-        """The same contact by contact, (contacts, R)."""
+        """The same contact by contact, (contacts, R); cones by as many facets as are needed of these."""
         room = np.full((self.contacts, terms.size.shape[1]), np.inf)
         loaded = np.any(forces != 0, axis=(0, 2)) | np.any(weights != 0, axis=1)
         patterns, which = np.unique(loaded, axis=1, return_inverse=True)
@@ -135,7 +136,7 @@ class Sharing:
             for k, contact in enumerate(np.flatnonzero(pattern)):
                 at = slice(3 * k, 3 * k + 3)
                 place = own.rule[:, at], constant[:, at], error[at]
-                ways = [self._inside(some, place, piece, share) for piece in self._base.sets[contact]]
+                ways = [self._inside(some, place, piece, share, facets) for piece in self._base.sets[contact]]
                 room[contact, here] = np.max(ways, axis=0)
             for contact in np.flatnonzero(~pattern):
                 if not any(
@@ -150,13 +151,14 @@ class Sharing:
         place: tuple[np.ndarray, np.ndarray, np.ndarray],
         piece: tuple[float, float, float, float],
         share: float,
+        facets: Sequence[int],
     ) -> np.ndarray:
         """(R,): of one contact and one piece of its set."""
         low, high, radius, slope = piece
         normal = [(np.array([1.0, 0.0, 0.0]), -low), (np.array([-1.0, 0.0, 0.0]), high)]
         room = self._facets(terms, place, [row for row in normal if np.isfinite(row[1])])
         rows = np.flatnonzero(room >= 0)
-        for count in FACETS:
+        for count in facets:
             if not len(rows):
                 break
             angle = 2 * np.pi * (np.arange(count) + 0.5) / count
@@ -164,7 +166,7 @@ class Sharing:
             cone = [(np.array([share * slope, 0.0, 0.0]) - side, share * radius) for side in around]
             own = place[0][rows], place[1][..., rows], place[2][..., rows]
             found = self._facets(terms.some(rows), own, cone)
-            done = (found >= 0) | (count == FACETS[-1])
+            done = (found >= 0) | (count == facets[-1])
             room[rows[done]] = np.minimum(room[rows], found)[done]
             rows = rows[~done]
         return room
