@@ -117,6 +117,7 @@ def test_segments_of_a_cycle_have_their_own_paths_and_payloads(
     assert "2 paths" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_waypoints_and_the_cheapest_timing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     call = ["retime", SWEEP, "--task", TASK, "--no-figures", "--out", str(tmp_path / "out"), "--overwrite"]
     assert main(call) == 0
@@ -171,3 +172,24 @@ def test_a_path_that_cannot_be_timed_says_where_and_why(
     error = capsys.readouterr().err
     assert "far.toml" in error
     assert "at s = 0.0000: tip-over GN is" in error
+
+
+def test_a_limit_of_the_jerk_is_kept_by_the_timing(tmp_path: Path) -> None:
+    """In degrees; the written points, which are further apart than the timing, are checked as they are."""
+    line = tmp_path / "line.toml"
+    ends = ([0, -90, 90, -90, -90, 0], [20, -80, 80, -90, -90, 0])
+    line.write_text("".join(f"[[waypoint]]\nat_deg = {angles}\n" for angles in ends))
+    durations = []
+    for jerk in ((), ("--jerk", "3000")):
+        out = tmp_path / f"out{len(jerk)}"
+        assert main(["retime", str(line), "--task", TASK, "--out", str(out), "--no-figures", *jerk]) == 0
+        own = json.loads((out / "plan.json").read_text(encoding="utf-8"))
+        durations.append(own["duration_s"])
+        assert (own["retimed"]["jerk_ratio"] is None) == (not jerk)
+    assert own["retimed"]["jerk_ratio"] <= 1 + 1e-9
+    assert durations[1] > 1.05 * durations[0]
+
+
+def test_a_jerk_that_is_none_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["retime", SWEEP, "--task", TASK, "--jerk", "-1"]) == 2
+    assert "--jerk: " in capsys.readouterr().err

@@ -17,6 +17,7 @@ from ocptip.basics.errors import InputError
 from ocptip.task_files.cell import load_cell
 from ocptip.task_files.cycle import read_task
 from ocptip.task_files.parallel import read_parallel_robot
+from ocptip.task_files.path import load_path
 from ocptip.task_files.placement import load_placement
 from ocptip.task_files.platform_points import read_platform
 from ocptip.task_files.scene import read_scene
@@ -27,6 +28,7 @@ READERS = {
     "robots": read_parallel_robot,
     "platforms": read_platform,
     "tasks": read_task,
+    "paths": lambda path: load_path(path, read_task(EXAMPLES / "tasks" / "ur5_cart.toml")),
 }
 FILES = sorted(EXAMPLES.rglob("*.toml"))
 SAMPLE = 12  # mutations per file in the quick suite

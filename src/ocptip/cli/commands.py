@@ -184,6 +184,12 @@ COMMANDS = (
             PRICE,
             argument("--max-duration", "S", "the motion takes at most so long, s", type=float),
             argument(
+                "--jerk",
+                "J",
+                "largest jerk of every joint, deg/s^3 (sliding joints m/s^3): accelerations do not jump then",
+                type=float,
+            ),
+            argument(
                 "--path-tolerance",
                 "X",
                 "how far the path may be from what is given, degrees (sliding joints, tool lines: mm): "

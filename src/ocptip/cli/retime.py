@@ -32,6 +32,7 @@ from ocptip.motion.task import MotionTask
 from ocptip.motion.tolerated import tolerances
 from ocptip.retiming.retime import Retimed, retime
 from ocptip.standing.arm import StandingRobot
+from ocptip.standing.mechanism import StandingMechanism
 from ocptip.task_files.path import load_path
 from ocptip.trajectories.path_fit import FittedPath
 from ocptip.trajectories.sampled import Motion
@@ -93,6 +94,15 @@ def _asked(task: MotionTask, fit: FittedPath, motion: Motion | None, options: Na
     )
 
 
+def _jerk(robot: StandingMechanism, options: Namespace) -> np.ndarray | None:
+    """(n,) rad/s^3, m/s^3 as typed; None without."""
+    if options.jerk is None:
+        return None
+    return positive_number("--jerk", options.jerk) * np.where(
+        np.array(robot.units) == "rad", np.pi / 180, 1.0
+    )
+
+
 @dataclass(frozen=True)
 class Timing:
     """A path, its timing, and what a controller makes of it.
@@ -115,7 +125,7 @@ class Timing:
     def of(cls, task: MotionTask, fit: FittedPath, options: Namespace) -> Timing:
         """Time a path."""
         robot, limits = task.robot, task.limits
-        timed = retime(robot, fit.path, limits, task.objective)
+        timed = retime(robot, fit.path, limits, task.objective, jerk=_jerk(robot, options))
         execution = execute(robot, timed.motion, limits, options.controller, step=1 / options.rate)
         proved = certified(robot, execution.motion, execution.check, limits)
         before = None if task.reference is None else check_motion(robot, task.reference, limits)
