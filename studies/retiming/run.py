@@ -19,7 +19,6 @@ from __future__ import annotations
 
 import argparse
 import sys
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from importlib.metadata import version
@@ -27,9 +26,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import toppra
-from toppra.constraint import DiscretizationType, JointAccelerationConstraint, JointVelocityConstraint
-from toppra.constraint.linear_constraint import LinearConstraint, canlinear_colloc_to_interpolate
 
 from ocptip.basics.errors import InputError, OcptipError
 from ocptip.basics.write import plain, versions, write_text
@@ -39,7 +35,6 @@ from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.published.tasks import experiment_task
 from ocptip.retiming.fastest import spaced
 from ocptip.retiming.retime import retime
-from ocptip.retiming.rows import Places, TimingLimits
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.task_files.motion import load_task
@@ -66,67 +61,6 @@ SPREAD = (0.02, 0.25)  # of the postures around the straight line, per largest t
 APART = 0.03  # of the ends from those of the task, likewise
 MOST_TRIES = 50
 PACKAGES = (*PLANNING, "retiming")
-
-
-class _Geometry(toppra.interpolator.AbstractGeometricPath):
-    """A path as toppra takes it."""
-
-    def __init__(self, path: JointPath) -> None:
-        self._path = path
-
-    def __call__(self, s: Any, order: int = 0) -> np.ndarray:
-        return self._path.at(np.clip(s, 0.0, 1.0))[order]
-
-    @property
-    def dof(self) -> int:
-        return self._path.joints
-
-    @property
-    def path_interval(self) -> np.ndarray:
-        return np.array([0.0, 1.0])
-
-    @property
-    def waypoints(self) -> None:
-        return None
-
-
-class _Rows(LinearConstraint):
-    """Half planes alpha u + beta x <= gamma at the nodes."""
-
-    def __init__(self, robot: StandingMechanism, path: JointPath, limits: MotionLimits) -> None:
-        super().__init__()
-        self._own, self._timing = (robot, path), TimingLimits(robot, limits)
-        self.set_discretization_type(DiscretizationType.Interpolation)
-        self.identical = False
-        self.dof = path.joints
-
-    def compute_constraint_params(self, path: _Geometry, gridpoints: np.ndarray) -> Any:
-        places = Places.of(*self._own, gridpoints, np.zeros(len(gridpoints), dtype=bool))
-        planes = self._timing.half_planes(places)
-        rows = planes.alpha.shape[1]
-        one = np.tile(np.eye(rows), (len(gridpoints), 1, 1))
-        params = planes.alpha, planes.beta, -planes.gamma, one, np.zeros((len(gridpoints), rows)), None, None
-        return canlinear_colloc_to_interpolate(*params, gridpoints=gridpoints)
-
-
-def by_toppra(
-    robot: StandingMechanism, path: JointPath, nodes: np.ndarray, *more: Any
-) -> tuple[TimedPath, float]:
-    """The timing and the seconds it took, set-up included."""
-    limits, begun = robot.limits, time.perf_counter()
-    speed = JointVelocityConstraint(np.column_stack([-limits.speed, limits.speed]))
-    acceleration = JointAccelerationConstraint(
-        np.column_stack([-limits.acceleration, limits.acceleration]),
-        discretization_scheme=DiscretizationType.Interpolation,
-    )
-    solver = toppra.algorithm.TOPPRA(
-        [speed, acceleration, *more], _Geometry(path), gridpoints=nodes, solver_wrapper="seidel"
-    )
-    rates = solver.compute_parameterization(0.0, 0.0)[1]
-    seconds = time.perf_counter() - begun
-    if rates is None or not np.all(np.isfinite(rates)):
-        raise OcptipError("toppra: no timing")
-    return TimedPath(path, nodes, np.maximum(rates, 0.0) ** 2), seconds
 
 
 class Ends(NamedTuple):
@@ -182,13 +116,15 @@ def random_path(rng: np.random.Generator, ends: Ends) -> JointPath:
 
 def row_of(ends: Ends, path: JointPath, nodes: int, rows: bool) -> dict[str, Any]:
     """Durations, seconds and outcome of the timings of a path; `rows` only if asked for."""
+    from studies.retiming.toppra_timing import by_toppra  # an extra that only this study needs
+
     robot, limits, row = ends.robot, ends.limits, {}
     none = replace(limits, torque_ratio=1e6)
     places = spaced(path, nodes)
     ways: dict[str, Callable[[], tuple[TimedPath, float]]] = {
         "toppra": lambda: by_toppra(robot, path, places),
         "same": lambda: _ours(heavy(robot), path, none, nodes),
-        "rows": lambda: by_toppra(robot, path, places, _Rows(robot, path, limits)),
+        "rows": lambda: by_toppra(robot, path, places, limits),
         "retime": lambda: _ours(robot, path, limits, nodes),
     }
     if not rows:
@@ -292,7 +228,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--nodes", type=int, default=100)
     options = parser.parse_args(arguments)
-    toppra.setup_logging("ERROR")
     return ended("retiming", lambda: study(options), "finished rows are kept.")
 
 

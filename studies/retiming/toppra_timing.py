@@ -1,0 +1,82 @@
+"""A path timed by toppra, with limits of speed and acceleration, and with rows of our limits if asked for."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+import toppra
+from toppra.constraint import DiscretizationType, JointAccelerationConstraint, JointVelocityConstraint
+from toppra.constraint.linear_constraint import LinearConstraint, canlinear_colloc_to_interpolate
+
+from ocptip.basics.errors import OcptipError
+from ocptip.retiming.rows import Places, TimingLimits
+from ocptip.standing.limits import MotionLimits
+from ocptip.standing.mechanism import StandingMechanism
+from ocptip.trajectories.path import JointPath
+from ocptip.trajectories.timed_path import TimedPath
+
+toppra.setup_logging("ERROR")
+
+
+class Geometry(toppra.interpolator.AbstractGeometricPath):
+    """A path as toppra takes it."""
+
+    def __init__(self, path: JointPath) -> None:
+        self._path = path
+
+    def __call__(self, s: Any, order: int = 0) -> np.ndarray:
+        return self._path.at(np.clip(s, 0.0, 1.0))[order]
+
+    @property
+    def dof(self) -> int:
+        return self._path.joints
+
+    @property
+    def path_interval(self) -> np.ndarray:
+        return np.array([0.0, 1.0])
+
+    @property
+    def waypoints(self) -> None:
+        return None
+
+
+class Rows(LinearConstraint):
+    """Half planes alpha u + beta x <= gamma at the nodes."""
+
+    def __init__(self, robot: StandingMechanism, path: JointPath, limits: MotionLimits) -> None:
+        super().__init__()
+        self._own, self._timing = (robot, path), TimingLimits(robot, limits)
+        self.set_discretization_type(DiscretizationType.Interpolation)
+        self.identical = False
+        self.dof = path.joints
+
+    def compute_constraint_params(self, path: Geometry, gridpoints: np.ndarray) -> Any:
+        places = Places.of(*self._own, gridpoints, np.zeros(len(gridpoints), dtype=bool))
+        planes = self._timing.half_planes(places)
+        rows = planes.alpha.shape[1]
+        one = np.tile(np.eye(rows), (len(gridpoints), 1, 1))
+        params = planes.alpha, planes.beta, -planes.gamma, one, np.zeros((len(gridpoints), rows)), None, None
+        return canlinear_colloc_to_interpolate(*params, gridpoints=gridpoints)
+
+
+def by_toppra(
+    robot: StandingMechanism, path: JointPath, nodes: np.ndarray, limits: MotionLimits | None = None
+) -> tuple[TimedPath, float]:
+    """The timing and the seconds it took, set-up included; with rows of these limits, if there are any."""
+    more = () if limits is None else (Rows(robot, path, limits),)
+    own, begun = robot.limits, time.perf_counter()
+    speed = JointVelocityConstraint(np.column_stack([-own.speed, own.speed]))
+    acceleration = JointAccelerationConstraint(
+        np.column_stack([-own.acceleration, own.acceleration]),
+        discretization_scheme=DiscretizationType.Interpolation,
+    )
+    solver = toppra.algorithm.TOPPRA(
+        [speed, acceleration, *more], Geometry(path), gridpoints=nodes, solver_wrapper="seidel"
+    )
+    rates = solver.compute_parameterization(0.0, 0.0)[1]
+    seconds = time.perf_counter() - begun
+    if rates is None or not np.all(np.isfinite(rates)):
+        raise OcptipError("toppra: no timing")
+    return TimedPath(path, nodes, np.maximum(rates, 0.0) ** 2), seconds
