@@ -200,6 +200,7 @@ def _cells(rows: Sequence[dict[str, Any]], way: str) -> tuple[str, ...]:
 def study(options: argparse.Namespace) -> str:
     """Run what is missing, write, and say where."""
     out = Path(options.out)
+    out.mkdir(parents=True, exist_ok=True)
     file, machines = JsonLines(out / "retiming.jsonl"), robots()
     own = {"seed": options.seed, "nodes": options.nodes}
     done = {(row["robot"], row["path"]) for row in file.read() if own.items() <= row.items()}

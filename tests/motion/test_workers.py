@@ -69,6 +69,7 @@ def test_workers_end_with_an_interrupt():
         assert not worker.is_alive()
 
 
+@pytest.mark.slow
 def test_no_cluster_there():
     pytest.importorskip("distributed")
     with (

@@ -113,6 +113,7 @@ def test_active_limits_are_used_up():
     assert sum(a != b for a, b in pairwise(found.active)) < 10
 
 
+@pytest.mark.slow
 def test_what_timing_can_cure_is_cured_although_clearance_is_not():
     task, limits = cart(), MotionLimits(clearance=0.6)
     found = retime(task.robot, random_path(task, 5), limits, nodes=30)
