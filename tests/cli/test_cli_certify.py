@@ -6,6 +6,7 @@ import pytest
 
 from ocptip.cli.main import main
 from tests.places import ROOT
+from tests.quick import ONE_START
 
 PLAN = str(ROOT / "studies" / "results" / "plans" / "B-effective" / "plan.json")
 
@@ -74,24 +75,7 @@ def test_bad_input_is_one_line(arguments, words, certificate, capsys, tmp_path, 
 
 def test_plans_hold_their_certificate(tmp_path, capsys):
     out = tmp_path / "plan"
-    assert (
-        main(
-            [
-                "plan",
-                "A",
-                "--starts",
-                "1",
-                "--jobs",
-                "1",
-                "--tolerance",
-                "none",
-                "--no-figures",
-                "--out",
-                str(out),
-            ]
-        )
-        == 0
-    )
+    assert main(["plan", "A", *ONE_START, "--out", str(out)]) == 0
     assert "A: CERTIFIED" in capsys.readouterr().out
     plan = json.loads((out / "plan.json").read_text(encoding="utf-8"))
     assert plan["certified"]

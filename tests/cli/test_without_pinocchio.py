@@ -9,6 +9,7 @@ import sys
 import pytest
 
 from tests.places import EXAMPLES, UR5
+from tests.quick import ONE_START
 
 RUN = """
 import sys
@@ -36,7 +37,7 @@ def run(tmp_path):
     "arguments",
     [
         ["stand", EXAMPLES / "scenes/rover_on_slope.toml"],
-        ["plan", "A", "--starts", "1", "--jobs", "1", "--tolerance", "none", "--no-figures"],
+        ["plan", "A", *ONE_START],
         ["place", EXAMPLES / "tasks/place_incline.toml", "--starts", "1", "--no-figures"],
         ["rate", "FP1W2F", *POSE],
         ["parallel", "6UPS"],

@@ -9,6 +9,7 @@ from ocptip.basics.errors import InputError
 from ocptip.cli.main import main
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.read import load_motion
+from tests.quick import ONE_START
 
 INERTIAL = (
     '<inertial><origin xyz="0 0 0.1"/><mass value="2"/>'
@@ -167,24 +168,7 @@ def test_missing_limits_are_asked_for_by_key(folder):
 
 def test_plan_and_check_of_an_arm_on_a_lift_speak_of_metres(folder, capsys):
     load(folder, SHORT + 'optimised = ["lift", "turn_1"]\ncommands = 2\n')
-    assert (
-        main(
-            [
-                "plan",
-                "task.toml",
-                "--starts",
-                "1",
-                "--jobs",
-                "1",
-                "--tolerance",
-                "none",
-                "--out",
-                "out",
-                "--no-figures",
-            ]
-        )
-        == 0
-    )
+    assert main(["plan", "task.toml", *ONE_START, "--out", "out"]) == 0
     text = capsys.readouterr().out
     assert "CERTIFIED" in text
     assert "assumed" in text
@@ -217,23 +201,7 @@ def test_slow_lifts_keep_their_accelerations(folder, capsys, speed):
         ON_A_LIFT.replace('velocity="0.3"', f'velocity="{speed}"'), encoding="utf-8"
     )
     load(folder, SHORT.replace("lift = 0.3", "lift = 0.11") + 'optimised = ["lift", "turn_1"]\n')
-    assert (
-        main(
-            [
-                "plan",
-                "task.toml",
-                "--starts",
-                "1",
-                "--jobs",
-                "1",
-                "--tolerance",
-                "none",
-                "--no-figures",
-                "--json",
-            ]
-        )
-        == 0
-    )
+    assert main(["plan", "task.toml", *ONE_START, "--json"]) == 0
     worst = json.loads(capsys.readouterr().out)["worst"]
     assert worst["acceleration_ratio"]["value"] <= 1
     assert worst["speed_ratio"]["value"] <= 1

@@ -10,6 +10,7 @@ from ocptip.cli.main import main
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.read import load_motion
 from tests.places import EXAMPLES, RESULTS
+from tests.quick import ONE_START
 
 
 def written(folder, line, more=""):
@@ -71,19 +72,7 @@ def test_sources_hold_what_was_planned(tmp_path):
 
 def test_a_plan_is_checked_as_it_was_planned(tmp_path, capsys):
     out = tmp_path / "out"
-    arguments = [
-        "plan",
-        "A",
-        "--starts",
-        "1",
-        "--jobs",
-        "1",
-        "--tolerance",
-        "none",
-        "--no-figures",
-        "--rise-time",
-        "0.05",
-    ]
+    arguments = ["plan", "A", *ONE_START, "--rise-time", "0.05"]
     assert main([*arguments, "--out", str(out)]) == 0
     said = capsys.readouterr().out
     assert "S-curves   accelerations rise within 50 ms" in said
