@@ -11,7 +11,6 @@ import contextlib
 import ctypes
 import hashlib
 import os
-import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -21,6 +20,8 @@ import llvmlite.binding as llvm
 import numpy as np
 from llvmlite import ir
 from numba.core import config
+
+from ocptip.basics.write import write_bytes
 
 LANES = 8
 KEPT = 200  # files in the folder at most
@@ -43,7 +44,7 @@ class Native:
     """Machine code of a tape.
 
     Args:
-        code: machine code for this processor, as `compiled` gives it.
+        code: machine code for this processor, as `machine_code` gives it.
     """
 
     def __init__(self, code: bytes) -> None:
@@ -82,12 +83,12 @@ def native(instructions: Callable[[], list[Instruction]], key: bytes, compile_it
     path = _path(key)
     code = _read(path)
     if code is None and compile_it:
-        code = compiled(instructions())
+        code = machine_code(instructions())
         _write(path, code)
     return None if code is None else Native(code)
 
 
-def compiled(instructions: list[Instruction]) -> bytes:
+def machine_code(instructions: list[Instruction]) -> bytes:
     """Machine code of instructions for this processor."""
     return _machine().emit_object(llvm.parse_assembly(_assembly(instructions)))
 
@@ -236,10 +237,7 @@ def _write(path: Path | None, code: bytes) -> None:
         return
     with contextlib.suppress(OSError):
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(dir=path.parent)
-        with os.fdopen(handle, "wb") as file:
-            file.write(hashlib.sha256(code).digest() + code)
-        os.replace(name, path)
+        write_bytes(path, hashlib.sha256(code).digest() + code)
         files = sorted(path.parent.glob("*.tape"), key=lambda one: one.stat().st_mtime)
         for old in files[:-KEPT]:
             old.unlink(missing_ok=True)

@@ -334,10 +334,11 @@ class SlipMap:
         self, wrenches: np.ndarray, derivatives: bool = True
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Values (N,), slopes (N, 6) and second derivatives (N, 6, 6) at wrenches (N, 6)."""
-        count = len(wrenches)
-        values, slopes, bends = np.full(count, np.nan), np.zeros((count, 6)), np.zeros((count, 6, 6))
         if self._smooth is not None:
             values, slopes, bends = usage_map(wrenches, *self._smooth, derivatives)
+        else:
+            count = len(wrenches)
+            values, slopes, bends = np.full(count, np.nan), np.zeros((count, 6)), np.zeros((count, 6, 6))
         others = np.flatnonzero(np.isnan(values))
         if len(others):
             reserve = self._slip.evaluate(solve_many(self._slip.support, wrenches[others]), derivatives)
