@@ -103,6 +103,8 @@ def test_csv_header_names_units_and_rows_are_the_samples(plan, tmp_path):
         "clearance_m",
     ]
     names += [name.format(k) for name in ("normal{}_N", "friction_use{}") for k in (1, 2, 3)]
+    names += ["total_power_W", *(f"gripper_{name}" for name in ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw"))]
+    names += [f"sensor_{name}" for name in ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")]
     assert list(columns) == names
     for name, values in {
         "time_s": samples.times,
@@ -116,6 +118,8 @@ def test_csv_header_names_units_and_rows_are_the_samples(plan, tmp_path):
         "clearance_m": samples.clearances,
         "normal3_N": samples.states.contact_forces[:, 2, 0],
         "friction_use1": samples.slip.usage[:, 0],
+        "total_power_W": samples.powers.sum(axis=1),
+        "sensor_my_Nm": samples.sensor[:, 4],
     }.items():
         np.testing.assert_allclose(columns[name], values, rtol=1e-11, atol=1e-12, err_msg=name)
     weight = -plan.task.robot.mass * plan.task.robot.support.gravity[2]

@@ -130,9 +130,12 @@ def write_motion_csv(path: str | os.PathLike[str], samples: MotionSamples) -> No
 
     Columns, joints and contacts counted from 1: `time_s`; per joint `q1_deg`, `qd1_deg_s`, `qdd1_deg_s2`,
     `tau1_Nm`, `power1_W` (all joints of one quantity, then the next); `GN`, `GT`, `clearance_m`; per contact
-    `normal1_N`, `friction_use1` (nan for a contact without load). See :func:`sample_motion` for times that
-    appear twice. Coordinates that are lengths have m for deg, linear motors N for Nm; further quantities of
-    the mechanism follow at the end under their names.
+    `normal1_N`, `friction_use1` (nan for a contact without load); `total_power_W`, the sum of all drives; the
+    gripper's pose in the base frame, `gripper_x_m` and so on and its axes as a quaternion `gripper_qx`,
+    `gripper_qy`, `gripper_qz`, `gripper_qw`; what a force-torque sensor in the base measures, `sensor_fx_N`
+    and so on, `sensor_mx_Nm` and so on, under its own name for `sensor`, see `standing.sensor.WrenchSensor`.
+    See :func:`sample_motion` for times that appear twice. Coordinates that are lengths have m for deg, linear
+    motors N for Nm; further quantities of the mechanism follow at the end under their names.
 
     Raises:
         OSError: the file cannot be written; names it.
@@ -323,7 +326,21 @@ def csv_blocks(samples: MotionSamples) -> list[tuple[str, np.ndarray]]:
         ("friction_use{}", samples.slip.usage),
     ):
         blocks += [(name.format(k + 1), values[:, k]) for k in range(contacts)]
+    blocks.append(("total_power_W", samples.powers.sum(axis=1)))
+    if samples.gripper.size:
+        names = [f"gripper_{name}" for name in ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")]
+        blocks += zip(names, _steady(samples.gripper).T, strict=True)
+    names = [f"{samples.sensor_name}_{name}" for name in ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")]
+    blocks += zip(names, samples.sensor.T, strict=True)
     return [*blocks, *zip(samples.further_names, samples.further.T, strict=True)]
+
+
+def _steady(poses: np.ndarray) -> np.ndarray:
+    """Poses (N, 7) whose quaternions, the same up to sign, do not jump from one to the next."""
+    axes = poses[:, 3:]
+    flips = np.sum(axes[1:] * axes[:-1], axis=1) < 0
+    signs = np.concatenate([[1.0], np.where(np.cumsum(flips) % 2, -1.0, 1.0)])
+    return np.hstack([poses[:, :3], signs[:, None] * axes])
 
 
 def csv_text(blocks: Sequence[tuple[str, np.ndarray]]) -> str:

@@ -20,6 +20,7 @@ from ocptip.robots.model import ArmModel
 from ocptip.robots.motors import Motors
 from ocptip.robots.payload import Payload
 from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.sensor import WrenchSensor
 
 
 class StandingRobot(StandingMechanism):
@@ -32,6 +33,7 @@ class StandingRobot(StandingMechanism):
         obstacles: floor, walls, pillars, solids in base axes, against which the arm is checked.
         shapes: of the base, in base axes.
         reference_moment, redistribution: see `StandingMechanism`.
+        sensor: see `StandingMechanism`; default: where the arm is mounted, in base axes.
 
     Attributes:
         arm, obstacles, shapes: as given.
@@ -52,6 +54,7 @@ class StandingRobot(StandingMechanism):
         shapes: Sequence[BodyShape] = (),
         reference_moment: float | None = None,
         redistribution: Redistribution | None = None,
+        sensor: WrenchSensor | None = None,
     ) -> None:
         self.arm, self.obstacles, self.shapes = arm, tuple(obstacles), tuple(shapes)
         super().__init__(
@@ -62,6 +65,7 @@ class StandingRobot(StandingMechanism):
             float(np.sum(arm.masses)),
             reference_moment,
             redistribution,
+            sensor or WrenchSensor(arm.mount_position),
         )
 
     @property
@@ -108,6 +112,13 @@ class StandingRobot(StandingMechanism):
     def tool(self, q: np.ndarray) -> np.ndarray:
         """Positions (N, 3), m, of the gripper."""
         return gripper_batch(self.arm)(q)[0]
+
+    def gripper(self, q: np.ndarray) -> np.ndarray:
+        """Poses (N, 7) of the gripper, see `MotionSamples`."""
+        from scipy.spatial.transform import Rotation  # loads for 0.3 s, and few ask for poses
+
+        position, rotation, _ = gripper_batch(self.arm)(q)
+        return np.hstack([position, Rotation.from_matrix(rotation).as_quat()])
 
     def load_expressions(self, q: cs.SX, qd: cs.SX, qdd: cs.SX) -> tuple[cs.SX, cs.SX]:
         """The same as CasADi columns."""

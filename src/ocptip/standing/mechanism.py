@@ -25,6 +25,7 @@ from ocptip.robots.collision.gaps import Collisions
 from ocptip.robots.model import JointLimits
 from ocptip.robots.motors import Motors
 from ocptip.robots.payload import Payload
+from ocptip.standing.sensor import WrenchSensor
 from ocptip.trajectories.sampled import Motion
 
 
@@ -94,6 +95,10 @@ class MotionSamples:
         units: of the coordinates, "rad" or "m"; empty: rad.
         motor_units: "N m" or "N"; empty: N m.
         further_names: (k,) of the columns of `further`.
+        gripper: (N, 7): position of the gripper, m, and its axes as a quaternion x, y, z, w, base frame;
+            (N, 0) where there is none.
+        sensor: (N, 6), N and N m: force and moment on the force-torque sensor, in its axes.
+        sensor_name: begins the names of its columns.
     """
 
     times: np.ndarray
@@ -111,6 +116,9 @@ class MotionSamples:
     units: tuple[str, ...] = ()
     motor_units: tuple[str, ...] = ()
     further_names: tuple[str, ...] = ()
+    gripper: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+    sensor: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+    sensor_name: str = ""
 
 
 class StandingMechanism(MadeOf, ABC):
@@ -125,6 +133,7 @@ class StandingMechanism(MadeOf, ABC):
         reference_moment: M0 of the tip-over reserve, N m; default: a tenth of the best moment reserve of the
             base loaded with the weight of base, mechanism and payload.
         redistribution: of the slip reserve, see `reserves.slip.Slip`.
+        sensor: force-torque sensor in the base.
 
     Attributes:
         kind: word for messages.
@@ -132,6 +141,7 @@ class StandingMechanism(MadeOf, ABC):
         direct_drives: every motor moves one coordinate, at that coordinate's speed.
         further_limits: of what :meth:`further` gives.
         mass: of base, mechanism and payload, kg.
+        sensor: as given.
 
     Raises:
         InputError: a planar support, or no gravity and no reference moment.
@@ -151,11 +161,12 @@ class StandingMechanism(MadeOf, ABC):
         mass: float,
         reference_moment: float | None,
         redistribution: Redistribution | None,
+        sensor: WrenchSensor,
     ) -> None:
         if support.dimension != 3:
             raise InputError("support: a mechanism needs a spatial support, got a planar one")
         self.support, self.motors, self.limits, self.collision = support, motors, limits, collision
-        self.mass = support.mass + mass
+        self.mass, self.sensor = support.mass + mass, sensor
         if reference_moment is None:
             own = TipOver(support).reference_moment
             reference_moment = None if own is None else own * self.mass / support.mass
@@ -218,6 +229,10 @@ class StandingMechanism(MadeOf, ABC):
     def tool(self, q: np.ndarray) -> np.ndarray:
         """Positions (N, 3), m, base frame, of the point whose place matters; default: the centre of mass."""
         return np.broadcast_to(self.support.center_of_mass, (len(q), 3))
+
+    def gripper(self, q: np.ndarray) -> np.ndarray:
+        """Poses (N, 7) of the gripper, as in `MotionSamples`; (N, 0) where there is none."""
+        return np.empty((len(q), 0))
 
     def motor_speeds(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         """(N, n), rad/s or m/s."""
@@ -299,6 +314,9 @@ class StandingMechanism(MadeOf, ABC):
             units=self.units,
             motor_units=self.motor_units,
             further_names=self.further_limits.labels,
+            gripper=self.gripper(q),
+            sensor=self.sensor.reads(self.support, wrenches),
+            sensor_name=self.sensor.name,
         )
 
     def require_fit(self, joints: int) -> None:

@@ -28,6 +28,7 @@ from ocptip.robots.model import JointLimits
 from ocptip.robots.motors import Motors
 from ocptip.robots.payload import Payload
 from ocptip.standing.mechanism import FurtherLimits, MotionSamples, StandingMechanism
+from ocptip.standing.sensor import WrenchSensor
 from ocptip.trajectories.arm_motion import gauss_legendre
 from ocptip.trajectories.sampled import Motion
 
@@ -93,6 +94,7 @@ class ParallelMechanism(StandingMechanism):
         load: (6,) external force and moment on the platform about its origin, N and N m, the robot's world
             axes; default none.
         reference_moment, redistribution: see `StandingMechanism`.
+        sensor: see `StandingMechanism`; default: at `position`, in base axes.
 
     Attributes:
         robot, load: as given.
@@ -117,6 +119,7 @@ class ParallelMechanism(StandingMechanism):
         load: ArrayLike | None = None,
         reference_moment: float | None = None,
         redistribution: Redistribution | None = None,
+        sensor: WrenchSensor | None = None,
     ) -> None:
         self.robot, self.platform_limits = robot, limits
         self.position = finite_array("position", position, (3,))
@@ -133,6 +136,7 @@ class ParallelMechanism(StandingMechanism):
             moving_mass(robot),
             reference_moment,
             redistribution,
+            sensor or WrenchSensor(self.position),
         )
         self.further_limits = _further_limits(limits, self._prepare(self.rotation.T @ support.gravity), count)
 

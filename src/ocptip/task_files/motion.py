@@ -18,7 +18,7 @@ from ocptip.basics.toml import DEGREES, Table
 from ocptip.contact.support import Support
 from ocptip.motion.objective import objective_of
 from ocptip.motion.postures import posture_pairs, postures_of
-from ocptip.motion.source import LIMITS
+from ocptip.motion.source import LIMITS, TaskSource
 from ocptip.motion.task import FIRST_SEVEN, MotionTask, check_commands
 from ocptip.published.cases import motion_cases
 from ocptip.published.tasks import BASES, experiment_task
@@ -35,6 +35,7 @@ from ocptip.task_files.kinds import require_kind
 from ocptip.task_files.motors import arm_and_motors
 from ocptip.task_files.platform import read_platform_robot
 from ocptip.task_files.scene import SCENE, read_support
+from ocptip.task_files.sensor import read_sensor
 from ocptip.task_files.shapes import read_base_shapes, read_obstacles
 from ocptip.task_files.source import task_source
 from ocptip.task_files.stops import with_stops
@@ -42,7 +43,8 @@ from ocptip.task_files.tolerance import tolerance_of
 from ocptip.trajectories.arm_motion import checked_rise_times
 
 _RISES = ("rise_time", "jerk")
-TABLES = ("name", *SCENE, "arm", "robot", "payload", "motors", "obstacle", "motion", "limits", "tolerance")
+_OF_ROBOT = ("arm", "robot", "payload", "motors", "sensor", "obstacle")
+TABLES = ("name", *SCENE, *_OF_ROBOT, "motion", "limits", "tolerance")
 
 
 def load_task(path: str | os.PathLike[str], otherwise: Tolerance = NONE) -> MotionTask:
@@ -80,7 +82,7 @@ def _published(data: Table, otherwise: Tolerance) -> MotionTask:
     """A printed case, with limits, objective and duration of the file."""
     name, base = data.choice("case", motion_cases()), data.choice("base", BASES, "effective")
     motion, table = data.table("motion", optional=True), data.table("limits", optional=True)
-    task = experiment_task(name, base)
+    task = _with_sensor(data, experiment_task(name, base))
     jumps = _jumps(table, task.robot.support)
     table.one_of(*_RISES, optional=True)
     limits = table.make(MotionLimits, **table.numbers(*LIMITS), **jumps, **_durations(motion))
@@ -89,6 +91,15 @@ def _published(data: Table, otherwise: Tolerance) -> MotionTask:
     objective = motion.make(objective_of, *wanted)
     rises = _rise_times(table, task.robot)
     return with_stops(data, replace(task, limits=limits, objective=objective, rise_times=rises))
+
+
+def _with_sensor(data: Table, task: MotionTask) -> MotionTask:
+    """A printed case with the sensor of the file."""
+    if "sensor" not in data:
+        return task
+    robot = task.robot.varied(sensor=read_sensor(data, task.robot.sensor.position))
+    source = TaskSource({**task.source.data, "sensor": data.value("sensor")}, robot) if task.source else None
+    return replace(task, robot=robot, source=source)
 
 
 def _task(data: Table, path: Path, otherwise: Tolerance) -> MotionTask:
@@ -150,6 +161,7 @@ class TaskScene:
             obstacles=obstacles,
             shapes=self._shapes,
             reference_moment=self._moment,
+            sensor=read_sensor(data, arm.mount_position),
         )
 
 

@@ -15,6 +15,7 @@ from ocptip.standing.platform import PlatformLimits, StandingParallelRobot
 from ocptip.task_files.motors import dc_motors
 from ocptip.task_files.parallel import read_parallel_robot
 from ocptip.task_files.payload import payload_table, read_payload
+from ocptip.task_files.sensor import read_sensor
 
 
 def read_platform_robot(
@@ -40,11 +41,11 @@ def read_platform_robot(
     table.close("limits")
     with table.at("parallel"):
         robot = ParallelRobot(_description(table, name).with_payload(payload))
-    motors = data.table("motors")
+    sensor, motors = read_sensor(data, mount["position"]), data.table("motors")
     motors.choice("kind", ("dc",))
     parts = robot, support, dc_motors(motors, robot.m), _limits(table.table("limits"), robot.m)
     with table.at(), table.table("limits").at(None):
-        return StandingParallelRobot(*parts, **mount, reference_moment=moment)
+        return StandingParallelRobot(*parts, **mount, reference_moment=moment, sensor=sensor)
 
 
 def _description(table: Table, name: str) -> RobotDescription:
