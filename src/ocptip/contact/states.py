@@ -198,6 +198,9 @@ class ContactStates:
         is a one-sided derivative. Where the base rests on feet that give: of the springs' forces.
         """
         maps, elastic = self._shaped_maps(self.support.conditioned.system.force_matrix), self.support.elastic
+        without = np.flatnonzero(self.solved & (self.subsets[:, 0] < 0))  # see `resting`
+        if len(without):
+            maps[without] = -np.linalg.pinv(self.support.wrench_matrix).reshape(maps.shape[1:])
         resting = np.flatnonzero(self.persistent) if elastic else ()
         if elastic and len(resting):
             shared = elastic.share(self.wrenches[resting])
@@ -208,7 +211,9 @@ class ContactStates:
     def acceleration_maps(self) -> np.ndarray:
         """Exact derivative of the contact accelerations, (N, n, d, 6) in contact axes; as `force_maps`."""
         system = self.support.conditioned.system
-        return self._shaped_maps(system.acceleration_matrix / self.support.mass)
+        maps = self._shaped_maps(system.acceleration_matrix / self.support.mass)
+        maps[self.solved & (self.subsets[:, 0] < 0)] = 0.0
+        return maps
 
     def _shaped_maps(self, quantity: np.ndarray) -> np.ndarray:
         """(N, n, d, 6) derivatives of `quantity @ x` in the active bases."""

@@ -219,11 +219,17 @@ def standing_state(verdict: StabilityVerdict) -> ContactState | None:
     if not verdict.cone.stands or forces is None:
         return None
     states = verdict.state.states.select([verdict.state.index])
-    values = {"contact_forces": forces, "contact_accelerations": 0.0, "solved": True, "status_codes": SOLVED}
-    values |= {"subsets": -1, "basic": np.nan, "pivots": 0, "attempts": -1}
-    balance = states.wrenches[0] + support.wrench_matrix @ forces.ravel()
-    values["residual"] = np.max(np.abs(balance)) / np.max(np.abs(states.wrenches[0]), initial=1e-300)
-    return on_springs(states.changed(np.array([0]), values))[0]
+    return on_springs(states.changed(np.array([0]), standing_values(support, states.wrenches[0], forces)))[0]
+
+
+def standing_values(support: Support, wrench: np.ndarray, forces: np.ndarray) -> dict[str, Any]:
+    """What changes in a state that stands with these forces (n, d); no basis belongs to it."""
+    balance = wrench + support.wrench_matrix @ forces.ravel()
+    return {
+        "contact_forces": forces, "contact_accelerations": 0.0, "solved": True, "status_codes": SOLVED,
+        "subsets": -1, "basic": np.nan, "pivots": 0, "attempts": -1,
+        "residual": np.max(np.abs(balance)) / np.max(np.abs(wrench), initial=1e-300),
+    }  # fmt: skip
 
 
 def _motion_on_cones(

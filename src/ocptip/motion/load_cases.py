@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ocptip.basics.errors import finite_array
-from ocptip.contact.solver import solve_many
+from ocptip.contact.resting import solve_resting
 from ocptip.robots.dynamics import evaluate_dynamics
 from ocptip.robots.kinematics import gripper_batch
 from ocptip.standing.arm import StandingRobot
@@ -161,7 +161,7 @@ def _case(
     gravities = tilted(gravity, downhill, np.full(len(downhill), tilt))
     pairs = list(product(range(len(downhill)), range(len(towards))))
     wrenches = np.vstack([loads.wrenches(gravities[i], payload, push * towards[k]) for i, k in pairs])
-    states = solve_many(robot.support, wrenches)
+    states = solve_resting(robot.support, wrenches)
     GN = robot.tip_over.evaluate(states).GN
     GT = robot.slip.evaluate(states, derivatives=False).GT
     use = np.fmax(np.nan_to_num(GN, nan=np.inf), np.nan_to_num(GT, nan=np.inf))
@@ -175,7 +175,7 @@ def _case(
 
 def _stands(robot: StandingRobot, wrenches: np.ndarray) -> np.ndarray:
     """(N,) whether no contact is lost."""
-    states = solve_many(robot.support, wrenches)
+    states = solve_resting(robot.support, wrenches)
     tips = robot.tip_over.evaluate(states).GN
     return (tips < 1) & (robot.slip.evaluate(states, derivatives=False).GT < 1)
 

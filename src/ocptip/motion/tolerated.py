@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ocptip.contact.bindings.unilateral import DAMPING_RATIO, UnilateralContact
-from ocptip.contact.solver import solve_many
+from ocptip.contact.resting import solve_resting
 from ocptip.contact.support import Support
 from ocptip.motion.load_cases import RestLoads, around, everywhere, tilted
 from ocptip.numerics.bisection import bisected
@@ -198,7 +198,7 @@ class _Judge:
 
     def lost(self, wrenches: np.ndarray) -> tuple[int, str] | None:
         """Row of the first wrench under which a contact is lost, and how; None if none is."""
-        states = solve_many(self._support, wrenches)
+        states = solve_resting(self._support, wrenches)
         tip = self._tip_over.evaluate(states)
         falls = ~(tip.GN < 1)
         if falls.any():

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ocptip.contact.bindings.unilateral import UnilateralContact
-from ocptip.contact.solver import solve_many
+from ocptip.contact.resting import solve_resting
 from ocptip.contact.states import ContactStates
 from ocptip.contact.support import Support
 from ocptip.placement.limits.arm import Clearance
@@ -180,7 +180,8 @@ class Evaluator:
         shape, wrenches = cornered.shape[:3], cornered.reshape(len(nominal), -1, 6)
         if not stand.conforms:
             footing, flat = self.problem.footing, wrenches.reshape(-1, 6)
-            moments, states = self.tip_over.moments(flat)[0], solve_many(self.support, flat, warm_start=False)
+            states = solve_resting(self.support, flat, warm_start=False)
+            moments = self.tip_over.moments(flat)[0]
             GN, GT = self._solved(footing, self.fast_slip if fast else footing.slip, states)
             standing = states.persistent
         else:
@@ -254,7 +255,7 @@ class Evaluator:
         moments, results = [], []
         for own, places, frames in zip(wrenches, stood.contacts, stood.frames, strict=True):
             footing = stand.feet.at(places, frames)
-            states = solve_many(footing.support, own, warm_start=False)
+            states = solve_resting(footing.support, own, warm_start=False)
             moments.append(TipMap(footing.tip_over)(own)[0])
             results.append((*self._solved(footing, footing.slip, states), states.persistent))
         most = max((m.shape[1] for m in moments), default=0)
@@ -268,7 +269,7 @@ class Evaluator:
         """Upper bounds (N, M) of the slip reserve under wrenches (N, M, 6); rounds: see `friction_shares`."""
         if stand.conforms:
             return friction_shares(wrenches, stood.contacts, stood.frames, self.support, rounds)
-        states = solve_many(self.support, wrenches.reshape(-1, 6), warm_start=False)
+        states = solve_resting(self.support, wrenches.reshape(-1, 6), warm_start=False)
         return self.fast_slip.evaluate(states, derivatives=False).GT.reshape(wrenches.shape[:2])
 
     @cached_property
@@ -301,7 +302,7 @@ class Evaluator:
         for times in _FRICTION:
             rough = [replace(c, friction=times * c.friction) for c in contacts]
             other = Support(rough, mass=support.mass, center_of_mass=support.center_of_mass)
-            states = solve_many(other, wrench[None], warm_start=False)
+            states = solve_resting(other, wrench[None], warm_start=False)
             if states.persistent[0]:
                 return times * float(Slip(other).evaluate(states, derivatives=False).GT[0])
         return np.inf

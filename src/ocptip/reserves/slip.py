@@ -16,7 +16,7 @@ import numpy as np
 
 from ocptip.basics.errors import InputError
 from ocptip.contact.bindings.pyramid import radius_error
-from ocptip.contact.solver import solve_many
+from ocptip.contact.resting import solve_resting
 from ocptip.contact.states import ContactStates
 from ocptip.contact.support import Support
 from ocptip.reserves.force_sets import LOAD_TOLERANCE, ForceSets, force_scale
@@ -341,7 +341,7 @@ class SlipMap:
             values, slopes, bends = np.full(count, np.nan), np.zeros((count, 6)), np.zeros((count, 6, 6))
         others = np.flatnonzero(np.isnan(values))
         if len(others):
-            reserve = self._slip.evaluate(solve_many(self._slip.support, wrenches[others]), derivatives)
+            reserve = self._slip.evaluate(solve_resting(self._slip.support, wrenches[others]), derivatives)
             values[others] = known(reserve.GT)
             if derivatives:
                 slopes[others] = reserve.for_program()[1]

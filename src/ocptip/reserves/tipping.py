@@ -17,7 +17,7 @@ import clarabel
 import numpy as np
 
 from ocptip.basics.errors import InputError, SolverError, positive_number
-from ocptip.contact.solver import solve_many
+from ocptip.contact.resting import solve_resting
 from ocptip.contact.states import ContactStates
 from ocptip.contact.support import Support
 from ocptip.numerics.columns import columns_of, no_columns
@@ -342,11 +342,11 @@ class TipMap:
             slope, offset = self._affine
             return wrenches @ slope.T + offset, np.broadcast_to(slope, (len(wrenches), *slope.shape))
         if self._tip_over.on_plane:  # of a planar support: a line
-            reserve = self._tip_over.evaluate(solve_many(self._tip_over.support, wrenches))
+            reserve = self._tip_over.evaluate(solve_resting(self._tip_over.support, wrenches))
             return reserve.moments, reserve.moment_gradients
         addable, normals = self._tip_over.addable_moments, None
         if addable.needs_states:
-            normals = solve_many(self._tip_over.support, wrenches).contact_forces[:, :, 0]
+            normals = solve_resting(self._tip_over.support, wrenches).contact_forces[:, :, 0]
         return addable(wrenches, normals)
 
 

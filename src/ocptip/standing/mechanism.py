@@ -17,7 +17,8 @@ from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, finite_array, positive_number
 from ocptip.basics.made_of import MadeOf
-from ocptip.contact.solver import ContactStates, solve_many
+from ocptip.contact.resting import solve_resting
+from ocptip.contact.states import ContactStates
 from ocptip.contact.support import Support
 from ocptip.reserves.slip import Redistribution, Slip, SlipReserve
 from ocptip.reserves.tipping import TipOver, TipOverReserve
@@ -326,7 +327,7 @@ class StandingMechanism(MadeOf, ABC):
 
     def contact_states(self, wrenches: np.ndarray) -> ContactStates:
         """States of the contacts under total wrenches (N, 6) on the base."""
-        return solve_many(self.support, wrenches)
+        return solve_resting(self.support, wrenches)
 
     def with_motors(self, motors: Motors) -> Self:
         """The same mechanism with other drives."""

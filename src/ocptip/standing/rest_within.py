@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from ocptip.basics.errors import InputError
-from ocptip.contact.solver import solve_many
+from ocptip.contact.resting import solve_resting
 from ocptip.contact.support import Load, Support
 from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipMap, TipOver
@@ -268,7 +268,7 @@ class RestCase:
             offs += [self._pushed(side, self._gravity) for side in sides]
         best, found = -np.inf, offs[0]
         for _ in range(ROUNDS + 1):
-            reserve = self._slip.evaluate(solve_many(self.support, self._wrenches(offs), warm_start=False))
+            reserve = self._slip.evaluate(solve_resting(self.support, self._wrenches(offs), warm_start=False))
             GT = np.where(np.isnan(reserve.GT), np.inf, reserve.GT)
             k = int(np.argmax(GT))
             if GT[k] > best:

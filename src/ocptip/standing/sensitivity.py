@@ -18,7 +18,8 @@ import numpy as np
 
 from ocptip.basics.text import quantity
 from ocptip.contact.bindings.binding import Binding
-from ocptip.contact.solver import ContactStates, solve_many
+from ocptip.contact.resting import solve_resting
+from ocptip.contact.states import ContactStates
 from ocptip.contact.support import Load, Support
 from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipOver
@@ -105,7 +106,7 @@ class _Stand:
 
     @property
     def states(self) -> ContactStates:
-        return solve_many(self.support, self.wrenches)
+        return solve_resting(self.support, self.wrenches)
 
     def values(self) -> np.ndarray:
         """(N, 3): GN, GT and minus the least normal reserve, so that the greatest are the worst."""

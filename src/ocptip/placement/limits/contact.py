@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ocptip.contact.solver import solve_many
+from ocptip.contact.resting import solve_resting
 from ocptip.placement.limits.judged import Rows, TaskEvaluation
 from ocptip.placement.limits.layout import Curvature, Layout, Point, corner_maps
 from ocptip.placement.limits.limit import Block, Limit, RowLabel, Symbols
@@ -194,7 +194,7 @@ class Slip(Limit):
         """GT (N,) and its derivative (N, 6)."""
         if not len(wrenches):
             return np.empty(0), np.empty((0, 6))
-        reserve = footing.slip.evaluate(solve_many(footing.support, wrenches), derivatives)
+        reserve = footing.slip.evaluate(solve_resting(footing.support, wrenches), derivatives)
         return reserve.for_program() if derivatives else (known(reserve.GT), None)
 
 

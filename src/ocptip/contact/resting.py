@@ -1,0 +1,58 @@
+"""States that stand wherever forces of the contacts can hold the base (the weak verdict of `verdict`).
+
+With four and more feet, or much friction, the contact laws may have a solution that stands and one that
+moves; which of them pivoting finds depends on where it begins, so on the state before. Where a standing one
+is wanted if there is any, whether a base stands must be a function of the wrench alone.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ocptip.basics.errors import SolverError
+from ocptip.contact.bindings.unilateral import UnilateralContact
+from ocptip.contact.solver import on_springs, solve_many
+from ocptip.contact.states import ContactStates
+from ocptip.contact.support import Support
+from ocptip.contact.verdict import equilibrium, standing_values
+
+_CLEARLY = 1e-6  # relative: so much more power than forces can take up excludes a wrench without a program
+
+
+def solve_resting(support: Support, wrenches: ArrayLike, **how: Any) -> ContactStates:
+    """As `solve_many`, but a state that stands, on the true cones, wherever there is one.
+
+    Args:
+        support: the base on its contacts.
+        wrenches: (N, 6) or planar (N, 3), see `solve`.
+        how: further arguments of `solve_many`.
+    """
+    return resting(solve_many(support, wrenches, **how))
+
+
+def resting(states: ContactStates) -> ContactStates:
+    """The same states; of those that move, or are not solved, the standing ones that there are instead.
+
+    One convex program per state; fewer where a velocity at which contacts cannot take up the power of one
+    wrench, the proof that the base moves, proves the same of others.
+    """
+    support, left, stands = states.support, np.flatnonzero(~states.persistent), False
+    d, ordinary = support.dimension, all(type(c) is UnilateralContact for c in support.contacts)
+    units = np.r_[np.ones(d), np.full(support.wrench_size - d, support.length)]
+    while len(left):
+        first, left = left[:1], left[1:]
+        wrench, others = states.wrenches[first[0]], states.wrenches[left]
+        try:
+            found = equilibrium(support, wrench)
+        except SolverError:  # no verdict: it stays as it is
+            continue
+        if found.stands and found.forces is not None:
+            states, stands = states.changed(first, standing_values(support, wrench, found.forces)), True
+        elif (velocity := found.certificate) is not None:
+            taken_up = 0.0 if ordinary else velocity @ wrench  # at most, by any forces
+            size = np.max(np.abs(others / units), axis=1) * np.max(np.abs(velocity * units))
+            left = left[others @ velocity < taken_up + _CLEARLY * size]
+    return on_springs(states) if stands else states

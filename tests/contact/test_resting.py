@@ -1,0 +1,87 @@
+"""Standing states wherever there are any: a function of the wrench alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ocptip.contact.bindings.unilateral import UnilateralContact
+from ocptip.contact.resting import resting, solve_resting
+from ocptip.contact.solver import solve_many
+from ocptip.contact.support import Support
+from ocptip.contact.verdict import equilibrium, stability
+from ocptip.reserves.slip import Slip
+from ocptip.reserves.tipping import TipOver
+from studies.contact.random_supports import random_support
+
+
+def four_feet(rng: np.random.Generator) -> tuple[Support, np.ndarray]:
+    """Four feet of different friction, and 60 wrenches of a base that is pushed about."""
+    places = [(0.3, 0.25, 0), (-0.3, 0.25, 0), (-0.3, -0.25, 0), (0.3, -0.25, 0)]
+    feet = [UnilateralContact(friction=rng.uniform(0.1, 1.2), position=at, normal=(0, 0, 1)) for at in places]
+    wrenches = rng.normal(size=(60, 6)) * [60, 60, 0, 12, 12, 15] + [0, 0, -300, 0, 0, 0]
+    return Support(feet, mass=30.0, center_of_mass=(0, 0, 0.2)), wrenches
+
+
+def stands(support: Support, wrenches: np.ndarray, **how) -> np.ndarray:
+    """(N,) as checks judge it."""
+    states = solve_resting(support, wrenches, **how)
+    return (TipOver(support).evaluate(states).GN < 1) & (Slip(support).evaluate(states).GT < 1)
+
+
+@settings(max_examples=12)
+@given(st.integers(0, 10_000))
+def test_the_verdict_depends_on_the_wrench_alone(seed):
+    rng = np.random.default_rng(seed)
+    support, wrenches = four_feet(rng)
+    order = rng.permutation(len(wrenches))
+    found = stands(support, wrenches)
+    np.testing.assert_array_equal(stands(support, wrenches[order]), found[order])
+    for how in (False, "any"):
+        np.testing.assert_array_equal(stands(support, wrenches, warm_start=how), found)
+    some = order[:6]
+    np.testing.assert_array_equal([stands(support, wrenches[k : k + 1])[0] for k in some], found[some])
+    np.testing.assert_array_equal([equilibrium(support, wrenches[k]).stands for k in some], found[some])
+
+
+def test_what_pivoting_lets_slide_though_forces_hold_stands():
+    support, wrenches = four_feet(np.random.default_rng(0))
+    before, after = solve_many(support, wrenches), solve_resting(support, wrenches)
+    changed = np.flatnonzero(after.persistent & ~before.persistent)
+    assert len(changed) >= 10
+    np.testing.assert_array_equal(resting(before).persistent, after.persistent)
+    reserve = Slip(support).evaluate(after)
+    assert np.max(reserve.GT[changed]) <= 1
+    assert np.max(reserve.residual[changed]) < 1e-6
+    for k in changed[:3]:
+        assert stability(support, wrenches[k]).verdict == "weak"
+        assert np.max(np.abs(after.contact_forces[k].ravel() @ support.wrench_matrix.T + wrenches[k])) < 1e-6
+
+
+def test_derivatives_where_no_basis_belongs_to_a_state():
+    support, wrenches = four_feet(np.random.default_rng(0))
+    slip, step = Slip(support), 1e-4
+    states = solve_resting(support, wrenches)
+    k = int(np.flatnonzero(states.persistent & (states.subsets[:, 0] < 0))[0])
+    moved = wrenches[k] + step * np.vstack([np.eye(6), -np.eye(6)])
+    GT = slip.evaluate(solve_resting(support, moved)).GT
+    numeric = (GT[:6] - GT[6:]) / (2 * step)
+    assert slip.evaluate(states).gradient[k] == pytest.approx(numeric, abs=1e-5)
+    assert not states.acceleration_maps[k].any()
+
+
+@pytest.mark.parametrize("clamps", [False, True])
+def test_one_proof_for_many_wrenches_never_hides_a_standing_one(clamps):
+    rng = np.random.default_rng(3)
+    hidden = []
+    for _ in range(25):
+        support = random_support(rng, clamps=clamps)
+        weight = np.r_[support.mass * support.gravity, np.zeros(3)]
+        wrenches = weight + rng.normal(size=(12, 6)) * np.linalg.norm(weight) * 0.3
+        states = solve_resting(support, wrenches)
+        moving = np.flatnonzero(~states.persistent)
+        hidden += [equilibrium(support, wrenches[k]).margin / np.linalg.norm(weight) for k in moving]
+    assert len(hidden) > 50
+    assert max(hidden) < 1e-6
