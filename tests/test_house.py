@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -101,6 +102,18 @@ def test_only_pictures_draw():
     for name, path in MODULES.items():
         if re.search(r"^\s*(import|from) matplotlib", path.read_text(encoding="utf-8"), re.MULTILINE):
             assert name.startswith("ocptip.pictures."), name
+
+
+def test_what_judges_certificates_takes_numpy_and_itself_alone():
+    own = "ocptip.certificate.trusted"
+    for name in (name for name in MODULES if name.startswith(f"{own}.")):
+        assert all(other.startswith(own) for other in ARROWS[name]), name
+        for node in ast.walk(ast.parse(MODULES[name].read_text(encoding="utf-8"))):
+            taken = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            taken += [str(node.module)] if isinstance(node, ast.ImportFrom) else []
+            for other in taken:
+                first = other.split(".")[0]
+                assert first in {"numpy", "ocptip", *sys.stdlib_module_names}, f"{name} imports {other}"
 
 
 def test_core_prints_nothing():

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ocptip.certificate.arm import Arm, linear_rows
 from ocptip.certificate.describe import model_data
-from ocptip.certificate.forms import Form
+from ocptip.certificate.trusted.arm import Arm
+from ocptip.certificate.trusted.forms import Form, times_rows
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.kinematics import link_frames
 
@@ -103,5 +103,5 @@ def test_frames_and_loads_are_those_of_the_library():
         np.testing.assert_allclose(np.moveaxis(R.c[0], 2, 0), frames.rotations[:, k], atol=1e-12)
         np.testing.assert_allclose(p.c[0].T, frames.origins[:, k], atol=1e-12)
     point = np.array([0.1, 0.2, 0.3])
-    moved = linear_rows(arm.frames(turns)[3][0], point)
+    moved = times_rows(arm.frames(turns)[3][0], point)
     np.testing.assert_allclose(moved.c[0].T, frames.rotations[:, 2] @ point, atol=1e-12)

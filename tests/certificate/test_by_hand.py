@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from ocptip.certificate.described import Checker, Intervals
-from ocptip.certificate.forms import linear
+from ocptip.certificate.trusted.described import Checker, Intervals
+from ocptip.certificate.trusted.forms import linear
 
 BASE, MASS, G = 3.0, 2.0, 9.81
 
@@ -57,11 +57,11 @@ def test_the_moment_about_the_rear_line():
     for bound, kept in ((0.3612, True), (0.3610, False)):
         checker = Checker(_model(), {"GN": bound, "GT": 0.9, "torque_ratio": 1.0})
         wrench = checker.loads(at)[2]
-        moments = checker.axes @ wrench.c[:3, :, 0].T
+        moments = checker.contacts.axes @ wrench.c[:3, :, 0].T
         rear = np.argmin(np.abs(moments[:, 0] - 0.872886))
         np.testing.assert_allclose(moments[rear], [0.872886, 0.011772, 0.005886], atol=1e-12)
         np.testing.assert_array_less(wrench.r, 1e-10)
-        low, high = linear(checker.axes, wrench).range
+        low, high = linear(checker.contacts.axes, wrench).range
         assert low[rear, 0] == pytest.approx(0.867, abs=1e-11)
         assert high[rear, 0] == pytest.approx(0.890544, abs=1e-11)
         forces = np.zeros((2, 1, 3, 3, 1))

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ocptip.certificate.checker import check_certificate, digest
 from ocptip.certificate.describe import motion_data, states_at
 from ocptip.certificate.find import certify
+from ocptip.certificate.trusted.checker import check_certificate, digest
 from ocptip.contact.support import Support
 from ocptip.motion.check import check_motion
 from ocptip.published.tasks import experiment_task

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ocptip.certificate.forms import ORDER, Form, cos_sin, linear
+from ocptip.certificate.trusted.forms import ORDER, Form, cos_sin, linear
 
 flint = pytest.importorskip("flint")
 from tests.oracles import arm_in_balls as balls  # noqa: E402

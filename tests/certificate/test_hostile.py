@@ -7,9 +7,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from ocptip.certificate.checker import FORMAT, check_certificate, digest
-from ocptip.certificate.late import REST, Late
-from ocptip.certificate.sharing import Sharing
+from ocptip.certificate.trusted.checker import FORMAT, check_certificate, digest
+from ocptip.certificate.trusted.late import REST, Late
+from ocptip.certificate.trusted.sharing import Sharing
 from tests.certificate.test_by_hand import BASE, MASS, G
 from tests.certificate.test_by_hand import _model as model_by_hand
 

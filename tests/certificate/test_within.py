@@ -7,11 +7,11 @@ from functools import partial
 import numpy as np
 import pytest
 
-from ocptip.certificate.checker import check_certificate, digest
 from ocptip.certificate.describe import model_data, motion_data, tolerance_data, tolerance_words
 from ocptip.certificate.find import _kept
-from ocptip.certificate.late import Late
-from ocptip.certificate.sharing import Sharing
+from ocptip.certificate.trusted.checker import check_certificate, digest
+from ocptip.certificate.trusted.late import Late
+from ocptip.certificate.trusted.sharing import Sharing
 from ocptip.motion.check import certified, check_motion
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.tolerance import NONE, WORKSHOP, Tolerance

@@ -7,8 +7,8 @@ import pytest
 
 from ocptip.basics.errors import InputError
 from ocptip.certificate.describe import motion_data
-from ocptip.certificate.forms import K
-from ocptip.certificate.late import Late
+from ocptip.certificate.trusted.forms import K
+from ocptip.certificate.trusted.late import Late
 from ocptip.motion.check import check_motion
 from ocptip.motion.late_joints import jump_states, on_time
 from ocptip.motion.within_tolerance import tolerable, worst_within

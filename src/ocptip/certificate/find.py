@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.certificate.checker import FORMAT, Verdict, check_certificate, digest
 from ocptip.certificate.describe import Separations, model_data, motion_data, states_at, tolerance_data
-from ocptip.certificate.described import Checker, Intervals
 from ocptip.certificate.find_within import HIGHEST, find_within
 from ocptip.certificate.interior import Interior
+from ocptip.certificate.trusted.checker import FORMAT, Verdict, check_certificate, digest
+from ocptip.certificate.trusted.described import Checker, Intervals
 from ocptip.numerics.threads import one_thread
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.limit import Worst
@@ -287,7 +287,7 @@ class _Search:
             start.append(ends[:-1])
             end.append(ends[1:])
         todo = np.array(piece), np.concatenate(start), np.concatenate(end)
-        most = _MOST if self.checker.flat else _MOST_OFF_A_PLANE
+        most = _MOST if self.checker.contacts.flat else _MOST_OFF_A_PLANE
         left, times = most * len(piece), np.array(self.motion["times"])
         while len(todo[0]):
             batch, margins = self._judged(*todo)
@@ -359,7 +359,7 @@ class _Search:
     def _forces(self, piece: np.ndarray, u: np.ndarray) -> list[np.ndarray]:
         """(rules, contacts, 3, N) that hold the wrench, and the wrench with each couple, in two ways."""
         wrenches = self.robot.loads(*states_at(self.motion, piece, u))[1]
-        every = np.concatenate([wrenches, *(wrenches + couple for couple in self.checker.couples)])
+        every = np.concatenate([wrenches, *(wrenches + couple for couple in self.checker.contacts.couples)])
         slip = self.robot.slip.evaluate(self.robot.contact_states(every), derivatives=False)
         forces = np.nan_to_num(
             np.concatenate([slip.normal_forces[:, :, None], slip.tangential_forces], axis=2)

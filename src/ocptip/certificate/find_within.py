@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from ocptip.certificate.interior import Interior
-from ocptip.certificate.late import Rows
-from ocptip.certificate.sharing import Sharing
-from ocptip.certificate.within import Terms
+from ocptip.certificate.trusted.late import Rows
+from ocptip.certificate.trusted.sharing import Sharing
+from ocptip.certificate.trusted.within import Terms
 from ocptip.standing.arm import StandingRobot
 
 HIGHEST = 1 - 1e-6  # reserves of 1 are lost
@@ -149,10 +149,10 @@ class _Search:
             if share < HIGHEST:
                 beyond = ~(room >= 0)
         judged = _Judged(rows.interval, terms, forces, weights, np.full(len(room), np.inf), beyond, room >= 0)
-        if sharing.flat:
+        if sharing.contacts.flat:
             judged.moments = sharing.moments(terms)
             judged.holds &= judged.moments > 0
-        if not sharing.flat:
+        if not sharing.contacts.flat:
             margins = sharing.margins(terms, forces, weights)
             judged.holds &= margins["tip-over within tolerance"] >= 0
         return judged
@@ -186,7 +186,7 @@ class _Search:
         """(2, rules, contacts, 3, R) that hold the wrench of the middle weights at both ends."""
         count = terms.size.shape[1]
         wrenches = np.concatenate([terms.described(s) for s in (-1.0, 1.0)], axis=1).T  # (2 R, 6)
-        every = np.concatenate([wrenches, *(wrenches + couple for couple in self._sharing.couples)])
+        every = np.concatenate([wrenches, *(wrenches + couple for couple in self._sharing.contacts.couples)])
         slip = self._robot.slip.evaluate(self._robot.contact_states(every), derivatives=False)
         forces = np.nan_to_num(
             np.concatenate([slip.normal_forces[:, :, None], slip.tangential_forces], axis=2)
@@ -198,7 +198,7 @@ class _Search:
 
     def _weights(self, terms: Terms, forces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(contacts, 2, R): shares in proportion to what contacts bear at least; and that, (contacts, R)."""
-        contacts, count = self._sharing.contacts, terms.size.shape[1]
+        contacts, count = self._sharing.contacts.count, terms.size.shape[1]
         weights = np.ones((contacts, 2, count))
         normal = np.maximum(forces[0, 0, :, 0], forces[1, 0, :, 0])
         weights[:, 0] = np.maximum(normal, 0.02 * np.max(np.abs(normal), axis=0)) if contacts > 3 else 1.0
@@ -214,8 +214,8 @@ class _Search:
         bounds, short = dict(self._goals), self._short()
         if short:
             return Found(bounds, {}, short)
-        if self._sharing.flat:
-            unit = self._sharing.unit
+        if self._sharing.contacts.flat:
+            unit = self._sharing.contacts.unit
             least = min(float(np.min(part.moments, initial=np.inf)) for *_, part in self._parts)
             value = unit / (unit + least) if least > 0 else HIGHEST
             bounds["GN_worst_case"] = min(value * (1 + 1e-9), HIGHEST)

@@ -12,9 +12,9 @@ from typing import Any
 from ocptip.basics.errors import InputError, naming
 from ocptip.basics.toml import read_text
 from ocptip.basics.write import versions, write_text
-from ocptip.certificate.checker import Verdict, check_certificate
 from ocptip.certificate.describe import tolerance_words
 from ocptip.certificate.find import Certificate, claims
+from ocptip.certificate.trusted.checker import Verdict, check_certificate
 from ocptip.cli.check import motion_of, task_of
 from ocptip.cli.command import Report
 from ocptip.cli.cycles import require_plain, segments_of
@@ -114,7 +114,12 @@ class VerdictReport(Report):
         own = f"at every instant {claims(self.verdict.bounds)} ({self.verdict.intervals} intervals)"
         tolerance = self.verdict.tolerance
         words = "none: the world as described" if tolerance is None else tolerance_words(tolerance)
-        return f"{self.name}: HOLDS.\n" + "\n".join(named([("proof", own), ("tolerance", words)]))
+        rows = [("proof", own)]
+        if left := self.verdict.moments:
+            more = f", within the tolerance {left['GN_worst_case']:.4g} N m" if len(left) > 1 else ""
+            rows.append(("left", f"at least {left['GN']:.4g} N m about every tipping axis{more}"))
+        rows.append(("tolerance", words))
+        return f"{self.name}: HOLDS.\n" + "\n".join(named(rows))
 
 
 @dataclass

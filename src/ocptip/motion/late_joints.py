@@ -3,9 +3,9 @@
 A joint that is late by up to d is, at a time t, where it should be at a time T in [t - d, t]; d is the delay
 in the motion's own time, times 1 + speed. Where its acceleration jumps at T, it has that before, or that
 after and the share kappa of the step more, or of the sum of its last two, three, ... steps since t - d, which
-add up. `certificate.late` encloses the same for all t. Here it is looked at instants, and at events and the
-longest delay after them: there the joints between whose jumps less than the delay lies are combined in all
-ways.
+add up. `certificate.trusted.late` encloses the same for all t. Here it is looked at instants, and at events
+and the longest delay after them: there the joints between whose jumps less than the delay lies are combined
+in all ways.
 
 A state says where each joint is at the end of its stretch of times T without a jump; `room` is how long that
 stretch is. The deviation "delay" goes back within it, exactly if the acceleration is constant.

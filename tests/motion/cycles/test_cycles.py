@@ -11,8 +11,8 @@ from hypothesis import given, seed, settings
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError, PlanningError
-from ocptip.certificate.checker import check_certificate
 from ocptip.certificate.find import Undecided
+from ocptip.certificate.trusted.checker import check_certificate
 from ocptip.cli.main import main
 from ocptip.motion.check import certified, check_motion
 from ocptip.motion.cycles import plan as planning

@@ -18,9 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.certificate.arm import Arm, crossed, inertial, linear_rows, turned
-from ocptip.certificate.forms import BERNSTEIN, ORDER, Form, K, U, joined, numbers_of, stack
-from ocptip.certificate.late import Rows
+from ocptip.certificate.trusted.arm import Arm, crossed, inertial, times_rows, turned
+from ocptip.certificate.trusted.forms import BERNSTEIN, ORDER, Form, K, U, joined, numbers_of, stack
+from ocptip.certificate.trusted.late import Rows
 
 _NODES = np.linspace(-1.0, 1.0, ORDER + 1)  # Bernstein coefficients of s
 _AT_ONCE = 8000  # functionals times rows
@@ -103,7 +103,7 @@ class Within:
             R, p = frames[k]
             origin = p + -self._about[:, None]
             force, moment = (turned(R, v) for v in inertial(mass, centre, inertia, moved[k]))
-            place = (origin + linear_rows(R, centre)) * mass
+            place = (origin + times_rows(R, centre)) * mass
             return joined(place, -force, -(moment + crossed(origin, force)))
 
         e = own["arm_mass"]
@@ -137,11 +137,11 @@ class Within:
         half = np.array(self._own["payload_center"], dtype=float)
         axes = np.array(self._payload["axes"], dtype=float).T
         still = np.zeros((3, 3))
-        place = p + -self._about[:, None] + linear_rows(R, centre)
+        place = p + -self._about[:, None] + times_rows(R, centre)
         acceleration = turned(R, inertial(1.0, centre, still, moved)[0])
         rest = Form.of(np.zeros(place.r.shape)), moved[1], moved[2]  # what shifts add to it
         swings = [turned(R, inertial(1.0, axis, still, rest)[0]) for axis in axes]
-        sides = [linear_rows(R, axis) for axis in axes]
+        sides = [times_rows(R, axis) for axis in axes]
         second = np.zeros(place.r.shape)
         for i in range(3):
             for j in range(3):
@@ -159,8 +159,8 @@ class Within:
     def _terms(self, ends: np.ndarray, parts: Form, tool: int) -> Terms:
         low, high, masses = ends
         most = np.maximum(np.abs(low), np.abs(high))[:, None, None]
-        first, size = np.abs(parts.c[0]), parts.size
-        half = size - first + parts.r
+        first, size = np.abs(parts.c[0]), (parts.size + parts.r) * (1 + U)
+        half = (size - first) + U * first
         fast, off = self._paces[1], self._off
         g = np.abs(self._gravity)
 

@@ -148,6 +148,31 @@ def linear(matrix: np.ndarray, v: Form) -> Form:
     return Form(matrix @ v.c, r * (1 + terms) + TINY)
 
 
+def times_rows(R: Form, A: np.ndarray) -> Form:
+    """Forms (m, k, N) times a constant (k,) or (k, l): (m, N) or (m, l, N)."""
+    terms = U * A.shape[0]  # each rounds
+    c = np.moveaxis(np.tensordot(R.c, A, axes=(2, 0)), 2, -1)
+    r = np.moveaxis(np.tensordot(R.r + terms * R.size, np.abs(A), axes=(1, 0)), 1, -1)
+    return Form(c, r * (1 + terms) + TINY)
+
+
+def dot(a: Form, b: Form) -> Form:
+    """Sum over the first axis of a times b."""
+    terms = a * b
+    total = terms[0]
+    for k in range(1, len(terms.r)):
+        total = total + terms[k]
+    return total
+
+
+def polynomial(c: np.ndarray, u: Form) -> Form:
+    """Polynomials (..., degrees, N) at u (N,): (..., N); their coefficients may be rounded."""
+    value = Form.of(np.zeros_like(c[..., 0, :]))
+    for k in reversed(range(c.shape[-2])):
+        value = value * u + Form.of(c[..., k, :], radius=U * np.abs(c[..., k, :]))
+    return value
+
+
 def stack(*forms: Form, axis: int = 0) -> Form:
     """Forms of one shape along a new axis."""
     most = max((f.c for f in forms), key=len)
@@ -180,3 +205,8 @@ def cos_sin(q: Form) -> tuple[Form, Form]:
     both = cosine.size + sine.size + cosine.r + sine.r
     out = [cosine * c0 - sine * s0, sine * c0 + cosine * s0]
     return tuple(Form(f.c, f.r + U * both) for f in out)  # type: ignore[return-value]
+
+
+def known(values: np.ndarray) -> np.ndarray:
+    """What is not a number proves nothing."""
+    return np.where(np.isnan(values), -np.inf, values)

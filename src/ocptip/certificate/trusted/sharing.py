@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.certificate.described import Checker
-from ocptip.certificate.forms import U
-from ocptip.certificate.late import Late, Rows
-from ocptip.certificate.within import Terms, Within
+from ocptip.certificate.trusted.contacts import Contacts, patterns
+from ocptip.certificate.trusted.forms import U, known
+from ocptip.certificate.trusted.late import Late, Rows
+from ocptip.certificate.trusted.within import Terms, Within
 
 FACETS = (8, 48)  # of cones: few first, more where these are not enough
 _REGULAR = 1e-15
@@ -29,9 +29,7 @@ class Sharing:
 
     Attributes:
         late: what the joints may be doing.
-        couples: as of `Checker`.
-        contacts: number of them.
-        flat, unit: as of `Checker`.
+        contacts: with the least friction, and what is asked of them.
     """
 
     def __init__(
@@ -41,19 +39,9 @@ class Sharing:
         tolerance: Mapping[str, Any],
         bounds: Mapping[str, float],
     ) -> None:
-        less = 1 - tolerance["friction"]
-        sets = [
-            [[low, high, less * radius, less * slope] for low, high, radius, slope in pieces]
-            for pieces in model["contacts"]["sets"]
-        ]
-        own = {"GN": bounds["GN_worst_case"], "GT": bounds["GT_worst_case"]}
-        weaker = {**model, "contacts": {**model["contacts"], "sets": sets}}
-        self._base, self._share = Checker(weaker, own), own["GT"]
-        self._within = Within(model, tolerance)
+        self.contacts = Contacts(model, bounds["GN_worst_case"], 1 - tolerance["friction"])
+        self._share, self._within = bounds["GT_worst_case"], Within(model, tolerance)
         self.late = Late(motion, tolerance["delay"] * (1 + tolerance["speed"]), tolerance["overshoot"])
-        self.couples, self.contacts = self._base.couples, len(sets)
-        self.flat, self.unit = self._base.flat, self._base.unit
-        self._scale = np.array([1.0] * 3 + [1 / max(self._base.lever, 1e-9)] * 3)
 
     def terms(self, rows: Rows) -> Terms:
         """What the wrench is made of."""
@@ -70,32 +58,31 @@ class Sharing:
             weights: (contacts, 2, R) of the rule, normal and tangential. A contact without any, and without
                 force, carries none.
         """
-        found = {"contacts within tolerance": self.held(terms, forces[:, 0], weights, self._share)}
-        if self._base.flat:
-            found["tip-over within tolerance"] = (self.moments(terms) - self._base.needed) / self._base.unit
+        contacts = self.contacts
+        if contacts.flat:
+            left = (self.moments(terms) - contacts.needed) / contacts.unit
         else:
-            held = [
-                self.held(terms, forces[:, 1 + k], weights, 1.0, couple)
-                for k, couple in enumerate(self.couples)
-            ]
-            found["tip-over within tolerance"] = np.min(held, axis=0)
-        return {name: np.where(np.isnan(value), -np.inf, value) for name, value in found.items()}
+            left = np.full(terms.size.shape[1], np.inf)
+            for k, couple in enumerate(contacts.couples):
+                left = np.minimum(left, self.held(terms, forces[:, 1 + k], weights, 1.0, couple))
+        held = self.held(terms, forces[:, 0], weights, self._share)
+        return {"contacts within tolerance": known(held), "tip-over within tolerance": known(left)}
 
     def moments(self, terms: Terms) -> np.ndarray:
         """Lower bounds (R,), N m, of all moments about tipping axes, of contacts on one plane."""
         count = terms.size.shape[1]
-        axes = np.broadcast_to(self._base.axes[:, :, None], (*self._base.axes.shape, count))
-        added = np.broadcast_to(self._base.added[:, None], (2, len(axes), count))
-        least = self._within.least(terms, axes, added) - self._base.blurred @ terms.size
+        axes = np.broadcast_to(self.contacts.axes[:, :, None], (*self.contacts.axes.shape, count))
+        added = np.broadcast_to(self.contacts.added[:, None], (2, len(axes), count))
+        least = self._within.least(terms, axes, added) - self.contacts.blurred @ terms.size
         return np.min(least, axis=0, initial=np.inf)
 
     def capacities(self, terms: Terms, forces: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """(contacts, R): what friction of each contact bears at least, per weight."""
-        every = np.ones(self.contacts, dtype=bool)
-        rule = _Rule(self._base, self._scale, every, weights)
+        every = np.ones(self.contacts.count, dtype=bool)
+        rule = _Rule(self.contacts, every, weights)
         constant, error = rule.constant(forces.reshape(2, -1, terms.size.shape[1]), np.zeros(6), terms.size)
         found = []
-        for k, pieces in enumerate(self._base.sets):
+        for k, pieces in enumerate(self.contacts.sets):
             at = slice(3 * k, 3 * k + 3)
             place = rule.rule[:, at], constant[:, at], error[at]
             sides = [self._facets(terms, place, [(np.array([p[3], 0.0, 0.0]), p[2])]) for p in pieces]
@@ -123,26 +110,19 @@ class Sharing:
         facets: Sequence[int] = FACETS,
     ) -> np.ndarray:
         """The same contact by contact, (contacts, R); cones by as many facets as are needed of these."""
-        room = np.full((self.contacts, terms.size.shape[1]), np.inf)
-        loaded = np.any(forces != 0, axis=(0, 2)) | np.any(weights != 0, axis=1)
-        patterns, which = np.unique(loaded, axis=1, return_inverse=True)
-        for number, pattern in enumerate(patterns.T):
-            here = np.flatnonzero(which.reshape(-1) == number)
-            own = _Rule(self._base, self._scale, pattern, weights[pattern][..., here])
-            some = terms.some(here)
-            add = np.zeros(6) if couple is None else couple
+        room = np.full((self.contacts.count, terms.size.shape[1]), np.inf)
+        couple = np.zeros(6) if couple is None else couple
+        for pattern, here in patterns(np.any(forces != 0, axis=(0, 2)) | np.any(weights != 0, axis=1)):
+            own, some = _Rule(self.contacts, pattern, weights[pattern][..., here]), terms.some(here)
             ends = forces[:, pattern][..., here].reshape(2, -1, len(here))
-            constant, error = own.constant(ends, add, some.size)
+            constant, error = own.constant(ends, couple, some.size)
             for k, contact in enumerate(np.flatnonzero(pattern)):
-                at = slice(3 * k, 3 * k + 3)
+                at, pieces = slice(3 * k, 3 * k + 3), self.contacts.sets[contact]
                 place = own.rule[:, at], constant[:, at], error[at]
-                ways = [self._inside(some, place, piece, share, facets) for piece in self._base.sets[contact]]
+                ways = [self._inside(some, place, piece, share, facets) for piece in pieces]
                 room[contact, here] = np.max(ways, axis=0)
-            for contact in np.flatnonzero(~pattern):
-                if not any(
-                    low <= 0 <= high and radius >= 0 for low, high, radius, _ in self._base.sets[contact]
-                ):
-                    room[contact, here] = -np.inf
+            if not self.contacts.idle(pattern):
+                room[:, here] = -np.inf
         return room
 
     def _inside(
@@ -185,7 +165,7 @@ class Sharing:
         h = -np.einsum("ac,rci->air", b, rule)
         ends = np.einsum("ac,ecr->ear", b, constant) + added[:, None]
         least = self._within.least(terms, h, ends) - np.abs(b) @ error
-        return np.min(least, axis=0) / self._base.scale
+        return np.min(least, axis=0) / self.contacts.scale
 
 
 class _Rule:
@@ -195,17 +175,17 @@ class _Rule:
         rule: F, (R, 3 contacts, 6).
     """
 
-    def __init__(self, base: Checker, scale: np.ndarray, pattern: np.ndarray, weights: np.ndarray) -> None:
-        columns = np.repeat(pattern, 3)
-        self._G, self._blur = base.grasp[:, columns], base.rounded[:, columns]
-        self._correction, self._defect = base.inverse(columns)
+    def __init__(self, contacts: Contacts, pattern: np.ndarray, weights: np.ndarray) -> None:
+        columns, scale = np.repeat(pattern, 3), contacts.scaling
+        self._G = contacts.grasp[:, columns]
+        self._blur = contacts.rounded[:, columns] + U * self._G.shape[1] * np.abs(self._G)
+        self._correction, self._defect = contacts.inverse(columns)
         own = np.repeat(np.maximum(weights, 0.0), (1, 2), axis=1).reshape(-1, weights.shape[2]).T  # (R, 3 n)
         G = scale[:, None] * self._G
         A = np.einsum("ia,ra,ja->rij", G, own, G)
         A += (_REGULAR * np.trace(A, axis1=1, axis2=2) + 1e-200)[:, None, None] * np.eye(6)
         self.rule = own[:, :, None] * (G.T @ np.linalg.inv(A)) * scale
-        rounding = self._blur + U * self._G.shape[1] * np.abs(self._G)
-        self._left = np.abs(np.eye(6) - self._G @ self.rule) + rounding @ np.abs(self.rule)
+        self._left = np.abs(np.eye(6) - self._G @ self.rule) + self._blur @ np.abs(self.rule)
 
     def constant(
         self, ends: np.ndarray, couple: np.ndarray, size: np.ndarray
@@ -218,6 +198,6 @@ class _Rule:
         whole = np.abs(self._G) @ largest + np.abs(couple)[:, None] + size
         left = np.max(np.einsum("rij,jr->ir", self._left, whole), axis=0)  # of the wrench, corrected again
         error = np.abs(self._correction).sum(axis=1)[:, None] * left * (1 + self._defect)
-        blur = (self._blur + U * self._G.shape[1] * np.abs(self._G)) @ largest
-        error = error + np.einsum("rci,ir->cr", np.abs(self.rule), blur + U * np.abs(couple)[:, None])
+        rounded = self._blur @ largest + U * np.abs(couple)[:, None] + U * size  # and of row . rule . wrench
+        error = error + np.einsum("rci,ir->cr", np.abs(self.rule), rounded)
         return ends - shared, error * (1 + U) + U * largest

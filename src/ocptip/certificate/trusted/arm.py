@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.certificate.forms import TINY, Form, U, cos_sin, joined, linear, stack
+from ocptip.certificate.trusted.forms import Form, cos_sin, dot, joined, linear, stack, times_rows
 
 Turns = list[tuple[Form, tuple[Form, Form] | None]]
 
@@ -158,11 +158,11 @@ class Arm:
         count = turns[0][0].r.shape[-1]
         R = Form.of(np.broadcast_to(np.eye(3)[:, :, None], (3, 3, count)))
         p = Form.of(np.broadcast_to(self.mount[:, None], (3, count)))
-        out = [(_apply_right(R, self.mount_rotation), p)]
+        out = [(times_rows(R, self.mount_rotation), p)]
         for i, (value, turn) in enumerate(turns):
             if i:
-                p = p + linear_rows(R, self.offsets[i - 1])
-            R = _apply_right(R, self.rotations[i])
+                p = p + times_rows(R, self.offsets[i - 1])
+            R = times_rows(R, self.rotations[i])
             if turn is None:
                 p = p + R[:, 2] * value
             else:
@@ -181,8 +181,7 @@ def inertial(mass: float, centre: np.ndarray, inertia: np.ndarray, at: Motion) -
 
 def turned(R: Form, v: Form) -> Form:
     """R (3, 3, N) times v (3, N)."""
-    terms = R * v[None]
-    return terms[:, 0] + terms[:, 1] + terms[:, 2]
+    return dot(Form(np.swapaxes(R.c, 1, 2), np.swapaxes(R.r, 0, 1)), v[:, None])
 
 
 def crossed(a: Form, b: Form) -> Form:
@@ -203,16 +202,3 @@ def _plus(v: Form, xy: Form | None, z: Form) -> Form:
 
 def _columns(*vectors: Form) -> Form:
     return stack(*vectors, axis=1)
-
-
-def linear_rows(R: Form, v: np.ndarray) -> Form:
-    """R (3, 3, N) times a constant vector: (3, N)."""
-    c = np.einsum("kijn,j->kin", R.c, v)
-    r = np.einsum("ijn,j->in", R.r + U * R.size, np.abs(v))
-    return Form(c, r * (1 + U) + TINY)
-
-
-def _apply_right(R: Form, A: np.ndarray) -> Form:
-    c = np.einsum("kijn,jm->kimn", R.c, A)
-    r = np.einsum("ijn,jm->imn", R.r + U * R.size, np.abs(A))
-    return Form(c, r * (1 + U) + TINY)

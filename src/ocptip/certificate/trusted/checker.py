@@ -1,8 +1,9 @@
 """Check a certificate: at every instant of a motion the base stands and every limit is kept.
 
-A reader has to trust this module and `plain`, `forms`, `arm`, `described`, and for tolerances `late`,
-`within`, `sharing`, and nothing else: NumPy and plain data, no solver, no optimiser. What is assumed, and one
-interval worked by hand, are in docs/certificate.md.
+A reader has to trust the modules of this folder and nothing else: NumPy and plain data, no solver, no
+optimiser. For the world as described these are `checker`, `plain` (are the data of that form), `forms`
+(arithmetic), `arm` (the recursion), `contacts`, `distances` and `described`; for tolerances `late`, `within`
+and `sharing`, too. What is assumed, and one interval worked by hand, are in docs/certificate.md.
 
 A certificate is plain data:
 
@@ -24,13 +25,13 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from ocptip.certificate.described import Checker, Intervals
-from ocptip.certificate.plain import (
+from ocptip.certificate.trusted.described import Checker, Intervals
+from ocptip.certificate.trusted.plain import (
     LARGEST,
     MalformedError,
     numbers,
@@ -40,11 +41,12 @@ from ocptip.certificate.plain import (
     require_motion,
     require_tolerance,
 )
-from ocptip.certificate.sharing import Sharing
+from ocptip.certificate.trusted.sharing import Sharing
 
 FORMAT = "ocptip certificate 2"
 CLAIMS = ("GN", "GT", "torque_ratio", "clearance")
 CLAIMS_WITHIN = ("GN_worst_case", "GT_worst_case")
+_TIPPING = ("GN", "GN_worst_case")
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,8 @@ class Verdict:
         problems: why not, one sentence each.
         bounds: claimed: greatest GN, GT and torque_ratio, least clearance, m; within a tolerance greatest
             GN_worst_case and GT_worst_case.
+        moments: N m: what is proved to be left about every tipping axis, by the same names. GN is a share of
+            a reference moment that the certificate may choose; this is not.
         intervals: number of them, and of rows within a tolerance.
         tolerance: how far the world may be off, SI units; None: not at all.
     """
@@ -65,18 +69,23 @@ class Verdict:
     bounds: Mapping[str, float]
     intervals: int
     tolerance: Mapping[str, Any] | None = None
+    moments: Mapping[str, float] = field(default_factory=dict)
 
 
 def check_certificate(data: Mapping[str, Any]) -> Verdict:
     """Judge a certificate, from its data alone."""
     try:
-        problems, intervals = _problems(data)
+        with np.errstate(all="ignore"):  # what is not a number is not proved
+            problems, intervals = _problems(data)
         bounds, tolerance = dict(data["bounds"]), data["tolerance"]
+        unit = data["model"]["base"]["reference_moment"]
     except MalformedError as error:
         return Verdict(False, (str(error),), {}, 0)
     except (LookupError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError) as error:
         return Verdict(False, (f"not readable: {type(error).__name__}: {error}",), {}, 0)
-    return Verdict(not problems, tuple(problems), bounds, intervals, tolerance)
+    tips = {} if problems or unit is None else {key: bounds[key] for key in _TIPPING if key in bounds}
+    moments = {key: unit * (1 / bound - 1) for key, bound in tips.items()}
+    return Verdict(not problems, tuple(problems), bounds, intervals, tolerance, moments)
 
 
 def digest(data: Any) -> str:
@@ -132,7 +141,7 @@ def _problems_as_described(data: Mapping[str, Any]) -> tuple[list[str], int]:
     """Of the claims about the world as described."""
     motion, model, found = data["motion"], data["model"], []
     checker = Checker(model, data["bounds"])
-    shape = (2, 1 + len(checker.couples), len(checker.sets), 3)
+    shape = (2, 1 + len(checker.contacts.couples), checker.contacts.count, 3)
     piece, start, end, forces, given = [], [], [], [], {}
     for number, part in enumerate(data["cover"]):
         require_cover(part, number + 1, shape, len(model["pairs"]))
@@ -165,8 +174,8 @@ def _problems_within(data: Mapping[str, Any]) -> tuple[list[str], int]:
     sharing = Sharing(data["model"], data["motion"], data["tolerance"], data["bounds"])
     ends = require_ends(cover["ends"], sharing.late.start, sharing.late.end)
     rows = sharing.late.rows(ends[:-1], ends[1:])
-    count, contacts = len(rows.interval), sharing.contacts
-    shape = (count, 2, 1 + len(sharing.couples), contacts, 3)
+    count, contacts = len(rows.interval), sharing.contacts.count
+    shape = (count, 2, 1 + len(sharing.contacts.couples), contacts, 3)
     forces = np.moveaxis(numbers("forces within tolerance", cover["forces"], shape), 0, -1)
     weights = np.moveaxis(numbers("weights", cover["weights"], (count, contacts, 2), 0.0), 0, -1)
     found = []

@@ -15,12 +15,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product
-from math import comb
+from math import comb, prod
 from typing import Any
 
 import numpy as np
 
-from ocptip.certificate.forms import Form, K, U, length
+from ocptip.certificate.trusted.forms import Form, K, U, length, polynomial
 
 SLACK = (
     1e-9  # s: delays are looked at a little further than declared, so that rounded times count for nothing
@@ -155,7 +155,7 @@ class Late:
         boxes: list[list[int]] = []
         for own in choices:
             for joint in reversed(range(joints)):
-                if np.prod([len(ways) for ways in own]) <= MOST:
+                if prod(len(ways) for ways in own) <= MOST:
                     break
                 if len(own[joint]) > 1:
                     boxes.append(own[joint])
@@ -184,10 +184,7 @@ class Late:
         u = Form(c, U * size)
         own, found = self._c[piece, joints], []
         for order in range(3):
-            value = Form.of(np.zeros(len(piece)))
-            for k in reversed(range(own.shape[1])):
-                value = value * u + Form.of(own[:, k], radius=U * np.abs(own[:, k]))
-            value = value * rate**order
+            value = polynomial(own.T, u) * rate**order
             loose = np.array([b.loose[order] for b in branches])
             found.append(Form(value.c, (value.r + loose) * (1 + U)))
             own = own[:, 1:] * np.arange(1, own.shape[1])

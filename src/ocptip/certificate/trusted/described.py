@@ -1,0 +1,116 @@
+"""What is claimed of a motion in the world as described: contacts, limits and distances over intervals."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from ocptip.certificate.trusted.arm import Arm, Turns
+from ocptip.certificate.trusted.contacts import Contacts
+from ocptip.certificate.trusted.distances import Directions, distances
+from ocptip.certificate.trusted.forms import Form, U, known, polynomial
+
+RELATIVE = 1e-5  # of themselves: by so much may speeds and accelerations exceed their limits: rounded times
+ANGLE = 1e-7  # rad or m, likewise
+
+
+class Intervals:
+    """Coordinates, speeds and accelerations of a motion over intervals, forms (n, N).
+
+    Args:
+        motion: of a certificate.
+        piece: (N,) of which piece.
+        start, end: (N,) ends of the intervals in u.
+    """
+
+    def __init__(
+        self, motion: Mapping[str, Any], piece: np.ndarray, start: np.ndarray, end: np.ndarray
+    ) -> None:
+        times = np.array(motion["times"], dtype=float)[piece]
+        c = np.moveaxis(np.array(motion["angles"], dtype=float)[piece], 0, 2)  # (n, degrees, N)
+        middle = 0.5 * (start + end)
+        u = Form.of(middle, 0.5 * (end - start) * (1 + U) + U)  # a little further than both ends
+        half_time = 0.5 * (times[:, 1] - times[:, 0])
+        rate = np.where(half_time > 0, 1 / np.where(half_time > 0, half_time, 1.0), 0.0)
+        values = []
+        for order in range(3):
+            values.append(polynomial(c, u) * rate**order)
+            c = c[:, 1:] * np.arange(1, c.shape[1])[:, None]
+        self.q, self.qd, self.qdd = values
+        self.times = 0.5 * (times[:, 0] + times[:, 1]) + middle * half_time
+
+
+class Checker:
+    """What is claimed of a motion, interval by interval.
+
+    Args:
+        model, bounds: of a certificate.
+
+    Attributes:
+        contacts: with what is asked of them.
+    """
+
+    def __init__(self, model: Mapping[str, Any], bounds: Mapping[str, float]) -> None:
+        self.bounds, base = bounds, model["base"]
+        gravity, about = (np.array(base[key], dtype=float) for key in ("gravity", "center_of_mass"))
+        self.contacts = Contacts(model, bounds["GN"])
+        self.weight = np.concatenate([base["mass"] * gravity, np.zeros(3)])
+        self.arm = Arm(model["arm"], gravity, about)
+        self.bodies, self.pairs = model["bodies"], np.array(model["pairs"], dtype=int).reshape(-1, 2)
+        self._limits = {
+            key: np.array([none if x is None else x for x in model["limits"][key]], dtype=float)
+            for key, none in (("angle_min", -np.inf), *((key, np.inf) for key in _UPPER))
+        }
+
+    def loads(self, at: Intervals) -> tuple[Turns, Form, Form]:
+        """Cosines and sines, torques (n, N) and the wrench (6, N) that the contacts have to hold."""
+        turns = self.arm.turns(at.q)
+        torques, wrench = self.arm.loads(turns, at.qd, at.qdd)
+        return turns, torques, wrench + self.weight[:, None]
+
+    @np.errstate(invalid="ignore", over="ignore", divide="ignore")
+    def margins(
+        self, at: Intervals, loads: tuple[Turns, Form, Form], forces: np.ndarray, directions: Directions
+    ) -> dict[str, np.ndarray]:
+        """By how much each claim is kept, (N,) each: proved where >= 0; -inf where nothing is known.
+
+        Args:
+            at: N intervals.
+            loads: of them.
+            forces: (2, 1 + couples, contacts, 3, N) at their ends, see `Contacts.held`.
+            directions: see `distances`.
+        """
+        limits, bounds = self._limits, self.bounds
+        turns, torques, wrench = loads
+        found = self.contact_margins(wrench, forces)
+        found["torque"] = 1 - _share(torques, bounds["torque_ratio"] * limits["torque"])
+        found["speed"] = 1 + RELATIVE - _share(at.qd, limits["speed"])
+        found["acceleration"] = 1 + RELATIVE - _share(at.qdd, limits["acceleration"])
+        low, high = at.q.range
+        room = np.minimum(low - limits["angle_min"][:, None], limits["angle_max"][:, None] - high)
+        found["angle"] = np.min(room, axis=0) + ANGLE
+        if len(self.pairs):
+            frames, asked = self.arm.frames(turns), bounds["clearance"]
+            gaps = distances(frames, self.bodies, self.pairs, asked, directions)
+            found["clearance"] = np.min(gaps, axis=0) - asked
+        return {name: known(value) for name, value in found.items()}
+
+    @np.errstate(invalid="ignore", over="ignore")
+    def contact_margins(self, wrench: Form, forces: np.ndarray) -> dict[str, np.ndarray]:
+        """Those of `margins` that are about the contacts; wrench (6, N) on the base."""
+        held = self.contacts.held(wrench, forces[:, 0], self.bounds["GT"])
+        return {
+            "contacts": known(held),
+            "tip-over": known(self.contacts.upright(wrench, forces[:, 1:])),
+        }
+
+
+_UPPER = ("angle_max", "speed", "acceleration", "torque")
+
+
+def _share(values: Form, limits: np.ndarray) -> np.ndarray:
+    """Greatest share of limits (n,) that values (n, N) use."""
+    low, high = values.range
+    return np.max(np.maximum(high, -low) / limits[:, None], axis=0) * (1 + U)
