@@ -9,8 +9,10 @@ from ocptip.contact.bindings.clamps import ForceConstantHalfRigidClamp
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.solver import solve_many
 from ocptip.contact.support import Support
+from ocptip.contact.verdict import stability
 from ocptip.reserves.slip import Slip
-from ocptip.reserves.wrench_cone import TOLERANCE
+from ocptip.reserves.tipping import TipMap, TipOver
+from ocptip.reserves.wrench_cone import TOLERANCE, ConeMap
 
 SHARE = 0.8
 
@@ -53,3 +55,42 @@ def test_none_where_the_set_is_no_cone():
     assert Slip(Support([*ordinary, clamp], mass=10.0)).half_spaces(SHARE) is None
     assert Slip(feet(4), "tangential").half_spaces(SHARE) is None
     assert Slip(Support(ordinary, mass=10.0)).half_spaces(SHARE) is None
+
+
+def test_the_smooth_map_keeps_the_cone_and_its_derivatives_are_finite_differences():
+    slip, unit = Slip(feet(4)), 200.0
+    rng = np.random.default_rng(5)
+    wrenches = rng.normal(size=(200, 6)) * [120, 120, 50, 30, 30, 40] + slip.support.weight
+    rows = slip.half_spaces(SHARE)
+    smooth = ConeMap(rows, unit)
+    values, slopes, bends = smooth(wrenches)
+    greatest = 1 + np.max(wrenches @ rows.T, axis=1) / unit
+    assert np.all(values >= greatest)
+    assert np.all(values <= greatest + 0.01)
+    assert 20 < np.sum(values <= 1) < 180
+    h = 1e-3  # N, N m; the maximum is soft over 0.2 N
+    for k in range(6):
+        side = h * np.eye(6)[k]
+        (up, more, _), (down, less, _) = smooth(wrenches + side), smooth(wrenches - side)
+        np.testing.assert_allclose(slopes[:, k], (up - down) / (2 * h), atol=1e-4 * np.abs(slopes).max())
+        np.testing.assert_allclose(bends[:, k], (more - less) / (2 * h), atol=1e-3 * np.abs(bends).max())
+
+
+@pytest.mark.parametrize("count", [3, 4])
+def test_programs_stop_where_contacts_hold_for_sure(count):
+    """Pyramids of 12 facets let go at 96 % of a round cone; normal forces of four feet are redistributed."""
+    support = feet(count, friction=0.2)
+    slip = Slip(support)
+    smooth, most = slip.within(0.999)
+    rng = np.random.default_rng(count)
+    wrenches = rng.normal(size=(2000, 6)) * [50, 50, 50, 10, 10, 15] + support.weight
+    wrenches = wrenches[np.min(TipMap(TipOver(support))(wrenches)[0], axis=1) > 0]
+    values = smooth(wrenches)[0]
+    near = wrenches[(values <= most) & (values > 0.9 * most)]
+    assert len(near) > 20
+    states = solve_many(support, near)
+    assert np.all(states.solved)
+    sliding = ~states.persistent  # of several solutions the solver's may be one that slides
+    assert not (count == 3 and sliding.any())
+    assert all(stability(support, wrench).verdict != "none" for wrench in near[sliding][:10])
+    assert np.max(slip.evaluate(states, derivatives=False).GT[~sliding]) <= slip.sure * (1 + 1e-7)

@@ -24,7 +24,7 @@ from ocptip.reserves.fractional import NEGLIGIBLE_LIMIT, minimise_fraction
 from ocptip.reserves.minimax import GAP_TOLERANCE, ZERO_USAGE, forces_of, lengths, minimise_usage
 from ocptip.reserves.optimality import ForceRange
 from ocptip.reserves.planar import usage_map
-from ocptip.reserves.wrench_cone import wrench_half_spaces
+from ocptip.reserves.wrench_cone import ConeMap, wrench_half_spaces
 
 Redistribution = Literal["tangential", "full"]
 
@@ -150,6 +150,25 @@ class Slip:
         if not self._sets.ordinary or not (unique or self.redistribution == "full"):
             return None
         return wrench_half_spaces(self.support, GT * self._sets.friction)
+
+    @property
+    def sure(self) -> float:
+        """GT up to which contacts hold for sure; as pyramids they may let go before round cones do."""
+        own = self.support.contacts if self._sets.ordinary else ()
+        return min((1 - radius_error(contact.facets) for contact in own), default=1.0)
+
+    def within(self, GT: float) -> tuple[ConeMap | SlipMap, float]:
+        """A smooth function of the wrench for programs, and a bound of it below which GT is at most this.
+
+        Of contacts whose normal forces are redistributed it is how near the cone of `half_spaces` is.
+        """
+        most = min(GT, self.sure)
+        rows = self.half_spaces(most) if self.redistribution == "full" else None
+        if rows is None:
+            own = self.map(most)
+            return own, most if own.smooth else GT
+        weight = self.support.mass * float(np.linalg.norm(self.support.gravity))
+        return ConeMap(rows, max(float(np.mean(self._sets.friction)), 0.1) * weight), 1.0
 
     def map(self, up_to: float) -> SlipMap:
         """GT as a smooth function of the wrench, as far as it is at most `up_to`."""
@@ -320,15 +339,18 @@ class SlipMap:
         if slip.redistribution == "full" or support.elastic or not sets.ordinary or sets.frictionless.any():
             return
         picked, _, J = slip._basis(np.ones(support.n_contacts, dtype=bool), False)
-        if J is None or len(picked) < support.n_contacts:
-            return
-        if up_to > min(1 - radius_error(contact.facets) for contact in support.contacts):
+        if J is None or len(picked) < support.n_contacts or up_to > slip.sure:
             return
         forces = -np.linalg.pinv(support.wrench_matrix).reshape(support.n_contacts, 3, 6)
         if np.max(np.abs(support.wrench_matrix @ forces.reshape(-1, 6) + np.eye(6))) > _RANK_TOLERANCE:
             return
         loads = np.einsum("ikr,ikw->rw", J, forces[:, 1:])
         self._smooth = loads, sets.friction[:, None] * forces[:, 0], J
+
+    @property
+    def smooth(self) -> bool:
+        """Whether there are three such feet."""
+        return self._smooth is not None
 
     def __call__(
         self, wrenches: np.ndarray, derivatives: bool = True

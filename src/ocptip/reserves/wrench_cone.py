@@ -16,6 +16,7 @@ SIDES = 16
 TOLERANCE = 1 - np.cos(np.pi / SIDES)
 """Share of the friction that is lost at most: 1.9 %."""
 
+_SOFT = 1e-3  # softness of the maximum, of its unit
 _SLANTED = 1e-3  # least cosine of a pyramid's edge against the mean normal
 _ROUNDING = 1e-9
 
@@ -52,3 +53,31 @@ def wrench_half_spaces(support: Support, friction: np.ndarray, sides: int = SIDE
     rows = np.unique(np.round(rows / _ROUNDING) * _ROUNDING, axis=0)
     rows = rows[np.max(edges @ rows.T, axis=0) <= 10 * _ROUNDING * np.max(np.abs(edges))]
     return -rows * scaling
+
+
+class ConeMap:
+    """How near a wrench is to the facets of a cone of such half spaces, as a smooth function for programs.
+
+    The value is about 0 for no force across and 1 on the cone: 1 + M / unit, with M the smooth maximum
+    T log(sum exp(a . w / T)) of all a . w, which is never below their maximum.
+
+    Args:
+        half_spaces: rows a (m, 6).
+        unit: N.
+    """
+
+    def __init__(self, half_spaces: np.ndarray, unit: float) -> None:
+        self._rows, self._unit, self._softness = half_spaces, unit, _SOFT * unit
+        self._squares = np.einsum("mi,mj->mij", half_spaces, half_spaces).reshape(-1, 36)
+
+    def __call__(self, wrenches: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Values (N,), slopes (N, 6) and second derivatives (N, 6, 6) at wrenches (N, 6)."""
+        above = wrenches @ self._rows.T / self._softness
+        top = np.max(above, axis=1)
+        shares = np.exp(above - top[:, None])
+        total = np.sum(shares, axis=1)
+        shares /= total[:, None]
+        slopes = shares @ self._rows
+        bends = (shares @ self._squares).reshape(-1, 6, 6) - slopes[:, :, None] * slopes[:, None]
+        values = 1 + self._softness * (top + np.log(total)) / self._unit
+        return values, slopes / self._unit, bends / (self._softness * self._unit)

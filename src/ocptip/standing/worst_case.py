@@ -18,7 +18,9 @@ import numpy as np
 
 from ocptip.basics.errors import InputError
 from ocptip.contact.support import Support
+from ocptip.reserves.slip import SlipMap
 from ocptip.reserves.tipping import TipMap
+from ocptip.reserves.wrench_cone import ConeMap
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.deviations import Deviations, deviations_of
 from ocptip.standing.mechanism import StandingMechanism
@@ -35,14 +37,16 @@ class Worst:
         values: (N,) moment, N m, or GT.
         theta: (N, size) deviations there.
         slopes: (N, 6) of the value over the wrench there.
+        bends: (N, 6, 6) second derivatives; None where there are none, or nobody asked.
     """
 
     values: np.ndarray
     theta: np.ndarray
     slopes: np.ndarray
+    bends: np.ndarray | None = None
 
     def worse(self, other: Worst, sign: float) -> Worst:
-        """State by state the one with the larger sign * value."""
+        """State by state the one with the larger sign * value; without second derivatives."""
         better = sign * other.values > sign * self.values
         return Worst(
             np.where(better, other.values, self.values),
@@ -75,6 +79,7 @@ class WorstCase:
         self.robot = _weakest(robot, tolerance)
         self.reference = robot.tip_over.reference_moment or 0.0
         self._map = TipMap(self.robot.tip_over)
+        self._slip_map: ConeMap | SlipMap | None = None
         self.axes = self._map.count
 
     def within(self, tolerance: Tolerance) -> WorstCase:
@@ -85,6 +90,12 @@ class WorstCase:
             other.robot = _weakest(self.deviations.robot, tolerance)
             other._map = TipMap(other.robot.tip_over)
         return other
+
+    def smooth(self, GT: float) -> tuple[WorstCase, float]:
+        """The same with a slip reserve as programs want it, and a bound of that which keeps GT at most so."""
+        other = copy(self)
+        other._slip_map, most = self.robot.slip.within(GT)
+        return other, most
 
     def moments(
         self,
@@ -183,6 +194,9 @@ class WorstCase:
         return found, np.einsum("nw,nwt->nt", found.slopes, over)
 
     def _slip_under(self, wrenches: np.ndarray, theta: np.ndarray) -> Worst:
+        if self._slip_map is not None:
+            values, slopes, bends = self._slip_map(wrenches)
+            return Worst(values, theta, slopes, bends)
         reserve = self.robot.slip.evaluate(self.robot.contact_states(wrenches))
         values, slopes = reserve.for_program()
         return Worst(values, theta, slopes)

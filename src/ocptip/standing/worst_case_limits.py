@@ -18,6 +18,7 @@ from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerable import AT_REST, why_not
 from ocptip.standing.tolerance import Tolerance
+from ocptip.standing.worst_case import Worst as Found
 from ocptip.standing.worst_case import WorstCase, worst_case_of
 
 ROOM = 0.5  # share of M0 within which, at a use of zero, rows of moments would take part
@@ -32,7 +33,7 @@ class WorstRows(Rows):
 
     Attributes:
         theta: (rows, size).
-        weights: (rows, 6).
+        weights: (rows, 6), slopes over the wrench.
     """
 
     theta: np.ndarray = field(default_factory=lambda: np.empty(0))
@@ -89,17 +90,27 @@ class WorstCaseLimit(StateLimit, AskedLimit):
         """(N, width, size)."""
         raise NotImplementedError
 
-    def _rows(self, at: NodeSlopes, nodes: np.ndarray, places: np.ndarray, found: tuple) -> WorstRows:
-        values, theta, weights = found
-        weights = weights / self.unit
-        slopes = self.cases.deviations.state_slopes(at.s[nodes], theta, weights)[0]
-        return WorstRows(at, nodes, places, values / self.unit, slopes, theta, weights)
+    def _rows(self, at: NodeSlopes, nodes: np.ndarray, places: np.ndarray, found: Found) -> WorstRows:
+        weights = found.slopes / self.unit
+        slopes = self.cases.deviations.state_slopes(at.s[nodes], found.theta, weights)[0]
+        bends = np.empty(0) if found.bends is None else found.bends / self.unit
+        return WorstRows(
+            *(at, nodes, places, found.values / self.unit, slopes, found.theta, weights), bends=bends
+        )
 
     def curvature(self, rows: Rows, on: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         assert isinstance(rows, WorstRows)
         some = np.flatnonzero(np.abs(on) > NEGLIGIBLE)
         at, weights = rows.at.s[rows.nodes[some]], on[some, None] * rows.weights[some]
-        return some, self.cases.deviations.state_curvature(at, rows.theta[some], weights)[0]
+        deviations, theta = self.cases.deviations, rows.theta[some]
+        found = deviations.state_curvature(at, theta, weights)[0]
+        if rows.bends.size:
+            every = np.tile(np.eye(6), (len(some), 1))
+            slopes = deviations.state_slopes(np.repeat(at, 6, axis=0), np.repeat(theta, 6, axis=0), every)[0]
+            slopes = slopes.reshape(len(some), 6, at.shape[1])
+            bent = np.matmul(on[some, None, None] * rows.bends[some], slopes)
+            found = found + np.matmul(slopes.transpose(0, 2, 1), bent)
+        return some, found
 
 
 class WorstTipOverLimit(WorstCaseLimit):
@@ -151,8 +162,7 @@ class WorstTipOverLimit(WorstCaseLimit):
     def rows(self, at: NodeSlopes, mask: np.ndarray) -> Rows:
         i, k = np.nonzero(mask)
         theta = None if self._theta is None else self._theta[i, k]
-        found = self.cases.moments(at.s[i], k, theta)
-        return self._rows(at, i, k, (found.values, found.theta, found.slopes))
+        return self._rows(at, i, k, self.cases.moments(at.s[i], k, theta))
 
 
 class WorstSlipLimit(WorstCaseLimit):
@@ -161,8 +171,12 @@ class WorstSlipLimit(WorstCaseLimit):
     name, quantity, setting = "slip within tolerance", "GT_worst_case", "GT_worst_case"
     width = 1
 
+    def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
+        super().__init__(robot, asked, joints)
+        self._smooth, self._most = self.cases.smooth(self.number)
+
     def kept(self, at: Instants) -> bool:
-        return bool(np.all(self.cases.slip(at.s).values <= self.number))
+        return bool(np.all(self._smooth.slip(at.s).values <= self._most))
 
     def refusals(self, at: Instants) -> list[str]:
         found = self.cases.slip(at.s, starts=9)
@@ -175,18 +189,18 @@ class WorstSlipLimit(WorstCaseLimit):
         return [self._refusal("slip GT", float(found.values[0]), at, found.theta[0], kept)]
 
     def uses(self, at: Instants) -> np.ndarray:
-        return self.cases.estimated_slip(at.s)[:, None] / self.number
+        return self._smooth.estimated_slip(at.s)[:, None] / self._most
 
     def _worst_theta(self, at: Instants) -> np.ndarray:
-        return self.cases.slip(at.s).theta[:, None]
+        return self._smooth.slip(at.s).theta[:, None]
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        return np.array([-np.inf]), np.array([self.number])
+        return np.array([-np.inf]), np.array([self._most])
 
     def rows(self, at: NodeSlopes, mask: np.ndarray) -> Rows:
         i, k = np.nonzero(mask)
-        found = self.cases.slip(at.s[i], theta=None if self._theta is None else self._theta[i, k])
-        return self._rows(at, i, k, (found.values, found.theta, found.slopes))
+        theta = None if self._theta is None else self._theta[i, k]
+        return self._rows(at, i, k, self._smooth.slip(at.s[i], theta=theta))
 
 
 def as_described(robot: StandingMechanism, asked: MotionLimits, rest: np.ndarray) -> MotionLimits:
