@@ -5,15 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import casadi as cs
 import numpy as np
 
 from ocptip.contact.support import Support
+from ocptip.numerics.tape import instruction_name
 from ocptip.robots.collision.gaps import Collisions
 from ocptip.robots.collision.model import ShapeCollisions
 from ocptip.robots.collision.shapes import HalfSpace, Shape
 from ocptip.robots.geometry import CollisionModel, Floor, sphere_centres
 from ocptip.robots.kinematics import link_frames
 from ocptip.standing.arm import StandingRobot
+from ocptip.standing.platform import StandingParallelRobot
 from ocptip.standing.tolerance import Tolerance
 from ocptip.trajectories.arm_motion import INSIDE
 from ocptip.trajectories.sampled import Motion
@@ -69,22 +72,15 @@ def states_at(motion: dict[str, Any], piece: np.ndarray, u: np.ndarray) -> tuple
     return tuple(values)
 
 
-def model_data(robot: StandingRobot) -> dict[str, Any]:
-    """Arm, base, contacts, what may collide, limits; SI units, base axes."""
-    arm, support = robot.arm, robot.support
-    bodies, pairs = _bodies(robot)
-    coupling, held = arm.coupling, None
-    if (payload := robot.payload) is not None:
-        mass, center, inertia = payload.seen_from(arm.tool_rotation, arm.offsets[-1])
-        parts = {"center": center, "inertia": inertia, "axes": arm.tool_rotation}
-        held = {"mass": float(mass), **{key: np.asarray(part).tolist() for key, part in parts.items()}}
+def model_data(robot: StandingRobot | StandingParallelRobot) -> dict[str, Any]:
+    """Arm or program, base, contacts, what may collide, limits; SI units, base axes."""
+    support = robot.support
+    if isinstance(robot, StandingRobot):
+        own, (bodies, pairs) = _arm_data(robot), _bodies(robot)
+    else:
+        own, bodies, pairs = {"arm": None, "program": _program_data(robot), "payload": None}, [], []
     return {
-        "arm": {
-            **{key: np.asarray(getattr(arm, key), dtype=float).tolist() for key in _ARM.split()},
-            "ratios": (np.eye(arm.n) if coupling is None else coupling.matrix).tolist(),
-            "shift": (np.zeros(arm.n) if coupling is None else coupling.offsets).tolist(),
-        },
-        "payload": held,  # a part of the last link
+        **own,
         "base": {
             "mass": float(support.mass),
             "center_of_mass": support.center_of_mass.tolist(),
@@ -106,6 +102,52 @@ def model_data(robot: StandingRobot) -> dict[str, Any]:
         "bodies": bodies,
         "pairs": pairs,
     }
+
+
+def _arm_data(robot: StandingRobot) -> dict[str, Any]:
+    arm = robot.arm
+    coupling, held = arm.coupling, None
+    if (payload := robot.payload) is not None:
+        mass, center, inertia = payload.seen_from(arm.tool_rotation, arm.offsets[-1])
+        parts = {"center": center, "inertia": inertia, "axes": arm.tool_rotation}
+        held = {"mass": float(mass), **{key: np.asarray(part).tolist() for key, part in parts.items()}}
+    data = {
+        **{key: np.asarray(getattr(arm, key), dtype=float).tolist() for key in _ARM.split()},
+        "ratios": (np.eye(arm.n) if coupling is None else coupling.matrix).tolist(),
+        "shift": (np.zeros(arm.n) if coupling is None else coupling.offsets).tolist(),
+    }
+    return {"arm": data, "payload": held}  # the payload is a part of the last link
+
+
+def _program_data(robot: StandingParallelRobot) -> dict[str, Any]:
+    """Motor forces, the wrench without the base's weight and further quantities, as instructions.
+
+    CasADi's say in which places they find what they take; here they say the numbers of results.
+    """
+    state = [cs.SX.sym(name, robot.n) for name in ("q", "qd", "qdd")]
+    forces, wrench = robot.load_expressions(*state)
+    further = robot.further_expressions(*state[:2])
+    outputs = [forces, wrench - cs.DM(robot.support.weight), further]
+    function = cs.Function("program", [cs.vertcat(*state)], [cs.densify(cs.vertcat(*cs.cse(outputs)))])
+    code: list[list[Any]] = []
+    at, results = {}, [0] * function.numel_out(0)
+    for k in range(function.n_instructions()):
+        name = instruction_name(function.instruction_id(k))
+        taken, given = function.instruction_input(k), function.instruction_output(k)
+        if name == "OUTPUT":
+            results[given[1]] = at[taken[0]]
+            continue
+        if name == "CONST":
+            row = [float(function.instruction_constant(k)), 0]
+        elif name == "INPUT":
+            row = [taken[1], 0]
+        else:
+            row = [at[taken[0]], at[taken[-1]]]
+        at[given[0]] = len(code)
+        code.append([name, *row])
+    limits = robot.further_limits
+    ends = {key: [_finite(x) for x in getattr(limits, key)] for key in ("lower", "upper")}
+    return {"code": code, "outputs": results, **ends}
 
 
 def tolerance_data(tolerance: Tolerance, support: Support) -> dict[str, Any]:

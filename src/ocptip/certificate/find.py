@@ -22,6 +22,7 @@ from ocptip.standing.arm import StandingRobot
 from ocptip.standing.limit import Worst
 from ocptip.standing.limits import NEARLY_LOST, MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.platform import StandingParallelRobot
 from ocptip.standing.worst_case import worst_case_of
 from ocptip.trajectories.sampled import Motion
 
@@ -189,7 +190,7 @@ def certify(
     began = time.perf_counter()
     if reason := _missing(robot, worst):
         return Certificate(None, Verdict(False, (), {}, 0), reason=reason)
-    assert isinstance(robot, StandingRobot)
+    assert isinstance(robot, StandingRobot | StandingParallelRobot)
     search = _Search(robot, motion, _bounds(limits, worst, bool(robot.collision.labels)))
     search.run()
     sampled = _sampled(robot, worst)
@@ -207,16 +208,17 @@ def certify(
     )
 
 
-def _sampled(robot: StandingRobot, worst: Mapping[str, Worst]) -> tuple[str, ...]:
+def _sampled(robot: StandingMechanism, worst: Mapping[str, Worst]) -> tuple[str, ...]:
     """Names of worst values that the proof says nothing of; on springs it is of rigid feet."""
     rigid = () if robot.support.elastic is None else ("GT",)
-    return (*rigid, *(name for name in worst if name not in _COVERED and name not in _WITHIN))
+    covered = {*_COVERED, *_WITHIN, *robot.further_limits.names}
+    return (*rigid, *(name for name in worst if name not in covered))
 
 
 def _missing(robot: StandingMechanism, worst: Mapping[str, Worst]) -> str:
     """Why no certificate can be made; empty if one can."""
-    if not isinstance(robot, StandingRobot):
-        return f"motions of a {robot.kind} cannot be certified"
+    if not isinstance(robot, StandingRobot | StandingParallelRobot):
+        return f"motions of a {robot.kind} without closed forms cannot be certified"
     if robot.tip_over.free_rotation:
         return "contacts on one line"
     lost = [name for name in ("GN", "GT") if not worst[name].value < HIGHEST]
@@ -266,11 +268,13 @@ class _Batch:
 
 
 class _Search:
-    def __init__(self, robot: StandingRobot, motion: Motion, bounds: dict[str, float]) -> None:
+    def __init__(
+        self, robot: StandingRobot | StandingParallelRobot, motion: Motion, bounds: dict[str, float]
+    ) -> None:
         self.robot, self.bounds = robot, bounds
         self.model, self.motion = model_data(robot), motion_data(motion)
         self.checker = Checker(self.model, bounds)
-        self._separations = Separations(robot, self.model)
+        self._separations = Separations(robot, self.model) if isinstance(robot, StandingRobot) else None
         self._interior = Interior(robot.support)
         self._done: list[_Batch] = []
         self._open: list[tuple[_Batch, dict[str, np.ndarray]]] = []
@@ -338,6 +342,7 @@ class _Search:
         middle = at.q.c[0].T
 
         def directions(intervals: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+            assert self._separations is not None  # who asks has bodies
             towards = self._separations(middle[intervals], pairs)
             asked = zip(intervals.tolist(), pairs.tolist(), strict=True)
             batch.directions.update(zip(asked, towards, strict=True))
@@ -351,7 +356,9 @@ class _Search:
             short & np.all(loaded[0] == loaded[1], axis=(0, 1)) & ~np.all(loaded, axis=(0, 1, 2))
         )
         if len(rows):
-            for name, margin in self.checker.contact_margins(loads[2][:, rows], ways[1][..., rows]).items():
+            for name, margin in self.checker.contact_margins(
+                loads.wrench[:, rows], ways[1][..., rows]
+            ).items():
                 margins[name][rows] = margin
             batch.forces[..., rows] = ways[1][..., rows]
         return batch, margins

@@ -34,6 +34,17 @@ LOOK, WORTH = 3, 400
 _CODES = {getattr(cs, f"OP_{op.name}"): op for op in _Op}
 
 
+def instruction_name(operation: int) -> str:
+    """What an instruction of CasADi's does, by a name of its own.
+
+    Raises:
+        NotImplementedError: it is not known here.
+    """
+    if operation not in _CODES:
+        raise NotImplementedError(f"CasADi operation {operation}")
+    return _CODES[operation].name
+
+
 class Tape:
     """The instructions of an SX function of dense arguments and results.
 

@@ -2,13 +2,14 @@
 
 A reader has to trust the modules of this folder and nothing else: NumPy and plain data, no solver, no
 optimiser. For the world as described these are `checker`, `plain` (are the data of that form), `forms`
-(arithmetic), `arm` (the recursion), `contacts`, `distances` and `described`; for tolerances `late`, `within`
+(arithmetic), `arm` (the recursion), `contacts`, `distances` and `described`; for parallel robots `program`,
+for tolerances `late`, `within`
 and `sharing`, too. What is assumed, and one interval worked by hand, are in docs/certificate.md.
 
 A certificate is plain data:
 
-- `model`: the arm (link frames, inertias), what it holds, the base (mass, centre of mass, gravity), contacts
-  with their force sets, what may collide, the joints' limits, as numbers;
+- `model`: the arm (link frames, inertias) or a program, what it holds, the base (mass, centre of mass,
+  gravity), contacts with their force sets, what may collide, the joints' limits, as numbers;
 - `motion`: pieces of time, on each of which every joint's coordinate is a polynomial of u in [-1, 1];
 - `tolerance`: how far the world may be off, or null;
 - `bounds`: what is claimed, one number each for the whole motion;
@@ -35,12 +36,14 @@ from ocptip.certificate.trusted.plain import (
     LARGEST,
     MalformedError,
     numbers,
+    require,
     require_cover,
     require_ends,
     require_model,
     require_motion,
     require_tolerance,
 )
+from ocptip.certificate.trusted.program import require_program
 from ocptip.certificate.trusted.sharing import Sharing
 
 FORMAT = "ocptip certificate 2"
@@ -104,6 +107,9 @@ def _problems(data: Mapping[str, Any]) -> tuple[list[str], int]:
     ]
     bounds, motion, model = data["bounds"], data["motion"], data["model"]
     require_model(model)
+    if model["arm"] is None:
+        require_program(model["program"], len(model["limits"]["speed"]))
+        require(data["tolerance"] is None, "tolerance: of a program nothing is known")
     require_motion(motion, len(model["limits"]["speed"]))
     within = () if (tolerance := data["tolerance"]) is None else CLAIMS_WITHIN
     if tolerance is not None:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from ocptip.certificate.trusted.arm import Arm, Turns
+from ocptip.certificate.trusted.arm import Arm
 from ocptip.certificate.trusted.contacts import Contacts
-from ocptip.certificate.trusted.distances import Directions, distances
-from ocptip.certificate.trusted.forms import Form, U, known, polynomial
+from ocptip.certificate.trusted.distances import Directions, Frame, distances
+from ocptip.certificate.trusted.forms import Form, U, known, polynomial, stack
+from ocptip.certificate.trusted.program import run
 
 RELATIVE = 1e-5  # of themselves: by so much may speeds and accelerations exceed their limits: rounded times
 ANGLE = 1e-7  # rad or m, likewise
@@ -42,6 +44,23 @@ class Intervals:
         self.times = 0.5 * (times[:, 0] + times[:, 1]) + middle * half_time
 
 
+@dataclass(frozen=True, eq=False)
+class Loads:
+    """Over N intervals.
+
+    Attributes:
+        torques: (n, N), N m or N.
+        wrench: (6, N) on the base.
+        frames: of an arm with anything that may collide, see `Arm.frames`.
+        further: (k, N): of a parallel robot distances from singular poses and motor speeds.
+    """
+
+    torques: Form
+    wrench: Form
+    frames: list[Frame]
+    further: Form | None
+
+
 class Checker:
     """What is claimed of a motion, interval by interval.
 
@@ -57,22 +76,33 @@ class Checker:
         gravity, about = (np.array(base[key], dtype=float) for key in ("gravity", "center_of_mass"))
         self.contacts = Contacts(model, bounds["GN"])
         self.weight = np.concatenate([base["mass"] * gravity, np.zeros(3)])
-        self.arm = Arm(model["arm"], gravity, about)
+        self.arm = None if model["arm"] is None else Arm(model["arm"], gravity, about)
+        self.program = None if self.arm else model["program"]
         self.bodies, self.pairs = model["bodies"], np.array(model["pairs"], dtype=int).reshape(-1, 2)
         self._limits = {
             key: np.array([none if x is None else x for x in model["limits"][key]], dtype=float)
             for key, none in (("angle_min", -np.inf), *((key, np.inf) for key in _UPPER))
         }
 
-    def loads(self, at: Intervals) -> tuple[Turns, Form, Form]:
-        """Cosines and sines, torques (n, N) and the wrench (6, N) that the contacts have to hold."""
-        turns = self.arm.turns(at.q)
-        torques, wrench = self.arm.loads(turns, at.qd, at.qdd)
-        return turns, torques, wrench + self.weight[:, None]
+    @np.errstate(invalid="ignore", over="ignore", divide="ignore")
+    def loads(self, at: Intervals) -> Loads:
+        """Torques and the wrench that the contacts have to hold, and what goes with the kind of robot."""
+        frames, further = [], None
+        if self.arm is not None:
+            turns = self.arm.turns(at.q)
+            torques, wrench = self.arm.loads(turns, at.qd, at.qdd)
+            if len(self.pairs):
+                frames = self.arm.frames(turns)
+        else:
+            n = len(at.q.r)
+            found = run(self.program, [form[k] for form in (at.q, at.qd, at.qdd) for k in range(n)])
+            torques, wrench = stack(*found[:n]), stack(*found[n : n + 6])
+            further = stack(*found[n + 6 :]) if found[n + 6 :] else None
+        return Loads(torques, wrench + self.weight[:, None], frames, further)
 
     @np.errstate(invalid="ignore", over="ignore", divide="ignore")
     def margins(
-        self, at: Intervals, loads: tuple[Turns, Form, Form], forces: np.ndarray, directions: Directions
+        self, at: Intervals, loads: Loads, forces: np.ndarray, directions: Directions
     ) -> dict[str, np.ndarray]:
         """By how much each claim is kept, (N,) each: proved where >= 0; -inf where nothing is known.
 
@@ -83,18 +113,25 @@ class Checker:
             directions: see `distances`.
         """
         limits, bounds = self._limits, self.bounds
-        turns, torques, wrench = loads
-        found = self.contact_margins(wrench, forces)
-        found["torque"] = 1 - _share(torques, bounds["torque_ratio"] * limits["torque"])
+        found = self.contact_margins(loads.wrench, forces)
+        found["torque"] = 1 - _share(loads.torques, bounds["torque_ratio"] * limits["torque"])
         found["speed"] = 1 + RELATIVE - _share(at.qd, limits["speed"])
         found["acceleration"] = 1 + RELATIVE - _share(at.qdd, limits["acceleration"])
         low, high = at.q.range
         room = np.minimum(low - limits["angle_min"][:, None], limits["angle_max"][:, None] - high)
         found["angle"] = np.min(room, axis=0) + ANGLE
         if len(self.pairs):
-            frames, asked = self.arm.frames(turns), bounds["clearance"]
-            gaps = distances(frames, self.bodies, self.pairs, asked, directions)
+            asked = bounds["clearance"]
+            gaps = distances(loads.frames, self.bodies, self.pairs, asked, directions)
             found["clearance"] = np.min(gaps, axis=0) - asked
+        if loads.further is not None:
+            low, high = loads.further.range
+            least, most = (
+                np.array([none if x is None else x for x in self.program[key]])[:, None]
+                for key, none in (("lower", -np.inf), ("upper", np.inf))
+            )
+            room = np.minimum(low - least + RELATIVE * np.abs(least), most - high + RELATIVE * np.abs(most))
+            found["singularity, motor speed"] = np.min(room, axis=0)
         return {name: known(value) for name, value in found.items()}
 
     @np.errstate(invalid="ignore", over="ignore")

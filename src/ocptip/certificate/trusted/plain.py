@@ -48,8 +48,29 @@ def numbers(name: str, value: Any, shape: tuple[int | None, ...], least: float =
 
 def require_model(model: Mapping[str, Any]) -> None:
     """Raise MalformedError unless these are an arm, a base, contacts, limits and bodies."""
-    arm, base, limits = model["arm"], model["base"], model["limits"]
-    n, m = len(arm["masses"]), len(limits["speed"])
+    base, limits = model["base"], model["limits"]
+    joints = len(limits["speed"])
+    if model["arm"] is None:
+        require(not model["pairs"] and model["payload"] is None, "program: bodies and payload are not known")
+        links = 0
+    else:
+        _require_arm(model["arm"], model["payload"], joints)
+        links = len(model["arm"]["masses"])
+    numbers("mass of the base", base["mass"], (), 0.0)
+    numbers("center_of_mass", base["center_of_mass"], (3,))
+    numbers("gravity", base["gravity"], (3,))
+    if base["reference_moment"] is not None:
+        numbers("reference_moment", base["reference_moment"], (), 1e-9)
+    _require_contacts(model["contacts"])
+    require(set(limits) == _LIMITS, "limits: others are expected")
+    for key, own in limits.items():
+        least = -LARGEST if key.startswith("angle") else 1e-9
+        numbers(f"limits of {key}", [1.0 if x is None else x for x in own], (joints,), least)
+    _require_bodies(model["bodies"], model["pairs"], links)
+
+
+def _require_arm(arm: Mapping[str, Any], held: Mapping[str, Any] | None, m: int) -> None:
+    n = len(arm["masses"])
     for key, least in (("masses", 0.0), ("shift", -LARGEST), ("slides", 0.0)):
         numbers(key, arm[key], (n,), least)
     require(np.isin(np.array(arm["slides"], dtype=float), (0.0, 1.0)), "slides: 0 or 1 is expected")
@@ -61,7 +82,7 @@ def require_model(model: Mapping[str, Any]) -> None:
     _rotations("rotations", arm["rotations"], n)
     _rotations("mount_rotation", [arm["mount_rotation"]], 1)
     numbers("mount_position", arm["mount_position"], (3,))
-    if (held := model["payload"]) is not None:
+    if held is not None:
         require(set(held) == {"mass", "center", "inertia", "axes"}, "payload: others are expected")
         require(
             numbers("mass of the payload", held["mass"], (), 0.0) <= arm["masses"][-1], "payload: too heavy"
@@ -69,17 +90,6 @@ def require_model(model: Mapping[str, Any]) -> None:
         numbers("center of the payload", held["center"], (3,))
         numbers("inertia of the payload", held["inertia"], (3, 3))
         _rotations("axes", [held["axes"]], 1)
-    numbers("mass of the base", base["mass"], (), 0.0)
-    numbers("center_of_mass", base["center_of_mass"], (3,))
-    numbers("gravity", base["gravity"], (3,))
-    if base["reference_moment"] is not None:
-        numbers("reference_moment", base["reference_moment"], (), 1e-9)
-    _require_contacts(model["contacts"])
-    require(set(limits) == _LIMITS, "limits: others are expected")
-    for key, own in limits.items():
-        least = -LARGEST if key.startswith("angle") else 1e-9
-        numbers(f"limits of {key}", [1.0 if x is None else x for x in own], (m,), least)
-    _require_bodies(model["bodies"], model["pairs"], n)
 
 
 def require_motion(motion: Mapping[str, Any], joints: int) -> None:

@@ -1,0 +1,167 @@
+"""A world inside the tolerance of a certificate, drawn at random and evaluated from its data alone.
+
+What the checker encloses is evaluated here at one time, for one choice of everything that may be off, in ball
+arithmetic (`arm_in_balls`), body by body: no forms, no closed forms, no code of the checker.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from flint import arb
+
+from tests.oracles import arm_in_balls as balls
+
+
+@dataclass
+class World:
+    """What is off: of one number for each, or (3,)."""
+
+    links: np.ndarray
+    payload: float
+    shift: np.ndarray
+    extra: float
+    base: float
+    centre: np.ndarray
+    pace: float
+    gravity: np.ndarray
+    push: np.ndarray
+    base_push: np.ndarray
+
+
+def described(model):
+    """The world as described."""
+    zero, gravity = np.zeros(3), np.array(model["base"]["gravity"], dtype=float)
+    links = np.ones(len(model["arm"]["masses"]))
+    return World(links, 1.0, zero, 0.0, 1.0, zero, 1.0, gravity, zero, zero)
+
+
+def random_world(model, tolerance, rng, ends=0.5):
+    """One inside the tolerance; this share of its numbers at an end."""
+
+    def number(low, high):
+        return float(rng.choice([low, high]) if rng.random() < ends else rng.uniform(low, high))
+
+    def within(half):
+        return np.array([number(-h, h) for h in half])
+
+    def turned(gravity, angle):
+        size, down = np.linalg.norm(gravity), gravity / max(np.linalg.norm(gravity), 1e-300)
+        side = np.cross(down, rng.normal(size=3))
+        side /= max(np.linalg.norm(side), 1e-300)
+        return size * (np.cos(angle) * down + np.sin(angle) * side)
+
+    def ball(size):
+        v = rng.normal(size=3)
+        return number(0.0, size) * v / np.linalg.norm(v)
+
+    own, e, h, s = tolerance, tolerance["arm_mass"], tolerance["payload_mass"], tolerance["speed"]
+    gravity = turned(np.array(model["base"]["gravity"], dtype=float), number(0.0, own["tilt"]))
+    return World(
+        np.array([number(1 - e, 1 + e) for _ in model["arm"]["masses"]]),
+        number(1 - h, 1 + h),
+        within(own["payload_center"]),
+        number(0.0, own["extra_mass"]),
+        1 + number(*own["base_mass"]),
+        within(own["center_of_mass"]),
+        number(1 - s, 1 + s),
+        gravity,
+        ball(own["push"]),
+        ball(own["base_push"]),
+    )
+
+
+def random_state(motion, tolerance, t, rng):
+    """(3, n) of joints at a time t, each late by itself, or overshooting where it jumps."""
+    times, c = np.array(motion["times"], dtype=float), np.array(motion["angles"], dtype=float)
+    delay, more = tolerance["delay"] * (1 + tolerance["speed"]), tolerance["overshoot"]
+    found = np.empty((3, c.shape[1]))
+    events = times[:-1, 1]
+    inside = [k for k in range(len(events)) if t - delay <= events[k] <= t]
+    for j in range(c.shape[1]):
+        if inside and rng.random() < 0.7:
+            k = int(rng.choice(inside))
+            before, after = _at(times, c, k, events[k], j), _at(times, c, k + 1, events[k], j)
+            if rng.random() < 0.3:
+                found[:, j] = before
+                continue
+            first = int(rng.choice([i for i in inside if i <= k]))
+            steps = [
+                _at(times, c, i + 1, events[i], j)[2] - _at(times, c, i, events[i], j)[2]
+                for i in range(first, k + 1)
+            ]
+            found[:, j] = after
+            if rng.random() < 0.8:
+                found[2, j] += more * sum(steps)
+        else:
+            T = float(rng.choice([t, t - delay])) if rng.random() < 0.5 else rng.uniform(t - delay, t)
+            piece = int(np.clip(np.searchsorted(events, T), 0, len(times) - 1))
+            found[:, j] = _at(times, c, piece, min(max(T, 0.0), events[-1]), j)
+    return found
+
+
+def _at(times, c, piece, t, joint):
+    """Coordinate, speed and acceleration of a piece at a time."""
+    half = 0.5 * (times[piece, 1] - times[piece, 0])
+    if half <= 0:
+        return np.array([c[piece, joint, 0], 0.0, 0.0])
+    p = np.polynomial.Polynomial(c[piece, joint])
+    u = (t - 0.5 * times[piece].sum()) / half
+    return np.array([p(u), p.deriv()(u) / half, p.deriv(2)(u) / half**2])
+
+
+def loads(model, world, state):
+    """Torques and wrench on the base about its centre of mass as described, arb; state (3, n), anything that
+    becomes arb."""
+    arm, base = model["arm"], model["base"]
+    about = np.array(base["center_of_mass"], dtype=float)
+    n, pace = len(arm["masses"]), arb(float(world.pace))
+    q, qd, qdd = ([x if isinstance(x, arb) else arb(float(x)) for x in row] for row in state)
+    qd, qdd = [pace * x for x in qd], [pace * pace * x for x in qdd]
+
+    def own(k, mass, centre, inertia):
+        """With one body alone."""
+        data = {key: np.array(value, dtype=float) for key, value in arm.items()}
+        data["rotations"][0] = data["mount_rotation"] @ data["rotations"][0]  # rounded once, as it is read
+        data["mount_rotation"] = np.eye(3)
+        data["armature"] = np.zeros(len(data["armature"]))
+        for key, value in (("masses", mass), ("centres", centre), ("inertias", inertia)):
+            data[key] = np.zeros(data[key].shape)
+            data[key][k] = value
+        return balls.loads(data, q, qd, qdd, world.gravity, about)
+
+    found = [
+        (float(world.links[k]), own(k, arm["masses"][k], arm["centres"][k], arm["inertias"][k]))
+        for k in range(n)
+    ]
+    if (held := model["payload"]) is not None:
+        place = np.array(held["center"]), np.array(held["inertia"])
+        found.append((-float(world.links[-1]), own(n - 1, held["mass"], *place)))
+        moved = place[0] + np.array(held["axes"]) @ world.shift
+        found.append((float(world.payload), own(n - 1, held["mass"], moved, place[1])))
+    tool = np.array(arm["offsets"][-1])
+    at_tool = own(n - 1, 1.0, tool, np.zeros((3, 3)))
+    found.append((float(world.extra), at_tool))
+    torques = [sum((w * part[0][k] for w, part in found), arb(0)) for k in range(len(qd))]
+    wrench = [sum((w * part[1][k] for w, part in found), arb(0)) for k in range(6)]
+    weight = [arb(float(base["mass"])) * arb(float(world.base)) * arb(float(g)) for g in world.gravity]
+    lever = [arb(float(x)) for x in world.centre]
+    moment = balls.cross(lever, weight)
+    place = _tool(model, q, about)
+    push, other = ([arb(float(x)) for x in v] for v in (world.push, world.base_push))
+    turned = balls.cross(place, push)
+    force = [w + a + b + c for w, a, b, c in zip(wrench[:3], weight, push, other, strict=True)]
+    return torques, [*force, *(w + a + b for w, a, b in zip(wrench[3:], moment, turned, strict=True))]
+
+
+def _tool(model, q, about):
+    """Place of the gripper from the base's centre of mass: by moments of a unit mass."""
+    arm = {key: np.array(value, dtype=float) for key, value in model["arm"].items()}
+    n = len(arm["masses"])
+    arm["rotations"][0] = arm["mount_rotation"] @ arm["rotations"][0]
+    arm["mount_rotation"] = np.eye(3)
+    arm["masses"], arm["centres"], arm["inertias"] = np.zeros(n), np.zeros((n, 3)), np.zeros((n, 3, 3))
+    arm["masses"][-1], arm["centres"][-1] = 1.0, arm["offsets"][-1]
+    still = [arb(0)] * len(q)
+    x = balls.loads(arm, q, still, still, np.array([0.0, 0.0, 1.0]), about)[1]  # (y, -x, 0)
+    y = balls.loads(arm, q, still, still, np.array([1.0, 0.0, 0.0]), about)[1]  # (0, z, -y)
+    return [-x[4], x[3], y[4]]
