@@ -56,7 +56,7 @@ def test_the_moment_about_the_rear_line():
     np.testing.assert_allclose(at.qdd.c[0], 6.0, rtol=1e-12)
     for bound, kept in ((0.3612, True), (0.3610, False)):
         checker = Checker(_model(), {"GN": bound, "GT": 0.9, "torque_ratio": 1.0})
-        wrench = checker.loads(at)[2]
+        wrench = checker.loads(at).wrench
         moments = checker.contacts.axes @ wrench.c[:3, :, 0].T
         rear = np.argmin(np.abs(moments[:, 0] - 0.872886))
         np.testing.assert_allclose(moments[rear], [0.872886, 0.011772, 0.005886], atol=1e-12)

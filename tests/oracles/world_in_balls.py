@@ -138,22 +138,22 @@ def loads(model, world, state):
         found.append((-float(world.links[-1]), own(n - 1, held["mass"], *place)))
         moved = place[0] + np.array(held["axes"]) @ world.shift
         found.append((float(world.payload), own(n - 1, held["mass"], moved, place[1])))
-    tool = np.array(arm["offsets"][-1])
-    at_tool = own(n - 1, 1.0, tool, np.zeros((3, 3)))
+    at_tool = own(n - 1, 1.0, np.array(arm["offsets"][-1]), np.zeros((3, 3)))
     found.append((float(world.extra), at_tool))
     torques = [sum((w * part[0][k] for w, part in found), arb(0)) for k in range(len(qd))]
+    torques = [x + arb(float(a)) * y for x, a, y in zip(torques, arm["armature"], qdd, strict=True)]
     wrench = [sum((w * part[1][k] for w, part in found), arb(0)) for k in range(6)]
     weight = [arb(float(base["mass"])) * arb(float(world.base)) * arb(float(g)) for g in world.gravity]
     lever = [arb(float(x)) for x in world.centre]
     moment = balls.cross(lever, weight)
-    place = _tool(model, q, about)
+    place = tool(model, q, about)
     push, other = ([arb(float(x)) for x in v] for v in (world.push, world.base_push))
     turned = balls.cross(place, push)
     force = [w + a + b + c for w, a, b, c in zip(wrench[:3], weight, push, other, strict=True)]
     return torques, [*force, *(w + a + b for w, a, b in zip(wrench[3:], moment, turned, strict=True))]
 
 
-def _tool(model, q, about):
+def tool(model, q, about):
     """Place of the gripper from the base's centre of mass: by moments of a unit mass."""
     arm = {key: np.array(value, dtype=float) for key, value in model["arm"].items()}
     n = len(arm["masses"])

@@ -1,0 +1,138 @@
+"""Are the claims of a certificate true at instants and in worlds drawn at random? By nothing of the checker.
+
+Wrenches come from `world_in_balls`, contact forces from a linear program with cones that are a little too
+large, moments about tipping axes from the normal forces of three feet. So what is said to be false is false.
+"""
+
+from itertools import product
+
+import numpy as np
+from scipy.optimize import linprog
+
+from tests.oracles import world_in_balls as worlds
+
+_SIDES = 24
+_LOOSE = 1e-7  # relative: roundings of the program
+
+
+def falsehood(data, rng, samples):
+    """What is not so at one of some instants, each in the world as described and in one of the tolerance."""
+    model, motion, bounds, tolerance = (data[key] for key in ("model", "motion", "bounds", "tolerance"))
+    times = np.array(motion["times"], dtype=float)
+    for _ in range(samples):
+        piece = int(rng.integers(len(times)))
+        t = float(rng.choice([*times[piece], rng.uniform(*times[piece])]))
+        c = np.array(motion["angles"], dtype=float)
+        state = np.column_stack([worlds._at(times, c, piece, t, j) for j in range(c.shape[1])])
+        torques, wrench = _numbers(worlds.loads(model, worlds.described(model), state))
+        if found := (
+            _limits(model, bounds, torques, state)
+            or _contacts(model, wrench, bounds["GN"], bounds["GT"], 1.0)
+            or _gaps(model, bounds, state[0], rng)
+        ):
+            return f"{found} at {t}"
+        if tolerance is not None:
+            late = float(rng.uniform(0.0, times[-1, 1] + tolerance["delay"]))
+            world = worlds.random_world(model, tolerance, rng, ends=0.8)
+            wrench = _numbers(worlds.loads(model, world, worlds.random_state(motion, tolerance, late, rng)))[
+                1
+            ]
+            asked, weak = (bounds[f"{key}_worst_case"] for key in ("GN", "GT")), 1 - tolerance["friction"]
+            if found := _contacts(model, wrench, *asked, weak):
+                return f"{found} within the tolerance at {late}"
+    return None
+
+
+def _numbers(loads):
+    return tuple(np.array([float(x.mid()) for x in part]) for part in loads)
+
+
+def _limits(model, bounds, torques, state):
+    limits = model["limits"]
+    for name, values, slack in (
+        ("torque", torques / bounds["torque_ratio"], 1e-9),
+        ("speed", state[1], 2e-5),
+        ("acceleration", state[2], 2e-5),
+    ):
+        most = np.array([np.inf if x is None else x for x in limits[name]], dtype=float)
+        if np.any(np.abs(values) > most * (1 + slack)):
+            return name
+    low, high = (
+        np.array([none if x is None else x for x in limits[key]], dtype=float)
+        for key, none in (("angle_min", -np.inf), ("angle_max", np.inf))
+    )
+    return "angle" if np.any(state[0] < low - 2e-7) or np.any(state[0] > high + 2e-7) else None
+
+
+def _contacts(model, wrench, most, share, friction):
+    """Whether no forces hold the base, or less than claimed is left about a tipping axis."""
+    base, contacts = model["base"], model["contacts"]
+    places = np.array(contacts["positions"]) - np.array(base["center_of_mass"])
+    frames = np.array(contacts["frames"], dtype=float)
+    levers = [np.cross(p, f.T).T for p, f in zip(places, frames, strict=True)]
+    grasp = np.vstack([np.hstack(list(frames)), np.hstack(levers)])
+    angles = 2 * np.pi * np.arange(_SIDES) / _SIDES
+    size = np.max(np.abs(wrench)) + 1.0
+    for pieces in product(*contacts["sets"]):
+        rows, ends = [], []
+        for k, (_, _, radius, slope) in enumerate(pieces):
+            for a in angles:  # a polygon round the cone
+                row = np.zeros(grasp.shape[1])
+                row[3 * k : 3 * k + 3] = -share * friction * slope, np.cos(a), np.sin(a)
+                rows.append(row)
+                ends.append(share * friction * radius + _LOOSE * size)
+        normal = [(low, high) for low, high, *_ in pieces]
+        spans = [span for own in normal for span in (own, (None, None), (None, None))]
+        found = linprog(np.zeros(grasp.shape[1]), np.array(rows), ends, grasp, -wrench, spans, method="highs")
+        if found.status == 0:
+            break
+    else:
+        return "contacts"
+    normals = frames[:, :, 0]
+    system = grasp[2:5, ::3]  # normal forces of three feet on a floor
+    forces = np.linalg.solve(system, -wrench[2:5])
+    needed = base["reference_moment"] * (1 / most - 1)
+    for k in range(3):
+        i, j = (x for x in range(3) if x != k)
+        e = places[j] - places[i]
+        lift = abs(normals[k] @ np.cross(e / np.linalg.norm(e), places[k] - places[i]))
+        least = min(piece[0] if piece[0] is not None else -np.inf for piece in contacts["sets"][k])
+        if lift * (forces[k] - least) < needed - _LOOSE * size:
+            return "tipping"
+    return None
+
+
+def _gaps(model, bounds, q, rng):
+    """Whether two points of two bodies, of many tried, come closer than claimed."""
+    bodies = model["bodies"]
+    for first, second in model["pairs"]:
+        one = _points(model, bodies[first], q, rng)
+        if "normal" in bodies[second]:
+            other = bodies[second]
+            gap = other["level"] - np.max(one @ np.array(other["normal"])) - bodies[first]["radius"]
+        else:
+            two = _points(model, bodies[second], q, rng)
+            gap = np.min(np.linalg.norm(one[:, None] - two[None], axis=2))
+            gap -= bodies[first]["radius"] + bodies[second]["radius"]
+        if gap < bounds["clearance"] - 1e-9:
+            return f"clearance {gap}"
+    return None
+
+
+def _points(model, body, q, rng):
+    """Some points (k, 3) of a body, base axes: of a link by the place that a unit mass at the gripper has."""
+    points = np.array(body["points"], dtype=float)
+    if len(points) > 1:
+        shares = rng.dirichlet(np.ones(len(points)), 20)
+        points = np.vstack([points, shares @ points])
+    if body["link"] < 0:
+        return points
+    if body["link"] == 0:
+        arm = model["arm"]
+        return points @ np.array(arm["mount_rotation"]).T + np.array(arm["mount_position"])
+    found = []
+    for point in points:
+        arm = {**model["arm"], "offsets": [*model["arm"]["offsets"][:-1], point.tolist()]}
+        assert body["link"] == len(arm["masses"])
+        found.append([float(x.mid()) for x in worlds.tool({**model, "arm": arm}, q, np.zeros(3))])
+    return np.array(found)
