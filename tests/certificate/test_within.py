@@ -256,7 +256,6 @@ _CHANGES = {
             ("cover_within.weights", [[[1.0, -1.0]] * 3] * 2),
             ("cover_within.weights", [[[1.0, float("nan")]] * 3] * 2),
             ("cover_within.weights", [[[1.0, 1.0]] * 2 + [[0.0, 0.0]]] * 2),
-            ("cover_within.forces.0", [[[[10.0, 0, 500.0], [10.0, 0, -500.0], [10.0, 0, 0]]]] * 2),
             ("cover_within.forces.0.0.0.0.0", float("inf")),
         )
     },

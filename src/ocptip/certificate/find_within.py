@@ -142,7 +142,7 @@ class _Search:
             room[short] = sharing.held(
                 terms.some(short), forces[:, 0][..., short], weights[..., short], share
             )
-            if len(short := short[~(room[short] >= 0)]):
+            if len(short := short[~(room[short] >= 0)]) and not sharing.contacts.flat:
                 some, own = terms.some(short), forces[:, 0][..., short]
                 start = weights[..., short], capacity[:, short]
                 weights[..., short], room[short] = self._improved(some, own, *start, share)
@@ -202,6 +202,8 @@ class _Search:
         weights = np.ones((contacts, 2, count))
         normal = np.maximum(forces[0, 0, :, 0], forces[1, 0, :, 0])
         weights[:, 0] = np.maximum(normal, 0.02 * np.max(np.abs(normal), axis=0)) if contacts > 3 else 1.0
+        if self._sharing.contacts.flat:
+            return weights, np.ones((contacts, count))
         capacity = self._sharing.capacities(terms, forces[:, 0], weights)
         largest = np.max(capacity, axis=0)
         weights[:, 1] = np.clip(capacity / np.where(largest > 0, largest, 1.0), 1e-4, None)

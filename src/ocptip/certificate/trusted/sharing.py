@@ -15,6 +15,7 @@ import numpy as np
 from ocptip.certificate.trusted.contacts import Contacts, patterns
 from ocptip.certificate.trusted.forms import U, known
 from ocptip.certificate.trusted.late import Late, Rows
+from ocptip.certificate.trusted.twists import Limits, Twists
 from ocptip.certificate.trusted.within import Terms, Within
 
 FACETS = (8, 48)  # of cones: few first, more where these are not enough
@@ -98,6 +99,8 @@ class Sharing:
         couple: np.ndarray | None = None,
     ) -> np.ndarray:
         """(R,): how far forces that hold wrench and couple are inside a share of their sets, per weight."""
+        if self.contacts.flat:
+            return self._held_on_a_plane(terms, forces, weights, share)
         return np.min(self.rooms(terms, forces, weights, share, couple), axis=0)
 
     def rooms(
@@ -124,6 +127,52 @@ class Sharing:
             if not self.contacts.idle(pattern):
                 room[:, here] = -np.inf
         return room
+
+    def _held_on_a_plane(
+        self, terms: Terms, forces: np.ndarray, weights: np.ndarray, share: float
+    ) -> np.ndarray:
+        """(R,): how far normal forces by the rule are inside their sets, and friction of them is enough."""
+        room = np.full(terms.size.shape[1], np.inf)
+        for pattern, here in patterns(np.any(forces != 0, axis=(0, 2)) | np.any(weights != 0, axis=1)):
+            if not self.contacts.idle(pattern):
+                room[here] = -np.inf
+                continue
+            rule, some = _Rule(self.contacts, pattern, weights[pattern][..., here]), terms.some(here)
+            ends = forces[:, pattern][..., here].reshape(2, -1, len(here))
+            normal, error = (part[..., ::3, :] for part in rule.constant(ends, np.zeros(6), some.size))
+            radius, slope = np.zeros((2, len(here), len(normal[0])))
+            for k, contact in enumerate(np.flatnonzero(pattern)):
+                place = rule.rule[:, 3 * k : 3 * k + 1], normal[:, k : k + 1], error[k : k + 1]
+                pieces = self.contacts.sets[contact]
+                ways = np.array([self._pressed(some, place, piece) for piece in pieces])
+                room[here] = np.minimum(room[here], np.max(ways, axis=0))
+                radius[:, k], slope[:, k] = np.array(pieces)[np.argmax(ways, axis=0), 2:].T * share
+            going = np.flatnonzero(room[here] >= 0)
+            if not len(going):
+                continue
+            own, h = some.some(going), rule.rule[going, ::3]
+            normal, error, slope = np.swapaxes(normal, 1, 2)[:, going], error.T[going], slope[going]
+            error = (
+                error
+                + 8 * U * (np.abs(h) @ own.size.T[:, :, None])[..., 0]
+                + 8 * U * np.abs(normal).max(axis=0)
+            )
+            limits = Limits(-slope[:, :, None] * h, radius[going] + slope * normal, np.abs(slope) * error)
+            twists = Twists(self.contacts.grasp[:, np.repeat(pattern, 3)], own.centre, own.half, limits)
+            found = twists.room(lambda rows, h, ends, own=own: self._within.least(own.some(rows), h, ends))
+            room[here[going]] = np.minimum(room[here[going]], found / self.contacts.scale)
+        return room
+
+    def _pressed(
+        self,
+        terms: Terms,
+        place: tuple[np.ndarray, np.ndarray, np.ndarray],
+        piece: tuple[float, float, float, float],
+    ) -> np.ndarray:
+        """(R,): of a normal force and one piece of its set; the friction is not negative."""
+        low, high, radius, slope = piece
+        rows = [(np.array([1.0]), -low), (np.array([-1.0]), high), (np.array([slope]), radius)]
+        return self._facets(terms, place, [row for row in rows if np.isfinite(row[1])])
 
     def _inside(
         self,

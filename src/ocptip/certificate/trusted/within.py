@@ -39,6 +39,7 @@ class Terms:
         gravity: (3,), m/s^2.
         size, error: (6, R) bounds of absolute values of the wrench, and of errors.
         middle, spread: (T, 6, R): a term's wrench in the middle, and by how much at most it differs.
+        centre, half: (6, R): a box round all wrenches.
     """
 
     low: np.ndarray
@@ -51,10 +52,15 @@ class Terms:
     error: np.ndarray
     middle: np.ndarray
     spread: np.ndarray
+    centre: np.ndarray
+    half: np.ndarray
 
     def some(self, rows: Any) -> Terms:
         """Of some rows."""
-        own = {name: getattr(self, name)[..., rows] for name in ("size", "error", "middle", "spread")}
+        own = {
+            name: getattr(self, name)[..., rows]
+            for name in ("size", "error", "middle", "spread", "centre", "half")
+        }
         parts = Form(self.parts.c[..., rows], self.parts.r[..., rows])
         return Terms(self.low, self.high, self.masses, parts, self.tool, self.gravity, **own)
 
@@ -200,7 +206,11 @@ class Within:
         error = np.sum(most * error, axis=0)
         error[3:] += at_tool
         size = np.sum(most * whole, axis=0) + pushes
-        return Terms(low, high, masses, parts, tool, self._gravity, size, error, middle, spread)
+        mean, most = 0.5 * (low + high)[:, None, None], most + 0.0
+        centre = np.sum(mean * middle, axis=0)
+        half = np.sum(most * spread + 0.5 * (high - low)[:, None, None] * np.abs(middle), axis=0)
+        half = (half + pushes + error + 8 * U * size) * (1 + U)
+        return Terms(low, high, masses, parts, tool, self._gravity, size, error, middle, spread, centre, half)
 
     # --- what is worst ------------------------------------------------------------------------------------
 

@@ -1,0 +1,176 @@
+"""Friction of contacts on one plane is enough, however it is shared: shown for every twist.
+
+Contacts that press with friction limits c_i >= 0 bear any tangential forces with |t_i| <= c_i. What these add
+up to is a convex set; along a twist y of the base within the plane it reaches to sum c_i |v_i(y)|, v_i the
+velocity that y gives to the i-th contact. So they can hold a wrench w exactly if for all these twists
+
+    y . w + sum c_i |v_i(y)| >= 0.
+
+The twists are cut into triangles. In one of them |v_i| is at least d_i . v_i, with any |d_i| <= 1: what is
+left is linear in y, and least at a corner. There it is a functional of the wrench, as the limits are. What is
+not shown in a triangle is looked at in its four quarters. NumPy only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from ocptip.certificate.trusted.forms import U
+
+_DEPTH = 8  # so often triangles are quartered
+_MOST = 60  # of a row that are left: it is given up
+_CLOSELY = 2  # quartered so often they are looked at closely
+_TOGETHER = 6  # triangles of a row
+_WIDE = 0.95  # length of the mean of directions of a velocity below which it turns in the triangle
+
+Least = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+
+
+def _icosahedron() -> np.ndarray:
+    """Corners (20, 3, 3) of triangles round the origin."""
+    long = 0.5 * (1 + np.sqrt(5))
+    points = np.array(
+        [np.roll([0.0, a, b * long], shift) for shift, a, b in product(range(3), (-1.0, 1.0), (-1.0, 1.0))]
+    )
+    near = np.abs(np.linalg.norm(points[:, None] - points, axis=2) - 2) < 0.1
+    return np.array(
+        [
+            points[[i, j, k]]
+            for i in range(12)
+            for j in range(i)
+            for k in range(j)
+            if near[i, j] and near[j, k] and near[k, i]
+        ]
+    )
+
+
+_FIRST = _icosahedron()
+_QUARTERS = 0.5 * np.array(  # corners of quarters of a triangle: (4, 3, 3) of its corners
+    [
+        [[2, 0, 0], [1, 1, 0], [1, 0, 1]],
+        [[1, 1, 0], [0, 2, 0], [0, 1, 1]],
+        [[1, 0, 1], [0, 1, 1], [0, 0, 2]],
+        [[1, 1, 0], [0, 1, 1], [1, 0, 1]],
+    ]
+)
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Friction limits of m contacts, N, in R rows: functionals of the wrench.
+
+    Attributes:
+        rule: (R, m, 6).
+        constant: (2, R, m), at s = -1 and s = 1 of what is linear between.
+        error: (R, m).
+    """
+
+    rule: np.ndarray
+    constant: np.ndarray
+    error: np.ndarray
+
+
+class Twists:
+    """Of contacts on a plane, in rows of wrenches that lie in boxes.
+
+    Args:
+        grasp: (6, 3 m) wrench per contact force: normal and two tangential ones of each.
+        middle, half: (6, R) of the boxes.
+        limits: none of them negative.
+    """
+
+    def __init__(self, grasp: np.ndarray, middle: np.ndarray, half: np.ndarray, limits: Limits) -> None:
+        tangential = np.delete(grasp, np.s_[::3], axis=1)
+        basis = np.zeros((6, 3))  # two translations, and the rotation about the plane's normal
+        basis[:3, :2], basis[3:, 2] = grasp[:3, 1:3], grasp[:3, 0]
+        basis[:, 2] /= max(
+            float(np.mean(np.linalg.norm((tangential.T @ basis[:, 2]).reshape(-1, 2), axis=1))), 1e-9
+        )
+        self._basis, self._velocity = basis, (tangential.T @ basis).reshape(-1, 2, 3)
+        self._back = np.linalg.pinv(self._velocity)  # (m, 3, 2)
+        self._middle, self._half, self._limits = middle.T, half.T, limits
+        typical = np.einsum("rmi,ri->rm", limits.rule, self._middle) + limits.constant.mean(axis=0)
+        self._typical = np.maximum(typical, 1e-9)
+        self._blur = 8 * U * (np.abs(self._middle) + self._half) @ np.abs(basis)  # of y . w, (R, 3)
+
+    def room(self, least: Least) -> np.ndarray:
+        """(R,): the least over all twists, or what stands in the way of a proof; proved where >= 0.
+
+        Args:
+            least: of rows (K,), functionals (A, 6, K) of the wrench and constants (2, A, K): lower bounds
+                (A, K) of their sum.
+        """
+        room = np.full(len(self._middle), np.inf)
+        rows, corners = np.repeat(np.arange(len(room)), len(_FIRST)), np.tile(_FIRST, (len(room), 1, 1))
+        for depth in range(_DEPTH + 1):
+            h, constant, error = self._functionals(rows, corners)
+            found = np.min(self._in_box(rows, h, constant) - error, axis=1)
+            left = np.flatnonzero(~(found >= 0))
+            if depth >= _CLOSELY:
+                value = _closely(least, rows[left], h[left], constant[:, left])
+                found[left] = np.min(value - error[left], axis=1)
+                left = np.flatnonzero(~(found >= 0))
+            many = np.bincount(rows[left], minlength=len(room)) > _MOST
+            ended = (found >= 0) | many[rows] | (depth == _DEPTH)
+            np.minimum.at(room, rows[ended], found[ended])
+            left = np.flatnonzero(~ended & (room[rows] >= 0))
+            if not len(left):
+                break
+            rows = np.repeat(rows[left], 4)
+            corners = np.einsum("qkc,pcy->pqky", _QUARTERS, corners[left]).reshape(-1, 3, 3)
+        return room
+
+    def _functionals(
+        self, rows: np.ndarray, corners: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Of triangles (P, 3, 3): functionals (P, 3, 6), constants (2, P, 3) and errors (P, 3)."""
+        share, own = self._shares(rows, corners), self._limits
+        h = corners @ self._basis.T + np.einsum("pcm,pmi->pci", share, own.rule[rows])
+        error = np.einsum("pcy,py->pc", np.abs(corners), self._blur[rows])
+        error += np.einsum("pcm,pm->pc", np.abs(share), own.error[rows])
+        return h, np.einsum("pcm,epm->epc", share, own.constant[:, rows]), error * (1 + U)
+
+    def _in_box(self, rows: np.ndarray, h: np.ndarray, constant: np.ndarray) -> np.ndarray:
+        """(P, 3) lower bounds of functionals of any wrench in the boxes."""
+        middle, half = self._middle[rows], self._half[rows] * (1 + U) + 8 * U * np.abs(self._middle[rows])
+        inside = np.einsum("pci,pi->pc", h, middle) - np.einsum("pci,pi->pc", np.abs(h), half)
+        return np.min(constant, axis=0) + inside
+
+    def _shares(self, rows: np.ndarray, corners: np.ndarray) -> np.ndarray:
+        """(P, 3, m): d . v of the contacts at the corners of triangles."""
+        v = np.einsum("mty,pcy->pmct", self._velocity, corners)
+        d = np.mean(v / np.maximum(np.linalg.norm(v, axis=3, keepdims=True), 1e-12), axis=2)
+        size = np.linalg.norm(d, axis=2)
+        d /= np.maximum(size, 1e-12)[:, :, None]
+        # a contact whose velocity turns a lot: there d is the force that is missing of a typical wrench
+        pairs = np.flatnonzero(np.min(size, axis=1) < _WIDE)
+        turning, every, limit = (
+            np.argmin(size[pairs], axis=1),
+            np.arange(len(pairs)),
+            self._typical[rows[pairs]],
+        )
+        force = limit[:, :, None] * d[pairs]
+        force[every, turning] = 0.0
+        missing = self._middle[rows[pairs]] @ self._basis + np.einsum("mty,pmt->py", self._velocity, force)
+        own = -np.einsum("pyt,py->pt", self._back[turning], missing) / limit[every, turning][:, None]
+        d[pairs, turning] = own / np.maximum(np.linalg.norm(own, axis=1), 1.0)[:, None]
+        return np.einsum("pmt,pmct->pcm", d * (1 - U), v)
+
+
+def _closely(least: Least, rows: np.ndarray, h: np.ndarray, constant: np.ndarray) -> np.ndarray:
+    """(P, 3) lower bounds by `least`, some triangles of many rows at once; rows ascend."""
+    found = np.empty(h.shape[:2])
+    begins, counts = np.unique(rows, return_index=True, return_counts=True)[1:]
+    for first in range(0, int(np.max(counts, initial=0)), _TOGETHER):
+        here = np.flatnonzero(counts > first)
+        slots = np.arange(first, min(first + _TOGETHER, int(np.max(counts))))
+        pairs = begins[here] + np.minimum(slots[:, None], counts[here] - 1)  # (slots, K)
+        own = np.moveaxis(h[pairs], 1, 3).reshape(-1, 6, len(here))
+        ends = np.moveaxis(constant[:, pairs], 2, 3).reshape(2, -1, len(here))
+        value = least(rows[begins[here]], own, ends).reshape(len(slots), -1, len(here))
+        found[pairs] = np.moveaxis(value, 1, 2)
+    return found
