@@ -60,8 +60,7 @@ def nasty_support(rng: np.random.Generator) -> Support:
         contacts = [replace(c, position=rng.uniform(-0.5, 0.5) * way) for c in contacts]
     elif layout == 2:  # a jam
         contacts[1] = replace(contacts[1], normal=-np.asarray(contacts[0].normal))
-    center = support.center_of_mass
-    return Support(contacts, mass=support.mass, center_of_mass=center, inertia=support.inertia)
+    return support.varied(contacts)
 
 
 def imbalance(support: Support, wrench: np.ndarray) -> float:

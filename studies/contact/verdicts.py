@@ -109,11 +109,8 @@ def _admissible(forces: np.ndarray, friction: float) -> np.ndarray:
 
 def moves_with_fine_pyramids(support: Support, wrench: np.ndarray) -> bool:
     """True if pivoting from random starts finds a clear motion with `FINE` facets."""
-    fine = Support(
-        [UnilateralContact(position=c.position, friction=c.friction, facets=FINE) for c in support.contacts],
-        mass=support.mass,
-        center_of_mass=support.center_of_mass,
-        inertia=support.inertia,
+    fine = support.varied(
+        [UnilateralContact(position=c.position, friction=c.friction, facets=FINE) for c in support.contacts]
     )
     states = solve_randomly(fine, wrench, 64)
     fastest = np.max(np.abs(states.contact_accelerations), axis=(1, 2))

@@ -13,7 +13,6 @@ from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 
 from ocptip.contact.bindings.unilateral import UnilateralContact
-from ocptip.contact.support import Support
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.simulation.bodies import real_bodies
 from ocptip.standing.simulation.mjcf import joint_order, to_mjcf
@@ -25,10 +24,7 @@ def stiff(robot: StandingRobot) -> StandingRobot:
     """The robot on feet that do not give: here they are not the model's."""
     own = robot.support
     feet = [UnilateralContact(position=c.position, normal=c.normal, friction=1.0) for c in own.contacts]
-    support = Support(
-        feet, mass=own.mass, center_of_mass=own.center_of_mass, inertia=own.inertia, gravity=own.gravity
-    )
-    return robot.varied(support=support)
+    return robot.varied(support=own.varied(feet))
 
 
 @dataclass

@@ -22,7 +22,6 @@ import numpy as np
 from ocptip.basics.errors import PlanningError
 from ocptip.basics.write import versions, write_json, write_text
 from ocptip.contact.bindings.unilateral import UnilateralContact
-from ocptip.contact.support import Support
 from ocptip.motion.plan import plan_motion
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.arm import StandingRobot
@@ -48,10 +47,7 @@ def softened(robot: StandingRobot, stiffness: float, damping: float = DAMPING) -
         for c in own.contacts
         if isinstance(c, UnilateralContact)
     ]
-    support = Support(
-        feet, mass=own.mass, center_of_mass=own.center_of_mass, inertia=own.inertia, gravity=own.gravity
-    )
-    return robot.varied(support=support)
+    return robot.varied(support=own.varied(feet))
 
 
 def on_feet(robot: StandingRobot, motion: ArmMotion) -> list[dict[str, float]]:

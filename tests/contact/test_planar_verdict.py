@@ -272,9 +272,8 @@ def test_a_tilted_plane_is_a_plane():
     axis *= np.sign(np.linalg.det(axis))
     for layout in ("circle", "scattered"):
         support, wrench = standing_case(rng, 5, layout)
-        turned = Support(
+        turned = support.varied(
             [replace(c, position=axis @ c.position, normal=axis @ c.normal) for c in support.contacts],
-            mass=support.mass,
             center_of_mass=axis @ support.center_of_mass,
             inertia=axis @ support.inertia @ axis.T,
         )

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ocptip.contact.support import Support
 from ocptip.motion.check import check_motion
 from ocptip.published.tasks import experiment_task
 from ocptip.standing import on_feet, on_springs
@@ -26,10 +25,7 @@ def softened(robot, stiffness, **damping):
     """The same robot on feet of this stiffness."""
     own = robot.support
     feet = [replace(c, stiffness=stiffness, **damping) for c in own.contacts]
-    support = Support(
-        feet, mass=own.mass, center_of_mass=own.center_of_mass, inertia=own.inertia, gravity=own.gravity
-    )
-    return robot.varied(support=support)
+    return robot.varied(support=own.varied(feet))
 
 
 def plan_of(case):
@@ -246,6 +242,6 @@ def test_what_is_not_computed_is_said():
     assert softened(robot, 1e6).notes == robot.notes == ()
     own = robot.support
     castors = [replace(c, friction=0.0, stiffness=1e6) for c in own.contacts]
-    rolling = robot.varied(support=Support(castors, mass=own.mass, center_of_mass=own.center_of_mass))
+    rolling = robot.varied(support=own.varied(castors))
     assert rolling.notes == ("how the base swings on feet that give is not computed for this arm",)
     assert on_its_feet(rolling, motion) is None

@@ -100,12 +100,7 @@ def test_tilts_at_rest_are_those_of_statics_by_hand(case, degrees):
         arm = np.array([-wrench[4], wrench[3], 0.0]) / wrench[2]
         # moments of a vertical force say nothing of its height: found from a tilted base
         turned = robot.varied(
-            support=Support(
-                robot.support.contacts,
-                mass=robot.support.mass,
-                center_of_mass=robot.support.center_of_mass,
-                gravity=[9.81, 0.0, 0.0],
-            ),
+            support=robot.support.varied(gravity=[9.81, 0.0, 0.0]),
             reference_moment=robot.tip_over.reference_moment,
         )
         sideways = turned.loads(q[None], 0 * q[None], 0 * q[None])[1][0] - turned.support.weight

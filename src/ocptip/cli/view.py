@@ -91,16 +91,11 @@ def _placement(path: Path, task_file: str | None) -> tuple[str, Show]:
 
 def _in_its_place(problem: PlacementProblem, position: np.ndarray, rotation: np.ndarray) -> StandingRobot:
     """The robot with gravity and obstacles of the world, in base axes."""
-    robot, own = problem.robot, problem.robot.support
+    robot = problem.robot
     around = [
         one.placed(rotation.T, -rotation.T @ position) for one in (*problem.obstacles, *problem.keep_out)
     ]
-    size = float(np.linalg.norm(own.gravity))
-    gravity = np.array([0, 0, -size]) if problem.gravity is None else np.asarray(problem.gravity, dtype=float)
-    support = type(own)(
-        own.contacts, mass=own.mass, center_of_mass=own.center_of_mass, inertia=own.inertia,
-        gravity=rotation.T @ gravity,
-    )  # fmt: skip
+    support = robot.support.varied(gravity=rotation.T @ np.asarray(problem.gravity))
     return robot.varied(support=support, obstacles=(*robot.obstacles, *around))
 
 

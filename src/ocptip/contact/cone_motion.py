@@ -180,13 +180,7 @@ class ConeProblem:
             else:
                 third = _FACETS // 3
                 elements.append({"l1", f"l{1 + third}", f"l{1 + 2 * third}"})
-        aligned = Support(
-            contacts,
-            mass=support.mass,
-            center_of_mass=support.center_of_mass,
-            inertia=support.inertia,
-            gravity=support.gravity,
-        )
+        aligned = support.varied(contacts)
         subsets, basic = [], []
         for k, contact in enumerate(contacts):
             automaton, columns = contact.automaton, contact.columns

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -161,13 +162,13 @@ class Support:
         usual = self.mass * self.length**2
         moved = np.clip(values, usual / INERTIA_RANGE, usual * INERTIA_RANGE)
         inertia = (axes * moved) @ axes.T
-        return Support(
-            self.contacts,
-            mass=self.mass,
-            center_of_mass=self.center_of_mass,
-            inertia=0.5 * (inertia + inertia.T),
-            gravity=self.gravity,
-        )
+        return self.varied(inertia=0.5 * (inertia + inertia.T))
+
+    def varied(self, contacts: Sequence[Binding] | None = None, **changes: Any) -> Support:
+        """The same support with other contacts, mass, center_of_mass, inertia or gravity."""
+        names = ("mass", "center_of_mass", "inertia", "gravity")
+        kept = {name: getattr(self, name) for name in names}
+        return Support(self.contacts if contacts is None else contacts, **{**kept, **changes})
 
     def inertia_is_within(self, factor: float) -> bool:
         """True if all principal inertias are within this factor of mass times length squared."""

@@ -246,12 +246,11 @@ def _least_friction(robot: StandingRobot, parts: _Parts) -> Tolerated | None:
     wrenches = parts.total()
 
     def lost(factor: float) -> tuple[int, str] | None:
-        own = robot.support
         contacts = [
             replace(c, friction=factor * c.friction) if isinstance(c, UnilateralContact) else c
-            for c in own.contacts
+            for c in robot.support.contacts
         ]
-        support = Support(contacts, mass=own.mass, center_of_mass=own.center_of_mass, gravity=own.gravity)
+        support = robot.support.varied(contacts)
         tip_over = TipOver(support, robot.tip_over.reference_moment)
         return _Judge(support, tip_over, Slip(support, robot.slip.redistribution)).lost(wrenches)
 

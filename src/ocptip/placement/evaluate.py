@@ -301,7 +301,7 @@ class Evaluator:
             return np.nan
         for times in _FRICTION:
             rough = [replace(c, friction=times * c.friction) for c in contacts]
-            other = Support(rough, mass=support.mass, center_of_mass=support.center_of_mass)
+            other = support.varied(rough)
             states = solve_resting(other, wrench[None], warm_start=False)
             if states.persistent[0]:
                 return times * float(Slip(other).evaluate(states, derivatives=False).GT[0])

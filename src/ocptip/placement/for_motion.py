@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from ocptip.basics.errors import InputError, OcptipError, PlanningError, whole_number
-from ocptip.contact.support import Support
 from ocptip.motion.plan import MotionPlan, plan_motion
 from ocptip.motion.task import FIRST_SEVEN, MotionTask
 from ocptip.placement.evaluate import Evaluator
@@ -152,21 +151,11 @@ def placed_robot(placement: Placement) -> StandingRobot:
     """
     problem = placement.problem
     robot, base, origin = problem.robot, placement.base_rotation, placement.base_position
-    old = robot.support
-    support = Support(
-        problem.stands[placement.patch].footing(placement.parameters).support.contacts,
-        mass=old.mass,
-        center_of_mass=old.center_of_mass,
-        inertia=old.inertia,
-        gravity=base.T @ problem.gravity,
-    )
+    footing = problem.stands[placement.patch].footing(placement.parameters)
     around = [obstacle.placed(base.T, -base.T @ origin) for obstacle in problem.obstacles]
-    return StandingRobot(
-        robot.arm,
-        support,
-        robot.motors,
+    return robot.varied(
+        support=robot.support.varied(footing.support.contacts, gravity=base.T @ problem.gravity),
         obstacles=[*robot.obstacles, *around],
-        shapes=robot.shapes,
         reference_moment=robot.tip_over.reference_moment,
         redistribution=robot.slip.redistribution,
     )

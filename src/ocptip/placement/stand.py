@@ -88,14 +88,7 @@ class Feet:
         return self._on(moved, None)
 
     def _on(self, contacts: Sequence[Binding], redistribution: Redistribution | None) -> Footing:
-        old = self._robot.support
-        support = Support(
-            contacts,
-            mass=old.mass,
-            center_of_mass=old.center_of_mass,
-            inertia=old.inertia,
-            gravity=old.gravity,
-        )
+        support = self._robot.support.varied(contacts)
         moment = self._robot.tip_over.reference_moment
         return Footing(support, TipOver(support, moment), Slip(support, redistribution))
 

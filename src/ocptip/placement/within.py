@@ -7,7 +7,6 @@ from functools import partial
 
 import numpy as np
 
-from ocptip.contact.support import Support
 from ocptip.placement.problem import LoadCase
 from ocptip.placement.result import Placement
 from ocptip.robots.kinematics import link_frames
@@ -48,10 +47,7 @@ def rest_case(placement: Placement, case: LoadCase, tolerance: Tolerance) -> Res
         replace(c, position=at.position, normal=at.normal, tangent=at.tangent)
         for c, at in zip(robot.support.contacts, placed, strict=True)
     ]
-    own, gravity = robot.support, back @ np.asarray(problem.gravity, dtype=float)
-    support = Support(
-        contacts, mass=own.mass, center_of_mass=own.center_of_mass, inertia=own.inertia, gravity=gravity
-    )
+    support = robot.support.varied(contacts, gravity=back @ np.asarray(problem.gravity, dtype=float))
     weights, tool = bodies(robot, placement.angles[case.task], tolerance)
     force, moment = back @ case.force, back @ case.moment
     fixed = np.concatenate([force, moment + np.cross(tool, force)])

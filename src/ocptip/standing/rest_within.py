@@ -234,13 +234,7 @@ class RestCase:
         arrays = [np.array([getattr(w, column) for w in weights], dtype=float) for column in columns]
         self._masses, self._less, self._more, self._centers, self._half = arrays
         contacts = tolerance.contacts(support.contacts) if tolerance.friction else support.contacts
-        self.support = Support(
-            contacts,
-            mass=support.mass,
-            center_of_mass=support.center_of_mass,
-            inertia=support.inertia,
-            gravity=support.gravity,
-        )
+        self.support = support.varied(contacts)
         self._tip_over = TipOver(self.support, moment)
         self._map, self._slip = TipMap(self._tip_over), Slip(self.support)
 

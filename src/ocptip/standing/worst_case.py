@@ -17,7 +17,6 @@ from functools import lru_cache
 import numpy as np
 
 from ocptip.basics.errors import InputError
-from ocptip.contact.support import Support
 from ocptip.reserves.slip import SlipMap
 from ocptip.reserves.tipping import TipMap
 from ocptip.reserves.wrench_cone import ConeMap
@@ -211,14 +210,7 @@ def _weakest(robot: StandingRobot, tolerance: Tolerance) -> StandingRobot:
     """The robot on contacts with the least friction."""
     if not tolerance.friction:
         return robot
-    own = robot.support
-    support = Support(
-        tolerance.contacts(own.contacts),
-        mass=own.mass,
-        center_of_mass=own.center_of_mass,
-        inertia=own.inertia,
-        gravity=own.gravity,
-    )
+    support = robot.support.varied(tolerance.contacts(robot.support.contacts))
     moment, redistribution = robot.tip_over.reference_moment, robot.slip.redistribution
     return robot.varied(support=support, reference_moment=moment, redistribution=redistribution)
 

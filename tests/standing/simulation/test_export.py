@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from ocptip.basics.errors import InputError
 from ocptip.contact.bindings.clamps import RigidClamp
 from ocptip.contact.bindings.unilateral import UnilateralContact
-from ocptip.contact.support import Support
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.payload import Payload
 from ocptip.standing.simulation.bodies import exists, real_bodies
@@ -125,7 +124,7 @@ def test_feet_that_give_have_their_mass_from_the_base():
         UnilateralContact(position=c.position, friction=0.3, stiffness=1e6, damping_ratio=0.1)
         for c in own.contacts
     ]
-    soft = Support(feet, mass=own.mass, center_of_mass=own.center_of_mass, inertia=own.inertia)
+    soft = own.varied(feet)
     model = mujoco.MjModel.from_xml_string(to_mjcf(robot.varied(support=soft)))
     assert model.body_mass.sum() == pytest.approx(robot.mass, rel=1e-12)
     data = mujoco.MjData(model)
@@ -147,7 +146,7 @@ def test_rigid_clamps_have_two_jaws_and_preloaded_ones_are_refused():
     robot = ROBOTS["A"]
     own = robot.support
     clamp = RigidClamp(position=own.contacts[0].position, friction_upper=0.2, friction_lower=0.3)
-    support = Support([clamp, *own.contacts[1:]], mass=own.mass, center_of_mass=own.center_of_mass)
+    support = own.varied([clamp, *own.contacts[1:]])
     model = mujoco.MjModel.from_xml_string(to_mjcf(robot.varied(support=support)))
     assert model.npair == 4
     assert sorted(model.pair_friction[:, 0]) == [0.2, 0.2, 0.2, 0.3]

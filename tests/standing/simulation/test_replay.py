@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from ocptip.contact.bindings.clamps import RigidClamp
-from ocptip.contact.support import Support
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.simulation.mjcf import to_mjcf
 from ocptip.standing.simulation.replay import Simulator, World, compared
@@ -124,11 +123,9 @@ def test_late_joints_are_late(plan, simulator):
 def test_rigid_clamps_pull(plan):
     """A base whose centre of mass is far outside its feet hangs in a clamp."""
     robot, motion = plan
-    own = robot.support
     places = [[0.3, 0.0, -0.298], [0.5, 0.2, -0.298], [0.5, -0.2, -0.298]]
     clamps = [RigidClamp(position=p, friction_upper=0.9, friction_lower=0.9) for p in places]
-    support = Support(clamps, mass=own.mass, center_of_mass=own.center_of_mass)
-    replay = Simulator(robot.varied(support=support), motion).run()
+    replay = Simulator(robot.varied(support=robot.support.varied(clamps)), motion).run()
     assert not replay.falls
     assert replay.slide < 1e-3
     assert replay.forces.min() < -50  # N

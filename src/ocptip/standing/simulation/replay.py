@@ -17,7 +17,6 @@ from scipy.spatial.transform import Rotation
 
 from ocptip.basics.errors import InputError, OcptipError
 from ocptip.contact.bindings.unilateral import DAMPING_RATIO, UnilateralContact
-from ocptip.contact.support import Support
 from ocptip.numerics.inertia import union
 from ocptip.robots.payload import Payload
 from ocptip.standing.arm import StandingRobot
@@ -108,13 +107,7 @@ class World:
                 none = {"tangential_stiffness": None, "damping": None}
                 changes |= {"stiffness": self.stiffness, "damping_ratio": self.damping, **none}
             contacts.append(replace(contact, **changes))
-        support = Support(
-            contacts,
-            mass=own.mass,
-            center_of_mass=own.center_of_mass,
-            inertia=own.inertia,
-            gravity=self.gravity(own.gravity),
-        )
+        support = own.varied(contacts, gravity=self.gravity(own.gravity))
         return robot.varied(arm=arm, support=support, reference_moment=robot.tip_over.reference_moment)
 
     def gravity(self, gravity: np.ndarray) -> np.ndarray:
