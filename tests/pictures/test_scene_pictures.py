@@ -16,7 +16,7 @@ from ocptip.pictures.scene import draw_scene, plot_scene
 from ocptip.pictures.scene_panels import LOAD, NEAREST
 from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipOver
-from ocptip.task_files.scene import Scene, read_scene, scene_from_dict
+from ocptip.task_files.scene import Scene, read_scene
 
 EXAMPLES = ["tripod_with_arm", "rover_on_slope", "clamped_tripod", "pushed_cart"]
 
@@ -128,7 +128,7 @@ def test_loads_and_weight_are_labelled_with_their_size(scenes):
 
 
 def test_planar_forces_cones_and_bars():
-    scene = scene_from_dict(PLANAR)
+    scene = read_scene(PLANAR)
     states, tip, slip = evaluate(scene)
     figure = draw_scene(scene, states, tip, slip)
     left, right = figure.axes
@@ -157,7 +157,7 @@ def test_title_carries_verdict_and_reserves(scenes):
 
 @pytest.mark.parametrize("name", [*EXAMPLES, "planar"])
 def test_labels_do_not_cover_each_other(scenes, name):
-    scene = scene_from_dict(PLANAR) if name == "planar" else read_scene(scenes / f"{name}.toml")
+    scene = read_scene(PLANAR) if name == "planar" else read_scene(scenes / f"{name}.toml")
     figure = draw_scene(scene, *evaluate(scene))
     figure.draw_without_rendering()
     boxes = [(t.get_text(), t.get_window_extent()) for t in figure.texts]
@@ -189,7 +189,7 @@ def test_contacts_on_a_wall_are_seen_from_the_front():
             for y, z in ((-0.2, 0.0), (0.2, 0.0), (0.0, 0.4))
         ],
     }
-    scene = scene_from_dict(wall)
+    scene = read_scene(wall)
     ax = draw_scene(scene, *evaluate(scene)).axes[0]
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("y [m]", "z [m]")
     assert ax.get_title().startswith("seen along x")
@@ -198,7 +198,7 @@ def test_contacts_on_a_wall_are_seen_from_the_front():
 @pytest.mark.parametrize("count", [1, 2])
 def test_one_or_two_contacts_can_be_drawn(count):
     contacts = [{"kind": "unilateral", "position": [0.3 * k, 0, 0], "friction": 0.5} for k in range(count)]
-    scene = scene_from_dict(
+    scene = read_scene(
         {"base": {"mass": 1.0, "center_of_mass": [0.15 * (count - 1), 0, 0.2]}, "contact": contacts}
     )
     states, tip, slip = evaluate(scene)
@@ -233,7 +233,7 @@ def test_png_is_a_picture(scenes, tmp_path):
 @pytest.mark.parametrize("name", ["tripod_with_arm", "pushed_cart", None])
 def test_what_a_load_leaves_out_is_zero(scenes, name):
     """Loads without moment, point or force are drawn like those with zeros."""
-    scene = scene_from_dict(PLANAR) if name is None else read_scene(scenes / f"{name}.toml")
+    scene = read_scene(PLANAR) if name is None else read_scene(scenes / f"{name}.toml")
     size = 2 if scene.planar else 3
     force, point, zero = [4.0, -7.0, 3.0][:size], [0.1, 0.2, 0.3][:size], [0.0] * size
     short = [

@@ -13,7 +13,7 @@ from ocptip.cli.main import main
 from ocptip.parallel.description.branched import BranchedLeg
 from ocptip.parallel.description.ready_made import delta
 from ocptip.parallel.robot import ParallelRobot
-from ocptip.task_files.parallel import read_parallel_robot, robot_from_dict
+from ocptip.task_files.parallel import read_parallel_robot
 from tests.parallel.parallel_twin import relative, rod_delta
 
 NAME = "delta_parallelograms.toml"
@@ -63,7 +63,7 @@ def inner_loop(text: str) -> dict:
 
 def test_inner_loops(text, robots):
     """Fixed rows in the middle, a loop, friction per joint: still the lumped Delta, plus friction."""
-    description = robot_from_dict(inner_loop(text))
+    description = read_parallel_robot(inner_loop(text))
     leg = description.legs[0]
     assert isinstance(leg, BranchedLeg)
     assert leg.loops == ((7, 8),)
@@ -144,12 +144,12 @@ def test_a_serial_leg_cannot_use_a_branching_table(text):
     data = tomllib.loads(text)
     del data["leg"][1]["ends"]
     with pytest.raises(InputError, match=r"rows\[2\].after: for legs that branch"):
-        robot_from_dict(data)
+        read_parallel_robot(data)
     data["leg"][1]["ends"] = 3
     with pytest.raises(
         InputError, match=r"leg\[2\].ends: expected tables in double brackets, \[\[leg.ends\]\], got 3"
     ):
-        robot_from_dict(data)
+        read_parallel_robot(data)
     data["leg"][1]["ends"] = []
     with pytest.raises(InputError, match=r"leg\[2\].ends: a leg needs at least one end"):
-        robot_from_dict(data)
+        read_parallel_robot(data)

@@ -3,7 +3,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ocptip.basics.errors import InputError
-from ocptip.task_files.platform_points import platform_from_dict, read_platform, rotation_from_degrees
+from ocptip.task_files.platform_points import read_platform, rotation_from_degrees
 
 POINTS = [[100.0, 0, 0], [50, 80, 0], [-50, 80, 0], [-100, 0, 0], [-50, -80, 0], [50, -80, 0]]
 MINIMAL = {"base": POINTS, "platform": POINTS}
@@ -38,7 +38,7 @@ axes_deg = [0, 90, 0]
 
 
 def test_defaults():
-    content = platform_from_dict(MINIMAL, name="here")
+    content = read_platform(MINIMAL, name="here")
     assert content.platform.name == "here"
     assert content.ellipsoid is None
     np.testing.assert_array_equal(content.platform.base, POINTS)
@@ -69,13 +69,13 @@ def test_defaults():
 )
 def test_broken_content_is_refused_with_file_and_key(change, message):
     with pytest.raises(InputError) as error:
-        platform_from_dict(MINIMAL | change, name="p.toml")
+        read_platform(MINIMAL | change, name="p.toml")
     assert str(error.value).startswith(message)
 
 
 def test_missing_anchors_are_named():
     with pytest.raises(InputError, match="platform: platform: missing"):
-        platform_from_dict({"base": POINTS})
+        read_platform({"base": POINTS})
 
 
 def test_unreadable_files_are_refused(tmp_path):

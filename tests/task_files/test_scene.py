@@ -10,7 +10,7 @@ from ocptip.contact.bindings.binding import Binding
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.solver import solve
 from ocptip.contact.support import Load, Support
-from ocptip.task_files.scene import read_scene, scene_from_dict
+from ocptip.task_files.scene import read_scene
 
 SCENE = """\
 gravity = [0, 0, -9.81]
@@ -260,9 +260,9 @@ def test_no_contact():
     with pytest.raises(
         InputError, match=r"^scene: base.feet: missing \(where it stands, m; or \[\[contact\]\]\)$"
     ):
-        scene_from_dict({"base": base})
+        read_scene({"base": base})
     with pytest.raises(InputError, match=r"contact: expected tables in double brackets, \[\[contact\]\]"):
-        scene_from_dict({"base": base, "contact": {"kind": "unilateral"}})
+        read_scene({"base": base, "contact": {"kind": "unilateral"}})
 
 
 def test_planar_scene_refuses_spatial_loads(tmp_path):
@@ -293,7 +293,7 @@ RUBBER = {
 
 def test_stiffness_of_all_feet_and_of_one():
     contact = {"position": [-0.3, 0.2, 0], "stiffness": 4e5, "tangential_stiffness": 1e5, "damping": 80.0}
-    feet = scene_from_dict({"base": RUBBER, "contact": [contact]}).support.contacts
+    feet = read_scene({"base": RUBBER, "contact": [contact]}).support.contacts
     assert [(f.stiffness, f.damping_ratio, f.damping) for f in feet[:3]] == [(2e5, 0.1, None)] * 3
     assert (feet[3].stiffness, feet[3].tangential_stiffness) == (4e5, 1e5)
     assert (feet[3].damping_ratio, feet[3].damping) == (None, 80.0)
@@ -310,4 +310,4 @@ def test_stiffness_of_all_feet_and_of_one():
 )
 def test_springs_that_are_refused(contact, words):
     with pytest.raises(InputError, match=words):
-        scene_from_dict({"base": RUBBER, "contact": [{"position": [-0.3, 0.2, 0], **contact}]})
+        read_scene({"base": RUBBER, "contact": [{"position": [-0.3, 0.2, 0], **contact}]})

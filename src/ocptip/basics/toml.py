@@ -14,6 +14,7 @@ used.
 
 from __future__ import annotations
 
+import os
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -67,6 +68,10 @@ def read_text(path: Path) -> str:
     raise InputError(problem, "", str(path))
 
 
+Source = str | os.PathLike[str] | Mapping[str, Any]
+"""Path of a TOML file, or its content as `tomllib` returns it."""
+
+
 class Table:
     """A table of a file, and which of its keys have been read.
 
@@ -92,12 +97,15 @@ class Table:
         self._top: Sequence[str] = ()  # keys above the first table, often put below one by mistake
 
     @classmethod
-    def read(cls, path: Path) -> Table:
-        """Open a TOML file.
+    def read(cls, source: Source, name: str = "data") -> Table:
+        """Open a TOML file; of content that has been read already, `name` stands for the file in messages.
 
         Raises:
             InputError: it cannot be read, or is no TOML.
         """
+        if isinstance(source, Mapping):
+            return cls(source, name)
+        path = Path(source)
         text = read_text(path)
         try:
             return cls(tomllib.loads(text), path.name, folder=path.parent)

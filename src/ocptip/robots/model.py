@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, finite_array, rotation_matrix
+from ocptip.basics.frozen import read_only
 from ocptip.numerics.inertia import RigidBody, union
 from ocptip.robots.collision.shapes import ArmGeometry
 from ocptip.robots.coupling import Coupling
@@ -43,7 +44,7 @@ class JointLimits:
 
     def __post_init__(self) -> None:
         for name in ("angle_min", "angle_max", "speed", "acceleration", "torque"):
-            value = _frozen(np.array(getattr(self, name), dtype=float))
+            value = read_only(np.array(getattr(self, name), dtype=float))
             if value.ndim != 1 or np.isnan(value).any():
                 raise InputError(
                     f"limits.{name}: expected n numbers (infinite where there is none), got {value}"
@@ -89,8 +90,8 @@ class SphereSet:
         radii = finite_array(f"spheres {self.name!r}: radii", self.radii, (len(centres),))
         if not len(radii) or (radii <= 0).any():
             raise InputError(f"spheres {self.name!r}: radii must be > 0 and at least one, got {radii}")
-        object.__setattr__(self, "centres", _frozen(centres))
-        object.__setattr__(self, "radii", _frozen(radii))
+        object.__setattr__(self, "centres", read_only(centres))
+        object.__setattr__(self, "radii", read_only(radii))
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +168,7 @@ class ArmModel:
         kinds = np.zeros(n, dtype=bool) if self.prismatic is None else np.array(self.prismatic)
         if kinds.shape != (n,) or kinds.dtype != bool:
             raise InputError(f"prismatic: expected {n} times true or false, got {self.prismatic!r}")
-        object.__setattr__(self, "prismatic", _frozen(kinds))
+        object.__setattr__(self, "prismatic", read_only(kinds))
         links = n if self.coupling is None else len(self.coupling.names)
         shapes = {
             "rotations": (links, 3, 3),
@@ -181,7 +182,7 @@ class ArmModel:
             "armature": (n,),
         }
         for name, shape in shapes.items():
-            object.__setattr__(self, name, _frozen(finite_array(name, getattr(self, name), shape)))
+            object.__setattr__(self, name, read_only(finite_array(name, getattr(self, name), shape)))
         if len(self.limits.speed) != n:
             raise InputError(f"limits: expected {n} joints, got {len(self.limits.speed)}")
         for index, matrix in enumerate(self.rotations):
@@ -351,8 +352,3 @@ def joint_states(name: str, value: ArrayLike, joints: int) -> tuple[np.ndarray, 
     single = np.ndim(value) == 1
     array = finite_array(name, value, (joints,) if single else (None, joints))
     return np.atleast_2d(array), single
-
-
-def _frozen(array: np.ndarray) -> np.ndarray:
-    array.flags.writeable = False
-    return array

@@ -8,15 +8,13 @@ that starts with the file and the key.
 from __future__ import annotations
 
 import math
-import os
 import re
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ocptip.basics.text import of_known
-from ocptip.basics.toml import Table, number_of
+from ocptip.basics.toml import Source, Table, number_of
 from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.branched import BranchedLeg, LegEnd
 from ocptip.parallel.description.entries import Entry, Parameter, elementary_rotations, product_of
@@ -39,30 +37,17 @@ _FRICTION = ("drive_inertia", "viscous", "coulomb")
 _PI = re.compile(r"([+-]?)(?:(\d+(?:\.\d+)?)\*)?pi(?:/(\d+(?:\.\d+)?))?")
 
 
-def read_parallel_robot(path: str | os.PathLike[str]) -> RobotDescription:
+def read_parallel_robot(source: Source, name: str = "robot") -> RobotDescription:
     """Read a robot file.
+
+    Args:
+        source: the file, or its content.
+        name: put in front of every message about content.
 
     Raises:
         InputError: the file cannot be read or describes no robot; one line that names file and key.
     """
-    return _robot(Table.read(Path(path)))
-
-
-def robot_from_dict(data: dict[str, Any], *, name: str = "robot") -> RobotDescription:
-    """Build a description from the content of a robot file.
-
-    Args:
-        data: nested dictionaries and lists as `tomllib` returns them.
-        name: put in front of every message; the robot's name if the file gives none.
-
-    Raises:
-        InputError: one line that names the key.
-    """
-    return _robot(Table(data, name))
-
-
-def _robot(data: Table) -> RobotDescription:
-    with data:
+    with Table.read(source, name) as data:
         require_kind(data, "parallel")
         data.close(*_TOP)
         return _Reader(data).robot()

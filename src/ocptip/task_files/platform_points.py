@@ -19,15 +19,11 @@ Older files call these two `rotation_deg` and `axes_deg`.
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ocptip.basics.errors import finite_array
-from ocptip.basics.toml import Table
+from ocptip.basics.toml import Source, Table
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.platforms.platform import PlatformFile, StewartPlatform
 from ocptip.task_files.kinds import require_kind
@@ -35,39 +31,17 @@ from ocptip.task_files.kinds import require_kind
 _UNITS = {"m": 1.0, "mm": 1e-3}
 
 
-def read_platform(path: str | os.PathLike[str]) -> PlatformFile:
+def read_platform(source: Source, name: str = "platform") -> PlatformFile:
     """Read a platform file.
+
+    Args:
+        source: the file, or its content.
+        name: put in front of every message about content.
 
     Raises:
         InputError: the file cannot be read or describes no platform; one line that names file and key.
     """
-    return _platform(Table.read(Path(path)))
-
-
-def platform_from_dict(data: dict[str, Any], *, name: str = "platform") -> PlatformFile:
-    """Build a platform from the content of a platform file.
-
-    Args:
-        data: nested dictionaries and lists as `tomllib` returns them.
-        name: put in front of every message.
-
-    Raises:
-        InputError: one line that names the key.
-    """
-    return _platform(Table(data, name))
-
-
-def rotation_from_degrees(name: str, vector: object) -> np.ndarray:
-    """(3, 3) rotation matrix of a rotation vector (3,) in degrees.
-
-    Raises:
-        InputError: no such vector.
-    """
-    return Rotation.from_rotvec(np.radians(finite_array(name, vector, (3,)))).as_matrix()
-
-
-def _platform(data: Table) -> PlatformFile:
-    with data:
+    with Table.read(source, name) as data:
         require_kind(data, "rate")
         data.close("name", "unit", "base", "platform", "home", "operation_ellipsoid")
         scale, zero = _UNITS[data.choice("unit", _UNITS, "m")], np.zeros(3)
@@ -84,3 +58,12 @@ def _platform(data: Table) -> PlatformFile:
             axes = table.rotation("axes_", np.eye(3), also="axes_deg")
             ellipsoid = table.make(OperationEllipsoid, center, axes, half_axes)
         return PlatformFile(platform, position, rotation, ellipsoid)
+
+
+def rotation_from_degrees(name: str, vector: object) -> np.ndarray:
+    """(3, 3) rotation matrix of a rotation vector (3,) in degrees.
+
+    Raises:
+        InputError: no such vector.
+    """
+    return Rotation.from_rotvec(np.radians(finite_array(name, vector, (3,)))).as_matrix()

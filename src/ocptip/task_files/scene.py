@@ -7,14 +7,12 @@ Contacts and loads are counted from 1 in every message, as in the printed table.
 
 from __future__ import annotations
 
-import os
 from dataclasses import MISSING, dataclass, fields
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ocptip.basics.toml import Table
+from ocptip.basics.toml import Source, Table
 from ocptip.contact.bindings.binding import Binding
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.support import Load, Support, refuse_impossible_inertia
@@ -54,30 +52,17 @@ class Scene:
         return self.support.dimension == 2
 
 
-def read_scene(path: str | os.PathLike[str]) -> Scene:
+def read_scene(source: Source, name: str = "scene") -> Scene:
     """Read a scene file.
+
+    Args:
+        source: the file, or its content.
+        name: put in front of every message about content.
 
     Raises:
         InputError: the file cannot be read or describes no scene; one line that names file and key.
     """
-    return _scene(Table.read(Path(path)))
-
-
-def scene_from_dict(data: dict[str, Any], *, name: str = "scene") -> Scene:
-    """Build a scene from the content of a scene file.
-
-    Args:
-        data: nested dictionaries and lists as `tomllib` returns them.
-        name: put in front of every message.
-
-    Raises:
-        InputError: one line that names the key.
-    """
-    return _scene(Table(data, name))
-
-
-def _scene(data: Table) -> Scene:
-    with data:
+    with Table.read(source, name) as data:
         require_kind(data, "stand")
         doubt_units(data)
         data.close("name", *SCENE, "load", "tolerance")

@@ -21,7 +21,7 @@ from ocptip.parallel.description.entries import (
 from ocptip.parallel.description.ready_made import READY_MADE, make_robot, rrr3
 from ocptip.parallel.description.robot_description import DYNPAR2, FIXED, PRISMATIC, Leg, MDHRow, Platform
 from ocptip.parallel.robot import ParallelRobot
-from ocptip.task_files.parallel import describe, read_parallel_robot, robot_from_dict
+from ocptip.task_files.parallel import describe, read_parallel_robot
 from tests.parallel.parallel_cases import random_body
 from tests.parallel.parallel_twin import relative, rod_delta
 
@@ -286,7 +286,7 @@ def test_unreadable_files(tmp_path):
     with pytest.raises(InputError, match="cannot be read"):
         read_parallel_robot(tmp_path)
     with pytest.raises(InputError, match=r"leg: at least one \[\[leg\]\] is needed"):
-        robot_from_dict({"free": ["x"], "home": [0.0], "table": {"a": {}}})
+        read_parallel_robot({"free": ["x"], "home": [0.0], "table": {"a": {}}})
 
 
 def test_random_bodies_are_physical():
