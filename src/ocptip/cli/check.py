@@ -15,16 +15,15 @@ from ocptip.basics.errors import InputError, OcptipError, naming, positive_numbe
 from ocptip.basics.text import quantity, ratio
 from ocptip.basics.write import versions
 from ocptip.cli.command import Report
-from ocptip.cli.cycles import require_plain, segment_table, segments_of, segments_within
+from ocptip.cli.cycles import require_plain, segment_table, segments_of
 from ocptip.cli.layout import (
-    certificate_rows,
+    check_rows,
     masses,
     named,
     rises,
     sensitivities_to_dict,
     table,
     under,
-    within_rows,
 )
 from ocptip.cli.options import given_limits, with_limits
 from ocptip.cli.progress import say_if_compiling
@@ -239,16 +238,10 @@ class CheckReport(Report):
         moving = f"{quantity(checked.energy, 'J')} in {quantity(checked.duration, 's')}"
         rows = [("energy", f"{moving}, checked at {checked.samples} instants")]
         rows += under("retimed", [self.retimed] if self.retimed else ())
-        rows += certificate_rows(checked)
         if isinstance(self.motion, ArmMotion) and self.motion.rise_times:
             rows.append(("S-curves", rises(self.motion)))
-        rows += under("contacts", checked.contacts.lines())
-        rows += under("on feet", checked.feet_lines)
-        rows.append(("collision", checked.collision_text))
-        rows += segments_within(self.segments) if self.segments else within_rows(checked)
-        rows += under("tolerates", self.tolerated)
-        rows += under("would change", self.sensitivities)
-        rows += under("stops", self.stops.lines() if self.stops else ())
+        more = {"sensitivities": self.sensitivities, "stops": self.stops}
+        rows += check_rows(checked, self.tolerated, self.segments, **more)
         if not self.segments:
             rows.append(("masses", masses(self.task.robot)))
         rows += under("assumed", self.task.robot.notes)

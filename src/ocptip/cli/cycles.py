@@ -16,7 +16,7 @@ from ocptip.basics.errors import InputError, PlanningError
 from ocptip.basics.text import quantity, ratio
 from ocptip.basics.write import plain
 from ocptip.cli.command import Answer, Report
-from ocptip.cli.layout import certificate_rows, summary, table, under, use_of_reserves, within_rows
+from ocptip.cli.layout import check_rows, summary, table, under, use_of_reserves
 from ocptip.cli.many import Asked
 from ocptip.cli.options import given_limits, remove_figures
 from ocptip.cli.progress import Progress
@@ -184,11 +184,7 @@ class CycleReport(Report):
         lines += under("points", texts)
         if plan.interrupted:
             lines.append(("interrupted", self._interrupted()))
-        lines += certificate_rows(whole)
-        lines += under("contacts", whole.contacts.lines())
-        lines.append(("collision", whole.collision_text))
-        lines += segments_within(self.check)
-        lines += under("tolerates", self.tolerated)
+        lines += check_rows(whole, self.tolerated, self.check)
         lines += [(f"time x {f:g}", scaled_text(checked)) for f, checked in self.time_scale]
         lines += under("assumed", plan.task.robot.notes)
         head = "\n".join([self.headline(), "", *segment_table(plan.task, self.check), ""])
@@ -280,12 +276,6 @@ def segment_table(task: CycleTask, check: CycleCheck) -> list[str]:
 def _values(check: Any) -> list[str]:
     values = [check.worst[name].value if name in check.worst else np.nan for name in _COLUMNS]
     return [*map(ratio, values[:-1]), quantity(1e3 * values[-1], "mm")]
-
-
-def segments_within(check: CycleCheck) -> list[tuple[str, str]]:
-    """What the checks of the segments within a tolerance found; nothing without one."""
-    pairs = zip(check.names, check.segments, strict=True)
-    return [(name, f"{text} (segment {own})") for own, one in pairs for name, text in within_rows(one)]
 
 
 def scaled_text(checked: CycleCheck) -> str:

@@ -12,20 +12,18 @@ from ocptip.basics.errors import InputError, naming
 from ocptip.basics.write import versions, write_text
 from ocptip.cli.command import Report
 from ocptip.cli.layout import named, under
-from ocptip.motion.cycles.task import CycleTask
 from ocptip.standing.arm import StandingRobot
-from ocptip.standing.simulation.mjcf import remarks, require_exportable, to_mjcf
+from ocptip.standing.simulation.mjcf import remarks, to_mjcf
 from ocptip.standing.simulation.urdf import to_urdf
 from ocptip.task_files.plan_folder import read_plan_folder
-from ocptip.trajectories.sampled import Motion
-from ocptip.trajectories.sequence import MotionSequence
 
 
 def run(options: Namespace) -> ExportReport:
     """Write the model."""
     if options.mjcf is None and options.urdf is None:
         raise InputError("export: name a file, --mjcf FILE or --urdf FILE")
-    name, robot, motion = single_plan(options.plan)
+    plan = read_plan_folder(options.plan)
+    (robot, motion), name = plan.of_arm("export writes"), plan.task.name
     files = {}
     with naming(options.plan):
         if options.mjcf is not None:
@@ -33,21 +31,6 @@ def run(options: Namespace) -> ExportReport:
         if options.urdf is not None:
             files[Path(options.urdf)] = to_urdf(robot, name=name)
     return ExportReport(name, robot, files)
-
-
-def single_plan(folder: str) -> tuple[str, StandingRobot, Motion]:
-    """Name, robot and motion of a plan's folder.
-
-    Raises:
-        InputError: it is no such folder, a cycle, or a robot without a model for simulators.
-    """
-    plan = read_plan_folder(folder)
-    if isinstance(plan.task, CycleTask) or isinstance(plan.motion, MotionSequence):
-        raise InputError(
-            "is a cycle, whose segments hold different things; only single motions are simulated", "", folder
-        )
-    with naming(folder):
-        return plan.task.name, require_exportable(plan.task.robot), plan.motion
 
 
 @dataclass

@@ -11,6 +11,9 @@ from ocptip.basics.text import quantity
 
 if TYPE_CHECKING:  # most of them take long to load, and `ocptip stand` needs none
     from ocptip.motion.check import MotionCheck
+    from ocptip.motion.cycles.check import CycleCheck
+    from ocptip.motion.stops import Stops
+    from ocptip.motion.tolerated import Tolerated
     from ocptip.standing.mechanism import StandingMechanism
     from ocptip.standing.sensitivity import Sensitivity
     from ocptip.trajectories.arm_motion import ArmMotion
@@ -54,6 +57,29 @@ def sensitivities_to_dict(found: Sequence[Sensitivity]) -> dict[str, Any]:
 def certificate_rows(checked: MotionCheck) -> list[tuple[str, str]]:
     """What is proved for all instants; nothing where that was not asked for."""
     return [("proof", f"{checked.certificate}")] if checked.certificate else []
+
+
+def check_rows(
+    checked: MotionCheck,
+    tolerated: Iterable[Tolerated],
+    segments: CycleCheck | None = None,
+    *,
+    sensitivities: Iterable[Sensitivity] = (),
+    stops: Stops | None = None,
+) -> list[tuple[str, str]]:
+    """What is known of a motion besides its worst values; of a cycle with the checks of its segments."""
+    parts = zip(segments.names, segments.segments, strict=True) if segments else ()
+    within = [(name, f"{text} (segment {own})") for own, one in parts for name, text in within_rows(one)]
+    return [
+        *certificate_rows(checked),
+        *under("contacts", checked.contacts.lines()),
+        *under("on feet", checked.feet_lines),
+        ("collision", checked.collision_text),
+        *(within if segments else within_rows(checked)),
+        *under("tolerates", tolerated),
+        *under("would change", sensitivities),
+        *under("stops", stops.lines() if stops else ()),
+    ]
 
 
 def within_rows(checked: MotionCheck) -> list[tuple[str, str]]:

@@ -14,14 +14,13 @@ from ocptip.basics.errors import InputError, PlanningError, positive_number
 from ocptip.cli.command import Answer, Report
 from ocptip.cli.cycles import RISE_TIME, cycle_with_options, plan_it
 from ocptip.cli.layout import (
-    certificate_rows,
+    check_rows,
     masses,
     rises,
     sensitivities_to_dict,
     summary,
     under,
     use_of_reserves,
-    within_rows,
 )
 from ocptip.cli.many import Asked, answer_many, cluster, digest_of
 from ocptip.cli.options import output_directory, remove_figures, require_least, with_limits
@@ -225,14 +224,8 @@ class PlanReport(Report):
             lines.append(("controller", self._controller(self.execution)))
         if self.execution.trajectory_text:
             lines.append(("points", self.execution.trajectory_text))
-        lines += certificate_rows(self.check)
-        lines += under("contacts", self.check.contacts.lines())
-        lines += under("on feet", self.check.feet_lines)
-        lines.append(("collision", self.check.collision_text))
-        lines += within_rows(self.check)
-        lines += under("tolerates", self.tolerated)
-        lines += under("would change", self.sensitivities)
-        lines += under("stops", self.stops.lines() if self.stops else ())
+        more = {"sensitivities": self.sensitivities, "stops": self.stops}
+        lines += check_rows(self.check, self.tolerated, **more)
         lines += [(f"time x {factor:g}", _scale_text(checked)) for factor, checked in self.time_scale]
         lines.append(("masses", masses(self.plan.task.robot)))
         lines += under("assumed", self.plan.task.robot.notes)

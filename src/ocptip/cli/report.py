@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.basics.errors import InputError, naming
+from ocptip.basics.errors import naming
 from ocptip.basics.sums import SUMS, read_sums
 from ocptip.basics.text import quantity, ratio
 from ocptip.basics.write import file_target, versions, write_bytes
@@ -22,7 +22,6 @@ from ocptip.cli.layout import certificate_rows, masses, within_rows
 from ocptip.cli.progress import say_if_compiling
 from ocptip.cli.stops import stops_of
 from ocptip.motion.check import MotionCheck, certified, check_motion
-from ocptip.motion.cycles.task import CycleTask
 from ocptip.motion.load_cases import (
     MOST_TILT,
     Asked,
@@ -35,9 +34,9 @@ from ocptip.motion.stops import Stops
 from ocptip.motion.task import MotionTask
 from ocptip.motion.tolerated import Tolerated, tolerated
 from ocptip.standing.arm import StandingRobot
+from ocptip.task_files.cycle import read_task
 from ocptip.task_files.load_cases import load_asked
-from ocptip.task_files.motion import load_task
-from ocptip.task_files.plan_folder import PlanFolder, read_plan_folder
+from ocptip.task_files.plan_folder import PlanFolder, arm_of, read_plan_folder
 from ocptip.trajectories.sampled import Motion
 
 ENDINGS = (".html", ".pdf")
@@ -63,18 +62,14 @@ def run(options: Namespace) -> DocumentReport:
     with naming("--out"):
         out = file_target(options.out or f"ocptip-report-{path.resolve().stem}.html", ENDINGS)
     folder = read_plan_folder(path) if path.is_dir() else None
-    task = folder.task if folder else load_task(path)
-    if isinstance(task, CycleTask):
-        raise InputError(f"{path}: is a cycle; a report is about a single motion or a task")
-    robot = task.robot
-    if not isinstance(robot, StandingRobot):
-        raise InputError(f"{path}: load cases are of arms on their bases, not of a {robot.kind}")
+    task = folder.task if folder else read_task(path)
+    robot = arm_of(task, "report is about", path)
+    assert isinstance(task, MotionTask)
     say_if_compiling()
     found = Document(path.name, task, folder, options.cases)
     poses = {"start": task.start, "goal": task.goal}
     if folder is not None:
-        motion = folder.motion
-        assert isinstance(motion, Motion)  # of no cycle
+        _, motion = folder.of_arm("report is about")
         found.moves(robot, motion)
         poses = {"start": motion.start, "goal": motion.goal, **found.worst_poses(motion)}
     asked = Asked(poses) if options.cases is None else load_asked(options.cases, robot.arm, poses)

@@ -12,7 +12,6 @@ from ocptip.basics.errors import InputError, naming, positive_number, share_of_o
 from ocptip.basics.text import quantity
 from ocptip.basics.write import versions
 from ocptip.cli.command import Report
-from ocptip.cli.export import single_plan
 from ocptip.cli.layout import named, table, under
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.simulation.mjcf import remarks
@@ -26,6 +25,7 @@ from ocptip.standing.simulation.replay import (
     compared,
     simulator_numbers,
 )
+from ocptip.task_files.plan_folder import read_plan_folder
 
 _STEEPEST = 60.0  # deg
 
@@ -36,10 +36,11 @@ def run(options: Namespace) -> SimulateReport:
     step = positive_number("--step", options.step)
     if step > 5e-4:
         raise InputError(f"--step: at most 0.0005 s, got {step:g}")
-    name, robot, motion = single_plan(options.plan)
+    plan = read_plan_folder(options.plan)
+    robot, motion = plan.of_arm("simulate replays")
     with naming(options.plan):
         replay = Simulator(robot, motion, step=step).run(world)
-        return SimulateReport(name, world.robot(robot), replay, compared(robot, motion, replay))
+        return SimulateReport(plan.task.name, world.robot(robot), replay, compared(robot, motion, replay))
 
 
 def _world(options: Namespace) -> World:

@@ -17,7 +17,6 @@ from ocptip.basics.toml import read_text
 from ocptip.basics.write import versions, write_text
 from ocptip.cli.command import Report
 from ocptip.contact.solver import solve
-from ocptip.motion.cycles.task import CycleTask
 from ocptip.pictures.view import Show, library_viser, motion_show, pose_show, scene_show, serve, to_html
 from ocptip.placement.output import PLACEMENT
 from ocptip.placement.problem import PlacementProblem
@@ -27,7 +26,6 @@ from ocptip.standing.arm import StandingRobot
 from ocptip.task_files.placement import load_placement
 from ocptip.task_files.plan_folder import read_plan_folder
 from ocptip.task_files.scene import read_scene
-from ocptip.trajectories.sequence import MotionSequence
 
 
 def run(options: Namespace) -> ViewReport:
@@ -51,12 +49,7 @@ def _show(options: Namespace) -> tuple[str, Show]:
         raise InputError(f"--task: belongs to the folder of a placement, and {path} is none")
     if path.is_dir():
         plan = read_plan_folder(path)
-        if isinstance(plan.task, CycleTask) or isinstance(plan.motion, MotionSequence):
-            raise InputError("is a cycle; view shows single motions", "", str(path))
-        robot = plan.task.robot
-        if not isinstance(robot, StandingRobot):
-            raise InputError(f"is the plan of a {robot.kind}; view shows arms", "", str(path))
-        return plan.task.name, motion_show(plan.task.name, robot, plan.motion)
+        return plan.task.name, motion_show(plan.task.name, *plan.of_arm("view shows"))
     scene = read_scene(path)
     states = solve(scene.support, scene.wrench).states
     with naming(str(path)):

@@ -21,14 +21,13 @@ from ocptip.basics.errors import positive_number
 from ocptip.basics.sums import write_sums, written_names
 from ocptip.basics.write import plain, versions, write_bytes, write_text
 from ocptip.motion.execution import Execution
-from ocptip.motion.source import TASK, TaskSource
+from ocptip.motion.source import TASK, TaskSource, source_of
 from ocptip.standing.mechanism import MotionSamples, StandingMechanism
 from ocptip.trajectories.arm_motion import INSIDE, MERGE
 from ocptip.trajectories.sampled import Motion, SampledMotion
 
 if TYPE_CHECKING:
     from ocptip.motion.plan import MotionPlan
-    from ocptip.motion.task import MotionTask
 
 CLOSE = 0.1  # of a step: nearer to events there are no further samples
 STEP = 0.005
@@ -65,7 +64,7 @@ def plan_to_dict(plan: MotionPlan, execution: Execution | None = None) -> dict[s
     data = {
         "case": plan.task.name,
         **({"base": plan.options["base"]} if "base" in plan.options else {}),
-        "task_file": TASK if _source(plan.task) else None,
+        "task_file": TASK if source_of(plan.task) else None,
         "objective": plan.task.objective.to_dict(),
         "energy_J": checked.energy,
         "duration_s": checked.duration,
@@ -217,7 +216,7 @@ def write_plan(
     }
     if (certificate := execution.check.certificate) and certificate.data:
         texts[CERTIFICATE] = json.dumps(certificate.data, allow_nan=False) + "\n"
-    source = _source(plan.task)
+    source = source_of(plan.task)
     task = plan.task
     text = source.text(task.name, task.limits, task.objective, task.rise_times) if source else ""
     return write_folder(directory, texts, source, text)
@@ -245,12 +244,6 @@ def write_folder(
     for name in set(earlier) - set(names):
         (directory / name).unlink(missing_ok=True)
     return [*(directory / name for name in names), write_sums(directory, names)]
-
-
-def _source(task: MotionTask) -> TaskSource | None:
-    """Where a task was read from; None if it was made in Python, or has another robot by now."""
-    source = task.source
-    return source if source is not None and source.robot is task.robot else None
 
 
 def _write_task(directory: Path, source: TaskSource, text: str) -> list[str]:

@@ -63,6 +63,12 @@ class TaskSource:
         return toml_text(data)
 
 
+def source_of(task: Any) -> TaskSource | None:
+    """Where a task was read from; None if it was made in Python, or has another robot by now."""
+    source = task.source
+    return source if source is not None and source.robot is task.robot else None
+
+
 def _stops(stops: PathStops) -> dict[str, Any]:
     """Keys of `[stops]` with which the task asks for them."""
     return {"safe": True, "GN": stops.GN, "GT": stops.GT, "time": stops.time}

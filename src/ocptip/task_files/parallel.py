@@ -198,18 +198,3 @@ def _loops(table: Table) -> list[tuple[int, int]]:
     if (pairs % 1 != 0).any():
         raise table.error(f"expected pairs of rows, [[3, 5]], got {pairs.tolist()}", "loops")
     return [(int(a) - 1, int(b) - 1) for a, b in pairs]
-
-
-def describe(description: RobotDescription) -> dict[str, object]:
-    """A robot as plain data: name, coordinates, motors (from 1), parameters, gravity, home."""
-    return {
-        "name": description.name,
-        "legs": len(description.legs),
-        "coordinates": list(description.platform.coordinates),
-        "convention": description.platform.convention,
-        "actuated": [[leg + 1, joint + 1] for leg, joint in description.actuated],
-        "redundant": [[leg + 1, joint + 1] for leg, joint in description.redundant],
-        "parameters": description.parameters,
-        "gravity": np.asarray(description.gravity).tolist(),
-        "home": np.asarray(description.home).tolist(),
-    }

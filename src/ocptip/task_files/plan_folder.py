@@ -15,6 +15,7 @@ from ocptip.motion.cycles.task import CycleTask
 from ocptip.motion.output import PLAN
 from ocptip.motion.source import TASK
 from ocptip.motion.task import MotionTask
+from ocptip.standing.arm import StandingRobot
 from ocptip.task_files.cycle import read_task
 from ocptip.trajectories.read import load_motions
 from ocptip.trajectories.sampled import Motion
@@ -36,6 +37,28 @@ class PlanFolder:
     task: MotionTask | CycleTask
     motion: Motion | MotionSequence
     data: dict[str, Any]
+
+    def of_arm(self, does: str) -> tuple[StandingRobot, Motion]:
+        """Robot and motion of a single motion of an arm.
+
+        Args:
+            does: what is done with it, such as "view shows".
+
+        Raises:
+            InputError: a cycle, or another mechanism.
+        """
+        if isinstance(self.motion, MotionSequence):
+            raise InputError(f"is a cycle; {does} single motions", "", str(self.path))
+        return arm_of(self.task, does, self.path), self.motion
+
+
+def arm_of(task: MotionTask | CycleTask, does: str, path: Path) -> StandingRobot:
+    """The arm of a single motion; InputError names the file or folder of a cycle, or another mechanism."""
+    if isinstance(task, CycleTask):
+        raise InputError(f"is a cycle; {does} single motions", "", str(path))
+    if not isinstance(task.robot, StandingRobot):
+        raise InputError(f"is of a {task.robot.kind}; {does} arms", "", str(path))
+    return task.robot
 
 
 def is_plan_folder(path: str | os.PathLike[str]) -> bool:

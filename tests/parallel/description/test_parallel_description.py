@@ -21,7 +21,7 @@ from ocptip.parallel.description.entries import (
 from ocptip.parallel.description.ready_made import READY_MADE, make_robot, rrr3
 from ocptip.parallel.description.robot_description import DYNPAR2, FIXED, PRISMATIC, Leg, MDHRow, Platform
 from ocptip.parallel.robot import ParallelRobot
-from ocptip.task_files.parallel import describe, read_parallel_robot
+from ocptip.task_files.parallel import read_parallel_robot
 from tests.parallel.parallel_cases import random_body
 from tests.parallel.parallel_twin import relative, rod_delta
 
@@ -219,7 +219,7 @@ def test_file_describes_the_same_robot_as_the_constructor(tmp_path):
     path = tmp_path / "three.toml"
     path.write_text(FILE)
     description = read_parallel_robot(path)
-    assert describe(description)["actuated"] == [[1, 1], [2, 1], [3, 1]]
+    assert description.actuated == ((0, 0), (1, 0), (2, 0))
     assert description.parameters == {"l1": 0.6, "l2": 0.6, "gamma3": 8.901179185171081}
     z, zd, zdd = [0.05, 0.02, 0.1], [1.0, -0.5, 2.0], [3.0, 4.0, -5.0]
     built = ParallelRobot(rrr3()).inverse_dynamics(z, zd, zdd).motors

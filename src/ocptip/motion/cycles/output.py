@@ -30,7 +30,7 @@ from ocptip.motion.output import (
     write_folder,
 )
 from ocptip.motion.plan import MotionPlan
-from ocptip.motion.source import LIMITS, TASK, TaskSource
+from ocptip.motion.source import LIMITS, TASK, TaskSource, source_of
 from ocptip.standing.mechanism import MotionSamples
 from ocptip.trajectories.sequence import MotionSequence, joined
 
@@ -61,7 +61,7 @@ def cycle_to_dict(plan: CyclePlan, executions: Sequence[Execution], check: Cycle
             **data,
             "verified": plan.complete and check.whole.verified,
             "certified": plan.complete and check.whole.certified,
-            "task_file": TASK if _source(plan.task) else None,
+            "task_file": TASK if source_of(plan.task) else None,
             "closed": plan.task.closed,
             "missing": [segment.name for segment in plan.task.segments[len(plan.parts) :]],
             "segments": rows,
@@ -192,14 +192,8 @@ def write_cycle(
         if (certificate := own.check.certificate) and certificate.data:
             name = CERTIFICATE.replace(".", f"-{number}.")
             texts[name] = json.dumps(certificate.data, allow_nan=False) + "\n"
-    source = _source(task)
+    source = source_of(task)
     return write_folder(Path(directory), texts, source, _task_text(task, source) if source else "")
-
-
-def _source(task: CycleTask) -> TaskSource | None:
-    """Where a task was read from; None if it was made in Python, or has another robot by now."""
-    source = task.source
-    return source if source is not None and source.robot is task.robot else None
 
 
 def _task_text(task: CycleTask, source: TaskSource) -> str:

@@ -1,4 +1,4 @@
-"""C code of generated functions: source and header, written completely or not at all, and compiled if wished.
+"""C code of generated functions: source and header, written completely or not at all.
 
 The code allocates nothing, calls nothing but sin, cos and the like, and is free of branches except for the
 sign of Coulomb friction.
@@ -7,8 +7,6 @@ sign of Coulomb friction.
 from __future__ import annotations
 
 import os
-import shutil
-import subprocess
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +14,7 @@ from pathlib import Path
 
 import casadi as cs
 
-from ocptip.basics.errors import InputError, SolverError
+from ocptip.basics.errors import InputError
 from ocptip.basics.write import file_target
 from ocptip.parallel.code.counting import count_operations
 from ocptip.parallel.code.lean import LeanFunction
@@ -78,32 +76,6 @@ def write_c(
         os.replace(made.with_suffix(".h"), header)
         os.replace(made, target)
     return CFiles(target, header, names[0])
-
-
-def find_compiler() -> str | None:
-    """Path of the C compiler: of the environment variable CC, or cc, gcc or clang; None if there is none."""
-    for name in (os.environ.get("CC"), "cc", "gcc", "clang"):
-        found = shutil.which(name) if name else None
-        if found:
-            return found
-    return None
-
-
-def compile_shared(files: CFiles, *, flags: Sequence[str] = ("-O2",)) -> cs.Function:
-    """Compile to a shared library beside the source and load the (first) function from it.
-
-    Raises:
-        SolverError: no compiler, or it failed; with its message.
-    """
-    compiler = find_compiler()
-    if compiler is None:
-        raise SolverError("no C compiler found: install one or set the environment variable CC")
-    library = files.source.with_suffix(".so").resolve()
-    command = [compiler, *flags, "-shared", "-fPIC", str(files.source), "-o", str(library), "-lm"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise SolverError(f"{compiler} failed on {files.source}: {done.stderr.strip()[:500]}")
-    return cs.external(files.function, str(library))
 
 
 def _described(given: LeanFunction | cs.Function) -> str:
