@@ -208,11 +208,11 @@ class Table:
         with self.at():
             return function(*arguments, **options)
 
-    def table(self, key: str, *, optional: bool = False, hint: str = "") -> Table:
+    def table(self, key: str, *, optional: bool = False) -> Table:
         """The table under a key, an empty one if it is optional and missing."""
         self._known[key] = None
         if key not in self._data and not optional:
-            raise self.error(f"missing table [{self.place(key)}]{hint}", key)
+            raise self.error(f"missing table [{self.place(key)}]", key)
         value = self._data.get(key, {})
         if not isinstance(value, dict):
             raise self.error(f"expected a table [{self.place(key)}], got {value!r}", key)

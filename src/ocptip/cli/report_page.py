@@ -57,10 +57,10 @@ def _cell(value: object) -> str:
     return text.replace(" ", "&nbsp;") if len(text) < 24 else text
 
 
-def picture(figure: Any, caption: str, dpi: int = 110) -> str:
+def picture(figure: Any, caption: str) -> str:
     """A matplotlib figure inside the page."""
     stream = BytesIO()
-    figure.savefig(stream, format="png", dpi=dpi)
+    figure.savefig(stream, format="png", dpi=110)
     return image(stream.getvalue(), caption)
 
 

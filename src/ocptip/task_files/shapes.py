@@ -50,13 +50,12 @@ def read_shape(table: Table) -> list[Shape]:
     return [shape.placed(rotation, position) for shape in SOLIDS[kind](table)]
 
 
-def read_shapes(owner: Table, default: str, body: int = 0, *, carried: bool = False) -> list[BodyShape]:
+def read_shapes(owner: Table, default: str, *, carried: bool = False) -> list[BodyShape]:
     """The solids of the table or tables `shape` of another one; several are called "... 1" and so on.
 
     Args:
         owner: such as `[base]`.
         default: name.
-        body: that they are fixed to, see `BodyShape`.
         carried: by the gripper.
 
     Raises:
@@ -67,7 +66,7 @@ def read_shapes(owner: Table, default: str, body: int = 0, *, carried: bool = Fa
     found = []
     for number, table in enumerate(tables, 1):
         name = table.text("name", f"{default} {number}" if len(tables) > 1 else default)
-        found += [BodyShape(name, body, shape, carried) for shape in read_shape(table)]
+        found += [BodyShape(name, 0, shape, carried) for shape in read_shape(table)]
     return found
 
 

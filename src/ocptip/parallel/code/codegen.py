@@ -39,7 +39,6 @@ def write_c(
     path: str | os.PathLike[str],
     *,
     main: bool = False,
-    mex: bool = False,
 ) -> CFiles:
     """Write functions as C source with a header beside it.
 
@@ -50,7 +49,6 @@ def write_c(
         functions: one or several, of different names.
         path: of the source, ending in .c; the header gets the same name with .h.
         main: add a `main` that evaluates a function from the command line.
-        mex: add entry points for Matlab.
 
     Raises:
         InputError: path does not end in .c, its name is not an identifier, or functions share a name.
@@ -64,7 +62,7 @@ def write_c(
     names = [one.name() for one in plain]
     if not plain or len(set(names)) != len(names):
         raise InputError(f"functions: expected at least one, with different names, got {names}")
-    generator = cs.CodeGenerator(target.name, {"with_header": True, "main": main, "mex": mex})
+    generator = cs.CodeGenerator(target.name, {"with_header": True, "main": main})
     for one in plain:
         generator.add(one)
     header = target.with_suffix(".h")

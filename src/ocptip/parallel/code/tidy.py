@@ -25,6 +25,7 @@ _UNARY = {
     cs.OP_SIGN: cs.sign,
     cs.OP_FABS: cs.fabs,
 }
+_PASSES = 3  # how often sums are factored
 _ODD = {cs.OP_SIN, cs.OP_TANH, cs.OP_SIGN}
 _EVEN = {cs.OP_COS, cs.OP_FABS}
 
@@ -100,12 +101,11 @@ class _Graph:
         return (key[2][1],) if key[0] == "fun" else ()
 
 
-def tidy(function: cs.Function, passes: int = 3) -> cs.Function:
+def tidy(function: cs.Function) -> cs.Function:
     """The same function in fewer operations.
 
     Args:
         function: an SX function of scalar operations (no calls).
-        passes: how often sums are factored.
 
     Returns:
         A function of the same name, inputs and outputs; outputs keep their sparsity.
@@ -114,7 +114,7 @@ def tidy(function: cs.Function, passes: int = 3) -> cs.Function:
         InputError: an operation this module does not know.
     """
     graph, outputs = _read(function)
-    for _ in range(passes):
+    for _ in range(_PASSES):
         graph, outputs = _factored(graph, outputs)
     return _written(function, graph, outputs)
 
