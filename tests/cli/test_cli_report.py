@@ -44,7 +44,7 @@ def test_the_same_as_json_and_as_pdf(tmp_path, capsys, cases):
     ("arguments", "words"),
     [
         ([TASK, "--out", "report.txt"], "--out: path: expected a file NAME.html or NAME.pdf"),
-        ([str(EXAMPLES / "tasks" / "delta_cart.toml")], "load cases are of arms"),
+        ([str(EXAMPLES / "tasks" / "delta_cart.toml")], "is of a parallel robot; report is about arms"),
         ([str(EXAMPLES / "tasks" / "ur5_pick_and_place.toml")], "cycle"),
     ],
 )

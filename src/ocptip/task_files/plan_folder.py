@@ -57,7 +57,7 @@ def arm_of(task: MotionTask | CycleTask, does: str, path: Path) -> StandingRobot
     if isinstance(task, CycleTask):
         raise InputError(f"is a cycle; {does} single motions", "", str(path))
     if not isinstance(task.robot, StandingRobot):
-        raise InputError(f"is of a {task.robot.kind}; {does} arms", "", str(path))
+        raise InputError(f"is of a parallel robot; {does} arms", "", str(path))
     return task.robot
 
 
