@@ -33,14 +33,17 @@ def plot_scene(
     tip: TipOverReserve,
     slip: SlipReserve,
     path: str | os.PathLike[str],
+    *,
+    index: int = 0,
 ) -> None:
-    """Draw the first state of a scene into a file; an existing file is replaced only by a complete one.
+    """Draw one state of a scene into a file; an existing file is replaced only by a complete one.
 
     Args:
         scene: the scene.
         states: solved states of its support.
         tip, slip: the reserves of these states.
         path: file name ending in .png, .pdf or .svg.
+        index: which of the states.
 
     Raises:
         InputError: unknown file format.
@@ -50,17 +53,19 @@ def plot_scene(
     file_format = path.suffix.lower().lstrip(".")
     if file_format not in FORMATS:
         raise InputError(f"path: expected a file name ending in .png, .pdf or .svg, got {str(path)!r}")
-    figure = draw_scene(scene, states, tip, slip)
+    figure = draw_scene(scene, states, tip, slip, index=index)
     with atomic_file(path) as stream:
         figure.savefig(stream, format=file_format, dpi=150)
 
 
-def draw_scene(scene: Scene, states: ContactStates, tip: TipOverReserve, slip: SlipReserve) -> Figure:
+def draw_scene(
+    scene: Scene, states: ContactStates, tip: TipOverReserve, slip: SlipReserve, *, index: int = 0
+) -> Figure:
     """The same as a matplotlib figure, see `plot_scene`."""
-    picture = ScenePicture(scene, states, tip, slip, 0)
+    picture = ScenePicture(scene, states, tip, slip, index)
     labels = Labels()
     figure = new_figure(13.0, 7.0)
-    color = "black" if states.persistent[0] else LOAD
+    color = "black" if states.persistent[index] else LOAD
     figure.suptitle(picture.title, fontsize=14, fontweight="bold", color=color)
     if scene.planar:
         left, right = figure.subplots(1, 2, width_ratios=[1.7, 1.0])
