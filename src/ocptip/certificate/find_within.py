@@ -27,6 +27,7 @@ _STEPS = 8  # of the bisection of GT
 _STEPS_OF_WEIGHTS = (0.5,) * 8 + (0.2,) * 8  # how far they go from try to try
 _PATIENCE, _SLOW = 4, 0.9  # after so many tries, the share that may be left of what is missing
 _IN_VAIN = 1.6  # so many times the rows before: what is missing is not the length of the intervals
+_LIGHT, _LIGHTER = 0.5, 1e-3  # of the mean of weights: below it contacts get by so much less
 _FACETS = (12,)  # of cones, while weights are looked for
 _DIGITS = 6  # of forces, N
 
@@ -90,6 +91,8 @@ class _Search:
         self._robot, self._goals = robot, goals
         self._interior = Interior(robot.support)
         self._sharing = Sharing(model, motion, tolerance, goals)
+        contacts = self._sharing.contacts
+        self._several = contacts.count > 3 or not contacts.flat  # else the wrench says what feet bear
         self._parts: list[tuple[np.ndarray, np.ndarray, _Judged]] = []  # starts, ends, rows
 
     def run(self) -> None:
@@ -142,10 +145,12 @@ class _Search:
             room[short] = sharing.held(
                 terms.some(short), forces[:, 0][..., short], weights[..., short], share
             )
-            if len(short := short[~(room[short] >= 0)]) and not sharing.contacts.flat:
+            if len(short := short[~(room[short] >= 0)]) and self._several:
                 some, own = terms.some(short), forces[:, 0][..., short]
-                start = weights[..., short], capacity[:, short]
-                weights[..., short], room[short] = self._improved(some, own, *start, share)
+                better = self._lighter if sharing.contacts.flat else self._improved
+                weights[..., short], room[short] = better(
+                    some, own, weights[..., short], capacity[:, short], share
+                )
             if share < HIGHEST:
                 beyond = ~(room >= 0)
         judged = _Judged(rows.interval, terms, forces, weights, np.full(len(room), np.inf), beyond, room >= 0)
@@ -156,6 +161,15 @@ class _Search:
             margins = sharing.margins(terms, forces, weights)
             judged.holds &= margins["tip-over within tolerance"] >= 0
         return judged
+
+    def _lighter(
+        self, terms: Terms, forces: np.ndarray, weights: np.ndarray, _: np.ndarray, share: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Weights with which contacts that are nearly lost follow their tipping axis alone."""
+        light = weights[:, 0] < _LIGHT * np.mean(weights[:, 0], axis=0)
+        weights = weights.copy()
+        weights[:, 0] *= np.where(light, _LIGHTER, 1.0)
+        return weights, self._sharing.held(terms, forces, weights, share)
 
     def _improved(
         self, terms: Terms, forces: np.ndarray, weights: np.ndarray, capacity: np.ndarray, share: float
@@ -185,6 +199,8 @@ class _Search:
     def _forces(self, terms: Terms) -> np.ndarray:
         """(2, rules, contacts, 3, R) that hold the wrench of the middle weights at both ends."""
         count = terms.size.shape[1]
+        if not self._several:
+            return np.zeros((2, 1, self._sharing.contacts.count, 3, count))
         wrenches = np.concatenate([terms.described(s) for s in (-1.0, 1.0)], axis=1).T  # (2 R, 6)
         every = np.concatenate([wrenches, *(wrenches + couple for couple in self._sharing.contacts.couples)])
         slip = self._robot.slip.evaluate(self._robot.contact_states(every), derivatives=False)
@@ -200,8 +216,9 @@ class _Search:
         """(contacts, 2, R): shares in proportion to what contacts bear at least; and that, (contacts, R)."""
         contacts, count = self._sharing.contacts.count, terms.size.shape[1]
         weights = np.ones((contacts, 2, count))
-        normal = np.maximum(forces[0, 0, :, 0], forces[1, 0, :, 0])
-        weights[:, 0] = np.maximum(normal, 0.02 * np.max(np.abs(normal), axis=0)) if contacts > 3 else 1.0
+        if self._several:
+            normal = np.maximum(forces[0, 0, :, 0], forces[1, 0, :, 0])
+            weights[:, 0] = np.maximum(normal, 1e-3 * np.max(np.abs(normal), axis=0))
         if self._sharing.contacts.flat:
             return weights, np.ones((contacts, count))
         capacity = self._sharing.capacities(terms, forces[:, 0], weights)
@@ -228,17 +245,18 @@ class _Search:
         """The least share of friction that is found to be enough for all rows."""
         low, high = self._goals["GT_worst_case"], HIGHEST
         some = [_some(part, part.beyond & part.holds) for *_, part in self._parts]
-        some = [part for part in some if len(part.interval)]
-        if not some:
+        if not any(len(part.interval) for part in some):
             return low
         for _ in range(_STEPS):
             share = 0.5 * (low + high)
-            enough = True
-            for part in some:
-                enough &= bool(
-                    np.all(self._sharing.held(part.terms, part.forces[:, 0], part.weights, share) >= 0)
-                )
-            low, high = (low, share) if enough else (share, high)
+            more = [
+                _some(part, ~(self._sharing.held(part.terms, part.forces[:, 0], part.weights, share) >= 0))
+                for part in some
+            ]
+            if any(len(part.interval) for part in more):
+                low, some = share, more  # the others need less
+            else:
+                high = share
         return high
 
     def _cover(self) -> dict[str, Any]:
