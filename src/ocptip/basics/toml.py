@@ -68,6 +68,9 @@ def read_text(path: Path) -> str:
     raise InputError(problem, "", str(path))
 
 
+MARK = "#>"
+"""Begins the lines of a template that have to be filled in; without it they are TOML."""
+
 Source = str | os.PathLike[str] | Mapping[str, Any]
 """Path of a TOML file, or its content as `tomllib` returns it."""
 

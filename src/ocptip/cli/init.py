@@ -10,11 +10,12 @@ from typing import Any
 
 from ocptip.basics.errors import InputError
 from ocptip.basics.text import some
+from ocptip.basics.toml import MARK
 from ocptip.basics.write import write_text
 from ocptip.cli.command import Report
 from ocptip.cli.layout import named
 from ocptip.cli.options import naming_options
-from ocptip.task_files.template import MARK, TaskTemplate, task_template
+from ocptip.task_files.template import TaskTemplate, task_template
 
 
 @dataclass

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from ocptip.basics.doubts import doubt
-from ocptip.basics.toml import Table
+from ocptip.basics.errors import InputError
+from ocptip.basics.toml import MARK, Table, read_text
 from ocptip.motion.cycles.task import CycleTask, Segment
 from ocptip.motion.source import LIMITS
 from ocptip.motion.task import MotionTask
@@ -48,7 +49,13 @@ def read_task(path: str | os.PathLike[str], otherwise: Tolerance = NONE) -> Moti
         InputError: see `ocptip.task_files.motion.load_task`.
     """
     path = Path(path)
-    return load_cycle(path) if "segment" in Table.read(path) else load_task(path, otherwise)
+    try:
+        return load_cycle(path) if "segment" in Table.read(path) else load_task(path, otherwise)
+    except InputError as error:
+        if "missing" not in error.text or f"\n{MARK}" not in read_text(path):
+            raise
+        text = f"{error.text}; lines that begin with {MARK} are not read until the mark is taken away"
+        raise InputError(text, error.path, error.file) from None
 
 
 def load_cycle(path: str | os.PathLike[str]) -> CycleTask:

@@ -10,15 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from ocptip.basics.text import some
+from ocptip.basics.toml import MARK
 from ocptip.basics.toml_text import toml_value
 from ocptip.robots.collision.urdf import PACKAGE, missing_meshes
 from ocptip.robots.model import ArmModel
 from ocptip.robots.urdf import arm_from_urdf
 from ocptip.robots.urdf_file import UrdfFile, read_urdf
 from ocptip.task_files.arm import FULL_SPEED
-
-MARK = "#>"
-"""Begins the lines that have to be filled in; without it they are TOML."""
 
 _WIDTH = 44  # columns before a comment
 
