@@ -9,7 +9,6 @@ import pytest
 
 from ocptip.basics.errors import InputError
 from ocptip.cli.main import main
-from ocptip.motion.brake_stops import BrakeCheck
 from ocptip.motion.check import check_motion
 from ocptip.motion.plan import plan_motion
 from ocptip.motion.stop_rules import StopRules
@@ -17,6 +16,7 @@ from ocptip.motion.stops import check_stops
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.urdf import arm_from_urdf
 from ocptip.standing.arm import StandingRobot
+from ocptip.standing.brake_stops import BrakeCheck, Brakes
 from ocptip.task_files.motion import load_task
 from tests.places import UR5
 from tests.robots.pinocchio_twin import dynamics, twin
@@ -49,7 +49,7 @@ def test_wrenches_at_the_brakes_closing_are_those_of_pinocchio(ur5):
     q, qd = rng.uniform(-1.5, 1.5, (2, 4, 6))
     qd[1, 2:4] = 0.0  # two joints rest already
     low, high = 0.5 * ur5.limits.torque, 1.5 * ur5.limits.torque
-    check = BrakeCheck(ur5, (low, high), (0.0, 0.0))
+    check = BrakeCheck(ur5, Brakes(tuple(low), tuple(high)))
     wrenches, torques = check._wrenches(q, qd, np.zeros(4))
     model, support = twin(ur5.arm), ur5.support
     nothing = support.gravity, np.zeros(3), np.zeros(3), support.center_of_mass
@@ -220,3 +220,52 @@ def test_plans_that_may_be_stopped_at_any_instant():
     assert safe.verified
     assert 1.0 < safe.energy / plain.energy < 1.1
     assert max(safe.check.worst[name].value for name in ("GN_stop", "GT_stop")) <= 0.9 + 1e-9
+
+
+def on_a_heavy_base(task, mass):
+    own = task.robot.support
+    support = type(own)(own.contacts, mass=mass, center_of_mass=own.center_of_mass, gravity=own.gravity)
+    return replace(task, robot=task.robot.varied(support=support))
+
+
+def test_plans_that_may_be_stopped_by_brakes():
+    """Case A on a base of 70 kg: stops of the cheapest plan slip, those of the plan for stops do not."""
+    task = on_a_heavy_base(experiment_task("A", "effective"), 70.0)
+    least = np.array([1.7, 17.0, 7.6, 1.7, 1.7, 1.7])
+    rules = StopRules(brake_min=least, brake_max=1.25 * least)
+    limits = rules.safe(task.limits, task.robot)
+    assert limits.stops is not None  # both, where torques are given
+    limits = rules.safe(task.limits, task.robot, "brakes")
+    cheapest = plan_motion(task, starts=1, jobs=1)
+    before = check_motion(task.robot, cheapest.motion, limits)
+    assert not before.verified
+    assert before.stands
+    assert any("GT_brakes" in violation for violation in before.violations)
+    plan = plan_motion(replace(task, limits=limits), starts=1, jobs=1)
+    assert plan.verified
+    assert plan.check.worst["GT_brakes"].value <= 0.9
+    assert cheapest.energy < plan.energy < 1.05 * cheapest.energy
+    finer = BrakeCheck(task.robot, limits.brakes).stops(
+        *plan.motion.states(np.linspace(0, plan.duration, 301))[:2]
+    )
+    assert max(np.max(finer.GN), np.max(finer.GT)) <= 0.9 + 5e-3
+    stops = check_stops(task.robot, plan.motion, limits, rules, plan.check, "brakes")
+    assert stops.verified
+    assert stops.brake_speeds.min() == 1.0
+
+
+def test_rules_of_brakes_come_back_from_a_plans_task(tmp_path):
+    path = tmp_path / "task.toml"
+    path.write_text(
+        'case = "A"\n[stops]\nsafe = "brakes"\nbrake_torque_min_Nm = 3\nbrake_delay = [0, 0.01]\n'
+    )
+    task = load_task(path)
+    assert task.limits.stops is None
+    assert task.limits.brakes.least == (3.0,) * 6
+    path.write_text(task.source.text("A", task.limits, task.objective))
+    assert load_task(path).limits == task.limits
+    path.write_text('case = "A"\n[stops]\nsafe = true\n')
+    assert load_task(path).limits.brakes is None
+    path.write_text('case = "A"\n[stops]\nsafe = "breaks"\n')
+    with pytest.raises(InputError, match=r"safe.*expected one of path, brakes, both"):
+        load_task(path)

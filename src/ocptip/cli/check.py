@@ -60,6 +60,8 @@ _ROWS = {
     "GT_worst_case": "slip GT at worst",
     "GN_stop": "GN in stops on the path",
     "GT_stop": "GT in stops on the path",
+    "GN_brakes": "GN in stops by brakes",
+    "GT_brakes": "GT in stops by brakes",
     "torque_ratio": "torque / limit",
     "clearance_m": "clearance",
     "foot_force_N": "force on a foot that gives",

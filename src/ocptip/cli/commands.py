@@ -124,8 +124,11 @@ COMMANDS = (
             argument(
                 "--stop-safe",
                 None,
-                "stops along the path keep the reserves, too, begun at any instant (see docs/stops.md)",
-                action="store_true",
+                "stops begun at any instant keep the reserves, too: on its path, by the joints' brakes, or "
+                "both (default: by brakes if the task has their torques; see docs/stops.md)",
+                nargs="?",
+                const="given",
+                choices=("path", "brakes", "both"),
             ),
             SENSITIVITIES,
             *LIMITS,

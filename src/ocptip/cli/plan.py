@@ -25,7 +25,7 @@ from ocptip.cli.layout import (
 from ocptip.cli.many import Asked, answer_many, cluster, digest_of
 from ocptip.cli.options import output_directory, remove_figures, require_least, with_limits
 from ocptip.cli.progress import Progress, say_if_compiling
-from ocptip.cli.stops import sensitivities_of, stops_of
+from ocptip.cli.stops import price_line, price_of_stops, sensitivities_of, stop_table, stops_of
 from ocptip.motion.check import MotionCheck, certified, check_motion
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.motion.execution import Execution, execute
@@ -67,7 +67,8 @@ def _asked(options: Namespace) -> Asked:
     else:
         task = _with_objective(_with_rise_time(task, options), options)
         if options.stop_safe:
-            task = replace(task, limits=task.stops.asked(task.limits))
+            kinds = None if options.stop_safe == "given" else options.stop_safe
+            task = replace(task, limits=task.stops.safe(task.limits, task.robot, kinds))
     return Asked(task, task.name, output_directory(options, task.name), digest, base)
 
 
@@ -80,6 +81,7 @@ def planned(one: Asked, options: Namespace, executor: Executor | None) -> Report
     try:
         with progress_bar(sys.stderr, task.objective) as progress:
             plan = plan_motion(task, **how, progress=progress)
+            without = _without_stops(task, how) if task.limits.stoppable else None
     except PlanningError as error:
         data = {"case": task.name, "verified": False, "status": f"{error}", **task.robot.masses_to_dict()}
         lines = [("masses", masses(task.robot))]
@@ -100,9 +102,18 @@ def planned(one: Asked, options: Namespace, executor: Executor | None) -> Report
     extra |= {"tolerated": [d.to_dict() for d in deviations], "digest": one.digest}
     written = one.directory, not options.no_figures, options.effort
     report = PlanReport(plan, execution, scaled, extra, *written, tolerated=deviations, stops=stops)
+    report.price = price_of_stops(plan, without)
     if options.sensitivities:
         report.sensitivities = sensitivities_of(plan.task, execution.motion)
     return report
+
+
+def _without_stops(task: MotionTask, how: dict[str, Any]) -> MotionPlan | None:
+    """The plan that need not be stopped, of as many starts; None if none is found."""
+    try:
+        return plan_motion(replace(task, limits=task.limits.without_stops), **how)
+    except PlanningError:
+        return None
 
 
 def progress_bar(stream: TextIO, objective: Objective = ENERGY) -> Progress:
@@ -166,6 +177,7 @@ class PlanReport(Report):
         tolerated: deviations that lose no contact; empty if not computed.
         stops: of a plan that keeps its reserves in stops; None: not asked for.
         sensitivities: what changes would do; empty if not asked for.
+        price: what it costs that it may be stopped; empty if it need not.
     """
 
     plan: MotionPlan
@@ -178,6 +190,7 @@ class PlanReport(Report):
     tolerated: tuple[Tolerated, ...] = ()
     stops: Stops | None = None
     sensitivities: tuple[Sensitivity, ...] = ()
+    price: dict[str, Any] = field(default_factory=dict)
 
     @property
     def check(self) -> MotionCheck:
@@ -186,15 +199,15 @@ class PlanReport(Report):
 
     @property
     def good(self) -> bool:
-        """True if what is written is verified."""
-        return self.execution.verified
+        """True if what is written is verified, stops included where they are asked for."""
+        return self.execution.verified and (self.stops is None or self.stops.verified)
 
     def entries(self) -> dict[str, Any]:
         """What plan.json holds beside the plan: `extra`, and what else was asked for."""
         rows = [{"factor": f, **p.to_dict()} for f, p in self.time_scale]
         more = {"time_scale": rows} if rows else {}
         if self.stops:
-            more["stops"] = self.stops.to_dict()
+            more["stops"] = self.stops.to_dict() | ({"price": self.price} if self.price else {})
         more |= sensitivities_to_dict(self.sensitivities)
         return {**self.extra, "warnings": self.warnings, **more}
 
@@ -226,6 +239,8 @@ class PlanReport(Report):
             lines.append(("points", self.execution.trajectory_text))
         more = {"sensitivities": self.sensitivities, "stops": self.stops}
         lines += check_rows(self.check, self.tolerated, **more)
+        if self.stops:
+            lines += under("stopped", [*price_line(self.price), *stop_table(self.stops)])
         lines += [(f"time x {factor:g}", _scale_text(checked)) for factor, checked in self.time_scale]
         lines.append(("masses", masses(self.plan.task.robot)))
         lines += under("assumed", self.plan.task.robot.notes)
@@ -249,14 +264,16 @@ class PlanReport(Report):
     def headline(self) -> str:
         """Status, energy, duration, use of the reserves, ratio to the reference."""
         plan, checked = self.plan, self.check
+        verdict = checked.headline if self.good else "NOT VERIFIED"
         parts = [
-            f"{plan.task.name}: {checked.headline}. {checked.energy:.1f} J in {checked.duration:.3f} s",
+            f"{plan.task.name}: {verdict}. {checked.energy:.1f} J in {checked.duration:.3f} s",
             use_of_reserves(checked),
         ]
         if plan.task.reference is not None:
             energy = plan.task.robot.energy(plan.task.reference)
             parts.append(f"{checked.energy / energy:.3f} of the reference's {energy:.1f} J")
-        broken = "" if checked.verified else f" Broken: {'; '.join(checked.violations)}."
+        said = (*checked.violations, *(self.stops.violations if self.stops else ()))
+        broken = f" Broken: {'; '.join(said)}." if said else ""
         return ", ".join(parts) + "." + broken
 
     def _controller(self, execution: Execution) -> str:

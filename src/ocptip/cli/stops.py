@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from ocptip.cli.layout import table
 from ocptip.motion.check import MotionCheck
-from ocptip.motion.stops import Kinds, Stops, check_stops
+from ocptip.motion.plan import MotionPlan
+from ocptip.motion.stop_rules import Kinds
+from ocptip.motion.stops import Stops, check_stops
 from ocptip.motion.task import MotionTask
 from ocptip.standing.sensitivity import Sensitivity, motion_sensitivities
 from ocptip.trajectories.sampled import Motion
@@ -17,11 +21,33 @@ SPACING = 0.01  # s, between instants of sensitivities
 def stops_of(
     task: MotionTask, motion: Motion, checked: MotionCheck, kinds: Kinds | None = None
 ) -> Stops | None:
-    """Stops of the kinds asked for; those along the path where the task's limits ask for them; else None."""
-    if kinds is None and task.limits.stops is None:
-        return None
-    limits = task.limits if task.limits.stops is not None else task.stops.asked(task.limits)
-    return check_stops(task.robot, motion, limits, task.stops, checked, kinds or "path")
+    """Stops of the kinds asked for, or else of those that the task's limits ask for; else None."""
+    limits = task.limits
+    if kinds is None:
+        if not limits.stoppable:
+            return None
+        kinds = "path" if limits.brakes is None else "brakes" if limits.stops is None else "both"
+    if limits.stops is None and kinds != "brakes":
+        limits = task.stops.asked(limits)
+    return check_stops(task.robot, motion, limits, task.stops, checked, kinds)
+
+
+def price_of_stops(plan: MotionPlan, without: MotionPlan | None) -> dict[str, Any]:
+    """What it costs that a plan may be stopped; without: the plan that need not, None: none was found."""
+    if without is None:
+        return {}
+    costs = {"energy_J": without.energy, "duration_s": without.duration}
+    more = round(plan.energy / without.energy - 1, 6) + 0.0
+    return {"without_stops": costs, "energy_more": more}
+
+
+def price_line(price: dict[str, Any]) -> list[str]:
+    """The same in words."""
+    if not price:
+        return []
+    costs, more = price["without_stops"], 100 * price["energy_more"]
+    than = f"the plan without, {costs['energy_J']:.1f} J in {costs['duration_s']:.3f} s"
+    return [f"price: {round(more, 1) + 0.0:+.1f} % energy against {than}"]
 
 
 def sensitivities_of(task: MotionTask, motion: Motion) -> tuple[Sensitivity, ...]:

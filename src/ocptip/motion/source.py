@@ -11,7 +11,6 @@ from ocptip.basics.toml_text import toml_text
 from ocptip.motion.objective import Objective
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.path_stops import PathStops
 
 TASK = "task/task.toml"
 """The task file within a plan's folder; beside it what it names."""
@@ -49,8 +48,8 @@ class TaskSource:
         if rise_times:
             asked["rise_time"] = list(rise_times)
         data["tolerance"] = limits.tolerance.to_table() or {"preset": "none"}
-        if limits.stops is not None:
-            data["stops"] = {**data.get("stops", {}), **_stops(limits.stops)}
+        if limits.stoppable:
+            data["stops"] = {**data.get("stops", {}), **_stops(limits)}
         motion = data.setdefault("motion", {})
         for key in ("duration", "max_duration", "objective", "price_per_second"):
             motion.pop(key, None)
@@ -69,6 +68,14 @@ def source_of(task: Any) -> TaskSource | None:
     return source if source is not None and source.robot is task.robot else None
 
 
-def _stops(stops: PathStops) -> dict[str, Any]:
+def _stops(limits: MotionLimits) -> dict[str, Any]:
     """Keys of `[stops]` with which the task asks for them."""
-    return {"safe": True, "GN": stops.GN, "GT": stops.GT, "time": stops.time}
+    path, brakes = limits.stops, limits.brakes
+    asked: dict[str, Any] = {}
+    if brakes is not None:
+        asked = {"safe": "both" if path else "brakes", "GN": brakes.GN, "GT": brakes.GT}
+        asked |= {"brake_torque_min_Nm": list(brakes.least), "brake_torque_max_Nm": list(brakes.greatest)}
+        asked |= {"brake_delay": list(brakes.delay)}
+    if path is not None:
+        asked = {"safe": "path", **asked, "GN": path.GN, "GT": path.GT, "time": path.time}
+    return asked

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array, positive_number, share_of_one
+from ocptip.standing.arm import StandingRobot
+from ocptip.standing.brake_stops import Brakes
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.path_stops import PathStops
+
+Kinds = Literal["path", "brakes", "both"]
 
 BRAKES = (0.5, 2.0)
 """Brake torques as shares of the torque limits where none are given: a round interval. A brake that just
@@ -59,6 +64,32 @@ class StopRules:
         """The limits with stops along the path."""
         stops = PathStops(self.GN or limits.GN, self.GT or limits.GT, self.time)
         return replace(limits, stops=stops)
+
+    def safe(
+        self, limits: MotionLimits, robot: StandingMechanism, kinds: Kinds | None = None
+    ) -> MotionLimits:
+        """The limits with stops of these kinds.
+
+        Args:
+            limits: of a motion.
+            robot: whose.
+            kinds: along the path, by brakes, or both; default both where the brakes' torques are given, else
+                along the path.
+
+        Raises:
+            InputError: see `brakes`; or a parallel robot's brakes are asked for.
+        """
+        if kinds is None:
+            kinds = "path" if self.brake_min is None and self.brake_max is None else "both"
+        if kinds != "brakes":
+            limits = self.asked(limits)
+        if kinds == "path":
+            return limits
+        if not isinstance(robot, StandingRobot):
+            raise InputError("stops by brakes (category 0) are not computed for parallel robots")
+        least, greatest = (tuple(ends.tolist()) for ends in self.brakes(robot))
+        GN, GT = self.GN or limits.GN, self.GT or limits.GT
+        return replace(limits, brakes=Brakes(least, greatest, self.delay, GN, GT))
 
     def brakes(self, robot: StandingMechanism) -> tuple[np.ndarray, np.ndarray]:
         """Least and greatest brake torques, (n,) each, N m.

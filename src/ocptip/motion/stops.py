@@ -6,25 +6,23 @@ Categories of IEC 60204-1: 0 takes the drives' power away at once, 1 after a con
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
-from ocptip.motion.brake_stops import BrakeCheck, BrakeStops
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.path_stops import StoppedPath
-from ocptip.motion.stop_rules import StopRules
+from ocptip.motion.stop_rules import Kinds, StopRules
 from ocptip.standing.arm import StandingRobot
+from ocptip.standing.brake_stops import BrakeCheck, Brakes, BrakeStops, stops_of_motion
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.sampled import Motion
 
-Kinds = Literal["path", "brakes", "both"]
-
-SPACING = 0.02  # s, between instants at which brakes close
 ROWS = 12  # of the table
 LEVELS = 5  # halvings of the speed's share for brakes
 _CLOSE = 1e-9
+_OF_STOPS = "GN_stop", "GT_stop", "GN_brakes", "GT_brakes"
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,9 +111,9 @@ def check_stops(
 
     Args:
         robot, motion: whose.
-        limits: of the motion, with stops along the path: see `StopRules.asked`.
+        limits: of the motion, with stops along the path unless `kinds` is "brakes": see `StopRules.asked`.
         rules: how it is stopped.
-        checked: the motion's check under these limits, which has looked at stops along the path.
+        checked: the motion's check under these limits, which has looked at stops that they ask for.
         kinds: along the path, by brakes (arms only), or both.
 
     Raises:
@@ -128,13 +126,13 @@ def check_stops(
         path = _PathTable(robot, motion, limits, times)
         worst["path"] = path.worst(checked)
     if kinds != "path" and isinstance(robot, StandingRobot):
-        brakes = _BrakeTable(robot, motion, limits, rules, times)
+        asked = limits.brakes or rules.safe(limits, robot, "brakes").brakes
+        assert asked is not None
+        brakes = _BrakeTable(robot, motion, limits, asked, times)
         worst["brakes"] = brakes.worst()
     stops = limits.stops
     violations = brakes.violations() if brakes else ()
-    kept = path is None or all(
-        checked.worst[name].excess <= _CLOSE for name in ("GN_stop", "GT_stop") if name in checked.worst
-    )
+    kept = all(checked.worst[name].excess <= _CLOSE for name in _OF_STOPS if name in checked.worst)
     return Stops(
         kinds=kinds,
         verified=kept and not violations,
@@ -177,29 +175,18 @@ class _BrakeTable:
     """Stops by brakes."""
 
     def __init__(
-        self,
-        robot: StandingRobot,
-        motion: Motion,
-        limits: MotionLimits,
-        rules: StopRules,
-        times: np.ndarray,
+        self, robot: StandingRobot, motion: Motion, limits: MotionLimits, brakes: Brakes, times: np.ndarray
     ) -> None:
-        self._robot, self._limits = robot, limits
-        self._check = BrakeCheck(robot, rules.brakes(robot), rules.delay)
-        count = max(2, int(np.ceil(motion.end / SPACING)))
-        self._times = np.unique(
-            [*np.linspace(0, motion.end, count + 1)[1:-1], *motion.event_times[1:-1], *times]
-        )
-        q, qd, _ = motion.states(self._times)
-        self._found = self._check.stops(q, qd)
-        at = np.searchsorted(self._times, times)
-        self.durations = self._found.rests[at]
-        self.speeds = self._safe(q[at], qd[at], self._kept(self._found)[at])
+        self._robot, self._limits, self._brakes = robot, limits, brakes
+        self._check = BrakeCheck(robot, brakes)
+        self._times, self._found = stops_of_motion(robot, motion, brakes)
+        q, qd, _ = motion.states(times)
+        own = self._check.stops(q, qd)
+        self.durations = own.rests
+        self.speeds = self._safe(q, qd, self._kept(own))
 
     def _kept(self, found: BrakeStops) -> np.ndarray:
-        stops = self._limits.stops
-        assert stops is not None
-        return (found.GN <= stops.GN) & (found.GT <= stops.GT) & np.isfinite(found.rests)
+        return (found.GN <= self._brakes.GN) & (found.GT <= self._brakes.GT) & np.isfinite(found.rests)
 
     def _safe(self, q: np.ndarray, qd: np.ndarray, kept: np.ndarray) -> np.ndarray:
         """Largest shares of the speed found by halving; 0 where even the least one looked at is not safe."""
@@ -236,16 +223,16 @@ class _BrakeTable:
 
     def violations(self) -> tuple[str, ...]:
         """One sentence per broken limit."""
-        stops, found, said = self._limits.stops, self._found, []
-        assert stops is not None
-        for name, values, limit in (("GN", found.GN, stops.GN), ("GT", found.GT, stops.GT)):
+        brakes, found, said = self._brakes, self._found, []
+        reserves = (("GN", found.GN, brakes.GN), ("GT", found.GT, brakes.GT))
+        for name, values, limit in () if self._limits.brakes else reserves:  # else the check says so
             i = int(np.argmax(values))
             if not values[i] <= limit:
                 said.append(
                     f"{name} is {values[i]:.4g} in a stop by brakes begun at {self._times[i]:.4f} s, "
                     f"must be <= {limit:.4g}"
                 )
-        if not np.isfinite(found.rests).all():
+        if not np.isfinite(found.rests).all() and not self._limits.brakes:
             i = int(np.argmax(found.rests))
             said.append(f"brakes that close at {self._times[i]:.4f} s do not bring the arm to rest")
         over, joint = found.outside

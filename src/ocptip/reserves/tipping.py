@@ -105,6 +105,14 @@ class TipOver:
             return None
         return self.addable_moments.slope, self.addable_moments.offset
 
+    def ratio(self, moments: np.ndarray) -> np.ndarray:
+        """GN (...) of least moments (...), N m, as tip-over is counted where no motion is looked at.
+
+        M0 / (M0 + M), and where the base tips, M < 0, 1 - M / M0, instead of the lift acceleration (4.11).
+        """
+        reference = self.reference_moment or 1.0
+        return reference / (reference + np.maximum(moments, 0.0)) - np.minimum(moments, 0.0) / reference
+
     def evaluate(self, states: ContactStates) -> TipOverReserve:
         """Tip-over reserves of states of this support.
 

@@ -346,3 +346,33 @@ class MomentLimit(AskedLimit):
         reference = robot.tip_over.reference_moment or 0.0
         self.unit = 2 * (reference or 1.0)
         self.least_moment = reference * (1 / self.number - 1)
+
+
+class TableLimit(AskedLimit):
+    """A number of a table of `MotionLimits`, such as `stops`.
+
+    Attributes:
+        table: the field of `MotionLimits`.
+        inner_share: by so much tighter are programs.
+    """
+
+    table = ""
+    inner_share = INNER
+
+    @property
+    def number(self) -> float:
+        return self._own(self.asked)
+
+    def inner(self, asked: MotionLimits) -> MotionLimits:
+        return self._changed(asked, self._own(asked) * (1 - self.inner_share))
+
+    def tightened(self, asked: MotionLimits, excess: float) -> MotionLimits:
+        value = self._own(asked)
+        return self._changed(asked, max(value - min(excess, self.largest_step), value / 2))
+
+    def _own(self, asked: MotionLimits) -> float:
+        return getattr(getattr(asked, self.table), self.setting)
+
+    def _changed(self, asked: MotionLimits, value: float) -> MotionLimits:
+        own = replace(getattr(asked, self.table), **{self.setting: value})
+        return replace(asked, **{self.table: own})

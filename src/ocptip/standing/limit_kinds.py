@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ocptip.standing.brake_limits import BrakeSlipLimit, BrakeTipLimit
 from ocptip.standing.feet_limit import FootForceLimit, FootLiftLimit, JumpFootForceLimit
 from ocptip.standing.instants import Instants, NodeColumns
 from ocptip.standing.jumps import AtJumps
@@ -436,6 +437,8 @@ KINDS: tuple[type[Limit], ...] = (
     JumpSlipLimit,
     StopTipLimit,
     StopSlipLimit,
+    BrakeTipLimit,
+    BrakeSlipLimit,
     TorqueLimit,
     ClearanceLimit,
     SpeedLimit,

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 from ocptip.basics.errors import InputError, number_from, positive_number, share_of_one
+from ocptip.standing.brake_stops import Brakes
 from ocptip.standing.path_stops import PathStops
 from ocptip.standing.tolerance import NONE, Tolerance
 
@@ -36,6 +37,7 @@ class MotionLimits:
             sampled check; proofs keep smaller limits as they are, and instead of the default that no contact
             is lost: below 1.
         stops: what stops along the path, begun at any instant, have to keep; None: they are not looked at.
+        brakes: the same of stops by brakes.
     """
 
     GN: float = 0.9
@@ -55,6 +57,7 @@ class MotionLimits:
     foot_force: float = 0.0
     jump_foot_force: float = 0.0
     stops: PathStops | None = None
+    brakes: Brakes | None = None
 
     def __post_init__(self) -> None:
         for name in ("GN", "GT", "jump_tip_over", "jump_slip", "GN_worst_case", "GT_worst_case"):
@@ -71,15 +74,27 @@ class MotionLimits:
                 f"max_duration: must be >= min_duration, {self.min_duration} s, got {self.max_duration} s"
             )
 
+    @property
+    def stoppable(self) -> bool:
+        """Whether stops of any category are looked at."""
+        return self.stops is not None or self.brakes is not None
+
+    @property
+    def without_stops(self) -> MotionLimits:
+        """The same, whatever becomes of stops."""
+        return replace(self, stops=None, brakes=None)
+
     def to_dict(self) -> dict[str, Any]:
         """Plain data; what is about tolerance and stops only where such are given."""
         own: dict[str, Any] = {field.name: getattr(self, field.name) for field in fields(self)}
-        stops = {"stops": asdict(self.stops)} if self.stops else {}
+        stops = {name: asdict(own[name]) for name in _OF_STOPS if own[name]}
         if not self.tolerance.given:
             return {
-                name: value for name, value in own.items() if name not in (*_OF_TOLERANCE, "stops")
+                name: value for name, value in own.items() if name not in (*_OF_TOLERANCE, *_OF_STOPS)
             } | stops
-        return {**own, "tolerance": self.tolerance.to_dict(), **stops}
+        kept = {name: value for name, value in own.items() if name not in _OF_STOPS or name in stops}
+        return {**kept, "tolerance": self.tolerance.to_dict(), **stops}
 
 
+_OF_STOPS = ("stops", "brakes")
 _OF_TOLERANCE = ("tolerance", "GN_worst_case", "GT_worst_case")

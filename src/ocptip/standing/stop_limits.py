@@ -6,17 +6,17 @@ corner, whose choice may change from one x of the program to the next.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from ocptip.reserves.slip import known
 from ocptip.standing.instants import Instants
-from ocptip.standing.limit import AskedLimit, Look, MomentLimit, NodeSlopes, Rows, StateLimit
+from ocptip.standing.limit import Look, MomentLimit, NodeSlopes, Rows, StateLimit, TableLimit
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.path_stops import Path, PathStops, StopPoints, StopSlopes, stop_slopes
+from ocptip.standing.path_stops import Path, StopPoints, StopSlopes, stop_slopes
 
 STOP_INNER = 3e-3  # by so much tighter are programs: corners move between their nodes
 NEGLIGIBLE = 1e-9  # a row whose multiplier is below this is left out of the Hessian
@@ -30,39 +30,21 @@ class StopRows(Rows):
     on_wrench: np.ndarray | None = None
 
 
-class StopLimit(StateLimit, AskedLimit):
+class StopLimit(StateLimit, TableLimit):
     """One reserve during all stops along the path."""
 
     of_contacts, of_motion = True, False
     unit = 1.0
+    table, inner_share = "stops", STOP_INNER
 
     def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
-        self._stops = asked.stops or PathStops(asked.GN, asked.GT)
         super().__init__(robot, asked, joints)
+        assert asked.stops is not None  # else it is not wanted
+        self._stops = asked.stops
 
     @classmethod
     def wanted(cls, robot: StandingMechanism, asked: MotionLimits) -> bool:
         return asked.stops is not None
-
-    @property
-    def number(self) -> float:
-        """Asked for."""
-        return getattr(self._stops, self.setting)
-
-    def inner(self, asked: MotionLimits) -> MotionLimits:
-        """The same numbers, this one a little tighter."""
-        return self._changed(asked, self._own(asked) * (1 - STOP_INNER))
-
-    def tightened(self, asked: MotionLimits, excess: float) -> MotionLimits:
-        """The same numbers, this one tighter where it was broken by `excess`; never by more than half."""
-        value = self._own(asked)
-        return self._changed(asked, max(value - min(excess, self.largest_step), value / 2))
-
-    def _own(self, asked: MotionLimits) -> float:
-        return getattr(asked.stops, self.setting)
-
-    def _changed(self, asked: MotionLimits, value: float) -> MotionLimits:
-        return replace(asked, stops=replace(asked.stops or PathStops(), **{self.setting: value}))
 
     # --- what happens -------------------------------------------------------------------------------------
 

@@ -119,7 +119,7 @@ class Refiner:
                 push=PUSH,
             )
             self.iterations, self.solves = self.iterations + solution.iterations, self.solves + 1
-            if kept is not None and limits.stops is not None and self._lost(solution, kept.solution, program):
+            if kept is not None and limits.stoppable and self._lost(solution, kept.solution, program):
                 return kept
             multipliers = solution.multipliers, solution.bound_multipliers
             x, share, start_mu, kept = solution.x, 1 + FEASIBLE, 1e-6, Exact(order, program, solution, extra)

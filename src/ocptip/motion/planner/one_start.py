@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -127,7 +127,7 @@ class Search:
             np.array(task.rise_times or (0.0,) * task.robot.n),
         )
         self.smooth = as_described(task.robot, task.limits, np.array([task.start, task.goal]))
-        self.first = replace(task.limits, stops=None)  # stops narrow a motion that is good without them
+        self.first = task.limits.without_stops  # they narrow a motion that is good without them
         kinds = limits_of(task.robot, task.limits)
         self._asked = [limit for limit in kinds if isinstance(limit, AskedLimit)]
         self.inner = task.limits
@@ -168,7 +168,7 @@ class Search:
         try:
             for cycle in range(cycles):
                 if cycle > 0:
-                    begin = x if best is not None or self.task.limits.stops is None else rough.coarse
+                    begin = x if best is not None or not self.task.limits.stoppable else rough.coarse
                     x, _ = self._fine(begin, clock)
                     clock.stage("fine")
                 found, x, status = self._refined(x, clock)
@@ -225,7 +225,7 @@ class Search:
 
     def _coarse(self, start: ArmMotion, clock: Clock) -> np.ndarray:
         """Variables after the coarse programs; anew while the motion becomes much shorter than the grid."""
-        formulation, limits = self.formulation, replace(self.smooth, stops=None)
+        formulation, limits = self.formulation, self.smooth.without_stops
         x = formulation.variables(start)
         at_end = formulation.layout.end
         for round_ in range(COARSE_ROUNDS):

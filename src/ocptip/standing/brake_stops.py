@@ -4,21 +4,54 @@ From every instant looked at, a few stops are computed by forward dynamics: with
 greatest torques of all brakes, and with those ends of the intervals that load the nearest tipping axis most
 when the brakes close. At every state on the way all combinations of torques within the intervals count: the
 wrench on the base is affine in them, so that the least moments about the tipping axes are exact. For slip the
-worst of three combinations is taken: that of the nearest axis, all least, all greatest.
+worst of three combinations is taken: that of the nearest axis, all least, all greatest. Half spaces of
+wrenches that friction can carry tell where slip needs no look of its own.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
+from ocptip.basics.errors import share_of_one
 from ocptip.reserves.tipping import TipMap
-from ocptip.robots.braking import Braked, brake, terms
+from ocptip.robots.braking import Braked, Terms, brake, terms
 from ocptip.standing.arm import StandingRobot
+from ocptip.trajectories.sampled import Motion
 
 POSTURES = 300  # looked at for collisions, at most
+SPACING = 0.02  # s, between instants of a motion at which brakes close
+SLOW = 1e-6  # rad/s (m/s): joints that are slower rest
+CHUNK = 10_000  # wrenches judged at once
 MOMENTS = 40  # of each stop, about; more of those that take much longer than others are left out
+
+
+@dataclass(frozen=True)
+class Brakes:
+    """Brakes of an arm, and what stops by them have to keep.
+
+    Attributes:
+        least, greatest: n torques, N m (sliding joints: N), with which each brake acts.
+        delay: s, least and greatest time from when the drives lose their torque until the brakes act.
+        GN, GT: largest reserve values during any stop, at most 1.
+    """
+
+    least: tuple[float, ...]
+    greatest: tuple[float, ...]
+    delay: tuple[float, float] = (0.0, 0.0)
+    GN: float = 0.9
+    GT: float = 0.9
+
+    def __post_init__(self) -> None:
+        for name in ("GN", "GT"):
+            share_of_one(f"brakes.{name}", getattr(self, name))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        return asdict(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,19 +86,20 @@ class BrakeCheck:
 
     Args:
         robot: the arm on its support.
-        brakes: least and greatest torque of each brake, (n,) each, N m.
-        delay: s, least and greatest time until they act.
+        brakes: its brakes, and what stops have to keep; greater GT need not be exact.
     """
 
-    def __init__(
-        self, robot: StandingRobot, brakes: tuple[np.ndarray, np.ndarray], delay: tuple[float, float]
-    ) -> None:
-        self._robot, self._brakes, self._delay = robot, brakes, delay
+    def __init__(self, robot: StandingRobot, brakes: Brakes) -> None:
+        self._robot, self._delay = robot, brakes.delay
+        self._brakes = np.array(brakes.least), np.array(brakes.greatest)
         self._map = TipMap(robot.tip_over)
+        half_spaces = robot.slip.half_spaces(brakes.GT)
+        self._GT, self._kept_inside = brakes.GT, None if half_spaces is None else half_spaces.T.copy()
 
     def stops(self, q: np.ndarray, qd: np.ndarray) -> BrakeStops:
         """From angles and speeds, (N, n) each."""
         low, high = self._brakes
+        qd = _moving(qd)
         worst = self._box(q, qd, np.full(len(q), self._delay[1]))[3]
         ways = [(low, self._delay[1]), (high, self._delay[0]), (worst, self._delay[1])]
         if self._delay[1] > self._delay[0]:
@@ -82,10 +116,8 @@ class BrakeCheck:
         going[np.arange(len(going)) % max(1, len(going) // MOMENTS) != 0] = False
         k, i = np.nonzero(going)
         wrenches, torques = self._wrenches(run.angles[k, i], run.speeds[k, i], run.times[k])
-        states = self._robot.contact_states(wrenches.reshape(-1, 6))
-        GN = _large(self._robot.tip_over.evaluate(states).GN)
-        GT = _large(self._robot.slip.evaluate(states, derivatives=False).GT)
         row, time = np.repeat(owner[i], wrenches.shape[1]), np.repeat(run.times[k], wrenches.shape[1])
+        GN, GT = self._reserves(wrenches.reshape(-1, 6), row)
         worst = [np.zeros(count), np.zeros(count)]
         for found, values in zip(worst, (GN, GT), strict=True):
             np.maximum.at(found, row, values)
@@ -112,6 +144,31 @@ class BrakeCheck:
             postures=len(postures),
         )
 
+    def _reserves(self, wrenches: np.ndarray, owner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """GN and GT (M,) at wrenches (M, 6) of stops `owner` (M,).
+
+        GT is what it is where it is greatest in a stop, so far as half spaces tell, and wherever they do not
+        show that it is kept, as long as the stop has kept it; elsewhere zero.
+        """
+        robot, rows = self._robot, self._kept_inside
+        if rows is None or not self._map.count:
+            states = robot.contact_states(wrenches)
+            GN = robot.tip_over.evaluate(states).GN
+            return _large(GN), _large(robot.slip.evaluate(states, derivatives=False).GT)
+        GN = robot.tip_over.ratio(np.min(self._map(wrenches)[0], axis=1))
+        GT = np.zeros(len(wrenches))
+        out = np.concatenate([np.max(part @ rows, axis=1) for part in _parts(wrenches)])
+        order = np.lexsort((-out, owner))
+        todo = order[np.unique(owner[order], return_index=True)[1]]
+        while len(todo):
+            states = robot.contact_states(wrenches[todo])
+            GT[todo] = _large(robot.slip.evaluate(states, derivatives=False).GT)
+            out[todo] = -np.inf
+            broken = np.zeros(len(out), dtype=bool)
+            broken[owner[todo[~(GT[todo] <= self._GT)]]] = True
+            todo = np.flatnonzero((out > 0) & ~broken[owner])
+        return GN, GT
+
     def _wrenches(self, q: np.ndarray, qd: np.ndarray, after: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Three wrenches (M, 3, 6) on the base per state, and the brakes' torques (M, 3, n)."""
         rest, by_torque, (low, high), corner = self._box(q, qd, after)
@@ -126,11 +183,8 @@ class BrakeCheck:
 
         Joints that rest stay at rest. The worst corner loads the nearest tipping axis most.
         """
-        support, moving = self._robot.support, qd != 0
-        found = terms(self._robot.arm, q, qd, support.gravity, support.center_of_mass)
-        inertia = found.inertia * (moving[:, :, None] & moving[:, None])
-        inertia[:, np.arange(q.shape[1]), np.arange(q.shape[1])] += ~moving
-        response = np.linalg.inv(inertia) * (moving[:, :, None] & moving[:, None])
+        support = self._robot.support
+        found, response = self.response(self._robot, q, qd, qd != 0)
         per_torque = found.per_acceleration @ response
         rest = found.rest + support.weight - np.einsum("sij,sj->si", per_torque, found.bias)
         by_torque = -per_torque * np.sign(qd)[:, None]
@@ -139,12 +193,64 @@ class BrakeCheck:
         low, high = np.where(surely, self._brakes[0], none), np.where(acts, self._brakes[1], none)
         if not self._map.count:
             return rest, by_torque, (low, high), high
+        least, corners = self._corners(rest, by_torque, low, high)
+        nearest = np.argmin(least, axis=1)
+        return rest, by_torque, (low, high), corners[np.arange(len(q)), nearest]
+
+    def _corners(
+        self, rest: np.ndarray, by_torque: np.ndarray, low: np.ndarray, high: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Least moments (M, axes) about the tipping axes, ends of the intervals there (M, axes, n)."""
         middle = 0.5 * (low + high)
         moments, slopes = self._map(rest + np.einsum("sij,sj->si", by_torque, middle))
         pull = np.einsum("sai,sij->saj", slopes, by_torque)
         least = moments - np.sum(np.abs(pull) * 0.5 * (high - low)[:, None], axis=2)
-        nearest = pull[np.arange(len(q)), np.argmin(least, axis=1)]
-        return rest, by_torque, (low, high), np.where(nearest < 0, high, low)
+        return least, np.where(pull < 0, high[:, None], low[:, None])
+
+    def worst_corners(self, q: np.ndarray, qd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """When brakes close: least moments (M, axes), N m, and the joints' torques there (M, axes, n)."""
+        qd = _moving(qd)
+        rest, by_torque, (low, high), _ = self._box(q, qd, np.full(len(q), self._delay[1]))
+        least, corners = self._corners(rest, by_torque, low, high)
+        return least, -np.sign(qd)[:, None] * corners
+
+    def combinations(self, q: np.ndarray, qd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """When brakes close: the three wrenches (M, 3, 6) looked at, and the joints' torques (M, 3, n)."""
+        qd = _moving(qd)
+        wrenches, torques = self._wrenches(q, qd, np.full(len(q), self._delay[1]))
+        return wrenches, -np.sign(qd)[:, None] * torques
+
+    @staticmethod
+    def response(
+        robot: StandingRobot, q: np.ndarray, qd: np.ndarray, moving: np.ndarray
+    ) -> tuple[Terms, np.ndarray]:
+        """Dynamics, and accelerations per torque (M, n, n) where only joints `moving` (M, n) move."""
+        found = terms(robot.arm, q, qd, robot.support.gravity, robot.support.center_of_mass)
+        both = moving[:, :, None] & moving[:, None]
+        inertia = found.inertia * both
+        inertia[:, np.arange(q.shape[1]), np.arange(q.shape[1])] += ~moving
+        return found, np.linalg.inv(inertia) * both
+
+
+@lru_cache(maxsize=4)
+def stops_of_motion(
+    robot: StandingRobot, motion: Motion, brakes: Brakes, spacing: float = SPACING
+) -> tuple[np.ndarray, BrakeStops]:
+    """Stops begun at instants of a motion, s, `spacing` apart and at all events."""
+    count = max(2, int(np.ceil(motion.end / spacing)))
+    times = np.unique([*np.linspace(0, motion.end, count + 1)[1:-1], *motion.event_times[1:-1]])
+    q, qd, _ = motion.states(times)
+    return times, BrakeCheck(robot, brakes).stops(q, qd)
+
+
+def _moving(qd: np.ndarray) -> np.ndarray:
+    """Speeds; joints that are very slow rest."""
+    return np.where(np.abs(qd) < SLOW, 0.0, qd)
+
+
+def _parts(wrenches: np.ndarray) -> list[np.ndarray]:
+    """In pieces whose products with half spaces fit into memory; one at least."""
+    return np.array_split(wrenches, 1 + len(wrenches) // CHUNK)
 
 
 def _large(values: np.ndarray) -> np.ndarray:
