@@ -79,7 +79,13 @@ def test_the_check_sees_the_worst_jump(task):
     motion, robot = task.reference, task.robot
     worst = check_motion(robot, motion, LIMITS).worst
     at = Jumps.of(motion).loads(robot, KAPPA)
-    assert worst["jump_GN"].value == np.max(at.tip.GN)
+    slope, offset = robot.tip_over.affine_moments
+    least = np.min(at.wrenches @ slope.T + offset, axis=1)
+    assert worst["jump_GN"].value == pytest.approx(np.max(robot.tip_over.ratio(least)), rel=1e-12)
+    np.testing.assert_array_equal(robot.tip_over.ratio(least) < 1, at.tip.GN < 1)
+    assert np.min(least) < 0  # on the scale of tolerances: no lift acceleration
+    M0 = robot.tip_over.reference_moment
+    assert worst["jump_GN"].value == pytest.approx(1 - np.min(least) / M0)
     assert worst["jump_GN"].time == Jumps.of(motion).times[np.argmax(at.tip.GN)]
     assert worst["jump_GT"].value == np.nan_to_num(at.slip.GT, nan=np.inf).max()
     assert worst["jump_GN"].detail.startswith("joint")

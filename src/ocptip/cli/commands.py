@@ -133,6 +133,12 @@ COMMANDS = (
             SENSITIVITIES,
             *LIMITS,
             TOLERANCE,
+            argument(
+                "--largest-tolerance",
+                None,
+                "where no motion has the tolerance: plan a few times more, for the largest that one has",
+                action="store_true",
+            ),
             _time_scale("check the plan with all times multiplied by F, too (0.95: faster)"),
             *FILES,
         ),

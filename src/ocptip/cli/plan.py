@@ -29,9 +29,10 @@ from ocptip.cli.stops import price_line, price_of_stops, sensitivities_of, stop_
 from ocptip.motion.check import MotionCheck, certified, check_motion
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.motion.execution import Execution, execute
+from ocptip.motion.largest_tolerance import largest_tolerance
 from ocptip.motion.objective import ENERGY, Objective, objective_of
 from ocptip.motion.output import plan_to_dict, sample_motion, write_plan
-from ocptip.motion.plan import MotionPlan, plan_motion
+from ocptip.motion.plan import MotionPlan, ToleranceError, plan_motion
 from ocptip.motion.planner.one_start import LEFT_OUT
 from ocptip.motion.stops import Stops
 from ocptip.motion.task import MotionTask
@@ -87,6 +88,10 @@ def planned(one: Asked, options: Namespace, executor: Executor | None) -> Report
         lines = [("masses", masses(task.robot))]
         if (tolerance := task.limits.tolerance.of(task.robot.payload)).given:
             lines.insert(0, ("within", f"{tolerance}; --tolerance none plans as described"))
+        if isinstance(error, ToleranceError) and options.largest_tolerance:
+            found = largest_tolerance(task, error, seed=options.seed, jobs=options.jobs, executor=executor)
+            lines.insert(0, ("largest", f"{found}"))
+            data["largest_tolerance"] = found.to_dict()
         return Answer(False, summary(f"{task.name}: NO VERIFIED PLAN. {error}", lines, []), data)
     except KeyboardInterrupt:
         raise KeyboardInterrupt("before there was a verified plan") from None

@@ -17,9 +17,10 @@ from ocptip.motion.check import MotionCheck
 from ocptip.motion.choices import likely_choices, rounds
 from ocptip.motion.planner.one_start import FURTHER, Attempt, Rough, Search, StartResult, free_ends
 from ocptip.motion.task import MotionTask, require_plannable
-from ocptip.motion.within_tolerance import tolerable
+from ocptip.motion.within_tolerance import tolerable, too_much
 from ocptip.motion.workers import WorkerDiedError, worker_pool
 from ocptip.numerics.threads import one_thread
+from ocptip.standing.tolerance import NONE, Tolerance
 from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.timed_path import TimedPath
 
@@ -152,7 +153,7 @@ def plan_motion(
             raise
         interrupted = True
     if best is None:
-        raise PlanningError(_why_not(task, list(attempts.values())))
+        raise _why_not(task, list(attempts.values()))
     chosen = tasks_of[best.result.number]
     if free_ends(chosen):
         chosen = replace(chosen, start=best.motion.start, goal=best.motion.goal)
@@ -176,19 +177,42 @@ def _require_numbers(starts: int, jobs: int | None, seed: int) -> None:
     whole_number("seed", seed, 0)
 
 
-def _why_not(task: MotionTask, attempts: list[Attempt]) -> str:
+class ToleranceError(PlanningError):
+    """No motion within a tolerance was found, though motions were.
+
+    Attributes:
+        too_much: the quantity that alone was too much for the best motion found, else everything.
+        factor: of it that this motion can have, 0 to 1.
+    """
+
+    too_much: Tolerance = NONE
+    factor: float = 0.0
+
+    @property
+    def alone(self) -> bool:
+        """One quantity is too much by itself."""
+        return len(self.too_much.given) == 1
+
+
+def _why_not(task: MotionTask, attempts: list[Attempt]) -> PlanningError:
     """Says how the starts ended, what the nearest one lacks, and how much of a tolerance there can be."""
     moving = [a for a in attempts if a.check is not None]
     if not moving:
-        return f"none of {len(attempts)} starts gave a motion; the first: {attempts[0].result.status}"
+        first = attempts[0].result.status
+        return PlanningError(f"none of {len(attempts)} starts gave a motion; the first: {first}")
     nearest = min(moving, key=lambda a: (len(a.check.violations), a.result.energy, a.result.number))
     violations = "; ".join(nearest.check.violations)
     found = f"none of {len(attempts)} starts gave a verified motion"
     if task.limits.tolerance.given:
-        most = max((tolerable(task.robot, a.motion, task.limits) for a in moving), key=lambda one: one[0])
-        share = f"{100 * most[0]:.0f} % of it"
-        found += f" within the tolerance; the best of the motions found can have {share} ({most[1]})"
-    return f"{found}; start {nearest.result.number}: {violations}"
+        (most, why), best = max(
+            ((tolerable(task.robot, a.motion, task.limits), a) for a in moving), key=lambda one: one[0][0]
+        )
+        share = f"{100 * most:.0f} % of it"
+        found += f" within the tolerance; the best of the motions found can have {share} ({why})"
+        error = ToleranceError(f"{found}; start {nearest.result.number}: {violations}")
+        error.too_much, error.factor = too_much(task.robot, best.motion, task.limits)
+        return error
+    return PlanningError(f"{found}; start {nearest.result.number}: {violations}")
 
 
 def _attempts(

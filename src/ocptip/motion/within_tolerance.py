@@ -17,7 +17,7 @@ from ocptip.motion.late_joints import Looked, jump_states, on_time
 from ocptip.standing.limit import Worst as Measured
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.tolerable import IN_MOTION, largest, why_not
+from ocptip.standing.tolerable import IN_MOTION, culprit, largest, why_not
 from ocptip.standing.tolerance import Tolerance
 from ocptip.standing.worst_case import Worst, WorstCase, worst_case_of
 from ocptip.trajectories.sampled import Motion
@@ -105,6 +105,17 @@ def worst_within(
 
 def tolerable(robot: StandingMechanism, motion: Motion, limits: MotionLimits) -> tuple[float, str]:
     """How much of everything in its tolerance a motion can have, 0 to 1, and in words what is too much."""
+    kept = _keeper(robot, motion, limits)
+    return largest(limits.tolerance, kept, ROUGHLY), why_not(limits.tolerance, IN_MOTION, kept)
+
+
+def too_much(robot: StandingMechanism, motion: Motion, limits: MotionLimits) -> tuple[Tolerance, float]:
+    """The quantity that alone is too much for a motion, else everything, and the factor of it that is not."""
+    return culprit(limits.tolerance, IN_MOTION, _keeper(robot, motion, limits))
+
+
+def _keeper(robot: StandingMechanism, motion: Motion, limits: MotionLimits) -> Callable[[Tolerance], bool]:
+    """Whether a motion keeps its contacts within a tolerance."""
     cases = worst_case_of(robot, limits.tolerance)
     times = motion.both_sides(SPACING)
 
@@ -112,8 +123,7 @@ def tolerable(robot: StandingMechanism, motion: Motion, limits: MotionLimits) ->
         found = _worst_of(cases.within(tolerance), motion, times)
         return all(worst.excess <= 0 for worst in found.measured(limits))
 
-    share = largest(limits.tolerance, kept, ROUGHLY)
-    return share, why_not(limits.tolerance, IN_MOTION, kept)
+    return kept
 
 
 def _worst_of(cases: WorstCase, motion: Motion, times: np.ndarray) -> WithinTolerance:

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ocptip.standing.arm import StandingRobot
 from ocptip.standing.instants import Instants
 from ocptip.standing.limit import JUMP, AskedLimit, Limit, Look, Worst
 from ocptip.standing.limits import MotionLimits
@@ -90,7 +91,8 @@ class AtJumps(AskedLimit):
 
     @classmethod
     def wanted(cls, robot: StandingMechanism, asked: MotionLimits) -> bool:
-        return asked.overshoot > 0
+        within = asked.tolerance.overshoot if isinstance(robot, StandingRobot) else 0.0
+        return asked.overshoot > within  # else jumps count within the tolerance, with all else that is off
 
     def measure(self, at: Instants) -> np.ndarray:
         return Limit.measure(self, at)
@@ -107,11 +109,15 @@ class AtJumps(AskedLimit):
     def kept(self, at: Instants) -> bool:
         return True
 
+    def at_jumps(self, loads: Instants) -> np.ndarray:
+        """Values (E,) under the loads."""
+        return super().measure(loads)[:, 0]
+
     def exact(self, motion: Motion) -> list[Worst]:
         jumps = Jumps.of(motion)
         if not len(jumps):
             return [Worst(self.quantity, 0.0, np.nan, self.number, "no jumps", -self.number)]
-        values = super().measure(jumps.loads(self.robot, self.asked.overshoot))[:, 0]
+        values = self.at_jumps(jumps.loads(self.robot, self.asked.overshoot))
         values = np.where(np.isnan(values), np.inf, values)
         k = int(np.argmax(values))
         value, time, excess = float(values[k]), float(jumps.times[k]), float(values[k]) - self.number

@@ -420,6 +420,12 @@ class JumpTipOverLimit(AtJumps, TipOverLimit):
 
     name, quantity, setting = "tip-over at jumps", "jump_GN", "jump_tip_over"
 
+    def at_jumps(self, loads: Instants) -> np.ndarray:
+        """On the scale of tolerances: nothing moves yet when the load comes."""
+        if not self.width:
+            return super().at_jumps(loads)
+        return self.robot.tip_over.ratio(np.min(self._map(loads.wrenches)[0], axis=1))
+
     def near(self, at: Instants, share: float) -> np.ndarray:
         return self._map(at.wrenches)[0] - self.least_moment <= (1 - share) * self.unit
 

@@ -249,9 +249,8 @@ class RestCase:
             slopes = self._map(self._wrenches([self._off(gravity)]))[1][0]
             offs += [self._worst(slope, gravity) for slope in slopes]
         moments = self._map(self._wrenches(offs))[0].min(axis=1)
-        k, reference = int(np.argmin(moments)), float(self._tip_over.reference_moment or 1.0)
-        ratio = reference / (reference + max(moments[k], 0.0)) - min(moments[k], 0.0) / reference
-        return float(ratio), offs[k]
+        k = int(np.argmin(moments))
+        return float(self._tip_over.ratio(moments[k])), offs[k]
 
     def slip(self) -> tuple[float, Off]:
         """The greatest GT that is found, and what is off there."""

@@ -32,14 +32,21 @@ def why_not(tolerance: Tolerance, names: Sequence[str], kept: Callable[[Toleranc
     """
     if not kept(Tolerance()):
         return "it does not stand as described"
-    given = [name for name in names if name in tolerance.given]
-    for name in given:
-        alone = tolerance.only(name)
-        if not kept(alone):
-            factor = largest(alone, kept)
-            return f"of {alone} alone it can have {alone.scaled(factor)}" if factor else f"no {alone} alone"
-    share = 100 * largest(tolerance.only(*given), kept)
-    return f"each alone it can have, together {share:.0f} % of everything"
+    too_much, factor = culprit(tolerance, names, kept)
+    if len(too_much.given) > 1:
+        return f"each alone it can have, together {100 * factor:.0f} % of everything"
+    return f"of {too_much} alone it can have {too_much.scaled(factor)}" if factor else f"no {too_much} alone"
+
+
+def culprit(
+    tolerance: Tolerance, names: Sequence[str], kept: Callable[[Tolerance], bool]
+) -> tuple[Tolerance, float]:
+    """The first quantity that alone is too much, else everything, and which factor of it is not."""
+    for name in names:
+        if name in tolerance.given and not kept(alone := tolerance.only(name)):
+            return alone, largest(alone, kept)
+    counting = tolerance.only(*(name for name in names if name in tolerance.given))
+    return counting, largest(counting, kept)
 
 
 def largest(tolerance: Tolerance, kept: Callable[[Tolerance], bool], close: float = CLOSE) -> float:

@@ -201,9 +201,8 @@ class WorstCase:
         return Worst(values, theta, slopes)
 
     def tip_ratio(self, moments: np.ndarray) -> np.ndarray:
-        """GN of moments, N m: M0 / (M0 + M); where the base tips, M < 0, on with the same slope."""
-        ratio = self.reference / (self.reference + np.maximum(moments, 0.0))
-        return ratio - np.minimum(moments, 0.0) / self.reference
+        """GN of least moments, N m, see `TipOver.ratio`."""
+        return self.robot.tip_over.ratio(moments)
 
 
 def _weakest(robot: StandingRobot, tolerance: Tolerance) -> StandingRobot:

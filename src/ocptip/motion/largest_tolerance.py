@@ -1,0 +1,86 @@
+"""How much of a tolerance a motion can have: bisection, by planning, of what was too much for those found."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from typing import Any
+
+from ocptip.basics.errors import InputError, PlanningError
+from ocptip.motion.plan import MotionPlan, ToleranceError, plan_motion
+from ocptip.motion.task import MotionTask
+from ocptip.standing.tolerance import Tolerance
+
+PLANS = 5  # at most
+SECONDS = 300.0  # after which no further plan is begun
+
+
+@dataclass(frozen=True, eq=False)
+class LargestTolerance:
+    """What bisection by planning found.
+
+    Attributes:
+        had: the largest tolerance with which there is a motion, and no more than what was asked for.
+        factor: of what was asked for.
+        not_had: the least with which none was found; None: there was one with all of it.
+        plan: with `had`; None: it is what the best motion found before can have.
+        plans, starts: how many were planned, with how many starts each.
+    """
+
+    had: Tolerance
+    factor: float
+    not_had: Tolerance | None
+    plan: MotionPlan | None
+    plans: int
+    starts: int
+
+    def __str__(self) -> str:
+        """What was found; that nothing was found proves nothing."""
+        cost = f", {self.plan.energy:.1f} J" if self.plan else ""
+        nothing = self.plan is None and self.factor == 0
+        found = (
+            "no motion with any of it was found" if nothing else f"a motion with {self.had} was found{cost}"
+        )
+        if self.not_had is not None:
+            found += f"; none with {self.not_had}"
+        return f"{found} ({self.plans} plans of {self.starts} starts)"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        return {
+            "found": self.had.to_dict(),
+            "not_found": self.not_had and self.not_had.to_dict(),
+            "energy_J": self.plan and self.plan.energy,
+            "plans": self.plans,
+            "starts": self.starts,
+        }
+
+
+def largest_tolerance(
+    task: MotionTask, error: ToleranceError, *, starts: int = 2, seconds: float = SECONDS, **how: Any
+) -> LargestTolerance:
+    """Bisect what was too much, alone if it was so alone, by a few plans.
+
+    Args:
+        task: for which no motion within its tolerance was found.
+        error: that said so.
+        starts: of each plan.
+        seconds: wall time after which no further plan is begun.
+        how: further arguments of `plan_motion`.
+    """
+    began, low, high, best, plans = time.monotonic(), error.factor, 1.0, None, 0
+    tried = 1.0 if error.alone else 0.5 * (low + high)  # all of it alone has not been planned yet
+    not_had = None if error.alone else error.too_much
+    while plans < PLANS and time.monotonic() - began < seconds:
+        tolerance = error.too_much.scaled(tried)
+        limits = replace(task.limits, tolerance=tolerance)
+        plans += 1
+        try:
+            best = plan_motion(replace(task, limits=limits), starts=starts, **how)
+            low = tried
+        except (PlanningError, InputError):
+            high, not_had = tried, tolerance
+        if low >= 1:
+            break
+        tried = 0.5 * (low + high)
+    return LargestTolerance(error.too_much.scaled(low), low, not_had, best, plans, starts)

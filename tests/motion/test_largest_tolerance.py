@@ -1,0 +1,73 @@
+"""The largest tolerance of a motion by bisection: what it says is what the plans it made say."""
+
+from __future__ import annotations
+
+import pickle
+from dataclasses import replace
+
+import pytest
+
+from ocptip.basics.errors import PlanningError
+from ocptip.motion import largest_tolerance as module
+from ocptip.motion.plan import ToleranceError
+from ocptip.published.tasks import experiment_task
+from ocptip.standing.tolerance import Tolerance
+
+
+class _Plan:
+    energy = 1.0
+
+
+def bisected(monkeypatch, most: float, error: ToleranceError, **how):
+    """With a planner that finds a motion up to a tilt of `most`, degrees."""
+    tried = []
+
+    def plan_motion(task, starts, **_):
+        tried.append(task.limits.tolerance.tilt)
+        if tried[-1] > most:
+            raise PlanningError("none")
+        return _Plan()
+
+    monkeypatch.setattr(module, "plan_motion", plan_motion)
+    task = experiment_task("A", "effective")
+    task = replace(task, limits=replace(task.limits, tolerance=error.too_much))
+    return module.largest_tolerance(task, error, **how), tried
+
+
+def too_much(tilt: float, factor: float) -> ToleranceError:
+    error = ToleranceError("no motion")
+    error.too_much, error.factor = Tolerance(tilt=tilt), factor
+    return error
+
+
+@pytest.mark.parametrize("most", [0.011, 0.014, 0.0199])
+def test_the_answer_lies_between_a_motion_and_none(monkeypatch, most):
+    found, tried = bisected(monkeypatch, most, too_much(0.02, 0.5))
+    assert found.plans == len(tried) == module.PLANS
+    assert found.had.tilt <= most < found.not_had.tilt
+    assert found.not_had.tilt - found.had.tilt == pytest.approx(0.01 / 2 ** (module.PLANS - 1))
+    assert str(found).startswith("a motion with floor tilt ")
+    assert "; none with floor tilt " in str(found)
+    assert found.to_dict()["found"] == {"tilt": found.had.tilt}
+
+
+def test_all_of_a_quantity_alone_may_be_had(monkeypatch):
+    found, tried = bisected(monkeypatch, 1.0, too_much(0.02, 0.5))
+    assert tried == [0.02]
+    assert found.not_had is None
+    assert "none with" not in str(found)
+
+
+def test_what_no_plan_has_is_what_the_best_motion_has(monkeypatch):
+    found, _ = bisected(monkeypatch, 0.0, too_much(0.02, 0.5))
+    assert (found.had.tilt, found.plan) == (pytest.approx(0.01), None)
+
+
+def test_no_plan_is_begun_when_time_is_over(monkeypatch):
+    found, tried = bisected(monkeypatch, 0.0, too_much(0.02, 0.5), seconds=0.0)
+    assert (tried, found.plans, found.not_had) == ([], 0, None)
+
+
+def test_errors_travel_between_processes():
+    error = pickle.loads(pickle.dumps(too_much(0.02, 0.5)))
+    assert (error.too_much, error.factor, error.alone) == (Tolerance(tilt=0.02), 0.5, True)
