@@ -35,6 +35,8 @@ def _random_arm(rng):
         "shift": np.where(np.arange(links) < coordinates, 0.0, 0.3),
         "mount_position": rng.uniform(-0.5, 0.5, 3),
         "mount_rotation": Rotation.random(random_state=rng).as_matrix(),
+        "process_in_base": rng.uniform(-20, 20, 6) * (rng.random() < 0.5),
+        "process_on_link": rng.uniform(-20, 20, 6) * (rng.random() < 0.5),
     }
 
 

@@ -79,9 +79,14 @@ def loads(data, q, qd, qdd, gravity, about):
         centres.append(plus(p, arm))
         axes.append(z)
         origins.append(p)
+    held, given = (m.get(key, [arb(0)] * 6) for key in ("process_on_link", "process_in_base"))
+    push, twist = (plus(apply(R, held[k : k + 3]), given[k : k + 3]) for k in (0, 3))
+    tip = plus(p, apply(R, m["offsets"][-1]))
     needed = []
     for i in rows:
-        total = arb(0)
+        to_tip = plus(tip, times(arb(-1), origins[i]))
+        of_process = push if data["slides"][i] else plus(twist, cross(to_tip, push))
+        total = -dot(axes[i], of_process)
         for k in rows[i:]:
             if data["slides"][i]:
                 total += dot(axes[i], forces[k])
@@ -94,7 +99,8 @@ def loads(data, q, qd, qdd, gravity, about):
         dot(column, needed) + armature * x
         for column, armature, x in zip(columns, m["armature"], qdd, strict=True)
     ]
-    force = times(arb(-1), plus(*forces))
+    force = plus(push, times(arb(-1), plus(*forces)))
     levers = [plus(c, times(arb(-1), numbers(about))) for c in centres]
     moment = times(arb(-1), plus(*moments, *(cross(r, f) for r, f in zip(levers, forces, strict=True))))
+    moment = plus(moment, twist, cross(plus(tip, times(arb(-1), numbers(about))), push))
     return torques, [*force, *moment]

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from flint import arb
 
+from ocptip.certificate.trusted.arm import PROCESS
 from tests.oracles import arm_in_balls as balls
 
 
@@ -118,8 +119,8 @@ def loads(model, world, state):
     q, qd, qdd = ([x if isinstance(x, arb) else arb(float(x)) for x in row] for row in state)
     qd, qdd = [pace * x for x in qd], [pace * pace * x for x in qdd]
 
-    def own(k, mass, centre, inertia):
-        """With one body alone."""
+    def own(k, mass, centre, inertia, process=False):
+        """With one body alone, or with the process alone."""
         data = {key: np.array(value, dtype=float) for key, value in arm.items()}
         data["rotations"][0] = data["mount_rotation"] @ data["rotations"][0]  # rounded once, as it is read
         data["mount_rotation"] = np.eye(3)
@@ -127,12 +128,15 @@ def loads(model, world, state):
         for key, value in (("masses", mass), ("centres", centre), ("inertias", inertia)):
             data[key] = np.zeros(data[key].shape)
             data[key][k] = value
+        if not process:
+            data = {key: value for key, value in data.items() if key not in PROCESS}
         return balls.loads(data, q, qd, qdd, world.gravity, about)
 
     found = [
         (float(world.links[k]), own(k, arm["masses"][k], arm["centres"][k], arm["inertias"][k]))
         for k in range(n)
     ]
+    found.append((1.0, own(n - 1, 0.0, np.zeros(3), np.zeros((3, 3)), process=True)))
     if (held := model["payload"]) is not None:
         place = np.array(held["center"]), np.array(held["inertia"])
         found.append((-float(world.links[-1]), own(n - 1, held["mass"], *place)))
@@ -155,7 +159,7 @@ def loads(model, world, state):
 
 def tool(model, q, about):
     """Place of the gripper from the base's centre of mass: by moments of a unit mass."""
-    arm = {key: np.array(value, dtype=float) for key, value in model["arm"].items()}
+    arm = {key: np.array(v, dtype=float) for key, v in model["arm"].items() if key not in PROCESS}
     n = len(arm["masses"])
     arm["rotations"][0] = arm["mount_rotation"] @ arm["rotations"][0]
     arm["mount_rotation"] = np.eye(3)

@@ -43,7 +43,7 @@ def test_segments_follow_each_other_with_their_loads(cycle):
 def test_a_robot_that_holds_the_same_is_the_same(tmp_path):
     text = CYCLE.replace('goal = "start"', "goal_deg = [0, 30, -8, 45, -18, 150]")
     text += '[[segment]]\npayload = "none"\ngoal = "start"\n'
-    with pytest.warns(InputWarning, match=r"segment\[2\]: what the gripper holds changes"):
+    with pytest.warns(InputWarning, match=r"segment\[2\]: the load of the gripper changes"):
         task = load_cycle(written(tmp_path, text))
     out, back, home = (segment.task.robot for segment in task.segments)
     assert out is not back

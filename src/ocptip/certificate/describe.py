@@ -8,11 +8,13 @@ from typing import Any
 import casadi as cs
 import numpy as np
 
+from ocptip.certificate.trusted.arm import PROCESS
 from ocptip.contact.support import Support
 from ocptip.numerics.tape import instruction_name
 from ocptip.robots.collision.gaps import Collisions
 from ocptip.robots.collision.model import ShapeCollisions
 from ocptip.robots.collision.shapes import HalfSpace, Shape
+from ocptip.robots.dynamics import process_parts
 from ocptip.robots.geometry import CollisionModel, Floor, sphere_centres
 from ocptip.robots.kinematics import link_frames
 from ocptip.standing.arm import StandingRobot
@@ -115,6 +117,7 @@ def _arm_data(robot: StandingRobot) -> dict[str, Any]:
         **{key: np.asarray(getattr(arm, key), dtype=float).tolist() for key in _ARM.split()},
         "ratios": (np.eye(arm.n) if coupling is None else coupling.matrix).tolist(),
         "shift": (np.zeros(arm.n) if coupling is None else coupling.offsets).tolist(),
+        **{key: part.tolist() for key, part in zip(PROCESS, process_parts(arm), strict=True)},
     }
     return {"arm": data, "payload": held}  # the payload is a part of the last link
 

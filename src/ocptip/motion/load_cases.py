@@ -80,15 +80,17 @@ class RestLoads:
 
     Attributes:
         per_gravity: (N, 6, 3) per component of gravity, N per m/s^2.
+        process: (N, 6) of what acts on the gripper besides.
         tool: (N, 3) gripper from the base's centre of mass, m.
     """
 
     def __init__(self, robot: StandingRobot, q: np.ndarray) -> None:
         self.robot, still, about = robot, np.zeros_like(q), robot.support.center_of_mass
-        self.per_gravity = np.stack(
-            [evaluate_dynamics(robot.arm, q, still, still, gravity=g, about=about).wrench for g in np.eye(3)],
-            axis=2,
+        self.process, *weights = (
+            evaluate_dynamics(robot.arm, q, still, still, gravity=g, about=about).wrench
+            for g in (np.zeros(3), *np.eye(3))
         )
+        self.per_gravity = np.stack(weights, axis=2) - self.process[:, :, None]
         self.per_gravity[:, :3] += robot.support.mass * np.eye(3)
         self.tool = gripper_batch(robot.arm)(q)[0] - about
 
@@ -102,7 +104,7 @@ class RestLoads:
     ) -> np.ndarray:
         """(N, 6) with gravity (3,), m/s^2, more payload, kg (or one each, (N, 1)), and a push (3,), N."""
         force = payload * gravity + (0.0 if push is None else push)
-        return self.per_gravity @ gravity + self.at_tool(force)
+        return self.per_gravity @ gravity + self.process + self.at_tool(force)
 
 
 def load_cases(robot: StandingRobot, asked: Asked) -> list[LoadCase]:

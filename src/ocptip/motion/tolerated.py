@@ -175,14 +175,14 @@ class _Parts(RestLoads):
             return evaluate_dynamics(model, q, *rates, gravity=gravity, about=about).wrench
 
         moving = (qd, qdd)
-        self.inertial = wrench(arm, moving, np.zeros(3))
+        self.inertial = wrench(arm, moving, np.zeros(3)) - self.process
         both = wrench(one, moving, self.support.gravity), wrench(bare, moving, self.support.gravity)
         self.extra = both[0] - both[1]
 
     def total(self, gravity: np.ndarray | None = None, speed: float = 1.0) -> np.ndarray:
         """Wrenches (N, 6) on the base with this gravity (3,), m/s^2, at so many times the speed."""
         gravity = self.support.gravity if gravity is None else gravity
-        return self.per_gravity @ gravity + speed**2 * self.inertial
+        return self.per_gravity @ gravity + self.process + speed**2 * self.inertial
 
     def push(self, side: np.ndarray) -> np.ndarray:
         """(N, 6): of a force of 1 N at the gripper in direction `side`."""

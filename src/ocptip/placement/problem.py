@@ -293,6 +293,8 @@ class PlacementProblem:
                 raise InputError(f"{name}: names must differ, got {', '.join(names)}")
         if not isinstance(self.robot, StandingRobot):
             raise InputError(f"robot: expected a StandingRobot, got {self.robot!r}")
+        if self.robot.arm.process is not None:
+            raise InputError("robot: a process on its gripper is not looked at; give the tasks loads instead")
         for name in ("obstacles", "keep_out"):
             setter(self, name, tuple(getattr(self, name)))
             for shape in getattr(self, name):

@@ -45,9 +45,9 @@ def inverse_dynamics(model: ArmModel) -> cs.Function:
     """CasADi function of the inverse dynamics; built once per model, inlines in SX graphs.
 
     In: `q`, `qd`, `qdd` (n,), rad, rad/s, rad/s^2 (sliding joints: m for rad); `gravity` (3,), m/s^2, base
-    axes; `force`, `moment` (3,), N, N m, base axes: process load on the gripper at G; `about` (3,), m, base
-    frame: reference point of the base moment. Out: `torque` (n,), N m (N); `wrench` (6,), on the base, see
-    :class:`Dynamics`.
+    axes; `force`, `moment` (3,), N, N m, base axes: load on the gripper at G besides the model's own process;
+    `about` (3,), m, base frame: reference point of the base moment. Out: `torque` (n,), N m (N); `wrench`
+    (6,), on the base, see :class:`Dynamics`.
     """
     n = model.n
     q, qd, qdd = (cs.SX.sym(name, n) for name in ("q", "qd", "qdd"))
@@ -87,7 +87,8 @@ def newton_euler(
     omega, domega = (cs.SX.zeros(3) if turn is None else turn for turn in (spin, spin_change))
     # Gravity enters as an upward acceleration of the base, so m (r'' - g) of (2.40) needs no second term.
     acceleration = -gravity
-    load, load_moment = force, moment
+    own, held = process_parts(model)
+    load, load_moment = force + own[:3], moment + own[3:]
     offsets = [cs.SX.zeros(3), *map(cs.SX, model.offsets)]
     levers = [offsets[i] + relative[i] @ slide(model, i, values[i]) for i in range(count)] + offsets[-1:]
     for index, A in enumerate(relative):
@@ -112,6 +113,7 @@ def newton_euler(
         inertial_moment.append(m)
         load, load_moment = A.T @ load, A.T @ load_moment  # process load, now in frame i
 
+    load, load_moment = load + held[:3], load_moment + held[3:]
     F, M = -load, -load_moment  # coupling load behind the last link: what G passes on to the process (2.45)
     needed = [cs.SX(0)] * count
     for index in reversed(range(count)):
@@ -165,7 +167,8 @@ def evaluate_dynamics(
     Args:
         q, qd, qdd: (N, n) or (n,), rad, rad/s, rad/s^2 (sliding joints: m for rad).
         gravity: (3,), m/s^2, base axes.
-        force, moment: (3,) or (N, 3), N and N m, base axes: process load on the gripper at G.
+        force, moment: (3,) or (N, 3), N and N m, base axes: load on the gripper at G besides the model's own
+            process.
         about: (3,), m, base frame: reference point of the base moment.
 
     Raises:
@@ -196,6 +199,16 @@ def evaluate_dynamics(
 def dynamics_batch(model: ArmModel) -> BatchFunction:
     """`inverse_dynamics` for many states at once, without input checks."""
     return BatchFunction(inverse_dynamics(model))
+
+
+def process_parts(model: ArmModel) -> tuple[np.ndarray, np.ndarray]:
+    """The model's process about G, (6,) each, N and N m: in base axes, and in those of the last link."""
+    none, process = np.zeros(6), model.process
+    if process is None:
+        return none, none
+    if not process.turns_with_tool:
+        return process.wrench, none
+    return none, (process.wrench.reshape(2, 3) @ model.tool_rotation.T).ravel()
 
 
 def _rotating(omega: cs.SX, domega: cs.SX, lever: cs.SX) -> cs.SX:

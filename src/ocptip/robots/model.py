@@ -23,6 +23,7 @@ from ocptip.numerics.inertia import RigidBody, union
 from ocptip.robots.collision.shapes import ArmGeometry
 from ocptip.robots.coupling import Coupling
 from ocptip.robots.payload import Payload
+from ocptip.robots.process import ProcessWrench
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,6 +129,7 @@ class ArmModel:
         obstacle_sets: names of sphere sets checked against walls and pillars.
         payload: what the gripper holds; it is in those of the last link.
         bare_link: the last link without payload, where there is one.
+        process: what acts on the gripper while the arm moves; None: nothing. Part of all its dynamics.
         geometry: convex solids, which are looked at instead of spheres.
         base_link, resting: of an arm from a URDF: link of its base frame, and where joints of that file stand
             that do not move, rad or m by name.
@@ -154,6 +156,7 @@ class ArmModel:
     obstacle_sets: tuple[str, ...] = ()
     payload: Payload | None = None
     bare_link: RigidBody | None = None
+    process: ProcessWrench | None = None
     geometry: ArmGeometry | None = None
     base_link: str = ""
     resting: Mapping[str, float] = field(default_factory=dict)
@@ -283,6 +286,7 @@ class ArmModel:
             self,
             mount_position=shift + turn @ self.mount_position,
             mount_rotation=turn @ self.mount_rotation,
+            process=self.process and self.process.seen_from(turn),
         )
 
     def with_payload(self, payload: Payload | None) -> ArmModel:
@@ -304,6 +308,10 @@ class ArmModel:
             payload=payload,
             bare_link=None if payload is None else bare,
         )
+
+    def with_process(self, process: ProcessWrench | None) -> ArmModel:
+        """The same arm on whose gripper this acts, and nothing else."""
+        return dataclasses.replace(self, process=process)
 
     def with_limits(self, **limits: object) -> ArmModel:
         """The same arm with some limits replaced, e.g. `with_limits(acceleration=np.full(6, 5.0))`."""

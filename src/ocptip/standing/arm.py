@@ -91,7 +91,8 @@ class StandingRobot(StandingMechanism):
     @property
     def notes(self) -> tuple[str, ...]:
         """What was assumed of the arm."""
-        return self.arm.notes + super().notes
+        process = () if self.arm.process is None else (f"process: {self.arm.process}, all the time",)
+        return self.arm.notes + process + super().notes
 
     def loads(self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Joint torques (N, n), N m, or forces, N, and the total wrench (N, 6) on the base.

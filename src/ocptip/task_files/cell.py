@@ -121,10 +121,19 @@ def load_cell(path: str | os.PathLike[str], otherwise: Tolerance = NONE) -> Cell
         doubt_units(data)
         data.close(*TABLES, "segment", *_OF_PLACES)
         content = {key: data.value(key) for key in data}
+        _refuse_process(data, content)
         cycle = _unplaced(data, content, path)
         problem, tolerance = _problem(data, content, cycle, path, otherwise)
         doubt_masses(data, problem.robot)
         return CellTask(cycle.name, cycle, problem, tolerance, content, path)
+
+
+def _refuse_process(data: Table, content: dict[str, Any]) -> None:
+    segments = content["segment"] if isinstance(content["segment"], list) else []
+    tables = {"": content} | {f"segment[{k}].": own for k, own in enumerate(segments, 1)}
+    for place, own in tables.items():
+        if isinstance(own, dict) and "process" in own:
+            raise data.error("of cells is not looked at; forces at rest: ocptip place", f"{place}process")
 
 
 def _unplaced(data: Table, content: dict[str, Any], path: Path) -> CycleTask:

@@ -33,6 +33,7 @@ _SHARED = (
 )  # of [motion], unless a segment has its own
 _GOALS = ("goal_deg", "goal_m", "goal_pose")
 _BACK = "start"
+_LOADS = ("payload", "process")
 
 Ends = Callable[[StandingMechanism, Table, str, MotionLimits], tuple[np.ndarray, PoseTarget | None]]
 """Reads a start or a goal, as `read_end` does."""
@@ -119,10 +120,11 @@ def read_cycle(data: Table, default: str, ends: Ends = read_end) -> CycleTask:
     robots: dict[str, StandingMechanism] = {}
     held: list[str] = []
     for table in tables:
-        held.append(repr([table.value(key, None) for key in ("payload", *LOCKED)]))
+        held.append(repr([table.value(key, None) for key in (*_LOADS, *LOCKED)]))
         if held[-1] not in robots:
             robots[held[-1]] = scene.robot(table)
-    _require_use(data, tables)
+    for key in _LOADS:
+        _require_use(data, tables, key)
     starts, pose = ends(robots[held[0]], motion, "start", scene.limits)
     motion.close(*_SHARED)
     segments: list[Segment] = []
@@ -161,20 +163,20 @@ def _segment(
     return Segment(name, task, goals, dwell, pose)
 
 
-def _require_use(data: Table, tables: list[_SegmentTable]) -> None:
-    """Refuse loads that nobody carries."""
-    values, used = data.value("payload", {}), [table.value("payload", None) for table in tables]
+def _require_use(data: Table, tables: list[_SegmentTable], key: str) -> None:
+    """Refuse loads that no segment has."""
+    values, used = data.value(key, {}), [table.value(key, None) for table in tables]
     named = isinstance(values, dict) and values and all(isinstance(own, dict) for own in values.values())
     for name in values if named and list(values) != ["shape"] else ():
         if name not in used:
-            raise data.error("no segment carries it", f"payload.{name}")
+            raise data.error("no segment carries it", f"{key}.{name}")
 
 
 def _doubts(task: CycleTask) -> Iterator[str]:
     """What segments hardly mean."""
     for number, (one, other) in enumerate(zip(task.segments[:-1], task.segments[1:], strict=True), 1):
         if one.task.robot is not other.task.robot and one.dwell == 0:
-            yield f"segment[{number}]: what the gripper holds changes after it, in no time; give a dwell"
+            yield f"segment[{number}]: the load of the gripper changes after it, in no time; give a dwell"
     for number, segment in enumerate(task.segments, 1):
         apart = len(segment.goals) > 1 or np.abs(segment.task.start - segment.task.goal).max() > 1e-9
         if not apart and not (number == len(task.segments) and task.closed and len(task.starts) > 1):

@@ -33,6 +33,7 @@ from ocptip.task_files.doubts import doubt_masses, doubt_units, doubt_way
 from ocptip.task_files.joint_values import joint_values
 from ocptip.task_files.kinds import require_kind
 from ocptip.task_files.motors import arm_and_motors
+from ocptip.task_files.payload import read_process
 from ocptip.task_files.platform import read_platform_robot
 from ocptip.task_files.scene import SCENE, read_support
 from ocptip.task_files.sensor import read_sensor
@@ -43,7 +44,7 @@ from ocptip.task_files.tolerance import tolerance_of
 from ocptip.trajectories.arm_motion import checked_rise_times
 
 _RISES = ("rise_time", "jerk")
-_OF_ROBOT = ("arm", "robot", "payload", "motors", "sensor", "obstacle")
+_OF_ROBOT = ("arm", "robot", "payload", "process", "motors", "sensor", "obstacle")
 TABLES = ("name", *SCENE, *_OF_ROBOT, "motion", "limits", "tolerance")
 
 
@@ -82,7 +83,7 @@ def _published(data: Table, otherwise: Tolerance) -> MotionTask:
     """A printed case, with limits, objective and duration of the file."""
     name, base = data.choice("case", motion_cases()), data.choice("base", BASES, "effective")
     motion, table = data.table("motion", optional=True), data.table("limits", optional=True)
-    task = _with_sensor(data, experiment_task(name, base))
+    task = _published_task(data, name, base)
     jumps = _jumps(table, task.robot.support)
     table.one_of(*_RISES, optional=True)
     limits = table.make(MotionLimits, **table.numbers(*LIMITS), **jumps, **_durations(motion))
@@ -93,13 +94,15 @@ def _published(data: Table, otherwise: Tolerance) -> MotionTask:
     return with_stops(data, replace(task, limits=limits, objective=objective, rise_times=rises))
 
 
-def _with_sensor(data: Table, task: MotionTask) -> MotionTask:
-    """A printed case with the sensor of the file."""
-    if "sensor" not in data:
+def _published_task(data: Table, name: str, base: str) -> MotionTask:
+    """A printed case with the sensor and the process of the file."""
+    task = experiment_task(name, base)
+    robot, own = task.robot, {key: data.value(key) for key in ("sensor", "process") if key in data}
+    if not own or not isinstance(robot, StandingRobot):
         return task
-    robot = task.robot.varied(sensor=read_sensor(data, task.robot.sensor.position))
-    source = TaskSource({**task.source.data, "sensor": data.value("sensor")}, robot) if task.source else None
-    return replace(task, robot=robot, source=source)
+    arm, sensor = robot.arm.with_process(read_process(data)), read_sensor(data, robot.sensor.position)
+    robot = robot.varied(arm=arm, sensor=sensor)
+    return replace(task, robot=robot, source=TaskSource({"case": name, "base": base, **own}, robot))
 
 
 def _task(data: Table, path: Path, otherwise: Tolerance) -> MotionTask:

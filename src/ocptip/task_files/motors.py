@@ -11,7 +11,7 @@ from ocptip.published.arms import modular_motors
 from ocptip.robots.model import ArmModel
 from ocptip.robots.motors import DCMotors, Motors
 from ocptip.task_files.arm import carrying, read_arm, require_geometry
-from ocptip.task_files.payload import payload_table, read_payload
+from ocptip.task_files.payload import load_table, read_payload, read_process
 from ocptip.task_files.shapes import read_shapes
 
 _DATASHEET = ("resistance", "torque_constant", "gear_ratio")
@@ -31,10 +31,10 @@ def arm_and_motors(
         InputError: a value is missing, unknown or cannot be used; names its place.
     """
     arm = arm or read_arm(data.table("arm"), segment)
-    load = payload_table(data, segment)
+    load = load_table(data, segment)
     held = [] if load is None else read_shapes(load, "payload", carried=True)
     require_geometry(data, arm, {"payload.shape": held})
-    arm = carrying(arm.with_payload(read_payload(load)), held)
+    arm = carrying(arm.with_payload(read_payload(load)), held).with_process(read_process(data, segment))
     modular = "name" in data.table("arm")
     table = data.table("motors", optional=True)
     kind = table.choice("kind", ("modular", "estimated", "dc"), "modular" if modular else "estimated")

@@ -1,4 +1,7 @@
-"""What the robot holds: `[payload]`, or one of several, by segment of a cycle; see docs/motion-planner.md."""
+"""What the robot holds, `[payload]`, and what acts on its gripper, `[process]`: see docs/motion-planner.md.
+
+Each is one for the file, or one of several by segment of a cycle.
+"""
 
 from __future__ import annotations
 
@@ -7,42 +10,44 @@ import numpy as np
 from ocptip.basics.text import did_you_mean
 from ocptip.basics.toml import Table
 from ocptip.robots.payload import Payload
+from ocptip.robots.process import AXES, ProcessWrench
 
 _NONE = "none"
 
 
-def payload_table(data: Table, segment: Table | None = None) -> Table | None:
-    """The table of what is held, None if nothing is.
+def load_table(data: Table, segment: Table | None = None, key: str = "payload") -> Table | None:
+    """The table of a load, None if there is none.
 
-    A segment holds what its key `payload` says: `"none"`, a table, or the name of a table below `[payload]`;
-    by default what the file has in `[payload]` itself, if that is no list of names.
+    A segment has what its key says: `"none"`, a table, or the name of a table below `[payload]`; by default
+    what the file has in `[payload]` itself, if that is no list of names.
 
     Args:
         data: the file.
         segment: of a cycle.
+        key: of the load, "payload" or "process".
 
     Raises:
         InputError: no such name, or several names and no segments.
     """
-    names = _names(data)
-    if segment is None or "payload" not in segment:
+    names = _names(data, key)
+    if segment is None or key not in segment:
         if segment is None and names:
-            raise data.error(f"{', '.join(names)}: only segments can choose between several", "payload")
-        return data.table("payload") if "payload" in data and not names else None
-    value = segment.value("payload")
+            raise data.error(f"{', '.join(names)}: only segments can choose between several", key)
+        return data.table(key) if key in data and not names else None
+    value = segment.value(key)
     if value == _NONE:
         return None
     if isinstance(value, dict):
-        return segment.table("payload")
+        return segment.table(key)
     if value in names:
-        return data.table("payload").table(value)
+        return data.table(key).table(value)
     known = ", ".join([repr(_NONE), "a table", *map(repr, names)])
-    raise segment.error(f"expected one of {known}, got {value!r}{did_you_mean(value, names)}", "payload")
+    raise segment.error(f"expected one of {known}, got {value!r}{did_you_mean(value, names)}", key)
 
 
-def _names(data: Table) -> list[str]:
+def _names(data: Table, key: str) -> list[str]:
     """Of the tables below `[payload]`, where there is nothing else in it."""
-    value = data.value("payload", None)
+    value = data.value(key, None)
     tables = isinstance(value, dict) and value and all(isinstance(own, dict) for own in value.values())
     return [name for name in value if name != "shape"] if tables and list(value) != ["shape"] else []
 
@@ -59,3 +64,22 @@ def read_payload(table: Table | None) -> Payload | None:
     if table.one_of("inertia", "box", optional=True) == "box":
         return table.make(Payload.box, mass, table.vector("box", 3), center)
     return table.make(Payload, mass, center, table.raw_numbers("inertia", np.zeros((3, 3))))
+
+
+def read_process(data: Table, segment: Table | None = None) -> ProcessWrench | None:
+    """What acts on the gripper, None if nothing does.
+
+    Args:
+        data: the file.
+        segment: of a cycle.
+
+    Raises:
+        InputError: a value is missing, unknown or cannot be used; names its place.
+    """
+    table = load_table(data, segment, "process")
+    if table is None:
+        return None
+    if "force" not in table and "moment" not in table:
+        table.require("force", "a process needs a force or a moment")
+    force, moment = (table.vector(key, 3, np.zeros(3)) for key in ("force", "moment"))
+    return table.make(ProcessWrench, force, moment, table.choice("axes", AXES, "tool"))

@@ -14,7 +14,7 @@ from ocptip.parallel.robot import ParallelRobot
 from ocptip.standing.platform import PlatformLimits, StandingParallelRobot
 from ocptip.task_files.motors import dc_motors
 from ocptip.task_files.parallel import read_parallel_robot
-from ocptip.task_files.payload import payload_table, read_payload
+from ocptip.task_files.payload import load_table, read_payload, read_process
 from ocptip.task_files.sensor import read_sensor
 
 
@@ -36,8 +36,12 @@ def read_platform_robot(
         if key in data:
             raise data.error("not together with [robot]; the box of its coordinates keeps it off others", key)
     table = data.table("robot")
-    name, payload = table.text("parallel"), read_payload(payload_table(data, segment))
+    name, payload = table.text("parallel"), read_payload(load_table(data, segment))
     mount = {"position": table.vector("mount_position", 3), "rotation": table.rotation("mount_", np.eye(3))}
+    process = read_process(data, segment)
+    if process is not None and process.turns_with_tool:
+        raise data.error('of a parallel robot has axes = "base" or "world"', "process.axes")
+    load = None if process is None else process.seen_from(mount["rotation"].T).wrench
     table.close("limits")
     with table.at("parallel"):
         robot = ParallelRobot(_description(table, name).with_payload(payload))
@@ -45,7 +49,7 @@ def read_platform_robot(
     motors.choice("kind", ("dc",))
     parts = robot, support, dc_motors(motors, robot.m), _limits(table.table("limits"), robot.m)
     with table.at(), table.table("limits").at(None):
-        return StandingParallelRobot(*parts, **mount, reference_moment=moment, sensor=sensor)
+        return StandingParallelRobot(*parts, **mount, load=load, reference_moment=moment, sensor=sensor)
 
 
 def _description(table: Table, name: str) -> RobotDescription:

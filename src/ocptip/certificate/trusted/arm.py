@@ -18,6 +18,9 @@ Turns = list[tuple[Form, tuple[Form, Form] | None]]
 
 Motion = tuple[Form, Form, Form]
 
+PROCESS = "process_in_base", "process_on_link"
+"""Keys of what acts on the gripper, about it, (6,) each: in base axes, and in those of the last link."""
+
 
 def skew(v: np.ndarray) -> np.ndarray:
     """Matrix of v x."""
@@ -91,6 +94,7 @@ class Arm:
         self.inertias, self.armature = number["inertias"], number["armature"]
         self.slides = number["slides"].astype(bool)
         self.ratios, self.shift = number["ratios"], number["shift"]
+        self.process = [number.get(key, np.zeros(6)) for key in PROCESS]
         self.mount, self.mount_rotation = number["mount_position"], number["mount_rotation"]
         self.gravity, self.about = gravity, about
         self.n = len(self.masses)
@@ -102,13 +106,12 @@ class Arm:
 
     def loads(self, turns: Turns, qd: Form, qdd: Form) -> tuple[Form, Form]:
         """Torques (n, N) and the wrench (6, N) on the base about its centre of mass, without its weight."""
-        zero = Form.of(np.zeros((3, qd.r.shape[-1])))
         moved = self.accelerations(turns, qd, qdd, self.gravity)
         own = zip(self.masses, self.centres, self.inertias, moved, strict=True)
         forces, moments = zip(
             *(inertial(m, centre, inertia, at) for m, centre, inertia, at in own), strict=True
         )
-        F = M = zero
+        F, M = (-part for part in self.process_load(turns))
         needed: list[Form] = []
         for i in reversed(range(self.n)):
             if i < self.n - 1:
@@ -124,6 +127,21 @@ class Arm:
         if self.slides[0]:
             M = M + linear(skew(self.rotations[0][:, 2]), F) * turns[0][0]
         return linear(self.ratios.T, stack(*needed)) + qdd * self.armature[:, None], -joined(F, M)
+
+    def process_load(self, turns: Turns) -> tuple[Form, Form]:
+        """Force and moment (3, N) of the process on the last link, about its frame's origin, in its axes."""
+        shape = 3, turns[0][0].r.shape[-1]
+        (F, M), on_link = (
+            [Form.of(np.broadcast_to(part[:, None], shape)) for part in np.split(own, 2)]
+            for own in self.process
+        )
+        if np.any(self.process[0]):
+            moved = _columns(F, M)
+            for A, (_, turn) in zip(self.rotations, turns, strict=True):
+                moved = _into(A, turn, moved)
+            F, M = moved[:, 0], moved[:, 1]
+        F = F + on_link[0]
+        return F, M + on_link[1] + linear(skew(self.offsets[-1]), F)
 
     def accelerations(self, turns: Turns, qd: Form, qdd: Form, gravity: np.ndarray) -> list[Motion]:
         """Of each link's frame, in its axes: acceleration less gravity, angular acceleration, (3, N), and the

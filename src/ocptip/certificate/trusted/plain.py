@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from ocptip.certificate.trusted.arm import PROCESS
+
 LARGEST = 1e9  # SI units: no number may be larger, so that none overflows
 ROUNDED = 1e-12  # by so much may rotations and normals miss being orthonormal
 JUMP = 1e-6  # rad or m, and 100 times as much per s: by so much may pieces that meet differ, all together
@@ -82,6 +84,8 @@ def _require_arm(arm: Mapping[str, Any], held: Mapping[str, Any] | None, m: int)
     _rotations("rotations", arm["rotations"], n)
     _rotations("mount_rotation", [arm["mount_rotation"]], 1)
     numbers("mount_position", arm["mount_position"], (3,))
+    for key in PROCESS:  # those of before this was looked at have none
+        numbers(key, arm.get(key, [0.0] * 6), (6,))
     if held is not None:
         require(set(held) == {"mass", "center", "inertia", "axes"}, "payload: others are expected")
         require(

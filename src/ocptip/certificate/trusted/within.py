@@ -131,6 +131,12 @@ class Within:
             if half:
                 lever = Form.of(np.broadcast_to(self._mass * (1 + high) * axis[:, None], nothing.r.shape))
                 found.append((-half, half, 0.0, joined(lever, nothing, nothing)))
+        if any(np.any(own) for own in arm.process):  # it does not go with the pace: weights undo that
+            R, p = frames[-1]
+            force, moment = (turned(R, v) for v in arm.process_load(turns))
+            moment = moment + crossed(p + -self._about[:, None], force)
+            slow, fast = self._paces
+            found.append((1 / fast - 4 * U, 1 / slow + 4 * U, 0.0, joined(nothing, force, moment)))
         ends = np.array([(low, high, mass) for low, high, mass, _ in found]).T
         return self._terms(ends, stack(*(part for *_, part in found)), tool)
 

@@ -25,7 +25,8 @@ from ocptip.standing.on_springs import Modes
 from ocptip.standing.simulation.bodies import ArmBodies, exists, real_bodies
 from ocptip.trajectories.sampled import Motion
 
-BASE, PAYLOAD = "base", "payload"
+BASE, PAYLOAD, PROCESS = "base", "payload", "process"
+_AXES = "base axes"  # at the start: those of the world
 SOLE = 1e-3  # m: radius of the sphere that touches the ground
 SENSOR = 2.5e-3  # m: so far below a sole is what measures its force, not that of an opposite jaw
 STEP = 1e-4  # s
@@ -108,6 +109,7 @@ def to_mjcf(robot: StandingMechanism, motion: Motion | None = None, *, name: str
     root.append(ET.Comment(f" {'; '.join(remarks(robot))} "))
     _settings(root, robot)
     world = add(root, "worldbody")
+    add(world, "site", name=_AXES)
     add(world, "light", pos="1 -1 3", dir="-0.3 0.3 -1", directional="true")
     base = _base(world, robot.support)
     contact, sensors = ET.Element("contact"), ET.Element("sensor")
@@ -135,6 +137,10 @@ def remarks(robot: StandingRobot) -> list[str]:
         found.append(
             f"drives of joints {joints} have rotors of their own, since their links' inertias are such as no "
             "body has without: the base feels the same, the torque of these joints moves the rotor, too"
+        )
+    if robot.arm.process is not None:
+        found.append(
+            f"the process is actuator {PROCESS!r}, which acts as described at control 1 (all keyframes)"
         )
     if not np.all(robot.arm.with_payload(None).masses):
         found.append("a link without mass got 1 percent of the mass before it, on their common axis")
@@ -285,6 +291,9 @@ def _drives(root: ET.Element, robot: StandingRobot, bodies: ArmBodies, start: np
     for joint, inertia in zip(arm.joint_names, own, strict=True):
         gains = {"kp": text(inertia * _SERVO**2), "kv": text(2 * inertia * _SERVO)}
         add(actuator, "position", name=joint, joint=joint, **gains)
+    if (process := arm.process) is not None:
+        axes = {} if process.turns_with_tool else {"refsite": _AXES}
+        add(actuator, "general", name=PROCESS, site="gripper", gear=text(process.wrench), **axes)
 
 
 def joint_order(robot: StandingRobot, bodies: ArmBodies, values: np.ndarray) -> np.ndarray:
@@ -323,12 +332,12 @@ def _keyframes(root: ET.Element, robot: StandingRobot, bodies: ArmBodies, motion
         times = np.unique(np.append(np.arange(0.0, motion.end, _KEYS), [*motion.event_times, motion.end]))
         q, qd, _ = motion.states(times)
     rest = [*robot.support.center_of_mass, 1, 0, 0, 0]
-    offsets = joint_offsets(robot, bodies)
+    offsets, process = joint_offsets(robot, bodies), [] if robot.arm.process is None else [1.0]
     for k, (time, at, speed) in enumerate(zip(times, q, qd, strict=True)):
         add(
             frames, "key", name=f"key {k}" if k else "start", time=text(time),
             qpos=text([*rest, *(joint_order(robot, bodies, at) + offsets)]),
-            qvel=text([*np.zeros(6), *joint_order(robot, bodies, speed)]), ctrl=text(at),
+            qvel=text([*np.zeros(6), *joint_order(robot, bodies, speed)]), ctrl=text([*at, *process]),
         )  # fmt: skip
 
 

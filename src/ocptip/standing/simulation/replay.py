@@ -26,6 +26,7 @@ from ocptip.standing.simulation.mjcf import (
     BASE,
     FOOT,
     ON_SPRINGS,
+    PROCESS,
     RIGID,
     SENSOR,
     STEP,
@@ -241,6 +242,8 @@ class Simulator:
         speeds = joint_order(robot, bodies, _speeds(motion, times, late))
         feet = speeds.shape[1] - robot.arm.links - len(bodies.rotors)
         controls = np.diff(speeds[:, feet:], axis=0) / self.step
+        if robot.arm.process is not None:
+            controls = np.hstack([np.ones((len(controls), 1)), controls])
         data = mujoco.MjData(model)
         data.qpos[:3], data.qpos[3:7] = robot.support.center_of_mass, [1, 0, 0, 0]
         data.qpos[7:] = joint_order(robot, bodies, motion.start) + joint_offsets(robot, bodies)
@@ -314,7 +317,8 @@ def prescribed_model(text: str, world: World, step: float) -> Any:
     try:
         spec = mujoco.MjSpec.from_string(text)
         for what in (*spec.actuators, *spec.equalities, *spec.keys):
-            spec.delete(what)
+            if what.name != PROCESS:
+                spec.delete(what)
         spec.option.timestep = step
         for joint in spec.joints:
             if joint.name == BASE or joint.stiffness[0] > 0:

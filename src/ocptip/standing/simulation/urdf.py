@@ -10,6 +10,7 @@ import xml.etree.ElementTree as ET
 
 import numpy as np
 
+from ocptip.basics.errors import InputError
 from ocptip.numerics.inertia import RigidBody
 from ocptip.robots.model import ArmModel
 from ocptip.standing.arm import StandingRobot
@@ -32,9 +33,12 @@ def to_urdf(robot: StandingMechanism, *, name: str = "ocptip") -> str:
     """The robot on its base; the root link is the base, its frame the base axes.
 
     Raises:
-        InputError: there is no model for a simulator of its links or of a contact.
+        InputError: there is no model for a simulator of its links or of a contact, or a process acts on its
+            gripper, which a URDF cannot have.
     """
     robot = require_exportable(robot)
+    if robot.arm.process is not None:
+        raise InputError("process: a URDF cannot have one; --mjcf can, or leave it out of the task")
     arm, support, bodies = robot.arm, robot.support, real_bodies(robot.arm)
     root = ET.Element("robot", name=name)
     for remark in [

@@ -1,0 +1,247 @@
+"""Motions while a process acts on the gripper: files, checks, certificates, plans, retiming, simulation."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ocptip.basics.errors import InputError
+from ocptip.certificate.describe import model_data, motion_data, tolerance_data
+from ocptip.certificate.trusted.sharing import Sharing
+from ocptip.motion.check import certified, check_motion
+from ocptip.motion.load_cases import RestLoads
+from ocptip.motion.plan import plan_motion
+from ocptip.motion.planner.node_physics import NodePhysics
+from ocptip.motion.tolerated import _Parts
+from ocptip.placement.evaluate import Evaluator
+from ocptip.placement.problem import GripperTask, PlacementProblem, ProcessLoad
+from ocptip.placement.terrain import plane
+from ocptip.published.tasks import experiment_task
+from ocptip.retiming.retime import retime
+from ocptip.robots.process import AXES, ProcessWrench
+from ocptip.standing.limits import MotionLimits
+from ocptip.standing.simulation.mjcf import to_mjcf
+from ocptip.standing.simulation.replay import Simulator, compared
+from ocptip.standing.simulation.urdf import to_urdf
+from ocptip.standing.tolerance import Tolerance
+from ocptip.standing.worst_case import worst_case_of
+from ocptip.task_files.cell import load_cell
+from ocptip.task_files.cycle import load_cycle
+from ocptip.task_files.motion import load_task
+from ocptip.task_files.path import load_path
+from ocptip.task_files.placement import load_placement
+from tests.placement.placement_scenes import drilling
+from tests.places import EXAMPLES
+
+SMALL = Tolerance(speed=0.02, arm_mass=0.01, tilt=0.005, push=1.0)
+
+
+def case(name="A", axes="tool"):
+    """A published case on whose gripper a process acts, its robot without it."""
+    task = experiment_task(name)
+    process = ProcessWrench([3.0, -2.0, 5.0], [0.3, 0.2, -0.1], axes)
+    return replace(task, robot=task.robot.varied(arm=task.robot.arm.with_process(process))), task.robot
+
+
+def test_at_rest_it_is_the_placements_load():
+    """Torques and base wrench to 1e-10; the placement's own code hands loads over, ours are the model's."""
+    problem = drilling()
+    rng = np.random.default_rng(2)
+    q = rng.uniform(-2, 2, (5, problem.robot.n))
+    where = np.column_stack([rng.uniform(-0.6, -0.4, 5), rng.uniform(-0.2, 0.2, 5), rng.uniform(-3, 3, 5)])
+    load = ProcessLoad([-40.0, 25.0, 10.0], [1.0, -2.0, 3.0])
+    task = GripperTask(problem.tasks[0].position, problem.tasks[0].rotation, [load])
+    asked = PlacementProblem(problem.robot, task, plane(), unloaded=False)
+    found = Evaluator(asked).task(0, 0, where, q, contacts=False, clearances=False)
+    _, base = Evaluator(asked).place(0, where)
+    still = np.zeros((1, problem.robot.n))
+    for k in range(5):
+        process = ProcessWrench(base[k].T @ load.force, base[k].T @ load.moment, "world")
+        robot = problem.robot.varied(arm=problem.robot.arm.with_process(process))
+        torque, wrench = robot.loads(q[k : k + 1], still, still)
+        np.testing.assert_allclose(torque[0], found.torques[k, -1], atol=1e-10)
+        np.testing.assert_allclose(wrench[0], found.wrenches[k, -1], atol=1e-10)
+
+
+@pytest.mark.parametrize("axes", AXES)
+def test_derivatives_of_the_planners_loads(axes):
+    """Central differences of what the check computes; second ones of the first."""
+    task, _ = case("B", axes)
+    robot, rng = task.robot, np.random.default_rng(5)
+    physics, s = NodePhysics(robot), rng.uniform(-1, 1, (3, 18))
+    direction = np.ones((3, 6))
+    at = physics.jacobian(s, direction)
+    torque, wrench = robot.loads(s[:, :6], s[:, 6:12], s[:, 12:])
+    np.testing.assert_allclose(at.y[:, 1:13], np.hstack([torque, wrench]), atol=1e-10)
+    weights = rng.normal(size=at.y.shape) * (np.arange(at.y.shape[1]) > 0)
+    bend, h = physics.hessian(at, weights), 1e-5
+    for column in range(18):
+        step = h * (np.arange(18) == column)
+        above, below = (np.hstack(robot.loads(*np.split(s + e * step, 3, axis=1))) for e in (1, -1))
+        np.testing.assert_allclose(at.slope[:, 1:13, column], (above - below) / (2 * h), atol=1e-6)
+        ahead, back = (physics.jacobian(s + e * step, direction).slope for e in (1, -1))
+        slopes = np.einsum("ny,nys->ns", weights, (ahead - back) / (2 * h))
+        np.testing.assert_allclose(bend[:, column], slopes, atol=1e-4)
+
+
+@pytest.mark.parametrize("axes", ["tool", "base"])
+def test_a_certificate_encloses_what_samples_show(axes):
+    task, bare = case("A", axes)
+    robot, motion, limits = task.robot, task.reference, MotionLimits(tolerance=SMALL)
+    checked = certified(robot, motion, check_motion(robot, motion, limits), limits)
+    assert checked.headline == "CERTIFIED within the tolerance"
+    bounds = checked.certificate.verdict.bounds
+    samples = robot.samples(motion, np.linspace(0, motion.end, 3001))
+    assert 0.99 * bounds["GN"] < samples.tip.GN.max() <= bounds["GN"]
+    assert samples.slip.GT.max() <= bounds["GT"]
+    assert (np.abs(samples.torques) / robot.limits.torque).max() <= bounds["torque_ratio"]
+    other = check_motion(bare, motion, MotionLimits())
+    assert abs(other.worst["GT"].value - checked.worst["GT"].value) > 0.01
+
+
+@pytest.mark.parametrize("axes", ["tool", "base"])
+def test_nothing_within_a_tolerance_is_below_what_is_proved(axes):
+    """The process does not grow with the pace, the moments of masses do."""
+    task, _ = case("B", axes)
+    robot, motion = task.robot, task.reference
+    own = replace(SMALL, speed=0.05)
+    asked = {"GN_worst_case": 0.999, "GT_worst_case": 0.999}
+    sharing = Sharing(model_data(robot), motion_data(motion), tolerance_data(own, robot.support), asked)
+    ends = np.unique(np.concatenate([np.linspace(0, sharing.late.end, 60), sharing.late.events]))
+    proved = np.min(sharing.moments(sharing.terms(sharing.late.rows(ends[:-1], ends[1:]))))
+    times = np.linspace(1e-6, motion.end - 1e-6, 1000)
+    found = np.min(worst_case_of(robot, own).all_moments(np.hstack(motion.states(times))))
+    unit = robot.tip_over.reference_moment
+    assert -1e-6 <= (found - proved) / unit <= 0.5  # a process counts as up to 10 % more or less
+
+
+def test_loads_at_rest_and_what_is_tolerated_count_it_once():
+    task, _ = case("A")
+    robot, motion = task.robot, task.reference
+    times = np.linspace(0.01, motion.end - 0.01, 9)
+    q, qd, qdd = motion.states(times)
+    rest = RestLoads(robot, q).wrenches(robot.support.gravity)
+    np.testing.assert_allclose(rest, robot.loads(q, 0 * q, 0 * q)[1], atol=1e-10)
+    parts = _Parts(robot, motion, times)
+    np.testing.assert_allclose(parts.total(speed=1.3), robot.loads(q, 1.3 * qd, 1.69 * qdd)[1], atol=1e-9)
+
+
+@pytest.mark.parametrize("axes", ["tool", "base"])
+def test_forces_are_those_of_a_simulation(axes):
+    """MuJoCo with a free base and an actuator at the gripper; without the process they are 4 N off."""
+    pytest.importorskip("mujoco")
+    task, bare = case("A", axes)
+    replay = Simulator(task.robot, task.reference).run()
+    assert replay.stands
+    beside, without = (compared(robot, task.reference, replay) for robot in (task.robot, bare))
+    assert beside.rms < 0.1  # N
+    assert without.rms > 2.0
+    assert "actuator 'process'" in to_mjcf(task.robot)
+    with pytest.raises(InputError, match="process: a URDF cannot have one"):
+        to_urdf(task.robot)
+
+
+def test_a_sander_on_a_cart_in_the_time_that_its_weight_allows():
+    task = load_task(EXAMPLES / "tasks" / "ur5_sander.toml")
+    path = load_path(EXAMPLES / "paths" / "ur5_sander.toml", task).paths[0].path
+    limits = MotionLimits()
+    found = retime(task.robot, path, limits)
+    checked = found.check
+    assert checked.verified
+    assert 0.88 < checked.worst["GN"].value <= 0.9
+    bare = task.robot.varied(arm=task.robot.arm.with_process(None))
+    assert check_motion(bare, found.motion, limits).worst["GN"].value < 0.7
+    assert any(note.startswith("process: (-40, 12, 0) N") for note in task.robot.notes)
+
+
+SEGMENTS = """
+[process.grinding]
+force = [0, 0, 4]
+
+[[segment]]
+name = "grind"
+goal_deg = [20, -10, 30, 0, 20, 0]
+process = "grinding"
+dwell = 0.1
+
+[[segment]]
+name = "back"
+goal = "start"
+"""
+
+
+def _cycle(segments=SEGMENTS):
+    text = (EXAMPLES / "tasks" / "ur5_sander.toml").read_text(encoding="utf-8")
+    head, rest = text.split("[process]")[0], text.split("[motion]")[1]
+    motion = "[motion]\nstart_deg = [0, -90, 90, -90, -90, 0]\n"
+    return head.replace("ur5.urdf", str(EXAMPLES / "tasks" / "ur5.urdf")) + motion + segments, rest
+
+
+def test_segments_have_their_own(tmp_path):
+    path = tmp_path / "cycle.toml"
+    path.write_text(_cycle()[0])
+    task = load_cycle(path)
+    grinding, back = (segment.task.robot.arm.process for segment in task.segments)
+    assert grinding.force.tolist() == [0, 0, 4]
+    assert back is None
+    path.write_text(_cycle(SEGMENTS.replace('process = "grinding"\n', ""))[0])
+    with pytest.raises(InputError, match=r"cycle.toml: process.grinding: no segment carries it"):
+        load_cycle(path)
+
+
+@pytest.mark.parametrize(
+    ("lines", "complaint"),
+    [
+        ("axes = 'tool'", "process.force: missing (a process needs a force or a moment)"),
+        ("force = [1, 2]", "process.force: expected 3 numbers, got 2"),
+        (
+            "force = [1, 2, 3]\naxes = 'gripper'",
+            "process.axes: expected one of tool, base, world, got 'gripper'",
+        ),
+        ("force = [1, 2, 3]\ntorque = [1, 2, 3]", "process.torque: unknown key"),
+    ],
+)
+def test_what_cannot_be_is_one_line(tmp_path, lines, complaint):
+    path = tmp_path / "task.toml"
+    path.write_text(f'case = "A"\n[process]\n{lines}\n')
+    with pytest.raises(InputError) as error:
+        load_task(path)
+    assert str(error.value).startswith(f"task.toml: {complaint}")
+
+
+def test_a_published_case_keeps_its_process_in_its_files(tmp_path):
+    path = tmp_path / "task.toml"
+    path.write_text('case = "A"\n[process]\nforce = [1, 2, 3]\n')
+    task = load_task(path)
+    (tmp_path / "again.toml").write_text(task.source.text(task.name, task.limits, task.objective))
+    again = load_task(tmp_path / "again.toml")
+    assert again.robot.arm.process.to_dict() == task.robot.arm.process.to_dict()
+
+
+def test_what_does_not_look_at_it_says_so(tmp_path):
+    task, _ = case("A")
+    with pytest.raises(InputError, match="robot: a process on its gripper is not looked at"):
+        PlacementProblem(task.robot, GripperTask([0.4, 0, 0.5]), plane())
+    for name, read in (("cell_ur5.toml", load_cell), ("place_ur5_wall.toml", load_placement)):
+        text = (
+            (EXAMPLES / "tasks" / name)
+            .read_text(encoding="utf-8")
+            .replace('"ur5.urdf"', f'"{EXAMPLES}/tasks/ur5.urdf"')
+        )
+        (tmp_path / name).write_text(text + "\n[process]\nforce = [1, 0, 0]\n")
+        with pytest.raises(InputError, match=f"{name}: process: "):
+            read(tmp_path / name)
+
+
+def test_a_plan_bears_it():
+    """Slower than without: the planner pays for what presses."""
+    task, _ = case("A", "base")
+    process = ProcessWrench([0.0, 0.0, -12.0], axes="base")
+    pressed = replace(task, robot=task.robot.varied(arm=task.robot.arm.with_process(process)))
+    plan = plan_motion(pressed, starts=1, jobs=1)
+    assert plan.verified
+    check = check_motion(pressed.robot, plan.motion, pressed.limits)
+    assert check.energy == pytest.approx(plan.energy, rel=1e-9)
+    assert plan.energy > 1.01 * 185.6
