@@ -58,6 +58,7 @@ class _Judged:
     moments: np.ndarray
     beyond: np.ndarray  # GT is greater than what was to be good enough
     holds: np.ndarray
+    loose: np.ndarray  # GN is greater than what was to be good enough
 
 
 def find_within(
@@ -103,9 +104,9 @@ class _Search:
         for k in range(_ROUNDS + 1):
             judged = self._judged(self._sharing.late.rows(starts, ends))
             bad = np.zeros(len(starts), dtype=bool)
-            bad[judged.interval[~judged.holds]] = True
+            bad[judged.interval[~judged.holds | judged.loose]] = True
             total = sum(len(part.interval) for _, _, part in self._parts) + len(judged.interval)
-            before, missing = missing, np.count_nonzero(~judged.holds)
+            before, missing = missing, np.count_nonzero(~judged.holds | judged.loose)
             useful = k < _ROUNDS and total < _MOST and missing < _IN_VAIN * before
             bad &= (ends - starts > _SHORTEST) & useful
             kept = ~bad[judged.interval]
@@ -153,10 +154,12 @@ class _Search:
                 )
             if share < HIGHEST:
                 beyond = ~(room >= 0)
-        judged = _Judged(rows.interval, terms, forces, weights, np.full(len(room), np.inf), beyond, room >= 0)
+        moments, loose = np.full(len(room), np.inf), np.zeros(len(room), dtype=bool)
+        judged = _Judged(rows.interval, terms, forces, weights, moments, beyond, room >= 0, loose)
         if sharing.contacts.flat:
             judged.moments = sharing.moments(terms)
             judged.holds &= judged.moments > 0
+            judged.loose = judged.moments < sharing.contacts.needed
         if not sharing.contacts.flat:
             margins = sharing.margins(terms, forces, weights)
             judged.holds &= margins["tip-over within tolerance"] >= 0
@@ -290,5 +293,5 @@ class _Search:
 
 
 def _some(part: _Judged, rows: np.ndarray) -> _Judged:
-    names = ("interval", "forces", "weights", "moments", "beyond", "holds")
+    names = ("interval", "forces", "weights", "moments", "beyond", "holds", "loose")
     return _Judged(terms=part.terms.some(rows), **{name: getattr(part, name)[..., rows] for name in names})
