@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from argparse import Namespace
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +34,7 @@ from ocptip.motion.stops import Stops
 from ocptip.motion.task import MotionTask
 from ocptip.motion.tolerated import Tolerated, tolerated
 from ocptip.standing.arm import StandingRobot
+from ocptip.standing.tolerance import NONE
 from ocptip.task_files.cycle import read_task
 from ocptip.task_files.load_cases import load_asked
 from ocptip.task_files.plan_folder import PlanFolder, arm_of, read_plan_folder
@@ -103,7 +104,8 @@ class Document:
         """Look at the motion."""
         task = self.task
         self.checked = certified(robot, motion, check_motion(robot, motion, task.limits), task.limits)
-        stopped = check_motion(robot, motion, task.stops.asked(task.limits))
+        as_described = replace(task.limits, tolerance=NONE)  # stops are looked at without one
+        stopped = check_motion(robot, motion, task.stops.asked(as_described))
         self.stops = stops_of(task, motion, stopped, "path")
         self.tolerated = tolerated(robot, motion)
         times = np.linspace(0.0, motion.end, POSTURES)
