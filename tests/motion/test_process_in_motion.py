@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -10,11 +12,12 @@ import pytest
 from ocptip.basics.errors import InputError
 from ocptip.certificate.describe import model_data, motion_data, tolerance_data
 from ocptip.certificate.trusted.sharing import Sharing
+from ocptip.cli.main import main
 from ocptip.motion.check import certified, check_motion
 from ocptip.motion.load_cases import RestLoads
 from ocptip.motion.plan import plan_motion
 from ocptip.motion.planner.node_physics import NodePhysics
-from ocptip.motion.tolerated import _Parts
+from ocptip.motion.tolerated import _Parts, tolerances
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.problem import GripperTask, PlacementProblem, ProcessLoad
 from ocptip.placement.terrain import plane
@@ -194,7 +197,7 @@ def test_segments_have_their_own(tmp_path):
 @pytest.mark.parametrize(
     ("lines", "complaint"),
     [
-        ("axes = 'tool'", "process.force: missing (a process needs a force or a moment)"),
+        ("axes = 'tool'", "process.force: missing (a process needs a force or a moment, or a file)"),
         ("force = [1, 2]", "process.force: expected 3 numbers, got 2"),
         (
             "force = [1, 2, 3]\naxes = 'gripper'",
@@ -217,7 +220,7 @@ def test_a_published_case_keeps_its_process_in_its_files(tmp_path):
     task = load_task(path)
     (tmp_path / "again.toml").write_text(task.source.text(task.name, task.limits, task.objective))
     again = load_task(tmp_path / "again.toml")
-    assert again.robot.arm.process.to_dict() == task.robot.arm.process.to_dict()
+    assert again.robot.arm.process.wrench.tolist() == [1, 2, 3, 0, 0, 0]
 
 
 def test_what_does_not_look_at_it_says_so(tmp_path):
@@ -245,3 +248,117 @@ def test_a_plan_bears_it():
     check = check_motion(pressed.robot, plan.motion, pressed.limits)
     assert check.energy == pytest.approx(plan.energy, rel=1e-9)
     assert plan.energy > 1.01 * 185.6
+
+
+def _varying(over, knots, axes="tool"):
+    rng = np.random.default_rng(7)
+    return ProcessWrench(*rng.normal(size=(2, len(knots), 3)) * 3, axes, over, knots)
+
+
+@pytest.mark.parametrize("axes", ["tool", "base"])
+def test_a_process_over_time_is_at_every_instant_the_constant_one(axes):
+    task, bare = case("A", axes)
+    motion = task.reference
+    process = _varying("time", np.linspace(0.1, 0.9 * motion.end, 5), axes)
+    robot = bare.varied(arm=bare.arm.with_process(process))
+    times = np.linspace(0.0, motion.end, 7)
+    samples = robot.samples(motion, times)
+    for k, time in enumerate(times):
+        force, moment = process.at(times[k : k + 1])
+        frozen = bare.varied(arm=bare.arm.with_process(ProcessWrench(force[0], moment[0], axes)))
+        one = frozen.samples(motion, times[k : k + 1])
+        np.testing.assert_allclose(samples.torques[k], one.torques[0], atol=1e-11, err_msg=f"{time}")
+        np.testing.assert_allclose(samples.wrenches[k], one.wrenches[0], atol=1e-11)
+
+
+def test_checks_and_energy_follow_what_varies():
+    """Knots are ends of intervals: a short peak between instants of the grid is seen."""
+    task, bare = case("A")
+    motion = task.reference
+    at = 0.43217 * motion.end
+    knots = [0.0, at - 1e-4, at, at + 1e-4, motion.end]
+    force = np.array([[0, 0, z] for z in (-1.0, -1.0, -40.0, -1.0, -1.0)])
+    robot = bare.varied(arm=bare.arm.with_process(ProcessWrench(force, 0 * force, "base", "time", knots)))
+    checked = check_motion(robot, motion)
+    peak = robot.samples(motion, np.array([at]))
+    assert checked.worst["torque_ratio"].time == pytest.approx(at, abs=1e-6)
+    assert checked.worst["torque_ratio"].value == pytest.approx(
+        (np.abs(peak.torques) / robot.limits.torque).max(),
+        rel=1e-3,  # 0.15 us beside the knot
+    )
+    samples = robot.samples(motion, times := np.linspace(0, motion.end, 20001))
+    assert np.trapezoid(samples.powers.sum(axis=1), times) == pytest.approx(checked.energy, rel=1e-4)
+    assert checked.verified
+    assert certified(robot, motion, checked).certificate.reason == "the process varies"
+
+
+def test_shares_and_ways_become_times():
+    task, bare = case("B")
+    motion = task.reference
+    over_share = bare.varied(arm=bare.arm.with_process(_varying("share", [0.0, 0.3, 1.0])))
+    halves = over_share.during(motion).arm.process
+    np.testing.assert_allclose(halves.knots, motion.end * np.array([0.0, 0.3, 1.0]), atol=1e-12)
+    slower = over_share.during(motion.time_scaled(2.0)).arm.process
+    np.testing.assert_allclose(slower.knots, 2 * halves.knots, atol=1e-12)
+    times = np.linspace(0, motion.end, 200001)
+    steps = np.linalg.norm(np.diff(bare.tool(motion.states(times)[0]), axis=0), axis=1)
+    way = np.concatenate([[0.0], np.cumsum(steps)])
+    process = _varying("path", [0.1, 0.5 * way[-1], way[-1]])
+    found = bare.varied(arm=bare.arm.with_process(process)).during(motion).arm.process
+    for mine, exact in zip(found.at(times), process.at(way), strict=True):
+        np.testing.assert_allclose(mine, exact, atol=1e-3)
+
+
+def test_what_does_not_follow_it_refuses_it():
+    task, bare = case("A")
+    for over in ("time", "share", "path"):
+        robot, q = bare.varied(arm=bare.arm.with_process(_varying(over, [0.0, 1.0]))), np.zeros((1, 6))
+        for ask in (
+            partial(robot.loads, q, q, q),
+            partial(NodePhysics, robot),
+            partial(plan_motion, replace(task, robot=robot), starts=1, jobs=1),
+            partial(check_motion, robot, task.reference, MotionLimits(tolerance=SMALL)),
+            partial(to_mjcf, robot, task.reference),
+            partial(RestLoads, robot, q),
+        ):
+            with pytest.raises(InputError, match=r"process: varies over .*, which only checks of motions"):
+                ask()
+        assert tolerances(robot, task.reference) == ()
+        assert not robot.samples(task.reference, np.array([0.1])).tip.GN[0] > 1
+
+
+CHECKED = """
+case = "A"
+[limits]
+GN = 0.9
+[tolerance]
+preset = "none"
+[process]
+file = "force.csv"
+axes = "base"
+"""
+
+
+def test_files_of_forces(tmp_path, capsys):
+    (tmp_path / "force.csv").write_text("share,fz_N,mx_Nm\n0,0,0\n0.5,-3,0.1\n1,0,0\n")
+    path = tmp_path / "task.toml"
+    path.write_text(CHECKED)
+    task = load_task(path)
+    process = task.robot.arm.process
+    assert (process.over, process.force[1].tolist()) == ("share", [0, 0, -3])
+    (tmp_path / "motion.json").write_text(json.dumps(task.reference.to_dict()))
+    assert main(["check", str(tmp_path / "motion.json"), "--task", str(path)]) == 0
+    assert "up to 3 N and 0.1 N m on the gripper, in axes of the base, over share" in capsys.readouterr().out
+    assert main(["plan", str(path), "--out", str(tmp_path / "out")]) == 2
+    assert "process: varies over share" in capsys.readouterr().err
+    for content, complaint in (
+        ("share,time_s,fx_N\n0,0,1\n", "expected one column of time_s, share, path_m and some of"),
+        ("share,Fx\n0,1\n", "column 'Fx': expected one each of"),
+        ("share,fx_N\n0,a\n", "line 2, fx_N: expected a number, got 'a'"),
+        ("time_s,fx_N\n1,2\n1,3\n", "knots: must increase"),
+        ("", "is empty"),
+    ):
+        (tmp_path / "force.csv").write_text(content)
+        with pytest.raises(InputError, match=r"task.toml: process.file: ") as error:
+            load_task(path)
+        assert complaint in str(error.value)

@@ -310,7 +310,7 @@ def retimed(task: MotionTask, motion: Motion, checked: MotionCheck) -> str:
     """
     broken = [name for name, worst in checked.worst.items() if worst.violation]
     of_place = any(name in OF_PATH for name in broken)
-    if checked.verified or of_place or task.limits.tolerance.given:
+    if checked.verified or of_place or task.limits.tolerance.given or task.robot.unchanging is not task.robot:
         return ""
     try:
         path = path_of_motion(motion).path

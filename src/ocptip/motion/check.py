@@ -148,7 +148,9 @@ def check_motion(
     """
     step = positive_number("step", step)
     robot.require_fit(motion.n)
-    instants = motion.end / step + _MIN_POINTS * len(motion.intervals)
+    robot = robot.during(motion)
+    pieces = robot.pieces(motion)
+    instants = motion.end / step + _MIN_POINTS * len(pieces)
     if not instants <= MOST_INSTANTS:
         raise InputError(
             f"step: the motion lasts {motion.end:.4g} s, which would be {instants:.2g} instants at steps of "
@@ -158,7 +160,7 @@ def check_motion(
     limits = limits or MotionLimits()
     kinds = limits_of(robot, limits)
     worst = [found for limit in kinds for found in limit.exact(motion)]
-    grids = [_Grid(left + INSIDE, right - INSIDE, step) for left, right in motion.intervals]
+    grids = [_Grid(left + INSIDE, right - INSIDE, step) for left, right in pieces]
     grids += [_Grid(t, t, step) for t in (-INSIDE, motion.end + INSIDE)]
     samples, unsolved, standing, contacts = 0, [], True, None
     todo = [grid.times for grid in grids]
@@ -263,7 +265,7 @@ class _Found:
 
 
 def _instants(robot: StandingMechanism, motion: Motion, times: np.ndarray) -> Instants:
-    return Instants.of_states(robot, *motion.states(times))
+    return Instants.of_states(robot, *motion.states(times), times)
 
 
 def _evaluate(

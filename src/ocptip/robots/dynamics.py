@@ -202,7 +202,11 @@ def dynamics_batch(model: ArmModel) -> BatchFunction:
 
 
 def process_parts(model: ArmModel) -> tuple[np.ndarray, np.ndarray]:
-    """The model's process about G, (6,) each, N and N m: in base axes, and in those of the last link."""
+    """The model's process about G, (6,) each, N and N m: in base axes, and in those of the last link.
+
+    Raises:
+        InputError: it varies.
+    """
     none, process = np.zeros(6), model.process
     if process is None:
         return none, none

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from ocptip.basics.errors import InputError, bounded_array
 
 AXES = ("tool", "base", "world")
+TIME, SHARE, PATH = "time", "share", "path"
 NOWHERE = (0.0, 0.0, 0.0)
 
 
@@ -21,9 +22,12 @@ class ProcessWrench:
     The base rests: axes of the world are those of the base, also where a tolerance tilts the floor.
 
     Attributes:
-        force: (3,), N, on the gripper, at the gripper point G.
-        moment: (3,), N m, on the gripper.
+        force: (3,), N, on the gripper, at the gripper point G; (K, 3) if it varies.
+        moment: (3,) or (K, 3), N m, on the gripper.
         axes: "tool": of the gripper, it turns with it; "base" or "world".
+        over: what it varies with: "time", s since the motion begins; "share" of the motion's duration, 0 to
+            1; "path", m, on which the gripper point has gone; empty: it is constant.
+        knots: (K,), increasing, of that; linear between, constant before and after.
 
     Raises:
         InputError: naming what cannot be used.
@@ -32,37 +36,84 @@ class ProcessWrench:
     force: ArrayLike = NOWHERE
     moment: ArrayLike = NOWHERE
     axes: str = "tool"
+    over: str = ""
+    knots: ArrayLike = ()
 
     def __post_init__(self) -> None:
-        for name in ("force", "moment"):
-            values = bounded_array(name, getattr(self, name), (3,))
+        if self.over not in ("", TIME, SHARE, PATH):
+            raise InputError(f"over: expected {TIME}, {SHARE}, {PATH} or nothing, got {self.over!r}")
+        knots = bounded_array("knots", self.knots, (None,))
+        if bool(len(knots)) != self.varies or np.any(np.diff(knots) <= 0):
+            raise InputError(
+                f"knots: must increase, and be there if the process varies, got {knots.tolist()}"
+            )
+        shape = (len(knots), 3) if self.varies else (3,)
+        arrays = {name: bounded_array(name, getattr(self, name), shape) for name in ("force", "moment")}
+        for name, values in {**arrays, "knots": knots}.items():
             values.flags.writeable = False
             object.__setattr__(self, name, values)
         if self.axes not in AXES:
             raise InputError(f"axes: expected one of {', '.join(AXES)}, got {self.axes!r}")
 
     @property
+    def varies(self) -> bool:
+        """Whether it is another at other instants."""
+        return self.over != ""
+
+    @property
     def wrench(self) -> np.ndarray:
-        """(6,): force, then moment, in its axes."""
+        """(6,): force, then moment, in its axes.
+
+        Raises:
+            InputError: it varies. So all that does not follow it from instant to instant refuses it.
+        """
+        if self.varies:
+            raise InputError(
+                f"process: varies over {self.over}, which only checks of motions follow, their energy "
+                "and samples; plans, tolerances, jumps, stops, certificates, retiming and simulation do not"
+            )
         return np.concatenate([self.force, self.moment])
 
     @property
     def turns_with_tool(self) -> bool:
-        """Whether it is constant in the axes of the gripper, not in those of the base."""
+        """Whether it is given in the axes of the gripper, not in those of the base."""
         return self.axes == "tool"
+
+    def at(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Forces and moments (N, 3), in its axes, where what it varies with has these values (N,)."""
+        force, moment = (
+            np.stack([np.interp(values, self.knots, column) for column in np.transpose(rows)], axis=1)
+            for rows in (self.force, self.moment)
+        )
+        return force, moment
+
+    def over_time(self, times: np.ndarray, values: np.ndarray) -> ProcessWrench:
+        """The same over time, if what it varies with goes through values (T,), not falling, at times (T,), s.
+
+        Between these times it is taken to go straight.
+        """
+        own = np.interp(self.knots, values, times)
+        instants = np.unique(np.concatenate([times, own]))
+        force, moment = self.at(np.interp(instants, times, values))
+        return ProcessWrench(force, moment, self.axes, TIME, instants)
 
     def seen_from(self, rotation: np.ndarray) -> ProcessWrench:
         """The same for a base frame to which `rotation` (3, 3) maps the present one's axes."""
         if self.turns_with_tool:
             return self
-        return ProcessWrench(rotation @ self.force, rotation @ self.moment, self.axes)
+        return replace(self, force=self.force @ rotation.T, moment=self.moment @ rotation.T)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
-        return {"force_N": list(self.force), "moment_Nm": list(self.moment), "axes": self.axes}
+        varying = {"over": self.over, "knots": list(self.knots)} if self.varies else {}
+        return {"force_N": self.force, "moment_Nm": self.moment, "axes": self.axes, **varying}
 
     def __str__(self) -> str:
         """In words."""
+        on = f"on the gripper, in axes of the {self.axes}"
+        if self.varies:
+            peaks = [np.max(np.linalg.norm(rows, axis=1)) for rows in (self.force, self.moment)]
+            return f"up to {peaks[0]:.4g} N and {peaks[1]:.4g} N m {on}, over {self.over}"
         parts = [("N", self.force), ("N m", self.moment)]
         words = [f"({', '.join(f'{x:.4g}' for x in v)}) {unit}" for unit, v in parts if np.any(v)]
-        return f"{' and '.join(words) or 'nothing'} on the gripper, in axes of the {self.axes}"
+        return f"{' and '.join(words) or 'nothing'} {on}, all the time"

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache
+from functools import cached_property, lru_cache
+from typing import Self
 
 import casadi as cs
 import numpy as np
@@ -19,8 +20,13 @@ from ocptip.robots.kinematics import gripper_batch
 from ocptip.robots.model import ArmModel
 from ocptip.robots.motors import Motors
 from ocptip.robots.payload import Payload
+from ocptip.robots.process import PATH, TIME
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.sensor import WrenchSensor
+from ocptip.trajectories.arm_motion import MERGE, gauss_legendre
+from ocptip.trajectories.sampled import Motion
+
+_STEP = 0.005  # s: between instants at which the gripper's way is looked at
 
 
 class StandingRobot(StandingMechanism):
@@ -91,19 +97,73 @@ class StandingRobot(StandingMechanism):
     @property
     def notes(self) -> tuple[str, ...]:
         """What was assumed of the arm."""
-        process = () if self.arm.process is None else (f"process: {self.arm.process}, all the time",)
+        process = () if self.arm.process is None else (f"process: {self.arm.process}",)
         return self.arm.notes + process + super().notes
 
-    def loads(self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def loads(
+        self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, times: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Joint torques (N, n), N m, or forces, N, and the total wrench (N, 6) on the base.
 
         Its moment is about the base's centre of mass.
+
+        Raises:
+            InputError: the process varies, and there are no times, or it does not vary over time.
         """
-        support = self.support
-        dynamics = evaluate_dynamics(
-            self.arm, q, qd, qdd, gravity=support.gravity, about=support.center_of_mass
-        )
+        support, arm, load = self.support, self.arm, {}
+        process = arm.process
+        if times is not None and process is not None and process.over == TIME:
+            force, moment = process.at(times)
+            if process.turns_with_tool:
+                turn = gripper_batch(arm)(q)[1]
+                force, moment = (np.einsum("kij,kj->ki", turn, rows) for rows in (force, moment))
+            arm, load = self._bare, {"force": force, "moment": moment}
+        about = support.center_of_mass
+        dynamics = evaluate_dynamics(arm, q, qd, qdd, gravity=support.gravity, about=about, **load)
         return dynamics.torque, dynamics.wrench + support.weight
+
+    @cached_property
+    def _bare(self) -> ArmModel:
+        return self.arm.with_process(None)
+
+    @property
+    def unchanging(self) -> Self:
+        """The robot without a process that varies; itself if there is none."""
+        varies = self.arm.process is not None and self.arm.process.varies
+        return self.varied(arm=self._bare) if varies else self
+
+    def during(self, motion: Motion) -> Self:
+        """The same robot with a process that varies over the time of a motion, if it varies.
+
+        Of one that varies over the way of the gripper point, this way is taken to be straight over 5 ms.
+        """
+        process = self.arm.process
+        if process is None or process.over in ("", TIME):
+            return self
+        self.require_fit(motion.n)
+        times, values = np.array([0.0, motion.end]), np.array([0.0, 1.0])
+        if process.over == PATH:
+            times = np.linspace(0.0, motion.end, 1 + max(1, int(np.ceil(motion.end / _STEP))))
+            steps = np.linalg.norm(np.diff(self.tool(motion.states(times)[0]), axis=0), axis=1)
+            values = np.concatenate([[0.0], np.cumsum(steps)])
+        return self.varied(arm=self.arm.with_process(process.over_time(times, values)))
+
+    def pieces(self, motion: Motion) -> np.ndarray:
+        """Intervals (S, 2), s, between events of the motion and knots of the process."""
+        process = self.arm.process
+        if process is None or process.over != TIME or not len(motion.intervals):
+            return motion.intervals
+        knots = np.asarray(process.knots)
+        begins, ends = motion.intervals.T
+        inside = [knots[(knots > a + MERGE) & (knots < b - MERGE)] for a, b in motion.intervals]
+        begins = [np.concatenate([[a], own]) for a, own in zip(begins, inside, strict=True)]
+        ends = [np.concatenate([own, [b]]) for b, own in zip(ends, inside, strict=True)]
+        return np.column_stack([np.concatenate(begins), np.concatenate(ends)])
+
+    def quadrature(self, motion: Motion, order: int) -> tuple[np.ndarray, np.ndarray]:
+        """Nodes and weights, s, between events of the motion and knots of the process."""
+        varies = self.unchanging is not self
+        return gauss_legendre(self.pieces(motion), order) if varies else motion.quadrature(order)
 
     def inertia(self, q: np.ndarray, qd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What moving base and arm takes, see `StandingMechanism.inertia`."""

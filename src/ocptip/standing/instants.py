@@ -87,9 +87,16 @@ class Instants(Loaded):
         self._gaps: tuple[float, np.ndarray] | None = None
 
     @classmethod
-    def of_states(cls, robot: StandingMechanism, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> Instants:
-        """At angles, speeds and accelerations, (N, n) each."""
-        return cls(robot, q, *robot.loads(q, qd, qdd), robot.further(q, qd), qd, qdd)
+    def of_states(
+        cls,
+        robot: StandingMechanism,
+        q: np.ndarray,
+        qd: np.ndarray,
+        qdd: np.ndarray,
+        times: np.ndarray | None = None,
+    ) -> Instants:
+        """At angles, speeds and accelerations, (N, n) each, and times (N,), s."""
+        return cls(robot, q, *robot.loads(q, qd, qdd, times), robot.further(q, qd), qd, qdd)
 
     @classmethod
     def at_rest(cls, robot: StandingMechanism, q: np.ndarray) -> Instants:

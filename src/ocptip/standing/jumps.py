@@ -73,7 +73,7 @@ class Jumps:
         """
         robot.require_fit(self.angles.shape[1])
         accelerations = self.after + overshoot * (self.after - self.before)
-        return Instants.of_states(robot, self.angles, self.speeds, accelerations)
+        return Instants.of_states(robot, self.angles, self.speeds, accelerations, self.times)
 
     def words(self, index: int) -> str:
         """Which joints jump."""

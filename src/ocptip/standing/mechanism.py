@@ -206,8 +206,13 @@ class StandingMechanism(MadeOf, ABC):
         return (f"how the base swings on feet that give is not computed for this {self.kind}",)
 
     @abstractmethod
-    def loads(self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Torques (N, n), N m, and the total wrench (N, 6) on the base about its centre of mass."""
+    def loads(
+        self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, times: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Torques (N, n), N m, and the total wrench (N, 6) on the base about its centre of mass.
+
+        What acts on the gripper may depend on the times (N,), s, too; without them that is refused.
+        """
 
     @abstractmethod
     def load_expressions(self, q: cs.SX, qd: cs.SX, qdd: cs.SX) -> tuple[cs.SX, cs.SX]:
@@ -234,6 +239,19 @@ class StandingMechanism(MadeOf, ABC):
     def gripper(self, q: np.ndarray) -> np.ndarray:
         """Poses (N, 7) of the gripper, as in `MotionSamples`; (N, 0) where there is none."""
         return np.empty((len(q), 0))
+
+    @property
+    def unchanging(self) -> Self:
+        """The same mechanism without what varies over motions; itself if there is none."""
+        return self
+
+    def during(self, motion: Motion) -> Self:
+        """The same mechanism with what acts on it as a function of the time of a motion."""
+        return self
+
+    def pieces(self, motion: Motion) -> np.ndarray:
+        """Intervals (S, 2), s, in which motion and loads are smooth."""
+        return motion.intervals
 
     def motor_speeds(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         """(N, n), rad/s or m/s."""
@@ -280,7 +298,7 @@ class StandingMechanism(MadeOf, ABC):
             InputError: the motion has another number of joints.
         """
         times = np.asarray(times, dtype=float)
-        return self.samples_of(times, *motion.states(times, side=side))
+        return self.during(motion).samples_of(times, *motion.states(times, side=side))
 
     def samples_of(
         self, times: ArrayLike, angles: ArrayLike, speeds: ArrayLike, accelerations: ArrayLike
@@ -297,7 +315,7 @@ class StandingMechanism(MadeOf, ABC):
             finite_array(name, value, q.shape)
             for name, value in (("speeds", speeds), ("accelerations", accelerations))
         )
-        torques, wrenches = self.loads(q, qd, qdd)
+        torques, wrenches = self.loads(q, qd, qdd, times)
         states = self.contact_states(wrenches)
         return MotionSamples(
             times=times,
@@ -335,11 +353,12 @@ class StandingMechanism(MadeOf, ABC):
 
     def energy(self, motion: Motion, *, order: int = 4) -> float:
         """Electric energy of a motion, J: Gauss-Legendre quadrature between the events (5.25)."""
-        times, weights = self.quadrature(motion, order)
+        robot = self.during(motion)
+        times, weights = robot.quadrature(motion, order)
         if len(times) == 0:
             return 0.0
         q, qd, qdd = motion.states(times)
-        torques, _ = self.loads(q, qd, qdd)
+        torques, _ = robot.loads(q, qd, qdd, times)
         power = self.motors.power(torques, self.motor_speeds(q, qd))
         return float(weights @ np.sum(power, axis=1))
 

@@ -217,7 +217,9 @@ class StandingParallelRobot(ParallelMechanism):
         self._further = BatchFunction(cs.Function("further", state[:2], [further]))
         return form.measure_names
 
-    def loads(self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def loads(
+        self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, times: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Motor forces (N, n), N or N m, and the total wrench (N, 6) on the base about its centre of mass."""
         forces, wrenches = self._loads(q, qd, qdd)
         return forces, wrenches
@@ -251,7 +253,9 @@ class NumericParallelRobot(ParallelMechanism):
         self._gravity = gravity
         return ("platform",)
 
-    def loads(self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def loads(
+        self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, times: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Motor forces (N, n_a), N or N m, and the total wrench (N, 6) on the base about its centre of mass.
 
         Raises:

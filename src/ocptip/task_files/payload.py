@@ -7,12 +7,16 @@ from __future__ import annotations
 
 import numpy as np
 
+from ocptip.basics.errors import InputError
 from ocptip.basics.text import did_you_mean
-from ocptip.basics.toml import Table
+from ocptip.basics.toml import Table, read_text
 from ocptip.robots.payload import Payload
-from ocptip.robots.process import AXES, ProcessWrench
+from ocptip.robots.process import AXES, PATH, SHARE, TIME, ProcessWrench
+from ocptip.trajectories.read_csv import csv_table
 
 _NONE = "none"
+_OVER = {"time_s": TIME, "share": SHARE, "path_m": PATH}
+_COLUMNS = ("fx_N", "fy_N", "fz_N", "mx_Nm", "my_Nm", "mz_Nm")
 
 
 def load_table(data: Table, segment: Table | None = None, key: str = "payload") -> Table | None:
@@ -79,7 +83,28 @@ def read_process(data: Table, segment: Table | None = None) -> ProcessWrench | N
     table = load_table(data, segment, "process")
     if table is None:
         return None
+    axes = table.choice("axes", AXES, "tool")
+    if "file" in table:
+        path = table.path_of("file")
+        table.close()
+        with table.at("file"):
+            return _varying(read_text(path), axes)
     if "force" not in table and "moment" not in table:
-        table.require("force", "a process needs a force or a moment")
+        table.require("force", "a process needs a force or a moment, or a file")
     force, moment = (table.vector(key, 3, np.zeros(3)) for key in ("force", "moment"))
-    return table.make(ProcessWrench, force, moment, table.choice("axes", AXES, "tool"))
+    return table.make(ProcessWrench, force, moment, axes)
+
+
+def _varying(text: str, axes: str) -> ProcessWrench:
+    """A process of the columns of a CSV file."""
+    header, rows = csv_table(text)
+    first = [name for name in header if name in _OVER]
+    known = [*_OVER, *_COLUMNS]
+    for name in header:
+        if name not in known or header.count(name) > 1:
+            raise InputError(f"column {name!r}: expected one each of {', '.join(known)}")
+    if len(first) != 1 or len(header) < 2:
+        raise InputError(f"expected one column of {', '.join(_OVER)} and some of {', '.join(_COLUMNS)}")
+    own = {name: rows[:, k] for k, name in enumerate(header)}
+    load = np.stack([own.get(name, np.zeros(len(rows))) for name in _COLUMNS], axis=1)
+    return ProcessWrench(load[:, :3], load[:, 3:], axes, _OVER[first[0]], own[first[0]])

@@ -53,6 +53,20 @@ def motion_from_csv(
     return motion
 
 
+def csv_table(text: str) -> tuple[list[str], np.ndarray]:
+    """Header and numbers (N, columns) of a file.
+
+    Raises:
+        InputError: it is empty, or something is no number; names line and column.
+    """
+    lines = [(k, row) for k, row in enumerate(csv.reader(text.splitlines()), 1) if any(map(str.strip, row))]
+    if len(lines) < 2:
+        raise InputError("is empty; expected a line of names and lines of numbers")
+    header = [name.strip() for name in lines[0][1]]
+    cells = _numbers(header, lines, range(len(header)))
+    return header, np.column_stack(list(cells.values()))
+
+
 def require_units(given: Sequence[str], units: Sequence[str]) -> None:
     """Refuse angles of joints that slide, and ways of joints that turn.
 
