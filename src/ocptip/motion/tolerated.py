@@ -31,6 +31,7 @@ from ocptip.trajectories.arm_motion import INSIDE
 from ocptip.trajectories.sampled import Motion
 
 SPACING = 0.01  # s: between instants, at most
+FIRST = 20  # wrenches beyond half spaces that are looked at before the others
 CLOSE = 2e-3  # of a value: how near the bisection gets
 MOST_LATE = 6  # joints of which every subset may be late
 TILT, SPEED, DELAY = np.radians(30.0), 1.0, 0.1  # rad, share, s: what is looked at, at most
@@ -195,20 +196,40 @@ class _Judge:
     def __init__(self, support: Support, tip_over: TipOver, slip: Slip) -> None:
         self._support, self._tip_over, self._slip = support, tip_over, slip
         self._quick = Slip(support, "tangential")
+        affine = not tip_over.free_rotation and len(tip_over.axes) > 0 and support.elastic is None
+        self._moments = tip_over.affine_moments if affine else None
+        self._held = slip.half_spaces(1.0) if affine else None
 
     def lost(self, wrenches: np.ndarray) -> tuple[int, str] | None:
-        """Row of the first wrench under which a contact is lost, and how; None if none is."""
+        """Row of the worst wrench under which a contact is lost, and how; None if none is."""
+        if self._moments is None or self._held is None:
+            return self._solved(wrenches)
+        slope, offset = self._moments
+        least = np.min(wrenches @ slope.T + offset, axis=1)
+        worst = int(np.argmin(least))
+        if least[worst] <= 0:
+            return worst, self._tips(int(np.argmin(wrenches[worst] @ slope.T + offset)))
+        outside = np.max(wrenches @ self._held.T, axis=1)
+        order = np.argsort(-outside, kind="stable")[: np.count_nonzero(outside > 0)]
+        for rows in np.split(order, [FIRST]):  # most are lost among the first if any is
+            if len(rows) and (found := self._solved(wrenches[rows])) is not None:
+                return int(rows[found[0]]), found[1]
+        return None
+
+    def _tips(self, axis: int) -> str:
+        axes = self._tip_over.axes
+        if not 0 <= axis < len(axes):
+            return "tips"
+        return "tips about contacts {} and {}".format(*sorted(c + 1 for c in axes[axis].contacts))
+
+    def _solved(self, wrenches: np.ndarray) -> tuple[int, str] | None:
+        """The same by contact forces."""
         states = solve_resting(self._support, wrenches)
         tip = self._tip_over.evaluate(states)
         falls = ~(tip.GN < 1)
         if falls.any():
             row = int(np.argmax(np.where(np.isnan(tip.GN), np.inf, tip.GN)))
-            axis = int(tip.nearest_axis[row])
-            axes = self._tip_over.axes
-            where = ""
-            if 0 <= axis < len(axes):
-                where = " about contacts {} and {}".format(*sorted(c + 1 for c in axes[axis].contacts))
-            return row, f"tips{where}"
+            return row, self._tips(int(tip.nearest_axis[row]))
         rows = np.flatnonzero(~(self._quick.evaluate(states, derivatives=False).GT < 1))
         if not len(rows):
             return None
