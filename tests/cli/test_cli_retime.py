@@ -21,6 +21,7 @@ from ocptip.trajectories.read import load_motion
 from tests.places import EXAMPLES
 
 TASK = str(EXAMPLES / "tasks" / "ur5_cart.toml")
+PLAIN = ("--tolerance", "none")
 SWEEP, TOO_FAST = (str(EXAMPLES / "paths" / f"ur5_sweep.{end}") for end in ("toml", "json"))
 
 
@@ -28,7 +29,7 @@ SWEEP, TOO_FAST = (str(EXAMPLES / "paths" / f"ur5_sweep.{end}") for end in ("tom
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A motion that tips, timed anew."""
     out = tmp_path_factory.mktemp("retimed") / "out"
-    assert main(["retime", TOO_FAST, "--task", TASK, "--out", str(out), "--no-figures"]) == 0
+    assert main(["retime", TOO_FAST, "--task", TASK, *PLAIN, "--out", str(out), "--no-figures"]) == 0
     return out
 
 
@@ -106,7 +107,8 @@ def test_segments_of_a_cycle_have_their_own_paths_and_payloads(
     pairs = ((home, left), (left, right), (right, home))
     text = ("[[segment]]\n" + "".join(f"[[segment.waypoint]]\n{point}\n" for point in pair) for pair in pairs)
     path.write_text("".join(text), encoding="utf-8")
-    call, outs = ["--task", task, "--no-figures", "--out"], [str(tmp_path / name) for name in ("a", "b")]
+    call = ["--task", task, *PLAIN, "--no-figures", "--out"]
+    outs = [str(tmp_path / name) for name in ("a", "b")]
     assert main(["retime", str(path), *call, outs[0]]) == 0
     assert "(segment carry)" in capsys.readouterr().out
     assert main(["check", outs[0]]) == 0
@@ -119,7 +121,8 @@ def test_segments_of_a_cycle_have_their_own_paths_and_payloads(
 
 @pytest.mark.slow
 def test_waypoints_and_the_cheapest_timing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    call = ["retime", SWEEP, "--task", TASK, "--no-figures", "--out", str(tmp_path / "out"), "--overwrite"]
+    call = ["retime", SWEEP, "--task", TASK, *PLAIN, "--no-figures", "--overwrite"]
+    call += ["--out", str(tmp_path / "out")]
     assert main(call) == 0
     fast = capsys.readouterr().out
     assert "The fastest timing takes 1.0" in fast
@@ -132,8 +135,23 @@ def test_waypoints_and_the_cheapest_timing(tmp_path: Path, capsys: pytest.Captur
 
 
 @pytest.mark.slow
+def test_timings_are_within_a_workshop_unless_something_else_is_asked_for(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The folder holds the tolerance, and `check` finds the same worst case."""
+    out = str(tmp_path / "out")
+    assert main(["retime", SWEEP, "--task", TASK, "--no-figures", "--out", out]) == 0
+    assert "jumps overshoot at 5 % damping" in capsys.readouterr().out
+    plan = json.loads(Path(out, "plan.json").read_text(encoding="utf-8"))
+    worst = plan["controller"]["worst"]["GN_worst_case"]
+    assert 0.8 < worst["value"] <= 0.999
+    assert main(["check", out, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["worst"]["GN_worst_case"]["value"] == worst["value"]
+
+
+@pytest.mark.slow
 def test_figures_are_those_of_a_plan_and_the_phase_plane(tmp_path: Path) -> None:
-    assert main(["retime", TOO_FAST, "--task", TASK, "--out", str(tmp_path / "out")]) == 0
+    assert main(["retime", TOO_FAST, "--task", TASK, *PLAIN, "--out", str(tmp_path / "out")]) == 0
     for name in ("plan", "phase_plane"):
         assert (tmp_path / "out" / f"{name}.png").stat().st_size > 10_000
 
@@ -148,7 +166,7 @@ def test_figures_are_those_of_a_plan_and_the_phase_plane(tmp_path: Path) -> None
         ([SWEEP, "--task", TASK, "--rate", "0"], "--rate"),
         ([TASK, "--task", TASK], "is a motion task (ocptip plan), not a path"),
         (["missing.json", "--task", TASK], "missing.json"),
-        ([SWEEP, "--task", TASK, "--tolerance", "workshop"], "tolerance: retime does not time within one"),
+        ([SWEEP, "--task", TASK, "--tolerance", "garage"], "--tolerance: "),
     ],
 )
 def test_bad_arguments_are_one_line(
@@ -167,7 +185,7 @@ def test_a_path_that_cannot_be_timed_says_where_and_why(
     path.write_text(
         "".join(f"[[waypoint]]\nat_deg = [{pan}, 0, 0, -90, -90, 0]\n" for pan in (90, 40)), encoding="utf-8"
     )
-    code = main(["retime", str(path), "--task", TASK, "--gn", "0.05", "--out", str(tmp_path / "out")])
+    code = main(["retime", str(path), "--task", TASK, *PLAIN, "--gn", "0.05", "--out", str(tmp_path / "out")])
     assert code == 2
     error = capsys.readouterr().err
     assert "far.toml" in error
@@ -179,10 +197,10 @@ def test_a_limit_of_the_jerk_is_kept_by_the_timing(tmp_path: Path) -> None:
     line = tmp_path / "line.toml"
     ends = ([0, -90, 90, -90, -90, 0], [20, -80, 80, -90, -90, 0])
     line.write_text("".join(f"[[waypoint]]\nat_deg = {angles}\n" for angles in ends))
-    durations = []
+    durations, call = [], ["retime", str(line), "--task", TASK, *PLAIN, "--no-figures"]
     for jerk in ((), ("--jerk", "3000")):
         out = tmp_path / f"out{len(jerk)}"
-        assert main(["retime", str(line), "--task", TASK, "--out", str(out), "--no-figures", *jerk]) == 0
+        assert main([*call, "--out", str(out), *jerk]) == 0
         own = json.loads((out / "plan.json").read_text(encoding="utf-8"))
         durations.append(own["duration_s"])
         assert (own["retimed"]["jerk_ratio"] is None) == (not jerk)

@@ -321,6 +321,8 @@ class _Search:
         on_time = {**whole, **_ON_TIME}
         for tolerance in (whole, on_time) if whole != on_time else (whole,):
             found = find_within(weakest, self.model, self.motion, tolerance, goals)
+            if found is None:
+                continue
             if not self._short:
                 self._short = [Undecided(*one) for one in found.short]
             if not found.short:

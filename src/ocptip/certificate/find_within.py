@@ -21,7 +21,7 @@ from ocptip.standing.arm import StandingRobot
 HIGHEST = 1 - 1e-6  # reserves of 1 are lost
 _LONGEST, _SHORTEST = 0.01, 2e-4  # s, of intervals
 _ROUNDS = 2
-_MOST = 6000  # rows of combinations
+_MOST, _TOO_MANY = 6000, 20_000  # rows of combinations: for more intervals; at all
 _LOSS = 2e-4  # relative: how far claims are from what is proved
 _STEPS = 8  # of the bisection of GT
 _STEPS_OF_WEIGHTS = (0.5,) * 8 + (0.2,) * 8  # how far they go from try to try
@@ -67,8 +67,8 @@ def find_within(
     motion: Mapping[str, Any],
     tolerance: Mapping[str, Any],
     goals: Mapping[str, float],
-) -> Found:
-    """Bounds of GN and GT within a tolerance, and what proves them.
+) -> Found | None:
+    """Bounds of GN and GT within a tolerance, and what proves them; None: not tried, joints jump too often.
 
     Args:
         robot: with the least friction.
@@ -76,8 +76,7 @@ def find_within(
         goals: bounds that are good enough; what is proved beyond is not looked for.
     """
     search = _Search(robot, model, motion, tolerance, goals)
-    search.run()
-    return search.found()
+    return search.found() if search.run() else None
 
 
 class _Search:
@@ -96,13 +95,16 @@ class _Search:
         self._several = contacts.count > 3 or not contacts.flat  # else the wrench says what feet bear
         self._parts: list[tuple[np.ndarray, np.ndarray, _Judged]] = []  # starts, ends, rows
 
-    def run(self) -> None:
-        """Judge intervals, and divide those on which something is missing."""
+    def run(self) -> bool:
+        """Judge intervals, and divide those on which something is missing; False: they are too many."""
         events = np.unique(np.array(self._motion_events()))
         starts, ends = self._first(events)
         missing = np.inf
         for k in range(_ROUNDS + 1):
-            judged = self._judged(self._sharing.late.rows(starts, ends))
+            rows = self._sharing.late.rows(starts, ends)
+            if len(rows.interval) > _TOO_MANY:
+                return False
+            judged = self._judged(rows)
             bad = np.zeros(len(starts), dtype=bool)
             bad[judged.interval[~judged.holds | judged.loose]] = True
             total = sum(len(part.interval) for _, _, part in self._parts) + len(judged.interval)
@@ -118,6 +120,7 @@ class _Search:
                 break
             middle = 0.5 * (starts[bad] + ends[bad])
             starts, ends = np.concatenate([starts[bad], middle]), np.concatenate([middle, ends[bad]])
+        return True
 
     def _motion_events(self) -> np.ndarray:
         return self._sharing.late.events

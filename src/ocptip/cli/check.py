@@ -42,6 +42,7 @@ from ocptip.retiming.retime import OF_PATH, least_duration
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.sensitivity import Sensitivity
+from ocptip.standing.tolerance import NONE, Tolerance
 from ocptip.task_files.cycle import read_task
 from ocptip.task_files.plan_folder import is_plan_folder, read_plan_folder
 from ocptip.trajectories.arm_motion import ArmMotion
@@ -272,17 +273,18 @@ class CheckReport(Report):
         return notes
 
 
-def task_of(options: Namespace) -> tuple[MotionTask | CycleTask, Path]:
+def task_of(options: Namespace, otherwise: Tolerance = NONE) -> tuple[MotionTask | CycleTask, Path]:
     """The task and the motion's file.
 
     The task that is named, or that of the plan's folder, or the case that the file names, with its base.
+    Where a task file has no tolerance, and for cases, it is `otherwise`.
     """
     path = Path(options.motion)
     folder, path = (path, path / PLAN) if path.is_dir() else (path.parent, path)
     if options.task is not None:
         if options.base is not None:
             raise InputError("--base: only for --case; a task file has its own base")
-        return read_task(options.task), path
+        return read_task(options.task, otherwise), path
     asked = options.case is not None or options.base is not None
     if not asked and (folder == Path(options.motion) or is_plan_folder(folder)):
         return read_plan_folder(folder).task, path
@@ -299,7 +301,8 @@ def task_of(options: Namespace) -> tuple[MotionTask | CycleTask, Path]:
         )
     case = options.case or named
     base = origin.get("base") if case == named else None
-    return experiment_task(case, options.base or base or "effective"), path
+    task = experiment_task(case, options.base or base or "effective")
+    return replace(task, limits=replace(task.limits, tolerance=otherwise)), path
 
 
 def retimed(task: MotionTask, motion: Motion, checked: MotionCheck) -> str:

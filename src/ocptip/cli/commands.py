@@ -21,7 +21,7 @@ LIMITS = tuple(
 TOLERANCE = argument(
     "--tolerance",
     "T",
-    "how far the world may be off: none, workshop (plan and place without [tolerance]), site or a file",
+    "how far the world may be off: none, workshop (plan, retime, place without [tolerance]), site or a file",
 )
 SCHEDULER = argument(
     "--scheduler", "ADDRESS", "run on the workers of a Dask cluster (docs/motion-planner.md)"

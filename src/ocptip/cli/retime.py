@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.basics.errors import InputError, naming, positive_number
+from ocptip.basics.errors import naming, positive_number
 from ocptip.basics.text import quantity
 from ocptip.cli.check import task_of
 from ocptip.cli.command import Report
@@ -33,6 +33,7 @@ from ocptip.motion.tolerated import tolerances
 from ocptip.retiming.retime import Retimed, retime
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.tolerance import WORKSHOP
 from ocptip.task_files.path import load_path
 from ocptip.trajectories.path_fit import FittedPath
 from ocptip.trajectories.sampled import Motion
@@ -44,13 +45,7 @@ _WORDS = {"time": "fastest", "energy": "cheapest", "both": "least cost"}
 def run(options: Namespace) -> Report:
     """Time the path; one that cannot be timed is bad input, and it is said where and why."""
     positive_number("--rate", options.rate)
-    task, path = task_of(options)
-    asked = given_limits(options).get("tolerance", task.limits.tolerance)
-    if asked.given:
-        raise InputError(
-            "tolerance: retime does not time within one: the check of its 300 jumps takes minutes; "
-            "time it with a lower --gn, such as 0.7, then ocptip check --tolerance"
-        )
+    task, path = task_of(options, WORKSHOP)
     given = load_path(path, task, tolerance=options.path_tolerance, unit=options.unit)
     directory = output_directory(options, task.name)
     say_if_compiling()
@@ -189,10 +184,12 @@ class Timing:
         if timed.cheapest is not None:
             own = timed.cheapest
             unit = self.task.objective.unit
+            seconds = f"{timed.seconds:.2f} s to solve and check"
+            if self.task.objective.name == "time":
+                words = f"at least {own.lower_bound:.4g} s on these nodes"
+                return f"{words}, {timed.fastest:.4g} s if no joint were late; {seconds}"
             words = f"cost {own.cost:.4g} {unit}, at least {own.lower_bound:.4g} {unit} on these nodes"
-            return (
-                f"{words}; the fastest takes {timed.fastest:.3f} s; {timed.seconds:.2f} s to solve and check"
-            )
+            return f"{words}; the fastest takes {timed.fastest:.3f} s; {seconds}"
         counts = {name: timed.active.count(name) for name in dict.fromkeys(timed.active) if name}
         shares = sorted(counts.items(), key=lambda item: -item[1])
         text = ", ".join(f"{name} ({100 * n / len(timed.active):.0f} %)" for name, n in shares)

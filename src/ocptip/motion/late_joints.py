@@ -5,7 +5,7 @@ in the motion's own time, times 1 + speed. Where its acceleration jumps at T, it
 after and the share kappa of the step more, or of the sum of its last two, three, ... steps since t - d, which
 add up. `certificate.trusted.late` encloses the same for all t. Here it is looked at instants, and at events
 and the longest delay after them: there the joints between whose jumps less than the delay lies are combined
-in all ways.
+in all ways; where a motion jumps so often that these are too many, in those that are worst by slopes.
 
 A state says where each joint is at the end of its stretch of times T without a jump; `room` is how long that
 stretch is. The deviation "delay" goes back within it, exactly if the acceleration is constant.
@@ -13,6 +13,7 @@ stretch is. The deviation "delay" goes back within it, exactly if the accelerati
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 from math import prod
@@ -22,10 +23,13 @@ import numpy as np
 
 from ocptip.standing.jumps import SMALLEST
 from ocptip.standing.tolerance import Tolerance
+from ocptip.standing.worst_case import WorstCase
 from ocptip.trajectories.arm_motion import INSIDE
 from ocptip.trajectories.sampled import Motion
 
 MOST = 5000  # combinations of what joints do at one instant; of more, all alike, or all but one
+MOST_OF_ALL = 20_000  # combinations in a motion; of more, those that are worst by slopes
+_CHOICES = 2  # how often they are chosen, by the slopes at what was chosen before
 JUMP = 1e-6  # of the largest acceleration of a joint: smaller ones are none
 
 T = TypeVar("T")
@@ -114,10 +118,17 @@ def on_time(motion: Motion, tolerance: Tolerance, times: np.ndarray) -> Looked:
     return Looked(np.hstack(motion.states(times)), times, room, [""] * len(times))
 
 
-def jump_states(motion: Motion, tolerance: Tolerance) -> Looked:
-    """States around the events at which accelerations jump, or, where they do not, are late."""
+def jump_states(motion: Motion, tolerance: Tolerance, cases: WorstCase | None = None) -> Looked:
+    """States around the events at which accelerations jump, or, where they do not, are late.
+
+    Args:
+        motion: that has the events.
+        tolerance: its delay and its overshoot.
+        cases: of motions with more than `MOST_OF_ALL` combinations the worst for these are looked at; without
+            them, all.
+    """
     n, events = motion.n, _Events(motion, tolerance)
-    states, times, room, words = [], [], [], []
+    found: list[_Doing] = []
     instants = np.unique(np.concatenate([events.times, events.times + events.delay]))
     if not (events.delay or events.more):
         instants = np.empty(0)
@@ -127,16 +138,87 @@ def jump_states(motion: Motion, tolerance: Tolerance) -> Looked:
         )
         ways = [events.ways(t, j, own[j], then[j]) for j in range(n)]
         joints = [j for j in range(n) if len(ways[j]) > 1 or ways[j][0][-1] != "on time"]
-        if not joints:
-            continue
-        for chosen in combinations(ways):
-            q, qd, qdd, late, doing = zip(*chosen, strict=True)
-            states.append([*q, *qd, *qdd])
-            times.append(t)
-            room.append(late)
-            words.append(_doing(joints, [doing[j] for j in joints]))
-    parts = np.array(states).reshape(-1, 3 * n), np.array(times), np.array(room).reshape(-1, n)
-    return Looked(*parts, words)
+        if joints:
+            found.append(_Doing(t, joints, ways))
+    if cases is not None and sum(prod(map(len, doing.ways)) for doing in found) > MOST_OF_ALL:
+        every = _worst_ways(found, cases)
+    else:
+        every = [doing.looked(combinations(doing.ways)) for doing in found]
+    if not every:
+        return Looked(np.empty((0, 3 * n)), np.empty(0), np.empty((0, n)), [])
+    parts = [np.concatenate([getattr(one, part) for one in every]) for part in ("s", "times", "room")]
+    return Looked(*parts, [word for one in every for word in one.words])
+
+
+@dataclass(frozen=True)
+class _Doing:
+    """What joints may be doing at a time t, s; those listed something else than being on time."""
+
+    t: float
+    joints: list[int]
+    ways: list[list[_Way]]
+
+    def looked(self, chosen: Sequence[Sequence[_Way]]) -> Looked:
+        """The states of combinations of ways."""
+        numbers = np.array([[way[:4] for way in own] for own in chosen])  # (C, n, 4)
+        states = numbers[:, :, :3].transpose(0, 2, 1).reshape(len(chosen), -1)
+        words = [_doing(self.joints, [own[j][4] for j in self.joints]) for own in chosen]
+        return Looked(states, np.full(len(chosen), self.t), numbers[:, :, 3], words)
+
+
+def _worst_ways(every: list[_Doing], cases: WorstCase) -> list[Looked]:
+    """Of each instant the combinations that are the worst for a moment or the slip reserve, by slopes."""
+    n, size = len(every[0].ways), max(len(own) for doing in every for own in doing.ways)
+    ways = np.full((len(every), n, size, 4), np.nan)
+    for i, doing in enumerate(every):
+        for j, own in enumerate(doing.ways):
+            ways[i, j, : len(own)] = [way[:4] for way in own]
+    number = worst_of_ways(ways, cases)[0]
+    return [
+        doing.looked(
+            [
+                [own[k] for own, k in zip(doing.ways, choice, strict=True)]
+                for choice in np.unique(numbers, axis=0)
+            ]
+        )
+        for doing, numbers in zip(every, number, strict=True)
+    ]
+
+
+def worst_of_ways(
+    ways: np.ndarray, cases: WorstCase, matters: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Which way of every joint is worst for each moment and the slip reserve, by their slopes.
+
+    Args:
+        ways: (D, n, K, 4) at D instants: angle, speed, acceleration, room; NaN where there are fewer.
+        cases: the functions, F of them.
+        matters: (F,) where a function stays below this, by its slopes, it is not looked at more closely.
+
+    Returns:
+        Numbers (D, F, n) of ways; the functions' values there, (D, F), and slopes (D, F, 3 n) over states;
+        where a function does not matter, less precisely.
+    """
+    count, n = ways.shape[:2]
+    functions = cases.axes + 1
+    number = np.repeat(np.sum(~np.isnan(ways[..., 0]), axis=2)[:, None] - 1, functions, axis=1)
+    values, slopes = np.empty((count, functions)), np.empty((count, functions, 3 * n))
+    row, which = (own.ravel() for own in np.indices((count, functions)))
+    for turn in range(1 + _CHOICES):
+        chosen = ways[row[:, None], np.arange(n), number[row, which]]  # (R, n, 4)
+        states = chosen[..., :3].transpose(0, 2, 1).reshape(-1, 3 * n)
+        values[row, which], slopes[row, which] = cases.function(states, which, chosen[..., 3])
+        if turn < _CHOICES:
+            over = slopes[row, which].reshape(-1, 3, n)
+            gains = np.einsum("rsj,rjks->rjk", over, ways[row][..., :3])
+            gains = np.where(np.isnan(gains), -np.inf, gains)
+            gained = np.sum(np.max(gains, axis=2), axis=1) - np.einsum("rsj,rjs->r", over, chosen[..., :3])
+            number[row, which] = np.argmax(gains, axis=2)
+            if matters is not None:
+                values[row, which] += gained
+                kept = values[row, which] >= matters[which]
+                row, which = row[kept], which[kept]
+    return number, values, slopes
 
 
 def _doing(joints: list[int], what: list[str]) -> str:

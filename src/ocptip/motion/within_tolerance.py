@@ -128,7 +128,7 @@ def _keeper(robot: StandingMechanism, motion: Motion, limits: MotionLimits) -> C
 
 def _worst_of(cases: WorstCase, motion: Motion, times: np.ndarray) -> WithinTolerance:
     tolerance = cases.deviations.tolerance
-    looked = on_time(motion, tolerance, times).joined(jump_states(motion, tolerance))
+    looked = on_time(motion, tolerance, times).joined(jump_states(motion, tolerance, cases))
     tip = None
     if cases.axes:
         tip = _worst_tip(cases, _refined(cases, motion, looked, _least_moments))

@@ -18,11 +18,12 @@ from scipy import sparse
 from ocptip.basics.errors import InputError, SolverError
 from ocptip.retiming.drives import QuadraticDrives
 from ocptip.retiming.fastest import Grid, Polygons
+from ocptip.retiming.late import Couplings
 
 GAP = 1e-6
 """Relative gap between a timing's cost and its lower bound that counts as none."""
 
-_TOLERANCE = 1e-8
+_TOLERANCES = 1e-8, 1e-6  # the second where the first cannot be had
 _ROUNDS = 12
 _SOLVED = ("Solved", "AlmostSolved")
 
@@ -70,10 +71,13 @@ class CheapestProgram:
         drives: of the robot.
         price: of energy and time.
         typical: (N + 1,), x of some timing, for units.
+        couplings: rows of several nodes.
     """
 
-    def __init__(self, grid: Grid, drives: QuadraticDrives, price: Price, typical: np.ndarray) -> None:
-        self.grid, self.drives, self.price = grid, drives, price
+    def __init__(
+        self, grid: Grid, drives: QuadraticDrives, price: Price, typical: np.ndarray, couplings: Couplings
+    ) -> None:
+        self.grid, self.drives, self.price, self.couplings = grid, drives, price, couplings
         self.unit = float(np.mean(typical))
         pace = np.sqrt(self.unit)
         left, right, w = grid.left, grid.right, grid.widths
@@ -118,11 +122,14 @@ class CheapestProgram:
         settings = clarabel.DefaultSettings()
         settings.verbose = False
         settings.max_threads = 1
-        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = _TOLERANCE
         scale = float(np.abs(cost).max()) or 1.0
         nothing = sparse.csc_matrix((self.columns, self.columns))
-        solution = clarabel.DefaultSolver(nothing, cost / scale, A, b, cones, settings).solve()
-        if str(solution.status) not in _SOLVED:
+        for tolerance in _TOLERANCES:
+            settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
+            solution = clarabel.DefaultSolver(nothing, cost / scale, A, b, cones, settings).solve()
+            if str(solution.status) in _SOLVED:
+                break
+        else:
             raise SolverError(f"cheapest timing: Clarabel ended with {solution.status}")
         x = np.array(solution.x)[: len(self.grid.s)] * self.unit
         x = np.clip(x, *self.grid.bounds.T)  # up to the solver's tolerance it is
@@ -160,6 +167,11 @@ class CheapestProgram:
         size = np.maximum(np.abs(a), np.abs(b)) * self.unit
         size = np.maximum(size, np.abs(c))
         program.add("positive", [(i, a * self.unit / size), (i + 1, b * self.unit / size)], c / size)
+        if len(self.couplings):
+            A, b = self.couplings.A.tocoo(), self.couplings.b
+            size = np.abs(b)
+            np.maximum.at(size, A.row, np.abs(A.data) * self.unit)
+            program.add_matrix("positive", A.row, A.col, A.data * self.unit / size[A.row], b / size)
         if self.by_joint:
             self._drawn(program, own)
         if np.isfinite(self.price.longest):
@@ -250,6 +262,12 @@ class _Rows:
         entries = [(np.zeros(len(columns), dtype=int), columns, np.ones(len(columns)))]
         self._kinds[kind].append((entries, np.array([b])))
 
+    def add_matrix(
+        self, kind: str, rows: np.ndarray, columns: np.ndarray, values: np.ndarray, b: np.ndarray
+    ) -> None:
+        """Rows of a sparse matrix <= b (positive), or = b (zero)."""
+        self._kinds[kind].append(([(rows, columns, values)], b))
+
     def add_product(
         self,
         first: list[tuple[np.ndarray, np.ndarray]],
@@ -305,7 +323,12 @@ class _Rows:
 
 
 def cheapest(
-    grid: Grid, polygons: Polygons, drives: QuadraticDrives, price: Price, fast: np.ndarray
+    grid: Grid,
+    polygons: Polygons,
+    drives: QuadraticDrives,
+    price: Price,
+    fast: np.ndarray,
+    couplings: Couplings | None = None,
 ) -> CheapestTiming:
     """The cheapest timing of a grid, with a lower bound.
 
@@ -314,6 +337,7 @@ def cheapest(
         drives: of the robot.
         price: of energy and time.
         fast: (N + 1,), x of the fastest timing.
+        couplings: rows of several nodes.
 
     Raises:
         InputError: even the fastest timing takes longer than is allowed.
@@ -325,7 +349,7 @@ def cheapest(
         raise InputError(
             f"max_duration: the fastest timing takes {shortest:.4g} s, {price.longest:.4g} s are allowed"
         )
-    program = CheapestProgram(grid, drives, price, fast)
+    program = CheapestProgram(grid, drives, price, fast, couplings or Couplings.none(len(fast)))
     x, lower = program.solve(polygons)
     best = CheapestTiming(x, program.cost(x), lower)
     if program.by_joint or not drives.exact:

@@ -44,6 +44,12 @@ class QuadraticDrives:
     exact: bool = True
 
     @classmethod
+    def free(cls, joints: int) -> QuadraticDrives:
+        """Drives that need nothing."""
+        none = np.zeros(joints)
+        return cls(none, none, none, none, none, 0.0, 1.0)
+
+    @classmethod
     def of(cls, motors: Motors, limits: JointLimits) -> QuadraticDrives:
         """Of DC motors they themselves; of others drives below them, within torque and speed limits."""
         if not isinstance(motors, DCMotors):

@@ -7,6 +7,7 @@ import numpy as np
 
 from ocptip.retiming.cheapest import Price
 from ocptip.retiming.fastest import Grid, Polygons
+from ocptip.retiming.late import Couplings
 from ocptip.robots.motors import Motors
 
 _OPTIONS = {
@@ -43,12 +44,13 @@ class PoweredTiming:
         price = self._price
         return float(np.sum(self._grid.widths / z * (price.energy * power.sum(axis=1) + price.time)))
 
-    def local(self, polygons: Polygons, start: np.ndarray) -> np.ndarray | None:
+    def local(self, polygons: Polygons, start: np.ndarray, couplings: Couplings) -> np.ndarray | None:
         """x (N + 1,) of a timing that is locally cheapest; None where Ipopt finds none.
 
         Args:
             polygons: of the rows.
             start: (N + 1,), 1/s^2.
+            couplings: rows of several nodes.
         """
         unit = float(np.sqrt(np.mean(start)))
         z = cs.SX.sym("z", len(start))
@@ -66,6 +68,9 @@ class PoweredTiming:
         i, a, b, c, size = i[own], a[own], b[own], c[own], size[own]
         rows = cs.DM(a / size) * x[i.tolist()] + cs.DM(b / size) * x[(i + 1).tolist()]
         top = c / size
+        if len(couplings):
+            rows = cs.vertcat(rows, cs.DM(couplings.A) @ x)
+            top = np.append(top, couplings.b)
         if np.isfinite(price.longest):
             rows, top = (
                 cs.vertcat(rows, cs.sum1(cs.DM(self._grid.widths) / pace)),

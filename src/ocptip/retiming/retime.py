@@ -19,6 +19,7 @@ from ocptip.retiming.cheapest import CheapestTiming, Price, cheapest
 from ocptip.retiming.drives import QuadraticDrives
 from ocptip.retiming.fastest import ExtraRows, FastestTiming, Grid, fastest, spaced
 from ocptip.retiming.jerk import steady
+from ocptip.retiming.late import Couplings, LateJoints
 from ocptip.retiming.measured import PoweredTiming
 from ocptip.retiming.rows import HalfPlanes, Places, TimingLimits
 from ocptip.standing.limit import AskedLimit
@@ -29,7 +30,8 @@ from ocptip.trajectories.path import JointPath
 from ocptip.trajectories.timed_path import TimedPath
 
 FASTEST_NODES, CHEAPEST_NODES = 300, 100
-"""Intervals between nodes if nothing else is asked for: 0.1 % of the duration; costs are flatter."""
+"""Intervals between nodes if nothing else is asked for: 0.1 % of the duration; costs are flatter. Late joints
+need cone programs, too."""
 
 JERK_NODES = 150
 """The same with a limit of the jerk, whose program is the slowest."""
@@ -37,7 +39,9 @@ JERK_NODES = 150
 _BETWEEN = np.array([0.25, 0.5, 0.75])
 _BEYOND = 1e-7  # excess of rows between nodes, in units of the limits, that is none
 _ROUNDS, _MOST_ROUNDS = 4, 25  # of rows between nodes; of tangents
+_LATE = 1e-5  # excess of rows of late joints, in units of M0 and GT, that is none
 _TIGHTENINGS = 4
+_MORE = 1.5  # times what is exceeded: by so much a limit is tightened
 _ROUNDING = 1e-12
 _STEPS = 1e-5  # of the greatest acceleration: so much the solver of the jerk leaves at nodes
 _KEPT = 2e-4  # of the longest duration: for what gets through between nodes
@@ -57,8 +61,8 @@ class Retimed:
             speeding up, braking or at its greatest speed.
         curve: (N,), 1/s: greatest ds/dt that the limits at the begin of each interval allow by themselves.
         curve_limits: (N,) by which limit.
-        fastest: s, duration of the fastest timing.
-        cheapest: cost and its lower bound, on the grid; None where the fastest timing is asked for.
+        fastest: s, duration of the fastest timing; where joints may be late, as if they were not.
+        cheapest: cost and its lower bound, on the grid; None for the fastest timing without late joints.
         slower: factor of all times with which what got through between nodes keeps the limits.
         later: kinds of limits that no timing knows of, only the check.
         jerk: (n,), rad/s^3 or m/s^3, that was asked for; None: accelerations may jump.
@@ -116,6 +120,7 @@ class _Solved:
     grid: Grid
     fast: FastestTiming
     cheap: CheapestTiming | None
+    couplings: Couplings
 
     @property
     def x(self) -> np.ndarray:
@@ -141,7 +146,8 @@ def retime(
     Args:
         robot: on its support.
         path: of its joints.
-        limits: default 0.9 for both reserves, the arm's torques, no collision.
+        limits: default 0.9 for both reserves, the arm's torques, no collision. With a tolerance by which
+            joints are late or overshoot the fastest timing, too, is that of a cone program.
         objective: `TIME`, `ENERGY` or `priced`.
         nodes: intervals between nodes.
         ends: ds/dt at start and end, 1/s, for stretches of longer motions.
@@ -158,21 +164,22 @@ def retime(
         raise InputError(f"path: has {path.joints} joints, the {robot.kind} has {robot.n}")
     speeds = [positive_number("ends", speed, zero_allowed=True) for speed in ends]
     own_jerk = None if jerk is None else _limits_of_jerk(robot, jerk)
-    usual = FASTEST_NODES if objective.name == "time" else CHEAPEST_NODES
+    coupled = LateJoints.wanted(limits.tolerance)
+    usual = FASTEST_NODES if objective.name == "time" and not coupled else CHEAPEST_NODES
     usual = usual if own_jerk is None else min(usual, JERK_NODES)
     count = whole_number("nodes", usual if nodes is None else nodes, 8)
     squares = speeds[0] ** 2, speeds[1] ** 2
-    asked, best = limits, None
+    asked, best, known = limits, None, None
     for _ in range(_TIGHTENINGS):
         timing = TimingLimits(robot, asked)
-        found = _solve(robot, path, timing, objective, spaced(path, count), squares)
+        found = _solve(robot, path, timing, objective, spaced(path, count), squares, known)
         motion, slower = _within_peaks(robot, _long_enough(TimedPath(path, found.grid.s, found.x), limits))
         checked = check_motion(robot, motion, limits)
         best = found, motion, checked, slower
         tighter = _tightened(robot, asked, limits, checked)
         if _timed_well(checked) or tighter == asked:
             break
-        asked = tighter
+        asked, known = tighter, found.couplings
     assert best is not None
     found, motion, checked, slower = best
     if own_jerk is not None:
@@ -213,40 +220,56 @@ def _solve(
     objective: Objective,
     s: np.ndarray,
     ends: tuple[float, float],
+    known: Couplings | None = None,
 ) -> _Solved:
-    """On a grid, with rows between the nodes where they are broken, and with tangents."""
-    grid, extra, drives = Grid(robot, path, timing, s, ends), ExtraRows.none(), None
-    if objective.name != "time":
-        if not robot.direct_drives:
-            raise InputError(
-                "objective: the cheapest timing is for drives at the joints (time works with all)"
-            )
-        drives = QuadraticDrives.of(robot.motors, robot.limits)
+    """On a grid, with rows between the nodes where they are broken, and with tangents.
+
+    `known` are rows of late joints of the same grid, of limits that are not tighter.
+    """
+    grid, extra = Grid(robot, path, timing, s, ends), ExtraRows.none()
+    late = LateJoints(grid) if LateJoints.wanted(timing.asked.tolerance) else None
+    drives, couplings = _drives(robot, objective, late is not None), known or Couplings.none(len(s))
     longest = timing.asked.max_duration * (1 - _KEPT)
     price = Price(objective.energy_weight, objective.time_weight, longest)
     between, measured = _Between(grid), drives is not None and not drives.exact
     settled, turn = not measured, 0
     while True:
         fast = fastest(grid, extra)
-        cheap = cheapest(grid, fast.polygons, drives, price, fast.x) if drives else None
+        cheap = cheapest(grid, fast.polygons, drives, price, fast.x, couplings) if drives else None
         if cheap and measured and settled:
-            cheap = _improved(grid, fast, price, cheap)
-        solved = _Solved(grid, fast, cheap)
+            cheap = _improved(grid, fast, price, cheap, couplings)
+        solved = _Solved(grid, fast, cheap, couplings)
         more = between.broken(solved.x, rows=turn < _ROUNDS + 2 * measured)
         if len(more[0]):
             extra = extra.with_more(more[0], more[1], grid.widths, more[2], more[3])
-        elif settled:
-            return solved
-        settled, turn = True, turn + 1
+        excess, rows = late.broken(solved.x) if late else (0.0, couplings)
+        if excess > _LATE:
+            couplings = couplings.joined(rows)
+        elif not len(more[0]):
+            if settled:
+                return solved
+            settled = True
+        turn += 1
         if turn == _MOST_ROUNDS:
             return solved
 
 
-def _improved(grid: Grid, fast: FastestTiming, price: Price, bound: CheapestTiming) -> CheapestTiming:
+def _drives(robot: StandingMechanism, objective: Objective, coupled: bool) -> QuadraticDrives | None:
+    """Of the cone program; None: none is solved."""
+    if objective.name == "time":
+        return QuadraticDrives.free(robot.n) if coupled else None
+    if not robot.direct_drives:
+        raise InputError("objective: the cheapest timing is for drives at the joints (time works with all)")
+    return QuadraticDrives.of(robot.motors, robot.limits)
+
+
+def _improved(
+    grid: Grid, fast: FastestTiming, price: Price, bound: CheapestTiming, couplings: Couplings
+) -> CheapestTiming:
     """The best of the cone program's timing, the fastest, and what Ipopt makes of the first."""
     powered = PoweredTiming(grid, grid.robot.motors, price)
-    tried = [bound.x, fast.x]
-    if (found := powered.local(fast.polygons, bound.x)) is not None:
+    tried = [bound.x] if len(couplings) else [bound.x, fast.x]
+    if (found := powered.local(fast.polygons, bound.x, couplings)) is not None:
         tried.append(found)
     costs = [powered.cost(x) for x in tried]
     k = int(np.argmin(costs))
@@ -370,7 +393,7 @@ def _tightened(
     names = [name for name, worst in checked.worst.items() if worst.violation and name not in OF_PATH]
     for limit in limits_of(robot, limits):
         if isinstance(limit, AskedLimit) and limit.quantity in names and not limit.of_place:
-            asked = limit.tightened(asked, checked.worst[limit.quantity].excess)
+            asked = limit.tightened(asked, _MORE * checked.worst[limit.quantity].excess)
     if not checked.stands and not names:  # of several states of the contacts the solver's is one that slides
         asked = replace(asked, GT=0.97 * asked.GT)
     return asked

@@ -177,6 +177,27 @@ class WorstCase:
         found, slopes = self._slip_at(s, np.zeros((len(s), self.deviations.size)))
         return found.values + np.einsum("nt,nt->n", slopes, self.deviations.least(-slopes, room))
 
+    def function(self, s: np.ndarray, which: np.ndarray, room: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What is worst where it is greatest, (N,), and its slopes (N, 3 n) over the states.
+
+        Args:
+            s: (N, 3 n) states.
+            which: (N,) of each: minus the moment about a tipping axis, or, = `axes`, the slip reserve.
+            room: (N, n), s: by how much joints can be late there at most.
+        """
+        values, slopes = np.empty(len(s)), np.empty(s.shape)
+        for own, sign in ((which < self.axes, -1.0), (which == self.axes, 1.0)):
+            if own.any():
+                tips = sign < 0
+                found = (
+                    self.moments(s[own], which[own], room=room[own])
+                    if tips
+                    else self.slip(s[own], room=room[own])
+                )
+                values[own] = sign * found.values
+                slopes[own] = self.deviations.state_slopes(s[own], found.theta, sign * found.slopes)[0]
+        return values, slopes
+
     def _starts(self, s: np.ndarray, count: int, room: np.ndarray | None) -> Iterator[np.ndarray]:
         still = np.zeros((len(s), self.deviations.size))
         yield still

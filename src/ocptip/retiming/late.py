@@ -1,0 +1,172 @@
+"""Rows for joints that are late, or overshoot where they jump, each by itself, on a path.
+
+At a node the acceleration of a joint may still be what it was before a jump of the longest delay before, or
+be what it is and a share of the jumps since then more, as `motion.late_joints` says. On a path all of these
+are affine in x at a few neighbouring nodes. So are rows of the wrench with the worst of them: the limits
+stay convex, but join more than two nodes, which reachability cannot have and a cone program can.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy import sparse
+
+from ocptip.motion.late_joints import worst_of_ways
+from ocptip.retiming.fastest import Grid
+from ocptip.standing.tolerance import Tolerance
+from ocptip.standing.worst_case import worst_case_of
+
+NAMES = ("tip-over within tolerance", "slip within tolerance")
+_NEAR = 0.03  # of M0, or of GT: rows that are missed by less than this are taken, too
+_FAR = 0.2  # of M0, or of GT: rows that are farther from it are no more looked at
+_SLOWEST = 1e-3  # of the mean of x: slopes of sqrt(x) are taken there, or where it is faster
+_MEET = 1e-9  # s
+
+
+@dataclass(frozen=True, eq=False)
+class Couplings:
+    """Rows A x <= b of x at the nodes.
+
+    Attributes:
+        A: (R, N + 1).
+        b: (R,).
+        names: (R,) of the limits.
+    """
+
+    A: sparse.csr_matrix
+    b: np.ndarray
+    names: tuple[str, ...]
+
+    @classmethod
+    def none(cls, nodes: int) -> Couplings:
+        """No rows."""
+        return cls(sparse.csr_matrix((0, nodes)), np.empty(0), ())
+
+    def __len__(self) -> int:
+        return len(self.b)
+
+    def joined(self, other: Couplings) -> Couplings:
+        """Both."""
+        A = sparse.csr_matrix(sparse.vstack([self.A, other.A]))
+        return Couplings(A, np.concatenate([self.b, other.b]), (*self.names, *other.names))
+
+
+class LateJoints:
+    """Where joints that are late or overshoot break a limit of the contacts.
+
+    Args:
+        grid: the nodes, and limits with a tolerance.
+    """
+
+    def __init__(self, grid: Grid) -> None:
+        asked = grid.limits.asked
+        self._grid, self._cases = grid, worst_case_of(grid.robot, asked.tolerance)
+        self._delay = asked.tolerance.delay * (1 + asked.tolerance.speed)
+        self._more = asked.tolerance.overshoot
+        axes, unit = self._cases.axes, self._cases.reference or 1.0
+        self._units = np.append(np.full(axes, unit), asked.GT_worst_case)
+        self._most = np.append(np.full(axes, 1 - 1 / asked.GN_worst_case), 1.0)
+        self._names = (*([NAMES[0]] * axes), NAMES[1])
+        places, left, right = grid.places, grid.left, grid.right
+        self._q = np.vstack([places.q[left], places.q[right[-1:]]])
+        self._dq = np.vstack([places.dq[left], places.dq[right[-1:]]])
+        turn = 1 / (2 * grid.widths)[:, None]
+        none = np.zeros((1, grid.robot.n))
+        # over x at the node before, there, and at the next, (3, N + 1, n): accelerations after and before it
+        after = [-places.dq[left] * turn + places.ddq[left], places.dq[left] * turn]
+        before = [-places.dq[right] * turn, places.dq[right] * turn + places.ddq[right]]
+        still = np.zeros((len(grid.s), grid.robot.n))
+        self._after = np.stack([still, *(np.vstack([part, none]) for part in after)])
+        self._before = np.stack([*(np.vstack([none, part]) for part in before), still])
+
+    @staticmethod
+    def wanted(tolerance: Tolerance) -> bool:
+        """Whether joints may be late, or overshoot."""
+        return bool(tolerance.delay or tolerance.overshoot)
+
+    def broken(self, x: np.ndarray) -> tuple[float, Couplings]:
+        """By how much the worst row is missed, in units of M0 or GT, and the rows that are, or nearly.
+
+        Args:
+            x: (N + 1,), the timing.
+        """
+        ways, made = self._ways(x)
+        number, values, slopes = worst_of_ways(ways, self._cases, (self._most - _FAR) * self._units)
+        excess = values / self._units - self._most  # (N + 1, F)
+        i, k = np.nonzero(excess > -_NEAR)
+        on = slopes[i, k].reshape(len(i), 3, self._grid.robot.n) / self._units[k][:, None, None]  # (R, 3, n)
+        A = np.zeros((len(i), len(x)))
+        pace = 0.5 / np.sqrt(np.maximum(x, _SLOWEST * np.mean(x)))
+        for row, (instant, own) in enumerate(zip(i, number[i, k], strict=True)):
+            for joint, way in enumerate(own):
+                speeds, accelerations = made[instant][way]
+                for node, factor in speeds:
+                    A[row, node] += factor * on[row, 1, joint] * self._dq[node, joint] * pace[node]
+                for node, part, factor in accelerations:
+                    first, last = max(node - 1, 0), min(node + 2, len(x))
+                    over = (self._after if part else self._before)[first - node + 1 : last - node + 1]
+                    A[row, first:last] += factor * on[row, 2, joint] * over[:, node, joint]
+        b = A @ x - excess[i, k]
+        rows = Couplings(sparse.csr_matrix(A), b, tuple(self._names[function] for function in k))
+        return float(np.max(excess)), rows
+
+    def _ways(self, x: np.ndarray) -> tuple[np.ndarray, list[list[_Made]]]:
+        """(D, n, K, 4) of what joints may be doing at nodes and the delay after them; what it is made of."""
+        pace = np.sqrt(x)
+        t = np.append(0.0, np.cumsum(2 * self._grid.widths / (pace[1:] + pace[:-1])))
+        padded = np.concatenate([[0.0], x, [0.0]])
+        near = np.stack([padded[:-2], x, padded[2:]])[:, :, None]
+        at = _Nodes(
+            t, self._dq * pace[:, None], *(np.sum(c * near, axis=0) for c in (self._after, self._before))
+        )
+        found, made = [], []
+        for node in range(len(x)):
+            found.append(self._at(at, node, t[node], 0.0))
+            time = t[node] + self._delay
+            if self._delay and time < t[-1]:
+                last = int(np.searchsorted(t, time, side="right")) - 1
+                found.append(self._at(at, last, time, (time - t[last]) / (t[last + 1] - t[last])))
+        made = [[way for _, way in own] for own in found]
+        ways = np.full((len(found), self._q.shape[1], max(map(len, made)), 4), np.nan)
+        for instant, own in enumerate(found):
+            ways[instant, :, : len(own)] = np.array([state for state, _ in own]).transpose(2, 0, 1)
+        return ways, made
+
+    def _at(self, at: _Nodes, node: int, time: float, share: float) -> list[tuple[tuple, _Made]]:
+        """What joints may be doing so much of an interval after a node: states (4, n), and their making."""
+        first = int(np.searchsorted(at.t, time - self._delay - _MEET))
+        found: list[tuple[tuple, _Made]] = []
+        for event in range(first, node + 1):
+            low = max(at.t[event - 1], time - self._delay) if event > first else time - self._delay
+            q, qd, place = self._q[event], at.qd[event], ((event, 1.0),)
+            room = np.full_like(qd, max(at.t[event] - low, 0.0))
+            if self._delay:
+                found.append(((q, qd, at.before[event], room), (place, ((event, False, 1.0),))))
+            jumped, jumps = at.after[event], [(event, True, 1.0)]
+            for begin in range(event, first - 1, -1):
+                jumped = jumped + self._more * (at.after[begin] - at.before[begin])
+                jumps = [*jumps, (begin, True, self._more), (begin, False, -self._more)]
+                found.append(((q, qd, jumped, np.zeros_like(qd)), (place, tuple(jumps))))
+        if share:
+            ends = (node, 1 - share), (node + 1, share)
+            q, qd = (sum(part * values[end] for end, part in ends) for values in (self._q, at.qd))
+            qdd = (1 - share) * at.after[node] + share * at.before[node + 1]
+            room = np.full_like(qd, time - max(at.t[node], time - self._delay))
+            found.append(((q, qd, qdd, room), (ends, ((node, True, 1 - share), (node + 1, False, share)))))
+        return found
+
+
+class _Nodes(NamedTuple):
+    """Times (N + 1,) of nodes; speeds there, and accelerations after and before them, (N + 1, n)."""
+
+    t: np.ndarray
+    qd: np.ndarray
+    after: np.ndarray
+    before: np.ndarray
+
+
+_Made = tuple[tuple[tuple[int, float], ...], tuple[tuple[int, bool, float], ...]]
+"""What a way is the sum of: speeds at nodes, with factors; accelerations after (True) or before nodes."""

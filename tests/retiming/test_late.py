@@ -1,0 +1,98 @@
+"""Timings within a tolerance: joints that are late, or overshoot where they jump, each by itself."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from ocptip.motion import late_joints
+from ocptip.motion.objective import TIME, priced
+from ocptip.retiming.fastest import ExtraRows, Grid, fastest, spaced
+from ocptip.retiming.late import LateJoints
+from ocptip.retiming.retime import Retimed, retime
+from ocptip.retiming.rows import TimingLimits
+from ocptip.standing.tolerance import WORKSHOP
+from ocptip.standing.worst_case import worst_case_of
+from tests.retiming.paths import cart, random_path
+
+NODES = 24
+
+
+@cache
+def within(objective=TIME) -> Retimed:
+    """A timing within the tolerances of a workshop."""
+    task = cart()
+    limits = replace(task.limits, tolerance=WORKSHOP)
+    return retime(task.robot, random_path(task, 0, 0.1), limits, objective, nodes=NODES)
+
+
+def test_a_timing_within_a_tolerance_keeps_every_contact():
+    """By its check, and in 4,000 worlds: masses, tilt, pace, and of each joint its own delay."""
+    found, robot = within(), cart().robot
+    assert found.verified
+    assert found.check.within is not None
+    assert 0.9 < found.check.worst["GN_worst_case"].value <= 0.999
+    assert found.motion.end > 1.005 * found.fastest
+    assert found.slower < 1.002
+    rng, cases, n = np.random.default_rng(0), worst_case_of(robot, WORKSHOP), robot.n
+    deviations = cases.deviations
+    for t in rng.uniform(0, found.motion.end, 40):
+        late = (t - rng.uniform(0, WORKSHOP.delay * (1 + WORKSHOP.speed), (100, n))).ravel()
+        parts = [part.reshape(100, n, n) for part in found.motion.states(late)]
+        states = [part[:, np.arange(n), np.arange(n)] for part in parts]
+        theta = rng.uniform(deviations.low, deviations.high, (100, deviations.size))
+        theta[:, deviations.places["delay"]] = 0.0
+        theta[:, deviations.places["gravity"]] = deviations.least(rng.normal(size=theta.shape))[
+            :, deviations.places["gravity"]
+        ]
+        for axis in range(cases.axes):
+            moments = cases.moments(np.hstack(states), np.full(100, axis), theta).values
+            assert np.all(moments > 0)
+
+
+def test_the_cheapest_timing_within_a_tolerance():
+    found = within(priced(20.0))
+    assert found.verified
+    assert found.cheapest is not None
+    assert found.cheapest.gap < 1e-4
+    assert found.motion.end > within().motion.end
+    assert found.check.energy < within().check.energy
+
+
+def test_rows_of_late_joints_are_slopes():
+    """Of what they bound, by finite differences, where everything else is as it was."""
+    task = cart()
+    limits = TimingLimits(task.robot, replace(task.limits, tolerance=WORKSHOP))
+    path = random_path(task, 0, 0.1)
+    grid = Grid(task.robot, path, limits, spaced(path, NODES))
+    x = fastest(grid, ExtraRows.none()).x
+    late, rng = LateJoints(grid), np.random.default_rng(1)
+    rows = late.broken(x)[1]
+    assert len(rows) > 5
+    step = 1e-6 * x * rng.normal(size=len(x))
+    other = late.broken(x + step)[1]
+    assert other.names == rows.names
+    excess = [own.A @ at - own.b for own, at in ((rows, x), (other, x + step))]
+    change = rows.A @ step
+    np.testing.assert_allclose(excess[1] - excess[0], change, atol=2e-3 * np.max(np.abs(change)))
+
+
+def test_the_worst_of_too_many_combinations_is_found_by_slopes(monkeypatch: pytest.MonkeyPatch):
+    """As bad as the worst of all of them."""
+    task = cart()
+    motion = retime(task.robot, random_path(task, 0, 0.1), task.limits, nodes=12).motion
+    cases = worst_case_of(task.robot, WORKSHOP)
+    every = late_joints.jump_states(motion, WORKSHOP)
+    monkeypatch.setattr(late_joints, "MOST_OF_ALL", 100)
+    some = late_joints.jump_states(motion, WORKSHOP, cases)
+    assert len(some.times) < len(every.times) / 20
+    for own in (some, every):
+        assert len(own.words) == len(own.times) == len(own.s) == len(own.room)
+    worst = [cases.estimated_moments(own.s, own.room).min(axis=0) for own in (some, every)]
+    np.testing.assert_allclose(*worst, rtol=1e-6)
+    subset = np.random.default_rng(0).choice(len(every.times), 2000)
+    slips = [cases.slip(own.s, room=own.room).values.max() for own in (some, every.some(subset))]
+    assert slips[0] > slips[1] * (1 - 1e-3)
