@@ -159,7 +159,8 @@ def markdown(rows: Sequence[dict[str, Any]], options: dict[str, Any]) -> str:
     for name in dict.fromkeys(row["robot"] for row in rows):
         own = [row for row in rows if row["robot"] == name]
         lines += [(name, way, *_cells(own, way)) for way in NAMES]
-    head = ("robot", "by", "timed", "duration / toppra (median)", "least", "most", "lose a contact",
+    head = ("robot", "by", "timed", "duration / toppra (median)", "least", "most",
+            "most / toppra within its limits", "lose a contact",
             "keep all limits", "largest GN", "largest acceleration / limit", "ms (median)")  # fmt: skip
     refused = [f"- {row['robot']}, path {row['path']}, {way}: {row[way]['status']}"
                for row in rows for way in NAMES if "status" in row.get(way, {})]  # fmt: skip
@@ -169,7 +170,9 @@ def markdown(rows: Sequence[dict[str, Any]], options: dict[str, Any]) -> str:
         "",
         *table(head, lines, left=2),
         "",
-        "Durations are divided by toppra's of the same path with speeds and accelerations only. ms: `toppra` "
+        "Durations are divided by toppra's of the same path with speeds and accelerations only (of the delta "
+        "robot with speeds of motors, too); `within its limits`: after slowing toppra's down by what it "
+        "exceeds these between nodes. ms: `toppra` "
         "and `rows` with set-up, without a check; `same` and `retime` with the check on a dense grid; on a "
         "machine that others used, too.",
         "",
@@ -184,17 +187,23 @@ def _cells(rows: Sequence[dict[str, Any]], way: str) -> tuple[str, ...]:
     good = [row[way] for row in rows if "duration_s" in row[way]]
     both = [row for row in rows if "duration_s" in row[way] and "duration_s" in row["toppra"]]
     if not both:
-        return f"0 of {len(rows)}", *"-" * 8
+        return f"0 of {len(rows)}", *"-" * 9
     ratio = [row[way]["duration_s"] / row["toppra"]["duration_s"] for row in both]
+    kept = [own / _slower(row["toppra"]) for own, row in zip(ratio, both, strict=True)]
     return (
         f"{len(good)} of {len(rows)}",
-        *(number(float(value), 4) for value in (np.median(ratio), min(ratio), max(ratio))),
+        *(number(float(value), 4) for value in (np.median(ratio), min(ratio), max(ratio), max(kept))),
         f"{sum(not one['stands'] for one in good)}",
         f"{sum(one['verified'] for one in good)}",
         number(max(one["GN"] for one in good)),
         number(max(one["acceleration_ratio"] for one in good), 4),
         number(1e3 * float(np.median([one["seconds"] for one in good])), 1),
     )
+
+
+def _slower(own: dict[str, Any]) -> float:
+    """Factor of times with which a motion keeps its limits of speed and acceleration between nodes, too."""
+    return max(1.0, own["speed_ratio"], float(np.sqrt(own["acceleration_ratio"])))
 
 
 def study(options: argparse.Namespace) -> str:

@@ -43,29 +43,37 @@ class Geometry(toppra.interpolator.AbstractGeometricPath):
 
 
 class Rows(LinearConstraint):
-    """Half planes alpha u + beta x <= gamma at the nodes."""
+    """Half planes alpha u + beta x <= gamma at the nodes: of limits; without, of motors' speeds alone."""
 
-    def __init__(self, robot: StandingMechanism, path: JointPath, limits: MotionLimits) -> None:
+    def __init__(self, robot: StandingMechanism, path: JointPath, limits: MotionLimits | None) -> None:
         super().__init__()
-        self._own, self._timing = (robot, path), TimingLimits(robot, limits)
+        self._own, self._timing = (robot, path), limits and TimingLimits(robot, limits)
         self.set_discretization_type(DiscretizationType.Interpolation)
         self.identical = False
         self.dof = path.joints
 
     def compute_constraint_params(self, path: Geometry, gridpoints: np.ndarray) -> Any:
         places = Places.of(*self._own, gridpoints, np.zeros(len(gridpoints), dtype=bool))
-        planes = self._timing.half_planes(places)
-        rows = planes.alpha.shape[1]
+        one = np.ones((len(gridpoints), 1))
+        alpha, beta, gamma = 0 * one, one / places.caps[:, None], one
+        if self._timing:
+            planes = self._timing.half_planes(places)
+            parts = (planes.alpha, planes.beta, planes.gamma)
+            alpha, beta, gamma = (np.hstack(pair) for pair in zip((alpha, beta, gamma), parts, strict=True))
+        rows = alpha.shape[1]
         one = np.tile(np.eye(rows), (len(gridpoints), 1, 1))
-        params = planes.alpha, planes.beta, -planes.gamma, one, np.zeros((len(gridpoints), rows)), None, None
+        params = alpha, beta, -gamma, one, np.zeros((len(gridpoints), rows)), None, None
         return canlinear_colloc_to_interpolate(*params, gridpoints=gridpoints)
 
 
 def by_toppra(
     robot: StandingMechanism, path: JointPath, nodes: np.ndarray, limits: MotionLimits | None = None
 ) -> tuple[TimedPath, float]:
-    """The timing and the seconds it took, set-up included; with rows of these limits, if there are any."""
-    more = () if limits is None else (Rows(robot, path, limits),)
+    """The timing and the seconds it took, set-up included; with rows of these limits, if there are any.
+
+    Speeds of motors that are not at the joints are limited, too.
+    """
+    more = (Rows(robot, path, limits),) if limits or robot.further_limits.count else ()
     own, begun = robot.limits, time.perf_counter()
     speed = JointVelocityConstraint(np.column_stack([-own.speed, own.speed]))
     acceleration = JointAccelerationConstraint(

@@ -14,6 +14,7 @@ from scipy import sparse
 
 from ocptip.basics.errors import InputError
 from ocptip.motion.check import check_motion
+from ocptip.motion.objective import ENERGY, TIME
 from ocptip.published.tasks import experiment_task
 from ocptip.retiming.fastest import ExtraRows, Grid, fastest, spaced
 from ocptip.retiming.retime import _slowed as slowed_as_needed
@@ -21,8 +22,10 @@ from ocptip.retiming.retime import retime
 from ocptip.retiming.rows import Places, TimingLimits
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.trajectories.arm_motion import earliest_end
+from ocptip.trajectories.arm_motion import ArmMotion, earliest_end
 from ocptip.trajectories.path import JointPath
+from ocptip.trajectories.path_fit import path_of_motion
+from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.timed_path import TimedPath
 from tests.places import EXAMPLES
 from tests.retiming.paths import cart, delta, random_path, tripod
@@ -259,3 +262,20 @@ def test_refusals():
         retime(delta().robot, path)
     with pytest.raises(InputError, match="nodes"):
         retime(task.robot, path, nodes=2)
+
+
+@pytest.mark.parametrize("objective", [TIME, ENERGY])
+def test_ramps_on_their_own_path_are_not_worse_with_a_free_law_of_time(objective):
+    task = tripod()
+    start = 0.5 * (task.start + task.goal)
+    ways = (0.4, 0.3, 0.2, -0.5, 0.1, 0.6)
+    commands = [
+        [RampCommand(way, 1.5, 2.0 + k), RampCommand(way / 3, 0.8, 4.0)] for k, way in enumerate(ways)
+    ]
+    ramps = ArmMotion.from_commands(start, commands)
+    before = check_motion(task.robot, ramps, MotionLimits())
+    assert before.verified
+    found = retime(task.robot, path_of_motion(ramps).path, MotionLimits(), objective, nodes=200)
+    assert found.verified
+    assert found.motion.end <= ramps.end * (1 + 1e-3) or objective is ENERGY
+    assert found.check.energy <= before.energy * (1 + 1e-3) or objective is TIME

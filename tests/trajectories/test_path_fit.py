@@ -46,8 +46,18 @@ def _smooth(fit: FittedPath) -> bool:
 @settings(max_examples=15)
 @given(seed=st.integers(0, 10_000))
 def test_path_of_ramps_is_theirs(seed: int) -> None:
-    """Every posture of the motion is on the path, in order, at places that increase."""
+    """Between the first and the last event they pass it at an even pace; that of S-curves is fitted."""
     motion = _random_motion(seed)
+    fit = path_of_motion(motion)
+    events = motion.event_times
+    fast = np.max(np.abs(motion.states(events)[1]), axis=1)
+    events = np.concatenate([[0.0], events[fast > 0.01 * fast.max()], [motion.end]])
+    if not len(fit.path.corners):
+        begin, end = 0.5 * events[1], 0.5 * (events[-2] + events[-1])
+        times = np.linspace(events[1], events[-2], 200)
+        found = fit.path.at((times - begin) / (end - begin))[0]
+        assert np.abs(found - motion.states(times)[0]).max() < 1e-8
+    motion = motion.with_rise_times(0.02)
     fit = path_of_motion(motion)
     assert np.all(fit.distance <= FINE)
     assert np.all(np.diff(fit.places) >= 0)
@@ -62,7 +72,7 @@ def test_path_of_ramps_is_theirs(seed: int) -> None:
 @given(seed=st.integers(0, 10_000))
 def test_its_parameter_is_nearly_the_length(seed: int) -> None:
     """So that the first derivative never vanishes."""
-    fit = path_of_motion(_random_motion(seed))
+    fit = path_of_motion(_random_motion(seed).with_rise_times(0.02))
     sizes = np.linalg.norm(fit.path.at(DENSE)[1], axis=1)
     assert sizes.min() > 0.5 * np.median(sizes)
 

@@ -35,6 +35,9 @@ BACK = 0.2
 """Lines whose unit vectors add up to less than this have no blend between them: the way turns back."""
 
 _DEGREE = 5
+_MET = 1e-5  # s: events of ramps that are nearer to each other are one
+_SLOW = 0.01  # of the greatest speed: slower, near its ends, it moves on straight lines
+_TURNS = 1e-5  # of the greatest speed: where all joints are slower, the way turns back
 _SAME = 1e-7  # of the length: samples that are nearer to each other are one
 _FEWEST = 12  # twice as many samples as a piece has at least
 _NEARLY = 0.3  # of the tolerance: pieces that are farther off are divided, if any is too far off
@@ -85,7 +88,11 @@ def path_of_motion(motion: Motion, tolerance: float | np.ndarray | None = None) 
         _refuse_noise(motion, wanted)
         wanted = np.maximum(wanted, motion.tolerance)
     legs, ramps = [], isinstance(motion, ArmMotion)
+    exact = isinstance(motion, ArmMotion) and not any(motion.rise_times)
     for begin, end in _moving(motion):
+        if exact and (leg := Leg.of_ramps(motion, begin, end)):
+            legs.append(leg)
+            continue
         events = motion.event_times
         events = events[(events >= begin) & (events <= end)]
         counts = np.ceil(SAMPLES / (end - begin) * np.diff(events)).astype(int)
@@ -243,6 +250,31 @@ class Leg:
         kept = np.append(np.diff(knots) > LEAST * knots[-1], True)  # blends may leave no line between them
         curve = PPoly(np.stack(rows, axis=1)[:, kept[:-1]], np.array(knots)[kept])
         return cls(curve, lengths[own], points[own], np.arange(len(points))[own])
+
+    @classmethod
+    def of_ramps(cls, motion: ArmMotion, begin: float, end: float) -> Leg | None:
+        """The path of ramps as it is, its parameter their time; None where they turn back on their way.
+
+        Between its first two events, and its last two, it is a straight line: there the parameter is half the
+        square of the time from rest.
+        """
+        inner = motion.event_times[(motion.event_times > begin) & (motion.event_times < end)]
+        fast = np.max(np.abs(motion.states(inner)[1]), axis=1, initial=0.0)
+        fast = np.flatnonzero(fast > _SLOW * np.max(fast, initial=0.0))
+        if not len(fast):
+            return None
+        inner = inner[fast[0] : fast[-1] + 1]  # where it is slower, before and after, it hardly moves
+        times = np.concatenate([[begin], inner[np.append(True, np.diff(inner) > _MET)], [end]])
+        q, v, _ = motion.states(times)
+        if np.any(np.max(np.abs(v[1:-1]), axis=1) < _TURNS * np.max(np.abs(v))):
+            return None
+        v[0], v[-1], widths = v[1], v[-2], np.diff(times)
+        widths[[0, -1]] /= 2
+        w, first, last = widths[:, None], v[:-1], v[1:]
+        pace = np.diff(q, axis=0) / w
+        rows = [(first + last - 2 * pace) / w**2, (3 * pace - 2 * first - last) / w, first, q[:-1]]
+        knots = np.append(0.0, np.cumsum(widths))
+        return cls(PPoly(np.stack(rows), knots), knots, q, np.arange(len(q)))
 
     @classmethod
     def fitted(
