@@ -167,6 +167,7 @@ def test_figures_are_those_of_a_plan_and_the_phase_plane(tmp_path: Path) -> None
         ([TASK, "--task", TASK], "is a motion task (ocptip plan), not a path"),
         (["missing.json", "--task", TASK], "missing.json"),
         ([SWEEP, "--task", TASK, "--tolerance", "garage"], "--tolerance: "),
+        ([SWEEP, "--task", TASK, "--controller", "quintic"], "quintics need --jerk"),
     ],
 )
 def test_bad_arguments_are_one_line(
@@ -198,7 +199,7 @@ def test_a_limit_of_the_jerk_is_kept_by_the_timing(tmp_path: Path) -> None:
     ends = ([0, -90, 90, -90, -90, 0], [20, -80, 80, -90, -90, 0])
     line.write_text("".join(f"[[waypoint]]\nat_deg = {angles}\n" for angles in ends))
     durations, call = [], ["retime", str(line), "--task", TASK, *PLAIN, "--no-figures"]
-    for jerk in ((), ("--jerk", "3000")):
+    for jerk in ((), ("--jerk", "3000", "--controller", "quintic")):
         out = tmp_path / f"out{len(jerk)}"
         assert main([*call, "--out", str(out), *jerk]) == 0
         own = json.loads((out / "plan.json").read_text(encoding="utf-8"))

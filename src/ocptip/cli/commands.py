@@ -208,8 +208,9 @@ COMMANDS = (
             argument(
                 "--controller",
                 None,
-                "who runs it: a controller that interpolates points by cubics (default), or straight lines",
-                choices=("cubic", "linear"),
+                "who runs it: a controller that interpolates points by cubics (default), straight lines, or, "
+                "with --jerk, quintics",
+                choices=("cubic", "linear", "quintic"),
                 default="cubic",
             ),
             RATE,

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.basics.errors import naming, positive_number
+from ocptip.basics.errors import InputError, naming, positive_number
 from ocptip.basics.text import quantity
 from ocptip.cli.check import task_of
 from ocptip.cli.command import Report
@@ -45,6 +45,8 @@ _WORDS = {"time": "fastest", "energy": "cheapest", "both": "least cost"}
 def run(options: Namespace) -> Report:
     """Time the path; one that cannot be timed is bad input, and it is said where and why."""
     positive_number("--rate", options.rate)
+    if options.controller == "quintic" and options.jerk is None:
+        raise InputError("--controller: quintics need --jerk, without which accelerations jump")
     task, path = task_of(options, WORKSHOP)
     given = load_path(path, task, tolerance=options.path_tolerance, unit=options.unit)
     directory = output_directory(options, task.name)

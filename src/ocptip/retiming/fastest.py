@@ -7,6 +7,7 @@ at both ends of every interval, so that there is no singularity where a coeffici
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -145,15 +146,21 @@ class FastestTiming:
 
     Attributes:
         x: (N + 1,), 1/s^2.
-        active: (N,) names of the limits that decide in the intervals: those with the least room.
         polygons: in which it lies.
         controllable: (N + 1, 2), least and greatest x from which the rest can be done.
+        grid, extra: the nodes and further rows.
     """
 
     x: np.ndarray
-    active: tuple[str, ...]
     polygons: Polygons
     controllable: np.ndarray
+    grid: Grid
+    extra: ExtraRows
+
+    @cached_property
+    def active(self) -> tuple[str, ...]:
+        """(N,) names of the limits that decide in the intervals: those with the least room."""
+        return _deciding(self.grid, self.extra, self.polygons, self.x)
 
 
 def spaced(path: JointPath, count: int = NODES) -> np.ndarray:
@@ -205,7 +212,7 @@ def fastest(grid: Grid, extra: ExtraRows) -> FastestTiming:
     if still.size:
         place, name = grid.s[still[0]], grid.name(int(active[still[0]]), extra, int(still[0]))
         raise InputError(f"path: at s = {place:.4f} it cannot go on" + (f" ({name})" if name else ""))
-    return FastestTiming(x, _deciding(grid, extra, polygons, x), polygons, found)
+    return FastestTiming(x, polygons, found, grid, extra)
 
 
 def _deciding(grid: Grid, extra: ExtraRows, polygons: Polygons, x: np.ndarray) -> tuple[str, ...]:

@@ -39,7 +39,7 @@ def controller_points(
 
     Raises:
         InputError: no such controller, a step that is not positive, a motion shorter than 1 ms, or for
-            quintics a joint without rise time, or a timing of a path, whose accelerations jump.
+            quintics a joint without rise time, or a timing of a path without a limit of the jerk.
     """
     step = positive_number("step", step)
     if controller not in CONTROLLERS:
@@ -58,7 +58,14 @@ def controller_points(
             angles[-1], speeds[[0, -1]] = motion.goal, 0.0
         return SampledMotion(times, angles, speeds)
     if isinstance(motion, TimedPath):
-        raise InputError("quintic: a timing of a path has accelerations that jump, which quintics cannot run")
+        if motion.times is None:
+            raise InputError(
+                "quintic: timings without a limit of the jerk (--jerk) have accelerations that jump"
+            )
+        times = _spread(motion.event_times, step)
+        angles, speeds, accelerations = motion.states(times)
+        angles[-1], speeds[[0, -1]], accelerations[[0, -1]] = motion.goal, 0.0, 0.0
+        return SampledMotion(times, angles, speeds, accelerations)
     if not all(motion.rise_times or [0.0]):
         raise InputError("rise_time: must be > 0 for quintic, which cannot run accelerations that jump")
     times = _spread(np.unique(np.concatenate([curve.times for curve in motion.curves])), step)

@@ -88,9 +88,9 @@ def path_of_motion(motion: Motion, tolerance: float | np.ndarray | None = None) 
         _refuse_noise(motion, wanted)
         wanted = np.maximum(wanted, motion.tolerance)
     legs, ramps = [], isinstance(motion, ArmMotion)
-    exact = isinstance(motion, ArmMotion) and not any(motion.rise_times)
     for begin, end in _moving(motion):
-        if exact and (leg := Leg.of_ramps(motion, begin, end)):
+        leg = Leg.of_ramps(motion, begin, end) if isinstance(motion, ArmMotion) else None
+        if leg is not None:
             legs.append(leg)
             continue
         events = motion.event_times
@@ -253,11 +253,13 @@ class Leg:
 
     @classmethod
     def of_ramps(cls, motion: ArmMotion, begin: float, end: float) -> Leg | None:
-        """The path of ramps as it is, its parameter their time; None where they turn back on their way.
+        """The path of ramps as it is, its parameter their time; None of S-curves, and where they turn back.
 
         Between its first two events, and its last two, it is a straight line: there the parameter is half the
         square of the time from rest.
         """
+        if any(motion.rise_times):
+            return None
         inner = motion.event_times[(motion.event_times > begin) & (motion.event_times < end)]
         fast = np.max(np.abs(motion.states(inner)[1]), axis=1, initial=0.0)
         fast = np.flatnonzero(fast > _SLOW * np.max(fast, initial=0.0))
