@@ -23,7 +23,7 @@ def falsehood(data, rng, samples):
         piece = int(rng.integers(len(times)))
         t = float(rng.choice([*times[piece], rng.uniform(*times[piece])]))
         c = np.array(motion["angles"], dtype=float)
-        state = np.column_stack([worlds._at(times, c, piece, t, j) for j in range(c.shape[1])])
+        state = np.column_stack([worlds.at(times, c, piece, t, j) for j in range(c.shape[1])])
         torques, wrench = _numbers(worlds.loads(model, worlds.described(model), state))
         if found := (
             _limits(model, bounds, torques, state)
@@ -34,9 +34,9 @@ def falsehood(data, rng, samples):
         if tolerance is not None:
             late = float(rng.uniform(0.0, times[-1, 1] + tolerance["delay"]))
             world = worlds.random_world(model, tolerance, rng, ends=0.8)
-            wrench = _numbers(worlds.loads(model, world, worlds.random_state(motion, tolerance, late, rng)))[
-                1
-            ]
+            joints = worlds.LateJoints(motion, tolerance)
+            state = joints.state(joints.draw(late, rng))
+            wrench = _numbers(worlds.loads(model, world, state))[1]
             asked, weak = (bounds[f"{key}_worst_case"] for key in ("GN", "GT")), 1 - tolerance["friction"]
             if found := _contacts(model, wrench, *asked, weak):
                 return f"{found} within the tolerance at {late}"

@@ -12,6 +12,8 @@ from flint import arb
 from ocptip.certificate.trusted.arm import PROCESS
 from tests.oracles import arm_in_balls as balls
 
+_NO_JUMP = 1e-5  # of the largest: a smaller step is none
+
 
 @dataclass
 class World:
@@ -71,36 +73,78 @@ def random_world(model, tolerance, rng, ends=0.5):
     )
 
 
-def random_state(motion, tolerance, t, rng):
-    """(3, n) of joints at a time t, each late by itself, or overshooting where it jumps."""
-    times, c = np.array(motion["times"], dtype=float), np.array(motion["angles"], dtype=float)
-    delay, more = tolerance["delay"] * (1 + tolerance["speed"]), tolerance["overshoot"]
-    found = np.empty((3, c.shape[1]))
-    events = times[:-1, 1]
-    inside = [k for k in range(len(events)) if t - delay <= events[k] <= t]
-    for j in range(c.shape[1]):
-        if inside and rng.random() < 0.7:
-            k = int(rng.choice(inside))
-            before, after = _at(times, c, k, events[k], j), _at(times, c, k + 1, events[k], j)
-            if rng.random() < 0.3:
-                found[:, j] = before
-                continue
-            first = int(rng.choice([i for i in inside if i <= k]))
-            steps = [
-                _at(times, c, i + 1, events[i], j)[2] - _at(times, c, i, events[i], j)[2]
-                for i in range(first, k + 1)
-            ]
-            found[:, j] = after
-            if rng.random() < 0.8:
-                found[2, j] += more * sum(steps)
-        else:
-            T = float(rng.choice([t, t - delay])) if rng.random() < 0.5 else rng.uniform(t - delay, t)
-            piece = int(np.clip(np.searchsorted(events, T), 0, len(times) - 1))
-            found[:, j] = _at(times, c, piece, min(max(T, 0.0), events[-1]), j)
-    return found
+class LateJoints:
+    """What joints may be doing that are late by themselves, or overshoot where they jump.
+
+    A choice is a time and, of each joint, how late it is; or an event and None, before its jump; or an event
+    and another one, since which it overshoots the sum of its jumps after it (-1: not at all).
+    """
+
+    def __init__(self, motion, tolerance):
+        self.times, self.c = np.array(motion["times"], dtype=float), np.array(motion["angles"], dtype=float)
+        self.delay = tolerance["delay"] * (1 + tolerance["speed"])
+        self.more, self.n = tolerance["overshoot"], self.c.shape[1]
+        self.events = self.times[:-1, 1]
+        self.end = self.events[-1] + self.delay
+        before, after = (
+            np.array([[self._at(k + i, e, j)[2] for j in range(self.n)] for k, e in enumerate(self.events)])
+            for i in (0, 1)
+        )
+        self.steps = after - before
+        self.jumps = np.abs(self.steps) > _NO_JUMP * np.max(np.abs(self.steps), axis=0, initial=1e-300)
+
+    def draw(self, t, rng):
+        """A choice at a time."""
+        return t, [self._draw(t, j, rng) for j in range(self.n)]
+
+    def _draw(self, t, joint, rng):
+        at = self.events[self.jumps[:, joint]]
+        inside = np.flatnonzero(self.jumps[:, joint])[(t - self.delay <= at) & (at <= t)]
+        if not len(inside) or rng.random() < 0.3:
+            return rng.choice([0.0, self.delay]) if rng.random() < 0.5 else rng.uniform(0, self.delay)
+        event = int(rng.choice(inside))
+        if rng.random() < 0.3:
+            return event, None
+        return event, int(rng.choice([-1, *inside[inside <= event]]))
+
+    def moved(self, choice, scale, rng):
+        """A choice nearby."""
+        t, own = choice
+        t = t + scale * rng.normal() * max(self.delay, 1e-3)
+        for how in own:
+            if isinstance(how, tuple):
+                first = how[0] if how[1] in (None, -1) else how[1]
+                t = min(max(t, self.events[how[0]]), self.events[first] + self.delay)
+        moved = [
+            how
+            if isinstance(how, tuple)
+            else float(np.clip(how + scale * rng.normal() * self.delay, 0.0, self.delay))
+            for how in own
+        ]
+        return float(np.clip(t, 0.0, self.end)), moved
+
+    def state(self, choice):
+        """(3, n): coordinates, speeds and accelerations."""
+        t, own = choice
+        found = np.empty((3, self.n))
+        for j, how in enumerate(own):
+            if isinstance(how, tuple):
+                event, first = how
+                found[:, j] = self._at(event + (first is not None), self.events[event], j)
+                if first is not None and first >= 0:
+                    jumps = self.steps[first : event + 1, j] * self.jumps[first : event + 1, j]
+                    found[2, j] += self.more * np.sum(jumps)
+            else:
+                T = min(max(t - how, 0.0), self.events[-1])
+                piece = int(np.clip(np.searchsorted(self.events, t - how), 0, len(self.times) - 1))
+                found[:, j] = self._at(piece, T, j)
+        return found
+
+    def _at(self, piece, t, joint):
+        return at(self.times, self.c, piece, t, joint)
 
 
-def _at(times, c, piece, t, joint):
+def at(times, c, piece, t, joint):
     """Coordinate, speed and acceleration of a piece at a time."""
     half = 0.5 * (times[piece, 1] - times[piece, 0])
     if half <= 0:
