@@ -5,6 +5,7 @@ import pytest
 
 from ocptip.certificate.trusted.described import Checker, Intervals
 from ocptip.certificate.trusted.forms import linear
+from ocptip.certificate.trusted.sharing import Sharing
 
 BASE, MASS, G = 3.0, 2.0, 9.81
 
@@ -68,3 +69,21 @@ def test_the_moment_about_the_rear_line():
         margins = checker.margins(at, checker.loads(at), forces, lambda i, p: np.empty((0, 3)))
         assert (margins["tip-over"][0] >= 0) == kept
         assert margins["contacts"][0] == -np.inf  # no forces were named
+
+
+def test_the_same_moment_within_a_tolerance():
+    none = dict.fromkeys(
+        ("friction", "payload_mass", "delay", "overshoot", "extra_mass", "push", "base_push"), 0.0
+    )
+    boxes = {key: [0.0] * 3 for key in ("center_of_mass", "payload_center")}
+    own = {"base_mass": [-0.05, 0.05], "arm_mass": 0.05, "speed": 0.03, "tilt": 0.01}
+    motion = {"times": [[0.0, 0.0], [0.0, 0.02], [0.02, 0.02]]}
+    motion["angles"] = [[[0.0, 0.0, 0.0]], [[3e-4, 6e-4, 3e-4]], [[1.2e-3, 0.0, 0.0]]]
+    sharing = Sharing(_model(), motion, none | boxes | own, {"GN_worst_case": 0.8, "GT_worst_case": 0.9})
+    rows = sharing.late.rows(np.array([0.0]), np.array([0.02]))
+    least = sharing.moments(sharing.terms(rows))
+    b_g, b_x_g = (2.85 * 0.1 + 2.1 * 0.2) * G, 2.1 * 0.5 * G
+    assert b_g * np.cos(0.01) - b_x_g * np.sin(0.01) == pytest.approx(6.8127, abs=1e-4)
+    assert pytest.approx(6.6837, abs=1e-4) == 2.1 * 0.5 * 6 * 1.03**2
+    np.testing.assert_allclose(least, 0.1290, atol=1e-4)
+    assert 0.49 / (0.49 + least[0]) == pytest.approx(0.7916, abs=2e-4)

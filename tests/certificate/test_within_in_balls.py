@@ -21,6 +21,8 @@ _WIDTH = flint.arb("1e-60")
 
 def _random_model(rng):
     arm = _random_arm(rng)
+    if rng.random() < 0.5:
+        arm |= {key: rng.uniform(-20, 20, 6) for key in ("process_in_base", "process_on_link")}
     held = None
     if rng.random() < 0.7:
         axes = arm["mount_rotation"].T

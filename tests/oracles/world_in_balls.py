@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from flint import arb
 
-from ocptip.certificate.trusted.arm import PROCESS
 from tests.oracles import arm_in_balls as balls
 
+_PROCESS = ("process_in_base", "process_on_link")
 _NO_JUMP = 1e-5  # of the largest: a smaller step is none
 
 
@@ -45,7 +45,7 @@ def random_world(model, tolerance, rng, ends=0.5):
         return float(rng.choice([low, high]) if rng.random() < ends else rng.uniform(low, high))
 
     def within(half):
-        return np.array([number(-h, h) for h in half])
+        return np.array([number(-abs(h), abs(h)) for h in half])
 
     def turned(gravity, angle):
         size, down = np.linalg.norm(gravity), gravity / max(np.linalg.norm(gravity), 1e-300)
@@ -163,31 +163,31 @@ def loads(model, world, state):
     q, qd, qdd = ([x if isinstance(x, arb) else arb(float(x)) for x in row] for row in state)
     qd, qdd = [pace * x for x in qd], [pace * pace * x for x in qdd]
 
-    def own(k, mass, centre, inertia, process=False):
-        """With one body alone, or with the process alone."""
+    process = {key: np.array(arm.get(key, np.zeros(6)), dtype=float) for key in _PROCESS}
+
+    def own(k, mass, centre, inertia):
+        """With one body alone; None: with the process on the gripper alone."""
         data = {key: np.array(value, dtype=float) for key, value in arm.items()}
         data["rotations"][0] = data["mount_rotation"] @ data["rotations"][0]  # rounded once, as it is read
         data["mount_rotation"] = np.eye(3)
         data["armature"] = np.zeros(len(data["armature"]))
-        for key, value in (("masses", mass), ("centres", centre), ("inertias", inertia)):
+        data |= process if mass is None else dict.fromkeys(process, np.zeros(6))
+        for key, value in (("masses", mass or 0.0), ("centres", centre), ("inertias", inertia)):
             data[key] = np.zeros(data[key].shape)
             data[key][k] = value
-        if not process:
-            data = {key: value for key, value in data.items() if key not in PROCESS}
         return balls.loads(data, q, qd, qdd, world.gravity, about)
 
     found = [
         (float(world.links[k]), own(k, arm["masses"][k], arm["centres"][k], arm["inertias"][k]))
         for k in range(n)
     ]
-    found.append((1.0, own(n - 1, 0.0, np.zeros(3), np.zeros((3, 3)), process=True)))
     if (held := model["payload"]) is not None:
         place = np.array(held["center"]), np.array(held["inertia"])
         found.append((-float(world.links[-1]), own(n - 1, held["mass"], *place)))
         moved = place[0] + np.array(held["axes"]) @ world.shift
         found.append((float(world.payload), own(n - 1, held["mass"], moved, place[1])))
     at_tool = own(n - 1, 1.0, np.array(arm["offsets"][-1]), np.zeros((3, 3)))
-    found.append((float(world.extra), at_tool))
+    found += [(float(world.extra), at_tool), (1.0, own(n - 1, None, np.zeros(3), np.zeros((3, 3))))]
     torques = [sum((w * part[0][k] for w, part in found), arb(0)) for k in range(len(qd))]
     torques = [x + arb(float(a)) * y for x, a, y in zip(torques, arm["armature"], qdd, strict=True)]
     wrench = [sum((w * part[1][k] for w, part in found), arb(0)) for k in range(6)]
@@ -203,8 +203,9 @@ def loads(model, world, state):
 
 def tool(model, q, about):
     """Place of the gripper from the base's centre of mass: by moments of a unit mass."""
-    arm = {key: np.array(v, dtype=float) for key, v in model["arm"].items() if key not in PROCESS}
+    arm = {key: np.array(value, dtype=float) for key, value in model["arm"].items()}
     n = len(arm["masses"])
+    arm |= dict.fromkeys(_PROCESS, np.zeros(6))
     arm["rotations"][0] = arm["mount_rotation"] @ arm["rotations"][0]
     arm["mount_rotation"] = np.eye(3)
     arm["masses"], arm["centres"], arm["inertias"] = np.zeros(n), np.zeros((n, 3)), np.zeros((n, 3, 3))
