@@ -51,7 +51,7 @@ def _room(grasp, wrench, limits, half):
     """With limits that do not depend on the wrench, known exactly but for a box round it."""
     m = len(limits)
     own = Limits(np.zeros((1, m, 6)), np.tile(limits, (2, 1, 1)), np.zeros((1, m)))
-    twists = Twists(grasp, wrench[:, None], np.full((6, 1), half), own)
+    twists = Twists(grasp, 1e-16 * np.abs(grasp), wrench[:, None], np.full((6, 1), half), own)
 
     def least(rows, h, ends):
         found = np.einsum("aik,i->ak", h, wrench) - half * np.abs(h).sum(axis=1)

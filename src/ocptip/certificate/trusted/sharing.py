@@ -157,8 +157,14 @@ class Sharing:
                 + 8 * U * (np.abs(h) @ own.size.T[:, :, None])[..., 0]
                 + 8 * U * np.abs(normal).max(axis=0)
             )
-            limits = Limits(-slope[:, :, None] * h, radius[going] + slope * normal, np.abs(slope) * error)
-            twists = Twists(self.contacts.grasp[:, np.repeat(pattern, 3)], own.centre, own.half, limits)
+            limits = Limits(
+                -slope[:, :, None] * h,
+                radius[going] + slope * normal,
+                np.abs(slope) * error + 8 * U * np.abs(radius[going]),
+            )
+            columns = np.repeat(pattern, 3)
+            grasp, rounded = self.contacts.grasp[:, columns], self.contacts.rounded[:, columns]
+            twists = Twists(grasp, rounded, own.centre, own.half, limits)
             found = twists.room(lambda rows, h, ends, own=own: self._within.least(own.some(rows), h, ends))
             room[here[going]] = np.minimum(room[here[going]], found / self.contacts.scale)
         return room

@@ -78,12 +78,15 @@ class Twists:
     """Of contacts on a plane, in rows of wrenches that lie in boxes.
 
     Args:
-        grasp: (6, 3 m) wrench per contact force: normal and two tangential ones of each.
+        grasp, rounded: (6, 3 m) wrench per contact force, normal and two tangential ones of each, and a bound
+            of its rounding.
         middle, half: (6, R) of the boxes.
         limits: none of them negative.
     """
 
-    def __init__(self, grasp: np.ndarray, middle: np.ndarray, half: np.ndarray, limits: Limits) -> None:
+    def __init__(
+        self, grasp: np.ndarray, rounded: np.ndarray, middle: np.ndarray, half: np.ndarray, limits: Limits
+    ) -> None:
         tangential = np.delete(grasp, np.s_[::3], axis=1)
         basis = np.zeros((6, 3))  # two translations, and the rotation about the plane's normal
         basis[:3, :2], basis[3:, 2] = grasp[:3, 1:3], grasp[:3, 0]
@@ -95,7 +98,11 @@ class Twists:
         self._middle, self._half, self._limits = middle.T, half.T, limits
         typical = np.einsum("rmi,ri->rm", limits.rule, self._middle) + limits.constant.mean(axis=0)
         self._typical = np.maximum(typical, 1e-9)
-        self._blur = 8 * U * (np.abs(self._middle) + self._half) @ np.abs(basis)  # of y . w, (R, 3)
+        size = np.abs(self._middle) + self._half
+        self._blur = 8 * U * size @ np.abs(basis)  # of y . w, (R, 3)
+        most = np.einsum("rmi,ri->rm", np.abs(limits.rule), size) + np.max(np.abs(limits.constant), axis=0)
+        blurred = np.delete(rounded, np.s_[::3], axis=1) + 8 * U * np.abs(tangential)
+        self._blur += most @ (blurred.T @ np.abs(basis)).reshape(-1, 2, 3).sum(axis=1)  # of velocities
 
     def room(self, least: Least) -> np.ndarray:
         """(R,): the least over all twists, or what stands in the way of a proof; proved where >= 0.

@@ -257,12 +257,12 @@ class Within:
         X[0, 4:7] += force
         bump = self._own["base_push"] * np.linalg.norm(force, axis=0)
         ends = 0.5 * ((1 - _NODES)[:, None, None] * constant[0] + (1 + _NODES)[:, None, None] * constant[1])
-        value = np.min(self._at_vertices(X) + ends, axis=0)
+        value = np.min(self._least_at_nodes(X) + ends, axis=0)
         size = np.einsum("air,ir->ar", np.abs(h), terms.size) + np.max(np.abs(constant), axis=0)
         error = np.einsum("air,ir->ar", np.abs(h), terms.error)
         return value - (bump + doubt + error + 4 * U * size) * (1 + U)
 
-    def _at_vertices(self, X: np.ndarray) -> np.ndarray:
+    def _least_at_nodes(self, X: np.ndarray) -> np.ndarray:
         """Least values (vertices, A, R) over pace, gravity, pushes at the tool and the numbers e."""
         m, i, j = numbers_of(len(X))
         at = np.tensordot(BERNSTEIN, X[:K], axes=1)  # (V, 7, A, R)
