@@ -169,54 +169,33 @@ class Within:
         return found
 
     def _terms(self, ends: np.ndarray, parts: Form, tool: int) -> Terms:
+        """With bounds of what the terms can be at any pace and with gravity tilted anywhere."""
         low, high, masses = ends
         most = np.maximum(np.abs(low), np.abs(high))[:, None, None]
+        fast, off, push = self._paces[1], np.full(3, self._off), np.full(3, self._own["push"])
+        gravity = np.abs(self._gravity) + off
         first, size = np.abs(parts.c[0]), (parts.size + parts.r) * (1 + U)
-        half = (size - first) + U * first
-        fast, off = self._paces[1], self._off
-        g = np.abs(self._gravity)
-
-        def around(lever: np.ndarray, by: np.ndarray) -> np.ndarray:
-            """Bounds of the moments of (T, 3, R) with forces (3,)."""
-            x, y, z = np.moveaxis(lever, 1, 0)
-            return np.stack([y * by[2] + z * by[1], z * by[0] + x * by[2], x * by[1] + y * by[0]], axis=1)
-
-        full, all_off = g + off, np.full(3, off)
-        error = np.concatenate(
-            [fast * parts.r[:, 3:6], fast * parts.r[:, 6:] + around(parts.r[:, :3], full)], 1
+        half = size - first + U * first
+        middle, spread = self._middle(masses, parts.c[0]), _wrench(half, gravity, fast, 0.0 * masses)
+        spread = spread + _wrench(first, off, fast - 1, masses)
+        error = np.sum(most * _wrench(parts.r, gravity, fast, 0.0 * masses), axis=0)
+        error[3:] += _around(parts.r[tool, :3], push)
+        forces = push + self._own["base_push"]
+        pushes = np.concatenate(
+            [np.broadcast_to(forces[:, None], error[3:].shape), _around(size[tool, :3], push)]
         )
-        push = np.full((3, 1), self._own["push"])
-        whole = np.concatenate([fast * size[:, 3:6], fast * size[:, 6:] + around(size[:, :3], full)], 1)
-        whole[:, :3] += masses[:, None, None] * full[:, None]
-        reach = 2 * np.max(parts.size[tool, :3] + parts.r[tool, :3], axis=0)
-        both = push + self._own["base_push"]
-        pushes = np.concatenate([np.broadcast_to(both, (3, len(reach))), push * np.ones((3, 1)) * reach])
-        away = fast - 1
-        spread = np.concatenate(
-            [
-                fast * half[:, 3:6] + away * first[:, 3:6] + off * masses[:, None, None],
-                fast * half[:, 6:]
-                + away * first[:, 6:]
-                + around(half[:, :3], full)
-                + around(first[:, :3], all_off),
-            ],
-            axis=1,
-        )
-        c = parts.c[0]
-        weight = masses[:, None, None] * np.broadcast_to(self._gravity[:, None], c[:, :3].shape)
-        middle = np.concatenate(
-            [weight + c[:, 3:6], np.cross(c[:, :3], self._gravity, axisa=1, axisc=1) + c[:, 6:]], 1
-        )
-        # a push at the tool: errors of where that is
-        at_tool = around(parts.r[tool : tool + 1, :3], np.full(3, self._own["push"]))[0]
-        error = np.sum(most * error, axis=0)
-        error[3:] += at_tool
-        size = np.sum(most * whole, axis=0) + pushes
-        mean, most = 0.5 * (low + high)[:, None, None], most + 0.0
+        size = np.sum(most * _wrench(size, gravity, fast, masses), axis=0) + pushes
+        mean, width = (0.5 * x[:, None, None] for x in (high + low, high - low))
         centre = np.sum(mean * middle, axis=0)
-        half = np.sum(most * spread + 0.5 * (high - low)[:, None, None] * np.abs(middle), axis=0)
-        half = (half + pushes + error + 8 * U * size) * (1 + U)
+        half = np.sum(most * spread + width * np.abs(middle), axis=0) + pushes + error
+        half = (half + 8 * U * size) * (1 + U)
         return Terms(low, high, masses, parts, tool, self._gravity, size, error, middle, spread, centre, half)
+
+    def _middle(self, masses: np.ndarray, c: np.ndarray) -> np.ndarray:
+        """(T, 6, R): wrenches of terms (T, 9, R) as they are in the middle."""
+        weight = (masses[:, None] * self._gravity)[:, :, None]
+        moment = np.cross(c[:, :3], self._gravity, axisa=1, axisc=1)
+        return np.concatenate([weight + c[:, 3:6], moment + c[:, 6:]], axis=1)
 
     # --- what is worst ------------------------------------------------------------------------------------
 
@@ -308,3 +287,16 @@ class Within:
         inside = (along < 0) & (across * np.cos(self._tilt) <= -along * np.sin(self._tilt))
         rim = along * np.cos(self._tilt) - across * np.sin(self._tilt)
         return np.where(inside, -np.hypot(along, across), rim)
+
+
+def _wrench(sizes: np.ndarray, gravity: np.ndarray, pace: float, masses: np.ndarray) -> np.ndarray:
+    """(T, 6, R): what wrenches of terms can be at most, whose numbers are at most sizes (T, 9, R)."""
+    force = pace * sizes[:, 3:6] + (masses[:, None] * gravity)[:, :, None]
+    moment = np.stack([_around(lever, gravity) for lever in sizes[:, :3]])
+    return np.concatenate([force, pace * sizes[:, 6:] + moment], axis=1)
+
+
+def _around(lever: np.ndarray, force: np.ndarray) -> np.ndarray:
+    """What moments (3, R) can be at most, of levers (3, R) and a force (3,) at most."""
+    (x, y, z), (a, b, c) = lever, force
+    return np.stack([y * c + z * b, z * a + x * c, x * b + y * a])
