@@ -26,6 +26,7 @@ FLOORS = [
     "certificate",
     "motion",
     "retiming",
+    "measured",
     "placement",
     "published",
     "task_files",

@@ -32,6 +32,7 @@ ARGUMENTS = {
     "view": ["a.toml"],
     "export": ["plan"],
     "simulate": ["plan"],
+    "compare": ["recording.csv", "plan"],
     "report": ["plan"],
 }
 NAMES = [command.name for command in COMMANDS]

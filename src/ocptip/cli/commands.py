@@ -314,6 +314,28 @@ COMMANDS = (
         ),
     ),
     Command(
+        "compare",
+        "a recording of a machine beside its plan: errors, and what would explain them",
+        "Compares a recording with the plan that was run: joints, gripper, torques, force-torque sensor, "
+        "power, base; finds which masses, frictions, delays, elasticities or signals are not as described.",
+        "0 nothing was found that is not as described, 1 something was",
+        (
+            argument("recording", "RECORDING.csv", "what was measured (names of columns: docs/compare.md)"),
+            argument("plan", "PLAN_DIR", "folder of the plan that was run"),
+            argument("--unit", None, "of angles in columns that do not say it", choices=("deg", "rad")),
+            argument(
+                "--same-clock",
+                None,
+                "time 0 of the recording is the begin of the motion (default: what most joints say)",
+                action="store_true",
+            ),
+            argument(
+                "--level", "P", "probability of any finding where all is as described (0.001)", type=float
+            ),
+            argument("--plot", "FILE", "draw both into a .png, .pdf or .svg file"),
+        ),
+    ),
+    Command(
         "report",
         "one document: machine, assumptions, load cases, worst cases, tolerated quantities",
         "Checks a plan, or the poses of a task, anew, and writes one HTML page (or PDF) for the safety file.",

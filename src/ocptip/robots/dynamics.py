@@ -69,16 +69,17 @@ def newton_euler(
     about: cs.SX,
     *,
     scales: cs.SX | None = None,
+    shifts: cs.SX | None = None,
     carried: Sequence[tuple[cs.SX, cs.SX, np.ndarray]] = (),
     spin: cs.SX | None = None,
     spin_change: cs.SX | None = None,
 ) -> tuple[cs.SX, cs.SX]:
     """The recursion as expressions; arguments and results as in :func:`inverse_dynamics`.
 
-    Further, `scales` (links,): factors of the links' masses and inertias; `carried`: bodies fixed to the last
-    link, each with mass, centre of mass (3,) and inertia (3, 3) about it in that link's frame. A base that
-    turns has a `spin` (rad/s) and its change (rad/s^2), (3,) in base axes; Q_1 is then accelerated by minus
-    `gravity`.
+    Further, `scales` (links,): factors of the links' masses and inertias; `shifts` (3, links): of their
+    centres of mass, m, in their frames; `carried`: bodies fixed to the last link, each with mass, centre of
+    mass (3,) and inertia (3, 3) about it in that link's frame. A base that turns has a `spin` (rad/s) and its
+    change (rad/s^2), (3,) in base axes; Q_1 is then accelerated by minus `gravity`.
     """
     count, values = model.links, joint_values(model, q)
     speeds, changes = joint_rates(model, qd), joint_rates(model, qdd)
@@ -104,6 +105,8 @@ def newton_euler(
         mass = model.masses[index]
         if scales is not None:
             mass, inertia = scales[index] * mass, scales[index] * inertia
+        if shifts is not None:
+            centre = centre + shifts[:, index]
         f, m = cs.SX.zeros(3), cs.SX.zeros(3)  # about Q_i
         for own, place, tensor in ((mass, centre, inertia), *(carried if index == count - 1 else ())):
             inertial = own * (acceleration + _rotating(omega, domega, place))  # (2.35)
@@ -125,6 +128,33 @@ def newton_euler(
     torque = [driven[i] + model.armature[i] * qdd[i] for i in range(model.n)]  # (2.44)
     arm = cs.SX(model.mount_position) + levers[0] - about
     return cs.vertcat(*torque), cs.vertcat(-F, -M - cs.cross(arm, F))
+
+
+@lru_cache(maxsize=_CACHED_MODELS)
+def mass_sensitivities(model: ArmModel) -> BatchFunction:
+    """Loads without process for other masses and centres of mass, and what they change per unit of each.
+
+    In: `q`, `qd`, `qdd` (n,); `gravity` (3,), `about` (3,) as in :func:`inverse_dynamics`; `changes`
+    (4 L + 1,): relative changes of the links' masses and inertias, shifts of their centres of mass (x, y, z
+    of link 1, of link 2, ...), m, link frames, and a point mass at the gripper point, kg. Out: `loads`
+    (n + 6,): torques, then the wrench on the base; `slopes` (n + 6, 4 L + 1).
+    """
+    q, qd, qdd = (cs.SX.sym(name, model.n) for name in ("q", "qd", "qdd"))
+    gravity, about = cs.SX.sym("gravity", 3), cs.SX.sym("about", 3)
+    count = model.links
+    changes = cs.SX.sym("changes", 4 * count + 1)
+    none = cs.SX.zeros(3)
+    torque, wrench = newton_euler(
+        model, q, qd, qdd, gravity, none, none, about,
+        scales=1 + changes[:count],
+        shifts=cs.reshape(changes[count:-1], 3, count),
+        carried=[(changes[-1], cs.SX(model.offsets[-1]), np.zeros((3, 3)))],
+    )  # fmt: skip
+    loads = cs.vertcat(torque, wrench)
+    outputs = [loads, cs.jacobian(loads, changes)]
+    names = ["q", "qd", "qdd", "gravity", "about", "changes"], ["loads", "slopes"]
+    inputs = [q, qd, qdd, gravity, about, changes]
+    return BatchFunction(cs.Function("mass_sensitivities", inputs, outputs, *names))
 
 
 @lru_cache(maxsize=_CACHED_MODELS)

@@ -81,7 +81,7 @@ def columns_of(
     Raises:
         InputError: no time, a joint without position, a quantity twice, or a missing unit.
     """
-    time, second = _time(header)
+    time, second = time_column(header)
     numbered = [c for k, text in enumerate(header) if (c := _numbered(k, text))]
     named = [c for k, text in enumerate(header) if (c := _named(k, text, names))]
     if any(column.kind == POSITION for column in named) or not numbered:
@@ -106,8 +106,12 @@ def columns_of(
     return Columns(time, second, joints, own_units)
 
 
-def _time(header: Sequence[str]) -> tuple[int, float]:
-    """Column of the time, and s per unit of it."""
+def time_column(header: Sequence[str]) -> tuple[int, float]:
+    """Column of the time in a header, counted from 0, and s per unit of it.
+
+    Raises:
+        InputError: there is none, or several.
+    """
     found = [(k, match) for k, text in enumerate(header) if (match := _TIME.fullmatch(text))]
     exact = [pair for pair in found if header[pair[0]] == "time_s"]
     if len(exact or found) != 1:

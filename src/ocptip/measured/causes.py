@@ -1,0 +1,162 @@
+"""What may be different from what was described, and what each would change in which signal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ocptip.measured.clocks import FOLLOWING
+from ocptip.measured.prediction import Predictor, State
+from ocptip.measured.recording import ANGLE, GRIPPER, POWER, SPEED, TORQUE, WRENCH, Signal
+
+CLOCK = 0
+"""Number of the cause that is no cause: all signals are later than is thought."""
+
+_LAGS = {TORQUE: "torques", WRENCH: "force-torque sensor", POWER: "power"}
+
+
+@dataclass(frozen=True)
+class Possible:
+    """Something that may be different.
+
+    Attributes:
+        kind, name, unit: see `signals.Finding`.
+        scale: unit per SI unit.
+    """
+
+    kind: str
+    name: str
+    unit: str
+    scale: float = 1.0
+
+
+def of_motion(predictor: Predictor, signals: Sequence[Signal]) -> list[Possible]:
+    """What angles, or speeds, and the gripper may show."""
+    robot = predictor.robot
+    found = [Possible("clock", "clock", "ms", 1e3)]
+    found += [Possible("delay", f"delay of {name}", "ms", 1e3) for name in robot.names]
+    scales = [("mdeg/Nm", 180e3 / np.pi) if unit == "rad" else ("mm/N", 1e3) for unit in robot.units]
+    for where in ("", ", not seen by its encoder"):
+        found += [
+            Possible("elasticity", f"elasticity of {name}{where}", *scale)
+            for name, scale in zip(robot.names, scales, strict=True)
+        ]
+    found += [Possible("elasticity", f"damping of {name}", "%", 100.0) for name in robot.names]
+    for one in signals:
+        unit = ("mm", 1e3) if one.kind == GRIPPER or robot.units[one.index] == "m" else ("deg", 180 / np.pi)
+        found.append(Possible("zero", f"{one.name} shifted", unit[0] + "/s" * (one.kind == SPEED), unit[1]))
+    return found
+
+
+def columns_of_motion(
+    predictor: Predictor,
+    signals: Sequence[Signal],
+    k: int,
+    state: State,
+    bent: np.ndarray,
+    damped: np.ndarray,
+) -> np.ndarray:
+    """(N, K) what each cause of `of_motion` changes in signal k.
+
+    `bent` and `damped` (N, n, n): what bends of joints, and dampings of their springs, change in all.
+    """
+    one, n = signals[k], predictor.robot.n
+    found = np.zeros((len(state.q), 1 + 4 * n + len(signals)))
+    if one.kind == GRIPPER:
+        J = predictor.gripper(state.q)[1][:, one.index]
+        late = -J * state.qd
+        bends, rates = (np.einsum("ni,nij->nj", J, own) for own in (bent, damped))
+        found[:, 1 + 2 * n : 1 + 3 * n] = bends
+    else:
+        late = -(state.qd if one.kind == ANGLE else state.qdd) * (np.arange(n) == one.index)
+        bends, rates = ((one.kind == ANGLE) * own[:, one.index] for own in (bent, damped))
+    found[:, CLOCK] = late.sum(axis=1)
+    found[:, 1 : 1 + n], found[:, 1 + n : 1 + 2 * n] = late, bends
+    found[:, 1 + 3 * n : 1 + 4 * n] = rates
+    found[:, 1 + 4 * n + k] = 1.0
+    return found
+
+
+def of_loads(predictor: Predictor, signals: Sequence[Signal]) -> list[Possible]:
+    """What torques, force-torque sensor and power may show."""
+    robot, links = predictor.robot, range(1, predictor.robot.arm.links + 1)
+    found = [Possible("clock", "clock", "ms", 1e3)]
+    found += [Possible("mass", f"mass of link {k}", "%", 100.0) for k in links]
+    found += [
+        Possible("centre of mass", f"centre of mass of link {k}, {x}", "mm", 1e3)
+        for k in links
+        for x in "xyz"
+    ]
+    found.append(Possible("mass", "mass at the gripper", "kg"))
+    for word in ("Coulomb", "viscous"):
+        for name, unit, rate in zip(robot.names, robot.motor_units, robot.units, strict=True):
+            per = f" s/{rate}" if word == "viscous" else ""
+            found.append(Possible("friction", f"{word} friction of {name}", f"{unit}{per}"))
+    found += [
+        Possible("losses", f"friction of {name} in its power", unit)
+        for name, unit in zip(robot.names, robot.motor_units, strict=True)
+    ]
+    found += [Possible("delay", f"delay of {name}", "ms", 1e3) for name in _LAGS.values()]
+    found += [Possible("zero", f"{one.name} shifted", _unit(predictor, one)) for one in signals]
+    return found
+
+
+def _unit(predictor: Predictor, one: Signal) -> str:
+    if one.kind == TORQUE:
+        return predictor.robot.motor_units[one.index]
+    return "W" if one.kind == POWER else "N" if one.index < 3 else "N m"
+
+
+def lag_column(predictor: Predictor, kind: str) -> int:
+    """Number of the delay of a kind of signals among `of_loads`."""
+    return 1 + (4 * predictor.robot.arm.links + 1) + 3 * predictor.robot.n + list(_LAGS).index(kind)
+
+
+def mass_columns(predictor: Predictor) -> slice:
+    """Numbers of masses and centres of mass among `of_loads`."""
+    return slice(1, 2 + 4 * predictor.robot.arm.links)
+
+
+def columns_of_loads(
+    predictor: Predictor, signals: Sequence[Signal], k: int, state: State, later: np.ndarray
+) -> np.ndarray:
+    """(N, K) what each cause of `of_loads` changes in signal k; `later` (N,) is minus its slope over time."""
+    one, n, links = signals[k], predictor.robot.n, predictor.robot.arm.links
+    first = 2 + 4 * links  # of the frictions
+    found = np.zeros((len(state.q), first + 3 * n + len(_LAGS) + len(signals)))
+    turning = np.sign(state.drives)
+    if one.kind == TORQUE:
+        found[:, mass_columns(predictor)] = state.slopes[:, one.index]
+        found[:, first + one.index] = turning[:, one.index]
+        found[:, first + n + one.index] = state.drives[:, one.index]
+    elif one.kind == WRENCH:
+        found[:, mass_columns(predictor)] = state.slopes[:, n + one.index]
+    else:
+        drives = np.arange(n) if one.index == 0 else np.array([one.index - 1])
+        slopes = predictor.power_slopes(state)[:, drives]
+        found[:, mass_columns(predictor)] = np.einsum("nj,njk->nk", slopes, state.slopes[:, drives])
+        found[:, first + 2 * n + drives] = slopes * turning[:, drives]
+    found[:, CLOCK] = found[:, lag_column(predictor, one.kind)] = later
+    found[:, first + 3 * n + len(_LAGS) + k] = 1.0
+    return found
+
+
+def moving(signals: Sequence[Signal]) -> list[Signal]:
+    """Those of the motion: angles, or speeds where there are none, and the gripper."""
+    angles = [one for one in signals if one.kind == ANGLE]
+    known = {one.index for one in angles}
+    speeds = [one for one in signals if one.kind == SPEED and one.index not in known]
+    return [*angles, *speeds, *(one for one in signals if one.kind == GRIPPER)]
+
+
+def loaded(signals: Sequence[Signal]) -> list[Signal]:
+    """Those of loads; powers of single drives where there is no total."""
+    total = any(one.kind == POWER and one.index == 0 for one in signals)
+    return [
+        one for one in signals if one.kind in _LAGS and not (one.kind == POWER and total and one.index > 0)
+    ]
+
+
+assert set(_LAGS) <= set(FOLLOWING)

@@ -1,0 +1,229 @@
+"""What a recording of a planned motion should show, also of a robot that differs a little."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from ocptip.basics.errors import InputError
+from ocptip.measured.recording import ANGLE, BASE, GRIPPER, POWER, SHIFT, SPEED, TORQUE, WRENCH
+from ocptip.robots.dynamics import mass_sensitivities
+from ocptip.robots.kinematics import gripper_batch
+from ocptip.standing.arm import StandingRobot
+from ocptip.standing.mechanism import StandingMechanism
+from ocptip.trajectories.sampled import Motion
+
+DAMPING = 0.05
+"""Ratio with which the search for that of springs begins."""
+
+_FAR = 1.0  # rad, m: no spring of a joint bends so far
+_STEP = 5e-4  # s, of springs
+_DIFFERENCE = 1e-3  # N m: step of the power's slope over torques
+
+
+@dataclass(frozen=True, eq=False)
+class Elasticity:
+    """Of the joints.
+
+    Attributes:
+        bends: (n,), rad / N m; 0 where a joint is stiff.
+        damping: (n,), ratio for each joint by itself, the others being stiff, at the begin of the motion.
+        seen: (n,) True where the encoder is behind the spring.
+    """
+
+    bends: np.ndarray
+    damping: np.ndarray
+    seen: np.ndarray
+
+    @classmethod
+    def none(cls, n: int) -> Elasticity:
+        """Of stiff joints."""
+        return cls(np.zeros(n), np.full(n, DAMPING), np.ones(n, dtype=bool))
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """The robot at N instants, as planned.
+
+    Attributes:
+        q, qd, qdd: (N, n), of the links.
+        encoders: (N, n), what encoders of the joints show.
+        drives: (N, n), rad/s, speeds of the drives, which are in front of springs.
+        torques: (N, n), N m.
+        wrenches: (N, 6), on the sensor.
+        slopes: (N, n + 6, 4 L + 1), of torques and wrenches, see `robots.dynamics.mass_sensitivities`.
+    """
+
+    q: np.ndarray
+    qd: np.ndarray
+    qdd: np.ndarray
+    encoders: np.ndarray
+    drives: np.ndarray
+    torques: np.ndarray
+    wrenches: np.ndarray
+    slopes: np.ndarray
+
+
+class Predictor:
+    """What signals should be.
+
+    Args:
+        robot: an arm on its base.
+        motion: of it, as planned.
+
+    Raises:
+        InputError: a parallel robot.
+    """
+
+    def __init__(self, robot: StandingMechanism, motion: Motion) -> None:
+        if not isinstance(robot, StandingRobot):
+            raise InputError(f"only recordings of arms are compared, not of a {robot.kind}")
+        self.robot, self.motion = robot, motion
+        self._linear, self._swings = lru_cache(4)(self._linearised), lru_cache(4)(self._swung)
+
+    def states(self, times: np.ndarray, delays: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(N, n) each, at times (N,), s, of the motion, each joint late by its own; at rest outside."""
+        found = [np.empty((len(times), self.robot.n)) for _ in range(3)]
+        for delay in np.unique(delays):
+            own = times - delay
+            moving = (own >= 0) & (own <= self.motion.end)
+            states = self.motion.states(np.clip(own, 0.0, self.motion.end))
+            for k, (into, values) in enumerate(zip(found, states, strict=True)):
+                still = values if k == 0 else np.where(moving[:, None], values, 0.0)
+                into[:, delays == delay] = still[:, delays == delay]
+        return found[0], found[1], found[2]
+
+    def events(self, delays: np.ndarray) -> np.ndarray:
+        """Times, s, at which accelerations may jump."""
+        return np.unique(self.motion.event_times[:, None] + np.unique(np.append(delays, 0.0)))
+
+    def state(
+        self, times: np.ndarray, delays: np.ndarray, changes: np.ndarray, elastic: Elasticity | None = None
+    ) -> State:
+        """The robot at times, s, of the motion, with other masses, see `mass_sensitivities`, and springs."""
+        robot, sensor = self.robot, self.robot.sensor
+        q, qd, qdd = self.states(times, delays)
+        encoders, drives = q, qd
+        if elastic is not None and (elastic.bends > 0).any():
+            bent, rate, change = self.swing(times, delays, changes, elastic)
+            encoders = q + np.where(elastic.seen, bent, 0.0)
+            q, qd, qdd = q + bent, qd + rate, qdd + change
+        torques, wrenches = robot.loads(q, qd, qdd)
+        seen = sensor.reads(robot.support, wrenches)
+        evaluate = mass_sensitivities(robot.arm)
+        given = (q, qd, qdd, robot.support.gravity, sensor.position)
+        loads, slopes = evaluate(*given, changes)
+        if changes.any():
+            loads = loads - evaluate(*given, 0 * changes)[0]
+            torques = torques + loads[:, : robot.n]
+            seen = seen + loads[:, robot.n :] @ np.kron(np.eye(2), sensor.rotation)
+        turn = np.eye(robot.n + 6)
+        turn[robot.n :, robot.n :] = np.kron(np.eye(2), sensor.rotation.T)
+        return State(q, qd, qdd, encoders, drives, torques, seen, turn @ slopes)
+
+    def swing(
+        self, times: np.ndarray, delays: np.ndarray, changes: np.ndarray, elastic: Elasticity
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(N, n), rad, rad/s, rad/s^2: how the joints' springs bend under the motion, from rest.
+
+        Linear about the motion of the drives: inertia, Coriolis and gravity terms at every instant; average
+        acceleration method.
+        """
+        end = float(np.ceil(10 * max(float(times.max()), self.motion.end)) / 10)
+        given = (delays, changes, elastic.bends, elastic.damping)
+        grid, curves = self._swings(*(values.tobytes() for values in given), end)
+        bent, rate, change = (
+            np.stack([np.interp(times, grid, values) for values in own.T], axis=1) for own in curves
+        )
+        return bent, rate, change
+
+    def _swung(
+        self, delays: bytes, changes: bytes, bends: bytes, damping: bytes, end: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Times (T,) and how joints bend, speeds and accelerations of that, (3, T, n)."""
+        bent, ratio = np.frombuffer(bends), np.frombuffer(damping)
+        springs = np.flatnonzero(bent > 0)
+        grid, torques, M, C, G = self._linear(delays, changes, tuple(springs), end)
+        stiffness = 1 / bent[springs]
+        rates = 2 * ratio[springs] * np.sqrt(stiffness * np.abs(np.diagonal(M[0])))
+        K, C = G + np.diag(stiffness), C + np.diag(rates)
+        found = np.zeros((3, len(grid), self.robot.n))
+        with np.errstate(over="ignore", invalid="ignore"):
+            own = _integrated(grid[1] - grid[0], M, C, K, -torques)
+        if np.isfinite(own).all() and np.abs(own[0]).max() < _FAR:  # else no springs: the arm would fall
+            found[:, :, springs] = own
+        return grid, found
+
+    def _linearised(
+        self, delays: bytes, changes: bytes, springs: tuple[int, ...], end: float
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Times, torques of springs, and their slopes over accelerations, speeds and angles there."""
+        late, changed = np.frombuffer(delays), np.frombuffer(changes)
+        grid = np.arange(min(0.0, float(late.min())), end + _STEP, _STEP)
+        states = self.states(grid, late)
+        own = list(springs)
+
+        def needed(k: int = 0, j: int = 0, step: float = 0.0) -> np.ndarray:
+            given = list(states)
+            given[k] = given[k] + step * (np.arange(self.robot.n) == j)
+            return self._torques(given[0], given[1], given[2], changed)[:, own]
+
+        torques = needed()
+        M, C, G = (
+            np.stack([(needed(k, j, step) - torques) / step for j in own], axis=-1)
+            for k, step in ((2, 1.0), (1, 1e-3), (0, 1e-5))
+        )
+        return grid, torques, M, C, G
+
+    def _torques(self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, changes: np.ndarray) -> np.ndarray:
+        found = self.robot.loads(q, qd, qdd)[0]
+        if changes.any():
+            evaluate = mass_sensitivities(self.robot.arm)
+            given = (q, qd, qdd, self.robot.support.gravity, np.zeros(3))
+            loads = [evaluate(*given, own)[0][:, : self.robot.n] for own in (changes, 0 * changes)]
+            found = found + loads[0] - loads[1]
+        return found
+
+    def power(self, state: State) -> np.ndarray:
+        """(N, n), W, of the drives."""
+        motors = self.robot.motors
+        return motors.power(state.torques, self.robot.motor_speeds(state.q, state.drives))
+
+    def power_slopes(self, state: State) -> np.ndarray:
+        """(N, n), W / N m: of the drives' powers over their torques."""
+        speeds = self.robot.motor_speeds(state.q, state.drives)
+        ends = [self.robot.motors.power(state.torques + sign * _DIFFERENCE, speeds) for sign in (0.5, -0.5)]
+        return (ends[0] - ends[1]) / _DIFFERENCE
+
+    def gripper(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Positions (N, 3), m, base frame, and their slopes (N, 3, n) over joint values."""
+        position, _, jacobian = gripper_batch(self.robot.arm)(q)
+        return position, jacobian[:, :3]
+
+    def signal(self, kind: str, index: int, state: State) -> np.ndarray:
+        """(N,) what a signal should be."""
+        if kind == POWER:
+            powers = self.power(state)
+            return powers.sum(axis=1) if index == 0 else powers[:, index - 1]
+        if kind == GRIPPER:
+            return self.gripper(state.q)[0][:, index]
+        if kind in (BASE, SHIFT):
+            return np.zeros(len(state.q))
+        values = {ANGLE: state.encoders, SPEED: state.qd, TORQUE: state.torques, WRENCH: state.wrenches}
+        return values[kind][:, index]
+
+
+def _integrated(dt: float, M: np.ndarray, C: np.ndarray, K: np.ndarray, forces: np.ndarray) -> np.ndarray:
+    """(3, N, k): way, speed and acceleration of M a + C v + K d = f from rest; average acceleration."""
+    inverse = np.linalg.inv(M + dt / 2 * C + dt**2 / 4 * K)
+    found = np.zeros((3, *forces.shape))
+    d, v, a = np.linalg.solve(K[0], forces[0]), np.zeros(forces.shape[1]), np.zeros(forces.shape[1])
+    found[0, 0] = d
+    for k in range(1, len(forces)):
+        speed, way = v + dt / 2 * a, d + dt * v + dt**2 / 4 * a
+        a = inverse[k] @ (forces[k] - C[k] @ speed - K[k] @ way)
+        v, d = speed + dt / 2 * a, way + dt**2 / 4 * a
+        found[0, k], found[1, k], found[2, k] = d, v, a
+    return found

@@ -1,0 +1,263 @@
+"""Recordings of machines: columns of a CSV file, by the names and units of their header.
+
+Known quantities, with a unit at the end of the name, which may be in brackets (`tau1_Nm`, `tau1 [Nm]`):
+
+- time, as for motions: `time_s`, `t`, `timestamp_ms`, ...; s, ms, us, ns
+- joint values: `q1`, `q2`, ..., or `NAME`, `NAME_position`; deg, rad, m
+- joint speeds: `qd1`, ..., `NAME_velocity`; deg_s, rad_s, m_s
+- joint torques, forces: `tau1`, ..., `NAME_effort`, `NAME_torque`; Nm, N
+- force-torque sensor: `fx`, `fy`, `fz`, `mx`, `my`, `mz`, alone or after `SENSOR_`; N, Nm
+- total electric power: `total_power`, `power` in W, or `voltage` and `current` in V and A
+- power of a drive: `power1`, ...; W
+- gripper point: `gripper_x`, `gripper_y`, `gripper_z`; m, mm
+- pose of the base since the start: `base_x`, `base_y`, `base_z`; m, mm; and `base_roll`, `base_pitch`,
+  `base_yaw`; deg, rad
+- tangential shifts of contacts 1, 2, ...: `dx1`, `dy1`, ...; m, mm
+
+NAME is that of a joint, SENSOR that of the task's `[sensor]`. The columns of `motion.csv` are among these.
+Without a unit numbers are SI, but for angles, which must say theirs. All other
+columns are left out, and named. Cells that are empty or `nan` are samples that are missing.
+"""
+
+from __future__ import annotations
+
+import csv
+import os
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ocptip.basics.errors import InputError
+from ocptip.basics.toml import read_text
+from ocptip.standing.mechanism import StandingMechanism
+from ocptip.trajectories.csv_columns import time_column
+
+ANGLE, SPEED, TORQUE, WRENCH, POWER, GRIPPER, BASE, SHIFT = (
+    "angles", "speeds", "torques", "sensor", "power", "gripper", "base", "shifts",
+)  # fmt: skip
+KINDS = (ANGLE, SPEED, TORQUE, WRENCH, POWER, GRIPPER, BASE, SHIFT)
+FEWEST = 50  # samples: statistics of less say nothing
+MOST = 6000  # samples that are looked at: of longer recordings every second, third, ... one
+
+_LENGTH, _TURN = {"m": 1.0, "mm": 1e-3}, {"deg": np.pi / 180, "rad": 1.0}
+_UNITS = {
+    ANGLE: {**_TURN, **_LENGTH},
+    SPEED: {f"{unit}{per}": value for unit, value in {**_TURN, **_LENGTH}.items() for per in ("_s", "/s")},
+    TORQUE: {"Nm": 1.0, "N m": 1.0, "N": 1.0},
+    WRENCH: {"Nm": 1.0, "N m": 1.0, "N": 1.0},
+    POWER: {"W": 1.0, "kW": 1e3, "V": 1.0, "A": 1.0, "mA": 1e-3},
+    GRIPPER: _LENGTH,
+    BASE: {**_LENGTH, **_TURN},
+    SHIFT: _LENGTH,
+}
+_ALL = sorted({unit for units in _UNITS.values() for unit in units}, key=len, reverse=True)
+_WITH_UNIT = re.compile(rf"(?P<body>.+?)[\s_]*[\[(]?(?<![A-Za-z])(?P<unit>{'|'.join(_ALL)})[\])]?")
+_WORDS = {
+    **dict.fromkeys(("position", "pos", "angle", "q"), ANGLE),
+    **dict.fromkeys(("velocity", "vel", "speed", "qd"), SPEED),
+    **dict.fromkeys(("effort", "torque", "force", "tau"), TORQUE),
+}
+_NUMBERED = re.compile(r"(?P<word>q|qd|tau|power)(?P<number>[1-9][0-9]*)")
+_AXES = {name: k for k, name in enumerate(("fx", "fy", "fz", "mx", "my", "mz"))}
+_PLACES = {name: k for k, name in enumerate(("x", "y", "z", "roll", "pitch", "yaw"))}
+_TOTAL, _DRIVE, _VOLTAGE, _CURRENT = "power", "power{}", "voltage", "current"
+
+
+@dataclass(frozen=True, eq=False)
+class Signal:
+    """A column of a recording.
+
+    Attributes:
+        name: without unit: `q1`, `tau2`, `fz`, `power`, `gripper_x`, `base_yaw`, `dx3`.
+        kind: one of `KINDS`.
+        index: within its kind, from 0: joint, axis or contact (twice its number, + 1 for dy); of power 0 for
+            the total and the number of the drive else.
+        values: (N,), SI; nan where the sample is missing.
+    """
+
+    name: str
+    kind: str
+    index: int
+    values: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """What was measured.
+
+    Attributes:
+        times: (N,), s, increasing.
+        signals: what is known of it.
+        unknown: names of columns that are left out.
+        thinned: every so manieth sample of the file is here.
+    """
+
+    times: np.ndarray
+    signals: tuple[Signal, ...]
+    unknown: tuple[str, ...] = ()
+    thinned: int = 1
+
+    @property
+    def period(self) -> float:
+        """Usual distance of samples, s."""
+        return float(np.median(np.diff(self.times)))
+
+    def of(self, kind: str) -> list[Signal]:
+        """Signals of a kind, in their order."""
+        return sorted((s for s in self.signals if s.kind == kind), key=lambda s: s.index)
+
+
+def read_recording(
+    path: str | os.PathLike[str], robot: StandingMechanism, *, unit: str | None = None
+) -> Recording:
+    """Read a recording of a robot.
+
+    Args:
+        path: of the file.
+        robot: gives the names of joints and sensor, and units.
+        unit: "deg" or "rad", of angles that say none.
+
+    Raises:
+        InputError: it cannot be read, or holds no time, nothing known, something twice, a text or too few
+            samples; names file, line and column.
+    """
+    path = Path(path)
+    text = read_text(path)
+    try:
+        return _parsed(text, robot, unit)
+    except InputError as error:
+        raise InputError(error.text, error.path, path.name) from None
+
+
+def _parsed(text: str, robot: StandingMechanism, unit: str | None) -> Recording:
+    lines = [(k, row) for k, row in enumerate(csv.reader(text.splitlines()), 1) if any(map(str.strip, row))]
+    if len(lines) <= FEWEST:
+        raise InputError(f"at least {FEWEST} samples are needed, got {max(len(lines) - 1, 0)}")
+    header = [name.strip() for name in lines[0][1]]
+    time, second = time_column(header)
+    rows = _cells(header, lines)
+    times = second * rows[:, time]
+    if (late := np.flatnonzero(~(np.diff(times) >= 0))).size:
+        raise InputError(f"line {lines[int(late[0]) + 2][0]}: {header[time]} does not increase")
+    last = np.append(np.diff(times) > 0, True)  # of lines with the same time, as in motion.csv
+    times, rows = times[last], rows[last]
+    step = -(-len(rows) // MOST)
+    found: dict[str, Signal] = {}
+    unknown = []
+    for k, title in enumerate(header):
+        if k == time:
+            continue
+        known = _signal(title, robot, unit)
+        if known is None:
+            unknown.append(title)
+            continue
+        name, kind, index, scale = known
+        if name in found:
+            raise InputError(f"header: {title} is {name}, which is there already")
+        found[name] = Signal(name, kind, index, scale * rows[::step, k])
+    signals = tuple(_with_power(found))
+    if not signals:
+        raise InputError(f"header: no known quantity among {', '.join(header)} (see docs/compare.md)")
+    return Recording(times[::step], signals, tuple(unknown), step)
+
+
+def _cells(header: Sequence[str], lines: Sequence[tuple[int, list[str]]]) -> np.ndarray:
+    """All numbers; nan for what is empty, and for columns that hold texts from the first line on."""
+    values = np.full((len(lines) - 1, len(header)), np.nan)
+    for at, (number, row) in enumerate(lines[1:]):
+        if len(row) != len(header):
+            raise InputError(f"line {number}: expected {len(header)} values as in the header, got {len(row)}")
+        for k, cell in enumerate(row):
+            try:
+                values[at, k] = float(cell) if cell.strip() else np.nan
+            except ValueError:
+                if at and np.isfinite(values[at - 1, k]):
+                    raise InputError(
+                        f"line {number}, {header[k]}: expected a number, got {cell.strip()!r}"
+                    ) from None
+    values[~np.isfinite(values)] = np.nan
+    return values
+
+
+def _signal(title: str, robot: StandingMechanism, unit: str | None) -> tuple[str, str, int, float] | None:
+    """Name, kind, index and SI unit per unit of a column; None if it is not known."""
+    match = _WITH_UNIT.fullmatch(title)
+    for body, own in (((match["body"], match["unit"]),) if match else ()) + ((title, ""),):
+        known = _known(body.strip(" _"), robot.names, robot.sensor.name)
+        if known is None:
+            continue
+        name, kind, index = known
+        if own and own not in _UNITS[kind]:
+            continue
+        return name, kind, index, _scale(title, kind, index, own, robot.units, unit)
+    return None
+
+
+def _scale(title: str, kind: str, index: int, own: str, units: Sequence[str], unit: str | None) -> float:
+    """SI unit per unit of a column."""
+    turns = kind == BASE and index >= 3
+    slides = (kind in (ANGLE, SPEED) and units[index] == "m") or (kind == BASE and not turns)
+    turns = turns or (kind in (ANGLE, SPEED) and not slides)
+    if not own and turns:
+        if unit is None:
+            raise InputError(
+                f"header: {title} says neither degrees nor radians; give --unit deg or --unit rad, or call "
+                f"it {title}_deg"
+            )
+        return _TURN[unit]
+    base = own.split("_")[0].split("/")[0]
+    if own and ((turns and base not in _TURN) or (slides and base not in _LENGTH)):
+        raise InputError(f"header: {title}: expected {'degrees or radians' if turns else 'a length'}")
+    return _UNITS[kind][own] if own else 1.0
+
+
+def _known(body: str, names: Sequence[str], sensor: str) -> tuple[str, str, int] | None:
+    """Name, kind and index of a column without its unit."""
+    if (match := _NUMBERED.fullmatch(body)) is not None:
+        number = int(match["number"])
+        kind = {"q": ANGLE, "qd": SPEED, "tau": TORQUE, "power": POWER}[match["word"]]
+        if number > len(names):
+            return None
+        return body, kind, number if kind == POWER else number - 1
+    low = body.lower()
+    axis = low.removeprefix(f"{sensor.lower()}_")
+    if axis in _AXES:
+        return axis, WRENCH, _AXES[axis]
+    if low in (_TOTAL, "total_power"):
+        return _TOTAL, POWER, 0
+    if low in (_VOLTAGE, _CURRENT):
+        return low, POWER, -1
+    for kind, word in ((GRIPPER, "gripper_"), (BASE, "base_")):
+        place = low.removeprefix(word)
+        if place != low and place in _PLACES and not (kind == GRIPPER and _PLACES[place] > 2):
+            return low, kind, _PLACES[place]
+    if (match := re.fullmatch(r"d([xy])([1-9][0-9]*)", low)) is not None:
+        return low, SHIFT, 2 * (int(match[2]) - 1) + (match[1] == "y")
+    return _of_joint(body, names)
+
+
+def _of_joint(body: str, names: Sequence[str]) -> tuple[str, str, int] | None:
+    """Of a joint's name, alone or with a word for the quantity before or after it."""
+    short = {ANGLE: "q", SPEED: "qd", TORQUE: "tau"}
+    for joint, name in enumerate(names):
+        match = re.fullmatch(rf"(?:(?P<a>.*)[./\s_])?{re.escape(name)}(?:[./\s_](?P<b>\w+))?", body)
+        if match is None:
+            continue
+        before = re.split(r"[./\s_]+", (match["a"] or "").strip("./_ "))[-1].lower()
+        after = (match["b"] or "").lower()
+        word = after or before
+        if word in _WORDS or not word or (not after and body.startswith("/")):
+            kind = _WORDS.get(word, ANGLE)
+            return f"{short[kind]}{joint + 1}", kind, joint
+    return None
+
+
+def _with_power(found: dict[str, Signal]) -> Iterator[Signal]:
+    """The signals; voltage times current as the total power, if that is not there."""
+    voltage, current = found.pop(_VOLTAGE, None), found.pop(_CURRENT, None)
+    yield from found.values()
+    if _TOTAL not in found and voltage is not None and current is not None:
+        yield Signal(_TOTAL, POWER, 0, voltage.values * current.values)

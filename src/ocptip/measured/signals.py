@@ -1,0 +1,157 @@
+"""What is wrong with signals by themselves: missing, dead, clipped, noisy."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from ocptip.measured.recording import ANGLE, SPEED, TORQUE, WRENCH, Recording, Signal
+
+_NORMAL = 1.4826  # standard deviation over median deviation
+_TIES = 3  # samples at the very end of a signal's range from which it may be clipped
+_TOGETHER = {ANGLE: "q{}", SPEED: "qd{}", TORQUE: "tau{}"}
+_SENSOR = ("fx", "fy", "fz", "mx", "my", "mz")
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something that is not as described.
+
+    Attributes:
+        kind: "mass", "centre of mass", "friction", "losses", "delay", "elasticity", "zero", "missing",
+            "dead", "clipped", "noisy" or "base".
+        name: what: `mass of link 3`, `Coulomb friction of elbow`, `fz clipped`, ...
+        value: its size, nan where there is none.
+        interval: half width of its 95 % interval, in the same unit; nan where there is none.
+        unit: of both, as people read it.
+        explained: share of what would be left over without it, in squares; nan where that means nothing.
+        rivals: names of what would explain the same as well, as far as the noise lets that be told.
+        text: what else is to be said.
+    """
+
+    kind: str
+    name: str
+    value: float = float("nan")
+    interval: float = float("nan")
+    unit: str = ""
+    explained: float = float("nan")
+    rivals: tuple[str, ...] = ()
+    text: str = ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data."""
+        return {**vars(self), "rivals": list(self.rivals)}
+
+
+def quantum(values: np.ndarray) -> float:
+    """Least step between values that occur; 0 if there is but one."""
+    steps = np.diff(np.unique(values[np.isfinite(values)]))
+    return float(steps.min()) if len(steps) else 0.0
+
+
+def resolution(values: np.ndarray) -> float:
+    """Least noise of a signal: of its rounding, and a millionth of its greatest size."""
+    return max(quantum(values) / np.sqrt(12), 1e-6 * float(np.nanmax(np.abs(values), initial=0.0)), 1e-12)
+
+
+def noise_of(residuals: np.ndarray, kept: np.ndarray) -> float:
+    """Standard deviation of white noise, by third differences: what is smooth over four samples is none.
+
+    By their median, so that single jumps count little; 0 where most samples are smooth to the last digit.
+    """
+    together = kept[:-3] & kept[1:-2] & kept[2:-1] & kept[3:]
+    differences = np.diff(np.where(kept, residuals, 0.0), 3)[together] / np.sqrt(20)
+    if not len(differences):
+        return 0.0
+    return float(stats.median_abs_deviation(differences)) * _NORMAL
+
+
+def absent(recording: Recording, joints: int) -> list[Finding]:
+    """Signals that are not there though others of their kind are, and samples that are missing."""
+    found = []
+    for kind, title in _TOGETHER.items():
+        there = {s.index for s in recording.of(kind)}
+        if there:
+            names = [title.format(k + 1) for k in range(joints) if k not in there]
+            found += [Finding("missing", f"{name} missing", text="is not recorded") for name in names]
+    there = {s.index for s in recording.of(WRENCH)}
+    if there:
+        lacking = [name for k, name in enumerate(_SENSOR) if k not in there]
+        found += [Finding("missing", f"{name} missing", text="is not recorded") for name in lacking]
+    for one in recording.signals:
+        if count := int(np.isnan(one.values).sum()):
+            gone = recording.times[np.isnan(one.values)]
+            text = f"{count} of {len(one.values)} samples, {gone[0]:.4g} to {gone[-1]:.4g} s"
+            share = 100 * count / len(one.values)
+            found.append(Finding("missing", f"{one.name} missing", share, unit="%", text=text))
+    return found
+
+
+def dead(one: Signal, predicted: np.ndarray) -> bool:
+    """Whether a signal never changes though it should."""
+    values = one.values[np.isfinite(one.values)]
+    moves = np.ptp(predicted) > 1e-6 * max(float(np.abs(predicted).max()), 1e-300)
+    return len(values) == 0 or (not np.ptp(values) and bool(moves))
+
+
+def clipped(one: Signal, predicted: np.ndarray, level: float) -> np.ndarray:
+    """(N,) True where a signal stays at an end of its range beyond which it should go.
+
+    At least three samples are exactly there. Either so many cannot be there by chance, noise and rounding
+    being as they are; or what the others and the prediction lead to expect is beyond it on average by more
+    than the scatter of the others explains.
+    """
+    y = one.values
+    found = np.zeros(len(y), dtype=bool)
+    good = np.isfinite(y)
+    for sign in (1.0, -1.0):
+        top = np.max(sign * y[good])
+        at = good & (sign * y >= top)
+        rest = good & ~at
+        if at.sum() < _TIES or rest.sum() < 10:
+            continue
+        by_chance = good.sum() * min(1.0, quantum(y) / (np.sqrt(2 * np.pi) * max(noise_of(y, good), 1e-300)))
+        if stats.poisson.sf(at.sum() - 1, by_chance) < level:
+            found |= at
+            continue
+        X = np.column_stack([np.ones_like(predicted), predicted])
+        size = np.linalg.lstsq(X[rest], y[rest], rcond=None)[0]
+        spread = float(np.std(y[rest] - X[rest] @ size))
+        beyond = float(np.mean(sign * (X[at] @ size) - top))
+        if beyond > float(stats.norm.isf(level)) * spread + quantum(y):
+            found |= at
+    return found
+
+
+def noisy(noises: Mapping[str, float], groups: Sequence[Sequence[str]], level: float) -> list[Finding]:
+    """Signals that are noisier than the others of their kind, by how much those differ.
+
+    Logarithms of the noise, each studentised by the other signals of its group (forces and moments each
+    about their own mean). Groups of less than four signals say nothing.
+    """
+    found = []
+    for names in groups:
+        own = [name for name in names if noises.get(name, 0.0) > 0]
+        if len(own) < 4:
+            continue
+        logs = np.log([noises[name] for name in own])
+        parts = np.array([name[0] == "m" for name in own])
+        for k, name in enumerate(own):
+            rest = np.arange(len(own)) != k
+            same = rest & (parts == parts[k])
+            freedom = rest.sum() - len(set(parts[rest]))
+            if not same.any() or freedom < 1:
+                continue
+            means = {part: logs[rest & (parts == part)].mean() for part in set(parts[rest])}
+            away = np.array([logs[j] - means[parts[j]] for j in np.flatnonzero(rest)])
+            spread = max(float(np.sqrt(np.sum(away**2) / freedom)), 1e-6)
+            excess = logs[k] - logs[same].mean()
+            t = excess / (spread * np.sqrt(1 + 1 / same.sum()))
+            if stats.t.sf(t, freedom) < level:
+                factor = float(np.exp(excess))
+                found.append(Finding("noisy", f"{name} noisy", factor, unit="times the others of its kind"))
+    return found

@@ -1,0 +1,93 @@
+"""Figure of a recording beside the plan that was run."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ocptip.basics.write import atomic_file
+from ocptip.measured.comparison import Compared, Comparison
+from ocptip.measured.prediction import Predictor
+from ocptip.measured.recording import ANGLE, POWER, TORQUE, WRENCH
+from ocptip.pictures.frame import COLORS, new_figure
+
+
+def save_comparison(path: str | os.PathLike[str], found: Comparison, predictor: Predictor, name: str) -> Path:
+    """Draw a comparison into a .png, .pdf or .svg file.
+
+    Raises:
+        OSError: it cannot be written; names it.
+    """
+    path = Path(path)
+    with atomic_file(path) as stream:
+        comparison_figure(found, predictor, name).savefig(stream, format=path.suffix[1:].lower(), dpi=130)
+    return path
+
+
+def comparison_figure(found: Comparison, predictor: Predictor, name: str) -> Figure:
+    """The same as a matplotlib figure: errors of joints, loads measured (dots) and predicted, the rest."""
+    in_degrees = [180 / np.pi if unit == "rad" else 1e3 for unit in predictor.robot.units]
+    kinds = {
+        kind: [one for one in found.signals if one.kind == kind] for kind in (ANGLE, TORQUE, WRENCH, POWER)
+    }
+    kinds[POWER] = [one for one in kinds[POWER] if one.index == 0]
+    forces = [one for one in kinds[WRENCH] if one.index < 3]
+    moments = [one for one in kinds[WRENCH] if one.index >= 3]
+    figure = new_figure(11, 12)
+    axes = figure.subplots(5, 2, sharex=True, width_ratios=(3, 2))
+    groups = (
+        ("torque [N m]", kinds[TORQUE]),
+        ("force [N]", forces),
+        ("moment [N m]", moments),
+        ("power [W]", kinds[POWER]),
+    )
+    _errors(axes[0, 0], kinds[ANGLE], found.times, in_degrees)
+    _deviation(axes[0, 1], found)
+    for (left, right), (title, signals) in zip(axes[1:], groups, strict=True):
+        _pair(left, right, title, signals, found.times)
+    for ax in axes.flat:
+        ax.grid(axis="y", color="#ececec", lw=0.8)
+        ax.set_axisbelow(True)
+        ax.axvspan(0, predictor.motion.end, color="#f4f7fb", zorder=-1, lw=0)
+    for ax in axes[-1]:
+        ax.set_xlabel("time of the motion [s]")
+    count = len(found.findings)
+    verdict = "agrees with the plan" if not count else f"{count} finding{'s' if count > 1 else ''}"
+    figure.suptitle(f"{name}, recorded: {verdict}", fontsize=13, fontweight="bold")
+    return figure
+
+
+def _errors(ax: Any, signals: list[Compared], times: np.ndarray, scales: list[float]) -> None:
+    for k, one in enumerate(signals):
+        away = scales[one.index] * (one.measured - one.predicted)
+        ax.plot(times, away, color=COLORS[k % len(COLORS)], lw=0.9, label=one.name, gid=f"error-{one.name}")
+    ax.set_ylabel("joint error [deg, mm]")
+    _legend(ax, signals)
+
+
+def _deviation(ax: Any, found: Comparison) -> None:
+    if found.gripper is not None:
+        ax.plot(found.times, 1e3 * found.gripper, color=COLORS[0], lw=0.9, gid="gripper")
+    ax.set_ylabel("gripper deviation [mm]")
+
+
+def _pair(left: Any, right: Any, title: str, signals: list[Compared], times: np.ndarray) -> None:
+    for k, one in enumerate(signals):
+        color = COLORS[k % len(COLORS)]
+        left.plot(times, one.measured, ".", color=color, ms=1.5, alpha=0.5, gid=f"measured-{one.name}")
+        left.plot(times, one.predicted, color=color, lw=1.0, label=one.name, gid=f"predicted-{one.name}")
+        right.plot(times, one.measured - one.predicted, color=color, lw=0.8, gid=f"rest-{one.name}")
+    left.set_ylabel(title)
+    right.set_ylabel("measured - predicted")
+    _legend(left, signals)
+
+
+def _legend(ax: Any, signals: list[Compared]) -> None:
+    if signals:
+        ax.legend(frameon=False, fontsize=7.5, ncols=3)
+    else:
+        ax.text(0.5, 0.5, "not recorded", transform=ax.transAxes, ha="center", color="#808080")

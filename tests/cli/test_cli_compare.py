@@ -1,0 +1,72 @@
+"""`ocptip compare` as it is typed."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+
+from ocptip.cli.main import main
+from ocptip.motion.output import write_plan
+from ocptip.published.tasks import experiment_task
+from tests.measured.machines import recorded
+from tests.pictures.plan_stand_in import plan_of
+from tests.standing.simulation.test_replay import plan_of as committed
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("plans") / "A"
+    write_plan(folder, plan_of(experiment_task("A"), committed("A-effective")[1]))
+    return folder
+
+
+def write(path, recording):
+    names = ["time_s", *(s.name + "_rad" * (s.kind == "angles") for s in recording.signals)]
+    rows = np.column_stack([recording.times, *(s.values for s in recording.signals)])
+    with path.open("w", newline="") as stream:
+        csv.writer(stream).writerows([names, *rows.tolist()])
+    return str(path)
+
+
+def test_the_plans_own_samples_agree(written, capsys):
+    assert main(["compare", str(written / "motion.csv"), str(written)]) == 0
+    said = capsys.readouterr().out
+    assert "A: AGREES with what was described (any finding by chance: 0.1 %)." in said
+    assert "not recorded  pose of the base, shifts of contacts" in said
+
+
+def test_findings_are_told_and_drawn(written, tmp_path, capsys):
+    path = write(tmp_path / "r.csv", recorded(0, delays={1: 4e-3}))
+    figure = tmp_path / "r.png"
+    assert main(["compare", path, str(written), "--plot", str(figure)]) == 1
+    said = capsys.readouterr().out
+    assert "A: 1 finding" in said
+    size = float(said.split("delay of joint 2: ")[1].split()[0])
+    assert size == pytest.approx(4.0, abs=0.1)
+    assert figure.read_bytes().startswith(b"\x89PNG")
+
+
+def test_json(written, tmp_path, capsys):
+    path = write(tmp_path / "r.csv", recorded(1))
+    assert main(["compare", path, str(written), "--json"]) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert data["agrees"]
+    assert data["findings"] == []
+    assert len(data["signals"]) == 19
+    assert data["energy"]["measured_J"] == pytest.approx(data["energy"]["predicted_J"], rel=0.01)
+
+
+def test_bad_input_is_one_line(written, tmp_path, capsys):
+    (tmp_path / "r.csv").write_text("time_s,abc\n" + "\n".join(f"{k},{k}" for k in range(60)))
+    for arguments, said in (
+        ([str(tmp_path / "none.csv"), str(written)], "none.csv"),
+        ([str(tmp_path / "r.csv"), str(written)], "no known quantity among time_s, abc"),
+        ([str(written / "motion.csv"), str(tmp_path)], "no folder of a plan"),
+        ([str(written / "motion.csv"), str(written), "--level", "2"], "level: must be above 0"),
+        ([str(written / "motion.csv"), str(written), "--plot", "x.bmp"], "--plot: expected a file name"),
+    ):
+        assert main(["compare", *arguments]) == 2
+        lines = capsys.readouterr().err.strip().splitlines()
+        assert len(lines) == 1
+        assert said in lines[0]

@@ -1,0 +1,147 @@
+"""What is found in recordings, by name, and what is not found where nothing is."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ocptip.basics.errors import InputError
+from ocptip.measured.compare import LEVEL, compare
+from ocptip.measured.prediction import Elasticity
+from ocptip.measured.recording import Recording, Signal
+from tests.measured.machines import changed, heavier, predictor, recorded, values_of
+
+
+def names(found):
+    return [one.name for one in found.findings]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_nothing_is_found_where_nothing_is(seed):
+    found = compare(recorded(seed), predictor())
+    assert found.agrees
+    assert found.clock == pytest.approx(0.1234567, abs=2 * found.clock_error)
+    assert found.clock_error < 1e-5
+    assert found.energy is not None
+    assert found.gripper is not None
+    assert found.energy[0] == pytest.approx(found.energy[1], rel=1e-2)
+    assert np.nanmax(found.gripper) < 2e-3
+    assert {"gripper", "base", "shifts", "speeds"} == set(found.unrecorded)
+    for one in found.signals:
+        assert one.left == pytest.approx(one.rms, rel=0.05)
+
+
+@pytest.mark.parametrize("link", [1, 2, 3, 5])
+def test_a_mass_is_found_with_its_size(link):
+    found = compare(recorded(link, robot=heavier(link, 1.05)), predictor())
+    (one,) = found.findings
+    assert f"mass of link {link}" in (one.name, *one.rivals)
+    if link > 1:  # the mass of the first one is a constant force, as a shifted signal is
+        assert one.name == f"mass of link {link}"
+        assert one.value == pytest.approx(5, abs=2 * one.interval)
+
+
+def test_a_late_joint_is_found_and_does_not_look_like_masses():
+    found = compare(recorded(0, delays={1: 4e-3}), predictor())
+    assert names(found) == [f"delay of {predictor().robot.names[1]}"]
+    assert found.findings[0].value == pytest.approx(4.0, abs=2 * found.findings[0].interval)
+
+
+def test_a_late_sensor_is_found():
+    found = compare(recorded(0, late={"sensor": 4e-3}), predictor())
+    assert names(found) == ["delay of force-torque sensor"]
+    assert found.findings[0].value == pytest.approx(4.0, abs=2 * found.findings[0].interval)
+
+
+def test_friction_elasticity_and_zeros_together():
+    plan = predictor()
+    springs = Elasticity(1e-4 * (np.arange(6) == 2), np.full(6, 0.08), np.full(6, True))
+    recording = recorded(5, elastic=springs)
+    state = plan.state(recording.times - 0.1234567, np.zeros(6), np.zeros(25))
+    tau = values_of(recording, "tau2") + 2.0 * np.sign(state.qd[:, 1]) + 1.5 * state.qd[:, 1]
+    recording = changed(recording, "tau2", tau)
+    recording = changed(recording, "fx", values_of(recording, "fx") + 3.0)
+    found = {one.name: one for one in compare(recording, plan).findings}
+    joints = plan.robot.names
+    expected = {
+        f"Coulomb friction of {joints[1]}": 2.0,
+        f"viscous friction of {joints[1]}": 1.5,
+        f"elasticity of {joints[2]}": np.degrees(1e-4) * 1e3,
+        "fx shifted": 3.0,
+    }
+    assert set(found) == set(expected)
+    for name, value in expected.items():
+        assert found[name].value == pytest.approx(value, abs=2 * found[name].interval), name
+
+
+def test_signals_that_are_no_good_are_named():
+    recording = recorded(7)
+    force = values_of(recording, "fy")
+    cut = changed(recording, "fy", np.clip(force, -np.inf, 0.8 * force.max()))
+    assert names(compare(cut, predictor())) == ["fy clipped"]
+    rng = np.random.default_rng(0)
+    tau = values_of(recording, "tau3")
+    noisy = changed(recording, "tau3", tau + rng.normal(size=len(tau)))
+    assert names(compare(noisy, predictor())) == ["tau3 noisy"]
+    tau[100:180] = np.nan
+    found = compare(changed(recording, "tau3", tau), predictor())
+    assert names(found) == ["tau3 missing"]
+    assert "80 of" in found.findings[0].text
+    assert names(compare(changed(recording, "mx", np.zeros(len(tau))), predictor())) == ["mx dead"]
+    without = Recording(recording.times, tuple(s for s in recording.signals if s.name != "q4"))
+    assert names(compare(without, predictor())) == ["q4 missing"]
+
+
+def test_a_common_delay_is_one_of_the_clock_or_a_finding():
+    recording = recorded(0, clock=0.004)
+    assert compare(recording, predictor()).agrees
+    found = compare(recording, predictor(), same_clock=True)
+    assert names(found) == ["delay of all signals"]
+    assert found.findings[0].value == pytest.approx(4.0, abs=2 * found.findings[0].interval)
+    assert compare(recorded(0, clock=0.0), predictor(), same_clock=True).agrees
+
+
+def test_loads_alone_have_a_clock_too():
+    recording = recorded(3, robot=heavier(3, 1.05))
+    own = Recording(recording.times, tuple(s for s in recording.signals if s.kind == "sensor"))
+    found = compare(own, predictor())
+    assert found.clock == pytest.approx(0.1234567, abs=2e-4)
+    assert "mass of link 3" in names(found) or "mass of link 3" in found.findings[0].rivals
+    assert found.gripper is None
+    assert found.energy is None
+
+
+def test_a_base_that_moved_is_found():
+    recording = recorded(1)
+    contacts = np.array([c.position for c in predictor().robot.support.contacts])
+    middle = contacts[:, :2].mean(axis=0)
+    late = recording.times > 1.0
+    angle, shift = 2e-3 * late, np.array([3e-4, -2e-4])
+    rng = np.random.default_rng(2)
+    signals = []
+    for name, k, axis in (("dx3", 2, 0), ("dy3", 2, 1), ("dy2", 1, 1)):
+        x, y = contacts[k, :2] - middle
+        c, s = np.cos(angle), np.sin(angle)
+        turned = np.stack([c * x - s * y - x, s * x + c * y - y])
+        values = turned[axis] + shift[axis] * late + 1e-5 * rng.normal(size=len(late))
+        signals.append(Signal(name, "shifts", 2 * k + axis, values))
+    found = compare(Recording(recording.times, recording.signals + tuple(signals)), predictor())
+    assert set(names(found)) == {"base shifted (x)", "base shifted (y)", "base turned (yaw)"}
+    assert found.base is not None
+    assert found.base.changes == pytest.approx([3e-4, -2e-4, 2e-3], abs=2e-5)
+    still = [replace(s, values=1e-5 * rng.normal(size=len(late))) for s in signals]
+    assert compare(Recording(recording.times, recording.signals + tuple(still)), predictor()).agrees
+
+
+def test_another_motion_is_refused():
+    rng = np.random.default_rng(0)
+    recording = recorded(0)
+    walk = tuple(replace(s, values=rng.normal(size=len(s.values))) for s in recording.signals)
+    with pytest.raises(InputError, match="no signal follows"):
+        compare(Recording(recording.times, walk), predictor())
+
+
+def test_the_level_is_one():
+    with pytest.raises(InputError, match="level"):
+        compare(recorded(0), predictor(), level=0.0)
+    assert LEVEL == 1e-3
