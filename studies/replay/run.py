@@ -1,10 +1,12 @@
 """Plans within a tolerance, replayed in MuJoCo from their exported models in worlds within that tolerance.
 
 Corners and random points of the tolerance, half of each, on stiff feet and on feet of 1e6 N/m with 5 %
-damping: no foot should get more than 0.05 mm high, none slide by more than 0.5 mm. And with everything
-exaggerated by 10 % the world that is named the worst should lose a contact: then the bounds are not idle.
+damping: no foot should get more than 0.05 mm high, none slide by more than 0.5 mm. Random instants with
+random deviations within the tolerance are solved exactly, too: none should lose a contact. And with all
+exaggerated by 10 % the world that is named the worst should: then the bounds are not idle.
 
-    python -m studies.replay.run --out results [--plans FOLDER] [--worlds 500] [--only NAME ...] [--seconds S]
+    python -m studies.replay.run --out results [--plans FOLDER] [--worlds 500] [--samples 5000]
+        [--only NAME ...] [--seconds S]
 
 Goes on: finished chunks of worlds are kept, and plans where the folder of plans has them.
 """
@@ -24,15 +26,21 @@ import numpy as np
 
 from ocptip.basics.write import versions, write_text
 from ocptip.motion.task import MotionTask
+from ocptip.motion.within_tolerance import worst_within
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.simulation.replay import LIFTED, SLID, Replay, Simulator
 from ocptip.standing.tolerance import Tolerance
 from ocptip.trajectories.arm_motion import ArmMotion
 from studies.common import PLANNING, RowFile, ended, number, say, software, source_state, state_notes, table
 from studies.replay.tasks import planned, tasks
-from studies.replay.worlds import random_world, worst_worlds
+from studies.replay.worlds import INSTANTS, random_world, worst_worlds
+from studies.tolerance.samples import lost as lost_samples
 
-STEP = 2e-4  # s
+STEP = {
+    "stiff": 4e-4,
+    "1e6": 2e-4,
+}  # s; shorter ones slide less, by microns
+BINDS = 0.97  # GN or GT within the tolerance from which the contacts decide
 CHUNK = 20  # worlds
 BEYOND = 1.1
 WORST = ("tips", "slips")
@@ -46,7 +54,7 @@ def chunk(
     rng = np.random.default_rng(number)
     worlds = [random_world(robot, tolerance, rng, corner=k % 2 == 0) for k in range(CHUNK)]
     began = time.process_time()
-    replays = Simulator(robot, motion, step=STEP).run_many([replace(w, **FEET[feet]) for w in worlds])
+    replays = Simulator(robot, motion, step=STEP[feet]).run_many([replace(w, **FEET[feet]) for w in worlds])
     return {
         "lifts_m": [replay.lift for replay in replays],
         "slides_m": [replay.slide for replay in replays],
@@ -56,8 +64,10 @@ def chunk(
 
 
 def beyond(robot: StandingRobot, motion: ArmMotion, tolerance: Tolerance) -> dict[str, Any]:
-    """The named worst worlds, exaggerated, on both kinds of feet, and whether they lose a contact here."""
-    found: dict[str, Any] = {}
+    """The worst, and its worlds, exaggerated, on both kinds of feet: is a contact lost, here and there?"""
+    times = np.linspace(0, motion.end, INSTANTS)
+    within = worst_within(robot, motion, tolerance, times)
+    found: dict[str, Any] = {"GN": within.tip.value if within.tip else 0.0, "GT": within.slip.value}
     for what, (world, words, value) in worst_worlds(robot, motion, tolerance.scaled(BEYOND)).items():
         entry: dict[str, Any] = {
             "world": words,
@@ -65,7 +75,7 @@ def beyond(robot: StandingRobot, motion: ArmMotion, tolerance: Tolerance) -> dic
             "lost": value < 0 if what == "tips" else value > 1,
         }
         for name, feet in FEET.items():
-            replay = Simulator(robot, motion, step=STEP).run(replace(world, **feet))
+            replay = Simulator(robot, motion, step=STEP[name]).run(replace(world, **feet))
             least = least_force(replay)
             entry[name] = {"least_N": least, "lift_m": replay.lift, "slide_m": replay.slide}
         found[what] = entry
@@ -86,7 +96,7 @@ def lost(row: dict[str, Any], feet: str) -> bool:
 
 def markdown(rows: Sequence[dict[str, Any]], refused: dict[str, str], notes: list[str]) -> str:
     """A row per plan."""
-    lines, kept, outside = [], [], []
+    lines, kept, outside, samples = [], [], [], []
     for name in dict.fromkeys(row["task"] for row in rows):
         own = [row for row in rows if row["task"] == name]
         cells = [name]
@@ -99,70 +109,96 @@ def markdown(rows: Sequence[dict[str, Any]], refused: dict[str, str], notes: lis
             cells += [f"{len(lifts)}", number(top, 4), number(far, 3), f"{int((~good).sum())}"]
             kept.append(bool(good.all()) and len(good) > 0)
         worst = next((row for row in own if row["feet"] == "beyond"), None)
+        sampled = next((row for row in own if row["feet"] == "samples"), None)
+        if sampled is not None:
+            samples.append((sampled["lost"], sampled["count"]))
+        cells.append("-" if sampled is None else f"{sampled['lost']}")
         if worst is not None:
             gone = [any(worst[what]["lost"] for what in WORST), *(lost(worst, feet) for feet in FEET)]
-            outside.append(gone)
+            outside.append([max(worst["GN"], worst["GT"]) >= BINDS, *gone])
+            cells += [number(worst[key], 3) for key in ("GN", "GT")]
             cells += [number(worst["tips"]["value"], 2), number(worst["slips"]["value"], 2)]
             cells += ["yes" if x else "no" for x in gone]
         else:
-            cells += ["-"] * 5
+            cells += ["-"] * 7
         lines.append(cells)
     head = ["plan"]
     for feet in ("stiff", "1e6 N/m"):
         head += [f"worlds, {feet}", "highest mm", "farthest mm", "too much"]
-    head += ["+10 %: moment N m", "GT", "loses a contact", "so in MuJoCo, stiff", "1e6 N/m"]
+    head += ["samples lost", "GN within", "GT within", "+10 %: moment N m", "GT", "loses a contact"]
+    head += ["so in MuJoCo, stiff", "1e6 N/m"]
     text = ["# Replays of plans within a tolerance", "", *notes, "", *table(head, lines), ""]
+    if samples:
+        gone, count = np.sum(samples, axis=0)
+        what = f"{count} random instants within the tolerances of {len(samples)} plans"
+        text.append(f"- Of {what} {gone} lose a contact.")
+    binding, others = ([one for one in outside if one[0] == binds] for binds in (True, False))
+    for k, where in enumerate(("the exact check", "MuJoCo on stiff feet", "MuJoCo on feet of 1e6 N/m")):
+        counts = [sum(one[1 + k] for one in some) for some in (binding, others)]
+        own = f"{counts[0]} of {len(binding)} plans that bind (GN or GT within at least {BINDS:g})"
+        rest = f"{counts[1]} of {len(others)} others"
+        text.append(f"- All exaggerated by 10 %, {where} loses a contact in {own}, {rest}.")
     for k, feet in enumerate(("stiff feet", "feet of 1e6 N/m")):
         text.append(f"- On {feet} {sum(kept[k::2])} of {len(lines)} plans: none too high, none too far.")
-        binding = [gone for gone in outside if gone[0]]
-        count, others = sum(gone[1 + k] for gone in binding), [gone for gone in outside if not gone[0]]
-        text.append(
-            f"- Of {len(binding)} plans whose worst, exaggerated by 10 %, loses a contact in the check, "
-            f"{count} lose one there; of the {len(others)} others {sum(gone[1 + k] for gone in others)}."
-        )
     text += [f"- {name}: no plan ({why})" for name, why in refused.items()]
     return "\n".join(text) + "\n"
 
 
-def run(out: Path, plans: Path, worlds: int, names: Sequence[str] | None, starts: int, seconds: float) -> str:
+def run(
+    out: Path,
+    plans: Path,
+    worlds: int,
+    names: Sequence[str] | None,
+    starts: int,
+    seconds: float,
+    samples: int,
+) -> str:
     """Compute what is missing, chunk by chunk through all plans, and write the table."""
     out.mkdir(parents=True, exist_ok=True)
     plans.mkdir(parents=True, exist_ok=True)
     state = source_state(*PLANNING)
-    options = {"step_s": STEP, "worlds": CHUNK}
+    options = {"steps_s": STEP, "worlds": CHUNK, "samples": samples}
     file = RowFile(out / "replay.json", options, ("task", "feet", "chunk"), state)
     found: dict[str, tuple[MotionTask, ArmMotion]] = {}
-    refused = {}
+    refused: dict[str, str] = {}
+    began = time.monotonic()
+
+    def put(name: str, feet: str, chunk_of: int) -> None:
+        if time.monotonic() - began > seconds or file.find(task=name, feet=feet, chunk=chunk_of) is not None:
+            return
+        say(f"{name}, {feet}, {chunk_of}")
+        task, motion = found[name]
+        robot, tolerance = task.robot, task.limits.tolerance
+        assert isinstance(robot, StandingRobot)
+        seed = zlib.crc32(name.encode())
+        if feet == "beyond":
+            entry = beyond(robot, motion, tolerance)
+        elif feet == "samples":
+            gone = lost_samples(robot, motion, tolerance, np.random.default_rng(seed), samples)
+            entry = {"lost": gone, "count": samples}
+        else:
+            entry = chunk(robot, motion, tolerance, feet, seed + chunk_of)
+        file.put({"task": name, "feet": feet, "chunk": chunk_of, **entry})
+
     for name in names or tasks():
+        if time.monotonic() - began > seconds:
+            break
         answer = planned(name, plans, starts)
         if isinstance(answer, str):
             refused[name] = answer
         else:
             found[name] = answer
-    began = time.monotonic()
-    for number_of in range(-1, -(-worlds // CHUNK)):
-        for name, (task, motion) in found.items():
-            robot, tolerance = task.robot, task.limits.tolerance
-            assert isinstance(robot, StandingRobot)
-            if time.monotonic() - began > seconds:
-                break
-            seed = zlib.crc32(name.encode()) + number_of
-            if number_of < 0:
-                if file.find(task=name, feet="beyond", chunk=-1) is None:
-                    say(f"{name}, beyond")
-                    file.put(
-                        {"task": name, "feet": "beyond", "chunk": -1, **beyond(robot, motion, tolerance)}
-                    )
-                continue
+            put(name, "beyond", -1)
+            put(name, "samples", -1)
+    for number_of in range(-(-worlds // CHUNK)):
+        for name in found:
             for feet in FEET:
-                if file.find(task=name, feet=feet, chunk=number_of) is None:
-                    say(f"{name}, {feet}, {number_of}")
-                    entry = chunk(robot, motion, tolerance, feet, seed)
-                    file.put({"task": name, "feet": feet, "chunk": number_of, **entry})
+                put(name, feet, number_of)
     rows = file.own
+    steps = ", ".join(f"{1e3 * step:g} ms ({feet})" for feet, step in STEP.items())
     notes = [
         f"{software(versions(('numpy', 'mujoco')))}; plans of {starts} starts, seed 0; steps of "
-        f"{1e3 * STEP:g} ms; half of the worlds are corners of the tolerance. Too much: higher than 0.05 mm, "
+        f"{steps}; half of the worlds are corners of the tolerance. Too much: higher than 0.05 mm, "
         "or farther than 0.5 mm."
     ]
     told = state_notes([r.get("state") for r in rows], state)
@@ -177,6 +213,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, required=True, help="folder for results")
     parser.add_argument("--plans", type=Path, help="folder of plans (default: replay_plans in --out)")
     parser.add_argument("--worlds", type=int, default=500, help="per plan and kind of feet")
+    parser.add_argument("--samples", type=int, default=5000, help="random instants per plan")
     parser.add_argument("--only", nargs="+", help="only these tasks")
     parser.add_argument("--starts", type=int, default=2, help="of every plan")
     parser.add_argument("--seconds", type=float, default=np.inf, help="begin no chunk after so long")
@@ -184,7 +221,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     plans = given.plans or given.out / "replay_plans"
     return ended(
         "replay",
-        lambda: run(given.out, plans, given.worlds, given.only, given.starts, given.seconds),
+        lambda: run(
+            *(given.out, plans, given.worlds, given.only, given.starts, given.seconds, given.samples)
+        ),
         "finished chunks are kept.",
     )
 

@@ -21,8 +21,8 @@ from ocptip.task_files.motion import load_task
 from ocptip.trajectories.arm_motion import ArmMotion
 from studies.common import EXAMPLES
 
-CARTS = ((15.0, 0.25), (30.0, 0.25), (60.0, 0.30))
-"""Mass, kg, and half the distance of the feet, m."""
+BASES = ((3, 10.0, 0.25), (3, 15.0, 0.25), (4, 8.0, 0.16))
+"""Feet, mass, kg, and half their distance, m: so little that within `workshop` the contacts decide."""
 
 
 def on_feet(case: str, mass: float, half: float, feet: int) -> MotionTask:
@@ -47,19 +47,16 @@ def ur5(payload: float) -> MotionTask:
 def tasks() -> dict[str, tuple[Callable[[], MotionTask], str]]:
     """How to make every task, by name, and the name of its tolerance."""
     found: dict[str, tuple[Callable[[], MotionTask], str]] = {}
-    for feet in (3, 4):
-        for mass, half in CARTS:
-            for case in ("A", "D", "G"):
-                name = f"arm of {case}, {feet} feet, {mass:g} kg"
-                make = lambda case=case, mass=mass, half=half, feet=feet: on_feet(case, mass, half, feet)  # noqa: E731
-                found[name] = make, "workshop"
-    for case in ("A", "G", "D"):
+    for feet, mass, half in BASES:
+        for case in ("A", "D", "G"):
+            name = f"arm of {case}, {feet} feet, {mass:g} kg"
+            make = lambda case=case, mass=mass, half=half, feet=feet: on_feet(case, mass, half, feet)  # noqa: E731
+            found[name] = make, "workshop"
+    for case in "ABCDEFG":
         found[case] = (lambda case=case: experiment_task(case, "effective")), "workshop"
-    for payload in (0.0, 5.0):
-        for preset in ("workshop", "site"):
-            make = lambda payload=payload: ur5(payload)  # noqa: E731
-            found[f"UR5 on a cart, {payload:g} kg"[:40] + f", {preset}"] = make, preset
-    found["B"] = (lambda: experiment_task("B", "effective")), "workshop"
+    for payload, preset in ((0.0, "workshop"), (0.0, "site"), (5.0, "workshop"), (5.0, "site")):
+        make = lambda payload=payload: ur5(payload)  # noqa: E731
+        found[f"UR5 on a cart, {payload:g} kg, {preset}"] = make, preset
     return found
 
 

@@ -1,10 +1,9 @@
-"""Price of a tolerance: plans within it against plans of the world as described; samples within it.
+"""Price of a tolerance: plans within it, within each of its quantities alone, and of the world as described.
 
-The eight cases with the effective base within `workshop`, three arms on carts within `site`. Of every plan
-within a tolerance, random instants with random deviations are solved exactly: none may lose a contact. With
-everything exaggerated by 10 % the worst should lose one: then the bounds are not idle.
+The eight cases with the effective base within `workshop`, three arms on carts within `site`.
 
-    python -m studies.tolerance.run --out results [--starts 2] [--samples 10000] [--tasks B "UR5 on a cart"]
+    python -m studies.tolerance.run --out results [--starts 8] [--seed 0] [--tasks B "UR5 on a cart"]
+        [--quantities tilt delay ...] [--seconds S]
 
 Goes on: finished rows are kept.
 """
@@ -14,7 +13,7 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,15 +21,15 @@ from typing import Any
 import numpy as np
 
 from ocptip.basics.errors import InputError, PlanningError
-from ocptip.basics.write import write_text
+from ocptip.basics.write import versions, write_text
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.support import Support
-from ocptip.motion.plan import MotionPlan, plan_motion
+from ocptip.motion.plan import plan_motion
+from ocptip.motion.planner.one_start import Search
 from ocptip.motion.task import MotionTask
-from ocptip.motion.within_tolerance import worst_within
 from ocptip.published.cases import motion_cases
 from ocptip.published.tasks import experiment_task
-from ocptip.standing.tolerance import NONE, PRESETS
+from ocptip.standing.tolerance import NONE, PRESETS, Tolerance
 from ocptip.task_files.motion import load_task
 from studies.common import (
     EXAMPLES,
@@ -40,14 +39,27 @@ from studies.common import (
     number,
     percent,
     say,
+    software,
     source_state,
     state_notes,
     table,
 )
-from studies.tolerance.samples import lost
 
-BEYOND = 1.1  # everything off by so much of the tolerance
 CART = {"mass": 60.0, "half": 0.30, "friction": 0.6}
+JUMPS = ("delay", "damping")
+QUANTITIES: dict[str, tuple[str, ...]] = {
+    "tilt": ("tilt",),
+    "masses": ("base_mass", "arm_mass", "payload_mass", "extra_mass"),
+    "friction": ("friction",),
+    "pace": ("speed",),
+    "push": ("push",),
+    "overshoot": ("damping",),
+    "lateness": ("delay",),
+    "both": JUMPS,
+}
+"""Parts of a tolerance that are looked at alone: name, attributes."""
+
+NOMINAL, ALL, STATIC = "none", "all", "all but both"
 
 
 def on_cart(case: str) -> MotionTask:
@@ -74,93 +86,152 @@ def tasks() -> dict[str, tuple[MotionTask, str]]:
     return found
 
 
-def planned(task: MotionTask, starts: int) -> tuple[dict[str, Any], MotionPlan | None]:
-    """A row's entries about a plan, and the plan."""
+def parts(preset: str) -> dict[str, Tolerance]:
+    """Parts of a tolerance by name, nothing and all of it included."""
+    whole = PRESETS[preset]
+    only = {name: {key: getattr(whole, key) for key in keys} for name, keys in QUANTITIES.items()}
+    found = {name: Tolerance(**own) for name, own in only.items()}
+    found[STATIC] = replace(whole, **{key: getattr(NONE, key) for key in JUMPS})
+    return {NOMINAL: NONE, ALL: whole} | {name: own for name, own in found.items() if own.given}
+
+
+def planned(task: MotionTask, starts: int, seed: int) -> dict[str, Any]:
+    """Energy, duration and CPU time of a plan, or why there is none; nothing is compiled meanwhile."""
     began = time.process_time()
     try:
-        plan = plan_motion(task, starts=starts, jobs=1)
+        Search(task).rough(starts, seed)
+        began = time.process_time()
+        plan = plan_motion(task, starts=starts, seed=seed, jobs=1)
     except (InputError, PlanningError) as error:
-        return {"refused": f"{error}"}, None
-    verified = sum(start.verified for start in plan.starts)
-    seconds = time.process_time() - began
+        return {"refused": f"{error}", "cpu_s": time.process_time() - began}
+    worst = plan.check.within.to_dict() if plan.check.within else None
     return {
         "energy_J": plan.energy,
         "duration_s": plan.duration,
-        "verified": verified,
-        "cpu_s": seconds,
-    }, plan
+        "verified": sum(start.verified for start in plan.starts),
+        "cpu_s": time.process_time() - began,
+        "worst": worst,
+        "motion": plan.motion.to_dict(),
+    }
 
 
-def row(name: str, task: MotionTask, preset: str, starts: int, samples: int) -> dict[str, Any]:
-    """Everything found for one task."""
-    tolerance = PRESETS[preset]
-    nominal, _ = planned(replace(task, limits=replace(task.limits, tolerance=NONE)), starts)
-    within, plan = planned(replace(task, limits=replace(task.limits, tolerance=tolerance)), starts)
-    found = {"task": name, "preset": preset, "nominal": nominal, "within": within}
-    if plan is None:
-        return found
-    assert plan.check.within is not None  # it was planned so
-    robot, motion = plan.task.robot, plan.motion
-    times = np.linspace(0, motion.end, 400)
-    beyond = worst_within(robot, motion, tolerance.scaled(BEYOND), times)
-    worst = plan.check.within.to_dict()
-    gone = lost(robot, motion, tolerance, np.random.default_rng(0), samples)
-    loses = max(beyond.slip.value, beyond.tip.value if beyond.tip else 0.0) > 1
-    return {**found, "worst": worst, "lost": gone, "beyond_loses": bool(loses)}
+def jobs(names: Sequence[str] | None, quantities: Sequence[str] | None) -> Iterator[tuple[str, str]]:
+    """Tasks and parts: what all of a tolerance costs first."""
+    found = tasks()
+    chosen = [name for name in found if names is None or name in names]
+    for wanted in ((NOMINAL, ALL), (STATIC, "both"), tuple(QUANTITIES)):
+        for name in chosen:
+            own = parts(found[name][1])
+            yield from (
+                (name, part)
+                for part in wanted
+                if part in own and (quantities is None or part in quantities or part in (NOMINAL, ALL))
+            )
 
 
-def markdown(rows: Sequence[dict[str, Any]], samples: int, notes: list[str]) -> str:
-    """The table and what it says."""
-    lines, prices = [], []
-    for r in rows:
-        nominal, within = r["nominal"], r["within"]
-        ratios = [
-            within[key] / nominal[key] - 1 if key in within and key in nominal else None
-            for key in ("energy_J", "duration_s", "cpu_s")
-        ]
-        if r["preset"] == "workshop" and ratios[0] is not None:
-            prices.append(ratios[0])
-        costs = [percent(ratios[0], 1), percent(ratios[1], 1)]
-        costs.append(number(None if ratios[2] is None else 1 + ratios[2], 1))
-        energies = [number(entry.get("energy_J"), 1) for entry in (nominal, within)]
-        beyond = {True: "yes", False: "no", None: "-"}[r.get("beyond_loses")]
-        lines.append([r["task"], r["preset"], *energies, *costs, str(r.get("lost", "-")), beyond])
-    head = [
-        "task",
-        "tolerance",
-        "nominal J",
-        "within J",
-        "energy",
-        "duration",
-        "CPU x",
-        "lost",
-        "+10 % loses",
-    ]
+def prices(rows: Sequence[dict[str, Any]], key: str) -> dict[str, dict[str, float]]:
+    """By task and part, how much more of an entry than nominally."""
+    by = {(row["task"], row["part"]): row for row in rows}
+    found: dict[str, dict[str, float]] = {}
+    for (name, part), row in by.items():
+        nominal = by.get((name, NOMINAL), {})
+        if part != NOMINAL and key in row and key in nominal and "refused" not in row:
+            found.setdefault(name, {})[part] = row[key] / nominal[key] - 1
+    return found
+
+
+def markdown(rows: Sequence[dict[str, Any]], notes: list[str]) -> str:
+    """The prices of all, and of the parts."""
+    by = {(row["task"], row["part"]): row for row in rows}
+    names = list(dict.fromkeys(row["task"] for row in rows))
+    energy, duration, cpu = (prices(rows, key) for key in ("energy_J", "duration_s", "cpu_s"))
+    lines = []
+    for name in names:
+        nominal, whole = (by.get((name, part), {}) for part in (NOMINAL, ALL))
+        ratio = cpu.get(name, {}).get(ALL)
+        lines.append(
+            [name, (nominal or whole)["preset"]]
+            + [number(row.get("energy_J"), 1) for row in (nominal, whole)]
+            + [number(row.get("duration_s"), 3) for row in (nominal, whole)]
+            + [percent(own.get(name, {}).get(ALL), 1) for own in (energy, duration)]
+            + [number(nominal.get("cpu_s"), 1), number(None if ratio is None else 1 + ratio, 2)]
+        )
+    head = ["task", "tolerance", "nominal J", "within J", "nominal s", "within s"]
+    head += ["energy", "duration", "nominal CPU s", "CPU ratio"]
     text = ["# Price of tolerances", "", *table(head, lines, left=2), ""]
-    text += [f"- {r['task']}: {r['within']['refused']}" for r in rows if "refused" in r["within"]]
-    if prices:
-        middle = percent(float(np.median(prices)), 1)
-        text.append(f"- Median price in energy of the published cases within `workshop`: {middle}.")
-    text.append(f"- Lost: of {samples} random instants with random deviations within the tolerance per plan.")
-    return "\n".join([*text, *notes]) + "\n"
+    text += _medians(rows, energy, cpu)
+    refused = {row["task"]: row["refused"] for row in rows if row["part"] == ALL and "refused" in row}
+    text += [f"- {name}: {why}" for name, why in refused.items()]
+    own = [STATIC, "both", *(name for name in QUANTITIES if name != "both")]
+    split = [[name, *(percent(energy.get(name, {}).get(part), 1) for part in (*own, ALL))] for name in names]
+    text += ["", "Energy, each quantity alone (both: overshoot and lateness together):", ""]
+    text += table(["task", *own, ALL], split)
+    return "\n".join([*text, "", *notes]) + "\n"
 
 
-def run(out: Path, names: Sequence[str] | None, starts: int, samples: int) -> str:
-    """Compute what is missing, write the table."""
+def _medians(
+    rows: Sequence[dict[str, Any]], energy: dict[str, dict[str, float]], cpu: dict[str, dict[str, float]]
+) -> list[str]:
+    found = []
+    for preset in dict.fromkeys(row["preset"] for row in rows):
+        own = {row["task"] for row in rows if row["preset"] == preset}
+        costs, times = ([of[name][ALL] for name in own if ALL in of.get(name, {})] for of in (energy, cpu))
+        if costs:
+            price, ratio = percent(float(np.median(costs)), 1), 1 + float(np.median(times))
+            what = f"median price in energy {price}, median ratio of CPU time {ratio:.2f}"
+            found.append(f"- `{preset}`, {len(costs)} tasks: {what}.")
+    return found
+
+
+def figure(rows: Sequence[dict[str, Any]], path: Path) -> None:
+    """Prices of the parts, one row of dots per task."""
+    from matplotlib.figure import Figure
+
+    found = prices(rows, "energy_J")
+    fig = Figure(figsize=(7.5, 0.45 * len(found) + 1.4), layout="constrained")
+    ax = fig.add_subplot()
+    marks = {ALL: "D", STATIC: "s"} | dict.fromkeys(QUANTITIES, "o") | {"both": "P"}
+    for part, mark in marks.items():
+        points = [(100 * own[part], k) for k, own in enumerate(found.values()) if part in own]
+        if points:
+            ax.plot(*zip(*points, strict=True), mark, label=part, ms=7 if part == ALL else 5, alpha=0.8)
+    ax.set_yticks(range(len(found)), list(found))
+    ax.invert_yaxis()
+    ax.set_xscale("symlog", linthresh=5)
+    ax.set_xlabel("more energy than nominally, %")
+    ax.grid(axis="x", alpha=0.3)
+    ax.legend(fontsize=8, ncols=2)
+    fig.savefig(path, dpi=150)
+
+
+def run(
+    out: Path,
+    names: Sequence[str] | None = None,
+    quantities: Sequence[str] | None = None,
+    starts: int = 8,
+    seed: int = 0,
+    seconds: float = np.inf,
+) -> str:
+    """Compute what is missing, write table and figure."""
     out.mkdir(parents=True, exist_ok=True)
-    file = RowFile(
-        out / "tolerance.json",
-        {"starts": starts, "samples": samples},
-        ("task", "preset"),
-        source_state(*PLANNING),
-    )
-    for name, (task, preset) in tasks().items():
-        if (names is None or name in names) and file.find(task=name, preset=preset) is None:
-            say(f"{name}, {preset}")
-            file.put(row(name, task, preset, starts, samples))
+    state, options = source_state(*PLANNING), {"starts": starts, "seed": seed}
+    file = RowFile(out / "tolerance.json", options, ("task", "part"), state)
+    found, began = tasks(), time.monotonic()
+    for name, part in jobs(names, quantities):
+        if time.monotonic() - began > seconds:
+            break
+        if file.find(task=name, part=part) is None:
+            say(f"{name}, {part}")
+            task, preset = found[name]
+            limits = replace(task.limits, tolerance=parts(preset)[part])
+            own = planned(replace(task, limits=limits), starts, seed)
+            file.put({"task": name, "preset": preset, "part": part, **own})
     rows = file.own
-    text = markdown(rows, samples, state_notes([r.get("state") for r in rows], file.state))
+    notes = [f"{software(versions(('numpy', 'casadi')))}; {starts} starts, seed {seed}, one process."]
+    notes += state_notes([row.get("state") for row in rows], state)
+    text = markdown(rows, notes)
     write_text(out / "tolerance.md", text)
+    figure(rows, out / "tolerance.png")
     return text
 
 
@@ -168,13 +239,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, required=True, help="folder for results")
-    parser.add_argument("--starts", type=int, default=2, help="of every plan")
-    parser.add_argument("--samples", type=int, default=10_000, help="per plan")
+    parser.add_argument("--starts", type=int, default=8, help="of every plan")
+    parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--tasks", nargs="+", help="only these")
+    parser.add_argument("--quantities", nargs="+", help="only these, besides nothing and all")
+    parser.add_argument("--seconds", type=float, default=np.inf, help="begin no plan after so long")
     given = parser.parse_args(argv)
     return ended(
         "tolerance",
-        lambda: run(given.out, given.tasks, given.starts, given.samples),
+        lambda: run(given.out, given.tasks, given.quantities, given.starts, given.seed, given.seconds),
         "finished rows are kept.",
     )
 

@@ -7,7 +7,7 @@ from ocptip.published.tasks import experiment_task
 from ocptip.standing.tolerance import SITE, WORKSHOP
 from ocptip.standing.worst_case import worst_case_of
 from ocptip.trajectories.arm_motion import ArmMotion
-from studies.tolerance.run import markdown, on_cart
+from studies.tolerance.run import figure, markdown, on_cart, parts
 from studies.tolerance.samples import lost, random_deviations
 
 
@@ -41,16 +41,39 @@ def test_fast_motions_lose_contacts_and_slow_ones_on_a_heavy_cart_do_not():
     assert lost(cart.robot, straight(cart, 4.0), WORKSHOP, rng, 300) == 0
 
 
-def test_the_table_has_prices_and_refusals():
-    good = {
-        "task": "A", "preset": "workshop", "lost": 0, "beyond_loses": True,
-        "nominal": {"energy_J": 100.0, "duration_s": 1.0, "cpu_s": 10.0},
-        "within": {"energy_J": 104.0, "duration_s": 1.1, "cpu_s": 20.0},
-    }  # fmt: skip
-    bad = {"task": "H", "preset": "workshop", "nominal": good["nominal"], "within": {"refused": "too much"}}
-    text = markdown([good, bad], 300, ["- A note."])
-    assert "| A | workshop | 100.0 | 104.0 | 4.0 % | 10.0 % | 2.0 | 0 | yes |" in text
-    assert "| H | workshop | 100.0 | - | - | - | - | - | - |" in text
+def test_the_table_has_prices_of_all_and_of_the_parts_and_refusals(tmp_path):
+    rows = [
+        {
+            "task": task,
+            "preset": "workshop",
+            "part": part,
+            "energy_J": energy,
+            "duration_s": 1.0,
+            "cpu_s": 10.0,
+        }
+        for task, part, energy in (
+            ("A", "none", 100.0),
+            ("A", "all", 104.0),
+            ("A", "tilt", 101.0),
+            ("H", "none", 9.0),
+        )
+    ]
+    rows[1] |= {"duration_s": 1.1, "cpu_s": 15.0}
+    rows.append({"task": "H", "preset": "workshop", "part": "all", "refused": "too much", "cpu_s": 1.0})
+    text = markdown(rows, ["- A note."])
+    assert "| A | workshop | 100.0 | 104.0 | 1.000 | 1.100 | 4.0 % | 10.0 % | 10.0 | 1.50 |" in text
+    assert "| H | workshop | 9.0 | - | 1.000 | - | - | - | 10.0 | - |" in text
+    assert "| A | - | - | 1.0 % | - | - | - | - | - | - | 4.0 % |" in text
     assert "- H: too much" in text
-    assert "within `workshop`: 4.0 %." in text
+    assert "`workshop`, 1 tasks: median price in energy 4.0 %, median ratio of CPU time 1.50." in text
     assert "- A note." in text
+    figure(rows, tmp_path / "prices.png")
+    assert (tmp_path / "prices.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_parts_are_those_of_the_tolerance():
+    found = parts("workshop")
+    assert "push" not in found
+    assert found["tilt"].given == ("tilt",)
+    assert set(found["all but both"].given) == set(WORKSHOP.given) - {"delay", "damping"}
+    assert found["none"].given == ()

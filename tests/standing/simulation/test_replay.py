@@ -7,8 +7,9 @@ import pytest
 
 from ocptip.contact.bindings.clamps import RigidClamp
 from ocptip.published.tasks import experiment_task
+from ocptip.robots.payload import Payload
 from ocptip.standing.simulation.mjcf import to_mjcf
-from ocptip.standing.simulation.replay import Simulator, World, compared
+from ocptip.standing.simulation.replay import PrescribedModel, Simulator, World, compared
 from ocptip.trajectories.arm_motion import ArmMotion
 from tests.places import ROOT
 
@@ -131,3 +132,22 @@ def test_rigid_clamps_pull(plan):
     assert replay.forces.min() < -50  # N
     rest = replay.times < 0
     assert replay.forces[rest].sum(axis=1).mean() == pytest.approx(robot.mass * 9.81, rel=5e-3)
+
+
+@pytest.mark.parametrize("feet", [{}, {"stiffness": 1e6, "damping": 0.05}])
+def test_models_of_worlds_are_those_of_the_robot_there(plan, feet):
+    """One model serves all worlds with such feet; here it is compared with the export of each by itself."""
+    robot, motion = plan
+    simulator = Simulator(robot, motion, step=4e-4)
+    simulator.run(World(payload=0.02, **feet))  # another world before
+    world = World(tilt=0.01, downhill=2.0, payload=0.4, friction=0.7, masses=(1.05,), **feet)
+    model = simulator._model_of(world).compiled(world, Payload(0.4))
+    there = world.robot(robot)
+    own = PrescribedModel(there, motion, 4e-4).compiled(World(masses=world.masses), Payload(0.4))
+    np.testing.assert_allclose(model.opt.gravity, there.support.gravity)
+    np.testing.assert_allclose(model.pair_friction, own.pair_friction)
+    np.testing.assert_allclose(model.body("payload").mass, 0.4)
+    np.testing.assert_allclose(model.body("payload").ipos, own.body("payload").ipos)
+    np.testing.assert_allclose(model.body_mass, own.body_mass, atol=0.02)  # how links are split is free
+    assert np.sum(model.body_mass) == pytest.approx(np.sum(own.body_mass), rel=1e-6)
+    np.testing.assert_allclose(model.dof_damping, own.dof_damping, rtol=0.02)  # of the first world's payload

@@ -137,6 +137,17 @@ class Formulation:
             )
         return ArmMotion.from_commands(start, commands, self.rise_times)
 
+    def slowed(self, x: np.ndarray, factor: float) -> np.ndarray:
+        """Variables of the same path in so much more time, as far as there is time."""
+        layout, x = self.layout, x[: self.layout.size].copy()
+        factor = min(factor, self.latest / x[layout.end])
+        for j in range(len(layout.joints)):
+            x[layout.w(j)] /= factor
+            x[layout.d(j)] *= factor
+            x[layout.c(j)] *= factor
+        x[layout.end] *= factor
+        return x
+
     def polished(self, order: EventOrder, structure: Structure, x: np.ndarray) -> np.ndarray:
         """x moved a little (least squares) so that all equalities hold to rounding, order rows that bind too.
 

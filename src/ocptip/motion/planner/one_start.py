@@ -31,6 +31,7 @@ CYCLES = 3  # at most, of fine and exact programs, until a motion is verified
 FURTHER = 2  # cycles more from a verified motion, which often find a better order
 BINDING = 0.97  # share of a reserve's limit from which the contacts decide; only then a second cycle pays
 MERGES = (0.004, 0.0, 0.012)  # s: events nearer than this become simultaneous; tried in this order
+SLOWER = (1.0, 1.4, 2.0)  # durations from which an exact program within a tolerance begins
 SOLVED = 1e-4  # largest violation of an exact program that is good enough to be tightened
 HOPELESS = 0.05  # largest violation from which a motion is worth its check
 TIGHTENINGS = 5
@@ -253,15 +254,21 @@ class Search:
     ) -> tuple[tuple[ArmMotion, MotionCheck] | None, np.ndarray, str]:
         """A checked exact motion near x, its variables, and what is missing if there is none.
 
-        Where the order of events found at x leads nowhere, others that x suggests are tried.
+        Where the order of events found at x leads nowhere, others that x suggests are tried; within a
+        tolerance, of which the smooth programs know little, then those of slower motions.
         """
         best = None
-        for merge in MERGES:
-            exact = refiner.first(x, merge)
-            if best is None or exact.solution.violation < best.solution.violation:
-                best = exact
-            if best.solution.violation <= SOLVED:
+        for pace in SLOWER if self.task.limits.tolerance.given else (1.0,):
+            begin = self.formulation.slowed(x, pace)
+            for merge in MERGES:
+                exact = refiner.first(begin, merge)
+                if best is None or exact.solution.violation < best.solution.violation:
+                    best = exact
+                if best.solution.violation <= SOLVED:
+                    break
+            if best.solution.violation <= HOPELESS:
                 break
+        assert best is not None  # there is a pace
         clock.stage("exact")
         x = best.solution.x[: self.formulation.layout.size]
         if best.solution.violation > HOPELESS:

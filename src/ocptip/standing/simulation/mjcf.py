@@ -19,6 +19,7 @@ from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.support import Support
 from ocptip.numerics.inertia import RigidBody, parallel_axis
 from ocptip.robots.model import ArmModel
+from ocptip.robots.payload import Payload
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.on_springs import Modes
@@ -244,9 +245,15 @@ def _arm(base: ET.Element, robot: StandingRobot, bodies: ArmBodies) -> None:
     add(parent, "site", name="gripper", pos=text(place), quat=text(_quaternion(arm.tool_rotation)))
     if arm.payload is not None:
         held = add(parent, "body", name=PAYLOAD)
-        mass, centre, inertia = arm.payload.seen_from(arm.tool_rotation, arm.offsets[-1])
-        _inertial(held, (mass, centre, inertia if inertia.any() else _POINT * np.eye(3)))
-        add(held, "geom", type="sphere", size="0.03", pos=text(centre), rgba="0.8 0.4 0.2 1")
+        body = held_body(arm, arm.payload)
+        _inertial(held, body)
+        add(held, "geom", type="sphere", size="0.03", pos=text(body[1]), rgba="0.8 0.4 0.2 1")
+
+
+def held_body(arm: ArmModel, payload: Payload) -> RigidBody:
+    """A payload as a body in the frame of an arm's last link; a point gets an inertia, tiny."""
+    mass, centre, inertia = payload.seen_from(arm.tool_rotation, arm.offsets[-1])
+    return mass, centre, inertia if inertia.any() else _POINT * np.eye(3)
 
 
 def _rotor(
@@ -346,14 +353,19 @@ def _link(arm: ArmModel, k: int) -> str:
 
 
 def _inertial(element: ET.Element, body: RigidBody) -> None:
+    mass, centre, values, turn = principal(body)
+    add(
+        element, "inertial", mass=text(mass), pos=text(centre), diaginertia=text(values), quat=text(turn),
+    )  # fmt: skip
+
+
+def principal(body: RigidBody) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
+    """Mass, centre, principal moments (3,) and the quaternion (4,) of their axes, scalar first."""
     mass, centre, inertia = body
     values, axes = np.linalg.eigh(inertia)
     axes[:, 0] *= np.sign(np.linalg.det(axes))
     values[2] = min(values[2], values[0] + values[1])
-    add(
-        element, "inertial", mass=text(mass), pos=text(centre), diaginertia=text(values),
-        quat=text(_quaternion(axes)),
-    )  # fmt: skip
+    return mass, centre, values, _quaternion(axes)
 
 
 def _stick(element: ET.Element, start: np.ndarray, end: np.ndarray) -> None:

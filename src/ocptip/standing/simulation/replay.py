@@ -26,12 +26,15 @@ from ocptip.standing.simulation.mjcf import (
     BASE,
     FOOT,
     ON_SPRINGS,
+    PAYLOAD,
     PROCESS,
     RIGID,
     SENSOR,
     STEP,
+    held_body,
     joint_offsets,
     joint_order,
+    principal,
     require_exportable,
     to_mjcf,
 )
@@ -217,6 +220,7 @@ class Simulator:
     def __init__(self, robot: StandingRobot, motion: Motion, *, step: float = STEP) -> None:
         self.mujoco = library_mujoco()
         self.robot, self.motion, self.step = require_exportable(robot), motion, step
+        self._models: dict[tuple, PrescribedModel] = {}
 
     def run(self, world: World | None = None) -> Replay:
         """Replay the motion in a world.
@@ -232,9 +236,11 @@ class Simulator:
 
     def _run(self, world: World) -> Replay:
         mujoco = self.mujoco
-        robot = world.robot(self.robot)
+        prescribed = self._model_of(world)
+        held = self.robot.arm.payload
+        model = prescribed.compiled(world, _with_more(held, world.payload) if world.payload else held)
+        robot = prescribed.robot
         motion = self.motion if world.speed == 1 else self.motion.time_scaled(1 / world.speed)
-        model = prescribed_model(to_mjcf(robot, motion), world, self.step)
         bodies = real_bodies(robot.arm)
         late = np.array(world.late) if world.late else np.zeros(robot.n)
         count = int(np.ceil((BEFORE + motion.end + late.max() + AFTER) / self.step))
@@ -260,6 +266,14 @@ class Simulator:
         unstable = any(data.warning[kind].number for kind in _unstable(mujoco))
         first = round(_SETTLED / self.step)
         return self._seen(world, robot, motion, times[first:], late, sensed[0, first:], unstable)
+
+    def _model_of(self, world: World) -> PrescribedModel:
+        """The model of all worlds with such feet and, if this one has it, with more payload."""
+        key = world.stiffness, world.damping, world.payload > 0
+        if key not in self._models:
+            like = World(stiffness=world.stiffness, damping=world.damping, payload=world.payload)
+            self._models[key] = PrescribedModel(like.robot(self.robot), self.motion, self.step)
+        return self._models[key]
 
     def _seen(
         self,
@@ -307,15 +321,27 @@ def _unstable(mujoco: Any) -> tuple[int, ...]:
     return tuple(int(k) for k in (kinds.mjWARN_BADQPOS, kinds.mjWARN_BADQVEL, kinds.mjWARN_BADQACC))
 
 
-def prescribed_model(text: str, world: World, step: float) -> Any:
-    """The exported model with joints that do what is commanded, in a world.
+class PrescribedModel:
+    """An exported model with joints that do what is commanded, for worlds that differ.
+
+    The feet's damping is that of the payload with which it is made.
+
+    Args:
+        robot: in one of the worlds: its feet, and whether it holds anything, are those of all.
+        motion: that is exported with it.
+        step: s.
 
     Raises:
         OcptipError: MuJoCo does not take it.
     """
-    mujoco = library_mujoco()
-    try:
-        spec = mujoco.MjSpec.from_string(text)
+
+    def __init__(self, robot: StandingRobot, motion: Motion, step: float) -> None:
+        mujoco = library_mujoco()
+        self.robot = robot
+        try:
+            spec = mujoco.MjSpec.from_string(to_mjcf(robot, motion))
+        except ValueError as error:
+            raise OcptipError(f"MuJoCo: {error}") from error
         for what in (*spec.actuators, *spec.equalities, *spec.keys):
             if what.name != PROCESS:
                 spec.delete(what)
@@ -327,12 +353,34 @@ def prescribed_model(text: str, world: World, step: float) -> Any:
             motor = spec.add_actuator(name=joint.name, target=joint.name)
             motor.trntype = mujoco.mjtTrn.mjTRN_JOINT
             motor.gear[0] = _PRESCRIBED
-        for body, factor in zip(_parts(spec), world.masses, strict=False):
-            for one in body:
-                one.mass, one.inertia = factor * one.mass, factor * np.array(one.inertia)
-        return spec.compile()
-    except ValueError as error:
-        raise OcptipError(f"MuJoCo: {error}") from error
+        self._spec = spec
+        self._payload = next((body for body in spec.bodies if body.name == PAYLOAD), None)
+        self._bodies = [[(one, one.mass, np.array(one.inertia)) for one in part] for part in _parts(spec)]
+        self._pairs = [(pair, np.array(pair.friction)) for pair in spec.pairs]
+
+    def compiled(self, world: World, payload: Payload | None) -> Any:
+        """The model of a world; its feet are not looked at.
+
+        Args:
+            world: that it is.
+            payload: that the robot holds there.
+
+        Raises:
+            OcptipError: MuJoCo does not take it.
+        """
+        self._spec.option.gravity = world.gravity(self.robot.support.gravity)
+        for pair, friction in self._pairs:
+            pair.friction = [*(world.friction * friction[:2]), *friction[2:]]
+        for part, factor in zip(self._bodies, [*world.masses, *(1.0 for _ in self._bodies)], strict=False):
+            for one, mass, inertia in part:
+                one.mass, one.inertia = factor * mass, factor * inertia
+                if one is self._payload and payload is not None:
+                    mass, one.ipos, inertia, one.iquat = principal(held_body(self.robot.arm, payload))
+                    one.mass, one.inertia = factor * mass, factor * inertia
+        try:
+            return self._spec.compile()
+        except ValueError as error:
+            raise OcptipError(f"MuJoCo: {error}") from error
 
 
 def _parts(spec: Any) -> list[list[Any]]:
@@ -341,7 +389,7 @@ def _parts(spec: Any) -> list[list[Any]]:
     for body in spec.bodies:
         if body.name == BASE or body.name.startswith("foot"):
             parts[0].append(body)
-        elif body.name.startswith("link") or body.name == "payload":
+        elif body.name.startswith("link") or body.name == PAYLOAD:
             parts.append([body])
     for body in spec.bodies:
         if body.name.endswith(" rotor"):
