@@ -30,6 +30,7 @@ from ocptip.motion.task import MotionTask
 from ocptip.published.cases import motion_cases
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.tolerance import NONE, PRESETS, Tolerance
+from ocptip.standing.worst_case import worst_case_of
 from ocptip.task_files.motion import load_task
 from studies.common import (
     EXAMPLES,
@@ -59,7 +60,7 @@ QUANTITIES: dict[str, tuple[str, ...]] = {
 }
 """Parts of a tolerance that are looked at alone: name, attributes."""
 
-NOMINAL, ALL, STATIC = "none", "all", "all but both"
+NOMINAL, ALL, STATIC, REST = "none", "all", "all but both", "rest"
 
 
 def on_cart(case: str) -> MotionTask:
@@ -115,6 +116,14 @@ def planned(task: MotionTask, starts: int, seed: int) -> dict[str, Any]:
     }
 
 
+def at_rest(task: MotionTask, tolerance: Tolerance) -> dict[str, float]:
+    """Least moments about a tipping axis at start and goal, N m: as described, and within a tolerance."""
+    cases = worst_case_of(task.robot, tolerance)
+    s = np.hstack([np.array([task.start, task.goal]), np.zeros((2, 2 * task.robot.n))])
+    moments = [float(own.all_moments(s).min()) for own in (cases.within(NONE), cases)]
+    return dict(zip(("described_Nm", "within_Nm"), moments, strict=True))
+
+
 def jobs(names: Sequence[str] | None, quantities: Sequence[str] | None) -> Iterator[tuple[str, str]]:
     """Tasks and parts: what all of a tolerance costs first."""
     found = tasks()
@@ -166,6 +175,13 @@ def markdown(rows: Sequence[dict[str, Any]], notes: list[str]) -> str:
     split = [[name, *(percent(energy.get(name, {}).get(part), 1) for part in (*own, ALL))] for name in names]
     text += ["", "Energy, each quantity alone (both: overshoot and lateness together):", ""]
     text += table(["task", *own, ALL], split)
+    text += ["", "Least moment about a tipping axis at rest, N m; what is left moves the arm:", ""]
+    lines = []
+    for name in names:
+        if row := by.get((name, REST)):
+            least = row["described_Nm"], row["within_Nm"]
+            lines.append([name, *(number(x, 2) for x in least), percent(least[1] / least[0])])
+    text += table(["task", "as described", "within", "left"], lines)
     return "\n".join([*text, "", *notes]) + "\n"
 
 
@@ -226,6 +242,10 @@ def run(
             limits = replace(task.limits, tolerance=parts(preset)[part])
             own = planned(replace(task, limits=limits), starts, seed)
             file.put({"task": name, "preset": preset, "part": part, **own})
+    for name in names or found:
+        if file.find(task=name, part=REST) is None:
+            task, preset = found[name]
+            file.put({"task": name, "preset": preset, "part": REST, **at_rest(task, PRESETS[preset])})
     rows = file.own
     notes = [f"{software(versions(('numpy', 'casadi')))}; {starts} starts, seed {seed}, one process."]
     notes += state_notes([row.get("state") for row in rows], state)

@@ -7,7 +7,7 @@ from ocptip.published.tasks import experiment_task
 from ocptip.standing.tolerance import SITE, WORKSHOP
 from ocptip.standing.worst_case import worst_case_of
 from ocptip.trajectories.arm_motion import ArmMotion
-from studies.tolerance.run import figure, markdown, on_cart, parts
+from studies.tolerance.run import at_rest, figure, markdown, on_cart, parts
 from studies.tolerance.samples import lost, random_deviations
 
 
@@ -60,11 +60,13 @@ def test_the_table_has_prices_of_all_and_of_the_parts_and_refusals(tmp_path):
     ]
     rows[1] |= {"duration_s": 1.1, "cpu_s": 15.0}
     rows.append({"task": "H", "preset": "workshop", "part": "all", "refused": "too much", "cpu_s": 1.0})
+    rows.append({"task": "A", "preset": "workshop", "part": "rest", "described_Nm": 3.0, "within_Nm": 1.26})
     text = markdown(rows, ["- A note."])
     assert "| A | workshop | 100.0 | 104.0 | 1.000 | 1.100 | 4.0 % | 10.0 % | 10.0 | 1.50 |" in text
     assert "| H | workshop | 9.0 | - | 1.000 | - | - | - | 10.0 | - |" in text
     assert "| A | - | - | 1.0 % | - | - | - | - | - | - | 4.0 % |" in text
     assert "- H: too much" in text
+    assert "| A | 3.00 | 1.26 | 42 % |" in text
     assert "`workshop`, 1 tasks: median price in energy 4.0 %, median ratio of CPU time 1.50." in text
     assert "- A note." in text
     figure(rows, tmp_path / "prices.png")
@@ -77,3 +79,10 @@ def test_parts_are_those_of_the_tolerance():
     assert found["tilt"].given == ("tilt",)
     assert set(found["all but both"].given) == set(WORKSHOP.given) - {"delay", "damping"}
     assert found["none"].given == ()
+
+
+def test_what_is_left_at_rest():
+    """B with the effective base: more than half of what holds it at rest may be missing in a workshop."""
+    found = at_rest(experiment_task("B", "effective"), WORKSHOP)
+    assert found["described_Nm"] == pytest.approx(3.0, abs=0.05)
+    assert 0 < found["within_Nm"] < 0.5 * found["described_Nm"]
