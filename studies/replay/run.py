@@ -107,7 +107,7 @@ def markdown(rows: Sequence[dict[str, Any]], refused: dict[str, str], notes: lis
             good = (lifts <= LIFTED) & (slides <= SLID)
             top, far = (1e3 * x.max() if len(x) else None for x in (lifts, slides))
             cells += [f"{len(lifts)}", number(top, 4), number(far, 3), f"{int((~good).sum())}"]
-            kept.append(bool(good.all()) and len(good) > 0)
+            kept.append(bool(good.all()) if len(good) else None)
         worst = next((row for row in own if row["feet"] == "beyond"), None)
         sampled = next((row for row in own if row["feet"] == "samples"), None)
         if sampled is not None:
@@ -139,7 +139,8 @@ def markdown(rows: Sequence[dict[str, Any]], refused: dict[str, str], notes: lis
         rest = f"{counts[1]} of {len(others)} others"
         text.append(f"- All exaggerated by 10 %, {where} loses a contact in {own}, {rest}.")
     for k, feet in enumerate(("stiff feet", "feet of 1e6 N/m")):
-        text.append(f"- On {feet} {sum(kept[k::2])} of {len(lines)} plans: none too high, none too far.")
+        seen = [one for one in kept[k::2] if one is not None]
+        text.append(f"- On {feet} {sum(seen)} of {len(seen)} plans: none too high, none too far.")
     text += [f"- {name}: no plan ({why})" for name, why in refused.items()]
     return "\n".join(text) + "\n"
 

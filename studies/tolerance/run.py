@@ -152,14 +152,15 @@ def prices(rows: Sequence[dict[str, Any]], key: str) -> dict[str, dict[str, floa
 def markdown(rows: Sequence[dict[str, Any]], notes: list[str]) -> str:
     """The prices of all, and of the parts."""
     by = {(row["task"], row["part"]): row for row in rows}
-    names = list(dict.fromkeys(row["task"] for row in rows))
+    presets = {row["task"]: row["preset"] for row in rows}
+    names = list(presets)
     energy, duration, cpu = (prices(rows, key) for key in ("energy_J", "duration_s", "cpu_s"))
     lines = []
     for name in names:
         nominal, whole = (by.get((name, part), {}) for part in (NOMINAL, ALL))
         ratio = cpu.get(name, {}).get(ALL)
         lines.append(
-            [name, (nominal or whole)["preset"]]
+            [name, presets[name]]
             + [number(row.get("energy_J"), 1) for row in (nominal, whole)]
             + [number(row.get("duration_s"), 3) for row in (nominal, whole)]
             + [percent(own.get(name, {}).get(ALL), 1) for own in (energy, duration)]
