@@ -15,7 +15,7 @@ from ocptip.measured.recording import Recording, Signal
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.simulation.bodies import ArmBodies, real_bodies
 from ocptip.standing.simulation.mjcf import BASE, joint_offsets, joint_order, to_mjcf
-from ocptip.standing.simulation.replay import World, library_mujoco, prescribed_model
+from ocptip.standing.simulation.replay import library_mujoco, prescribed
 from ocptip.trajectories.sampled import Motion
 
 STEP, PERIOD = 1e-4, 1e-3  # s
@@ -181,7 +181,7 @@ def _model(
         name="gripper", type=mujoco.mjtSensor.mjSENS_FRAMEPOS, objname="gripper",
         objtype=mujoco.mjtObj.mjOBJ_SITE,
     )  # fmt: skip
-    model = prescribed_model(spec.to_xml(), World(), STEP)
+    model = prescribed(spec.to_xml(), STEP).compile()
     return model, springs
 
 

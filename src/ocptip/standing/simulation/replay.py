@@ -321,6 +321,31 @@ def _unstable(mujoco: Any) -> tuple[int, ...]:
     return tuple(int(k) for k in (kinds.mjWARN_BADQPOS, kinds.mjWARN_BADQVEL, kinds.mjWARN_BADQACC))
 
 
+def prescribed(text: str, step: float) -> Any:
+    """The MjSpec of an exported model with joints that do what is commanded.
+
+    Raises:
+        OcptipError: MuJoCo does not take it.
+    """
+    mujoco = library_mujoco()
+    try:
+        spec = mujoco.MjSpec.from_string(text)
+    except ValueError as error:
+        raise OcptipError(f"MuJoCo: {error}") from error
+    for what in (*spec.actuators, *spec.equalities, *spec.keys):
+        if what.name != PROCESS:
+            spec.delete(what)
+    spec.option.timestep = step
+    for joint in spec.joints:
+        if joint.name == BASE or joint.stiffness[0] > 0:
+            continue
+        joint.armature = _PRESCRIBED
+        motor = spec.add_actuator(name=joint.name, target=joint.name)
+        motor.trntype = mujoco.mjtTrn.mjTRN_JOINT
+        motor.gear[0] = _PRESCRIBED
+    return spec
+
+
 class PrescribedModel:
     """An exported model with joints that do what is commanded, for worlds that differ.
 
@@ -336,23 +361,8 @@ class PrescribedModel:
     """
 
     def __init__(self, robot: StandingRobot, motion: Motion, step: float) -> None:
-        mujoco = library_mujoco()
         self.robot = robot
-        try:
-            spec = mujoco.MjSpec.from_string(to_mjcf(robot, motion))
-        except ValueError as error:
-            raise OcptipError(f"MuJoCo: {error}") from error
-        for what in (*spec.actuators, *spec.equalities, *spec.keys):
-            if what.name != PROCESS:
-                spec.delete(what)
-        spec.option.timestep = step
-        for joint in spec.joints:
-            if joint.name == BASE or joint.stiffness[0] > 0:
-                continue
-            joint.armature = _PRESCRIBED
-            motor = spec.add_actuator(name=joint.name, target=joint.name)
-            motor.trntype = mujoco.mjtTrn.mjTRN_JOINT
-            motor.gear[0] = _PRESCRIBED
+        spec = prescribed(to_mjcf(robot, motion), step)
         self._spec = spec
         self._payload = next((body for body in spec.bodies if body.name == PAYLOAD), None)
         self._bodies = [[(one, one.mass, np.array(one.inertia)) for one in part] for part in _parts(spec)]
