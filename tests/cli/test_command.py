@@ -33,6 +33,7 @@ ARGUMENTS = {
     "export": ["plan"],
     "simulate": ["plan"],
     "compare": ["recording.csv", "plan"],
+    "identify": ["payload", "recording.csv", "plan"],
     "report": ["plan"],
 }
 NAMES = [command.name for command in COMMANDS]

@@ -336,6 +336,22 @@ COMMANDS = (
         ),
     ),
     Command(
+        "identify",
+        "masses, centres of mass, friction, power maps out of recordings, with their errors",
+        "Identifies parameters of a machine from the recording of a plan that it ran, and writes them as "
+        "tables of a task file, with the [tolerance] that their errors are (docs/identify.md).",
+        "0 identified (what the recording does not tell is said)",
+        (
+            argument("what", None, "what is looked for", choices=("payload", "base", "bodies")),
+            argument("recording", "RECORDING.csv", "what was measured (names of columns: docs/compare.md)"),
+            argument("plan", "PLAN_DIR", "folder of the plan that was run"),
+            argument("--unit", None, "of angles in columns that do not say it", choices=("deg", "rad")),
+            argument("--tared", None, "the sensor was set to zero under load", action="store_true"),
+            argument("--sigmas", "K", "standard errors on both sides that are tolerance (3)", type=float),
+            argument("--out", "FILE.toml", "write the tables of a task file"),
+        ),
+    ),
+    Command(
         "report",
         "one document: machine, assumptions, load cases, worst cases, tolerated quantities",
         "Checks a plan, or the poses of a task, anew, and writes one HTML page (or PDF) for the safety file.",

@@ -13,6 +13,7 @@ Known quantities, with a unit at the end of the name, which may be in brackets (
 - pose of the base since the start: `base_x`, `base_y`, `base_z`; m, mm; and `base_roll`, `base_pitch`,
   `base_yaw`; deg, rad
 - tangential shifts of contacts 1, 2, ...: `dx1`, `dy1`, ...; m, mm
+- normal forces of contacts 1, 2, ...: `normal1`, ...; N (`identify` looks at them, `compare` does not)
 
 NAME is that of a joint, SENSOR that of the task's `[sensor]`. The columns of `motion.csv` are among these.
 Without a unit numbers are SI, but for angles, which must say theirs. All other
@@ -35,8 +36,8 @@ from ocptip.basics.toml import read_text
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.csv_columns import time_column
 
-ANGLE, SPEED, TORQUE, WRENCH, POWER, GRIPPER, BASE, SHIFT = (
-    "angles", "speeds", "torques", "sensor", "power", "gripper", "base", "shifts",
+ANGLE, SPEED, TORQUE, WRENCH, POWER, GRIPPER, BASE, SHIFT, FOOT = (
+    "angles", "speeds", "torques", "sensor", "power", "gripper", "base", "shifts", "feet",
 )  # fmt: skip
 KINDS = (ANGLE, SPEED, TORQUE, WRENCH, POWER, GRIPPER, BASE, SHIFT)
 FEWEST = 50  # samples: statistics of less say nothing
@@ -52,6 +53,7 @@ _UNITS = {
     GRIPPER: _LENGTH,
     BASE: {**_LENGTH, **_TURN},
     SHIFT: _LENGTH,
+    FOOT: {"N": 1.0},
 }
 _ALL = sorted({unit for units in _UNITS.values() for unit in units}, key=len, reverse=True)
 _WITH_UNIT = re.compile(rf"(?P<body>.+?)[\s_]*[\[(]?(?<![A-Za-z])(?P<unit>{'|'.join(_ALL)})[\])]?")
@@ -60,7 +62,7 @@ _WORDS = {
     **dict.fromkeys(("velocity", "vel", "speed", "qd"), SPEED),
     **dict.fromkeys(("effort", "torque", "force", "tau"), TORQUE),
 }
-_NUMBERED = re.compile(r"(?P<word>q|qd|tau|power)(?P<number>[1-9][0-9]*)")
+_NUMBERED = re.compile(r"(?P<word>q|qd|tau|power|normal)(?P<number>[1-9][0-9]*)")
 _AXES = {name: k for k, name in enumerate(("fx", "fy", "fz", "mx", "my", "mz"))}
 _PLACES = {name: k for k, name in enumerate(("x", "y", "z", "roll", "pitch", "yaw"))}
 _TOTAL, _DRIVE, _VOLTAGE, _CURRENT = "power", "power{}", "voltage", "current"
@@ -72,7 +74,7 @@ class Signal:
 
     Attributes:
         name: without unit: `q1`, `tau2`, `fz`, `power`, `gripper_x`, `base_yaw`, `dx3`.
-        kind: one of `KINDS`.
+        kind: one of `KINDS`, or `FOOT`, which is not compared.
         index: within its kind, from 0: joint, axis or contact (twice its number, + 1 for dy); of power 0 for
             the total and the number of the drive else.
         values: (N,), SI; nan where the sample is missing.
@@ -218,6 +220,8 @@ def _known(body: str, names: Sequence[str], sensor: str) -> tuple[str, str, int]
     """Name, kind and index of a column without its unit."""
     if (match := _NUMBERED.fullmatch(body)) is not None:
         number = int(match["number"])
+        if match["word"] == "normal":
+            return body, FOOT, number - 1
         kind = {"q": ANGLE, "qd": SPEED, "tau": TORQUE, "power": POWER}[match["word"]]
         if number > len(names):
             return None

@@ -1,0 +1,102 @@
+"""`ocptip identify`: parameters of a machine out of recordings, as tables of a task file."""
+
+from __future__ import annotations
+
+import math
+from argparse import Namespace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ocptip.basics.errors import InputError, naming
+from ocptip.basics.text import some
+from ocptip.basics.toml_text import toml_text
+from ocptip.basics.write import versions, write_text
+from ocptip.cli.command import Report
+from ocptip.cli.layout import named, under
+from ocptip.measured.bodies import BASE, PAYLOAD, Body, identify_bodies, tables
+from ocptip.measured.prediction import Predictor
+from ocptip.measured.recording import FOOT, Recording, read_recording
+from ocptip.task_files.plan_folder import read_plan_folder
+
+_BODIES = {"payload": (PAYLOAD,), "base": (BASE,), "bodies": (PAYLOAD, BASE)}
+_SIGMAS = 3.0
+
+
+def run(options: Namespace) -> IdentifyReport:
+    """Read what was measured, and identify what is asked for."""
+    recording, predictor = _recorded(options)
+    with naming(Path(options.recording).name):
+        return _of_bodies(recording, predictor, options)
+
+
+def _recorded(options: Namespace) -> tuple[Recording, Predictor]:
+    plan = read_plan_folder(options.plan)
+    robot, motion = plan.of_arm("identify takes")
+    with naming(options.plan):
+        predictor = Predictor(robot, motion)
+    return read_recording(options.recording, robot, unit=options.unit), predictor
+
+
+def _of_bodies(recording: Recording, predictor: Predictor, options: Namespace) -> IdentifyReport:
+    found = identify_bodies(recording, predictor, _BODIES[options.what], tared=options.tared)
+    sigmas = _SIGMAS if options.sigmas is None else options.sigmas
+    lines = [row for body in found.bodies for row in under(body.name, _told(body))]
+    what = "normal forces of the contacts" if found.source == FOOT else "force-torque sensor"
+    late = 1e3 * found.estimate.delays[found.source]
+    left = found.estimate.residuals[found.source]
+    lines.append(("from", f"{what}, {late:.2g} ms after the joints; rms of what is left {left:.3g}"))
+    text = f"+-{sigmas:g} standard errors on both sides"
+    return IdentifyReport(
+        options.what, tables(found, sigmas), [*lines, ("tolerance", text)], found.to_dict(), options.out
+    )
+
+
+def _told(body: Body) -> list[str]:
+    half = body.quantile * body.errors
+    lines = [f"mass {body.mass:.5g} +- {half[0]:.2g} kg (95 %)"]
+    told = [
+        f"{axis} {1e3 * x:.4g} +- {1e3 * h:.2g} mm" if math.isfinite(h) else f"{axis} not seen, as described"
+        for axis, x, h in zip("xyz", body.center, half[1:], strict=True)
+    ]
+    return [*lines, f"centre {', '.join(told)}"]
+
+
+@dataclass
+class IdentifyReport(Report):
+    """What was identified.
+
+    Attributes:
+        what: was asked for.
+        tables: of a task file.
+        lines: of the answer.
+        data: all numbers.
+        out: file for the tables, or None.
+    """
+
+    what: str
+    tables: Mapping[str, Any]
+    lines: Sequence[tuple[str, str]]
+    data: Mapping[str, Any]
+    out: str | None
+
+    good = True
+
+    def to_dict(self) -> dict[str, Any]:
+        """Values, covariances, and the tables."""
+        return {"identified": self.what, **self.data, "tables": self.tables, "versions": versions()}
+
+    def to_text(self) -> str:
+        """Values with their intervals."""
+        rows = [*self.lines, *under("written", self.written)]
+        return "\n".join([f"{self.what}: identified. Tables: {some(list(self.tables))}.", *named(rows)])
+
+    def write(self) -> Iterator[Path]:
+        """The tables, to be put into a task file."""
+        if self.out:
+            path = Path(self.out)
+            if path.suffix.lower() != ".toml":
+                raise InputError(f"--out: expected a .toml file, got {self.out!r}")
+            write_text(path, toml_text(self.tables))
+            yield path

@@ -1,0 +1,117 @@
+"""Loads of an arm on its base, linear in the inertial parameters of its bodies, by Pinocchio's regressors.
+
+A body has ten parameters in which all loads are linear: mass m; first moments m c (3,), kg m; and moments of
+inertia about the origin of its frame, xx, xy, yy, xz, yz, zz, kg m^2. Body 0 is the base, in base axes;
+body i is link i, in frame i of the arm.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ocptip.basics.errors import InputError
+from ocptip.numerics.inertia import RigidBody, parallel_axis
+from ocptip.robots.model import ArmModel
+from ocptip.robots.pinocchio import load_pinocchio
+from ocptip.standing.sensor import WrenchSensor
+
+PER_BODY = 10
+_PLACES = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
+NAMES = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
+"""Of the parameters of a body."""
+
+
+def parameters_of(body: RigidBody) -> np.ndarray:
+    """(10,) of a body by its mass, centre and inertia about that."""
+    mass, centre, inertia = body
+    about = inertia + parallel_axis(mass, np.asarray(centre))
+    return np.concatenate([[mass], mass * np.asarray(centre), [about[place] for place in _PLACES]])
+
+
+def body_of(parameters: np.ndarray) -> RigidBody:
+    """The body of parameters (10,) with a mass."""
+    mass = float(parameters[0])
+    centre = parameters[1:4] / mass
+    about = np.empty((3, 3))
+    for place, value in zip(_PLACES, parameters[4:], strict=True):
+        about[place] = about[place[::-1]] = value
+    return mass, centre, about - parallel_axis(mass, centre)
+
+
+def link_parameters(arm: ArmModel) -> np.ndarray:
+    """(10 L,) of all links, with what is held."""
+    bodies = zip(arm.masses, arm.centres, arm.inertias, strict=True)
+    return np.concatenate([parameters_of((float(m), c, tensor)) for m, c, tensor in bodies])
+
+
+def regressors(
+    arm: ArmModel, gravity: np.ndarray, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """What torques and the wrench on the base are per parameter; the base rests.
+
+    Args:
+        arm: without joints that follow others.
+        gravity: (3,), m/s^2, base axes.
+        q, qd, qdd: (N, n) joint values, speeds and accelerations.
+
+    Returns:
+        (N, n, 10 L) of the torques without rotors (`ArmModel.armature`), and (N, 6, 10 (L + 1)) of force and
+        moment, about the base's origin, by base and arm on what is below, base axes.
+
+    Raises:
+        InputError: joints follow others, or Pinocchio is missing.
+    """
+    if arm.coupling is not None:
+        raise InputError("parameters of arms with joints that follow others are not identified")
+    pin = load_pinocchio()
+    model = pin.Model()
+    model.gravity.linear = np.array(gravity, dtype=float)
+    joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "base")
+    place = pin.SE3(arm.mount_rotation @ arm.rotations[0], np.array(arm.mount_position))
+    for k in range(arm.links):
+        if k:
+            place = pin.SE3(np.array(arm.rotations[k]), np.array(arm.offsets[k - 1]))
+        kind = pin.JointModelPZ() if arm.slides[k] else pin.JointModelRZ()
+        joint = model.addJoint(joint, kind, place, f"joint {k + 1}")
+    data, still = model.createData(), np.zeros(6)
+    first = pin.neutral(model)[:7]
+    found = np.empty((len(q), 6 + arm.n, PER_BODY * (arm.links + 1)))
+    for k, (angles, speeds, changes) in enumerate(zip(q, qd, qdd, strict=True)):
+        found[k] = pin.computeJointTorqueRegressor(
+            model, data, np.concatenate([first, angles]), np.concatenate([still, speeds]),
+            np.concatenate([still, changes]),
+        )  # fmt: skip
+    return found[:, 6:, PER_BODY:], -found[:, :6]
+
+
+def on_sensor(sensor: WrenchSensor, wrenches: np.ndarray) -> np.ndarray:
+    """(N, 6, K) in sensor axes about its position, of wrenches about the base's origin in base axes."""
+    x, y, z = sensor.position
+    across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    move = np.block([[np.eye(3), np.zeros((3, 3))], [-across, np.eye(3)]])
+    return np.kron(np.eye(2), sensor.rotation.T) @ move @ wrenches
+
+
+def pseudo_inertia(parameters: np.ndarray) -> np.ndarray:
+    """(4, 4), positive definite for bodies that exist: [[sum m r r', sum m r], [., m]], r from the origin."""
+    about = np.empty((3, 3))
+    for place, value in zip(_PLACES, parameters[4:], strict=True):
+        about[place] = about[place[::-1]] = value
+    found = np.empty((4, 4))
+    found[:3, :3] = 0.5 * np.trace(about) * np.eye(3) - about
+    found[:3, 3] = found[3, :3] = parameters[1:4]
+    found[3, 3] = parameters[0]
+    return found
+
+
+def of_pseudo_inertia(pseudo: np.ndarray) -> np.ndarray:
+    """(10,), the way back."""
+    about = np.trace(pseudo[:3, :3]) * np.eye(3) - pseudo[:3, :3]
+    return np.concatenate([[pseudo[3, 3]], pseudo[:3, 3], [about[place] for place in _PLACES]])
+
+
+def moved_parameters(rotation: np.ndarray, origin: np.ndarray) -> np.ndarray:
+    """(10, 10): parameters of a body in a frame in which its own has this rotation and origin, m."""
+    move = np.eye(4)
+    move[:3, :3], move[:3, 3] = rotation, origin
+    return np.array([of_pseudo_inertia(move @ pseudo_inertia(unit) @ move.T) for unit in np.eye(PER_BODY)]).T
