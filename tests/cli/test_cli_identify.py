@@ -3,18 +3,26 @@
 import json
 import tomllib
 
+import numpy as np
 import pytest
 
+from ocptip.basics.errors import InputError
 from ocptip.basics.toml import Table
+from ocptip.basics.toml_text import toml_text
 from ocptip.cli.main import main
+from ocptip.measured.links import identify_links
 from ocptip.motion.output import write_plan
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.payload import Payload
+from ocptip.task_files.arm import arm_of_file
 from ocptip.task_files.payload import read_payload
 from ocptip.task_files.tolerance import load_tolerance
 from tests.cli.test_cli_compare import write
 from tests.measured.machines import predictor, recorded
+from tests.measured.test_links import described, real
+from tests.measured.test_links import recorded as of_links
 from tests.pictures.plan_stand_in import plan_of
+from tests.places import ROOT
 from tests.standing.simulation.test_replay import plan_of as committed
 
 
@@ -68,3 +76,29 @@ def test_bad_input_is_one_line(written, recording, options, said, capsys):
     error = capsys.readouterr().err
     assert said in error
     assert error.count("\n") == 1
+
+
+def test_links_that_are_written_are_those_of_the_arm_that_reads_them(tmp_path):
+    nominal = described()
+    found = identify_links(of_links(real(), 0), nominal)
+    tables = found.to_tables(nominal.robot.motors)
+    file = tmp_path / "arm.toml"
+    urdf = ROOT / "src/ocptip/examples/tasks/ur5.urdf"
+    file.write_text(toml_text({"arm": {"urdf": str(urdf), "tool_frame": "tool0", **tables["arm"]}}))
+    arm = arm_of_file(file)
+    for name in ("masses", "centres", "inertias"):
+        np.testing.assert_allclose(getattr(arm, name), getattr(found.arm, name), atol=1e-12)
+    assert tables["motors"]["kind"] == "dc"
+    assert tables["motors"]["coulomb"][0] == pytest.approx(2.0, abs=0.2)
+    file.write_text(toml_text({"arm": {"urdf": str(urdf), "links": {"elbow": {"mass": 1.0}}}}))
+    with pytest.raises(InputError, match="no joint 'elbow'; there are shoulder_pan_joint"):
+        arm_of_file(file)
+
+
+def test_an_arm_is_told(written, recording, tmp_path, capsys):
+    out = tmp_path / "arm.toml"
+    assert main(["identify", "arm", recording, str(written), "--out", str(out)]) == 0
+    said = capsys.readouterr().out
+    assert "base parameters" in said
+    assert "friction" in said
+    assert set(tomllib.loads(out.read_text())["arm"]["links"]) == {f"joint {k}" for k in range(1, 7)}

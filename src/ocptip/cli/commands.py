@@ -342,7 +342,7 @@ COMMANDS = (
         "tables of a task file, with the [tolerance] that their errors are (docs/identify.md).",
         "0 identified (what the recording does not tell is said)",
         (
-            argument("what", None, "what is looked for", choices=("payload", "base", "bodies")),
+            argument("what", None, "what is looked for", choices=("payload", "base", "bodies", "arm")),
             argument("recording", "RECORDING.csv", "what was measured (names of columns: docs/compare.md)"),
             argument("plan", "PLAN_DIR", "folder of the plan that was run"),
             argument("--unit", None, "of angles in columns that do not say it", choices=("deg", "rad")),

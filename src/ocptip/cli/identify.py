@@ -16,6 +16,7 @@ from ocptip.basics.write import versions, write_text
 from ocptip.cli.command import Report
 from ocptip.cli.layout import named, under
 from ocptip.measured.bodies import BASE, PAYLOAD, Body, identify_bodies, tables
+from ocptip.measured.links import identify_links
 from ocptip.measured.prediction import Predictor
 from ocptip.measured.recording import FOOT, Recording, read_recording
 from ocptip.task_files.plan_folder import read_plan_folder
@@ -28,6 +29,8 @@ def run(options: Namespace) -> IdentifyReport:
     """Read what was measured, and identify what is asked for."""
     recording, predictor = _recorded(options)
     with naming(Path(options.recording).name):
+        if options.what == "arm":
+            return _of_links(recording, predictor, options)
         return _of_bodies(recording, predictor, options)
 
 
@@ -51,6 +54,39 @@ def _of_bodies(recording: Recording, predictor: Predictor, options: Namespace) -
     return IdentifyReport(
         options.what, tables(found, sigmas), [*lines, ("tolerance", text)], found.to_dict(), options.out
     )
+
+
+def _of_links(recording: Recording, predictor: Predictor, options: Namespace) -> IdentifyReport:
+    found = identify_links(recording, predictor)
+    own, robot, p = found.estimate, predictor.robot, len(found.names)
+    unseen = [name for name, seen in zip(found.names, own.seen, strict=False) if not seen]
+    changed = [
+        f"{name}: {value:.4g} +- {half:.2g}, described {described:.4g}"
+        for name, value, half, described in zip(
+            found.names, own.values, own.half, found.described, strict=False
+        )
+        if abs(value - described) > half
+    ]
+    friction = []
+    for j, (name, unit) in enumerate(zip(robot.names, robot.motor_units, strict=True)):
+        parts = [
+            f"{word} {own.values[k]:.4g} +- {own.half[k]:.2g} {unit}{per}"
+            for word, k, per in (("dry", p + j, ""), ("viscous", p + robot.n + j, f" s/{robot.units[j]}"))
+            if own.seen[k]
+        ]
+        friction.append(f"{name}: {', '.join(parts) or 'not seen'}")
+    masses = zip(found.arm.chain_names, found.arm.masses, robot.arm.masses, strict=True)
+    left = ", ".join(f"{kind} {value:.3g}" for kind, value in own.residuals.items())
+    lines = [
+        ("base parameters", f"{int(own.seen[:p].sum())} of {p} are told (condition {found.condition:.0f})"),
+        *under("changed", changed or ["none by more than its 95 % interval"]),
+        *under("not told", unseen),
+        *under("friction", friction),
+        ("links", ", ".join(f"{name} {new:.4g} kg (described {old:.4g})" for name, new, old in masses)),
+        ("", f"next to what was described; base parameters moved by {found.moved:.2g} standard errors"),
+        ("rms left", left),
+    ]  # fmt: skip
+    return IdentifyReport("arm", found.to_tables(robot.motors), lines, found.to_dict(), options.out)
 
 
 def _told(body: Body) -> list[str]:

@@ -1,9 +1,9 @@
 """Parameters out of recorded loads that are linear in them, with their covariance.
 
-The motion is taken as it was planned, each joint late by what its own angle says; what is left of a delay of
-each kind of signals is a parameter of its own. Every signal is whitened by the autoregressive noise that the
-parameters leave over (`regression.whitened`), so that vibrations and filters count as the noise that they
-are. Directions of parameters that no signal tells stay as described.
+The motion is taken as it was planned, from the begin that the angles say; joints that are late have their
+own. What is left of a delay of each kind of signals is a parameter. Every signal is whitened by the
+autoregressive noise that the parameters leave over (`regression.whitened`), so that vibrations and filters
+count as the noise that they are. Directions of parameters that no signal tells stay as described.
 """
 
 from __future__ import annotations
@@ -18,10 +18,12 @@ from scipy import stats
 from ocptip.basics.errors import InputError
 from ocptip.measured.clocks import AROUND, distance, find_clock
 from ocptip.measured.prediction import Predictor
-from ocptip.measured.recording import ANGLE, Recording
+from ocptip.measured.recording import ANGLE, Recording, Signal
 from ocptip.measured.regression import Block, whitened
 
 _ROUNDS = 3
+_QUIET = 1e-9  # rad, m: least noise of an angle
+_LATE = 4.0  # standard errors from which a joint has a delay of its own
 _TINY = 0.25  # samples: step of slopes over time
 _UNSEEN = 1e-9  # share of the largest eigenvalue of the scaled normal equations, and of a direction
 CONFIDENCE = 0.95
@@ -74,12 +76,38 @@ class Ran:
 
     def __init__(self, recording: Recording, predictor: Predictor) -> None:
         self.recording, self.predictor = recording, predictor
-        begin, single = find_clock(recording, predictor)
-        own = np.full(predictor.robot.n, np.nan)
-        for one in recording.of(ANGLE):
-            own[one.index] = single.get(one.name, np.nan)
-        told = np.isfinite(own)
-        self.begins = np.where(told, own, np.median(own[told]) if told.any() else begin)
+        first, single = find_clock(recording, predictor)
+        angles = recording.of(ANGLE)
+        own = [single[one.name] for one in angles if np.isfinite(single.get(one.name, np.nan))]
+        self.begins = np.full(predictor.robot.n, np.median(own) if own else first)
+        if angles:
+            self._refine(angles)
+
+    def _refine(self, angles: Sequence[Signal]) -> None:
+        """One begin by all angles; their own of joints that differ by more than their errors explain."""
+        times, joints = self.recording.times, [one.index for one in angles]
+        weights = np.zeros(len(angles))
+        for _ in range(_ROUNDS):
+            q, qd, _ = self.predictor.states(times, self.begins)
+            later = np.zeros(len(angles))
+            for k, one in enumerate(angles):
+                good = np.isfinite(one.values)
+                slope = qd[good, one.index] - qd[good, one.index].mean()
+                away = one.values[good] - q[good, one.index]
+                away = away - away.mean()
+                square = float(slope @ slope)
+                if square > 0:
+                    later[k] = -float(slope @ away) / square
+                    noise = float(np.std(away + later[k] * slope))
+                    weights[k] = square / max(noise, _QUIET) ** 2
+            self.begins[joints] += later
+        told = weights > 0
+        found = self.begins[joints]
+        order = np.argsort(found)  # the median by weights: a joint that is late does not turn it
+        common = float(found[order[np.searchsorted(np.cumsum(weights[order]), 0.5 * weights.sum())]])
+        late = told & ((found - common) ** 2 * weights > _LATE**2)
+        self.begins[:] = common
+        self.begins[joints] = np.where(late, found, common)
 
     @cached_property
     def away(self) -> np.ndarray:

@@ -10,6 +10,7 @@ from typing import get_args
 
 import numpy as np
 
+from ocptip.basics.text import did_you_mean
 from ocptip.basics.toml import DEGREES, Table
 from ocptip.numerics.inertia import symmetric_matrix
 from ocptip.published.arms import load_arm
@@ -71,13 +72,38 @@ def read_arm(table: Table, gripper: Table | None = None, *, alone: bool = False)
         arm = _arm_from_dh(table, alone)
     else:
         name = table.text("name")
-        table.close("limits")
+        table.close("limits", "links")
         for key in (key for key in LOCKED if gripper is not None and key in gripper):
             raise gripper.error("only joints of a URDF can be locked", key)
         with table.at(arm="name"):
             arm = load_arm(name)
+    arm = _with_links(arm, table.table("links", optional=True))
     with table.at():
         return _with_limits(arm, table.table("limits", optional=True)).mounted(position, rotation)
+
+
+def _with_links(arm: ArmModel, table: Table) -> ArmModel:
+    """The arm with masses, centres and inertias of `[arm.links."JOINT"]` instead of its own."""
+    masses, centres, inertias = arm.masses.copy(), arm.centres.copy(), arm.inertias.copy()
+    armature = np.array(arm.armature)
+    for name in table:
+        if name not in arm.chain_names:
+            known = ", ".join(arm.chain_names)
+            raise table.error(
+                f"no joint {name!r}; there are {known}{did_you_mean(name, arm.chain_names)}", name
+            )
+        k, own = arm.chain_names.index(name), table.table(name)
+        masses[k] = own.number("mass", masses[k], bound="> 0")
+        centres[k] = own.vector("center_of_mass", 3, centres[k])
+        if "inertia" in own:
+            inertia = own.raw_numbers("inertia")
+            with own.at("inertia"):
+                inertias[k] = symmetric_matrix(inertia)
+        if arm.coupling is None:
+            armature[k] = own.number("armature", armature[k], bound=">= 0")
+        own.close()
+    table.close()
+    return replace(arm, masses=masses, centres=centres, inertias=inertias, armature=armature)
 
 
 def _with_limits(arm: ArmModel, table: Table) -> ArmModel:
@@ -116,7 +142,7 @@ def _arm_from_urdf(table: Table, gripper: Table | None) -> ArmModel:
     accepted = _accepted_links(table)
     geometry = table.flag("collision", True)
     folders, srdf = table.folders("package_dirs"), table.path_of("srdf", None)
-    table.close("armature", "sphere_radius", "excluded_links", "limits")
+    table.close("armature", "sphere_radius", "excluded_links", "limits", "links")
     with table.at("urdf", base_link="base_link", tool_frame="tool_frame"):
         arm = arm_from_urdf(file.path, **names, locked_joints=locked, accept_inertia=accepted)
     armature = table.per_joint("armature", arm.n, arm.armature, bound=">= 0")
@@ -145,7 +171,7 @@ def _arm_from_dh(table: Table, alone: bool) -> ArmModel:
         inertia, slides = joint.raw_numbers("inertia", np.zeros(3)), joint.flag("slides", False)
         inertia = joint.make(symmetric_matrix, inertia)
         rows.append(DHRow(**values, inertia=inertia, slides=slides))
-    table.close("sphere_radius", "excluded_links", "limits")
+    table.close("sphere_radius", "excluded_links", "limits", "links")
     with table.at():
         arm = arm_from_dh("arm", rows, convention, names)
     return _with_spheres(arm, table, names)

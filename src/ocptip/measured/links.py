@@ -1,0 +1,342 @@
+"""Inertia and friction of an arm from recorded torques, and the wrench on its base where that is recorded.
+
+Loads are linear in ten parameters of each link, but only some combinations of these have an influence: the
+base parameters, found by a rank-revealing factorisation of the regressor at random states. They are estimated
+with their covariance, beside dry and viscous friction of each joint. Of all links with these base parameters
+those are taken that lie next to what was described and can exist: a cone program on their pseudo-inertias
+(see `parameters.pseudo_inertia`), weighted by the covariance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import clarabel
+import numpy as np
+from scipy import linalg, sparse
+
+from ocptip.basics.errors import InputError, SolverError
+from ocptip.measured.clocks import AROUND
+from ocptip.measured.estimate import Estimate, Ran, estimate
+from ocptip.measured.parameters import (
+    NAMES,
+    PER_BODY,
+    body_of,
+    link_parameters,
+    on_sensor,
+    parameters_of,
+    pseudo_inertia,
+    regressors,
+)
+from ocptip.measured.prediction import Predictor
+from ocptip.measured.recording import TORQUE, WRENCH, Recording
+from ocptip.robots.model import ArmModel
+from ocptip.robots.motors import DCMotors, Motors
+
+_STATES, _SEED = 60, 0  # random states at which the rank is found
+_RANK = 1e-9  # share of the first pivot
+_RESTS = 1e-3  # share of its greatest speed below which a joint rests
+_PULL = 1.0  # a relative change of 1 costs as much as one standard error: what is not told stays as described
+_LEAST = 0.1  # mass of a link that is no body (see `simulation.bodies`), over that described
+_THIN = 1e-6  # least second moment of a link along any axis, over its mass, (0.1 m)^2
+_SMALL = 0.01  # of the mean mass of links: change of a lighter one that counts as relative 1
+_LENGTH = 0.1  # m
+
+
+@dataclass(frozen=True, eq=False)
+class BaseParameters:
+    """Which combinations of parameters (K,) have an influence.
+
+    Attributes:
+        independent: (p,) numbers of parameters, one for each combination.
+        combinations: (p, K): base parameters per parameter; 1 at the independent one.
+    """
+
+    independent: np.ndarray
+    combinations: np.ndarray
+
+    def names(self, parameters: Sequence[str]) -> list[str]:
+        """In words, such as "Izz2 + 0.425 mx3"; small shares are left out."""
+        found = []
+        for first, row in zip(self.independent, self.combinations, strict=True):
+            others = [k for k in np.argsort(-np.abs(row)) if k != first and abs(row[k]) > 1e-9]
+            parts = [f"{'-' if row[k] < 0 else '+'} {abs(row[k]):.3g} {parameters[k]}" for k in others]
+            found.append(" ".join([parameters[first], *parts]))
+        return found
+
+
+def base_parameters(columns: np.ndarray) -> BaseParameters:
+    """By QR factorisation with column pivoting of a regressor (rows, K) at many states."""
+    size = np.linalg.norm(columns, axis=0)
+    scale = np.where(size > _RANK * size.max(), size, np.inf)
+    upper, order = linalg.qr(columns / scale, mode="r", pivoting=True)[:2]
+    pivots = np.abs(np.diag(upper))
+    rank = int(np.sum(pivots > _RANK * pivots[0]))
+    first = order[:rank]
+    combinations = np.zeros((rank, columns.shape[1]))
+    combinations[:, first] = np.eye(rank)
+    rest = linalg.solve_triangular(upper[:rank, :rank], upper[:rank, rank:])
+    rest[np.abs(rest) < 1e-8] = 0.0
+    others = scale[order[rank:]]
+    combinations[:, order[rank:]] = rest * np.where(np.isfinite(others), others, 0.0) / scale[first, None]
+    by_number = np.argsort(first)
+    return BaseParameters(first[by_number], combinations[by_number])
+
+
+@dataclass(frozen=True, eq=False)
+class Identified:
+    """An arm as it was recorded.
+
+    Attributes:
+        arm: with links that can exist, with its payload as described.
+        coulomb, viscous: (n,) friction, N m (N) and N m s/rad (N s/m); nan of joints that did not move.
+        basis: the base parameters of links, then rotors where the arm has some.
+        names: of them.
+        estimate: of the base parameters (p,), then `coulomb` and `viscous`.
+        described: (p,) base parameters of the arm as described.
+        moved: how far that has moved the base parameters, in standard errors (root of the quadratic form).
+        condition: of the scaled covariance of what is seen.
+    """
+
+    arm: ArmModel
+    coulomb: np.ndarray
+    viscous: np.ndarray
+    basis: BaseParameters
+    names: tuple[str, ...]
+    estimate: Estimate
+    described: np.ndarray
+    moved: float
+    condition: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data, SI units."""
+        own = self.estimate
+        return {
+            "base_parameters": list(self.names),
+            "values": own.values.tolist(),
+            "described": self.described.tolist(),
+            "confidence_95": own.half.tolist(),
+            "covariance": own.covariance.tolist(),
+            "seen": own.seen.tolist(),
+            "coulomb": self.coulomb.tolist(),
+            "viscous": self.viscous.tolist(),
+            "residuals": dict(own.residuals),
+            "delays_s": dict(own.delays),
+            "moved_by_existence": self.moved,
+            "condition": self.condition,
+        }
+
+    def to_tables(self, motors: Motors) -> dict[str, Any]:
+        """Tables of a task file: `[arm.links]`, and `[motors]` with the friction if they are DC motors."""
+        bare = self.arm.with_payload(None)
+        links = {}
+        for k, name in enumerate(bare.chain_names):
+            places = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+            own = {
+                "mass": float(bare.masses[k]),
+                "center_of_mass": bare.centres[k].tolist(),
+                "inertia": [float(bare.inertias[k][place]) for place in places],
+            }
+            links[name] = own | ({"armature": float(bare.armature[k])} if bare.armature.any() else {})
+        found: dict[str, Any] = {"arm": {"links": links}}
+        if isinstance(motors, DCMotors):
+            keys = ("motor_constant", "coulomb", "viscous", "standby")
+            drives = {key: getattr(motors, key).copy() for key in keys}
+            for key, values in (("coulomb", self.coulomb), ("viscous", self.viscous)):
+                drives[key] = np.where(np.isfinite(values), np.maximum(values, 0.0), drives[key])
+            found["motors"] = {
+                "kind": "dc", **{key: values.tolist() for key, values in drives.items()},
+                "regeneration": motors.regeneration,
+            }  # fmt: skip
+        return found
+
+
+def parameter_names(arm: ArmModel) -> list[str]:
+    """Of all parameters, (10 L,) and rotors."""
+    rotors = [f"rotor{j + 1}" for j in range(arm.n)] if arm.armature.any() else []
+    return [f"{name}{k + 1}" for k in range(arm.links) for name in NAMES] + rotors
+
+
+def all_parameters(arm: ArmModel) -> np.ndarray:
+    """(K,) of all links, and rotors where the arm has some."""
+    return np.concatenate([link_parameters(arm), arm.armature if arm.armature.any() else []])
+
+
+def identify_links(recording: Recording, predictor: Predictor) -> Identified:
+    """Find inertia and friction.
+
+    The payload, and what else rests on the sensor, are as described. Torques of a joint count while it moves:
+    of one that rests, friction may be anything.
+
+    Args:
+        recording: with torques; with a force-torque sensor, too, if there is one between base and arm.
+        predictor: of the robot as described and the motion that was run.
+
+    Raises:
+        InputError: no torques are recorded, or too few samples.
+        SolverError: the cone program has no answer.
+    """
+    robot = predictor.robot
+    bare, sensor, n = robot.arm.with_payload(None), robot.sensor, robot.n
+    torques, wrench = recording.of(TORQUE), recording.of(WRENCH)
+    if not torques:
+        raise InputError("recording: no torques (tau1, ...)")
+    measured = {TORQUE: np.array([one.values for one in torques])}
+    if wrench:
+        measured[WRENCH] = np.array([one.values for one in wrench])
+    which = {kind: [one.index for one in recording.of(kind)] for kind in measured}
+    plate = parameters_of((sensor.mass, np.asarray(sensor.center_of_mass), np.zeros((3, 3))))
+    held = link_parameters(robot.arm) - link_parameters(bare)
+
+    def loads(kind: str, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(N, C) known loads and (N, C, K) columns of all parameters."""
+        torque, wrenches = regressors(bare, robot.support.gravity, q, qd, qdd)
+        if kind == WRENCH:
+            seen = on_sensor(sensor, wrenches)[:, which[kind]]
+            links = seen[:, :, PER_BODY:]
+            known = links @ held + seen[:, :, :PER_BODY] @ plate
+            rotors = np.zeros((*links.shape[:2], n))
+        else:
+            links = torque[:, which[kind]]
+            known = links @ held
+            rotors = (qdd[:, None] * np.eye(n))[:, which[kind]]
+        if not bare.armature.any():
+            return known, links
+        return known, np.concatenate([links, rotors], axis=2)
+
+    basis = base_parameters(np.vstack([np.vstack(list(loads(kind, *_random(bare))[1])) for kind in measured]))
+    described = all_parameters(bare)
+    p = len(basis.independent)
+
+    def model(kind: str, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        known, columns = loads(kind, q, qd, qdd)
+        friction = np.zeros((len(q), columns.shape[1], 2 * n))
+        if kind == TORQUE:
+            for c, joint in enumerate(which[kind]):
+                friction[:, c, joint], friction[:, c, n + joint] = np.sign(qd[:, joint]), qd[:, joint]
+        own = np.concatenate([columns[:, :, basis.independent], friction], axis=2)
+        return known.T, own.transpose(1, 0, 2)
+
+    ran = Ran(recording, predictor)
+    changes = ran.states()[2]
+
+    def kept(kind: str, c: int, speeds: np.ndarray) -> np.ndarray:
+        if kind != TORQUE:
+            return np.ones(len(speeds), dtype=bool)
+        own = np.abs(speeds[:, which[kind][c]])
+        turns = AROUND * recording.period * np.abs(changes[:, which[kind][c]])
+        return own > np.maximum(_RESTS * own.max(), turns)
+
+    first = np.concatenate([basis.combinations @ described, np.zeros(2 * n)])
+    found = estimate(ran, measured, model, first, kept=kept)
+    friction = np.where(found.seen[p:], found.values[p:], np.nan)
+    arm, moved = _existing(bare, basis, found)
+    return Identified(
+        arm.with_payload(robot.arm.payload), friction[:n], friction[n:], basis,
+        tuple(basis.names(parameter_names(bare))), found, first[:p], moved, _condition(found, p),
+    )  # fmt: skip
+
+
+def _random(arm: ArmModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(_SEED)
+    q = rng.uniform(-np.pi, np.pi, (_STATES, arm.n))
+    return q, rng.normal(size=q.shape), 3 * rng.normal(size=q.shape)
+
+
+def _condition(found: Estimate, p: int) -> float:
+    own = found.covariance[:p, :p][np.ix_(found.seen[:p], found.seen[:p])]
+    if not own.size:
+        return float("inf")
+    size = np.sqrt(np.diag(own))
+    return float(np.sqrt(np.linalg.cond(own / np.outer(size, size))))
+
+
+def _exists(parameters: np.ndarray) -> bool:
+    pseudo = pseudo_inertia(parameters) / _scaled()
+    return bool(np.linalg.eigvalsh(pseudo)[0] >= _THIN * max(pseudo[3, 3], 1e-300))
+
+
+def _scaled() -> np.ndarray:
+    size = np.array([_LENGTH, _LENGTH, _LENGTH, 1.0])
+    return np.outer(size, size)
+
+
+def _existing(arm: ArmModel, basis: BaseParameters, found: Estimate) -> tuple[ArmModel, float]:
+    """The arm with links that exist, and how far the base parameters moved for that."""
+    p, described = len(basis.independent), all_parameters(arm)
+    covariance = found.covariance[:p, :p]
+    size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    weight = np.linalg.pinv(covariance / np.outer(size, size), rcond=1e-12, hermitian=True) / np.outer(
+        size, size
+    )
+    roots, axes = np.linalg.eigh(0.5 * (weight + weight.T))
+    root = np.sqrt(np.maximum(roots, 0.0))[:, None] * axes.T  # of the weight
+    masses = np.maximum(arm.masses, _SMALL * arm.masses.mean())
+    unit = np.concatenate([[1.0], np.full(3, _LENGTH), np.full(6, _LENGTH**2)])
+    scale = np.concatenate([np.outer(masses, unit).ravel(), np.ones(len(described) - PER_BODY * arm.links)])
+    wanted = root @ (found.values[:p] - basis.combinations @ described)
+    slopes = root @ basis.combinations * scale
+    change = scale * _program(arm, described, scale, slopes, wanted)
+    values = described + change
+    moved = float(np.linalg.norm(root @ (basis.combinations @ values - found.values[:p])))
+    bodies = [body_of(values[k : k + PER_BODY]) for k in range(0, PER_BODY * arm.links, PER_BODY)]
+    rotors = values[PER_BODY * arm.links :]
+    return replace(
+        arm,
+        masses=np.array([mass for mass, _, _ in bodies]),
+        centres=np.array([centre for _, centre, _ in bodies]),
+        inertias=np.array([tensor for _, _, tensor in bodies]),
+        armature=np.maximum(rotors, 0.0) if len(rotors) else arm.armature,
+    ), moved
+
+
+def _program(
+    arm: ArmModel, described: np.ndarray, scale: np.ndarray, slopes: np.ndarray, wanted: np.ndarray
+) -> np.ndarray:
+    """(K,) relative changes with least |slopes x - wanted|^2 + pull |x|^2 of links that exist."""
+    K, rows, right, cones = len(described), [], [], []
+    for k in range(arm.links):
+        own = slice(PER_BODY * k, PER_BODY * (k + 1))
+        if not _exists(described[own]):  # split rotors: no body has them, see `simulation.bodies`
+            part = np.zeros((1, K))
+            part[0, own.start] = -scale[own.start]
+            rows.append(part)
+            right.append((1 - _LEAST) * described[own][:1])
+            cones.append(clarabel.NonnegativeConeT(1))
+            continue
+        mass = max(float(arm.masses[k]), 1e-12)
+        units = [_cone(unit) / mass for unit in np.eye(PER_BODY)]
+        part = np.zeros((10, K))
+        part[:, own] = -np.array(units).T * scale[own]
+        rows.append(part)
+        right.append(_cone(described[own]) / mass)
+        cones.append(clarabel.PSDTriangleConeT(4))
+    rotors = K - PER_BODY * arm.links
+    if rotors:
+        part = np.zeros((rotors, K))
+        part[:, -rotors:] = -np.diag(scale[-rotors:])
+        rows.append(part)
+        right.append(described[-rotors:])
+        cones.append(clarabel.NonnegativeConeT(rotors))
+    cost = slopes.T @ slopes + _PULL**2 * np.eye(K)
+    gradient = -slopes.T @ wanted
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    big = float(np.abs(cost).max())
+    solution = clarabel.DefaultSolver(
+        sparse.csc_matrix(np.triu(cost / big)), gradient / big, sparse.csc_matrix(np.vstack(rows)),
+        np.concatenate(right), cones, settings,
+    ).solve()  # fmt: skip
+    if solution.status not in (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved):
+        raise SolverError(f"links that exist: the cone program ended as {solution.status}")
+    return np.array(solution.x)
+
+
+def _cone(parameters: np.ndarray) -> np.ndarray:
+    """(10,) triangle, as Clarabel takes it, of a pseudo-inertia that is to be positive definite."""
+    pseudo = pseudo_inertia(parameters) / _scaled()
+    pseudo = pseudo - _THIN * pseudo[3, 3] * np.eye(4)
+    i, j = np.tril_indices(4)
+    return pseudo[j, i] * np.where(i == j, 1.0, np.sqrt(2))

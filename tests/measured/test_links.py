@@ -1,0 +1,115 @@
+"""Base parameters, friction and links of an arm from torques with noise that were made by known ones."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from ocptip.basics.errors import InputError
+from ocptip.measured.links import all_parameters, base_parameters, identify_links, parameter_names
+from ocptip.measured.parameters import link_parameters, pseudo_inertia
+from ocptip.measured.prediction import Predictor
+from ocptip.measured.recording import Recording, Signal
+from ocptip.standing.simulation.bodies import exists
+from studies.recordings.run import machine
+
+DRY, VISCOUS = np.array([2.0, 3.0, 1.5, 1.0, 1.2, 0.8]), np.array([1.0, 0.6, 0.8, 0.5, 0.7, 0.4])
+
+
+def described():
+    return Predictor(*machine("UR5"))
+
+
+def real():
+    """Masses up to 10 % off, centres by millimetres."""
+    robot, motion = machine("UR5")
+    rng = np.random.default_rng(7)
+    factors = 1 + 0.1 * rng.uniform(-1, 1, robot.arm.links)
+    arm = replace(
+        robot.arm, masses=factors * robot.arm.masses, inertias=factors[:, None, None] * robot.arm.inertias,
+        centres=robot.arm.centres + 0.005 * rng.normal(size=(robot.arm.links, 3)),
+    )  # fmt: skip
+    return Predictor(robot.varied(arm=arm), motion)
+
+
+def recorded(own, seed, *, late=0.0, sensor=True):
+    rng = np.random.default_rng(seed)
+    times = np.arange(0.0, own.motion.end + 0.3, 2e-3)
+    state = own.state(times - 0.1234567, np.array([0, 0, late, 0, 0, 0]), np.zeros(25))
+    signals = []
+    torques = state.torques + DRY * np.sign(state.qd) + VISCOUS * state.qd
+    for k in range(6):
+        noise = rng.normal(size=(2, len(times)))
+        signals.append(Signal(f"q{k + 1}", "angles", k, state.encoders[:, k] + 1e-4 * noise[0]))
+        signals.append(Signal(f"tau{k + 1}", "torques", k, torques[:, k] + 0.1 * noise[1]))
+    for k, name in enumerate(("fx", "fy", "fz", "mx", "my", "mz")):
+        values = state.wrenches[:, k] + 0.1 * rng.normal(size=len(times))
+        if sensor:
+            signals.append(Signal(name, "sensor", k, values))
+    return Recording(times, tuple(signals))
+
+
+def test_base_parameters_say_all_that_the_columns_say():
+    rng = np.random.default_rng(0)
+    columns = rng.normal(size=(50, 5))
+    columns = np.column_stack([columns, columns @ rng.normal(size=(5, 3)), np.zeros(50)])
+    columns = columns[:, rng.permutation(9)] * 10.0 ** rng.integers(-3, 3, 9)
+    basis = base_parameters(columns)
+    assert len(basis.independent) == 5
+    np.testing.assert_allclose(columns[:, basis.independent] @ basis.combinations, columns, atol=1e-9)
+    assert basis.names(list("abcdefghi"))
+
+
+@pytest.fixture(scope="module")
+def runs():
+    own, nominal = real(), described()
+    return own, [identify_links(recorded(own, seed), nominal) for seed in range(6)]
+
+
+def test_intervals_hold(runs):
+    own, found = runs
+    true = np.concatenate([found[0].basis.combinations @ all_parameters(own.robot.arm), DRY, VISCOUS])
+    inside, squares = [], 0.0
+    for one in found:
+        seen, away = one.estimate.seen, one.estimate.values - true
+        inside.append(np.abs(away[seen]) < one.estimate.half[seen])
+        squares += away[seen] @ np.linalg.solve(one.estimate.covariance[np.ix_(seen, seen)], away[seen])
+    assert np.mean(inside) > 0.9
+    assert stats.chi2.isf(0.999, 6 * seen.sum()) < squares < stats.chi2.isf(1e-3, 6 * seen.sum())
+    assert 30 < seen.sum() < len(true)  # joint 5 does not move: its friction is not told
+    assert np.isnan(found[0].coulomb).tolist() == [False, False, False, False, True, False]
+
+
+def test_links_exist_and_predict_what_was_recorded(runs):
+    own, found = runs
+    for one in found[:2]:
+        assert all(
+            exists(body) for body in zip(one.arm.masses, one.arm.centres, one.arm.inertias, strict=True)
+        )
+        for k in range(one.arm.links):
+            assert np.linalg.eigvalsh(pseudo_inertia(link_parameters(one.arm)[10 * k : 10 * k + 10]))[0] > 0
+        times = np.linspace(0.05, own.motion.end - 0.05, 50)
+        states = own.motion.states(times)
+        real_loads, described_loads, loads = (
+            np.hstack(p.robot.varied(arm=arm).loads(*states))
+            for p, arm in ((own, own.robot.arm), (own, machine("UR5")[0].arm), (own, one.arm))
+        )
+        assert np.abs(loads - real_loads).max() < 0.05 * np.abs(described_loads - real_loads).max()
+    assert found[0].arm.masses.sum() == pytest.approx(own.robot.arm.masses.sum(), rel=1e-3)
+
+
+def test_torques_alone_and_a_late_joint():
+    own = real()
+    found = identify_links(recorded(own, 3, late=4e-3, sensor=False), described())
+    true = np.concatenate([found.basis.combinations @ all_parameters(own.robot.arm), DRY, VISCOUS])
+    away = (found.estimate.values - true)[found.estimate.seen] / found.estimate.errors[found.estimate.seen]
+    assert np.abs(away).max() < 4.5
+    assert len(found.names) < 40 < len(parameter_names(own.robot.arm))
+
+
+def test_without_torques_it_is_refused():
+    recording = recorded(real(), 0)
+    without = replace(recording, signals=tuple(recording.of("sensor")))
+    with pytest.raises(InputError, match="no torques"):
+        identify_links(without, described())
