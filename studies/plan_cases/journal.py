@@ -14,7 +14,7 @@ from ocptip.basics.errors import OcptipError
 from ocptip.basics.write import plain
 from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.plan import MotionPlan, run_start
-from ocptip.motion.planner.one_start import Attempt, StartResult
+from ocptip.motion.planner.attempt import Attempt, StartResult
 from ocptip.motion.task import MotionTask
 from ocptip.motion.workers import worker_pool
 from ocptip.published.tasks import experiment_task

@@ -11,7 +11,7 @@ import pytest
 
 from ocptip.basics.errors import SolverError
 from ocptip.motion.check import check_motion
-from ocptip.motion.planner.one_start import Attempt, StartResult
+from ocptip.motion.planner.attempt import Attempt, StartResult
 from ocptip.published.tasks import experiment_task
 from studies.plan_cases import journal as plan_cases_journal
 from studies.plan_cases import run as plan_cases

@@ -6,8 +6,8 @@ Nothing here has to be trusted; what is found is judged by `checker`.
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,8 @@ import numpy as np
 from ocptip.certificate.describe import Separations, model_data, motion_data, states_at, tolerance_data
 from ocptip.certificate.find_within import HIGHEST, find_within
 from ocptip.certificate.interior import Interior
-from ocptip.certificate.trusted.checker import FORMAT, Verdict, check_certificate, digest
+from ocptip.certificate.result import AT_LIMIT, Certificate, Undecided
+from ocptip.certificate.trusted.checker import CLAIMS_WITHIN, FORMAT, Verdict, check_certificate, digest
 from ocptip.certificate.trusted.described import Checker, Intervals
 from ocptip.numerics.threads import one_thread
 from ocptip.standing.arm import StandingRobot
@@ -33,8 +34,6 @@ _LONGEST = 0.01  # s, of the first intervals
 _MOST, _MOST_OFF_A_PLANE = 15, 4  # times as many intervals as at first are tried
 _SHORTEST = 1e-5  # s: what is shorter is not divided
 _LEAST_LOSS = 1e-4  # m
-_WORDS = {"GN": "GN", "GT": "GT", "torque_ratio": "torque / limit"}
-_WITHIN = {"GN_worst_case": "GN", "GT_worst_case": "GT"}
 _ON_TIME = {"delay": 0.0, "overshoot": 0.0}
 _COVERED = {
     "GN",
@@ -47,132 +46,6 @@ _COVERED = {
     "position_margin_m",
     "duration_s",
 }
-_AT_LIMIT = 1e-6  # relative (of distances m): what is claimed where a limit is used up
-
-
-@dataclass(frozen=True)
-class Undecided:
-    """An interval of time on which a claim could not be proved.
-
-    Attributes:
-        start, end: s.
-        claim: which.
-        short: by how much, relative to the limit (of distances and angles: m, rad).
-    """
-
-    start: float
-    end: float
-    claim: str
-    short: float
-
-    def __str__(self) -> str:
-        return f"{self.claim} from {self.start:.6f} to {self.end:.6f} s, by {self.short:.2g}"
-
-
-@dataclass(frozen=True, eq=False)
-class Certificate:
-    """What was proved of a motion for all instants.
-
-    Attributes:
-        data: the certificate, plain data for JSON; None where none can be made.
-        verdict: of the checker on these data.
-        kept: the proved bounds keep the limits that were asked for.
-        undecided: where something is missing.
-        sampled: names of worst values that are beyond it, known at the sampled instants only.
-        reason: why there is none.
-        seconds: that finding and checking took.
-    """
-
-    data: Mapping[str, Any] | None
-    verdict: Verdict
-    kept: bool = False
-    undecided: tuple[Undecided, ...] = ()
-    sampled: tuple[str, ...] = ()
-    reason: str = ""
-    seconds: float = 0.0
-
-    @property
-    def certified(self) -> bool:
-        """All limits that were asked for are proved to hold at every instant, within the tolerance if one is
-        given."""
-        return self.holds and not self.sampled
-
-    @property
-    def holds(self) -> bool:
-        """The same but for those that are sampled."""
-        return self.verdict.holds and self.kept
-
-    def __str__(self) -> str:
-        """In words."""
-        if self.data is None:
-            return f"none: {self.reason}"
-        if not self.verdict.holds:
-            first = self.undecided[0] if self.undecided else self.verdict.problems[0]
-            more = f", and {len(self.undecided) - 1} more" if len(self.undecided) > 1 else ""
-            return f"not proved for all instants: {first}{more}"
-        found = f"at every instant {claims(self.verdict.bounds)} ({self.verdict.intervals} intervals)"
-        found += "" if self.kept else "; beyond the limits"
-        return found + (f"; sampled only: {', '.join(self.sampled)}" if self.sampled else "")
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data for JSON, without the intervals."""
-        return {
-            "certified": self.certified,
-            "bounds": dict(self.verdict.bounds),
-            "intervals": self.verdict.intervals,
-            "sampled_only": list(self.sampled),
-            "undecided": [vars(one) for one in self.undecided],
-            "reason": self.reason,
-            "seconds": self.seconds,
-        }
-
-
-def together(parts: Sequence[Certificate], begins: Sequence[float]) -> Certificate:
-    """What is proved of motions one after the other: of every bound the weakest, times from the first begin.
-
-    Its data are those of the motions, in their order; each is judged by itself.
-
-    Args:
-        parts: of the motions, at least one.
-        begins: s, of each.
-    """
-    seconds = sum(part.seconds for part in parts)
-    if (none := next((part for part in parts if part.data is None), None)) is not None:
-        return replace(none, seconds=seconds)
-    verdicts = [part.verdict for part in parts]
-    names = dict.fromkeys(name for verdict in verdicts for name in verdict.bounds)
-    bounds = {}
-    for name in names:
-        weakest = min if name == "clearance" else max
-        bounds[name] = weakest(verdict.bounds[name] for verdict in verdicts if name in verdict.bounds)
-    return Certificate(
-        {"parts": [part.data for part in parts]},
-        Verdict(
-            all(verdict.holds for verdict in verdicts),
-            tuple(problem for verdict in verdicts for problem in verdict.problems),
-            bounds,
-            sum(verdict.intervals for verdict in verdicts),
-        ),
-        all(part.kept for part in parts),
-        tuple(
-            replace(one, start=begin + one.start, end=begin + one.end)
-            for part, begin in zip(parts, begins, strict=True)
-            for one in part.undecided
-        ),
-        tuple(dict.fromkeys(name for part in parts for name in part.sampled)),
-        seconds=seconds,
-    )
-
-
-def claims(bounds: Mapping[str, float]) -> str:
-    """Bounds in words, rounded to the safe side; those that exceed a limit by rounding as the limit."""
-    most = {name: np.ceil(1e4 * bound / (1 + 2 * _AT_LIMIT)) / 1e4 for name, bound in bounds.items()}
-    parts = [f"{word} <= {most[name]:.4f}" for name, word in _WORDS.items()]
-    if "clearance" in bounds:
-        parts.append(f"clearance >= {np.floor(1e4 * bounds['clearance']) / 10:.1f} mm")
-    if within := [f"{w} <= {most[k]:.4f}" for k, w in _WITHIN.items() if k in bounds]:
-        parts[-1] += f"; within the tolerance {', '.join(within)}"
-    return ", ".join(parts)
 
 
 @one_thread
@@ -194,7 +67,7 @@ def certify(
     search = _Search(robot, motion, _bounds(limits, worst, bool(robot.collision.labels)))
     search.run()
     sampled = _sampled(robot, worst)
-    if limits.tolerance.given and any(name in worst for name in _WITHIN):
+    if limits.tolerance.given and any(name in worst for name in CLAIMS_WITHIN):
         sampled += search.run_within(limits, worst)
     data = search.data()
     verdict = check_certificate(data)
@@ -211,7 +84,7 @@ def certify(
 def _sampled(robot: StandingMechanism, worst: Mapping[str, Worst]) -> tuple[str, ...]:
     """Names of worst values that the proof says nothing of; on springs it is of rigid feet."""
     rigid = () if robot.support.elastic is None else ("GT",)
-    covered = {*_COVERED, *_WITHIN, *robot.further_limits.names}
+    covered = {*_COVERED, *CLAIMS_WITHIN, *robot.further_limits.names}
     return (*rigid, *(name for name in worst if name not in covered))
 
 
@@ -233,24 +106,24 @@ def _bounds(limits: MotionLimits, worst: Mapping[str, Worst], collides: bool) ->
     for name, limit in (("GN", limits.GN), ("GT", limits.GT), ("torque_ratio", limits.torque_ratio)):
         value = worst[name].value
         bound = value + LOSS * max(value, 0.1)
-        if bound > limit and value <= limit * (1 + 0.1 * _AT_LIMIT):
-            bound = limit * (1 + _AT_LIMIT)
+        if bound > limit and value <= limit * (1 + 0.1 * AT_LIMIT):
+            bound = limit * (1 + AT_LIMIT)
         bounds[name] = float(bound if name == "torque_ratio" else min(bound, HIGHEST))
     if collides:
         value, limit = worst["clearance_m"].value, limits.clearance
         bound = value - _LEAST_LOSS
-        bounds["clearance"] = float(limit - _AT_LIMIT if bound < limit <= value + 0.1 * _AT_LIMIT else bound)
+        bounds["clearance"] = float(limit - AT_LIMIT if bound < limit <= value + 0.1 * AT_LIMIT else bound)
     return bounds
 
 
 def _kept(limits: MotionLimits, bounds: Mapping[str, float]) -> bool:
     most = all(
-        bounds[name] <= getattr(limits, name) * (1 + 2 * _AT_LIMIT) for name in ("GN", "GT", "torque_ratio")
+        bounds[name] <= getattr(limits, name) * (1 + 2 * AT_LIMIT) for name in ("GN", "GT", "torque_ratio")
     )
-    for name in _WITHIN:
+    for name in CLAIMS_WITHIN:
         limit = getattr(limits, name)
         most &= bounds.get(name, 0.0) <= (HIGHEST if limit >= NEARLY_LOST else limit)
-    return most and bounds.get("clearance", np.inf) >= limits.clearance - 2 * _AT_LIMIT
+    return most and bounds.get("clearance", np.inf) >= limits.clearance - 2 * AT_LIMIT
 
 
 @dataclass
@@ -315,7 +188,7 @@ class _Search:
         assert isinstance(weakest, StandingRobot)
         goals = {
             name: min(worst[name].value * (1 + LOSS), HIGHEST) if name in worst else HIGHEST
-            for name in _WITHIN
+            for name in CLAIMS_WITHIN
         }
         whole = tolerance_data(limits.tolerance, self.robot.support)
         on_time = {**whole, **_ON_TIME}
@@ -331,7 +204,11 @@ class _Search:
                 break
         if self._tolerance is whole:
             return ()
-        return tuple(_WITHIN) if self._tolerance is None else ("joints that are late", "jumps that overshoot")
+        return (
+            tuple(CLAIMS_WITHIN)
+            if self._tolerance is None
+            else ("joints that are late", "jumps that overshoot")
+        )
 
     def _judged(
         self, piece: np.ndarray, start: np.ndarray, end: np.ndarray

@@ -13,7 +13,7 @@ from ocptip.basics.errors import InputError, naming
 from ocptip.basics.toml import read_text
 from ocptip.basics.write import versions, write_text
 from ocptip.certificate.describe import tolerance_words
-from ocptip.certificate.find import Certificate, claims
+from ocptip.certificate.result import Certificate, claims
 from ocptip.certificate.trusted.checker import Verdict, check_certificate
 from ocptip.cli.check import motion_of, task_of
 from ocptip.cli.command import Report

@@ -33,7 +33,7 @@ from ocptip.motion.largest_tolerance import largest_tolerance
 from ocptip.motion.objective import ENERGY, Objective, objective_of
 from ocptip.motion.output import plan_to_dict, sample_motion, write_plan
 from ocptip.motion.plan import MotionPlan, ToleranceError, plan_motion
-from ocptip.motion.planner.one_start import LEFT_OUT
+from ocptip.motion.planner.attempt import LEFT_OUT
 from ocptip.motion.stops import Stops
 from ocptip.motion.task import MotionTask
 from ocptip.motion.tolerated import Tolerated, tolerances

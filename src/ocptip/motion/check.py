@@ -14,7 +14,8 @@ import numpy as np
 
 from ocptip.basics.errors import InputError, positive_number
 from ocptip.basics.text import some
-from ocptip.certificate.find import Certificate, certify
+from ocptip.certificate.find import certify
+from ocptip.certificate.result import Certificate
 from ocptip.motion.within_tolerance import WithinTolerance, worst_within
 from ocptip.numerics.threads import one_thread
 from ocptip.standing.contact_margins import ContactMargins
@@ -215,11 +216,13 @@ def certified(
 ) -> MotionCheck:
     """The check with a certificate, if it is verified: a proof for all instants, as far as there is one.
 
+    One that it has stays.
+
     Args:
         robot, motion, limits: as checked.
         checked: what `check_motion` found.
     """
-    if not checked.verified:
+    if not checked.verified or checked.certificate is not None:
         return checked
     return replace(checked, certificate=certify(robot, motion, limits or MotionLimits(), checked.worst))
 

@@ -8,7 +8,8 @@ import pytest
 
 from ocptip.basics.errors import SolverError
 from ocptip.motion.check import check_motion
-from ocptip.motion.planner.one_start import SLOWED, Attempt, Clock, Search
+from ocptip.motion.planner.attempt import Attempt, Clock
+from ocptip.motion.planner.one_start import SLOWED, Search
 from ocptip.motion.planner.random_start import random_start
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.tolerance import WORKSHOP

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from ocptip.basics.errors import InputError
-from ocptip.certificate.find import together
+from ocptip.certificate.result import together
 from ocptip.motion.check import MotionCheck, certified, check_motion
 from ocptip.motion.cycles.task import SAME, CycleTask
 from ocptip.standing.contact_margins import ContactMargins

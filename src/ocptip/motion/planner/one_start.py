@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import time
-from copy import copy
-from dataclasses import dataclass
-
 import numpy as np
 
 from ocptip.basics.errors import InputError, SolverError
-from ocptip.motion.check import MotionCheck, check_motion
+from ocptip.motion.check import MotionCheck, certified, check_motion
+from ocptip.motion.planner.attempt import Attempt, Clock, Rough
 from ocptip.motion.planner.exact import Exact, Refiner
 from ocptip.motion.planner.formulation import Formulation, Smoothing
 from ocptip.motion.planner.free_ends import FreeEnds
@@ -35,80 +32,11 @@ SLOWER = (1.0, 1.4, 2.0)  # durations from which an exact program within a toler
 SOLVED = 1e-4  # largest violation of an exact program that is good enough to be tightened
 HOPELESS = 0.05  # largest violation from which a motion is worth its check
 TIGHTENINGS = 5
+PROOFS, DEARER = 2, 1.005  # so often a motion is solved again to be proved, if it costs at most so much more
+AHEAD = 2  # times what a proof falls short are limits tightened, for proofs are a little different each time
 MISS = 1e-7  # m and rad, by which start and goal may miss their poses
 SLOWED = 1.001  # a motion that exceeds speeds or accelerations by less is slowed down by as much
-LEFT_OUT = "left out: other starts promise a lower cost"
 NUMERICAL = (InputError, SolverError, ArithmeticError, np.linalg.LinAlgError)
-
-
-@dataclass(frozen=True)
-class StartResult:
-    """What became of one start.
-
-    Attributes:
-        number: of the start; with the seed it decides the random motion.
-        status: "verified", or what is missing.
-        energy: J, NaN if no motion came out.
-        verified: the motion keeps all limits on the dense grid.
-        iterations: of Ipopt, all solves together.
-        seconds: wall time.
-        cpu_seconds: CPU time of its thread, which other work on the machine disturbs less.
-        solves: number of programs solved.
-        stages: CPU seconds by stage: start, coarse, fine, exact, check.
-    """
-
-    number: int
-    status: str
-    energy: float
-    verified: bool
-    iterations: int
-    seconds: float
-    cpu_seconds: float
-    solves: int
-    stages: dict[str, float]
-
-
-@dataclass(frozen=True, eq=False)
-class Rough:
-    """A start after its first smooth programs.
-
-    Attributes:
-        number: of the start.
-        coarse, x: variables after the coarse and the fine programs; None if there are none.
-        cost: of the motion, about; infinite if there is none.
-        status: what is missing; empty if nothing is.
-        clock: what it took.
-    """
-
-    number: int
-    coarse: np.ndarray | None
-    x: np.ndarray | None
-    cost: float
-    status: str
-    clock: Clock
-
-    @property
-    def left_out(self) -> Attempt:
-        """The start, given up here."""
-        return Attempt(self.clock.result(self.number, self.status or LEFT_OUT, None), None, None)
-
-
-@dataclass(frozen=True, eq=False)
-class Attempt:
-    """What a start has come to.
-
-    Attributes:
-        result: in numbers.
-        motion, check: both None if no motion came out.
-        x: variables to go on from, where another cycle may find a better order of events; else None.
-        clock: what it took.
-    """
-
-    result: StartResult
-    motion: ArmMotion | None
-    check: MotionCheck | None
-    x: np.ndarray | None = None
-    clock: Clock | None = None
 
 
 class Search:
@@ -208,6 +136,59 @@ class Search:
         clock.pause()
         return Attempt(clock.result(before.result.number, "verified", checked), motion, checked, x, clock)
 
+    def proved(self, before: Attempt) -> Attempt:
+        """A verified start with its certificate; solved again, tighter, where something is not proved.
+
+        What is proved replaces what is not, if it costs hardly more.
+        """
+        assert before.motion is not None
+        assert before.check is not None
+        clock = before.clock.again() if before.clock else Clock()
+        checked = certified(self.task.robot, before.motion, before.check, self.task.limits)
+        clock.stage("proof")
+        found = self._made_provable(before.motion, checked, clock)
+        motion, checked = found or (before.motion, checked)
+        clock.pause()
+        status = before.result.status
+        return Attempt(clock.result(before.result.number, status, checked), motion, checked, None, clock)
+
+    def _made_provable(
+        self, motion: ArmMotion, checked: MotionCheck, clock: Clock
+    ) -> tuple[ArmMotion, MotionCheck] | None:
+        """A certified motion near one that is not, if there is a way to one."""
+        cost, refiner, exact = self._cost(checked), Refiner(self.formulation, self.inner), None
+        try:
+            for _ in range(PROOFS):
+                faults = self._not_proved(checked)
+                if not faults or any(short > PROOFS * limit.largest_step for limit, short, _ in faults):
+                    break
+                for limit, short, _ in faults:
+                    refiner.limits = limit.tightened(refiner.limits, AHEAD * short)
+                exact = exact or self._ordered(refiner, self.formulation.variables(motion), clock)
+                exact = refiner.again(exact, [time for *_, times in faults for time in times])
+                clock.stage("exact")
+                motion, checked = self._checked(refiner, exact, clock)
+                if not checked.verified or self._cost(checked) > DEARER * cost:
+                    break
+                checked = certified(self.task.robot, motion, checked, self.task.limits)
+                clock.stage("proof")
+                if checked.certified:
+                    return motion, checked
+        except NUMERICAL:
+            pass  # it stays as it was
+        finally:
+            clock.count(refiner)
+        return None
+
+    def _not_proved(self, checked: MotionCheck) -> list[tuple[AskedLimit, float, list[float]]]:
+        """Limits that the certificate leaves open, by how much, and when, s."""
+        found = []
+        for limit in self._asked if checked.certificate else []:
+            shorts, times = checked.certificate.short_of(limit.name, limit.setting, limit.number)
+            if shorts > 0:
+                found.append((limit, shorts, times or [checked.worst[limit.quantity].time]))
+        return found
+
     def _refined(
         self, x: np.ndarray, clock: Clock
     ) -> tuple[tuple[ArmMotion, MotionCheck] | None, np.ndarray, str]:
@@ -216,8 +197,7 @@ class Search:
         try:
             return self._exact(refiner, x, clock)
         finally:
-            clock.iterations += refiner.iterations
-            clock.solves += refiner.solves
+            clock.count(refiner)
 
     def _open_at(self, x: np.ndarray | None, checked: MotionCheck | None) -> np.ndarray | None:
         """Variables from which another cycle may pay; within a tolerance it rarely does."""
@@ -252,7 +232,19 @@ class Search:
     def _exact(
         self, refiner: Refiner, x: np.ndarray, clock: Clock
     ) -> tuple[tuple[ArmMotion, MotionCheck] | None, np.ndarray, str]:
-        """A checked exact motion near x, its variables, and what is missing if there is none.
+        """A checked exact motion near x, its variables, and what is missing if there is none."""
+        best = self._ordered(refiner, x, clock)
+        x = best.solution.x[: self.formulation.layout.size]
+        if best.solution.violation > HOPELESS:
+            missing = (
+                f"no motion: exact program not solved (Ipopt: {best.solution.status}, largest violation of a "
+                f"limit {best.solution.violation:.2g} in its units)"
+            )
+            return None, x, missing
+        return self._checked(refiner, best, clock), x, ""
+
+    def _ordered(self, refiner: Refiner, x: np.ndarray, clock: Clock) -> Exact:
+        """The exact solution near x.
 
         Where the order of events found at x leads nowhere, others that x suggests are tried; within a
         tolerance, of which the smooth programs know little, then those of slower motions.
@@ -270,14 +262,7 @@ class Search:
                 break
         assert best is not None  # there is a pace
         clock.stage("exact")
-        x = best.solution.x[: self.formulation.layout.size]
-        if best.solution.violation > HOPELESS:
-            missing = (
-                f"no motion: exact program not solved (Ipopt: {best.solution.status}, largest violation of a "
-                f"limit {best.solution.violation:.2g} in its units)"
-            )
-            return None, x, missing
-        return self._checked(refiner, best, clock), x, ""
+        return best
 
     @staticmethod
     def _solve(
@@ -334,10 +319,11 @@ class Search:
         worst = [checked.worst[limit.quantity] for limit in self._asked if limit.of_contacts]
         return any(w.value > BINDING * w.limit for w in worst)
 
+    def _cost(self, checked: MotionCheck) -> float:
+        return self.task.objective.cost(checked.energy, checked.duration)
+
     def _better(self, checked: MotionCheck, than: MotionCheck) -> bool:
-        (good, cost), (than_good, than_cost) = (
-            (c.verified, self.task.objective.cost(c.energy, c.duration)) for c in (checked, than)
-        )
+        (good, cost), (than_good, than_cost) = ((c.verified, self._cost(c)) for c in (checked, than))
         return (good, -cost) > (than_good, -than_cost)
 
 
@@ -346,50 +332,3 @@ def free_ends(task: MotionTask) -> FreeEnds:
     arm = task.robot.arm if isinstance(task.robot, StandingRobot) else None
     margin = task.limits.angle_margin
     return FreeEnds(arm, (task.start, task.goal), task.targets, task.optimised, margin)
-
-
-class Clock:
-    """Adds up CPU time of the thread by stage, wall time, iterations and solves."""
-
-    def __init__(self) -> None:
-        self.stages: dict[str, float] = {}
-        self.iterations = self.solves = 0
-        self.seconds = self.cpu_seconds = 0.0
-        self.go_on()
-
-    def again(self) -> Clock:
-        """Another clock that goes on from here."""
-        other = copy(self)
-        other.stages = dict(self.stages)
-        other.go_on()
-        return other
-
-    def go_on(self) -> None:
-        """From here on, perhaps in another thread."""
-        self.began = time.perf_counter(), time.thread_time()
-        self.last = self.began[1]
-
-    def pause(self) -> None:
-        """Count no further."""
-        self.seconds += time.perf_counter() - self.began[0]
-        self.cpu_seconds += time.thread_time() - self.began[1]
-
-    def stage(self, name: str) -> None:
-        """A stage of that name has ended."""
-        now = time.thread_time()
-        self.stages[name] = self.stages.get(name, 0.0) + now - self.last
-        self.last = now
-
-    def result(self, number: int, status: str, checked: MotionCheck | None) -> StartResult:
-        """Of a start that took so long."""
-        return StartResult(
-            number=number,
-            status=status,
-            energy=checked.energy if checked else float("nan"),
-            verified=bool(checked and checked.verified),
-            iterations=self.iterations,
-            seconds=self.seconds,
-            cpu_seconds=self.cpu_seconds,
-            solves=self.solves,
-            stages=self.stages,
-        )

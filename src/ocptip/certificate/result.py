@@ -1,0 +1,157 @@
+"""What was proved of a motion: bounds, and where something is missing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ocptip.certificate.trusted.checker import Verdict
+
+AT_LIMIT = 1e-6
+"""Relative (of distances m): what is claimed where a limit is used up."""
+
+_WORDS = {"GN": "GN", "GT": "GT", "torque_ratio": "torque / limit"}
+_WITHIN = {"GN_worst_case": "GN", "GT_worst_case": "GT"}
+
+
+@dataclass(frozen=True)
+class Undecided:
+    """An interval of time on which a claim could not be proved.
+
+    Attributes:
+        start, end: s.
+        claim: which.
+        short: by how much, relative to the limit (of distances and angles: m, rad).
+    """
+
+    start: float
+    end: float
+    claim: str
+    short: float
+
+    def __str__(self) -> str:
+        return f"{self.claim} from {self.start:.6f} to {self.end:.6f} s, by {self.short:.2g}"
+
+
+@dataclass(frozen=True, eq=False)
+class Certificate:
+    """What was proved of a motion for all instants.
+
+    Attributes:
+        data: the certificate, plain data for JSON; None where none can be made.
+        verdict: of the checker on these data.
+        kept: the proved bounds keep the limits that were asked for.
+        undecided: where something is missing.
+        sampled: names of worst values that are beyond it, known at the sampled instants only.
+        reason: why there is none.
+        seconds: that finding and checking took.
+    """
+
+    data: Mapping[str, Any] | None
+    verdict: Verdict
+    kept: bool = False
+    undecided: tuple[Undecided, ...] = ()
+    sampled: tuple[str, ...] = ()
+    reason: str = ""
+    seconds: float = 0.0
+
+    @property
+    def certified(self) -> bool:
+        """All limits that were asked for are proved to hold at every instant, within the tolerance if one is
+        given."""
+        return self.holds and not self.sampled
+
+    @property
+    def holds(self) -> bool:
+        """The same but for those that are sampled."""
+        return self.verdict.holds and self.kept
+
+    def short_of(self, limit: str, key: str, number: float) -> tuple[float, list[float]]:
+        """By how much it falls short of proving a limit, and the middles of the intervals, s.
+
+        Args:
+            limit: its name.
+            key: of its bound.
+            number: the limit.
+        """
+        own = [one for one in self.undecided if one.claim.replace("contacts", "slip") == limit]
+        beyond = (
+            self.verdict.bounds.get(key, number) - number if self.verdict.holds and not self.kept else 0.0
+        )
+        short = max([beyond if key != "clearance" else -beyond, *(one.short for one in own)])
+        return short, [0.5 * (one.start + one.end) for one in own]
+
+    def __str__(self) -> str:
+        """In words."""
+        if self.data is None:
+            return f"none: {self.reason}"
+        if not self.verdict.holds:
+            first = self.undecided[0] if self.undecided else self.verdict.problems[0]
+            more = f", and {len(self.undecided) - 1} more" if len(self.undecided) > 1 else ""
+            return f"not proved for all instants: {first}{more}"
+        found = f"at every instant {claims(self.verdict.bounds)} ({self.verdict.intervals} intervals)"
+        found += "" if self.kept else "; beyond the limits"
+        return found + (f"; sampled only: {', '.join(self.sampled)}" if self.sampled else "")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON, without the intervals."""
+        return {
+            "certified": self.certified,
+            "bounds": dict(self.verdict.bounds),
+            "intervals": self.verdict.intervals,
+            "sampled_only": list(self.sampled),
+            "undecided": [vars(one) for one in self.undecided],
+            "reason": self.reason,
+            "seconds": self.seconds,
+        }
+
+
+def together(parts: Sequence[Certificate], begins: Sequence[float]) -> Certificate:
+    """What is proved of motions one after the other: of every bound the weakest, times from the first begin.
+
+    Its data are those of the motions, in their order; each is judged by itself.
+
+    Args:
+        parts: of the motions, at least one.
+        begins: s, of each.
+    """
+    seconds = sum(part.seconds for part in parts)
+    if (none := next((part for part in parts if part.data is None), None)) is not None:
+        return replace(none, seconds=seconds)
+    verdicts = [part.verdict for part in parts]
+    names = dict.fromkeys(name for verdict in verdicts for name in verdict.bounds)
+    bounds = {}
+    for name in names:
+        weakest = min if name == "clearance" else max
+        bounds[name] = weakest(verdict.bounds[name] for verdict in verdicts if name in verdict.bounds)
+    return Certificate(
+        {"parts": [part.data for part in parts]},
+        Verdict(
+            all(verdict.holds for verdict in verdicts),
+            tuple(problem for verdict in verdicts for problem in verdict.problems),
+            bounds,
+            sum(verdict.intervals for verdict in verdicts),
+        ),
+        all(part.kept for part in parts),
+        tuple(
+            replace(one, start=begin + one.start, end=begin + one.end)
+            for part, begin in zip(parts, begins, strict=True)
+            for one in part.undecided
+        ),
+        tuple(dict.fromkeys(name for part in parts for name in part.sampled)),
+        seconds=seconds,
+    )
+
+
+def claims(bounds: Mapping[str, float]) -> str:
+    """Bounds in words, rounded to the safe side; those that exceed a limit by rounding as the limit."""
+    most = {name: np.ceil(1e4 * bound / (1 + 2 * AT_LIMIT)) / 1e4 for name, bound in bounds.items()}
+    parts = [f"{word} <= {most[name]:.4f}" for name, word in _WORDS.items()]
+    if "clearance" in bounds:
+        parts.append(f"clearance >= {np.floor(1e4 * bounds['clearance']) / 10:.1f} mm")
+    if within := [f"{w} <= {most[k]:.4f}" for k, w in _WITHIN.items() if k in bounds]:
+        parts[-1] += f"; within the tolerance {', '.join(within)}"
+    return ", ".join(parts)

@@ -1,0 +1,137 @@
+"""What becomes of one start of the planner, and what it takes."""
+
+from __future__ import annotations
+
+import time
+from copy import copy
+from dataclasses import dataclass
+
+import numpy as np
+
+from ocptip.motion.check import MotionCheck
+from ocptip.motion.planner.exact import Refiner
+from ocptip.trajectories.arm_motion import ArmMotion
+
+LEFT_OUT = "left out: other starts promise a lower cost"
+
+
+@dataclass(frozen=True)
+class StartResult:
+    """What became of one start.
+
+    Attributes:
+        number: of the start; with the seed it decides the random motion.
+        status: "verified", or what is missing.
+        energy: J, NaN if no motion came out.
+        verified: the motion keeps all limits on the dense grid.
+        iterations: of Ipopt, all solves together.
+        seconds: wall time.
+        cpu_seconds: CPU time of its thread, which other work on the machine disturbs less.
+        solves: number of programs solved.
+        stages: CPU seconds by stage: start, coarse, fine, exact, check, proof.
+    """
+
+    number: int
+    status: str
+    energy: float
+    verified: bool
+    iterations: int
+    seconds: float
+    cpu_seconds: float
+    solves: int
+    stages: dict[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Rough:
+    """A start after its first smooth programs.
+
+    Attributes:
+        number: of the start.
+        coarse, x: variables after the coarse and the fine programs; None if there are none.
+        cost: of the motion, about; infinite if there is none.
+        status: what is missing; empty if nothing is.
+        clock: what it took.
+    """
+
+    number: int
+    coarse: np.ndarray | None
+    x: np.ndarray | None
+    cost: float
+    status: str
+    clock: Clock
+
+    @property
+    def left_out(self) -> Attempt:
+        """The start, given up here."""
+        return Attempt(self.clock.result(self.number, self.status or LEFT_OUT, None), None, None)
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """What a start has come to.
+
+    Attributes:
+        result: in numbers.
+        motion, check: both None if no motion came out.
+        x: variables to go on from, where another cycle may find a better order of events; else None.
+        clock: what it took.
+    """
+
+    result: StartResult
+    motion: ArmMotion | None
+    check: MotionCheck | None
+    x: np.ndarray | None = None
+    clock: Clock | None = None
+
+
+class Clock:
+    """Adds up CPU time of the thread by stage, wall time, iterations and solves."""
+
+    def __init__(self) -> None:
+        self.stages: dict[str, float] = {}
+        self.iterations = self.solves = 0
+        self.seconds = self.cpu_seconds = 0.0
+        self.go_on()
+
+    def again(self) -> Clock:
+        """Another clock that goes on from here."""
+        other = copy(self)
+        other.stages = dict(self.stages)
+        other.go_on()
+        return other
+
+    def go_on(self) -> None:
+        """From here on, perhaps in another thread."""
+        self.began = time.perf_counter(), time.thread_time()
+        self.last = self.began[1]
+
+    def pause(self) -> None:
+        """Count no further."""
+        self.seconds += time.perf_counter() - self.began[0]
+        self.cpu_seconds += time.thread_time() - self.began[1]
+
+    def stage(self, name: str) -> None:
+        """A stage of that name has ended."""
+        now = time.thread_time()
+        self.stages[name] = self.stages.get(name, 0.0) + now - self.last
+        self.last = now
+
+    def count(self, refiner: Refiner) -> None:
+        """What its programs took."""
+        self.iterations += refiner.iterations
+        self.solves += refiner.solves
+
+    def result(self, number: int, status: str, checked: MotionCheck | None) -> StartResult:
+        """Of a start that took so long."""
+        return StartResult(
+            number=number,
+            status=status,
+            energy=checked.energy if checked else float("nan"),
+            verified=bool(checked and checked.verified),
+            iterations=self.iterations,
+            seconds=self.seconds,
+            cpu_seconds=self.cpu_seconds,
+            solves=self.solves,
+            stages=self.stages,
+        )
