@@ -20,6 +20,7 @@ from ocptip.measured.prediction import Predictor
 from ocptip.measured.recording import Recording, Signal
 from ocptip.robots.dynamics import evaluate_dynamics
 from ocptip.robots.payload import Payload
+from ocptip.robots.process import AXES, ProcessWrench
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.sensor import WrenchSensor
 from ocptip.task_files.arm import arm_of_file
@@ -80,6 +81,18 @@ def test_a_payload_is_found_within_a_percent_and_its_intervals_hold():
         inside.append(np.abs(away) < body.quantile * body.errors)
     assert np.mean(inside) > 0.85
     assert body.errors[0] < 1e-3
+
+
+@pytest.mark.parametrize("axes", AXES)
+def test_what_a_process_does_to_the_gripper_is_no_payload(axes):
+    robot = predictor().robot
+    process = ProcessWrench([1.0, -2.0, -10.0], [0.2, 0.5, 0.1], axes)
+    described = robot.varied(arm=robot.arm.with_process(process))
+    real = robot.varied(arm=described.arm.with_payload(HELD))
+    nominal = Predictor(described, predictor().motion)
+    body = identify_bodies(recorded(0, robot=real), nominal).bodies[0]
+    assert body.mass == pytest.approx(HELD.mass, rel=0.01)
+    np.testing.assert_allclose(body.center, HELD.center_of_mass, atol=2e-3)
 
 
 def test_a_tared_sensor_tells_a_payload_from_the_motion_alone():

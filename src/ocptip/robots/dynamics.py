@@ -132,7 +132,7 @@ def newton_euler(
 
 @lru_cache(maxsize=_CACHED_MODELS)
 def mass_sensitivities(model: ArmModel) -> BatchFunction:
-    """Loads without process for other masses and centres of mass, and what they change per unit of each.
+    """Loads for other masses and centres of mass, and what they change per unit of each.
 
     In: `q`, `qd`, `qdd` (n,); `gravity` (3,), `about` (3,) as in :func:`inverse_dynamics`; `changes`
     (4 L + 1,): relative changes of the links' masses and inertias, shifts of their centres of mass (x, y, z
