@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from ocptip.published.tasks import experiment_task
+from ocptip.robots.braking import brake
 from ocptip.standing.brake_limits import closing_of
 from ocptip.standing.brake_stops import BrakeCheck, Brakes, stops_of_motion
 from ocptip.task_files.motion import load_task
@@ -56,6 +57,19 @@ def test_worst_corners_are_worst_of_random_torques(robot):
     for _ in range(30):
         some = -np.sign(qd) * rng.uniform(least, greatest, (len(q), robot.n))
         assert np.all(closing_of(robot).wrenches(q, qd, some) @ slope.T + offset >= moments - 1e-8)
+
+
+def test_the_rest_after_a_stop_counts():
+    """Where braking relieves the base, it is loaded most when everything rests."""
+    robot = experiment_task("A", "effective").robot
+    robot = robot.varied(support=robot.support.varied(mass=70.0))
+    rng = np.random.default_rng(0)
+    q, qd = rng.uniform(-2, 2, (60, 6)), rng.uniform(-1, 1, (60, 6))
+    least = np.array([1.7, 17.0, 7.6, 1.7, 1.7, 1.7])
+    found = BrakeCheck(robot, Brakes(tuple(least), tuple(least))).stops(q, qd)
+    ends = brake(robot.arm, q, qd, robot.support.gravity, least).angles[-1]
+    states = robot.contact_states(robot.loads(ends, 0 * ends, 0 * ends)[1])
+    assert np.all(found.GN >= robot.tip_over.evaluate(states).GN - 1e-9)
 
 
 def test_half_spaces_give_the_verdicts_of_the_contact_solver(robot):

@@ -55,6 +55,22 @@ def test_wrenches_are_those_of_pinocchio_by_differences_of_the_time_law(task):
     assert checked >= 2 * len(times)
 
 
+def test_the_rest_after_a_stop_counts():
+    """Where decelerations relieve the base, it is loaded most when everything rests."""
+    robot = experiment_task("A", "effective").robot
+    rng = np.random.default_rng(0)
+    states = rng.uniform(-1, 1, (3, 200, 6)) * np.array([2.0, 1.0, 5.0])[:, None, None]
+    points = StopPoints.of(robot, Path.of(robot, tuple(states), 1.0, 0.3))
+    rest = robot.loads(states[0], 0 * states[0], 0 * states[0])[1]
+    found, alone = (robot.tip_over.evaluate(robot.contact_states(w)).GN for w in (points.wrenches, rest))
+    worst, which = points.worst(found[:, None])
+    assert np.all(worst[:, 0] >= alone - 1e-12)
+    where = which[:, 0][worst[:, 0] < alone + 1e-12]
+    assert len(where) > 0
+    assert not np.any(points.u[where])
+    assert not np.any(points.x[where])
+
+
 def test_the_deceleration_is_the_largest_that_the_drives_allow(task):
     robot, motion = task.robot, task.reference
     times = np.linspace(0.01, motion.end - 0.01, 40)
@@ -69,8 +85,9 @@ def test_the_deceleration_is_the_largest_that_the_drives_allow(task):
             np.max(np.abs(torques) / robot.limits.torque, axis=1),
         )
 
-    braking = points.u < 0
-    assert braking.mean() > 0.9
+    braking, rest = points.u < 0, (points.x == 0) & (points.u == 0)
+    assert rest.sum() >= len(times)
+    assert braking[~rest].mean() > 0.9
     np.testing.assert_allclose(use(points.u)[braking], 1.0, atol=1e-9)
     assert np.all(use(1.01 * points.u)[braking] > 1 + 1e-6)
 
@@ -113,7 +130,7 @@ def test_no_stop_is_worse_than_the_check_says(case):
 @settings(max_examples=25)
 @given(seed=st.integers(0, 10**6))
 def test_corners_are_all_corners_of_the_curve(seed):
-    """u_min by brute force over x; no value of an affine function on it is below those at the corners."""
+    """u_min by brute force over x, and rest; no value of an affine function there is below the corners'."""
     rng = np.random.default_rng(seed)
     task = experiment_task("ABCH"[seed % 4], "effective")
     times = rng.uniform(0.02, 0.98, 5) * task.reference.end
@@ -124,7 +141,7 @@ def test_corners_are_all_corners_of_the_curve(seed):
     g = rng.normal(size=2) / [np.max(np.abs(u)), 1]
     values = g[0] * points.u + g[1] * points.x
     least = -points.worst(-values[:, None])[0][:, 0]
-    by_hand = np.min(g[0] * u + g[1] * x, axis=1)
+    by_hand = np.minimum(np.min(g[0] * u + g[1] * x, axis=1), 0.0)
     assert np.all(least <= by_hand + 1e-9)
     assert np.all(least >= by_hand - 0.02 * np.ptp(g[0] * u + g[1] * x, axis=1) - 1e-9)
 

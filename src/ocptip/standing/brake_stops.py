@@ -4,7 +4,8 @@ From every instant looked at, a few stops are computed by forward dynamics: with
 greatest torques of all brakes, and with those ends of the intervals that load the nearest tipping axis most
 when the brakes close. At every state on the way all combinations of torques within the intervals count: the
 wrench on the base is affine in them, so that the least moments about the tipping axes are exact. For slip the
-worst of three combinations is taken: that of the nearest axis, all least, all greatest. Half spaces of
+worst of three combinations is taken: that of the nearest axis, all least, all greatest. Where the stop ends
+the base has to stand at rest, too. Half spaces of
 wrenches that friction can carry tell where slip needs no look of its own.
 """
 
@@ -114,6 +115,7 @@ class BrakeCheck:
         count, n = q.shape
         going = np.any(run.speeds != 0, axis=2)
         going[np.arange(len(going)) % max(1, len(going) // MOMENTS) != 0] = False
+        going[-1] = True  # rest after the stop counts, too
         k, i = np.nonzero(going)
         wrenches, torques = self._wrenches(run.angles[k, i], run.speeds[k, i], run.times[k])
         row, time = np.repeat(owner[i], wrenches.shape[1]), np.repeat(run.times[k], wrenches.shape[1])

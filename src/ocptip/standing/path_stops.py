@@ -7,7 +7,7 @@ that the limits of torques and accelerations give: convex and piecewise linear i
 instants before pass a place with all x from 0 to 1 (with a limit `time`: from some x on near the start). So
 what all stops do there is the curve u_min(x), 0 <= x <= 1, and between its corners tipping moments and the
 friction needed are worst at an end. Gentler stops lie in the convex hull of this curve, the motion itself
-(u = 0, x = 1) and rest: where all these stand, so do they.
+(u = 0, x = 1) and rest (u = 0, x = 0), where every stop ends: where all these stand, so do they.
 """
 
 from __future__ import annotations
@@ -146,14 +146,14 @@ def affine_loads(
 
 @dataclass(frozen=True, eq=False)
 class StopPoints(Loaded):
-    """Corners of the curves u_min(x) at N states: P moments of stops that are worst there.
+    """Corners of the curves u_min(x) at N states, and rest after a stop: P moments of stops, the worst there.
 
     Attributes:
         robot: whose.
         starts: (N,) number of the first point of each state.
         owner: (P,) the state.
         x, u: (P,): square of the share of the planned speed; second derivative of the time law, 1/s.
-        first: (P,) number of the bound that holds there; -1: none, u = 0.
+        first: (P,) number of the bound that holds there; -1: none, u = 0; so at rest, with x = 0.
         second: (P,) number of the other one, at a corner inside; -1 and -2 at the ends, x = 0 and x = 1.
         wrenches: (P, 6), N and N m.
     """
@@ -173,7 +173,7 @@ class StopPoints(Loaded):
         c, d = path.bounds.lines
         state = np.arange(len(c))
         x, line, end = np.zeros(len(c)), _steepest(c, d, state), np.full(len(c), -1)
-        found = [(state, x, line, end)]
+        found = [(state, x, end, end), (state, x, line, end)]
         while len(state):
             slope, value = d[state, line], c[state, line]
             with np.errstate(divide="ignore", invalid="ignore"):
@@ -194,7 +194,7 @@ class StopPoints(Loaded):
         order = np.lexsort((x, owner))
         owner, x, first, second = owner[order], x[order], first[order], second[order]
         u = c[owner, first] + d[owner, first] * x
-        free = ~(u < 0) | ~np.isfinite(u)  # nothing moves, or limits are broken already
+        free = (first < 0) | ~(u < 0) | ~np.isfinite(u)  # rest; nothing moves; limits are broken already
         u, first = np.where(free, 0.0, u), np.where(free, -1, first)
         of_u, of_x, rest = path.wrenches
         wrenches = rest[owner] + x[:, None] * of_x[owner] + u[:, None] * of_u[owner]

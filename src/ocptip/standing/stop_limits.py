@@ -51,6 +51,8 @@ class StopLimit(StateLimit, TableLimit):
     def detail(self, look: Look, time: float) -> str:
         points = self._points(look(time))
         worst = int(points.worst(self._values(points)[:, None])[1][0, 0])
+        if points.x[worst] == points.u[worst] == 0:
+            return "rest after a stop"
         left = 100 * np.sqrt(points.x[worst])
         return f"a stop passing with {left:.0f} % of the speed, s'' = {points.u[worst]:.3g} 1/s"
 
