@@ -10,12 +10,14 @@ from ocptip.contact.bindings.clamps import ForceConstantHalfRigidClamp
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.solver import solve_many
 from ocptip.contact.support import Support
+from ocptip.contact.verdict import equilibrium, stability
 from ocptip.motion.check import check_motion
 from ocptip.motion.output import sample_motion
 from ocptip.published.tasks import experiment_task
 from ocptip.reserves.tipping import TipOver
 from ocptip.standing.contact_margins import ContactMargins
 from ocptip.standing.instants import Instants
+from tests.contact.test_resting import four_feet
 
 
 @pytest.fixture(scope="module")
@@ -85,7 +87,25 @@ def test_parts_together_are_the_whole(case):
         "least_edge_distance_m",
         "friction_use",
         "normal_forces_unique",
+        "weak_instants",
+        "first_weak_s",
     }
+    assert (whole.weak, whole.to_dict()["first_weak_s"]) == (0, None)
+
+
+def test_it_is_said_where_rigid_bodies_leave_open_whether_the_base_stands(case):
+    support, wrenches = four_feet(np.random.default_rng(0))
+    robot, times = case.robot.varied(support=support), np.linspace(0, 1, 60)
+    still = np.zeros((60, robot.n))
+    found = ContactMargins.of(Instants(robot, still, still, wrenches, still[:, :0], still, still), times)
+    moved = np.flatnonzero(~solve_many(support, wrenches).persistent)
+    weak = [k for k in moved if equilibrium(support, wrenches[k]).stands]
+    assert (found.weak, found.first_weak) == (len(weak), times[weak[0]])
+    assert stability(support, wrenches[weak[0]]).verdict == "weak"
+    assert found.later(2.0).first_weak == 2 + times[weak[0]]
+    both = found.worse(found)
+    assert (both.weak, both.first_weak) == (2 * found.weak, found.first_weak)
+    assert found.lines()[-1].startswith(f"weak: at {len(weak)} instants, first at {times[weak[0]]:.3f} s")
 
 
 def test_what_has_no_meaning_is_left_out(case):

@@ -189,6 +189,11 @@ class ContactStates:
             worst = np.maximum(worst, violation)
         return np.where(self.solved, worst, np.nan)
 
+    @property
+    def without_basis(self) -> np.ndarray:
+        """(N,) True where forces that balance the wrench are known, but no basis of them, see `resting`."""
+        return self.solved & (self.subsets[:, 0] < 0)
+
     @cached_property
     def force_maps(self) -> np.ndarray:
         """Exact derivative of the contact forces with respect to the wrench in the active basis.
@@ -198,7 +203,7 @@ class ContactStates:
         is a one-sided derivative. Where the base rests on feet that give: of the springs' forces.
         """
         maps, elastic = self._shaped_maps(self.support.conditioned.system.force_matrix), self.support.elastic
-        without = np.flatnonzero(self.solved & (self.subsets[:, 0] < 0))  # see `resting`
+        without = np.flatnonzero(self.without_basis)
         if len(without):
             maps[without] = -np.linalg.pinv(self.support.wrench_matrix).reshape(maps.shape[1:])
         resting = np.flatnonzero(self.persistent) if elastic else ()
@@ -212,7 +217,7 @@ class ContactStates:
         """Exact derivative of the contact accelerations, (N, n, d, 6) in contact axes; as `force_maps`."""
         system = self.support.conditioned.system
         maps = self._shaped_maps(system.acceleration_matrix / self.support.mass)
-        maps[self.solved & (self.subsets[:, 0] < 0)] = 0.0
+        maps[self.without_basis] = 0.0
         return maps
 
     def _shaped_maps(self, quantity: np.ndarray) -> np.ndarray:

@@ -57,6 +57,9 @@ class ContactMargins:
         friction: greatest share of a contact's friction in use.
         unique: the contacts share the normal forces in one way only; otherwise the forces are those of one
             possible sharing (motion.csv has the same).
+        weak: number of instants at which forces can hold the base, but the contact solver came upon a motion,
+            see `contact.resting`; there may be more at which it did not.
+        first_weak: the first of them, s; infinite without any.
     """
 
     force: Margin | None
@@ -64,6 +67,8 @@ class ContactMargins:
     edge: Margin | None
     friction: Margin | None
     unique: bool
+    weak: int = 0
+    first_weak: float = np.inf
 
     @classmethod
     def of(cls, at: Instants, times: np.ndarray) -> ContactMargins:
@@ -71,12 +76,15 @@ class ContactMargins:
         tip, tip_over = at.tip, at.robot.tip_over
         pairs = [(min(axis.contacts) + 1, max(axis.contacts) + 1) for axis in tip_over.axes]
         usage = _least(-at.slip.usage, times)
+        weak = at.states.persistent & at.states.without_basis
         return cls(
             force=_least(np.maximum(tip.normal_reserves, 0.0), times),
             moment=None if tip_over.free_rotation else _least(np.maximum(tip.moments, 0.0), times, pairs),
             edge=_least(tip.edge_distances[:, None], times, [()]),
             friction=usage and Margin(-usage.value + 0.0, usage.time, usage.contacts),
             unique=at.robot.slip.redistribution == "tangential",
+            weak=int(np.count_nonzero(weak)),
+            first_weak=float(np.min(times[weak], initial=np.inf)),
         )
 
     def worse(self, other: ContactMargins) -> ContactMargins:
@@ -87,20 +95,29 @@ class ContactMargins:
             _smaller(self.edge, other.edge),
             _smaller(self.friction, other.friction, -1.0),
             self.unique,
+            self.weak + other.weak,
+            min(self.first_weak, other.first_weak),
         )
 
     def later(self, seconds: float) -> ContactMargins:
         """The same at times so much later."""
         names = ("force", "moment", "edge", "friction")
         known = {name: margin for name in names if (margin := getattr(self, name))}
-        return replace(self, **{name: margin.later(seconds) for name, margin in known.items()})
+        shifted = {name: margin.later(seconds) for name, margin in known.items()}
+        return replace(self, **shifted, first_weak=self.first_weak + seconds)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON; units are in the keys."""
         names = {"least_normal_force_N": self.force, "least_moment_Nm": self.moment}
         names |= {"least_edge_distance_m": self.edge, "friction_use": self.friction}
         data = {name: margin and margin.to_dict() for name, margin in names.items()}
-        return {**data, "normal_forces_unique": self.unique}
+        first = self.first_weak if self.weak else None
+        return {
+            **data,
+            "normal_forces_unique": self.unique,
+            "weak_instants": self.weak,
+            "first_weak_s": first,
+        }
 
     def lines(self) -> list[str]:
         """In words, one line per quantity that has a meaning."""
@@ -115,6 +132,11 @@ class ContactMargins:
             found.append(f"zero-moment point {edge} from the edge of the support polygon {self.edge}")
         if self.friction:
             found.append(f"{percent(self.friction.value)} of the friction used {self.friction}")
+        if self.weak:
+            found.append(
+                f"weak: at {self.weak} instants, first at {self.first_weak:.3f} s, forces can hold the base, "
+                "but the contact laws may let it slide or tip as well: rigid bodies leave that open"
+            )
         return found
 
 
