@@ -11,6 +11,7 @@ from ocptip.measured.links import all_parameters, base_parameters, identify_link
 from ocptip.measured.parameters import link_parameters, pseudo_inertia
 from ocptip.measured.prediction import Predictor
 from ocptip.measured.recording import Recording, Signal
+from ocptip.robots.process import ProcessWrench
 from ocptip.standing.simulation.bodies import exists
 from studies.recordings.run import machine
 
@@ -106,6 +107,20 @@ def test_torques_alone_and_a_late_joint():
     away = (found.estimate.values - true)[found.estimate.seen] / found.estimate.errors[found.estimate.seen]
     assert np.abs(away).max() < 4.5
     assert len(found.names) < 40 < len(parameter_names(own.robot.arm))
+
+
+def test_what_a_process_does_is_no_inertia():
+    """The parameters are those found without it, from the same noise."""
+
+    def acting(own):
+        arm = own.robot.arm.with_process(ProcessWrench([5.0, -8.0, -20.0], [1.0, 0.5, -2.0]))
+        return Predictor(own.robot.varied(arm=arm), own.motion)
+
+    own = real()
+    found = identify_links(recorded(acting(own), 3), acting(described()))
+    without = identify_links(recorded(own, 3), described())
+    away = np.abs(found.estimate.values - without.estimate.values)
+    assert np.all(away[without.estimate.seen] < 0.2 * without.estimate.errors[without.estimate.seen])
 
 
 def test_without_torques_it_is_refused():

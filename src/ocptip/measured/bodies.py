@@ -16,12 +16,11 @@ from ocptip.measured.parameters import (
     moved_parameters,
     on_sensor,
     parameters_of,
+    process_loads,
     regressors,
 )
 from ocptip.measured.prediction import Predictor
 from ocptip.measured.recording import FOOT, WRENCH, Recording
-from ocptip.robots.dynamics import evaluate_dynamics
-from ocptip.robots.model import ArmModel
 from ocptip.robots.payload import Payload
 
 BASE, PAYLOAD = "base", "payload"
@@ -159,7 +158,7 @@ def identify_bodies(
     def model(kind: str, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         loads = project(regressors(bare, robot.support.gravity, q, qd, qdd)[1])
         own = np.concatenate([loads[:, :, places[name]] @ local[name] for name in names], axis=2)
-        return (loads @ fixed + project(_of_process(bare, q))[:, :, 0]).T, own.transpose(1, 0, 2)
+        return (loads @ fixed + project(process_loads(bare, q)[1])[:, :, 0]).T, own.transpose(1, 0, 2)
 
     ran = Ran(recording, predictor)
     start = np.concatenate([first[name] for name in names])
@@ -170,12 +169,6 @@ def identify_bodies(
         bodies.append(_body(name, centre, found, offset))
         offset += len(first[name])
     return Bodies(tuple(bodies), found, source)
-
-
-def _of_process(arm: ArmModel, q: np.ndarray) -> np.ndarray:
-    """(N, 6, 1): what acts on the gripper, on the base about its origin."""
-    still = np.zeros_like(q)
-    return evaluate_dynamics(arm, q, still, still, gravity=np.zeros(3)).wrench[:, :, None]
 
 
 def _source(recording: Recording, predictor: Predictor) -> tuple[str, np.ndarray, Any]:

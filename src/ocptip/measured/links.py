@@ -27,6 +27,7 @@ from ocptip.measured.parameters import (
     link_parameters,
     on_sensor,
     parameters_of,
+    process_loads,
     pseudo_inertia,
     regressors,
 )
@@ -193,14 +194,17 @@ def identify_links(recording: Recording, predictor: Predictor) -> Identified:
     def loads(kind: str, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(N, C) known loads and (N, C, K) columns of all parameters."""
         torque, wrenches = regressors(bare, robot.support.gravity, q, qd, qdd)
+        acting = process_loads(bare, q)
         if kind == WRENCH:
             seen = on_sensor(sensor, wrenches)[:, which[kind]]
             links = seen[:, :, PER_BODY:]
-            known = links @ held + seen[:, :, :PER_BODY] @ plate
+            known = (
+                links @ held + seen[:, :, :PER_BODY] @ plate + on_sensor(sensor, acting[1])[:, which[kind], 0]
+            )
             rotors = np.zeros((*links.shape[:2], n))
         else:
             links = torque[:, which[kind]]
-            known = links @ held
+            known = links @ held + acting[0][:, which[kind]]
             rotors = (qdd[:, None] * np.eye(n))[:, which[kind]]
         if not bare.armature.any():
             return known, links

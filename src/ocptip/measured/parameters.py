@@ -11,6 +11,7 @@ import numpy as np
 
 from ocptip.basics.errors import InputError
 from ocptip.numerics.inertia import RigidBody, parallel_axis
+from ocptip.robots.dynamics import evaluate_dynamics
 from ocptip.robots.model import ArmModel
 from ocptip.robots.pinocchio import load_pinocchio
 from ocptip.standing.sensor import WrenchSensor
@@ -82,6 +83,17 @@ def regressors(
             np.concatenate([still, changes]),
         )  # fmt: skip
     return found[:, 6:, PER_BODY:], -found[:, :6]
+
+
+def process_loads(arm: ArmModel, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Torques (N, n) and wrench on the base (N, 6, 1), as of `regressors`, of what acts on the gripper.
+
+    Raises:
+        InputError: it varies.
+    """
+    still = np.zeros_like(q)
+    found = evaluate_dynamics(arm, q, still, still, gravity=np.zeros(3))
+    return found.torque, found.wrench[:, :, None]
 
 
 def on_sensor(sensor: WrenchSensor, wrenches: np.ndarray) -> np.ndarray:
