@@ -551,9 +551,18 @@ def plan_in_readme(root):
     return re.search(r"```text\n(A: .*?)\n```", readme, flags=re.DOTALL)[1].splitlines()
 
 
+def what_it_tolerates(lines):
+    """Text without numbers, and the numbers, of the lines about what a plan tolerates."""
+    names = [line.split(" ")[0] for line in lines]
+    text = "\n".join(lines[names.index("tolerates") : names.index("masses")])
+    return re.sub(r"[\d.]+", "#", text), [float(x) for x in re.findall(r"\d+(?:\.\d+)?", text)]
+
+
 def test_readme_shows_a_plan(root):
     lines = plan_in_readme(root)
-    assert re.match(r"A: (CERTIFIED|VERIFIED)\. \d+\.\d J in \d\.\d{3} s, at worst ", lines[0])
+    assert re.match(
+        r"A: (CERT|VER)IFIED within the tolerance\. \d+\.\d J in \d\.\d{3} s, at worst ", lines[0]
+    )
     assert re.match(r"starts +\d of \d verified .*, \d+ iterations, .* s, seed 0$", lines[1])
     assert [line for line in lines if line.startswith("within ")]
     assert (root / "docs" / "plan.png").read_bytes().startswith(b"\x89PNG")
@@ -568,6 +577,9 @@ def test_readme_shows_the_plan_that_the_command_prints(root, tmp_path, monkeypat
     assert shown[0] == printed[0]
     assert shown[1].split(" iterations")[0] == printed[1].split(" iterations")[0]
     assert [line.split("  ")[0] for line in shown] == [line.split("  ")[0] for line in printed][: len(shown)]
+    (texts, numbers), (others, found) = (what_it_tolerates(lines) for lines in (shown, printed))
+    assert texts == others
+    assert numbers == pytest.approx(found, rel=5e-3)
 
 
 def test_docs_show_what_stand_prints(root, scenes, capsys):
