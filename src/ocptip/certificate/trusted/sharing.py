@@ -175,10 +175,18 @@ class Sharing:
         place: tuple[np.ndarray, np.ndarray, np.ndarray],
         piece: tuple[float, float, float, float],
     ) -> np.ndarray:
-        """(R,): of a normal force and one piece of its set; the friction is not negative."""
+        """(R,): of a normal force and one piece of its set; the friction is not negative.
+
+        Any wrench of the boxes is looked at first.
+        """
         low, high, radius, slope = piece
         rows = [(np.array([1.0]), -low), (np.array([-1.0]), high), (np.array([slope]), radius)]
-        return self._facets(terms, place, [row for row in rows if np.isfinite(row[1])])
+        rows = [row for row in rows if np.isfinite(row[1])]
+        room = self._facets(terms, place, rows, in_box=True)
+        if len(left := np.flatnonzero(~(room >= 0))):
+            own = place[0][left], place[1][..., left], place[2][..., left]
+            room[left] = self._facets(terms.some(left), own, rows)
+        return room
 
     def _inside(
         self,
@@ -211,15 +219,16 @@ class Sharing:
         terms: Terms,
         place: tuple[np.ndarray, np.ndarray, np.ndarray],
         rows: list[tuple[np.ndarray, float]],
+        in_box: bool = False,
     ) -> np.ndarray:
-        """Least of row . force + number, per weight, (R,)."""
+        """Least of row . force + number, per weight, (R,); or of any wrench of the boxes."""
         rule, constant, error = place  # (R, 3, 6), (2, 3, R), (3, R)
         if not rows:
             return np.full(len(rule), np.inf)
         b, added = np.array([row for row, _ in rows]), np.array([number for _, number in rows])
         h = -np.einsum("ac,rci->air", b, rule)
         ends = np.einsum("ac,ecr->ear", b, constant) + added[:, None]
-        least = self._within.least(terms, h, ends) - np.abs(b) @ error
+        least = (terms.in_box(h, ends) if in_box else self._within.least(terms, h, ends)) - np.abs(b) @ error
         return np.min(least, axis=0) / self.contacts.scale
 
 

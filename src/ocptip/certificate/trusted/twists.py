@@ -95,10 +95,11 @@ class Twists:
         )
         self._basis, self._velocity = basis, (tangential.T @ basis).reshape(-1, 2, 3)
         self._back = np.linalg.pinv(self._velocity)  # (m, 3, 2)
-        self._middle, self._half, self._limits = middle.T, half.T, limits
+        self._middle, self._limits = middle.T, limits
+        self._around = (half * (1 + U) + 8 * U * np.abs(middle)).T
         typical = np.einsum("rmi,ri->rm", limits.rule, self._middle) + limits.constant.mean(axis=0)
         self._typical = np.maximum(typical, 1e-9)
-        size = np.abs(self._middle) + self._half
+        size = np.abs(self._middle) + self._around
         self._blur = 8 * U * size @ np.abs(basis)  # of y . w, (R, 3)
         most = np.einsum("rmi,ri->rm", np.abs(limits.rule), size) + np.max(np.abs(limits.constant), axis=0)
         blurred = np.delete(rounded, np.s_[::3], axis=1) + 8 * U * np.abs(tangential)
@@ -112,9 +113,10 @@ class Twists:
                 (A, K) of their sum.
         """
         room = np.full(len(self._middle), np.inf)
-        rows, corners = np.repeat(np.arange(len(room)), len(_FIRST)), np.tile(_FIRST, (len(room), 1, 1))
+        rows, which = np.repeat(np.arange(len(room)), len(_FIRST)), np.tile(np.arange(len(_FIRST)), len(room))
+        corners = _FIRST  # of different triangles; those of rows are some of them
         for depth in range(_DEPTH + 1):
-            h, constant, error = self._functionals(rows, corners)
+            h, constant, error = self._functionals(rows, which, corners)
             found = np.min(self._in_box(rows, h, constant) - error, axis=1)
             left = np.flatnonzero(~(found >= 0))
             if depth >= _CLOSELY:
@@ -128,44 +130,46 @@ class Twists:
             if not len(left):
                 break
             rows = np.repeat(rows[left], 4)
-            corners = np.einsum("qkc,pcy->pqky", _QUARTERS, corners[left]).reshape(-1, 3, 3)
+            used, which = np.unique(which[left], return_inverse=True)
+            which = (4 * which.reshape(-1, 1) + np.arange(4)).reshape(-1)
+            corners = np.einsum("qkc,pcy->pqky", _QUARTERS, corners[used]).reshape(-1, 3, 3)
         return room
 
     def _functionals(
-        self, rows: np.ndarray, corners: np.ndarray
+        self, rows: np.ndarray, which: np.ndarray, corners: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Of triangles (P, 3, 3): functionals (P, 3, 6), constants (2, P, 3) and errors (P, 3)."""
-        share, own = self._shares(rows, corners), self._limits
-        h = corners @ self._basis.T + np.einsum("pcm,pmi->pci", share, own.rule[rows])
-        error = np.einsum("pcy,py->pc", np.abs(corners), self._blur[rows])
-        error += np.einsum("pcm,pm->pc", np.abs(share), own.error[rows])
-        return h, np.einsum("pcm,epm->epc", share, own.constant[:, rows]), error * (1 + U)
+        """Of P rows and triangles of corners (Q, 3, 3): functionals (P, 3, 6), constants (2, P, 3) and errors
+        (P, 3)."""
+        share, own = self._shares(rows, which, corners), self._limits
+        h = (corners @ self._basis.T)[which] + share @ own.rule[rows]
+        error = (np.abs(corners)[which] @ self._blur[rows][:, :, None])[:, :, 0]
+        error += (np.abs(share) @ own.error[rows][:, :, None])[:, :, 0]
+        return h, (share @ own.constant[:, rows][..., None])[..., 0], error * (1 + U)
 
     def _in_box(self, rows: np.ndarray, h: np.ndarray, constant: np.ndarray) -> np.ndarray:
         """(P, 3) lower bounds of functionals of any wrench in the boxes."""
-        middle, half = self._middle[rows], self._half[rows] * (1 + U) + 8 * U * np.abs(self._middle[rows])
-        inside = np.einsum("pci,pi->pc", h, middle) - np.einsum("pci,pi->pc", np.abs(h), half)
-        return np.min(constant, axis=0) + inside
+        inside = h @ self._middle[rows][:, :, None] - np.abs(h) @ self._around[rows][:, :, None]
+        return np.min(constant, axis=0) + inside[:, :, 0]
 
-    def _shares(self, rows: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    def _shares(self, rows: np.ndarray, which: np.ndarray, corners: np.ndarray) -> np.ndarray:
         """(P, 3, m): d . v of the contacts at the corners of triangles."""
-        v = np.einsum("mty,pcy->pmct", self._velocity, corners)
+        v = np.einsum("mty,qcy->qmct", self._velocity, corners)
         d = np.mean(v / np.maximum(np.linalg.norm(v, axis=3, keepdims=True), 1e-12), axis=2)
         size = np.linalg.norm(d, axis=2)
         d /= np.maximum(size, 1e-12)[:, :, None]
+        share = np.einsum("qmt,qmct->qcm", d * (1 - U), v)[which]
         # a contact whose velocity turns a lot: there d is the force that is missing of a typical wrench
-        pairs = np.flatnonzero(np.min(size, axis=1) < _WIDE)
-        turning, every, limit = (
-            np.argmin(size[pairs], axis=1),
-            np.arange(len(pairs)),
-            self._typical[rows[pairs]],
-        )
-        force = limit[:, :, None] * d[pairs]
+        pairs = np.flatnonzero((np.min(size, axis=1) < _WIDE)[which])
+        every, row, which = np.arange(len(pairs)), rows[pairs], which[pairs]
+        turning, limit = np.argmin(size, axis=1)[which], self._typical[rows[pairs]]
+        force = limit[:, :, None] * d[which]
         force[every, turning] = 0.0
-        missing = self._middle[rows[pairs]] @ self._basis + np.einsum("mty,pmt->py", self._velocity, force)
-        own = -np.einsum("pyt,py->pt", self._back[turning], missing) / limit[every, turning][:, None]
-        d[pairs, turning] = own / np.maximum(np.linalg.norm(own, axis=1), 1.0)[:, None]
-        return np.einsum("pmt,pmct->pcm", d * (1 - U), v)
+        missing = (self._middle @ self._basis)[row]
+        missing += force.reshape(-1, 2 * limit.shape[1]) @ self._velocity.reshape(-1, 3)
+        own = -(missing[:, None] @ self._back[turning])[:, 0] / limit[every, turning][:, None]
+        own /= np.maximum(np.linalg.norm(own, axis=1), 1.0)[:, None]
+        share[pairs, :, turning] = (v[which, turning] @ (own * (1 - U))[:, :, None])[:, :, 0]
+        return share
 
 
 def _closely(least: Least, rows: np.ndarray, h: np.ndarray, constant: np.ndarray) -> np.ndarray:

@@ -64,6 +64,12 @@ class Terms:
         parts = Form(self.parts.c[..., rows], self.parts.r[..., rows])
         return Terms(self.low, self.high, self.masses, parts, self.tool, self.gravity, **own)
 
+    def in_box(self, h: np.ndarray, constant: np.ndarray) -> np.ndarray:
+        """As `Within.least`, of any wrench of the boxes: quicker, and less."""
+        half = self.half * (1 + U) + 8 * U * np.abs(self.centre)
+        inside = np.einsum("air,ir->ar", h, self.centre) - np.einsum("air,ir->ar", np.abs(h), half)
+        return np.min(constant, axis=0) + inside - 8 * U * np.max(np.abs(constant), axis=0)
+
     def described(self, s: float) -> np.ndarray:
         """(6, R): the wrench with middle weights at s, everybody on time."""
         powers = s ** np.arange(K)
