@@ -342,9 +342,11 @@ COMMANDS = (
         "tables of a task file, with the [tolerance] that their errors are (docs/identify.md).",
         "0 identified (what the recording does not tell is said)",
         (
-            argument("what", None, "what is looked for", choices=("payload", "base", "bodies", "arm")),
-            argument("recording", "RECORDING.csv", "what was measured (names of columns: docs/compare.md)"),
-            argument("plan", "PLAN_DIR", "folder of the plan that was run"),
+            argument(
+                "what", None, "what is looked for", choices=("payload", "base", "bodies", "arm", "power")
+            ),
+            argument("recording", "RECORDING.csv", "what was measured (names of columns: docs/identify.md)"),
+            argument("plan", "PLAN_DIR", "folder of the plan that was run (power: need not be)", nargs="?"),
             argument("--unit", None, "of angles in columns that do not say it", choices=("deg", "rad")),
             argument("--tared", None, "the sensor was set to zero under load", action="store_true"),
             argument("--sigmas", "K", "standard errors on both sides that are tolerance (3)", type=float),

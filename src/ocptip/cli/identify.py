@@ -9,24 +9,33 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ocptip.basics.errors import InputError, naming
-from ocptip.basics.text import some
+from ocptip.basics.text import percent, some
+from ocptip.basics.toml import read_text
 from ocptip.basics.toml_text import toml_text
 from ocptip.basics.write import versions, write_text
 from ocptip.cli.command import Report
 from ocptip.cli.layout import named, under
 from ocptip.measured.bodies import BASE, PAYLOAD, Body, identify_bodies, tables
 from ocptip.measured.links import identify_links
+from ocptip.measured.power_maps import PowerMap, fit_power_map, motors_table, samples_by_joint
 from ocptip.measured.prediction import Predictor
 from ocptip.measured.recording import FOOT, Recording, read_recording
 from ocptip.task_files.plan_folder import read_plan_folder
+from ocptip.trajectories.read_csv import csv_table
 
 _BODIES = {"payload": (PAYLOAD,), "base": (BASE,), "bodies": (PAYLOAD, BASE)}
 _SIGMAS = 3.0
+_TWO_SIDED = 1.96
+_INSTANTS = 1000
 
 
 def run(options: Namespace) -> IdentifyReport:
     """Read what was measured, and identify what is asked for."""
+    if options.what == "power":
+        return _of_power(options)
     recording, predictor = _recorded(options)
     with naming(Path(options.recording).name):
         if options.what == "arm":
@@ -35,11 +44,62 @@ def run(options: Namespace) -> IdentifyReport:
 
 
 def _recorded(options: Namespace) -> tuple[Recording, Predictor]:
-    plan = read_plan_folder(options.plan)
-    robot, motion = plan.of_arm("identify takes")
-    with naming(options.plan):
-        predictor = Predictor(robot, motion)
-    return read_recording(options.recording, robot, unit=options.unit), predictor
+    if options.plan is None:
+        raise InputError(f"identify {options.what}: needs PLAN_DIR, the folder of the plan that was run")
+    predictor = _predictor(options.plan)
+    return read_recording(options.recording, predictor.robot, unit=options.unit), predictor
+
+
+def _predictor(plan: str) -> Predictor:
+    robot, motion = read_plan_folder(plan).of_arm("identify takes")
+    with naming(plan):
+        return Predictor(robot, motion)
+
+
+def _of_power(options: Namespace) -> IdentifyReport:
+    """Maps of all drives; with a plan, whether its motion goes beyond what was measured."""
+    path = Path(options.recording)
+    predictor = None if options.plan is None else _predictor(options.plan)
+    with naming(path.name):
+        samples = samples_by_joint(*csv_table(read_text(path)))
+        if list(samples) != list(range(1, len(samples) + 1)):
+            raise InputError(
+                f"column joint: expected 1 to {max(samples)}, got {', '.join(map(str, samples))}"
+            )
+        maps = []
+        for joint, own in samples.items():
+            with naming(f"joint {joint}"):
+                maps.append(fit_power_map(*own))
+        if predictor is not None and predictor.robot.n != len(maps):
+            raise InputError(f"maps of {len(maps)} joints, the plan's robot has {predictor.robot.n}")
+    lines = [row for j, own in enumerate(maps, 1) for row in under(f"joint {j}", _told_map(own))]
+    if predictor is not None:
+        lines += under("extrapolated", _extrapolated(predictor, maps))
+    data = {"maps": [own.to_dict() for own in maps]}
+    return IdentifyReport("power", {"motors": motors_table(maps)}, lines, data, options.out)
+
+
+def _told_map(own: PowerMap) -> list[str]:
+    (low, high), (slow, fast) = own.torque, np.degrees(own.speed)
+    inside = own.error(own.hull[:, 0], own.hull[:, 1])
+    return [
+        f"{own.count} samples, {low:.3g} to {high:.3g} N m (torque of the drive, speed taken as positive), "
+        f"{slow:.3g} to {fast:.3g} deg/s, {percent(own.covered)} of that rectangle",
+        f"left over {own.noise:.3g} W rms, {own.largest:.3g} W at most; error of the map at most "
+        f"{_TWO_SIDED * inside.max():.2g} W (95 %) at the corners of what was measured",
+    ]
+
+
+def _extrapolated(predictor: Predictor, maps: Sequence[PowerMap]) -> list[str]:
+    """Where the plan's motion is beyond the samples."""
+    times = np.linspace(0.0, predictor.motion.end, _INSTANTS)
+    state = predictor.state(times, np.zeros(len(maps)), np.zeros(4 * predictor.robot.arm.links + 1))
+    found = []
+    for j, own in enumerate(maps):
+        out = own.outside(state.torques[:, j], state.qd[:, j])
+        if out.any():
+            found.append(f"joint {j + 1}: {percent(out.mean())} of the plan's motion is beyond the samples")
+    return found or ["the plan's motion stays within the samples"]
 
 
 def _of_bodies(recording: Recording, predictor: Predictor, options: Namespace) -> IdentifyReport:

@@ -9,7 +9,7 @@ import numpy as np
 from ocptip.basics.toml import Table
 from ocptip.published.arms import modular_motors
 from ocptip.robots.model import ArmModel
-from ocptip.robots.motors import DCMotors, Motors
+from ocptip.robots.motors import DCMotors, Motors, PowerMaps
 from ocptip.task_files.arm import carrying, read_arm, require_geometry
 from ocptip.task_files.payload import load_table, read_payload, read_process
 from ocptip.task_files.shapes import read_shapes
@@ -37,9 +37,11 @@ def arm_and_motors(
     arm = carrying(arm.with_payload(read_payload(load)), held).with_process(read_process(data, segment))
     modular = "name" in data.table("arm")
     table = data.table("motors", optional=True)
-    kind = table.choice("kind", ("modular", "estimated", "dc"), "modular" if modular else "estimated")
+    kind = table.choice("kind", ("modular", "estimated", "dc", "map"), "modular" if modular else "estimated")
     if kind == "dc":
         return arm, dc_motors(table, arm.n)
+    if kind == "map":
+        return arm, power_maps(table, arm.n)
     if kind == "estimated":
         _require_limits(data, arm)
         motors = table.make(DCMotors.estimated, arm, **table.numbers("standby", "regeneration"))
@@ -64,6 +66,14 @@ def _require_limits(data: Table, arm: ArmModel) -> None:
                 found.append(f"the URDF has no {limit} limit of {names}; give {key}")
     if found:
         raise data.table("arm").error("; ".join(found), "limits")
+
+
+def power_maps(table: Table, n: int) -> PowerMaps:
+    """Measured maps of n joints, by their coefficients, as `ocptip identify power` writes them."""
+    coefficients = table.array("coefficients", (n, 12))
+    voltage = table.number("voltage", bound="> 0")
+    reading = table.choice("torque_reading", ("load", "drive"), "load")
+    return table.make(PowerMaps, coefficients, voltage, reading)
 
 
 def dc_motors(table: Table, n: int) -> DCMotors:
