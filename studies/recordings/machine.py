@@ -68,7 +68,14 @@ def record(
     robot: StandingRobot, motion: Motion, faults: Faults, rng: np.random.Generator, *, feet: bool = False
 ) -> Recording:
     """A recording, at 1 kHz, whose clock starts anywhere; bolted down, or on its feet."""
-    times, seen = _simulated(robot, motion, faults, feet)
+    return sampled(simulated(robot, motion, faults, feet), faults, rng)
+
+
+def sampled(
+    simulation: tuple[np.ndarray, dict[str, np.ndarray]], faults: Faults, rng: np.random.Generator
+) -> Recording:
+    """A recording of what was simulated, with noise and a clock of its own."""
+    times, seen = simulation
     begin = BEFORE - SETTLED + rng.uniform(0.0, PERIOD)
     own = np.arange(SETTLED + 1e-6, times[-1] + BEFORE - 2 * PERIOD, PERIOD) - SETTLED  # of the recording
     signals = []
@@ -106,8 +113,8 @@ def _kind(name: str) -> tuple[str, int]:
     return name.split("_")[0], places.index(name.split("_")[1])
 
 
-def _simulated(
-    robot: StandingRobot, motion: Motion, faults: Faults, feet: bool
+def simulated(
+    robot: StandingRobot, motion: Motion, faults: Faults, feet: bool = False
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Times, s of the motion, and what sensors would show without noise."""
     mujoco = library_mujoco()
