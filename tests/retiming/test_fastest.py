@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import clarabel
@@ -26,8 +27,9 @@ from ocptip.trajectories.arm_motion import ArmMotion, earliest_end
 from ocptip.trajectories.path import JointPath
 from ocptip.trajectories.path_fit import path_of_motion
 from ocptip.trajectories.ramps import RampCommand
+from ocptip.trajectories.read import load_motion
 from ocptip.trajectories.timed_path import TimedPath
-from tests.places import EXAMPLES
+from tests.places import EXAMPLES, RESULTS
 from tests.retiming.paths import cart, delta, random_path, tripod
 
 
@@ -262,6 +264,20 @@ def test_refusals():
         retime(delta().robot, path)
     with pytest.raises(InputError, match="nodes"):
         retime(task.robot, path, nodes=2)
+
+
+@pytest.mark.parametrize("nodes", [100, 300])
+def test_intervals_that_are_short_as_events_of_ramps_are(nodes):
+    """At the end of plan D: ds of 4e-5, in which what is allowed is a strip up to x of half a million."""
+    task = experiment_task("D", "effective")
+    folder = RESULTS / "plans" / "D-effective" / "plan.json"
+    plan = load_motion(folder, task.robot.names, task.robot.units)
+    path = path_of_motion(plan).path
+    assert np.min(np.diff(path.breakpoints)) < 1e-4
+    limits = replace(task.limits, max_duration=np.inf)
+    grid = Grid(task.robot, path, TimingLimits(task.robot, limits), spaced(path, nodes))
+    found = TimedPath(path, grid.s, fastest(grid, ExtraRows.none()).x)
+    assert 0.999 * plan.end < found.end <= plan.end * (1 + 1e-6)
 
 
 @pytest.mark.parametrize("objective", [TIME, ENERGY])

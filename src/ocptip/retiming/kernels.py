@@ -80,23 +80,27 @@ def clipped(polygon, names, n, a, b, c, name, other, other_names):
             break
     if not outside:
         return n
-    size = _ZERO * (abs(c) + abs(a) * _extent(polygon, n, 0) + abs(b) * _extent(polygon, n, 1))
     m = 0
-    here = a * polygon[n - 1, 0] + b * polygon[n - 1, 1] - c
+    here, size = _beyond(polygon, n - 1, a, b, c)
+    inside = here <= size
     for k in range(n):
         before = n - 1 if k == 0 else k - 1
-        there = a * polygon[k, 0] + b * polygon[k, 1] - c
-        if (here <= size) != (there <= size):
-            share = min(max(here / (here - there), 0.0), 1.0)
+        there, size = _beyond(polygon, k, a, b, c)
+        stays = there <= size
+        if inside != stays:
+            near, far, share = before, k, here / (here - there)
+            if abs(polygon[k, 0]) + abs(polygon[k, 1]) < abs(polygon[before, 0]) + abs(polygon[before, 1]):
+                near, far, share = k, before, there / (there - here)  # rounds by what is near 0, not far off
+            share = min(max(share, 0.0), 1.0)
             for r in range(2):
-                other[m, r] = polygon[before, r] + share * (polygon[k, r] - polygon[before, r])
-            other_names[m] = name if here <= size else names[before]
+                other[m, r] = polygon[near, r] + share * (polygon[far, r] - polygon[near, r])
+            other_names[m] = name if inside else names[before]
             m += 1
-        if there <= size:
+        if stays:
             other[m, 0], other[m, 1] = polygon[k, 0], polygon[k, 1]
             other_names[m] = names[k]
             m += 1
-        here = there
+        here, inside = there, stays
     kept = 0
     for k in range(m):  # edges without length go
         following = 0 if k == m - 1 else k + 1
@@ -112,11 +116,11 @@ def clipped(polygon, names, n, a, b, c, name, other, other_names):
 
 
 @compiled
-def _extent(polygon, n, r):
-    largest = 0.0
-    for k in range(n):
-        largest = max(largest, abs(polygon[k, r]))
-    return largest
+def _beyond(polygon, k, a, b, c):
+    """By how much corner k is beyond a p + b q <= c, and what of that is rounding: as its own size, not the
+    polygon's, which in short intervals is a strip to speeds that no neighbour allows."""
+    p, q = a * polygon[k, 0], b * polygon[k, 1]
+    return p + q - c, _ZERO * (abs(c) + abs(p) + abs(q))
 
 
 @compiled

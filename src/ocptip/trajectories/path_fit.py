@@ -36,7 +36,6 @@ BACK = 0.2
 
 _DEGREE = 5
 _MET = 1e-5  # s: events of ramps that are nearer to each other are one
-_SLOW = 0.01  # of the greatest speed: slower, near its ends, it moves on straight lines
 _TURNS = 1e-5  # of the greatest speed: where all joints are slower, the way turns back
 _SAME = 1e-7  # of the length: samples that are nearer to each other are one
 _FEWEST = 12  # twice as many samples as a piece has at least
@@ -261,11 +260,8 @@ class Leg:
         if any(motion.rise_times):
             return None
         inner = motion.event_times[(motion.event_times > begin) & (motion.event_times < end)]
-        fast = np.max(np.abs(motion.states(inner)[1]), axis=1, initial=0.0)
-        fast = np.flatnonzero(fast > _SLOW * np.max(fast, initial=0.0))
-        if not len(fast):
+        if not len(inner):
             return None
-        inner = inner[fast[0] : fast[-1] + 1]  # where it is slower, before and after, it hardly moves
         times = np.concatenate([[begin], inner[np.append(True, np.diff(inner) > _MET)], [end]])
         q, v, _ = motion.states(times)
         if np.any(np.max(np.abs(v[1:-1]), axis=1) < _TURNS * np.max(np.abs(v))):
