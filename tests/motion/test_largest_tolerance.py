@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import pickle
 from dataclasses import replace
 
@@ -11,7 +12,7 @@ from ocptip.basics.errors import PlanningError
 from ocptip.motion import largest_tolerance as module
 from ocptip.motion.plan import ToleranceError
 from ocptip.published.tasks import experiment_task
-from ocptip.standing.tolerance import Tolerance
+from ocptip.standing.tolerance import WORKSHOP, Tolerance
 
 
 class _Plan:
@@ -66,6 +67,27 @@ def test_what_no_plan_has_is_what_the_best_motion_has(monkeypatch):
 def test_no_plan_is_begun_when_time_is_over(monkeypatch):
     found, tried = bisected(monkeypatch, 0.0, too_much(0.02, 0.5), seconds=0.0)
     assert (tried, found.plans, found.not_had) == ([], 0, None)
+
+
+def test_where_ends_cannot_have_it_at_rest_bisection_begins_with_what_they_can(monkeypatch):
+    task = experiment_task("H", "effective")
+    task = replace(task, limits=replace(task.limits, tolerance=WORKSHOP))
+    error = module.too_much_at_rest(task)
+    assert error.too_much == Tolerance(tilt=WORKSHOP.tilt)
+    assert math.degrees(error.at_rest * WORKSHOP.tilt) == pytest.approx(0.451, abs=1e-3)
+    most = 0.7 * error.at_rest * WORKSHOP.tilt
+    found, tried = bisected(monkeypatch, most, error)
+    assert max(tried) < error.at_rest * WORKSHOP.tilt
+    assert found.had.tilt <= most < found.not_had.tilt
+    assert str(found.at_rest) == "floor tilt 0.451 deg"
+    assert "; start and goal stand at rest with up to floor tilt 0.451 deg (" in str(found)
+
+
+def test_other_refusals_are_not_about_tolerance():
+    task = experiment_task("A", "effective")
+    assert module.too_much_at_rest(task) is None
+    limits = replace(task.limits, tolerance=WORKSHOP, max_duration=0.01)
+    assert module.too_much_at_rest(replace(task, limits=limits)) is None
 
 
 def test_errors_travel_between_processes():

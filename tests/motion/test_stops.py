@@ -9,7 +9,9 @@ import pytest
 
 from ocptip.basics.errors import InputError
 from ocptip.cli.main import main
+from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.motion.check import check_motion
+from ocptip.motion.path_stops import StoppedPath
 from ocptip.motion.plan import plan_motion
 from ocptip.motion.stop_rules import StopRules
 from ocptip.motion.stops import check_stops
@@ -17,6 +19,8 @@ from ocptip.published.tasks import experiment_task
 from ocptip.robots.urdf import arm_from_urdf
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.brake_stops import BrakeCheck, Brakes
+from ocptip.standing.limits import MotionLimits
+from ocptip.standing.path_stops import PathStops
 from ocptip.task_files.motion import load_task
 from tests.places import UR5
 from tests.robots.pinocchio_twin import dynamics, twin
@@ -117,6 +121,22 @@ def test_tables_tell_where_a_stop_is_safe(task):
     data = stops.to_dict()
     assert [row["time_s"] for row in data["safe_speed_by_time"]] == stops.times.tolist()
     assert json.loads(json.dumps(data, allow_nan=False)) == data
+
+
+def test_half_spaces_of_slip_do_not_change_what_is_safe(task):
+    """On four feet, whose friction decides."""
+    feet = [
+        UnilateralContact(position=[x, y, 0.0], friction=0.6) for x in (-0.25, 0.25) for y in (-0.25, 0.25)
+    ]
+    robot = task.robot.varied(support=task.robot.support.varied(feet))
+    limits = MotionLimits(stops=PathStops(0.9, 0.2))
+    path = StoppedPath(robot, task.reference, limits)
+    safe = path.safe_speeds()
+    assert path._held is not None
+    path._held = None
+    np.testing.assert_array_equal(safe, path.safe_speeds())
+    assert safe.min() < 0.9
+    assert safe.max() == 1.0
 
 
 def test_gentle_stops_are_safe_where_hard_ones_are_not():

@@ -179,12 +179,16 @@ def test_parallel_robots_have_none():
 
 
 def test_stiffness_of_feet_in_words():
-    def words(value, at_most, how):
-        return str(Tolerated("foot_stiffness", value, "N/m", at_most, 0.5, how))
+    def words(value, at_most, how, *between):
+        return str(Tolerated("foot_stiffness", value, "N/m", at_most, 0.5, how, *between))
 
     lifts = "contact 2 lifts"
     assert words(np.inf, False, lifts) == (
-        "no feet that give (contact 2 lifts on those of 1e7 N/m, 5 % damping, 0.500 s)"
+        "no feet that give (contact 2 lifts on those of 1e7 N/m, 5 % damping, 0.500 s, and on softer ones)"
+    )
+    assert words(np.inf, False, lifts, (2.5e5, 4e6)) == (
+        "feet that give, of 2.5e5 N/m to 4e6 N/m only "
+        "(contact 2 lifts on those of 1e7 N/m, 5 % damping, 0.500 s)"
     )
     assert words(1e4, True, "") == "feet that give, of 1e4 N/m and more (5 % damping)"
     assert words(2.5e5, False, lifts) == (

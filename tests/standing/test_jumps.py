@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from scipy.signal import StateSpace, step
 
@@ -14,12 +14,13 @@ from ocptip.motion.planner.event_order import order_of
 from ocptip.motion.planner.formulation import Formulation
 from ocptip.motion.planner.one_start import Search
 from ocptip.motion.planner.random_start import random_start
+from ocptip.motion.within_tolerance import worst_within
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.jumps import Jumps
 from ocptip.standing.limit import JUMP
 from ocptip.standing.limit_kinds import limits_of
 from ocptip.standing.limits import MotionLimits
-from ocptip.standing.tolerance import overshoot_of
+from ocptip.standing.tolerance import Tolerance, overshoot_of
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.controllers import controller_points
 from tests.places import EXAMPLES
@@ -64,6 +65,38 @@ def test_loads_at_jumps_are_combined_from_those_of_both_sides(seed, kappa):
     sides = [task.robot.loads(jumps.angles, jumps.speeds, a)[1] for a in (before, after)]
     combined = sides[1] + kappa * (sides[1] - sides[0])
     np.testing.assert_allclose(jumps.loads(task.robot, kappa).wrenches, combined, atol=1e-9)
+
+
+@settings(max_examples=4, phases=[Phase.generate])
+@given(
+    seed=st.integers(0, 10**6),
+    case=st.sampled_from(["A", "B", "G"]),
+    damping=st.floats(0.0, 0.3),
+    less=st.floats(0.0, 1.0),
+    delay=st.sampled_from([0.0, 0.002, 0.01]),
+    tilt=st.sampled_from([0.0, 0.005]),
+)
+def test_a_tolerance_asks_for_all_that_limits_ask_of_jumps(seed, case, damping, less, delay, tilt):
+    """So `[limits]` damping needs no rows where that of `[tolerance]` overshoots at least as much."""
+    task = experiment_task(case)
+    rng = np.random.default_rng(seed)
+    own = task.robot, task.start, task.goal, task.optimised, task.commands, task.limits
+    motion = random_start(*own, rng).time_scaled(rng.uniform(1.0, 3.0))
+    tolerance = Tolerance(damping=less * damping, delay=delay, tilt=tilt)
+    asked = MotionLimits(overshoot=overshoot_of(damping), tolerance=tolerance)
+    assert not any(
+        getattr(limit, "quantity", "").startswith("jump_G") for limit in limits_of(task.robot, asked)
+    )
+    jumps = Jumps.of(motion).loads(task.robot, asked.overshoot)
+    times = np.linspace(0, motion.end, 60)
+    within = worst_within(task.robot, motion, tolerance, times)
+    M0 = task.robot.tip_over.reference_moment
+    slope, offset = task.robot.tip_over.affine_moments
+    least = float(np.min(jumps.wrenches @ slope.T + offset))
+    worst = float(within.tip.bound if within.tip.bound is not None else within.tip.value)
+    assert worst >= task.robot.tip_over.ratio(np.array(least)) - 1e-6 * (1 + abs(least) / M0)
+    if np.max(jumps.tip.GN) < 1:  # else GT at falling bases has no meaning of its own
+        assert within.slip.value >= np.max(jumps.slip.GT) * (1 - 1e-3) or within.slip.value >= 1
 
 
 def test_between_two_steps_of_one_joint_that_joint_is_named(task):

@@ -227,14 +227,58 @@ def test_the_least_stiffness_is_where_a_foot_begins_to_lift():
     robot, motion = plan_of("B")
     slow = motion.time_scaled(1.5)
     found = softest_feet(robot, slow)
-    assert 1e4 < found.value < 1e7
-    above, below = (on_its_feet(softened(robot, f * found.value), slow) for f in (1.05, 0.9))
+    assert 1e4 < found.least < 1e7
+    above, below = (on_its_feet(softened(robot, f * found.least), slow) for f in (1.05, 0.9))
     assert above.lift == 0
     assert below.lift > 0
-    assert softest_feet(robot, motion).value == np.inf
+    assert softest_feet(robot, motion).least == np.inf
     assert softest_feet(*plan_of("C")) is None  # a clamp
     gentle = softest_feet(plan_of("A")[0], plan_of("A")[1].time_scaled(10.0))
-    assert (gentle.value, gentle.contacts) == (on_feet.SOFTEST, ())
+    assert (gentle.least, gentle.lost) == (on_feet.SOFTEST, None)
+
+
+def test_feet_that_hold_only_if_they_are_soft_enough():
+    """A jump lifts a foot on stiff ones, and on soft ones; in between the next jump comes before it does."""
+    robot, motion = plan_of("E")
+    motion = motion.time_scaled(1.1)
+    found = softest_feet(robot, motion)
+    assert found.least == np.inf
+    assert found.lost.value < 0
+    least, most = found.between
+    for holds, stiffnesses in ((True, (1.05 * least, 0.95 * most)), (False, (0.8 * least, 1.2 * most))):
+        for stiffness in stiffnesses:
+            assert (not on_its_feet(softened(robot, stiffness), motion).lifts) == holds
+
+
+@pytest.mark.parametrize(
+    ("held", "found"),
+    [
+        ((4.0, 7.0), (1e4, None)),
+        ((5.3, 7.0), (10**5.3, None)),
+        ((5.3, 6.2), (np.inf, (10**5.3, 10**6.2))),
+        ((4.0, 4.2), (np.inf, (1e4, 10**4.2))),
+        ((8.0, 9.0), (np.inf, None)),
+    ],
+)
+def test_ranges_of_stiffness_are_bisected(held, found):
+    def lifted(exponent):
+        inside = held[0] - 1e-9 <= exponent <= held[1] + 1e-9
+        return None if inside else on_feet.Margin(-1.0, exponent, (1,))
+
+    exponents = np.arange(7.0, 3.9, -0.5).tolist()
+    own = on_feet._range(lifted, exponents)
+    assert own.least == pytest.approx(found[0], rel=0.05)
+    assert own.between == (None if found[1] is None else pytest.approx(found[1], rel=0.05))
+    assert (own.lost is None) == (held[0] == 4.0 and held[1] == 7.0)
+
+
+def test_feet_that_give_too_far_do_not_hold():
+    """A heavy robot on soft feet sinks by 20 mm and more without lifting any."""
+    robot, motion = plan_of("A")
+    slow, heavy = motion.time_scaled(10.0), robot.varied(support=robot.support.varied(mass=100.0))
+    found = softest_feet(heavy, slow)
+    assert found.least > on_feet.SOFTEST
+    assert found.lost.value >= 0
 
 
 def test_what_is_not_computed_is_said():

@@ -4,8 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
 
 from ocptip.contact.bindings.unilateral import UnilateralContact
+from ocptip.contact.resting import solve_resting
 from ocptip.contact.solver import solve_many
 from ocptip.contact.support import Load, Support
 from ocptip.published.tasks import experiment_task
@@ -118,3 +121,101 @@ def test_what_is_said(case):
     assert data["quantity"] == "base_mass"
     assert data["exact"] is True
     assert set(data["slopes_per_unit"]) == {"GN", "GT", "least_normal_force_N"}
+
+
+def compared(one, value, step):
+    """Slopes against central differences of value(h), (3,), where both one-sided ones agree; how many do."""
+    ahead, here, behind = (value(h) for h in (step, 0.0, -step))
+    slopes = (ahead - behind) / (2 * step)
+    kink = np.abs(ahead - 2 * here + behind) / step
+    smooth = np.isfinite(slopes) & (kink <= 1e-3 * (1 + np.abs(slopes)))
+    expected, own = slopes[smooth], values(one.slopes)[smooth]
+    np.testing.assert_allclose(own, expected, rtol=2e-3, atol=2e-3, err_msg=one.quantity)
+    return int(smooth.sum())
+
+
+def outwards(feet, which):
+    away = feet - feet.mean(axis=0)
+    return which[:, None] * away / np.linalg.norm(away, axis=1, keepdims=True)
+
+
+@settings(max_examples=6)
+@given(seed=st.integers(0, 10**6), own_reference=st.booleans())
+def test_slopes_of_scenes_are_those_of_scenes_built_anew(seed, own_reference):
+    rng = np.random.default_rng(seed)
+    n, reference = int(rng.integers(3, 6)), 12.0 if own_reference else None
+    angles = 2 * np.pi * (np.arange(n) + rng.uniform(-0.3, 0.3, n)) / n
+    feet = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(n)]) * rng.uniform(0.3, 0.6, (n, 1))
+    mass, center = rng.uniform(10, 40), np.array([*rng.uniform(-0.05, 0.05, 2), rng.uniform(0.1, 0.5)])
+    friction = rng.uniform(0.4, 0.9, n)
+    force, point = np.array([*rng.uniform(-15, 15, 2), rng.uniform(-30, 10)]), rng.uniform(-0.2, 0.9, 3)
+    loads = (Load(force=force, point=point),)
+
+    def value(mass=mass, center=center, feet=feet, friction=friction):
+        contacts = [UnilateralContact(position=p, friction=f) for p, f in zip(feet, friction, strict=True)]
+        support = Support(contacts, mass=mass, center_of_mass=center)
+        states = solve_resting(support, support.wrench(loads)[None])
+        tip = TipOver(support, reference).evaluate(states)
+        GT = Slip(support).evaluate(states, derivatives=False).GT
+        return np.array([tip.GN[0], GT[0], tip.normal_reserves.min()])
+
+    assume(np.all(value()[:2] < 0.95))
+    contacts = [UnilateralContact(position=p, friction=f) for p, f in zip(feet, friction, strict=True)]
+    support = Support(contacts, mass=mass, center_of_mass=center)
+    found = {one.quantity: one for one in scene_sensitivities(support, loads, reference)}
+    down, every = np.array([0.0, 0.0, -1.0]), np.ones(n)
+    count = compared(found["base_mass"], lambda h: value(mass=mass + h), 1e-4)
+    count += compared(found["friction"], lambda h: value(friction=friction * (1 + h)), 1e-5)
+    count += compared(found["center_of_mass_down"], lambda h: value(center=center + h * down), 1e-5)
+    count += compared(found["feet_outwards"], lambda h: value(feet=feet + h * outwards(feet, every)), 1e-5)
+    for k, one in enumerate(np.eye(n)):
+        own = found[f"contact_{k + 1}_outwards"]
+        count += compared(own, lambda h, one=one: value(feet=feet + h * outwards(feet, one)), 1e-5)
+    assert count >= 2 * (4 + n)  # GN and GT are smooth nearly everywhere
+    steepest = [
+        (value(center=center + 1e-5 * axis) - value(center=center - 1e-5 * axis))[0] / 2e-5
+        for axis in np.eye(3)[:2]
+    ]
+    sideways = found["center_of_mass_sideways"].slopes.GN
+    assert sideways == pytest.approx(-np.linalg.norm(steepest), rel=1e-3)
+
+
+@settings(max_examples=3)
+@given(seed=st.integers(0, 10**6), case=st.sampled_from(["A", "B", "D", "G", "H"]))
+def test_slopes_of_motions_are_those_of_robots_built_anew(seed, case):
+    """At one instant of a slower reference, holding a payload."""
+    rng = np.random.default_rng(seed)
+    task = experiment_task(case, "effective")
+    held = Payload.box(rng.uniform(0.05, 0.15), [0.1, 0.08, 0.05], rng.uniform(-0.05, 0.05, 3))
+    bare, own = task.robot.arm.with_payload(None), task.robot.support
+    robot = task.robot.varied(arm=bare.with_payload(held))
+    motion = task.reference.time_scaled(1.3)
+    q, qd, qdd = motion.states(rng.uniform(0, motion.end, 1))
+
+    def value(speed=0.0, mass=0.0, payload=0.0, gripper=0.0):
+        more = (1 + payload) * held.mass, held.center_of_mass, (1 + payload) * held.inertia
+        arm = bare.with_payload(Payload(*more) if gripper == 0 else with_point_mass(held, gripper))
+        other = robot.varied(arm=arm, support=own.varied(mass=own.mass + mass))
+        return worst_of(other, (q, (1 + speed) * qd, (1 + speed) ** 2 * qdd))
+
+    assume(np.all(value()[:2] < 0.95))
+    found = {one.quantity: one for one in motion_sensitivities(robot, q, qd, qdd)}
+    counts = [
+        compared(found["speed"], lambda h: value(speed=h), 1e-5),
+        compared(found["base_mass"], lambda h: value(mass=h), 1e-4),
+        compared(found["payload_mass"], lambda h: value(payload=h), 1e-4),
+        compared(found["gripper_mass"], lambda h: value(gripper=h), 1e-5),
+    ]
+    assert sum(counts) >= 8
+
+
+def with_point_mass(held, mass):
+    """A payload and a point mass (of either sign) at the gripper point; inertias about its axes add."""
+
+    def spread(m, c):
+        return m * (np.dot(c, c) * np.eye(3) - np.outer(c, c))
+
+    total = held.mass + mass
+    center = held.mass * np.array(held.center_of_mass) / total
+    about_gripper = held.inertia + spread(held.mass, np.array(held.center_of_mass))
+    return Payload(total, center, about_gripper - spread(total, center))

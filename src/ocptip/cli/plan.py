@@ -29,7 +29,7 @@ from ocptip.cli.stops import price_line, price_of_stops, sensitivities_of, stop_
 from ocptip.motion.check import MotionCheck, certified, check_motion
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.motion.execution import Execution, execute
-from ocptip.motion.largest_tolerance import largest_tolerance
+from ocptip.motion.largest_tolerance import largest_tolerance, too_much_at_rest
 from ocptip.motion.objective import ENERGY, Objective, objective_of
 from ocptip.motion.output import plan_to_dict, sample_motion, write_plan
 from ocptip.motion.plan import MotionPlan, ToleranceError, plan_motion
@@ -84,15 +84,12 @@ def planned(one: Asked, options: Namespace, executor: Executor | None) -> Report
             plan = plan_motion(task, **how, progress=progress)
             without = _without_stops(task, how) if task.limits.stoppable else None
     except PlanningError as error:
-        data = {"case": task.name, "verified": False, "status": f"{error}", **task.robot.masses_to_dict()}
-        lines = [("masses", masses(task.robot))]
-        if (tolerance := task.limits.tolerance.of(task.robot.payload)).given:
-            lines.insert(0, ("within", f"{tolerance}; --tolerance none plans as described"))
-        if isinstance(error, ToleranceError) and options.largest_tolerance:
-            found = largest_tolerance(task, error, seed=options.seed, jobs=options.jobs, executor=executor)
-            lines.insert(0, ("largest", f"{found}"))
-            data["largest_tolerance"] = found.to_dict()
-        return Answer(False, summary(f"{task.name}: NO VERIFIED PLAN. {error}", lines, []), data)
+        return _no_plan(task, error, options, executor)
+    except InputError:
+        error = too_much_at_rest(task) if options.largest_tolerance else None
+        if error is None:
+            raise
+        return _no_plan(task, error, options, executor)
     except KeyboardInterrupt:
         raise KeyboardInterrupt("before there was a verified plan") from None
     scaled = [
@@ -111,6 +108,19 @@ def planned(one: Asked, options: Namespace, executor: Executor | None) -> Report
     if options.sensitivities:
         report.sensitivities = sensitivities_of(plan.task, execution.motion)
     return report
+
+
+def _no_plan(task: MotionTask, error: PlanningError, options: Namespace, executor: Executor | None) -> Answer:
+    """Why, and how much of the tolerance a motion can have if that is asked for."""
+    data = {"case": task.name, "verified": False, "status": f"{error}", **task.robot.masses_to_dict()}
+    lines = [("masses", masses(task.robot))]
+    if (tolerance := task.limits.tolerance.of(task.robot.payload)).given:
+        lines.insert(0, ("within", f"{tolerance}; --tolerance none plans as described"))
+    if isinstance(error, ToleranceError) and options.largest_tolerance:
+        found = largest_tolerance(task, error, seed=options.seed, jobs=options.jobs, executor=executor)
+        lines.insert(0, ("largest", f"{found}"))
+        data["largest_tolerance"] = found.to_dict()
+    return Answer(False, summary(f"{task.name}: NO VERIFIED PLAN. {error}", lines, []), data)
 
 
 def _without_stops(task: MotionTask, how: dict[str, Any]) -> MotionPlan | None:

@@ -8,8 +8,9 @@ from typing import Any
 
 from ocptip.basics.errors import InputError, PlanningError
 from ocptip.motion.plan import MotionPlan, ToleranceError, plan_motion
-from ocptip.motion.task import MotionTask
-from ocptip.standing.tolerance import Tolerance
+from ocptip.motion.task import MotionTask, refusals
+from ocptip.standing.tolerable import AT_REST, culprit
+from ocptip.standing.tolerance import NONE, Tolerance
 
 PLANS = 5  # at most
 SECONDS = 300.0  # after which no further plan is begun
@@ -25,6 +26,7 @@ class LargestTolerance:
         not_had: the least with which none was found; None: there was one with all of it.
         plan: with `had`; None: it is what the best motion found before can have.
         plans, starts: how many were planned, with how many starts each.
+        at_rest: with more than this not even start and goal stand; None: they do with what was asked for.
     """
 
     had: Tolerance
@@ -33,6 +35,7 @@ class LargestTolerance:
     plan: MotionPlan | None
     plans: int
     starts: int
+    at_rest: Tolerance | None = None
 
     def __str__(self) -> str:
         """What was found; that nothing was found proves nothing."""
@@ -43,6 +46,8 @@ class LargestTolerance:
         )
         if self.not_had is not None:
             found += f"; none with {self.not_had}"
+        if self.at_rest is not None:
+            found += f"; start and goal stand at rest with up to {self.at_rest}"
         return f"{found} ({self.plans} plans of {self.starts} starts)"
 
     def to_dict(self) -> dict[str, Any]:
@@ -50,6 +55,7 @@ class LargestTolerance:
         return {
             "found": self.had.to_dict(),
             "not_found": self.not_had and self.not_had.to_dict(),
+            "at_rest": self.at_rest and self.at_rest.to_dict(),
             "energy_J": self.plan and self.plan.energy,
             "plans": self.plans,
             "starts": self.starts,
@@ -68,9 +74,11 @@ def largest_tolerance(
         seconds: wall time after which no further plan is begun.
         how: further arguments of `plan_motion`.
     """
-    began, low, high, best, plans = time.monotonic(), error.factor, 1.0, None, 0
-    tried = 1.0 if error.alone else 0.5 * (low + high)  # all of it alone has not been planned yet
-    not_had = None if error.alone else error.too_much
+    began, low, high, best, plans = time.monotonic(), error.factor, error.at_rest, None, 0
+    rest = error.too_much.scaled(high) if high < 1 else None
+    new = error.alone and rest is None  # all of it alone has not been planned yet
+    tried = high if new else 0.5 * (low + high)
+    not_had = None if new or rest is not None else error.too_much
     while plans < PLANS and time.monotonic() - began < seconds:
         tolerance = error.too_much.scaled(tried)
         limits = replace(task.limits, tolerance=tolerance)
@@ -80,7 +88,21 @@ def largest_tolerance(
             low = tried
         except (PlanningError, InputError):
             high, not_had = tried, tolerance
-        if low >= 1:
+        if low >= high:
             break
         tried = 0.5 * (low + high)
-    return LargestTolerance(error.too_much.scaled(low), low, not_had, best, plans, starts)
+    return LargestTolerance(error.too_much.scaled(low), low, not_had, best, plans, starts, rest)
+
+
+def too_much_at_rest(task: MotionTask) -> ToleranceError | None:
+    """Says which quantity start or goal cannot have at rest, and how much they can; None if not that."""
+    asked = task.limits.tolerance
+
+    def kept(tolerance: Tolerance) -> bool:
+        return not refusals(replace(task, limits=replace(task.limits, tolerance=tolerance)))
+
+    if not asked.given or not (reasons := refusals(task)) or not kept(NONE):
+        return None
+    error = ToleranceError(f"cannot be planned: {'; '.join(reasons)}")
+    error.too_much, error.at_rest = culprit(asked, AT_REST, kept)
+    return error

@@ -189,10 +189,12 @@ class ToleranceError(PlanningError):
     Attributes:
         too_much: the quantity that alone was too much for the best motion found, else everything.
         factor: of it that this motion can have, 0 to 1.
+        at_rest: of it that start and goal can have at rest, 0 to 1: no motion can have more.
     """
 
     too_much: Tolerance = NONE
     factor: float = 0.0
+    at_rest: float = 1.0
 
     @property
     def alone(self) -> bool:

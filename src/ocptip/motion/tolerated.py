@@ -27,6 +27,7 @@ from ocptip.robots.payload import Payload
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.on_feet import STIFFEST, softest_feet
+from ocptip.standing.on_springs import FALLEN
 from ocptip.trajectories.arm_motion import INSIDE
 from ocptip.trajectories.sampled import Motion
 
@@ -59,6 +60,7 @@ class Tolerated:
         at_most: nothing was lost up to this value, beyond which was not looked.
         time: s, where the contact is lost; NaN if none is.
         how: direction, and what happens.
+        between: of feet one of which lifts on the stiffest: on those between these, in `unit`, none does.
     """
 
     quantity: str
@@ -67,6 +69,7 @@ class Tolerated:
     at_most: bool
     time: float
     how: str
+    between: tuple[float, float] | None = None
 
     def __str__(self) -> str:
         if self.quantity == "foot_stiffness":
@@ -79,9 +82,13 @@ class Tolerated:
 
     def _of_feet(self) -> str:
         damping = f"{100 * DAMPING_RATIO:.0f} % damping"
-        value = f"{min(self.value, STIFFEST):.2g} N/m".replace("e+0", "e")
+        value = _stiffness_text(min(self.value, STIFFEST))
         if np.isinf(self.value):
-            return f"no feet that give ({self.how} on those of {value}, {damping}, {self.time:.3f} s)"
+            fails = f"{self.how} on those of {value}, {damping}, {self.time:.3f} s"
+            if self.between is None:
+                return f"no feet that give ({fails}, and on softer ones)"
+            least, most = map(_stiffness_text, self.between)
+            return f"feet that give, of {least} to {most} only ({fails})"
         if self.at_most:
             return f"feet that give, of {value} and more ({damping})"
         how = f"{self.how} on softer ones, {damping}, {self.time:.3f} s"
@@ -89,7 +96,13 @@ class Tolerated:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
-        return dict(vars(self))
+        own = dict(vars(self))
+        between = own.pop("between")
+        return own | ({"between": list(between)} if between else {})
+
+
+def _stiffness_text(value: float) -> str:
+    return f"{value:.2g} N/m".replace("e+0", "e")
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +123,7 @@ def tolerated(robot: StandingRobot, motion: Motion) -> tuple[Tolerated, ...]:
     - friction: factor of the friction coefficients of all ordinary contacts (left out if all are clamps);
     - faster: all times shorter, per cent of speed;
     - foot_stiffness: the least, N/m, of feet that give, see `ocptip.standing.on_feet.softest_feet`; infinite
-      if jumps lift one of any stiffness;
+      if a foot lifts on the stiffest, then `between` says on which none does, if on any;
     - delay: any of the joints starts late by so much, ms (up to six joints that move).
 
     A motion that loses a contact as it is tolerates nothing: all values are zero.
@@ -292,8 +305,12 @@ def _stiffness(robot: StandingRobot, motion: Motion) -> Tolerated | None:
     found = softest_feet(robot, motion)
     if found is None:
         return None
-    how = f"contact {found.contacts[0]} lifts" if found.contacts else ""
-    return Tolerated("foot_stiffness", found.value, "N/m", not how, found.time, how)
+    lost, between = found.lost, found.between
+    if lost is None:
+        return Tolerated("foot_stiffness", found.least, "N/m", True, np.nan, "", between)
+    what = "lifts" if lost.value < 0 else f"moves by more than {1e3 * FALLEN:.0f} mm"
+    how = f"contact {lost.contacts[0]} {what}"
+    return Tolerated("foot_stiffness", found.least, "N/m", False, lost.time, how, between)
 
 
 def _named(

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -154,17 +156,30 @@ def on_its_feet(robot: StandingMechanism, motion: Motion) -> FeetMotion | None:
     )
 
 
-def softest_feet(robot: StandingMechanism, motion: Motion) -> Margin | None:
+@dataclass(frozen=True)
+class SoftestFeet:
     """How stiff equal feet have to be so that none lifts, at `DAMPING_RATIO` of the lowest mode.
 
-    Feet from `STIFFEST` down to `SOFTEST` are looked at, two per decade; the first step within which one
-    begins to lift is bisected. What lifts feet of any stiffness are jumps: forces overshoot by a share of
-    them.
+    Attributes:
+        least: the stiffness from which on none lifts, N/m: infinite if one lifts on the stiffest.
+        lost: least normal force, N, when and of which foot, on softer ones; not below zero where feet give by
+            more than `FALLEN` before one lifts. None if all stay on `SOFTEST`, too.
+        between: N/m: where one lifts on the stiffest, the stiffest range found on which none does.
+    """
+
+    least: float
+    lost: Margin | None = None
+    between: tuple[float, float] | None = None
+
+
+def softest_feet(robot: StandingMechanism, motion: Motion) -> SoftestFeet | None:
+    """Look at feet from `STIFFEST` down to `SOFTEST`, two per decade, and bisect where one begins to lift.
+
+    Jumps may lift feet of any stiffness, as forces overshoot by a share of them. Soft feet answer slowly, so
+    that the next jump may come before they lift: what holds on soft feet need not hold on stiff ones.
 
     Returns:
-        The least stiffness from which on none lifts, N/m, and when and which lifts on softer ones: infinite
-        if one lifts on the stiffest, `SOFTEST` and no contact if none does. None where contacts are not
-        ordinary ones, or the robot's inertia is not known, or nothing holds it.
+        None where contacts are not ordinary ones, or the robot's inertia is not known, or nothing holds it.
     """
     support = robot.support
     ordinary = [contact for contact in support.contacts if isinstance(contact, UnilateralContact)]
@@ -185,15 +200,30 @@ def softest_feet(robot: StandingMechanism, motion: Motion) -> Margin | None:
         modes = Modes.of(elastic, ride.start_inertia)
         course = Simulation(ride, elastic, modes, one_sided=False).run()
         least = min((_least(course, k) for k in range(len(unit))), key=lambda margin: margin.value)
-        return least if least.value < 0 else None
+        return least if least.value < 0 or course.falls else None
 
-    exponents = np.arange(np.log10(STIFFEST), np.log10(SOFTEST) - 0.1, -0.5).tolist()
-    for above, exponent in zip([np.inf, *exponents], exponents, strict=False):
-        if found := lifted(exponent):
-            if np.isfinite(above):
-                above, found = bisected(lifted, above, exponent, found, _near)
-            return Margin(float(10**above), found.time, found.contacts)
-    return Margin(SOFTEST, np.nan)
+    return _range(lifted, np.arange(np.log10(STIFFEST), np.log10(SOFTEST) - 0.1, -0.5).tolist())
+
+
+def _range(lifted: Callable[[float], Margin | None], exponents: list[float]) -> SoftestFeet:
+    """Of what lifts at powers of ten of the stiffness, the stiffest first."""
+    found = [lifted(exponents[0])]
+    while found[-1] is not None and len(found) < len(exponents):
+        found.append(lifted(exponents[len(found)]))
+    if found[-1] is not None:
+        return SoftestFeet(np.inf, found[0])
+    top, least, lost = len(found) - 1, SOFTEST, None
+    for above, exponent in pairwise(exponents[top:]):
+        if lost := lifted(exponent):
+            above, lost = bisected(lifted, above, exponent, lost, _near)
+            least = float(10**above)
+            break
+    if top == 0:
+        return SoftestFeet(least, lost)
+    beyond = found[top - 1]
+    assert beyond is not None  # all before the last one
+    most, _ = bisected(lifted, exponents[top], exponents[top - 1], beyond, _near)
+    return SoftestFeet(np.inf, found[0], (least, float(10**most)))
 
 
 def _near(low: float, high: float) -> bool:

@@ -135,9 +135,9 @@ def scene_within(
         InputError: a planar scene, or one without gravity; a base mass outside its interval.
     """
     if support.dimension != 3:
-        raise InputError("tolerance: looked at for spatial scenes only (tolerance none)")
+        raise InputError("tolerance: looked at for spatial scenes only (--tolerance none)")
     if not np.any(support.gravity):
-        raise InputError("tolerance: without gravity there is no tilt and no weight (tolerance none)")
+        raise InputError("tolerance: without gravity there is no tilt and no weight (--tolerance none)")
     own = tolerance.only(*(name for name in LOOKED_AT if name in tolerance.given))
     moment = reference_moment or TipOver(support).reference_moment
     fixed, hanging = _fixed_and_hanging(support, loads)
