@@ -73,6 +73,11 @@ def test_check_says_how_the_base_swings(capsys, tmp_path):
     assert data["limits"]["foot_lift"] == 0.01
     assert data["feet"]["lift_m"] == 0
     assert len(data["feet"]["least_normal_forces_N"]) == 4
+    (tmp_path / "task.toml").write_text(TASK + "[tolerance]\nspeed = 0.01\n")
+    main(["check", str(motion), "--task", str(tmp_path / "task.toml"), "--stops", "brakes"])
+    text = capsys.readouterr().out
+    assert "feet that give: their forces and lifts are looked at as described only" in text
+    assert "feet that give: their forces and lifts during stops are not looked at" in text
 
 
 @pytest.mark.slow

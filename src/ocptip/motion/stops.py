@@ -246,6 +246,8 @@ class _BrakeTable:
 
 def _assumed(robot: StandingMechanism, rules: StopRules, kinds: Kinds, time: float) -> tuple[str, ...]:
     said = []
+    if robot.support.elastic is not None:
+        said.append("feet that give: their forces and lifts during stops are not looked at, only GN and GT")
     if kinds != "brakes":
         hardest = "as hard as limits of torque and acceleration allow, and all gentler ones"
         if time > 0:
