@@ -194,7 +194,7 @@ def check_motion(
         violations.append(
             f"no verified contact state at {len(unsolved)} instants, first at {unsolved[0]:.4f} s"
         )
-    elif not standing:
+    if not standing:
         violations.append("a contact slips or lifts off")
     return MotionCheck(
         verified=not violations,
@@ -281,7 +281,8 @@ def _evaluate(
     values, ends = np.hstack(measured), np.cumsum([own.shape[1] for own in measured])[:-1]
     values[np.isnan(values)] = np.inf
     certain = at.states.solved & at.slip.solved
-    standing, contacts = bool(np.all(at.states.persistent)), ContactMargins.of(at, times)
+    standing = bool(np.all(at.states.persistent | ~at.states.solved))
+    contacts = ContactMargins.of(at, times)
     return _Found(values, ends, times[~certain].tolist(), standing, contacts)
 
 
