@@ -139,8 +139,10 @@ def retime(
 ) -> Retimed:
     """Time a path so that the robot stands and keeps its limits: as fast, or as cheaply, as possible.
 
-    The optimum is global for the grid of nodes, up to the gap of `Retimed.cheapest`. With drives other than
-    DC motors, such as measured maps, the solution is a local one, and the bound is of quadratic drives below.
+    The cheapest timing is the global optimum for the grid of nodes, up to the gap of `Retimed.cheapest`; the
+    fastest one is within 0.05 % of it with 300 nodes, 0.2 % with 100 (measured on ten paths). With drives
+    other than DC motors, such as measured maps, the solution is a local one, and the bound is of quadratic
+    drives below.
     The result is checked on a dense grid; `Retimed.verified` says with what outcome.
 
     Args:
