@@ -12,11 +12,14 @@ from PIL import Image
 
 from ocptip.cli.main import main
 from ocptip.motion.output import write_plan
-from ocptip.pictures.view import LINK, motion_show, pose_show, to_html
+from ocptip.pictures.view import motion_show, pose_show, to_html
+from ocptip.pictures.view_bodies import LINK
 from ocptip.placement.output import result_to_dict, write_placement
 from ocptip.placement.place import place
 from ocptip.published.tasks import experiment_task
+from ocptip.robots.kinematics import link_frames
 from ocptip.robots.payload import Payload
+from ocptip.standing.parts import Part
 from ocptip.task_files.motion import load_task
 from ocptip.task_files.placement import load_placement
 from ocptip.trajectories.arm_motion import ArmMotion
@@ -34,6 +37,10 @@ def committed(case):
     return experiment_task(case).robot, ArmMotion.from_dict(json.loads(path.read_text()))
 
 
+def parts(case):
+    return [Part(*committed(case))]
+
+
 def swing(task):
     """One ramp per joint, which only has to be drawn."""
     limits = task.robot.limits
@@ -43,7 +50,7 @@ def swing(task):
 
 @pytest.fixture(scope="module")
 def page():
-    return to_html(motion_show("A", *committed("A")))
+    return to_html(motion_show("A", parts("A")))
 
 
 def test_page_is_small_and_whole(page):
@@ -57,7 +64,7 @@ def test_page_of_an_arm_with_solids_is_made_quickly():
     motion = swing(task)
     task.robot.samples(motion, np.zeros(1))  # kernels are there
     began = time.process_time()
-    found = to_html(motion_show("UR5", task.robot, motion))
+    found = to_html(motion_show("UR5", [Part(task.robot, motion)]))
     assert time.process_time() - began < 5.0
     assert len(found.encode()) < 3_000_000
 
@@ -85,7 +92,7 @@ class Recorder:
 
 def test_what_is_on_stage_is_what_the_check_says():
     robot, motion = committed("A")
-    show, stage = motion_show("A", robot, motion), Recorder()
+    show, stage = motion_show("A", [Part(robot, motion)]), Recorder()
     frame = show.stage(stage)
     for k in (0, len(show.times) // 2, len(show.times) - 1):
         frame(k)
@@ -110,12 +117,52 @@ def test_what_is_on_stage_is_what_the_check_says():
     assert np.allclose(np.hypot(*cone[1:, :2].T), 0.2 * cone[1:, 2])  # friction
 
 
+def test_a_cycle_is_one_show_with_what_each_segment_holds():
+    robot, motion = committed("A")
+    laden = robot.varied(arm=robot.arm.with_payload(Payload(0.3)))
+    back = Part(robot, motion, "back", motion.end + 0.5)
+    show = motion_show("A", [Part(laden, motion, "carry", 0.0, 0.5), back])
+    stage = Recorder()
+    frame = show.stage(stage)
+    assert show.times[-1] == pytest.approx(2 * motion.end + 0.5)
+    for at, own, local, name in (
+        (0.5 * motion.end, laden, 0.5 * motion.end, "carry"),
+        (motion.end + 0.25, laden, motion.end, "carry"),  # at rest, still laden
+        (1.5 * motion.end + 0.5, robot, 0.5 * motion.end, "back"),
+    ):
+        k = int(np.abs(show.times - at).argmin())
+        frame(k)
+        local += show.times[k] - at if local < motion.end else 0.0
+        tip = own.samples(motion, np.array([local])).tip
+        assert f"A, {name}  GN {tip.GN[0]:.3f}" in stage.nodes["/clock"].text
+        assert stage.nodes["/arm/6/payload 1"].visible == (own is laden)
+
+
+def test_a_second_motion_is_a_ghost_with_a_clock_of_its_own():
+    robot, motion = committed("A")
+    slow = motion.time_scaled(1.5)
+    show, stage = motion_show("A", [Part(robot, motion)], ("slow", [Part(robot, slow)])), Recorder()
+    frame = show.stage(stage)
+    assert show.times[-1] == pytest.approx(slow.end)
+    k = int(np.abs(show.times - 0.6 * motion.end).argmin())
+    frame(k)
+    time = show.times[k : k + 1]
+    for own, root, clock in ((motion, "", "/clock"), (slow, "/second", "/second/clock")):
+        seen = robot.samples(own, time)
+        gripper = link_frames(robot.arm, seen.angles).origins[0, 5]
+        assert np.allclose(stage.nodes[f"{root}/arm/6"].position, gripper)
+        assert f"GN {seen.tip.GN[0]:.3f}, GT {seen.slip.GT[0]:.3f}" in stage.nodes[clock].text
+    frame(len(show.times) - 1)  # the first has been at rest for a while
+    still = robot.samples(motion, np.array([motion.end])).tip.GN[0]
+    assert f"GN {still:.3f}" in stage.nodes["/clock"].text
+
+
 def test_payload_base_and_solids_are_there():
     task = load_task(EXAMPLES / "tasks/ur5_cart.toml")
     stage = Recorder()
     robot = task.robot.varied(arm=task.robot.arm.with_payload(Payload(2.0)))
     pose_show("UR5", robot, task.start).stage(stage)(0)
-    assert any(name.endswith("/payload") for name in stage.nodes)
+    assert any("/payload" in name for name in stage.nodes)
     assert any(name.startswith("/base") for name in stage.nodes)
     arm = [node for name, node in stage.nodes.items() if name.startswith("/arm")]
     assert sum(node.kind != "add_frame" for node in arm) > 5
@@ -127,6 +174,18 @@ def test_view_of_a_plan_folder(tmp_path, capsys):
     assert main(["view", str(tmp_path / "A"), "--html", str(tmp_path / "a.html")]) == 0
     assert capsys.readouterr().out.startswith("A: ")
     assert (tmp_path / "a.html").stat().st_size < 3_000_000
+
+
+def test_view_of_two_plans(tmp_path, capsys):
+    task = experiment_task("A")
+    for name, factor in (("one", 1.0), ("two", 1.2)):
+        write_plan(tmp_path / name, plan_of(task, task.reference.time_scaled(factor)))
+    folders = [str(tmp_path / "one"), str(tmp_path / "two")]
+    assert main(["view", *folders, "--html", str(tmp_path / "b.html"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["bytes"] < 3_000_000
+    scene = str(EXAMPLES / "scenes/rover_on_slope.toml")
+    assert main(["view", scene, folders[0], "--html", str(tmp_path / "c.html")]) == 2
+    assert "is shown alone" in capsys.readouterr().err
 
 
 def test_view_of_a_scene(tmp_path, capsys):

@@ -274,6 +274,7 @@ COMMANDS = (
         "0 shown or written",
         (
             argument("what", "PLAN_DIR|SCENE.toml|PLACE_DIR", "folder of a plan or a placement, or a scene"),
+            argument("second", "PLAN_DIR", "of a plan that is shown beside the first, as a ghost", nargs="?"),
             argument("--html", "FILE", "write one file that needs nothing else (default: serve it here)"),
             argument("--task", "TASK.toml", "of a placement: its task file"),
         ),

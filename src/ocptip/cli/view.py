@@ -23,6 +23,7 @@ from ocptip.placement.problem import PlacementProblem
 from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipOver
 from ocptip.standing.arm import StandingRobot
+from ocptip.standing.parts import Part
 from ocptip.task_files.placement import load_placement
 from ocptip.task_files.plan_folder import read_plan_folder
 from ocptip.task_files.scene import read_scene
@@ -43,19 +44,32 @@ def run(options: Namespace) -> ViewReport:
 def _show(options: Namespace) -> tuple[str, Show]:
     path = Path(options.what)
     placement = path / PLACEMENT if path.is_dir() else path
-    if placement.name == PLACEMENT and placement.is_file():
+    if placement.name == PLACEMENT and placement.is_file() and options.second is None:
         return _placement(placement, options.task)
     if options.task is not None:
         raise InputError(f"--task: belongs to the folder of a placement, and {path} is none")
     if path.is_dir():
-        plan = read_plan_folder(path)
-        return plan.task.name, motion_show(plan.task.name, *plan.of_arm("view shows"))
+        name, parts = _parts(path)
+        if options.second is None:
+            return name, motion_show(name, parts)
+        other = _parts(Path(options.second))
+        if other[0] == name:  # the folders' names tell them apart
+            name, other = f"{path}", (f"{options.second}", other[1])
+        return f"{name} and {other[0]}", motion_show(name, parts, other)
+    if options.second is not None:
+        raise InputError("is shown alone; two folders of plans are shown together", "", str(path))
     scene = read_scene(path)
     states = solve(scene.support, scene.wrench).states
     with naming(str(path)):
         tip = TipOver(scene.support).evaluate(states)
         slip = Slip(scene.support).evaluate(states, derivatives=False)
         return scene.name, scene_show(scene, states.contact_forces, tip, slip)
+
+
+def _parts(folder: Path) -> tuple[str, tuple[Part, ...]]:
+    """Name and motions of a plan."""
+    plan = read_plan_folder(folder)
+    return plan.task.name, plan.parts("view shows")
 
 
 def _placement(path: Path, task_file: str | None) -> tuple[str, Show]:

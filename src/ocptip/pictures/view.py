@@ -9,33 +9,31 @@ from __future__ import annotations
 import io
 import socket
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from scipy.spatial import ConvexHull
-from scipy.spatial.transform import Rotation
 
 from ocptip.basics.errors import InputError
 from ocptip.basics.text import quantity
 from ocptip.contact.support import Support
+from ocptip.motion.cycles.output import samples_joined
+from ocptip.pictures import view_bodies as bodies
 from ocptip.reserves.slip import SlipReserve
 from ocptip.reserves.tipping import TipOverReserve
-from ocptip.robots.collision.shapes import Ball, HalfSpace, Shape
-from ocptip.robots.geometry import Wall
-from ocptip.robots.kinematics import link_frames
+from ocptip.robots.kinematics import LinkFrames, link_frames
 from ocptip.standing.arm import StandingRobot
+from ocptip.standing.mechanism import MotionSamples
+from ocptip.standing.parts import Part, owners
 from ocptip.task_files.scene import Scene
-from ocptip.trajectories.sampled import Motion
 
 FRAMES, RATE = 240, 30.0  # at most so many frames, so many per second
-LINK, JOINT, BASE, HELD = (70, 110, 160), (240, 170, 60), (90, 90, 90), (200, 110, 50)
-OBSTACLE, GROUND, FORCE, CONE = (150, 150, 150), (215, 215, 215), (30, 140, 60), (120, 190, 120)
+FORCE, CONE, GHOST = (30, 140, 60), (120, 190, 120), (230, 130, 0)
 POLYGON, AXIS, POINT, LOAD = (40, 40, 40), (200, 30, 30), (220, 0, 160), (190, 40, 40)
 _TALL = 0.5  # height of an arrow for the whole weight, over the size of the picture
-_SIDES = 24  # of a cone
 
 
 def library_viser() -> Any:
@@ -119,49 +117,142 @@ def _server(show: Show) -> Iterator[tuple[Any, Callable[[int], None]]]:
 # --- a motion, a pose -----------------------------------------------------------------------------------
 
 
-def motion_show(name: str, robot: StandingRobot, motion: Motion) -> Show:
-    """An arm's motion on its base."""
-    step = max(1 / RATE, motion.end / FRAMES)
-    times = np.append(np.arange(0.0, motion.end, step), motion.end)
-    return _robot_show(name, robot, times, motion.states(times))
+@dataclass(frozen=True, eq=False)
+class Act:
+    """What an arm on its base does in a view.
+
+    Attributes:
+        name: for the clock.
+        robots: of its parts, which differ in what they hold.
+        names: of the parts; empty where there is one.
+        owner: (T,), number of the part of each frame.
+        seen: forces and reserves at the frames.
+        frames: of the links.
+    """
+
+    name: str
+    robots: tuple[StandingRobot, ...]
+    names: tuple[str, ...]
+    owner: np.ndarray
+    seen: MotionSamples
+    frames: LinkFrames
+
+    @classmethod
+    def of_plan(cls, name: str, parts: Sequence[Part], times: np.ndarray) -> Act:
+        """A motion, or those of a cycle, at these times (T,), s; at rest before and after."""
+        owner, found = np.zeros(len(times), dtype=int), []
+        for number, part, at in owners(parts, times):
+            owner[at] = number
+            if len(at):
+                local = np.clip(times[at] - part.begin, 0.0, part.motion.end)
+                found.append(part.robot.samples(part.motion, local))
+        seen = samples_joined(found)
+        frames = link_frames(parts[0].robot.arm, seen.angles)
+        return cls(name, tuple(p.robot for p in parts), tuple(p.name for p in parts), owner, seen, frames)
+
+    def points(self) -> np.ndarray:
+        """(k, 3), m: where it is."""
+        contacts = [c.position for c in self.robots[0].support.contacts]
+        return np.vstack([self.frames.origins.reshape(-1, 3), contacts])
+
+    def clock(self, k: int) -> str:
+        """Name of the motion, or of the segment of a cycle, and what is left at frame k."""
+        part = self.names[self.owner[k]]
+        title = f"{self.name}, {part}" if part else self.name
+        seen = self.seen
+        return f"{title}  {reserve_clock(seen.tip, seen.slip, seen.states.contact_forces, k)}"
+
+
+def motion_show(name: str, parts: Sequence[Part], second: tuple[str, Sequence[Part]] | None = None) -> Show:
+    """An arm's motion on its base, or a cycle; beside it another one, which begins at the same time.
+
+    Args:
+        name: for the clock.
+        parts: one, or the segments of a cycle.
+        second: name and parts of what is drawn as a ghost, in the base axes of the first.
+    """
+    end = max(one[-1].end for one in (parts, *((second[1],) if second else ())))
+    times = np.append(np.arange(0.0, end, max(1 / RATE, end / FRAMES)), end)
+    ghost = Act.of_plan(*second, times) if second else None
+    return _show(Act.of_plan(name, parts, times), times, ghost)
 
 
 def pose_show(name: str, robot: StandingRobot, q: np.ndarray) -> Show:
     """An arm at rest on its base; joint values (n,)."""
-    return _robot_show(name, robot, np.zeros(1), (q[None], 0 * q[None], 0 * q[None]))
+    times, still = np.zeros(1), 0 * q[None]
+    seen = robot.samples_of(times, q[None], still, still)
+    return _show(
+        Act(name, (robot,), ("",), np.zeros(1, dtype=int), seen, link_frames(robot.arm, q[None])), times
+    )
 
 
-def _robot_show(
-    name: str, robot: StandingRobot, times: np.ndarray, states: tuple[np.ndarray, np.ndarray, np.ndarray]
-) -> Show:
-    seen = robot.samples_of(times, *states)
-    frames = link_frames(robot.arm, states[0])
-    points = np.vstack([frames.origins.reshape(-1, 3), [c.position for c in robot.support.contacts]])
+def _show(act: Act, times: np.ndarray, ghost: Act | None = None) -> Show:
+    points = np.vstack([one.points() for one in (act, ghost) if one])
     centre, size = points.mean(axis=0), float(np.linalg.norm(np.ptp(points, axis=0)))
 
     def stage(server: Any) -> Callable[[int], None]:
-        scene = server.scene
-        links = _arm(scene, robot, size)
-        _surroundings(scene, robot, centre, size)
-        scene.add_line_segments(
-            "/path of the gripper", _segments(frames.origins[:, -1]), colors=HELD, thickness=0.003 * size
-        )
+        scene, robot = server.scene, act.robots[0]
+        move = _mover(scene, "/arm", act, size)
+        bodies.surroundings(scene, robot, centre, size)
+        _path(scene, "/path of the gripper", act, bodies.HELD, size)
         forces = Forces(scene, robot.support, robot.mass, size)
         top = centre + np.array([0, 0, 0.6 * size])
-        title = scene.add_label("/clock", name, position=tuple(top), anchor="bottom-center")
-        tip, slip = seen.tip, seen.slip
+        title = scene.add_label("/clock", act.name, position=tuple(top), anchor="bottom-center")
+        beside = _ghost(scene, ghost, top - np.array([0, 0, 0.02 * size]), size) if ghost else lambda _: None
+        tip, slip = act.seen.tip, act.seen.slip
 
         def frame(k: int) -> None:
-            for link, rotation, origin in zip(links, frames.rotations[k], frames.origins[k], strict=False):
-                link.position, link.wxyz = origin, _wxyz(rotation)
-            forces.show(shared_forces(seen.states.contact_forces, slip, k), tip, k)
-            title.text = (
-                f"{name}  {times[k]:.2f} s  {reserve_clock(tip, slip, seen.states.contact_forces, k)}"
-            )
+            move(k)
+            forces.show(shared_forces(act.seen.states.contact_forces, slip, k), tip, k)
+            title.text = f"{times[k]:.2f} s  {act.clock(k)}"
+            beside(k)
 
         return frame
 
     return Show(stage, times, centre, size)
+
+
+def _ghost(scene: Any, act: Act, top: np.ndarray, size: float) -> Callable[[int], None]:
+    """A second motion: its arm, path, zero-moment point and clock, and the feet of its base."""
+    move = _mover(scene, "/second/arm", act, size, GHOST)
+    _path(scene, "/second/path of the gripper", act, GHOST, size)
+    feet = np.array([c.position for c in act.robots[0].support.contacts])
+    edges = _around(feet) + np.array([0, 0, 1e-3 * size])
+    scene.add_line_segments("/second/support polygon", edges, colors=GHOST, thickness=0.003 * size)
+    pressure = scene.add_icosphere("/second/zero-moment point", 0.018 * size, color=GHOST)
+    title = scene.add_label("/second/clock", act.name, position=tuple(top), anchor="top-center")
+    slip = act.seen.slip
+
+    def frame(k: int) -> None:
+        move(k)
+        _press(pressure, shared_forces(act.seen.states.contact_forces, slip, k), feet)
+        title.text = f"(ghost) {act.clock(k)}"
+
+    return frame
+
+
+def _mover(
+    scene: Any, root: str, act: Act, size: float, ghost: tuple[int, int, int] | None = None
+) -> Callable[[int], None]:
+    """Puts an arm on stage with what it holds in turn, and says how to show it in a frame."""
+    links = bodies.arm(scene, root, act.robots[0], size, ghost)
+    held = [bodies.held(scene, root, one, number, size, ghost) for number, one in enumerate(act.robots)]
+
+    def frame(k: int) -> None:
+        for link, rotation, origin in zip(
+            links, act.frames.rotations[k], act.frames.origins[k], strict=False
+        ):
+            link.position, link.wxyz = origin, bodies.wxyz(rotation)
+        for number, nodes in enumerate(held):
+            for node in nodes:
+                node.visible = number == act.owner[k]
+
+    return frame
+
+
+def _path(scene: Any, name: str, act: Act, color: tuple[int, int, int], size: float) -> None:
+    ends = bodies.segments(act.frames.origins[:, -1])
+    scene.add_line_segments(name, ends, colors=color, thickness=0.003 * size)
 
 
 def reserve_clock(tip: TipOverReserve, slip: SlipReserve, forces: np.ndarray, k: int) -> str:
@@ -199,8 +290,8 @@ def scene_show(scene: Scene, contact_forces: np.ndarray, tip: TipOverReserve, sl
 
     def stage(server: Any) -> Callable[[int], None]:
         drawn = server.scene
-        _base(drawn, support, support.center_of_mass)
-        _grid(drawn, support, centre, size)
+        bodies.base(drawn, support, support.center_of_mass)
+        bodies.grid(drawn, support, centre, size)
         total = support.mass
         forces = Forces(drawn, support, total, size)
         weight = float(np.linalg.norm(support.weight[:3])) or 1.0
@@ -208,7 +299,7 @@ def scene_show(scene: Scene, contact_forces: np.ndarray, tip: TipOverReserve, sl
             if load.force is not None:
                 tip_of = np.asarray(load.point if load.point is not None else np.zeros(3), dtype=float)
                 tail = tip_of - _TALL * size * np.asarray(load.force, dtype=float) / weight
-                _arrows(drawn, f"/load {k + 1}", np.array([[tail, tip_of]]), LOAD, size)
+                bodies.arrows(drawn, f"/load {k + 1}", np.array([[tail, tip_of]]), LOAD, size)
         text = f"{scene.name}  {reserve_clock(tip, slip, contact_forces, 0)}"
         top = centre + np.array([0, 0, 0.7 * size])
         drawn.add_label("/clock", text, position=tuple(top), anchor="bottom-center")
@@ -238,15 +329,15 @@ class Forces:
             )
             friction = getattr(contact, "friction", None) or getattr(contact, "friction_upper", 0.0)
             if friction:
-                vertices, faces = _cone(friction, 0.12 * size)
+                vertices, faces = bodies.cone(friction, 0.12 * size)
                 scene.add_mesh_simple(
                     f"/friction cones/{k + 1}", vertices, faces, color=CONE, opacity=0.35, side="double",
-                    position=tuple(self.points[k]), wxyz=_wxyz(_upright(contact.normal)),
+                    position=tuple(self.points[k]), wxyz=bodies.wxyz(bodies.upright(contact.normal)),
                 )  # fmt: skip
-        edges = self._polygon()
+        edges = _around(self.points)
         scene.add_line_segments("/support polygon", edges, colors=POLYGON, thickness=0.005 * size)
         still = np.stack([self.points, self.points + 1e-3 * size * np.array([0, 0, 1.0])], axis=1)
-        self.arrows = _arrows(scene, "/contact forces", still, FORCE, size)
+        self.arrows = bodies.arrows(scene, "/contact forces", still, FORCE, size)
         self.axis = scene.add_line_segments(
             "/nearest tipping axis", edges[:1], colors=AXIS, thickness=0.012 * size
         )
@@ -264,149 +355,19 @@ class Forces:
         if nearest >= 0:
             pair = list(tip.tip_over.axes[nearest].contacts)[:2]
             self.axis.points = self.points[[pair[0], pair[-1]]][None].astype(np.float32)
-        total = known[:, 0].sum()
-        self.pressure.visible = bool(total > 0)
-        if total > 0:
-            self.pressure.position = known[:, 0] @ self.points / total
-
-    def _polygon(self) -> np.ndarray:
-        """(e, 2, 3) edges of the hull of the contacts seen from above; a line of two."""
-        if (
-            len(self.points) > 2
-            and np.linalg.matrix_rank(self.points[:, :2] - self.points[0, :2], tol=1e-6) == 2
-        ):
-            around = self.points[ConvexHull(self.points[:, :2]).vertices]
-        else:
-            around = self.points
-        return np.stack([around, np.roll(around, -1, axis=0)], axis=1)
+        _press(self.pressure, known, self.points)
 
 
-# --- bodies ---------------------------------------------------------------------------------------------
+def _press(node: Any, forces: np.ndarray, points: np.ndarray) -> None:
+    """Put the zero-moment point of forces (n, 3), N, contact axes, at points (n, 3), where it is."""
+    normal = np.nan_to_num(forces[:, 0])
+    node.visible = bool(normal.sum() > 0)
+    if node.visible:
+        node.position = normal @ points / normal.sum()
 
 
-def _arm(scene: Any, robot: StandingRobot, size: float) -> list[Any]:
-    """Frames of the links with the solids, spheres or sticks on them; in the order of the link frames."""
-    arm = robot.arm
-    links = [scene.add_frame(f"/arm/{k + 1}", show_axes=False) for k in range(arm.links)]
-    mount = scene.add_frame(
-        "/arm/0", show_axes=False, position=tuple(arm.mount_position), wxyz=_wxyz(arm.mount_rotation)
-    )
-    names = [mount.name, *(link.name for link in links)]
-    if arm.geometry is not None:
-        for number, part in enumerate(arm.geometry.shapes):
-            _solid(scene, f"{names[part.body]}/{number}", part.shape, HELD if part.carried else LINK, size)
-    elif arm.sphere_sets:
-        for spheres in arm.sphere_sets:
-            for number, (centre, radius) in enumerate(zip(spheres.centres, spheres.radii, strict=True)):
-                own = f"{names[spheres.link]}/{spheres.name} {number}"
-                scene.add_icosphere(own, float(radius), subdivisions=2, color=LINK, position=tuple(centre))
-    if arm.geometry is None:
-        for k, offset in enumerate(arm.offsets):
-            if np.linalg.norm(offset) > 1e-6:
-                ends = np.array([[np.zeros(3), offset]])
-                scene.add_line_segments(f"{names[k + 1]}/bone", ends, colors=JOINT, thickness=0.02 * size)
-    if arm.payload is not None:
-        _, centre, _ = arm.payload.seen_from(arm.tool_rotation, arm.offsets[-1])
-        radius = max(0.02 * size, 0.5 * (arm.payload.mass / 2000) ** (1 / 3))  # of a light metal
-        scene.add_icosphere(f"{names[-1]}/payload", float(radius), color=HELD, position=tuple(centre))
-    return links
-
-
-def _surroundings(scene: Any, robot: StandingRobot, centre: np.ndarray, size: float) -> None:
-    if robot.shapes:
-        for number, part in enumerate(robot.shapes):
-            _solid(scene, f"/base/{number}", part.shape, BASE, size)
-    else:
-        _base(scene, robot.support, robot.arm.mount_position)
-    _grid(scene, robot.support, centre, size)
-    for number, obstacle in enumerate(robot.obstacles):
-        if isinstance(obstacle, Wall):
-            if abs(obstacle.normal[2]) < 0.9:  # a floor is where the contacts are
-                flat = obstacle.normal * (obstacle.distance - obstacle.normal @ centre) + centre
-                scene.add_box(
-                    f"/obstacles/{number}", OBSTACLE, (2 * size, 2 * size, 0.004 * size), opacity=0.4,
-                    position=tuple(flat), wxyz=_wxyz(_upright(obstacle.normal)),
-                )  # fmt: skip
-        else:
-            _solid(scene, f"/obstacles/{number}", obstacle.shape, OBSTACLE, size)
-
-
-def _base(scene: Any, support: Support, above: np.ndarray) -> None:
-    """Nothing is known of its form: the hull of its contacts and of a point above."""
-    points = np.vstack([[c.position for c in support.contacts], above])
-    if len(points) > 3 and np.linalg.matrix_rank(points[1:] - points[0], tol=1e-6) == 3:
-        vertices, faces = _hull(points)
-        scene.add_mesh_simple("/base", vertices, faces, color=BASE, opacity=0.35, side="double")
-
-
-def _grid(scene: Any, support: Support, centre: np.ndarray, size: float) -> None:
-    height = min(float(c.position[2]) for c in support.contacts)
-    scene.add_grid(
-        "/ground", 4 * size, 4 * size, cell_size=0.1, section_size=0.5, cell_color=GROUND,
-        position=(float(centre[0]), float(centre[1]), height - 0.002 * size),
-    )  # fmt: skip
-
-
-def _solid(scene: Any, name: str, shape: Shape, color: tuple[int, int, int], size: float) -> None:
-    if isinstance(shape, HalfSpace):
-        return
-    at = {"position": tuple(shape.position), "wxyz": _wxyz(shape.rotation)}
-    corners, radius = shape.corners(), shape.thickness
-    if type(shape) is Ball:
-        scene.add_icosphere(name, radius, subdivisions=2, color=color, **at)
-        return
-    if radius:
-        corners = (corners[:, None] + radius * _directions()).reshape(-1, 3)
-    vertices, faces = _hull(corners)
-    scene.add_mesh_simple(name, vertices, faces, color=color, flat_shading=not radius, **at)
-
-
-def _hull(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices and triangles, seen from outside, of a convex hull."""
-    hull = ConvexHull(points)
-    faces = hull.simplices.copy()
-    corners = points[faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    inward = np.einsum("fi,fi->f", normals, hull.equations[:, :3]) < 0
-    faces[inward] = faces[inward][:, ::-1]
-    used, numbers = np.unique(faces, return_inverse=True)
-    return points[used].astype(np.float32), numbers.reshape(faces.shape).astype(np.uint32)
-
-
-def _directions() -> np.ndarray:
-    """Unit vectors all around."""
-    k = np.arange(60) + 0.5
-    polar, around = np.arccos(1 - 2 * k / 60), np.pi * (1 + 5**0.5) * k
-    return np.column_stack([np.cos(around) * np.sin(polar), np.sin(around) * np.sin(polar), np.cos(polar)])
-
-
-def _cone(friction: float, height: float) -> tuple[np.ndarray, np.ndarray]:
-    angles = 2 * np.pi * np.arange(_SIDES) / _SIDES
-    slant = height / np.hypot(1.0, friction)
-    rim = slant * np.column_stack([friction * np.cos(angles), friction * np.sin(angles), np.ones(_SIDES)])
-    number = np.arange(_SIDES)
-    faces = np.column_stack([np.zeros(_SIDES, dtype=int), 1 + number, 1 + (number + 1) % _SIDES])
-    return np.vstack([np.zeros(3), rim]).astype(np.float32), faces.astype(np.uint32)
-
-
-def _arrows(scene: Any, name: str, points: np.ndarray, color: tuple[int, int, int], size: float) -> Any:
-    return scene.add_arrows(
-        name, points.astype(np.float32), colors=color, shaft_radius=0.006 * size, head_radius=0.014 * size,
-        head_length=0.03 * size,
-    )  # fmt: skip
-
-
-def _segments(points: np.ndarray) -> np.ndarray:
-    """(T - 1, 2, 3) pieces of a line through (T, 3) points; one without length of a point."""
-    ahead = points[1:] if len(points) > 1 else points
-    return np.stack([points[: len(ahead)], ahead], axis=1)
-
-
-def _upright(normal: Any) -> np.ndarray:
-    """(3, 3): turns z into this unit vector."""
-    return Rotation.align_vectors([np.asarray(normal, dtype=float)], [[0.0, 0.0, 1.0]])[0].as_matrix()
-
-
-def _wxyz(rotation: np.ndarray) -> tuple[float, ...]:
-    """Quaternion, scalar first."""
-    return tuple(np.roll(Rotation.from_matrix(rotation).as_quat(), 1))
+def _around(points: np.ndarray) -> np.ndarray:
+    """(e, 2, 3) edges of the hull of points seen from above; a line of two."""
+    if len(points) > 2 and np.linalg.matrix_rank(points[:, :2] - points[0, :2], tol=1e-6) == 2:
+        points = points[ConvexHull(points[:, :2]).vertices]
+    return np.stack([points, np.roll(points, -1, axis=0)], axis=1)

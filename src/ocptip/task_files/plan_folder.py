@@ -16,6 +16,7 @@ from ocptip.motion.output import PLAN
 from ocptip.motion.source import TASK
 from ocptip.motion.task import MotionTask
 from ocptip.standing.arm import StandingRobot
+from ocptip.standing.parts import Part
 from ocptip.task_files.cycle import read_task
 from ocptip.trajectories.read import load_motions
 from ocptip.trajectories.sampled import Motion
@@ -38,11 +39,32 @@ class PlanFolder:
     motion: Motion | MotionSequence
     data: dict[str, Any]
 
+    def parts(self, does: str) -> tuple[Part, ...]:
+        """What an arm does: one motion, or those of a cycle.
+
+        Args:
+            does: what is done with it, such as "view shows".
+
+        Raises:
+            InputError: it is of another mechanism.
+        """
+        robots = arms_of(self.task, does, self.path)
+        if not isinstance(self.motion, MotionSequence):
+            return (Part(robots[0], self.motion),)
+        assert isinstance(self.task, CycleTask)
+        if len(self.motion) < len(robots):
+            raise InputError(f"holds {len(self.motion)} of {len(robots)} segments", "", str(self.path))
+        rows = zip(
+            robots, self.motion.motions, [segment.name for segment in self.task.segments],
+            self.motion.begins.tolist(), self.motion.pauses, strict=True,
+        )  # fmt: skip
+        return tuple(Part(*row) for row in rows)
+
     def of_arm(self, does: str) -> tuple[StandingRobot, Motion]:
         """Robot and motion of a single motion of an arm.
 
         Args:
-            does: what is done with it, such as "view shows".
+            does: what is done with it, such as "simulate replays".
 
         Raises:
             InputError: a cycle, or another mechanism.
@@ -56,9 +78,16 @@ def arm_of(task: MotionTask | CycleTask, does: str, path: Path) -> StandingRobot
     """The arm of a single motion; InputError names the file or folder of a cycle, or another mechanism."""
     if isinstance(task, CycleTask):
         raise InputError(f"is a cycle; {does} single motions", "", str(path))
-    if not isinstance(task.robot, StandingRobot):
+    return arms_of(task, does, path)[0]
+
+
+def arms_of(task: MotionTask | CycleTask, does: str, path: Path) -> list[StandingRobot]:
+    """The arm of a motion, or those of a cycle's segments; InputError names the file of another mechanism."""
+    tasks = [segment.task for segment in task.segments] if isinstance(task, CycleTask) else [task]
+    arms = [own.robot for own in tasks if isinstance(own.robot, StandingRobot)]
+    if len(arms) < len(tasks):
         raise InputError(f"is of a parallel robot; {does} arms", "", str(path))
-    return task.robot
+    return arms
 
 
 def is_plan_folder(path: str | os.PathLike[str]) -> bool:

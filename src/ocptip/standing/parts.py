@@ -1,0 +1,50 @@
+"""What a plan does, one motion after the other, each with the robot as it is then."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ocptip.standing.arm import StandingRobot
+from ocptip.trajectories.sampled import Motion
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A motion from rest to rest.
+
+    Attributes:
+        robot: with what it holds.
+        motion: of it.
+        name: of the segment of a cycle; of a single motion empty.
+        begin: s, when it begins.
+        rest: s, standstill after it, with what it holds.
+    """
+
+    robot: StandingRobot
+    motion: Motion
+    name: str = ""
+    begin: float = 0.0
+    rest: float = 0.0
+
+    @property
+    def end(self) -> float:
+        """When the standstill after it ends, s."""
+        return self.begin + self.motion.end + self.rest
+
+
+def owners(parts: Sequence[Part], times: np.ndarray) -> Iterator[tuple[int, Part, np.ndarray]]:
+    """Which of these times belong to which part.
+
+    Args:
+        parts: in their order.
+        times: (T,), s, from the begin of the first; before and after all parts those of the nearest.
+
+    Yields:
+        Number of the part, the part, and numbers (k,) of its times. An end is of the part that ends.
+    """
+    owner = np.searchsorted([part.end for part in parts[:-1]], times)
+    for number, part in enumerate(parts):
+        yield number, part, np.flatnonzero(owner == number)
