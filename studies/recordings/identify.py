@@ -26,7 +26,7 @@ from ocptip.measured.power_maps import fit_power_map, motors_of
 from ocptip.measured.prediction import Predictor
 from ocptip.published.arms import load_arm, modular_motors
 from ocptip.robots.payload import Payload
-from studies.common import RESULTS, say, software, table
+from studies.common import say, software, table
 from studies.recordings.machine import Faults, sampled, simulated
 from studies.recordings.run import machine
 
@@ -38,16 +38,17 @@ HEAD = ["what", "runs", "numbers", "all inside", "one inside", "least", "worst /
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure and print; write the table where that is asked for."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, default=RESULTS / "recordings")
+    parser.add_argument("--out", type=Path, required=True, help="folder for results")
     parser.add_argument("--runs", type=int, default=100)
     options = parser.parse_args(arguments)
     rows = [links("UR5", options.runs), payload("UR5", options.runs), payload("A", options.runs)]
     rows.append(maps(options.runs))
-    lines = [f"MuJoCo, {software(versions())}", "", *table(HEAD, rows)]
+    lines = ["# What identify finds in simulated recordings", "", f"MuJoCo, {software(versions())}"]
+    lines += ["", *table(HEAD, rows)]
     lines += ["", "all inside: runs whose 95 % region of all numbers together contains the truth;"]
     lines += ["one inside: share of single 95 % intervals that do, and of the worst number"]
     say("\n".join(lines))
-    write_text(options.out / "identify.txt", "\n".join(lines) + "\n")
+    write_text(options.out / "identification.md", "\n".join(lines) + "\n")
     return 0
 
 
