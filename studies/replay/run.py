@@ -28,6 +28,7 @@ from ocptip.basics.write import versions, write_text
 from ocptip.motion.task import MotionTask
 from ocptip.motion.within_tolerance import worst_within
 from ocptip.standing.arm import StandingRobot
+from ocptip.standing.parts import Part
 from ocptip.standing.simulation.replay import LIFTED, SLID, Replay, Simulator
 from ocptip.standing.tolerance import Tolerance
 from ocptip.trajectories.arm_motion import ArmMotion
@@ -54,7 +55,9 @@ def chunk(
     rng = np.random.default_rng(number)
     worlds = [random_world(robot, tolerance, rng, corner=k % 2 == 0) for k in range(CHUNK)]
     began = time.process_time()
-    replays = Simulator(robot, motion, step=STEP[feet]).run_many([replace(w, **FEET[feet]) for w in worlds])
+    replays = Simulator((Part(robot, motion),), step=STEP[feet]).run_many(
+        [replace(w, **FEET[feet]) for w in worlds]
+    )
     return {
         "lifts_m": [replay.lift for replay in replays],
         "slides_m": [replay.slide for replay in replays],
@@ -75,7 +78,7 @@ def beyond(robot: StandingRobot, motion: ArmMotion, tolerance: Tolerance) -> dic
             "lost": value < 0 if what == "tips" else value > 1,
         }
         for name, feet in FEET.items():
-            replay = Simulator(robot, motion, step=STEP[name]).run(replace(world, **feet))
+            replay = Simulator((Part(robot, motion),), step=STEP[name]).run(replace(world, **feet))
             least = least_force(replay)
             entry[name] = {"least_N": least, "lift_m": replay.lift, "slide_m": replay.slide}
         found[what] = entry

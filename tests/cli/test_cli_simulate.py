@@ -8,6 +8,7 @@ import pytest
 from ocptip.cli.main import main
 from ocptip.motion.output import write_plan
 from ocptip.published.tasks import experiment_task
+from tests.motion.cycles.cycle_files import planned
 from tests.pictures.plan_stand_in import plan_of
 from tests.standing.simulation.test_replay import plan_of as committed
 
@@ -55,6 +56,33 @@ def test_simulate(written, capsys):
     assert data["stands"]
     assert data["library"]["rms_least_N"] < 1
     assert "step 0.1 ms" in data["simulator"]
+
+
+@pytest.fixture(scope="module")
+def cycle(tmp_path_factory):
+    return planned(tmp_path_factory.mktemp("cycles"))
+
+
+def test_simulate_a_cycle(cycle, capsys):
+    assert main(["simulate", str(cycle), "--json", "--step", "0.0004"]) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert data["library"]["rms_N"] < 0.05
+    assert main(["simulate", str(cycle), "--step", "0.0004", "--payload", "45"]) == 1
+    said = capsys.readouterr().out
+    assert "FALLS" in said
+    assert "(out)" in said
+    assert "what the gripper takes or leaves comes and goes at once" in said
+
+
+def test_export_writes_a_model_per_segment(cycle, tmp_path, capsys):
+    assert main(["export", str(cycle), *("--mjcf", f"{tmp_path}/s.xml", "--urdf", f"{tmp_path}/s.urdf")]) == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["s-1.urdf", "s-1.xml", "s-2.urdf", "s-2.xml"]
+    out, back = (mujoco.MjModel.from_xml_path(f"{tmp_path}/s-{k}.xml") for k in (1, 2))
+    assert (out.nq, out.nv) == (back.nq, back.nv)
+    assert back.body_mass.sum() - out.body_mass.sum() == pytest.approx(1.0)
+    assert back.key_time[0] == pytest.approx(out.key_time[-1] + 0.3)  # its rest
+    assert back.key_qpos[0] == pytest.approx(out.key_qpos[-1])
+    assert "what the gripper takes or leaves" in capsys.readouterr().out
 
 
 def test_simulate_says_no(written, capsys):

@@ -25,6 +25,7 @@ from ocptip.published.tasks import experiment_task
 from ocptip.retiming.retime import retime
 from ocptip.robots.process import AXES, ProcessWrench
 from ocptip.standing.limits import MotionLimits
+from ocptip.standing.parts import Part
 from ocptip.standing.simulation.mjcf import to_mjcf
 from ocptip.standing.simulation.replay import Simulator, compared
 from ocptip.standing.simulation.urdf import to_urdf
@@ -136,9 +137,9 @@ def test_forces_are_those_of_a_simulation(axes):
     """MuJoCo with a free base and an actuator at the gripper; without the process they are 4 N off."""
     pytest.importorskip("mujoco")
     task, bare = case("A", axes)
-    replay = Simulator(task.robot, task.reference).run()
+    replay = Simulator((Part(task.robot, task.reference),)).run()
     assert replay.stands
-    beside, without = (compared(robot, task.reference, replay) for robot in (task.robot, bare))
+    beside, without = (compared((Part(robot, task.reference),), replay) for robot in (task.robot, bare))
     assert beside.rms < 0.1  # N
     assert without.rms > 2.0
     assert "actuator 'process'" in to_mjcf(task.robot)

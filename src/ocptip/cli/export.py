@@ -1,4 +1,7 @@
-"""`ocptip export`: a plan's robot on its base, and its motion, for rigid-body simulators."""
+"""`ocptip export`: a plan's robot on its base, and its motion, for rigid-body simulators.
+
+Of a cycle each segment is a file of its own, with what the robot holds then.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,7 @@ from ocptip.basics.errors import InputError, naming
 from ocptip.basics.write import versions, write_text
 from ocptip.cli.command import Report
 from ocptip.cli.layout import named, under
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.parts import Part
 from ocptip.standing.simulation.mjcf import remarks, to_mjcf
 from ocptip.standing.simulation.urdf import to_urdf
 from ocptip.task_files.plan_folder import read_plan_folder
@@ -23,14 +26,24 @@ def run(options: Namespace) -> ExportReport:
     if options.mjcf is None and options.urdf is None:
         raise InputError("export: name a file, --mjcf FILE or --urdf FILE")
     plan = read_plan_folder(options.plan)
-    (robot, motion), name = plan.of_arm("export writes"), plan.task.name
+    parts, name = plan.parts("export writes"), plan.task.name
     files = {}
     with naming(options.plan):
-        if options.mjcf is not None:
-            files[Path(options.mjcf)] = to_mjcf(robot, motion, name=name)
-        if options.urdf is not None:
-            files[Path(options.urdf)] = to_urdf(robot, name=name)
-    return ExportReport(name, robot, files)
+        for number, part in enumerate(parts, 1):
+            own = {"name": f"{name}, {part.name}" if part.name else name}
+            segment = number if len(parts) > 1 else None
+            if options.mjcf is not None:
+                model = to_mjcf(part.robot, part.motion, begin=part.begin, **own)
+                files[_path(options.mjcf, segment)] = model
+            if options.urdf is not None:
+                files[_path(options.urdf, segment)] = to_urdf(part.robot, **own)
+    return ExportReport(name, parts, files)
+
+
+def _path(name: str, segment: int | None) -> Path:
+    """The file; of a segment of a cycle with its number before the ending."""
+    path = Path(name)
+    return path if segment is None else path.with_stem(f"{path.stem}-{segment}")
 
 
 @dataclass
@@ -39,12 +52,12 @@ class ExportReport(Report):
 
     Attributes:
         name: of the task.
-        robot: that was written.
+        parts: that were written.
         files: their texts.
     """
 
     name: str
-    robot: StandingRobot
+    parts: tuple[Part, ...]
     files: dict[Path, str]
 
     good = True
@@ -54,14 +67,14 @@ class ExportReport(Report):
         return {
             "task": self.name,
             "files": [f"{path}" for path in self.files],
-            **self.robot.masses_to_dict(),
-            "remarks": remarks(self.robot),
+            **self.parts[0].robot.masses_to_dict(),
+            "remarks": remarks(self.parts),
             "versions": versions(),
         }
 
     def to_text(self) -> str:
         """The same."""
-        rows = under("written", self.written) + under("note", remarks(self.robot))
+        rows = under("written", self.written) + under("note", remarks(self.parts))
         return "\n".join([f"{self.name}: exported.", *named(rows)])
 
     def write(self) -> Iterator[Path]:

@@ -1,4 +1,4 @@
-"""`ocptip simulate`: a plan replayed by MuJoCo on a free base, beside what the library says."""
+"""`ocptip simulate`: a plan or a cycle replayed by MuJoCo on a free base, beside what the library says."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ocptip.basics.text import quantity
 from ocptip.basics.write import versions
 from ocptip.cli.command import Report
 from ocptip.cli.layout import named, table, under
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.parts import Part, owners
 from ocptip.standing.simulation.mjcf import remarks
 from ocptip.standing.simulation.replay import (
     LIFTED,
@@ -21,10 +21,10 @@ from ocptip.standing.simulation.replay import (
     Compared,
     Replay,
     Simulator,
-    World,
     compared,
     simulator_numbers,
 )
+from ocptip.standing.simulation.world import World
 from ocptip.task_files.plan_folder import read_plan_folder
 
 _STEEPEST = 60.0  # deg
@@ -37,10 +37,10 @@ def run(options: Namespace) -> SimulateReport:
     if step > 5e-4:
         raise InputError(f"--step: at most 0.0005 s, got {step:g}")
     plan = read_plan_folder(options.plan)
-    robot, motion = plan.of_arm("simulate replays")
+    parts = plan.parts("simulate replays")
     with naming(options.plan):
-        replay = Simulator(robot, motion, step=step).run(world)
-        return SimulateReport(plan.task.name, world.robot(robot), replay, compared(robot, motion, replay))
+        replay = Simulator(parts, step=step).run(world)
+        return SimulateReport(plan.task.name, world.parts(parts), replay, compared(parts, replay))
 
 
 def _world(options: Namespace) -> World:
@@ -79,13 +79,13 @@ class SimulateReport(Report):
 
     Attributes:
         name: of the task.
-        robot: in its world.
+        parts: what it does in its world.
         replay: what happened.
         library: what the library says of it; None where it does not.
     """
 
     name: str
-    robot: StandingRobot
+    parts: tuple[Part, ...]
     replay: Replay
     library: Compared | None
 
@@ -117,8 +117,8 @@ class SimulateReport(Report):
             "least_forces_N": seen.forces[at, np.arange(len(at))].tolist(),
             "times_s": seen.times[at].tolist(),
             "library": library,
-            "simulator": simulator_numbers(self.robot, seen.step),
-            "remarks": remarks(self.robot),
+            "simulator": simulator_numbers(self.parts[0].robot, seen.step),
+            "remarks": remarks(self.parts),
             "versions": versions(("numpy", "mujoco")),
         }
 
@@ -143,8 +143,8 @@ class SimulateReport(Report):
             rows.append(
                 ("library", "no normal forces to compare: rigid feet that share their load in many ways")
             )
-        rows.append(("simulator", simulator_numbers(self.robot, seen.step)))
-        rows += under("note", remarks(self.robot))
+        rows.append(("simulator", simulator_numbers(self.parts[0].robot, seen.step)))
+        rows += under("note", remarks(self.parts))
         return "\n".join([*lines, *named(rows)])
 
     def _table(self) -> list[str]:
@@ -154,8 +154,13 @@ class SimulateReport(Report):
             at = int(np.argmin(seen.forces[:, k]))
             theirs = ["-", "-"]
             if own is not None:
-                theirs = [quantity(own.least[k], "N", 3), f"{own.when[k]:.3f} s"]
+                theirs = [quantity(own.least[k], "N", 3), self._when(own.when[k])]
             force = quantity(float(seen.forces[at, k]), "N", 3)
             lengths = [f"{1e3 * x:.3f} mm" for x in (seen.heights[:, k].max(), seen.slides[k])]
-            rows.append([f"{k + 1}", force, f"{seen.times[at]:.3f} s", *theirs, *lengths])
+            rows.append([f"{k + 1}", force, self._when(seen.times[at]), *theirs, *lengths])
         return table(rows, left=())
+
+    def _when(self, time: float) -> str:
+        """An instant, in a cycle with the segment that it is in."""
+        [name] = [part.name for _, part, at in owners(self.parts, np.array([time])) if len(at)]
+        return f"{time:.3f} s" + (f" ({name})" if name else "")

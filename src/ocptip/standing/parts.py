@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -33,6 +33,13 @@ class Part:
     def end(self) -> float:
         """When the standstill after it ends, s."""
         return self.begin + self.motion.end + self.rest
+
+    def time_scaled(self, factor: float) -> Part:
+        """The same path with all times multiplied by `factor` > 0."""
+        if factor == 1:
+            return self
+        motion = self.motion.time_scaled(factor)
+        return replace(self, motion=motion, begin=factor * self.begin, rest=factor * self.rest)
 
 
 def owners(parts: Sequence[Part], times: np.ndarray) -> Iterator[tuple[int, Part, np.ndarray]]:

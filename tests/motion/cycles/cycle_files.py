@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+from ocptip.motion.cycles.check import check_cycle
+from ocptip.motion.cycles.output import write_cycle
+from ocptip.motion.cycles.plan import CyclePlan, sequence_of
+from ocptip.task_files.cycle import read_task
+from ocptip.trajectories.arm_motion import ArmMotion
 from tests.motion.test_task import FEET
+from tests.pictures.plan_stand_in import plan_of
 
 CYCLE = (
     'name = "swing"\n'
@@ -37,3 +43,20 @@ def written(folder, text=CYCLE, name="swing.toml"):
     path = folder / name
     path.write_text(text, encoding="utf-8")
     return path
+
+
+def planned(folder, slower=2.0):
+    """The folder of a plan of it, without planning: one ramp per joint at a share of its limits."""
+    task = read_task(written(folder))
+    task = task.with_limits({"GN": 0.99, "GT": 0.99})
+    parts, start = [], task.starts[0]
+    for segment in task.segments:
+        limits, none, goal = segment.task.robot.limits, [None] * segment.task.robot.n, segment.goals[0]
+        motion = ArmMotion.with_passive(
+            start, goal, none, limits.speed / slower, limits.acceleration / slower
+        )
+        parts.append(plan_of(segment.between(start, goal), motion))
+        start = goal
+    check = check_cycle(task, sequence_of(task, parts))
+    write_cycle(folder / "swing", CyclePlan(task, tuple(parts), check, 0, 1.0, False, {}))
+    return folder / "swing"

@@ -8,8 +8,10 @@ import pytest
 from ocptip.contact.bindings.clamps import RigidClamp
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.payload import Payload
+from ocptip.standing.parts import Part
 from ocptip.standing.simulation.mjcf import to_mjcf
-from ocptip.standing.simulation.replay import PrescribedModel, Simulator, World, compared
+from ocptip.standing.simulation.replay import PrescribedModel, Simulator, compared
+from ocptip.standing.simulation.world import World
 from ocptip.trajectories.arm_motion import ArmMotion
 from tests.places import ROOT
 
@@ -28,12 +30,12 @@ def plan():
 
 @pytest.fixture(scope="module")
 def simulator(plan):
-    return Simulator(*plan)
+    return Simulator((Part(*plan),))
 
 
 def test_forces_are_the_librarys(plan, simulator):
     replay = simulator.run()
-    beside = compared(*plan, replay)
+    beside = compared((Part(*plan),), replay)
     assert replay.stands
     assert beside.stands
     assert beside.rms_least < 1.0  # N
@@ -59,8 +61,9 @@ def test_forces_are_the_librarys(plan, simulator):
 )
 def test_least_foot_forces_of_eight_plans(name):
     robot, motion = plan_of(name)
-    replay = Simulator(robot, motion).run()
-    beside = compared(robot, motion, replay)
+    parts = (Part(robot, motion),)
+    replay = Simulator(parts).run()
+    beside = compared(parts, replay)
     assert replay.stands
     assert beside.rms_least < 1.0  # N
     assert beside.rms < 1.0
@@ -70,13 +73,13 @@ def test_events_close_together_are_keyframes_of_their_own():
     robot, motion = plan_of("D-printed")
     assert np.diff(motion.event_times).min() < 1e-6
     assert to_mjcf(robot, motion).count("<key ") == to_mjcf(robot, motion).count('name="key ') + 1
-    Simulator(robot, motion.time_scaled(0.01)).run()  # MuJoCo takes it
+    Simulator((Part(robot, motion.time_scaled(0.01)),)).run()  # MuJoCo takes it
 
 
 def test_feet_that_give_lift_as_the_library_says(plan, simulator):
     world = World(stiffness=1e6, damping=0.05)
     replay = simulator.run(world)
-    beside = compared(*plan, replay)
+    beside = compared((Part(*plan),), replay)
     assert replay.lift == pytest.approx(68e-6, rel=0.1)  # studies/results/elastic_feet.md
     assert beside.rms < 3.0
     assert not replay.stands
@@ -126,7 +129,7 @@ def test_rigid_clamps_pull(plan):
     robot, motion = plan
     places = [[0.3, 0.0, -0.298], [0.5, 0.2, -0.298], [0.5, -0.2, -0.298]]
     clamps = [RigidClamp(position=p, friction_upper=0.9, friction_lower=0.9) for p in places]
-    replay = Simulator(robot.varied(support=robot.support.varied(clamps)), motion).run()
+    replay = Simulator((Part(robot.varied(support=robot.support.varied(clamps)), motion),)).run()
     assert not replay.falls
     assert replay.slide < 1e-3
     assert replay.forces.min() < -50  # N
@@ -134,14 +137,41 @@ def test_rigid_clamps_pull(plan):
     assert replay.forces[rest].sum(axis=1).mean() == pytest.approx(robot.mass * 9.81, rel=5e-3)
 
 
+def cycle(plan, rest=0.3):
+    """Out with nothing, a rest, and back with 1 kg, so slowly that it may."""
+    robot, motion = plan
+    laden = robot.varied(arm=robot.arm.with_payload(Payload(1.0, [0.02, 0.0, 0.03])))
+    none, own = [None] * robot.n, robot.limits
+    back = ArmMotion.with_passive(motion.goal, motion.start, none, own.speed / 3, own.acceleration / 6)
+    return Part(robot, motion, "out", 0.0, rest), Part(laden, back, "back", motion.end + rest)
+
+
+def test_a_cycle_goes_on_with_the_state_and_what_is_held(plan):
+    parts = cycle(plan)
+    replay = Simulator(parts).run()
+    beside = compared(parts, replay)
+    assert replay.stands
+    assert beside.stands
+    assert beside.rms < 0.5  # N; the weight of what is held is 9.81 N
+    held = [
+        replay.forces[abs(replay.times - t) < 0.005].sum(axis=1).mean() for t in (-0.01, parts[-1].end + 0.1)
+    ]
+    assert held[1] - held[0] == pytest.approx(9.81, abs=0.02)
+    moving = (replay.times > parts[1].begin) & (replay.times < parts[1].end)
+    assert replay.forces[moving].sum(axis=1).mean() == pytest.approx(held[1], rel=0.02)
+    faster = Simulator(parts, step=4e-4).run(World(speed=2.0))
+    assert faster.end == pytest.approx(0.5 * parts[-1].end)
+    assert not compared(parts, faster).stands
+
+
 @pytest.mark.parametrize("feet", [{}, {"stiffness": 1e6, "damping": 0.05}])
 def test_models_of_worlds_are_those_of_the_robot_there(plan, feet):
     """One model serves all worlds with such feet; here it is compared with the export of each by itself."""
     robot, motion = plan
-    simulator = Simulator(robot, motion, step=4e-4)
+    simulator = Simulator((Part(robot, motion),), step=4e-4)
     simulator.run(World(payload=0.02, **feet))  # another world before
     world = World(tilt=0.01, downhill=2.0, payload=0.4, friction=0.7, masses=(1.05,), **feet)
-    model = simulator._model_of(world).compiled(world, Payload(0.4))
+    model = simulator._model(0, world)
     there = world.robot(robot)
     own = PrescribedModel(there, motion, 4e-4).compiled(World(masses=world.masses), Payload(0.4))
     np.testing.assert_allclose(model.opt.gravity, there.support.gravity)

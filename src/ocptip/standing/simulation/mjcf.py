@@ -7,6 +7,7 @@ small body on springs, whose mass is taken from the base.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +24,7 @@ from ocptip.robots.payload import Payload
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.on_springs import Modes
+from ocptip.standing.parts import Part
 from ocptip.standing.simulation.bodies import ArmBodies, exists, real_bodies
 from ocptip.trajectories.sampled import Motion
 
@@ -93,13 +95,16 @@ def require_exportable(robot: StandingMechanism) -> StandingRobot:
     return robot
 
 
-def to_mjcf(robot: StandingMechanism, motion: Motion | None = None, *, name: str = "ocptip") -> str:
+def to_mjcf(
+    robot: StandingMechanism, motion: Motion | None = None, *, name: str = "ocptip", begin: float = 0.0
+) -> str:
     """The robot on its base, and its motion as keyframes, whose controls are the actuators' references.
 
     Args:
         robot: an arm on feet, which may give, or in rigid clamps.
         motion: of it; None: the model alone, at joint values 0.
         name: of the model.
+        begin: s, time of the first keyframe.
 
     Raises:
         InputError: there is no model for a simulator of its links or of a contact.
@@ -107,7 +112,7 @@ def to_mjcf(robot: StandingMechanism, motion: Motion | None = None, *, name: str
     robot = require_exportable(robot)
     start = motion.start if motion else np.zeros(robot.n)
     root = ET.Element("mujoco", model=name)
-    root.append(ET.Comment(f" {'; '.join(remarks(robot))} "))
+    root.append(ET.Comment(f" {'; '.join(remarks_of(robot))} "))
     _settings(root, robot)
     world = add(root, "worldbody")
     add(world, "site", name=_AXES)
@@ -120,13 +125,23 @@ def to_mjcf(robot: StandingMechanism, motion: Motion | None = None, *, name: str
     root.append(contact)
     _drives(root, robot, bodies, start)
     root.append(sensors)
-    _keyframes(root, robot, bodies, motion)
+    _keyframes(root, robot, bodies, motion, begin)
     ET.indent(root)
     return ET.tostring(root, encoding="unicode") + "\n"
 
 
-def remarks(robot: StandingRobot) -> list[str]:
-    """What of the model is not the robot's data, in sentences without full stops."""
+def remarks(parts: Sequence[Part]) -> list[str]:
+    """What of the models of a motion or a cycle is not the robot's data, in sentences without full stops."""
+    found = dict.fromkeys(remark for part in parts for remark in remarks_of(part.robot))
+    segments = (
+        "a model per segment, with what it holds; joints and states are the same, so each goes on with the "
+        "state in which the one before ended: what the gripper takes or leaves comes and goes at once"
+    )
+    return [*found, *([segments] if len(parts) > 1 else [])]
+
+
+def remarks_of(robot: StandingRobot) -> list[str]:
+    """The same of one model."""
     found = [
         "written by ocptip from the robot's data, SI units and radians, world axes are base axes at the start"
     ]
@@ -331,7 +346,9 @@ def joint_offsets(robot: StandingRobot, bodies: ArmBodies) -> np.ndarray:
     return found
 
 
-def _keyframes(root: ET.Element, robot: StandingRobot, bodies: ArmBodies, motion: Motion | None) -> None:
+def _keyframes(
+    root: ET.Element, robot: StandingRobot, bodies: ArmBodies, motion: Motion | None, begin: float
+) -> None:
     frames = add(root, "keyframe")
     times = np.zeros(1)
     q, qd = np.zeros((1, robot.n)), np.zeros((1, robot.n))
@@ -342,7 +359,7 @@ def _keyframes(root: ET.Element, robot: StandingRobot, bodies: ArmBodies, motion
     offsets, process = joint_offsets(robot, bodies), [] if robot.arm.process is None else [1.0]
     for k, (time, at, speed) in enumerate(zip(times, q, qd, strict=True)):
         add(
-            frames, "key", name=f"key {k}" if k else "start", time=text(time),
+            frames, "key", name=f"key {k}" if k else "start", time=text(begin + time),
             qpos=text([*rest, *(joint_order(robot, bodies, at) + offsets)]),
             qvel=text([*np.zeros(6), *joint_order(robot, bodies, speed)]), ctrl=text([*at, *process]),
         )  # fmt: skip

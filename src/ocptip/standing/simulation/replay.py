@@ -1,26 +1,29 @@
-"""A motion replayed by MuJoCo from its exported model: free base, joints that do what was commanded.
+"""A plan replayed by MuJoCo from its exported models: free base, joints that do what was commanded.
 
 Joints follow their commands exactly: each gets an inertia so large that nothing else moves it, and the
 torque that this inertia needs, which is no business of the base. All else is MuJoCo's: rigid bodies,
 contacts, friction. Its contacts are never quite rigid: what the replay says of stiff feet depends a little on
 the step and on the numbers for contacts, which the report names.
+
+Of a cycle each segment has a model with what it holds, and goes on with the state in which the one before
+ended: what the gripper takes or leaves comes and goes within a step, as fast as it moves then.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ocptip.basics.errors import InputError, OcptipError
-from ocptip.contact.bindings.unilateral import DAMPING_RATIO, UnilateralContact
-from ocptip.numerics.inertia import union
+from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.robots.payload import Payload
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.on_feet import on_its_feet
+from ocptip.standing.parts import Part, owners
 from ocptip.standing.simulation.bodies import real_bodies
 from ocptip.standing.simulation.mjcf import (
     BASE,
@@ -38,6 +41,7 @@ from ocptip.standing.simulation.mjcf import (
     require_exportable,
     to_mjcf,
 )
+from ocptip.standing.simulation.world import World, with_more
 from ocptip.trajectories.sampled import Motion
 
 LIFTED, SLID = 0.05e-3, 0.5e-3  # m: more than that is a lift, a slide
@@ -46,93 +50,6 @@ BEFORE, AFTER = 0.05, 0.2  # s of rest before and after the motion
 _SETTLED = 0.03  # s of rest before the motion that are not looked at
 _PRESCRIBED = 1e8  # kg m^2 of every joint
 _EVENT = 2.0  # steps around an event in which forces are means of before and after
-
-
-@dataclass(frozen=True)
-class World:
-    """How the replayed world differs from the one that was planned for.
-
-    Attributes:
-        stiffness: of all feet, N/m, with damping; None: as described.
-        damping: ratio of the lowest mode, for `stiffness`.
-        tilt: of floor, base and robot, rad.
-        downhill: rad, direction of the tilt from the base's x axis to its y axis.
-        payload: kg more at the gripper point.
-        friction: factor on all coefficients.
-        speed: factor.
-        masses: factors on the masses of base, links and payload, in this order; those left out: 1.
-        late: s, by which each joint is late; empty: none is.
-    """
-
-    stiffness: float | None = None
-    damping: float = DAMPING_RATIO
-    tilt: float = 0.0
-    downhill: float = 0.0
-    payload: float = 0.0
-    friction: float = 1.0
-    speed: float = 1.0
-    masses: tuple[float, ...] = ()
-    late: tuple[float, ...] = ()
-
-    def text(self) -> str:
-        """In words; empty where nothing differs."""
-        parts = []
-        if self.stiffness is not None:
-            parts.append(f"feet of {self.stiffness:.3g} N/m, {100 * self.damping:.3g} % damping")
-        if self.tilt:
-            toward = np.array([np.cos(self.downhill), np.sin(self.downhill)])
-            x, y = np.round(toward, 2) + 0.0
-            parts.append(
-                f"floor tilted by {np.degrees(self.tilt):.3g} deg, downhill towards ({x:g}, {y:g}, 0)"
-            )
-        if self.payload:
-            parts.append(f"{self.payload:.3g} kg more at the gripper")
-        if self.friction != 1:
-            parts.append(f"friction x {self.friction:.3g}")
-        if self.speed != 1:
-            parts.append(f"speed x {self.speed:.4g}")
-        return ", ".join(parts)
-
-    def robot(self, robot: StandingRobot) -> StandingRobot:
-        """The robot there, but for the factors on masses."""
-        arm, own = robot.arm, robot.support
-        if self.payload:
-            arm = arm.with_payload(_with_more(arm.payload, self.payload))
-        contacts = []
-        for k, contact in enumerate(own.contacts):
-            changes: dict[str, Any] = {
-                key: self.friction * value
-                for key, value in vars(contact).items()
-                if key.startswith("friction")
-            }
-            if self.stiffness is not None:
-                if not isinstance(contact, UnilateralContact):
-                    raise InputError(f"stiffness: contact {k + 1} is a {contact.kind}, which does not give")
-                none = {"tangential_stiffness": None, "damping": None}
-                changes |= {"stiffness": self.stiffness, "damping_ratio": self.damping, **none}
-            contacts.append(replace(contact, **changes))
-        support = own.varied(contacts, gravity=self.gravity(own.gravity))
-        return robot.varied(arm=arm, support=support, reference_moment=robot.tip_over.reference_moment)
-
-    def gravity(self, gravity: np.ndarray) -> np.ndarray:
-        """(3,) in base axes."""
-        if not self.tilt:
-            return gravity
-        down = gravity / np.linalg.norm(gravity)
-        side = np.array([np.cos(self.downhill), np.sin(self.downhill), 0.0])
-        side = side - (side @ down) * down
-        size = np.linalg.norm(gravity)
-        return size * (np.cos(self.tilt) * down + np.sin(self.tilt) * side / np.linalg.norm(side))
-
-
-def _with_more(payload: Payload | None, mass: float) -> Payload:
-    """A payload and a point mass at the gripper point."""
-    if payload is None:
-        return Payload(mass)
-    both = union(
-        (payload.mass, payload.center_of_mass, payload.inertia), (mass, np.zeros(3), np.zeros((3, 3)))
-    )
-    return Payload(*both)
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,24 +123,25 @@ def library_mujoco() -> Any:
 
 
 class Simulator:
-    """Replays a motion in worlds that differ.
+    """Replays a motion, or a cycle, in worlds that differ.
 
     Args:
-        robot: an arm on its base.
-        motion: of it.
+        parts: an arm's motions on its base, one after the other.
         step: s.
 
     Raises:
         InputError: it cannot be exported, or MuJoCo is not there.
     """
 
-    def __init__(self, robot: StandingRobot, motion: Motion, *, step: float = STEP) -> None:
+    def __init__(self, parts: Sequence[Part], *, step: float = STEP) -> None:
         self.mujoco = library_mujoco()
-        self.robot, self.motion, self.step = require_exportable(robot), motion, step
+        self.parts, self.step = tuple(parts), step
+        for part in self.parts:
+            require_exportable(part.robot)
         self._models: dict[tuple, PrescribedModel] = {}
 
     def run(self, world: World | None = None) -> Replay:
-        """Replay the motion in a world.
+        """Replay everything in a world.
 
         Raises:
             InputError: the world cannot be simulated.
@@ -236,63 +154,63 @@ class Simulator:
 
     def _run(self, world: World) -> Replay:
         mujoco = self.mujoco
-        prescribed = self._model_of(world)
-        held = self.robot.arm.payload
-        model = prescribed.compiled(world, _with_more(held, world.payload) if world.payload else held)
-        robot = prescribed.robot
-        motion = self.motion if world.speed == 1 else self.motion.time_scaled(1 / world.speed)
+        models = [self._model(number, world) for number in range(len(self.parts))]
+        parts = world.parts(self.parts)
+        robot = parts[0].robot
         bodies = real_bodies(robot.arm)
         late = np.array(world.late) if world.late else np.zeros(robot.n)
-        count = int(np.ceil((BEFORE + motion.end + late.max() + AFTER) / self.step))
+        count = int(np.ceil((BEFORE + parts[-1].end + late.max() + AFTER) / self.step))
         times = self.step * np.arange(count + 1) - BEFORE
-        speeds = joint_order(robot, bodies, _speeds(motion, times, late))
+        speeds = sum(_speeds(part.motion, times - part.begin, late) for part in parts)
+        speeds = joint_order(robot, bodies, np.asarray(speeds))
         feet = speeds.shape[1] - robot.arm.links - len(bodies.rotors)
         controls = np.diff(speeds[:, feet:], axis=0) / self.step
-        if robot.arm.process is not None:
-            controls = np.hstack([np.ones((len(controls), 1)), controls])
-        data = mujoco.MjData(model)
+        data = mujoco.MjData(models[0])
         data.qpos[:3], data.qpos[3:7] = robot.support.center_of_mass, [1, 0, 0, 0]
-        data.qpos[7:] = joint_order(robot, bodies, motion.start) + joint_offsets(robot, bodies)
+        data.qpos[7:] = joint_order(robot, bodies, parts[0].motion.start) + joint_offsets(robot, bodies)
         if robot.support.elastic is not None:
-            _rest(mujoco, model, data, robot)
-        state = np.empty(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
-        mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_FULLPHYSICS)
-        before = mujoco.get_mju_user_warning()
-        mujoco.set_mju_user_warning(lambda _: None)  # else it writes a log file where the user stands
-        try:
-            _, sensed = mujoco.rollout.rollout(model, [data], state[None], controls[None])
-        finally:
-            mujoco.set_mju_user_warning(before)
-        unstable = any(data.warning[kind].number for kind in _unstable(mujoco))
+            _rest(mujoco, models[0], data, robot)
+        state = np.empty(mujoco.mj_stateSize(models[0], mujoco.mjtState.mjSTATE_FULLPHYSICS))
+        mujoco.mj_getState(models[0], data, state, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+        found, unstable = [], False
+        for number, part, at in owners(parts, times[:-1] + 0.5 * self.step):
+            own = controls[at]
+            if part.robot.arm.process is not None:
+                own = np.hstack([np.ones((len(own), 1)), own])
+            if len(own):
+                state, seen, broken = _rolled(mujoco, models[number], state, own)
+                found.append(seen)
+                unstable = unstable or broken
         first = round(_SETTLED / self.step)
-        return self._seen(world, robot, motion, times[first:], late, sensed[0, first:], unstable)
+        return self._seen(world, parts, times[first:], late, np.vstack(found)[first:], unstable)
 
-    def _model_of(self, world: World) -> PrescribedModel:
-        """The model of all worlds with such feet and, if this one has it, with more payload."""
-        key = world.stiffness, world.damping, world.payload > 0
+    def _model(self, number: int, world: World) -> Any:
+        """Model of a part in a world; one serves all with such feet and, if need be, more payload."""
+        part, key = self.parts[number], (number, world.stiffness, world.damping, world.payload > 0)
         if key not in self._models:
             like = World(stiffness=world.stiffness, damping=world.damping, payload=world.payload)
-            self._models[key] = PrescribedModel(like.robot(self.robot), self.motion, self.step)
-        return self._models[key]
+            self._models[key] = PrescribedModel(like.robot(part.robot), part.motion, self.step)
+        held = part.robot.arm.payload
+        return self._models[key].compiled(world, with_more(held, world.payload) if world.payload else held)
 
     def _seen(
         self,
         world: World,
-        robot: StandingRobot,
-        motion: Motion,
+        parts: Sequence[Part],
         times: np.ndarray,
         late: np.ndarray,
         sensed: np.ndarray,
         unstable: bool,
     ) -> Replay:
-        count = len(robot.support.contacts)
+        contacts = parts[0].robot.support.contacts
+        count = len(contacts)
         forces, heights, slides = (
             np.zeros((len(sensed), count)),
             np.zeros((len(sensed), count)),
             np.zeros(count),
         )
         at = 0
-        for k, contact in enumerate(robot.support.contacts):
+        for k, contact in enumerate(contacts):
             jaws = 1 if isinstance(contact, UnilateralContact) else 2
             place = sensed[:, at + 1 : at + 4]
             for sign in (1, -1)[:jaws]:
@@ -305,14 +223,29 @@ class Simulator:
             across = np.linalg.norm(away - (away @ contact.normal)[:, None] * contact.normal, axis=1)
             slides[k] = np.max(across, where=forces[:, k] > 0, initial=0.0)
         middle = times[:-1] + 0.5 * self.step
-        events = (motion.event_times[:, None] + late[None]).ravel()
+        own = [part.begin + np.append(part.motion.event_times, part.end - part.begin) for part in parts]
+        events = (np.concatenate(own)[:, None] + late[None]).ravel()
         quiet = np.abs(middle[:, None] - events[None]).min(axis=1) > _EVENT * self.step
         broken = unstable or not np.isfinite(sensed).all()
         heights, forces = np.nan_to_num(heights, nan=np.inf), np.nan_to_num(forces)
         return Replay(
-            world, middle, forces, heights, slides, motion.end + float(late.max()),
+            world, middle, forces, heights, slides, parts[-1].end + float(late.max()),
             broken or bool(heights.max() > FALLEN), quiet, self.step,
         )  # fmt: skip
+
+
+def _rolled(
+    mujoco: Any, model: Any, state: np.ndarray, controls: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, bool]:
+    """Last state, what the sensors saw, (T, s), and whether it broke off, of controls (T, n)."""
+    data, before = mujoco.MjData(model), mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda _: None)  # else it writes a log file where the user stands
+    try:
+        states, sensed = mujoco.rollout.rollout(model, [data], state[None], controls[None])
+    finally:
+        mujoco.set_mju_user_warning(before)
+    broken = any(data.warning[kind].number for kind in _unstable(mujoco))
+    return states[0, -1], sensed[0], broken
 
 
 def _unstable(mujoco: Any) -> tuple[int, ...]:
@@ -462,38 +395,50 @@ class Compared:
     stands: bool
 
 
-def compared(robot: StandingRobot, motion: Motion, replay: Replay) -> Compared | None:
-    """The library's normal forces at the instants of a replay, steps with events left out.
+def compared(parts: Sequence[Part], replay: Replay) -> Compared | None:
+    """The library's normal forces at the instants of a replay, rests and steps with events left out.
 
     None where it knows none: of rigid feet, more than three, one sharing of several is no prediction.
     """
-    world = replay.world
-    robot = world.robot(robot)
-    motion = motion if world.speed == 1 else motion.time_scaled(1 / world.speed)
-    inside = (replay.times > 0) & (replay.times < motion.end) & replay.quiet
-    times, theirs = replay.times[inside], replay.forces[inside]
+    times, ours, theirs, stands = [], [], [], True
+    for _, part, at in owners(replay.world.parts(parts), replay.times):
+        local = replay.times[at] - part.begin
+        inside = (local > 0) & (local < part.motion.end) & replay.quiet[at]
+        predicted = _predicted(part, local[inside])
+        if predicted is None:
+            return None
+        forces, own = predicted
+        kept = at[inside][: len(forces)]
+        times.append(replay.times[kept])
+        theirs.append(replay.forces[kept])
+        ours.append(forces)
+        stands = stands and own
+    when, ours, theirs = np.concatenate(times), np.vstack(ours), np.vstack(theirs)
+    at = np.argmin(ours, axis=0)
+    return Compared(
+        ours[at, np.arange(ours.shape[1])],
+        when[at],
+        _rms(theirs.min(axis=1) - ours.min(axis=1)),
+        _rms(theirs - ours),
+        stands,
+    )
+
+
+def _predicted(part: Part, times: np.ndarray) -> tuple[np.ndarray, bool] | None:
+    """Normal forces (k, n), N, at the first k of these times (T,), s, and whether no contact is lost."""
+    robot, motion = part.robot, part.motion
     if robot.support.elastic is not None:
         feet = on_its_feet(robot, motion)
         if feet is None:
             return None
         course = feet.course
-        kept = times < course.times[-1]
-        times, theirs, stands = times[kept], theirs[kept], not feet.lifts and not feet.falls
-        ours = np.stack([np.interp(times, course.times, f) for f in course.forces[:, :, 0].T], axis=1)
-    elif robot.support.n_contacts == 3 and np.linalg.matrix_rank(robot.support.arms) == 3:
-        states = robot.contact_states(robot.loads(*motion.states(times))[1])
-        ours, stands = states.contact_forces[:, :, 0], bool(np.all(states.persistent))
-    else:
+        kept = times[times < course.times[-1]]
+        ours = np.stack([np.interp(kept, course.times, f) for f in course.forces[:, :, 0].T], axis=1)
+        return ours, not feet.lifts and not feet.falls
+    if robot.support.n_contacts != 3 or np.linalg.matrix_rank(robot.support.arms) != 3:
         return None
-    at = np.argmin(ours, axis=0)
-    away = theirs - ours
-    return Compared(
-        ours[at, np.arange(ours.shape[1])],
-        times[at],
-        _rms(theirs.min(axis=1) - ours.min(axis=1)),
-        _rms(away),
-        stands,
-    )
+    states = robot.contact_states(robot.loads(*motion.states(times))[1])
+    return states.contact_forces[:, :, 0], bool(np.all(states.persistent))
 
 
 def _rms(values: np.ndarray) -> float:

@@ -21,7 +21,7 @@ from ocptip.standing.simulation.mjcf import (
     PAYLOAD,
     SOLE,
     add,
-    remarks,
+    remarks_of,
     require_exportable,
     text,
 )
@@ -42,7 +42,7 @@ def to_urdf(robot: StandingMechanism, *, name: str = "ocptip") -> str:
     arm, support, bodies = robot.arm, robot.support, real_bodies(robot.arm)
     root = ET.Element("robot", name=name)
     for remark in [
-        *(r for r in remarks(robot) if "simulator" not in r and "springs" not in r),
+        *(r for r in remarks_of(robot) if "simulator" not in r and "springs" not in r),
         *_lost(robot),
     ]:
         root.append(ET.Comment(f" {remark} "))

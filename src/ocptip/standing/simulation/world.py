@@ -1,0 +1,108 @@
+"""The world of a replay: how it differs from the one that was planned for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ocptip.basics.errors import InputError
+from ocptip.contact.bindings.unilateral import DAMPING_RATIO, UnilateralContact
+from ocptip.numerics.inertia import union
+from ocptip.robots.payload import Payload
+from ocptip.standing.arm import StandingRobot
+from ocptip.standing.parts import Part
+
+
+@dataclass(frozen=True)
+class World:
+    """How the replayed world differs from the one that was planned for.
+
+    Attributes:
+        stiffness: of all feet, N/m, with damping; None: as described.
+        damping: ratio of the lowest mode, for `stiffness`.
+        tilt: of floor, base and robot, rad.
+        downhill: rad, direction of the tilt from the base's x axis to its y axis.
+        payload: kg more at the gripper point.
+        friction: factor on all coefficients.
+        speed: factor.
+        masses: factors on the masses of base, links and payload, in this order; those left out: 1.
+        late: s, by which each joint is late; empty: none is.
+    """
+
+    stiffness: float | None = None
+    damping: float = DAMPING_RATIO
+    tilt: float = 0.0
+    downhill: float = 0.0
+    payload: float = 0.0
+    friction: float = 1.0
+    speed: float = 1.0
+    masses: tuple[float, ...] = ()
+    late: tuple[float, ...] = ()
+
+    def text(self) -> str:
+        """In words; empty where nothing differs."""
+        parts = []
+        if self.stiffness is not None:
+            parts.append(f"feet of {self.stiffness:.3g} N/m, {100 * self.damping:.3g} % damping")
+        if self.tilt:
+            toward = np.array([np.cos(self.downhill), np.sin(self.downhill)])
+            x, y = np.round(toward, 2) + 0.0
+            parts.append(
+                f"floor tilted by {np.degrees(self.tilt):.3g} deg, downhill towards ({x:g}, {y:g}, 0)"
+            )
+        if self.payload:
+            parts.append(f"{self.payload:.3g} kg more at the gripper")
+        if self.friction != 1:
+            parts.append(f"friction x {self.friction:.3g}")
+        if self.speed != 1:
+            parts.append(f"speed x {self.speed:.4g}")
+        return ", ".join(parts)
+
+    def robot(self, robot: StandingRobot) -> StandingRobot:
+        """The robot there, but for the factors on masses."""
+        arm, own = robot.arm, robot.support
+        if self.payload:
+            arm = arm.with_payload(with_more(arm.payload, self.payload))
+        contacts = []
+        for k, contact in enumerate(own.contacts):
+            changes: dict[str, Any] = {
+                key: self.friction * value
+                for key, value in vars(contact).items()
+                if key.startswith("friction")
+            }
+            if self.stiffness is not None:
+                if not isinstance(contact, UnilateralContact):
+                    raise InputError(f"stiffness: contact {k + 1} is a {contact.kind}, which does not give")
+                none = {"tangential_stiffness": None, "damping": None}
+                changes |= {"stiffness": self.stiffness, "damping_ratio": self.damping, **none}
+            contacts.append(replace(contact, **changes))
+        support = own.varied(contacts, gravity=self.gravity(own.gravity))
+        return robot.varied(arm=arm, support=support, reference_moment=robot.tip_over.reference_moment)
+
+    def parts(self, parts: Sequence[Part]) -> tuple[Part, ...]:
+        """What the robot does there, but for the factors on masses."""
+        there = [replace(part.time_scaled(1 / self.speed), robot=self.robot(part.robot)) for part in parts]
+        return tuple(there)
+
+    def gravity(self, gravity: np.ndarray) -> np.ndarray:
+        """(3,) in base axes."""
+        if not self.tilt:
+            return gravity
+        down = gravity / np.linalg.norm(gravity)
+        side = np.array([np.cos(self.downhill), np.sin(self.downhill), 0.0])
+        side = side - (side @ down) * down
+        size = np.linalg.norm(gravity)
+        return size * (np.cos(self.tilt) * down + np.sin(self.tilt) * side / np.linalg.norm(side))
+
+
+def with_more(payload: Payload | None, mass: float) -> Payload:
+    """A payload and a point mass at the gripper point."""
+    if payload is None:
+        return Payload(mass)
+    both = union(
+        (payload.mass, payload.center_of_mass, payload.inertia), (mass, np.zeros(3), np.zeros((3, 3)))
+    )
+    return Payload(*both)
