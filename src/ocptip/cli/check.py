@@ -244,7 +244,7 @@ class CheckReport(Report):
         if isinstance(self.motion, ArmMotion) and self.motion.rise_times:
             rows.append(("S-curves", rises(self.motion)))
         more = {"sensitivities": self.sensitivities, "stops": self.stops}
-        rows += check_rows(checked, self.tolerated, self.segments, **more)
+        rows += check_rows(checked, self.tolerated, **more)
         if not self.segments:
             rows.append(("masses", masses(self.task.robot)))
         rows += under("assumed", self.task.robot.notes)

@@ -68,7 +68,9 @@ def plan_it(one: Asked, options: Namespace, executor: Executor | None) -> Report
             plan = plan_cycle(task, **how, progress=progress)
     except PlanningError as error:
         data = {"case": task.name, "verified": False, "status": f"{error}", **task.robot.masses_to_dict()}
-        return Answer(False, summary(f"{task.name}: NO VERIFIED PLAN. {error}", [], []), data)
+        within = task.limits.tolerance
+        why = under("within", [f"{within}; --tolerance none plans as described"] if within.given else [])
+        return Answer(False, summary(f"{task.name}: NO VERIFIED PLAN. {error}", why, []), data)
     except KeyboardInterrupt:
         raise KeyboardInterrupt("before a segment had a verified plan") from None
     return report_of(plan, one, options)
@@ -184,7 +186,7 @@ class CycleReport(Report):
         lines += under("points", texts)
         if plan.interrupted:
             lines.append(("interrupted", self._interrupted()))
-        lines += check_rows(whole, self.tolerated, self.check)
+        lines += check_rows(whole, self.tolerated)
         lines += [(f"time x {f:g}", scaled_text(checked)) for f, checked in self.time_scale]
         lines += under("assumed", plan.task.robot.notes)
         head = "\n".join([self.headline(), "", *segment_table(plan.task, self.check), ""])

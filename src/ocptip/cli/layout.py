@@ -11,7 +11,6 @@ from ocptip.basics.text import quantity
 
 if TYPE_CHECKING:  # most of them take long to load, and `ocptip stand` needs none
     from ocptip.motion.check import MotionCheck
-    from ocptip.motion.cycles.check import CycleCheck
     from ocptip.motion.stops import Stops
     from ocptip.motion.tolerated import Tolerated
     from ocptip.standing.mechanism import StandingMechanism
@@ -62,20 +61,17 @@ def certificate_rows(checked: MotionCheck) -> list[tuple[str, str]]:
 def check_rows(
     checked: MotionCheck,
     tolerated: Iterable[Tolerated],
-    segments: CycleCheck | None = None,
     *,
     sensitivities: Iterable[Sensitivity] = (),
     stops: Stops | None = None,
 ) -> list[tuple[str, str]]:
-    """What is known of a motion besides its worst values; of a cycle with the checks of its segments."""
-    parts = zip(segments.names, segments.segments, strict=True) if segments else ()
-    within = [(name, f"{text} (segment {own})") for own, one in parts for name, text in within_rows(one)]
+    """What is known of a motion, or of a cycle, besides its worst values."""
     return [
         *certificate_rows(checked),
         *under("contacts", checked.contacts.lines()),
         *under("on feet", checked.feet_lines),
         ("collision", checked.collision_text),
-        *(within if segments else within_rows(checked)),
+        *within_rows(checked),
         *under("tolerates", tolerated),
         *under("would change", sensitivities),
         *under("stops", stops.lines() if stops else ()),

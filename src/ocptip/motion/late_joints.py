@@ -62,7 +62,7 @@ class _Events:
 
     def __init__(self, motion: Motion, tolerance: Tolerance) -> None:
         self.motion, self.times = motion, motion.event_times
-        self.delay, self.more = tolerance.delay * (1 + tolerance.speed), tolerance.overshoot
+        self.delay, self.more = tolerance.late, tolerance.overshoot
         self.q, self.qd, self.before = motion.states(self.times - INSIDE)
         self.after = motion.states(self.times + INSIDE)[2]
         self.step = self.after - self.before

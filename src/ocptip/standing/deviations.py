@@ -69,7 +69,7 @@ class Deviations:
         mass = np.array(own.masses(robot.support.mass)) / robot.support.mass - 1
         links, held = np.full(len(robot.arm.masses), own.arm_mass), np.full(1, own.payload_mass)
         base, inside = np.asarray(own.center_of_mass), np.asarray(own.payload_center)
-        pace, late = (1 + np.array([-1, 1]) * own.speed) ** 2 - 1, own.delay * (1 + own.speed)
+        pace, late = (1 + np.array([-1, 1]) * own.speed) ** 2 - 1, own.late
         ends = {
             "base_mass": (mass[:1], mass[-1:]),
             "arm_mass": (-links, links),

@@ -153,6 +153,11 @@ class Tolerance:
         """The same with nothing uncertain but these quantities."""
         return Tolerance(**{name: getattr(self, name) for name in names})
 
+    @property
+    def late(self) -> float:
+        """s: by how much joints may be late in the motion's own time, which may run faster."""
+        return self.delay * (1 + self.speed)
+
     def of(self, payload: object) -> Tolerance:
         """What of it there is for an arm that holds this; None: nothing."""
         return self if payload else replace(self, payload_mass=0.0, payload_center=(0.0, 0.0, 0.0))

@@ -44,14 +44,14 @@ def read_task(path: str | os.PathLike[str], otherwise: Tolerance = NONE) -> Moti
 
     Args:
         path: of the file.
-        otherwise: the tolerance of a motion of an arm if the file has none.
+        otherwise: the tolerance of an arm if the file has none.
 
     Raises:
         InputError: see `ocptip.task_files.motion.load_task`.
     """
     path = Path(path)
     try:
-        return load_cycle(path) if "segment" in Table.read(path) else load_task(path, otherwise)
+        return load_cycle(path, otherwise) if "segment" in Table.read(path) else load_task(path, otherwise)
     except InputError as error:
         if "missing" not in error.text or f"\n{MARK}" not in read_text(path):
             raise
@@ -59,8 +59,12 @@ def read_task(path: str | os.PathLike[str], otherwise: Tolerance = NONE) -> Moti
         raise InputError(text, error.path, error.file) from None
 
 
-def load_cycle(path: str | os.PathLike[str]) -> CycleTask:
+def load_cycle(path: str | os.PathLike[str], otherwise: Tolerance = NONE) -> CycleTask:
     """Read a task file with `[[segment]]`.
+
+    Args:
+        path: of the file.
+        otherwise: the tolerance of an arm if the file has none.
 
     Raises:
         InputError: the file cannot be read or describes no cycle; one line that names file and key.
@@ -75,7 +79,7 @@ def load_cycle(path: str | os.PathLike[str]) -> CycleTask:
         if "stops" in data:
             raise data.error("stops of cycles are not looked at", "stops")
         data.close(*TABLES, "segment")
-        task = read_cycle(data, path.stem)
+        task = read_cycle(data, path.stem, otherwise=otherwise)
         task = replace(task, source=task_source(data, task.robot))
         for segment in task.segments:
             doubt_masses(data, segment.task.robot)
@@ -101,18 +105,19 @@ class _SegmentTable(Table):
         return self._motion.place(key) if key in self._shared else super().place(key)
 
 
-def read_cycle(data: Table, default: str, ends: Ends = read_end) -> CycleTask:
+def read_cycle(data: Table, default: str, ends: Ends = read_end, otherwise: Tolerance = NONE) -> CycleTask:
     """The cycle of a file, without its source.
 
     Args:
         data: the file.
         default: name.
         ends: what reads starts and goals.
+        otherwise: the tolerance of an arm if the file has none.
 
     Raises:
         InputError: a value is missing, unknown or cannot be used; names its place.
     """
-    scene, name, motion = TaskScene(data), data.text("name", default), data.table("motion")
+    scene, name, motion = TaskScene(data, otherwise), data.text("name", default), data.table("motion")
     for key in ("goal", *_GOALS, "duration", "max_duration"):
         if key in motion:
             raise motion.error("of a cycle belongs to its [[segment]]s", key)

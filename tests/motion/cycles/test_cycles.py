@@ -27,6 +27,7 @@ from ocptip.motion.tolerated import tolerances
 from ocptip.pictures.cycle import seen_plan
 from ocptip.pictures.plan import _reserve_figure
 from ocptip.pictures.plan_curves import PlanCurves
+from ocptip.standing.tolerance import Tolerance
 from ocptip.task_files.cycle import load_cycle
 from ocptip.trajectories.controllers import CONTROLLERS
 from ocptip.trajectories.read import load_motion, load_motions
@@ -127,9 +128,8 @@ def test_the_command_says_it_and_reads_it(plan, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(
         "ocptip.cli.cycles.plan_cycle", lambda task, **_: dataclasses.replace(plan, task=task)
     )
-    code = main(
-        ["plan", str(path), "--out", str(tmp_path / "out"), "--controller", "cubic", "--time-scale", "0.5"]
-    )
+    call = ["plan", str(path), "--tolerance", "none", "--out", str(tmp_path / "out")]
+    code = main([*call, "--controller", "cubic", "--time-scale", "0.5"])
     out = capsys.readouterr().out
     assert code == 0
     assert out.startswith(f"swing: CERTIFIED. {plan.energy:.1f} J in {plan.duration:.3f} s, ")
@@ -380,6 +380,33 @@ def test_a_segment_that_is_not_proved_leaves_the_cycle_verified(plan, proved):
     tight = plan.task.with_limits({"GN": 0.05})
     broken = check_cycle(tight, plan.motion)
     assert certified_cycle(tight, plan.motion, broken) is broken
+
+
+def test_within_a_tolerance_every_segment_is_certified_and_rests_outlast_delays(plan):
+    known = Tolerance(tilt=0.005, arm_mass=0.02, friction=0.1, speed=0.02, delay=0.01)
+    task, motion = plan.task.with_limits({"tolerance": known}), plan.motion.time_scaled(1.5)
+    found = certified_cycle(task, motion, check_cycle(task, motion))
+    assert found.whole.headline.startswith("CERTIFIED within the tolerance")
+    bounds = found.whole.certificate.verdict.bounds
+    for name, at in (("GN_worst_case", found.whole.within.tip), ("GT_worst_case", found.whole.within.slip)):
+        every = [own.certificate.verdict.bounds[name] for own in found.segments]
+        worst = [own.worst[name].value for own in found.segments]
+        assert bounds[name] == max(every) < 1
+        assert found.whole.worst[name].value == max(worst)
+        k = int(np.argmax(worst))
+        assert at.how.startswith(f"segment {task.segments[k].name}: ")
+        own = found.segments[k].within
+        own = own.tip if name == "GN_worst_case" else own.slip
+        assert at.time == pytest.approx(found.begins[k] + own.time)
+    for own in found.segments:
+        assert check_certificate(own.certificate.data).tolerance["delay"] == 0.01
+    at_once = [dataclasses.replace(s, dwell=0.0) for s in task.segments]
+    assert [s.rest for s in at_once] == pytest.approx([0.0102] * 2, abs=2e-6)
+    assert [s.rest for s in task.segments] == pytest.approx([0.3, 0.0102], abs=2e-6)
+    assert [s.rest for s in plan.task.segments] == [0.3, 0.0]
+    hurried = cycle_check(task, dataclasses.replace(motion, pauses=(0.01, 0.0)), found.segments).whole
+    assert not hurried.verified
+    assert hurried.violations == ("segment 1 (out) rests for 10 ms, joints are late by up to 10.2 ms",)
 
 
 def test_commands_certify_cycles(plan, tmp_path, capsys):

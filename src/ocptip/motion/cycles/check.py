@@ -12,6 +12,7 @@ from ocptip.basics.errors import InputError
 from ocptip.certificate.result import together
 from ocptip.motion.check import MotionCheck, certified, check_motion
 from ocptip.motion.cycles.task import SAME, CycleTask
+from ocptip.motion.within_tolerance import WithinTolerance
 from ocptip.standing.contact_margins import ContactMargins
 from ocptip.standing.limit import Worst
 from ocptip.trajectories.sampled import SampledMotion
@@ -97,6 +98,11 @@ def cycle_check(task: CycleTask, motion: MotionSequence, checks: Sequence[Motion
         f"{title} starts {jump:.3g} rad or m off the end of the one before"
         for title, jump in zip(task.titles()[1:], motion.jumps, strict=True)
         if jump > SAME
+    ]
+    jumps += [
+        f"{title} rests for {1e3 * pause:.3g} ms, joints are late by up to {1e3 * late:.4g} ms"
+        for title, pause, segment in zip(task.titles()[:-1], pauses[:-1], segments[:-1], strict=True)
+        if pause < (late := segment.task.limits.tolerance.late)
     ]
     names = tuple(segment.name for segment in segments)
     whole = _whole(names, checks, motion.begins, jumps, sum(energies), motion.end)
@@ -189,6 +195,7 @@ def _whole(
         stands=all(check.stands for check in checks),
         contacts=contacts,
         collision=_collision([check.collision for check in checks]),
+        within=_within(names, checks, begins),
         certificate=together(proofs, begins.tolist()) if len(proofs) == len(checks) else None,
     )
 
@@ -197,6 +204,26 @@ def _placed(worst: Worst, name: str, begin: float) -> Worst:
     """With the time of the cycle and the segment's name."""
     detail = ", ".join(part for part in (worst.detail, f"segment {name}") if part)
     return replace(worst, time=begin + worst.time, detail=detail)
+
+
+def _within(
+    names: Sequence[str], checks: Sequence[MotionCheck], begins: np.ndarray
+) -> WithinTolerance | None:
+    """The worst of all segments; None without a tolerance."""
+    tips, slips, found = [], [], [check.within for check in checks if check.within is not None]
+    if len(found) < len(checks):
+        return None
+    for name, own, begin in zip(names, found, begins.tolist(), strict=True):
+        for at, every in ((own.tip, tips), (own.slip, slips)):
+            if at is not None:
+                every.append(replace(at, time=begin + at.time, how=f"segment {name}: {at.how}"))
+    given = max((own.tolerance for own in found), key=lambda own: len(own.given))
+    return WithinTolerance(
+        given,
+        max(tips, key=lambda at: at.bound, default=None),
+        max(slips, key=lambda at: at.value),
+        sum(own.states for own in found),
+    )
 
 
 def _collision(found: Sequence[dict[str, Any]]) -> dict[str, Any]:

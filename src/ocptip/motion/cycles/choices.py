@@ -122,7 +122,7 @@ def best_ways(sizes: Sequence[int], cost: Cost, closed: bool, count: int) -> lis
 
 def rest_cost(segment: Segment, goal: np.ndarray) -> float:
     """Of the standstill after a segment that ends in posture `goal`, (n,), in units of the objective."""
-    return segment.task.objective.cost(segment.standby(goal) * segment.dwell, segment.dwell)
+    return segment.task.objective.cost(segment.standby(goal) * segment.rest, segment.rest)
 
 
 def leg_cost(segment: Segment, start: np.ndarray, goal: np.ndarray) -> float:

@@ -206,5 +206,5 @@ def _task_text(task: CycleTask, source: TaskSource) -> str:
         price = {"price_per_second": objective.time_weight} if objective.name == "both" else {}
         rows.append({**own, **price})
     data = {key: value for key, value in source.data.items() if key != "tolerance"}
-    tolerance = {"tolerance": task.limits.tolerance.to_table()} if task.limits.tolerance.given else {}
-    return toml_text({"name": task.name, **data, **tolerance, "segment": rows})
+    tolerance = task.limits.tolerance.to_table() or {"preset": "none"}
+    return toml_text({"name": task.name, **data, "tolerance": tolerance, "segment": rows})

@@ -86,8 +86,8 @@ class CyclePlan:
 
 def sequence_of(task: CycleTask, parts: Sequence[MotionPlan]) -> MotionSequence:
     """The motions of the planned segments with the task's rests."""
-    dwells = tuple(segment.dwell for segment in task.segments[: len(parts)])
-    return MotionSequence(tuple(part.motion for part in parts), dwells)
+    rests = tuple(segment.rest for segment in task.segments[: len(parts)])
+    return MotionSequence(tuple(part.motion for part in parts), rests)
 
 
 def plan_cycle(

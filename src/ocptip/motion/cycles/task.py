@@ -18,6 +18,7 @@ from ocptip.standing.mechanism import StandingMechanism
 
 SAME = 1e-6
 """rad or m: a segment that starts farther from the end of the one before does not continue it."""
+_ROUNDED = 1e-6  # s: times in files are
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +29,7 @@ class Segment:
         name: for messages.
         task: robot with what it holds, limits, objective; its goal is the first of `goals`.
         goals: postures of which the segment may end in any, (k, n), rad (sliding joints: m).
-        dwell: s, standstill at the goal, with what this segment holds.
+        dwell: s, standstill at the goal that is asked for, with what this segment holds.
         target: the gripper pose that the goals are postures of; None where the angles are given.
     """
 
@@ -44,6 +45,12 @@ class Segment:
         goals.flags.writeable = False
         object.__setattr__(self, "goals", goals)
         object.__setattr__(self, "dwell", positive_number("dwell", self.dwell, zero_allowed=True))
+
+    @property
+    def rest(self) -> float:
+        """s, standstill at the goal: at least until joints that are late have come, too."""
+        late = self.task.limits.tolerance.late
+        return max(self.dwell, late + _ROUNDED if late else 0.0)
 
     def between(self, start: np.ndarray, goal: np.ndarray) -> MotionTask:
         """The task from one posture to another, (n,) each."""
