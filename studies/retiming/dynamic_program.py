@@ -20,8 +20,9 @@ from pathlib import Path
 import numpy as np
 
 from ocptip.basics.write import versions, write_text
+from ocptip.motion.objective import TIME
 from ocptip.retiming.fastest import ExtraRows, Grid, fastest, spaced
-from ocptip.retiming.retime import least_duration
+from ocptip.retiming.retime import least_cost
 from ocptip.retiming.rows import TimingLimits
 from ocptip.trajectories.timed_path import TimedPath
 from studies.common import RESULTS, ended, number, progress, software, table
@@ -80,8 +81,8 @@ def study(options: argparse.Namespace) -> str:
         grid = Grid(ends.robot, path, timing, spaced(path, NODES))
         passes = TimedPath(path, grid.s, fastest(grid, ExtraRows.none()).x).end
         levels = program(grid)
-        fine, finest = (least_duration(ends.robot, path, ends.limits, nodes) for nodes in (NODES, FINEST))
-        coarse = least_duration(ends.robot, path, ends.limits, COARSE)
+        fine, finest = (least_cost(ends.robot, path, ends.limits, TIME, nodes) for nodes in (NODES, FINEST))
+        coarse = least_cost(ends.robot, path, ends.limits, TIME, COARSE)
         ratios = passes / levels, fine / finest, coarse / finest
         numbers = (levels, passes, fine, finest, *(100 * (value - 1) for value in ratios))
         rows.append((name, f"{k // len(known)}", *(number(value, 5) for value in numbers)))

@@ -32,13 +32,14 @@ from ocptip.motion.check import MotionCheck, certified, check_motion
 from ocptip.motion.cycles.check import CycleCheck, certified_cycle, check_cycle
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.motion.cycles.tolerated import cycle_tolerances
+from ocptip.motion.objective import TIME
 from ocptip.motion.output import PLAN
 from ocptip.motion.stops import Stops
 from ocptip.motion.task import REACHED, MotionTask
 from ocptip.motion.tolerated import Tolerated, tolerances
 from ocptip.published.cases import motion_cases
 from ocptip.published.tasks import experiment_task
-from ocptip.retiming.retime import OF_PATH, least_duration
+from ocptip.retiming.retime import OF_PATH, least_cost
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.sensitivity import Sensitivity
@@ -320,7 +321,7 @@ def retimed(task: MotionTask, motion: Motion, checked: MotionCheck) -> str:
     except (OcptipError, ValueError, ArithmeticError):
         return ""
     try:
-        least = least_duration(task.robot, path, task.limits, _RETIMED_NODES)
+        least = least_cost(task.robot, path, task.limits, TIME, _RETIMED_NODES)
     except InputError as error:
         return f"no timing of its path from rest to rest keeps the limits: {error}"
     except (OcptipError, ValueError, ArithmeticError):

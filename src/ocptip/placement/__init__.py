@@ -1,6 +1,7 @@
 """Where the base should stand: optimal placement at rest (chapter 4)."""
 
 from ocptip.placement.for_motion import place_for_motion
+from ocptip.placement.for_path import place_for_path
 from ocptip.placement.place import place
 from ocptip.placement.problem import GripperTask, PlacementLimits, PlacementProblem, ProcessLoad, Weights
 from ocptip.placement.result import NoPlacementError
@@ -17,6 +18,7 @@ __all__ = [
     "custom_terrain",
     "place",
     "place_for_motion",
+    "place_for_path",
     "plane",
     "rough_ground",
     "scan",

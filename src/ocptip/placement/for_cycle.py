@@ -121,7 +121,7 @@ def place_for_cycle(
     say("looking for places ...")
     static = place(problem, starts=placement_starts, seed=seed, keep=candidates)
     places = [(placement, False) for placement in static.places[:candidates]]
-    places += [(p, True) for p in _sampled(problem, static, candidates - len(places), seed)]
+    places += [(p, True) for p in sampled_places(problem, static, candidates - len(places), seed)]
     found = []
     for number, (placement, sampled) in enumerate(places, 1):
         say(f"planning the cycle at place {number} of {len(places)} ...")
@@ -137,7 +137,9 @@ def place_for_cycle(
     return CyclePlacements(tuple(sorted(found, key=lambda one: one.cost)), static)
 
 
-def _sampled(problem: PlacementProblem, static: PlacementResult, count: int, seed: int) -> list[Placement]:
+def sampled_places(
+    problem: PlacementProblem, static: PlacementResult, count: int, seed: int
+) -> list[Placement]:
     """Sampled placements that keep all constraints, at places of their own; the best first."""
     if count < 1:
         return []

@@ -115,10 +115,7 @@ def place_for_motion(
         NoPlacementError: no placement serves all tasks at rest.
         PlanningError: no candidate has a verified motion; the message names what is in the way on each.
     """
-    if len(problem.tasks) < 2:
-        raise InputError("tasks: a motion needs two gripper tasks or more, got one")
-    if problem.tolerance.given:
-        raise InputError("tolerance: motions are planned for a base as described; leave the tolerance out")
+    require_way(problem)
     numbers = {"candidates": candidates, "starts": starts, "jobs": 1 if jobs is None else jobs}
     for name, value in (numbers | {"placement_starts": placement_starts}).items():
         whole_number(name, value, 1)
@@ -129,7 +126,7 @@ def place_for_motion(
         robot = placed_robot(aligned)
         plans, refusals = [], []
         for start, goal, name in _legs(aligned):
-            task = MotionTask(name, robot, start, goal, _limits(problem), tuple(optimised), commands)
+            task = MotionTask(name, robot, start, goal, motion_limits(problem), tuple(optimised), commands)
             try:
                 plans.append(plan_motion(task, starts=starts, seed=seed, jobs=jobs))
                 refusals.append("")
@@ -149,9 +146,14 @@ def placed_robot(placement: Placement) -> StandingRobot:
 
     Its tip-over reserve keeps the reference moment of the problem's robot.
     """
-    problem = placement.problem
-    robot, base, origin = problem.robot, placement.base_rotation, placement.base_position
-    footing = problem.stands[placement.patch].footing(placement.parameters)
+    return robot_at(placement.problem, placement.patch, placement.parameters)
+
+
+def robot_at(problem: PlacementProblem, patch: int, parameters: np.ndarray) -> StandingRobot:
+    """The same with parameters (k,) of a patch."""
+    robot, (origins, bases) = problem.robot, problem.base_pose(patch, parameters[None])
+    origin, base = origins[0], bases[0]
+    footing = problem.stands[patch].footing(parameters)
     around = [obstacle.placed(base.T, -base.T @ origin) for obstacle in problem.obstacles]
     return robot.varied(
         support=robot.support.varied(footing.support.contacts, gravity=base.T @ problem.gravity),
@@ -202,7 +204,16 @@ def _legs(placement: Placement) -> list[tuple[np.ndarray, np.ndarray, str]]:
     return [(angles[t], angles[t + 1], f"{names[t]} to {names[t + 1]}") for t in range(len(names) - 1)]
 
 
-def _limits(problem: PlacementProblem) -> MotionLimits:
+def require_way(problem: PlacementProblem) -> None:
+    """Raise InputError for a problem with one task, or with a tolerance of its base."""
+    if len(problem.tasks) < 2:
+        raise InputError("tasks: a motion needs two gripper tasks or more, got one")
+    if problem.tolerance.given:
+        raise InputError("tolerance: motions are planned for a base as described; leave the tolerance out")
+
+
+def motion_limits(problem: PlacementProblem) -> MotionLimits:
+    """The limits of motions between the tasks of a problem."""
     limits = problem.limits
     return MotionLimits(
         GN=limits.GN or 1.0,

@@ -198,20 +198,28 @@ def retime(
     )  # fmt: skip
 
 
-def least_duration(robot: StandingMechanism, path: JointPath, limits: MotionLimits, nodes: int) -> float:
-    """Duration of the fastest timing on a grid, s; not checked, angles and clearance are not looked at.
+def least_cost(
+    robot: StandingMechanism, path: JointPath, limits: MotionLimits, objective: Objective, nodes: int
+) -> float:
+    """Duration, s, of the fastest timing on a grid, or cost of the cheapest one in the objective's unit.
+
+    Nothing is checked; angles and clearance are not looked at.
 
     Args:
         robot: on its support.
         path: of its joints.
         limits: those with tolerances take long.
+        objective: see `retime`.
         nodes: intervals between nodes.
 
     Raises:
         InputError: the path cannot be timed: says where, and by which limit.
+        SolverError: the program of the cheapest timing is not solved.
     """
     grid = spaced(path, nodes)
-    found = _solve(robot, path, TimingLimits(robot, limits), TIME, grid, (0.0, 0.0))
+    found = _solve(robot, path, TimingLimits(robot, limits), objective, grid, (0.0, 0.0))
+    if found.cheap is not None and objective.name != "time":
+        return found.cheap.cost
     return _long_enough(TimedPath(path, grid, found.x), limits).end
 
 

@@ -1,0 +1,216 @@
+"""Placement for a path: where the base should stand so that a path through gripper tasks is timed best."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from ocptip.basics.errors import InputError, OcptipError, PlanningError, positive_number, whole_number
+from ocptip.motion.objective import TIME, Objective
+from ocptip.placement.evaluate import Evaluator
+from ocptip.placement.for_cycle import sampled_places
+from ocptip.placement.for_motion import motion_limits, require_way, robot_at, shortest_way
+from ocptip.placement.place import place
+from ocptip.placement.problem import GripperTask, PlacementProblem
+from ocptip.placement.result import FEASIBLE, Placement, judge
+from ocptip.placement.search.refine import followed
+from ocptip.placement.search.starts import exact_scores
+from ocptip.retiming.retime import Retimed, least_cost, retime
+from ocptip.robots.inverse.pose_target import AXES, PoseTarget
+from ocptip.standing.limits import MotionLimits
+from ocptip.trajectories.path_fit import FittedPath, blended_lines, spline_through
+from ocptip.trajectories.tool_path import tool_lines
+
+Between = Literal["spline", "lines", "tool lines"]
+_NODES = 40  # of timings that are compared while looking around: 0.5 % of the duration
+_ROUNDS, _DRAWS = 16, 8
+_RADIUS, _SHRINK = 0.1, 0.6  # of the parameters' scales: standard deviation of the first round; then
+_SAME_POSTURE = 1e-3  # rad or m
+
+
+@dataclass(frozen=True, eq=False)
+class PathPlacement:
+    """One place, and the path from there with its timing.
+
+    Attributes:
+        placement: with the postures through which the path goes.
+        path: the path; None where there is none.
+        timed: its timing; None where it has none.
+        refusal: why; else empty.
+    """
+
+    placement: Placement
+    path: FittedPath | None
+    timed: Retimed | None
+    refusal: str = ""
+
+    @property
+    def verified(self) -> bool:
+        """The placement keeps its limits at rest, and the timing its own."""
+        return self.timed is not None and self.timed.verified and self.placement.feasible
+
+    @property
+    def cost(self) -> float:
+        """In the unit of the objective; infinite where no timing is verified."""
+        if self.timed is None or not self.verified:
+            return np.inf
+        return self.timed.objective.cost(self.timed.check.energy, self.timed.motion.end)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        return {
+            "placement": self.placement.to_dict(),
+            "verified": self.verified,
+            "cost": self.cost if self.verified else None,
+            "timing": None if self.timed is None else self.timed.to_dict(),
+            "path_made_of": None if self.path is None else self.path.how,
+            "refusal": self.refusal,
+        }
+
+
+def place_for_path(
+    problem: PlacementProblem,
+    objective: Objective = TIME,
+    *,
+    between: Between = "spline",
+    path_tolerance: float = 0.0,
+    known: Sequence[Placement] = (),
+    candidates: int = 3,
+    seed: int = 0,
+    placement_starts: int = 5,
+) -> tuple[PathPlacement, ...]:
+    """Find the place from which the path through the gripper tasks takes least: time, energy, or both.
+
+    Known places, the best distinct ones at rest, and sampled ones are candidates. Around each a random search
+    on coarse grids looks for places whose best timing costs less and that keep all limits at rest. What is
+    found is timed on the usual grid by `ocptip.retiming.retime.retime`, unloaded, within the same limits, and
+    checked; that of the candidate counts where it is better.
+
+    Args:
+        problem: with two tasks or more, in the order in which they are visited.
+        objective: `TIME`, `ENERGY` or `priced`.
+        between: "spline" of the joints, "lines" of the joints, or "tool lines", straight ones of the gripper,
+            for tasks with orientation "full", or "axis" about x, y or z.
+        path_tolerance: rad (sliding joints, tool lines: m), by which corners of lines are rounded; 0: the arm
+            stops there.
+        known: places to begin with, such as where the base stands now; none found is worse.
+        candidates: number of places to begin with besides these.
+        seed: of the placement and the search.
+        placement_starts: of `place`.
+
+    Returns:
+        The least cost first; those without verified timing last.
+
+    Raises:
+        InputError: fewer than two tasks, bad numbers, or a tolerance of the base.
+        NoPlacementError: no placement serves all tasks at rest.
+        PlanningError: the path has no verified timing at any place; the message says why.
+    """
+    require_way(problem)
+    if between not in get_args(Between):
+        raise InputError(f"between: expected one of {', '.join(get_args(Between))}, got {between!r}")
+    positive_number("path_tolerance", path_tolerance, zero_allowed=True)
+    for name, value in {"candidates": candidates, "placement_starts": placement_starts}.items():
+        whole_number(name, value, 1)
+    if between == "tool lines":
+        for task in problem.tasks:
+            _target(task, np.zeros(3), np.eye(3))  # refuses what no line can have
+    paths = _Paths(problem, objective, between, path_tolerance)
+    static = place(problem, starts=placement_starts, seed=seed, keep=candidates)
+    places = list(static.places[:candidates])
+    places += sampled_places(problem, static, candidates - len(places), seed)
+    places = [shortest_way(paths.evaluator, placement, seed) for placement in places]
+    found = [paths.best_around(placement, np.random.default_rng(seed)) for placement in (*known, *places)]
+    ranked = tuple(sorted(found, key=lambda one: one.cost))
+    if not ranked[0].verified:
+        reasons = "; ".join(dict.fromkeys(one.refusal for one in ranked))
+        raise PlanningError(f"no verified timing at any of {len(ranked)} places: {reasons}")
+    return ranked
+
+
+class _Paths:
+    """Paths through the tasks of a problem, and their timings, place by place."""
+
+    def __init__(
+        self, problem: PlacementProblem, objective: Objective, between: Between, tolerance: float
+    ) -> None:
+        self.evaluator, self._problem, self._objective = Evaluator(problem), problem, objective
+        self._between, self._tolerance = between, tolerance
+        self._limits: MotionLimits = motion_limits(problem)
+
+    def best_around(self, placement: Placement, rng: np.random.Generator) -> PathPlacement:
+        """What a random search finds, or the place itself where that is better."""
+        first = self._timed(placement)
+        parameters, q = self._around(placement, rng)
+        if np.array_equal(parameters, placement.parameters):
+            return first
+        found = self._timed(judge(self.evaluator, placement.patch, parameters, q, placement.start))
+        return min(first, found, key=lambda one: one.cost)
+
+    def _around(self, placement: Placement, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+        """Parameters (k,) and postures (tasks, n)."""
+        patch, terrain = placement.patch, self._problem.terrain[placement.patch]
+        p, q = placement.parameters, placement.angles
+        best, radius = self._cost(patch, p, q), _RADIUS
+        for _ in range(_ROUNDS):
+            steps = radius * self._problem.scales(patch) * rng.normal(size=(_DRAWS, len(p)))
+            drawn = terrain.wrapped(np.clip(p + steps, terrain.lower, terrain.upper))
+            postures, kept = followed(self.evaluator, patch, drawn, np.repeat(q[None], _DRAWS, axis=0))
+            at = np.flatnonzero(kept)
+            if len(at):
+                margins = exact_scores(self.evaluator, patch, drawn[at], postures[at], fast=True)[1]
+                at = at[margins >= -FEASIBLE]
+            costs = [self._cost(patch, drawn[k], postures[k]) for k in at]
+            if costs and min(costs) < best:
+                best, k = min(costs), at[int(np.argmin(costs))]
+                p, q = drawn[k], postures[k]
+            else:
+                radius *= _SHRINK
+        return p, q
+
+    def _cost(self, patch: int, parameters: np.ndarray, postures: np.ndarray) -> float:
+        """On a coarse grid; infinite where there is no path, or no timing."""
+        try:
+            path = self._path(patch, parameters, postures).path
+            return least_cost(
+                robot_at(self._problem, patch, parameters), path, self._limits, self._objective, _NODES
+            )
+        except OcptipError:
+            return np.inf
+
+    def _timed(self, placement: Placement) -> PathPlacement:
+        path = None
+        try:
+            path = self._path(placement.patch, placement.parameters, placement.angles)
+            robot = robot_at(self._problem, placement.patch, placement.parameters)
+            timed = retime(robot, path.path, self._limits, self._objective)
+        except OcptipError as error:
+            return PathPlacement(placement, path, None, str(error))
+        broken = [*map(str, placement.violations), *timed.check.violations]
+        return PathPlacement(placement, path, timed, "; ".join(broken))
+
+    def _path(self, patch: int, parameters: np.ndarray, postures: np.ndarray) -> FittedPath:
+        if self._between == "spline":
+            return spline_through(postures)
+        if self._between == "lines":
+            return blended_lines(postures, self._tolerance)
+        origin, base = self._problem.base_pose(patch, parameters[None])
+        poses = [_target(task, origin[0], base[0]) for task in self._problem.tasks]
+        found = tool_lines(self.evaluator.arm, poses, postures[:1], self._tolerance)
+        if np.abs(found.path.goal - postures[-1]).max() > _SAME_POSTURE and poses[0].conditions == 6:
+            raise PlanningError("the lines end in another posture than the one that was looked at")
+        return found
+
+
+def _target(task: GripperTask, origin: np.ndarray, base: np.ndarray) -> PoseTarget:
+    """The task's pose in base axes."""
+    about = ""
+    if task.orientation != "full":
+        along = np.flatnonzero(np.abs(task.tool_axis) > 1 - 1e-9)
+        if task.orientation == "free" or not len(along):
+            raise InputError(f"{task.name}: orientation: tool lines need full, or axis about x, y or z")
+        about = AXES[int(along[0])]
+    return PoseTarget(base.T @ (task.position - origin), base.T @ task.rotation, about)

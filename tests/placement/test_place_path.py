@@ -1,0 +1,94 @@
+"""Places ranked by what the best timing of a path through the gripper tasks takes there."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from ocptip.basics.errors import InputError
+from ocptip.motion.check import check_motion
+from ocptip.motion.objective import ENERGY
+from ocptip.placement import for_path
+from ocptip.placement.evaluate import Evaluator
+from ocptip.placement.for_motion import motion_limits, placed_robot
+from ocptip.placement.problem import GripperTask, PlacementLimits, PlacementProblem
+from ocptip.placement.result import judge
+from ocptip.placement.terrain import plane
+from ocptip.retiming.retime import retime
+from ocptip.robots.kinematics import gripper_pose
+from ocptip.task_files.path import load_path
+from tests.placement.placement_scenes import drilling
+from tests.places import EXAMPLES
+from tests.retiming.paths import arm_of, cart
+
+
+@pytest.fixture(scope="module")
+def sweep():
+    """The sweep of the examples as gripper tasks, and the place where the cart stands."""
+    robot = arm_of(cart().robot)
+    postures = load_path(EXAMPLES / "paths" / "ur5_sweep.toml", cart()).paths[0].samples
+    poses = [gripper_pose(robot.arm, q) for q in postures]
+    tasks = [GripperTask(*pose, name=f"point {k}") for k, pose in enumerate(poses, 1)]
+    limits = PlacementLimits(GN=0.9, GT=0.9, clearance=0.01)
+    problem = PlacementProblem(robot, tasks, plane(), limits=limits)
+    return problem, judge(Evaluator(problem), 0, np.zeros(3), postures)
+
+
+@pytest.fixture(autouse=True)
+def only_known_places(monkeypatch: pytest.MonkeyPatch):
+    """No others, and a short search."""
+    monkeypatch.setattr(for_path, "place", lambda *a, **k: SimpleNamespace(places=(), placements=()))
+    monkeypatch.setattr(for_path, "sampled_places", lambda *a: [])
+    monkeypatch.setattr(for_path, "_ROUNDS", 4)
+
+
+def test_a_place_where_the_same_path_is_faster(sweep):
+    problem, here = sweep
+    given = retime(placed_robot(here), load_path(EXAMPLES / "paths" / "ur5_sweep.toml", cart()).paths[0].path)
+    (found,) = for_path.place_for_path(problem, known=[here])
+    assert found.verified
+    assert found.timed.motion.end < 0.995 * given.motion.end
+    assert not np.array_equal(found.placement.parameters, here.parameters)
+    checked = check_motion(placed_robot(found.placement), found.timed.motion, motion_limits(problem))
+    assert checked.verified
+    for k, task in enumerate(problem.tasks):
+        where = found.placement.angles[k]
+        assert np.min(np.abs(found.path.samples - where).max(axis=1)) < 1e-9
+        position = gripper_pose(problem.robot.arm, where)[0]
+        there = found.placement.base_position + found.placement.base_rotation @ position
+        np.testing.assert_allclose(there, task.position, atol=1e-6)
+    data = found.to_dict()
+    assert data["cost"] == found.cost < data["timing"]["duration_s"] * 1.01
+
+
+def test_the_gripper_keeps_its_lines_in_the_world(sweep):
+    every, there = sweep
+    problem = PlacementProblem(every.robot, every.tasks[:2], plane(), limits=every.limits)
+    here = judge(Evaluator(problem), 0, there.parameters, there.angles[:2])
+    (found,) = for_path.place_for_path(problem, ENERGY, between="tool lines", known=[here])
+    assert found.verified
+    assert found.cost == pytest.approx(found.timed.check.energy)
+    position = gripper_pose(problem.robot.arm, found.timed.motion.states(np.linspace(0, 0.3, 20))[0])[0]
+    there = found.placement.base_position + position @ found.placement.base_rotation.T
+    ends = [np.asarray(task.position) for task in problem.tasks[:2]]
+    way = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
+    off = there - ends[0] - np.outer((there - ends[0]) @ way, way)
+    assert np.abs(off).max() < 2e-4
+    assert (there[-1] - ends[0]) @ way > 0.01
+
+
+def test_bad_input_is_refused(sweep):
+    problem, here = sweep
+    with pytest.raises(InputError, match="a motion needs two gripper tasks"):
+        for_path.place_for_path(drilling())
+    with pytest.raises(InputError, match=r"^between: expected one of spline, lines, tool lines, got 'arcs'"):
+        for_path.place_for_path(problem, between="arcs", known=[here])  # pyright: ignore
+    with pytest.raises(InputError, match=r"^candidates: must be a whole number >= 1, got 0"):
+        for_path.place_for_path(problem, candidates=0)
+    free = [GripperTask(task.position, orientation="free", name=task.name) for task in problem.tasks]
+    with pytest.raises(InputError, match=r"^point 1: orientation: tool lines need full, or axis about x, y"):
+        for_path.place_for_path(
+            PlacementProblem(problem.robot, free, plane(), limits=problem.limits),
+            between="tool lines",
+            known=[here],
+        )
