@@ -4,8 +4,8 @@
 
 The gripper poses of the UR5 example stay where they are in the world, the cart stands at the cells of a grid,
 and at each a motion is planned with one start: the map of least energies. Every cell is one call of
-`ocptip.motion.workers.Cluster`, as with `--scheduler`. The map is made with 1, 2 and 4 worker processes; each
-time but the first one of them is killed while it plans. All maps must be the same to the last bit.
+`ocptip.numerics.workers.Cluster`, as with `--scheduler`. The map is made with 1, 2 and 4 processes; each time
+but the first one of them is killed while it plans. All maps must be the same to the last bit.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from ocptip.basics.toml_text import toml_text
 from ocptip.basics.write import versions, write_json
 from ocptip.motion.plan import plan_motion
 from ocptip.motion.task import MotionTask, refusals
-from ocptip.motion.workers import worker_pool
+from ocptip.numerics.workers import worker_pool
 from ocptip.task_files.motion import load_task
 from studies.common import EXAMPLES, RESULTS, ended, machine, number, table
 

@@ -18,7 +18,7 @@ from ocptip.basics.write import versions
 from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.planner.one_start import Search
 from ocptip.motion.task import MotionTask
-from ocptip.motion.workers import worker_pool
+from ocptip.numerics.workers import worker_pool
 from ocptip.published.tasks import experiment_task
 from ocptip.trajectories.arm_motion import ArmMotion
 from studies.baselines.penalty import MotionPenalty

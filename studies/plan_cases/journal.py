@@ -16,7 +16,7 @@ from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.plan import MotionPlan, run_start
 from ocptip.motion.planner.attempt import Attempt, StartResult
 from ocptip.motion.task import MotionTask
-from ocptip.motion.workers import worker_pool
+from ocptip.numerics.workers import worker_pool
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.limits import MotionLimits
 from ocptip.trajectories.arm_motion import ArmMotion

@@ -23,8 +23,8 @@ from threadpoolctl import threadpool_limits
 from ocptip.basics.write import versions, write_json
 from ocptip.motion.planner.one_start import Search
 from ocptip.motion.planner.program import MotionProgram
-from ocptip.motion.workers import worker_pool
 from ocptip.numerics import ipopt
+from ocptip.numerics.workers import worker_pool
 from ocptip.published.tasks import experiment_task
 from studies.common import RESULTS, ended, machine, number, table
 

@@ -5,7 +5,7 @@ import signal
 
 import pytest
 
-from ocptip.motion.workers import WorkerDiedError, worker_pool
+from ocptip.numerics.workers import WorkerDiedError, worker_pool
 from tests.motion import calls
 
 distributed = pytest.importorskip("distributed")

@@ -20,7 +20,7 @@ from ocptip.motion.check import certified, check_motion
 from ocptip.motion.plan import FINISHED, _attempts, plan_motion
 from ocptip.motion.planner.attempt import LEFT_OUT, Attempt, Clock, Rough, StartResult
 from ocptip.motion.planner.one_start import Search
-from ocptip.motion.workers import WorkerDiedError, worker_pool
+from ocptip.numerics.workers import WorkerDiedError, worker_pool
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.geometry import Pillar
 from ocptip.robots.kinematics import gripper_pose

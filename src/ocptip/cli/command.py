@@ -115,6 +115,7 @@ class Command:
         description: for its own help.
         codes: what the exit codes 0 and 1 mean.
         arguments: all but --json.
+        preload: modules that its processes need.
     """
 
     name: str
@@ -122,6 +123,14 @@ class Command:
     description: str
     codes: str
     arguments: Sequence[Argument]
+    preload: Sequence[str] = ()
+
+    def prepare(self, options: argparse.Namespace) -> None:
+        """Let the processes of the command start while the command itself loads what it needs."""
+        if self.preload and options.jobs != 1 and not getattr(options, "scheduler", None):
+            from ocptip.numerics.workers import prepare_workers
+
+            prepare_workers(self.preload)
 
     def add_to(self, commands: Any) -> None:
         """Add it to the subparsers of the command line."""

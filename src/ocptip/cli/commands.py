@@ -142,6 +142,7 @@ COMMANDS = (
             _time_scale("check the plan with all times multiplied by F, too (0.95: faster)"),
             *FILES,
         ),
+        ("ocptip.motion.plan", "ocptip.pictures.plan"),
     ),
     Command(
         "place",
@@ -176,6 +177,7 @@ COMMANDS = (
             TOLERANCE,
             *FILES,
         ),
+        ("ocptip.motion.plan", "ocptip.pictures.plan"),
     ),
     Command(
         "retime",

@@ -38,7 +38,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")
     options = _parser().parse_args(arguments)
-    return next(c for c in COMMANDS if c.name == options.command).execute(options)
+    command = next(c for c in COMMANDS if c.name == options.command)
+    if arguments is None:  # a process of its own
+        command.prepare(options)
+    return command.execute(options)
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -22,7 +22,7 @@ from ocptip.cli.command import Report, explained, suspicions, written
 from ocptip.cli.layout import table
 from ocptip.cli.options import OUTPUTS, in_folder
 from ocptip.motion.source import TaskSource
-from ocptip.motion.workers import worker_pool
+from ocptip.numerics.workers import worker_pool
 
 _OF_THE_CALL = ("command", "task", "many", "out", "overwrite", "no_figures", "json", "jobs", "scheduler")
 """Options that do not change an answer."""

@@ -19,8 +19,8 @@ from ocptip.motion.planner.attempt import Attempt, Rough, StartResult
 from ocptip.motion.planner.one_start import FURTHER, Search, free_ends
 from ocptip.motion.task import MotionTask, require_plannable
 from ocptip.motion.within_tolerance import tolerable, too_much
-from ocptip.motion.workers import WorkerDiedError, worker_pool
 from ocptip.numerics.threads import one_thread
+from ocptip.numerics.workers import WorkerDiedError, worker_pool
 from ocptip.standing.tolerance import NONE, Tolerance
 from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.timed_path import TimedPath

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable, Mapping
+from itertools import repeat
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from matplotlib.figure import Figure
 from scipy.spatial import ConvexHull, QhullError
 
 from ocptip.basics.write import atomic_file
+from ocptip.numerics.workers import ready, worker_pool
 
 # Okabe and Ito's palette, told apart with any colour vision; its yellow is too pale for lines on white.
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
@@ -51,7 +53,9 @@ def legend_columns(ax: Any, labels: list[str]) -> int:
 def save_figures(
     directory: str | os.PathLike[str], figures: Mapping[str, Callable[[], Figure]], dpi: int
 ) -> list[Path]:
-    """Draw figures one by one into a directory as PNG; files of the same name are replaced.
+    """Draw figures into a directory as PNG; files of the same name are replaced.
+
+    Several at a time where processes start at once.
 
     Args:
         directory: made if it does not exist; the one above it must.
@@ -64,13 +68,19 @@ def save_figures(
     Raises:
         OSError: a file or the directory cannot be written; names it.
     """
-    directory, paths = Path(directory), []
+    directory = Path(directory)
     directory.mkdir(exist_ok=True)
-    for name, draw in figures.items():
-        paths.append(directory / f"{name}.png")
-        with atomic_file(paths[-1]) as stream:
-            draw().savefig(stream, format="png", dpi=dpi)
-    return paths
+    files = {directory / f"{name}.png": draw for name, draw in figures.items()}
+    if ready() and len(files) > 1:
+        with worker_pool(None, None, len(files)) as pool:
+            return list(pool.map(_save, files, files.values(), repeat(dpi)))
+    return [_save(path, draw, dpi) for path, draw in files.items()]
+
+
+def _save(path: Path, draw: Callable[[], Figure], dpi: int) -> Path:
+    with atomic_file(path) as stream:
+        draw().savefig(stream, format="png", dpi=dpi)
+    return path
 
 
 def mark_segments(ax: Any, segments: Iterable[tuple[float, float, str]]) -> None:

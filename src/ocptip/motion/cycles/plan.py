@@ -18,8 +18,8 @@ from ocptip.motion.cycles.choices import Way, best_ways, layers_of, likely_ways,
 from ocptip.motion.cycles.free_poses import moved_ways
 from ocptip.motion.cycles.task import CycleTask, require_way_plannable
 from ocptip.motion.plan import MotionPlan, plan_motion
-from ocptip.motion.workers import worker_pool
 from ocptip.numerics.threads import one_thread
+from ocptip.numerics.workers import worker_pool
 from ocptip.trajectories.sequence import MotionSequence
 
 FIRST = 2  # starts that every segment of every promising way gets; the others go to the best way

@@ -5,10 +5,12 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
+from multiprocessing import forkserver
 from typing import Any
 
 from ocptip.basics.errors import InputError, OcptipError
@@ -19,6 +21,7 @@ _THREADS = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 _DEATHS = 2  # of processes, after which a call is given up
 _PATIENCE = 10.0  # s, until a cluster has answered and has a worker
 _one_call = threading.Lock()
+_start_method = ["spawn"]
 
 
 class WorkerDiedError(OcptipError):
@@ -28,6 +31,28 @@ class WorkerDiedError(OcptipError):
 def cores() -> int:
     """Number of cores this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def prepare_workers(modules: Sequence[str]) -> None:
+    """Load modules for processes to come, while this one loads its own; where the system can, else nothing.
+
+    They are then forked from one that has them, with its environment of now: for a process that does one
+    thing, such as a command.
+
+    Args:
+        modules: names to import; one that cannot be imported is left out.
+    """
+    if not sys.platform.startswith("linux"):
+        return
+    multiprocessing.get_context("forkserver").set_forkserver_preload(list(modules))
+    with _interrupts_held(), environment(_THREADS):
+        forkserver.ensure_running()
+    _start_method[0] = "forkserver"
+
+
+def ready() -> bool:
+    """Whether processes start at once, so that a second's work is worth one; see `prepare_workers`."""
+    return _start_method[0] != "spawn" and cores() > 1
 
 
 @contextmanager
@@ -110,8 +135,8 @@ class Workers(Executor):
                     return pool.submit(function, *arguments, **named)
                 except BrokenExecutor:
                     self._pools.remove(pool)
-            spawn = multiprocessing.get_context("spawn")
-            self._mine.pool = pool = ProcessPoolExecutor(1, mp_context=spawn, initializer=_serve)
+            context = multiprocessing.get_context(_start_method[0])
+            self._mine.pool = pool = ProcessPoolExecutor(1, mp_context=context, initializer=_serve)
             self._pools.append(pool)
             return pool.submit(function, *arguments, **named)
 
@@ -216,8 +241,11 @@ def _serve() -> None:
     """In a worker: leave interrupts to the parent, and do not outlive it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
     def watch() -> None:
-        multiprocessing.parent_process().join()
+        parent.join()
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()

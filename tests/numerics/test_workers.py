@@ -2,13 +2,15 @@
 
 import os
 import signal
+import subprocess
+import sys
 import time
 from concurrent.futures import as_completed
 
 import pytest
 
 from ocptip.basics.errors import InputError
-from ocptip.motion.workers import WorkerDiedError, worker_pool
+from ocptip.numerics.workers import WorkerDiedError, worker_pool
 from tests.motion import calls
 
 
@@ -77,3 +79,17 @@ def test_no_cluster_there():
         worker_pool(None, None, 1, scheduler="tcp://127.0.0.1:1"),
     ):
         pass
+
+
+def test_prepared_processes_have_the_modules():
+    code = (
+        "from ocptip.numerics.workers import prepare_workers, ready, worker_pool\n"
+        "prepare_workers(['colorsys', 'no_such_module'])\n"
+        "with worker_pool(None, 2, 2) as pool:\n"
+        "    has = pool.submit(eval, \"'colorsys' in __import__('sys').modules\").result()\n"
+        "    threads = pool.submit(eval, \"__import__('os').environ['OMP_NUM_THREADS']\").result()\n"
+        "print(has, threads, ready.__name__)\n"
+    )
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert said.stdout.split() == [f"{sys.platform.startswith('linux')}", "1", "ready"], said.stderr
+    assert said.stderr == ""
