@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 from ocptip.basics.errors import InputError
+from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.solver import solve_many
 from ocptip.motion.load_cases import Asked, RestLoads, largest_payload, load_cases, tilt_by_direction
 from ocptip.published.tasks import experiment_task
+from ocptip.reserves.slip import Slip
 from ocptip.task_files.load_cases import load_asked
 
 TASK = experiment_task("A")
@@ -99,3 +101,24 @@ def test_bad_files_are_refused_by_name(tmp_path, text, words):
     file.write_text(text)
     with pytest.raises(InputError, match=words):
         load_asked(file, ROBOT.arm, {})
+
+
+@pytest.mark.parametrize("corners", [3, 4, 5])
+def test_what_half_spaces_prove_need_not_be_solved(corners, monkeypatch):
+    turns = 2 * np.pi * np.arange(corners) / corners + 0.1
+    feet = [
+        UnilateralContact(position=[0.4 * np.cos(t), 0.3 * np.sin(t), -0.1], friction=0.3 + 0.05 * k)
+        for k, t in enumerate(turns)
+    ]
+    robot = ROBOT.varied(support=ROBOT.support.varied(feet))
+    asked = Asked({"start": POSE}, payloads=(0.0,), tilts=(0.05,), pushes=(15.0, 60.0))
+
+    def found():
+        tilts, payloads = tilt_by_direction(robot, POSE)[1], largest_payload(robot, POSE[None])
+        return load_cases(robot, asked), tilts.tolist(), payloads.tolist()
+
+    quick = found()
+    monkeypatch.setattr(Slip, "half_spaces", lambda *_: None)
+    all_of_them = found()
+    assert quick == all_of_them
+    assert {case.stands for case in quick[0]} == {True, False}

@@ -251,7 +251,12 @@ def freed_texts(plan: CyclePlan) -> Iterator[str]:
 
 
 def segment_table(task: CycleTask, check: CycleCheck) -> list[str]:
-    """One row per segment: what it holds, energy, duration, rest, worst values; and one of all."""
+    """Lines of `segment_rows`."""
+    return table(segment_rows(task, check), left=(0, 1))
+
+
+def segment_rows(task: CycleTask, check: CycleCheck) -> list[list[str]]:
+    """Titles, a row per segment (what it holds, energy, duration, rest, worst values), and one of all."""
     rows = [["segment", "holds", "energy", "time", "rest", *_HEADS.values(), ""]]
     for k, (name, own) in enumerate(zip(check.names, check.segments, strict=True)):
         payload = task.segments[k].task.robot.payload
@@ -272,7 +277,7 @@ def segment_table(task: CycleTask, check: CycleCheck) -> list[str]:
     rest = f"{quantity(sum(check.pauses), 's')}, {quantity(sum(check.rest_energies), 'J')}"
     total = [quantity(whole.energy, "J"), f"{whole.duration:.3f} s", rest if any(check.pauses) else "-"]
     rows.append(["in all", "", *total, *_values(whole), "" if whole.verified else "BROKEN"])
-    return table(rows, left=(0, 1))
+    return rows
 
 
 def _values(check: Any) -> list[str]:

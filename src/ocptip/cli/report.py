@@ -1,10 +1,10 @@
-"""`ocptip report`: what a plan was checked for, as one document for the safety file."""
+"""`ocptip report`: what a plan or a cycle was checked for, as one document for the safety file."""
 
 from __future__ import annotations
 
 import os
 from argparse import Namespace
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,10 +18,14 @@ from ocptip.basics.write import file_target, versions, write_bytes
 from ocptip.cli import report_page as html
 from ocptip.cli.check import worst_rows
 from ocptip.cli.command import Report
+from ocptip.cli.cycles import segment_rows
 from ocptip.cli.layout import certificate_rows, masses, within_rows
 from ocptip.cli.progress import say_if_compiling
 from ocptip.cli.stops import stops_of
 from ocptip.motion.check import MotionCheck, certified, check_motion
+from ocptip.motion.cycles.check import CycleCheck, certified_cycle, check_cycle
+from ocptip.motion.cycles.task import CycleTask
+from ocptip.motion.cycles.tolerated import cycle_tolerances
 from ocptip.motion.load_cases import (
     MOST_TILT,
     Asked,
@@ -32,13 +36,15 @@ from ocptip.motion.load_cases import (
 )
 from ocptip.motion.stops import Stops
 from ocptip.motion.task import MotionTask
-from ocptip.motion.tolerated import Tolerated, tolerated
+from ocptip.motion.tolerated import Tolerated, tolerances
 from ocptip.standing.arm import StandingRobot
+from ocptip.standing.parts import Part
 from ocptip.standing.tolerance import NONE
 from ocptip.task_files.cycle import read_task
 from ocptip.task_files.load_cases import load_asked
-from ocptip.task_files.plan_folder import PlanFolder, arm_of, read_plan_folder
+from ocptip.task_files.plan_folder import PlanFolder, arms_of, read_plan_folder
 from ocptip.trajectories.sampled import Motion
+from ocptip.trajectories.sequence import MotionSequence
 
 ENDINGS = (".html", ".pdf")
 OVERVIEW = "plan.png"
@@ -64,19 +70,86 @@ def run(options: Namespace) -> DocumentReport:
         out = file_target(options.out or f"ocptip-report-{path.resolve().stem}.html", ENDINGS)
     folder = read_plan_folder(path) if path.is_dir() else None
     task = folder.task if folder else read_task(path)
-    robot = arm_of(task, "report is about", path)
-    assert isinstance(task, MotionTask)
+    robots = arms_of(task, "report is about", path)
     say_if_compiling()
-    found = Document(path.name, task, folder, options.cases)
-    poses = {"start": task.start, "goal": task.goal}
     if folder is not None:
-        _, motion = folder.of_arm("report is about")
-        found.moves(robot, motion)
-        poses = {"start": motion.start, "goal": motion.goal, **found.worst_poses(motion)}
-    asked = Asked(poses) if options.cases is None else load_asked(options.cases, robot.arm, poses)
-    found.cases = load_cases(robot, asked)
-    found.tilts = {name: tilt_by_direction(robot, q) for name, q in asked.poses.items()}
+        stages = [Stage(*one) for one in zip(_tasks(task), folder.parts("report is about"), strict=True)]
+    else:
+        stages = [Stage(own, None, _names(task)[k]) for k, own in enumerate(_tasks(task))]
+    found = Document(path.name, task, folder, options.cases, stages)
+    if folder is not None:
+        found.moves(folder.motion)
+    for stage, robot in zip(stages, robots, strict=True):
+        stage.rests(robot, options.cases)
     return DocumentReport(found, out)
+
+
+def _tasks(task: MotionTask | CycleTask) -> list[MotionTask]:
+    """That of the motion; of a cycle one per segment, from and to the first posture of those it may take."""
+    if isinstance(task, MotionTask):
+        return [task]
+    starts = [task.starts[0], *(segment.goals[0] for segment in task.segments[:-1])]
+    pairs = zip(task.segments, starts, strict=True)
+    return [segment.between(start, segment.goals[0]) for segment, start in pairs]
+
+
+def _names(task: MotionTask | CycleTask) -> list[str]:
+    return [""] if isinstance(task, MotionTask) else [segment.name for segment in task.segments]
+
+
+class Stage:
+    """A motion, or a segment of a cycle: what is said of it alone.
+
+    Args:
+        task: with the robot as it is then.
+        part: what it does; None: not planned.
+        name: of the segment; of a single motion empty.
+    """
+
+    def __init__(self, task: MotionTask, part: Part | None, name: str = "") -> None:
+        self.task, self.part, self.name = task, part, part.name if part else name
+        self.checked: MotionCheck | None = None
+        self.stops: Stops | None = None
+        self.payloads: tuple[np.ndarray, np.ndarray] | None = None
+        self.cases: list[LoadCase] = []
+        self.tilts: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+
+    def moves(self, checked: MotionCheck) -> None:
+        """Look at the motion; its check is known."""
+        assert self.part is not None
+        self.checked, robot, motion = checked, self.part.robot, self.part.motion
+        as_described = replace(self.task.limits, tolerance=NONE)  # stops are looked at without one
+        stopped = check_motion(robot, motion, self.task.stops.asked(as_described))
+        self.stops = stops_of(self.task, motion, stopped, "path")
+        times = np.linspace(0.0, motion.end, POSTURES)
+        self.payloads = self.part.begin + times, largest_payload(robot, motion.states(times)[0])
+
+    def rests(self, robot: StandingRobot, cases_file: str | None) -> None:
+        """Look at postures at rest."""
+        poses = {"start": self.task.start, "goal": self.task.goal}
+        if self.part is not None:
+            poses = {"start": self.part.motion.start, "goal": self.part.motion.goal, **self._worst_poses()}
+        asked = Asked(poses) if cases_file is None else load_asked(cases_file, robot.arm, poses)
+        if self.name:
+            asked = replace(asked, poses={f"{self.name}: {pose}": q for pose, q in asked.poses.items()})
+        self.cases = load_cases(robot, asked)
+        self.tilts = {name: tilt_by_direction(robot, q) for name, q in asked.poses.items()}
+
+    def _worst_poses(self) -> dict[str, np.ndarray]:
+        """Postures where the reserves are used most."""
+        assert self.part is not None
+        assert self.checked is not None
+        motion, begin = self.part.motion, self.part.begin
+        times = {name: self.checked.worst[name].time for name in ("GN", "GT")}
+        return {
+            f"worst {name} ({begin + time:.3f} s)": motion.states(np.array([time]))[0][0]
+            for name, time in times.items()
+            if 0 < time < motion.end
+        }
+
+    def said(self, lines: Iterable[str]) -> list[str]:
+        """Lines, with the segment's name before them."""
+        return [f"{self.name}: {line}" if self.name else line for line in lines]
 
 
 class Document:
@@ -87,39 +160,43 @@ class Document:
         task: with the robot.
         folder: of the plan, if there is one.
         cases_file: that was named for the load cases.
+        stages: of the motion, or of the segments of a cycle.
     """
 
     def __init__(
-        self, name: str, task: MotionTask, folder: PlanFolder | None, cases_file: str | None
+        self,
+        name: str,
+        task: MotionTask | CycleTask,
+        folder: PlanFolder | None,
+        cases_file: str | None,
+        stages: Sequence[Stage],
     ) -> None:
         self.name, self.task, self.folder, self.cases_file = name, task, folder, cases_file
+        self.stages = stages
         self.checked: MotionCheck | None = None
-        self.stops: Stops | None = None
+        self.segments: CycleCheck | None = None
         self.tolerated: tuple[Tolerated, ...] = ()
-        self.payloads: tuple[np.ndarray, np.ndarray] | None = None
-        self.cases: list[LoadCase] = []
-        self.tilts: dict[str, tuple[np.ndarray, np.ndarray]] = {}
 
-    def moves(self, robot: StandingRobot, motion: Motion) -> None:
-        """Look at the motion."""
-        task = self.task
-        self.checked = certified(robot, motion, check_motion(robot, motion, task.limits), task.limits)
-        as_described = replace(task.limits, tolerance=NONE)  # stops are looked at without one
-        stopped = check_motion(robot, motion, task.stops.asked(as_described))
-        self.stops = stops_of(task, motion, stopped, "path")
-        self.tolerated = tolerated(robot, motion)
-        times = np.linspace(0.0, motion.end, POSTURES)
-        self.payloads = times, largest_payload(robot, motion.states(times)[0])
+    def moves(self, motion: Motion | MotionSequence) -> None:
+        """Look at the motions."""
+        if isinstance(self.task, CycleTask):
+            assert isinstance(motion, MotionSequence)
+            self.segments = certified_cycle(self.task, motion, check_cycle(self.task, motion))
+            self.checked, checks = self.segments.whole, self.segments.segments
+            self.tolerated = cycle_tolerances(self.task, motion)
+        else:
+            assert not isinstance(motion, MotionSequence)
+            robot, limits = self.task.robot, self.task.limits
+            self.checked = certified(robot, motion, check_motion(robot, motion, limits), limits)
+            checks = (self.checked,)
+            self.tolerated = tolerances(robot, motion)
+        for stage, checked in zip(self.stages, checks, strict=True):
+            stage.moves(checked)
 
-    def worst_poses(self, motion: Motion) -> dict[str, np.ndarray]:
-        """Postures where the reserves are used most."""
-        assert self.checked is not None
-        times = {name: self.checked.worst[name].time for name in ("GN", "GT")}
-        return {
-            f"worst {name} ({time:.3f} s)": motion.states(np.array([time]))[0][0]
-            for name, time in times.items()
-            if 0 < time < motion.end
-        }
+    @property
+    def cases(self) -> list[LoadCase]:
+        """Of all stages."""
+        return [case for stage in self.stages for case in stage.cases]
 
     @property
     def stands(self) -> bool:
@@ -153,8 +230,9 @@ class Document:
     def _machine(self) -> Iterator[str]:
         robot, support = self.task.robot, self.task.robot.support
         yield html.heading("Machine")
+        held = [(f"masses, {s.name}" if s.name else "masses", masses(s.task.robot)) for s in self.stages]
         rows = [
-            ("masses", masses(robot)),
+            *held,
             ("centre of mass of the base", f"{_vector(support.center_of_mass)} m"),
             ("joints", ", ".join(robot.names)),
         ]
@@ -172,18 +250,23 @@ class Document:
         texts = [
             "Base and links are rigid; contacts obey Coulomb's law with the friction given above.",
             "The ground bears every foot; it is level unless a tilt is named.",
-            *self.task.robot.notes,
+            *dict.fromkeys(note for stage in self.stages for note in stage.task.robot.notes),
         ]
         if self.checked is not None:
             texts += [f"Collision: {self.checked.collision_text}.", *self.checked.feet_lines]
-            texts += self.stops.assumed if self.stops else ()
+            texts += dict.fromkeys(text for s in self.stages if s.stops for text in s.stops.assumed)
         yield html.items(texts)
 
     def _motion(self, checked: MotionCheck) -> Iterator[str]:
         yield html.heading("Motion")
         energy = f"{quantity(checked.energy, 'J')} in {quantity(checked.duration, 's')}"
         yield html.paragraph(f"{energy}; looked at {checked.samples} instants.")
-        yield html.items(text for _, text in (*certificate_rows(checked), *within_rows(checked)))
+        if self.segments is not None and isinstance(self.task, CycleTask):
+            titles, *rows = segment_rows(self.task, self.segments)
+            yield html.grid(titles, rows)
+        yield html.items(text for _, text in certificate_rows(checked))
+        for stage in self.stages:
+            yield html.items(stage.said(text for _, text in within_rows(stage.checked or checked)))
         titles, *rows = worst_rows(checked)
         yield html.grid(titles, rows)
         yield html.items(checked.contacts.lines())
@@ -192,9 +275,13 @@ class Document:
         yield html.heading("Tolerated alone")
         yield html.paragraph("Each of these, all else as described, loses no contact in the motion:")
         yield html.items(self.tolerated)
-        if self.stops is not None:
+        if any(stage.stops for stage in self.stages):
             yield html.heading("Stops")
-            yield html.items(self.stops.lines())
+            if self.segments is not None:
+                yield html.paragraph("Times are those of the segment.")
+            for stage in self.stages:
+                if stops := stage.stops:
+                    yield html.items(stage.said(t for t in stops.lines() if t not in stops.assumed))
 
     def _rest(self) -> Iterator[str]:
         from ocptip.pictures.load_cases import payload_figure, tilt_figure
@@ -208,19 +295,19 @@ class Document:
         titles = ("pose", "payload", "tilt", "push", "stands", "GN", "GT", "least force", "worst direction")
         yield html.grid(titles, map(_case_row, self.cases))
         yield html.heading("Tilt by direction")
-        least = ", ".join(f"{name} {_tilt(tilts)}" for name, (_, tilts) in self.tilts.items())
-        yield html.paragraph(f"At rest, as described else; least: {least}.")
-        yield html.picture(
-            tilt_figure(self.tilts), "Largest tilt of the floor by direction, seen from above."
-        )
-        if self.payloads is not None:
-            times, held = self.payloads
+        for stage in self.stages:
+            least = ", ".join(f"{name} {_tilt(tilts)}" for name, (_, tilts) in stage.tilts.items())
+            yield html.paragraph(f"At rest, as described else; least: {least}.")
+            caption = "Largest tilt of the floor by direction, seen from above."
+            yield html.picture(tilt_figure(stage.tilts), caption)
+        if payloads := [stage.payloads for stage in self.stages if stage.payloads is not None]:
+            times, held = map(np.concatenate, zip(*payloads, strict=True))
             yield html.heading("Largest payload")
             least = f"{quantity(float(held.min()), 'kg')} more at the gripper at {times[held.argmin()]:.3f} s"
             yield html.paragraph(
                 f"At rest in the postures of the motion; least: {least}. Drives not looked at."
             )
-            yield html.picture(payload_figure(*self.payloads), "What the gripper may hold, at rest.")
+            yield html.picture(payload_figure(times, held), "What the gripper may hold, at rest.")
 
     def _tests(self) -> Iterator[str]:
         yield html.heading("Which table answers which test")
@@ -229,30 +316,36 @@ class Document:
     def _again(self) -> Iterator[str]:
         yield html.heading("To compute this again")
         cases = f" --cases {self.cases_file}" if self.cases_file else ""
-        yield html.paragraph(f"`ocptip report {self.name}{cases}`")
+        yield html.paragraph(
+            f"In the folder with {self.name}: `ocptip report {self.name}{cases}` (all of it)"
+        )
         if self.folder is not None:
-            data = self.folder.data
-            yield html.paragraph(
-                f"`ocptip check {self.name} --stops path`; planned with seed {data.get('seed')}."
-            )
+            seed = f"planned with seed {self.folder.data.get('seed')}"
+            yield html.paragraph(f"`ocptip check {self.name}` (the motion; {seed})")
+            if not self.segments:
+                alone = " --tolerance none" if self.task.limits.tolerance.given else ""
+                yield html.paragraph(f"`ocptip check {self.name} --stops path{alone}` (stops)")
             sums = read_sums(self.folder.path)
             yield html.grid((f"file ({SUMS})", "SHA-256"), sums.items())
         yield html.grid(("program", "version"), versions().items())
 
     def to_dict(self) -> dict[str, Any]:
         """The same as data."""
-        worst = {} if self.checked is None else {"check": self.checked.to_dict()}
-        stops = {} if self.stops is None else {"stops": self.stops.to_dict()}
-        payload = {} if self.payloads is None else {"least_more_payload_kg": float(self.payloads[1].min())}
+        known = self.segments or self.checked
+        worst = {} if known is None else {"check": known.to_dict()}
+        stops = [{"segment": s.name, **s.stops.to_dict()} for s in self.stages if s.stops]
+        held = [float(s.payloads[1].min()) for s in self.stages if s.payloads is not None]
         return {
             "name": self.task.name,
             **worst,
-            **stops,
-            **payload,
+            **({"stops": stops if self.segments else stops[0]} if stops else {}),
+            **({"least_more_payload_kg": min(held)} if held else {}),
             "tolerated": [one.to_dict() for one in self.tolerated],
             "load_cases": [case.to_dict() for case in self.cases],
             "least_tilt_deg": {
-                name: float(np.degrees(tilts.min())) for name, (_, tilts) in self.tilts.items()
+                name: float(np.degrees(tilts.min()))
+                for stage in self.stages
+                for name, (_, tilts) in stage.tilts.items()
             },
             "assumed": list(self.task.robot.notes),
             "versions": versions(),

@@ -13,7 +13,7 @@ from ocptip.basics.errors import InputError
 _STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em }
 h1, h2 { line-height: 1.2 } h2 { margin-top: 2em; border-bottom: 1px solid #d0d0d0 }
-table { border-collapse: collapse; font-size: 13px }
+table { border-collapse: collapse; font-size: 13px; margin: 1em 0 }
 td, th { padding: 2px 10px; text-align: left; vertical-align: top }
 th { border-bottom: 1px solid #808080 } tr:nth-child(even) td { background: #f5f5f5 }
 img { max-width: 100% } code { background: #f0f0f0; padding: 0 3px }
@@ -45,10 +45,11 @@ def items(texts: Iterable[object]) -> str:
 
 
 def grid(titles: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """A table with a line of titles."""
-    head = "".join(f"<th>{escape(title)}</th>" for title in titles)
+    """A table with a line of titles, unless these are empty."""
+    names = "".join(f"<th>{escape(title)}</th>" for title in titles)
+    head = f"<thead><tr>{names}</tr></thead>" if any(titles) else ""
     body = "".join(f"<tr>{''.join(f'<td>{_cell(cell)}</td>' for cell in row)}</tr>" for row in rows)
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+    return f"<table>{head}<tbody>{body}</tbody></table>"
 
 
 def _cell(value: object) -> str:

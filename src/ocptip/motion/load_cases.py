@@ -15,6 +15,7 @@ import numpy as np
 
 from ocptip.basics.errors import finite_array
 from ocptip.contact.resting import solve_resting
+from ocptip.contact.states import ContactStates
 from ocptip.robots.dynamics import evaluate_dynamics
 from ocptip.robots.kinematics import gripper_batch
 from ocptip.standing.arm import StandingRobot
@@ -22,6 +23,7 @@ from ocptip.standing.arm import StandingRobot
 AROUND = 24  # directions of tilt, and of pushes along the floor
 MOST_TILT = np.pi / 3
 HALVINGS = 20
+AT_ONCE = 16  # states of which slip is solved before half spaces are made anew
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,10 +136,10 @@ def tilt_by_direction(robot: StandingRobot, q: np.ndarray, count: int = 72) -> t
         does not stand on level ground.
     """
     loads, gravity = RestLoads(robot, q[None]), robot.support.gravity
-    sides = around(gravity, count)
+    sides, judge = around(gravity, count), _judge(robot)
 
     def stands(tilt: np.ndarray) -> np.ndarray:
-        return _stands(robot, np.vstack([loads.wrenches(g) for g in tilted(gravity, sides, tilt)]))
+        return judge(np.vstack([loads.wrenches(g) for g in tilted(gravity, sides, tilt)]))
 
     return sides, _largest(stands, np.full(count, MOST_TILT))
 
@@ -147,10 +149,10 @@ def largest_payload(robot: StandingRobot, q: np.ndarray) -> np.ndarray:
 
     At most the robot's own mass; what the drives can hold is not looked at.
     """
-    loads, gravity = RestLoads(robot, q), robot.support.gravity
+    loads, gravity, judge = RestLoads(robot, q), robot.support.gravity, _judge(robot)
 
     def stands(payload: np.ndarray) -> np.ndarray:
-        return _stands(robot, loads.wrenches(gravity, payload[:, None]))
+        return judge(loads.wrenches(gravity, payload[:, None]))
 
     return _largest(stands, np.full(len(q), robot.mass))
 
@@ -165,7 +167,7 @@ def _case(
     wrenches = np.vstack([loads.wrenches(gravities[i], payload, push * towards[k]) for i, k in pairs])
     states = solve_resting(robot.support, wrenches)
     GN = robot.tip_over.evaluate(states).GN
-    GT = robot.slip.evaluate(states, derivatives=False).GT
+    GT = _slips(robot, states)
     use = np.fmax(np.nan_to_num(GN, nan=np.inf), np.nan_to_num(GT, nan=np.inf))
     i, k = pairs[int(np.argmax(use))]
     return LoadCase(
@@ -175,11 +177,54 @@ def _case(
     )  # fmt: skip
 
 
-def _stands(robot: StandingRobot, wrenches: np.ndarray) -> np.ndarray:
-    """(N,) whether no contact is lost."""
-    states = solve_resting(robot.support, wrenches)
-    tips = robot.tip_over.evaluate(states).GN
-    return (tips < 1) & (robot.slip.evaluate(states, derivatives=False).GT < 1)
+def _judge(robot: StandingRobot) -> Callable[[np.ndarray], np.ndarray]:
+    """Says of wrenches (N, 6) whether no contact is lost, (N,); what half spaces prove is not solved."""
+    held = robot.slip.half_spaces(1.0)
+
+    def stands(wrenches: np.ndarray) -> np.ndarray:
+        states = solve_resting(robot.support, wrenches)
+        good = robot.tip_over.evaluate(states).GN < 1
+        left = np.flatnonzero(good if held is None else good & ~_inside(held, states))
+        good[left] = robot.slip.evaluate(states.select(left), derivatives=False).GT < 1
+        return good
+
+    return stands
+
+
+def _slips(robot: StandingRobot, states: ContactStates) -> np.ndarray:
+    """(N,) GT; -inf of states of which half spaces prove that it is below the largest."""
+    found = np.full(len(states), -np.inf)
+
+    def solve(rows: np.ndarray) -> None:
+        found[rows] = robot.slip.evaluate(states.select(rows), derivatives=False).GT
+
+    first = ~states.persistent
+    first[np.argmax(np.where(first, -np.inf, _steepness(robot, states.wrenches)))] = True
+    solve(np.flatnonzero(first))
+    for most in (AT_ONCE, len(states)):
+        held = robot.slip.half_spaces(float(np.max(found[states.persistent], initial=0.0)))
+        left = np.isneginf(found)
+        if held is None:
+            solve(np.flatnonzero(left))
+            break
+        left &= ~_inside(held, states)
+        worst = np.argsort(-np.where(left, np.max(states.wrenches @ held.T, axis=1), -np.inf))
+        solve(worst[: min(most, int(left.sum()))])
+    return found
+
+
+def _inside(held: np.ndarray, states: ContactStates) -> np.ndarray:
+    """(N,) True of states that stand, and well inside these half spaces (m, 6)."""
+    return states.persistent & np.all(states.wrenches @ held.T < 0, axis=1)
+
+
+def _steepness(robot: StandingRobot, wrenches: np.ndarray) -> np.ndarray:
+    """(N,) tangent of the force's angle to the mean normal of the contacts."""
+    normal = robot.support.frames[:, :, 0].mean(axis=0)
+    normal = normal / max(float(np.linalg.norm(normal)), 1e-300)
+    down = -wrenches[:, :3] @ normal
+    across = np.linalg.norm(wrenches[:, :3] + down[:, None] * normal, axis=1)
+    return across / np.maximum(down, 1e-300)
 
 
 def _largest(stands: Callable[[np.ndarray], np.ndarray], most: np.ndarray) -> np.ndarray:
