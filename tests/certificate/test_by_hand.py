@@ -80,7 +80,7 @@ def test_the_same_moment_within_a_tolerance():
     motion = {"times": [[0.0, 0.0], [0.0, 0.02], [0.02, 0.02]]}
     motion["angles"] = [[[0.0, 0.0, 0.0]], [[3e-4, 6e-4, 3e-4]], [[1.2e-3, 0.0, 0.0]]]
     sharing = Sharing(_model(), motion, none | boxes | own, {"GN_worst_case": 0.8, "GT_worst_case": 0.9})
-    rows = sharing.late.rows(np.array([0.0]), np.array([0.02]))
+    [rows] = sharing.late.rows(np.array([0.0]), np.array([0.02]))
     least = sharing.moments(sharing.terms(rows))
     b_g, b_x_g = (2.85 * 0.1 + 2.1 * 0.2) * G, 2.1 * 0.5 * G
     assert b_g * np.cos(0.01) - b_x_g * np.sin(0.01) == pytest.approx(6.8127, abs=1e-4)

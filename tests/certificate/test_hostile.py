@@ -252,9 +252,11 @@ def _judged_within(data, ends, bound):
     """With one choice of forces and weights in all rows there are."""
     data["bounds"]["GN_worst_case"] = bound
     late = Sharing(data["model"], data["motion"], data["tolerance"], data["bounds"]).late
-    count = len(late.rows(np.array(ends[:-1]), np.array(ends[1:])).interval)
+    [rows] = late.rows(np.array(ends[:-1]), np.array(ends[1:]))
+    count = len(rows.number)
     forces = [[[[f, 0.0, 0.0] for f in _weights()]]] * 2
-    data["cover_within"] = {"ends": ends, "forces": [forces] * count, "weights": [[[1.0, 1.0]] * 3] * count}
+    named = {"forces": [forces] * count, "weights": [[[1.0, 1.0]] * 3] * count}
+    data["cover_within"] = {"ends": ends, "apart": [[0]] * (len(ends) - 1), **named}
     return _judged(data)
 
 
@@ -281,7 +283,7 @@ def test_steps_within_a_delay_add_up_from_each_of_them():
 
 def test_what_steps_hardly_add_up_to_is_not_lost():
     data = _within([1.0, 5e-6], 0.002, delay=0.01, overshoot=1.0)  # 1, then nearly -1
-    at = Late(data["motion"], 0.01, 1.0).rows(np.array([0.004]), np.array([0.005]))
+    [at] = Late(data["motion"], 0.01, 1.0).rows(np.array([0.004]), np.array([0.005]))
     _, high = at.qdd.range
     resting = np.isclose(at.qdd.c[0, 0], 5e-6, atol=1e-9)
     assert np.any(resting & (high[0] >= 1e-5 - 1e-12))

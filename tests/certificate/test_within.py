@@ -63,7 +63,8 @@ def _late_states(motion: ArmMotion, tolerance: Tolerance, late: Late, rng: np.ra
 
 @pytest.mark.parametrize("case", ["B", "G"])
 @pytest.mark.parametrize("tolerance", [WORKSHOP, _PUSHED], ids=["workshop", "pushed"])
-def test_no_state_within_the_tolerance_has_less_than_is_proved(case, tolerance):
+@pytest.mark.parametrize("share", [1.0, 0.5, 0.0], ids=["apart", "some in boxes", "in boxes"])
+def test_no_state_within_the_tolerance_has_less_than_is_proved(case, tolerance, share):
     task, motion = _swing(case)
     robot = task.robot
     tolerance = replace(tolerance, base_mass=0.1) if tolerance is _PUSHED else tolerance
@@ -71,16 +72,19 @@ def test_no_state_within_the_tolerance_has_less_than_is_proved(case, tolerance):
         model_data(robot), motion_data(motion), tolerance_data(tolerance, robot.support), _ASKED
     )
     ends = np.unique(np.concatenate([np.linspace(0, sharing.late.end, 40), sharing.late.events]))
-    rows = sharing.late.rows(ends[:-1], ends[1:])
+    chosen = np.random.default_rng(4).random((len(ends) - 1, robot.n)) < share
     proved = np.full(len(ends) - 1, np.inf)
-    np.minimum.at(proved, rows.interval, sharing.moments(sharing.terms(rows)))
+    for rows in sharing.late.rows(ends[:-1], ends[1:], chosen):
+        np.minimum.at(proved, rows.interval, sharing.moments(sharing.terms(rows)))
     times, states = _late_states(motion, tolerance, sharing.late, np.random.default_rng(3), 1500)
     cases = worst_case_of(robot, replace(tolerance, delay=0.0, damping=None))
     found = np.min(cases.all_moments(states), axis=1)
     interval = np.searchsorted(ends, times) - 1
     assert np.all(found >= proved[interval] - 1e-6)
     unit = robot.tip_over.reference_moment
-    assert np.min(found) - np.min(proved) < 0.06 * unit  # the worst of the joints is not tried on purpose
+    assert (
+        np.min(found) - np.min(proved) < (0.06 if share == 1 else 0.5) * unit
+    )  # the worst of the joints is not tried on purpose
 
 
 @pytest.mark.parametrize("quantity", ["tilt", "arm_mass", "push", "speed"])
@@ -91,7 +95,8 @@ def test_one_quantity_costs_next_to_nothing(quantity):
         model_data(task.robot), motion_data(motion), tolerance_data(own, task.robot.support), _ASKED
     )
     ends = np.unique(np.concatenate([np.linspace(0, sharing.late.end, 120), sharing.late.events]))
-    proved = np.min(sharing.moments(sharing.terms(sharing.late.rows(ends[:-1], ends[1:]))))
+    [rows] = sharing.late.rows(ends[:-1], ends[1:])
+    proved = np.min(sharing.moments(sharing.terms(rows)))
     times = np.linspace(1e-6, motion.end - 1e-6, 2000)
     times = np.concatenate([times, motion.event_times + 2e-7, motion.event_times[1:] - 2e-7])
     found = np.min(worst_case_of(task.robot, own).all_moments(np.hstack(motion.states(times))))
@@ -142,7 +147,8 @@ def _by_hand():
     rear = ((BASE + MASS) * G - front) / 2
     forces = [[[[f, 0.0, 0.0] for f in (rear, rear, front)]]] * 2
     ends = [0.0, 0.01, 0.04]
-    data["cover_within"] = {"ends": ends, "forces": [forces] * 2, "weights": [[[1.0, 1.0]] * 3] * 2}
+    named = {"forces": [forces] * 2, "weights": [[[1.0, 1.0]] * 3] * 2}
+    data["cover_within"] = {"ends": ends, "apart": [[], [0]], **named}
     data["bounds"] |= {"GN_worst_case": 0.45, "GT_worst_case": 0.2}
     return data
 
@@ -250,6 +256,11 @@ _CHANGES = {
             ("cover_within.ends", [0.01, 0.02, 0.04]),
             ("cover_within.ends", [0.0, 0.02, 0.01, 0.04]),
             ("cover_within.ends", [0.0]),
+            ("cover_within.apart", [[]]),
+            ("cover_within.apart", [[], [-1]]),
+            ("cover_within.apart", [[], [1]]),
+            ("cover_within.apart", [[], [True]]),
+            ("cover_within.apart", None),
             ("cover_within.forces", []),
             ("cover_within.weights", []),
             ("cover_within.weights", [[[0.0, 0.0]] * 3] * 2),

@@ -85,17 +85,20 @@ def check_random_arms(arms, intervals, worlds_each, seed):
         late = Late(motion, tolerance["delay"] * (1 + tolerance["speed"]), tolerance["overshoot"])
         starts = rng.uniform(0, late.end, intervals)
         ends = starts + rng.uniform(1e-4, 0.005, intervals)
-        rows = late.rows(starts, ends)
-        terms = within.terms(rows)
         scale = np.array([1.0] * 3 + [3.0] * 3)
         h = rng.normal(size=(3, 6)) * scale
-        most = np.broadcast_to(h[:, :, None], (3, 6, len(rows.interval)))
-        least = within.least(terms, most, np.zeros((2, 3, len(rows.interval))))
-        size = np.abs(h) @ terms.size
+        bounds, sizes = np.full((3, intervals), np.inf), np.zeros((3, intervals))
+        for rows in late.rows(starts, ends, rng.random((intervals, late.joints)) < 0.5):
+            terms = within.terms(rows)
+            most = np.broadcast_to(h[:, :, None], (3, 6, len(rows.interval)))
+            least = within.least(terms, most, np.zeros((2, 3, len(rows.interval))))
+            assert np.all(terms.in_box(most, np.zeros((2, 3, len(rows.interval)))) <= least)
+            for row in range(3):
+                np.minimum.at(bounds[row], rows.interval, least[row])
+                np.maximum.at(sizes[row], rows.interval, np.abs(h[row]) @ terms.size)
         near = np.inf
         for k in range(intervals):
-            own = rows.interval == k
-            bound, large = np.min(least[:, own], axis=1), np.max(size[:, own], axis=1)
+            bound, large = bounds[:, k], sizes[:, k]
             for _ in range(worlds_each):
                 t = float(rng.choice([starts[k], ends[k], rng.uniform(starts[k], ends[k])]))
                 state = joints.state(joints.draw(t, rng))

@@ -114,7 +114,8 @@ def test_nothing_within_a_tolerance_is_below_what_is_proved(axes):
     asked = {"GN_worst_case": 0.999, "GT_worst_case": 0.999}
     sharing = Sharing(model_data(robot), motion_data(motion), tolerance_data(own, robot.support), asked)
     ends = np.unique(np.concatenate([np.linspace(0, sharing.late.end, 60), sharing.late.events]))
-    proved = np.min(sharing.moments(sharing.terms(sharing.late.rows(ends[:-1], ends[1:]))))
+    [rows] = sharing.late.rows(ends[:-1], ends[1:])
+    proved = np.min(sharing.moments(sharing.terms(rows)))
     times = np.linspace(1e-6, motion.end - 1e-6, 1000)
     found = np.min(worst_case_of(robot, own).all_moments(np.hstack(motion.states(times))))
     unit = robot.tip_over.reference_moment

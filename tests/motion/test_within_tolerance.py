@@ -172,7 +172,7 @@ def test_the_check_looks_at_what_certificates_are_about(close_jumps, delay):
         for j in range(n):
             branches = late._branches(j, t, t + 1e-7)
             most = max(most, len(branches))
-            forms = [form.c for form in late._states(branches, np.full(len(branches), j))]
+            forms = [form.c for form in late._states(branches)]
             proved = [np.array([c[0] + side * c[K] + c[K + 2] for c in forms]).T for side in (-1, 1)]
             state, room = own.s[:, j::n], own.room[:, j, None]
             early = state - room * np.column_stack([state[:, 1:], np.zeros(len(state))])

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ocptip.certificate.interior import Interior
+from ocptip.certificate.trusted.forms import K, numbers_of
 from ocptip.certificate.trusted.late import Rows
 from ocptip.certificate.trusted.sharing import Sharing
 from ocptip.certificate.trusted.within import Terms
@@ -20,7 +21,7 @@ from ocptip.standing.arm import StandingRobot
 
 HIGHEST = 1 - 1e-6  # reserves of 1 are lost
 _LONGEST, _SHORTEST = 0.01, 2e-4  # s, of intervals
-_ROUNDS = 2
+_WAYS = (27, 250, 250, 250, 0)  # combinations of branches in round after round
 _MOST, _TOO_MANY = 6000, 20_000  # rows of combinations: for more intervals; at all
 _LOSS = 2e-4  # relative: how far claims are from what is proved
 _STEPS = 8  # of the bisection of GT
@@ -93,41 +94,85 @@ class _Search:
         self._sharing = Sharing(model, motion, tolerance, goals)
         contacts = self._sharing.contacts
         self._several = contacts.count > 3 or not contacts.flat  # else the wrench says what feet bear
-        self._parts: list[tuple[np.ndarray, np.ndarray, _Judged]] = []  # starts, ends, rows
+        self._starts, self._ends = np.zeros((2, 0))
+        self._apart = np.zeros((0, self._sharing.late.joints), dtype=bool)
+        self._parts: list[_Judged] = []
 
     def run(self) -> bool:
-        """Judge intervals, and divide those on which something is missing; False: they are too many."""
-        events = np.unique(np.array(self._motion_events()))
-        starts, ends = self._first(events)
-        missing = np.inf
-        for k in range(_ROUNDS + 1):
-            rows = self._sharing.late.rows(starts, ends)
-            if len(rows.interval) > _TOO_MANY:
+        """Judge intervals; where something is missing take joints apart, then divide; False: they are too
+        many."""
+        late = self._sharing.late
+        starts, ends = self._first()
+        apart = np.zeros((len(starts), late.joints), dtype=bool)
+        missing, total = np.inf, 0
+        for most in _WAYS:
+            groups = late.rows(starts, ends, apart)
+            if (count := sum(len(rows.number) for rows in groups)) > _TOO_MANY:
                 return False
-            judged = self._judged(rows)
-            bad = np.zeros(len(starts), dtype=bool)
-            bad[judged.interval[~judged.holds | judged.loose]] = True
-            total = sum(len(part.interval) for _, _, part in self._parts) + len(judged.interval)
-            before, missing = missing, np.count_nonzero(~judged.holds | judged.loose)
-            useful = k < _ROUNDS and total < _MOST and missing < _IN_VAIN * before
-            bad &= (ends - starts > _SHORTEST) & useful
-            kept = ~bad[judged.interval]
-            place = np.cumsum(~bad) - 1
-            part = _some(judged, kept)
-            part.interval = place[part.interval]
-            self._parts.append((starts[~bad], ends[~bad], part))
-            if not bad.any():
+            total, before, missing = total + count, missing, 0
+            short, beyond = np.zeros((2, len(starts)), dtype=bool)
+            further, parts = apart.copy(), []
+            for rows in groups:
+                part = self._judged(rows)
+                bad = ~part.holds | part.loose
+                short[rows.interval[bad]], beyond[rows.interval[part.beyond]] = True, True
+                missing += np.count_nonzero(bad)
+                self._take_apart(rows, part, bad | part.beyond, further, most)
+                parts.append(part)
+            useful = total < _MOST and missing < _IN_VAIN * before and most > 0
+            more = useful & (short | beyond & (most == _WAYS[0])) & np.any(further & ~apart, axis=1)
+            halved = useful & short & ~more & (ends - starts > _SHORTEST)
+            self._keep(starts, ends, apart, parts, ~(more | halved))
+            middle = 0.5 * (starts[halved] + ends[halved])
+            apart = np.concatenate([further[more], apart[halved], apart[halved]])
+            starts, ends = (
+                np.concatenate([starts[more], starts[halved], middle]),
+                np.concatenate([ends[more], middle, ends[halved]]),
+            )
+            if not len(starts):
                 break
-            middle = 0.5 * (starts[bad] + ends[bad])
-            starts, ends = np.concatenate([starts[bad], middle]), np.concatenate([middle, ends[bad]])
         return True
 
-    def _motion_events(self) -> np.ndarray:
-        return self._sharing.late.events
+    def _keep(
+        self,
+        starts: np.ndarray,
+        ends: np.ndarray,
+        apart: np.ndarray,
+        parts: list[_Judged],
+        done: np.ndarray,
+    ) -> None:
+        place = len(self._starts) + np.cumsum(done) - 1
+        for part in parts:
+            own = _some(part, done[part.interval])
+            own.interval = place[own.interval]
+            self._parts.append(own)
+        self._starts = np.concatenate([self._starts, starts[done]])
+        self._ends = np.concatenate([self._ends, ends[done]])
+        self._apart = np.concatenate([self._apart, apart[done]])
 
-    def _first(self, events: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _take_apart(
+        self, rows: Rows, part: _Judged, wanted: np.ndarray, apart: np.ndarray, most: int
+    ) -> None:
+        """Further joints of intervals of some rows, those first whose accelerations tip the base most, while
+        combinations are at most so many."""
+        n, terms = self._sharing.late.joints, part.terms
+        boxed = ~apart[rows.interval].T & (rows.branches > 1)  # (n, R)
+        wanted = wanted & np.any(boxed, axis=0)
+        if not self._sharing.late.delay or not np.any(wanted):
+            return
+        c = terms.parts.c[K : K + numbers_of(len(terms.parts.c))[0], :, 3:]
+        wrenches = np.einsum("t,ktir->kir", 0.5 * (terms.low + terms.high), c)
+        tips = np.max(np.abs(np.einsum("ai,kir->kar", self._sharing.contacts.axes, wrenches)), axis=1)
+        number = n - 1 + np.cumsum(boxed, axis=0)
+        for row in np.flatnonzero(wanted):
+            own, ways = apart[rows.interval[row]], rows.branches[:, row]
+            some = np.flatnonzero(boxed[:, row])
+            for joint in some[np.argsort(-tips[number[some, row], row])]:
+                own[joint] |= np.prod(ways[own]) * ways[joint] <= most
+
+    def _first(self) -> tuple[np.ndarray, np.ndarray]:
         late = self._sharing.late
-        cuts = np.unique(np.concatenate([events, events + late.delay]))
+        cuts = np.unique(np.concatenate([late.events, late.events + late.delay]))
         cuts = np.append(cuts[:-1][np.diff(cuts) > _SHORTEST / 10], cuts[-1])
         ends = [np.zeros(1)]
         for a, b in pairwise(cuts):
@@ -241,7 +286,7 @@ class _Search:
             return Found(bounds, {}, short)
         if self._sharing.contacts.flat:
             unit = self._sharing.contacts.unit
-            least = min(float(np.min(part.moments, initial=np.inf)) for *_, part in self._parts)
+            least = min(float(np.min(part.moments, initial=np.inf)) for part in self._parts)
             value = unit / (unit + least) if least > 0 else HIGHEST
             bounds["GN_worst_case"] = min(value * (1 + 1e-9), HIGHEST)
         bounds["GT_worst_case"] = self._proved_share()
@@ -250,11 +295,13 @@ class _Search:
     def _proved_share(self) -> float:
         """The least share of friction that is found to be enough for all rows."""
         low, high = self._goals["GT_worst_case"], HIGHEST
-        some = [_some(part, part.beyond & part.holds) for *_, part in self._parts]
+        some = [_some(part, part.beyond & part.holds) for part in self._parts]
         if not any(len(part.interval) for part in some):
             return low
+        step = _LOSS * low
         for _ in range(_STEPS):
-            share = 0.5 * (low + high)
+            share = 0.5 * (low + high) if high < HIGHEST else min(low + step, 0.5 * (low + high))
+            step *= 2
             more = [
                 _some(part, ~(self._sharing.held(part.terms, part.forces[:, 0], part.weights, share) >= 0))
                 for part in some
@@ -266,24 +313,23 @@ class _Search:
         return high
 
     def _cover(self) -> dict[str, Any]:
-        starts = np.concatenate([part[0] for part in self._parts])
-        order = np.argsort(starts)
-        first = np.concatenate([[0], np.cumsum([len(part[0]) for part in self._parts])])
-        owner = np.concatenate([first[k] + part[2].interval for k, part in enumerate(self._parts)])
-        forces = np.concatenate([part.forces for *_, part in self._parts], axis=-1)
-        weights = np.concatenate([part.weights for *_, part in self._parts], axis=-1)
+        order = np.argsort(self._starts)
         rank = np.empty(len(order), dtype=int)
         rank[order] = np.arange(len(order))
+        owner = np.concatenate([part.interval for part in self._parts])
+        forces = np.concatenate([part.forces for part in self._parts], axis=-1)
+        weights = np.concatenate([part.weights for part in self._parts], axis=-1)
         rows = np.argsort(rank[owner], kind="stable")
         return {
-            "ends": [*starts[order].tolist(), float(max(np.max(part[1], initial=0) for part in self._parts))],
+            "ends": [*self._starts[order].tolist(), float(np.max(self._ends))],
+            "apart": [np.flatnonzero(own).tolist() for own in self._apart[order]],
             "forces": np.moveaxis(forces, -1, 0)[rows].tolist(),
             "weights": np.moveaxis(weights, -1, 0)[rows].tolist(),
         }
 
     def _short(self) -> list[tuple[float, float, str, float]]:
         found = []
-        for starts, ends, part in self._parts:
+        for part in self._parts:
             bad = np.flatnonzero(~part.holds)
             if not len(bad):
                 continue
@@ -291,7 +337,9 @@ class _Search:
             for name, margin in self._sharing.margins(some.terms, some.forces, some.weights).items():
                 for k, short in zip(some.interval, margin, strict=True):
                     if not short >= 0:
-                        found.append((float(starts[k]), float(ends[k]), name, float(min(-short, 1e9))))
+                        found.append(
+                            (float(self._starts[k]), float(self._ends[k]), name, float(min(-short, 1e9)))
+                        )
         return found
 
 

@@ -16,8 +16,9 @@ A certificate is plain data:
 - `cover`: per piece the ends -1 = u_0 < u_1 < ... = 1 of its intervals, contact forces at both ends of
   each, and directions that separate solids;
 - `cover_within`: for the tolerance the ends t_0 < t_1 < ... of intervals (from 0 to the delay after the
-  motion; if nothing is late, from 1 s before it to 1 s after it), contact forces and weights of every
-  combination of what late joints may be doing there, or null;
+  motion; if nothing is late, from 1 s before it to 1 s after it), joints that are taken apart on each,
+  contact forces and weights of every combination of what these may be doing there while they are late, or
+  null;
 - `sha256`: of model, motion and tolerance.
 """
 
@@ -39,6 +40,7 @@ from ocptip.certificate.trusted.plain import (
     require,
     require_cover,
     require_ends,
+    require_joints,
     require_model,
     require_motion,
     require_tolerance,
@@ -46,7 +48,7 @@ from ocptip.certificate.trusted.plain import (
 from ocptip.certificate.trusted.program import require_program
 from ocptip.certificate.trusted.sharing import Sharing
 
-FORMAT = "ocptip certificate 2"
+FORMAT = "ocptip certificate 3"
 CLAIMS = ("GN", "GT", "torque_ratio", "clearance")
 CLAIMS_WITHIN = ("GN_worst_case", "GT_worst_case")
 _TIPPING = ("GN", "GN_worst_case")
@@ -179,14 +181,17 @@ def _problems_within(data: Mapping[str, Any]) -> tuple[list[str], int]:
     cover = data["cover_within"]
     sharing = Sharing(data["model"], data["motion"], data["tolerance"], data["bounds"])
     ends = require_ends(cover["ends"], sharing.late.start, sharing.late.end)
-    rows = sharing.late.rows(ends[:-1], ends[1:])
-    count, contacts = len(rows.interval), sharing.contacts.count
+    apart = require_joints(cover["apart"], len(ends) - 1, sharing.late.joints)
+    groups = sharing.late.rows(ends[:-1], ends[1:], apart)
+    count, contacts = sum(len(rows.number) for rows in groups), sharing.contacts.count
     shape = (count, 2, 1 + len(sharing.contacts.couples), contacts, 3)
     forces = np.moveaxis(numbers("forces within tolerance", cover["forces"], shape), 0, -1)
     weights = np.moveaxis(numbers("weights", cover["weights"], (count, contacts, 2), 0.0), 0, -1)
     found = []
-    for name, margin in sharing.margins(sharing.terms(rows), forces, weights).items():
-        if not np.all(margin >= 0):
-            near = ends[rows.interval[int(np.argmin(margin))]]
-            found.append(f"{name}: not proved near {near:.6g} s, {np.sum(~(margin >= 0))} rows")
+    for rows in groups:
+        own = forces[..., rows.number], weights[..., rows.number]
+        for name, margin in sharing.margins(sharing.terms(rows), *own).items():
+            if not np.all(margin >= 0):
+                near = ends[rows.interval[int(np.argmin(margin))]]
+                found.append(f"{name}: not proved near {near:.6g} s, {np.sum(~(margin >= 0))} rows")
     return found, count

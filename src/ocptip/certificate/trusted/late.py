@@ -20,21 +20,24 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.certificate.trusted.forms import Form, K, U, length, polynomial
+from ocptip.certificate.trusted.forms import Form, K, U, joined, length, polynomial
+from ocptip.certificate.trusted.plain import require
 
 SLACK = (
     1e-9  # s: delays are looked at a little further than declared, so that rounded times count for nothing
 )
 REST = 1.0  # s before and after a motion: what else is looked at if nothing is late
-MOST = 250  # combinations of branches; of more, joints' branches are put into one box
+MOST = 1e5  # combinations of branches of all intervals
+_ALIKE = (1, 3)  # numbers of boxes from which rows go with others
 _SMALL = 1e-5  # of a joint's greatest acceleration: changes below it are bounds of errors, not jumps
 
 
 @dataclass(frozen=True)
 class _Branch:
-    """Piece; T is from `low` to `high`, (2,) each, s, at both ends of the interval; addition to the
+    """Joint, piece; T is from `low` to `high`, (2,) each, s, at both ends of the interval; addition to the
     acceleration; bounds (3,) of what coordinates, speeds and accelerations differ from the piece's."""
 
+    joint: int
     piece: int
     low: tuple[float, float]
     high: tuple[float, float]
@@ -42,16 +45,30 @@ class _Branch:
     loose: np.ndarray
 
 
+@dataclass(frozen=True)
+class _Box:
+    """Branches of a joint on an interval from start to end, s."""
+
+    joint: int
+    start: float
+    end: float
+    branches: list[_Branch]
+
+
 @dataclass(frozen=True, eq=False)
 class Rows:
     """Combinations of branches, R of them.
 
     Attributes:
+        number: (R,) in the order of intervals, of combinations of each.
         interval: (R,) of which interval.
-        q, qd, qdd: forms (n, R).
+        branches: (n, R) how many joints have there, apart or in a box.
+        q, qd, qdd: forms (n, R) in s, e_1 ... e_n and, of each box, how far its acceleration is off.
     """
 
+    number: np.ndarray
     interval: np.ndarray
+    branches: np.ndarray
     q: Form
     qd: Form
     qdd: Form
@@ -67,6 +84,7 @@ class Late:
 
     Attributes:
         delay: a little more, s; 0 if nothing is late and nothing overshoots.
+        joints: number of them.
         events: (E,) times between pieces, s.
         start, end: s: everything rests before, and from then on.
     """
@@ -74,6 +92,7 @@ class Late:
     def __init__(self, motion: Mapping[str, Any], delay: float, overshoot: float) -> None:
         self._times = np.array(motion["times"], dtype=float)
         self._c = np.array(motion["angles"], dtype=float)
+        self.joints = self._c.shape[1]
         self.delay = delay + SLACK if delay or overshoot else 0.0
         self._overshoot = overshoot
         self.events = self._times[:-1, 1]
@@ -126,53 +145,64 @@ class Late:
         for k in jumps:
             e = float(events[k])
             until = (e, e) if e < 0.5 * sum(high) else high
-            found.append(_Branch(k, low, until, 0.0, loose))
+            found.append(_Branch(joint, k, low, until, 0.0, loose))
             own, blur = (2 * self._overshoot * x[k, joint, 2] for x in (self._step, self._blur))
             rounded += blur
             sums = {i: x + float(own) for i, x in {**sums, k: 0.0}.items() if e - events[i] <= d}
             for more in sorted({x for x in sums.values() if abs(x) > least}):
-                found.append(_Branch(k + 1, (e, e), (e, e), more, smooth + np.array([0.0, 0.0, rounded])))
+                loose = smooth + np.array([0.0, 0.0, rounded])
+                found.append(_Branch(joint, k + 1, (e, e), (e, e), more, loose))
             small = max((abs(x) for x in sums.values() if abs(x) <= least), default=0.0)
             loose = smooth + np.array([0.0, 0.0, small + rounded])
             low = (e, e) if e > start - d + 0.5 * (end - start) else (start - d, end - d)
-        return [*found, _Branch(inside.stop, low, high, 0.0, loose)]
+        return [*found, _Branch(joint, inside.stop, low, high, 0.0, loose)]
 
-    def rows(self, starts: np.ndarray, ends: np.ndarray) -> Rows:
-        """All rows of intervals from starts to ends, (N,) each, s, interval by interval."""
-        joints = self._c.shape[1]
+    def rows(self, starts: np.ndarray, ends: np.ndarray, apart: np.ndarray | None = None) -> list[Rows]:
+        """All rows of intervals, those with about as many boxes together.
+
+        Args:
+            starts, ends: (N,) of the intervals, s.
+            apart: (N, n) joints whose branches are looked at one by one; of those of others a box is made,
+                any of their accelerations with any T. None: all joints.
+        """
         branches: list[_Branch] = []
-        owners: list[int] = []
-        choices: list[list[list[int]]] = []  # of intervals and joints: numbers of branches
-        for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
-            own = []
-            for joint in range(joints):
+        boxes: list[_Box] = []
+        interval, chosen, ways, most = [], [], [], 0
+        for number, (start, end) in enumerate(zip(starts.tolist(), ends.tolist(), strict=True)):
+            own, counts = [], []
+            for joint in range(self.joints):
                 new = self._branches(joint, start, end)
-                own.append(list(range(len(branches), len(branches) + len(new))))
-                branches += new
-                owners += [joint] * len(new)
-            choices.append(own)
-        states = self._states(branches, np.array(owners))
-        boxes: list[list[int]] = []
-        for own in choices:
-            for joint in reversed(range(joints)):
-                if prod(len(ways) for ways in own) <= MOST:
-                    break
-                if len(own[joint]) > 1:
-                    boxes.append(own[joint])
-                    own[joint] = [len(branches) + len(boxes) - 1]
-        interval, chosen = [], []
-        for number, own in enumerate(choices):
+                if self.delay and apart is not None and not apart[number, joint] and len(new) > 1:
+                    boxes.append(_Box(joint, start, end, new))
+                    own.append([-len(boxes)])
+                else:
+                    own.append(list(range(len(branches), len(branches) + len(new))))
+                    branches += new
+                counts.append(len(new))
+            most += prod(len(each) for each in own)
+            require(most <= MOST, "cover_within: too many combinations")
             for combination in product(*own):
                 interval.append(number)
                 chosen.append(combination)
+                ways.append(counts)
+        index, interval, ways = np.array(chosen).T, np.array(interval), np.array(ways).T
+        index = np.where(index < 0, len(branches) - 1 - index, index)  # (n, R)
+        states, spread = self._states(branches), np.zeros(len(branches))
         if boxes:
-            states = [_appended(form, boxes, spread) for form, spread in zip(states, (0, 0, 1), strict=True)]
-        index = np.array(chosen).T  # (n, R)
-        return Rows(np.array(interval), *(self._placed(form, index) for form in states))
+            placed, more = self._boxes(boxes)
+            states = [joined(*pair) for pair in zip(states, placed, strict=True)]
+            spread = np.concatenate([spread, more])
+        group = np.digitize(np.count_nonzero(spread[index], axis=0), _ALIKE)
+        found = []
+        for k in np.unique(group):
+            here = np.flatnonzero(group == k)
+            forms = self._placed(states, index[:, here], spread)
+            found.append(Rows(here, interval[here], ways[:, here], *forms))
+        return found
 
-    def _states(self, branches: list[_Branch], joints: np.ndarray) -> list[Form]:
+    def _states(self, branches: list[_Branch]) -> list[Form]:
         """Coordinates, speeds and accelerations (branches,), with one coefficient of e and one of e s."""
-        piece = np.array([b.piece for b in branches])
+        piece, joints = np.array([(b.piece, b.joint) for b in branches], dtype=int).reshape(-1, 2).T
         low, high = np.array([b.low for b in branches]).T, np.array([b.high for b in branches]).T  # (2, F)
         middle, rate = 0.5 * self._times[piece].sum(axis=1), self._rate[piece]
         lines = np.array([0.5 * (low[0] + low[1]), 0.5 * (high[0] + high[1])])
@@ -191,28 +221,85 @@ class Late:
         found[2] = found[2] + np.array([b.more for b in branches])
         return found
 
-    def _placed(self, form: Form, index: np.ndarray) -> Form:
-        """Forms of branches at their joints' numbers: (n, R)."""
+    def _boxes(self, boxes: list[_Box]) -> tuple[list[Form], np.ndarray]:
+        """Coordinates, speeds and accelerations for any T in the delay, forms (boxes,) in s and e; and by how
+        much accelerations may be off by themselves."""
+        first, last = np.array([(box.start, box.end) for box in boxes]).T
+        middle, half = 0.5 * (first + last - self.delay), 0.5 * (last - first + self.delay)
+        owner = np.repeat(np.arange(len(boxes)), [len(box.branches) for box in boxes])
+        parts = [part for box in boxes for part in box.branches]
+        piece, joints = np.array([(part.piece, part.joint) for part in parts]).T
+        low, high = (  # of T in branches
+            np.clip(value, (middle - half)[owner], (middle + half)[owner])
+            for value in (
+                [min(part.low + part.high) for part in parts],
+                [max(part.low + part.high) for part in parts],
+            )
+        )
+        size = U * (np.abs(first) + np.abs(last) + self.delay)[owner]
+
+        def within(origin: np.ndarray, rate: np.ndarray) -> Form:
+            """T from low to high, less an origin, times a rate."""
+            blur = (size + U * np.abs(origin)) * rate
+            return Form.of((0.5 * (low + high) - origin) * rate, 0.5 * (high - low) * rate, radius=blur)
+
+        rate = self._rate[piece]
+        u, z = within(0.5 * self._times[piece].sum(axis=1), rate), within(middle[owner], 1 / half[owner])
+        c = np.zeros((length(1), len(boxes)))
+        c[1], c[K] = 0.5 * (last - first) / half, 0.5 * self.delay / half
+        at = Form(c, U * (np.abs(first) + np.abs(last) + self.delay) / half)
+        own, found, spread = self._c[piece, joints], [], np.zeros(len(boxes))
+        for order in range(3):
+            value = polynomial(own.T, u) * rate**order + np.array(
+                [part.more * (order == 2) for part in parts]
+            )
+            loose = np.array([part.loose[order] for part in parts])
+            line = _line(value, z, owner, 0 if order == 2 else 2)
+            low_, high_ = (value - polynomial(line[:, owner], z)).range
+            ends = np.full((2, len(boxes)), np.inf)
+            np.minimum.at(ends[0], owner, low_ - loose)
+            np.minimum.at(ends[1], owner, -high_ - loose)
+            centre, spread = 0.5 * (ends[0] - ends[1]), 0.5 * (-ends[0] - ends[1])
+            form = polynomial(line, at) + centre
+            spread = spread * (1 + U) + U * np.abs(ends).sum(axis=0)
+            found.append(Form(form.c, form.r + spread * (order < 2)))
+            own = own[:, 1:] * np.arange(1, own.shape[1])
+        return found, spread
+
+    def _placed(self, states: list[Form], index: np.ndarray, spread: np.ndarray) -> list[Form]:
+        """Coordinates, speeds and accelerations of branches and boxes at their joints' numbers: (n, R)."""
         n, count = index.shape
         if not self.delay:
-            return Form(form.c[:K, index], form.r[index] + np.abs(form.c[K:]).sum(axis=0)[index])
-        c = np.zeros((length(n), n, count))
-        c[:K] = form.c[:K, index]
-        square = K + 2 * n
-        for j in range(n):
-            c[K + j, j], c[K + n + j, j] = form.c[K, index[j]], form.c[K + 1, index[j]]
-            c[square, j] = form.c[K + 2, index[j]]
-            square += n - j
-        return Form(c, form.r[index])
+            return [
+                Form(form.c[:K, index], form.r[index] + np.abs(form.c[K:]).sum(axis=0)[index])
+                for form in states
+            ]
+        boxed, found = spread[index] > 0, []
+        m = n + int(np.max(np.count_nonzero(boxed, axis=0)))
+        for form in states:
+            c = np.zeros((length(m), n, count))
+            c[:K] = form.c[:K, index]
+            square = K + 2 * m
+            for j in range(n):
+                c[K + j, j], c[K + m + j, j] = form.c[K, index[j]], form.c[K + 1, index[j]]
+                c[square, j] = form.c[K + 2, index[j]]
+                square += m - j
+            found.append(Form(c, form.r[index]))
+        joint, row = np.nonzero(boxed)
+        number = K + n - 1 + np.cumsum(boxed, axis=0)[joint, row]
+        found[2].c[number, joint, row] = spread[index[joint, row]]
+        return found
 
 
-def _appended(form: Form, boxes: list[list[int]], spread: int) -> Form:
-    """With boxes round some forms: intervals, given as errors or, spread, by e."""
-    low, high = form.range
-    ends = np.array([[np.min(low[box]), np.max(high[box])] for box in boxes]).T
-    c = np.zeros((len(form.c), len(boxes)))
-    c[0], half = 0.5 * (ends[0] + ends[1]), 0.5 * (ends[1] - ends[0]) * (1 + U) + U * np.abs(ends).sum(axis=0)
-    if spread:
-        c[K] = half
-    r = np.zeros(len(boxes)) if spread else half
-    return Form(np.concatenate([form.c, c], axis=1), np.concatenate([form.r, r]))
+def _line(value: Form, z: Form, owner: np.ndarray, degree: int) -> np.ndarray:
+    """(degree + 1, boxes): polynomials of z near the values, forms (N,), of boxes; any will do."""
+    x = np.array([-1.0, 0.0, 1.0])[:, None]
+    at, values = z.c[0] + x * z.c[1], sum(c * x**k for k, c in enumerate(value.c[:K]))
+    powers = at ** np.arange(degree + 1)[:, None, None]  # (degrees, 3, N)
+    weighted = powers * (np.abs(z.c[1]) + 1e-3)
+    count = int(owner[-1]) + 1
+    A = np.zeros((count, degree + 1, degree + 1))
+    b = np.zeros((count, degree + 1))
+    np.add.at(A, owner, np.einsum("isn,jsn->nij", weighted, powers))
+    np.add.at(b, owner, np.einsum("isn,sn->ni", weighted, values))
+    return np.linalg.solve(A + 1e-9 * np.eye(degree + 1), b[..., None])[..., 0].T

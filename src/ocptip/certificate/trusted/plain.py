@@ -132,6 +132,17 @@ def require_ends(value: Any, start: float, end: float) -> np.ndarray:
     return ends
 
 
+def require_joints(value: Any, count: int, joints: int) -> np.ndarray:
+    """Which joints (count, joints) are named, interval by interval; else MalformedError."""
+    require(isinstance(value, list) and len(value) == count, "apart: joints of every interval are expected")
+    found = np.zeros((count, joints), dtype=bool)
+    for k, own in enumerate(value):
+        for joint in own:
+            _index("apart", joint, 0, joints)
+            found[k, joint] = True
+    return found
+
+
 def require_cover(part: Mapping[str, Any], number: int, forces: tuple[int, ...], pairs: int) -> None:
     """Raise MalformedError unless this is a cut-up piece, with forces (2, rules, contacts, 3) of each."""
     ends = numbers("ends", part["ends"], (None,))

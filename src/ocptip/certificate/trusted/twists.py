@@ -24,7 +24,7 @@ from ocptip.certificate.trusted.forms import U
 _DEPTH = 8  # so often triangles are quartered
 _MOST = 60  # of a row that are left: it is given up
 _CLOSELY = 2  # quartered so often they are looked at closely
-_TOGETHER = 6  # triangles of a row
+_TOGETHER = 600  # triangles of rows that are looked at together, at least six of each
 _WIDE = 0.95  # length of the mean of directions of a velocity below which it turns in the triangle
 
 Least = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
@@ -112,19 +112,20 @@ class Twists:
             least: of rows (K,), functionals (A, 6, K) of the wrench and constants (2, A, K): lower bounds
                 (A, K) of their sum.
         """
-        room = np.full(len(self._middle), np.inf)
+        room, lost = np.full(len(self._middle), np.inf), np.zeros(len(self._middle), dtype=bool)
         rows, which = np.repeat(np.arange(len(room)), len(_FIRST)), np.tile(np.arange(len(_FIRST)), len(room))
         corners = _FIRST  # of different triangles; those of rows are some of them
         for depth in range(_DEPTH + 1):
-            h, constant, error = self._functionals(rows, which, corners)
+            h, constant, error, gap = self._functionals(rows, which, corners)
             found = np.min(self._in_box(rows, h, constant) - error, axis=1)
             left = np.flatnonzero(~(found >= 0))
             if depth >= _CLOSELY:
                 value = _closely(least, rows[left], h[left], constant[:, left])
                 found[left] = np.min(value - error[left], axis=1)
+                lost[rows[left[np.min(value + gap[left], axis=1) < 0]]] = True
                 left = np.flatnonzero(~(found >= 0))
-            many = np.bincount(rows[left], minlength=len(room)) > _MOST
-            ended = (found >= 0) | many[rows] | (depth == _DEPTH)
+            lost |= np.bincount(rows[left], minlength=len(room)) > _MOST
+            ended = (found >= 0) | lost[rows] | (depth == _DEPTH)
             np.minimum.at(room, rows[ended], found[ended])
             left = np.flatnonzero(~ended & (room[rows] >= 0))
             if not len(left):
@@ -137,30 +138,35 @@ class Twists:
 
     def _functionals(
         self, rows: np.ndarray, which: np.ndarray, corners: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Of P rows and triangles of corners (Q, 3, 3): functionals (P, 3, 6), constants (2, P, 3) and errors
-        (P, 3)."""
-        share, own = self._shares(rows, which, corners), self._limits
+        (P, 3), and about how much more smaller triangles can show at the corners (P, 3)."""
+        own = self._limits
+        share, most = self._shares(rows, which, corners)
+        gap = ((most - share) @ self._typical[rows][:, :, None])[:, :, 0]
         h = (corners @ self._basis.T)[which] + share @ own.rule[rows]
         error = (np.abs(corners)[which] @ self._blur[rows][:, :, None])[:, :, 0]
         error += (np.abs(share) @ own.error[rows][:, :, None])[:, :, 0]
-        return h, (share @ own.constant[:, rows][..., None])[..., 0], error * (1 + U)
+        return h, (share @ own.constant[:, rows][..., None])[..., 0], error * (1 + U), gap
 
     def _in_box(self, rows: np.ndarray, h: np.ndarray, constant: np.ndarray) -> np.ndarray:
         """(P, 3) lower bounds of functionals of any wrench in the boxes."""
         inside = h @ self._middle[rows][:, :, None] - np.abs(h) @ self._around[rows][:, :, None]
         return np.min(constant, axis=0) + inside[:, :, 0]
 
-    def _shares(self, rows: np.ndarray, which: np.ndarray, corners: np.ndarray) -> np.ndarray:
-        """(P, 3, m): d . v of the contacts at the corners of triangles."""
+    def _shares(
+        self, rows: np.ndarray, which: np.ndarray, corners: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(P, 3, m): d . v of the contacts at the corners of triangles, and |v|."""
         v = np.einsum("mty,qcy->qmct", self._velocity, corners)
-        d = np.mean(v / np.maximum(np.linalg.norm(v, axis=3, keepdims=True), 1e-12), axis=2)
+        speed = np.linalg.norm(v, axis=3)
+        d = np.mean(v / np.maximum(speed, 1e-12)[..., None], axis=2)
         size = np.linalg.norm(d, axis=2)
         d /= np.maximum(size, 1e-12)[:, :, None]
         share = np.einsum("qmt,qmct->qcm", d * (1 - U), v)[which]
         # a contact whose velocity turns a lot: there d is the force that is missing of a typical wrench
         pairs = np.flatnonzero((np.min(size, axis=1) < _WIDE)[which])
-        every, row, which = np.arange(len(pairs)), rows[pairs], which[pairs]
+        whose, every, row, which = which, np.arange(len(pairs)), rows[pairs], which[pairs]
         turning, limit = np.argmin(size, axis=1)[which], self._typical[rows[pairs]]
         force = limit[:, :, None] * d[which]
         force[every, turning] = 0.0
@@ -169,16 +175,18 @@ class Twists:
         own = -(missing[:, None] @ self._back[turning])[:, 0] / limit[every, turning][:, None]
         own /= np.maximum(np.linalg.norm(own, axis=1), 1.0)[:, None]
         share[pairs, :, turning] = (v[which, turning] @ (own * (1 - U))[:, :, None])[:, :, 0]
-        return share
+        return share, np.swapaxes(speed, 1, 2)[whose]
 
 
 def _closely(least: Least, rows: np.ndarray, h: np.ndarray, constant: np.ndarray) -> np.ndarray:
     """(P, 3) lower bounds by `least`, some triangles of many rows at once; rows ascend."""
     found = np.empty(h.shape[:2])
     begins, counts = np.unique(rows, return_index=True, return_counts=True)[1:]
-    for first in range(0, int(np.max(counts, initial=0)), _TOGETHER):
+    first, last = 0, int(np.max(counts, initial=0))
+    while first < last:
         here = np.flatnonzero(counts > first)
-        slots = np.arange(first, min(first + _TOGETHER, int(np.max(counts))))
+        slots = np.arange(first, min(first + max(6, _TOGETHER // len(here)), last))
+        first = int(slots[-1]) + 1
         pairs = begins[here] + np.minimum(slots[:, None], counts[here] - 1)  # (slots, K)
         own = np.moveaxis(h[pairs], 1, 3).reshape(-1, 6, len(here))
         ends = np.moveaxis(constant[:, pairs], 2, 3).reshape(2, -1, len(here))
