@@ -17,7 +17,7 @@ from ocptip.certificate.find_within import HIGHEST, find_within
 from ocptip.certificate.interior import Interior
 from ocptip.certificate.result import AT_LIMIT, Certificate, Undecided
 from ocptip.certificate.trusted.checker import CLAIMS_WITHIN, FORMAT, Verdict, check_certificate, digest
-from ocptip.certificate.trusted.described import Checker, Intervals
+from ocptip.certificate.trusted.described import TORQUES, Checker, Intervals
 from ocptip.numerics.threads import one_thread
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.limit import Worst
@@ -35,6 +35,7 @@ _MOST, _MOST_OFF_A_PLANE = 15, 4  # times as many intervals as at first are trie
 _SHORTEST = 1e-5  # s: what is shorter is not divided
 _LEAST_LOSS = 1e-4  # m
 _ON_TIME = {"delay": 0.0, "overshoot": 0.0}
+_OF_DRIVES = ("torque_ratio", TORQUES)
 _COVERED = {
     "GN",
     "GT",
@@ -64,11 +65,13 @@ def certify(
     if reason := _missing(robot, worst):
         return Certificate(None, Verdict(False, (), {}, 0), reason=reason)
     assert isinstance(robot, StandingRobot | StandingParallelRobot)
-    search = _Search(robot, motion, _bounds(limits, worst, bool(robot.collision.labels)))
+    within = limits.tolerance.given and any(name in worst for name in CLAIMS_WITHIN)
+    tolerance = tolerance_data(limits.tolerance, robot.support) if within else None
+    search = _Search(robot, motion, _bounds(limits, worst, bool(robot.collision.labels)), tolerance)
     search.run()
     sampled = _sampled(robot, worst)
-    if limits.tolerance.given and any(name in worst for name in CLAIMS_WITHIN):
-        sampled += search.run_within(limits, worst)
+    if tolerance is not None:
+        sampled += search.run_within(limits, worst, tolerance)
     data = search.data()
     verdict = check_certificate(data)
     return Certificate(
@@ -84,7 +87,7 @@ def certify(
 def _sampled(robot: StandingMechanism, worst: Mapping[str, Worst]) -> tuple[str, ...]:
     """Names of worst values that the proof says nothing of; on springs it is of rigid feet."""
     rigid = () if robot.support.elastic is None else ("GT",)
-    covered = {*_COVERED, *CLAIMS_WITHIN, *robot.further_limits.names}
+    covered = {*_COVERED, *CLAIMS_WITHIN, TORQUES, *robot.further_limits.names}
     return (*rigid, *(name for name in worst if name not in covered))
 
 
@@ -103,12 +106,14 @@ def _missing(robot: StandingMechanism, worst: Mapping[str, Worst]) -> str:
 def _bounds(limits: MotionLimits, worst: Mapping[str, Worst], collides: bool) -> dict[str, float]:
     """What to claim: a little beyond the sampled values, but within the limits where these are kept."""
     bounds = {}
-    for name, limit in (("GN", limits.GN), ("GT", limits.GT), ("torque_ratio", limits.torque_ratio)):
-        value = worst[name].value
+    for name in ("GN", "GT", *_OF_DRIVES):
+        if name not in worst:
+            continue
+        value, limit = worst[name].value, getattr(limits, name)
         bound = value + LOSS * max(value, 0.1)
         if bound > limit and value <= limit * (1 + 0.1 * AT_LIMIT):
             bound = limit * (1 + AT_LIMIT)
-        bounds[name] = float(bound if name == "torque_ratio" else min(bound, HIGHEST))
+        bounds[name] = float(bound if name in _OF_DRIVES else min(bound, HIGHEST))
     if collides:
         value, limit = worst["clearance_m"].value, limits.clearance
         bound = value - _LEAST_LOSS
@@ -117,9 +122,8 @@ def _bounds(limits: MotionLimits, worst: Mapping[str, Worst], collides: bool) ->
 
 
 def _kept(limits: MotionLimits, bounds: Mapping[str, float]) -> bool:
-    most = all(
-        bounds[name] <= getattr(limits, name) * (1 + 2 * AT_LIMIT) for name in ("GN", "GT", "torque_ratio")
-    )
+    asked = [name for name in ("GN", "GT", *_OF_DRIVES) if name in bounds]
+    most = all(bounds[name] <= getattr(limits, name) * (1 + 2 * AT_LIMIT) for name in asked)
     for name in CLAIMS_WITHIN:
         limit = getattr(limits, name)
         most &= bounds.get(name, 0.0) <= (HIGHEST if limit >= NEARLY_LOST else limit)
@@ -144,11 +148,15 @@ class _Batch:
 
 class _Search:
     def __init__(
-        self, robot: StandingRobot | StandingParallelRobot, motion: Motion, bounds: dict[str, float]
+        self,
+        robot: StandingRobot | StandingParallelRobot,
+        motion: Motion,
+        bounds: dict[str, float],
+        tolerance: Mapping[str, Any] | None,
     ) -> None:
         self.robot, self.bounds = robot, bounds
         self.model, self.motion = model_data(robot), motion_data(motion)
-        self.checker = Checker(self.model, bounds)
+        self.checker = Checker(self.model, bounds, tolerance)
         self._separations = Separations(robot, self.model) if isinstance(robot, StandingRobot) else None
         self._interior = Interior(robot.support)
         self._done: list[_Batch] = []
@@ -182,7 +190,9 @@ class _Search:
             middle = 0.5 * (start + end)
             todo = np.r_[piece, piece], np.r_[start, middle], np.r_[middle, end]
 
-    def run_within(self, limits: MotionLimits, worst: Mapping[str, Worst]) -> tuple[str, ...]:
+    def run_within(
+        self, limits: MotionLimits, worst: Mapping[str, Worst], whole: dict[str, Any]
+    ) -> tuple[str, ...]:
         """Prove the contacts within the tolerance, else at least with all joints on time; what is missing."""
         weakest = worst_case_of(self.robot, limits.tolerance).robot
         assert isinstance(weakest, StandingRobot)
@@ -190,7 +200,6 @@ class _Search:
             name: min(worst[name].value * (1 + LOSS), HIGHEST) if name in worst else HIGHEST
             for name in CLAIMS_WITHIN
         }
-        whole = tolerance_data(limits.tolerance, self.robot.support)
         on_time = {**whole, **_ON_TIME}
         for tolerance in (whole, on_time) if whole != on_time else (whole,):
             found = find_within(weakest, self.model, self.motion, tolerance, goals)
@@ -204,11 +213,9 @@ class _Search:
                 break
         if self._tolerance is whole:
             return ()
-        return (
-            tuple(CLAIMS_WITHIN)
-            if self._tolerance is None
-            else ("joints that are late", "jumps that overshoot")
-        )
+        if self._tolerance is not None:
+            return ("joints that are late", "jumps that overshoot")
+        return (*CLAIMS_WITHIN, *((TORQUES,) if self.bounds.pop(TORQUES, None) is not None else ()))
 
     def _judged(
         self, piece: np.ndarray, start: np.ndarray, end: np.ndarray

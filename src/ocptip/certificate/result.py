@@ -14,7 +14,7 @@ AT_LIMIT = 1e-6
 """Relative (of distances m): what is claimed where a limit is used up."""
 
 _WORDS = {"GN": "GN", "GT": "GT", "torque_ratio": "torque / limit"}
-_WITHIN = {"GN_worst_case": "GN", "GT_worst_case": "GT"}
+_WITHIN = {"GN_worst_case": "GN", "GT_worst_case": "GT", "torque_ratio_worst_case": "torque / limit"}
 
 
 @dataclass(frozen=True)

@@ -65,6 +65,7 @@ _ROWS = {
     "GN_brakes": "GN in stops by brakes",
     "GT_brakes": "GT in stops by brakes",
     "torque_ratio": "torque / limit",
+    "torque_ratio_worst_case": "torque / limit at worst",
     "clearance_m": "clearance",
     "foot_force_N": "force on a foot that gives",
     "jump_foot_force_N": "the same at jumps, overshoot",

@@ -1,7 +1,8 @@
 """A whole motion at the worst of its tolerance: every instant, and every joint by itself where it jumps.
 
-Looked at are instants, with every joint as late as it can be without a jump, and the states of late joints
-around jumps of accelerations, in all combinations, see `late_joints`.
+For the contacts these are instants, with every joint as late as it can be without a jump, and the states of
+late joints around jumps of accelerations, in all combinations, see `late_joints`. Torques are looked at with
+all joints on time, by the closed form of certificates.
 """
 
 from __future__ import annotations
@@ -13,6 +14,10 @@ from typing import Any
 import numpy as np
 
 from ocptip.basics.text import quantity
+from ocptip.certificate.describe import model_data, tolerance_data
+from ocptip.certificate.trusted.described import TORQUES
+from ocptip.certificate.trusted.drives import Drives
+from ocptip.certificate.trusted.forms import Form
 from ocptip.motion.late_joints import Looked, jump_states, on_time
 from ocptip.standing.limit import Worst as Measured
 from ocptip.standing.limits import MotionLimits
@@ -26,6 +31,7 @@ EXACT = 48  # instants that are looked at exactly, those that look worst up to p
 STARTS = 5  # of the search for the worst slip
 SPACING, ROUGHLY = 0.01, 0.02  # s, share: how closely it is looked at what a motion can have
 NEARER, FRESH = 2, 9  # rounds of instants around the worst
+PEAKS = 6  # instants around which the greatest torques are looked for
 
 
 @dataclass(frozen=True)
@@ -56,25 +62,43 @@ class WorstInstant:
 
 
 @dataclass(frozen=True)
+class WorstTorque:
+    """The greatest share of its limit that a drive may need.
+
+    Attributes:
+        value: of its limit.
+        time: s.
+        joint: number, from 1.
+    """
+
+    value: float
+    time: float
+    joint: int
+
+
+@dataclass(frozen=True)
 class WithinTolerance:
     """A motion at the worst of a tolerance.
 
     Attributes:
         tolerance: of the arm, its base, the floor and the drives.
         tip, slip: the worst instants; tip is None where the base cannot tip.
+        torque: the worst of the drives.
         states: number of states looked at.
     """
 
     tolerance: Tolerance
     tip: WorstInstant | None
     slip: WorstInstant
+    torque: WorstTorque
     states: int
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
         tip = self.tip and self.tip.to_dict()
         given = self.tolerance.to_dict()
-        return {"tolerance": given, "tip": tip, "slip": self.slip.to_dict(), "states": self.states}
+        slip, torque = self.slip.to_dict(), dict(vars(self.torque))
+        return {"tolerance": given, "tip": tip, "slip": slip, "torque": torque, "states": self.states}
 
     def measured(self, limits: MotionLimits) -> list[Measured]:
         """As the other worst values of a check."""
@@ -83,13 +107,15 @@ class WithinTolerance:
             if worst is not None:
                 most, value = getattr(limits, name), worst.value if worst.bound is None else worst.bound
                 found.append(Measured(name, value, worst.time, most, worst.how, value - most))
-        return found
+        value, most = self.torque.value, limits.torque_ratio_worst_case
+        where = f"joint {self.torque.joint}"
+        return [*found, Measured(TORQUES, value, self.torque.time, most, where, value - most)]
 
 
 def worst_within(
     robot: StandingMechanism, motion: Motion, tolerance: Tolerance, times: np.ndarray
 ) -> WithinTolerance:
-    """The worst of the contacts in a motion, everything off at once as far as the tolerance goes.
+    """The worst of contacts and drives in a motion, everything off at once as far as the tolerance goes.
 
     Args:
         robot: an arm on its base.
@@ -133,7 +159,26 @@ def _worst_of(cases: WorstCase, motion: Motion, times: np.ndarray) -> WithinTole
     if cases.axes:
         tip = _worst_tip(cases, _refined(cases, motion, looked, _least_moments))
     at = _refined(cases, motion, looked, _greatest_slips)
-    return WithinTolerance(tolerance, tip, _worst_slip(cases, at), len(looked.times))
+    torque = _worst_torque(cases, motion, times)
+    return WithinTolerance(tolerance, tip, _worst_slip(cases, at), torque, len(looked.times))
+
+
+def _worst_torque(cases: WorstCase, motion: Motion, times: np.ndarray) -> WorstTorque:
+    robot, found = cases.robot, WorstTorque(0.0, 0.0, 1)
+    drives = Drives(model_data(robot), tolerance_data(cases.deviations.tolerance, robot.support))
+    every = np.unique(times)
+    for _ in range(1 + NEARER):
+        most = drives.greatest(*(Form.of(part.T) for part in motion.states(times)))
+        shares = most / robot.limits.torque[:, None]
+        joint, k = np.unravel_index(np.argmax(shares), shares.shape)
+        if shares[joint, k] > found.value:
+            found = WorstTorque(float(shares[joint, k]), float(times[k]), int(joint) + 1)
+        peaks = times[np.argsort(-np.max(shares, axis=0))[:PEAKS]]
+        near = np.searchsorted(every, peaks)
+        left, right = every[np.maximum(near - 1, 0)], every[np.minimum(near + 1, len(every) - 1)]
+        times = np.linspace(left, right, FRESH + 2)[1:-1].ravel()
+        every = np.unique(np.concatenate([every, times]))
+    return found
 
 
 def _least_moments(cases: WorstCase, at: Looked) -> np.ndarray:

@@ -28,7 +28,7 @@ from ocptip.standing.limit import (
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.stop_limits import StopSlipLimit, StopTipLimit
-from ocptip.standing.worst_case_limits import WorstSlipLimit, WorstTipOverLimit
+from ocptip.standing.worst_case_limits import WorstSlipLimit, WorstTipOverLimit, WorstTorqueLimit
 from ocptip.trajectories.sampled import Motion
 
 PATH_MARGIN = 0.5  # share of M0 / GN - M0 that a path at rest keeps beyond the limit
@@ -454,6 +454,7 @@ KINDS: tuple[type[Limit], ...] = (
     FurtherLimit,
     WorstTipOverLimit,
     WorstSlipLimit,
+    WorstTorqueLimit,
     FootForceLimit,
     JumpFootForceLimit,
     FootLiftLimit,

@@ -75,6 +75,11 @@ class MotionLimits:
             )
 
     @property
+    def torque_ratio_worst_case(self) -> float:
+        """The same within the tolerance: all that the drives have, or what is asked for if it is more."""
+        return max(1.0, self.torque_ratio)
+
+    @property
     def stoppable(self) -> bool:
         """Whether stops of any category are looked at."""
         return self.stops is not None or self.brakes is not None

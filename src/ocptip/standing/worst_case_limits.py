@@ -113,6 +113,27 @@ class WorstCaseLimit(StateLimit, AskedLimit):
         return some, found
 
 
+class WorstTorqueLimit(AskedLimit):
+    """Torques within the tolerance; programs know those of the world as described, and are tightened."""
+
+    name, quantity, setting = "torque within tolerance", *["torque_ratio_worst_case"] * 2
+    smallest_step, largest_step = 1e-3, 0.05
+
+    @classmethod
+    def wanted(cls, robot: StandingMechanism, asked: MotionLimits) -> bool:
+        return bool(asked.tolerance.given)
+
+    def worst(self, values: np.ndarray, times: np.ndarray, look: Look) -> list[Worst]:
+        return []
+
+    def inner(self, asked: MotionLimits) -> MotionLimits:
+        return asked
+
+    def tightened(self, asked: MotionLimits, excess: float) -> MotionLimits:
+        step = min(max(excess, self.smallest_step), self.largest_step)
+        return replace(asked, torque_ratio=max(asked.torque_ratio - step, asked.torque_ratio / 2))
+
+
 class WorstTipOverLimit(WorstCaseLimit):
     """Least moments about the tipping axes."""
 

@@ -3,8 +3,7 @@
 A reader has to trust the modules of this folder and nothing else: NumPy and plain data, no solver, no
 optimiser. For the world as described these are `checker`, `plain` (are the data of that form), `forms`
 (arithmetic), `arm` (the recursion), `contacts`, `distances` and `described`; for parallel robots `program`,
-for tolerances `late`, `within`
-and `sharing`, too. What is assumed, and one interval worked by hand, are in docs/certificate.md.
+for tolerances `late`, `within`, `twists`, `sharing` and `drives`, too. What is assumed, and one interval worked by hand, are in docs/certificate.md.
 
 A certificate is plain data:
 
@@ -32,7 +31,7 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.certificate.trusted.described import Checker, Intervals
+from ocptip.certificate.trusted.described import TORQUES, Checker, Intervals
 from ocptip.certificate.trusted.plain import (
     LARGEST,
     MalformedError,
@@ -62,7 +61,7 @@ class Verdict:
         holds: everything that it claims.
         problems: why not, one sentence each.
         bounds: claimed: greatest GN, GT and torque_ratio, least clearance, m; within a tolerance greatest
-            GN_worst_case and GT_worst_case.
+            GN_worst_case and GT_worst_case and, if anything is claimed of it, torque_ratio_worst_case.
         moments: N m: what is proved to be left about every tipping axis, by the same names. GN is a share of
             a reference moment that the certificate may choose; this is not.
         intervals: number of them, and of rows within a tolerance.
@@ -116,7 +115,8 @@ def _problems(data: Mapping[str, Any]) -> tuple[list[str], int]:
     within = () if (tolerance := data["tolerance"]) is None else CLAIMS_WITHIN
     if tolerance is not None:
         require_tolerance(tolerance)
-    if unknown := set(bounds) - {*CLAIMS, *within}:
+    own = (*within, *(key for key in (TORQUES,) if within and key in bounds))
+    if unknown := set(bounds) - {*CLAIMS, *own}:
         found.append(f"unknown claims: {', '.join(sorted(unknown))}")
     found += [
         f"{key}: {bounds[key]} is no bound that proves anything"
@@ -124,7 +124,7 @@ def _problems(data: Mapping[str, Any]) -> tuple[list[str], int]:
             ("GN", 1.0),
             ("GT", 1.0),
             ("torque_ratio", LARGEST),
-            *((key, 1.0) for key in within),
+            *((key, LARGEST if key == TORQUES else 1.0) for key in own),
         )
         if not 0 < numbers(key, bounds[key], ()) < most
     ]
@@ -148,7 +148,7 @@ def _problems(data: Mapping[str, Any]) -> tuple[list[str], int]:
 def _problems_as_described(data: Mapping[str, Any]) -> tuple[list[str], int]:
     """Of the claims about the world as described."""
     motion, model, found = data["motion"], data["model"], []
-    checker = Checker(model, data["bounds"])
+    checker = Checker(model, data["bounds"], data["tolerance"])
     shape = (2, 1 + len(checker.contacts.couples), checker.contacts.count, 3)
     piece, start, end, forces, given = [], [], [], [], {}
     for number, part in enumerate(data["cover"]):

@@ -11,9 +11,12 @@ import numpy as np
 from ocptip.certificate.trusted.arm import Arm
 from ocptip.certificate.trusted.contacts import Contacts
 from ocptip.certificate.trusted.distances import Directions, Frame, distances
+from ocptip.certificate.trusted.drives import Drives
 from ocptip.certificate.trusted.forms import Form, U, known, polynomial, stack
 from ocptip.certificate.trusted.program import run
 
+TORQUES = "torque_ratio_worst_case"
+"""Claim: within the tolerance no drive needs more than this share of its limit."""
 RELATIVE = 1e-5  # of themselves: by so much may speeds and accelerations exceed their limits: rounded times
 ANGLE = 1e-7  # rad or m, likewise
 
@@ -66,18 +69,25 @@ class Checker:
 
     Args:
         model, bounds: of a certificate.
+        tolerance: of it, for what is claimed of the drives; None where that is nothing.
 
     Attributes:
         contacts: with what is asked of them.
     """
 
-    def __init__(self, model: Mapping[str, Any], bounds: Mapping[str, float]) -> None:
+    def __init__(
+        self,
+        model: Mapping[str, Any],
+        bounds: Mapping[str, float],
+        tolerance: Mapping[str, Any] | None = None,
+    ) -> None:
         self.bounds, base = bounds, model["base"]
         gravity, about = (np.array(base[key], dtype=float) for key in ("gravity", "center_of_mass"))
         self.contacts = Contacts(model, bounds["GN"])
         self.weight = np.concatenate([base["mass"] * gravity, np.zeros(3)])
         self.arm = None if model["arm"] is None else Arm(model["arm"], gravity, about)
         self.program = None if self.arm else model["program"]
+        self._drives = None if tolerance is None or TORQUES not in bounds else Drives(model, tolerance)
         self.bodies, self.pairs = model["bodies"], np.array(model["pairs"], dtype=int).reshape(-1, 2)
         self._limits = {
             key: np.array([none if x is None else x for x in model["limits"][key]], dtype=float)
@@ -115,6 +125,9 @@ class Checker:
         limits, bounds = self._limits, self.bounds
         found = self.contact_margins(loads.wrench, forces)
         found["torque"] = 1 - _share(loads.torques, bounds["torque_ratio"] * limits["torque"])
+        if self._drives is not None:
+            most = self._drives.greatest(at.q, at.qd, at.qdd) / limits["torque"][:, None]
+            found["torque within tolerance"] = 1 - np.max(most, axis=0) / bounds[TORQUES] * (1 + U)
         found["speed"] = 1 + RELATIVE - _share(at.qd, limits["speed"])
         found["acceleration"] = 1 + RELATIVE - _share(at.qdd, limits["acceleration"])
         low, high = at.q.range

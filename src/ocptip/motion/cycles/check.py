@@ -210,18 +210,20 @@ def _within(
     names: Sequence[str], checks: Sequence[MotionCheck], begins: np.ndarray
 ) -> WithinTolerance | None:
     """The worst of all segments; None without a tolerance."""
-    tips, slips, found = [], [], [check.within for check in checks if check.within is not None]
+    tips, slips, torques, found = [], [], [], [check.within for check in checks if check.within is not None]
     if len(found) < len(checks):
         return None
     for name, own, begin in zip(names, found, begins.tolist(), strict=True):
         for at, every in ((own.tip, tips), (own.slip, slips)):
             if at is not None:
                 every.append(replace(at, time=begin + at.time, how=f"segment {name}: {at.how}"))
+        torques.append(replace(own.torque, time=begin + own.torque.time))
     given = max((own.tolerance for own in found), key=lambda own: len(own.given))
     return WithinTolerance(
         given,
         max(tips, key=lambda at: at.bound, default=None),
         max(slips, key=lambda at: at.value),
+        max(torques, key=lambda at: at.value),
         sum(own.states for own in found),
     )
 

@@ -1,0 +1,219 @@
+"""Torques (of sliding joints: forces) of the drives within a tolerance, over intervals of time, from above.
+
+All joints are on time here. Then a torque is a sum over bodies: a weight in an interval times what the body
+asks of the joint, which is a part that goes with the square of the pace and one that is linear in gravity. The
+greatest over weights, paces, tilted gravity and a push at the gripper has a closed form that is convex in
+these parts. They are polynomials of s, and so means of their Bernstein coefficients: on the whole interval no
+torque is greater than the form's largest value at these. Plain data and NumPy only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ocptip.certificate.trusted.arm import Arm, Motion, crossed, inertial, times_rows, turned
+from ocptip.certificate.trusted.forms import BERNSTEIN, Form, K, U, dot, joined, linear, stack
+
+
+@dataclass(frozen=True, eq=False)
+class _Body:
+    """Something on link k: its weight is from low to high; what it needs per weight, forms (3, N), base axes.
+
+    Attributes:
+        mass: kg.
+        lever: mass times place, kg m, from the base frame's origin.
+        force, moment: that its motion needs, about that origin.
+    """
+
+    k: int
+    low: float
+    high: float
+    mass: float
+    lever: Form
+    force: Form
+    moment: Form
+
+
+class Drives:
+    """Greatest torques.
+
+    Args:
+        model, tolerance: of a certificate.
+    """
+
+    def __init__(self, model: Mapping[str, Any], tolerance: Mapping[str, Any]) -> None:
+        self._own, self._payload = tolerance, model["payload"]
+        self._gravity = np.array(model["base"]["gravity"], dtype=float)
+        self._arm = Arm(model["arm"], np.zeros(3), np.zeros(3))
+        speed = tolerance["speed"]
+        self._paces = ((1 - speed) ** 2, (1 + speed) ** 2)
+
+    def greatest(self, q: Form, qd: Form, qdd: Form) -> np.ndarray:
+        """(n, N): upper bounds of the torques' absolute values, N m or N; q, qd, qdd (n, N)."""
+        arm = self._arm
+        turns = arm.turns(q)
+        frames = arm.frames(turns)[1:]
+        bodies, second = self._bodies(frames, arm.accelerations(turns, qd, qdd, np.zeros(3)))
+        along, about = self._screws(frames)  # (links, 3, N): a torque is about . moment + along . force
+        last, origin = frames[-1]
+        tool = origin + times_rows(last, arm.offsets[-1])
+        force, moment = (-turned(last, part) for part in arm.process_load(turns))
+        process = _of_joints(along, about, force[None], (moment + crossed(origin, force))[None])[:, 0]
+        moved = np.array([[i <= body.k for body in bodies] for i in range(arm.n)], dtype=float)[:, :, None]
+        parts = [stack(*(getattr(body, name) for body in bodies)) for name in ("force", "moment", "lever")]
+        pace = _of_joints(along, about, parts[0], parts[1]) * moved  # (links, bodies, N)
+        masses = np.array([body.mass for body in bodies])[:, None]
+        pulls = [
+            -(_cross(about, parts[2], axis) + along[:, axis][:, None] * masses) * moved for axis in range(3)
+        ]
+        pushes = [_cross(about, tool[None], axis)[:, 0] + along[:, axis] for axis in range(3)]
+        turning = about[:, None] * stack(*second)[None] if second else None
+        loose = 0.0 if turning is None else np.sum(turning.size + turning.r, axis=(1, 2))
+        own = [self._coordinates(form) for form in (pace, *pulls, *pushes, process)]
+        own.append(qdd * arm.armature[:, None])
+        weights = np.array([(body.low, body.high) for body in bodies]).T[:, :, None]
+        found = self._greatest(weights, own[0], own[1:4], own[4:7], own[7], own[8])
+        return found + self._paces[1] * (np.abs(arm.ratios.T) @ np.broadcast_to(loose, pace.r[:, 0].shape))
+
+    def _coordinates(self, form: Form) -> Form:
+        """Of joints, (links, ...), as those of the drives' coordinates."""
+        flat = linear(
+            self._arm.ratios.T, Form(form.c.reshape(K, self._arm.n, -1), form.r.reshape(self._arm.n, -1))
+        )
+        shape = (len(flat.r), *form.r.shape[1:])
+        return Form(flat.c.reshape(K, *shape), flat.r.reshape(shape))
+
+    def _screws(self, frames: list[tuple[Form, Form]]) -> tuple[Form, Form]:
+        along, about = [], []
+        for (R, p), slides in zip(frames, self._arm.slides, strict=True):
+            axis, nothing = R[:, 2], Form.of(np.zeros(p.r.shape))
+            along.append(axis if slides else crossed(p, axis))
+            about.append(nothing if slides else axis)
+        return stack(*along), stack(*about)
+
+    def _bodies(self, frames: list[tuple[Form, Form]], moved: list[Motion]) -> tuple[list[_Body], list[Form]]:
+        """With moments (3, N) that are of second order in the place of the payload's centre."""
+        own, arm, found = self._own, self._arm, []
+
+        def body(
+            k: int, low: float, high: float, mass: float, centre: np.ndarray, inertia: np.ndarray
+        ) -> _Body:
+            R, p = frames[k]
+            force, moment = (turned(R, part) for part in inertial(mass, centre, inertia, moved[k]))
+            lever = (p + times_rows(R, centre)) * mass
+            return _Body(k, low, high, mass, lever, force, moment + crossed(p, force))
+
+        e, last = own["arm_mass"], arm.n - 1
+        for k, (mass, centre, inertia) in enumerate(zip(arm.masses, arm.centres, arm.inertias, strict=True)):
+            found.append(body(k, 1 - e, 1 + e, mass, centre, inertia))
+        second: list[Form] = []
+        if (held := self._payload) is not None:
+            mass, h = float(held["mass"]), own["payload_mass"]
+            centre, inertia = (np.array(held[key], dtype=float) for key in ("center", "inertia"))
+            other, whole = body(last, 1 - h, 1 + h, mass, centre, inertia), found[-1]
+            found[-1] = _Body(
+                last, 1 - e, 1 + e, whole.mass - mass,
+                whole.lever - other.lever, whole.force - other.force, whole.moment - other.moment,
+            )  # fmt: skip
+            found.append(other)
+            if np.any(own["payload_center"]):
+                shifted, second = self._shifted(frames[-1], moved[-1], mass * (1 + h), centre)
+                found += shifted
+        found.append(body(last, 0.0, own["extra_mass"], 1.0, arm.offsets[-1], np.zeros((3, 3))))
+        return found, second
+
+    def _shifted(
+        self, frame: tuple[Form, Form], moved: Motion, mass: float, centre: np.ndarray
+    ) -> tuple[list[_Body], list[Form]]:
+        """The payload's centre of mass anywhere in its box, axis by axis, and what is of second order."""
+        (R, p), k, still = frame, self._arm.n - 1, np.zeros((3, 3))
+        half = np.array(self._own["payload_center"], dtype=float)
+        axes = np.array(self._payload["axes"], dtype=float).T
+        place, needs = p + times_rows(R, centre), turned(R, inertial(1.0, centre, still, moved)[0])
+        rest = Form.of(np.zeros(place.r.shape)), moved[1], moved[2]  # what shifts add to the acceleration
+        sides = [times_rows(R, axis) for axis in axes]
+        swings = [turned(R, inertial(1.0, axis, still, rest)[0]) for axis in axes]
+        found, second = [], []
+        for i in np.flatnonzero(half):
+            force = swings[i] * mass
+            moment = crossed(place, force) + crossed(sides[i], needs) * mass
+            found.append(_Body(k, -half[i], half[i], 0.0, sides[i] * mass, force, moment))
+            second += [
+                crossed(sides[i], swings[j]) * (mass * half[i] * half[j]) for j in np.flatnonzero(half)
+            ]
+        return found, second
+
+    def _greatest(
+        self,
+        weights: np.ndarray,
+        pace: Form,
+        pulls: list[Form],
+        pushes: list[Form],
+        process: Form,
+        rotor: Form,
+    ) -> np.ndarray:
+        """The closed form.
+
+        Args:
+            weights: (2, bodies, 1), least and greatest.
+            pace: (n, bodies, N), what goes with the square of the pace.
+            pulls: three of these, by the components of gravity.
+            pushes: three (n, N), by those of a push at the gripper.
+            process, rotor: (n, N), what is always there, and what goes with the pace besides.
+        """
+        g, tilt, push = self._gravity, float(self._own["tilt"]), float(self._own["push"])
+        mean, half = 0.5 * (weights[0] + weights[1]), 0.5 * (weights[1] - weights[0])
+        off = float(np.linalg.norm(g)) * tilt * (1 + U)  # by so much gravity changes at most
+        at = [np.tensordot(BERNSTEIN, form.c, axes=1) for form in (pace, *pulls, *pushes, process, rotor)]
+        pulled, level = np.stack(at[1:4]), sum(g[axis] * at[1 + axis] for axis in range(3))
+        y = np.sum(mean * pulled, axis=3)  # (3, nodes, n, N)
+        along, across = np.tensordot(g, y, axes=1), np.linalg.norm(np.cross(y, g, axis=0), axis=0)
+        pushed = push * np.linalg.norm(np.stack(at[4:7]), axis=0)
+        turned_by = np.sum(half * off * np.linalg.norm(pulled, axis=0), axis=2)
+        best = np.full(along.shape, -np.inf)
+        for p in self._paces:
+            still = p * (np.sum(mean * at[0], axis=2) + at[8]) + at[7]
+            spread = np.sum(half * np.abs(p * at[0] + level), axis=2) + turned_by + pushed
+            for sign in (1.0, -1.0):
+                best = np.maximum(best, sign * still + _over_cap(sign * along, across, tilt) + spread)
+        most = np.maximum(np.abs(weights[0]), np.abs(weights[1]))
+        far, fast = np.abs(g) + off, self._paces[1]
+        error, size = (
+            np.sum(most * (fast * of(pace) + sum(f * of(own) for f, own in zip(far, pulls, strict=True))), axis=1)
+            + push * sum(of(own) for own in pushes) + of(process) + fast * of(rotor)
+            for of in (lambda form: form.r, lambda form: form.size)
+        )  # fmt: skip
+        return (np.max(best, axis=0) + error) * (1 + U) + 16 * U * size
+
+
+def _of_joints(along: Form, about: Form, force: Form, moment: Form) -> Form:
+    """(links, bodies, N) of screws (links, 3, N) and forces and moments (bodies, 3, N)."""
+    lines, wrenches = _sides(along, about), _sides(force, moment)
+    return dot(_first(lines)[:, :, None], _first(wrenches)[:, None])
+
+
+def _sides(a: Form, b: Form) -> Form:
+    """(m, 6, N) of two (m, 3, N)."""
+    return Form(np.concatenate([a.c, b.c], axis=2), np.concatenate([a.r, b.r], axis=1))
+
+
+def _first(form: Form) -> Form:
+    """(m, 6, N) as (6, m, N)."""
+    return Form(np.swapaxes(form.c, 1, 2), np.swapaxes(form.r, 0, 1))
+
+
+def _cross(about: Form, lever: Form, axis: int) -> Form:
+    """(links, bodies, N): a component of about (links, 3, N) x lever (bodies, 3, N)."""
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    return about[:, i][:, None] * lever[:, j][None] - about[:, j][:, None] * lever[:, i][None]
+
+
+def _over_cap(along: np.ndarray, across: np.ndarray, tilt: float) -> np.ndarray:
+    """Greatest y . g, g tilted by up to so much, of y . g and norm(y x g) before."""
+    rim = along * np.cos(tilt) + across * np.sin(tilt)
+    inside = (along > 0) & (across * np.cos(tilt) <= along * np.sin(tilt))
+    return np.where(inside, np.hypot(along, across), rim)
