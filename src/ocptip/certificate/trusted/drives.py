@@ -1,22 +1,22 @@
 """Torques (of sliding joints: forces) of the drives within a tolerance, over intervals of time, from above.
 
 All joints are on time here. Then a torque is a sum over bodies: a weight in an interval times what the body
-asks of the joint, which is a part that goes with the square of the pace and one that is linear in gravity. The
-greatest over weights, paces, tilted gravity and a push at the gripper has a closed form that is convex in
+asks of the joint, which is a part that goes with the square of the pace and one that is linear in gravity.
+The greatest over weights, paces, tilted gravity and a push at the gripper has a closed form that is convex in
 these parts. They are polynomials of s, and so means of their Bernstein coefficients: on the whole interval no
 torque is greater than the form's largest value at these. Plain data and NumPy only.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ocptip.certificate.trusted.arm import Arm, Motion, crossed, inertial, times_rows, turned
-from ocptip.certificate.trusted.forms import BERNSTEIN, Form, K, U, dot, joined, linear, stack
+from ocptip.certificate.trusted.forms import BERNSTEIN, Form, K, U, dot, linear, stack
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,11 +182,13 @@ class Drives:
                 best = np.maximum(best, sign * still + _over_cap(sign * along, across, tilt) + spread)
         most = np.maximum(np.abs(weights[0]), np.abs(weights[1]))
         far, fast = np.abs(g) + off, self._paces[1]
-        error, size = (
-            np.sum(most * (fast * of(pace) + sum(f * of(own) for f, own in zip(far, pulls, strict=True))), axis=1)
-            + push * sum(of(own) for own in pushes) + of(process) + fast * of(rotor)
-            for of in (lambda form: form.r, lambda form: form.size)
-        )  # fmt: skip
+
+        def whole(of: Callable[[Form], np.ndarray]) -> np.ndarray:
+            bodies = fast * of(pace) + sum(f * of(own) for f, own in zip(far, pulls, strict=True))
+            rest = of(process) + fast * of(rotor) + push * sum(map(of, pushes))
+            return np.sum(most * bodies, axis=1) + rest
+
+        error, size = whole(lambda form: form.r), whole(lambda form: form.size)
         return (np.max(best, axis=0) + error) * (1 + U) + 16 * U * size
 
 
