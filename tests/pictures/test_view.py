@@ -5,12 +5,15 @@ import re
 import shutil
 import subprocess
 import time
+from argparse import Namespace
 
 import numpy as np
 import pytest
 from PIL import Image
+from scipy.spatial.transform import Rotation
 
 from ocptip.cli.main import main
+from ocptip.cli.view import _show
 from ocptip.motion.output import write_plan
 from ocptip.pictures.view import motion_show, pose_show, to_html
 from ocptip.pictures.view_bodies import LINK
@@ -147,7 +150,7 @@ def test_a_second_motion_is_a_ghost_with_a_clock_of_its_own():
     k = int(np.abs(show.times - 0.6 * motion.end).argmin())
     frame(k)
     time = show.times[k : k + 1]
-    for own, root, clock in ((motion, "", "/clock"), (slow, "/second", "/second/clock")):
+    for own, root, clock in ((motion, "", "/clock"), (slow, "/second", "/clock of the second")):
         seen = robot.samples(own, time)
         gripper = link_frames(robot.arm, seen.angles).origins[0, 5]
         assert np.allclose(stage.nodes[f"{root}/arm/6"].position, gripper)
@@ -155,6 +158,29 @@ def test_a_second_motion_is_a_ghost_with_a_clock_of_its_own():
     frame(len(show.times) - 1)  # the first has been at rest for a while
     still = robot.samples(motion, np.array([motion.end])).tip.GN[0]
     assert f"GN {still:.3f}" in stage.nodes["/clock"].text
+
+
+def test_a_second_base_stands_where_it_is(tmp_path, capsys):
+    """Two plans of `ocptip cell`: their files say where in the world each base stands."""
+    task = experiment_task("A")
+    places = {"one": ([1.0, 2.0, 0.0], [0.0, 0.0, 90.0]), "two": ([1.0, 3.0, 0.1], [0.0, 0.0, 180.0])}
+    for name, (position, turn) in places.items():
+        (tmp_path / name).mkdir()
+        rotation = Rotation.from_euler("xyz", turn, degrees=True).as_matrix().tolist()
+        base = {"base": {"position": position, "rotation": rotation}}
+        (tmp_path / name / "cell.json").write_text(json.dumps({"places": [{"placement": base}]}))
+        write_plan(tmp_path / name / "plan", plan_of(task, task.reference))
+    _, show = _show(Namespace(what=tmp_path / "one/plan", second=tmp_path / "two/plan", task=None))
+    stage = Recorder()
+    show.stage(stage)(0)
+    second = stage.nodes["/second"]
+    assert np.allclose(second.position, [1.0, 0.0, 0.1])  # its y is the first one's x
+    assert np.allclose(Rotation.from_quat(np.roll(second.wxyz, -1)).as_rotvec(), [0, 0, np.pi / 2])
+    assert any(name.startswith("/second/base") for name in stage.nodes)
+    (tmp_path / "two/cell.json").write_text("{}")
+    folders = [str(tmp_path / name / "plan") for name in places]
+    assert main(["view", *folders, "--html", str(tmp_path / "c.html")]) == 2
+    assert "cell.json: is not what `ocptip cell` wrote" in capsys.readouterr().err
 
 
 def test_payload_base_and_solids_are_there():

@@ -21,6 +21,10 @@ img { max-width: 100% } code { background: #f0f0f0; padding: 0 3px }
 """
 
 
+_SHARE = "data-width"
+_LONG = 60  # characters: texts that are longer are broken
+
+
 def page(title: str, parts: Iterable[str]) -> bytes:
     """A whole page of parts made by the functions below."""
     head = f"<!doctype html><html lang='en'><head><meta charset='utf-8'><title>{escape(title)}</title>"
@@ -46,15 +50,27 @@ def items(texts: Iterable[object]) -> str:
 
 def grid(titles: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     """A table with a line of titles, unless these are empty."""
-    names = "".join(f"<th>{escape(title)}</th>" for title in titles)
+    texts = [[str(cell) for cell in row] for row in rows]
+    widths = _widths([titles, *texts])
+    names = "".join(f"<th{wide}>{escape(title)}</th>" for wide, title in zip(widths, titles, strict=True))
     head = f"<thead><tr>{names}</tr></thead>" if any(titles) else ""
-    body = "".join(f"<tr>{''.join(f'<td>{_cell(cell)}</td>' for cell in row)}</tr>" for row in rows)
-    return f"<table>{head}<tbody>{body}</tbody></table>"
+    lines = []
+    for number, row in enumerate(texts):
+        first = widths if not head and not number else ("",) * len(row)
+        cells = "".join(f"<td{wide}>{_cell(cell)}</td>" for wide, cell in zip(first, row, strict=True))
+        lines.append(f"<tr>{cells}</tr>")
+    return f"<table>{head}<tbody>{''.join(lines)}</tbody></table>"
 
 
-def _cell(value: object) -> str:
+def _widths(rows: Sequence[Sequence[str]]) -> tuple[str, ...]:
+    """What a PDF needs of each column: its share of the width, by the longest of its texts."""
+    longest = [min(max(len(text) for text in column) + 2, _LONG) for column in zip(*rows, strict=True)]
+    return tuple(f" {_SHARE}='{100 * length / sum(longest):.1f}%'" for length in longest)
+
+
+def _cell(value: str) -> str:
     """Numbers stay on a line with their units."""
-    text = escape(str(value))
+    text = escape(value)
     return text.replace(" ", "&nbsp;") if len(text) < 24 else text
 
 
@@ -79,12 +95,18 @@ def pdf(title: str, parts: Iterable[str]) -> bytes:
     """
     try:
         from fpdf import FPDF
+        from fpdf.fonts import TextStyle
     except ImportError:
         raise InputError("--out: a .pdf needs fpdf2 (pip install 'ocptip[report]'); .html does not") from None
     document = FPDF(format="A4")
     document.set_title(title)
     document.add_page()
     document.set_font("helvetica", size=9)
-    text = "".join(parts).replace("<img ", "<img width='520' ").replace("&nbsp;", " ")
-    document.write_html(text.encode("latin-1", "replace").decode("latin-1"), table_line_separators=True)
+    text = "".join(parts).replace("&nbsp;", " ")
+    for tag, wanted in (("<img ", "<img width='380' "), ("<td", "<td align='left'"), (_SHARE, "width")):
+        text = text.replace(tag, wanted)
+    styles = {f"h{k}": TextStyle(font_size_pt=size, t_margin=6, b_margin=2) for k, size in ((1, 18), (2, 13))}
+    document.write_html(
+        text.encode("latin-1", "replace").decode("latin-1"), table_line_separators=True, tag_styles=styles
+    )
     return bytes(document.output())

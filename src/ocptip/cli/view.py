@@ -15,9 +15,11 @@ import numpy as np
 from ocptip.basics.errors import InputError, naming
 from ocptip.basics.toml import read_text
 from ocptip.basics.write import versions, write_text
+from ocptip.cli.cell import PLAN_FOLDER
 from ocptip.cli.command import Report
+from ocptip.cli.options import OUTPUTS
 from ocptip.contact.solver import solve
-from ocptip.pictures.view import Show, library_viser, motion_show, pose_show, scene_show, serve, to_html
+from ocptip.pictures.view import HERE, Show, library_viser, motion_show, pose_show, scene_show, serve, to_html
 from ocptip.placement.output import PLACEMENT
 from ocptip.placement.problem import PlacementProblem
 from ocptip.reserves.slip import Slip
@@ -55,7 +57,7 @@ def _show(options: Namespace) -> tuple[str, Show]:
         other = _parts(Path(options.second))
         if other[0] == name:  # the folders' names tell them apart
             name, other = f"{path}", (f"{options.second}", other[1])
-        return f"{name} and {other[0]}", motion_show(name, parts, other)
+        return f"{name} and {other[0]}", motion_show(name, parts, other, _between(path, options.second))
     if options.second is not None:
         raise InputError("is shown alone; two folders of plans are shown together", "", str(path))
     scene = read_scene(path)
@@ -70,6 +72,27 @@ def _parts(folder: Path) -> tuple[str, tuple[Part, ...]]:
     """Name and motions of a plan."""
     plan = read_plan_folder(folder)
     return plan.task.name, plan.parts("view shows")
+
+
+def _between(first: Path, second: str) -> tuple[np.ndarray, np.ndarray]:
+    """Origin, m, and rotation of the second plan's base axes in the first's: of cells, where they stand."""
+    own, other = _place_of(first), _place_of(Path(second))
+    if own is None or other is None:
+        return HERE
+    return own[1].T @ (other[0] - own[0]), own[1].T @ other[1]
+
+
+def _place_of(folder: Path) -> tuple[np.ndarray, np.ndarray] | None:
+    """Where the base of a plan of `ocptip cell` stands; None of other plans."""
+    path = folder.resolve().parent / OUTPUTS["cell"][0]
+    if folder.resolve().name != PLAN_FOLDER or not path.is_file():
+        return None
+    try:
+        base = json.loads(read_text(path))["places"][0]["placement"]["base"]
+        place = tuple(np.array(base[key], dtype=float) for key in ("position", "rotation"))
+        return np.reshape(place[0], 3), np.reshape(place[1], (3, 3))
+    except (KeyError, IndexError, TypeError, ValueError) as error:
+        raise InputError(f"is not what `ocptip cell` wrote: {error}", "", str(path)) from None
 
 
 def _placement(path: Path, task_file: str | None) -> tuple[str, Show]:

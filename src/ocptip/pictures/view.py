@@ -106,7 +106,7 @@ def _server(show: Show) -> Iterator[tuple[Any, Callable[[int], None]]]:
     with redirect_stdout(io.StringIO()):  # its greetings
         server = viser.ViserServer(host="127.0.0.1", port=port, verbose=False)
     try:
-        server.initial_camera.position = tuple(show.centre + show.size * np.array([0.7, -1.0, 0.5]))
+        server.initial_camera.position = tuple(show.centre + show.size * np.array([0.56, -0.8, 0.4]))
         server.initial_camera.look_at = tuple(show.centre)
         yield server, show.stage(server)
     finally:
@@ -160,21 +160,32 @@ class Act:
         part = self.names[self.owner[k]]
         title = f"{self.name}, {part}" if part else self.name
         seen = self.seen
-        return f"{title}  {reserve_clock(seen.tip, seen.slip, seen.states.contact_forces, k)}"
+        shared = shared_forces(seen.states.contact_forces, seen.slip, k)
+        return f"{title}  {reserve_clock(seen.tip, seen.slip, shared, k)}"
 
 
-def motion_show(name: str, parts: Sequence[Part], second: tuple[str, Sequence[Part]] | None = None) -> Show:
+HERE = np.zeros(3), np.eye(3)
+"""Origin, m, and rotation of base axes that are those of the picture."""
+
+
+def motion_show(
+    name: str,
+    parts: Sequence[Part],
+    second: tuple[str, Sequence[Part]] | None = None,
+    there: tuple[np.ndarray, np.ndarray] = HERE,
+) -> Show:
     """An arm's motion on its base, or a cycle; beside it another one, which begins at the same time.
 
     Args:
         name: for the clock.
         parts: one, or the segments of a cycle.
-        second: name and parts of what is drawn as a ghost, in the base axes of the first.
+        second: name and parts of what is drawn as a ghost.
+        there: origin (3,), m, and rotation (3, 3) of the ghost's base axes in those of the first.
     """
     end = max(one[-1].end for one in (parts, *((second[1],) if second else ())))
     times = np.append(np.arange(0.0, end, max(1 / RATE, end / FRAMES)), end)
     ghost = Act.of_plan(*second, times) if second else None
-    return _show(Act.of_plan(name, parts, times), times, ghost)
+    return _show(Act.of_plan(name, parts, times), times, ghost, there)
 
 
 def pose_show(name: str, robot: StandingRobot, q: np.ndarray) -> Show:
@@ -186,8 +197,14 @@ def pose_show(name: str, robot: StandingRobot, q: np.ndarray) -> Show:
     )
 
 
-def _show(act: Act, times: np.ndarray, ghost: Act | None = None) -> Show:
-    points = np.vstack([one.points() for one in (act, ghost) if one])
+def _show(
+    act: Act,
+    times: np.ndarray,
+    ghost: Act | None = None,
+    there: tuple[np.ndarray, np.ndarray] = HERE,
+) -> Show:
+    others = ghost.points() @ there[1].T + there[0] if ghost else np.empty((0, 3))
+    points = np.vstack([act.points(), others])
     centre, size = points.mean(axis=0), float(np.linalg.norm(np.ptp(points, axis=0)))
 
     def stage(server: Any) -> Callable[[int], None]:
@@ -198,7 +215,7 @@ def _show(act: Act, times: np.ndarray, ghost: Act | None = None) -> Show:
         forces = Forces(scene, robot.support, robot.mass, size)
         top = centre + np.array([0, 0, 0.6 * size])
         title = scene.add_label("/clock", act.name, position=tuple(top), anchor="bottom-center")
-        beside = _ghost(scene, ghost, top - np.array([0, 0, 0.02 * size]), size) if ghost else lambda _: None
+        beside = _ghost(scene, ghost, there, top, size) if ghost else lambda _: None
         tip, slip = act.seen.tip, act.seen.slip
 
         def frame(k: int) -> None:
@@ -212,15 +229,21 @@ def _show(act: Act, times: np.ndarray, ghost: Act | None = None) -> Show:
     return Show(stage, times, centre, size)
 
 
-def _ghost(scene: Any, act: Act, top: np.ndarray, size: float) -> Callable[[int], None]:
-    """A second motion: its arm, path, zero-moment point and clock, and the feet of its base."""
+def _ghost(
+    scene: Any, act: Act, there: tuple[np.ndarray, np.ndarray], top: np.ndarray, size: float
+) -> Callable[[int], None]:
+    """A second motion where its base is: base with its axes, arm, path, zero-moment point, and its clock."""
+    axes = {"axes_length": 0.15 * size, "axes_radius": 0.004 * size}
+    scene.add_frame("/second", position=tuple(there[0]), wxyz=bodies.wxyz(there[1]), **axes)
+    bodies.base_of(scene, "/second/base", act.robots[0], size, GHOST)
     move = _mover(scene, "/second/arm", act, size, GHOST)
     _path(scene, "/second/path of the gripper", act, GHOST, size)
     feet = np.array([c.position for c in act.robots[0].support.contacts])
     edges = _around(feet) + np.array([0, 0, 1e-3 * size])
     scene.add_line_segments("/second/support polygon", edges, colors=GHOST, thickness=0.003 * size)
     pressure = scene.add_icosphere("/second/zero-moment point", 0.018 * size, color=GHOST)
-    title = scene.add_label("/second/clock", act.name, position=tuple(top), anchor="top-center")
+    below = tuple(top - np.array([0, 0, 0.02 * size]))
+    title = scene.add_label("/clock of the second", act.name, position=below, anchor="top-center")
     slip = act.seen.slip
 
     def frame(k: int) -> None:
@@ -256,11 +279,11 @@ def _path(scene: Any, name: str, act: Act, color: tuple[int, int, int], size: fl
 
 
 def reserve_clock(tip: TipOverReserve, slip: SlipReserve, forces: np.ndarray, k: int) -> str:
-    """What is left of state k: "GN 0.391, GT 0.708, least foot 9.75 N"."""
+    """What is left of state k, with its forces (n, 3), N: "GN 0.391, GT 0.708, least foot 9.75 N"."""
     parts = [
         f"GN {tip.GN[k]:.3f}",
         f"GT {slip.GT[k]:.3f}",
-        f"least foot {quantity(forces[k, :, 0].min(), 'N', 3)}",
+        f"least foot {quantity(forces[:, 0].min(), 'N', 3)}",
     ]
     return ", ".join(parts)
 
@@ -290,7 +313,7 @@ def scene_show(scene: Scene, contact_forces: np.ndarray, tip: TipOverReserve, sl
 
     def stage(server: Any) -> Callable[[int], None]:
         drawn = server.scene
-        bodies.base(drawn, support, support.center_of_mass)
+        bodies.base(drawn, "/base", support, support.center_of_mass)
         bodies.grid(drawn, support, centre, size)
         total = support.mass
         forces = Forces(drawn, support, total, size)
@@ -300,10 +323,11 @@ def scene_show(scene: Scene, contact_forces: np.ndarray, tip: TipOverReserve, sl
                 tip_of = np.asarray(load.point if load.point is not None else np.zeros(3), dtype=float)
                 tail = tip_of - _TALL * size * np.asarray(load.force, dtype=float) / weight
                 bodies.arrows(drawn, f"/load {k + 1}", np.array([[tail, tip_of]]), LOAD, size)
-        text = f"{scene.name}  {reserve_clock(tip, slip, contact_forces, 0)}"
+        shared = shared_forces(contact_forces, slip, 0)
+        text = f"{scene.name}  {reserve_clock(tip, slip, shared, 0)}"
         top = centre + np.array([0, 0, 0.7 * size])
         drawn.add_label("/clock", text, position=tuple(top), anchor="bottom-center")
-        forces.show(shared_forces(contact_forces, slip, 0), tip, 0)
+        forces.show(shared, tip, 0)
         return lambda _: None
 
     return Show(stage, np.zeros(1), centre, size)

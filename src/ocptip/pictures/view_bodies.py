@@ -65,12 +65,19 @@ def held(
     return [node for node in found if node is not None]
 
 
+def base_of(
+    scene: Any, root: str, robot: StandingRobot, size: float, ghost: tuple[int, int, int] | None = None
+) -> None:
+    """The solids of an arm's base, or else what is known of its form."""
+    look = {} if ghost is None else {"opacity": SHEER}
+    for number, part in enumerate(robot.shapes):
+        solid(scene, f"{root}/{number}", part.shape, ghost or BASE, size, **look)
+    if not robot.shapes:
+        base(scene, root, robot.support, robot.arm.mount_position, ghost or BASE)
+
+
 def surroundings(scene: Any, robot: StandingRobot, centre: np.ndarray, size: float) -> None:
-    if robot.shapes:
-        for number, part in enumerate(robot.shapes):
-            solid(scene, f"/base/{number}", part.shape, BASE, size)
-    else:
-        base(scene, robot.support, robot.arm.mount_position)
+    base_of(scene, "/base", robot, size)
     grid(scene, robot.support, centre, size)
     for number, obstacle in enumerate(robot.obstacles):
         if isinstance(obstacle, Wall):
@@ -84,12 +91,14 @@ def surroundings(scene: Any, robot: StandingRobot, centre: np.ndarray, size: flo
             solid(scene, f"/obstacles/{number}", obstacle.shape, OBSTACLE, size)
 
 
-def base(scene: Any, support: Support, above: np.ndarray) -> None:
+def base(
+    scene: Any, root: str, support: Support, above: np.ndarray, color: tuple[int, int, int] = BASE
+) -> None:
     """Nothing is known of its form: the hull of its contacts and of a point above."""
     points = np.vstack([[c.position for c in support.contacts], above])
     if len(points) > 3 and np.linalg.matrix_rank(points[1:] - points[0], tol=1e-6) == 3:
         vertices, faces = hull(points)
-        scene.add_mesh_simple("/base", vertices, faces, color=BASE, opacity=0.35, side="double")
+        scene.add_mesh_simple(root, vertices, faces, color=color, opacity=SHEER, side="double")
 
 
 def grid(scene: Any, support: Support, centre: np.ndarray, size: float) -> None:

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from mujoco import MjModel
 
 from ocptip.contact.bindings.clamps import RigidClamp
 from ocptip.published.tasks import experiment_task
@@ -135,6 +136,23 @@ def test_rigid_clamps_pull(plan):
     assert replay.forces.min() < -50  # N
     rest = replay.times < 0
     assert replay.forces[rest].sum(axis=1).mean() == pytest.approx(robot.mass * 9.81, rel=5e-3)
+
+
+@pytest.mark.parametrize("rise", [0.02, 0.08])
+def test_s_curves_are_replayed_as_planned(plan, rise):
+    """The ramps of plan A with accelerations that rise: slower, and forces without jumps."""
+    robot, ramps = plan
+    motion = ramps.with_rise_times(rise).time_scaled(1.2)
+    assert motion.rise_times == pytest.approx([1.2 * rise] * robot.n)
+    assert len(motion.event_times) > len(ramps.event_times)
+    parts = (Part(robot, motion),)
+    replay = Simulator(parts).run()
+    beside = compared(parts, replay)
+    assert replay.stands
+    assert beside.rms < 0.5  # N
+    model = MjModel.from_xml_string(to_mjcf(robot, motion))
+    times = model.key_time
+    np.testing.assert_allclose(model.key_ctrl, motion.states(times)[0], atol=1e-9)
 
 
 def cycle(plan, rest=0.3):
