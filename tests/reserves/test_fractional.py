@@ -92,6 +92,19 @@ def test_newton_steps_agree_with_the_iteration_alone(monkeypatch):
     assert np.all(plain.iterations >= exact.iterations)
 
 
+def test_many_states_are_mostly_solved_from_their_neighbours():
+    rng = np.random.default_rng(5)
+    q, Q, forces = (
+        np.repeat(x, 60, axis=0) if isinstance(x, np.ndarray) else x for x in problem(rng, 1, 4, 2)
+    )
+    forces = forces.take(np.zeros(60, dtype=int))
+    q += 0.001 * rng.normal(size=q.shape)
+    found, alone = minimise_fraction(q, Q, forces), fractional._one_by_one(q, Q, forces)
+    np.testing.assert_allclose(found.usage, alone.usage, rtol=0, atol=1e-11)
+    assert np.max(found.gap) < 1e-9
+    assert np.mean(found.iterations == 0) > 0.4
+
+
 def test_a_point_that_is_not_optimal_is_not_proven():
     q, Q, forces = problem(np.random.default_rng(7), 10, 5, 2)
     optimum = minimise_fraction(q, Q, forces)

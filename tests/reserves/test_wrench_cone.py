@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from ocptip.contact.bindings.clamps import ForceConstantHalfRigidClamp
 from ocptip.contact.bindings.unilateral import UnilateralContact
+from ocptip.contact.resting import solve_resting
 from ocptip.contact.solver import solve_many
 from ocptip.contact.support import Support
 from ocptip.contact.verdict import stability
@@ -94,3 +97,23 @@ def test_programs_stop_where_contacts_hold_for_sure(count):
     assert not (count == 3 and sliding.any())
     assert all(stability(support, wrench).verdict != "none" for wrench in near[sliding][:10])
     assert np.max(slip.evaluate(states, derivatives=False).GT[~sliding]) <= slip.sure * (1 + 1e-7)
+
+
+@settings(max_examples=8)
+@given(seed=st.integers(0, 10**6), count=st.sampled_from([3, 4, 5]), size=st.floats(0.05, 1.0))
+def test_the_greatest_reserves_are_exact_and_all_others_are_below(seed, count, size):
+    """Whether wrenches hold the base or not."""
+    slip = Slip(support := feet(count))
+    loads = np.random.default_rng(seed).normal(size=(50, 6)) * size * np.array([60, 60, 50, 15, 15, 20])
+    loads += support.weight
+    exact = slip.evaluate(solve_resting(support, loads)).GT
+    stands, most = exact < 1, exact.max()  # a base that moves may do so in several ways
+    found, large = slip.greatest(loads), exact >= 0.9 * min(most, 1.0)
+    np.testing.assert_allclose(found[large & stands], exact[large & stands], rtol=0, atol=1e-9)
+    assert np.all((found >= exact - 1e-9) | (~stands & (found >= 1)))
+    assert np.all(found[~large] <= 0.9 * min(most, 1.0) + 1e-9)
+    for least in (0.3, 0.8):
+        found = slip.above(loads, least)
+        assert np.all((found >= 1) == ~stands)
+        same = np.abs(found - exact) <= 1e-9
+        assert np.all(same | ~stands | ((exact <= least) & (found == least)))

@@ -45,7 +45,6 @@ class StoppedPath:
         self._c, self._d = path.bounds.lines
         self._path = path
         self._robot = robot
-        self._held = robot.slip.half_spaces(self._stops.GT)
 
     def begun(self, place: float, speed: float) -> float:
         """When a stop from the planned speed began that passes a place with this share of it, s."""
@@ -132,9 +131,8 @@ class StoppedPath:
         """(P,) whether the reserves are kept."""
         states = self._robot.contact_states(wrenches)
         fine = self._robot.tip_over.evaluate(states).GN <= self._stops.GN * (1 + 1e-9)
-        beyond = fine if self._held is None else fine & np.any(wrenches @ self._held.T > 0, axis=1)
-        rows = np.flatnonzero(beyond)  # within half spaces slip is kept
-        GT = self._robot.slip.evaluate(states.select(rows), derivatives=False).GT
+        rows = np.flatnonzero(fine)
+        GT = self._robot.slip.above(wrenches[rows], self._stops.GT)
         fine[rows] = GT <= self._stops.GT * (1 + 1e-9)
         return fine
 

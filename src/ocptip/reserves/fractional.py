@@ -10,11 +10,14 @@ cone program, and t is optimal where F(t) = 0. The iteration t <- usage at the m
 fractional programming: Dinkelbach; Crouzeix, Ferland and Schaible, J. Optim. Theory Appl. 47, 1985) falls
 monotonically and superlinearly near the optimum. Far from it, where limits differ by magnitudes, it is slow;
 so every other program tries half of what is left above the largest t known to be too small.
+
+Many states are solved from few: Newton steps from the optimum of the nearest one of a fourth of them mostly
+lead to a proven optimum, without a program.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import clarabel
 import numpy as np
@@ -30,6 +33,8 @@ _SMALLEST_DIVISOR = 1e-3
 _DECREASE = 1e-9
 _NEAR = 1e-3
 _MAX_ITERATIONS = 40
+_FEW, _ONE_OF = 8, 4  # states that are solved one by one; of more, one of so many at first
+_CHUNK = 500
 
 
 @dataclass
@@ -54,6 +59,11 @@ class FractionalOptimum:
     status: np.ndarray
     iterations: np.ndarray
 
+    def put(self, rows: np.ndarray, other: FractionalOptimum) -> None:
+        """The optima of the states `rows`."""
+        for item in fields(self):
+            getattr(self, item.name)[rows] = getattr(other, item.name)
+
 
 def largest_usage(tangential: np.ndarray, limits: np.ndarray) -> np.ndarray:
     """(N,) largest |tangential| / limit of the contacts with a limit worth mentioning."""
@@ -68,12 +78,53 @@ def minimise_fraction(q: np.ndarray, Q: np.ndarray, forces: ForceRange) -> Fract
 
     Args:
         q: (N, n, k) tangential forces at z = 0.
-        Q: (N, n, k, nz) tangential forces per unit of z.
+        Q: (N, n, k, nz) tangential forces per unit of z, orthonormal together with `forces.per_z`.
         forces: normal forces and limits.
     """
-    count, n, k = q.shape
-    z = np.zeros((count, Q.shape[3]))
-    best = FractionalOptimum(
+    count = len(q)
+    if count <= _FEW:
+        return _one_by_one(q, Q, forces)
+    some = np.arange(0, count, _ONE_OF)
+    others = np.setdiff1d(np.arange(count), some)
+    best = _start(q, forces, Q.shape[3])
+    best.put(some, minimise_fraction(q[some], Q[some], forces.take(some)))
+    left = others[~_from_nearest(best, some, others, q, Q, forces)]
+    if len(left):
+        best.put(left, _one_by_one(q[left], Q[left], forces.take(left)))
+    return best
+
+
+def _from_nearest(
+    best: FractionalOptimum,
+    known: np.ndarray,
+    others: np.ndarray,
+    q: np.ndarray,
+    Q: np.ndarray,
+    forces: ForceRange,
+) -> np.ndarray:
+    """Refine states `others` from the optima of the nearest `known` ones; True where that is proven."""
+    basis = np.concatenate([forces.per_z[:, :, None], Q], axis=2).reshape(len(q), -1, Q.shape[3])
+    held = np.concatenate([forces.normal[:, :, None], q], axis=2).reshape(len(q), -1)
+    free = np.einsum("sfz,sf->sz", basis, held)
+    load = held - np.einsum("sfz,sz->sf", basis, free)  # of all forces the shortest, linear in the wrench
+    sizes = np.sum(load[known] ** 2, axis=1)
+    near = [
+        np.argmin(sizes - 2 * load[part] @ load[known].T, axis=1)
+        for part in np.array_split(others, 1 + len(others) // _CHUNK)
+    ]
+    from_state = known[np.concatenate(near)]
+    z = best.z[from_state] + free[from_state] - free[others]
+    start = z, best.usage[from_state], best.pull[from_state], best.normal_pull[from_state]
+    proven = _polish(best, others, q[others], Q[others], forces.take(others), *start)
+    best.status[others[proven]] = "refined"
+    return proven
+
+
+def _start(q: np.ndarray, forces: ForceRange, nz: int) -> FractionalOptimum:
+    """The states as they are given, z = 0."""
+    count, n, _ = q.shape
+    z = np.zeros((count, nz))
+    return FractionalOptimum(
         usage=largest_usage(q, forces.limits(z)),
         z=z,
         pull=np.zeros_like(q),
@@ -82,6 +133,12 @@ def minimise_fraction(q: np.ndarray, Q: np.ndarray, forces: ForceRange) -> Fract
         status=np.full(count, "not attempted", dtype=object),
         iterations=np.zeros(count, dtype=int),
     )
+
+
+def _one_by_one(q: np.ndarray, Q: np.ndarray, forces: ForceRange) -> FractionalOptimum:
+    """By cone programs, as `minimise_fraction`."""
+    count, n, k = q.shape
+    best = _start(q, forces, Q.shape[3])
     batch = _batch(n, k, Q.shape[3])
     known_too_small = np.zeros(count)
     todo = np.arange(count)
@@ -107,7 +164,9 @@ def minimise_fraction(q: np.ndarray, Q: np.ndarray, forces: ForceRange) -> Fract
         for points in (best.z[rows], x[usable, 1:]):  # the program's point where the best one is another
             if not np.any(near):
                 break
-            proven = _polish(best, rows[near], q[rows[near]], Q[rows[near]], own.take(near), points[near])
+            at = rows[near]
+            start = points[near], best.usage[at], best.pull[at], best.normal_pull[at]
+            proven = _polish(best, at, q[at], Q[at], own.take(near), *start)
             finished[np.flatnonzero(usable)[near]] |= proven
             near[np.flatnonzero(near)[proven]] = False
         todo = todo[~finished]
@@ -183,10 +242,9 @@ def _polish(
     q: np.ndarray,
     Q: np.ndarray,
     forces: ForceRange,
-    z: np.ndarray,
+    *start: np.ndarray,
 ) -> np.ndarray:
-    """Refine the states `where` by Newton steps from z; True where a proven optimum replaced the state."""
-    start = z, best.usage[where], best.pull[where], best.normal_pull[where]
+    """Refine the states `where` by Newton steps, see `refined`; True where a proven optimum replaced them."""
     point = refined(q, Q, forces, *start)
     good = point.proven & (point.t <= best.usage[where] * (1.0 + _DECREASE))
     rows = where[good]

@@ -35,6 +35,9 @@ UNSOLVED = 10.0
 """GT in programs where it is not known."""
 
 _RANK_TOLERANCE = 1e-9
+_CHUNK = 10_000  # wrenches that half spaces are multiplied with at once
+_FIRST, _LEAST = 16, 1e-3  # of `Slip.greatest`: wrenches tried first, smallest GT that matters
+_SHARE, _LEVEL = 0.9, 0.98  # share of the greatest that matters; ratio of the levels half spaces are made for
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +121,7 @@ class Slip:
         self._matrix = scaling[:, None] * support.wrench_matrix
         self._bases: dict[bytes, tuple[np.ndarray, np.ndarray, np.ndarray | None]] = {}
         self._maps: dict[float, SlipMap] = {}
+        self._cones: dict[float, np.ndarray | None] = {}
         if redistribution is None:
             _, basis, _ = self._basis(np.ones(support.n_contacts, dtype=bool), True)
             redistribution = "full" if np.any(basis[:, 0]) and not support.elastic else "tangential"
@@ -149,7 +153,39 @@ class Slip:
         unique = not np.any(basis[:, 0])
         if not self._sets.ordinary or not (unique or self.redistribution == "full"):
             return None
-        return wrench_half_spaces(self.support, GT * self._sets.friction)
+        if GT not in self._cones:
+            self._cones[GT] = wrench_half_spaces(self.support, GT * self._sets.friction)
+        return self._cones[GT]
+
+    def above(self, wrenches: np.ndarray, least: float) -> np.ndarray:
+        """GT (N,) under wrenches (N, 6) on the base; `least` where half spaces tell that it is no more.
+
+        NaN where it is not known.
+        """
+        rows, GT = self.half_spaces(least), np.full(len(wrenches), least)
+        todo = np.arange(len(wrenches)) if rows is None else np.flatnonzero(_beyond(rows, wrenches) > 0)
+        GT[todo] = self._of(wrenches[todo])
+        return GT
+
+    def greatest(self, wrenches: np.ndarray) -> np.ndarray:
+        """GT (N,) under wrenches (N, 6), of which the greatest matter; NaN where it is not known.
+
+        What is at most nine tenths of the greatest, and of 1, may stand there as one number between both.
+        """
+        rows = self.half_spaces(1.0) if len(wrenches) > _FIRST else None
+        if rows is None:
+            return self._of(wrenches)
+        order = np.argsort(-_beyond(rows, wrenches))
+        first, others, GT = order[:_FIRST], order[_FIRST:], np.empty(len(wrenches))
+        GT[first] = self._of(wrenches[first])
+        level = _LEVEL ** np.ceil(np.log(_SHARE * max(np.max(known(GT[first])), _LEAST)) / np.log(_LEVEL))
+        GT[others] = self.above(wrenches[others], min(level, _SHARE))
+        return GT
+
+    def _of(self, wrenches: np.ndarray) -> np.ndarray:
+        if not len(wrenches):
+            return np.empty(0)
+        return self.evaluate(solve_resting(self.support, wrenches), derivatives=False).GT
 
     @property
     def sure(self) -> float:
@@ -368,6 +404,12 @@ class SlipMap:
             if derivatives:
                 slopes[others] = reserve.for_program()[1]
         return values, slopes, bends
+
+
+def _beyond(rows: np.ndarray, wrenches: np.ndarray) -> np.ndarray:
+    """(N,) largest a . w of rows a (m, 6) for wrenches w (N, 6); in pieces that fit into memory."""
+    parts = np.array_split(wrenches, 1 + len(wrenches) // _CHUNK)
+    return np.concatenate([np.max(part @ rows.T, axis=1) for part in parts])
 
 
 def _force_units(grip: np.ndarray, d: int) -> np.ndarray:

@@ -30,6 +30,7 @@ ORDINARY, JUMP, DEVIATING = range(3)
 """Kinds of nodes: of the motion; after a jump with its overshoot, see `standing.jumps`; with joints that are
 late or overshoot, each by itself, see `motion.planner.deviating`."""
 
+FAR_FROM_SLIPPING = 0.25  # share of GT's limit that no row of a program looks at
 INNER = 1e-4  # an asked number is tightened by this share where rounding must not break it
 
 Look = Callable[[float], Instants]

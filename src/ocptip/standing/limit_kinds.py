@@ -9,11 +9,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from ocptip.reserves.slip import known
 from ocptip.standing.brake_limits import BrakeSlipLimit, BrakeTipLimit
 from ocptip.standing.feet_limit import FootForceLimit, FootLiftLimit, JumpFootForceLimit
 from ocptip.standing.instants import Instants, NodeColumns
 from ocptip.standing.jumps import AtJumps
 from ocptip.standing.limit import (
+    FAR_FROM_SLIPPING,
     TOLERANCE,
     AskedLimit,
     Limit,
@@ -32,7 +34,6 @@ from ocptip.standing.worst_case_limits import WorstSlipLimit, WorstTipOverLimit,
 from ocptip.trajectories.sampled import Motion
 
 PATH_MARGIN = 0.5  # share of M0 / GN - M0 that a path at rest keeps beyond the limit
-FAR_FROM_SLIPPING = 0.25  # share of GT's limit that no row of a program looks at
 GAP_SCALE = 10.0  # rows of distances are in 0.1 m
 FAR = 0.1  # m beyond the clearance: how far a pair may be so that its distance is computed exactly
 FURTHER_INSIDE = 1e-4  # distance in their units with which programs keep further limits: rounding
@@ -93,15 +94,6 @@ class SlipLimit(WrenchLimit, AskedLimit):
     def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
         super().__init__(robot, asked, joints)
         self._map = robot.slip.map(up_to=self.number)
-        full = robot.slip.redistribution == "full"  # takes long: what is far from slipping is seen at once
-        self._cone, self._far = (
-            robot.slip.half_spaces(g) if full else None for g in (self.number, self._small)
-        )
-
-    @property
-    def _small(self) -> float:
-        """GT that matters to nobody."""
-        return FAR_FROM_SLIPPING * self.number
 
     def half_spaces(self) -> np.ndarray | None:
         return self.robot.slip.half_spaces(self.number)
@@ -126,14 +118,15 @@ class SlipLimit(WrenchLimit, AskedLimit):
 
     def use(self, at: Instants) -> np.ndarray:
         if self._map not in at.memo:
-            values, near = np.full(len(at), self._small), _outside(self._far, at.wrenches)
-            values[near] = self._map(at.wrenches[near], derivatives=False)[0]
+            if self.robot.slip.redistribution == "full":
+                values = known(self.robot.slip.above(at.wrenches, FAR_FROM_SLIPPING * self.number))
+            else:
+                values = self._map(at.wrenches, derivatives=False)[0]
             at.memo[self._map] = values
         return at.memo[self._map] / self.number
 
     def kept(self, at: Instants) -> bool:
-        near = np.flatnonzero(_outside(self._cone, at.wrenches))
-        return not len(near) or super().kept(at.some(near))
+        return bool(np.all(self.robot.slip.above(at.wrenches, self.number) <= self.number))
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return np.array([-np.inf]), np.array([self.number])
@@ -142,13 +135,6 @@ class SlipLimit(WrenchLimit, AskedLimit):
         i, k = np.nonzero(mask)
         values, slopes, bends = self._map(at.y[i, at.columns.wrench])
         return Rows(at, i, k, values, slopes, bends=bends)
-
-
-def _outside(half_spaces: np.ndarray | None, wrenches: np.ndarray) -> np.ndarray:
-    """(N,) True for wrenches (N, 6) outside of half spaces; for all if there are none."""
-    if half_spaces is None:
-        return np.ones(len(wrenches), dtype=bool)
-    return np.any(wrenches @ half_spaces.T > 0, axis=1)
 
 
 class TorqueLimit(QuantityLimit, AskedLimit):

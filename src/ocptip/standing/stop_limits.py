@@ -13,7 +13,15 @@ import numpy as np
 
 from ocptip.reserves.slip import known
 from ocptip.standing.instants import Instants
-from ocptip.standing.limit import Look, MomentLimit, NodeSlopes, Rows, StateLimit, TableLimit
+from ocptip.standing.limit import (
+    FAR_FROM_SLIPPING,
+    Look,
+    MomentLimit,
+    NodeSlopes,
+    Rows,
+    StateLimit,
+    TableLimit,
+)
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.path_stops import Path, StopPoints, StopSlopes, stop_slopes
@@ -141,7 +149,7 @@ class StopSlipLimit(StopLimit):
     width = 1
 
     def _values(self, points: StopPoints) -> np.ndarray:
-        return points.slip.GT
+        return self.robot.slip.greatest(points.wrenches)
 
     def _rows_of(self, points: StopPoints) -> tuple[np.ndarray, np.ndarray]:
         reserve = self.robot.slip.evaluate(points.states)
@@ -149,10 +157,15 @@ class StopSlipLimit(StopLimit):
         return GT[:, None], slopes[:, None]
 
     def near(self, at: Instants, share: float) -> np.ndarray:
-        return known(self.measure(at)) >= share * self.number
+        return self.use(at)[:, None] >= share
 
     def use(self, at: Instants) -> np.ndarray:
-        return known(self.measure(at)[:, 0]) / self.number
+        """(N,), exact from `FAR_FROM_SLIPPING` on."""
+        if self not in at.memo:
+            points = self._points(at)
+            GT = known(self.robot.slip.above(points.wrenches, FAR_FROM_SLIPPING * self.number))
+            at.memo[self] = points.worst(GT[:, None])[0][:, 0] / self.number
+        return at.memo[self]
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return np.array([-np.inf]), np.array([self.number])
