@@ -1,4 +1,4 @@
-"""Twenty tasks for plans within a tolerance, and their plans, kept in a file."""
+"""Tasks for plans within a tolerance, and their plans, kept in a file."""
 
 from __future__ import annotations
 
@@ -24,6 +24,10 @@ from studies.common import EXAMPLES
 BASES = ((3, 10.0, 0.25), (3, 12.0, 0.25), (3, 15.0, 0.25), (4, 8.0, 0.16))
 """Feet, mass, kg, and half their distance, m: so little that within `workshop` the contacts decide."""
 
+STIFFNESS, DAMPING = 1e6, 0.05  # N/m, ratio
+SHARED = "arm of G, 4 feet, 8 kg", "UR5 on a cart, 0 kg, workshop", "UR5 on a cart, 5 kg, workshop"
+"""On four feet of which one carries nothing for a while on springs, if planned without a stiffness."""
+
 
 def on_feet(case: str, mass: float, half: float, feet: int) -> MotionTask:
     """The arm of a published case on three or four feet under another base."""
@@ -44,6 +48,13 @@ def ur5(payload: float) -> MotionTask:
     return replace(task, robot=task.robot.varied(arm=arm), source=None)
 
 
+def on_springs(task: MotionTask) -> MotionTask:
+    """The task with all feet on springs, so that it is known how they share a load."""
+    own = task.robot.support
+    contacts = [replace(contact, stiffness=STIFFNESS, damping_ratio=DAMPING) for contact in own.contacts]
+    return replace(task, robot=task.robot.varied(support=own.varied(contacts)), source=None)
+
+
 def tasks() -> dict[str, tuple[Callable[[], MotionTask], str]]:
     """How to make every task, by name, and the name of its tolerance."""
     found: dict[str, tuple[Callable[[], MotionTask], str]] = {}
@@ -57,6 +68,9 @@ def tasks() -> dict[str, tuple[Callable[[], MotionTask], str]]:
     for payload, preset in ((0.0, "workshop"), (0.0, "site"), (5.0, "workshop"), (5.0, "site")):
         make = lambda payload=payload: ur5(payload)  # noqa: E731
         found[f"UR5 on a cart, {payload:g} kg, {preset}"] = make, preset
+    for name in SHARED:
+        rigid, preset = found[name]
+        found[f"{name}, stiffness declared"] = (lambda rigid=rigid: on_springs(rigid())), preset
     return found
 
 
