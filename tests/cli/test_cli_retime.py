@@ -15,6 +15,7 @@ from ocptip.cli.check import retimed
 from ocptip.cli.main import main
 from ocptip.motion.check import check_motion
 from ocptip.robots.kinematics import gripper_pose
+from ocptip.standing.tolerance import WORKSHOP
 from ocptip.task_files.motion import load_task
 from ocptip.task_files.plan_folder import read_plan_folder
 from ocptip.trajectories.read import load_motion
@@ -91,6 +92,23 @@ def test_check_says_what_another_timing_of_the_path_takes(
     still = replace(task, limits=replace(task.limits, GN=0.05))
     bad = check_motion(task.robot, motion, still.limits, step=0.1)
     assert "no timing of its path from rest to rest keeps the limits" in retimed(still, motion, bad)
+    within = replace(task, limits=replace(task.limits, tolerance=WORKSHOP))
+    found = re.search(
+        r"allow (\d\.\d+) instead of 1\.000 s, within the tolerance", retimed(within, motion, bad)
+    )
+    assert found
+    assert 1.02 * timed < float(found[1]) < 1.1 * timed
+
+
+def test_files_of_waypoints_are_refused_before_the_task_is_read(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """That of the robot may have to be compiled; the file is named once, and so is the key."""
+    path = tmp_path / "arcs.toml"
+    path.write_text('between = "arcs"\n[[waypoint]]\nat_deg = [0]\n', encoding="utf-8")
+    assert main(["retime", str(path), "--task", str(tmp_path / "none.toml")]) == 2
+    text = "ocptip: arcs.toml: between: expected one of spline, lines, tool lines, got 'arcs'"
+    assert capsys.readouterr().err.strip() == text
 
 
 @pytest.mark.slow

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from ocptip.motion import late_joints
+from ocptip.motion.late_joints import Doing, doings
 from ocptip.motion.objective import TIME, priced
 from ocptip.retiming.fastest import ExtraRows, Grid, fastest, spaced
 from ocptip.retiming.late import LateJoints
@@ -16,9 +17,9 @@ from ocptip.retiming.retime import Retimed, retime
 from ocptip.retiming.rows import TimingLimits
 from ocptip.standing.tolerance import WORKSHOP
 from ocptip.standing.worst_case import worst_case_of
-from tests.retiming.paths import cart, random_path
+from tests.retiming.paths import cart, random_path, tripod
 
-NODES = 24
+NODES = 16
 
 
 @cache
@@ -36,7 +37,7 @@ def test_a_timing_within_a_tolerance_keeps_every_contact():
     assert found.check.within is not None
     assert 0.9 < found.check.worst["GN_worst_case"].value <= 0.999
     assert found.motion.end > 1.005 * found.fastest
-    assert found.slower < 1.002
+    assert found.slower < 1.003
     rng, cases, n = np.random.default_rng(0), worst_case_of(robot, WORKSHOP), robot.n
     deviations = cases.deviations
     for t in rng.uniform(0, found.motion.end, 40):
@@ -80,19 +81,39 @@ def test_rows_of_late_joints_are_slopes():
     np.testing.assert_allclose(excess[1] - excess[0], change, atol=2e-3 * np.max(np.abs(change)))
 
 
-def test_the_worst_of_too_many_combinations_is_found_by_slopes(monkeypatch: pytest.MonkeyPatch):
-    """As bad as the worst of all of them."""
-    task = cart()
-    motion = retime(task.robot, random_path(task, 0, 0.1), task.limits, nodes=12).motion
+@pytest.mark.parametrize("seed", [7, 20])
+def test_of_too_many_combinations_the_worst_is_found(monkeypatch: pytest.MonkeyPatch, seed: int):
+    """As bad as the worst of all of them; by slopes alone it is not."""
+    task = tripod()
+    motion = retime(task.robot, random_path(task, seed, 0.1), task.limits, nodes=12).motion
     cases = worst_case_of(task.robot, WORKSHOP)
     every = late_joints.jump_states(motion, WORKSHOP)
+    assert 5000 < len(every.times) < 50_000
     monkeypatch.setattr(late_joints, "MOST_OF_ALL", 100)
     some = late_joints.jump_states(motion, WORKSHOP, cases)
     assert len(some.times) < len(every.times) / 20
     for own in (some, every):
         assert len(own.words) == len(own.times) == len(own.s) == len(own.room)
     worst = [cases.estimated_moments(own.s, own.room).min(axis=0) for own in (some, every)]
-    np.testing.assert_allclose(*worst, rtol=1e-6)
-    subset = np.random.default_rng(0).choice(len(every.times), 2000)
-    slips = [cases.slip(own.s, room=own.room).values.max() for own in (some, every.some(subset))]
-    assert slips[0] > slips[1] * (1 - 1e-3)
+    np.testing.assert_allclose(*worst, atol=1e-9 * cases.reference)
+    monkeypatch.setattr(late_joints, "_EXCHANGES", 0)
+    by_slopes = late_joints.jump_states(motion, WORKSHOP, cases)
+    slips = [cases.estimated_slip(own.s, own.room).max() for own in (by_slopes, some, every)]
+    assert slips[0] < 0.995 * slips[1]
+    assert slips[1] == pytest.approx(slips[2])
+
+
+@pytest.mark.parametrize("overshoots", [False, True])
+def test_what_a_joint_may_be_doing(overshoots: bool):
+    """Events 6 and 2 ms before: late up to each, overshooting its step or the last two, or on time."""
+    found = doings([0.994, 0.998], 1.0, 0.010, overshoots)
+    late = [Doing(0, 0, pytest.approx(0.004)), Doing(1, 0, pytest.approx(0.004))]
+    over = [Doing(0, 1, 0.0), Doing(1, 1, 0.0), Doing(1, 2, 0.0)] if overshoots else []
+    on_time = Doing(None, 0, pytest.approx(0.002))
+    assert sorted(found, key=str) == sorted([*late, *over, on_time], key=str)
+    assert found[-1] == on_time
+    at_once = doings([1.0], 1.0, 0.010, overshoots)
+    assert at_once[0] == Doing(0, 0, pytest.approx(0.010))
+    assert at_once[1:] == ([Doing(0, 1, 0.0)] if overshoots else [Doing(None, 0, 0.0)])
+    assert doings([], 1.0, 0.010, overshoots) == [Doing(None, 0, 0.010)]
+    assert doings([0.994], 1.0, 0.0, overshoots=False) == [Doing(None, 0, 0.0)]

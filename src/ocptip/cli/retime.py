@@ -34,7 +34,7 @@ from ocptip.retiming.retime import Retimed, retime
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import WORKSHOP
-from ocptip.task_files.path import load_path
+from ocptip.task_files.path import load_path, refuse_early
 from ocptip.trajectories.path_fit import FittedPath
 from ocptip.trajectories.sampled import Motion
 from ocptip.trajectories.tool_path import ToolPath, tool_distance
@@ -47,6 +47,7 @@ def run(options: Namespace) -> Report:
     positive_number("--rate", options.rate)
     if options.controller == "quintic" and options.jerk is None:
         raise InputError("--controller: quintics need --jerk, without which accelerations jump")
+    refuse_early(options.motion)  # the task may have to be compiled first
     task, path = task_of(options, WORKSHOP)
     given = load_path(path, task, tolerance=options.path_tolerance, unit=options.unit)
     directory = output_directory(options, task.name)

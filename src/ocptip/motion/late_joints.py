@@ -5,7 +5,8 @@ in the motion's own time, times 1 + speed. Where its acceleration jumps at T, it
 after and the share kappa of the step more, or of the sum of its last two, three, ... steps since t - d, which
 add up. `certificate.trusted.late` encloses the same for all t. Here it is looked at instants, and at events
 and the longest delay after them: there the joints between whose jumps less than the delay lies are combined
-in all ways; where a motion jumps so often that these are too many, in those that are worst by slopes.
+in all ways; where a motion jumps so often that these are too many, in those that are worst by slopes, and, at
+the worst instants, than all that differ in one joint.
 
 A state says where each joint is at the end of its stretch of times T without a jump; `room` is how long that
 stretch is. The deviation "delay" goes back within it, exactly if the acceleration is constant.
@@ -17,7 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 from math import prod
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -30,12 +31,45 @@ from ocptip.trajectories.sampled import Motion
 MOST = 5000  # combinations of what joints do at one instant; of more, all alike, or all but one
 MOST_OF_ALL = 20_000  # combinations in a motion; of more, those that are worst by slopes
 _CHOICES = 2  # how often they are chosen, by the slopes at what was chosen before
+_WORST = 16  # instants, of each moment and of the slip reserve, at which other ways are tried joint by joint
+_EXCHANGES = 8  # times, at most
+_WORSE = 1e-9  # N m, or of GT: by less another way is not worse
 JUMP = 1e-6  # of the largest acceleration of a joint: smaller ones are none
 
 T = TypeVar("T")
 
 _Way = tuple[float, float, float, float, str]
 """What a joint may be doing: angle, speed, acceleration, room, word."""
+
+
+class Doing(NamedTuple):
+    """What a joint may be doing at an instant.
+
+    Attributes:
+        event: of those in the delay before; None: it is on time.
+        steps: how many of the last steps of the acceleration, with that of the event, it overshoots; 0: it
+            still is as before the event.
+        room: s, how much later it may be, without another jump.
+    """
+
+    event: int | None
+    steps: int
+    room: float
+
+
+def doings(events: Sequence[float], t: float, delay: float, overshoots: bool) -> list[Doing]:
+    """What a joint that jumps at events, s, increasing, in the delay before t may be doing at t."""
+    found: list[Doing] = []
+    low, at_once = t - delay, False
+    for event, time in enumerate(events):
+        if delay:
+            found.append(Doing(event, 0, max(time - low, 0.0)))
+        low, at_once = max(time, low), t - time <= INSIDE
+        if overshoots:
+            found += [Doing(event, steps, 0.0) for steps in range(1, event + 2)]
+    if not (at_once and overshoots):  # that is between what it was before and overshooting
+        found.append(Doing(None, 0, min(max(t - low, 0.0), delay)))
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,20 +120,19 @@ class _Events:
         inside = (self.times >= t - self.delay - INSIDE) & (self.times <= t + INSIDE)
         if self.smooth[joint]:
             return self._smooth_ways(inside, joint, own, then)
-        found: list[_Way] = []
-        low, at_once = t - self.delay, False
-        sums: list[float] = []  # of the last step, the last two, and so on
-        for e in np.flatnonzero(inside & self.jumps[:, joint]):
-            time, step, state = self.times[e], self.step[e, joint], (self.q[e, joint], self.qd[e, joint])
-            if self.delay:
-                found.append((*state, self.before[e, joint], max(time - low, 0.0), "late"))
-            sums, low, at_once = [step, *(s + step for s in sums)], max(time, low), t - time <= INSIDE
-            if self.more:
-                for size in sorted(set(sums)):
-                    found.append((*state, self.after[e, joint] + self.more * size, 0.0, "overshooting"))
-        if not (at_once and self.more):  # that is between what it was before and overshooting
-            found.append((*own, min(max(t - low, 0.0), self.delay), "on time"))
-        return found
+        jumps = np.flatnonzero(inside & self.jumps[:, joint])
+        found: dict[_Way, None] = {}
+        for doing in doings(self.times[jumps], t, self.delay, self.more > 0):
+            if doing.event is None:
+                way = *own, doing.room, "on time"
+            else:
+                e, steps = jumps[doing.event], jumps[doing.event + 1 - doing.steps : doing.event + 1]
+                more = self.more * np.sum(self.step[steps[::-1], joint])
+                acceleration = self.after[e, joint] + more if doing.steps else self.before[e, joint]
+                word = "overshooting" if doing.steps else "late"
+                way = self.q[e, joint], self.qd[e, joint], acceleration, doing.room, word
+            found[way] = None
+        return list(found)
 
     def _smooth_ways(self, inside: np.ndarray, joint: int, own: np.ndarray, then: np.ndarray) -> list[_Way]:
         """Of an acceleration that does not jump: on time, late, and where it was beyond in between."""
@@ -128,7 +161,7 @@ def jump_states(motion: Motion, tolerance: Tolerance, cases: WorstCase | None = 
             them, all.
     """
     n, events = motion.n, _Events(motion, tolerance)
-    found: list[_Doing] = []
+    found: list[_Instant] = []
     instants = np.unique(np.concatenate([events.times, events.times + events.delay]))
     if not (events.delay or events.more):
         instants = np.empty(0)
@@ -139,11 +172,12 @@ def jump_states(motion: Motion, tolerance: Tolerance, cases: WorstCase | None = 
         ways = [events.ways(t, j, own[j], then[j]) for j in range(n)]
         joints = [j for j in range(n) if len(ways[j]) > 1 or ways[j][0][-1] != "on time"]
         if joints:
-            found.append(_Doing(t, joints, ways))
+            found.append(_Instant(t, joints, ways))
     if cases is not None and sum(prod(map(len, doing.ways)) for doing in found) > MOST_OF_ALL:
         every = _worst_ways(found, cases)
     else:
-        every = [doing.looked(combinations(doing.ways)) for doing in found]
+        most = MOST if cases is None else MOST_OF_ALL
+        every = [doing.looked(combinations(doing.ways, most)) for doing in found]
     if not every:
         return Looked(np.empty((0, 3 * n)), np.empty(0), np.empty((0, n)), [])
     parts = [np.concatenate([getattr(one, part) for one in every]) for part in ("s", "times", "room")]
@@ -151,7 +185,7 @@ def jump_states(motion: Motion, tolerance: Tolerance, cases: WorstCase | None = 
 
 
 @dataclass(frozen=True)
-class _Doing:
+class _Instant:
     """What joints may be doing at a time t, s; those listed something else than being on time."""
 
     t: float
@@ -166,14 +200,18 @@ class _Doing:
         return Looked(states, np.full(len(chosen), self.t), numbers[:, :, 3], words)
 
 
-def _worst_ways(every: list[_Doing], cases: WorstCase) -> list[Looked]:
-    """Of each instant the combinations that are the worst for a moment or the slip reserve, by slopes."""
+def _worst_ways(every: list[_Instant], cases: WorstCase) -> list[Looked]:
+    """Of each instant the combinations that are the worst for a moment or the slip reserve, by slopes.
+
+    At the worst instants of each they are the worst that exchanging the way of one joint at a time leads to.
+    """
     n, size = len(every[0].ways), max(len(own) for doing in every for own in doing.ways)
     ways = np.full((len(every), n, size, 4), np.nan)
     for i, doing in enumerate(every):
         for j, own in enumerate(doing.ways):
             ways[i, j, : len(own)] = [way[:4] for way in own]
-    number = worst_of_ways(ways, cases)[0]
+    number, values, _ = worst_of_ways(ways, cases)
+    number = _exchanged(ways, cases, number, values)
     return [
         doing.looked(
             [
@@ -221,6 +259,33 @@ def worst_of_ways(
     return number, values, slopes
 
 
+def _exchanged(ways: np.ndarray, cases: WorstCase, number: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Numbers (D, F, n) of ways of which, at the worst instants, no other of a single joint is worse."""
+    number, values, n = number.copy(), values.copy(), ways.shape[1]
+    ranks = np.argsort(np.argsort(-values, axis=0, kind="stable"), axis=0)
+    row, which = np.nonzero(ranks < _WORST)
+    for _ in range(_EXCHANGES):
+        own = number[row, which]  # (R, n)
+        other = np.arange(ways.shape[2]) != own[:, :, None]
+        r, joint, way = np.nonzero(other & ~np.isnan(ways[row][..., 0]))
+        if not len(r):
+            break
+        tried = own[r]
+        tried[np.arange(len(r)), joint] = way
+        chosen = ways[row[r][:, None], np.arange(n), tried]
+        states = chosen[..., :3].transpose(0, 2, 1).reshape(-1, 3 * n)
+        found = cases.function(states, which[r], chosen[..., 3])[0]
+        order = np.argsort(-found, kind="stable")
+        better, first = np.unique(r[order], return_index=True)
+        best = order[first]
+        worse = found[best] > values[row[better], which[better]] + _WORSE
+        if not worse.any():
+            break
+        row, which = row[better[worse]], which[better[worse]]
+        number[row, which], values[row, which] = tried[best[worse]], found[best[worse]]
+    return number
+
+
 def _doing(joints: list[int], what: list[str]) -> str:
     """ "joints 1, 2 overshooting, joint 4 late"."""
     found = []
@@ -230,9 +295,9 @@ def _doing(joints: list[int], what: list[str]) -> str:
     return ", ".join(found)
 
 
-def combinations(ways: list[list[T]]) -> list[tuple[T, ...]]:
-    """All, or of too many those in which all joints but one do the same."""
-    if prod(map(len, ways)) <= MOST:
+def combinations(ways: list[list[T]], most: int = MOST) -> list[tuple[T, ...]]:
+    """All, or of more than so many those in which all joints but one do the same."""
+    if prod(map(len, ways)) <= most:
         return list(product(*ways))
     found = []
     for k in range(max(map(len, ways))):

@@ -1,9 +1,8 @@
 """Rows for joints that are late, or overshoot where they jump, each by itself, on a path.
 
-At a node the acceleration of a joint may still be what it was before a jump of the longest delay before, or
-be what it is and a share of the jumps since then more, as `motion.late_joints` says. On a path all of these
-are affine in x at a few neighbouring nodes. So are rows of the wrench with the worst of them: the limits
-stay convex, but join more than two nodes, which reachability cannot have and a cone program can.
+What joints may be doing at a node, and the longest delay after it, `motion.late_joints` says. On a path all
+of that is affine in x at a few neighbouring nodes. So are rows of the wrench with the worst of them: the
+limits stay convex, but join more than two nodes, which reachability cannot have and a cone program can.
 """
 
 from __future__ import annotations
@@ -14,16 +13,16 @@ from typing import NamedTuple
 import numpy as np
 from scipy import sparse
 
-from ocptip.motion.late_joints import worst_of_ways
+from ocptip.motion.late_joints import doings, worst_of_ways
 from ocptip.retiming.fastest import Grid
 from ocptip.standing.tolerance import Tolerance
 from ocptip.standing.worst_case import worst_case_of
+from ocptip.trajectories.arm_motion import INSIDE
 
 NAMES = ("tip-over within tolerance", "slip within tolerance")
 _NEAR = 0.03  # of M0, or of GT: rows that are missed by less than this are taken, too
 _FAR = 0.2  # of M0, or of GT: rows that are farther from it are no more looked at
 _SLOWEST = 1e-3  # of the mean of x: slopes of sqrt(x) are taken there, or where it is faster
-_MEET = 1e-9  # s
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,25 +136,20 @@ class LateJoints:
 
     def _at(self, at: _Nodes, node: int, time: float, share: float) -> list[tuple[tuple, _Made]]:
         """What joints may be doing so much of an interval after a node: states (4, n), and their making."""
-        first = int(np.searchsorted(at.t, time - self._delay - _MEET))
+        first = int(np.searchsorted(at.t, time - self._delay - INSIDE))
         found: list[tuple[tuple, _Made]] = []
-        for event in range(first, node + 1):
-            low = max(at.t[event - 1], time - self._delay) if event > first else time - self._delay
-            q, qd, place = self._q[event], at.qd[event], ((event, 1.0),)
-            room = np.full_like(qd, max(at.t[event] - low, 0.0))
-            if self._delay:
-                found.append(((q, qd, at.before[event], room), (place, ((event, False, 1.0),))))
-            jumped, jumps = at.after[event], [(event, True, 1.0)]
-            for begin in range(event, first - 1, -1):
-                jumped = jumped + self._more * (at.after[begin] - at.before[begin])
-                jumps = [*jumps, (begin, True, self._more), (begin, False, -self._more)]
-                found.append(((q, qd, jumped, np.zeros_like(qd)), (place, tuple(jumps))))
-        if share:
-            ends = (node, 1 - share), (node + 1, share)
+        for doing in doings(at.t[first : node + 1], time, self._delay, self._more > 0):
+            if doing.event is None:
+                ends = ((node, 1 - share), (node + 1, share))[: 2 if share else 1]
+                parts = ((node, True, 1 - share), (node + 1, False, share))[: len(ends)]
+            else:
+                event = first + doing.event
+                ends, parts = ((event, 1.0),), ((event, doing.steps > 0, 1.0),)
+                for begin in range(event, event - doing.steps, -1):
+                    parts = (*parts, (begin, True, self._more), (begin, False, -self._more))
             q, qd = (sum(part * values[end] for end, part in ends) for values in (self._q, at.qd))
-            qdd = (1 - share) * at.after[node] + share * at.before[node + 1]
-            room = np.full_like(qd, time - max(at.t[node], time - self._delay))
-            found.append(((q, qd, qdd, room), (ends, ((node, True, 1 - share), (node + 1, False, share)))))
+            qdd = sum(factor * (at.after if part else at.before)[end] for end, part, factor in parts)
+            found.append(((q, qd, qdd, np.full_like(self._q[0], doing.room)), (ends, parts)))
         return found
 
 

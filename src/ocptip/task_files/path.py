@@ -94,18 +94,37 @@ def _segments(task: MotionTask | CycleTask, found: Motion | MotionSequence) -> t
     return tuple(motions)
 
 
+def refuse_early(path: str | os.PathLike[str]) -> None:
+    """Refuse a file of waypoints for what no robot is needed to see; other files are not looked at.
+
+    Raises:
+        InputError: no such file, no TOML, unknown keys, or an unknown way between waypoints.
+    """
+    if Path(path).suffix.lower() == ".toml":
+        with Table.read(path) as data:
+            _tables(data)
+
+
+def _tables(data: Table) -> list[Table]:
+    """The tables of a file of waypoints that hold a path each."""
+    require_kind(data, "retime")
+    data.close("between", "path_tolerance", "waypoint", "segment")
+    tables = data.tables("segment") if "segment" in data else [data]
+    for table in tables:
+        if table is not data:
+            table.close("between", "path_tolerance", "waypoint")
+        table.choice("between", BETWEEN, "spline")
+    return tables
+
+
 def _waypoints(path: Path, task: MotionTask | CycleTask, tolerance: float | None) -> GivenPath:
     with Table.read(path) as data:
-        require_kind(data, "retime")
-        data.close("between", "path_tolerance", "waypoint", "segment")
-        tables = data.tables("segment") if "segment" in data else [data]
+        tables = _tables(data)
         tasks = [task] if isinstance(task, MotionTask) else [own.task for own in task.segments]
         if len(tables) != len(tasks):
             raise data.error(f"{len(tables)} paths, {task.name} has {len(tasks)} segments", "segment")
         paths, before = [], tasks[0].start
         for table, own in zip(tables, tasks, strict=True):
-            if table is not data:
-                table.close("between", "path_tolerance", "waypoint")
             paths.append(_path(table, own, before, tolerance))
             before = paths[-1].path.goal
         for number, (one, other) in enumerate(pairwise(paths), 1):
@@ -126,7 +145,7 @@ def _path(table: Table, task: MotionTask, before: np.ndarray, tolerance: float |
     ends = [read_end(task.robot, point, "at", task.limits) for point in points]
     for point in points:
         point.close()
-    with table.at("waypoint"):
+    with table.at("waypoint", points="waypoint", poses="waypoint"):
         if between == "tool lines":
             return _tool_path(table, task, ends, before, tolerance)
         postures = []
