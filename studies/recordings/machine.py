@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from ocptip.measured.recording import Recording, Signal
+from ocptip.robots.bodies import ArmBodies, real_bodies
 from ocptip.standing.arm import StandingRobot
-from ocptip.standing.simulation.bodies import ArmBodies, real_bodies
 from ocptip.standing.simulation.mjcf import BASE, joint_offsets, joint_order, to_mjcf
 from ocptip.standing.simulation.replay import library_mujoco, prescribed
 from ocptip.trajectories.sampled import Motion

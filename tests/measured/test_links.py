@@ -11,8 +11,8 @@ from ocptip.measured.links import all_parameters, base_parameters, identify_link
 from ocptip.measured.parameters import link_parameters, pseudo_inertia
 from ocptip.measured.prediction import Predictor
 from ocptip.measured.recording import Recording, Signal
+from ocptip.robots.bodies import exists
 from ocptip.robots.process import ProcessWrench
-from ocptip.standing.simulation.bodies import exists
 from studies.recordings.run import machine
 
 DRY, VISCOUS = np.array([2.0, 3.0, 1.5, 1.0, 1.2, 0.8]), np.array([1.0, 0.6, 0.8, 0.5, 0.7, 0.4])

@@ -42,6 +42,7 @@ from ocptip.published.tasks import experiment_task
 from ocptip.retiming.retime import OF_PATH, least_cost
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.on_drives import with_rise
 from ocptip.standing.sensitivity import Sensitivity
 from ocptip.standing.tolerance import NONE, Tolerance
 from ocptip.task_files.cycle import read_task
@@ -70,6 +71,8 @@ _ROWS = {
     "foot_force_N": "force on a foot that gives",
     "jump_foot_force_N": "the same at jumps, overshoot",
     "foot_lift_m": "lift of a foot that gives",
+    "GN_gears": "GN while gears ring",
+    "GT_gears": "GT while gears ring",
     "speed_ratio": "speed / limit",
     "acceleration_ratio": "acceleration / limit",
     "angle_margin_deg": "angle margin",
@@ -115,6 +118,7 @@ def run(options: Namespace) -> CheckReport:
         checked = check_motion(task.robot, motion, task.limits, step=step)
         if not isinstance(motion, FittedMotion):  # of which the accelerations are an estimate
             checked = certified(task.robot, motion, checked, task.limits)
+        checked = replace(checked, drives=with_rise(task.robot, motion))
         scaled = [
             (f, check_motion(task.robot, motion.time_scaled(f), task.limits, step=step))
             for f in options.time_scale

@@ -70,6 +70,7 @@ def check_rows(
         *certificate_rows(checked),
         *under("contacts", checked.contacts.lines()),
         *under("on feet", checked.feet_lines),
+        *under("gears", checked.drive_lines),
         ("collision", checked.collision_text),
         *within_rows(checked),
         *under("tolerates", tolerated),

@@ -253,7 +253,8 @@ class Document:
             *dict.fromkeys(note for stage in self.stages for note in stage.task.robot.notes),
         ]
         if self.checked is not None:
-            texts += [f"Collision: {self.checked.collision_text}.", *self.checked.feet_lines]
+            texts += [f"Collision: {self.checked.collision_text}."]
+            texts += [*self.checked.feet_lines, *self.checked.drive_lines]
             texts += dict.fromkeys(text for s in self.stages if s.stops for text in s.stops.assumed)
         yield html.items(texts)
 

@@ -40,7 +40,7 @@ _STATES, _SEED = 60, 0  # random states at which the rank is found
 _RANK = 1e-9  # share of the first pivot
 _RESTS = 1e-3  # share of its greatest speed below which a joint rests
 _PULL = 1.0  # a relative change of 1 costs as much as one standard error: what is not told stays as described
-_LEAST = 0.1  # mass of a link that is no body (see `simulation.bodies`), over that described
+_LEAST = 0.1  # mass of a link that is no body (see `robots.bodies`), over that described
 _THIN = 1e-6  # least second moment of a link along any axis, over its mass, (0.1 m)^2
 _SMALL = 0.01  # of the mean mass of links: change of a lighter one that counts as relative 1
 _LENGTH = 0.1  # m
@@ -303,7 +303,7 @@ def _program(
     K, rows, right, cones = len(described), [], [], []
     for k in range(arm.links):
         own = slice(PER_BODY * k, PER_BODY * (k + 1))
-        if not _exists(described[own]):  # split rotors: no body has them, see `simulation.bodies`
+        if not _exists(described[own]):  # split rotors: no body has them, see `robots.bodies`
             part = np.zeros((1, K))
             part[0, own.start] = -scale[own.start]
             rows.append(part)

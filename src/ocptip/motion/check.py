@@ -24,6 +24,7 @@ from ocptip.standing.limit import Limit, Worst
 from ocptip.standing.limit_kinds import limits_of
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.on_drives import DriveMotion, on_its_drives
 from ocptip.standing.on_feet import FeetMotion, on_its_feet
 from ocptip.trajectories.arm_motion import INSIDE
 from ocptip.trajectories.sampled import Motion
@@ -58,6 +59,7 @@ class MotionCheck:
         samples: number of instants evaluated.
         stands: no contact is lost at any sampled instant, whatever other limits are broken.
         feet: how the base swings on feet that give; None where it does not, or where that is not known.
+        drives: how gripper and base vibrate with gears that give; None where they do not.
         contacts: how close contacts come to being lost, in N, N m and m, at the sampled instants.
         collision: what was looked at, and the smallest distance, see `Collisions.to_dict`.
         within: the contacts at the worst of the tolerance; None where none was given.
@@ -75,6 +77,7 @@ class MotionCheck:
     collision: dict[str, Any]
     within: WithinTolerance | None = None
     feet: FeetMotion | None = None
+    drives: DriveMotion | None = None
     certificate: Certificate | None = None
 
     @property
@@ -101,6 +104,11 @@ class MotionCheck:
         return self.feet.lines() if self.feet else []
 
     @property
+    def drive_lines(self) -> list[str]:
+        """How gripper and base vibrate with gears that give, in words; empty where they do not."""
+        return self.drives.lines(self.contacts) if self.drives else []
+
+    @property
     def collision_text(self) -> str:
         """Which collisions were looked for, and the smallest distance, in words."""
         found = self.collision
@@ -124,6 +132,7 @@ class MotionCheck:
             "stands": self.stands,
             "contacts": self.contacts.to_dict(),
             "feet": self.feet.to_dict() if self.feet else None,
+            **({"drives": self.drives.to_dict()} if self.drives else {}),
             "collision": self.collision,
             **({"within_tolerance": self.within.to_dict()} if self.within else {}),
             "certified": self.certified,
@@ -208,6 +217,7 @@ def check_motion(
         collision=robot.collision.to_dict(_nearest(motion, worst)),
         within=within,
         feet=on_its_feet(robot, motion),
+        drives=on_its_drives(robot, motion),
     )
 
 

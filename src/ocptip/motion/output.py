@@ -75,6 +75,7 @@ def plan_to_dict(plan: MotionPlan, execution: Execution | None = None) -> dict[s
         **plan.task.robot.masses_to_dict(),
         "contacts": checked.contacts.to_dict(),
         **({"feet": checked.feet.to_dict()} if checked.feet else {}),
+        **({"drives": checked.drives.to_dict()} if checked.drives else {}),
         "collision": checked.collision,
         **({"within_tolerance": checked.within.to_dict()} if checked.within else {}),
         **({"units": motion["units"]} if "units" in motion else {}),

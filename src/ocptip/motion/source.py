@@ -43,7 +43,8 @@ class TaskSource:
         asked.update({name: getattr(limits, name) for name in LIMITS})
         for key in ("overshoot", "damping", "rise_time", "jerk"):
             asked.pop(key, None)
-        if limits.overshoot > 0 or self.robot.support.elastic:  # on feet that give it is not 0 by default
+        gives = self.robot.support.elastic or self.robot.chain  # then it is not 0 by default
+        if limits.overshoot > 0 or gives:
             asked["overshoot"] = limits.overshoot
         if rise_times:
             asked["rise_time"] = list(rise_times)

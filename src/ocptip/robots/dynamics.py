@@ -158,27 +158,33 @@ def mass_sensitivities(model: ArmModel) -> BatchFunction:
 
 
 @lru_cache(maxsize=_CACHED_MODELS)
-def base_inertia(model: ArmModel) -> BatchFunction:
-    """What moving the base of an arm takes, to first order in the base's motion.
+def small_motions(model: ArmModel, springs: tuple[int, ...] = ()) -> BatchFunction:
+    """What it takes to move the base of an arm, and some of its joints, a little beside what they do.
 
-    In: `q`, `qd` (n,), rad, rad/s; `about` (3,), m, base frame. Out: `inertia` (6, 6), kg, kg m, kg m^2:
-    force and moment about `about` that the base has to give per acceleration of that point and angular
-    acceleration of the base; `gyration` (6, 3): per angular velocity of the base, from the joints' speeds.
-    Base axes.
+    The d = 6 + m small motions are the base's (of the point `about`, then its turning, base axes) and those
+    of the m joints `springs`, from 0. What they take, to first order, are force and moment on the base about
+    `about` and torques of these joints.
+
+    In: `q`, `qd`, `qdd` (n,), rad, rad/s, rad/s^2; `gravity` (3,), m/s^2, `about` (3,), m, base axes. Out:
+    `inertia` (d, d), per acceleration; `gyration` (d, 3 + m), per angular velocity of the base and speed of
+    the joints; `stiffening` (d, m), per motion of the joints. That weight turns with the base is not in it.
     """
-    q, qd = cs.SX.sym("q", model.n), cs.SX.sym("qd", model.n)
-    about, twist = cs.SX.sym("about", 3), cs.SX.sym("twist", 9)
+    q, qd, qdd = (cs.SX.sym(name, model.n) for name in ("q", "qd", "qdd"))
+    gravity, about, twist = cs.SX.sym("gravity", 3), cs.SX.sym("about", 3), cs.SX.sym("twist", 9)
     acceleration, spin_change, spin = twist[:3], twist[3:6], twist[6:]
     acceleration = acceleration + cs.cross(spin_change, cs.SX(model.mount_position) - about)
-    none = cs.SX.zeros(3)
-    still = cs.SX.zeros(model.n)
-    _, wrench = newton_euler(
-        model, q, qd, still, -acceleration, none, none, about, spin=spin, spin_change=spin_change
+    none, own = cs.SX.zeros(3), list(springs)
+    torque, wrench = newton_euler(
+        model, q, qd, qdd, gravity - acceleration, none, none, about, spin=spin, spin_change=spin_change
     )
-    slopes = cs.substitute(cs.jacobian(-wrench, twist), twist, cs.SX.zeros(9))
-    outputs = [slopes[:, :6], slopes[:, 6:]]
-    names = ["q", "qd", "about"], ["inertia", "gyration"]
-    return BatchFunction(cs.Function("base_inertia", [q, qd, about], outputs, *names))
+    taken = cs.vertcat(-wrench, torque[own])
+    over = cs.vertcat(twist, qdd[own], qd[own], q[own])
+    slopes = cs.substitute(cs.jacobian(taken, over), twist, cs.SX.zeros(9))
+    m = len(own)
+    inertia, gyration = cs.horzcat(slopes[:, :6], slopes[:, 9 : 9 + m]), slopes[:, 6:9]
+    outputs = [inertia, cs.horzcat(gyration, slopes[:, 9 + m : 9 + 2 * m]), slopes[:, 9 + 2 * m :]]
+    names = ["q", "qd", "qdd", "gravity", "about"], ["inertia", "gyration", "stiffening"]
+    return BatchFunction(cs.Function("small_motions", [q, qd, qdd, gravity, about], outputs, *names))
 
 
 def evaluate_dynamics(

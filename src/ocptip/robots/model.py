@@ -22,6 +22,7 @@ from ocptip.basics.frozen import read_only
 from ocptip.numerics.inertia import RigidBody, union
 from ocptip.robots.collision.shapes import ArmGeometry
 from ocptip.robots.coupling import Coupling
+from ocptip.robots.gears import Gears
 from ocptip.robots.payload import Payload
 from ocptip.robots.process import ProcessWrench
 
@@ -134,6 +135,8 @@ class ArmModel:
         base_link, resting: of an arm from a URDF: link of its base frame, and where joints of that file stand
             that do not move, rad or m by name.
         coupling: joints that follow others; None: none does.
+        gears: springs between drives and links; None: gears do not give. Where an arm is said to be at joint
+            values, its links are there; only checks let them swing about that.
     """
 
     name: str
@@ -161,6 +164,7 @@ class ArmModel:
     base_link: str = ""
     resting: Mapping[str, float] = field(default_factory=dict)
     coupling: Coupling | None = None
+    gears: Gears | None = None
 
     def __post_init__(self) -> None:
         n = len(self.joint_names)
@@ -199,6 +203,8 @@ class ArmModel:
         if (skew > 1e-9 * (1e-6 + np.abs(self.inertias).max())).any():
             raise InputError(f"inertias: must be symmetric, link {int(np.argmax(skew)) + 1} is not")
         self._check_coupling()
+        if self.gears is not None and len(self.gears.stiffness) != n:
+            raise InputError(f"gear_stiffness: expected {n} joints, got {len(self.gears.stiffness)}")
         self._check_spheres(links)
 
     def _check_coupling(self) -> None:
@@ -312,6 +318,10 @@ class ArmModel:
     def with_process(self, process: ProcessWrench | None) -> ArmModel:
         """The same arm on whose gripper this acts, and nothing else."""
         return dataclasses.replace(self, process=process)
+
+    def with_gears(self, gears: Gears | None) -> ArmModel:
+        """The same arm with gears that give."""
+        return dataclasses.replace(self, gears=gears)
 
     def with_limits(self, **limits: object) -> ArmModel:
         """The same arm with some limits replaced, e.g. `with_limits(acceleration=np.full(6, 5.0))`."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Self
 
 import casadi as cs
@@ -14,13 +14,14 @@ from ocptip.reserves.slip import Redistribution
 from ocptip.robots.collision.gaps import Collisions
 from ocptip.robots.collision.model import ShapeCollisions
 from ocptip.robots.collision.shapes import BodyShape
-from ocptip.robots.dynamics import base_inertia, evaluate_dynamics, inverse_dynamics
+from ocptip.robots.dynamics import evaluate_dynamics, inverse_dynamics, small_motions
 from ocptip.robots.geometry import CollisionModel, Obstacle, in_closed_form
 from ocptip.robots.kinematics import gripper_batch
 from ocptip.robots.model import ArmModel
 from ocptip.robots.motors import Motors
 from ocptip.robots.payload import Payload
 from ocptip.robots.process import PATH, TIME
+from ocptip.robots.spring_chain import SpringChain, spring_chain
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.sensor import WrenchSensor
 from ocptip.trajectories.arm_motion import MERGE, gauss_legendre
@@ -110,27 +111,28 @@ class StandingRobot(StandingMechanism):
         Raises:
             InputError: the process varies, and there are no times, or it does not vary over time.
         """
-        support, arm, load = self.support, self.arm, {}
-        process = arm.process
+        return self._loads_of(self.arm, q, qd, qdd, times)
+
+    def _loads_of(
+        self, arm: ArmModel, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, times: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """The same of this arm instead."""
+        support, load, process = self.support, {}, arm.process
         if times is not None and process is not None and process.over == TIME:
             force, moment = process.at(times)
             if process.turns_with_tool:
                 turn = gripper_batch(arm)(q)[1]
                 force, moment = (np.einsum("kij,kj->ki", turn, rows) for rows in (force, moment))
-            arm, load = self._bare, {"force": force, "moment": moment}
+            arm, load = _without_process(arm), {"force": force, "moment": moment}
         about = support.center_of_mass
         dynamics = evaluate_dynamics(arm, q, qd, qdd, gravity=support.gravity, about=about, **load)
         return dynamics.torque, dynamics.wrench + support.weight
-
-    @cached_property
-    def _bare(self) -> ArmModel:
-        return self.arm.with_process(None)
 
     @property
     def unchanging(self) -> Self:
         """The robot without a process that varies; itself if there is none."""
         varies = self.arm.process is not None and self.arm.process.varies
-        return self.varied(arm=self._bare) if varies else self
+        return self.varied(arm=_without_process(self.arm)) if varies else self
 
     def during(self, motion: Motion) -> Self:
         """The same robot with a process that varies over the time of a motion, if it varies.
@@ -165,13 +167,48 @@ class StandingRobot(StandingMechanism):
         varies = self.unchanging is not self
         return gauss_legendre(self.pieces(motion), order) if varies else motion.quadrature(order)
 
-    def inertia(self, q: np.ndarray, qd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What moving base and arm takes, see `StandingMechanism.inertia`."""
-        arm, turning = base_inertia(self.arm)(q, qd, self.support.center_of_mass)
-        return arm + np.linalg.inv(self.support.inverse_mass), turning
+    def _small_motions(
+        self, arm: ArmModel, springs: tuple[int, ...], q: np.ndarray, qd: np.ndarray, qdd: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """With the base."""
+        support, arm = self.support, _without_process(arm) if self.unchanging is not self else arm
+        found = small_motions(arm, springs)(q, qd, qdd, support.gravity, support.center_of_mass)
+        inertia, turning, stiffening = found
+        inertia[:, :6, :6] += np.linalg.inv(support.inverse_mass)
+        return inertia, turning, stiffening.reshape(len(q), 6 + len(springs), -1)
 
-    def tool(self, q: np.ndarray) -> np.ndarray:
+    @property
+    def chain(self) -> SpringChain | None:
+        """The arm with springs in its gears; None: they do not give.
+
+        Raises:
+            InputError: that is not possible with this arm.
+        """
+        return None if self.arm.gears is None else spring_chain(self.arm)
+
+    def swing_loads(
+        self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, times: np.ndarray | None = None
+    ) -> np.ndarray:
+        """See `StandingMechanism.swing_loads`."""
+        if self.chain is None:
+            return self.loads(q, qd, qdd, times)[1]
+        own = [self.chain.spread(values) for values in (q, qd, qdd)]
+        torques, wrenches = self._loads_of(self.chain.arm, own[0], own[1], own[2], times)
+        return np.hstack([wrenches, -torques[:, self.chain.springs]])
+
+    def small_motions(
+        self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """See `StandingMechanism.small_motions`."""
+        if self.chain is None:
+            return self._small_motions(self.arm, (), q, qd, qdd)
+        own = tuple(self.chain.springs.tolist())
+        return self._small_motions(self.chain.arm, own, *map(self.chain.spread, (q, qd, qdd)))
+
+    def tool(self, q: np.ndarray, springs: np.ndarray | None = None) -> np.ndarray:
         """Positions (N, 3), m, of the gripper."""
+        if springs is not None and self.chain is not None:
+            return gripper_batch(self.chain.arm)(self.chain.spread(q, springs))[0]
         return gripper_batch(self.arm)(q)[0]
 
     def gripper(self, q: np.ndarray) -> np.ndarray:
@@ -188,6 +225,11 @@ class StandingRobot(StandingMechanism):
             q, qd, qdd, support.gravity, [0, 0, 0], [0, 0, 0], support.center_of_mass
         )
         return torque, wrench + support.weight
+
+
+@lru_cache(maxsize=8)
+def _without_process(arm: ArmModel) -> ArmModel:
+    return arm.with_process(None)
 
 
 @lru_cache(maxsize=8)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ocptip.basics.text import percent, quantity
-from ocptip.standing.instants import Instants
+from ocptip.standing.instants import Loaded
 
 _ALIKE = 1e-6
 
@@ -71,7 +71,7 @@ class ContactMargins:
     first_weak: float = np.inf
 
     @classmethod
-    def of(cls, at: Instants, times: np.ndarray) -> ContactMargins:
+    def of(cls, at: Loaded, times: np.ndarray) -> ContactMargins:
         """Of instants at times (N,), s."""
         tip, tip_over = at.tip, at.robot.tip_over
         pairs = [(min(axis.contacts) + 1, max(axis.contacts) + 1) for axis in tip_over.axes]

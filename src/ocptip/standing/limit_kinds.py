@@ -11,6 +11,7 @@ import numpy as np
 
 from ocptip.reserves.slip import known
 from ocptip.standing.brake_limits import BrakeSlipLimit, BrakeTipLimit
+from ocptip.standing.drive_limits import RingingSlipLimit, RingingTipLimit
 from ocptip.standing.feet_limit import FootForceLimit, FootLiftLimit, JumpFootForceLimit
 from ocptip.standing.instants import Instants, NodeColumns
 from ocptip.standing.jumps import AtJumps
@@ -444,6 +445,8 @@ KINDS: tuple[type[Limit], ...] = (
     FootForceLimit,
     JumpFootForceLimit,
     FootLiftLimit,
+    RingingTipLimit,
+    RingingSlipLimit,
 )
 
 

@@ -26,6 +26,7 @@ from ocptip.robots.collision.gaps import Collisions
 from ocptip.robots.model import JointLimits
 from ocptip.robots.motors import Motors
 from ocptip.robots.payload import Payload
+from ocptip.robots.spring_chain import SpringChain
 from ocptip.standing.sensor import WrenchSensor
 from ocptip.trajectories.sampled import Motion
 
@@ -138,7 +139,7 @@ class StandingMechanism(MadeOf, ABC):
 
     Attributes:
         kind: word for messages.
-        knows_inertia: :meth:`inertia` is known.
+        knows_inertia: :meth:`small_motions` are known.
         direct_drives: every motor moves one coordinate, at that coordinate's speed.
         further_limits: of what :meth:`further` gives.
         mass: of base, mechanism and payload, kg.
@@ -218,13 +219,35 @@ class StandingMechanism(MadeOf, ABC):
     def load_expressions(self, q: cs.SX, qd: cs.SX, qdd: cs.SX) -> tuple[cs.SX, cs.SX]:
         """The same as CasADi columns (n,) and (6,)."""
 
-    def inertia(self, q: np.ndarray, qd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What moving base and mechanism takes, to first order, where `knows_inertia`.
+    def swing_loads(
+        self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, times: np.ndarray | None = None
+    ) -> np.ndarray:
+        """(N, d), N, N m: what moves base and springs of gears that stay as they are, where `knows_inertia`.
 
-        (N, 6, 6), kg, kg m, kg m^2: force and moment about the base's centre of mass per acceleration of that
-        point and angular acceleration; (N, 6, 3): per angular velocity of the base.
+        That is the wrench on the base, see :meth:`loads`, then what each of m springs has to give, d = 6 + m.
         """
         raise NotImplementedError(f"{self.kind}: inertia as seen from the base")
+
+    def small_motions(
+        self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """What it takes to move the base and the springs a little beside the motion, where `knows_inertia`.
+
+        Inertia (N, d, d), per acceleration of the base's centre of mass, its angular acceleration, those of
+        the springs; (N, d, 3 + m): per angular velocity of the base and speed of the springs; (N, d, m): per
+        motion of the springs. SI, base axes, to first order; without the turning of the weight with the base.
+        """
+        raise NotImplementedError(f"{self.kind}: inertia as seen from the base")
+
+    def inertia(self, q: np.ndarray, qd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What moving the base alone takes: (N, 6, 6) and (N, 6, 3) of :meth:`small_motions`."""
+        inertia, turning, _ = self.small_motions(q, qd, 0 * q)
+        return inertia[:, :6, :6], turning[:, :6, :3]
+
+    @property
+    def chain(self) -> SpringChain | None:
+        """What moves, with springs in its gears; None: they do not give."""
+        return None
 
     @property
     def swings(self) -> bool:
@@ -232,8 +255,11 @@ class StandingMechanism(MadeOf, ABC):
         elastic = self.support.elastic
         return self.knows_inertia and elastic is not None and elastic.holds
 
-    def tool(self, q: np.ndarray) -> np.ndarray:
-        """Positions (N, 3), m, base frame, of the point whose place matters; default: the centre of mass."""
+    def tool(self, q: np.ndarray, springs: np.ndarray | None = None) -> np.ndarray:
+        """Positions (N, 3), m, base frame, of the point whose place matters; default: the centre of mass.
+
+        Springs in gears (N, m), rad, bend it.
+        """
         return np.broadcast_to(self.support.center_of_mass, (len(q), 3))
 
     def gripper(self, q: np.ndarray) -> np.ndarray:

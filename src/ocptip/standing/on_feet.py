@@ -15,18 +15,15 @@ from ocptip.contact.bindings.binding import Spring
 from ocptip.contact.bindings.unilateral import DAMPING_RATIO, TANGENTIAL_SHARE, UnilateralContact
 from ocptip.contact.elastic import ElasticFeet
 from ocptip.numerics.bisection import bisected
-from ocptip.numerics.vectors import cross
 from ocptip.standing.contact_margins import Margin
 from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.on_drives import SETTLED, course_shifts, ridden, settling
 from ocptip.standing.on_springs import FALLEN, Course, Modes, Ride, Simulation
 from ocptip.trajectories.sampled import Motion
 
-SETTLED = 1e-4  # m: the gripper is at rest when it stays as near to its last place
 STIFFEST, SOFTEST = 1e7, 1e4  # N/m
 _CLOSE = 0.02  # decades of stiffness
 _A_MOMENT = 1e-3  # s
-_DECAYS = 6.0  # time constants of the lowest mode for which is looked on after the end
-_LOOK = 0.2, 5.0  # s: at least and at most
 
 
 @dataclass(frozen=True)
@@ -140,10 +137,8 @@ def on_its_feet(robot: StandingMechanism, motion: Motion) -> FeetMotion | None:
     if elastic is None or not robot.swings:
         return None
     modes = Modes.of(elastic, robot.inertia(begin, 0 * begin)[0][0])
-    rate = 2 * np.pi * modes.lowest * max(modes.damping, 1e-9)
-    ride = Ride(robot, motion, rest=float(np.clip(_DECAYS / rate, *_LOOK)))
-    course = Simulation(ride, elastic, modes).run()
-    shifts = _shifts(robot, motion, course)
+    _, course = ridden(robot, motion)
+    moved = course_shifts(robot, motion, course)
     return FeetMotion(
         course=course,
         end=motion.end,
@@ -151,8 +146,8 @@ def on_its_feet(robot: StandingMechanism, motion: Motion) -> FeetMotion | None:
         damping=modes.damping,
         least=tuple(_least(course, k) for k in range(len(modes.delays))),
         lifts=tuple(sorted(_lifts(course), key=lambda lift: -lift.height)),
-        shift=_largest(course.times, np.linalg.norm(shifts - shifts[0], axis=1)),
-        settling=_settling(course, motion.end, shifts),
+        shift=_largest(course.times, np.linalg.norm(moved - moved[0], axis=1)),
+        settling=settling(course, motion.end, moved),
     )
 
 
@@ -197,7 +192,7 @@ def softest_feet(robot: StandingMechanism, motion: Motion) -> SoftestFeet | None
 
     def lifted(exponent: float) -> Margin | None:
         elastic = feet(exponent)
-        modes = Modes.of(elastic, ride.start_inertia)
+        modes = Modes.of(elastic, ride.start_inertia[:6, :6])
         course = Simulation(ride, elastic, modes, one_sided=False).run()
         least = min((_least(course, k) for k in range(len(unit))), key=lambda margin: margin.value)
         return least if least.value < 0 or course.falls else None
@@ -253,18 +248,3 @@ def _lifts(course: Course) -> list[Lift]:
         if not any(lift.contact == k + 1 and lift.begin - 1e-9 <= time <= lift.end for lift in found):
             found.append(Lift(k + 1, time, time, 0.0, time))
     return found
-
-
-def _shifts(robot: StandingMechanism, motion: Motion, course: Course) -> np.ndarray:
-    """(T, 3), m: by how much the feet shift the gripper."""
-    places = robot.tool(motion.states(np.minimum(course.times, motion.end))[0])
-    arms = places - robot.support.center_of_mass
-    return course.twists[:, :3] + cross(course.twists[:, 3:], arms)
-
-
-def _settling(course: Course, end: float, shifts: np.ndarray) -> float:
-    away = np.linalg.norm(shifts - shifts[-1], axis=1) > SETTLED
-    late = np.flatnonzero(away & (course.times > end))
-    if course.falls or (len(late) and late[-1] >= len(away) - len(away) // 50):
-        return np.inf
-    return float(course.times[late[-1]] - end) if len(late) else 0.0

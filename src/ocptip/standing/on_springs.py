@@ -1,14 +1,16 @@
-"""A base with a moving mechanism on feet that give, to first order in the base's own motion.
+"""A base with a moving mechanism on feet that give, drives behind gears that give, to first order in both.
 
-With the twist xi of the base (of its centre of mass, base axes; zero where the springs are slack) and the
-wrench w(t) of the mechanism on a base that rests,
+With the d small motions u (the base's twist, of its centre of mass, base axes, zero where feet are slack; and
+springs of gears) and the loads w(t) of the mechanism on base and springs that stay as they are,
 
-    M xi'' + (B + C) xi' + (K + G) xi = w(t):
+    M u'' + (B + C) u' + (K + G) u = w(t):
 
-M is the inertia of base and mechanism, B what the joints' speeds add when the base turns, K and C are springs
-and dampers of the feet, and G turns weight and spring forces with the base (without it a high mechanism
-would stand too stiffly). In steps within which the joints hardly turn, all matrices are constant and w is a
-cubic in time: the step is then a matrix exponential.
+M is the inertia of base and links, B what the joints' speeds add, K and C are springs and dampers of feet and
+gears, and G turns weight and spring forces with the base (without it a high mechanism would stand too
+stiffly) and moves the links with the springs. The drives do what the motion says, whatever the links do:
+Spong's model with the rotors' motion given. On feet that do not give only the springs of gears move. In steps
+within which the joints hardly turn, all matrices are constant and w is a cubic in time: the step is then a
+matrix exponential.
 
 A foot presses until spring and damper would have to pull. It then carries nothing, its sole, which has
 no mass, relaxes with the time c / k, and it comes down where base and sole meet the ground again, its
@@ -34,13 +36,14 @@ TURN = 0.05  # rad or m by which a joint moves in a step, at most
 PER_PERIOD = 24  # instants per period of the highest frequency
 MOST_SWITCHES = 500  # feet that lift and land
 FALLEN = 0.02  # m: a foot that moves farther has left what is linear
+FASTEST = 500.0  # Hz: gears with faster springs (drive and other joints held) count as such that do not give
 _SHARES = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
 _CUBIC = np.linalg.pinv(np.vander(_SHARES, 4, increasing=True)) * np.array([[1], [1], [2], [6]])
 _SECANTS = 4
 
 
 class Ride:
-    """What a base feels of a motion, step by step, whatever it stands on.
+    """What base and gears feel of a motion, step by step, whatever the base stands on.
 
     Args:
         robot: that `knows_inertia`.
@@ -50,21 +53,22 @@ class Ride:
     Attributes:
         lengths: (S,), s, of the steps.
         begins: (S,), s.
-        inertia: (S, 6, 6), M.
-        turning: (S, 6, 6), B.
-        loads: (S, 4, 6): w and its derivatives at the beginning of each step.
-        middle: (S, 6): w in the middle.
-        start_inertia: (6, 6).
-        events: (S,) True for steps that begin with an event.
+        inertia: (S, d, d), M.
+        turning: (S, d, d), B.
+        loads: (S, 4, d): w and its derivatives at the beginning of each step.
+        middle: (S, 6): the wrench in the middle.
+        stiffening: (S, d, d): what of G is known without feet.
+        start_inertia: (d, d).
+        start_load: (d,).
+        springs, dampers: (m,) of gears, N m/rad and N m s/rad; of some that are too fast infinite.
     """
 
     def __init__(self, robot: StandingMechanism, motion: Motion, rest: float = 0.0) -> None:
         self.robot = robot
         fastest = float(np.max(motion.speed_peaks, initial=0.0))
         step = min(LONGEST, TURN / fastest if fastest > 0 else LONGEST)
-        cuts = [
-            np.linspace(a, b, max(1, int(np.ceil((b - a) / step))) + 1) for a, b in motion.intervals if b > a
-        ]
+        pieces = robot.pieces(motion)
+        cuts = [np.linspace(a, b, max(1, int(np.ceil((b - a) / step))) + 1) for a, b in pieces if b > a]
         self.begins = np.concatenate([cut[:-1] for cut in cuts]) if cuts else np.empty(0)
         self.lengths = np.concatenate([np.diff(cut) for cut in cuts]) if cuts else np.empty(0)
         inside = np.minimum(INSIDE, 0.25 * self.lengths)
@@ -72,40 +76,74 @@ class Ride:
         times[:, 0] += inside
         times[:, -1] -= inside
         states = motion.states(times.ravel())
-        wrenches = robot.loads(*states)[1].reshape(-1, len(_SHARES), 6)
+        loads = robot.swing_loads(*states, times.ravel())
+        loads = loads.reshape(-1, len(_SHARES), loads.shape[1])
         powers = self.lengths[:, None] ** np.arange(4)
-        self.loads = np.einsum("ij,sjv->siv", _CUBIC, wrenches) / powers[:, :, None]
-        self.middle = wrenches[:, 2]
-        q, qd, _ = (values[2 :: len(_SHARES)] for values in states)
+        self.loads = np.einsum("ij,sjv->siv", _CUBIC, loads) / powers[:, :, None]
+        self.middle = loads[:, 2, :6]
+        q, qd, qdd = (values[2 :: len(_SHARES)] for values in states)
         if rest > 0:
             still = motion.goal[None]
-            load = robot.loads(still, 0 * still, 0 * still)[1]
+            load = robot.swing_loads(still, 0 * still, 0 * still, np.array([motion.end]))
             self.begins, self.lengths = np.append(self.begins, motion.end), np.append(self.lengths, rest)
             self.loads = np.concatenate([self.loads, np.pad(load[None], ((0, 0), (0, 3), (0, 0)))])
-            self.middle = np.vstack([self.middle, load])
-            q, qd = np.vstack([q, still]), np.vstack([qd, 0 * still])
-        self.inertia, turning = robot.inertia(q, qd)
-        self.turning = np.concatenate([np.zeros_like(turning), turning], axis=2)
+            self.middle = np.vstack([self.middle, load[:, :6]])
+            q, qd, qdd = np.vstack([q, still]), np.vstack([qd, 0 * still]), np.vstack([qdd, 0 * still])
+        self.inertia, self.turning, self.stiffening = self._matrices(q, qd, qdd)
         begin = motion.start[None]
-        self.start_inertia = robot.inertia(begin, 0 * begin)[0][0]
-        self.start_load = robot.loads(begin, 0 * begin, 0 * begin)[1][0]
+        self.start_inertia = self._matrices(begin, 0 * begin, 0 * begin)[0][0]
+        self.start_load = robot.swing_loads(begin, 0 * begin, 0 * begin, np.zeros(1))[0]
+        self.springs, self.dampers = self._gears()
 
-    def leaning(self, elastic: ElasticFeet) -> np.ndarray:
-        """G (S, 6, 6): weight and spring forces that turn with the base."""
-        support = self.robot.support
-        forces = np.nan_to_num(elastic.share(self.middle).forces)
+    def _matrices(self, *states: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Inertia, turning, stiffening, (N, d, d) each."""
+        inertia, turning, stiffening = self.robot.small_motions(*states)
+        none = np.zeros((*turning.shape[:2], 3))
+        leaning = -inertia[:, :, :3] @ skew(self.robot.support.gravity)
+        return (
+            inertia,
+            np.concatenate([none, turning], axis=2),
+            np.concatenate([none, leaning, stiffening], axis=2),
+        )
+
+    def _gears(self) -> tuple[np.ndarray, np.ndarray]:
+        """Springs and dampers; those much faster than all that is looked at do not give."""
+        chain = self.robot.chain
+        if chain is None:
+            return np.empty(0), np.empty(0)
+        own = np.diagonal(self.start_inertia)[6:]
+        springs = chain.gears.stiffness[chain.gears.elastic]
+        fast = springs > own * (2 * np.pi * FASTEST) ** 2
+        return np.where(fast, np.inf, springs), chain.gears.dampers(own)
+
+    def free(self, elastic: ElasticFeet | None) -> np.ndarray:
+        """Numbers of the motions that are possible on these feet; None: they do not give."""
+        gears = 6 + np.flatnonzero(np.isfinite(self.springs))
+        return gears if elastic is None else np.concatenate([np.arange(6), gears])
+
+    def at_rest(self, q: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Loads (N, d) of postures (N, n) at rest, and `stiffening` there."""
+        still = 0 * q
+        return self.robot.swing_loads(q, still, still, times), self._matrices(q, still, still)[2]
+
+    def leaning(
+        self, elastic: ElasticFeet | None, stiffening: np.ndarray, wrenches: np.ndarray
+    ) -> np.ndarray:
+        """G (N, d, d): with the feet's forces under wrenches (N, 6 or more), which turn with the base."""
+        if elastic is None:
+            return stiffening
+        G, support = stiffening.copy(), self.robot.support
+        forces = np.nan_to_num(elastic.share(wrenches[:, :6]).forces)
         forces = np.einsum("kij,skj->ski", support.frames, forces)
-        G = np.zeros_like(self.inertia)
-        G[:, :, 3:] = -self.inertia[:, :, :3] @ skew(support.gravity)
         turned = skew(forces)  # a force seen from the turned base: f x theta
-        G[:, :3, 3:] -= turned.sum(axis=1)
-        G[:, 3:, 3:] -= np.einsum("kij,skjl->sil", skew(support.arms), turned)
+        G[:, :3, 3:6] -= turned.sum(axis=1)
+        G[:, 3:6, 3:6] -= np.einsum("kij,skjl->sil", skew(support.arms), turned)
         return G
 
 
 @dataclass(frozen=True, eq=False)
 class Modes:
-    """Of base and mechanism at the start, all feet pressing.
+    """Of base and mechanism at the start, all feet pressing, gears that do not give.
 
     Attributes:
         lowest, highest: natural frequencies, Hz.
@@ -125,25 +163,36 @@ class Modes:
         moving = squares[squares > 1e-9 * squares[-1]]
         low, high = np.sqrt(moving[0]), np.sqrt(moving[-1])
         delays = np.array([spring.delay + 2 * spring.ratio / low for spring in elastic.springs])
-        inverse = np.linalg.inv(inertia)
-        A = np.zeros((12, 12))
-        A[:6, 6:] = np.eye(6)
-        A[6:, :6], A[6:, 6:] = -inverse @ elastic.matrix(), -inverse @ elastic.matrix(factors=delays)
-        roots = np.linalg.eigvals(A)
-        roots = roots[np.abs(roots) > 1e-3 * low]
-        slowest = roots[np.argmin(np.abs(np.abs(roots) - low))]
-        return cls(low / (2 * np.pi), high / (2 * np.pi), float(-slowest.real / np.abs(slowest)), delays)
+        found = oscillations(inertia, elastic.matrix(factors=delays), elastic.matrix())
+        frequencies, ratios = found[np.abs(found[:, 0]) > 1e-3 * low / (2 * np.pi)].T
+        slowest = int(np.argmin(np.abs(2 * np.pi * frequencies - low)))
+        return cls(low / (2 * np.pi), high / (2 * np.pi), float(ratios[slowest]), delays)
+
+
+def oscillations(inertia: np.ndarray, damping: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
+    """(2 d, 2), natural frequencies, Hz, and damping ratios of M u'' + C u' + K u = 0, the slowest first."""
+    d = len(inertia)
+    A = np.zeros((2 * d, 2 * d))
+    A[:d, d:] = np.eye(d)
+    A[d:, :d], A[d:, d:] = -np.linalg.solve(inertia, stiffness), -np.linalg.solve(inertia, damping)
+    roots = np.linalg.eigvals(A)
+    sizes = np.abs(roots)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        found = np.column_stack([sizes / (2 * np.pi), -roots.real / sizes])
+    return found[np.argsort(sizes)]
 
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """How the base moves on its feet, at T instants.
+    """How base and springs of gears move, at T instants.
 
     Attributes:
         times: (T,), s.
-        twists, rates: (T, 6), m and rad, m/s and rad/s.
-        forces: (T, n, 3), N, contact axes, on the base.
+        twists, rates: (T, 6), m and rad, m/s and rad/s; of a base on feet that do not give zero.
+        bends: (T, m), rad (m), of springs of gears.
+        forces: (T, n, 3), N, contact axes, on the base; empty where feet do not give.
         gaps: (T, n), m, of soles that are lifted; else 0.
+        wrenches: (T, 6), N and N m: on a base on feet that do not give, its weight included; else empty.
         lost: contact (from 0) and time of every foot that let go, also of those that came down at once.
         falls: the computation ended early, where a foot had moved by more than `FALLEN`.
     """
@@ -151,72 +200,145 @@ class Course:
     times: np.ndarray
     twists: np.ndarray
     rates: np.ndarray
+    bends: np.ndarray
     forces: np.ndarray
     gaps: np.ndarray
+    wrenches: np.ndarray
     lost: tuple[tuple[int, float], ...]
     falls: bool
 
 
 class Simulation:
-    """Base and feet as piecewise linear systems.
+    """Base, feet and gears as piecewise linear systems of the d motions that are possible.
 
     Args:
-        ride: what moves it.
-        elastic: the feet.
-        modes: of both.
+        ride: what moves them.
+        elastic: the feet; None: they do not give.
+        modes: of both; None without such feet.
         one_sided: False: feet may pull, which is the linear theory.
     """
 
-    def __init__(self, ride: Ride, elastic: ElasticFeet, modes: Modes, one_sided: bool = True) -> None:
-        self._ride, self._elastic, self._modes, self._one_sided = ride, elastic, modes, one_sided
-        n = len(modes.delays)
-        self._W, self._D = elastic.W, elastic.stiffness
-        self._leaning = ride.leaning(elastic)
-        self._inverse = np.linalg.inv(ride.inertia)
-        pressing, none = np.ones(n, dtype=bool), np.zeros((n, 3))
-        systems = self._systems(slice(None), pressing, none)
-        self._counts = np.maximum(1, np.ceil(ride.lengths * modes.highest * PER_PERIOD)).astype(int)
-        self._steps = expm(systems * (ride.lengths / self._counts)[:, None, None])
-        down = np.concatenate([self._W[:, :, 0], self._W[:, :, 0] * modes.delays], axis=0)
-        self._normal = -self._D[:, :1] * down.T  # (n, 12): normal forces, if all press
+    def __init__(
+        self, ride: Ride, elastic: ElasticFeet | None, modes: Modes | None, one_sided: bool = True
+    ) -> None:
+        self.ride, self._elastic, self._one_sided = ride, elastic, one_sided
+        self._free = free = ride.free(elastic)
+        self.d = d = len(free)
+        self._bends = free[free >= 6]
+        springs = np.ix_(np.arange(len(ride.begins)), free, free)
+        self._W, self._D, self._delays = np.zeros((d, 0, 3)), np.empty((0, 3)), np.empty(0)
+        self._highest = 0.0
+        if elastic is not None and modes is not None:
+            self._W = np.concatenate([elastic.W, np.zeros((d - 6, *elastic.W.shape[1:]))])
+            self._D, self._delays, self._highest = elastic.stiffness, modes.delays, modes.highest
+        gears = self._bends - 6
+        self._springs, self._dampers = (
+            np.diag(np.concatenate([np.zeros(d - len(gears)), values[gears]]))
+            for values in (ride.springs, ride.dampers)
+        )
+        self._inertia, self._turning = ride.inertia[springs], ride.turning[springs]
+        leaning = ride.leaning(elastic, ride.stiffening, ride.middle)
+        self._leaning, self._loads = leaning[springs], ride.loads[:, :, free]
+        self._inverse = np.linalg.inv(self._inertia)
+        n = len(self._D)
+        self._pressing: np.ndarray = np.ones(n, dtype=bool)
+        self._anchors, self._soles, self._lifted = np.zeros((n, 3)), np.zeros(n), np.zeros(n)
+        self._switches, self._lost = 0, list[tuple[int, float]]()
+        if elastic is not None:
+            self._start_pressing = elastic.share(ride.start_load[None, :6]).pressing[0].copy()
+        else:
+            self._start_pressing = self._pressing
+        if len(gears):
+            squares = eigh(self.stiffness(), ride.start_inertia[np.ix_(free, free)], eigvals_only=True)
+            self._highest = max(self._highest, float(np.sqrt(squares[-1])) / (2 * np.pi))
+        self._every = self._systems(slice(None), self._pressing, np.zeros((n, 3)))
+        down = np.concatenate([self._W[:, :, 0], self._W[:, :, 0] * self._delays], axis=0)
+        self._normal = -self._D[:, :1] * down.T  # (n, 2 d): normal forces, if all press
+
+    def stiffness(self, pressing: np.ndarray | None = None) -> np.ndarray:
+        """K (d, d) while these feet press; default all."""
+        D = self._D if pressing is None else self._D * pressing[:, None]
+        return np.einsum("vkc,kc,wkc->vw", self._W, D, self._W) + self._springs
+
+    def damping(self, pressing: np.ndarray | None = None) -> np.ndarray:
+        """C (d, d) while these feet press; default all."""
+        D = self._D * self._delays[:, None]
+        D = D if pressing is None else D * pressing[:, None]
+        return np.einsum("vkc,kc,wkc->vw", self._W, D, self._W) + self._dampers
+
+    def modes(self, step: int) -> np.ndarray:
+        """(k, 2): natural frequencies, Hz, and damping ratios of what rings in a step, all feet pressing."""
+        found = oscillations(
+            self._inertia[step], self.damping() + self._turning[step], self.stiffness() + self._leaning[step]
+        )
+        return found[found[:, 1] < 1 - 1e-9][::2]
+
+    def sags(self, q: np.ndarray, times: np.ndarray) -> np.ndarray:
+        """(N, 6 + m): all motions, also those not possible, at rest in postures (N, n), all feet pressing."""
+        ride, free = self.ride, self._free
+        loads, stiffening = ride.at_rest(q, times)
+        G = ride.leaning(self._elastic, stiffening, loads)[np.ix_(np.arange(len(q)), free, free)]
+        found = np.zeros_like(loads)
+        found[:, free] = np.linalg.solve(self.stiffness() + G, loads[:, free, None])[:, :, 0]
+        return found
 
     def run(self) -> Course:
         """From rest at the start to the end of the ride."""
-        ride, n = self._ride, len(self._D)
-        self._pressing: np.ndarray = self._elastic.share(ride.start_load[None]).pressing[0].copy()
+        ride, n, d = self.ride, len(self._D), self.d
+        self._counts = np.maximum(1, np.ceil(ride.lengths * self._highest * PER_PERIOD)).astype(int)
+        self._steps = expm(self._every * (ride.lengths / self._counts)[:, None, None])
+        self._pressing = self._start_pressing.copy()
         self._anchors, self._soles, self._lifted = np.zeros((n, 3)), np.zeros(n), np.zeros(n)
-        self._switches, self._lost = 0, list[tuple[int, float]]()
-        K = self._elastic.matrix(self._pressing) + self._leaning[0]
-        z = np.zeros(16)
-        z[:6] = np.linalg.lstsq(K, ride.start_load, rcond=1e-12)[0]
-        parts, falls = [self._seen(np.zeros(1), z[None])], False
+        self._switches, self._lost = 0, []
+        K = self.stiffness(self._pressing) + self._leaning[0]
+        z = np.zeros(2 * d + 4)
+        z[:d] = np.linalg.lstsq(K, ride.start_load[self._free], rcond=1e-12)[0]
+        z[2 * d] = 1.0
+        parts, falls = [self._seen(0, np.zeros(1), z[None])], False
         for i, begin in enumerate(ride.begins):
-            z[12:] = 1.0, 0.0, 0.0, 0.0
+            z[2 * d :] = 1.0, 0.0, 0.0, 0.0
             for X in self._step(i, z):
-                parts.append(self._seen(begin + X[:, 13], X))
+                parts.append(self._seen(i, begin + X[:, -3], X))
                 z = X[-1].copy()
             falls = self._far(z) or self._switches > MOST_SWITCHES
             if falls:
                 break
-        times, states, forces, gaps = (np.concatenate(values) for values in zip(*parts, strict=True))
-        return Course(times, states[:, :6], states[:, 6:], forces, gaps, tuple(self._lost), falls)
+        times, states, forces, gaps, wrenches = (
+            np.concatenate(values) for values in zip(*parts, strict=True)
+        )
+        whole = np.zeros((len(times), 2, ride.inertia.shape[1]))
+        whole[:, :, self._free] = states.reshape(len(times), 2, d)
+        twists, rates, bends = whole[:, 0, :6], whole[:, 1, :6], whole[:, 0, 6:]
+        return Course(times, twists, rates, bends, forces, gaps, wrenches, tuple(self._lost), falls)
 
-    def _seen(self, times: np.ndarray, states: np.ndarray) -> tuple[np.ndarray, ...]:
+    def _seen(self, i: int, times: np.ndarray, states: np.ndarray) -> tuple[np.ndarray, ...]:
         gaps = np.where(self._pressing, 0.0, np.maximum(self._gaps(states, times), 0.0))
-        return times, states[:, :12], self._forces(states), gaps
+        forces, wrenches = self._forces(states), self._wrenches(i, states)
+        return times, states[:, : 2 * self.d], forces, gaps, wrenches
+
+    def _wrenches(self, i: int, states: np.ndarray) -> np.ndarray:
+        """(T, 6) on a base whose feet do not give; else (T, 0)."""
+        if len(self._D):
+            return np.empty((len(states), 0))
+        ride, d, free = self.ride, self.d, self._free
+        changes = states @ self._every[i, d : 2 * d].T
+        taken = changes @ ride.inertia[i][:6, free].T
+        taken += states[:, d : 2 * d] @ ride.turning[i][:6, free].T
+        taken += states[:, :d] @ ride.stiffening[i][:6, free].T
+        return states[:, 2 * d :] @ ride.loads[i, :, :6] - taken
 
     def _step(self, i: int, z: np.ndarray) -> Iterator[np.ndarray]:
-        """States (T, 16) until the step ends, piece by piece, each with the same feet; or a foot goes far."""
-        begin, length = self._ride.begins[i], self._ride.lengths[i]
+        """States (T, 2 d + 4) until the step ends, in pieces of the same feet; or until a foot goes far."""
+        begin, length = self.ride.begins[i], self.ride.lengths[i]
         if self._pressing.all() and not self._anchors.any():
             X = _powers(self._steps[i], z, self._counts[i])
-            if not self._one_sided or np.min(X[:, :12] @ self._normal.T) >= 0:
+            if not self._one_sided or np.min(X[:, :-4] @ self._normal.T, initial=0.0) >= 0:
                 yield X[1:]
                 return
-        while length - z[13] > 1e-12 and self._switches <= MOST_SWITCHES and not self._far(z):
+        while length - z[-3] > 1e-12 and self._switches <= MOST_SWITCHES and not self._far(z):
             system = self._systems(i, self._pressing, self._anchors)
-            count = max(1, int(np.ceil((length - z[13]) * self._modes.highest * PER_PERIOD)))
-            dt = (length - z[13]) / count
+            count = max(1, int(np.ceil((length - z[-3]) * self._highest * PER_PERIOD)))
+            dt = (length - z[-3]) / count
             X = _powers(expm(system * dt), z, count)
             wrong = self._wrong(X, begin)
             hits = np.flatnonzero(np.any(wrong > 0, axis=1)[1:])
@@ -227,17 +349,17 @@ class Simulation:
             k = int(np.argmax(wrong[last + 1]))
             z = self._crossing(system, X[last], dt, k, begin)
             yield np.vstack([X[1 : last + 1], z])
-            self._switch(k, z, begin + z[13])
+            self._switch(k, z, begin + z[-3])
 
     def _wrong(self, states: np.ndarray, begin: float) -> np.ndarray:
         """(T, n): by how much, N, feet pull that press, or soles press that are lifted."""
-        below = -self._D[:, 0] * self._gaps(states, begin + states[:, 13])
-        return np.where(self._pressing, -states[:, :12] @ self._normal.T, below)
+        below = -self._D[:, 0] * self._gaps(states, begin + states[:, -3])
+        return np.where(self._pressing, -states[:, :-4] @ self._normal.T, below)
 
     def _gaps(self, states: np.ndarray, times: np.ndarray) -> np.ndarray:
         """(T, n), m, between soles and ground, of feet that are lifted."""
-        since = (times[:, None] - self._lifted) / np.maximum(self._modes.delays, 1e-12)
-        return states[:, :6] @ self._W[:, :, 0] - self._soles * np.exp(-np.maximum(since, 0.0))
+        since = (times[:, None] - self._lifted) / np.maximum(self._delays, 1e-12)
+        return states[:, : self.d] @ self._W[:, :, 0] - self._soles * np.exp(-np.maximum(since, 0.0))
 
     def _crossing(self, system: np.ndarray, z: np.ndarray, dt: float, k: int, begin: float) -> np.ndarray:
         """The first state within dt at which foot k lets go or comes down, by false position."""
@@ -264,40 +386,41 @@ class Simulation:
         self._pressing[k] ^= True
         self._anchors[k] = 0.0
         if self._pressing[k]:
-            self._anchors[k, 1:] = z[:6] @ self._W[:, k, 1:]
+            self._anchors[k, 1:] = z[: self.d] @ self._W[:, k, 1:]
         else:
-            self._soles[k], self._lifted[k] = z[:6] @ self._W[:, k, 0], time
+            self._soles[k], self._lifted[k] = z[: self.d] @ self._W[:, k, 0], time
             self._lost.append((k, time))
 
     def _far(self, z: np.ndarray) -> bool:
-        return bool(np.max(np.abs(np.einsum("vkc,v->kc", self._W, z[:6]))) > FALLEN)
+        moved = np.einsum("vkc,v->kc", self._W, z[: self.d])
+        return bool(np.max(np.abs(moved), initial=0.0) > FALLEN)
 
     def _forces(self, states: np.ndarray) -> np.ndarray:
         """(T, n, 3), N."""
-        stretch = np.einsum("vkc,sv->skc", self._W, states[:, :6])
-        stretch += self._modes.delays[:, None] * np.einsum("vkc,sv->skc", self._W, states[:, 6:12])
+        stretch = np.einsum("vkc,sv->skc", self._W, states[:, : self.d])
+        stretch += self._delays[:, None] * np.einsum("vkc,sv->skc", self._W, states[:, self.d : 2 * self.d])
         forces = -self._D * (stretch - self._anchors) * self._pressing[:, None]
         if self._one_sided:
             forces[:, :, 0] = np.maximum(forces[:, :, 0], 0.0)
         return forces
 
     def _systems(self, steps: int | slice, pressing: np.ndarray, anchors: np.ndarray) -> np.ndarray:
-        """(..., 16, 16): derivatives of twist, its rate, and 1, t, t^2 / 2, t^3 / 6."""
-        ride, inverse = self._ride, self._inverse[steps]
-        A = np.zeros((*inverse.shape[:-2], 16, 16))
-        K = self._elastic.matrix(pressing) + self._leaning[steps]
-        C = self._elastic.matrix(pressing, self._modes.delays) + ride.turning[steps]
-        A[..., :6, 6:12] = np.eye(6)
-        A[..., 6:12, :6], A[..., 6:12, 6:12] = -inverse @ K, -inverse @ C
-        loads = np.moveaxis(ride.loads[steps], -2, -1).copy()
+        """(..., 2 d + 4, 2 d + 4): derivatives of u, u', and 1, t, t^2 / 2, t^3 / 6."""
+        d, inverse = self.d, self._inverse[steps]
+        A = np.zeros((*inverse.shape[:-2], 2 * d + 4, 2 * d + 4))
+        K = self.stiffness(pressing) + self._leaning[steps]
+        C = self.damping(pressing) + self._turning[steps]
+        A[..., :d, d : 2 * d] = np.eye(d)
+        A[..., d : 2 * d, :d], A[..., d : 2 * d, d : 2 * d] = -inverse @ K, -inverse @ C
+        loads = np.moveaxis(self._loads[steps], -2, -1).copy()
         loads[..., 0] += np.einsum("vkc,kc->v", self._W, self._D * anchors * pressing[:, None])
-        A[..., 6:12, 12:] = inverse @ loads
-        A[..., [13, 14, 15], [12, 13, 14]] = 1.0
+        A[..., d : 2 * d, 2 * d :] = inverse @ loads
+        A[..., [-3, -2, -1], [-4, -3, -2]] = 1.0
         return A
 
 
 def _powers(E: np.ndarray, z: np.ndarray, count: int) -> np.ndarray:
-    """(count + 1, 16): z, E z, E^2 z, ..."""
+    """(count + 1, len(z)): z, E z, E^2 z, ..."""
     X = z[:, None]
     while X.shape[1] <= count:
         X = np.hstack([X, E @ X])

@@ -32,7 +32,7 @@ from ocptip.task_files.arm import LOCKED, read_arm, require_geometry
 from ocptip.task_files.doubts import doubt_masses, doubt_units, doubt_way
 from ocptip.task_files.joint_values import joint_values
 from ocptip.task_files.kinds import require_kind
-from ocptip.task_files.motors import arm_and_motors
+from ocptip.task_files.motors import arm_and_motors, gear_damping_ratio, read_gears
 from ocptip.task_files.payload import read_process
 from ocptip.task_files.platform import read_platform_robot
 from ocptip.task_files.scene import SCENE, read_support
@@ -44,6 +44,9 @@ from ocptip.task_files.tolerance import tolerance_of
 from ocptip.trajectories.arm_motion import checked_rise_times
 
 _RISES = ("rise_time", "jerk")
+_OF_CASES = ("sensor", "process", "motors")
+"""Tables of a printed case."""
+
 _OF_ROBOT = ("arm", "robot", "payload", "process", "motors", "sensor", "obstacle")
 TABLES = ("name", *SCENE, *_OF_ROBOT, "motion", "limits", "tolerance")
 
@@ -84,7 +87,7 @@ def _published(data: Table, otherwise: Tolerance) -> MotionTask:
     name, base = data.choice("case", motion_cases()), data.choice("base", BASES, "effective")
     motion, table = data.table("motion", optional=True), data.table("limits", optional=True)
     task = _published_task(data, name, base)
-    jumps = _jumps(table, task.robot.support)
+    jumps = _jumps(table, task.robot.support, data.table("motors", optional=True))
     table.one_of(*_RISES, optional=True)
     limits = table.make(MotionLimits, **table.numbers(*LIMITS), **jumps, **_durations(motion))
     limits = replace(limits, tolerance=tolerance_of(data, otherwise))
@@ -95,12 +98,14 @@ def _published(data: Table, otherwise: Tolerance) -> MotionTask:
 
 
 def _published_task(data: Table, name: str, base: str) -> MotionTask:
-    """A printed case with the sensor and the process of the file."""
+    """A printed case with the sensor, the process and the gears of the file."""
     task = experiment_task(name, base)
-    robot, own = task.robot, {key: data.value(key) for key in ("sensor", "process") if key in data}
+    robot, own = task.robot, {key: data.value(key) for key in _OF_CASES if key in data}
     if not own or not isinstance(robot, StandingRobot):
         return task
     arm, sensor = robot.arm.with_process(read_process(data)), read_sensor(data, robot.sensor.position)
+    with data.table("motors", optional=True) as motors:
+        arm = arm.with_gears(read_gears(motors, arm))
     robot = robot.varied(arm=arm, sensor=sensor)
     return replace(task, robot=robot, source=TaskSource({"case": name, "base": base, **own}, robot))
 
@@ -139,7 +144,7 @@ class TaskScene:
         table = data.table("limits", optional=True)
         self._moment = table.number("reference_moment", None, bound="> 0")
         margin = table.number("angle_margin_deg", 0.0, scale=DEGREES, bound=">= 0")
-        jumps = _jumps(table, self._support)
+        jumps = _jumps(table, self._support, data.table("motors", optional=True))
         if "segment" not in data:  # segments of cycles are planned as ramps
             table.one_of(*_RISES, optional=True)
         limits = table.make(MotionLimits, angle_margin=margin, **table.numbers(*LIMITS), **jumps)
@@ -216,14 +221,16 @@ def _durations(table: Table) -> dict[str, float]:
     return {"min_duration": seconds if key == "duration" else 0.0, "max_duration": seconds}
 
 
-def _jumps(table: Table, support: Support) -> dict[str, float]:
+def _jumps(table: Table, support: Support, motors: Table) -> dict[str, float]:
     """What is added to the load after a jump, of [limits]: a share of the jump, or by the damping.
 
-    Default: nothing on rigid feet, else by the least damping ratio of the feet.
+    Default: nothing with rigid feet and gears, else by the least damping ratio of those that give.
     """
     key = table.one_of("overshoot", "damping", optional=True)
     if key is None:
         ratios = [spring.ratio for spring in support.elastic.springs] if support.elastic else []
+        if "gear_stiffness" in motors:
+            ratios += [0.0 if "gear_damping" in motors else gear_damping_ratio(motors)]
         return {"overshoot": overshoot_of(min(ratios))} if ratios else {}
     number = table.number(key)
     with table.at():

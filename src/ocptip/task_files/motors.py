@@ -8,9 +8,12 @@ import numpy as np
 
 from ocptip.basics.toml import Table
 from ocptip.published.arms import modular_motors
+from ocptip.robots.gears import DAMPING_RATIO, Gears
 from ocptip.robots.model import ArmModel
 from ocptip.robots.motors import DCMotors, Motors, PowerMaps
+from ocptip.robots.spring_chain import spring_chain
 from ocptip.task_files.arm import carrying, read_arm, require_geometry
+from ocptip.task_files.joint_values import joint_values
 from ocptip.task_files.payload import load_table, read_payload, read_process
 from ocptip.task_files.shapes import read_shapes
 
@@ -37,6 +40,7 @@ def arm_and_motors(
     arm = carrying(arm.with_payload(read_payload(load)), held).with_process(read_process(data, segment))
     modular = "name" in data.table("arm")
     table = data.table("motors", optional=True)
+    arm = arm.with_gears(read_gears(table, arm))
     kind = table.choice("kind", ("modular", "estimated", "dc", "map"), "modular" if modular else "estimated")
     if kind == "dc":
         return arm, dc_motors(table, arm.n)
@@ -52,6 +56,40 @@ def arm_and_motors(
     if not modular:
         raise table.error("the power maps 'modular' are for the modular arms only", "kind")
     return arm, modular_motors()
+
+
+def read_gears(table: Table, arm: ArmModel) -> Gears | None:
+    """Springs and dampers of turning joints, of [motors]; None if there are none."""
+    found = joint_values(table, "gear_stiffness", arm, slides=False, bound="> 0")
+    key = table.one_of("gear_damping", "gear_damping_ratio", optional=True)
+    if found is None:
+        if key is not None:
+            raise table.error("of gears without gear_stiffness; give that, too", key)
+        return None
+    stiffness = np.full(arm.n, np.inf)
+    stiffness[~arm.prismatic] = np.where(np.isnan(found), np.inf, found)
+    damping = None
+    if key == "gear_damping":
+        own = joint_values(table, key, arm, slides=False, bound=">= 0")
+        assert own is not None  # the key is there
+        damping = np.zeros(arm.n)
+        damping[~arm.prismatic] = own
+        lacking = np.isnan(damping) & np.isfinite(stiffness)
+        if lacking.any():
+            raise table.error(f"no value for {', '.join(np.array(arm.joint_names)[lacking])}", key)
+        damping = np.nan_to_num(damping)
+    with table.at():
+        gears = Gears(stiffness, damping, gear_damping_ratio(table))
+        spring_chain(arm.with_gears(gears))
+    return gears
+
+
+def gear_damping_ratio(table: Table) -> float:
+    """Of [motors]."""
+    ratio = table.number("gear_damping_ratio", DAMPING_RATIO, bound=">= 0")
+    if ratio >= 1:
+        raise table.error(f"must be below 1 (5 %: 0.05), got {ratio:g}", "gear_damping_ratio")
+    return ratio
 
 
 def _require_limits(data: Table, arm: ArmModel) -> None:

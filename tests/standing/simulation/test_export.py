@@ -11,8 +11,8 @@ from ocptip.basics.errors import InputError
 from ocptip.contact.bindings.clamps import RigidClamp
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.published.tasks import experiment_task
+from ocptip.robots.bodies import exists, real_bodies
 from ocptip.robots.payload import Payload
-from ocptip.standing.simulation.bodies import exists, real_bodies
 from ocptip.standing.simulation.mjcf import joint_offsets, joint_order, to_mjcf
 from ocptip.standing.simulation.urdf import to_urdf
 from ocptip.task_files.motion import load_task

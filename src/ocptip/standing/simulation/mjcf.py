@@ -19,13 +19,13 @@ from ocptip.contact.bindings.clamps import RigidClamp
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.support import Support
 from ocptip.numerics.inertia import RigidBody, parallel_axis
+from ocptip.robots.bodies import ArmBodies, exists, real_bodies
 from ocptip.robots.model import ArmModel
 from ocptip.robots.payload import Payload
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.on_springs import Modes
 from ocptip.standing.parts import Part
-from ocptip.standing.simulation.bodies import ArmBodies, exists, real_bodies
 from ocptip.trajectories.sampled import Motion
 
 BASE, PAYLOAD, PROCESS = "base", "payload", "process"

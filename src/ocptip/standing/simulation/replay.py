@@ -20,11 +20,11 @@ from scipy.spatial.transform import Rotation
 
 from ocptip.basics.errors import InputError, OcptipError
 from ocptip.contact.bindings.unilateral import UnilateralContact
+from ocptip.robots.bodies import real_bodies
 from ocptip.robots.payload import Payload
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.on_feet import on_its_feet
 from ocptip.standing.parts import Part, owners
-from ocptip.standing.simulation.bodies import real_bodies
 from ocptip.standing.simulation.mjcf import (
     BASE,
     FOOT,

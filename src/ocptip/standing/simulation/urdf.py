@@ -12,10 +12,10 @@ import numpy as np
 
 from ocptip.basics.errors import InputError
 from ocptip.numerics.inertia import RigidBody
+from ocptip.robots.bodies import real_bodies
 from ocptip.robots.model import ArmModel
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.simulation.bodies import real_bodies
 from ocptip.standing.simulation.mjcf import (
     BASE,
     PAYLOAD,

@@ -1,0 +1,332 @@
+"""A motion with gears that give: how the gripper vibrates, what the base feels of it, which modes ring.
+
+The drives do what the motion says. Vibration is where the gripper is, less where it would sag to at rest in
+the same posture under the same loads: what accelerations bend, and what rings, base and feet included.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from ocptip.basics.text import percent, quantity
+from ocptip.numerics.vectors import cross
+from ocptip.reserves.tipping import TipMap
+from ocptip.standing.contact_margins import ContactMargins, Margin
+from ocptip.standing.instants import Loaded
+from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.on_springs import Course, Modes, Ride, Simulation
+from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.sampled import Motion
+
+SETTLED = 1e-4  # m: the gripper is at rest when it stays as near to its last place
+_DECAYS = 6.0  # time constants of the slowest mode for which is looked on after the end
+_LOOK = 0.2, 5.0  # s: at least and at most
+_SHOWN = 3  # modes
+_INSTANTS = 400  # of a motion whose modes are looked at, and, five times as many, whose contacts are
+_NEAREST = 4  # worst instants around which all are looked at
+_WORTH = 0.8  # of the vibration: a rise time that leaves more is not worth a word
+
+
+@lru_cache(maxsize=4)
+def ridden(robot: StandingMechanism, motion: Motion) -> tuple[Simulation, Course]:
+    """Base, feet and gears through a motion and after it, as long as something rings."""
+    elastic = robot.support.elastic if robot.swings else None
+    ride = Ride(robot, motion, rest=1.0)
+    modes = None if elastic is None else Modes.of(elastic, ride.start_inertia[:6, :6])
+    simulation = Simulation(ride, elastic, modes)
+    if robot.chain is None and modes is not None:
+        rate = 2 * np.pi * modes.lowest * max(modes.damping, 1e-9)
+    else:
+        ringing = simulation.modes(len(ride.begins) - 1)
+        rate = np.min(2 * np.pi * np.prod(ringing, axis=1), initial=np.inf)
+    ride.lengths[-1] = np.clip(_DECAYS / max(rate, 1e-9), *_LOOK)
+    return simulation, simulation.run()
+
+
+def shifts(robot: StandingMechanism, q: np.ndarray, moved: np.ndarray) -> np.ndarray:
+    """(T, 3), m: by how much feet and gears shift the gripper.
+
+    Args:
+        robot: whose.
+        q: (T, n) drives.
+        moved: (T, 6 + m) twists of the base and springs of gears.
+    """
+    bent = robot.tool(q, moved[:, 6:])
+    arms = bent - robot.support.center_of_mass
+    return bent - robot.tool(q) + moved[:, :3] + cross(moved[:, 3:6], arms)
+
+
+def course_shifts(robot: StandingMechanism, motion: Motion, course: Course) -> np.ndarray:
+    """The same (T, 3) over a course."""
+    q = motion.states(np.minimum(course.times, motion.end))[0]
+    return shifts(robot, q, np.hstack([course.twists, course.bends]))
+
+
+def settling(course: Course, end: float, away: np.ndarray) -> float:
+    """s after the end until shifts (T, 3) stay within `SETTLED` of the last; infinite: that was not seen."""
+    far = np.linalg.norm(away - away[-1], axis=1) > SETTLED
+    late = np.flatnonzero(far & (course.times > end))
+    if course.falls or (len(late) and late[-1] >= len(far) - len(far) // 50):
+        return np.inf
+    return float(course.times[late[-1]] - end) if len(late) else 0.0
+
+
+@dataclass(frozen=True)
+class RingingMode:
+    """One of the lowest modes over a motion, all feet pressing.
+
+    Attributes:
+        least, most: natural frequency, Hz.
+        last: the same at rest after the motion.
+        damping: least and greatest ratio.
+    """
+
+    least: float
+    most: float
+    last: float
+    damping: tuple[float, float]
+
+    def __str__(self) -> str:
+        """Frequencies and damping."""
+        ends = sorted({f"{f:.3g}" for f in (self.least, self.most)}, key=float)
+        ratios = sorted({percent(ratio) for ratio in self.damping}, key=lambda text: float(text[:-1]))
+        return f"{' to '.join(ends)} Hz (damping {' to '.join(ratios)})"
+
+
+@dataclass(frozen=True)
+class RiseTime:
+    """A rise time of the accelerations that takes a mode's vibration away, and what it does, computed.
+
+    Attributes:
+        rise_time: s; the motion takes as much longer.
+        frequency: of the mode, Hz.
+        peak, after: m, vibration as in `DriveMotion`.
+        settling: s.
+        GN, GT: greatest, see `DriveMotion`; NaN on feet that give.
+    """
+
+    rise_time: float
+    frequency: float
+    peak: float
+    after: float
+    settling: float
+    GN: float
+    GT: float
+
+
+@dataclass(frozen=True, eq=False)
+class DriveMotion:
+    """What gears that give do to gripper and base.
+
+    Attributes:
+        course: of base, feet and springs.
+        end: of the motion, s.
+        peak: greatest vibration of the gripper during the motion, m.
+        rms: over the motion, m.
+        after: greatest vibration after the end, m.
+        settling: s after the end until the gripper stays within `SETTLED` of its last place; infinite if that
+            was not seen.
+        modes: the lowest ones.
+        contacts: how near contacts come to being lost while the drives ring; None on feet that give, of which
+            `FeetMotion` tells.
+        GN, GT: greatest reserves while the drives ring, at most 1 where no contact is lost; NaN likewise.
+        rise: a rise time that is worth its while; None: none was found, or the motion is not of ramps.
+    """
+
+    course: Course
+    end: float
+    peak: Margin
+    rms: float
+    after: float
+    settling: float
+    modes: tuple[RingingMode, ...]
+    contacts: ContactMargins | None
+    GN: Margin
+    GT: Margin
+    rise: RiseTime | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        rise = None
+        if self.rise is not None:
+            rise = {
+                "rise_time_s": self.rise.rise_time,
+                "frequency_Hz": self.rise.frequency,
+                "peak_m": self.rise.peak,
+                "after_m": self.rise.after,
+                "settling_s": self.rise.settling,
+                "GN": self.rise.GN,
+                "GT": self.rise.GT,
+            }
+        return {
+            "vibration_peak_m": self.peak.value,
+            "vibration_peak_time_s": self.peak.time,
+            "vibration_rms_m": self.rms,
+            "vibration_after_m": self.after,
+            "settling_s": self.settling,
+            "settled_within_m": SETTLED,
+            "modes": [
+                {"least_Hz": m.least, "most_Hz": m.most, "last_Hz": m.last, "damping": list(m.damping)}
+                for m in self.modes
+            ],
+            "contacts": self.contacts.to_dict() if self.contacts else None,
+            "GN": self.GN.to_dict(),
+            "GT": self.GT.to_dict(),
+            "rise": rise,
+        }
+
+    def lines(self, rigid: ContactMargins) -> list[str]:
+        """In words, beside the contacts with gears that do not give."""
+        found = []
+        if self.course.falls:
+            found.append("a foot moves too far: not followed to the end")
+        peak, rms = (quantity(1e3 * value, "mm", 3) for value in (self.peak.value, self.rms))
+        found.append(f"gripper vibrates by up to {peak} {self.peak}, {rms} rms")
+        band = f"within {1e3 * SETTLED:.1f} mm of rest"
+        rest = f"{band} {self.settling:.2f} s after the end"
+        if not np.isfinite(self.settling):
+            rest = f"not {band} {self.course.times[-1] - self.end:.2g} s after the end"
+        found.append(f"{quantity(1e3 * self.after, 'mm', 3)} after the end; {rest}")
+        if self.contacts and self.contacts.force and rigid.force:
+            own, stiff = (quantity(one.force.value, "N", 3) for one in (self.contacts, rigid) if one.force)
+            found.append(f"least normal force {own} {self.contacts.force}, {stiff} with stiff gears")
+        found.append(f"modes {', '.join(map(str, self.modes))}")
+        if self.rise is not None:
+            found.append(self._rise_line(self.rise))
+        return found
+
+    def _rise_line(self, rise: RiseTime) -> str:
+        def change(before: float, now: float) -> str:
+            return f"{1e3 * before:.2g} -> {1e3 * now:.2g} mm"
+
+        line = f"--rise-time {rise.rise_time:.3g} cancels the mode of {rise.frequency:.3g} Hz: peak "
+        line += f"{change(self.peak.value, rise.peak)}, after the end {change(self.after, rise.after)}"
+        if not np.isnan(rise.GN):
+            pairs = (("GN", self.GN.value, rise.GN), ("GT", self.GT.value, rise.GT))
+            line += "".join(f", {name} {_reserve(one)} -> {_reserve(now)}" for name, one, now in pairs)
+        return line + f", {1e3 * rise.rise_time:.0f} ms longer"
+
+
+@lru_cache(maxsize=8)
+def on_its_drives(robot: StandingMechanism, motion: Motion) -> DriveMotion | None:
+    """A motion with gears that give, without a rise time; None where they do not."""
+    return None if robot.chain is None else _found(robot, motion)
+
+
+def with_rise(robot: StandingMechanism, motion: Motion) -> DriveMotion | None:
+    """The same with the rise time, one period of a mode, that leaves least vibration after the end.
+
+    It is computed for each of the lowest modes, as long as that is at rest after the end.
+    """
+    found = on_its_drives(robot, motion)
+    if found is None or not isinstance(motion, ArmMotion):
+        return found
+    return replace(found, rise=_best_rise(robot, motion, found))
+
+
+def _found(robot: StandingMechanism, motion: Motion) -> DriveMotion:
+    simulation, course = ridden(robot, motion)
+    vibrations = course_shifts(robot, motion, course) - _sag(robot, motion, simulation, course)
+    sizes = np.linalg.norm(vibrations, axis=1)
+    moving = course.times <= motion.end
+    k = int(np.argmax(np.where(moving, sizes, 0.0)))
+    steps = np.diff(course.times[moving], prepend=0.0)
+    rms = float(np.sqrt(steps @ sizes[moving] ** 2 / max(motion.end, 1e-9)))
+    contacts, GN, GT = None, Margin(np.nan, np.nan), Margin(np.nan, np.nan)
+    if course.wrenches.shape[1]:
+        contacts, GN, GT = _on_base(robot, course)
+    return DriveMotion(
+        course=course,
+        end=motion.end,
+        peak=Margin(float(sizes[k]), float(course.times[k])),
+        rms=rms,
+        after=float(np.max(sizes[~moving], initial=0.0)),
+        settling=settling(course, motion.end, vibrations),
+        modes=_modes(simulation),
+        contacts=contacts,
+        GN=GN,
+        GT=GT,
+        rise=None,
+    )
+
+
+def _sag(robot: StandingMechanism, motion: Motion, simulation: Simulation, course: Course) -> np.ndarray:
+    """(T, 3), m: by how much feet and gears would shift the gripper at rest in the same postures."""
+    ride = simulation.ride
+    times = np.append(ride.begins[:-1], [motion.end, course.times[-1] + 1e-9])
+    q = motion.states(np.minimum(times, motion.end))[0]
+    found = shifts(robot, q, simulation.sags(q, np.minimum(times, motion.end)))
+    return np.stack([np.interp(course.times, times, own) for own in found.T], axis=1)
+
+
+def _modes(simulation: Simulation) -> tuple[RingingMode, ...]:
+    """The lowest ones, ordered at every instant."""
+    count = len(simulation.ride.begins)
+    steps = np.unique(np.linspace(0, count - 1, min(count, _INSTANTS)).astype(int))
+    seen = [simulation.modes(step)[:_SHOWN] for step in steps]
+    shown = min(map(len, seen))
+    values = np.array([own[:shown] for own in seen])
+    return tuple(
+        RingingMode(f.min(), f.max(), f[-1], (zeta.min(), zeta.max()))
+        for f, zeta in values.transpose(1, 2, 0).astype(object)
+    )
+
+
+class _Rung(Loaded):
+    """A base under given wrenches."""
+
+    def __init__(self, robot: StandingMechanism, wrenches: np.ndarray) -> None:
+        self.robot, self.wrenches = robot, wrenches
+
+
+def _on_base(robot: StandingMechanism, course: Course) -> tuple[ContactMargins, Margin, Margin]:
+    """Contacts, GN and GT at their worst: at every few instants, then at all near the worst of these."""
+    count = len(course.times)
+    every = max(1, count // (5 * _INSTANTS))
+    rows = np.arange(0, count, every)
+    contacts, reserves = _looked(robot, course, rows)
+    near = np.concatenate([rows[np.argsort(values)[-_NEAREST:]] for values in reserves.T])
+    fresh = np.unique(np.clip(np.add.outer(near, np.arange(-every, every + 1)), 0, count - 1))
+    more, others = _looked(robot, course, fresh)
+    rows, reserves = np.concatenate([rows, fresh]), np.vstack([reserves, others])
+    GN, GT = (
+        Margin(float(values[k]), float(course.times[rows[k]]))
+        for k, values in zip(np.argmax(reserves, axis=0), reserves.T, strict=True)
+    )
+    return contacts.worse(more), GN, GT
+
+
+def _looked(robot: StandingMechanism, course: Course, rows: np.ndarray) -> tuple[ContactMargins, np.ndarray]:
+    """Contacts at their worst, and GN and GT (k, 2), infinite where they are not known, at these instants."""
+    at = _Rung(robot, course.wrenches[rows])
+    values = np.column_stack([_tip(at), at.slip.GT])
+    values[np.isnan(values)] = np.inf
+    return ContactMargins.of(at, course.times[rows]), values
+
+
+def _tip(at: Loaded) -> np.ndarray:
+    """(N,) GN, as tip-over is counted where no motion is looked at."""
+    moments = TipMap(at.robot.tip_over)(at.wrenches)[0]
+    return at.robot.tip_over.ratio(np.min(moments, axis=1)) if moments.shape[1] else at.tip.GN
+
+
+def _reserve(value: float) -> str:
+    return f"{value:.2f}" if np.isfinite(value) else "lost"
+
+
+def _best_rise(robot: StandingMechanism, motion: ArmMotion, found: DriveMotion) -> RiseTime | None:
+    best, before = None, max(found.peak.value, found.after)
+    for mode in found.modes:
+        zeta = mode.damping[0]
+        rise = 1 / (mode.last * np.sqrt(1 - zeta**2))
+        if rise <= max(motion.rise_times, default=0.0) or rise > motion.end:
+            continue
+        own = _found(robot, motion.with_rise_times(rise))
+        one = RiseTime(rise, mode.last, own.peak.value, own.after, own.settling, own.GN.value, own.GT.value)
+        if max(one.peak, one.after) < _WORTH * before and (best is None or one.after < best.after):
+            best = one
+    return best
