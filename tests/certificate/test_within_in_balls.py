@@ -92,6 +92,7 @@ def check_random_arms(arms, intervals, worlds_each, seed):
             terms = within.terms(rows)
             most = np.broadcast_to(h[:, :, None], (3, 6, len(rows.interval)))
             least = within.least(terms, most, np.zeros((2, 3, len(rows.interval))))
+            assert np.all(within.least(terms, most, np.zeros((2, 3, len(rows.interval))), False) <= least)
             assert np.all(terms.in_box(most, np.zeros((2, 3, len(rows.interval)))) <= least)
             for row in range(3):
                 np.minimum.at(bounds[row], rows.interval, least[row])

@@ -21,13 +21,13 @@ from ocptip.standing.arm import StandingRobot
 
 HIGHEST = 1 - 1e-6  # reserves of 1 are lost
 _LONGEST, _SHORTEST = 0.01, 2e-4  # s, of intervals
-_WAYS = (27, 250, 250, 250, 0)  # combinations of branches in round after round
+_WAYS = (81, 1000, 1000, 1000, 0)  # combinations of branches in round after round
 _MOST, _TOO_MANY = 6000, 20_000  # rows of combinations: for more intervals; at all
 _LOSS = 2e-4  # relative: how far claims are from what is proved
 _STEPS = 8  # of the bisection of GT
 _STEPS_OF_WEIGHTS = (0.5,) * 8 + (0.2,) * 8  # how far they go from try to try
 _PATIENCE, _SLOW = 4, 0.9  # after so many tries, the share that may be left of what is missing
-_IN_VAIN = 1.6  # so many times the rows before: what is missing is not the length of the intervals
+_IN_VAIN, _FEW = 1.6, 4  # so many times the intervals before: what is missing is not their length
 _LIGHT, _LIGHTER = 0.5, 1e-3  # of the mean of weights: below it contacts get by so much less
 _FACETS = (12,)  # of cones, while weights are looked for
 _DIGITS = 6  # of forces, N
@@ -109,17 +109,17 @@ class _Search:
             groups = late.rows(starts, ends, apart)
             if (count := sum(len(rows.number) for rows in groups)) > _TOO_MANY:
                 return False
-            total, before, missing = total + count, missing, 0
+            total += count
             short, beyond = np.zeros((2, len(starts)), dtype=bool)
             further, parts = apart.copy(), []
             for rows in groups:
                 part = self._judged(rows)
                 bad = ~part.holds | part.loose
                 short[rows.interval[bad]], beyond[rows.interval[part.beyond]] = True, True
-                missing += np.count_nonzero(bad)
                 self._take_apart(rows, part, bad | part.beyond, further, most)
                 parts.append(part)
-            useful = total < _MOST and missing < _IN_VAIN * before and most > 0
+            before, missing = missing, max(_FEW, np.count_nonzero(short))
+            useful = total < _MOST and missing <= _IN_VAIN * before and most > 0
             more = useful & (short | beyond & (most == _WAYS[0])) & np.any(further & ~apart, axis=1)
             halved = useful & short & ~more & (ends - starts > _SHORTEST)
             self._keep(starts, ends, apart, parts, ~(more | halved))

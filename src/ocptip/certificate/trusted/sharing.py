@@ -70,12 +70,14 @@ class Sharing:
         return {"contacts within tolerance": known(held), "tip-over within tolerance": known(left)}
 
     def moments(self, terms: Terms) -> np.ndarray:
-        """Lower bounds (R,), N m, of all moments about tipping axes, of contacts on one plane."""
+        """Lower bounds (R,), N m, of all moments about tipping axes, of contacts on one plane; close ones of
+        what is less than is needed."""
         count = terms.size.shape[1]
         axes = np.broadcast_to(self.contacts.axes[:, :, None], (*self.contacts.axes.shape, count))
-        added = np.broadcast_to(self.contacts.added[:, None], (2, len(axes), count))
-        least = self._within.least(terms, axes, added) - self.contacts.blurred @ terms.size
-        return np.min(least, axis=0, initial=np.inf)
+        blurred = self.contacts.blurred @ terms.size
+        added = self.contacts.added[:, None] - self.contacts.needed - blurred
+        least = self._within.least(terms, axes, np.broadcast_to(added, (2, *added.shape)))
+        return np.min(least, axis=0, initial=np.inf) + self.contacts.needed
 
     def capacities(self, terms: Terms, forces: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """(contacts, R): what friction of each contact bears at least, per weight."""
@@ -165,7 +167,9 @@ class Sharing:
             columns = np.repeat(pattern, 3)
             grasp, rounded = self.contacts.grasp[:, columns], self.contacts.rounded[:, columns]
             twists = Twists(grasp, rounded, own.centre, own.half, limits)
-            found = twists.room(lambda rows, h, ends, own=own: self._within.least(own.some(rows), h, ends))
+            found = twists.room(
+                lambda rows, h, ends, own=own: self._within.least(own.some(rows), h, ends, closely=False)
+            )
             room[here[going]] = np.minimum(room[here[going]], found / self.contacts.scale)
         return room
 

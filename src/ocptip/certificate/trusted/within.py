@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -205,28 +206,60 @@ class Within:
 
     # --- what is worst ------------------------------------------------------------------------------------
 
-    def least(self, terms: Terms, h: np.ndarray, constant: np.ndarray) -> np.ndarray:
+    def least(self, terms: Terms, h: np.ndarray, constant: np.ndarray, closely: bool = True) -> np.ndarray:
         """Lower bounds (A, R) of constant + h . wrench within the tolerance.
 
         Args:
             terms: of R rows.
             h: (A, 6, R).
             constant: (2, A, R), at s = -1 and s = 1 of what is linear between.
+            closely: of what is below zero.
         """
         count = max(1, _AT_ONCE // max(1, len(h)))
         parts = [slice(k, k + count) for k in range(0, h.shape[2], count)]
         return np.concatenate(
-            [self._least(terms.some(k), h[..., k], constant[..., k]) for k in parts], axis=1
+            [self._least(terms.some(k), h[..., k], constant[..., k], closely) for k in parts], axis=1
         )
 
-    def _least(self, terms: Terms, h: np.ndarray, constant: np.ndarray) -> np.ndarray:
+    def _least(self, terms: Terms, h: np.ndarray, constant: np.ndarray, closely: bool) -> np.ndarray:
         middle = np.einsum("air,tir->tar", h, terms.middle)
         spread = np.einsum("air,tir->tar", np.abs(h), terms.spread)
         low, high = terms.low[:, None, None], terms.high[:, None, None]
         size, either = np.abs(middle), 3 * np.abs(middle) < spread  # either: no end is better than the middle
         weights = np.where(either, 0.5 * (low + high), np.where(middle > 0, low, high))
-        doubt = np.where(either, 0.5 * (spread + size), np.maximum(spread - size, 0.0))
-        doubt = np.sum((high - low) * doubt, axis=0)
+        doubt = (high - low) * np.where(either, 0.5 * (spread + size), np.maximum(spread - size, 0.0))
+        size = np.einsum("air,ir->ar", np.abs(h), terms.size) + np.max(np.abs(constant), axis=0)
+        error = np.einsum("air,ir->ar", np.abs(h), terms.error) + 4 * U * size
+        bound = self._weighted(terms, h, constant, weights) - (np.sum(doubt, axis=0) + error) * (1 + U)
+        short = (bound < 0) & (bound + np.sum(np.sort(doubt, axis=0)[-2:], axis=0) >= 0)
+        if closely and len(rows := np.flatnonzero(np.any(short, axis=0))):
+            some = terms.some(rows), h[..., rows], constant[..., rows]
+            closer = self._at_ends(*some, weights[..., rows], doubt[..., rows], error[:, rows])
+            bound[:, rows] = np.where(short[:, rows], np.maximum(bound[:, rows], closer), bound[:, rows])
+        return bound
+
+    def _at_ends(
+        self,
+        terms: Terms,
+        h: np.ndarray,
+        constant: np.ndarray,
+        weights: np.ndarray,
+        doubt: np.ndarray,
+        error: np.ndarray,
+    ) -> np.ndarray:
+        """The same with both ends of the two weights that are most in doubt: what is least is concave."""
+        chosen = np.argsort(doubt, axis=0)[-2:]
+        doubt = doubt.copy()
+        np.put_along_axis(doubt, chosen, 0.0, axis=0)
+        value = np.full(error.shape, np.inf)
+        for ends in product((terms.low, terms.high), repeat=len(chosen)):
+            own = np.array([end[k] for end, k in zip(ends, chosen, strict=True)])
+            np.put_along_axis(weights, chosen, own, axis=0)
+            value = np.minimum(value, self._weighted(terms, h, constant, weights))
+        return value - (np.sum(doubt, axis=0) + error) * (1 + U)
+
+    def _weighted(self, terms: Terms, h: np.ndarray, constant: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """(A, R): with weights (T, A, R), but for errors."""
         c = np.moveaxis(terms.parts.c, (3, 1), (0, 3)).reshape(len(h[0, 0]), -1, len(weights))
         sums = (c @ np.moveaxis(weights, 2, 0)).reshape(len(c), -1, 9, len(h))  # (R, coefficients, 9, A)
         sums = np.moveaxis(sums, 0, -1)
@@ -242,10 +275,7 @@ class Within:
         X[0, 4:7] += force
         bump = self._own["base_push"] * np.linalg.norm(force, axis=0)
         ends = 0.5 * ((1 - _NODES)[:, None, None] * constant[0] + (1 + _NODES)[:, None, None] * constant[1])
-        value = np.min(self._least_at_nodes(X) + ends, axis=0)
-        size = np.einsum("air,ir->ar", np.abs(h), terms.size) + np.max(np.abs(constant), axis=0)
-        error = np.einsum("air,ir->ar", np.abs(h), terms.error)
-        return value - (bump + doubt + error + 4 * U * size) * (1 + U)
+        return np.min(self._least_at_nodes(X) + ends, axis=0) - bump * (1 + U)
 
     def _least_at_nodes(self, X: np.ndarray) -> np.ndarray:
         """Least values (vertices, A, R) over pace, gravity, pushes at the tool and the numbers e."""
