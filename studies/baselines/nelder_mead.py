@@ -6,9 +6,9 @@ its worst point, and shrinks about its best point where that does not help. To t
 
 1. the *adapted centroid* (D.6): the mean of the n better points is weighted with what each is better than the
    worst, which turns the search towards the better points;
-2. *bounds* (D.2), in three cases: (1) the centroid lies on a bound: inside contraction at once; (2) the
-   reflected point lies outside: it is drawn back along its ray to the bound, and not expanded; (3) the
-   expanded point lies outside: it is drawn back to the bound.
+2. *bounds* and linear limits A p <= b (D.2), in three cases: (1) the centroid lies on one: inside contraction
+   at once; (2) the reflected point lies outside: it is drawn back along its ray to the bound, and not
+   expanded; (3) the expanded point lies outside: it is drawn back to the bound.
 
 It ends when the simplex' volume |det V| / n! is below a bound (D.5). In 24 dimensions that volume leaves the
 range of floating point numbers long before the simplex is small (24! = 6e23, edges of 1e-13 give 1e-336), so
@@ -29,7 +29,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import Bounds, OptimizeResult
+from scipy.optimize import Bounds, LinearConstraint, OptimizeResult
 
 from ocptip.basics.errors import InputError, finite_array, positive_number
 
@@ -45,6 +45,7 @@ MESSAGES = (
 _SMALL, _EVALUATIONS, _SECONDS, _CALLBACK = range(4)
 
 _ON_BOUND = 1e-12  # distance from a bound, relative to the range (or to 1), that is rounding
+_HALVINGS = 30  # of a first step that leaves linear limits
 
 
 def nelder_mead(
@@ -53,6 +54,7 @@ def nelder_mead(
     args: tuple = (),
     *,
     bounds: Bounds | Sequence[tuple[float | None, float | None]] | None = None,
+    constraints: LinearConstraint | Sequence[LinearConstraint] = (),
     callback: Callable[..., None] | None = None,
     adapted: bool = True,
     tolerance: float = 1e-4,
@@ -73,6 +75,8 @@ def nelder_mead(
         args: further arguments of fun.
         bounds: `scipy.optimize.Bounds` or n pairs (lower, upper) with None or infinity for none; None: the
             method without bounds.
+        constraints: linear limits, one or several `scipy.optimize.LinearConstraint`, that leave room; x0
+            keeps them.
         callback: called after every iteration, with the point (n,), or, if its parameter is called
             `intermediate_result`, with a result so far (x, fun, nfev, nit). It may raise StopIteration.
         adapted: weighted centroid (D.6), else the plain one (D.1).
@@ -81,7 +85,8 @@ def nelder_mead(
         maxfev: function evaluations at most, default 1000 n.
         max_seconds: wall time at most.
         initial_step: of each parameter, one number or (n,): point k + 1 of the simplex is x0 with parameter k
-            changed by it, upwards if the bounds leave room for that, else towards the farther bound.
+            changed by it, upwards if the bounds leave room for that, else towards the farther bound; where
+            that breaks a linear limit, to the other side or less far.
         initial_simplex: (n + 1, n) instead; x0 then only gives n.
         history: keep every improvement of the best value.
 
@@ -91,21 +96,22 @@ def nelder_mead(
         asked for: list of (nfev, seconds, fun).
 
     Raises:
-        InputError: an argument cannot be used; constraints or derivatives are given.
+        InputError: an argument cannot be used; limits that are not linear, or derivatives, are given.
     """
     _refuse(unused)
     x0 = finite_array("x0", x0, (None,))
     if not len(x0):
         raise InputError("x0: at least one parameter is needed, got none")
     lower, upper = _bounds(bounds, len(x0))
-    points = _start_simplex(x0, lower, upper, initial_step, initial_simplex)
+    rows, most = _linear_limits(constraints, len(x0))
+    points = _start_simplex(x0, lower, upper, (rows, most), initial_step, initial_simplex)
     tolerance = positive_number("tolerance", tolerance, zero_allowed=True)
     maxfev = 1000 * len(x0) if maxfev is None else maxfev
     if isinstance(maxfev, bool) or not isinstance(maxfev, int | np.integer) or maxfev < 1:
         raise InputError(f"maxfev: must be a whole number >= 1, got {maxfev!r}")
     limit = math.inf if max_seconds is None else positive_number("max_seconds", max_seconds)
     budget = _Budget(fun, tuple(args), int(maxfev), limit, history)
-    simplex = _Simplex(points, np.full(len(points), np.inf), lower, upper, adapted)
+    simplex = _Simplex(points, np.full(len(points), np.inf), lower, upper, rows, most, adapted)
     nit = 0
     try:
         for k, point in enumerate(points):
@@ -170,12 +176,17 @@ class _Budget:
 
 @dataclass
 class _Simplex:
-    """n + 1 points with their values, best first after `sort`; one iteration is `step`."""
+    """n + 1 points with their values, best first after `sort`; one iteration is `step`.
+
+    Linear limits are `rows` (m, n) of length 1, and what they are `most` (m,).
+    """
 
     points: np.ndarray
     values: np.ndarray
     lower: np.ndarray
     upper: np.ndarray
+    rows: np.ndarray
+    most: np.ndarray
     adapted: bool
     shrinks: int = 0
 
@@ -247,13 +258,17 @@ class _Simplex:
 
     def _on_bound(self, point: np.ndarray) -> bool:
         near = _ON_BOUND * self._range()
-        return bool(np.any((point <= self.lower + near) | (point >= self.upper - near)))
+        on = np.any((point <= self.lower + near) | (point >= self.upper - near))
+        return bool(on or np.any(self.rows @ point >= self.most - _rounding(self.most)))
 
     def _reach(self, origin: np.ndarray, direction: np.ndarray) -> float:
         """How far the ray goes until it leaves the bounds, in units of the direction."""
         with np.errstate(divide="ignore", invalid="ignore"):
             room = np.where(direction > 0, self.upper - origin, self.lower - origin) / direction
-        return float(np.min(room[direction != 0], initial=np.inf))
+            rise = self.rows @ direction
+            left = np.maximum(self.most - self.rows @ origin, 0.0) / rise
+        reach = np.min(room[direction != 0], initial=np.inf)
+        return float(np.min(left[rise > 0], initial=reach))
 
     def _on_ray(self, origin: np.ndarray, direction: np.ndarray, reach: float) -> np.ndarray:
         """The point there; components within rounding of a bound are put on it."""
@@ -277,10 +292,10 @@ def _report(callback: Callable | None, simplex: _Simplex, budget: _Budget, nit: 
 def _refuse(unused: dict[str, Any]) -> None:
     """`scipy.optimize.minimize` passes on arguments that mean nothing here."""
     for name, value in unused.items():
-        if name not in ("jac", "hess", "hessp", "constraints"):
+        if name not in ("jac", "hess", "hessp"):
             raise InputError(f"{name}: there is no such option")
         if value is not None and value is not False and (not isinstance(value, tuple | list) or len(value)):
-            raise InputError(f"{name}: this method cannot use it; put constraints into a penalty")
+            raise InputError(f"{name}: this method cannot use it")
 
 
 def _bounds(
@@ -302,10 +317,51 @@ def _bounds(
     return np.array(lower, dtype=float), np.array(upper, dtype=float)
 
 
+def _linear_limits(
+    constraints: LinearConstraint | Sequence[LinearConstraint], n: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rows (m, n) of length 1 and what they are at most, (m,)."""
+    several = constraints if isinstance(constraints, tuple | list) else [constraints]
+    rows, most = [np.empty((0, n))], [np.empty(0)]
+    for own in several:
+        if not isinstance(own, LinearConstraint):
+            raise InputError(f"constraints: only linear ones can be used, got {own!r}; use a penalty")
+        A = finite_array("constraints: A", np.atleast_2d(own.A), (None, n))
+        low, high = (np.broadcast_to(np.asarray(b, dtype=float), len(A)) for b in (own.lb, own.ub))
+        if not (low < high).all():
+            k = int(np.argmin(low < high))
+            raise InputError(f"constraints: row {k} leaves no room between {low[k]:g} and {high[k]:g}")
+        rows += [A[np.isfinite(high)], -A[np.isfinite(low)]]
+        most += [high[np.isfinite(high)], -low[np.isfinite(low)]]
+    A, b = np.vstack(rows), np.concatenate(most)
+    sizes = np.linalg.norm(A, axis=1)
+    if not sizes.all():
+        raise InputError("constraints: A has a row of zeros")
+    return A / sizes[:, None], b / sizes
+
+
+def _rounding(most: np.ndarray) -> np.ndarray:
+    return _ON_BOUND * np.maximum(1.0, np.abs(most))
+
+
+def _within(point: np.ndarray, rows: np.ndarray, most: np.ndarray) -> bool:
+    return bool(np.all(rows @ point <= most + _rounding(most)))
+
+
+def _stepped(x0: np.ndarray, step: np.ndarray, keeps: Callable[[np.ndarray], bool]) -> np.ndarray:
+    """x0 + step, or a point on the other side of x0, or one nearer to it, that keeps all limits."""
+    for size in SIGMA ** np.arange(_HALVINGS):
+        for sign in (1.0, -1.0):
+            if keeps(point := x0 + sign * size * step):
+                return point
+    raise InputError("x0: linear constraints leave no room beside it")
+
+
 def _start_simplex(
     x0: np.ndarray,
     lower: np.ndarray,
     upper: np.ndarray,
+    limits: tuple[np.ndarray, np.ndarray],
     step: float | ArrayLike,
     simplex: ArrayLike | None,
 ) -> np.ndarray:
@@ -321,9 +377,18 @@ def _start_simplex(
         up = (upper - x0 >= steps) | (upper - x0 >= x0 - lower)
         moved = np.where(up, np.minimum(x0 + steps, upper), np.maximum(x0 - steps, lower))
         points = np.vstack([x0, np.where(np.eye(n, dtype=bool), moved, x0)])
+        if len(limits[0]) and _within(x0, *limits):
+
+            def keeps(point: np.ndarray) -> bool:
+                return _within(point, *limits) and bool(np.all((point >= lower) & (point <= upper)))
+
+            points[1:] = [_stepped(x0, point - x0, keeps) for point in points[1:]]
     outside = np.any((points < lower) | (points > upper), axis=0)
     if outside.any():
         k = int(np.argmax(outside))
         name = "x0" if simplex is None else "initial_simplex"
         raise InputError(f"{name}: parameter {k} is outside its bounds {lower[k]:g} to {upper[k]:g}")
+    if not all(_within(point, *limits) for point in points):
+        name = "x0" if simplex is None else "initial_simplex"
+        raise InputError(f"{name}: breaks a linear constraint")
     return points

@@ -215,6 +215,11 @@ class Support:
         return ElasticFeet(self.wrench_matrix, springs, self.length) if springs else None
 
     @cached_property
+    def power(self) -> float:
+        """W, drawn by actuators of clamps, all the time."""
+        return float(sum(contact.power() for contact in self.contacts))
+
+    @cached_property
     def no_subsets(self) -> np.ndarray:
         """(n,) -1: no contact's admissible subset is known."""
         return np.full(self.n_contacts, -1, dtype=np.int64)

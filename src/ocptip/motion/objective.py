@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from ocptip.basics.errors import InputError, number_from
@@ -32,6 +32,10 @@ class Objective:
     def cost(self, energy: float, duration: float) -> float:
         """Of a motion with this energy (J) and duration (s), in `unit`."""
         return self.energy_weight * energy + self.time_weight * duration
+
+    def with_power(self, power: float) -> Objective:
+        """The same cost of what lacks this power (W) all the time."""
+        return replace(self, time_weight=self.time_weight + self.energy_weight * power) if power else self
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""

@@ -320,7 +320,7 @@ def csv_blocks(samples: MotionSamples) -> list[tuple[str, np.ndarray]]:
         ("friction_use{}", samples.slip.usage),
     ):
         blocks += [(name.format(k + 1), values[:, k]) for k in range(contacts)]
-    blocks.append(("total_power_W", samples.powers.sum(axis=1)))
+    blocks.append(("total_power_W", samples.total_power))
     if samples.gripper.size:
         names = [f"gripper_{name}" for name in ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")]
         blocks += zip(names, _steady(samples.gripper).T, strict=True)

@@ -130,7 +130,7 @@ def _power_figure(curves: PlanCurves) -> Figure:
     power, energy = axes[:, 0]
     for j, values in enumerate(curves.samples.powers.T):
         power.plot(curves.times, values, **_style(j), lw=1.2, label=f"joint {j + 1}", gid=f"power-{j + 1}")
-    total = curves.samples.powers.sum(axis=1)
+    total = curves.samples.total_power
     power.plot(curves.times, total, color="#5f5f5f", lw=2.4, zorder=1.5, label="total", gid="power")
     _finish(power, curves, "Electric power", "power [W]")
     power.set_ylim(bottom=min(0.0, power.get_ylim()[0]) if power.dataLim.ymin < 0 else 0.0)
@@ -265,7 +265,7 @@ def _joint_panels(
 
 def _total_power(ax: Any, curves: PlanCurves) -> None:
     """Power on the left axis, energy on the right one."""
-    total = curves.samples.powers.sum(axis=1)
+    total = curves.samples.total_power
     ax.fill_between(curves.times, 0.0, total, color=POWER, alpha=0.15, lw=0)
     ax.plot(curves.times, total, color=POWER, label="power", gid="power")
     right = ax.twinx()
@@ -412,7 +412,7 @@ def _reserve(samples: MotionSamples, name: str) -> np.ndarray:
 
 def _cumulated(samples: MotionSamples) -> np.ndarray:
     """Energy since the start, (N,), J, by the trapezoidal rule."""
-    power = samples.powers.sum(axis=1)
+    power = samples.total_power
     return np.concatenate([[0.0], np.cumsum(0.5 * np.diff(samples.times) * (power[1:] + power[:-1]))])
 
 

@@ -21,24 +21,25 @@ class HoldingPower:
 
     Args:
         motors: of the joints.
+        clamps: W, drawn by actuators of clamps, all the time.
     """
 
     unit = "W"
 
-    def __init__(self, motors: Motors) -> None:
-        self.motors = motors
+    def __init__(self, motors: Motors, clamps: float = 0.0) -> None:
+        self.motors, self.clamps = motors, clamps
 
     def values(self, torques: np.ndarray) -> np.ndarray:
         """Power (N,), W, at torques (N, n), N m."""
         still, up = np.zeros_like(torques), np.ones_like(torques)
         power = self.motors.power(torques, still, up) + self.motors.power(torques, still, -up)
-        return np.sum(power, axis=1) / 2
+        return np.sum(power, axis=1) / 2 + self.clamps
 
     def derivatives(self, joints: int) -> BatchFunction:
         """Function of torques (n,): power, its gradient (n,) and the diagonal of its Hessian (n,)."""
         torque, still = cs.SX.sym("torque", joints), cs.SX.zeros(joints)
         up, down = (self.motors.power_expression(torque, still, [e] * joints) for e in (1.0, -1.0))
-        power = cs.sum1(up + down) / 2
+        power = cs.sum1(up + down) / 2 + self.clamps
         slope = cs.gradient(power, torque)
         bend = cs.diag(cs.jacobian(slope, torque))
         return BatchFunction(cs.Function("power", [torque], [power, slope, bend]))

@@ -335,7 +335,7 @@ class PlacementProblem:
         rotation = rotation_matrix("ground_frame[1]", rotation, tolerance=_ROTATION_TOLERANCE)
         setter(self, "ground_frame", (finite_array("ground_frame[0]", position, (3,)), rotation))
         if self.energy is None:
-            setter(self, "energy", HoldingPower(self.robot.motors))
+            setter(self, "energy", HoldingPower(self.robot.motors, support.power))
         if not isinstance(self.energy, HoldingPower | TorqueCost):
             raise InputError(f"energy: expected HoldingPower or TorqueCost, got {self.energy!r}")
         if isinstance(self.energy, TorqueCost) and len(self.energy.cost) != self.robot.arm.n:

@@ -240,7 +240,8 @@ def _solve(
     late = LateJoints(grid) if LateJoints.wanted(timing.asked.tolerance) else None
     drives, couplings = _drives(robot, objective, late is not None), known or Couplings.none(len(s))
     longest = timing.asked.max_duration * (1 - _KEPT)
-    price = Price(objective.energy_weight, objective.time_weight, longest)
+    spent = objective.with_power(robot.support.power)
+    price = Price(spent.energy_weight, spent.time_weight, longest)
     between, measured = _Between(grid), drives is not None and not drives.exact
     settled, turn = not measured, 0
     while True:

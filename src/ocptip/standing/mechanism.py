@@ -93,6 +93,7 @@ class MotionSamples:
         states: contact states under these wrenches.
         tip, slip: reserves GN and GT of these states.
         clearances: (N,), m, smallest distance of what may collide; infinite where that is not known.
+        steady_power: W, electric power of clamps.
         further: (N, k) quantities of :class:`FurtherLimits`; (N, 0) for an arm.
         units: of the coordinates, "rad" or "m"; empty: rad.
         motor_units: "N m" or "N"; empty: N m.
@@ -121,6 +122,12 @@ class MotionSamples:
     gripper: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
     sensor: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
     sensor_name: str = ""
+    steady_power: float = 0.0
+
+    @property
+    def total_power(self) -> np.ndarray:
+        """(N,), W: of motors and clamps."""
+        return self.powers.sum(axis=1) + self.steady_power
 
 
 class StandingMechanism(MadeOf, ABC):
@@ -362,6 +369,7 @@ class StandingMechanism(MadeOf, ABC):
             gripper=self.gripper(q),
             sensor=self.sensor.reads(self.support, wrenches),
             sensor_name=self.sensor.name,
+            steady_power=self.support.power,
         )
 
     def require_fit(self, joints: int) -> None:
@@ -378,7 +386,7 @@ class StandingMechanism(MadeOf, ABC):
         return self.varied(motors=motors)
 
     def energy(self, motion: Motion, *, order: int = 4) -> float:
-        """Electric energy of a motion, J: Gauss-Legendre quadrature between the events (5.25)."""
+        """Electric energy of a motion, J, by Gauss-Legendre quadrature between the events (5.25); clamps, too."""
         robot = self.during(motion)
         times, weights = robot.quadrature(motion, order)
         if len(times) == 0:
@@ -386,7 +394,7 @@ class StandingMechanism(MadeOf, ABC):
         q, qd, qdd = motion.states(times)
         torques, _ = robot.loads(q, qd, qdd, times)
         power = self.motors.power(torques, self.motor_speeds(q, qd))
-        return float(weights @ np.sum(power, axis=1))
+        return float(weights @ np.sum(power, axis=1)) + self.support.power * motion.end
 
     def quadrature(self, motion: Motion, order: int) -> tuple[np.ndarray, np.ndarray]:
         """Gauss-Legendre nodes and weights, s, in intervals in which the electric power is smooth."""

@@ -6,7 +6,9 @@ import math
 
 import numpy as np
 import pytest
-from scipy.optimize import Bounds, minimize, rosen
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import Bounds, LinearConstraint, minimize, rosen
 
 from ocptip.basics.errors import InputError
 from studies.baselines.nelder_mead import nelder_mead
@@ -211,7 +213,7 @@ def test_same_input_same_path():
         ({"initial_step": [0.1]}, "initial_step: expected shape 2"),
         ({"initial_simplex": [[0, 0], [1, 1], [2, 2]]}, "initial_simplex: its points lie in a plane"),
         ({"initial_simplex": [[0, 0], [1, 1]]}, "initial_simplex: expected shape 3 x 2"),
-        ({"constraints": [1]}, "constraints: this method cannot use it"),
+        ({"constraints": [1]}, "constraints: only linear ones can be used"),
         ({"jac": rosen}, "jac: this method cannot use it"),
         ({"xatol": 1}, "xatol: there is no such option"),
     ],
@@ -219,3 +221,48 @@ def test_same_input_same_path():
 def test_refusals(arguments, message):
     with pytest.raises(InputError, match=message):
         nelder_mead(rosen, **{"x0": [0.5, 0.5], **arguments})
+
+
+@pytest.mark.parametrize("adapted", [True, False])
+def test_optimum_on_a_linear_limit(adapted):
+    """Rosenbrock's function below x + y = 1: SLSQP knows where."""
+    function, points = traced(rosen)
+    below = LinearConstraint([[1.0, 1.0]], -np.inf, 1.0)
+    options = {"tolerance": 1e-9, "adapted": adapted}
+    result = minimize(function, [-1.2, 0.5], method=nelder_mead, constraints=below, options=options)
+    other = minimize(rosen, [0.0, 0.0], method="SLSQP", constraints=below, tol=1e-14)
+    np.testing.assert_allclose(result.x, other.x, atol=1e-4)
+    assert result.x.sum() == pytest.approx(1.0, abs=1e-9)
+    assert np.all(np.sum(points, axis=1) <= 1 + 1e-11)
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.integers(0, 2**32 - 1))
+def test_no_point_breaks_a_limit_and_what_is_found_is_no_worse_than_near_it(seed):
+    """Bounds and two-sided linear limits at once, in three dimensions."""
+    rng = np.random.default_rng(seed)
+    A, target, x0 = rng.normal(size=(4, 3)), rng.normal(size=3), rng.uniform(-0.2, 0.2, 3)
+    limits = LinearConstraint(A, A @ x0 - rng.uniform(0.05, 1, 4), A @ x0 + rng.uniform(0.05, 1, 4))
+    function, points = traced(lambda x: float(np.sum((x - target) ** 2)))
+    result = nelder_mead(function, x0, bounds=[(-1, 1)] * 3, constraints=limits, tolerance=1e-7)
+    rows = np.array(points) @ A.T
+    assert np.all(np.abs(points) <= 1)
+    assert np.all((rows >= limits.lb - 1e-10) & (rows <= limits.ub + 1e-10))
+    assert result.fun <= function(x0)
+    best = minimize(function, x0, method="SLSQP", bounds=[(-1, 1)] * 3, constraints=limits)
+    assert best.fun <= result.fun + 1e-6
+
+
+def test_the_simplex_begins_within_linear_limits():
+    """A step to the other side, or a shorter one; x0 outside is refused."""
+    limit = LinearConstraint([[1.0, 0.0], [0.0, 1.0], [0.0, -1.0]], -np.inf, [0.05, 0.02, 0.02])
+    function, points = traced(lambda x: float(np.sum((x - 1) ** 2)))
+    nelder_mead(function, [0.0, 0.0], constraints=[limit], maxfev=3)
+    np.testing.assert_allclose(points, [[0, 0], [-0.1, 0], [0, 0.0125]])
+    with pytest.raises(InputError, match="x0: breaks a linear constraint"):
+        nelder_mead(rosen, [0.1, 0.0], constraints=limit)
+    with pytest.raises(InputError, match="row 0 leaves no room"):
+        nelder_mead(rosen, [0.0, 0.0], constraints=LinearConstraint([[1.0, 1.0]], 0.0, 0.0))
+    flat = LinearConstraint([[1.0, 0.0]], 0.0, 1e-14)
+    with pytest.raises(InputError, match="leave no room beside it"):
+        nelder_mead(rosen, [0.0, 0.0], constraints=flat)

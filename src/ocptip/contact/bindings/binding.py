@@ -160,6 +160,10 @@ class Binding(ABC):
         """How the contact gives while it presses; None: it is rigid."""
         return None
 
+    def power(self) -> float:
+        """W, drawn for as long as the contact holds."""
+        return 0.0
+
     @property
     def dimension(self) -> int:
         """3 in space, 2 in the plane."""

@@ -11,6 +11,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from ocptip.basics.errors import positive_number, refuse_huge
 from ocptip.contact.bindings.automaton import Mode
 from ocptip.contact.bindings.binding import (
     Binding,
@@ -54,6 +55,26 @@ class _PreloadedClamp(_Clamp):
     def check_parameters(self) -> None:
         super().check_parameters()
         positive_parameters(self, "clamp_force")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _ActuatedClamp(_PreloadedClamp):
+    """A clamp pressed by an actuator all the time, or by a weight.
+
+    Attributes:
+        holding_power: electric power of the actuator, W; 0: a weight, or a drive that holds by itself.
+    """
+
+    holding_power: float = 0.0
+
+    def check_parameters(self) -> None:
+        super().check_parameters()
+        power = positive_number("holding_power", self.holding_power, zero_allowed=True)
+        refuse_huge("holding_power", power)
+        object.__setattr__(self, "holding_power", power)
+
+    def power(self) -> float:
+        return self.holding_power
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -148,7 +169,7 @@ class ForceVariableHalfRigidClamp(_PreloadedClamp):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ForceConstantHalfRigidClamp(_PreloadedClamp):
+class ForceConstantHalfRigidClamp(_ActuatedClamp):
     """Upper jaw rigid, lower jaw pressed with a constant force (3.2.4, A.2): can open upwards."""
 
     kind: ClassVar[str] = "force-constant-half-rigid-clamp"
@@ -307,7 +328,7 @@ class ForceVariableTwoSidedClamp(_TwoSidedClamp):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ForceConstantTwoSidedClamp(_TwoSidedClamp):
+class ForceConstantTwoSidedClamp(_TwoSidedClamp, _ActuatedClamp):
     """Both jaws pressed by a constant force through a lever (3.2.5, A.3): yields in both directions."""
 
     kind: ClassVar[str] = "force-constant-two-sided-clamp"

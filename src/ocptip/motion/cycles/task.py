@@ -60,7 +60,8 @@ class Segment:
         """Electric power at rest in posture q, (n,), W."""
         robot, still = self.task.robot, np.zeros((1, self.task.robot.n))
         torques, _ = robot.loads(q[None], still, still)
-        return float(np.sum(robot.motors.power(torques, robot.motor_speeds(q[None], still))))
+        drawn = robot.motors.power(torques, robot.motor_speeds(q[None], still))
+        return float(np.sum(drawn)) + robot.support.power
 
 
 @dataclass(frozen=True, eq=False)

@@ -83,7 +83,8 @@ class Formulation:
         ends: FreeEnds | None = None,
         rise_times: np.ndarray | None = None,
     ) -> None:
-        self.robot, self.start, self.goal, self.objective = robot, start, goal, objective
+        self.robot, self.start, self.goal = robot, start, goal
+        self.objective = objective.with_power(robot.support.power)
         self.ends = ends or FreeEnds(None, (start, goal), (None, None), joints)
         self.layout = Layout(robot.n, joints, commands, free=self.ends.free)
         self.smooth_physics, self.physics = NodePhysics(robot, smooth=True), NodePhysics(robot)
