@@ -80,7 +80,7 @@ def pieces_of(clamp: Binding) -> list[Piece]:
 
 
 def largest_push(support: Support, load: np.ndarray, push: np.ndarray, distance: float) -> float:
-    """The greatest factor of a wrench `push` (6,) beside `load` (6,) that the base bears; -inf: not even none.
+    """The greatest factor of a wrench `push` (6,) beside `load` (6,) that is borne; -inf: not even none.
 
     The last contact is a clamp whose jaws are `distance`, m, apart along its normal.
     """
@@ -152,7 +152,7 @@ def pushes(support: Support, place: np.ndarray) -> np.ndarray:
     """(2 x DIRECTIONS, 6): of 1 N horizontally, then with a share upwards."""
     angles = 2 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
     level = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(DIRECTIONS)])
-    forces = np.vstack([level, level + [0, 0, LIFT]])
+    forces = np.vstack([level, level + np.array([0.0, 0.0, LIFT])])
     arm = place - support.center_of_mass
     return np.hstack([forces, np.cross(arm, forces)])
 
@@ -170,6 +170,17 @@ def compared(kind: type[Binding]) -> dict[str, Any]:
     found = [[largest_push(support, load, push, d / 1e3) for push in wrenches] for d in DISTANCES]
     same = [agrees(support, load, push, factor) for push, factor in zip(wrenches, found[0], strict=True)]
     return {"clamp": kind.kind, "pushes_N": found, "agree": int(np.sum(same)), "count": len(same)}
+
+
+def wedged() -> dict[str, int]:
+    """How many pushes two rigid jaws without preload bear whatever their size, by distance, mm."""
+    support, load, place = clamped(CLAMPS[0])
+    wrenches = pushes(support, place)
+    found = {}
+    for distance in DISTANCES:
+        bounds = [_bounded(support, load, push, distance / 1e3, Piece()) for push in wrenches]
+        found[f"{distance:g}"] = int(np.sum(np.array(bounds) > 0.99 * HUGE))
+    return found
 
 
 def errors(row: dict[str, Any]) -> np.ndarray:
@@ -190,20 +201,23 @@ def markdown(result: dict[str, Any]) -> str:
     lines = [
         "# Jaws apart",
         "",
-        f"{software(result['versions'])}. Base of case C (triangle of 0.3 m, friction 0.2, K3 clamped with 29.33 "
-        f"N), arm at rest at the start; the greatest push at the gripper, in {DIRECTIONS} horizontal directions "
-        "and as many obliquely upwards, that the base bears with the clamp reduced to one point, and with jaws "
-        "apart.",
+        f"{software(result['versions'])}. Base of case C (triangle of 0.3 m, friction 0.2, K3 clamped with "
+        "29.33 N), arm at rest at the start; the greatest push at the gripper, in "
+        f"{DIRECTIONS} horizontal directions and as many obliquely upwards, that the base bears with the "
+        "clamp reduced to one point, and with jaws apart.",
         "",
         "By how much the reduced clamp bears more (per cent; negative: less), over the directions. With the "
-        f"clamp reduced, the library's verdict agrees a thousandth below and above in {agree} of {count} pushes.",
+        "clamp reduced, the library's verdict agrees a thousandth below and above in "
+        f"{agree} of {count} pushes.",
         "",
         *table(["clamp", "jaws apart [mm]", "least [%]", "median [%]", "most [%]"], rows, left=1),
         "",
         "![Errors over the distance](separate_jaws.png)",
         "",
-        "Two *rigid* jaws without preload are not in the table: as two contacts they can wedge, forces balance "
-        "any load, and only the contact laws say which of them come about.",
+        "Two *rigid* jaws without preload are not in the table: as two contacts they can wedge, and only the "
+        f"contact laws say which of these forces come about. Of {2 * DIRECTIONS} pushes they balance "
+        + ", ".join(f"{n} at {d} mm" for d, n in result["wedged"].items())
+        + f" up to {HUGE:g} N and more.",
     ]
     return "\n".join(lines) + "\n"
 
@@ -237,6 +251,7 @@ def main() -> None:
         "versions": versions(("numpy", "scipy", "clarabel")),
         "distances_mm": DISTANCES,
         "rows": [compared(kind) for kind in CLAMPS],
+        "wedged": wedged(),
     }
     write_json(options.out / "separate_jaws.json", result, indent=1)
     write_text(options.out / "separate_jaws.md", markdown(result))

@@ -71,7 +71,8 @@ def simulated(robot: StandingRobot, motion: ArmMotion, step: float, after: float
     bodies = FeetSimulation(robot, motion, gears=springs, **feet)
     seen = bodies.run(step, after)
     postures = np.linspace(0, motion.end, POSTURES)
-    sags = np.array([bodies.sag(q) for q in motion.states(postures)[0]])
+    still = FeetSimulation(robot, motion, gears=springs, **feet)  # whose feet have not slid
+    sags = np.array([still.sag(q) for q in motion.states(postures)[0]])
     tip = gripper_batch(robot.arm)
     sags = CubicSpline(postures, sags - tip(motion.states(postures)[0])[0])  # it changes less than the place
     q = motion.states(np.minimum(seen.times, motion.end))[0]

@@ -386,7 +386,7 @@ class StandingMechanism(MadeOf, ABC):
         return self.varied(motors=motors)
 
     def energy(self, motion: Motion, *, order: int = 4) -> float:
-        """Electric energy of a motion, J, clamps included: Gauss-Legendre quadrature between events (5.25)."""
+        """Electric energy, J, clamps included: Gauss-Legendre quadrature between the events (5.25)."""
         robot = self.during(motion)
         times, weights = robot.quadrature(motion, order)
         if len(times) == 0:
