@@ -119,7 +119,7 @@ def test_nothing_within_a_tolerance_is_below_what_is_proved(axes):
     times = np.linspace(1e-6, motion.end - 1e-6, 1000)
     found = np.min(worst_case_of(robot, own).all_moments(np.hstack(motion.states(times))))
     unit = robot.tip_over.reference_moment
-    assert -1e-6 <= (found - proved) / unit <= 0.5  # a process counts as up to 10 % more or less
+    assert -1e-6 <= (found - proved) / unit <= 0.01
 
 
 def test_loads_at_rest_and_what_is_tolerated_count_it_once():

@@ -93,7 +93,7 @@ class Form:
     def __add__(self, other: Form | np.ndarray | float) -> Form:
         if not isinstance(other, Form):
             other = Form.of(np.broadcast_to(other, self.r.shape))
-        first, second = _alike(self.c, other.c)
+        first, second = alike(self.c, other.c)
         c = first + second
         return Form(c, (self.r + other.r + U * np.abs(c).sum(axis=0)) * (1 + U) + TINY)
 
@@ -104,7 +104,7 @@ class Form:
         if not isinstance(other, Form):
             k = np.asarray(other)
             return Form(self.c * k, (np.abs(k) * (self.r + U * self.size)) * (1 + U) + TINY)
-        first, second = _alike(self.c, other.c)
+        first, second = alike(self.c, other.c)
         rank = max(first.ndim, second.ndim)
         a, b = (c.reshape(len(c), *[1] * (rank - c.ndim), *c.shape[1:]) for c in (first, second))
         m, i, j = numbers_of(len(a))
@@ -133,7 +133,7 @@ class Form:
         return b.min(axis=0) - slack, b.max(axis=0) + slack
 
 
-def _alike(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def alike(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Coefficients of as many numbers: those of a form in s alone go with zeros."""
     most = max(len(a), len(b))
     return tuple(
@@ -177,7 +177,7 @@ def stack(*forms: Form, axis: int = 0) -> Form:
     """Forms of one shape along a new axis."""
     most = max((f.c for f in forms), key=len)
     return Form(
-        np.stack([_alike(f.c, most)[0] for f in forms], axis=1 + axis),
+        np.stack([alike(f.c, most)[0] for f in forms], axis=1 + axis),
         np.stack([f.r for f in forms], axis=axis),
     )
 
@@ -186,7 +186,7 @@ def joined(*forms: Form) -> Form:
     """Forms along their first axis."""
     most = max((f.c for f in forms), key=len)
     return Form(
-        np.concatenate([_alike(f.c, most)[0] for f in forms], axis=1), np.concatenate([f.r for f in forms])
+        np.concatenate([alike(f.c, most)[0] for f in forms], axis=1), np.concatenate([f.r for f in forms])
     )
 
 

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from ocptip.certificate.trusted.arm import Arm, crossed, inertial, times_rows, turned
-from ocptip.certificate.trusted.forms import BERNSTEIN, ORDER, Form, K, U, joined, numbers_of, stack
+from ocptip.certificate.trusted.forms import BERNSTEIN, ORDER, Form, K, U, alike, joined, numbers_of, stack
 from ocptip.certificate.trusted.late import Rows
 
 _NODES = np.linspace(-1.0, 1.0, ORDER + 1)  # Bernstein coefficients of s
@@ -34,6 +34,7 @@ class Terms:
     Attributes:
         low, high: (T,) ends of the weights.
         masses: (T,) kg: times gravity it is a term's force.
+        process: forms (6, R): what acts on the gripper, at any pace, whatever the weights.
         parts: forms (T, 9, R): first moment about the reference point, kg m, and the wrench that its motion
             needs, at the motion's pace.
         tool: index of the term of a unit mass at the gripper.
@@ -47,6 +48,7 @@ class Terms:
     high: np.ndarray
     masses: np.ndarray
     parts: Form
+    process: Form
     tool: int
     gravity: np.ndarray
     size: np.ndarray
@@ -62,8 +64,8 @@ class Terms:
             name: getattr(self, name)[..., rows]
             for name in ("size", "error", "middle", "spread", "centre", "half")
         }
-        parts = Form(self.parts.c[..., rows], self.parts.r[..., rows])
-        return Terms(self.low, self.high, self.masses, parts, self.tool, self.gravity, **own)
+        forms = (Form(form.c[..., rows], form.r[..., rows]) for form in (self.parts, self.process))
+        return Terms(self.low, self.high, self.masses, *forms, self.tool, self.gravity, **own)
 
     def in_box(self, h: np.ndarray, constant: np.ndarray) -> np.ndarray:
         """As `Within.least`, of any wrench of the boxes: quicker, and less."""
@@ -76,9 +78,9 @@ class Terms:
         powers = s ** np.arange(K)
         c = np.einsum("t,k,ktir->ir", 0.5 * (self.low + self.high), powers, self.parts.c[:K])
         weight = np.sum(0.5 * (self.low + self.high) * self.masses) * self.gravity
-        return np.concatenate(
-            [weight[:, None] + c[3:6], np.cross(c[:3], self.gravity, axisa=0, axisc=0) + c[6:]]
-        )
+        moment = np.cross(c[:3], self.gravity, axisa=0, axisc=0)
+        own = np.einsum("k,kir->ir", powers, self.process.c[:K])
+        return own + np.concatenate([weight[:, None] + c[3:6], moment + c[6:]])
 
 
 class Within:
@@ -138,14 +140,13 @@ class Within:
             if half:
                 lever = Form.of(np.broadcast_to(self._mass * (1 + high) * axis[:, None], nothing.r.shape))
                 found.append((-half, half, 0.0, joined(lever, nothing, nothing)))
-        if any(np.any(own) for own in arm.process):  # it does not go with the pace: weights undo that
+        ends = np.array([(low, high, mass) for low, high, mass, _ in found]).T
+        process = joined(nothing, nothing)
+        if any(np.any(own) for own in arm.process):
             R, p = frames[-1]
             force, moment = (turned(R, v) for v in arm.process_load(turns))
-            moment = moment + crossed(p + -self._about[:, None], force)
-            slow, fast = self._paces
-            found.append((1 / fast - 4 * U, 1 / slow + 4 * U, 0.0, joined(nothing, force, moment)))
-        ends = np.array([(low, high, mass) for low, high, mass, _ in found]).T
-        return self._terms(ends, stack(*(part for *_, part in found)), tool)
+            process = joined(force, moment + crossed(p + -self._about[:, None], force))
+        return self._terms(ends, stack(*(part for *_, part in found)), process, tool)
 
     def _moved_payload(
         self, frame: tuple[Form, Form], moved: Any, mass: float, centre: np.ndarray
@@ -175,7 +176,7 @@ class Within:
         found.append((1.0, 1.0, 0.0, joined(zero, zero, Form.of(np.zeros(second.shape), radius=second))))
         return found
 
-    def _terms(self, ends: np.ndarray, parts: Form, tool: int) -> Terms:
+    def _terms(self, ends: np.ndarray, parts: Form, process: Form, tool: int) -> Terms:
         """With bounds of what the terms can be at any pace and with gravity tilted anywhere."""
         low, high, masses = ends
         most = np.maximum(np.abs(low), np.abs(high))[:, None, None]
@@ -191,12 +192,15 @@ class Within:
         pushes = np.concatenate(
             [np.broadcast_to(forces[:, None], error[3:].shape), _around(size[tool, :3], push)]
         )
-        size = np.sum(most * _wrench(size, gravity, fast, masses), axis=0) + pushes
+        process, still = Form(alike(process.c, parts.c)[0], process.r), np.abs(process.c[0])
+        acts = (process.size + process.r) * (1 + U)
+        size = np.sum(most * _wrench(size, gravity, fast, masses), axis=0) + pushes + acts
         mean, width = (0.5 * x[:, None, None] for x in (high + low, high - low))
-        centre = np.sum(mean * middle, axis=0)
-        half = np.sum(most * spread + width * np.abs(middle), axis=0) + pushes + error
+        centre, error = np.sum(mean * middle, axis=0) + process.c[0], error + process.r
+        half = np.sum(most * spread + width * np.abs(middle), axis=0) + pushes + error + acts - still
         half = (half + 8 * U * size) * (1 + U)
-        return Terms(low, high, masses, parts, tool, self._gravity, size, error, middle, spread, centre, half)
+        own = tool, self._gravity, size, error, middle, spread, centre, half
+        return Terms(low, high, masses, parts, process, *own)
 
     def _middle(self, masses: np.ndarray, c: np.ndarray) -> np.ndarray:
         """(T, 6, R): wrenches of terms (T, 9, R) as they are in the middle."""
@@ -265,12 +269,13 @@ class Within:
         sums = np.moveaxis(sums, 0, -1)
         lever = sums[:, :3], terms.parts.c[:, terms.tool, :3, None]
         force, turn = np.moveaxis(h[:, :3], 1, 0), np.moveaxis(h[:, 3:], 1, 0)  # (3, A, R)
-        X = np.empty((len(sums), 7, *sums.shape[2:]))  # what goes with the pace, gravity, a push at the tool
+        X = np.empty((len(sums), 8, *sums.shape[2:]))  # with the pace, gravity, a push at the tool, nothing
         X[:, 0] = np.einsum("air,miar->mar", h, sums[:, 3:])
         for k in range(3):
             i, j = (k + 1) % 3, (k + 2) % 3
             for place, arm in zip((1, 4), lever, strict=True):
                 X[:, place + k] = turn[i] * arm[:, j] - turn[j] * arm[:, i]
+        X[:, 7] = np.einsum("air,mir->mar", h, terms.process.c)
         X[0, 1:4] += np.einsum("tar,t->ar", weights, terms.masses) * force
         X[0, 4:7] += force
         bump = self._own["base_push"] * np.linalg.norm(force, axis=0)
@@ -280,23 +285,25 @@ class Within:
     def _least_at_nodes(self, X: np.ndarray) -> np.ndarray:
         """Least values (vertices, A, R) over pace, gravity, pushes at the tool and the numbers e."""
         m, i, j = numbers_of(len(X))
-        at = np.tensordot(BERNSTEIN, X[:K], axes=1)  # (V, 7, A, R)
+        at = np.tensordot(BERNSTEIN, X[:K], axes=1)  # (V, 8, A, R)
+        push_, free = np.s_[:, 4:7], np.s_[:, 7]
         by_node = _NODES.reshape(-1, 1, 1, 1)
         slopes = [X[K + k] + by_node * X[K + m + k] for k in range(m)]
         bends = X[K + 2 * m :]
         push, far = self._own["push"], self._size + self._off
-        reach = np.linalg.norm(at[:, 4:], axis=1)
-        unit = at[:, 4:] / np.maximum(reach, 1e-300)[:, None]
-        pushed = [-push * np.sum(unit * slope[:, 4:], axis=1) for slope in slopes]
+        reach = np.linalg.norm(at[push_], axis=1)
+        unit = at[push_] / np.maximum(reach, 1e-300)[:, None]
+        pushed = [slope[free] - push * np.sum(unit * slope[push_], axis=1) for slope in slopes]
         turns = [self._off * np.linalg.norm(slope[:, 1:4], axis=1) for slope in slopes]
-        bent = np.linalg.norm(bends[:, 4:], axis=1)
-        moved = sum(np.linalg.norm(slope[:, 4:], axis=1) for slope in slopes) + np.sum(bent, axis=0)
+        bent = np.linalg.norm(bends[push_], axis=1)
+        moved = sum(np.linalg.norm(slope[push_], axis=1) for slope in slopes) + np.sum(bent, axis=0)
         lost = push * (
             np.minimum(2 * moved, 0.5 * moved**2 / np.maximum(reach, 1e-300)) + np.sum(bent, axis=0)
         )
+        lost = lost + np.sum(np.abs(bends[free]), axis=0)
         best = np.full(reach.shape, np.inf)
         for pace in self._paces:
-            here, found = at[:, :4].copy(), -push * reach - lost
+            here, found = at[:, :4].copy(), at[free] - push * reach - lost
             size = pace * np.abs(bends[:, 0]) + far * np.linalg.norm(bends[:, 1:4], axis=1)
             sides = []
             for k, (slope, other, turn) in enumerate(zip(slopes, pushed, turns, strict=True)):
