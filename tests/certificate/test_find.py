@@ -16,7 +16,7 @@ from ocptip.standing.limits import MotionLimits
 from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.controllers import controller_points
 from ocptip.trajectories.ramps import RampCommand
-from ocptip.trajectories.sampled import SampledMotion
+from studies.certificates.broken import broken_on_purpose
 
 
 def _swing(case="B", faster=1.0):
@@ -205,48 +205,13 @@ def test_mutations_are_refused(swing, mutate):
     assert verdict.problems
 
 
-def _broken(motion, time, width, height):
-    """A motion whose first joint's angle has a bump between two instants, as samples."""
-    events = motion.event_times
-    inner = np.linspace(time - width / 2, time + width / 2, 9)
-    times = np.unique(np.concatenate([events, inner]))
-    q, qd, qdd = motion.states(times)
-    inside = (times > inner[0]) & (times < inner[-1])
-    s = (times - time) / width
-    bump = np.where(inside, (1 - 4 * s**2) ** 3, 0.0)
-    qdd = qdd.copy()
-    qdd[:, 0] += height * bump
-    return SampledMotion(times, q, qd, qdd)
-
-
-@pytest.mark.slow
-def test_motions_broken_for_less_than_a_millisecond_are_not_certified(swing):
+@pytest.mark.parametrize(
+    ("count", "within"), [(3, 0), pytest.param(200, 10, marks=pytest.mark.slow)], ids=["few", "many"]
+)
+def test_motions_broken_for_less_than_a_millisecond_are_not_certified(count, within):
     """Between the instants that the sampled check looked at, the acceleration of a joint leaps."""
-    _broken_on_purpose(swing, 200)
-
-
-def test_some_motions_broken_between_instants_are_not_certified(swing):
-    _broken_on_purpose(swing, 3)
-
-
-def _broken_on_purpose(swing, count):
-    task, motion, checked, _ = swing
-    rng = np.random.default_rng(5)
-    lost = 0
-    for _ in range(count):
-        time, width = rng.uniform(0.1, 0.9) * motion.end, rng.uniform(2e-4, 9e-4)
-        if np.min(np.abs(motion.event_times - time)) < width:
-            continue
-        broken = _broken(motion, time, width, rng.choice([-1, 1]) * rng.uniform(60, 200))
-        found = certify(task.robot, broken, task.limits, checked.worst)
-        instants = np.linspace(time - width / 2, time + width / 2, 41)
-        with np.errstate(all="ignore"):
-            worst = np.max(np.abs(broken.states(instants)[2]) / task.robot.limits.acceleration)
-        assert worst > 1
-        lost += 1
-        assert not found.certified
-        assert any(one.start <= time + width and one.end >= time - width for one in found.undecided)
-    assert lost > count / 2
+    found = broken_on_purpose(count)
+    assert (found["certified"], found["named"], found["within"]) == (0, count, within)
 
 
 def test_feet_that_give_are_not_certified(swing):
