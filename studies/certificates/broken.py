@@ -27,7 +27,7 @@ from studies.common import RESULTS, progress
 
 BROKEN = "broken on purpose"
 _SLOWER = 1.4  # times of plan A, so that it keeps the tolerance
-_TRIES = 50
+_TRIES = 400
 
 
 def broken_on_purpose(count: int, seed: int = 5) -> dict[str, Any]:
