@@ -8,9 +8,11 @@ from functools import cache
 import numpy as np
 import pytest
 
+from ocptip.certificate.describe import motion_data, tolerance_data
 from ocptip.motion import late_joints
 from ocptip.motion.late_joints import Doing, doings
 from ocptip.motion.objective import TIME, priced
+from ocptip.motion.within_tolerance import worst_within
 from ocptip.retiming.fastest import ExtraRows, Grid, fastest, spaced
 from ocptip.retiming.late import LateJoints
 from ocptip.retiming.retime import Retimed, retime
@@ -54,6 +56,36 @@ def test_a_timing_within_a_tolerance_keeps_every_contact():
             assert np.all(moments > 0)
 
 
+def test_accelerations_that_change_between_jumps_are_late_too():
+    """Moments in worlds that are searched for, with joints late or overshooting, are no less than in the
+    check; without what joints were the longest delay before they would be."""
+    pytest.importorskip("flint")
+    from tests.oracles.world_in_balls import LateJoints as Worlds
+
+    task, rng = cart(), np.random.default_rng(0)
+    motion = retime(task.robot, random_path(task, 2, 0.1), task.limits, nodes=40).motion.time_scaled(1.3)
+    found = worst_within(task.robot, motion, WORKSHOP, motion.both_sides(0.01)).tip
+    assert found is not None
+    late = Worlds(motion_data(motion), tolerance_data(WORKSHOP, task.robot.support))
+    cases = worst_case_of(task.robot, replace(WORKSHOP, delay=0.0, damping=None))
+
+    def moments(choices: list) -> np.ndarray:
+        states = np.array([late.state(choice).ravel() for choice in choices])
+        return np.min(cases.all_moments(states), axis=1)
+
+    best = [late.draw(found.time, rng) for _ in range(2000)]
+    values = moments(best)
+    best, values = [best[k] for k in np.argsort(values)[:40]], np.sort(values)[:40]
+    for k in range(20):
+        others = [late.moved(choice, 0.8**k, rng) for choice in best]
+        new = moments(others)
+        best = [b if y < x else a for a, b, x, y in zip(best, others, values, new, strict=True)]
+        values = np.minimum(values, new)
+    GN = cases.tip_ratio(np.min(values, keepdims=True))[0]
+    assert found.bound + 1e-3 >= GN
+    assert GN > 0.748  # what the check said before
+
+
 def test_the_cheapest_timing_within_a_tolerance():
     found = within(priced(20.0))
     assert found.verified
@@ -88,7 +120,7 @@ def test_of_too_many_combinations_the_worst_is_found(monkeypatch: pytest.MonkeyP
     motion = retime(task.robot, random_path(task, seed, 0.1), task.limits, nodes=12).motion
     cases = worst_case_of(task.robot, WORKSHOP)
     every = late_joints.jump_states(motion, WORKSHOP)
-    assert 5000 < len(every.times) < 50_000
+    assert 5000 < len(every.times) < 150_000
     monkeypatch.setattr(late_joints, "MOST_OF_ALL", 100)
     some = late_joints.jump_states(motion, WORKSHOP, cases)
     assert len(some.times) < len(every.times) / 20
@@ -100,7 +132,7 @@ def test_of_too_many_combinations_the_worst_is_found(monkeypatch: pytest.MonkeyP
     by_slopes = late_joints.jump_states(motion, WORKSHOP, cases)
     slips = [cases.estimated_slip(own.s, own.room).max() for own in (by_slopes, some, every)]
     assert slips[0] < 0.995 * slips[1]
-    assert slips[1] == pytest.approx(slips[2])
+    assert slips[1] == pytest.approx(slips[2], rel=3e-3)
 
 
 @pytest.mark.parametrize("overshoots", [False, True])

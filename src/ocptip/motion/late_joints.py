@@ -9,7 +9,8 @@ in all ways; where a motion jumps so often that these are too many, in those tha
 the worst instants, than all that differ in one joint.
 
 A state says where each joint is at the end of its stretch of times T without a jump; `room` is how long that
-stretch is. The deviation "delay" goes back within it, exactly if the acceleration is constant.
+stretch is. The deviation "delay" goes back within it, exactly if the acceleration is constant. Where it is
+not, what it was at t - d is a state of its own; between two jumps it lies between what it is next to these.
 """
 
 from __future__ import annotations
@@ -122,6 +123,9 @@ class _Events:
             return self._smooth_ways(inside, joint, own, then)
         jumps = np.flatnonzero(inside & self.jumps[:, joint])
         found: dict[_Way, None] = {}
+        until = self.before[jumps[0], joint] if len(jumps) else own[2]
+        if self.delay and abs(then[2] - until) > self.small[joint]:  # it changes without a jump, too
+            found[*then, 0.0, "late"] = None
         for doing in doings(self.times[jumps], t, self.delay, self.more > 0):
             if doing.event is None:
                 way = *own, doing.room, "on time"

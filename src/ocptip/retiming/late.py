@@ -137,7 +137,7 @@ class LateJoints:
     def _at(self, at: _Nodes, node: int, time: float, share: float) -> list[tuple[tuple, _Made]]:
         """What joints may be doing so much of an interval after a node: states (4, n), and their making."""
         first = int(np.searchsorted(at.t, time - self._delay - INSIDE))
-        found: list[tuple[tuple, _Made]] = []
+        found = self._before_all(at, time - self._delay) if self._delay else []
         for doing in doings(at.t[first : node + 1], time, self._delay, self._more > 0):
             if doing.event is None:
                 ends = ((node, 1 - share), (node + 1, share))[: 2 if share else 1]
@@ -147,10 +147,32 @@ class LateJoints:
                 ends, parts = ((event, 1.0),), ((event, doing.steps > 0, 1.0),)
                 for begin in range(event, event - doing.steps, -1):
                     parts = (*parts, (begin, True, self._more), (begin, False, -self._more))
-            q, qd = (sum(part * values[end] for end, part in ends) for values in (self._q, at.qd))
-            qdd = sum(factor * (at.after if part else at.before)[end] for end, part, factor in parts)
-            found.append(((q, qd, qdd, np.full_like(self._q[0], doing.room)), (ends, parts)))
+            found.append(self._made(at, ends, parts, doing.room))
         return found
+
+    def _before_all(self, at: _Nodes, time: float) -> list[tuple[tuple, _Made]]:
+        """The latest that it may be, within an interval, where accelerations change without a jump."""
+        if time <= 0:
+            return []
+        node = int(np.searchsorted(at.t, time, side="right")) - 1
+        share = float((time - at.t[node]) / (at.t[node + 1] - at.t[node]))
+        ends, parts = zip(
+            ((node, 1 - share), (node, True, 1 - share)),
+            ((node + 1, share), (node + 1, False, share)),
+            strict=True,
+        )
+        return [self._made(at, ends, parts, 0.0)]
+
+    def _made(
+        self,
+        at: _Nodes,
+        ends: tuple[tuple[int, float], ...],
+        parts: tuple[tuple[int, bool, float], ...],
+        room: float,
+    ) -> tuple[tuple, _Made]:
+        q, qd = (sum(part * values[end] for end, part in ends) for values in (self._q, at.qd))
+        qdd = sum(factor * (at.after if part else at.before)[end] for end, part, factor in parts)
+        return (q, qd, qdd, np.full_like(self._q[0], room)), (ends, parts)
 
 
 class _Nodes(NamedTuple):
