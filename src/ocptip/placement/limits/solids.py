@@ -60,11 +60,10 @@ class WorldSolids:
         """Names, smallest distances (N, names), m, and least ones (names,); solids of one name are one."""
         poses = np.concatenate([found.base.reshape(-1, 9), found.origin], axis=1)
         below = float(self.least.max(initial=0.0)) + _FAR
-        gaps = self._judge.gaps(np.concatenate([found.q, poses], axis=1), below)
         names = list(dict.fromkeys(self.names))
-        which = [[k for k, other in enumerate(self.names) if other == name] for name in names]
-        smallest = np.array([gaps[:, k].min(axis=1) for k in which]).reshape(len(names), -1).T
-        return names, smallest, np.array([self.least[k[0]] for k in which])
+        groups = np.array([names.index(name) for name in self.names], dtype=int)
+        smallest = self._judge.smallest(np.concatenate([found.q, poses], axis=1), groups, below)
+        return names, smallest, self.least[np.unique(groups, return_index=True)[1]]
 
     def functions(self, at: Symbols, kind: str) -> list[SolidGaps]:
         """One of all gaps, for all tasks."""

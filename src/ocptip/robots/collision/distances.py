@@ -27,6 +27,7 @@ RESTING = -1
 
 _NEAREST = 2e-3  # m: of nearer (or overlapping) features the curvature is that at this distance
 _TINY = 1e-12
+_AT_ONCE = 32  # states: what is computed of so many fits into a cache
 
 
 class Distances:
@@ -70,11 +71,32 @@ class Distances:
 
     def gaps(self, y: np.ndarray, below: float = np.inf) -> np.ndarray:
         """Signed distances (N, m), m, at y (N, ny); those above `below` (m) may be lower bounds above it."""
-        axes, origins = self._poses(y)
-        bounds = self._bounds(axes, origins, self.pairs)
-        i, k = np.nonzero(bounds < below)
-        bounds[i, k] = self._nearest(axes, origins, i, k, points=False).distances
-        return bounds
+        return self.smallest(y, np.arange(len(self.pairs)), below)
+
+    def smallest(self, y: np.ndarray, groups: np.ndarray, below: float = np.inf) -> np.ndarray:
+        """Smallest signed distances (N, g), m, of groups of pairs, at y (N, ny).
+
+        Args:
+            y: states.
+            groups: (m,) numbers 0 to g - 1, the group of each pair.
+            below: m; above it, the answer may be a lower bound that is above it, too.
+        """
+        order = np.argsort(groups, kind="stable")
+        own = groups[order]
+        begins = np.flatnonzero(np.diff(own, prepend=-1))
+        found = np.empty((len(y), len(begins)))
+        for begin in range(0, len(y), _AT_ONCE):
+            axes, origins = self._poses(y[begin : begin + _AT_ONCE])
+            gaps = self._bounds(axes, origins, self.pairs)[:, order]
+            near = gaps < below
+            first = gaps == np.minimum.reduceat(gaps, begins, axis=1)[:, own]
+            most = np.inf
+            for rows in (near & first, near & ~first):  # then what may be nearer still
+                i, k = np.nonzero(rows & (gaps < most))
+                gaps[i, k] = self._nearest(axes, origins, i, order[k], points=False).distances
+                most = np.minimum.reduceat(np.where(first, gaps, np.inf), begins, axis=1)[:, own]
+            found[begin : begin + _AT_ONCE] = np.minimum.reduceat(gaps, begins, axis=1)
+        return found
 
     def least(self, y: np.ndarray) -> Contact:
         """The nearest pair at each of N states (as many rows, in their order)."""
