@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ocptip.certificate.describe import Separations, model_data, motion_data, states_at, tolerance_data
-from ocptip.certificate.find_within import HIGHEST, find_within
+from ocptip.certificate.find_within import HIGHEST, SearchWithin
 from ocptip.certificate.interior import Interior
 from ocptip.certificate.result import AT_LIMIT, Certificate, Undecided
 from ocptip.certificate.trusted.checker import CLAIMS_WITHIN, FORMAT, Verdict, check_certificate, digest
@@ -202,7 +202,7 @@ class _Search:
         }
         on_time = {**whole, **_ON_TIME}
         for tolerance in (whole, on_time) if whole != on_time else (whole,):
-            found = find_within(weakest, self.model, self.motion, tolerance, goals)
+            found = SearchWithin(weakest, self.model, self.motion, tolerance, goals).found()
             if found is None:
                 continue
             if not self._short:

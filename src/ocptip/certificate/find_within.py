@@ -15,7 +15,7 @@ import numpy as np
 from ocptip.certificate.interior import Interior
 from ocptip.certificate.trusted.forms import K, numbers_of
 from ocptip.certificate.trusted.late import Rows
-from ocptip.certificate.trusted.sharing import Sharing
+from ocptip.certificate.trusted.sharing import Rule, Sharing
 from ocptip.certificate.trusted.within import Terms
 from ocptip.standing.arm import StandingRobot
 
@@ -24,7 +24,6 @@ _LONGEST, _SHORTEST = 0.01, 2e-4  # s, of intervals
 _WAYS = (81, 1000, 1000, 1000, 0)  # combinations of branches in round after round
 _MOST, _TOO_MANY = 6000, 20_000  # rows of combinations: for more intervals; at all
 _LOSS = 2e-4  # relative: how far claims are from what is proved
-_STEPS = 8  # of the bisection of GT
 _STEPS_OF_WEIGHTS = (0.5,) * 8 + (0.2,) * 8  # how far they go from try to try
 _PATIENCE, _SLOW = 4, 0.9  # after so many tries, the share that may be left of what is missing
 _IN_VAIN, _FEW = 1.6, 4  # so many times the intervals before: what is missing is not their length
@@ -62,25 +61,15 @@ class _Judged:
     loose: np.ndarray  # GN is greater than what was to be good enough
 
 
-def find_within(
-    robot: StandingRobot,
-    model: Mapping[str, Any],
-    motion: Mapping[str, Any],
-    tolerance: Mapping[str, Any],
-    goals: Mapping[str, float],
-) -> Found | None:
-    """Bounds of GN and GT within a tolerance, and what proves them; None: not tried, joints jump too often.
+class SearchWithin:
+    """Looks for bounds of GN and GT within a tolerance, and for what proves them.
 
     Args:
         robot: with the least friction.
         model, motion, tolerance: of a certificate.
         goals: bounds that are good enough; what is proved beyond is not looked for.
     """
-    search = _Search(robot, model, motion, tolerance, goals)
-    return search.found() if search.run() else None
 
-
-class _Search:
     def __init__(
         self,
         robot: StandingRobot,
@@ -98,7 +87,7 @@ class _Search:
         self._apart = np.zeros((0, self._sharing.late.joints), dtype=bool)
         self._parts: list[_Judged] = []
 
-    def run(self) -> bool:
+    def _run(self) -> bool:
         """Judge intervals; where something is missing take joints apart, then divide; False: they are too
         many."""
         late = self._sharing.late
@@ -162,7 +151,9 @@ class _Search:
             return
         c = terms.parts.c[K : K + numbers_of(len(terms.parts.c))[0], :, 3:]
         wrenches = np.einsum("t,ktir->kir", 0.5 * (terms.low + terms.high), c)
-        tips = np.max(np.abs(np.einsum("ai,kir->kar", self._sharing.contacts.axes, wrenches)), axis=1)
+        tips = np.abs(np.einsum("ai,kir->kar", self._sharing.contacts.axes, wrenches)).max(
+            axis=1, initial=0.0
+        )
         number = n - 1 + np.cumsum(boxed, axis=0)
         for row in np.flatnonzero(wanted):
             own, ways = apart[rows.interval[row]], rows.branches[:, row]
@@ -272,15 +263,24 @@ class _Search:
             weights[:, 0] = np.maximum(normal, 1e-3 * np.max(np.abs(normal), axis=0))
         if self._sharing.contacts.flat:
             return weights, np.ones((contacts, count))
-        capacity = self._sharing.capacities(terms, forces[:, 0], weights)
+        rule = Rule(self._sharing.contacts, np.ones(contacts, dtype=bool), weights)
+        constant, error = rule.constant(forces[:, 0].reshape(2, -1, count), np.zeros(6), terms.size)
+        capacity = np.empty((contacts, count))
+        for k, pieces in enumerate(self._sharing.contacts.sets):
+            at = np.s_[3 * k : 3 * k + 3]
+            place = rule.rule[:, at], constant[:, at], error[at]
+            rows = [[(np.array([slope, 0.0, 0.0]), radius)] for *_, radius, slope in pieces]
+            capacity[k] = np.max([self._sharing.least(terms, place, own) for own in rows], axis=0)
         largest = np.max(capacity, axis=0)
         weights[:, 1] = np.clip(capacity / np.where(largest > 0, largest, 1.0), 1e-4, None)
         return weights, capacity
 
     # --- what was found -----------------------------------------------------------------------------------
 
-    def found(self) -> Found:
-        """The bounds, and the cover."""
+    def found(self) -> Found | None:
+        """The bounds, and the cover; None: not tried, there are too many intervals."""
+        if not self._run():
+            return None
         bounds, short = dict(self._goals), self._short()
         if short:
             return Found(bounds, {}, short)
@@ -299,7 +299,7 @@ class _Search:
         if not any(len(part.interval) for part in some):
             return low
         step = _LOSS * low
-        for _ in range(_STEPS):
+        while high - low > 2 * _LOSS * low:
             share = 0.5 * (low + high) if high < HIGHEST else min(low + step, 0.5 * (low + high))
             step *= 2
             more = [

@@ -79,19 +79,6 @@ class Sharing:
         least = self._within.least(terms, axes, np.broadcast_to(added, (2, *added.shape)))
         return np.min(least, axis=0, initial=np.inf) + self.contacts.needed
 
-    def capacities(self, terms: Terms, forces: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """(contacts, R): what friction of each contact bears at least, per weight."""
-        every = np.ones(self.contacts.count, dtype=bool)
-        rule = _Rule(self.contacts, every, weights)
-        constant, error = rule.constant(forces.reshape(2, -1, terms.size.shape[1]), np.zeros(6), terms.size)
-        found = []
-        for k, pieces in enumerate(self.contacts.sets):
-            at = slice(3 * k, 3 * k + 3)
-            place = rule.rule[:, at], constant[:, at], error[at]
-            sides = [self._facets(terms, place, [(np.array([p[3], 0.0, 0.0]), p[2])]) for p in pieces]
-            found.append(np.max(sides, axis=0))
-        return np.array(found)
-
     def held(
         self,
         terms: Terms,
@@ -118,7 +105,7 @@ class Sharing:
         room = np.full((self.contacts.count, terms.size.shape[1]), np.inf)
         couple = np.zeros(6) if couple is None else couple
         for pattern, here in patterns(np.any(forces != 0, axis=(0, 2)) | np.any(weights != 0, axis=1)):
-            own, some = _Rule(self.contacts, pattern, weights[pattern][..., here]), terms.some(here)
+            own, some = Rule(self.contacts, pattern, weights[pattern][..., here]), terms.some(here)
             ends = forces[:, pattern][..., here].reshape(2, -1, len(here))
             constant, error = own.constant(ends, couple, some.size)
             for k, contact in enumerate(np.flatnonzero(pattern)):
@@ -139,7 +126,7 @@ class Sharing:
             if not self.contacts.idle(pattern):
                 room[here] = -np.inf
                 continue
-            rule, some = _Rule(self.contacts, pattern, weights[pattern][..., here]), terms.some(here)
+            rule, some = Rule(self.contacts, pattern, weights[pattern][..., here]), terms.some(here)
             ends = forces[:, pattern][..., here].reshape(2, -1, len(here))
             normal, error = (part[..., ::3, :] for part in rule.constant(ends, np.zeros(6), some.size))
             radius, slope = np.zeros((2, len(here), len(normal[0])))
@@ -186,10 +173,10 @@ class Sharing:
         low, high, radius, slope = piece
         rows = [(np.array([1.0]), -low), (np.array([-1.0]), high), (np.array([slope]), radius)]
         rows = [row for row in rows if np.isfinite(row[1])]
-        room = self._facets(terms, place, rows, in_box=True)
+        room = self.least(terms, place, rows, in_box=True)
         if len(left := np.flatnonzero(~(room >= 0))):
             own = place[0][left], place[1][..., left], place[2][..., left]
-            room[left] = self._facets(terms.some(left), own, rows)
+            room[left] = self.least(terms.some(left), own, rows)
         return room
 
     def _inside(
@@ -203,7 +190,7 @@ class Sharing:
         """(R,): of one contact and one piece of its set."""
         low, high, radius, slope = piece
         normal = [(np.array([1.0, 0.0, 0.0]), -low), (np.array([-1.0, 0.0, 0.0]), high)]
-        room = self._facets(terms, place, [row for row in normal if np.isfinite(row[1])])
+        room = self.least(terms, place, [row for row in normal if np.isfinite(row[1])])
         rows = np.flatnonzero(room >= 0)
         for count in facets:
             if not len(rows):
@@ -212,13 +199,13 @@ class Sharing:
             around = np.column_stack([np.zeros(count), np.cos(angle), np.sin(angle)]) / np.cos(np.pi / count)
             cone = [(np.array([share * slope, 0.0, 0.0]) - side, share * radius) for side in around]
             own = place[0][rows], place[1][..., rows], place[2][..., rows]
-            found = self._facets(terms.some(rows), own, cone)
+            found = self.least(terms.some(rows), own, cone)
             done = (found >= 0) | (count == facets[-1])
             room[rows[done]] = np.minimum(room[rows], found)[done]
             rows = rows[~done]
         return room
 
-    def _facets(
+    def least(
         self,
         terms: Terms,
         place: tuple[np.ndarray, np.ndarray, np.ndarray],
@@ -236,7 +223,7 @@ class Sharing:
         return np.min(least, axis=0) / self.contacts.scale
 
 
-class _Rule:
+class Rule:
     """Shares wrenches among contacts by weights: f = f_0 - F (G f_0 + w), and what that misses.
 
     Attributes:
