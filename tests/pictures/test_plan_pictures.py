@@ -14,7 +14,10 @@ from ocptip.motion.output import sample_motion
 from ocptip.pictures import plan as motion_plots
 from ocptip.pictures.frame import COLORS
 from ocptip.pictures.plan import draw_plan, plan_figures
+from ocptip.pictures.plan_curves import PlanCurves
 from ocptip.standing.limits import MotionLimits
+from ocptip.trajectories.sampled import SampledMotion
+from ocptip.trajectories.sequence import MotionSequence
 from tests.pictures.plan_stand_in import plan_of, stand_in_plan
 from tests.standing.test_on_feet import softened
 
@@ -72,6 +75,16 @@ def test_curves_are_the_samples(clamped):
     for ax, share in ((speeds, samples.speeds / limits.speed), (torques, samples.torques / limits.torque)):
         (line,) = ax.findobj(lambda artist: artist.get_gid() == "share-2")
         np.testing.assert_allclose(line.get_ydata(), 100 * share[:, 1])
+
+
+def test_events_are_those_of_ramps(free):
+    """Not the samples of a controller, of which there are many."""
+    plan, samples, _ = free
+    sampled = SampledMotion(np.linspace(0, 1, 100), np.linspace(plan.motion.goal, plan.motion.start, 100))
+    motion = MotionSequence((sampled, plan.motion), (0.5, 0.0))
+    curves = PlanCurves(SimpleNamespace(motion=motion), samples)
+    np.testing.assert_allclose(curves.events, 1.5 + plan.motion.event_times)
+    assert not len(PlanCurves(SimpleNamespace(motion=sampled), samples).events)
 
 
 def test_least_distances_carry_the_names_of_their_pairs(free):

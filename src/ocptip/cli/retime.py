@@ -275,3 +275,15 @@ class RetimedCycleReport(CycleReport):
         names = [segment.name for segment in self.plan.task.segments]
         pairs = zip(names, self.timings, strict=True)
         return [(title, f"{text} (segment {name})") for name, own in pairs for title, text in own.rows()]
+
+    def write(self) -> Iterator[Path]:
+        """Write what a cycle has, and the phase plane of each segment."""
+        names = [f"phase_plane-{k}" for k in range(1, len(self.timings) + 1)]
+        for name in names:
+            (self.directory / f"{name}.png").unlink(missing_ok=True)
+        yield from super().write()
+        if self.figures:
+            from ocptip.pictures.phase_plane import draw_phase_plane
+
+            for name, own in zip(names, self.timings, strict=True):
+                yield from draw_phase_plane(self.directory, own.plan, own.timed, name)

@@ -25,13 +25,15 @@ _NAMES = ("tip-over", "slip", "torque", "acceleration", "speed")
 _OTHER = "#7f7f7f"
 
 
-def draw_phase_plane(directory: str | os.PathLike[str], plan: MotionPlan, timed: Retimed) -> list[Path]:
-    """Draw `phase_plane.png` into a directory; a file of that name is replaced.
+def draw_phase_plane(
+    directory: str | os.PathLike[str], plan: MotionPlan, timed: Retimed, name: str = "phase_plane"
+) -> list[Path]:
+    """Draw `phase_plane.png`, or that of another name, into a directory; a file of that name is replaced.
 
     Raises:
         OSError: the file or the directory cannot be written; names it.
     """
-    return save_figures(directory, {"phase_plane": lambda: phase_plane(plan, timed)}, DPI)
+    return save_figures(directory, {name: lambda: phase_plane(plan, timed)}, DPI)
 
 
 def phase_plane(plan: MotionPlan, timed: Retimed) -> Figure:

@@ -10,7 +10,8 @@ import numpy as np
 
 from ocptip.motion.output import sample_motion
 from ocptip.standing.mechanism import MotionSamples
-from ocptip.trajectories.timed_path import TimedPath
+from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.sequence import MotionSequence
 
 if TYPE_CHECKING:
     from ocptip.motion.plan import MotionPlan
@@ -31,9 +32,15 @@ class PlanCurves:
 
     @property
     def events(self) -> np.ndarray:
-        """When ramps begin or end, (S,), s; the timing of a path has none."""
-        motion = self.plan.motion
-        return np.empty(0) if isinstance(motion, TimedPath) else motion.event_times
+        """When ramps begin or end, (S,), s; timings of paths, and samples, have none."""
+        motion: Any = self.plan.motion
+        parts = (
+            zip(motion.begins, motion.motions, strict=False)
+            if isinstance(motion, MotionSequence)
+            else [(0.0, motion)]
+        )
+        found = [begin + own.event_times for begin, own in parts if isinstance(own, ArmMotion)]
+        return np.concatenate([[], *found])
 
     @property
     def times(self) -> np.ndarray:
