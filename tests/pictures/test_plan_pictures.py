@@ -19,6 +19,7 @@ from ocptip.standing.limits import MotionLimits
 from ocptip.trajectories.sampled import SampledMotion
 from ocptip.trajectories.sequence import MotionSequence
 from tests.pictures.plan_stand_in import plan_of, stand_in_plan
+from tests.standing.test_on_drives import geared
 from tests.standing.test_on_feet import softened
 
 NAMES = ["plan", "angles", "speeds", "torques", "power", "reserves", "normal_forces", "friction", "clearance"]
@@ -257,6 +258,25 @@ def test_files_are_pictures_and_complete(tmp_path, monkeypatch, free):
     assert caught.value.filename == str(paths[0])
     assert paths[0].read_bytes() == before
     assert len(list((tmp_path / "out").iterdir())) == 2
+
+
+@pytest.mark.parametrize("feet", [False, True])
+def test_vibration_and_forces_with_gears_that_give(feet):
+    plan = stand_in_plan("A", reference=False)
+    robot = geared(softened(plan.task.robot, 1e6) if feet else plan.task.robot)
+    ringing = plan_of(SimpleNamespace(**{**vars(plan.task), "robot": robot}), plan.motion)
+    figures = plan_figures(ringing)
+    found = ringing.check.drives
+    times, values = curve(figures["gears"], "vibration")
+    assert values.max() == pytest.approx(1e3 * max(found.peak.value, found.after))
+    assert times[-1] > plan.motion.end
+    begins, forces = curve(figures["gears"], "force-3")
+    instants, stiff = curve(figures["gears"], "stiff-3")
+    goal = plan.motion.goal[None]
+    rest = robot.contact_states(robot.loads(goal, 0 * goal, 0 * goal)[1]).contact_forces[0, 2, 0]
+    assert forces[-1] == pytest.approx(rest, abs=0.5)
+    moving = begins < plan.motion.end
+    assert np.max(np.abs(np.interp(begins, instants, stiff) - forces)[moving]) > 5
 
 
 def test_forces_and_gaps_of_feet_that_give():

@@ -25,6 +25,7 @@ from ocptip.standing.on_springs import Ride
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.ramps import RampCommand
+from ocptip.trajectories.sampled import SampledMotion
 from studies.elastic_drives.run import simulated
 from tests.places import EXAMPLES
 from tests.standing.test_on_feet import plan_of, softened
@@ -169,6 +170,37 @@ def test_stiff_gears_change_little_and_too_fast_ones_nothing():
         assert found.frequency == pytest.approx(rigid.frequency)
     ride = Ride(geared(robot, np.full(6, 1e9)), motion)
     assert np.isinf(ride.springs).all()
+
+
+def test_gears_that_are_too_soft_are_no_verdict():
+    """Weight bends them without end: nothing of the theory of small motions holds."""
+    robot, motion = plan_of("A")
+    soft = geared(robot, np.array([10.0, 10.0, 5.0, np.inf, np.inf, np.inf]))
+    found = on_its_drives(soft, motion)
+    assert found.too_far
+    assert (found.GN.value, found.GT.value) == (np.inf, np.inf)
+    assert "the gears are too soft" in found.lines(check_motion(robot, motion).contacts)[0]
+    assert found.modes[0].damping[0] < 0  # grows
+
+
+def test_no_rise_time_is_named_where_nothing_rings():
+    robot, motion = plan_of("A")
+    found = with_rise(geared(robot), motion.time_scaled(20.0))
+    assert found.rise is None
+    assert found.peak.value < 1e-5
+    stiff = with_rise(geared(robot, np.full(6, 1e12)), motion)
+    assert (stiff.modes, stiff.rise, stiff.peak.value) == ((), None, 0.0)
+
+
+@pytest.mark.parametrize("speeds", [False, True])
+def test_samples_ring_as_the_ramps_do(speeds):
+    robot, motion = plan_of("A")
+    times = np.linspace(0, motion.end, 400)
+    q, qd, _ = motion.states(times)
+    found = on_its_drives(geared(robot), SampledMotion(times, q, qd if speeds else None))
+    own = on_its_drives(geared(robot), motion)
+    assert found.peak.value == pytest.approx(own.peak.value, rel=0.02)
+    assert found.GN.value == pytest.approx(own.GN.value, rel=0.02)
 
 
 def test_gears_of_a_file(tmp_path):

@@ -30,6 +30,7 @@ from ocptip.pictures.frame import (
     new_figure,
     save_figures,
 )
+from ocptip.pictures.gears import gears_figure
 from ocptip.pictures.plan_curves import PlanCurves
 from ocptip.standing.mechanism import MotionSamples
 
@@ -75,6 +76,11 @@ def _figures(plan: MotionPlan, samples: MotionSamples | None) -> dict[str, Calla
     figures = {name: partial(_drawn, draw, curves) for name, draw in _FIGURES.items()}
     if feet := plan.check.feet:
         figures["feet"] = partial(feet_figure, curves.title, feet, curves.times, curves.normal_forces)
+    if drives := plan.check.drives:
+        robot = curves.plan.task.robot
+        figures["gears"] = partial(
+            gears_figure, curves.title, robot, drives, curves.times, curves.normal_forces
+        )
     return figures
 
 

@@ -26,8 +26,10 @@ SETTLED = 1e-4  # m: the gripper is at rest when it stays as near to its last pl
 _DECAYS = 6.0  # time constants of the slowest mode for which is looked on after the end
 _LOOK = 0.2, 5.0  # s: at least and at most
 _SHOWN = 3  # modes
+_ROUNDED = 1e-6
 _INSTANTS = 400  # of a motion whose modes are looked at, and, five times as many, whose contacts are
 _NEAREST = 4  # worst instants around which all are looked at
+BENT = 0.1  # rad or m: a gear that bends farther has left what is linear
 _WORTH = 0.8  # of the vibration: a rise time that leaves more is not worth a word
 
 
@@ -93,7 +95,7 @@ class RingingMode:
     def __str__(self) -> str:
         """Frequencies and damping."""
         ends = sorted({f"{f:.3g}" for f in (self.least, self.most)}, key=float)
-        ratios = sorted({percent(ratio) for ratio in self.damping}, key=lambda text: float(text[:-1]))
+        ratios = [percent(ratio) for ratio in sorted({round(ratio, 2) + 0.0 for ratio in self.damping})]
         return f"{' to '.join(ends)} Hz (damping {' to '.join(ratios)})"
 
 
@@ -124,6 +126,7 @@ class DriveMotion:
 
     Attributes:
         course: of base, feet and springs.
+        vibration: (T,), m, of the gripper, at the times of the course.
         end: of the motion, s.
         peak: greatest vibration of the gripper during the motion, m.
         rms: over the motion, m.
@@ -133,11 +136,14 @@ class DriveMotion:
         modes: the lowest ones.
         contacts: how near contacts come to being lost while the drives ring; None on feet that give, of which
             `FeetMotion` tells.
-        GN, GT: greatest reserves while the drives ring, at most 1 where no contact is lost; NaN likewise.
+        GN, GT: greatest reserves while the drives ring, at most 1 where no contact is lost; NaN likewise;
+            infinite where a gear bends by more than `BENT`.
+        bend: greatest of a spring, rad or m, when, and which (counted from 1, of those that give).
         rise: a rise time that is worth its while; None: none was found, or the motion is not of ramps.
     """
 
     course: Course
+    vibration: np.ndarray
     end: float
     peak: Margin
     rms: float
@@ -147,7 +153,13 @@ class DriveMotion:
     contacts: ContactMargins | None
     GN: Margin
     GT: Margin
+    bend: Margin
     rise: RiseTime | None
+
+    @property
+    def too_far(self) -> bool:
+        """A gear bends so far that the numbers say little more than that."""
+        return self.bend.value > BENT
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
@@ -176,6 +188,7 @@ class DriveMotion:
             "contacts": self.contacts.to_dict() if self.contacts else None,
             "GN": self.GN.to_dict(),
             "GT": self.GT.to_dict(),
+            "bend": self.bend.to_dict(),
             "rise": rise,
         }
 
@@ -184,6 +197,9 @@ class DriveMotion:
         found = []
         if self.course.falls:
             found.append("a foot moves too far: not followed to the end")
+        if self.too_far:
+            far = f"a gear bends by {self.bend.value:.2g} (rad or m)"
+            found.append(f"{far}, more than {BENT:g}: nothing here is small any more, the gears are too soft")
         peak, rms = (quantity(1e3 * value, "mm", 3) for value in (self.peak.value, self.rms))
         found.append(f"gripper vibrates by up to {peak} {self.peak}, {rms} rms")
         band = f"within {1e3 * SETTLED:.1f} mm of rest"
@@ -194,7 +210,8 @@ class DriveMotion:
         if self.contacts and self.contacts.force and rigid.force:
             own, stiff = (quantity(one.force.value, "N", 3) for one in (self.contacts, rigid) if one.force)
             found.append(f"least normal force {own} {self.contacts.force}, {stiff} with stiff gears")
-        found.append(f"modes {', '.join(map(str, self.modes))}")
+        if self.modes:
+            found.append(f"modes {', '.join(map(str, self.modes))}")
         if self.rise is not None:
             found.append(self._rise_line(self.rise))
         return found
@@ -237,10 +254,16 @@ def _found(robot: StandingMechanism, motion: Motion) -> DriveMotion:
     steps = np.diff(course.times[moving], prepend=0.0)
     rms = float(np.sqrt(steps @ sizes[moving] ** 2 / max(motion.end, 1e-9)))
     contacts, GN, GT = None, Margin(np.nan, np.nan), Margin(np.nan, np.nan)
+    bends = np.abs(course.bends)
+    at, which = np.unravel_index(np.argmax(bends), bends.shape)
+    bend = Margin(float(bends[at, which]), float(course.times[at]), (int(which) + 1,))
     if course.wrenches.shape[1]:
         contacts, GN, GT = _on_base(robot, course)
+        if bend.value > BENT:
+            GN, GT = (replace(margin, value=np.inf) for margin in (GN, GT))
     return DriveMotion(
         course=course,
+        vibration=sizes,
         end=motion.end,
         peak=Margin(float(sizes[k]), float(course.times[k])),
         rms=rms,
@@ -250,6 +273,7 @@ def _found(robot: StandingMechanism, motion: Motion) -> DriveMotion:
         contacts=contacts,
         GN=GN,
         GT=GT,
+        bend=bend,
         rise=None,
     )
 
@@ -270,6 +294,7 @@ def _modes(simulation: Simulation) -> tuple[RingingMode, ...]:
     seen = [simulation.modes(step)[:_SHOWN] for step in steps]
     shown = min(map(len, seen))
     values = np.array([own[:shown] for own in seen])
+    values[np.abs(values) < _ROUNDED] = 0.0  # of what is not damped
     return tuple(
         RingingMode(f.min(), f.max(), f[-1], (zeta.min(), zeta.max()))
         for f, zeta in values.transpose(1, 2, 0).astype(object)
@@ -319,14 +344,22 @@ def _reserve(value: float) -> str:
 
 
 def _best_rise(robot: StandingMechanism, motion: ArmMotion, found: DriveMotion) -> RiseTime | None:
-    best, before = None, max(found.peak.value, found.after)
+    before = max(found.peak.value, found.after)
+    if before < SETTLED and not _loses(found):
+        return None
+    good: list[tuple[bool, float, RiseTime]] = []
     for mode in found.modes:
-        zeta = mode.damping[0]
-        rise = 1 / (mode.last * np.sqrt(1 - zeta**2))
+        rise = 1 / (mode.last * np.sqrt(1 - mode.damping[0] ** 2))
         if rise <= max(motion.rise_times, default=0.0) or rise > motion.end:
             continue
         own = _found(robot, motion.with_rise_times(rise))
-        one = RiseTime(rise, mode.last, own.peak.value, own.after, own.settling, own.GN.value, own.GT.value)
-        if max(one.peak, one.after) < _WORTH * before and (best is None or one.after < best.after):
-            best = one
-    return best
+        peak, after = own.peak.value, own.after
+        if max(peak, after) < _WORTH * before:
+            one = RiseTime(float(rise), mode.last, peak, after, own.settling, own.GN.value, own.GT.value)
+            good.append((_loses(own), after, one))
+    return min(good, key=lambda one: one[:2])[2] if good else None
+
+
+def _loses(found: DriveMotion) -> bool:
+    """A contact, on feet that do not give; no contact on others, of which is not known here."""
+    return found.GN.value > 1 or found.GT.value > 1

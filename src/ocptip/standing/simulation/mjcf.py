@@ -154,6 +154,8 @@ def remarks_of(robot: StandingRobot) -> list[str]:
             f"drives of joints {joints} have rotors of their own, since their links' inertias are such as no "
             "body has without: the base feels the same, the torque of these joints moves the rotor, too"
         )
+    if robot.chain is not None:
+        found.append("gears do not give here")
     if robot.arm.process is not None:
         found.append(
             f"the process is actuator {PROCESS!r}, which acts as described at control 1 (all keyframes)"
