@@ -3,11 +3,13 @@
 import json
 from dataclasses import replace
 from itertools import product
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from ocptip.basics.errors import InputError
+from ocptip.basics.errors import InputError, PlanningError
+from ocptip.cli import plan as plan_command
 from ocptip.cli.main import main
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.motion.check import check_motion
@@ -15,6 +17,7 @@ from ocptip.motion.path_stops import StoppedPath
 from ocptip.motion.plan import plan_motion
 from ocptip.motion.stop_rules import StopRules
 from ocptip.motion.stops import check_stops
+from ocptip.motion.task import refusals
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.urdf import arm_from_urdf
 from ocptip.standing.arm import StandingRobot
@@ -272,6 +275,50 @@ def test_plans_that_may_be_stopped_by_brakes():
     stops = check_stops(task.robot, plan.motion, limits, rules, plan.check, "brakes")
     assert stops.verified
     assert stops.brake_speeds.min() == 1.0
+
+
+def test_stops_by_brakes_that_the_cheapest_plan_breaks_clearly():
+    """On 60 kg: which joints turn which way together decides, and starts are chosen by that."""
+    task = on_a_heavy_base(experiment_task("A", "effective"), 60.0)
+    least = np.array([1.4, 13.95, 6.27, 1.4, 1.4, 1.4])
+    limits = StopRules(brake_min=least, brake_max=1.25 * least).safe(task.limits, task.robot, "brakes")
+    plan = plan_motion(replace(task, limits=limits), starts=1, first=1, jobs=1)
+    assert plan.verified
+    assert plan.energy < 200.0  # the cheapest without has 185.6 J and 1.2
+
+
+def test_brakes_too_strong_for_any_motion_are_refused_before_planning(task, capsys):
+    limits = StopRules().safe(task.limits, task.robot, "brakes")
+    asked = replace(task, limits=limits)
+    with pytest.raises(InputError, match=r"as soon as the motion has begun.* GN is .*, must be <= 0\.9"):
+        plan_motion(asked, starts=1, jobs=1)
+    must = task.start != task.goal
+    GN, GT, ways = BrakeCheck(task.robot, limits.brakes).gentlest(task.start, must)
+    assert np.all(ways[must] != 0)
+    rng = np.random.default_rng(0)
+    some = rng.choice([-1.0, 1.0], (40, 6)) * 1e-4
+    found = BrakeCheck(task.robot, limits.brakes).stops(np.tile(task.start, (40, 1)), some)
+    assert np.all(np.maximum(found.GN, found.GT) >= max(GN, GT) * (1 - 1e-6))
+    gentle = replace(limits, brakes=replace(limits.brakes, delay=(0.0, 0.01)))
+    assert refusals(replace(task, limits=gentle)) == ()  # nothing is said of them
+    assert main(["plan", "A", "--stop-safe", "brakes", "--tolerance", "none"]) == 2
+    assert "weaker brakes" in capsys.readouterr().err
+
+
+def test_no_plan_for_stops_says_what_is_wrong_with_the_one_without(monkeypatch, capsys, task):
+    def found(task, **_):
+        if task.limits.stoppable:
+            raise PlanningError("none of 1 starts gave a motion")
+        plan = SimpleNamespace(motion=task.reference, energy=210.8, duration=task.reference.end)
+        return plan
+
+    monkeypatch.setattr(plan_command, "plan_motion", found)
+    assert main(["plan", "C", "--stop-safe", "path", "--tolerance", "none", "--json"]) == 1
+    data = json.loads(capsys.readouterr().out)
+    assert data["without_stops"]["energy_J"] == 210.8
+    assert any("GN_stop is" in sentence for sentence in data["without_stops"]["violations"])
+    assert main(["plan", "C", "--stop-safe", "path", "--tolerance", "none"]) == 1
+    assert "stops      the plan without stops, 210.8 J" in capsys.readouterr().out
 
 
 def test_rules_of_brakes_come_back_from_a_plans_task(tmp_path):

@@ -115,4 +115,4 @@ def test_what_has_no_meaning_is_left_out(case):
     one = ContactMargins.of(Instants.at_rest(case.robot, case.start[None]), np.zeros(1))
     assert nothing.worse(one).force == one.worse(nothing).force == one.force
     shared = ContactMargins(one.force, None, None, None, unique=False)
-    assert shared.lines()[0].endswith("; one possible sharing, rigid ground leaves it open")
+    assert shared.lines()[0].endswith("leaves it open; a declared stiffness of the feet makes it definite")

@@ -84,7 +84,8 @@ def planned(one: Asked, options: Namespace, executor: Executor | None) -> Report
             plan = plan_motion(task, **how, progress=progress)
             without = _without_stops(task, how) if task.limits.stoppable else None
     except PlanningError as error:
-        return _no_plan(task, error, options, executor)
+        without = _without_stops(task, how) if task.limits.stoppable else None
+        return _no_plan(task, error, options, executor, without)
     except InputError:
         error = too_much_at_rest(task) if options.largest_tolerance else None
         if error is None:
@@ -110,12 +111,24 @@ def planned(one: Asked, options: Namespace, executor: Executor | None) -> Report
     return report
 
 
-def _no_plan(task: MotionTask, error: PlanningError, options: Namespace, executor: Executor | None) -> Answer:
-    """Why, and how much of the tolerance a motion can have if that is asked for."""
+def _no_plan(
+    task: MotionTask,
+    error: PlanningError,
+    options: Namespace,
+    executor: Executor | None,
+    without: MotionPlan | None = None,
+) -> Answer:
+    """Why, how much of the tolerance a motion can have if asked for, what is wrong `without` stops."""
     data = {"case": task.name, "verified": False, "status": f"{error}", **task.robot.masses_to_dict()}
     lines = [("masses", masses(task.robot))]
     if (tolerance := task.limits.tolerance.of(task.robot.payload)).given:
         lines.insert(0, ("within", f"{tolerance}; --tolerance none plans as described"))
+    if without is not None:
+        broken = check_motion(task.robot, without.motion, task.limits).violations
+        plain = f"the plan without stops, {without.energy:.1f} J in {without.duration:.3f} s"
+        lines.insert(0, ("stops", f"{plain}: {'; '.join(broken)}"))
+        data["without_stops"] = {"energy_J": without.energy, "duration_s": without.duration}
+        data["without_stops"]["violations"] = list(broken)
     if isinstance(error, ToleranceError) and options.largest_tolerance:
         found = largest_tolerance(task, error, seed=options.seed, jobs=options.jobs, executor=executor)
         lines.insert(0, ("largest", f"{found}"))

@@ -282,7 +282,7 @@ class Document:
                 yield html.paragraph("Times are those of the segment.")
             for stage in self.stages:
                 if stops := stage.stops:
-                    yield html.items(stage.said(t for t in stops.lines() if t not in stops.assumed))
+                    yield html.items(stage.said(stops.found))
 
     def _rest(self) -> Iterator[str]:
         from ocptip.pictures.load_cases import payload_figure, tilt_figure

@@ -57,6 +57,11 @@ class Stops:
 
     def lines(self) -> list[str]:
         """In words: the worst of each category, and what was assumed."""
+        return [*self.found, *self.assumed]
+
+    @property
+    def found(self) -> list[str]:
+        """In words: the worst of each category."""
         found = []
         if path := self.worst.get("path"):
             least = (
@@ -72,7 +77,7 @@ class Stops:
                 f"by brakes (category 0): GN at most {brakes['GN']:.3g}, GT {brakes['GT']:.3g}, worst when "
                 f"stopped at {brakes['begun_s']:.3f} s (after {brakes['after_s']:.3f} s)"
             )
-        return [*found, *self.assumed]
+        return found
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""

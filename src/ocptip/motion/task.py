@@ -13,6 +13,7 @@ from ocptip.motion.source import TaskSource
 from ocptip.motion.stop_rules import StopRules
 from ocptip.robots.inverse.pose_target import PoseTarget
 from ocptip.standing.arm import StandingRobot
+from ocptip.standing.brake_stops import BrakeCheck
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.rest import posture_refusals
@@ -21,6 +22,7 @@ from ocptip.trajectories.sampled import Motion
 
 MOST_COMMANDS = 12
 LONGEST = 30.0  # s, of a motion that is planned
+MOST_JOINTS = 8  # whose directions are all looked at
 REACHED = 1e-6  # m and rad: how near to its pose a posture is as good as any other
 FIRST_SEVEN = tuple(range(7))
 """Joints with ramps of their own if nothing else is asked for: those of them that there are."""
@@ -114,7 +116,8 @@ def refusals(task: MotionTask) -> tuple[str, ...]:
     """Why no plan can succeed, one sentence with numbers per reason; empty if nothing speaks against trying.
 
     Start and goal have to keep the joints' limits, the clearance, and at rest the reserves and the torques;
-    every joint needs limits of speed and acceleration.
+    every joint needs limits of speed and acceleration. Stops by brakes have to keep theirs when the motion
+    has just begun, with all joints moving that have to.
     """
     limits, found = task.robot.limits, []
     for name, values in (("speed", limits.speed), ("acceleration", limits.acceleration)):
@@ -134,7 +137,34 @@ def refusals(task: MotionTask) -> tuple[str, ...]:
             found.append(f"duration: is {task.limits.min_duration:.4g} s, {most:.4g} s {allowed}")
     for where, angles in (("start", task.start), ("goal", task.goal)):
         found += [f"{where}: {reason}" for reason in posture_refusals(task.robot, task.limits, angles)]
-    return tuple(found)
+    return (*found, *_brake_refusals(task))
+
+
+def _brake_refusals(task: MotionTask) -> list[str]:
+    """Why every motion breaks the limits of stops by brakes as soon as it has begun, when all joints move.
+
+    Nothing is said of brakes that act late, of many joints, and where postures may be chosen.
+    """
+    brakes, robot = task.limits.brakes, task.robot
+    must = task.start != task.goal
+    if brakes is None or not isinstance(robot, StandingRobot) or not must.any():
+        return []
+    chosen = bool(task.choices) or any(target is not None for target in task.targets)
+    if chosen or brakes.delay[1] > 0 or robot.n > MOST_JOINTS:
+        return []
+    GN, GT, ways = BrakeCheck(robot, brakes).gentlest(task.start, must)
+    broken = [
+        f"{name} is {value:.4g}, must be <= {most:.4g}"
+        for name, value, most in (("GN", GN, brakes.GN), ("GT", GT, brakes.GT))
+        if value > most
+    ]
+    if not broken:
+        return []
+    turns = ", ".join(f"{'+' if way > 0 else '-'}{j + 1}" for j, way in enumerate(ways) if way)
+    return [
+        "stops by brakes: as soon as the motion has begun, whichever way the joints turn, "
+        f"{', '.join(broken)} at best (joints {turns}); what is left are weaker brakes or a heavier base"
+    ]
 
 
 def require_plannable(task: MotionTask) -> None:

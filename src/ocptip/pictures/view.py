@@ -22,7 +22,7 @@ from ocptip.basics.text import quantity
 from ocptip.contact.support import Support
 from ocptip.motion.cycles.output import samples_joined
 from ocptip.pictures import view_bodies as bodies
-from ocptip.reserves.slip import SlipReserve
+from ocptip.reserves.slip import Slip, SlipReserve
 from ocptip.reserves.tipping import TipOverReserve
 from ocptip.robots.kinematics import LinkFrames, link_frames
 from ocptip.standing.arm import StandingRobot
@@ -280,10 +280,11 @@ def _path(scene: Any, name: str, act: Act, color: tuple[int, int, int], size: fl
 
 def reserve_clock(tip: TipOverReserve, slip: SlipReserve, forces: np.ndarray, k: int) -> str:
     """What is left of state k, with its forces (n, 3), N: "GN 0.391, GT 0.708, least foot 9.75 N"."""
+    shared = "" if Slip(tip.states.support).redistribution == "tangential" else " (one possible sharing)"
     parts = [
         f"GN {tip.GN[k]:.3f}",
         f"GT {slip.GT[k]:.3f}",
-        f"least foot {quantity(forces[:, 0].min(), 'N', 3)}",
+        f"least foot {quantity(forces[:, 0].min(), 'N', 3)}{shared}",
     ]
     return ", ".join(parts)
 

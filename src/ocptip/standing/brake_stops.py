@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from functools import lru_cache
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ from ocptip.trajectories.sampled import Motion
 POSTURES = 300  # looked at for collisions, at most
 SPACING = 0.02  # s, between instants of a motion at which brakes close
 SLOW = 1e-6  # rad/s (m/s): joints that are slower rest
+CREEPING = 1e-4  # rad/s (m/s): joints that have just begun to move
 CHUNK = 10_000  # wrenches judged at once
 MOMENTS = 40  # of each stop, about; more of those that take much longer than others are left out
 
@@ -95,7 +97,11 @@ class BrakeCheck:
         self._brakes = np.array(brakes.least), np.array(brakes.greatest)
         self._map = TipMap(robot.tip_over)
         half_spaces = robot.slip.half_spaces(brakes.GT)
-        self._GT, self._kept_inside = brakes.GT, None if half_spaces is None else half_spaces.T.copy()
+        self._GN, self._GT, self._kept_inside = (
+            brakes.GN,
+            brakes.GT,
+            None if half_spaces is None else half_spaces.T.copy(),
+        )
 
     def stops(self, q: np.ndarray, qd: np.ndarray) -> BrakeStops:
         """From angles and speeds, (N, n) each."""
@@ -221,6 +227,26 @@ class BrakeCheck:
         qd = _moving(qd)
         wrenches, torques = self._wrenches(q, qd, np.full(len(q), self._delay[1]))
         return wrenches, -np.sign(qd)[:, None] * torques
+
+    def gentlest(self, q: np.ndarray, must: np.ndarray) -> tuple[float, float, np.ndarray]:
+        """GN and GT when brakes close on a slow motion from q (n,) whose directions (n,) are best for that.
+
+        Args:
+            q: rad (m).
+            must: (n,) joints that move, either way; the others may.
+        """
+        kinds = [(-1.0, 1.0) if moves else (-1.0, 0.0, 1.0) for moves in must]
+        ways = np.array(list(product(*kinds)))
+        ways = ways[np.any(ways != 0, axis=1)]
+        count = len(ways)
+        none = np.full(count, self._delay[1])
+        wrenches, _ = self._wrenches(np.tile(q, (count, 1)), ways * CREEPING, none)
+        owner = np.repeat(np.arange(count), wrenches.shape[1])
+        GN, GT = np.zeros(count), np.zeros(count)
+        for worst, values in zip((GN, GT), self._reserves(wrenches.reshape(-1, 6), owner), strict=True):
+            np.maximum.at(worst, owner, values)
+        best = int(np.argmin(np.maximum(GN / self._GN, GT / self._GT)))
+        return float(GN[best]), float(GT[best]), ways[best]
 
     @staticmethod
     def response(

@@ -123,7 +123,7 @@ class ContactMargins:
         """In words, one line per quantity that has a meaning."""
         found = []
         if self.force:
-            shared = "" if self.unique else "; one possible sharing, rigid ground leaves it open"
+            shared = "" if self.unique else _OPEN
             found.append(f"least normal force {quantity(self.force.value, 'N', 3)} {self.force}{shared}")
         if self.moment:
             found.append(f"{quantity(self.moment.value, 'N m', 3)} left about a tipping axis {self.moment}")
@@ -138,6 +138,11 @@ class ContactMargins:
                 "but the contact laws may let it slide or tip as well: rigid bodies leave that open"
             )
         return found
+
+
+_OPEN = (
+    "; one possible sharing, rigid ground leaves it open; a declared stiffness of the feet makes it definite"
+)
 
 
 def _least(

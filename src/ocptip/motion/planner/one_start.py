@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ocptip.basics.errors import InputError, SolverError
@@ -17,6 +19,7 @@ from ocptip.numerics.ipopt import Solution
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.limit import AskedLimit
 from ocptip.standing.limit_kinds import limits_of
+from ocptip.standing.limits import MotionLimits
 from ocptip.standing.worst_case_limits import as_described
 from ocptip.trajectories.arm_motion import ArmMotion
 
@@ -31,6 +34,7 @@ MERGES = (0.004, 0.0, 0.012)  # s: events nearer than this become simultaneous; 
 SLOWER = (1.0, 1.4, 2.0)  # durations from which an exact program within a tolerance begins
 SOLVED = 1e-4  # largest violation of an exact program that is good enough to be tightened
 HOPELESS = 0.05  # largest violation from which a motion is worth its check
+LOST = 1.0  # largest violation from which, with rows of stops, no other pace leads anywhere
 TIGHTENINGS = 5
 PROOFS, DEARER = 2, 1.005  # so often a motion is solved again to be proved, if it costs at most so much more
 AHEAD = 2  # times what a proof falls short are limits tightened, for proofs are a little different each time
@@ -56,7 +60,6 @@ class Search:
             np.array(task.rise_times or (0.0,) * task.robot.n),
         )
         self.smooth = as_described(task.robot, task.limits, np.array([task.start, task.goal]))
-        self.first = task.limits.without_stops  # they narrow a motion that is good without them
         kinds = limits_of(task.robot, task.limits)
         self._asked = [limit for limit in kinds if isinstance(limit, AskedLimit)]
         self.inner = task.limits
@@ -69,14 +72,15 @@ class Search:
         rng = np.random.default_rng([seed, number])
         try:
             start = random_start(
-                *(task.robot, task.start, task.goal, task.optimised, task.commands, self.first, rng),
+                *(task.robot, task.start, task.goal, task.optimised, task.commands),
+                *(self._at_first(task.limits, number), rng),
                 task.objective,
             )
             most = task.limits.max_duration - self.formulation.rise
             if start.end > most:  # breaks limits, but is of the right length
                 start = start.time_scaled(most / start.end)
             clock.stage("start")
-            x = self._coarse(start, clock)
+            x = self._coarse(start, self._at_first(self.smooth, number), clock)
             clock.stage("coarse")
             coarse = x
             x, cost = self._fine(x, clock)
@@ -97,8 +101,9 @@ class Search:
         try:
             for cycle in range(cycles):
                 if cycle > 0:
-                    begin = x if best is not None or not self.task.limits.stoppable else rough.coarse
-                    x, _ = self._fine(begin, clock)
+                    if best is None and self.task.limits.stoppable:  # x has lost its way
+                        x = self.formulation.slowed(rough.coarse, SLOWER[cycle])
+                    x, _ = self._fine(x, clock)
                     clock.stage("fine")
                 found, x, status = self._refined(x, clock)
                 if found is None:
@@ -204,9 +209,17 @@ class Search:
         pays = checked and checked.verified and self._at_the_limit(checked)
         return x if pays and not self.task.limits.tolerance.given else None
 
-    def _coarse(self, start: ArmMotion, clock: Clock) -> np.ndarray:
+    @staticmethod
+    def _at_first(limits: MotionLimits, number: int) -> MotionLimits:
+        """Without stops, which narrow a motion that is good without, but for brakes in every other start.
+
+        Where these break much without, other joints have to turn together from the beginning.
+        """
+        return replace(limits.without_stops, brakes=limits.brakes if number % 2 else None)
+
+    def _coarse(self, start: ArmMotion, limits: MotionLimits, clock: Clock) -> np.ndarray:
         """Variables after the coarse programs; anew while the motion becomes much shorter than the grid."""
-        formulation, limits = self.formulation, self.smooth.without_stops
+        formulation = self.formulation
         x = formulation.variables(start)
         at_end = formulation.layout.end
         for round_ in range(COARSE_ROUNDS):
@@ -237,10 +250,12 @@ class Search:
         x = best.solution.x[: self.formulation.layout.size]
         if best.solution.violation > HOPELESS:
             missing = (
-                f"no motion: exact program not solved (Ipopt: {best.solution.status}, largest violation of a "
-                f"limit {best.solution.violation:.2g} in its units)"
+                f"exact program not solved (Ipopt: {best.solution.status}, largest violation of a limit "
+                f"{best.solution.violation:.2g} in its units)"
             )
-            return None, x, missing
+            if self.task.limits.stoppable and best.solution.violation > LOST:
+                raise SolverError(missing)
+            return None, x, f"no motion: {missing}"
         return self._checked(refiner, best, clock), x, ""
 
     def _ordered(self, refiner: Refiner, x: np.ndarray, clock: Clock) -> Exact:

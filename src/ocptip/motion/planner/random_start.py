@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ocptip.motion.objective import ENERGY, Objective
+from ocptip.standing.brake_limits import BrakeLimit
 from ocptip.standing.instants import Instants
 from ocptip.standing.limit import Limit
 from ocptip.standing.limit_kinds import limits_of
@@ -17,6 +18,7 @@ DETOUR = 1.2  # rad; random targets lie this far beyond start and goal at most
 LEISURE, HASTE = 0.1, 0.5  # least share of a joint's speed and acceleration that is drawn
 DRAWS = 300
 CANDIDATES = 10  # of these the one with the least energy is taken: it ends in a better optimum more often
+WITH_BRAKES = 40  # where brakes count: what they do depends on which joints turn which way, not on speeds
 INSTANTS = 40
 SLOWER = (1.0, 1.15, 1.3, 1.5, 1.8, 2.2, 2.7, 3.3, 4.0, 5.0, 6.0)
 
@@ -35,16 +37,24 @@ def random_start(
 
     Targets, speeds and accelerations are drawn until the path neither collides nor tips at rest (after DRAWS
     draws the best path so far is taken), then the motion is slowed down until it stands. Of CANDIDATES such
-    motions it is the one with the least cost. Where time counts, speeds and
-    accelerations are drawn high.
+    motions it is the one with the least cost; with stops by brakes, of more of them the one in which those
+    are least bad. Where time counts, speeds and accelerations are drawn high.
     """
-    kept = limits_of(robot, limits, joints)
+    kinds = limits_of(robot, limits, joints)
+    kept = tuple(limit for limit in kinds if not isinstance(limit, BrakeLimit))
+    braked = [limit for limit in kinds if isinstance(limit, BrakeLimit)]
     paces = {"energy": (LEISURE,), "time": (HASTE,), "both": (LEISURE, HASTE)}[objective.name]
     candidates = [
         _candidate(robot, start, goal, joints, commands, kept, rng, paces[i % len(paces)])
-        for i in range(CANDIDATES)
+        for i in range(WITH_BRAKES if braked else CANDIDATES)
     ]
-    return min(candidates, key=lambda motion: objective.cost(robot.energy(motion), motion.end))
+
+    def badness(motion: ArmMotion) -> tuple[float, float]:
+        at = Instants.of_states(robot, *motion.states(motion.quadrature(2)[0]))
+        use = max((float(np.max(limit.use(at))) for limit in braked), default=0.0)
+        return max(use, 1.0), objective.cost(robot.energy(motion), motion.end)
+
+    return min(candidates, key=badness)
 
 
 def _candidate(
