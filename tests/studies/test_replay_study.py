@@ -41,7 +41,7 @@ def test_worst_worlds_are_the_tolerance_and_beyond():
 
 
 def test_tasks_have_their_feet():
-    assert len(tasks()) == 21
+    assert len(tasks()) == 24
     robot = on_feet("A", 15.0, 0.25, 4).robot
     assert robot.support.n_contacts == 4
     assert robot.support.mass == 15.0
