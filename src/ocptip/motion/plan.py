@@ -89,6 +89,7 @@ def plan_motion(
     executor: Executor | None = None,
     jobs: int | None = None,
     progress: Callable[[int, int, float | None], None] | None = None,
+    prove: bool = True,
 ) -> MotionPlan:
     """Plan the ramp motion of least cost that keeps all limits of a task.
 
@@ -115,6 +116,7 @@ def plan_motion(
             __name__ == "__main__":` then.
         jobs: number of processes of the default pool, one per core by default; 1 runs in this process.
         progress: called as progress(done, starts, least cost of a verified plan so far or None).
+        prove: whether the best gets its certificate; `proved` gives it later.
 
     Raises:
         InputError: the task cannot be planned (all reasons with their numbers), or starts, jobs or seed
@@ -144,7 +146,7 @@ def plan_motion(
                     best = attempts[min((cost, k) for k, cost in costs.items())[1]]
                 if progress:
                     progress(len(attempts), starts, min(costs.values(), default=None))
-            if best is not None:
+            if best is not None and prove:
                 own = tasks_of[best.result.number]
                 best = attempts[best.result.number] = next(iter(work("proved", [(own, (best,))])))
     except BrokenExecutor as error:
@@ -175,6 +177,21 @@ def plan_motion(
         interrupted=interrupted,
         options={"starts": starts, **choices},
     )
+
+
+def proved(plan: MotionPlan) -> MotionPlan:
+    """A plan that was made without certificate with it, as `plan_motion` gives it; in this process."""
+    at = next(k for k, start in enumerate(plan.starts) if start.number == plan.best)
+    before = plan.starts[at]
+    assert isinstance(plan.motion, ArmMotion)
+    [found] = _in_process({}, "proved", [(plan.task, (Attempt(before, plan.motion, plan.check),))])
+    sums = ("iterations", "seconds", "cpu_seconds", "solves")
+    spent = {name: getattr(before, name) + getattr(found.result, name) for name in sums}
+    starts = [*plan.starts]
+    stages = {**before.stages, **found.result.stages}
+    starts[at] = replace(before, energy=found.result.energy, stages=stages, **spent)
+    seconds = plan.seconds + found.result.seconds
+    return replace(plan, motion=found.motion, check=found.check, starts=tuple(starts), seconds=seconds)
 
 
 def _require_numbers(starts: int, jobs: int | None, seed: int) -> None:

@@ -17,7 +17,7 @@ from ocptip.motion.cycles.check import CycleCheck, cycle_check
 from ocptip.motion.cycles.choices import Way, best_ways, layers_of, likely_ways, rest_cost
 from ocptip.motion.cycles.free_poses import moved_ways
 from ocptip.motion.cycles.task import CycleTask, require_way_plannable
-from ocptip.motion.plan import MotionPlan, plan_motion
+from ocptip.motion.plan import MotionPlan, plan_motion, proved
 from ocptip.numerics.threads import one_thread
 from ocptip.numerics.workers import worker_pool
 from ocptip.trajectories.sequence import MotionSequence
@@ -98,6 +98,7 @@ def plan_cycle(
     executor: Executor | None = None,
     jobs: int | None = None,
     progress: Callable[[int, int, float | None], None] | None = None,
+    prove: bool = True,
 ) -> CyclePlan:
     """Plan the ramp motions of least cost of all segments of a cycle.
 
@@ -108,6 +109,7 @@ def plan_cycle(
     Args:
         task, starts, seed, executor, jobs: see `ocptip.motion.plan.plan_motion`; starts are per segment.
         progress: called as progress(done, starts, cost of the best way so far or None).
+        prove: whether its motions get their certificates; `proved_cycle` gives them later.
 
     Raises:
         InputError: a segment cannot be planned (all reasons with their numbers), or a bad number.
@@ -138,7 +140,7 @@ def plan_cycle(
     if not parts:
         raise KeyboardInterrupt
     planned = replace(task, segments=task.segments[: len(parts)], closed=False)
-    return CyclePlan(
+    plan = CyclePlan(
         task=task,
         parts=tuple(parts),
         check=cycle_check(planned, sequence_of(task, parts), [part.check for part in parts]),
@@ -147,6 +149,21 @@ def plan_cycle(
         interrupted=interrupted,
         options={"starts": starts, **(choices if any(len(layer) > 1 for layer in layers) else {})},
     )
+    return proved_cycle(plan) if prove and not interrupted else plan
+
+
+def proved_cycle(plan: CyclePlan) -> CyclePlan:
+    """A plan with the certificates of its motions, in this process; an interrupt leaves out the others."""
+    began, parts, interrupted = time.perf_counter(), [*plan.parts], plan.interrupted
+    try:
+        for k, part in enumerate(parts):
+            parts[k] = proved(part)
+    except KeyboardInterrupt:
+        interrupted = True
+    checks = [part.check for part in parts]
+    check = cycle_check(plan.finished, sequence_of(plan.task, parts), checks)
+    seconds = plan.seconds + time.perf_counter() - began
+    return replace(plan, parts=tuple(parts), check=check, seconds=seconds, interrupted=interrupted)
 
 
 class _Legs:
@@ -227,6 +244,7 @@ class _Legs:
                 executor=pool,
                 jobs=1 if pool is None else None,
                 progress=progress,
+                prove=False,
             )
         except PlanningError as error:
             self._errors[leg] = error
