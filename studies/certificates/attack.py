@@ -157,7 +157,13 @@ def _made(own: Mapping[str, Any]) -> str:
 
 def _cells(row: Mapping[str, Any]) -> list[str]:
     if "found" not in row:
-        return [row["case"], row["base"], "", f"none made: {'; '.join(row['not_kept'])}", *[""] * 5]
+        return [
+            row["case"],
+            row["base"],
+            "",
+            f"none made: {'; '.join(row['not_kept']) or 'not proved'}",
+            *[""] * 5,
+        ]
     pairs = list(zip(row["found"], row["proved"], strict=True))
     word = "holds" if all(found <= proved + 1e-9 for found, proved in pairs) else "BROKEN"
     return [

@@ -112,6 +112,19 @@ def test_files_of_waypoints_are_refused_before_the_task_is_read(
 
 
 @pytest.mark.slow
+def test_the_example_is_certified_within_a_workshop(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    call = ["retime", TOO_FAST, "--task", TASK, "--no-figures", "--out", str(tmp_path / "out")]
+    assert main(call) == 0
+    assert "CERTIFIED within the tolerance (distances as described)" in capsys.readouterr().out
+    data = json.loads((tmp_path / "out" / "plan.json").read_text(encoding="utf-8"))
+    assert data["controller"]["certificate"]["sampled_only"] == []
+    assert data["duration_s"] < 1.07
+    assert data["controller"]["duration_s"] < 1.09
+
+
+@pytest.mark.slow
 def test_segments_of_a_cycle_have_their_own_paths_and_payloads(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

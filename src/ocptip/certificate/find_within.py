@@ -191,6 +191,11 @@ class SearchWithin:
                 weights[..., short], room[short] = better(
                     some, own, weights[..., short], capacity[:, short], share
                 )
+            if len(short := short[~(room[short] >= 0)]) and self._several and sharing.contacts.flat:
+                own = np.zeros((2, *forces.shape[2:4], len(short)))  # the rule shares the whole wrench
+                found = sharing.held(terms.some(short), own, weights[..., short], share)
+                better = found > room[short]
+                forces[:, 0][..., short[better]], room[short[better]] = 0.0, found[better]
             if share < HIGHEST:
                 beyond = ~(room >= 0)
         moments, loose = np.full(len(room), np.inf), np.zeros(len(room), dtype=bool)
