@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
+from ocptip.cli.layout import gear_rows
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.support import Support
 from ocptip.motion.check import check_motion
@@ -150,6 +152,7 @@ def test_a_check_is_not_verified_where_ringing_loses_a_contact():
     assert "gripper vibrates by up to 0.2" in text
     assert "least normal force 0 N" in text
     assert "9.75 N with stiff gears" in text
+    assert ", 4.22 N m with stiff gears" in text
     smooth = check_motion(geared(robot), motion.with_rise_times(0.0371))
     assert smooth.verified
     data = json.loads(json.dumps(smooth.to_dict()["drives"]))
@@ -266,3 +269,12 @@ def test_a_process_over_time_acts_on_springs_as_one_that_stays(gears):
     forces = [[margin.value for margin in found.least] for found in (one, other, on_its_feet(robot, motion))]
     assert forces[0] == pytest.approx(forces[1], abs=0.1)
     assert np.max(np.abs(np.subtract(forces[0], forces[2]))) > 0.5
+
+
+def test_segments_of_a_cycle_say_how_they_ring():
+    robot, motion = plan_of("A")
+    checks = [check_motion(geared(robot), motion), check_motion(robot, motion)]
+    rows = gear_rows(SimpleNamespace(names=("to", "back"), segments=checks))
+    assert rows[0][0] == "gears"
+    assert rows[0][1].startswith("to: gripper vibrates by up to ")
+    assert len(rows) == len(checks[0].drive_lines)

@@ -18,6 +18,7 @@ from ocptip.cli.command import Report
 from ocptip.cli.cycles import require_plain, segment_table, segments_of
 from ocptip.cli.layout import (
     check_rows,
+    gear_rows,
     masses,
     named,
     rises,
@@ -252,7 +253,9 @@ class CheckReport(Report):
             rows.append(("S-curves", rises(self.motion)))
         more = {"sensitivities": self.sensitivities, "stops": self.stops}
         rows += check_rows(checked, self.tolerated, **more)
-        if not self.segments:
+        if self.segments:
+            rows += gear_rows(self.segments)
+        else:
             rows.append(("masses", masses(self.task.robot)))
         rows += under("assumed", self.task.robot.notes)
         rows += under("note", self._notes())

@@ -16,7 +16,7 @@ from ocptip.basics.errors import InputError, PlanningError
 from ocptip.basics.text import quantity, ratio
 from ocptip.basics.write import plain
 from ocptip.cli.command import Answer, Report
-from ocptip.cli.layout import check_rows, summary, table, under, use_of_reserves
+from ocptip.cli.layout import check_rows, gear_rows, summary, table, under, use_of_reserves
 from ocptip.cli.many import Asked
 from ocptip.cli.options import given_limits, remove_figures
 from ocptip.cli.progress import Progress
@@ -186,7 +186,7 @@ class CycleReport(Report):
         lines += under("points", texts)
         if plan.interrupted:
             lines.append(("interrupted", self._interrupted()))
-        lines += check_rows(whole, self.tolerated)
+        lines += [*check_rows(whole, self.tolerated), *gear_rows(self.check)]
         lines += [(f"time x {f:g}", scaled_text(checked)) for f, checked in self.time_scale]
         lines += under("assumed", plan.task.robot.notes)
         head = "\n".join([self.headline(), "", *segment_table(plan.task, self.check), ""])

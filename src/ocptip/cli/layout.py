@@ -11,6 +11,7 @@ from ocptip.basics.text import quantity
 
 if TYPE_CHECKING:  # most of them take long to load, and `ocptip stand` needs none
     from ocptip.motion.check import MotionCheck
+    from ocptip.motion.cycles.check import CycleCheck
     from ocptip.motion.stops import Stops
     from ocptip.motion.tolerated import Tolerated
     from ocptip.standing.mechanism import StandingMechanism
@@ -77,6 +78,12 @@ def check_rows(
         *under("would change", sensitivities),
         *under("stops", stops.lines() if stops else ()),
     ]
+
+
+def gear_rows(segments: CycleCheck) -> list[tuple[str, str]]:
+    """How the segments of a cycle ring with gears that give, each from rest."""
+    pairs = zip(segments.names, segments.segments, strict=True)
+    return under("gears", [f"{name}: {line}" for name, own in pairs for line in own.drive_lines])
 
 
 def within_rows(checked: MotionCheck) -> list[tuple[str, str]]:

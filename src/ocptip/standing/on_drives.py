@@ -207,13 +207,24 @@ class DriveMotion:
         if not np.isfinite(self.settling):
             rest = f"not {band} {self.course.times[-1] - self.end:.2g} s after the end"
         found.append(f"{quantity(1e3 * self.after, 'mm', 3)} after the end; {rest}")
-        if self.contacts and self.contacts.force and rigid.force:
-            own, stiff = (quantity(one.force.value, "N", 3) for one in (self.contacts, rigid) if one.force)
-            found.append(f"least normal force {own} {self.contacts.force}, {stiff} with stiff gears")
+        if self.contacts:
+            found += self._contact_lines(self.contacts, rigid)
         if self.modes:
             found.append(f"modes {', '.join(map(str, self.modes))}")
         if self.rise is not None:
             found.append(self._rise_line(self.rise))
+        return found
+
+    @staticmethod
+    def _contact_lines(own: ContactMargins, rigid: ContactMargins) -> list[str]:
+        """Forces where these are unique, and moments, beside those with stiff gears."""
+        found = []
+        if own.unique and own.force and rigid.force:
+            least = f"least normal force {quantity(own.force.value, 'N', 3)} {own.force}"
+            found.append(f"{least}, {quantity(rigid.force.value, 'N', 3)} with stiff gears")
+        if own.moment and rigid.moment:
+            left = f"{quantity(own.moment.value, 'N m', 3)} left about a tipping axis {own.moment}"
+            found.append(f"{left}, {quantity(rigid.moment.value, 'N m', 3)} with stiff gears")
         return found
 
     def _rise_line(self, rise: RiseTime) -> str:
