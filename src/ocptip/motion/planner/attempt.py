@@ -49,7 +49,7 @@ class Rough:
     Attributes:
         number: of the start.
         coarse, x: variables after the coarse and the fine programs; None if there are none.
-        cost: of the motion, about; infinite if there is none.
+        cost: about that of the motion, within a tolerance slowed down for it; infinite if there is none.
         status: what is missing; empty if nothing is.
         clock: what it took.
     """

@@ -6,7 +6,7 @@ changed. What is simultaneous at the first is so at the second.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Protocol
 
@@ -50,6 +50,7 @@ class EventOrder:
         corner_positions: (n, C) group of each corner.
         late_positions: (n, C) group of each corner's end of rise; the same for ramps.
         directions: (intervals, n) directions of motion, +1 at rest.
+        apart: (., nx) rows more that are at least 0, see `kept_apart`.
     """
 
     layout: Layout
@@ -62,6 +63,7 @@ class EventOrder:
     corner_positions: np.ndarray
     late_positions: np.ndarray
     directions: np.ndarray
+    apart: np.ndarray | None = None
 
     @property
     def equalities(self) -> list[tuple[str, str]]:
@@ -73,9 +75,18 @@ class EventOrder:
         """Rows (., nx), at least 0 where the order holds: from each group to the next, each row once."""
         steps = self.rows[1:] - self.rows[:-1]
         if not self.rises:
-            return steps
+            return steps if self.apart is None else np.vstack([steps, self.apart])
         steps = np.unique(steps, axis=0)  # two events and the ends of their rises: the same row
         return steps[np.any(np.delete(steps, self.layout.one, axis=1) != 0, axis=1)]
+
+    def kept_apart(self, x: np.ndarray, delay: float) -> EventOrder:
+        """The same where groups of events that are more than a delay (s) apart at x remain so."""
+        times = self.rows @ x
+        before = np.searchsorted(times, times - delay) - 1  # the last group that is so far before each
+        late, early = np.arange(len(times))[before >= 0], before[before >= 0]
+        apart = self.rows[late] - self.rows[early]
+        apart[:, self.layout.one] -= delay
+        return replace(self, apart=apart)
 
     @property
     def rises(self) -> bool:

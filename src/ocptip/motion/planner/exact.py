@@ -11,7 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ocptip.motion.planner.deviating import Deviating, Place, deviating_places, kept_at_worst, worst_places
+from ocptip.motion.planner.deviating import (
+    MEET,
+    Deviating,
+    Place,
+    deviating_places,
+    kept_at_worst,
+    worst_places,
+)
 from ocptip.motion.planner.event_order import EventOrder, order_of
 from ocptip.motion.planner.formulation import Formulation
 from ocptip.motion.planner.program import MotionProgram
@@ -22,6 +29,7 @@ from ocptip.trajectories.arm_motion import ArmMotion
 SHARES = np.linspace(0.0, 1.0, 17)  # where intervals are looked at between nodes
 NEAR, FIRST = 0.75, 0.3  # use of a limit from which a row takes part, and a further node is made at the start
 FEASIBLE = 1e-5
+PACES = 1.1 ** np.arange(15)  # how much slower a path is made
 ROUNDS, LATE_ROUNDS = 4, 6
 PUSH = 1e-4
 SOLVED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
@@ -61,6 +69,18 @@ class Refiner:
         order, x = order_of(self.formulation, x, merge)
         return self.solve_order(order, x, start_mu=1e-3)
 
+    def slowed_cost(self, x: np.ndarray) -> float:
+        """About the cost of the path of x, slowed down until it has the tolerance; infinite if never."""
+        formulation, limits = self.formulation, self.limits
+        for pace in PACES:
+            order, begin = order_of(formulation, formulation.slowed(x, pace))
+            places: list[Place] = [(i, share) for i in range(len(order.rows) - 1) for share in (0.0, 1.0)]
+            places += deviating_places(order, begin, limits.tolerance)
+            program = formulation.ordered_program(limits, order, begin, places)
+            if kept_at_worst(program, begin):
+                return program.values(begin)[0]
+        return np.inf
+
     def again(self, exact: Exact, instants: list[float]) -> Exact:
         """The same with further nodes at the given times (s) of its motion."""
         x = self.formulation.polished(exact.order, exact.program.structure, exact.solution.x)
@@ -82,8 +102,11 @@ class Refiner:
         """Solve with rows and nodes added until none is missing."""
         formulation, limits = self.formulation, self.limits
         intervals = len(order.rows) - 1
+        tolerance = limits.tolerance
+        if tolerance.delay and not order.rises:  # joints that are not late together do not become so
+            order = order.kept_apart(x, tolerance.delay * (1 + tolerance.speed) + 2 * MEET)
         watch: list[Place] = [(i, float(s)) for i in range(intervals) for s in SHARES]
-        deviating = deviating_places(order, x, limits.tolerance)
+        deviating = deviating_places(order, x, tolerance)
         watched = formulation.ordered_program(limits, order, x, [*watch, *deviating])
         own = watched.n_nodes - len(watch) - len(deviating)
         share = FIRST if extra is None else 1 + FEASIBLE

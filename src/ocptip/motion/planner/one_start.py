@@ -31,7 +31,7 @@ CYCLES = 3  # at most, of fine and exact programs, until a motion is verified
 FURTHER = 2  # cycles more from a verified motion, which often find a better order
 BINDING = 0.97  # share of a reserve's limit from which the contacts decide; only then a second cycle pays
 MERGES = (0.004, 0.0, 0.012)  # s: events nearer than this become simultaneous; tried in this order
-SLOWER = (1.0, 1.4, 2.0)  # durations from which an exact program within a tolerance begins
+SLOWER = (1.2, 1.5, 2.0)  # durations from which an exact program within a tolerance begins
 SOLVED = 1e-4  # largest violation of an exact program that is good enough to be tightened
 HOPELESS = 0.05  # largest violation from which a motion is worth its check
 LOST = 1.0  # largest violation from which, with rows of stops, no other pace leads anywhere
@@ -84,6 +84,8 @@ class Search:
             clock.stage("coarse")
             coarse = x
             x, cost = self._fine(x, clock)
+            if task.limits.tolerance.given:
+                cost = Refiner(self.formulation, self.inner).slowed_cost(x)
             clock.stage("fine")
         except NUMERICAL as error:
             clock.pause()
@@ -261,19 +263,18 @@ class Search:
     def _ordered(self, refiner: Refiner, x: np.ndarray, clock: Clock) -> Exact:
         """The exact solution near x.
 
-        Where the order of events found at x leads nowhere, others that x suggests are tried; within a
-        tolerance, of which the smooth programs know little, then those of slower motions.
+        Where the order of events found at x leads nowhere, others that x suggests are tried. Within a
+        tolerance, of which the smooth programs know little, it is begun with slower motions.
         """
-        best = None
-        for pace in SLOWER if self.task.limits.tolerance.given else (1.0,):
-            begin = self.formulation.slowed(x, pace)
-            for merge in MERGES:
-                exact = refiner.first(begin, merge)
+        best, within = None, bool(self.task.limits.tolerance.given)
+        for merge in MERGES:
+            for pace in SLOWER if within else (1.0,):
+                exact = refiner.first(self.formulation.slowed(x, pace), merge)
                 if best is None or exact.solution.violation < best.solution.violation:
                     best = exact
                 if best.solution.violation <= SOLVED:
                     break
-            if best.solution.violation <= HOPELESS:
+            if best.solution.violation <= (HOPELESS if within else SOLVED):
                 break
         assert best is not None  # there is a pace
         clock.stage("exact")
