@@ -10,6 +10,7 @@ from ocptip.motion.check import check_motion
 from ocptip.motion.late_joints import jump_states
 from ocptip.motion.planner.deviating import deviating_places
 from ocptip.motion.planner.event_order import order_of
+from ocptip.motion.planner.exact import Refiner
 from ocptip.motion.planner.formulation import Formulation
 from ocptip.motion.planner.one_start import Search
 from ocptip.motion.planner.random_start import random_start
@@ -105,6 +106,46 @@ def test_other_limits_look_at_other_nodes(task):
     assert deviating.sum() == len(places)
     for name, rows in program.near_rows(x, -100.0).masks.items():
         assert rows[deviating].any() == (name in WITHIN)
+
+
+@pytest.mark.parametrize("seed", [1, 4, 7])
+def test_events_more_than_a_delay_apart_stay_so(task, seed):
+    """Rows keep every pair apart that is, and no other pair."""
+    own, delay = (task.robot, task.start, task.goal, task.optimised, task.commands), 0.03
+    formulation = Formulation(*own)
+    motion = random_start(*own, MotionLimits(), np.random.default_rng(seed))
+    order, x = order_of(formulation, formulation.variables(motion), 0.004)
+    kept, times = order.kept_apart(x, delay), order.rows @ x
+    gaps = np.subtract.outer(times, times)
+    assert np.sum((gaps > 0) & (gaps <= delay)) > 0
+    assert np.all(kept.steps @ x >= -1e-12)
+    near, rng = [], np.random.default_rng(seed)
+    for _ in range(400):
+        moved = x + 0.02 * rng.normal(size=x.shape) * (x > 0) * (np.arange(len(x)) != order.layout.one)
+        now = order.rows @ moved
+        later = np.subtract.outer(now, now)
+        if np.all(np.diff(now) >= 0):
+            stays = bool(np.all(later[gaps > delay] > delay - 1e-12))
+            assert np.all(kept.steps @ moved >= -1e-12) == stays
+            near.append(stays)
+    assert len(set(near)) == 2
+    assert len(order.kept_apart(x, 2 * times[-1]).apart) == 0
+
+
+def test_a_path_costs_more_slowed_down_until_it_has_a_tolerance(task):
+    """And nothing is as slow as that where the floor is too steep at rest."""
+    motion = random_start(
+        *(task.robot, task.start, task.goal, task.optimised, task.commands, MotionLimits()),
+        np.random.default_rng(1),
+    )
+
+    def cost(tolerance):
+        search = Search(replace(task, limits=replace(LIMITS, tolerance=tolerance)))
+        return Refiner(search.formulation, search.inner).slowed_cost(search.formulation.variables(motion))
+
+    costs = [cost(own) for own in (Tolerance(tilt=1e-3), WORKSHOP, replace(WORKSHOP, tilt=np.radians(6)))]
+    assert costs[0] < costs[1] < costs[2] < np.inf
+    assert cost(Tolerance(tilt=np.radians(12))) == np.inf
 
 
 @pytest.mark.slow
