@@ -31,7 +31,8 @@ CYCLES = 3  # at most, of fine and exact programs, until a motion is verified
 FURTHER = 2  # cycles more from a verified motion, which often find a better order
 BINDING = 0.97  # share of a reserve's limit from which the contacts decide; only then a second cycle pays
 MERGES = (0.004, 0.0, 0.012)  # s: events nearer than this become simultaneous; tried in this order
-SLOWER = (1.2, 1.5, 2.0)  # durations from which an exact program within a tolerance begins
+SLOWER = (1.0, 1.4, 2.0)  # durations from which an exact program within a tolerance begins,
+SLOWER_JUMPS = (1.2, 1.5, 2.0)  # and where jumps count, of which the smooth programs know little
 SOLVED = 1e-4  # largest violation of an exact program that is good enough to be tightened
 HOPELESS = 0.05  # largest violation from which a motion is worth its check
 LOST = 1.0  # largest violation from which, with rows of stops, no other pace leads anywhere
@@ -61,6 +62,8 @@ class Search:
         )
         self.smooth = as_described(task.robot, task.limits, np.array([task.start, task.goal]))
         kinds = limits_of(task.robot, task.limits)
+        own = task.limits.tolerance
+        self.jumps = bool(own.delay or own.overshoot) and not self.formulation.rise
         self._asked = [limit for limit in kinds if isinstance(limit, AskedLimit)]
         self.inner = task.limits
         for limit in self._asked:
@@ -84,7 +87,7 @@ class Search:
             clock.stage("coarse")
             coarse = x
             x, cost = self._fine(x, clock)
-            if task.limits.tolerance.given:
+            if self.jumps:
                 cost = Refiner(self.formulation, self.inner).slowed_cost(x)
             clock.stage("fine")
         except NUMERICAL as error:
@@ -263,12 +266,13 @@ class Search:
     def _ordered(self, refiner: Refiner, x: np.ndarray, clock: Clock) -> Exact:
         """The exact solution near x.
 
-        Where the order of events found at x leads nowhere, others that x suggests are tried. Within a
-        tolerance, of which the smooth programs know little, it is begun with slower motions.
+        Where the order of events found at x leads nowhere, others that x suggests are tried, and within a
+        tolerance slower motions.
         """
         best, within = None, bool(self.task.limits.tolerance.given)
+        paces = SLOWER_JUMPS if self.jumps else SLOWER if within else (1.0,)
         for merge in MERGES:
-            for pace in SLOWER if within else (1.0,):
+            for pace in paces:
                 exact = refiner.first(self.formulation.slowed(x, pace), merge)
                 if best is None or exact.solution.violation < best.solution.violation:
                     best = exact
