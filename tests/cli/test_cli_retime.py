@@ -147,7 +147,7 @@ def test_segments_of_a_cycle_have_their_own_paths_and_payloads(
     assert main(["retime", outs[0], *call, outs[1]]) == 0
     for k in (1, 2, 3):
         assert Path(outs[1], f"phase_plane-{k}.png").stat().st_size > 10_000
-    path.write_text("".join(f"[[segment]]\n[[segment.waypoint]]\n{home}\n" for _ in range(2)), encoding="utf-8")
+    path.write_text(2 * f"[[segment]]\n[[segment.waypoint]]\n{home}\n", encoding="utf-8")
     capsys.readouterr()
     assert main(["retime", str(path), *call, outs[1]]) == 2
     assert "2 paths" in capsys.readouterr().err
