@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from ocptip.basics.errors import InputError
 from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.fit import fitted
-from ocptip.trajectories.path_fit import FINE, FittedPath, blended_lines, path_of_motion, spline_through
+from ocptip.trajectories.path_fit import FINE, FittedPath, Leg, blended_lines, path_of_motion, spline_through
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.sampled import SampledMotion
 
@@ -165,3 +165,15 @@ def test_noise_is_refused_unless_the_path_may_be_off() -> None:
 def test_a_motion_that_rests_is_no_path() -> None:
     with pytest.raises(InputError, match="does not move"):
         path_of_motion(SampledMotion(np.array([0.0, 1.0]), np.zeros((2, 2)), np.zeros((2, 2))))
+
+
+def test_ramps_that_end_almost_together_are_taken_as_they_are():
+    """A joint that rests a microsecond before the others does not make the path turn back."""
+    table = [[RampCommand(1.0, 1.0, 4.0)], [RampCommand(1.0 - 1e-6, 1.0, 4.0)]]
+    goal = np.array([1.0, 1.0 - 1e-6])
+    motion = ArmMotion.with_passive(np.zeros(2), goal, table, np.ones(2), np.full(2, 4.0))
+    assert Leg.of_ramps(motion, 0.0, motion.end) is not None
+    path = path_of_motion(motion).path
+    assert path.pieces < 6
+    assert np.max(np.abs(path.at(np.linspace(0, 1, 500))[2])) < 20
+    np.testing.assert_allclose(path.goal, motion.goal, atol=1e-12)

@@ -36,6 +36,7 @@ BACK = 0.2
 
 _DEGREE = 5
 _MET = 1e-5  # s: events of ramps that are nearer to each other are one
+_AT_REST = 1e-5  # s: events nearer to begin or end are there; a joint goes less than 1e-9 rad in between
 _TURNS = 1e-5  # of the greatest speed: where all joints are slower, the way turns back
 _SAME = 1e-7  # of the length: samples that are nearer to each other are one
 _FEWEST = 12  # twice as many samples as a piece has at least
@@ -259,7 +260,8 @@ class Leg:
         """
         if any(motion.rise_times):
             return None
-        inner = motion.event_times[(motion.event_times > begin) & (motion.event_times < end)]
+        inner = motion.event_times
+        inner = inner[(inner > begin + _AT_REST) & (inner < end - _AT_REST)]
         if not len(inner):
             return None
         times = np.concatenate([[begin], inner[np.append(True, np.diff(inner) > _MET)], [end]])
