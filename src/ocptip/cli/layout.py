@@ -94,6 +94,8 @@ def within_rows(checked: MotionCheck) -> list[tuple[str, str]]:
     texts += [f"worst for {name}: {at}" for name, at in (("GN", within.tip), ("GT", within.slip)) if at]
     if "foot_force_N" in checked.worst:
         texts.append("feet that give: their forces and lifts are looked at as described only")
+    if "GN_gears" in checked.worst:
+        texts.append("gears that give: what rings is looked at as described only")
     return under("within", texts)
 
 

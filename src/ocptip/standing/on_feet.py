@@ -61,7 +61,7 @@ class FeetMotion:
     Attributes:
         course: of base and feet.
         end: of the motion, s.
-        frequency: lowest natural frequency at the start, Hz, all feet pressing.
+        frequency: lowest natural frequency at the start, Hz, all feet pressing, gears that do not give.
         damping: ratio of that mode.
         least: least normal force of each foot, n margins, N.
         lifts: feet in the air, the highest first.
