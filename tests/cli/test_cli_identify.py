@@ -101,4 +101,7 @@ def test_an_arm_is_told(written, recording, tmp_path, capsys):
     said = capsys.readouterr().out
     assert "base parameters" in said
     assert "friction" in said
-    assert set(tomllib.loads(out.read_text())["arm"]["links"]) == {f"joint {k}" for k in range(1, 7)}
+    tables = tomllib.loads(out.read_text())
+    assert set(tables["arm"]["links"]) == {f"joint {k}" for k in range(1, 7)}
+    assert 0 < tables["tolerance"]["arm_mass"] < 1
+    assert "about every tipping axis, at all instants of this motion" in said

@@ -7,12 +7,21 @@ import pytest
 from scipy import stats
 
 from ocptip.basics.errors import InputError
-from ocptip.measured.links import all_parameters, base_parameters, identify_links, parameter_names
+from ocptip.measured.links import (
+    all_parameters,
+    base_parameters,
+    identify_links,
+    mass_tolerance,
+    parameter_names,
+)
 from ocptip.measured.parameters import link_parameters, pseudo_inertia
 from ocptip.measured.prediction import Predictor
 from ocptip.measured.recording import Recording, Signal
+from ocptip.reserves.tipping import TipMap
 from ocptip.robots.bodies import exists
 from ocptip.robots.process import ProcessWrench
+from ocptip.standing.tolerance import Tolerance
+from ocptip.standing.worst_case import worst_case_of
 from studies.recordings.run import machine
 
 DRY, VISCOUS = np.array([2.0, 3.0, 1.5, 1.0, 1.2, 0.8]), np.array([1.0, 0.6, 0.8, 0.5, 0.7, 0.4])
@@ -98,6 +107,23 @@ def test_links_exist_and_predict_what_was_recorded(runs):
         )
         assert np.abs(loads - real_loads).max() < 0.05 * np.abs(described_loads - real_loads).max()
     assert found[0].arm.masses.sum() == pytest.approx(own.robot.arm.masses.sum(), rel=1e-3)
+
+
+def test_a_tolerance_of_masses_covers_the_real_arm(runs):
+    """Its moments about the tipping axes are within the worst case of the identified one's."""
+    own, found = runs
+    nominal, states = described(), np.hstack(own.motion.states(own.motion.both_sides(0.02)))
+    real_moments = TipMap(own.robot.tip_over)(own.robot.loads(*np.split(states, 3, axis=1))[1])[0]
+    for one in found[:3]:
+        shares = [mass_tolerance(one, nominal, sigmas) for sigmas in (3.0, 6.0)]
+        assert 1e-5 < shares[0] < 0.05
+        assert shares[0] < shares[1] <= 2 * shares[0]
+        robot = nominal.robot.varied(arm=one.arm)
+        least = worst_case_of(robot, Tolerance(arm_mass=shares[0])).all_moments(states)
+        assert np.all(least <= real_moments)
+        alone = TipMap(robot.tip_over)(robot.loads(*np.split(states, 3, axis=1))[1])[0]
+        assert not np.all(alone <= real_moments)
+    assert mass_tolerance(identify_links(recorded(own, 3, sensor=False), nominal), nominal, 3.0) is None
 
 
 def test_torques_alone_and_a_late_joint():

@@ -13,6 +13,7 @@ from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.for_motion import placed_robot
 from ocptip.placement.result import judge
 from ocptip.robots.kinematics import gripper_batch
+from ocptip.robots.process import ProcessWrench
 from ocptip.standing.tolerance import WORKSHOP
 from ocptip.task_files.cell import load_cell
 from ocptip.task_files.placement import load_placement
@@ -78,6 +79,36 @@ def test_what_is_held_weighs_at_rest(changed):
 
 
 @pytest.mark.parametrize(
+    "process",
+    [
+        'force = [7, -3, 2], moment = [0.2, 0.1, -0.3], axes = "world"',
+        "force = [7, -3, 2], moment = [0.2, 0.1, -0.3]",
+        'file = "force.csv"',
+    ],
+)
+def test_processes_act_at_rest_where_the_base_is_placed(changed, tmp_path, process):
+    """Weight of the part and process, as a load of the pose, are what the planned robot feels there."""
+    (tmp_path / "force.csv").write_text("share,fx_N,my_Nm\n0,4,0.3\n1,9,0.1\n")
+    cell = changed('payload = "part"', f'payload = "part"\nprocess = {{ {process} }}')
+    placement = at(cell, PLACE)
+    task, turn = cell.placed(placement), placement.base_rotation
+    pressed = task.segments[0].task.robot
+    bare = pressed.arm.with_payload(None).with_process(None)
+    for share, pose in ((0, cell.problem.tasks[0]), (1, cell.problem.tasks[1])):
+        [load] = pose.loads
+        assert load.name == "payload and process 1"
+        q = task.ends[share][1]
+        here = bare.with_process(ProcessWrench(turn.T @ load.force, turn.T @ load.moment, "base"))
+        still = np.zeros_like(q)
+        found, expected = (
+            robot.loads(q, still, still) for robot in (pressed.resting(share), pressed.varied(arm=here))
+        )
+        np.testing.assert_allclose(found[0], expected[0], atol=1e-10)
+        np.testing.assert_allclose(found[1], expected[1], atol=1e-10)
+    assert cell.problem.unloaded  # the way back
+
+
+@pytest.mark.parametrize(
     ("old", "new", "expected"),
     [
         ("[[terrain]]", "[[keep_off]]", "cell.toml: terrain: a cell needs the ground"),
@@ -92,6 +123,16 @@ def test_what_is_held_weighs_at_rest(changed):
         ("[0.0, 0.0, -9.81]", "[1.0, 0.0, -9.81]", "cell.toml: gravity: of a cell points along -z"),
         ("x = [-0.6, 0.8] ", "stroke = [-0.1, 0.1] #", "cell.toml: terrain[1]: cells"),
         ('payload = "part"', 'payload = "box"', "cell.toml: segment[1].payload"),
+        (
+            'payload = "part"',
+            'payload = "part"\nprocess = { force = [1, 0, 0], axes = "base" }',
+            "cell.toml: process.axes: of a cell is in axes of the tool or the world, got 'base'",
+        ),
+        (
+            "rpy_deg = [180, 0, -90] }",
+            'rpy_deg = [180, 0, -90], symmetric_about = "z" }\nprocess = { force = [1, 0, 0] }',
+            "process: turns with a gripper that turns freely at a pose",
+        ),
         (
             'goal = "start" ',
             'objective = "time"\ngoal = "start" ',

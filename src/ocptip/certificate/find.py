@@ -95,7 +95,7 @@ def _missing(robot: StandingMechanism, worst: Mapping[str, Worst]) -> str:
     """Why no certificate can be made; empty if one can."""
     if not isinstance(robot, StandingRobot | StandingParallelRobot):
         return f"motions of a {robot.kind} without closed forms cannot be certified"
-    if robot.unchanging is not robot:
+    if robot.varying:
         return "the process varies"
     if robot.tip_over.free_rotation:
         return "contacts on one line"

@@ -322,7 +322,7 @@ def retimed(task: MotionTask, motion: Motion, checked: MotionCheck) -> str:
     """
     broken = [name for name, worst in checked.worst.items() if worst.violation]
     of_place = any(name in OF_PATH for name in broken)
-    if checked.verified or of_place or task.robot.unchanging is not task.robot:
+    if checked.verified or of_place or task.robot.varying:
         return ""
     try:
         path = path_of_motion(motion).path

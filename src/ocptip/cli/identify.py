@@ -19,7 +19,7 @@ from ocptip.basics.write import versions, write_text
 from ocptip.cli.command import Report
 from ocptip.cli.layout import named, under
 from ocptip.measured.bodies import BASE, PAYLOAD, Body, identify_bodies, tables
-from ocptip.measured.links import identify_links
+from ocptip.measured.links import Identified, identify_links, mass_tolerance
 from ocptip.measured.power_maps import PowerMap, fit_power_map, motors_table, samples_by_joint
 from ocptip.measured.prediction import Predictor
 from ocptip.measured.recording import FOOT, Recording, read_recording
@@ -146,7 +146,19 @@ def _of_links(recording: Recording, predictor: Predictor, options: Namespace) ->
         ("", f"next to what was described; base parameters moved by {found.moved:.2g} standard errors"),
         ("rms left", left),
     ]  # fmt: skip
-    return IdentifyReport("arm", found.to_tables(robot.motors), lines, found.to_dict(), options.out)
+    sigmas = _SIGMAS if options.sigmas is None else options.sigmas
+    tolerance, text = _of_masses(found, predictor, sigmas)
+    tables = {**found.to_tables(robot.motors), **tolerance}
+    return IdentifyReport("arm", tables, [*lines, ("tolerance", text)], found.to_dict(), options.out)
+
+
+def _of_masses(found: Identified, predictor: Predictor, sigmas: float) -> tuple[dict[str, Any], str]:
+    """Table `[tolerance]`, if there is one, and in words what it covers, or why there is none."""
+    share = mass_tolerance(found, predictor, sigmas)
+    if share is None:
+        return {}, "none: torques do not tell the wrench on the base"
+    covers = f"covers {sigmas:g} standard errors about every tipping axis, at all instants of this motion"
+    return {"tolerance": {"arm_mass": share}}, f"masses of links +-{100 * share:.3g} %: {covers}"
 
 
 def _told(body: Body) -> list[str]:

@@ -17,7 +17,7 @@ import clarabel
 import numpy as np
 from scipy import linalg, sparse
 
-from ocptip.basics.errors import InputError, SolverError
+from ocptip.basics.errors import InputError, SolverError, positive_number
 from ocptip.measured.clocks import AROUND
 from ocptip.measured.estimate import Estimate, Ran, estimate
 from ocptip.measured.parameters import (
@@ -33,6 +33,8 @@ from ocptip.measured.parameters import (
 )
 from ocptip.measured.prediction import Predictor
 from ocptip.measured.recording import TORQUE, WRENCH, Recording
+from ocptip.reserves.tipping import TipMap
+from ocptip.robots.dynamics import mass_sensitivities
 from ocptip.robots.model import ArmModel
 from ocptip.robots.motors import DCMotors, Motors
 
@@ -44,6 +46,7 @@ _LEAST = 0.1  # mass of a link that is no body (see `robots.bodies`), over that 
 _THIN = 1e-6  # least second moment of a link along any axis, over its mass, (0.1 m)^2
 _SMALL = 0.01  # of the mean mass of links: change of a lighter one that counts as relative 1
 _LENGTH = 0.1  # m
+_INSTANTS = 0.01  # s: between instants at which a tolerance is looked at
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,6 +244,53 @@ def identify_links(recording: Recording, predictor: Predictor) -> Identified:
         arm.with_payload(robot.arm.payload), friction[:n], friction[n:], basis,
         tuple(basis.names(parameter_names(bare))), found, first[:p], moved, _condition(found, p),
     )  # fmt: skip
+
+
+def mass_tolerance(found: Identified, predictor: Predictor, sigmas: float) -> float | None:
+    """Relative tolerance of the links' masses that covers what is not sure of the identified arm.
+
+    At every instant of the motion, and about every tipping axis, links that are each off by so much move the
+    moment at least as far as so many standard errors of the base parameters, and the distance of the links
+    that exist from these, do.
+
+    Args:
+        found: of a recording of the motion.
+        predictor: of the robot as described and the motion.
+        sigmas: standard errors.
+
+    Returns:
+        The share; None where no wrench was recorded: torques do not tell what the base feels.
+
+    Raises:
+        InputError: the contacts have no tipping axes, or not even links without mass are enough.
+    """
+    robot, motion = predictor.robot.varied(arm=found.arm), predictor.motion
+    sigmas = positive_number("sigmas", sigmas)
+    if WRENCH not in found.estimate.residuals:
+        return None
+    axes = TipMap(robot.tip_over)
+    if not axes.count:
+        raise InputError("tolerance: contacts without tipping axes")
+    states, support = motion.states(motion.both_sides(_INSTANTS)), robot.support
+    bare = robot.arm.with_payload(None)
+    columns = regressors(bare, support.gravity, *states)[1][:, :, PER_BODY:]
+    x, y, z = support.center_of_mass
+    across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    columns[:, 3:] -= across @ columns[:, :3]
+    rotors = np.zeros((*columns.shape[:2], robot.n if bare.armature.any() else 0))
+    columns = np.concatenate([columns, rotors], axis=2)[:, :, found.basis.independent]
+    p, links = len(found.names), bare.links
+    ways = axes(robot.loads(*states)[1])[1] @ columns  # (N, axes, p)
+    covariance = found.estimate.covariance[:p, :p]
+    away = found.basis.combinations @ all_parameters(bare) - found.estimate.values[:p]
+    unsure = sigmas * np.sqrt(np.einsum("nap,pq,naq->na", ways, covariance, ways)) + np.abs(ways @ away)
+    given = *states, support.gravity, support.center_of_mass
+    slopes = mass_sensitivities(bare)(*given, np.zeros(4 * links + 1))[1].reshape(len(ways), robot.n + 6, -1)
+    moved = axes(robot.loads(*states)[1])[1] @ slopes[:, robot.n :, :links]
+    share = float(np.max(unsure / np.maximum(np.abs(moved).sum(axis=2), 1e-300)))
+    if not share < 1:
+        raise InputError(f"tolerance: the arm is not told well enough; its links would be off by {share:.3g}")
+    return share
 
 
 def _random(arm: ArmModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -30,8 +30,7 @@ def posture_pairs(
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """Pairs of start and goal, (n,), rad each, by the rule of docs/motion-planner.md, ties by order.
 
-    All that stand at rest within all limits, without a process that varies over the motion; if none does, the
-    one with the fewest reasons against it.
+    All that stand at rest within all limits; if none does, the one with the fewest reasons against it.
 
     Args:
         robot: on its support.
@@ -41,7 +40,8 @@ def posture_pairs(
     arm = robot.arm.limits
     reasons = [[0], [0]]
     if len(starts) > 1 or len(goals) > 1:
-        reasons = [[len(posture_refusals(robot.unchanging, limits, q)) for q in qs] for qs in (starts, goals)]
+        ends = (robot.resting(0), starts), (robot.resting(1), goals)
+        reasons = [[len(posture_refusals(own, limits, q)) for q in qs] for own, qs in ends]
     weights = 1 / np.where(np.isfinite(arm.speed), arm.speed, 1.0)
     ranked = []
     for s, start in enumerate(starts):

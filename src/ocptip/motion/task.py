@@ -12,6 +12,7 @@ from ocptip.motion.objective import ENERGY, Objective
 from ocptip.motion.source import TaskSource
 from ocptip.motion.stop_rules import StopRules
 from ocptip.robots.inverse.pose_target import PoseTarget
+from ocptip.robots.process import PATH
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.brake_stops import BrakeCheck
 from ocptip.standing.limits import MotionLimits
@@ -120,6 +121,11 @@ def refusals(task: MotionTask) -> tuple[str, ...]:
     has just begun, with all joints moving that have to.
     """
     limits, found = task.robot.limits, []
+    if task.robot.varying is not None and task.robot.varying.over == PATH:
+        found.append(
+            "process: varies over path, which is not known before there is a motion; plans follow it over "
+            "time_s or share, ocptip retime over path_m"
+        )
     for name, values in (("speed", limits.speed), ("acceleration", limits.acceleration)):
         if numbers := [str(j + 1) for j in np.flatnonzero(~np.isfinite(values))]:
             found.append(f"joints without {name} limit: {', '.join(numbers)}; every joint needs one")
@@ -135,8 +141,8 @@ def refusals(task: MotionTask) -> tuple[str, ...]:
             )
         elif task.limits.min_duration > most:
             found.append(f"duration: is {task.limits.min_duration:.4g} s, {most:.4g} s {allowed}")
-    for where, angles in (("start", task.start), ("goal", task.goal)):
-        found += [f"{where}: {reason}" for reason in posture_refusals(task.robot, task.limits, angles)]
+    for where, angles, share in (("start", task.start, 0), ("goal", task.goal, 1)):
+        found += [f"{where}: {reason}" for reason in end_refusals(task, share, angles)]
     return (*found, *_brake_refusals(task))
 
 
@@ -165,6 +171,11 @@ def _brake_refusals(task: MotionTask) -> list[str]:
         "stops by brakes: as soon as the motion has begun, whichever way the joints turn, "
         f"{', '.join(broken)} at best (joints {turns}); what is left are weaker brakes or a heavier base"
     ]
+
+
+def end_refusals(task: MotionTask, share: float, q: np.ndarray) -> list[str]:
+    """Why the robot cannot rest at q, (n,), before (share 0) or after (1) the motion."""
+    return posture_refusals(task.robot.resting(share), task.limits, q)
 
 
 def require_plannable(task: MotionTask) -> None:

@@ -171,7 +171,7 @@ def tolerated(robot: StandingRobot, motion: Motion) -> tuple[Tolerated, ...]:
 
 def tolerances(robot: StandingMechanism, motion: Motion) -> tuple[Tolerated, ...]:
     """The same where it can be said: empty for parallel robots, and while a process varies."""
-    return tolerated(robot, motion) if isinstance(robot, StandingRobot) and robot.unchanging is robot else ()
+    return tolerated(robot, motion) if isinstance(robot, StandingRobot) and not robot.varying else ()
 
 
 class _Parts(RestLoads):

@@ -294,7 +294,7 @@ class PlacementProblem:
         if not isinstance(self.robot, StandingRobot):
             raise InputError(f"robot: expected a StandingRobot, got {self.robot!r}")
         if self.robot.arm.process is not None:
-            raise InputError("robot: a process on its gripper is not looked at; give the tasks loads instead")
+            raise InputError("robot: what acts on its gripper belongs to the tasks; give them loads instead")
         for name in ("obstacles", "keep_out"):
             setter(self, name, tuple(getattr(self, name)))
             for shape in getattr(self, name):

@@ -171,10 +171,10 @@ def retime(
     usual = usual if own_jerk is None else min(usual, JERK_NODES)
     count = whole_number("nodes", usual if nodes is None else nodes, 8)
     squares = speeds[0] ** 2, speeds[1] ** 2
-    asked, best, known = limits, None, None
+    asked, best, known, own = limits, None, None, robot.along(path)
     for _ in range(_TIGHTENINGS):
-        timing = TimingLimits(robot, asked)
-        found = _solve(robot, path, timing, objective, spaced(path, count), squares, known)
+        timing = TimingLimits(own, asked)
+        found = _solve(own, path, timing, objective, spaced(path, count), squares, known)
         motion, slower = _within_peaks(robot, _long_enough(TimedPath(path, found.grid.s, found.x), limits))
         checked = check_motion(robot, motion, limits)
         best = found, motion, checked, slower
@@ -216,7 +216,7 @@ def least_cost(
         InputError: the path cannot be timed: says where, and by which limit.
         SolverError: the program of the cheapest timing is not solved.
     """
-    grid = spaced(path, nodes)
+    grid, robot = spaced(path, nodes), robot.along(path)
     found = _solve(robot, path, TimingLimits(robot, limits), objective, grid, (0.0, 0.0))
     if found.cheap is not None and objective.name != "time":
         return found.cheap.cost

@@ -54,7 +54,7 @@ class Places:
     @cached_property
     def loads(self) -> tuple[Affine, Affine]:
         """Torques and wrenches."""
-        return affine_loads(self.robot, self.q, self.dq, self.ddq)
+        return affine_loads(self.robot, self.q, self.dq, self.ddq, self.s)
 
     @cached_property
     def caps(self) -> np.ndarray:
@@ -205,7 +205,7 @@ class TimingLimits:
         kinds: Sequence[Limit] = limits_of(self.robot, self.asked)
         kinds = [limit for limit in kinds if not limit.of_place and limit.name != SpeedLimit.name]
         for k in range(len(places)):
-            at = Instants.at_rest(self.robot, places.q[k : k + 1])
+            at = Instants.at_rest(self.robot, places.q[k : k + 1], places.s[k : k + 1])
             if reasons := [reason for limit in kinds for reason in limit.refusals(at)]:
                 return float(places.s[k]), reasons
         return None

@@ -69,8 +69,9 @@ class ProcessWrench:
         """
         if self.varies:
             raise InputError(
-                f"process: varies over {self.over}, which only checks of motions follow, their energy "
-                "and samples; plans, tolerances, jumps, stops, certificates, retiming and simulation do not"
+                f"process: varies over {self.over}, which checks of motions follow, plans (over time and "
+                "share) and retiming (over path); tolerances (--tolerance none), jumps, stops, feet that "
+                "give, certificates, load cases and simulation do not"
             )
         return np.concatenate([self.force, self.moment])
 
@@ -86,6 +87,13 @@ class ProcessWrench:
             for rows in (self.force, self.moment)
         )
         return force, moment
+
+    def slopes(self, values: np.ndarray) -> np.ndarray:
+        """(N, 6): slopes of force and moment over what it varies with; at knots those after them."""
+        rows, own = np.hstack([self.force, self.moment]), np.asarray(self.knots)
+        steps = np.diff(rows, axis=0) / np.diff(own)[:, None]
+        still = np.zeros((1, 6))
+        return np.vstack([still, steps, still])[np.searchsorted(own, values, side="right")]
 
     def over_time(self, times: np.ndarray, values: np.ndarray) -> ProcessWrench:
         """The same over time, if what it varies with goes through values (T,), not falling, at times (T,), s.

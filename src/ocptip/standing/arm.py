@@ -9,6 +9,7 @@ from typing import Self
 import casadi as cs
 import numpy as np
 
+from ocptip.basics.errors import InputError
 from ocptip.contact.support import Support
 from ocptip.reserves.slip import Redistribution
 from ocptip.robots.collision.gaps import Collisions
@@ -16,18 +17,20 @@ from ocptip.robots.collision.model import ShapeCollisions
 from ocptip.robots.collision.shapes import BodyShape
 from ocptip.robots.dynamics import evaluate_dynamics, inverse_dynamics, small_motions
 from ocptip.robots.geometry import CollisionModel, Obstacle, in_closed_form
-from ocptip.robots.kinematics import gripper_batch
+from ocptip.robots.kinematics import chain, gripper_batch
 from ocptip.robots.model import ArmModel
 from ocptip.robots.motors import Motors
 from ocptip.robots.payload import Payload
-from ocptip.robots.process import PATH, TIME
+from ocptip.robots.process import PATH, SHARE, TIME, ProcessWrench
 from ocptip.robots.spring_chain import SpringChain, spring_chain
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.sensor import WrenchSensor
 from ocptip.trajectories.arm_motion import MERGE, gauss_legendre
+from ocptip.trajectories.path import JointPath
 from ocptip.trajectories.sampled import Motion
 
 _STEP = 0.005  # s: between instants at which the gripper's way is looked at
+_STEPS = 2000  # of a path, likewise
 
 
 class StandingRobot(StandingMechanism):
@@ -129,10 +132,19 @@ class StandingRobot(StandingMechanism):
         return dynamics.torque, dynamics.wrench + support.weight
 
     @property
-    def unchanging(self) -> Self:
-        """The robot without a process that varies; itself if there is none."""
-        varies = self.arm.process is not None and self.arm.process.varies
-        return self.varied(arm=_without_process(self.arm)) if varies else self
+    def varying(self) -> ProcessWrench | None:
+        """The process, if it varies."""
+        return self.arm.process if self.arm.process is not None and self.arm.process.varies else None
+
+    def resting(self, share: float) -> Self:
+        """See `StandingMechanism.resting`."""
+        process = self.varying
+        if process is None:
+            return self
+        if share and process.over != SHARE:
+            return self.varied(arm=_without_process(self.arm))
+        force, moment = process.at(np.array([share]))
+        return self.varied(arm=self.arm.with_process(ProcessWrench(force[0], moment[0], process.axes)))
 
     def during(self, motion: Motion) -> Self:
         """The same robot with a process that varies over the time of a motion, if it varies.
@@ -146,9 +158,33 @@ class StandingRobot(StandingMechanism):
         times, values = np.array([0.0, motion.end]), np.array([0.0, 1.0])
         if process.over == PATH:
             times = np.linspace(0.0, motion.end, 1 + max(1, int(np.ceil(motion.end / _STEP))))
-            steps = np.linalg.norm(np.diff(self.tool(motion.states(times)[0]), axis=0), axis=1)
-            values = np.concatenate([[0.0], np.cumsum(steps)])
+            values = self._way(motion.states(times)[0])
         return self.varied(arm=self.arm.with_process(process.over_time(times, values)))
+
+    def along(self, path: JointPath) -> Self:
+        """The same robot with a process that varies over the way of the gripper point, if it varies.
+
+        Raises:
+            InputError: it varies over time, which a path has not yet.
+        """
+        process = self.arm.process
+        if process is None or not process.varies:
+            return self
+        if process.over != PATH:
+            raise InputError(
+                f"process: varies over {process.over}, which a path does not know before it is timed; "
+                "give it over path_m"
+            )
+        self.require_fit(path.joints)
+        first, last = path.breakpoints[[0, -1]]
+        places = np.union1d(np.linspace(first, last, _STEPS + 1), path.breakpoints)
+        own = process.over_time(places, self._way(path.at(places)[0]))
+        return self.varied(arm=self.arm.with_process(own))
+
+    def _way(self, q: np.ndarray) -> np.ndarray:
+        """(N,), m: how far the gripper point has gone on straight lines between postures (N, n)."""
+        steps = np.linalg.norm(np.diff(self.tool(q), axis=0), axis=1)
+        return np.concatenate([[0.0], np.cumsum(steps)])
 
     def pieces(self, motion: Motion) -> np.ndarray:
         """Intervals (S, 2), s, between events of the motion and knots of the process."""
@@ -164,14 +200,13 @@ class StandingRobot(StandingMechanism):
 
     def quadrature(self, motion: Motion, order: int) -> tuple[np.ndarray, np.ndarray]:
         """Nodes and weights, s, between events of the motion and knots of the process."""
-        varies = self.unchanging is not self
-        return gauss_legendre(self.pieces(motion), order) if varies else motion.quadrature(order)
+        return gauss_legendre(self.pieces(motion), order) if self.varying else motion.quadrature(order)
 
     def _small_motions(
         self, arm: ArmModel, springs: tuple[int, ...], q: np.ndarray, qd: np.ndarray, qdd: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """With the base."""
-        support, arm = self.support, _without_process(arm) if self.unchanging is not self else arm
+        support, arm = self.support, _without_process(arm) if self.varying else arm
         found = small_motions(arm, springs)(q, qd, qdd, support.gravity, support.center_of_mass)
         inertia, turning, stiffening = found
         inertia[:, :6, :6] += np.linalg.inv(support.inverse_mass)
@@ -218,11 +253,17 @@ class StandingRobot(StandingMechanism):
         position, rotation, _ = gripper_batch(self.arm)(q)
         return np.hstack([position, Rotation.from_matrix(rotation).as_quat()])
 
-    def load_expressions(self, q: cs.SX, qd: cs.SX, qdd: cs.SX) -> tuple[cs.SX, cs.SX]:
-        """The same as CasADi columns."""
-        support = self.support
-        torque, wrench = inverse_dynamics(self.arm)(
-            q, qd, qdd, support.gravity, [0, 0, 0], [0, 0, 0], support.center_of_mass
+    def load_expressions(
+        self, q: cs.SX, qd: cs.SX, qdd: cs.SX, process: cs.SX | None = None
+    ) -> tuple[cs.SX, cs.SX]:
+        """The same as CasADi columns; of a process that varies its present value (6,) is asked for."""
+        support, arm, force, moment = self.support, self.arm, cs.SX.zeros(3), cs.SX.zeros(3)
+        if process is not None and self.varying:
+            arm, turns = _without_process(self.arm), self.varying.turns_with_tool
+            turn = chain(arm, q)[0][-1] if turns else cs.SX.eye(3)
+            force, moment = (turn @ part for part in cs.vertsplit(process, 3))
+        torque, wrench = inverse_dynamics(arm)(
+            q, qd, qdd, support.gravity, force, moment, support.center_of_mass
         )
         return torque, wrench + support.weight
 

@@ -99,10 +99,10 @@ class Instants(Loaded):
         return cls(robot, q, *robot.loads(q, qd, qdd, times), robot.further(q, qd), qd, qdd)
 
     @classmethod
-    def at_rest(cls, robot: StandingMechanism, q: np.ndarray) -> Instants:
-        """At angles (N, n) without motion."""
+    def at_rest(cls, robot: StandingMechanism, q: np.ndarray, times: np.ndarray | None = None) -> Instants:
+        """At angles (N, n) without motion, and times (N,), s."""
         still = np.zeros_like(q)
-        return cls.of_states(robot, q, still, still)
+        return cls.of_states(robot, q, still, still, times)
 
     def __len__(self) -> int:
         """Number of instants."""

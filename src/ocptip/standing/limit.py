@@ -83,7 +83,7 @@ class NodeSlopes:
 
     Attributes:
         columns: of y.
-        s, s_x: (N, 3 n), (N, 3 n, nx): angles, speeds, accelerations.
+        s, s_x: (N, 3 n), (N, 3 n, nx): angles, speeds, accelerations, and a process that varies, 6 more.
         y, y_x: (N, ny), (N, ny, nx): quantities.
     """
 
@@ -102,7 +102,7 @@ class NodeSlopes:
     def motion_states(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Angles, speeds, accelerations, (N, n) each."""
         n = self.columns.n
-        return self.s[:, :n], self.s[:, n : 2 * n], self.s[:, 2 * n :]
+        return self.s[:, :n], self.s[:, n : 2 * n], self.s[:, 2 * n : 3 * n]
 
 
 @dataclass(frozen=True, eq=False)

@@ -26,8 +26,10 @@ from ocptip.robots.collision.gaps import Collisions
 from ocptip.robots.model import JointLimits
 from ocptip.robots.motors import Motors
 from ocptip.robots.payload import Payload
+from ocptip.robots.process import ProcessWrench
 from ocptip.robots.spring_chain import SpringChain
 from ocptip.standing.sensor import WrenchSensor
+from ocptip.trajectories.path import JointPath
 from ocptip.trajectories.sampled import Motion
 
 
@@ -223,8 +225,13 @@ class StandingMechanism(MadeOf, ABC):
         """
 
     @abstractmethod
-    def load_expressions(self, q: cs.SX, qd: cs.SX, qdd: cs.SX) -> tuple[cs.SX, cs.SX]:
-        """The same as CasADi columns (n,) and (6,)."""
+    def load_expressions(
+        self, q: cs.SX, qd: cs.SX, qdd: cs.SX, process: cs.SX | None = None
+    ) -> tuple[cs.SX, cs.SX]:
+        """The same as CasADi columns (n,) and (6,).
+
+        Where there is a `varying` process its present value (6,), in its axes, is asked for.
+        """
 
     def swing_loads(
         self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, times: np.ndarray | None = None
@@ -274,12 +281,23 @@ class StandingMechanism(MadeOf, ABC):
         return np.empty((len(q), 0))
 
     @property
-    def unchanging(self) -> Self:
-        """The same mechanism without what varies over motions; itself if there is none."""
+    def varying(self) -> ProcessWrench | None:
+        """The process, if it varies."""
+        return None
+
+    def resting(self, share: float) -> Self:
+        """The same mechanism as it rests before (0) or after (1) a motion that is not known.
+
+        Of what acts on it then, that is left out which depends on how long or how far the motion is.
+        """
         return self
 
     def during(self, motion: Motion) -> Self:
         """The same mechanism with what acts on it as a function of the time of a motion."""
+        return self
+
+    def along(self, path: JointPath) -> Self:
+        """The same mechanism, with places s on a path as the times of what acts on it."""
         return self
 
     def pieces(self, motion: Motion) -> np.ndarray:

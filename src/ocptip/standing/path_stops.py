@@ -125,17 +125,25 @@ Affine = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def affine_loads(
-    robot: StandingMechanism, q: np.ndarray, dq: np.ndarray, ddq: np.ndarray
+    robot: StandingMechanism,
+    q: np.ndarray,
+    dq: np.ndarray,
+    ddq: np.ndarray,
+    s: np.ndarray | None = None,
 ) -> tuple[Affine, Affine]:
     """Torques (N, n) and wrenches (N, 6) on the base as affine functions of u = s'' and x = s'^2.
 
     Args:
         robot: whose.
         q, dq, ddq: (N, n), a path and its first two derivatives over s.
+        s: (N,), of these places, for a robot that goes `along` the path.
     """
     still, count = np.zeros_like(q), len(q)
     torque, wrench = robot.loads(
-        np.vstack([q, q, q]), np.vstack([still, dq, still]), np.vstack([dq, ddq, still])
+        np.vstack([q, q, q]),
+        np.vstack([still, dq, still]),
+        np.vstack([dq, ddq, still]),
+        None if s is None else np.tile(s, 3),
     )
     one, other = (
         (part[:count] - part[2 * count :], part[count : 2 * count] - part[2 * count :], part[2 * count :])

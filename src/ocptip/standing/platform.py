@@ -224,7 +224,9 @@ class StandingParallelRobot(ParallelMechanism):
         forces, wrenches = self._loads(q, qd, qdd)
         return forces, wrenches
 
-    def load_expressions(self, q: cs.SX, qd: cs.SX, qdd: cs.SX) -> tuple[cs.SX, cs.SX]:
+    def load_expressions(
+        self, q: cs.SX, qd: cs.SX, qdd: cs.SX, process: cs.SX | None = None
+    ) -> tuple[cs.SX, cs.SX]:
         """The same as CasADi columns."""
         forces, wrench = self._loads.function.call([q, qd, qdd])
         return forces, wrench
@@ -271,7 +273,9 @@ class NumericParallelRobot(ParallelMechanism):
         moment += np.cross(self.position - self.support.center_of_mass, force)
         return forces, np.hstack([force, moment]) + self.support.weight
 
-    def load_expressions(self, q: cs.SX, qd: cs.SX, qdd: cs.SX) -> tuple[cs.SX, cs.SX]:
+    def load_expressions(
+        self, q: cs.SX, qd: cs.SX, qdd: cs.SX, process: cs.SX | None = None
+    ) -> tuple[cs.SX, cs.SX]:
         """There are none.
 
         Raises:

@@ -15,13 +15,14 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ocptip.basics.errors import InputError
 from ocptip.basics.toml import ROTATIONS, Table
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.placement.problem import PlacementLimits, PlacementProblem
 from ocptip.placement.result import Placement
 from ocptip.placement.within import searched
 from ocptip.robots.inverse.pose_target import PoseTarget
-from ocptip.robots.payload import Payload
+from ocptip.robots.process import ProcessWrench
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
@@ -38,6 +39,7 @@ _OF_PLACES = ("base_obstacle", "keep_out", "terrain", "weights", "references", "
 _LIMITS = tuple(field.name for field in fields(PlacementLimits))
 _SHARED_LIMITS = ("GN", "GT", "torque_ratio", "clearance")
 _LEVEL = 1e-9  # of gravity
+_ALONG = 1e-9  # N and N m
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,13 +87,13 @@ class CellTask:
         limits["reference_moment"] = self.problem.robot.tip_over.reference_moment
         obstacles = [_placed_obstacle(own, back, origin) for own in self.data.get("obstacle", [])]
         return {
-            **data,
+            **_turned(data, back),
             "gravity": _floats(back @ np.asarray(self.problem.gravity)),
             "tolerance": self.tolerance.to_table() or {"preset": "none"},
             "limits": limits,
             "obstacle": [*self.data.get("base_obstacle", []), *obstacles],
             "motion": _placed_ends(data["motion"], back, origin),
-            "segment": [_placed_ends(own, back, origin) for own in data["segment"]],
+            "segment": [_placed_ends(_turned(own, back), back, origin) for own in data["segment"]],
         }
 
     def _table(self, data: dict[str, Any]) -> Table:
@@ -121,19 +123,10 @@ def load_cell(path: str | os.PathLike[str], otherwise: Tolerance = NONE) -> Cell
         doubt_units(data)
         data.close(*TABLES, "segment", *_OF_PLACES)
         content = {key: data.value(key) for key in data}
-        _refuse_process(data, content)
         cycle = _unplaced(data, content, path)
         problem, tolerance = _problem(data, content, cycle, path, otherwise)
         doubt_masses(data, problem.robot)
         return CellTask(cycle.name, cycle, problem, tolerance, content, path)
-
-
-def _refuse_process(data: Table, content: dict[str, Any]) -> None:
-    segments = content["segment"] if isinstance(content["segment"], list) else []
-    tables = {"": content} | {f"segment[{k}].": own for k, own in enumerate(segments, 1)}
-    for place, own in tables.items():
-        if isinstance(own, dict) and "process" in own:
-            raise data.error("of cells is not looked at; forces at rest: ocptip place", f"{place}process")
 
 
 def _unplaced(data: Table, content: dict[str, Any], path: Path) -> CycleTask:
@@ -157,7 +150,18 @@ def _unplaced(data: Table, content: dict[str, Any], path: Path) -> CycleTask:
     for name, _, target in cycle.ends:
         if target and np.any(target.free):
             raise data.error(f"{name}: poses of a cell cannot be free along axes of the base", "segment")
+    for segment in cycle.segments:
+        _require_placeable(data, segment.task.robot)
     return cycle
+
+
+def _require_placeable(data: Table, robot: StandingMechanism) -> None:
+    """Raise InputError where a process is given in axes that nobody knows before the base has its place."""
+    process = robot.arm.process if isinstance(robot, StandingRobot) else None
+    if process is not None and process.axes == "base":
+        raise data.error("of a cell is in axes of the tool or the world, got 'base'", "process.axes")
+    if process is not None and process.varies and process.axes == "world":
+        raise data.error("of a cell that varies is in axes of the tool, got 'world'", "process.axes")
 
 
 def _end(
@@ -184,7 +188,10 @@ def _problem(
     own = content.get("limits", {})
     asked["limits"] = {key: own[key] for key in (*_LIMITS, "reference_moment") if key in own}
     asked["task"] = list(_gripper_tasks(cycle))
-    asked["unloaded"] = any(segment.task.robot.payload is None for segment in cycle.segments)
+    robots = [segment.task.robot for segment in cycle.segments]
+    asked["unloaded"] = any(
+        own.payload is None and _process(own, share) is None for own in robots for share in (0, 1)
+    )
     tolerance = cycle.limits.tolerance if "tolerance" in content else otherwise
     problem = read_problem(Table(asked, path.name, folder=path.parent), searched(tolerance))
     for number, stand in enumerate(problem.stands, 1):
@@ -194,31 +201,74 @@ def _problem(
 
 
 def _gripper_tasks(cycle: CycleTask) -> Iterator[dict[str, Any]]:
-    """Tables `[[task]]`: the poses, with the weights of what is held there."""
+    """Tables `[[task]]`: the poses, with the weights of what is held there, and the processes."""
     names, segments = ["start", *cycle.titles()], cycle.segments
     ends = cycle.ends[:-1] if cycle.closed else cycle.ends
     gravity = cycle.robot.support.gravity
     for number, (_, _, target) in enumerate(ends):
         if target is None:
             continue
-        around = [number - 1] if number or cycle.closed else []
-        around += [number] if number < len(segments) else []
-        held = {id(p): p for p in (segments[k].task.robot.payload for k in around) if p is not None}
+        around = [(number - 1, 1)] if number or cycle.closed else []
+        around += [(number, 0)] if number < len(segments) else []
+        loads = [_load(segments[k].task.robot, share, target, gravity) for k, share in around]
+        acting = dict.fromkeys(own for own in loads if own is not None)
         turning = {"orientation": "axis", "tool_axis": _floats(target.axis)} if target.turns_freely else {}
         yield {
             "name": names[number],
             "position": _floats(target.position),
             **_turn(target.rotation),
             **turning,
-            "load": [_weight(p, target.rotation, gravity, k) for k, p in enumerate(held.values(), 1)],
+            "load": [
+                {"name": f"{name} {k}", "force": list(wrench[:3]), "moment": list(wrench[3:])}
+                for k, (name, wrench) in enumerate(acting, 1)
+            ],
         }
 
 
-def _weight(payload: Payload, rotation: np.ndarray, gravity: np.ndarray, number: int) -> dict[str, Any]:
-    """A payload at rest as a process load, world axes."""
-    force = payload.mass * gravity
-    moment = np.cross(rotation @ payload.center_of_mass, force)
-    return {"name": f"payload {number}", "force": _floats(force), "moment": _floats(moment)}
+def _process(robot: StandingMechanism, share: float) -> ProcessWrench | None:
+    """What acts on the gripper at rest before (0) or after (1) a motion."""
+    own = robot.resting(share)
+    return own.arm.process if isinstance(own, StandingRobot) else None
+
+
+def _load(
+    robot: StandingMechanism, share: float, target: PoseTarget, gravity: np.ndarray
+) -> tuple[str, tuple[float, ...]] | None:
+    """What a gripper holds and what acts on it at rest, together, with a name: a wrench in world axes.
+
+    Raises:
+        InputError: a process whose direction is not known where the gripper turns freely.
+    """
+    payload, process, rotation = robot.payload, _process(robot, share), target.rotation
+    force, moment, names = np.zeros(3), np.zeros(3), []
+    if payload is not None:
+        force = payload.mass * gravity
+        moment, names = np.cross(rotation @ payload.center_of_mass, force), ["payload"]
+    if process is not None:
+        own, turn = process.wrench.reshape(2, 3), rotation if process.turns_with_tool else np.eye(3)
+        if (
+            target.turns_freely
+            and process.turns_with_tool
+            and np.any(np.abs(np.cross(own, target.axis)) > _ALONG)
+        ):
+            raise InputError(
+                "process: turns with a gripper that turns freely at a pose; give it along that axis"
+            )
+        force, moment = force + turn @ own[0], moment + turn @ own[1]
+        names.append("process")
+    return (" and ".join(names), tuple(_floats(np.concatenate([force, moment])))) if names else None
+
+
+def _turned(table: dict[str, Any], back: np.ndarray) -> dict[str, Any]:
+    """The same table with the processes in it, where they are in axes of the world, in base axes."""
+    process = table.get("process")
+    if not isinstance(process, dict):
+        return table
+    own = {name: _turned({"process": value}, back)["process"] for name, value in process.items()}
+    if process.get("axes") == "world":
+        vectors = {key: _floats(back @ np.array(own[key])) for key in ("force", "moment") if key in own}
+        own = {**own, **vectors, "axes": "base"}
+    return {**table, "process": own}
 
 
 def _placed_ends(table: dict[str, Any], back: np.ndarray, origin: np.ndarray) -> dict[str, Any]:

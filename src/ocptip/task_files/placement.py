@@ -78,6 +78,10 @@ def load_placement(path: str | os.PathLike[str], otherwise: Tolerance = NONE) ->
     path = Path(path)
     with Table.read(path) as data:
         require_kind(data, "place")
+        if "process" in data:
+            raise data.error(
+                "of a placement belongs to its poses: [[task]] load = [{ force, moment }]", "process"
+            )
         doubt_units(data)
         data.close("name", "unloaded", *SCENE, "arm", "payload", "motors", *_OBSTACLES, *_TABLES)
         tolerance = tolerance_of(data, otherwise)

@@ -14,10 +14,9 @@ import numpy as np
 
 from ocptip.motion.choices import plainest_cost
 from ocptip.motion.cycles.task import CycleTask, Segment
-from ocptip.motion.task import MotionTask
+from ocptip.motion.task import MotionTask, end_refusals
 from ocptip.robots.inverse.joint_angles import within_limits
 from ocptip.standing.arm import StandingRobot
-from ocptip.standing.rest import posture_refusals
 
 CANDIDATES = 12  # postures per pose, at most: those through which the shortest ways lead
 LOOKED_AT = 32
@@ -46,10 +45,10 @@ def layers_of(task: CycleTask) -> list[np.ndarray]:
         else:
             layers.append(_copies(segment, task.starts))
     for number in range(len(segments) + (not task.closed)):
-        tasks = [segments[k].task for k in (number - 1, number) if 0 <= k < len(segments)]
+        ends = [(segments[k].task, number - k) for k in (number - 1, number) if 0 <= k < len(segments)]
         if task.closed and number == 0:
-            tasks.append(segments[-1].task)
-        layers[number] = _standing(tasks, layers[number])
+            ends.append((segments[-1].task, 1))
+        layers[number] = _standing(ends, layers[number])
     if task.closed:
         layers[-1] = layers[0]
     return _promising(task, layers)
@@ -161,9 +160,12 @@ def _copies(segment: Segment, starts: np.ndarray) -> np.ndarray:
     return np.array(kept)
 
 
-def _standing(tasks: Sequence[MotionTask], postures: np.ndarray) -> np.ndarray:
-    """Those of the postures (k, n) in which all robots stand at rest; else the one with fewest reasons."""
+def _standing(ends: Sequence[tuple[MotionTask, int]], postures: np.ndarray) -> np.ndarray:
+    """Those of the postures (k, n) in which all robots stand at rest; else the one with fewest reasons.
+
+    `ends` are motions that begin (0) or end (1) there.
+    """
     if len(postures) == 1:
         return postures
-    reasons = np.array([sum(len(posture_refusals(t.robot, t.limits, q)) for t in tasks) for q in postures])
+    reasons = np.array([sum(len(end_refusals(*end, q)) for end in ends) for q in postures])
     return postures[reasons == 0] if (reasons == 0).any() else postures[[int(np.argmin(reasons))]]

@@ -14,11 +14,11 @@ import numpy as np
 from ocptip.motion.cycles.choices import WORSE, Way, leg_cost
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.motion.planner.free_ends import FOUND_MARGIN
+from ocptip.motion.task import end_refusals
 from ocptip.robots.inverse.pose_search import pose_errors, search
 from ocptip.robots.inverse.pose_target import REACHED, PoseTarget
 from ocptip.robots.model import ArmModel
 from ocptip.standing.arm import StandingRobot
-from ocptip.standing.rest import posture_refusals
 
 STEPS = (0.5, 0.25, 0.125, 0.0625)
 """Of a range of the gripper point; of `TURN` along a redundancy."""
@@ -153,8 +153,8 @@ class MovedWay:
 
     def _refused(self, end: int, q: np.ndarray) -> bool:
         """Whether a robot that gets or leaves there does not rest there within its limits."""
-        tasks = [self._task.segments[k].task for k in self._around(end)]
-        return any(posture_refusals(task.robot, task.limits, q) for task in tasks)
+        meeting = self._around(end)
+        return any(end_refusals(self._task.segments[k].task, int(k != end), q) for k in meeting)
 
 
 def posture_near(arm: ArmModel, target: PoseTarget, q: np.ndarray) -> tuple[np.ndarray, float]:

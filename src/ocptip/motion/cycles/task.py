@@ -58,7 +58,7 @@ class Segment:
 
     def standby(self, q: np.ndarray) -> float:
         """Electric power at rest in posture q, (n,), W."""
-        robot, still = self.task.robot, np.zeros((1, self.task.robot.n))
+        robot, still = self.task.robot.resting(1), np.zeros((1, self.task.robot.n))
         torques, _ = robot.loads(q[None], still, still)
         drawn = robot.motors.power(torques, robot.motor_speeds(q[None], still))
         return float(np.sum(drawn)) + robot.support.power

@@ -18,7 +18,7 @@ from ocptip.motion.planner.deviating import Deviating, Place, masks_of
 from ocptip.motion.planner.event_order import SLOWEST, EventOrder, order_of, unit_row
 from ocptip.motion.planner.free_ends import FreeEnds
 from ocptip.motion.planner.node_physics import NodePhysics
-from ocptip.motion.planner.profiles import Layout, Nodes, Profiles
+from ocptip.motion.planner.profiles import Course, Layout, Nodes, Profiles
 from ocptip.motion.planner.program import MotionProgram, Structure
 from ocptip.motion.task import LONGEST
 from ocptip.standing.limit import DEVIATING, JUMP, ORDINARY
@@ -241,7 +241,7 @@ class Formulation:
             weights = np.vstack([weights, np.zeros((2, layout.size))])
         ends = self.start, self.goal, arm.speed
         profiles = Profiles(layout, *ends, rounding=0.5 * width, rise_times=self.rise_times)
-        nodes = Nodes(profiles, times, half_width=width)
+        nodes = Nodes(profiles, times, half_width=width, course=self._course(layout))
         speeds = np.full((len(times), layout.n), smoothing.power)
         kept = limits_of(self.robot, limits, layout.joints)
         structure = self._smooth_structure(smoothing, width)
@@ -290,7 +290,10 @@ class Formulation:
             if isinstance(place, Deviating):
                 times[node] = events[place.event] + place.after * unit_row(layout, layout.one)
                 masks[node], kinds[node] = masks_of(order, place), DEVIATING
-        placed = Nodes(profiles, times, masks=masks, late=late, regime=order.regime, kinds=kinds)
+        course = self._course(layout)
+        placed = Nodes(
+            profiles, times, masks=masks, late=late, regime=order.regime, kinds=kinds, course=course
+        )
         directions = order.directions[np.clip(index, 0, last)]
         if self.physics.smooth:  # the order says nothing about the motors' directions
             directions = np.full(directions.shape, COARSE.power)
@@ -386,6 +389,9 @@ class Formulation:
                 rows.equal(order.speed(x, self.rise_times[joint], joint, x[layout.crossing + index], group))
         rows.at_least(cs.mtimes(cs.DM(order.steps), x))
         return rows.structure(x, lower, upper)
+
+    def _course(self, layout: Layout) -> Course | None:
+        return Course.of(self.robot.varying, self._last(layout))
 
     def _last(self, layout: Layout) -> np.ndarray:
         """The row of the end of the motion, that of its ramps and the rise."""

@@ -16,6 +16,8 @@ from ocptip.standing.mechanism import StandingMechanism
 class NodePhysics:
     """Quantities y = (power; torques (n); wrench (6); further (k)) of a robot over s = (q, qd, qdd) (3 n).
 
+    Of a robot with a process that varies s has this process's present value, too: (3 n + 6).
+
     Power is the sum over the joints, W; torques in N m; the wrench acts on the base about its centre of mass,
     its weight included, N and N m; further quantities: see `StandingMechanism`. Where a drive's power jumps
     with the direction of motion, one more input says how: the direction itself (+1 or -1 per joint), or in
@@ -38,10 +40,12 @@ class NodePhysics:
     def __init__(self, robot: StandingMechanism, smooth: bool = False) -> None:
         self.robot, self.smooth = robot, smooth or not robot.direct_drives
         n = self.n = robot.n
+        self._size = 3 * n + 6 * (robot.varying is not None)
         self.columns = NodeColumns(n, robot.further_limits.count)
-        self._s = cs.SX.sym("s", 3 * n)
-        q, qd, qdd = cs.vertsplit(self._s, n)
-        self._z = cs.vertcat(*robot.load_expressions(q, qd, qdd), robot.further_expressions(q, qd))
+        self._s = cs.SX.sym("s", self._size)
+        q, qd, qdd, *process = cs.vertsplit(self._s, sorted({0, n, 2 * n, 3 * n, self._size}))
+        loads = robot.load_expressions(q, qd, qdd, *process)
+        self._z = cs.vertcat(*loads, robot.further_expressions(q, qd))
         self._speeds = -1 if robot.direct_drives else self._z.numel() - n  # where they stand in z
         jacobian = cs.jacobian(self._z, self._s)
         self._values = self._batch("values", [self._s], [self._z])
@@ -89,8 +93,8 @@ class NodePhysics:
         found = self._jacobian.in_columns(s.T)
         count = self._z.numel()
         power = self._powers(s, found[:count], direction)
-        y, slope = np.empty((len(s), 1 + count)), np.empty((len(s), 1 + count, 3 * self.n))
-        _join(found, power, self._speeds, y, slope)
+        y, slope = np.empty((len(s), 1 + count)), np.empty((len(s), 1 + count, self._size))
+        _join(found, power, self.n, self._speeds, y, slope)
         return NodeJacobian(s, y, slope, power[1:])
 
     def _powers(self, s: np.ndarray, z: np.ndarray, direction: np.ndarray) -> np.ndarray:
@@ -101,10 +105,10 @@ class NodePhysics:
 
     def hessian(self, at: NodeJacobian, weights: np.ndarray) -> np.ndarray:
         """Second derivative (N, 3 n, 3 n) of the sum of weights (N, 7 + n + k) times y."""
-        inputs = np.empty((3 * self.n + self._z.numel(), len(at.s)))
-        _weigh(at.s, weights, at.of_power, self._speeds, inputs)
-        result = np.empty((len(at.s), 3 * self.n, 3 * self.n))
-        _bend(self._hessian.in_columns(inputs), at.slope, at.of_power, weights, self._speeds, result)
+        inputs = np.empty((self._size + self._z.numel(), len(at.s)))
+        _weigh(at.s, weights, at.of_power, self.n, self._speeds, inputs)
+        result = np.empty((len(at.s), self._size, self._size))
+        _bend(self._hessian.in_columns(inputs), at.slope, at.of_power, weights, self.n, self._speeds, result)
         return result
 
 
@@ -123,10 +127,10 @@ class NodeJacobian:
 
 
 @compiled
-def _join(found, power, speeds, y, slope):
-    """Put z, its slopes and the power's into y (N, 1 + m) and slope (N, 1 + m, 3 n)."""
+def _join(found, power, n, speeds, y, slope):
+    """Put z, its slopes and the power's into y (N, 1 + m) and slope (N, 1 + m, 3 n or more)."""
     N, rows, columns = slope.shape
-    n, m = columns // 3, rows - 1
+    m = rows - 1
     for i in range(N):
         y[i, 0] = power[0, i]
         for k in range(m):
@@ -146,10 +150,10 @@ def _join(found, power, speeds, y, slope):
 
 
 @compiled
-def _weigh(s, weights, of_power, speeds, inputs):
+def _weigh(s, weights, of_power, n, speeds, inputs):
     """Put states, and the weights of z with the power's part, into inputs (3 n + m, N)."""
     N, columns = s.shape
-    n, m = columns // 3, weights.shape[1] - 1
+    m = weights.shape[1] - 1
     for i in range(N):
         for c in range(columns):
             inputs[c, i] = s[i, c]
@@ -162,10 +166,9 @@ def _weigh(s, weights, of_power, speeds, inputs):
 
 
 @compiled
-def _bend(inner, slope, of_power, weights, speeds, result):
+def _bend(inner, slope, of_power, weights, n, speeds, result):
     """Put inner second derivatives (9 n^2, N), and what the power's own add, into result (N, 3 n, 3 n)."""
     N, size, _ = result.shape
-    n = size // 3
     for i in range(N):
         H, on = result[i], weights[i, 0]
         for c in range(size):

@@ -27,6 +27,7 @@ from ocptip.motion.planner.profile_kernels import (
     joint_states,
     put_corners,
 )
+from ocptip.robots.process import PATH, TIME, ProcessWrench
 
 
 class Layout:
@@ -212,12 +213,53 @@ class Profiles:
 
 
 @dataclass(frozen=True, eq=False)
+class Course:
+    """A process that varies over time, or over the share of the motion's duration, at nodes.
+
+    Attributes:
+        process: whose.
+        end: (nx,), the duration is end @ x, s.
+    """
+
+    process: ProcessWrench
+    end: np.ndarray
+
+    @classmethod
+    def of(cls, process: ProcessWrench | None, end: np.ndarray) -> Course | None:
+        """None if nothing varies; tasks with a process over the way of the gripper are refused."""
+        assert process is None or process.over != PATH
+        return None if process is None else cls(process, end)
+
+    def values(self, x: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Force and moment (N, 6) at times @ x, times (N, nx), and slopes (N, 6, nx)."""
+        at, on_x = self._places(x, times)
+        return np.hstack(self.process.at(at)), self.process.slopes(at)[:, :, None] * on_x[:, None]
+
+    def add_second(self, hessian: np.ndarray, x: np.ndarray, times: np.ndarray, weights: np.ndarray) -> None:
+        """Add the sum of weights (N, 6) times the second derivatives."""
+        if self.process.over == TIME:
+            return
+        at, _ = self._places(x, times)
+        weight, length = np.sum(weights * self.process.slopes(at), axis=1), self.end @ x
+        mixed = np.outer(weight @ times, self.end)
+        hessian += (2 * (weight @ at) * np.outer(self.end, self.end) - mixed - mixed.T) / length**2
+
+    def _places(self, x: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(N,) what it varies with, and its slopes (N, nx)."""
+        at = times @ x
+        if self.process.over == TIME:
+            return at, times
+        length = self.end @ x
+        return at / length, (times - np.outer(at / length, self.end)) / length
+
+
+@dataclass(frozen=True, eq=False)
 class NodeStates:
     """Joint states at N nodes and their derivatives with respect to x.
 
     Attributes:
-        values: (N, 3 n): angles, speeds, accelerations.
-        jacobian: (N, 3 n, nx).
+        values: (N, 3 n): angles, speeds, accelerations; force and moment of a process that varies, 6 more.
+        jacobian: (N, 3 n, nx), or 6 more.
     """
 
     values: np.ndarray
@@ -238,6 +280,7 @@ class Nodes:
         regime: of the passive joints, see `Profiles`.
         kinds: (N,) of the nodes, see `standing.limit`; at jumps masks are 1 + kappa at the event's corners;
             default all ordinary.
+        course: of a process that varies.
     """
 
     def __init__(
@@ -250,7 +293,9 @@ class Nodes:
         half_width: float = 0.0,
         regime: dict[int, bool] | None = None,
         kinds: np.ndarray | None = None,
+        course: Course | None = None,
     ) -> None:
+        self.course = course
         self.profiles, self.times, self.regime = profiles, np.ascontiguousarray(times), regime
         self.masks, self.late = (
             np.zeros((0, 0, 0)) if own is None else np.ascontiguousarray(own, dtype=float)
@@ -277,12 +322,18 @@ class Nodes:
         if profiles.layout.free[0]:
             joints = list(profiles.layout.joints)
             jacobian[:, joints, range(profiles.layout.start.start, profiles.layout.start.stop)] += 1.0
+        if self.course is not None:
+            force, slopes = self.course.values(x, self.times)
+            values, jacobian = np.hstack([values, force]), np.concatenate([jacobian, slopes], axis=1)
         return NodeStates(values, jacobian, steps, corners)
 
     def second(self, hessian: np.ndarray, x: np.ndarray, states: NodeStates, weights: np.ndarray) -> None:
         """Add sum over nodes and states of weights ((N, 3 n)) times the states' second derivatives."""
         profiles, T = self.profiles, self.times
         corners = states._corners
+        if self.course is not None:
+            self.course.add_second(hessian, x, T, weights[:, -6:])
+            weights = np.ascontiguousarray(weights[:, :-6])
         on_steps, on_times, on_t, mixed = add_second_derivatives(
             hessian,
             weights,

@@ -311,7 +311,8 @@ class MotionProgram:
             s, columns = self.nodes.states(x).values, self.physics.columns
             y = self.physics.values(s, self.directions)
             parts = y[:, columns.torque], y[:, columns.wrench], y[:, columns.further]
-            q, qd, qdd = np.split(s, 3, axis=1)
+            n = self.physics.n
+            q, qd, qdd = s[:, :n], s[:, n : 2 * n], s[:, 2 * n : 3 * n]
             self._looked = x.copy(), Instants(self.physics.robot, q, *parts, qd, qdd)
         return self._looked[1]
 

@@ -98,11 +98,13 @@ def _candidate(
 
 def _path_violation(robot: StandingMechanism, motion: ArmMotion, limits: tuple[Limit, ...]) -> float:
     """How far the path, taken at rest, misses its limits: 0 or less if it keeps them."""
-    at = Instants.at_rest(robot, motion.states(np.linspace(0, motion.end, INSTANTS))[0])
+    times = np.linspace(0, motion.end, INSTANTS)
+    at = Instants.at_rest(robot.during(motion), motion.states(times)[0], times)
     return float(np.max([limit.path_excess(at) for limit in limits]))
 
 
 def stands(robot: StandingMechanism, motion: ArmMotion, limits: tuple[Limit, ...]) -> bool:
     """Whether a motion keeps the limits of the contacts, looked at coarsely."""
-    at = Instants.of_states(robot, *motion.states(motion.quadrature(4)[0]))
+    times = motion.quadrature(4)[0]
+    at = Instants.of_states(robot.during(motion), *motion.states(times), times)
     return all(limit.kept(at) for limit in limits if limit.of_contacts)
