@@ -20,6 +20,7 @@ from ocptip.trajectories.sampled import Motion
 
 STEP, PERIOD = 1e-4, 1e-3  # s
 BEFORE, AFTER, SETTLED = 0.15, 0.3, 0.05  # s
+RANGE = 0.5, 99.5  # %, of samples
 NOISE = {
     "q": 2e-4,
     "tau": 0.1,
@@ -49,7 +50,7 @@ class Faults:
         sensor_delay: s, of the force-torque sensor.
         zeros: by signal, SI.
         noisy: factor by signal.
-        clip: share of its range, by signal, above which it is cut off.
+        clip: share of its range, that of 99 % of the samples, by signal, above which it is cut off.
         missing: signals without samples in a fifth of the time.
     """
 
@@ -85,7 +86,8 @@ def sampled(
         y = y + faults.zeros.get(name, 0.0)
         y += faults.noisy.get(name, 1.0) * _noise(name) * rng.normal(size=len(y))
         if name in faults.clip:
-            y = np.minimum(y, y.min() + faults.clip[name] * np.ptp(y))
+            low, high = np.percentile(y, RANGE)  # single spikes are no range
+            y = np.minimum(y, low + faults.clip[name] * (high - low))
         if name in faults.missing:
             first = int(rng.uniform(0.1, 0.7) * len(y))
             y[first : first + len(y) // 5] = np.nan

@@ -59,6 +59,10 @@ def test_friction_elasticity_and_zeros_together():
     recording = recorded(5, elastic=springs)
     state = plan.state(recording.times - 0.1234567, np.zeros(6), np.zeros(25))
     tau = values_of(recording, "tau2") + 2.0 * np.sign(state.qd[:, 1]) + 1.5 * state.qd[:, 1]
+    torques = state.torques.copy()
+    torques[:, 1] += 2.0 * np.sign(state.qd[:, 1]) + 1.5 * state.qd[:, 1]
+    more = (plan.power(replace(state, torques=torques)) - plan.power(state)).sum(axis=1)
+    recording = changed(recording, "power", values_of(recording, "power") + more)  # drives bear it
     recording = changed(recording, "tau2", tau)
     recording = changed(recording, "fx", values_of(recording, "fx") + 3.0)
     found = {one.name: one for one in compare(recording, plan).findings}

@@ -224,3 +224,17 @@ def test_limits_say_what_is_asked_of_the_worst_case():
     assert limits.to_dict()["GN_worst_case"] == 0.999
     assert limits.to_dict()["tolerance"]["speed"] == 0.03
     assert "tolerance" not in MotionLimits().to_dict()
+
+
+def test_half_spaces_tell_of_postures_what_the_search_for_the_worst_slip_finds():
+    """On four feet; where they say that GT is kept, no search finds more, and they say it of most."""
+    task = load_task(EXAMPLES / "tasks" / "ur5_sander.toml")
+    q = np.random.default_rng(4).uniform(-1.5, 1.5, (6, 6)) * [1, 0.5, 1, 1, 1, 1] - [0, 1.2, 0, 0, 0, 0]
+    s = np.hstack([q, np.zeros((6, 12))])
+    cases = worst_case_of(task.robot, Tolerance(arm_mass=0.05, friction=0.2, tilt=0.01, push=5.0))
+    worst = cases.slip(s, starts=3).values
+    for GT in (0.9 * worst.min(), np.median(worst), 1.1 * worst.max()):
+        told = np.array([cases.keeps_slip(s[k : k + 1], GT) for k in range(len(s))])
+        assert np.all(worst[told] <= GT)
+        assert np.all(told[worst < 0.95 * GT])
+    assert not cases.keeps_slip(s, np.median(worst))

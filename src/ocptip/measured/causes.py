@@ -114,6 +114,12 @@ def lag_column(predictor: Predictor, kind: str) -> int:
     return 1 + (4 * predictor.robot.arm.links + 1) + 3 * predictor.robot.n + list(_LAGS).index(kind)
 
 
+def friction_columns(predictor: Predictor) -> slice:
+    """Numbers of Coulomb, then viscous frictions among `of_loads`."""
+    first = mass_columns(predictor).stop
+    return slice(first, first + 2 * predictor.robot.n)
+
+
 def mass_columns(predictor: Predictor) -> slice:
     """Numbers of masses and centres of mass among `of_loads`."""
     return slice(1, 2 + 4 * predictor.robot.arm.links)
@@ -138,6 +144,10 @@ def columns_of_loads(
         slopes = predictor.power_slopes(state)[:, drives]
         found[:, mass_columns(predictor)] = np.einsum("nj,njk->nk", slopes, state.slopes[:, drives])
         found[:, first + 2 * n + drives] = slopes * turning[:, drives]
+        told = np.array([s.index for s in signals if s.kind == TORQUE], dtype=int)
+        rubs = np.isin(drives, told)  # what torques show is what drives deliver
+        found[:, first + drives[rubs]] = (slopes * turning[:, drives])[:, rubs]
+        found[:, first + n + drives[rubs]] = (slopes * state.drives[:, drives])[:, rubs]
     found[:, CLOCK] = found[:, lag_column(predictor, one.kind)] = later
     found[:, first + 3 * n + len(_LAGS) + k] = 1.0
     return found

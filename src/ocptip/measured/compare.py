@@ -229,6 +229,8 @@ class _Comparing:
         predictor, found, first = self.predictor, self.found, self.found.clock
         possible = causes.of_loads(predictor, signals)
         theta = np.zeros(len(possible))
+        before = slice(causes.mass_columns(predictor).start, causes.friction_columns(predictor).stop)
+        theta[before] = found.loads[before]
         for kind in {one.kind for one in signals}:
             own = [self.single[one.name] for one in signals if one.kind == kind and one.name in self.single]
             if np.isfinite(own).any():
@@ -254,15 +256,16 @@ class _Comparing:
         """Residuals of loads, to which what the prediction holds already is added again."""
         predictor, blocks = self.predictor, []
         masses, step = causes.mass_columns(predictor), _TINY * self.recording.period
+        rubbing = causes.friction_columns(predictor)
         for kind in (TORQUE, WRENCH, POWER):
             own = [k for k, one in enumerate(signals) if one.kind == kind]
             if not own:
                 continue
             lag = inside[causes.lag_column(predictor, kind)]
             held = np.zeros(len(inside))
-            held[masses], held[CLOCK] = inside[masses], inside[CLOCK]
+            held[masses], held[rubbing], held[CLOCK] = inside[masses], inside[rubbing], inside[CLOCK]
             held[causes.lag_column(predictor, kind)] = lag
-            state, before, after = (self.state(lag, shift) for shift in (0.0, -step, step))
+            state, before, after = self._rubbing([self.state(lag, shift) for shift in (0.0, -step, step)])
             away = self._away(self.found.clock + lag)
             for k in own:
                 one = signals[k]
@@ -272,6 +275,13 @@ class _Comparing:
                 values = one.values - predictor.signal(kind, one.index, state) + columns @ held
                 blocks.append(Block(values, columns, self.kept[one.name] & away, resolution(one.values)))
         return blocks
+
+    def _rubbing(self, states: Sequence[State]) -> list[State]:
+        """The same with the friction that was found in torques, as the first one's drives turn."""
+        columns, drives = causes.friction_columns(self.predictor), states[0].drives
+        coulomb, viscous = np.split(self.found.loads[columns], 2)
+        friction = coulomb * np.sign(drives) + viscous * drives
+        return [replace(state, torques=state.torques + friction) for state in states]
 
     # --- results ------------------------------------------------------------------------------------------
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from ocptip.motion.planner.one_start import free_ends
 from ocptip.motion.planner.random_start import SLOWER, stands
-from ocptip.motion.task import MotionTask, refusals
+from ocptip.motion.task import MotionTask, end_refusals, refusals
 from ocptip.standing.limit_kinds import limits_of
 from ocptip.trajectories.arm_motion import ArmMotion
 
@@ -33,10 +33,19 @@ def likely_choices(task: MotionTask) -> list[MotionTask]:
     speed = np.where(np.isfinite(limits.speed), limits.speed, 1.0)
     pairs = sorted(task.choices, key=lambda pair: float(np.sum(np.abs(pair[1] - pair[0]) / speed)))
     tasks: list[MotionTask] = []
-    apart = APART if free_ends(task) else 0.0
+    apart, rests = APART if free_ends(task) else 0.0, dict[tuple[int, bytes], bool]()
+
+    def stays(share: int, q: np.ndarray) -> bool:
+        key = share, q.tobytes()  # many pairs have the same ends
+        if key not in rests:
+            rests[key] = not end_refusals(task, share, q)
+        return rests[key]
+
     for start, goal in pairs:
         one = replace(task, start=start, goal=goal, choices=())
-        if all(_difference(one, other) >= apart for other in tasks) and not refusals(one):
+        if any(_difference(one, other) < apart for other in tasks) or refusals(one, at_rest=False):
+            continue
+        if stays(0, start) and stays(1, goal):
             tasks.append(one)
         if len(tasks) == LOOKED_AT:
             break

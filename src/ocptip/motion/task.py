@@ -113,12 +113,12 @@ class MotionTask:
                 raise InputError(f"targets: {name} misses its gripper pose by {miss:.2g} (m, rad)")
 
 
-def refusals(task: MotionTask) -> tuple[str, ...]:
+def refusals(task: MotionTask, *, at_rest: bool = True) -> tuple[str, ...]:
     """Why no plan can succeed, one sentence with numbers per reason; empty if nothing speaks against trying.
 
     Start and goal have to keep the joints' limits, the clearance, and at rest the reserves and the torques;
     every joint needs limits of speed and acceleration. Stops by brakes have to keep theirs when the motion
-    has just begun, with all joints moving that have to.
+    has just begun, with all joints moving that have to. Without `at_rest` start and goal are not looked at.
     """
     limits, found = task.robot.limits, []
     if task.robot.varying is not None and task.robot.varying.over == PATH:
@@ -141,7 +141,8 @@ def refusals(task: MotionTask) -> tuple[str, ...]:
             )
         elif task.limits.min_duration > most:
             found.append(f"duration: is {task.limits.min_duration:.4g} s, {most:.4g} s {allowed}")
-    for where, angles, share in (("start", task.start, 0), ("goal", task.goal, 1)):
+    postures = (("start", task.start, 0), ("goal", task.goal, 1)) if at_rest else ()
+    for where, angles, share in postures:
         found += [f"{where}: {reason}" for reason in end_refusals(task, share, angles)]
     return (*found, *_brake_refusals(task))
 

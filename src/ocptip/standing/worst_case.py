@@ -172,6 +172,24 @@ class WorstCase:
         assert found is not None  # one start at least
         return found
 
+    def keeps_slip(self, s: np.ndarray, GT: float) -> bool:
+        """Whether half spaces tell that slip reserves at states (N, 3 n) are at most GT, at the worst.
+
+        False, too, where there are none, or where only the round cones are wide enough.
+        """
+        rows = self.robot.slip.half_spaces(GT)
+        if rows is None:
+            return False
+        states, a = np.repeat(s, len(rows), axis=0), np.tile(rows, (len(s), 1))
+        theta = np.zeros((len(states), self.deviations.size))
+        for k in range(ROUNDS + 1):
+            wrenches, over = self.deviations.wrench_and_slopes(states, theta)
+            if np.any(np.einsum("nw,nw->n", a, wrenches) > 0):
+                return False
+            if k < ROUNDS:
+                theta = self.deviations.least(-np.einsum("nw,nwt->nt", a, over))
+        return True
+
     def estimated_slip(self, s: np.ndarray, room: np.ndarray | None = None) -> np.ndarray:
         """(N,) slip reserves at the worst by their slopes at the state as described."""
         found, slopes = self._slip_at(s, np.zeros((len(s), self.deviations.size)))

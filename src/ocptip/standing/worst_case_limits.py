@@ -200,12 +200,16 @@ class WorstSlipLimit(WorstCaseLimit):
         return bool(np.all(self._smooth.slip(at.s).values <= self._most))
 
     def refusals(self, at: Instants) -> list[str]:
+        if self.cases.keeps_slip(at.s, self.number):
+            return []
         found = self.cases.slip(at.s, starts=9)
         if found.values[0] <= self.number:
             return []
 
         def kept(cases: WorstCase) -> bool:
-            return bool(np.all(cases.slip(at.s, starts=9).values <= self.number))
+            return cases.keeps_slip(at.s, self.number) or bool(
+                np.all(cases.slip(at.s, starts=9).values <= self.number)
+            )
 
         return [self._refusal("slip GT", float(found.values[0]), at, found.theta[0], kept)]
 
