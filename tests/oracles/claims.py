@@ -18,7 +18,7 @@ _LOOSE = 1e-7  # relative: roundings of the program
 def falsehood(data, rng, samples):
     """What is not so at one of some instants, each in the world as described and in one of the tolerance."""
     model, motion, bounds, tolerance = (data[key] for key in ("model", "motion", "bounds", "tolerance"))
-    times = np.array(motion["times"], dtype=float)
+    times = np.array(motion["times"], dtype=float) + 0.0  # no negative zeros
     for _ in range(samples):
         piece = int(rng.integers(len(times)))
         t = float(rng.choice([*times[piece], rng.uniform(*times[piece])]))
