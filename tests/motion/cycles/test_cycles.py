@@ -385,6 +385,7 @@ def test_a_segment_that_is_not_proved_leaves_the_cycle_verified(plan, proved):
 def test_within_a_tolerance_every_segment_is_certified_and_rests_outlast_delays(plan):
     known = Tolerance(tilt=0.005, arm_mass=0.02, friction=0.1, speed=0.02, delay=0.01)
     task, motion = plan.task.with_limits({"tolerance": known}), plan.motion.time_scaled(1.5)
+    motion = dataclasses.replace(motion, pauses=(motion.pauses[0], 0.011))
     found = certified_cycle(task, motion, check_cycle(task, motion))
     assert found.whole.headline.startswith("CERTIFIED within the tolerance")
     bounds = found.whole.certificate.verdict.bounds
@@ -404,9 +405,17 @@ def test_within_a_tolerance_every_segment_is_certified_and_rests_outlast_delays(
     assert [s.rest for s in at_once] == pytest.approx([0.0102] * 2, abs=2e-6)
     assert [s.rest for s in task.segments] == pytest.approx([0.3, 0.0102], abs=2e-6)
     assert [s.rest for s in plan.task.segments] == [0.3, 0.0]
-    hurried = cycle_check(task, dataclasses.replace(motion, pauses=(0.01, 0.0)), found.segments).whole
-    assert not hurried.verified
-    assert hurried.violations == ("segment 1 (out) rests for 10 ms, joints are late by up to 10.2 ms",)
+    short = "segment {} rests for {} ms, joints are late by up to 10.2 ms"
+    for pauses, closed, texts in (
+        ((0.01, 0.0), False, [short.format("1 (out)", 10)]),
+        ((0.02, 0.0), False, []),  # nothing comes after it
+        ((0.02, 0.0), True, [short.format("2 (back)", 0)]),
+        ((0.01, 0.009), True, [short.format("1 (out)", 10), short.format("2 (back)", 9)]),
+    ):
+        own = dataclasses.replace(task, closed=closed)
+        hurried = cycle_check(own, dataclasses.replace(motion, pauses=pauses), found.segments).whole
+        assert hurried.verified == (not texts)
+        assert hurried.violations == tuple(texts)
 
 
 def test_commands_certify_cycles(plan, tmp_path, capsys):

@@ -101,8 +101,9 @@ def cycle_check(task: CycleTask, motion: MotionSequence, checks: Sequence[Motion
     ]
     jumps += [
         f"{title} rests for {1e3 * pause:.3g} ms, joints are late by up to {1e3 * late:.4g} ms"
-        for title, pause, segment in zip(task.titles()[:-1], pauses[:-1], segments[:-1], strict=True)
-        if pause < (late := segment.task.limits.tolerance.late)
+        for number, (title, pause, segment) in enumerate(zip(task.titles(), pauses, segments, strict=True), 1)
+        if (task.closed or number < len(segments))  # a closed cycle begins anew
+        and pause < (late := segment.task.limits.tolerance.late)
     ]
     names = tuple(segment.name for segment in segments)
     whole = _whole(names, checks, motion.begins, jumps, sum(energies), motion.end)
