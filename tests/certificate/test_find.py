@@ -15,7 +15,9 @@ from ocptip.published.tasks import experiment_task
 from ocptip.standing.limits import MotionLimits
 from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.controllers import controller_points
+from ocptip.trajectories.path import JointPath
 from ocptip.trajectories.ramps import RampCommand
+from ocptip.trajectories.timed_path import TimedPath
 from studies.certificates.broken import broken_on_purpose
 
 
@@ -110,6 +112,32 @@ def test_pieces_are_the_motion(swing):
         states_at(data, piece, u), motion.states(t), (1e-12, 1e-11, 1e-8), strict=True
     ):
         np.testing.assert_allclose(found, expected, atol=tolerance)
+
+
+def _way_there(start, way, bend, nodes):
+    """Along a cubic in cubic or square timing, from rest to rest."""
+    path = JointPath(
+        [0.0, 1.0], np.stack([-2 * bend * way, 3 * bend * way, (1 - bend) * way, start])[:, None]
+    )
+    s = np.linspace(0.0, 1.0, nodes)
+    return TimedPath(path, s, 0.4 * s * (1 - s))
+
+
+def test_paths_in_time_are_certified_where_pieces_are_what_they_do(swing):
+    """What is of higher degree in time than pieces, by more than claims exceed what was sampled, is not."""
+    task, other, _, _ = swing
+    for bend, certified in ((0.0, True), (1.0, False)):
+        motion = _way_there(task.start, other.goal - task.start, bend, 5)
+        checked, found = _certified(task, motion)
+        assert checked.verified
+        assert found.certified == certified, f"{found}"
+    assert "polynomial of time of degree 5" in found.reason
+    pieces = motion_data(motion)
+    times = np.array(pieces["times"])
+    middle = times[1:-1].mean(axis=1)
+    away = states_at(pieces, np.arange(1, len(times) - 1), np.full(len(middle), 0.99))[2]
+    t = middle + 0.495 * np.diff(times[1:-1], axis=1)[:, 0]
+    assert np.max(np.abs(away - motion.states(t)[2])) > 1e-5
 
 
 def test_mechanisms_that_cannot_be_certified_say_so(swing):

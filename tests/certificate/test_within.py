@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from ocptip.certificate.describe import model_data, motion_data, tolerance_data, tolerance_words
-from ocptip.certificate.find import _kept
+from ocptip.certificate.find import _kept, certify
+from ocptip.certificate.find_within import SearchWithin
 from ocptip.certificate.trusted.checker import check_certificate, digest
 from ocptip.certificate.trusted.late import Late
 from ocptip.certificate.trusted.sharing import Sharing
@@ -124,6 +125,33 @@ def test_a_motion_is_certified_within_workshop():
     _refused(data, lambda d: d["bounds"].update(GN_worst_case=bounds["GN_worst_case"] * 0.99))
     for key, factor in (("speed", 3), ("overshoot", 1.17)):
         _refused(data, partial(_set, f"tolerance.{key}", data["tolerance"][key] * factor))
+
+
+def test_a_share_of_friction_that_is_short_is_claimed_higher(monkeypatch):
+    """As where rows are shown at what they need themselves, and not at what all need."""
+    task, motion = _swing("G")
+    limits = MotionLimits(tolerance=replace(WORKSHOP, delay=0.0, damping=None))
+    checked = check_motion(task.robot, motion, limits)
+    proved = SearchWithin._proved_share
+    needed = certify(task.robot, motion, limits, checked.worst).verdict.bounds["GT_worst_case"]
+    monkeypatch.setattr(SearchWithin, "_proved_share", lambda own: proved(own) * (1 - 1e-3))
+    found = certify(task.robot, motion, limits, checked.worst)
+    assert found.certified
+    assert needed * (1 - 1e-3) < found.verdict.bounds["GT_worst_case"] < needed * (1 + 1e-3)
+
+
+def test_what_is_lost_as_sampled_is_not_searched(monkeypatch):
+    task, motion = _swing("G")
+    limits = MotionLimits(tolerance=replace(WORKSHOP, extra_mass=30.0))
+    checked = check_motion(task.robot, motion, limits)
+    assert checked.worst["GN_worst_case"].value > 1.1
+    monkeypatch.setattr(SearchWithin, "found", None)  # nobody calls it
+    found = certify(task.robot, motion, limits, checked.worst)
+    assert found.holds
+    assert not found.certified
+    assert "GN_worst_case" in found.sampled
+    lost = next(one for one in found.undecided if one.claim == "tip-over within tolerance")
+    assert lost.start == checked.worst["GN_worst_case"].time
 
 
 def _refused(data, change):

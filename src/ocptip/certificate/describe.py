@@ -25,6 +25,8 @@ from ocptip.trajectories.sampled import Motion
 
 _SAMPLES = np.array([-0.9, -0.3, 0.3, 0.9])
 _ROUNDING = 1e-10  # of accelerations: smaller coefficients are none
+_NODES = np.cos(np.pi * (np.arange(16) + 0.5) / 16)
+_ALIKE = 1e-6  # of accelerations
 _ARM = "rotations offsets masses centres inertias slides armature mount_position mount_rotation"
 _LIMITS = "angle_min angle_max speed acceleration torque"
 
@@ -59,6 +61,31 @@ def motion_data(motion: Motion) -> dict[str, Any]:
         "times": np.concatenate([ends[:1], motion.intervals, ends[1:]]).tolist(),
         "angles": np.concatenate([rest[:1], c, rest[1:]]).tolist(),
     }
+
+
+def unlike(motion: Motion, data: dict[str, Any]) -> str:
+    """Why pieces of a motion do not say what it does; empty if they do.
+
+    Accelerations are compared at 16 points of each piece, its middle has the angles and speeds of the motion.
+    So polynomials of time of degree 15 are known: what a cubic path is in cubic timing has degree 9.
+    """
+    times = np.array(data["times"])[1:-1]
+    middle, half = times.mean(axis=1), 0.5 * (times[:, 1] - times[:, 0])
+    own = np.flatnonzero(half > 2 * INSIDE)
+    if not len(own):
+        return ""
+    u = _NODES * (1 - INSIDE / half[own])[:, None]
+    t = (middle[own, None] + u * half[own, None]).ravel()
+    found = states_at(data, np.repeat(own + 1, len(_NODES)), u.ravel())[2]
+    expected = motion.states(t)[2]
+    off = np.max(np.abs(found - expected), axis=1)
+    if np.max(off) <= _ALIKE * max(1.0, float(np.max(np.abs(expected)))):
+        return ""
+    k = int(np.argmax(off))
+    return (
+        f"the motion is no polynomial of time of degree 5 between events: by {off[k]:.2g} rad or m/s^2 near "
+        f"{t[k]:.4g} s; what a controller runs of it can be certified"
+    )
 
 
 def states_at(motion: dict[str, Any], piece: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, ...]:
