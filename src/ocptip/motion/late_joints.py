@@ -171,7 +171,7 @@ def jump_states(motion: Motion, tolerance: Tolerance, cases: WorstCase | None = 
         instants = np.empty(0)
     for t in instants:
         own, then = (
-            part.reshape(3, n).T for part in np.hstack(motion.states([t + INSIDE, t - events.delay]))
+            part.reshape(3, n).T for part in np.hstack(motion.states([t + INSIDE, t - events.delay - INSIDE]))
         )
         ways = [events.ways(t, j, own[j], then[j]) for j in range(n)]
         joints = [j for j in range(n) if len(ways[j]) > 1 or ways[j][0][-1] != "on time"]
