@@ -212,6 +212,7 @@ def test_gradients_against_central_differences(name):
 @settings(max_examples=40)
 @given(seed=st.integers(0, 10**6))
 @example(seed=5392)  # no load beside large preloads
+@example(seed=293092)  # hardly any
 def test_ratio_is_between_0_and_1_and_moments_are_affine(seed):
     rng = np.random.default_rng(seed)
     support = random_support(rng, planar=rng.random() < 0.2)
@@ -225,7 +226,8 @@ def test_ratio_is_between_0_and_1_and_moments_are_affine(seed):
     if not TipOver(support).on_plane:
         stands = ok & states.persistent & (Slip(support).evaluate(states).GT < 1)
     if not TipOver(support).on_plane:  # cone programs, whose forces reach the preloads of clamps
-        scale = 10 * np.maximum(scale, np.max(np.abs(reserve.moments), axis=1, initial=0.0))
+        preload = max(getattr(contact, "clamp_force", 0.0) for contact in support.contacts)
+        scale = 10 * np.maximum(scale, np.max(np.abs(reserve.moments), axis=1, initial=preload))
     assert np.all(reserve.moments[stands] >= -1e-8 * scale[stands, None])
     assert np.all(np.isfinite(reserve.gradient[ok]))
 
