@@ -49,6 +49,20 @@ def test_a_motion_that_tips_stands_with_another_timing_on_its_path(folder: Path)
         assert ours["positions"] == pytest.approx(theirs["positions"], abs=1e-6)
 
 
+def test_a_path_with_its_timing_is_checked_without_a_controller(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data = json.loads((folder / "plan.json").read_text(encoding="utf-8"))
+    data.pop("controller")
+    path = tmp_path / "path.json"
+    path.write_text(json.dumps(data), encoding="utf-8")
+    assert main(["certify", str(path), "--task", TASK, *PLAIN]) == 0
+    assert "GN <= 0.9" in capsys.readouterr().out
+    assert main(["certify", str(path), "--task", TASK, *PLAIN, "--rise-time", "0.02"]) == 2
+    assert "--rise-time: " in (said := capsys.readouterr().err)
+    assert "has a timing of its own" in said
+
+
 def test_its_gripper_is_on_the_given_path(folder: Path) -> None:
     """Every gripper position of the result is near one of the given motion, whose points are 10 ms apart."""
     arm = load_task(TASK).robot.arm

@@ -342,9 +342,11 @@ def retimed(task: MotionTask, motion: Motion, checked: MotionCheck) -> str:
 def motion_of(path: Path, task: MotionTask, options: Namespace) -> Motion:
     """The motion; ramp commands with the rise time as typed, else their own, else that of the task."""
     motion = load_motion(path, task.robot.names, task.robot.units, unit=options.unit)
-    if isinstance(motion, SampledMotion):
+    if not isinstance(motion, ArmMotion):
         if options.rise_time is not None:
-            raise InputError(f"--rise-time: {options.motion} has samples, which say themselves how they move")
+            samples = isinstance(motion, SampledMotion)
+            own = "samples, which say themselves how they move" if samples else "a timing of its own"
+            raise InputError(f"--rise-time: {options.motion} has {own}")
         return motion
     own = motion.rise_times if options.rise_time is None else ()
     return motion.with_rise_times(own or task.rise_times)
