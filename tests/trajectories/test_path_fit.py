@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.interpolate import PPoly
 
 from ocptip.basics.errors import InputError
+from ocptip.trajectories import path_fit
 from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.fit import fitted
 from ocptip.trajectories.path_fit import FINE, FittedPath, Leg, blended_lines, path_of_motion, spline_through
@@ -177,3 +179,27 @@ def test_ramps_that_end_almost_together_are_taken_as_they_are():
     assert path.pieces < 6
     assert np.max(np.abs(path.at(np.linspace(0, 1, 500))[2])) < 20
     np.testing.assert_allclose(path.goal, motion.goal, atol=1e-12)
+
+
+@pytest.mark.parametrize(("bend", "factor"), [(0.5, 1.0), (9.0, 3.0)])
+def test_a_curve_that_bends_more_than_the_motion_is_slower(bend: float, factor: float) -> None:
+    """A short arc of curvature `bend` at 1 m/s, where the motion has accelerations of up to 1 m/s^2."""
+    lengths = np.linspace(0.0, 1e-4, 5)
+    curve = PPoly(np.array([[[0.0, bend / 2]], [[1.0, 0.0]], [[0.0, 0.0]]]), lengths[[0, -1]])
+    leg = Leg(curve, lengths, curve(lengths), np.arange(5))
+    speeds, accelerations = np.tile([1.0, 0.0], (5, 1)), np.tile([0.0, 1.0], (5, 1))
+    assert leg.slower(lengths, speeds, accelerations) == pytest.approx(factor - 1, abs=1e-5)
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_a_fit_that_is_slower_than_its_motion_is_refined(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """S-curves that nearly turn back: with 0.02 rad curves rang there, and would take 3 to 5 % longer."""
+    motion, found = _random_motion(seed).with_rise_times(0.02), []
+    monkeypatch.setattr(Leg, "slower", lambda *args, _of=Leg.slower: found.append(_of(*args)) or found[-1])
+    fit = path_of_motion(motion, 0.02)
+    assert found[0] > 0.03
+    assert min(found) < 0.02
+    assert np.all(fit.distance <= 0.02)
+    monkeypatch.setattr(path_fit, "_TOO_SLOW", 1e-6)
+    with pytest.raises(InputError, match=r"path: with the accelerations of the motion .* % longer"):
+        path_of_motion(motion, 0.02)

@@ -42,6 +42,10 @@ _SAME = 1e-7  # of the length: samples that are nearer to each other are one
 _FEWEST = 12  # twice as many samples as a piece has at least
 _NEARLY = 0.3  # of the tolerance: pieces that are farther off are divided, if any is too far off
 _FIRST = 4  # pieces to begin with
+_SLOWER = 0.01  # of the time: fits that the pace of the motion suits worse are refined
+_TOO_SLOW = 0.1  # of the time: those that it still suits worse are refused
+_REFINED = 4  # times at most; the tolerance is a quarter of the one before
+_SMALL = 0.05  # of the greatest acceleration: that of a joint counts as at least so much
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +79,8 @@ def path_of_motion(motion: Motion, tolerance: float | np.ndarray | None = None) 
         tolerance: rad or m, or (n,): how far the path may be from it; default: almost not at all.
 
     Raises:
-        InputError: it does not move, or its samples are noisy beyond the tolerance.
+        InputError: it does not move, its samples are noisy beyond the tolerance, or a curve within the
+            tolerance cannot be followed at nearly its pace with its accelerations.
     """
     if isinstance(motion, TimedPath):
         ends = motion.path.breakpoints
@@ -101,10 +106,38 @@ def path_of_motion(motion: Motion, tolerance: float | np.ndarray | None = None) 
         first = np.append(0, np.cumsum(counts))
         share = (np.arange(first[-1]) - first[owner]) / counts[owner]
         times = np.append(events[owner] + share * np.diff(events)[owner], end)
-        legs.append(Leg.fitted(motion.states(times)[0], wanted, first[1:-1] if ramps else ()))
+        legs.append(_of_pace(motion, times, wanted, first[1:-1] if ramps else ()))
     if not legs:
         raise InputError("path: the motion does not move")
     return joined(legs, "smooth curve along the motion")
+
+
+def _of_pace(
+    motion: Motion, times: np.ndarray, tolerance: np.ndarray, breaks: Sequence[int] | np.ndarray
+) -> Leg:
+    """The curve within a tolerance of a motion at times (M,), s, that can be followed at its pace, nearly."""
+    q, v, a = motion.states(times)
+    least = motion.tolerance if isinstance(motion, FittedMotion) else np.zeros(motion.n)
+    leg = Leg.fitted(q, tolerance, breaks)
+    slower = leg.slower(times, v, a)
+    for _ in range(_REFINED):
+        finer = np.maximum(tolerance / 4, np.minimum(least, tolerance))
+        if slower <= _SLOWER or np.array_equal(finer, tolerance):
+            break
+        try:
+            other = Leg.fitted(q, finer, breaks)
+        except InputError:
+            break  # there are too few samples
+        tolerance, own = finer, other.slower(times, v, a)
+        if own < slower:
+            leg, slower = other, own
+    if slower > _TOO_SLOW:
+        raise InputError(
+            f"path: with the accelerations of the motion a smooth curve along it from {times[0]:.6g} to "
+            f"{times[-1]:.6g} s takes at least {100 * slower:.0f} % longer: its curvature is not that of the "
+            "motion; give another --path-tolerance, or waypoints"
+        )
+    return leg
 
 
 def spline_through(points: np.ndarray) -> FittedPath:
@@ -319,6 +352,27 @@ class Leg:
             f"{100 * share:.0f} % of its length it is {miss:.2g} off; is there a corner? Say by how much the "
             "path may be off (--path-tolerance)"
         )
+
+    def slower(self, times: np.ndarray, speeds: np.ndarray, accelerations: np.ndarray) -> float:
+        """By what share of the time, at least, it is slower than a motion, with accelerations as great.
+
+        At the pace of the motion they are q' u + q'' (ds/dt)^2 with the ds/dt and u that come nearest; where
+        they are f > 1 times the greatest of the motion, it has to be passed sqrt(f) times slower.
+
+        Args:
+            times: (M,), s, of all samples that were given; so are the others.
+            speeds: (M, n), rad/s or m/s.
+            accelerations: (M, n), rad/s^2 or m/s^2.
+        """
+        most = np.max(np.abs(accelerations), axis=0)
+        most = np.maximum(most, max(_SMALL * most.max(), 1e-300))
+        t, v, a = (part[self.numbers] for part in (times, speeds, accelerations))
+        way, bend = self.curve(self.lengths, nu=1), self.curve(self.lengths, nu=2)
+        square = np.sum(way**2, axis=1)
+        across = bend * (np.sum(way * v, axis=1) / square)[:, None] ** 2
+        own = way * (np.sum(way * (a - across), axis=1) / square)[:, None] + across
+        factors = np.sqrt(np.max(np.abs(own) / most, axis=1))
+        return float(np.trapezoid(np.maximum(factors, 1.0) - 1.0, t) / (t[-1] - t[0]))
 
 
 def _apart(places: Sequence[int], count: int) -> list[int]:
