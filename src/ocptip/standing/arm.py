@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import lru_cache
 from typing import Self
+from weakref import WeakKeyDictionary
 
 import casadi as cs
 import numpy as np
@@ -124,7 +125,7 @@ class StandingRobot(StandingMechanism):
         if times is not None and process is not None and process.over == TIME:
             force, moment = process.at(times)
             if process.turns_with_tool:
-                turn = gripper_batch(arm)(q)[1]
+                turn = gripper_batch(_without_process(arm))(q)[1]
                 force, moment = (np.einsum("kij,kj->ki", turn, rows) for rows in (force, moment))
             arm, load = _without_process(arm), {"force": force, "moment": moment}
         about = support.center_of_mass
@@ -159,7 +160,7 @@ class StandingRobot(StandingMechanism):
         if process.over == PATH:
             times = np.linspace(0.0, motion.end, 1 + max(1, int(np.ceil(motion.end / _STEP))))
             values = self._way(motion.states(times)[0])
-        return self.varied(arm=self.arm.with_process(process.over_time(times, values)))
+        return self._acting(process.over_time(times, values))
 
     def along(self, path: JointPath) -> Self:
         """The same robot with a process that varies over the way of the gripper point, if it varies.
@@ -179,7 +180,15 @@ class StandingRobot(StandingMechanism):
         first, last = path.breakpoints[[0, -1]]
         places = np.union1d(np.linspace(first, last, _STEPS + 1), path.breakpoints)
         own = process.over_time(places, self._way(path.at(places)[0]))
-        return self.varied(arm=self.arm.with_process(own))
+        return self._acting(own)
+
+    def _acting(self, process: ProcessWrench) -> Self:
+        """The same robot with another process; what was built for the arm without one stays."""
+        arm = self.arm.with_process(process)
+        _BARE[arm] = _without_process(self.arm)
+        other = object.__new__(type(self))
+        vars(other).update(vars(self) | {"arm": arm, "_arguments": {**self._arguments, "arm": arm}})
+        return other
 
     def _way(self, q: np.ndarray) -> np.ndarray:
         """(N,), m: how far the gripper point has gone on straight lines between postures (N, n)."""
@@ -268,9 +277,13 @@ class StandingRobot(StandingMechanism):
         return torque, wrench + support.weight
 
 
-@lru_cache(maxsize=8)
+_BARE: WeakKeyDictionary[ArmModel, ArmModel] = WeakKeyDictionary()
+
+
 def _without_process(arm: ArmModel) -> ArmModel:
-    return arm.with_process(None)
+    if arm not in _BARE:
+        _BARE[arm] = arm.with_process(None)
+    return _BARE[arm]
 
 
 @lru_cache(maxsize=8)

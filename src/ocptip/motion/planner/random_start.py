@@ -50,7 +50,8 @@ def random_start(
     ]
 
     def badness(motion: ArmMotion) -> tuple[float, float]:
-        at = Instants.of_states(robot, *motion.states(motion.quadrature(2)[0]))
+        times = motion.quadrature(2)[0]
+        at = Instants.of_states(robot.during(motion), *motion.states(times), times)
         use = max((float(np.max(limit.use(at))) for limit in braked), default=0.0)
         return max(use, 1.0), objective.cost(robot.energy(motion), motion.end)
 
