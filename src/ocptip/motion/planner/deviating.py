@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ocptip.motion.late_joints import combinations
+from ocptip.motion.late_joints import combinations, doings
 from ocptip.motion.planner.event_order import EventOrder
 from ocptip.motion.planner.program import MotionProgram
 from ocptip.standing.limit import DEVIATING
@@ -68,7 +68,8 @@ def deviating_places(order: EventOrder, x: np.ndarray, tolerance: Tolerance) -> 
             groups = order.corner_positions[joint]
             near = groups[(groups <= last) & (times[groups] >= time - max(delay, MEET) - MEET)]
             if len(near):
-                ways.append(_ways(joint, _apart(np.unique(near), times), delay > 0, more))
+                own = _apart(np.unique(near), times)
+                ways.append(_ways(joint, own, times[own].tolist(), time, delay, more))
         if ways:
             found += [Deviating(last, event, after, tuple(chain(*own))) for own in combinations(ways)]
     return found
@@ -79,15 +80,23 @@ def _apart(groups: np.ndarray, times: np.ndarray) -> list[int]:
     return groups[np.diff(times[groups], prepend=-np.inf) > MEET].tolist()
 
 
-def _ways(joint: int, groups: list[int], late: bool, more: float) -> list[Steps]:
-    """What a joint may do whose steps of these groups are within the delay."""
+def _ways(
+    joint: int, groups: list[int], instants: list[float], time: float, delay: float, more: float
+) -> list[Steps]:
+    """What a joint may be doing at a time whose steps of these groups, at these instants, are in the delay.
+
+    Being on time is between what it was before and overshooting, as far as nodes go.
+    """
     found: list[Steps] = []
-    for k, group in enumerate(groups):
-        found += [((joint, group, -1.0),)] if late else []
-        later = tuple((joint, g, -1.0 - more) for g in groups[k + 1 : k + 2] if late)
-        if later or k == len(groups) - 1:
-            found += [((joint, first, more), *later) for first in groups[: k + 1]]
-    return found
+    every = doings(instants, time, delay, more > 0)
+    own = [(doing.event, doing.steps) for doing in every if doing.event is not None]
+    for event, steps in sorted(own, key=lambda one: (one[0], one[1] > 0, -one[1])):
+        if steps:
+            later = tuple((joint, group, -1.0 - more) for group in groups[event + 1 : event + 2])
+            found.append(((joint, groups[event + 1 - steps], more), *later))
+        else:
+            found.append(((joint, groups[event], -1.0),))
+    return found if more else [*found, ((joint, groups[-1], 0.0),)]
 
 
 def masks_of(order: EventOrder, place: Deviating) -> np.ndarray:
