@@ -84,24 +84,15 @@ def minimal_form(
         InputError: the robot is not of this kind; says why.
     """
     description = robot.description
-    _require_closed_form(robot)
-    m, legs = robot.m, description.legs
+    require_closed_form(robot)
+    if len(description.actuated) != robot.m:
+        raise InputError(
+            f"{description.name}: {len(description.actuated)} motors for {robot.m} coordinates; motor forces "
+            "are functions of the motion only with as many motors as coordinates"
+        )
+    m = robot.m
     z, zd, zdd = (cs.SX.sym(name, m) for name in ("z", "zd", "zdd"))
-    position, rotation = robot.kinematics.platform.pose(cs.vertsplit(z))
-    columns, measures, names = [], [], []
-    at_home = robot.kinematics.point_joints(description.home).q
-    home_position, home_rotation = robot.kinematics.platform.pose(description.home)
-    for number, leg in enumerate(legs):
-        point = cs.SX(position) + cs.SX(rotation) @ cs.DM(leg.coupling_point)
-        target = cs.DM(leg.base_matrix.T) @ (point - cs.DM(leg.origin))
-        point_home = home_position + home_rotation @ leg.coupling_point - leg.origin
-        branch = nearest_branch(leg, leg.base_matrix.T @ point_home, at_home[number])
-        found = leg_solution(leg, cs.vertsplit(target), branch)
-        columns.append(cs.vertcat(*found.q))
-        stretch = [(length / _home_length(leg, at_home[number])) ** 2 for length in found.lengths]
-        measures += [*found.measures.values(), *(cs.fmin(value, 1) for value in stretch)]
-        names += [f"leg {number + 1} {name}" for name in (*found.measures, *["length"] * len(stretch))]
-    q = cs.horzcat(*columns)
+    q, measures, names = joints_of_branch(robot, z, description.home)
     layout = inertia_layout(description)
     plans = choose_plans(description, layout, [True] * layout.size, "motors")
     arguments = Arguments(
@@ -129,16 +120,37 @@ def minimal_form(
     return MinimalForm(z, zd, zdd, *map(cs.densify, cs.cse(outputs)), (*names, "platform"))
 
 
-def _require_closed_form(robot: ParallelRobot) -> None:
+def joints_of_branch(
+    robot: ParallelRobot, z: cs.SX, start: np.ndarray
+) -> tuple[cs.SX, list[cs.SX], list[str]]:
+    """Joints up to the coupling points (n, N) as functions of z, in the branches they have at a start (m,).
+
+    Returns:
+        The joints, the legs' distances from singular poses, and the names of these; see `minimal_form`.
+    """
+    position, rotation = robot.kinematics.platform.pose(cs.vertsplit(z))
+    columns, measures, names = [], [], []
+    at_start = robot.kinematics.point_joints(start).q
+    start_position, start_rotation = robot.kinematics.platform.pose(start)
+    for number, leg in enumerate(robot.description.legs):
+        point = cs.SX(position) + cs.SX(rotation) @ cs.DM(leg.coupling_point)
+        target = cs.DM(leg.base_matrix.T) @ (point - cs.DM(leg.origin))
+        point_start = start_position + start_rotation @ leg.coupling_point - leg.origin
+        branch = nearest_branch(leg, leg.base_matrix.T @ point_start, at_start[number])
+        found = leg_solution(leg, cs.vertsplit(target), branch)
+        columns.append(cs.vertcat(*found.q))
+        stretch = [(length / _length(leg, at_start[number])) ** 2 for length in found.lengths]
+        measures += [*found.measures.values(), *(cs.fmin(value, 1) for value in stretch)]
+        names += [f"leg {number + 1} {name}" for name in (*found.measures, *["length"] * len(stretch))]
+    return cs.horzcat(*columns), measures, names
+
+
+def require_closed_form(robot: ParallelRobot) -> None:
+    """Refuse (InputError) a robot whose joints are no smooth functions of z in closed form."""
     description = robot.description
     require_coupling_form(description)
     if robot.complete_legs:
         raise InputError(f"{description.name}: joints behind the coupling points have friction or drives")
-    if len(description.actuated) != robot.m:
-        raise InputError(
-            f"{description.name}: {len(description.actuated)} motors for {robot.m} coordinates; motor forces "
-            "are functions of the motion only with as many motors as coordinates"
-        )
     for number, leg in enumerate(description.legs, start=1):
         if leg_type(leg) is None:
             raise InputError(
@@ -152,7 +164,7 @@ def _require_closed_form(robot: ParallelRobot) -> None:
             )
 
 
-def _home_length(leg: Leg, q: np.ndarray) -> float:
+def _length(leg: Leg, q: np.ndarray) -> float:
     return float(next(abs(v) for v, row in zip(q, leg.rows, strict=False) if row.sigma == PRISMATIC))
 
 

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ocptip.basics.errors import finite_array, positive_number
+from ocptip.basics.errors import InputError, finite_array, positive_number
+from ocptip.parallel.compiled_dynamics import CompiledDynamics
 from ocptip.parallel.robot import ParallelRobot
+
+_LONG = 200  # steps: fewer are done before machine code is made
 
 MotorLaw = Callable[[float, np.ndarray, np.ndarray], np.ndarray]
 
@@ -51,6 +55,8 @@ def simulate(
 ) -> Trajectory:
     """Integrate the equations of motion with the classic Runge-Kutta method.
 
+    Long motions (200 steps and more) of robots whose legs have closed forms run as machine code.
+
     Args:
         robot: its Euler angles must stay away from their singularity.
         z, s: (m,) start: coordinates and quasi-velocities.
@@ -64,47 +70,64 @@ def simulate(
     duration, step = positive_number("duration", duration), positive_number("step", step)
     z, s = robot.kinematics.coordinates("z", z), robot.kinematics.coordinates("s", s)
     law = _law(motors, len(robot.description.actuated))
-    state = _Joints(robot)
     count = int(np.ceil(duration / step - 1e-9))
     times = np.append(step * np.arange(count), duration)
+    equations = _equations(robot, z, count)
     history = [(z, s)]
-    energies = [robot.energy(z, s, state.at(z))]
+    energies = []
 
     def slope(time: float, z: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        sd = robot.forward_dynamics(z, s, law(time, z, s), state.at(z))
-        return np.linalg.solve(robot.kinematics.rate_matrices(z, np.zeros_like(z))[0], s), sd
+        return equations.slope(z, s, law(time, z, s))
 
     for t, h in zip(times[:-1], np.diff(times), strict=True):
         k1 = slope(t, z, s)
+        energies.append(equations.energy(z, s))
         k2 = slope(t + h / 2, z + h / 2 * k1[0], s + h / 2 * k1[1])
         k3 = slope(t + h / 2, z + h / 2 * k2[0], s + h / 2 * k2[1])
         k4 = slope(t + h, z + h * k3[0], s + h * k3[1])
         z = z + h / 6 * (k1[0] + 2 * k2[0] + 2 * k3[0] + k4[0])
         s = s + h / 6 * (k1[1] + 2 * k2[1] + 2 * k3[1] + k4[1])
         history.append((z, s))
-        energies.append(robot.energy(z, s, state.at(z)))
+    energies.append(equations.energy(z, s))
     return Trajectory(
         times,
         np.array([pair[0] for pair in history]),
         np.array([pair[1] for pair in history]),
         np.array(energies),
-        state.worst,
+        equations.closure,
     )
 
 
-class _Joints:
-    """Joint positions along a motion, each from the one before."""
+def _equations(robot: ParallelRobot, z: np.ndarray, count: int) -> _Searched | CompiledDynamics:
+    """The equations of motion; compiled where that is possible and worth it."""
+    if count >= _LONG:
+        with contextlib.suppress(InputError):
+            return CompiledDynamics(robot, z)
+    return _Searched(robot)
+
+
+class _Searched:
+    """Equations of motion of any robot: joint positions along a motion, each from the one before."""
 
     def __init__(self, robot: ParallelRobot) -> None:
-        kinematics = robot.kinematics
+        self._robot, kinematics = robot, robot.kinematics
         self._solve = kinematics.joints if robot.complete_legs else kinematics.point_joints
         self._last: tuple[np.ndarray, ...] | None = None
-        self.worst = 0.0
+        self.closure = 0.0
 
-    def at(self, z: np.ndarray) -> tuple[np.ndarray, ...]:
+    def slope(self, z: np.ndarray, s: np.ndarray, motors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """z' and s''."""
+        sd = self._robot.forward_dynamics(z, s, motors, self._at(z))
+        return np.linalg.solve(self._robot.kinematics.rate_matrices(z, np.zeros_like(z))[0], s), sd
+
+    def energy(self, z: np.ndarray, s: np.ndarray) -> tuple[float, float]:
+        """Kinetic and potential energy, J."""
+        return self._robot.energy(z, s, self._at(z))
+
+    def _at(self, z: np.ndarray) -> tuple[np.ndarray, ...]:
         found = self._solve(z, self._last)
         self._last = found.q
-        self.worst = max(self.worst, found.residual)
+        self.closure = max(self.closure, found.residual)
         return found.q
 
 

@@ -1,0 +1,70 @@
+"""Compiled forward dynamics against the numeric route, and the energy of a hexapod on springs."""
+
+import numpy as np
+import pytest
+
+from ocptip.basics.errors import SolverError
+from ocptip.parallel.compiled_dynamics import CompiledDynamics
+from ocptip.parallel.description.ready_made import READY_MADE
+from ocptip.parallel.robot import ParallelRobot
+from ocptip.parallel.simulation import simulate
+
+
+def springs(robot, stiffness):
+    """Motor law of springs along a hexapod's legs, without stress at home, and their energy."""
+    legs = robot.description.legs
+    ends = np.array([leg.coupling_point for leg in legs])
+    bases = np.array([leg.origin for leg in legs])
+
+    def lengths(z):
+        r, R = robot.kinematics.pose(z)
+        return np.sqrt(((r + ends @ R.T - bases) ** 2).sum(axis=1))
+
+    home = lengths(robot.description.home)
+    sign = np.sign(
+        [robot.ik(robot.description.home).q[leg][joint] for leg, joint in robot.description.actuated]
+    )
+    return (
+        lambda t, z, s: -stiffness * sign * (lengths(z) - home),
+        lambda z: 0.5 * stiffness * ((lengths(z) - home) ** 2).sum(),
+    )
+
+
+def drift(duration, step=0.001):
+    """Change of energy relative to the largest kinetic energy, and the path."""
+    robot = ParallelRobot(READY_MADE["6UPS"]())
+    law, stored = springs(robot, 2000.0)
+    start = np.array([0.05, -0.03, 0.04, 0.2, -0.1, 0.3])
+    path = simulate(robot, robot.description.home, start, duration=duration, step=step, motors=law)
+    total = path.energy.sum(axis=1) + np.array([stored(z) for z in path.z])
+    return np.abs(total - total[0]).max() / path.energy[:, 0].max(), path
+
+
+@pytest.mark.parametrize("name", READY_MADE)
+def test_compiled_dynamics_are_the_numeric_ones(name):
+    robot = ParallelRobot(READY_MADE[name]())
+    equations, rng = CompiledDynamics(robot, robot.description.home), np.random.default_rng(1)
+    for _ in range(5):
+        z = robot.description.home + 0.05 * rng.uniform(-1, 1, robot.m)
+        s = rng.uniform(-1, 1, robot.m)
+        motors = rng.uniform(-5, 5, len(robot.description.actuated))
+        rates, accelerations = equations.slope(z, s, motors)
+        expected = robot.forward_dynamics(z, s, motors)
+        np.testing.assert_allclose(accelerations, expected, atol=1e-10 * np.abs(expected).max())
+        np.testing.assert_allclose(robot.kinematics.rate_matrices(z, z)[0] @ rates, s, atol=1e-12)
+        np.testing.assert_allclose(equations.energy(z, s), robot.energy(z, s), rtol=1e-10, atol=1e-10)
+    assert equations.closure < 1e-12
+
+
+def test_a_hexapod_on_springs_keeps_its_energy():
+    error, path = drift(0.5)
+    assert error < 1e-7
+    assert path.closure < 1e-12
+    assert np.abs(path.z - path.z[0]).max() > 1e-3
+
+
+def test_out_of_reach_is_refused():
+    robot = ParallelRobot(READY_MADE["3RRR"]())
+    equations = CompiledDynamics(robot, robot.description.home)
+    with pytest.raises(SolverError, match=r"singular or out of reach \(leg . elbow\)"):
+        equations.slope(np.array([5.0, 0, 0]), np.zeros(3), np.zeros(3))
