@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 import casadi as cs
 import numpy as np
 
 from ocptip.basics.errors import SolverError
+from ocptip.numerics.native import LANES
 from ocptip.numerics.tape import Tape
 from ocptip.parallel.code.leg_plans import choose_plans
 from ocptip.parallel.minimal_form import joints_of_branch, require_closed_form
@@ -50,9 +53,19 @@ class CompiledDynamics:
         found = cs.vertcat(*solve_dense(rows, cs.vertsplit(right)))
         energy = cs.vertcat(cs.dot(s, mass @ s) / 2, _potential(projection))
         gap = cs.norm_inf(cs.vec(projection.closures()))
-        outputs = cs.cse([_rates(projection, s), found, energy, gap, cs.vertcat(*measures)])
+        outputs = cs.cse(
+            [
+                _rates(projection, s),
+                found,
+                energy,
+                gap,
+                cs.mmin(cs.vertcat(1, *measures)),
+                cs.vertcat(*measures),
+            ]
+        )
         function = cs.Function("forward", [z, s, motors], [cs.vertcat(*map(cs.densify, outputs))])
         self._tape, self._m, self._motors = Tape(function), m, motors.numel()
+        self._inputs = np.empty((2 * m + motors.numel(), LANES))  # one state in all lanes of the machine code
         self._last: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
         self.closure = 0.0
 
@@ -75,17 +88,18 @@ class CompiledDynamics:
         return float(kinetic), float(potential)
 
     def _evaluate(self, z: np.ndarray, s: np.ndarray, motors: np.ndarray) -> np.ndarray:
-        result = self._tape(np.concatenate((z, s, motors))[:, None])[:, 0]
-        measures = result[2 * self._m + 3 :]
-        gap = float(result[2 * self._m + 2])
-        if not (
-            gap < _OPEN and np.isfinite(result.sum()) and (not measures.size or measures.min() > _SINGULAR)
-        ):
+        m = self._m
+        self._inputs[:m, :], self._inputs[m : 2 * m, :] = z[:, None], s[:, None]
+        self._inputs[2 * m :, :] = motors[:, None]
+        result = self._tape(self._inputs)[:, 0]
+        gap, smallest = result[2 * m + 2], result[2 * m + 3]
+        if not (gap < _OPEN and smallest > _SINGULAR and math.isfinite(result.sum())):
+            measures = result[2 * m + 4 :]
             where = self._names[int(np.argmin(measures))] if measures.size else "a leg"
             raise SolverError(
                 f"forward dynamics: at z = {z.tolist()} the robot is singular or out of reach ({where})"
             )
-        self.closure = max(self.closure, gap)
+        self.closure = max(self.closure, float(gap))
         return result
 
 
