@@ -143,7 +143,8 @@ def markdown(rows: Sequence[dict[str, Any]], refused: dict[str, str], notes: lis
         text.append(f"- All exaggerated by 10 %, {where} loses a contact in {own}, {rest}.")
     for k, feet in enumerate(("stiff feet", "feet of 1e6 N/m")):
         seen = [one for one in kept[k::2] if one is not None]
-        text.append(f"- On {feet} {sum(seen)} of {len(seen)} plans: none too high, none too far.")
+        if seen:
+            text.append(f"- On {feet} {sum(seen)} of {len(seen)} plans: none too high, none too far.")
     text += [f"- {name}: no plan ({why})" for name, why in refused.items()]
     return "\n".join(text) + "\n"
 
