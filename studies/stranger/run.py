@@ -1,8 +1,8 @@
 """A stranger's path: an empty folder, somebody's URDF, this repository; install, init, plan, view, report.
 
 Every step is a command of its own in a new virtual environment; a page each of `view` and `report` is made at
-the end. Measured are wall-clock time and CPU time, of plans in one process, since those that are forked for it
-are not counted; a person who reads and types comes on top.
+the end. Measured are wall-clock time and CPU time, of plans in one process, since those that are forked for
+it are not counted; a person who reads and types comes on top.
 """
 
 from __future__ import annotations

@@ -9,6 +9,7 @@ import os
 import re
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -627,3 +628,14 @@ def test_feet_that_give(capsys):
     pressed = -2e5 * np.array(data["foot_motions"])[:, 0]
     assert np.allclose(pressed, data["normal_forces"])
     assert data["redistribution"] == "tangential"
+
+
+def test_a_terminated_command_ends_its_processes_and_says_so(tmp_path):
+    command = [sys.executable, "-m", "ocptip", "plan", "F", "--tolerance", "none", "--out", "plan"]
+    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True) as process:
+        time.sleep(2.0)
+        process.terminate()
+        _, said = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert said.splitlines()[-1].startswith("ocptip: interrupted")
+    assert not (tmp_path / "plan").exists()

@@ -7,6 +7,7 @@ traceback if OCPTIP_DEBUG is set in the environment, 130 interrupted.
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
 from collections.abc import Sequence
 from typing import NoReturn
@@ -40,6 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     command = next(c for c in COMMANDS if c.name == options.command)
     if arguments is None:  # a process of its own
+        signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: results are kept
         command.prepare(options)
     return command.execute(options)
 
