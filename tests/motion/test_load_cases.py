@@ -1,5 +1,7 @@
 """Load cases at rest against statics by hand, and against each other."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -115,10 +117,14 @@ def test_what_half_spaces_prove_need_not_be_solved(corners, monkeypatch):
 
     def found():
         tilts, payloads = tilt_by_direction(robot, POSE)[1], largest_payload(robot, POSE[None])
-        return load_cases(robot, asked), tilts.tolist(), payloads.tolist()
+        rows = load_cases(robot, asked)
+        values = [[row.GN, row.GT, row.least_force] for row in rows]
+        return [replace(row, GN=0.0, GT=0.0, least_force=0.0) for row in rows], values, tilts, payloads
 
     quick = found()
     monkeypatch.setattr(Slip, "half_spaces", lambda *_: None)
     all_of_them = found()
-    assert quick == all_of_them
+    assert quick[0] == all_of_them[0]
+    for some, every in zip(quick[1:], all_of_them[1:], strict=True):
+        np.testing.assert_allclose(some, every, rtol=1e-9)
     assert {case.stands for case in quick[0]} == {True, False}
