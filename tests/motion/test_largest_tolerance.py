@@ -16,7 +16,7 @@ from ocptip.standing.tolerance import WORKSHOP, Tolerance
 
 
 class _Plan:
-    energy = 1.0
+    energy, interrupted = 1.0, False
 
 
 def bisected(monkeypatch, most: float, error: ToleranceError, **how):
@@ -67,6 +67,40 @@ def test_what_no_plan_has_is_what_the_best_motion_has(monkeypatch):
 def test_no_plan_is_begun_when_time_is_over(monkeypatch):
     found, tried = bisected(monkeypatch, 0.0, too_much(0.02, 0.5), seconds=0.0)
     assert (tried, found.plans, found.not_had) == ([], 0, None)
+
+
+def test_an_interrupt_keeps_what_was_found(monkeypatch):
+    tried = []
+
+    def plan_motion(task, **_):
+        tried.append(task.limits.tolerance.tilt)
+        if len(tried) == 2:
+            raise KeyboardInterrupt
+        return _Plan()
+
+    error = too_much(0.02, 0.5)
+    task = experiment_task("A", "effective")
+    monkeypatch.setattr(module, "plan_motion", plan_motion)
+    found = module.largest_tolerance(task, error)
+    assert tried == pytest.approx([0.02])  # all of it alone: there is no more
+    assert not found.interrupted
+    tried.clear()
+    error.too_much, error.factor, error.at_rest = Tolerance(tilt=0.02), 0.0, 0.5
+    found = module.largest_tolerance(task, error)
+    assert tried == pytest.approx([0.005, 0.0075])
+    assert (found.had.tilt, found.not_had, found.interrupted) == (pytest.approx(0.005), None, True)
+    assert f"{found}".endswith("(2 plans of 2 starts, then interrupted)")
+    assert found.to_dict()["interrupted"] is True
+
+
+def test_a_plan_that_was_interrupted_with_a_motion_is_the_last(monkeypatch):
+    plan = _Plan()
+    plan.interrupted = True
+    monkeypatch.setattr(module, "plan_motion", lambda *_, **__: plan)
+    error = too_much(0.02, 0.0)
+    error.at_rest = 0.5
+    found = module.largest_tolerance(experiment_task("A", "effective"), error)
+    assert (found.had.tilt, found.plans, found.interrupted) == (pytest.approx(0.005), 1, True)
 
 
 def test_where_ends_cannot_have_it_at_rest_bisection_begins_with_what_they_can(monkeypatch):

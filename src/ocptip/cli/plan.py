@@ -130,7 +130,9 @@ def _no_plan(
         data["without_stops"] = {"energy_J": without.energy, "duration_s": without.duration}
         data["without_stops"]["violations"] = list(broken)
     if isinstance(error, ToleranceError) and options.largest_tolerance:
-        found = largest_tolerance(task, error, seed=options.seed, jobs=options.jobs, executor=executor)
+        how = {"seed": options.seed, "jobs": options.jobs, "executor": executor}
+        with progress_bar(sys.stderr, task.objective) as progress:
+            found = largest_tolerance(task, error, **how, progress=progress)
         lines.insert(0, ("largest", f"{found}"))
         data["largest_tolerance"] = found.to_dict()
     return Answer(False, summary(f"{task.name}: NO VERIFIED PLAN. {error}", lines, []), data)

@@ -27,6 +27,7 @@ class LargestTolerance:
         plan: with `had`; None: it is what the best motion found before can have.
         plans, starts: how many were planned, with how many starts each.
         at_rest: with more than this not even start and goal stand; None: they do with what was asked for.
+        interrupted: by Ctrl-C, which keeps what was found before.
     """
 
     had: Tolerance
@@ -36,6 +37,7 @@ class LargestTolerance:
     plans: int
     starts: int
     at_rest: Tolerance | None = None
+    interrupted: bool = False
 
     def __str__(self) -> str:
         """What was found; that nothing was found proves nothing."""
@@ -48,7 +50,8 @@ class LargestTolerance:
             found += f"; none with {self.not_had}"
         if self.at_rest is not None:
             found += f"; start and goal stand at rest with up to {self.at_rest}"
-        return f"{found} ({self.plans} plans of {self.starts} starts)"
+        ended = ", then interrupted" if self.interrupted else ""
+        return f"{found} ({self.plans} plans of {self.starts} starts{ended})"
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
@@ -59,13 +62,16 @@ class LargestTolerance:
             "energy_J": self.plan and self.plan.energy,
             "plans": self.plans,
             "starts": self.starts,
+            "interrupted": self.interrupted,
         }
 
 
 def largest_tolerance(
     task: MotionTask, error: ToleranceError, *, starts: int = 2, seconds: float = SECONDS, **how: Any
 ) -> LargestTolerance:
-    """Bisect what was too much, alone if it was so alone, by a few plans.
+    """Bisect what was too much, alone if it was so alone, by a few plans that are checked and not proved.
+
+    An interrupt (Ctrl-C) ends it with what was found so far.
 
     Args:
         task: for which no motion within its tolerance was found.
@@ -79,19 +85,23 @@ def largest_tolerance(
     new = error.alone and rest is None  # all of it alone has not been planned yet
     tried = high if new else 0.5 * (low + high)
     not_had = None if new or rest is not None else error.too_much
+    interrupted = False
     while plans < PLANS and time.monotonic() - began < seconds:
         tolerance = error.too_much.scaled(tried)
         limits = replace(task.limits, tolerance=tolerance)
         plans += 1
         try:
-            best = plan_motion(replace(task, limits=limits), starts=starts, **how)
-            low = tried
+            best = plan_motion(replace(task, limits=limits), starts=starts, prove=False, **how)
+            low, interrupted = tried, best.interrupted
+        except KeyboardInterrupt:
+            interrupted = True
         except (PlanningError, InputError):
             high, not_had = tried, tolerance
-        if low >= high:
+        if interrupted or low >= high:
             break
         tried = 0.5 * (low + high)
-    return LargestTolerance(error.too_much.scaled(low), low, not_had, best, plans, starts, rest)
+    had = error.too_much.scaled(low)
+    return LargestTolerance(had, low, not_had, best, plans, starts, rest, interrupted)
 
 
 def too_much_at_rest(task: MotionTask) -> ToleranceError | None:
