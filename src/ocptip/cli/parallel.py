@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ocptip.basics.errors import InputError, SolverError, naming
 from ocptip.basics.text import ratio
 from ocptip.basics.write import file_target, versions, write_text
@@ -97,6 +99,7 @@ class ParallelReport(Report):
             "robot": robot.name,
             "legs": len(robot.legs),
             "coordinates": list(robot.platform.coordinates),
+            "dependent": list(robot.platform.dependent_coordinates),
             "actuated": [[leg + 1, joint + 1] for leg, joint in robot.actuated],
             "mobility": self.mobility.to_dict(),
             "home_pose": None if self.home is None else self.home.to_dict(),
@@ -119,10 +122,13 @@ class ParallelReport(Report):
         lines += [f"  {problem}" for problem in mobility.problems]
         motors = ", ".join(f"{leg + 1}.{joint + 1}" for leg, joint in robot.actuated)
         coordinates = ", ".join(robot.platform.coordinates)
+        along = ", ".join(robot.platform.dependent_coordinates)
+        follow = f"; dependent: {along}" if along else ""
+        idle = f", and {mobility.idle} idle freedoms" if mobility.idle else ""
         rows = [
             ("mobility", f"{mobility.dof} ({mobility.coordinates} coordinates described)"),
-            ("platform", f"{mobility.platform_dof} degrees of freedom; z = {coordinates}"),
-            ("within legs", f"{mobility.internal_dof} motions with the platform at rest"),
+            ("platform", f"{mobility.platform_dof} degrees of freedom; z = {coordinates}{follow}"),
+            ("within legs", f"{mobility.internal_dof} motions with the platform at rest{idle}"),
             ("redundant closures", f"{mobility.over_constraints}"),
             ("actuated joints", f"{len(robot.actuated)} (leg.joint): {motors}"),
         ]
@@ -211,6 +217,7 @@ def _base_parameters(description: RobotDescription) -> tuple[str, ...] | None:
 
 def _measures(home: Singularity) -> str:
     parts = {"legs": home.legs.min(), "platform": home.platform, "angles": home.representation}
+    parts |= {"constraint": home.held, "dependent": home.determined} if np.isfinite(home.held) else {}
     return ", ".join(f"{ratio(float(value))} ({name})" for name, value in parts.items())
 
 

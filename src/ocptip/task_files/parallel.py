@@ -30,7 +30,19 @@ from ocptip.parallel.description.robot_description import (
 )
 from ocptip.task_files.kinds import require_kind
 
-_TOP = ("name", "gravity", "convention", "free", "home", "parameters", "platform", "table", "leg")
+_TOP = (
+    "name",
+    "gravity",
+    "convention",
+    "free",
+    "dependent",
+    "home",
+    "dependent_home",
+    "parameters",
+    "platform",
+    "table",
+    "leg",
+)
 _JOINTS = {"revolute": REVOLUTE, "prismatic": PRISMATIC, "fixed": FIXED}
 _ENTRIES = ("gamma", "b", "alpha", "d", "theta", "r")
 _FRICTION = ("drive_inertia", "viscous", "coulomb")
@@ -75,24 +87,29 @@ class _Reader:
                 found += [(number, joint - 1) for joint in joints]
         name = data.text("name", data.file)
         gravity = data.vector("gravity", 3, np.array([0.0, 0.0, -9.81]))
-        home = data.vector("home", None)
-        return data.make(RobotDescription, name, legs, platform, **pairs, home=home, gravity=gravity)
+        homes = {"home": data.vector("home", None)}
+        if "dependent_home" in data:
+            homes["dependent_home"] = data.vector("dependent_home", len(platform.dependent_coordinates))
+        return data.make(RobotDescription, name, legs, platform, **pairs, **homes, gravity=gravity)
 
     def _platform(self) -> Platform:
-        free = self.data.value("free", None)
-        if not isinstance(free, list) or not all(name in COORDINATES for name in free):
-            raise self.data.error(f"expected names among {', '.join(COORDINATES)}, got {free!r}", "free")
-        if len(set(free)) != len(free):
-            raise self.data.error(f"a coordinate is listed twice: {free!r}", "free")
-        ordered = [name for name in COORDINATES if name in free]
-        if free != ordered:
-            # `home` and all z follow this order: another one would be read as something else.
-            raise self.data.error(
-                f"expected the order {ordered}, which z and `home` have, got {free}", "free"
-            )
-        mask = tuple(name in free for name in COORDINATES)
+        mask, dependent = self._coordinates("free", None), self._coordinates("dependent", [])
         body = _body(self.data.table("platform", optional=True))
-        return Platform(mask, self.data.value("convention", "xyz"), body)
+        convention = self.data.value("convention", "xyz")
+        return self.data.make(Platform, mask, convention, body, dependent=dependent)
+
+    def _coordinates(self, key: str, default: list[str] | None) -> tuple[bool, ...]:
+        """Which of the platform's coordinates a list of their names holds."""
+        names = self.data.value(key, default)
+        if not isinstance(names, list) or not all(name in COORDINATES for name in names):
+            raise self.data.error(f"expected names among {', '.join(COORDINATES)}, got {names!r}", key)
+        if len(set(names)) != len(names):
+            raise self.data.error(f"a coordinate is listed twice: {names!r}", key)
+        ordered = [name for name in COORDINATES if name in names]
+        if names != ordered:
+            # `home` and all z follow this order: another one would be read as something else.
+            raise self.data.error(f"expected the order {ordered}, which z and `home` have, got {names}", key)
+        return tuple(name in names for name in COORDINATES)
 
     def _leg(self, leg: Table) -> Leg | BranchedLeg:
         key = leg.text("table")
@@ -108,6 +125,7 @@ class _Reader:
             "base_position": self._point(leg, "base_position"),
             "base_rotation": self._rotations(leg, "base_rotation"),
             "guess": leg.vector("guess", None, ()),
+            "idle": leg.whole("idle", 0, least=0),
         }
         leg.close("actuated", "redundant")
         table.close()

@@ -30,7 +30,8 @@ class Mobility(Record):
     Attributes:
         dof: of the whole mechanism: joints and platform minus the rank of the closures.
         platform_dof: dimension of the platform's possible twists.
-        internal_dof: motions of the legs with the platform at rest.
+        internal_dof: motions of the legs with the platform at rest, idle freedoms not counted.
+        idle: idle freedoms of the legs.
         coordinates: number of coordinates the description has.
         motors: number of motors.
         over_constraints: closure rows that are redundant.
@@ -42,6 +43,7 @@ class Mobility(Record):
     dof: int
     platform_dof: int
     internal_dof: int
+    idle: int
     coordinates: int
     motors: int
     over_constraints: int
@@ -83,25 +85,28 @@ def mobility(kinematics: Kinematics) -> Mobility:
     if not found:
         raise InputError(f"{description.name}: {problems[0]}")
     dof, platform, internal, surplus, gap = min(found)
-    m, motors = description.m, len(description.actuated)
+    m, motors, idle = description.m, len(description.actuated), sum(leg.idle for leg in kinematics.legs)
+    dof, internal = dof - idle, internal - idle
     blocked = [str(i + 1) for i in np.flatnonzero(worst > 1e-6)]
     if blocked:
         problems.append(
-            f"leg {', '.join(blocked)} does not allow all of {', '.join(description.platform.coordinates)}"
+            f"leg {', '.join(blocked)} does not allow all of {', '.join(description.platform.coordinates)}; "
+            "name coordinates that the legs force to move along as `dependent`"
         )
     if dof != m:
         problems.append(f"the mechanism has mobility {dof}, but {m} coordinates are described")
     if internal > len(description.redundant):
         problems.append(
             f"{internal} motions of the legs leave the platform at rest, but {len(description.redundant)} "
-            "redundant joints are described"
+            "redundant joints are described; a leg that spins about itself says `idle = 1`"
         )
+    problems += _driven_idlers(kinematics)
     if motors < dof:
         problems.append(f"{motors} motors cannot hold {dof} degrees of freedom")
     if not problems and (reason := singular_everywhere(kinematics)):
         problems.append(reason)
     return Mobility(
-        dof, platform, internal, m, motors, surplus, gap, len(found), tuple(dict.fromkeys(problems))
+        dof, platform, internal, idle, m, motors, surplus, gap, len(found), tuple(dict.fromkeys(problems))
     )
 
 
@@ -135,6 +140,16 @@ def stacked_closures(legs: Sequence[LegClosure], q: Sequence[np.ndarray], R: np.
     return np.vstack(blocks)
 
 
+def _driven_idlers(kinematics: Kinematics) -> list[str]:
+    """Legs whose idle freedoms move one of their motors: that motor would not move the platform alone."""
+    problems = []
+    for leg in kinematics.legs:
+        driven = [joint for own, joint in kinematics.description.actuated if own == leg.number]
+        if leg.idle and np.abs(leg.idle_motions(leg.home)[driven]).max(initial=0.0) > 1e-6:
+            problems.append(f"the idle freedom of leg {leg.number + 1} moves its motor")
+    return problems
+
+
 def _near(
     kinematics: Kinematics, home: list[np.ndarray], direction: np.ndarray
 ) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
@@ -154,7 +169,7 @@ def _counts(
     kinematics: Kinematics, z: np.ndarray, q: tuple[np.ndarray, ...]
 ) -> tuple[int, int, int, int, float]:
     """dof, platform dof, internal dof, redundant rows, gap of the singular values."""
-    matrix = stacked_closures(kinematics.legs, q, kinematics.pose(z)[1])
+    matrix = stacked_closures(kinematics.legs, q, kinematics.pose(z, q)[1])
     _, values, right = np.linalg.svd(matrix)
     rank, gap = _rank(values)
     dof = matrix.shape[1] - rank

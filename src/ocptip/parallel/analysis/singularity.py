@@ -73,15 +73,21 @@ class Singularity:
         legs: per leg the smallest singular value of its Jacobian, revolute columns divided by L: type I.
         platform: smallest singular value of J_a, angles weighted with L: type II. If a leg is singular, that
             of A with rows of length 1 instead, or infinite without a pair.
-        representation: smallest singular value of the free columns of E: Euler angles.
+        representation: smallest singular value of the moving columns of E: Euler angles.
+        held: of a platform with dependent coordinates the smallest singular value of what the legs demand of
+            its rates: near 0 they no longer hold all others (constraint singularity); else infinite.
+        determined: the same of the dependent coordinates' columns: near 0 the free ones do not fix them.
         length: L, m.
         pair: the implicit pair, or None where motors do not act on one force line of their leg.
-        kinds: names of what is singular: "leg 2 (type I)", "platform (type II)", "representation".
+        kinds: names of what is singular: "leg 2 (type I)", "constraint", "coordinates", "platform (type II)",
+            "representation".
     """
 
     legs: np.ndarray
     platform: float
     representation: float
+    held: float
+    determined: float
     length: float
     pair: ImplicitPair | None
     kinds: tuple[str, ...]
@@ -98,11 +104,12 @@ class Singularity:
 
     def to_dict(self) -> dict[str, object]:
         """Plain data."""
-        finite = np.isfinite(self.platform)
+        measures = {
+            name: getattr(self, name) for name in ("platform", "representation", "held", "determined")
+        }
         return {
             "legs": self.legs.tolist(),
-            "platform": self.platform if finite else None,
-            "representation": self.representation,
+            **{name: value if np.isfinite(value) else None for name, value in measures.items()},
             "length": self.length,
             "A": None if self.pair is None else self.pair.A.tolist(),
             "b": None if self.pair is None else self.pair.b.tolist(),
@@ -136,22 +143,30 @@ def singularity(
     """
     length = characteristic_length(kinematics)
     legs = np.array([_leg_measure(kinematics, i, q[i], length, complete) for i in range(len(q))])
-    representation = kinematics.platform.conditioning(z[: kinematics.platform.m])
+    moving = kinematics.moving(z, q)
+    representation = kinematics.platform.conditioning(moving)
     kinds = [f"leg {i + 1} (type I)" for i in np.flatnonzero(legs < tolerance)]
-    platform = np.inf
+    platform = held = determined = np.inf
+    if kinematics.along is not None:
+        restraint = kinematics.along.restraint(moving, q, kinematics.platform.pose(moving)[1], length)
+        held, determined = restraint.held, restraint.determined
+        if held < tolerance:
+            kinds.append("constraint")
+        elif determined < tolerance:
+            kinds.append("coordinates")
     if not kinds:
         motion = kinematics.motion(z, np.zeros(kinematics.m), q, complete=complete)
         platform = platform_measure(kinematics, motion, length)
     pair = implicit_pair(kinematics, z, q) if kinematics.description.coupling_form else None
     if kinds and pair is not None and pair.A.shape[0] == pair.A.shape[1]:
-        scaled = _weighted(kinematics, pair.A, length, motors=False)
+        scaled = pair.A @ _unit_speeds(kinematics, length)
         scaled = scaled / np.maximum(np.linalg.norm(scaled, axis=1, keepdims=True), 1e-300)
         platform = float(np.linalg.svd(scaled, compute_uv=False)[-1])
     if platform < tolerance:
         kinds.append("platform (type II)")
     if representation < tolerance:
         kinds.append("representation")
-    return Singularity(legs, platform, representation, length, pair, tuple(kinds))
+    return Singularity(legs, platform, representation, held, determined, length, pair, tuple(kinds))
 
 
 def platform_measure(kinematics: Kinematics, motion: RobotMotion, length: float) -> float:
@@ -159,7 +174,8 @@ def platform_measure(kinematics: Kinematics, motion: RobotMotion, length: float)
     J = kinematics.actuated_jacobian(motion)
     if J.shape[0] < J.shape[1]:
         return 0.0
-    return float(np.linalg.svd(_weighted(kinematics, J, length, motors=True), compute_uv=False)[-1])
+    weighted = _weighted(kinematics, J @ _unit_speeds(kinematics, length, motion), length)
+    return float(np.linalg.svd(weighted, compute_uv=False)[-1])
 
 
 def implicit_pair(kinematics: Kinematics, z: np.ndarray, q: Sequence[np.ndarray]) -> ImplicitPair:
@@ -189,9 +205,9 @@ def free_screw(kinematics: Kinematics, z: np.ndarray, q: Sequence[np.ndarray], *
     """
     length = characteristic_length(kinematics)
     motion = kinematics.motion(z, np.zeros(kinematics.m), q, complete=complete)
-    weighted = _weighted(kinematics, kinematics.actuated_jacobian(motion), length, motors=True)
-    s = np.linalg.svd(weighted)[2][-1]
-    s[[k for k, i in enumerate(kinematics.platform.indices) if i >= 3]] /= length
+    units = _unit_speeds(kinematics, length, motion)
+    weighted = _weighted(kinematics, kinematics.actuated_jacobian(motion) @ units, length)
+    s = units @ np.linalg.svd(weighted)[2][-1]
     v, omega = np.split(motion.T @ s, 2)
     spin, speed = np.linalg.norm(omega), np.linalg.norm(v)
     if spin * length <= 1e-6 * speed:
@@ -225,7 +241,7 @@ def require_regular(
         SolverError: naming the leg, or the screw that the motors do not hold, and the measures.
     """
     found = singularity(kinematics, z, q, complete=complete)
-    kinds = [kind for kind in found.mechanical if kind.startswith("leg") or not legs_only]
+    kinds = [kind for kind in found.mechanical if not (legs_only and kind.startswith("platform"))]
     if kinds:
         what = ", ".join(kinds) + _not_held(kinematics, z, q, found, complete=complete)
         raise SolverError(
@@ -284,17 +300,27 @@ def _leg_measure(kinematics: Kinematics, i: int, q: np.ndarray, length: float, c
     joints = leg.leg.joint_rows
     scale = [length if joints[c].sigma == REVOLUTE else 1.0 for c in columns]
     singular_values = np.linalg.svd(J[:, columns] / scale, compute_uv=False)
-    return float(singular_values[len(columns) - 1]) if len(singular_values) >= len(columns) else 0.0
+    count = len(columns) - leg.idle
+    return float(singular_values[count - 1]) if len(singular_values) >= count else 0.0
 
 
-def _weighted(kinematics: Kinematics, J: np.ndarray, length: float, *, motors: bool) -> np.ndarray:
-    weighted = J.copy()
-    for column, i in enumerate(kinematics.platform.indices):
-        if i >= 3:
-            weighted[:, column] /= length
-    if motors:
-        weighted[[row.sigma == REVOLUTE for row in kinematics.description.motor_rows]] *= length
-    return weighted
+def _unit_speeds(kinematics: Kinematics, length: float, motion: RobotMotion | None = None) -> np.ndarray:
+    """(m, m): quasi-velocities s' of orthonormal motions, angles counted as lengths by `length`, m.
+
+    `motion` counts for platforms with dependent coordinates only.
+    """
+    if kinematics.along is not None and motion is not None:
+        scale = np.array([1.0] * 3 + [length] * 3)
+        return np.linalg.inv(np.linalg.qr(scale[:, None] * motion.T)[1])
+    turning = [i >= 3 for i in kinematics.platform.indices]
+    redundant = [1.0] * (kinematics.m - len(turning))
+    return np.diag([*np.where(turning, 1.0 / length, 1.0), *redundant])
+
+
+def _weighted(kinematics: Kinematics, J: np.ndarray, length: float) -> np.ndarray:
+    """Rows of revolute motors as lengths."""
+    turning = [row.sigma == REVOLUTE for row in kinematics.description.motor_rows]
+    return J * np.where(turning, length, 1.0)[:, None]
 
 
 def _force_direction(passive: np.ndarray) -> np.ndarray:

@@ -52,6 +52,7 @@ class BranchedLeg(LegBase):
         base_rotation, base_position: as in :class:`ocptip.parallel.description.robot_description.Leg`.
         drive_inertia, viscous, coulomb: per joint, as in `Leg`; fixed rows are not counted.
         guess: joint values near the home pose; empty: searched.
+        idle: as in `Leg`.
     """
 
     rows: tuple[MDHRow, ...]
@@ -65,6 +66,7 @@ class BranchedLeg(LegBase):
     viscous: tuple[float, ...] = ()
     coulomb: tuple[float, ...] = ()
     guess: tuple[float, ...] = ()
+    idle: int = 0
 
     def __post_init__(self) -> None:
         rows = tuple(self.rows)

@@ -96,6 +96,8 @@ class LegBase:
         )
         for name in ("drive_inertia", "viscous", "coulomb"):
             settle(self, **{name: joint_numbers(name, getattr(self, name), count)})
+        if isinstance(self.idle, bool) or not isinstance(self.idle, int) or self.idle < 0:
+            raise InputError(f"idle: expected a whole number >= 0, got {self.idle!r}")
         if len(self.guess) not in (0, *sizes):
             wanted = " or ".join(map(str, sizes))
             raise InputError(f"guess: expected {wanted} numbers, got {len(self.guess)}")
@@ -132,6 +134,7 @@ class Leg(LegBase):
         branch: signs that choose among closed-form solutions, see `parallel.kinematics.closed_form`; empty:
             all positive.
         guess: joint values near the home pose, for tables without a closed form; empty: searched.
+        idle: freedoms that neither platform nor motors notice: the spin of a leg between two ball joints.
     """
 
     rows: tuple[MDHRow, ...]
@@ -146,6 +149,7 @@ class Leg(LegBase):
     coulomb: tuple[float, ...] = ()
     branch: tuple[int, ...] = ()
     guess: tuple[float, ...] = ()
+    idle: int = 0
 
     def __post_init__(self) -> None:
         rows = tuple(self.rows)
@@ -200,11 +204,12 @@ class Platform:
     """The platform.
 
     Attributes:
-        mask: which of x, y, z, phi1, phi2, phi3 are free; the others stay zero.
+        mask: which of x, y, z, phi1, phi2, phi3 are free; the others stay zero, but for the dependent ones.
         convention: three axis letters of the intrinsic rotations R_P = R_a(phi1) R_b(phi2) R_c(phi3).
         inertia: about the platform's origin P, platform axes.
         payload: what the platform carries; it is in `inertia`.
         bare: inertia without payload, where there is one.
+        dependent: which of the six follow from the free ones, because the legs force them to move along.
     """
 
     mask: tuple[bool, ...]
@@ -212,16 +217,21 @@ class Platform:
     inertia: BodyInertia = field(default_factory=BodyInertia)
     payload: Payload | None = None
     bare: BodyInertia | None = None
+    dependent: tuple[bool, ...] = (False,) * 6
 
     def __post_init__(self) -> None:
-        mask = tuple(self.mask)
-        if len(mask) != 6 or not all(isinstance(m, bool | np.bool_ | int) and m in (0, 1) for m in mask):
-            raise InputError(
-                f"mask: expected six truth values for {', '.join(COORDINATES)}, got {self.mask!r}"
-            )
-        if not any(mask):
+        for name in ("mask", "dependent"):
+            mask = tuple(getattr(self, name))
+            if len(mask) != 6 or not all(isinstance(m, bool | np.bool_ | int) and m in (0, 1) for m in mask):
+                raise InputError(
+                    f"{name}: expected six truth values for {', '.join(COORDINATES)}, got {mask!r}"
+                )
+            settle(self, **{name: tuple(map(bool, mask))})
+        if not any(self.mask):
             raise InputError("mask: at least one platform coordinate must be free")
-        settle(self, mask=tuple(map(bool, mask)))
+        both = [c for c in self.coordinates if c in self.dependent_coordinates]
+        if both:
+            raise InputError(f"dependent: {', '.join(both)} cannot be both free and dependent")
         if self.convention not in CONVENTIONS:
             raise InputError(f"convention: must be one of {', '.join(CONVENTIONS)}, got {self.convention!r}")
         if not isinstance(self.inertia, BodyInertia):
@@ -240,6 +250,11 @@ class Platform:
     def coordinates(self) -> tuple[str, ...]:
         """Names of the free coordinates."""
         return tuple(name for name, free in zip(COORDINATES, self.mask, strict=True) if free)
+
+    @property
+    def dependent_coordinates(self) -> tuple[str, ...]:
+        """Names of the coordinates that follow from the free ones."""
+        return tuple(name for name, along in zip(COORDINATES, self.dependent, strict=True) if along)
 
     @property
     def m(self) -> int:
@@ -261,6 +276,8 @@ class RobotDescription:
         gravity: (3,), m/s^2, world axes.
         redundant: (leg, joint) pairs whose positions are coordinates besides the platform's, because the
             platform's pose does not fix them (kinematic redundancy).
+        dependent_home: values of the platform's dependent coordinates in the home pose, m and rad; empty:
+            zeros. Near is enough: they are made to close the legs.
     """
 
     name: str
@@ -270,6 +287,7 @@ class RobotDescription:
     home: np.ndarray
     gravity: np.ndarray = field(default_factory=lambda: np.array([0.0, 0.0, -9.81]))
     redundant: tuple[tuple[int, int], ...] = ()
+    dependent_home: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     def __post_init__(self) -> None:
         legs = tuple(self.legs)
@@ -282,7 +300,13 @@ class RobotDescription:
         if not self.actuated:
             raise InputError("actuated: a robot needs at least one motor")
         settle(self, redundant=self._pairs("redundant"), gravity=finite_array("gravity", self.gravity, (3,)))
+        along = len(self.platform.dependent_coordinates)
+        if along and self.redundant:
+            raise InputError("redundant: a platform with dependent coordinates cannot have redundant joints")
         settle(self, home=finite_array("home", self.home, (self.m,)))
+        if len(self.dependent_home) == 0:
+            settle(self, dependent_home=np.zeros(along))
+        settle(self, dependent_home=finite_array("dependent_home", self.dependent_home, (along,)))
         _ = self.parameters
 
     def _pairs(self, name: str) -> tuple[tuple[int, int], ...]:
@@ -345,11 +369,15 @@ class RobotDescription:
         square; else the complete legs are needed.
         """
         rows = len(self.position_rows)
+        if along := self.platform.dependent_coordinates:
+            return f"the platform has dependent coordinates ({', '.join(along)})"
         for number, leg in enumerate(self.legs, start=1):
             if not isinstance(leg, Leg):
                 return f"leg {number} branches or has loops of its own"
             if leg.n != rows:
                 return f"leg {number} has {leg.n} joints up to its coupling point, not {rows}"
+            if leg.idle:
+                return f"leg {number} has idle freedoms"
         for leg, joint in self.actuated:
             if joint >= self.legs[leg].n:
                 return f"leg {leg + 1} has a motor on joint {joint + 1}, behind its coupling point"

@@ -51,31 +51,37 @@ class PlatformCoordinates:
     itself, restricted to what is free; with two, whose span of angular velocities turns with the platform,
     s' = z' and T holds the columns of E.
 
+    Where coordinates d depend on z, `z` below stands for all that move, (z, d): first the free ones, then the
+    dependent ones; s' is the rate of these.
+
     Attributes:
         m: number of free coordinates.
         indices: of the free ones among x, y, z, phi1, phi2, phi3.
+        dependent: indices of the dependent ones.
+        order: both.
     """
 
     def __init__(self, platform: Platform) -> None:
         self.convention = platform.convention
         self.indices = [i for i, free in enumerate(platform.mask) if free]
+        self.dependent = [i for i, along in enumerate(platform.dependent) if along]
+        self.order = self.indices + self.dependent
         self.m = len(self.indices)
-        self._turning = [i - 3 for i in self.indices if i >= 3]
-        self._straight = [i for i in self.indices if i < 3]
-        self._selection = np.zeros((6, self.m))
-        for column, i in enumerate(self.indices):
+        self._turning = [i - 3 for i in self.order if i >= 3]
+        self._selection = np.zeros((6, len(self.order)))
+        for column, i in enumerate(self.order):
             row = 3 + "xyz".index(self.convention[i - 3]) if i >= 3 and len(self._turning) == 1 else i
             self._selection[row, column] = 1.0
 
     @property
     def quasi(self) -> bool:
-        """True if s' is a part of the twist; False if s' = z' (two free rotations)."""
-        return len(self._turning) != 2
+        """True if s' is a part of the twist; False if s' = z' (two free rotations, or dependent ones)."""
+        return len(self._turning) != 2 and not self.dependent
 
     def full(self, z: Sequence[Scalar]) -> list[Scalar]:
         """All six coordinates, zeros where none is free."""
         values: list[Scalar] = [0.0] * 6
-        for k, i in enumerate(self.indices):
+        for k, i in enumerate(self.order):
             values[i] = z[k]
         return values
 
@@ -89,7 +95,8 @@ class PlatformCoordinates:
         if self.quasi:
             return self._selection
         T = self._selection.copy()
-        T[3:, len(self._straight) :] = rate_matrix(self.convention, self.full(z)[3:])[:, self._turning]
+        turning = [column for column, i in enumerate(self.order) if i >= 3]
+        T[3:, turning] = rate_matrix(self.convention, self.full(z)[3:])[:, self._turning]
         return T
 
     def selection_drift(self, z: np.ndarray, s_rates: np.ndarray) -> np.ndarray:
@@ -103,21 +110,21 @@ class PlatformCoordinates:
     def rates(self, z: np.ndarray) -> np.ndarray:
         """H, (m, m): s' = H z'."""
         H = np.eye(self.m)
-        if len(self._turning) == 3:
+        if self.quasi and len(self._turning) == 3:
             H[-3:, -3:] = rate_matrix(self.convention, self.full(z)[3:])
         return H
 
     def rates_derivative(self, z: np.ndarray, z_rates: np.ndarray) -> np.ndarray:
         """H', (m, m): s'' = H z'' + H' z'."""
         D = np.zeros((self.m, self.m))
-        if len(self._turning) == 3:
+        if self.quasi and len(self._turning) == 3:
             full = self.full(z)[3:], self.full(z_rates)[3:]
             D[-3:, -3:] = rate_matrix_derivative(self.convention, *full)
         return D
 
     def conditioning(self, z: np.ndarray) -> float:
-        """Smallest singular value of the free columns of E: 0 where the Euler angles are singular; 1 without
-        free rotations."""
+        """Smallest singular value of the moving columns of E: 0 where the Euler angles are singular, 1
+        without rotations."""
         if not self._turning:
             return 1.0
         E = rate_matrix(self.convention, self.full(z)[3:])[:, self._turning]

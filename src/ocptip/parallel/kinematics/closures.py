@@ -45,6 +45,7 @@ class LegClosure:
         locked: joints that are coordinates of their own (kinematic redundancy).
         drives: (3, n) drive inertia, viscous and Coulomb friction.
         end_rotations: (3, 3) platform axes to end frame, per end, or None where the orientation is free.
+        idle: number of freedoms that neither platform nor motors notice.
     """
 
     def __init__(self, number: int, leg: Leg | BranchedLeg, locked: Sequence[int] = ()) -> None:
@@ -61,7 +62,7 @@ class LegClosure:
             self.couplings = [e.coupling_point for e in leg.ends]
             self.end_rotations = [e.end_rotation for e in leg.ends]
             self.loops, self.point = len(leg.loops), self.topology.n_joints
-        self.n = self.topology.n_joints
+        self.n, self.idle = self.topology.n_joints, leg.idle
         self.locked = list(locked)
         self.free = [j for j in range(self.n) if j not in self.locked]
         self.drives = np.array([leg.drive_inertia, leg.viscous, leg.coulomb])[:, : self.n]
@@ -161,12 +162,35 @@ class LegClosure:
         inverse = np.linalg.pinv(J[:, self.free], rcond=1e-11)
         Jq = np.zeros((self.n, len(s)))
         Jq[self.free] = inverse @ right
+        Jq -= self.idling(q, Jq)
         Jq[self.locked, rho] = 1.0
         mismatch = np.abs(J[:, self.free] @ Jq[self.free] - right).max() / max(1.0, np.abs(right).max())
         qd = Jq @ s
         bias = np.zeros(self.n)
-        bias[self.free] = inverse @ self._drift(q, qd, R, T_drift, T @ s[:m])
-        return LegMotion(q, Jq, bias, qd, float(mismatch))
+        bias[self.free] = inverse @ self.drift(q, qd, R, T_drift, T @ s[:m])
+        return LegMotion(q, Jq, bias - self.idling(q, bias), qd, float(mismatch))
+
+    def idle_motions(self, q: np.ndarray) -> np.ndarray:
+        """(n, idle) orthonormal joint rates that leave the platform at rest."""
+        motions = np.zeros((self.n, self.idle))
+        if self.idle:
+            motions[self.free] = np.linalg.svd(self.jacobian(q)[0][:, self.free])[2][-self.idle :].T
+        return motions
+
+    def idling(self, q: np.ndarray, rates: np.ndarray) -> np.ndarray:
+        """The part of rates (n, ...) along the idle motions that costs kinetic energy for nothing.
+
+        Without it the bodies carry no momentum along the idle motions, and no forces there: what the platform
+        feels of the leg is then the same whatever the idle accelerations are.
+        """
+        if not self.idle:
+            return np.zeros_like(rates)
+        motions = self.idle_motions(q)
+        M = self.dynamics(q, np.zeros(self.n), np.zeros(3))[0]
+        least = 1e-12 * max(float(np.trace(M)), 1e-300)
+        values, axes = np.linalg.eigh(motions.T @ M @ motions)
+        heavy = motions @ axes[:, values > least]
+        return heavy @ np.linalg.solve(heavy.T @ M @ heavy, heavy.T @ M @ rates)
 
     def point_motion(
         self,
@@ -185,14 +209,14 @@ class LegClosure:
         except np.linalg.LinAlgError:
             Jq = np.full((self.point, len(s)), np.inf)
         qd = Jq @ s
-        accelerated = self._drift(self.padded(q), self.padded(qd), R, T_drift, T @ s)[rows]
+        accelerated = self.drift(self.padded(q), self.padded(qd), R, T_drift, T @ s)[rows]
         return LegMotion(q, Jq, np.linalg.solve(J, accelerated), qd, 0.0)
 
     def point_jacobian(self, q: np.ndarray, rows: Sequence[int]) -> np.ndarray:
         """J_B (rows, point): velocity of the coupling point per joint rate, world axes."""
         return self.jacobian(self.padded(q[: self.point]))[0][list(rows), : self.point]
 
-    def _drift(
+    def drift(
         self, q: np.ndarray, qd: np.ndarray, R: np.ndarray, T_drift: np.ndarray, t: np.ndarray
     ) -> np.ndarray:
         """C T_drift + C' t - J_c' q' (rows,): what joint accelerations make up for at s'' = 0."""
@@ -203,6 +227,17 @@ class LegClosure:
         full = np.zeros(self.n)
         full[: len(values)] = values
         return full
+
+    def row_scale(self, length: float) -> np.ndarray:
+        """(rows,) factors that make all closure rows lengths: `length`, m, for those of orientations."""
+        ends = [[1.0] * 3 + [length] * (0 if turn is None else 3) for turn in self.end_rotations]
+        return np.array([*np.concatenate(ends), *[1.0] * 3 * self.loops])
+
+    @property
+    def whole_rows(self) -> np.ndarray:
+        """Closure rows that hold before the leg is assembled: positions, orientations that are given."""
+        serial = isinstance(self.leg, Leg) and self.end_rotations[0] is None
+        return np.arange(3 if serial else len(self.row_scale(1.0)))
 
     @property
     def end_rows(self) -> tuple[int, ...]:

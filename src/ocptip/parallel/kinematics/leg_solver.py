@@ -29,7 +29,7 @@ _CURVATURE = 0.2  # of a step: largest part that Newton's method may add to the 
 Way = Callable[[float], tuple[np.ndarray, np.ndarray, np.ndarray]]
 """Position (3,), m, rotation (3, 3) and values of the locked joints from home (0) to a pose (1)."""
 
-_Attempt = tuple[np.ndarray, float, int]
+Attempt = tuple[np.ndarray, float, int]
 """Joint positions, largest closure error, Newton steps."""
 
 
@@ -70,7 +70,7 @@ class LegSolver(LegClosure):
         self.end_rotations[0] = self.frames(q)[0][-1].T @ R
         self.home = q
 
-    def find(self, way: Way, guess: np.ndarray | None) -> tuple[_Attempt, str]:
+    def find(self, way: Way, guess: np.ndarray | None) -> tuple[Attempt, str]:
         """Joint positions at the end of a way, and where they come from.
 
         "guess": by Newton's method from the guess. "home": without guess, by the closed form in its branch,
@@ -94,37 +94,40 @@ class LegSolver(LegClosure):
                 return continued, "home"
         return self.solve(r, R, guess, locked), "search"
 
-    def _continued(self, way: Way) -> _Attempt | None:
+    def _continued(self, way: Way) -> Attempt | None:
         """From home along the way in steps so short that the assembly stays; None where it cannot."""
-        q, error, used, at, step = self.home, 0.0, 0, 0.0, 1.0
-        while at < 1.0:
-            end = min(1.0, at + step)
-            found = self._followed(q, *way(end))
-            if found is None:
-                step /= 2
-                if step < _SHORTEST:
-                    return None
-                continue
-            q, error, used, at, step = found[0], found[1], used + found[2], end, 2 * step
-        return q, error, used
+        return continued(self.home, lambda q, share: self._followed(q, *way(share)))
 
-    def _followed(self, q: np.ndarray, r: np.ndarray, R: np.ndarray, locked: np.ndarray) -> _Attempt | None:
+    def _followed(self, q: np.ndarray, r: np.ndarray, R: np.ndarray, locked: np.ndarray) -> Attempt | None:
         """Joint positions at a pose nearby; None if they do not close the leg, or lie off the tangent."""
         start = q.copy()
         start[self.locked] = locked
-        slope = self.jacobian(start)[0][:, self.free]
-        step = np.linalg.lstsq(slope, -self.residual(start, r, R), rcond=1e-10)[0]
-        size = np.abs(step).max(initial=0.0)
-        if size > STEP_LIMIT:
-            return None
-        start[self.free] += step
-        found = self._newton(start, r, R, self.free)
-        off = np.abs(found[0] - start).max()
-        if found[1] > CLOSURE_TOLERANCE * self.length or off > _CURVATURE * size + CLOSURE_TOLERANCE:
-            return None
-        return found[0], found[1], found[2] + 1
+        if not self.free:
+            return start, 0.0, 0
+        return followed(
+            start,
+            self.free,
+            lambda values: self.residual(values, r, R),
+            lambda values: self.jacobian(values)[0][:, self.free],
+            CLOSURE_TOLERANCE * self.length,
+        )
 
-    def solve(self, r: np.ndarray, R: np.ndarray, guess: np.ndarray | None, locked: np.ndarray) -> _Attempt:
+    def nearest(self, r: np.ndarray, R: np.ndarray) -> Attempt:
+        """Joint positions (n,) whose coupling point comes nearest, coupling joints as guessed or at zero, and
+        the distance, m; the guess of a branched leg and its closure error."""
+        if not isinstance(self.leg, Leg):
+            q = self.padded(np.array(self.leg.guess))
+            return q, float(np.abs(self.residual(q, r, R)).max()), 0
+        target = r + R @ self.couplings[0]
+        q, error, used = self._first_closed(
+            self._newton_point(start, target, range(self.point)) for start in self._point_starts(None)
+        )
+        full = self.padded(q)
+        if len(self.leg.guess) == self.n:
+            full[self.point :] = self.leg.guess[self.point :]
+        return full, error, used
+
+    def solve(self, r: np.ndarray, R: np.ndarray, guess: np.ndarray | None, locked: np.ndarray) -> Attempt:
         """Joint positions at a platform pose, all closure rows.
 
         Args:
@@ -155,7 +158,7 @@ class LegSolver(LegClosure):
             )
         return q, error, used
 
-    def solve_point(self, r: np.ndarray, R: np.ndarray, guess: np.ndarray | None = None) -> _Attempt:
+    def solve_point(self, r: np.ndarray, R: np.ndarray, guess: np.ndarray | None = None) -> Attempt:
         """Positions (point,) of the joints up to the coupling point: closed form, else Newton on three rows.
 
         Raises:
@@ -181,7 +184,7 @@ class LegSolver(LegClosure):
             raise InputError(f"{refusal}: error {error:.2g} m after {used} Newton steps")
         return q, error, used
 
-    def _first_closed(self, attempts: Iterator[_Attempt]) -> _Attempt:
+    def _first_closed(self, attempts: Iterator[Attempt]) -> Attempt:
         """The first attempt that closes the leg, or the best one; iterations of all."""
         best, worst, used = None, np.inf, 0
         for q, error, iterations in attempts:
@@ -237,7 +240,7 @@ class LegSolver(LegClosure):
         for _ in range(_RESTARTS):
             yield rng.uniform(-np.pi, np.pi, self.point)
 
-    def _newton(self, q: np.ndarray, r: np.ndarray, R: np.ndarray, free: list[int]) -> _Attempt:
+    def _newton(self, q: np.ndarray, r: np.ndarray, R: np.ndarray, free: list[int]) -> Attempt:
         if not free:
             return q, 0.0, 0
 
@@ -247,19 +250,19 @@ class LegSolver(LegClosure):
         def slope(values):
             return self.jacobian(values)[0][:, free]
 
-        return _damped_newton(q, free, error, slope)
+        return damped_newton(q, free, error, slope)
 
     def _local_target(self, r: np.ndarray, R: np.ndarray) -> np.ndarray:
         return self.base.T @ (r + R @ self.couplings[0] - self.origin)
 
-    def _newton_point(self, q: np.ndarray, target: np.ndarray, free: Sequence[int]) -> _Attempt:
+    def _newton_point(self, q: np.ndarray, target: np.ndarray, free: Sequence[int]) -> Attempt:
         def error(values):
             return self._point_error(values, target)
 
         def slope(values):
             return self.point_jacobian(values, (0, 1, 2))[:, free]
 
-        return _damped_newton(q, free, error, slope)
+        return damped_newton(q, free, error, slope)
 
     def _point_error(self, q: np.ndarray, target: np.ndarray) -> np.ndarray:
         return self.frames(self.padded(q))[1][self.end_rows[0]] - target
@@ -278,12 +281,48 @@ def _turn_to_parallel(about: np.ndarray, axis: np.ndarray, goal: np.ndarray) -> 
     return 0.0 if best == np.pi else best
 
 
-def _damped_newton(
+def continued(start: np.ndarray, follow: Callable[[np.ndarray, float], Attempt | None]) -> Attempt | None:
+    """From a start (share 0) to share 1 in steps so short that `follow` succeeds; None where it cannot."""
+    q, error, used, at, step = start, 0.0, 0, 0.0, 1.0
+    while at < 1.0:
+        end = min(1.0, at + step)
+        found = follow(q, end)
+        if found is None:
+            step /= 2
+            if step < _SHORTEST:
+                return None
+            continue
+        q, error, used, at, step = found[0], found[1], used + found[2], end, 2 * step
+    return q, error, used
+
+
+def followed(
+    start: np.ndarray,
+    free: Sequence[int],
+    error: Callable[[np.ndarray], np.ndarray],
+    slope: Callable[[np.ndarray], np.ndarray],
+    tolerance: float,
+) -> Attempt | None:
+    """A solution nearby by one step along the tangent and Newton's method; None if it is not one to the
+    tolerance, or lies off the tangent."""
+    first = start.copy()
+    step = np.linalg.lstsq(slope(start), -error(start), rcond=1e-10)[0]
+    size = np.abs(step).max(initial=0.0)
+    if size > STEP_LIMIT:
+        return None
+    first[free] += step
+    q, remaining, used = damped_newton(first, free, error, slope)
+    if remaining > tolerance or np.abs(q - first).max() > _CURVATURE * size + CLOSURE_TOLERANCE:
+        return None
+    return q, remaining, used + 1
+
+
+def damped_newton(
     q: np.ndarray,
     free: Sequence[int],
     error: Callable[[np.ndarray], np.ndarray],
     slope: Callable[[np.ndarray], np.ndarray],
-) -> _Attempt:
+) -> Attempt:
     """Gauss-Newton with a step limit and halving; stops where rounding ends the progress."""
     q = np.array(q, dtype=float)
     h = error(q)

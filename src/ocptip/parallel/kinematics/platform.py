@@ -15,6 +15,7 @@ from ocptip.parallel.description.robot_description import REVOLUTE, Leg, RobotDe
 from ocptip.parallel.description.rotations import PlatformCoordinates
 from ocptip.parallel.kinematics.closed_form import leg_type
 from ocptip.parallel.kinematics.closures import LegMotion
+from ocptip.parallel.kinematics.dependent import DependentCoordinates
 from ocptip.parallel.kinematics.leg_solver import CLOSURE_TOLERANCE, STEP_LIMIT, LegSolver, Way
 
 _ITERATIONS = 100
@@ -94,6 +95,9 @@ class Kinematics:
     Args:
         description: of the robot.
 
+    Attributes:
+        along: finds the platform's dependent coordinates; None if it has none.
+
     Raises:
         InputError: a leg does not reach the home pose.
     """
@@ -110,6 +114,10 @@ class Kinematics:
             LegSolver(i, leg, joints)
             for i, (leg, joints) in enumerate(zip(description.legs, locked, strict=True))
         ]
+        self.along: DependentCoordinates | None = None
+        if self.platform.dependent:
+            self.along = DependentCoordinates(description, self.platform, self.legs)
+            return
         r, R = self.pose(description.home)
         for leg, rho in zip(self.legs, self._rho, strict=True):
             leg.assemble(r, R, description.home[rho])
@@ -123,9 +131,20 @@ class Kinematics:
         """Check m numbers."""
         return finite_array(name, value, (self.m,))
 
-    def pose(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Position (3,), m, and rotation (3, 3) of the platform."""
-        return self.platform.pose(z[: self.platform.m])
+    def pose(self, z: np.ndarray, q: Sequence[np.ndarray] | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Position (3,), m, and rotation (3, 3) of the platform.
+
+        Args:
+            z: (m,).
+            q: all joint positions per leg, used where coordinates depend on z; None: of the home assembly.
+        """
+        return self.platform.pose(self.moving(z, q))
+
+    def moving(self, z: np.ndarray, q: Sequence[np.ndarray] | None = None) -> np.ndarray:
+        """All coordinates of the platform that move: the free ones, then the dependent ones."""
+        if self.along is None:
+            return z[: self.platform.m]
+        return self.along.at(z, self.joints(z).q if q is None else q)
 
     def joints(self, z: ArrayLike, guess: Sequence[np.ndarray] | None = None) -> JointPositions:
         """All joint positions at a pose, coupling joints included (section 9).
@@ -139,9 +158,15 @@ class Kinematics:
             InputError: a leg does not reach the pose.
         """
         z = self.coordinates("z", z)
+        if guess is not None:
+            guess = [finite_array(f"guess[{i + 1}]", guess[i], (leg.n,)) for i, leg in enumerate(self.legs)]
+        if self.along is not None:
+            (u, error, used), origin = self.along.solve(z, guess)
+            searched = tuple(range(len(self.legs))) if origin == "search" else ()
+            return JointPositions(self.along.split(u)[0], error, used, origin, searched)
         way, found, origins = self._ways(z), [], []
         for i, leg in enumerate(self.legs):
-            start = None if guess is None else finite_array(f"guess[{i + 1}]", guess[i], (leg.n,))
+            start = None if guess is None else guess[i]
             attempt, origin = leg.find(way[i], start)
             found.append(attempt)
             origins.append(origin)
@@ -191,9 +216,13 @@ class Kinematics:
             complete: all joints by least squares, else joints up to the coupling point by J_B^-1.
         """
         free = self.platform.m
-        r, R = self.pose(z)
-        T = self.platform.selection(z[:free])
-        drift = self.platform.selection_drift(z[:free], s[:free])
+        moving = self.moving(z, q)
+        r, R = self.platform.pose(moving)
+        if self.along is None:
+            T = self.platform.selection(moving)
+            drift = self.platform.selection_drift(moving, s[:free])
+        else:
+            T, drift = self.along.twist(moving, s, q, R)
         legs = []
         for leg, joints, rho in zip(self.legs, q, self._rho, strict=True):
             if complete:

@@ -12,6 +12,7 @@ from functools import lru_cache
 
 import casadi as cs
 import numpy as np
+import scipy.linalg
 
 from ocptip.basics.errors import InputError
 from ocptip.numerics.point import PointFunction
@@ -22,7 +23,7 @@ from ocptip.parallel.kinematics.chain import Topology, about_origin, frames
 from ocptip.parallel.kinematics.closures import LegClosure
 from ocptip.parallel.kinematics.platform import Kinematics
 
-_RANK = 1e-11
+_RANK, _NULL = 1e-11, 1e-8
 
 
 class ConstraintRoute:
@@ -51,16 +52,21 @@ class ConstraintRoute:
             q: joint positions per leg.
             gravity: (3,), m/s^2, world axes.
         """
-        M, c, g = self._platform(z, zd, gravity)
-        M, c, g = M.reshape(len(z), len(z)), np.ravel(c), np.ravel(g)
+        w = self._kinematics.moving(z, q)
+        wd, follow, lag = self._rates(w, zd, q)
+        M, c, g = self._platform(w, wd, gravity)
+        M, c, g = M.reshape(len(w), len(w)), np.ravel(c), np.ravel(g)
+        c = c + M @ lag
+        M, c, g = follow.T @ M @ follow, follow.T @ c, follow.T @ g
         rows = {}
-        for i, (leg, closure) in enumerate(zip(self._kinematics.legs, self._closures, strict=True)):
+        for i, leg in enumerate(self._kinematics.legs):
             n = leg.n if self._complete else leg.point
-            A, B = (part.reshape(-1, k) for part, k in zip(closure[0](z, q[i][:n]), (len(z), n), strict=True))
+            A, B = self._slopes(i, w, q[i])
             inverse = np.linalg.pinv(B, rcond=_RANK)
-            J = -inverse @ A
+            J = -inverse @ A @ follow
+            J = J - leg.idling(q[i], J)
             qd = J @ zd
-            drift = -inverse @ np.ravel(closure[1](z, q[i][:n], zd, qd)[0])
+            drift = -inverse @ (A @ lag + np.ravel(self._closures[i][1](w, q[i][:n], wd, qd)[0]))
             M_i, c_i, g_i = lagrange_leg(leg.topology, n)(q[i][:n], qd, leg.base, gravity, leg.inertia)
             drive, viscous, coulomb = leg.drives[:, :n]
             M_i = M_i.reshape(n, n) + np.diag(drive)
@@ -70,6 +76,32 @@ class ConstraintRoute:
             rows[i] = J
         motors = np.array([rows[leg][joint] for leg, joint in self._kinematics.description.actuated])
         return Terms("Z", M, c, g), motors
+
+    def _slopes(self, i: int, w: np.ndarray, q: np.ndarray) -> list[np.ndarray]:
+        """dh/dw and dh/dq of a leg."""
+        leg = self._kinematics.legs[i]
+        n = leg.n if self._complete else leg.point
+        sizes = (len(w), n)
+        return [part.reshape(-1, k) for part, k in zip(self._closures[i][0](w, q[:n]), sizes, strict=True)]
+
+    def _rates(
+        self, w: np.ndarray, zd: np.ndarray, q: Sequence[np.ndarray]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """w', and F and l of w' = F z', w'' = F z'' + l, for all moving coordinates of the platform."""
+        m = len(zd)
+        if len(w) == m:
+            return zd, np.eye(m), np.zeros(m)
+        slopes = [self._slopes(i, w, joints) for i, joints in enumerate(q)]
+        null = [scipy.linalg.null_space(B.T, rcond=_NULL) for _, B in slopes]
+        G = np.vstack([N.T @ A for N, (A, _) in zip(null, slopes, strict=True)])
+        inverse = np.linalg.pinv(G[:, m:], rcond=_NULL)
+        follow = np.vstack([np.eye(m), -inverse @ G[:, :m]])
+        wd = follow @ zd
+        lags = []
+        for joints, (A, B), N, closure in zip(q, slopes, null, self._closures, strict=True):
+            qd = -np.linalg.pinv(B, rcond=_RANK) @ A @ wd
+            lags.append(N.T @ np.ravel(closure[1](w, joints, wd, qd)[0]))
+        return wd, follow, np.concatenate([np.zeros(m), -inverse @ np.concatenate(lags)])
 
 
 @lru_cache(maxsize=64)
@@ -87,7 +119,7 @@ def lagrange_leg(topology: Topology, n: int) -> PointFunction:
 
 
 def _platform_function(kinematics: Kinematics) -> PointFunction:
-    m = kinematics.platform.m
+    m = len(kinematics.platform.order)
     z, zd, gravity = cs.SX.sym("z", m), cs.SX.sym("zd", m), cs.SX.sym("gravity", 3)
     r, R = _symbolic_pose(kinematics.platform, z)
     p = cs.SX(kinematics.description.platform.inertia.vector)
@@ -99,7 +131,7 @@ def _closure_function(
     kinematics: Kinematics, leg: LegClosure, complete: bool
 ) -> tuple[PointFunction, PointFunction]:
     """(A, B) of (z, q), and A' z' + B' q' of (z, q, z', q')."""
-    m, n = kinematics.platform.m, leg.n if complete else leg.point
+    m, n = len(kinematics.platform.order), leg.n if complete else leg.point
     z, q, zd, qd = (cs.SX.sym(name, size) for name, size in (("z", m), ("q", n), ("zd", m), ("qd", n)))
     r, R = _symbolic_pose(kinematics.platform, z)
     padded = cs.vertcat(q, cs.SX.zeros(leg.n - n))
@@ -145,5 +177,5 @@ def _lagrange(name: str, T: cs.SX, U: cs.SX, q: cs.SX, qd: cs.SX, inputs: list[c
 
 
 def _symbolic_pose(platform: PlatformCoordinates, z: cs.SX) -> tuple[cs.SX, cs.SX]:
-    r, R = platform.pose([z[i] for i in range(platform.m)])
+    r, R = platform.pose([z[i] for i in range(len(platform.order))])
     return cs.SX(r), cs.SX(R)

@@ -75,6 +75,12 @@ class KKTSystem:
         M_P, c_P, g_P = platform_terms(body, motion.R, motion.t[3:], gravity)
         M[-6:, -6:], h[-6:] = M_P, c_P + g_P - wrench
         self._M, self._h = M, h
+        self._idle = np.zeros((count, sum(leg.idle for leg in legs)))
+        column = 0
+        for i, (leg, part) in enumerate(zip(legs, motion.legs, strict=True)):
+            own = slice(self._starts[i], self._starts[i + 1])
+            self._idle[own, column : column + leg.idle] = leg.idle_motions(part.q)
+            column += leg.idle
         self._J = stacked_closures(legs, [part.q for part in motion.legs], motion.R)
         self._drift = np.concatenate(drifts)
         self._S = np.zeros((count, len(kinematics.description.actuated)))
@@ -82,14 +88,17 @@ class KKTSystem:
             self._S[self._starts[leg] + joint, k] = 1.0
 
     def forces(self, joints: tuple[np.ndarray, ...], twist: np.ndarray) -> KKTForces:
-        """Motor forces for joint accelerations per leg (n_f,) and the platform's acceleration (6,)."""
+        """Motor forces for joint accelerations per leg (n_f,) and the platform's acceleration (6,).
+
+        Idle freedoms take the accelerations that need no forces.
+        """
         v = np.concatenate([*joints, twist])
         right = self._M @ v + self._h
-        matrix = np.hstack([self._S, self._J.T])
+        matrix = np.hstack([self._S, self._J.T, -self._M @ self._idle])
         solution = np.linalg.lstsq(matrix, right, rcond=_RANK)[0]
         residual = np.abs(matrix @ solution - right).max() / max(np.abs(right).max(), 1e-300)
         count = self._S.shape[1]
-        return KKTForces(solution[:count], solution[count:], float(residual))
+        return KKTForces(solution[:count], solution[count : count + len(self._J)], float(residual))
 
     def accelerations(self, motors: np.ndarray) -> KKTAccelerations:
         """Accelerations under motor forces (n_a,)."""

@@ -49,6 +49,8 @@ def tree_forces(
             f"projection: 'tree' needs as many motors as coordinates, got {len(description.actuated)} motors "
             f"and {description.m} coordinates"
         )
+    if any(leg.idle for leg in legs):
+        raise InputError("projection: 'tree' knows no idle freedoms; use 'coupling', 'constraint' or 'kkt'")
     starts = np.concatenate([[0], np.cumsum([leg.n for leg in legs])])
     active = [int(starts[leg]) + joint for leg, joint in description.actuated]
     passive = [j for j in range(starts[-1]) if j not in active]
