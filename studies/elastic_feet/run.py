@@ -28,7 +28,6 @@ from ocptip.standing.arm import StandingRobot
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.on_feet import on_its_feet
 from ocptip.standing.on_springs import Modes, Ride, Simulation
-from ocptip.standing.tolerance import overshoot_of
 from ocptip.trajectories.arm_motion import ArmMotion
 from studies.common import RESULTS, number, percent, software, table
 from studies.elastic_feet.rigid_bodies import FeetSimulation
@@ -76,7 +75,7 @@ def on_feet(robot: StandingRobot, motion: ArmMotion) -> list[dict[str, float]]:
 def planned(case: str, starts: int, seed: int) -> list[dict[str, Any]]:
     """The three plans of a case."""
     nominal = experiment_task(case)
-    counted = replace(nominal, limits=MotionLimits(overshoot=overshoot_of(DAMPING)))
+    counted = replace(nominal, limits=MotionLimits(damping=DAMPING))
     pressed = replace(counted, robot=softened(nominal.robot, 1e6))
     rows: list[dict[str, Any]] = []
     for name, task in (("nominal", nominal), ("overshoot", counted), ("pressed", pressed)):

@@ -38,7 +38,6 @@ from ocptip.published.tasks import experiment_task
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.on_feet import on_its_feet
-from ocptip.standing.tolerance import overshoot_of
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.arm_motion import ArmMotion
 from studies.common import (
@@ -66,7 +65,7 @@ def task_of(case: str, variant: str) -> MotionTask:
     """The task of a case, or of the arm on a cart, in a variant."""
     task = load_task(EXAMPLES / "tasks" / "ur5_cart.toml") if case == CART else experiment_task(case)
     if variant == "carried":
-        return replace(task, limits=replace(task.limits, overshoot=overshoot_of(DAMPING)))
+        return replace(task, limits=replace(task.limits, damping=DAMPING))
     rises = dict(zip(VARIANTS[2:], RISES, strict=True))
     return replace(task, rise_times=rises[variant]) if variant in rises else task
 
@@ -104,7 +103,7 @@ def row_of(case: str, variant: str, starts: int, seed: int) -> dict:
         plan = plan_motion(task, starts=starts, seed=seed, jobs=1)
     except PlanningError as error:
         return {**row, "energy_J": None, "status": f"{error}"}
-    jumps = replace(task.limits, overshoot=overshoot_of(DAMPING))
+    jumps = replace(task.limits, damping=DAMPING)
     worst = check_motion(task.robot, plan.motion, jumps).worst
     return {
         **row,

@@ -51,7 +51,7 @@ def test_json_holds_the_check_of_the_library(capsys, plan, task):
     assert result["worst"]["GN"]["time"] == pytest.approx(checked.worst["GN"].time, abs=1e-3)
     assert result["worst"]["speed_ratio"]["time"] is None
     numbers = {"GN": 0.9, "GT": 0.9, "torque_ratio": 1.0, "clearance": 0.0, "angle_margin": 0.0}
-    jumps = {"overshoot": 0.0, "jump_tip_over": 1.0, "jump_slip": 1.0}
+    jumps = {"damping": 1.0, "jump_tip_over": 1.0, "jump_slip": 1.0}
     feet = {"foot_lift": 0.0, "foot_force": 0.0, "jump_foot_force": 0.0}
     assert result["limits"] == {**numbers, **jumps, **feet, "min_duration": 0.0, "max_duration": None}
     assert (result["violations"], result["time_scale"]) == ([], [])

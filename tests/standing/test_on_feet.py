@@ -194,7 +194,7 @@ def test_lines_say_what_is_known():
 def test_rows_of_foot_forces_are_the_springs_and_their_slopes(kind):
     robot, motion = plan_of("A")
     soft = softened(robot, 2e5)
-    limit = kind(soft, MotionLimits(overshoot=0.5), (0, 1, 2))
+    limit = kind(soft, MotionLimits(damping=0.2), (0, 1, 2))
     at = Instants.of_states(soft, *motion.states(np.linspace(0.1, 1.2, 7)))
     shared = soft.support.elastic.share(at.wrenches)
     assert shared.pressing.all()

@@ -43,7 +43,7 @@ def test_jumps_count_with_the_overshoot_of_the_feet(tmp_path):
     task = load(tmp_path, TASK)
     assert task.limits.overshoot == pytest.approx(overshoot_of(0.1))
     assert task.robot.support.elastic.stiffness[3, 0] == 5e5
-    asked = load(tmp_path, TASK + "[limits]\novershoot = 0.0\nfoot_lift = 1e-4\nfoot_force = 5.0\n")
+    asked = load(tmp_path, TASK + "[limits]\ndamping = 1\nfoot_lift = 1e-4\nfoot_force = 5.0\n")
     assert (asked.limits.overshoot, asked.limits.foot_lift, asked.limits.foot_force) == (0.0, 1e-4, 5.0)
     rigid = load(tmp_path, TASK.replace("stiffness = 5e5\ndamping_ratio = 0.1\n", ""))
     assert rigid.limits.overshoot == 0.0
@@ -83,7 +83,7 @@ def test_check_says_how_the_base_swings(capsys, tmp_path):
 @pytest.mark.slow
 def test_a_plan_keeps_its_feet_on_the_ground():
     """Plan A of the rigid base lifts a foot by 0.07 mm on these feet."""
-    task = experiment_task("A", limits=MotionLimits(overshoot=overshoot_of(0.05)))
+    task = experiment_task("A", limits=MotionLimits(damping=0.05))
     task = dataclasses.replace(task, robot=softened(task.robot, 1e6, damping_ratio=0.05))
     plan = plan_motion(task, starts=2, seed=0, jobs=1)
     assert plan.verified

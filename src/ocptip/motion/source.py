@@ -15,7 +15,7 @@ from ocptip.standing.mechanism import StandingMechanism
 TASK = "task/task.toml"
 """The task file within a plan's folder; beside it what it names."""
 
-LIMITS = ("GN", "GT", "torque_ratio", "clearance", "foot_lift", "foot_force", "jump_foot_force")
+LIMITS = ("GN", "GT", "torque_ratio", "clearance", "damping", "foot_lift", "foot_force", "jump_foot_force")
 """Keys of `[limits]` that are fields of `MotionLimits`."""
 
 
@@ -41,11 +41,8 @@ class TaskSource:
         data |= {key: dict(v) if isinstance(v, Mapping) else v for key, v in self.data.items()}
         asked = data.setdefault("limits", {})
         asked.update({name: getattr(limits, name) for name in LIMITS})
-        for key in ("overshoot", "damping", "rise_time", "jerk"):
+        for key in ("rise_time", "jerk"):
             asked.pop(key, None)
-        gives = self.robot.support.elastic or self.robot.chain  # then it is not 0 by default
-        if limits.overshoot > 0 or gives:
-            asked["overshoot"] = limits.overshoot
         if rise_times:
             asked["rise_time"] = list(rise_times)
         data["tolerance"] = limits.tolerance.to_table() or {"preset": "none"}

@@ -6,10 +6,10 @@ import math
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
-from ocptip.basics.errors import InputError, number_from, positive_number, share_of_one
+from ocptip.basics.errors import InputError, positive_number, share_of_one
 from ocptip.standing.brake_stops import Brakes
 from ocptip.standing.path_stops import PathStops
-from ocptip.standing.tolerance import NONE, Tolerance
+from ocptip.standing.tolerance import NONE, Tolerance, overshoot_of
 
 NEARLY_LOST = 0.999
 """Of GN and GT: so near to 1, where a contact is lost, may the worst within a tolerance come in samples."""
@@ -26,8 +26,8 @@ class MotionLimits:
         clearance: smallest distance of collision spheres, m.
         angle_margin: smallest distance of turning joints from their angle limits, rad.
         min_duration, max_duration: of the motion, s; equal for a motion that must take just so long.
-        overshoot: share of every jump of the load that is added to the load after it, 0 (jumps do not count)
-            to 1; see `ocptip.standing.jumps`.
+        damping: damping ratio of feet and structure, with which loads overshoot where they jump, of the
+            motion as described; 1: jumps do not count; see `ocptip.standing.jumps`.
         foot_lift: largest height above the ground, m, of a foot that gives, while the base swings.
         foot_force: least normal force of a foot that gives, as springs share the load at rest on them, N.
         jump_foot_force: the same of the loads after jumps with their overshoot, N.
@@ -47,7 +47,7 @@ class MotionLimits:
     angle_margin: float = 0.0
     min_duration: float = 0.0
     max_duration: float = math.inf
-    overshoot: float = 0.0
+    damping: float = 1.0
     jump_tip_over: float = 1.0
     jump_slip: float = 1.0
     tolerance: Tolerance = NONE
@@ -65,14 +65,18 @@ class MotionLimits:
         positive_number("torque_ratio", self.torque_ratio)
         for name in ("clearance", "angle_margin", "min_duration", "foot_lift"):
             positive_number(name, getattr(self, name), zero_allowed=True)
-        if not 0 <= number_from("overshoot", self.overshoot) <= 1:
-            raise InputError(f"overshoot: must be >= 0 and <= 1, got {self.overshoot!r}")
+        overshoot_of(self.damping)  # refuses what is none
         if not self.max_duration > 0:
             raise InputError(f"max_duration: must be > 0 s, got {self.max_duration!r}")
         if self.min_duration > self.max_duration:
             raise InputError(
                 f"max_duration: must be >= min_duration, {self.min_duration} s, got {self.max_duration} s"
             )
+
+    @property
+    def overshoot(self) -> float:
+        """Share of every jump of the load that is added to the load after it."""
+        return overshoot_of(self.damping)
 
     @property
     def torque_ratio_worst_case(self) -> float:

@@ -47,15 +47,15 @@ def overshoot_of(damping: float) -> float:
     """Share kappa of a jump by which the load on elastic feet exceeds the load after the jump.
 
     Args:
-        damping: damping ratio of base and ground, 0 (kappa = 1) to below 1; 0.05 gives 0.85.
+        damping: damping ratio of base and ground, 0 (kappa = 1) to 1 (kappa = 0); 0.05 gives 0.85.
 
     Raises:
         InputError: no such ratio.
     """
     ratio = number_from("damping", damping)
-    if not 0 <= ratio < 1:
-        raise InputError(f"damping: must be >= 0 and < 1, got {damping!r}")
-    return exp(-ratio * pi / sqrt(1 - ratio**2))
+    if not 0 <= ratio <= 1:
+        raise InputError(f"damping: must be >= 0 and <= 1, got {damping!r}")
+    return exp(-ratio * pi / sqrt(1 - ratio**2)) if ratio < 1 else 0.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,7 +27,7 @@ from ocptip.robots.model import ArmModel
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.tolerance import NONE, Tolerance, overshoot_of
+from ocptip.standing.tolerance import NONE, Tolerance
 from ocptip.task_files.arm import LOCKED, read_arm, require_geometry
 from ocptip.task_files.doubts import doubt_masses, doubt_units, doubt_way
 from ocptip.task_files.joint_values import joint_values
@@ -87,9 +87,9 @@ def _published(data: Table, otherwise: Tolerance) -> MotionTask:
     name, base = data.choice("case", motion_cases()), data.choice("base", BASES, "effective")
     motion, table = data.table("motion", optional=True), data.table("limits", optional=True)
     task = _published_task(data, name, base)
-    jumps = _jumps(table, task.robot.support, data.table("motors", optional=True))
+    numbers = _numbers(table, task.robot.support, data.table("motors", optional=True))
     table.one_of(*_RISES, optional=True)
-    limits = table.make(MotionLimits, **table.numbers(*LIMITS), **jumps, **_durations(motion))
+    limits = table.make(MotionLimits, **numbers, **_durations(motion))
     limits = replace(limits, tolerance=tolerance_of(data, otherwise))
     wanted = motion.text("objective", None), motion.number("price_per_second", None)
     objective = motion.make(objective_of, *wanted)
@@ -144,10 +144,10 @@ class TaskScene:
         table = data.table("limits", optional=True)
         self._moment = table.number("reference_moment", None, bound="> 0")
         margin = table.number("angle_margin_deg", 0.0, scale=DEGREES, bound=">= 0")
-        jumps = _jumps(table, self._support, data.table("motors", optional=True))
+        numbers = _numbers(table, self._support, data.table("motors", optional=True))
         if "segment" not in data:  # segments of cycles are planned as ramps
             table.one_of(*_RISES, optional=True)
-        limits = table.make(MotionLimits, angle_margin=margin, **table.numbers(*LIMITS), **jumps)
+        limits = table.make(MotionLimits, angle_margin=margin, **numbers)
         plain = "robot" in data  # parallel robots: not looked at
         self.limits = replace(limits, tolerance=tolerance_of(data, NONE if plain else otherwise))
 
@@ -221,20 +221,12 @@ def _durations(table: Table) -> dict[str, float]:
     return {"min_duration": seconds if key == "duration" else 0.0, "max_duration": seconds}
 
 
-def _jumps(table: Table, support: Support, motors: Table) -> dict[str, float]:
-    """What is added to the load after a jump, of [limits]: a share of the jump, or by the damping.
-
-    Default: nothing with rigid feet and gears, else by the least damping ratio of those that give.
-    """
-    key = table.one_of("overshoot", "damping", optional=True)
-    if key is None:
-        ratios = [spring.ratio for spring in support.elastic.springs] if support.elastic else []
-        if "gear_stiffness" in motors:
-            ratios += [0.0 if "gear_damping" in motors else gear_damping_ratio(motors)]
-        return {"overshoot": overshoot_of(min(ratios))} if ratios else {}
-    number = table.number(key)
-    with table.at():
-        return {"overshoot": number if key == "overshoot" else overshoot_of(number)}
+def _numbers(table: Table, support: Support, motors: Table) -> dict[str, float]:
+    """Of [limits]. Jumps count by default with the least damping ratio of feet and gears that give."""
+    ratios = [spring.ratio for spring in support.elastic.springs] if support.elastic else []
+    if "gear_stiffness" in motors:
+        ratios += [0.0 if "gear_damping" in motors else gear_damping_ratio(motors)]
+    return {"damping": min(ratios, default=1.0), **table.numbers(*LIMITS)}
 
 
 def _rise_times(table: Table, robot: StandingMechanism) -> tuple[float, ...]:
