@@ -24,6 +24,7 @@ SHORTEST_STEP, LONGEST_STEP = 2e-4, 4e-3  # s
 LONGEST = 2.0  # s: who does not rest by then does not rest
 _COARSER = 60  # after so many steps they are twice as long
 _SWEEPS, _CLOSE = 500, 1e-12
+_DIRECT = 5  # of the sweeps solve for the joints that are held, too
 # Share of the largest inertia that every joint gets, so that those of links without mass stop, too.
 _MASSLESS = 1e-8
 
@@ -125,8 +126,8 @@ def brake(
         ahead = np.where(ahead * old > 0, ahead, 0.0)
         parts = _terms_function(model)(q[going] + 0.5 * step * old, ahead, gravity, about)
         new = old.copy()
-        inverse, ways = np.ascontiguousarray(np.linalg.inv(parts[0])), np.empty_like(new)
-        _slow_down(inverse, np.ascontiguousarray(parts[1]), closed[going] * torque[going], step, new, ways)
+        ways = np.empty_like(new)
+        _slow_down(parts[0], parts[1], closed[going] * torque[going], step, new, ways)
         before, q, qd = qd.copy(), q.copy(), qd.copy()
         q[going] += ways
         qd[going] = new
@@ -137,34 +138,46 @@ def brake(
 
 
 @compiled
-def _slow_down(inverse, bias, torque, step, speeds, ways):
+def _slow_down(inertia, bias, torque, step, speeds, ways):
     """Speeds after a step, and ways; with brakes that stop what they can (projected Gauss-Seidel)."""
     count, n = speeds.shape
     brakes, speed, full = np.empty(n), np.empty(n), np.empty(n)
+    inverse, both = np.empty((n, n)), np.empty((n, 2 * n))
     for i in range(count):
+        for j in range(n):
+            both[j] = 0.0
+            both[j, n + j] = 1.0
+            for k in range(n):
+                both[j, k] = inertia[i, j, k]
+        _solve(both, n)
+        for j in range(n):
+            for k in range(n):
+                inverse[j, k] = both[j, n + k]
         for j in range(n):
             brakes[j] = -np.sign(speeds[i, j]) * torque[i, j]
         scale = 1e-6
         for j in range(n):
             total = 0.0
             for k in range(n):
-                total += inverse[i, j, k] * (brakes[k] - bias[i, k])
+                total += inverse[j, k] * (brakes[k] - bias[i, k])
             full[j] = speed[j] = speeds[i, j] + step * total
             scale = max(scale, abs(speeds[i, j]))
-        for _ in range(_SWEEPS):
+        for sweep in range(_SWEEPS):
             largest = 0.0
             for j in range(n):
-                wanted = brakes[j] - speed[j] / (step * inverse[i, j, j])
+                wanted = brakes[j] - speed[j] / (step * inverse[j, j])
                 wanted = min(max(wanted, -torque[i, j]), torque[i, j])
                 change = wanted - brakes[j]
                 if change != 0.0:
                     brakes[j] = wanted
                     for k in range(n):
-                        shift = step * inverse[i, k, j] * change
+                        shift = step * inverse[k, j] * change
                         speed[k] += shift
                         largest = max(largest, abs(shift))
             if largest <= _CLOSE * scale:
                 break
+            if sweep < _DIRECT:
+                _hold(inverse, step, torque[i], brakes, speed, both)
         for j in range(n):
             old = speeds[i, j]
             if abs(brakes[j]) < torque[i, j]:
@@ -175,3 +188,38 @@ def _slow_down(inverse, bias, torque, step, speeds, ways):
             else:
                 ways[i, j] = 0.5 * step * (old + speed[j])
                 speeds[i, j] = speed[j]
+
+
+@compiled
+def _hold(inverse, step, torque, brakes, speed, both):
+    """Brakes that do not slip bring their joints to rest at once, as far as they can; `both`: to work in."""
+    n, count = len(brakes), 0
+    held = np.empty(n, dtype=np.int64)
+    for j in range(n):
+        if abs(brakes[j]) < torque[j]:
+            held[count] = j
+            count += 1
+    for a in range(count):
+        for b in range(count):
+            both[a, b] = step * inverse[held[a], held[b]]
+        both[a, count] = -speed[held[a]]
+    _solve(both[:count, : count + 1], count)
+    for a in range(count):
+        j = held[a]
+        change = min(max(brakes[j] + both[a, count], -torque[j]), torque[j]) - brakes[j]
+        brakes[j] += change
+        for k in range(n):
+            speed[k] += step * inverse[k, j] * change
+
+
+@compiled
+def _solve(both, n):
+    """Gauss-Jordan elimination in place: columns from n on become those of the solution (definite matrix)."""
+    rows, columns = both.shape
+    for j in range(n):
+        for k in range(j + 1, columns):
+            both[j, k] /= both[j, j]
+        for i in range(rows):
+            if i != j and both[i, j] != 0.0:
+                for k in range(j + 1, columns):
+                    both[i, k] -= both[i, j] * both[j, k]
