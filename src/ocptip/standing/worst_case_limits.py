@@ -228,7 +228,9 @@ class WorstSlipLimit(WorstCaseLimit):
         return self._rows(at, i, k, self._smooth.slip(at.s[i], theta=theta))
 
 
-def as_described(robot: StandingMechanism, asked: MotionLimits, rest: np.ndarray) -> MotionLimits:
+def as_described(
+    robot: StandingMechanism, asked: MotionLimits, rest: np.ndarray, jumps: bool = True
+) -> MotionLimits:
     """Limits without a tolerance, tighter, so that motions of the world as described have about its room.
 
     What a tolerance costs is taken as at rest where it is worst. A jump from a moment M
@@ -239,10 +241,11 @@ def as_described(robot: StandingMechanism, asked: MotionLimits, rest: np.ndarray
         robot: whose.
         asked: of it.
         rest: (k, n) postures at rest.
+        jumps: accelerations jump.
     """
     if not asked.tolerance.given:
         return asked
-    cases, more = worst_case_of(robot, asked.tolerance), asked.tolerance.overshoot
+    cases, more = worst_case_of(robot, asked.tolerance), asked.tolerance.overshoot * jumps
     still = np.zeros_like(rest)
     s = np.hstack([rest, still, still])
     GN, GT = asked.GN, asked.GT

@@ -29,9 +29,9 @@ def task():
     return experiment_task("A", "effective")
 
 
-def planned(task, seed, tolerance):
+def planned(task, seed, tolerance, rise_times=None):
     own = task.robot, task.start, task.goal, task.optimised, task.commands
-    formulation = Formulation(*own)
+    formulation = Formulation(*own, rise_times=rise_times)
     motion = random_start(*own, MotionLimits(), np.random.default_rng(seed))
     order, x = order_of(formulation, formulation.variables(motion))
     limits = replace(LIMITS, tolerance=tolerance)
@@ -66,8 +66,25 @@ def test_nodes_have_the_states_that_the_check_looks_at(task, seed, tolerance):
 
 
 @pytest.mark.parametrize("seed", [1, 4])
-def test_derivatives_of_the_rows_within_a_tolerance(task, seed):
-    program, x, _, _ = planned(task, seed, LIMITS.tolerance)
+def test_nodes_of_s_curves_have_joints_that_are_late(task, seed):
+    tolerance = Tolerance(delay=0.01, speed=0.03)
+    program, x, motion, places = planned(task, seed, tolerance, np.full(6, 0.04))
+    deviating = program.nodes.kinds == DEVIATING
+    assert np.all(program.weights[deviating] == 0)
+    times, found = (program.nodes.times @ x)[deviating], program._instants(x).s[deviating]
+    late = np.zeros((len(places), motion.n), dtype=bool)
+    for node, place in enumerate(places):
+        late[node, list(place.late.joints)] = True
+    assert late.any(axis=0).all()
+    own, then = (np.array(motion.states(t)).transpose(1, 0, 2) for t in (times, times - 0.0103))
+    expected = np.where(late[:, None], then, own)
+    np.testing.assert_allclose(found.reshape(expected.shape), expected, atol=2e-5)
+
+
+@pytest.mark.parametrize("rise_times", [None, np.full(6, 0.04)])
+@pytest.mark.parametrize("seed", [1, 4])
+def test_derivatives_of_the_rows_within_a_tolerance(task, seed, rise_times):
+    program, x, _, _ = planned(task, seed, LIMITS.tolerance, rise_times)
     rng, rows = np.random.default_rng(seed), program.no_rows()
     for name in WITHIN:
         rows[name][...] = rng.random(rows[name].shape) < 0.04

@@ -196,6 +196,7 @@ def smooth_steps(t, half_width):
     steps = joint_states(
         t,
         np.ones((len(t), 1)),
+        np.zeros((0, 0)),
         none,
         none,
         half_width,

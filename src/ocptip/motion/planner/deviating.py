@@ -1,10 +1,11 @@
 """Nodes of an ordered program at which joints deviate: late at an event, or overshooting where they jump.
 
-Such a node lies at an event, or the longest delay after it, and its states are those that the check looks at
-(`motion.late_joints`), up to how far angles and speeds have gone: of every joint that jumps there, or has
-jumped within that delay before, the steps of its acceleration count up to one of them, which is not done yet,
-or counts the share of the overshoot more, or does so with all steps before. All combinations are looked at,
-the worst of each row takes part.
+Of ramps such a node lies at an event, or the longest delay after it, and its states are those that the
+check looks at (`motion.late_joints`), up to how far angles and speeds have gone: of every joint that jumps
+there, or has jumped within that delay before, the steps of its acceleration count up to one of them, which
+is not done yet, or counts the share of the overshoot more, or does so with all steps before. Of S-curves
+every joint whose acceleration changes within the delay is on time, or late by all of it. All combinations
+are looked at, the worst of each row takes part.
 """
 
 from __future__ import annotations
@@ -25,13 +26,22 @@ Steps = tuple[tuple[int, int, float], ...]
 count; several of a joint add up."""
 
 
+class Late(NamedTuple):
+    """Joints that are late by so many seconds, and the interval in which they are (-1: at rest before)."""
+
+    joints: tuple[int, ...]
+    interval: int
+    delay: float
+
+
 class Deviating(NamedTuple):
     """A node with deviating joints: so many seconds after an event, in an interval, with their steps."""
 
     interval: int
     event: int
     after: float
-    steps: Steps
+    steps: Steps = ()
+    late: Late = Late((), -1, 0.0)
 
 
 Place = tuple[int, float] | Deviating
@@ -50,9 +60,7 @@ def deviating_places(order: EventOrder, x: np.ndarray, tolerance: Tolerance) -> 
         tolerance: its delay and its overshoot.
     """
     delay, more = tolerance.delay * (1 + tolerance.speed), tolerance.overshoot
-    if order.rises or not (
-        delay or more
-    ):  # accelerations that do not jump: what delays do is up to the check
+    if not (delay or more) or (order.rises and not delay):
         return []
     times, found = order.rows @ x, []
     moving = [
@@ -63,6 +71,15 @@ def deviating_places(order: EventOrder, x: np.ndarray, tolerance: Tolerance) -> 
         last = int(np.searchsorted(times, time + MEET, side="right")) - 1
         if after == 0.0 and last > event:
             continue  # the last of those that meet stands for all
+        if order.rises:
+            before = int(np.searchsorted(times, time - delay + MEET, side="right")) - 1
+            begun = order.corner_positions <= last
+            rising = np.any(begun & (order.late_positions > before), axis=1)
+            ways = [((), (joint,)) for joint in moving if rising[joint]]
+            for own in combinations(ways):
+                if joints := tuple(chain(*own)):
+                    found.append(Deviating(last, event, after, late=Late(joints, before, delay)))
+            continue
         ways = []
         for joint in moving:
             groups = order.corner_positions[joint]
@@ -99,13 +116,15 @@ def _ways(
     return found if more else [*found, ((joint, groups[-1], 0.0),)]
 
 
-def masks_of(order: EventOrder, place: Deviating) -> np.ndarray:
-    """Masks (n, C) of a node, see `Nodes`."""
-    groups = order.corner_positions
-    masks = (groups <= place.interval).astype(float)
+def masks_of(order: EventOrder, place: Deviating) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Masks (n, C), those of the ends of rises, and how late joints (n,) are, of a node: see `Nodes`."""
+    groups, late = order.corner_positions, list(place.late.joints)
+    at, behind = np.full((len(groups), 1), place.interval), np.zeros(len(groups))
+    at[late], behind[late] = place.late.interval, place.late.delay
+    masks, ends = (groups <= at).astype(float), (order.late_positions <= at).astype(float)
     for joint, group, factor in place.steps:
         masks[joint] += factor * ((groups[joint] >= group) & (groups[joint] <= place.interval))
-    return masks
+    return masks, ends, behind
 
 
 def worst_places(

@@ -286,14 +286,14 @@ class Formulation:
         masks[slice(*jumps)] = order.jump_masks(limits.overshoot)[: jumps[1] - jumps[0]]
         kinds = np.full(len(where), ORDINARY)
         kinds[slice(*jumps)] = JUMP
+        behind = np.zeros((len(where), layout.n))
         for node, place in enumerate(extra, len(where) - len(extra)):
             if isinstance(place, Deviating):
                 times[node] = events[place.event] + place.after * unit_row(layout, layout.one)
-                masks[node], kinds[node] = masks_of(order, place), DEVIATING
-        course = self._course(layout)
-        placed = Nodes(
-            profiles, times, masks=masks, late=late, regime=order.regime, kinds=kinds, course=course
-        )
+                masks[node], late[node], behind[node] = masks_of(order, place)
+                kinds[node] = DEVIATING
+        how = {"regime": order.regime, "behind": behind, "kinds": kinds, "course": self._course(layout)}
+        placed = Nodes(profiles, times, masks=masks, late=late, **how)
         directions = order.directions[np.clip(index, 0, last)]
         if self.physics.smooth:  # the order says nothing about the motors' directions
             directions = np.full(directions.shape, COARSE.power)

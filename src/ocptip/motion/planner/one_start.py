@@ -60,10 +60,10 @@ class Search:
             self.ends,
             np.array(task.rise_times or (0.0,) * task.robot.n),
         )
-        self.smooth = as_described(task.robot, task.limits, np.array([task.start, task.goal]))
         kinds = limits_of(task.robot, task.limits)
-        own = task.limits.tolerance
+        own, rest = task.limits.tolerance, np.array([task.start, task.goal])
         self.jumps = bool(own.delay or own.overshoot) and not self.formulation.rise
+        self.smooth = as_described(task.robot, task.limits, rest, jumps=not self.formulation.rise)
         self._asked = [limit for limit in kinds if isinstance(limit, AskedLimit)]
         self.inner = task.limits
         for limit in self._asked:

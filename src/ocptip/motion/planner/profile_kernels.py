@@ -93,11 +93,14 @@ def add_corners_curvature(hessian, x, joints, K, ramps, on_steps):
 
 
 @compiled
-def joint_states(t, T, masks, ends, half_width, rise, start, alpha, tau, d_alpha, d_tau, columns, counts):
+def joint_states(
+    t, T, behind, masks, ends, half_width, rise, start, alpha, tau, d_alpha, d_tau, columns, counts
+):
     """States of n joints at N nodes.
 
     Args:
         t, T: node times (N,), s, and their derivatives (N, nx).
+        behind: (N, n), s, by how much joints are late at nodes; or (0, 0): none is.
         masks: (N, n, C), or anything where half_width is not 0.
         ends: the same for the ends of rises; anything where there are none.
         half_width: of the smooth steps, s; 0 for exact ones.
@@ -120,8 +123,9 @@ def joint_states(t, T, masks, ends, half_width, rise, start, alpha, tau, d_alpha
             w = a = 0.0
             rate = jerk = 0.0  # derivatives of speed and acceleration with respect to t
             J2, J1, J0 = jacobian[i, j], jacobian[i, n + j], jacobian[i, 2 * n + j]
+            own_time = t[i] - behind[i, j] if len(behind) else t[i]
             for c in range(C):
-                since = t[i] - tau[j, c]
+                since = own_time - tau[j, c]
                 if half_width > 0:
                     phi2, phi1, phi0, slope, bend = _smooth_step(since, half_width)
                     if rise[j] > 0:

@@ -278,6 +278,7 @@ class Nodes:
         late: (N, n, C) the same a rise time later; needed for exact S-curves only.
         half_width: s, of the smooth step, see `profile_kernels`; 0 with masks.
         regime: of the passive joints, see `Profiles`.
+        behind: (N, n), s, by how much joints are late at nodes, with masks of then; default: none is.
         kinds: (N,) of the nodes, see `standing.limit`; at jumps masks are 1 + kappa at the event's corners;
             default all ordinary.
         course: of a process that varies.
@@ -292,10 +293,12 @@ class Nodes:
         late: np.ndarray | None = None,
         half_width: float = 0.0,
         regime: dict[int, bool] | None = None,
+        behind: np.ndarray | None = None,
         kinds: np.ndarray | None = None,
         course: Course | None = None,
     ) -> None:
         self.course = course
+        self.behind = np.zeros((0, 0)) if behind is None else behind
         self.profiles, self.times, self.regime = profiles, np.ascontiguousarray(times), regime
         self.masks, self.late = (
             np.zeros((0, 0, 0)) if own is None else np.ascontiguousarray(own, dtype=float)
@@ -311,6 +314,7 @@ class Nodes:
         values, jacobian, steps = joint_states(
             self.times @ x,
             self.times,
+            self.behind,
             self.masks,
             self.late,
             self.half_width,
