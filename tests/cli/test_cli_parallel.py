@@ -164,3 +164,5 @@ def test_robot_file(capsys, root, tmp_path):
     assert report["mobility"]["dof"] == 3
     assert report["operations"]["tau_a"]["weighted"] <= 700
     assert report["written"] == [str(target), str(target.with_suffix(".h"))]
+    assert report["joints_from_z"]
+    assert "int joints(const" in target.with_suffix(".h").read_text()

@@ -1,10 +1,13 @@
 """Compiled forward dynamics against the numeric route, and the energy of a hexapod on springs."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
-from ocptip.basics.errors import SolverError
+from ocptip.basics.errors import InputError, SolverError
 from ocptip.parallel.compiled_dynamics import CompiledDynamics
+from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.ready_made import READY_MADE
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.parallel.simulation import simulate
@@ -68,3 +71,24 @@ def test_out_of_reach_is_refused():
     equations = CompiledDynamics(robot, robot.description.home)
     with pytest.raises(SolverError, match=r"singular or out of reach \(leg . elbow\)"):
         equations.slope(np.array([5.0, 0, 0]), np.zeros(3), np.zeros(3))
+
+
+def test_a_mass_matrix_that_is_not_positive_definite_is_refused():
+    """Grouped parameters may belong to no real body."""
+    robot = READY_MADE["3RRR"]()
+    platform = dataclasses.replace(robot.platform, inertia=BodyInertia.from_vector([0.0] * 9 + [-200.0]))
+    light = ParallelRobot(dataclasses.replace(robot, platform=platform))
+    with pytest.raises(SolverError, match="the mass matrix is not positive definite"):
+        CompiledDynamics(light, robot.home).slope(robot.home, np.zeros(3), np.zeros(3))
+    with pytest.raises(SolverError, match="the mass matrix is not positive definite"):
+        light.forward_dynamics(robot.home, np.zeros(3), np.zeros(3))
+
+
+def test_only_robots_without_a_compiled_form_are_simulated_without_it(monkeypatch):
+    def broken(*_):
+        raise InputError("something else")
+
+    monkeypatch.setattr("ocptip.parallel.simulation.CompiledDynamics", broken)
+    robot = ParallelRobot(READY_MADE["3RRR"]())
+    with pytest.raises(InputError, match="something else"):
+        simulate(robot, robot.description.home, np.zeros(3), duration=0.2, step=0.001)

@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 
 from ocptip.basics.errors import InputError
+from ocptip.parallel.description.entries import Parameter
 from ocptip.parallel.description.ready_made import READY_MADE, delta, rpr3, rrr3
 from ocptip.parallel.dynamics.base_wrench import base_wrench
 from ocptip.parallel.kinematics.closed_form import leg_solution
-from ocptip.parallel.minimal_form import minimal_form
+from ocptip.parallel.minimal_form import joint_function, minimal_form
 from ocptip.parallel.robot import ParallelRobot
+from tests.parallel.parallel_examples import prr3
 
 KINDS = list(READY_MADE)
 GRAVITY = np.array([1.0, -2.0, -9.0])
@@ -132,3 +134,35 @@ def test_what_cannot_be_eliminated_is_refused():
         minimal_form(ParallelRobot(replace(description, actuated=description.actuated[:2]), check=False))
     with pytest.raises(InputError, match="2 branch signs"):
         leg_solution(leg, cs.vertsplit(cs.SX.sym("t", 3)), (1,))
+
+
+@pytest.mark.parametrize("name", READY_MADE)
+def test_joint_function_serves_any_geometry(name):
+    """q(z) of generated code: that of the inverse kinematics, also with other numbers for the geometry."""
+    robot = ParallelRobot(READY_MADE[name]())
+    function, rng = joint_function(robot), np.random.default_rng(3)
+    values = robot.description.parameters
+    for scale in (1.0, 1.02):
+        legs = []
+        for leg in robot.description.legs:
+            rows = tuple(replace(row, d=_scaled(row.d, scale)) for row in leg.rows)
+            legs.append(replace(leg, rows=rows))
+        other = ParallelRobot(replace(robot.description, legs=tuple(legs)))
+        geometry = [v * (scale if key.startswith("l") else 1.0) for key, v in values.items()]
+        for _ in range(3):
+            z = robot.description.home + 0.05 * rng.uniform(-1, 1, robot.m)
+            q, distance = (np.array(part) for part in function(z, geometry))
+            expected = np.column_stack([own[: len(q)] for own in other.ik(z).q])
+            np.testing.assert_allclose(np.exp(1j * q), np.exp(1j * expected), atol=1e-9)
+            assert 0 < distance <= 1
+    far = robot.description.home + 50.0
+    assert name in ("3RPR", "6UPS") or float(function(far, geometry)[1]) < 0
+
+
+def _scaled(entry, factor):
+    return replace(entry, value=entry.value * factor) if isinstance(entry, Parameter) else entry
+
+
+def test_joints_without_closed_form_are_refused_by_leg():
+    with pytest.raises(InputError, match="leg 1 has no closed-form inverse kinematics"):
+        joint_function(ParallelRobot(prr3()))

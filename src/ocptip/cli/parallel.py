@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import casadi as cs
 import numpy as np
 
 from ocptip.basics.errors import InputError, SolverError, naming
@@ -24,6 +25,7 @@ from ocptip.parallel.description.robot_description import RobotDescription
 from ocptip.parallel.dynamics.base_parameters import numeric_base_parameters
 from ocptip.parallel.formats.export import to_urdf
 from ocptip.parallel.formats.mjcf import to_mjcf
+from ocptip.parallel.minimal_form import joint_function, joint_obstacle
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.parallel.symbolic.symbols import inertia_layout
 from ocptip.task_files.parallel import read_parallel_robot
@@ -55,6 +57,9 @@ class ParallelReport(Report):
         base_parameters: of the whole robot, with DynPar 3: its parameters belong to single legs, and further
             ones of equal legs cannot be told from those of the platform. None if not asked for or not found.
         models: files in other formats with their texts.
+        joints: function that gives the joints which the others want from z; None where legs have no closed
+            form, see `without_joints`.
+        without_joints: why there is none.
         code: where the functions go as C source; None for nowhere.
     """
 
@@ -64,6 +69,8 @@ class ParallelReport(Report):
     functions: tuple[LeanFunction, ...]
     without_code: str
     base_parameters: tuple[str, ...] | None = None
+    joints: cs.Function | None = None
+    without_joints: str = ""
     models: list[tuple[Path, str]] = field(default_factory=list)
     code: Path | None = None
 
@@ -85,7 +92,7 @@ class ParallelReport(Report):
     def write(self) -> Iterator[Path]:
         """Write the C code with its header, then the other formats."""
         if self.code:
-            files = write_c(self.functions, self.code)
+            files = write_c([*self.functions, *([self.joints] if self.joints else [])], self.code)
             yield from (files.source, files.header)
         for path, text in self.models:
             write_text(path, text)
@@ -110,6 +117,7 @@ class ParallelReport(Report):
             "rank": None if self.base_parameters is None else len(self.base_parameters),
             "operations": {f.function.name(): f.count.to_dict() for f in self.functions},
             "without_code": self.without_code or None,
+            "joints_from_z": self.joints is not None,
             "written": self.written,
             "versions": versions(),
         }
@@ -141,6 +149,8 @@ class ParallelReport(Report):
             rows += self._rank_row(len(names))
         lines += ["", *named(rows), ""]
         lines += _count_table(self.functions) if self.functions else [f"no code: {self.without_code}"]
+        if self.functions and not self.joints:
+            lines.append(f"no code for the joints q that these functions want: {self.without_joints}")
         if self.written:
             lines += ["", f"wrote {' and '.join(map(str, self.written))}"]
         return "\n".join(lines)
@@ -202,7 +212,9 @@ def examine(description: RobotDescription, *, form: str = "A", dynpar: int = 3) 
         lean_function(description, ("J_a",), form="S", dynpar=dynpar, name="jacobian"),
     )
     base = _base_parameters(description) if dynpar == 3 else None
-    return ParallelReport(description, mobility, home, functions, "", base)
+    why = joint_obstacle(description)
+    joints = None if why else joint_function(robot)
+    return ParallelReport(description, mobility, home, functions, "", base, joints, why)
 
 
 def _base_parameters(description: RobotDescription) -> tuple[str, ...] | None:

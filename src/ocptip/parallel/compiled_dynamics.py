@@ -23,7 +23,7 @@ from ocptip.parallel.symbolic.symbols import (
     joint_term_values,
 )
 
-_SINGULAR, _OPEN = 1e-8, 1e-6
+_SINGULAR, _OPEN, _DEFINITE = 1e-8, 1e-6, 1e-12
 
 
 class CompiledDynamics:
@@ -44,13 +44,14 @@ class CompiledDynamics:
         require_closed_form(robot)
         m, motors = robot.m, cs.SX.sym("motors", len(robot.description.actuated))
         z, s, sd = (cs.SX.sym(name, m) for name in ("z", "s", "sd"))
-        q, measures, self._names = joints_of_branch(robot, z, start)
+        geometry = geometry_symbols(robot.description, numeric=True)
+        q, measures, self._names = joints_of_branch(robot, z, start, geometry)
         projection = _projection(robot, z, s, sd, q)
         force = projection.generalized_force()
         mass = cs.densify(cs.jacobian(force, sd))
         right = projection.jacobian().T @ motors - cs.substitute(force, sd, cs.SX.zeros(m))
-        rows = [[mass[i, k] for k in range(m)] for i in range(m)]
-        found = cs.vertcat(*solve_dense(rows, cs.vertsplit(right)))
+        pivots, upper, order = cs.ldl(mass, False)
+        found = cs.ldl_solve(right, pivots, upper, order)
         energy = cs.vertcat(cs.dot(s, mass @ s) / 2, _potential(projection))
         gap = cs.norm_inf(cs.vec(projection.closures()))
         outputs = cs.cse(
@@ -59,6 +60,7 @@ class CompiledDynamics:
                 found,
                 energy,
                 gap,
+                cs.mmin(pivots / cs.fabs(cs.diag(mass))),
                 cs.mmin(cs.vertcat(1, *measures)),
                 cs.vertcat(*measures),
             ]
@@ -73,7 +75,8 @@ class CompiledDynamics:
         """z' and s'' (m,) under motor forces (n_a,).
 
         Raises:
-            SolverError: a leg is in a singular pose or out of reach.
+            SolverError: a leg is in a singular pose or out of reach, or the mass matrix is not positive
+                definite.
         """
         result = self._evaluate(z, s, motors)
         self._last = z, s, result
@@ -92,9 +95,14 @@ class CompiledDynamics:
         self._inputs[:m, :], self._inputs[m : 2 * m, :] = z[:, None], s[:, None]
         self._inputs[2 * m :, :] = motors[:, None]
         result = self._tape(self._inputs)[:, 0]
-        gap, smallest = result[2 * m + 2], result[2 * m + 3]
+        gap, pivot, smallest = result[2 * m + 2 : 2 * m + 5]
+        if smallest > _SINGULAR and not pivot > _DEFINITE:
+            raise SolverError(
+                f"forward dynamics: at z = {z.tolist()} the mass matrix is not positive definite (smallest "
+                f"relative pivot {pivot:.2g}): bodies have too little inertia, or one that no real body has"
+            )
         if not (gap < _OPEN and smallest > _SINGULAR and math.isfinite(result.sum())):
-            measures = result[2 * m + 4 :]
+            measures = result[2 * m + 5 :]
             where = self._names[int(np.argmin(measures))] if measures.size else "a leg"
             raise SolverError(
                 f"forward dynamics: at z = {z.tolist()} the robot is singular or out of reach ({where})"

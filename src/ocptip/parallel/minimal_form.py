@@ -17,7 +17,7 @@ from ocptip.numerics.vectors import cross_terms as cross
 from ocptip.parallel.analysis.elimination import elimination_order
 from ocptip.parallel.analysis.singularity import characteristic_length
 from ocptip.parallel.code.leg_plans import choose_plans
-from ocptip.parallel.description.robot_description import PRISMATIC, Leg
+from ocptip.parallel.description.robot_description import PRISMATIC, Leg, RobotDescription
 from ocptip.parallel.kinematics.closed_form import leg_solution, leg_type, nearest_branch
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.parallel.symbolic.leg_dynamics import body_wrench
@@ -29,11 +29,13 @@ from ocptip.parallel.symbolic.spatial_sx import (
     zero,
 )
 from ocptip.parallel.symbolic.symbols import (
+    coupling_entries,
     geometry_symbols,
     inertia_layout,
     inertia_values,
     joint_term_values,
-    require_coupling_form,
+    leg_base,
+    symbol_of,
 )
 
 
@@ -92,7 +94,8 @@ def minimal_form(
         )
     m = robot.m
     z, zd, zdd = (cs.SX.sym(name, m) for name in ("z", "zd", "zdd"))
-    q, measures, names = joints_of_branch(robot, z, description.home)
+    geometry = geometry_symbols(description, numeric=True)
+    q, measures, names = joints_of_branch(robot, z, description.home, geometry)
     layout = inertia_layout(description)
     plans = choose_plans(description, layout, [True] * layout.size, "motors")
     arguments = Arguments(
@@ -100,7 +103,7 @@ def minimal_form(
         rates=zd,
         accelerations=zdd,
         q=q,
-        geometry=geometry_symbols(description, numeric=True),
+        geometry=geometry,
         inertia=cs.SX(cs.sparsify(cs.DM(inertia_values(description)))),
         gravity=cs.SX(cs.DM(description.gravity if gravity is None else np.asarray(gravity, dtype=float))),
         wrench=cs.SX.zeros(6) if load is None else cs.SX(cs.DM(finite_array("load", load, (6,)))),
@@ -120,10 +123,36 @@ def minimal_form(
     return MinimalForm(z, zd, zdd, *map(cs.densify, cs.cse(outputs)), (*names, "platform"))
 
 
+def joint_function(robot: ParallelRobot) -> cs.Function:
+    """The joints that generated functions want, for a caller who knows z only: `joints`.
+
+    In: `z` (m,), `geometry` as theirs. Out: `q` (n, N) up to the coupling points in the branches of the home
+    pose, and `distance` from singular poses of the legs, at most 1, negative out of reach. As C code:
+    :func:`ocptip.parallel.code.codegen.write_c`.
+
+    Raises:
+        InputError: a leg has no closed-form inverse kinematics; names it.
+    """
+    if reason := joint_obstacle(robot.description):
+        raise InputError(f"{robot.description.name}: {reason}")
+    z, geometry = cs.SX.sym("z", robot.m), geometry_symbols(robot.description)
+    q, measures, _ = joints_of_branch(robot, z, robot.description.home, geometry)
+    outputs = cs.cse([q, cs.mmin(cs.vertcat(1, *measures))])
+    named = cs.vertcat(*geometry.values()) if geometry else cs.SX(0, 1)
+    return cs.Function(
+        "joints", [z, named], list(map(cs.densify, outputs)), ["z", "geometry"], ["q", "distance"]
+    )
+
+
 def joints_of_branch(
-    robot: ParallelRobot, z: cs.SX, start: np.ndarray
+    robot: ParallelRobot, z: cs.SX, start: np.ndarray, geometry: dict[str, cs.SX]
 ) -> tuple[cs.SX, list[cs.SX], list[str]]:
     """Joints up to the coupling points (n, N) as functions of z, in the branches they have at a start (m,).
+
+    Args:
+        robot: with legs that have closed forms.
+        z, start: (m,).
+        geometry: symbols of the named parameters, or their numbers.
 
     Returns:
         The joints, the legs' distances from singular poses, and the names of these; see `minimal_form`.
@@ -133,11 +162,12 @@ def joints_of_branch(
     at_start = robot.kinematics.point_joints(start).q
     start_position, start_rotation = robot.kinematics.platform.pose(start)
     for number, leg in enumerate(robot.description.legs):
-        point = cs.SX(position) + cs.SX(rotation) @ cs.DM(leg.coupling_point)
-        target = cs.DM(leg.base_matrix.T) @ (point - cs.DM(leg.origin))
+        point = cs.SX(position) + cs.SX(rotation) @ cs.vertcat(*coupling_entries(leg, geometry))
+        origin, base = leg_base(leg, geometry)
+        target = base.inverse(minus(cs.vertsplit(point), origin))
         point_start = start_position + start_rotation @ leg.coupling_point - leg.origin
         branch = nearest_branch(leg, leg.base_matrix.T @ point_start, at_start[number])
-        found = leg_solution(leg, cs.vertsplit(target), branch)
+        found = leg_solution(leg, target, branch, lambda entry: symbol_of(entry, geometry))
         columns.append(cs.vertcat(*found.q))
         stretch = [(length / _length(leg, at_start[number])) ** 2 for length in found.lengths]
         measures += [*found.measures.values(), *(cs.fmin(value, 1) for value in stretch)]
@@ -145,23 +175,36 @@ def joints_of_branch(
     return cs.horzcat(*columns), measures, names
 
 
-def require_closed_form(robot: ParallelRobot) -> None:
-    """Refuse (InputError) a robot whose joints are no smooth functions of z in closed form."""
-    description = robot.description
-    require_coupling_form(description)
-    if robot.complete_legs:
-        raise InputError(f"{description.name}: joints behind the coupling points have friction or drives")
+def joint_obstacle(description: RobotDescription) -> str:
+    """Why the joints are no functions of z in closed form; "" if they are."""
+    if obstacle := description.coupling_obstacle:
+        return obstacle
     for number, leg in enumerate(description.legs, start=1):
         if leg_type(leg) is None:
-            raise InputError(
-                f"{description.name}: leg {number} has no closed-form inverse kinematics (types RRR, RPR, "
-                "PRRR, RUU and UPS have)"
-            )
+            known = "RRR, RPR, PRRR, RUU and UPS have"
+            return f"leg {number} has no closed-form inverse kinematics (types {known})"
+    return ""
+
+
+def minimal_obstacle(robot: ParallelRobot) -> str:
+    """Why the equations of motion are no smooth functions of z in closed form; "" if they are."""
+    if obstacle := joint_obstacle(robot.description):
+        return obstacle
+    if robot.complete_legs:
+        return "joints behind the coupling points have friction, drives or bodies with mass"
+    for number, leg in enumerate(robot.description.legs, start=1):
         if any(leg.coulomb):
-            raise InputError(
-                f"{description.name}: leg {number} has dry friction, which jumps with the direction of "
-                "motion; leave it to the model of the motors"
+            return (
+                f"leg {number} has dry friction, which jumps with the direction of motion; leave it to the "
+                "model of the motors"
             )
+    return ""
+
+
+def require_closed_form(robot: ParallelRobot) -> None:
+    """Refuse (InputError) a robot whose equations of motion are no smooth functions of z in closed form."""
+    if obstacle := minimal_obstacle(robot):
+        raise InputError(f"{robot.description.name}: {obstacle}")
 
 
 def _length(leg: Leg, q: np.ndarray) -> float:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ocptip.basics.errors import InputError, finite_array, positive_number
+from ocptip.basics.errors import finite_array, positive_number
 from ocptip.parallel.compiled_dynamics import CompiledDynamics
+from ocptip.parallel.minimal_form import minimal_obstacle
 from ocptip.parallel.robot import ParallelRobot
 
 _LONG = 200  # steps: fewer are done before machine code is made
@@ -100,9 +100,8 @@ def simulate(
 
 def _equations(robot: ParallelRobot, z: np.ndarray, count: int) -> _Searched | CompiledDynamics:
     """The equations of motion; compiled where that is possible and worth it."""
-    if count >= _LONG:
-        with contextlib.suppress(InputError):
-            return CompiledDynamics(robot, z)
+    if count >= _LONG and not minimal_obstacle(robot):
+        return CompiledDynamics(robot, z)
     return _Searched(robot)
 
 

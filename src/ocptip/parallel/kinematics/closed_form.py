@@ -30,7 +30,7 @@ import numpy as np
 
 from ocptip.basics.errors import InputError
 from ocptip.numerics.vectors import nearest_turn
-from ocptip.parallel.description.entries import Parameter, right_angles, value_of
+from ocptip.parallel.description.entries import Entry, Parameter, right_angles, value_of
 from ocptip.parallel.description.robot_description import PRISMATIC, REVOLUTE, Leg, MDHRow
 
 Scalar = Any
@@ -68,13 +68,19 @@ class LegSolution:
     lengths: list[Scalar]
 
 
-def leg_solution(leg: Leg, target: Sequence[Scalar], branch: Sequence[int] = ()) -> LegSolution:
+def leg_solution(
+    leg: Leg,
+    target: Sequence[Scalar],
+    branch: Sequence[int] = (),
+    length_of: Callable[[Entry], Scalar] = value_of,
+) -> LegSolution:
     """Joint values that put the coupling point at a target.
 
     Args:
         leg: the leg.
         target: three numbers or CasADi scalars, m, leg base axes, from the base frame's origin.
         branch: signs; empty: those of the leg, or all positive.
+        length_of: what an entry of the table stands for; default its number.
 
     Raises:
         InputError: there is no closed form, the number of branch signs is wrong, or a numeric target is out
@@ -86,7 +92,7 @@ def leg_solution(leg: Leg, target: Sequence[Scalar], branch: Sequence[int] = ())
     signs = tuple(branch) or leg.branch or (1,) * SIGNS[kind]
     if len(signs) != SIGNS[kind]:
         raise InputError(f"branch: a leg of type {kind} has {SIGNS[kind]} branch signs, got {signs!r}")
-    return _SOLVERS[kind](leg, target, signs)
+    return _SOLVERS[kind]([length_of(row.d) for row in leg.rows], target, signs)
 
 
 def closed_form(leg: Leg, target: np.ndarray, branch: Sequence[int] = ()) -> np.ndarray | None:
@@ -122,24 +128,24 @@ def nearest_branch(leg: Leg, target: np.ndarray, q: np.ndarray) -> tuple[int, ..
     return min(found)[1]
 
 
-def _rrr(leg: Leg, target: Sequence[Scalar], signs: tuple[int, ...]) -> LegSolution:
-    q, bend = _two_links(target[0], target[1], _length(leg, 1), _length(leg, 2), signs[0])
+def _rrr(d: Sequence[Scalar], target: Sequence[Scalar], signs: tuple[int, ...]) -> LegSolution:
+    q, bend = _two_links(target[0], target[1], d[1], d[2], signs[0])
     return LegSolution(q, {"elbow": bend}, [])
 
 
-def _prrr(leg: Leg, target: Sequence[Scalar], signs: tuple[int, ...]) -> LegSolution:
-    q, bend = _two_links(target[0], target[1], _length(leg, 2), _length(leg, 3), signs[0])
+def _prrr(d: Sequence[Scalar], target: Sequence[Scalar], signs: tuple[int, ...]) -> LegSolution:
+    q, bend = _two_links(target[0], target[1], d[2], d[3], signs[0])
     return LegSolution([target[2], *q], {"elbow": bend}, [])
 
 
-def _rpr(_: Leg, target: Sequence[Scalar], signs: tuple[int, ...]) -> LegSolution:
+def _rpr(_: Sequence[Scalar], target: Sequence[Scalar], signs: tuple[int, ...]) -> LegSolution:
     length = _root(target[0] ** 2 + target[1] ** 2)
     _require_not_zero(length)
     r = signs[0] * length
     return LegSolution([_of(r).atan2(target[0] / r, -target[1] / r), r], {}, [length])
 
 
-def _ups(_: Leg, target: Sequence[Scalar], signs: tuple[int, ...]) -> LegSolution:
+def _ups(_: Sequence[Scalar], target: Sequence[Scalar], signs: tuple[int, ...]) -> LegSolution:
     length = _root(target[0] ** 2 + target[1] ** 2 + target[2] ** 2)
     _require_not_zero(length)
     r = signs[0] * length
@@ -150,17 +156,17 @@ def _ups(_: Leg, target: Sequence[Scalar], signs: tuple[int, ...]) -> LegSolutio
     return LegSolution([q1, lib.atan2(s2, -z), r], {"swing": tilt}, [length])
 
 
-def _ruu(leg: Leg, target: Sequence[Scalar], signs: tuple[int, ...]) -> LegSolution:
-    rod = _length(leg, 3)
+def _ruu(d: Sequence[Scalar], target: Sequence[Scalar], signs: tuple[int, ...]) -> LegSolution:
+    rod = d[3]
     s3 = target[2] / rod
     cut = _cut(s3)
     q3 = _of(cut).asin(cut) if signs[0] > 0 else math.pi - _of(cut).asin(cut)
     across = signs[0] * rod * _other_leg(cut)
-    q, bend = _two_links(target[0], target[1], _length(leg, 1), across, signs[1])
+    q, bend = _two_links(target[0], target[1], d[1], across, signs[1])
     return LegSolution([*q, q3], {"elbow": bend, "rod": 1 - s3**2}, [])
 
 
-def _two_links(x: Scalar, y: Scalar, l1: float, l2: Scalar, sign: int) -> tuple[list[Scalar], Scalar]:
+def _two_links(x: Scalar, y: Scalar, l1: Scalar, l2: Scalar, sign: int) -> tuple[list[Scalar], Scalar]:
     """q1, q2, and sin(q2)^2."""
     _require_not_zero(l1 * l2)
     cosine = (x * x + y * y - l1 * l1 - l2 * l2) / (2 * l1 * l2)
@@ -209,10 +215,6 @@ def _require_not_zero(value: Scalar) -> None:
         raise _OutOfReachError("target: out of reach, or in a place that fixes no direction")
 
 
-def _length(leg: Leg, row: int) -> float:
-    return value_of(leg.rows[row].d)
-
-
 def _row_shape(row: MDHRow) -> tuple[int, int, bool] | None:
     """Joint type, quarter turns of alpha and whether there is a d; None if anything else is not zero."""
     others = (row.gamma, row.b, row.theta, row.r)
@@ -231,7 +233,7 @@ _TYPES = {
     (_R, _RD, _RA, _RD): "RUU",
     (_R, _RA, _PA, _R): "UPS",
 }
-_SOLVERS: dict[str, Callable[[Leg, Sequence[Scalar], tuple[int, ...]], LegSolution]] = {
+_SOLVERS: dict[str, Callable[[Sequence[Scalar], Sequence[Scalar], tuple[int, ...]], LegSolution]] = {
     "RRR": _rrr,
     "RPR": _rpr,
     "PRRR": _prrr,

@@ -143,7 +143,7 @@ def leg_model(
     sliding = [row.sigma == PRISMATIC for row in leg.rows[: leg.n]]
 
     def symbol(entry: Entry) -> cs.SX:
-        return geometry[entry.name] if isinstance(entry, Parameter) else cs.SX(entry)
+        return symbol_of(entry, geometry)
 
     chains: list[list[tuple[int, cs.SX]]] = []
     segments: list[Vector] = []
@@ -159,9 +159,9 @@ def leg_model(
         offset = [offset[0] + symbol(row.d), offset[1], offset[2] + symbol(row.b)]
         segments.append(turn(2, gamma).apply(offset))
         chains.append([(2, gamma), (0, alpha), (2, theta)])
-    bases = [("xyz".index(axis), symbol(angle)) for axis, angle in leg.base_rotation]
-    position = vector([symbol(entry) for entry in leg.base_position])
-    origin = plus(position, Rotation(_turns(bases))(segments.pop(0)))
+    bases = _base_angles(leg, geometry)
+    position, rotation = leg_base(leg, geometry)
+    origin = plus(position, rotation(segments.pop(0)))
     chains[0] = bases + chains[0]
     bodies = [[inertia[10 * j + k] for k in range(10)] for j in range(leg.n)]
     _pass_on(chains, segments, sliding, bodies)
@@ -218,9 +218,24 @@ def _pass_on(
             chains[j + 1].insert(0, chains[j].pop())
 
 
+def symbol_of(entry: Entry, geometry: dict[str, cs.SX]) -> cs.SX:
+    """The symbol of a named parameter; a number as it is."""
+    return geometry[entry.name] if isinstance(entry, Parameter) else cs.SX(entry)
+
+
+def leg_base(leg: Leg, geometry: dict[str, cs.SX]) -> tuple[Vector, Rotation]:
+    """Origin of a leg's base frame, world axes, and the rotation of its axes to world axes, in symbols."""
+    position = [symbol_of(entry, geometry) for entry in leg.base_position]
+    return position, Rotation(_turns(_base_angles(leg, geometry)))
+
+
+def _base_angles(leg: Leg, geometry: dict[str, cs.SX]) -> list[tuple[int, cs.SX]]:
+    return [("xyz".index(axis), symbol_of(angle, geometry)) for axis, angle in leg.base_rotation]
+
+
 def coupling_entries(leg: Leg, geometry: dict[str, cs.SX]) -> Vector:
     """kappa of a leg in symbols."""
-    return [geometry[e.name] if isinstance(e, Parameter) else cs.SX(e) for e in leg.coupling]
+    return [symbol_of(entry, geometry) for entry in leg.coupling]
 
 
 def _same_bodies(leg: Leg, other: Leg) -> bool:
