@@ -16,6 +16,7 @@ from ocptip.parallel.analysis.crossings import Crossing, crossings
 from ocptip.parallel.analysis.mobility import Mobility, mobility, require_mobility
 from ocptip.parallel.analysis.singularity import Singularity, require_regular, singularity
 from ocptip.parallel.description.robot_description import RobotDescription
+from ocptip.parallel.dynamics.reactions import JointReactions, joint_reactions
 from ocptip.parallel.dynamics.regressor import regressor
 from ocptip.parallel.dynamics.terms import Terms, converted, motor_drift, needs_complete_legs, quasi_terms
 from ocptip.parallel.kinematics.platform import ForwardPose, JointPositions, Kinematics, RobotMotion
@@ -251,6 +252,26 @@ class ParallelRobot(MadeOf):
         tau_a = finite_array("motors", motors, (len(self.description.actuated),))
         motion = self.kinematics.motion(z, s, self._joints(z, q, complete=True), complete=True)
         return KKTSystem(self.kinematics, motion, self.description.gravity, np.zeros(6)).accelerations(tau_a)
+
+    def joint_reactions(
+        self,
+        z: ArrayLike,
+        zd: ArrayLike,
+        zdd: ArrayLike,
+        q: Joints = None,
+        *,
+        wrench: ArrayLike | None = None,
+        gravity: ArrayLike | None = None,
+    ) -> JointReactions:
+        """Forces and moments in all joints and at the leg ends; arguments as :meth:`inverse_dynamics`."""
+        z, zd, zdd = self._state(z, zd, zdd)
+        s, sd = self.kinematics.quasi(z, zd, zdd)
+        joints = self._joints(z, q, complete=True)
+        require_regular(self.kinematics, z, joints, complete=True)
+        motion = self.kinematics.motion(z, s, joints, complete=True)
+        found = joint_reactions(self.kinematics, motion, sd, self._gravity(gravity), _wrench(wrench))
+        _require_balance(found.residual, "motors and closures")
+        return found
 
     def energy(self, z: ArrayLike, s: ArrayLike, q: Joints = None) -> tuple[float, float]:
         """Kinetic and potential energy, J; drives included, friction not."""

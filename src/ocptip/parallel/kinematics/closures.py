@@ -168,7 +168,7 @@ class LegClosure:
         qd = Jq @ s
         bias = np.zeros(self.n)
         bias[self.free] = inverse @ self.drift(q, qd, R, T_drift, T @ s[:m])
-        return LegMotion(q, Jq, bias - self.idling(q, bias), qd, float(mismatch))
+        return LegMotion(q, Jq, bias - self.idling(q, bias, qd), qd, float(mismatch))
 
     def idle_motions(self, q: np.ndarray) -> np.ndarray:
         """(n, idle) orthonormal joint rates that leave the platform at rest."""
@@ -177,11 +177,12 @@ class LegClosure:
             motions[self.free] = np.linalg.svd(self.jacobian(q)[0][:, self.free])[2][-self.idle :].T
         return motions
 
-    def idling(self, q: np.ndarray, rates: np.ndarray) -> np.ndarray:
+    def idling(self, q: np.ndarray, rates: np.ndarray, speeds: np.ndarray | None = None) -> np.ndarray:
         """The part of rates (n, ...) along the idle motions that costs kinetic energy for nothing.
 
         Without it the bodies carry no momentum along the idle motions, and no forces there: what the platform
-        feels of the leg is then the same whatever the idle accelerations are.
+        feels of the leg is the same whatever the idle accelerations are. Of accelerations at given speeds
+        (n,): the part that idle bodies without weight and friction would not make.
         """
         if not self.idle:
             return np.zeros_like(rates)
@@ -190,7 +191,10 @@ class LegClosure:
         least = 1e-12 * max(float(np.trace(M)), 1e-300)
         values, axes = np.linalg.eigh(motions.T @ M @ motions)
         heavy = motions @ axes[:, values > least]
-        return heavy @ np.linalg.solve(heavy.T @ M @ heavy, heavy.T @ M @ rates)
+        forces = M @ rates
+        if speeds is not None:
+            forces = forces + self.body_dynamics(q, speeds, np.zeros(3), self.inertia)[1]
+        return heavy @ np.linalg.solve(heavy.T @ M @ heavy, heavy.T @ forces)
 
     def point_motion(
         self,

@@ -25,11 +25,15 @@ class KKTForces:
         motors: (n_a,) motor forces, N or N m.
         multipliers: closure forces, one per closure row; one choice of many if the robot is over-constrained.
         residual: largest unbalanced force, relative to the largest force.
+        joints: per leg (n_f,) accelerations, those of idle freedoms included.
+        unique: True if no other motor and closure forces balance the same motion.
     """
 
     motors: np.ndarray
     multipliers: np.ndarray
     residual: float
+    joints: tuple[np.ndarray, ...]
+    unique: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,10 +99,13 @@ class KKTSystem:
         v = np.concatenate([*joints, twist])
         right = self._M @ v + self._h
         matrix = np.hstack([self._S, self._J.T, -self._M @ self._idle])
-        solution = np.linalg.lstsq(matrix, right, rcond=_RANK)[0]
+        solution, _, rank, _ = np.linalg.lstsq(matrix, right, rcond=_RANK)
         residual = np.abs(matrix @ solution - right).max() / max(np.abs(right).max(), 1e-300)
-        count = self._S.shape[1]
-        return KKTForces(solution[:count], solution[count : count + len(self._J)], float(residual))
+        motors, multipliers, idle = np.split(solution, np.cumsum([self._S.shape[1], len(self._J)]))
+        moved = (v + self._idle @ idle)[: self._starts[-1]]
+        joints = tuple(np.split(moved, self._starts[1:-1]))
+        unique = rank == matrix.shape[1]
+        return KKTForces(motors, multipliers, float(residual), joints, bool(unique))
 
     def accelerations(self, motors: np.ndarray) -> KKTAccelerations:
         """Accelerations under motor forces (n_a,)."""

@@ -8,6 +8,7 @@ joints' forces over to the motors: tau_m = tau_a + J_pa' tau_p.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,6 +21,9 @@ from ocptip.parallel.kinematics.closures import LegClosure
 from ocptip.parallel.kinematics.platform import Kinematics, RobotMotion
 
 _RANK = 1e-11
+
+Wrench = tuple[np.ndarray, np.ndarray]
+"""Force and moment (3,) in the axes of a row's frame, about its origin."""
 
 
 def tree_forces(
@@ -83,46 +87,77 @@ def leg_newton_euler(
     platform: BodyInertia | None = None,
 ) -> np.ndarray:
     """Joint forces (n,) of a leg by recursive Newton-Euler in link axes, the platform on its end if given."""
-    topology, rows = leg.topology, leg.topology.rows
-    turns, arms, w, wd, a = [], [], [], [], []
-    for row, parent, joint in zip(rows, topology.parents, topology.joints, strict=True):
+    states = body_states(leg, q, qd, qdd, gravity)
+    loads = body_loads(leg, states)
+    if platform is not None:
+        force, moment = loads[-1]
+        more_force, more_moment = _inertial_load(_on_end(platform, leg), states[-1])
+        loads[-1] = force + more_force, moment + more_moment
+    tau = np.zeros(leg.n)
+    rows = zip(leg.topology.rows, leg.topology.joints, transmitted(leg, states, loads), strict=True)
+    for row, joint, (force, moment) in rows:
+        if joint is not None:
+            tau[joint] = moment[2] if row.sigma == REVOLUTE else force[2]
+    drive, viscous, coulomb = leg.drives
+    return tau + drive * qdd + viscous * qd + coulomb * np.sign(qd)
+
+
+@dataclass(frozen=True, eq=False)
+class BodyState:
+    """Motion of a row's frame, in its own axes, and where it stands.
+
+    Attributes:
+        turn: (3, 3) to the axes of the row before; arm: (3,), m, origin in that row's frame.
+        w, wd: (3,) angular velocity and acceleration; a: (3,) acceleration of the origin minus gravity.
+    """
+
+    turn: np.ndarray
+    arm: np.ndarray
+    w: np.ndarray
+    wd: np.ndarray
+    a: np.ndarray
+
+
+def body_states(
+    leg: LegClosure, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, gravity: np.ndarray
+) -> list[BodyState]:
+    """Motion of all rows of a leg from the base on."""
+    topology = leg.topology
+    states: list[BodyState] = []
+    still = BodyState(np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3), leg.base.T @ -gravity)
+    for row, parent, joint in zip(topology.rows, topology.parents, topology.joints, strict=True):
         A, arm = row_frame(row, 0.0 if joint is None else q[joint])
-        if parent < 0:
-            w0, wd0, a0 = np.zeros(3), np.zeros(3), leg.base.T @ -gravity
-        else:
-            w0, wd0, a0 = w[parent], wd[parent], a[parent]
-        wj, wdj = A.T @ w0, A.T @ wd0
-        aj = A.T @ (a0 + cross(wd0, arm) + cross(w0, cross(w0, arm)))
+        before = still if parent < 0 else states[parent]
+        w, wd = A.T @ before.w, A.T @ before.wd
+        a = A.T @ (before.a + cross(before.wd, arm) + cross(before.w, cross(before.w, arm)))
         if joint is not None:
             rate = np.array([0.0, 0.0, qd[joint]])
             if row.sigma == REVOLUTE:
-                wdj = wdj + cross(wj, rate) + [0.0, 0.0, qdd[joint]]
-                wj = wj + rate
+                wd = wd + cross(w, rate) + [0.0, 0.0, qdd[joint]]
+                w = w + rate
             else:
-                aj = aj + 2 * cross(wj, rate) + [0.0, 0.0, qdd[joint]]
-        for values, value in ((turns, A), (arms, arm), (w, wj), (wd, wdj), (a, aj)):
-            values.append(value)
+                a = a + 2 * cross(w, rate) + [0.0, 0.0, qdd[joint]]
+        states.append(BodyState(A, arm, w, wd, a))
+    return states
 
-    bodies = [*leg.leg.bodies, *[BodyInertia()] * (len(rows) - len(leg.leg.bodies))]
-    loads = [
-        _inertial_load(body, *state) for body, state in zip(bodies, zip(w, wd, a, strict=True), strict=True)
-    ]
-    if platform is not None:
-        force, moment = loads[-1]
-        more_force, more_moment = _inertial_load(_on_end(platform, leg), w[-1], wd[-1], a[-1])
-        loads[-1] = force + more_force, moment + more_moment
-    tau = np.zeros(topology.n_joints)
-    for k in reversed(range(len(rows))):
-        force, moment = loads[k]
-        joint, parent = topology.joints[k], topology.parents[k]
-        if joint is not None:
-            tau[joint] = moment[2] if rows[k].sigma == REVOLUTE else force[2]
+
+def body_loads(leg: LegClosure, states: Sequence[BodyState]) -> list[Wrench]:
+    """Wrench that moves and carries every row's own body."""
+    bodies = [*leg.leg.bodies, *[BodyInertia()] * (len(states) - len(leg.leg.bodies))]
+    return [_inertial_load(body, state) for body, state in zip(bodies, states, strict=True)]
+
+
+def transmitted(leg: LegClosure, states: Sequence[BodyState], loads: Sequence[Wrench]) -> list[Wrench]:
+    """Wrench that every row gets from the one before: its own load and those of the rows behind it."""
+    found = list(loads)
+    for k in reversed(range(len(found))):
+        parent = leg.topology.parents[k]
         if parent >= 0:
-            F, N = loads[parent]
-            turned = turns[k] @ force
-            loads[parent] = F + turned, N + turns[k] @ moment + cross(arms[k], turned)
-    drive, viscous, coulomb = leg.drives
-    return tau + drive * qdd + viscous * qd + coulomb * np.sign(qd)
+            force, moment = found[parent]
+            turned = states[k].turn @ found[k][0]
+            moment = moment + states[k].turn @ found[k][1] + cross(states[k].arm, turned)
+            found[parent] = force + turned, moment
+    return found
 
 
 def _cut_loops(
@@ -147,12 +182,10 @@ def _cut_loops(
     return np.vstack(rows), np.concatenate(drifts)
 
 
-def _inertial_load(
-    body: BodyInertia, w: np.ndarray, wd: np.ndarray, a: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    s, inertia = body.first_moment, body.inertia
-    force = body.mass * a + cross(wd, s) + cross(w, cross(w, s))
-    return force, inertia @ wd + cross(w, inertia @ w) + cross(s, a)
+def _inertial_load(body: BodyInertia, state: BodyState) -> Wrench:
+    s, w, wd = body.first_moment, state.w, state.wd
+    force = body.mass * state.a + cross(wd, s) + cross(w, cross(w, s))
+    return force, body.inertia @ wd + cross(w, body.inertia @ w) + cross(s, state.a)
 
 
 def _on_end(platform: BodyInertia, leg: LegClosure) -> BodyInertia:
