@@ -58,7 +58,7 @@ def _check_random_arms(arms, intervals, seed):
         c = [q, v * h, a * h**2 / 2, j * h**3 / 6]
         forms = Form.of(*c), Form.of(v, a * h, j * h**2 / 2), Form.of(a, j * h)
         arm = Arm(data, GRAVITY, ABOUT)
-        torques, wrench = arm.loads(arm.turns(forms[0]), *forms[1:])
+        torques, wrench = arm.loads(arm.turns(forms[0]), *forms[1:], np.zeros((2, intervals)))
         assert np.max(wrench.r) < 1e-2 * np.max(wrench.size)
         for number in range(intervals):
             for s in (-1.0, float(rng.uniform(-1, 1)), 1.0):
@@ -96,7 +96,7 @@ def test_frames_and_loads_are_those_of_the_library():
     rng = np.random.default_rng(0)
     q, qd, qdd = (rng.uniform(-k, k, (20, robot.n)) for k in (3, 2, 10))
     turns = arm.turns(Form.of(q.T))
-    torques, wrench = arm.loads(turns, Form.of(qd.T), Form.of(qdd.T))
+    torques, wrench = arm.loads(turns, Form.of(qd.T), Form.of(qdd.T), np.zeros((2, 20)))
     expected = robot.loads(q, qd, qdd)
     np.testing.assert_allclose(torques.c[0].T, expected[0], atol=1e-10)
     np.testing.assert_allclose(wrench.c[0].T + robot.support.weight, expected[1], atol=1e-10)

@@ -49,7 +49,7 @@ def _check_random_arms(arms, intervals, seed):
             Form.of(v, a * h, j * h**2 / 2),
             Form.of(a, j * h),
         ]
-        most = Drives(model, tolerance).greatest(*forms)
+        most = Drives(model, tolerance).greatest(*forms, np.zeros((2, forms[0].r.shape[1])))
         assert most.shape == (n, intervals)
         for k in range(intervals):
             for s in (-1.0, float(rng.uniform(-1, 1)), 1.0):
@@ -78,7 +78,7 @@ def test_nothing_uncertain_is_the_world_as_described(case):
     rng = np.random.default_rng(2)
     states = [rng.uniform(-k, k, (20, robot.n)) for k in (3, 2, 10)]
     drives = Drives(model_data(robot), tolerance_data(NONE, robot.support))
-    found = drives.greatest(*(Form.of(part.T) for part in states))
+    found = drives.greatest(*(Form.of(part.T) for part in states), np.zeros((2, len(states[0]))))
     np.testing.assert_allclose(found.T, np.abs(robot.loads(*states)[0]), rtol=1e-9, atol=1e-7)
 
 
@@ -88,7 +88,7 @@ def test_the_greatest_is_reached_but_for_products():
     tolerance = Tolerance(arm_mass=0.1, payload_mass=0.2, extra_mass=0.5, tilt=0.02, speed=0.05)
     model, data = model_data(robot), tolerance_data(tolerance, robot.support)
     state = np.stack([np.linspace(-0.5, 0.9, robot.n), np.full(robot.n, 0.7), np.full(robot.n, -2.0)])
-    most = Drives(model, data).greatest(*(Form.of(part[:, None]) for part in state))[:, 0]
+    most = Drives(model, data).greatest(*(Form.of(part[:, None]) for part in state), np.zeros((2, 1)))[:, 0]
     gravity, joint = robot.support.gravity, int(np.argmax(most))
     world = worlds.described(model)
     sign = np.sign(_torques(model, world, state)[joint])

@@ -25,6 +25,7 @@ from ocptip.placement.terrain import plane
 from ocptip.published.tasks import experiment_task
 from ocptip.retiming.retime import retime
 from ocptip.robots.process import AXES, ProcessWrench
+from ocptip.standing.brake_stops import Brakes
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.parts import Part
 from ocptip.standing.simulation.mjcf import to_mjcf
@@ -287,7 +288,6 @@ def test_checks_and_energy_follow_what_varies():
     samples = robot.samples(motion, times := np.linspace(0, motion.end, 20001))
     assert np.trapezoid(samples.powers.sum(axis=1), times) == pytest.approx(checked.energy, rel=1e-4)
     assert checked.verified
-    assert certified(robot, motion, checked).certificate.reason == "the process varies"
 
 
 def test_shares_and_ways_become_times():
@@ -314,12 +314,14 @@ def test_what_does_not_follow_it_refuses_it():
         for ask in (
             partial(robot.loads, q, q, q),
             partial(robot.load_expressions, *[cs.SX.zeros(6)] * 3),
-            partial(check_motion, robot, task.reference, MotionLimits(tolerance=SMALL)),
-            partial(to_mjcf, robot, task.reference),
+            partial(check_motion, robot, task.reference, MotionLimits(brakes=Brakes((1.0,) * 6, (2.0,) * 6))),
             partial(RestLoads, robot, q),
         ):
-            with pytest.raises(InputError, match=r"process: varies over .*, which checks of motions follow"):
+            with pytest.raises(InputError, match=r"process: varies over .*; stops by brakes, load cases"):
                 ask()
+        if over != "time":
+            with pytest.raises(InputError, match="which the time alone does not tell"):
+                robot.acting(np.zeros(1))
         assert tolerances(robot, task.reference) == ()
         assert not robot.samples(task.reference, np.array([0.1])).tip.GN[0] > 1
 
@@ -346,8 +348,6 @@ def test_files_of_forces(tmp_path, capsys):
     (tmp_path / "motion.json").write_text(json.dumps(task.reference.to_dict()))
     assert main(["check", str(tmp_path / "motion.json"), "--task", str(path)]) == 0
     assert "up to 3 N and 0.1 N m on the gripper, in axes of the base, over share" in capsys.readouterr().out
-    assert main(["plan", str(path), "--tolerance", "workshop", "--out", str(tmp_path / "out")]) == 2
-    assert "process: varies over share, which" in capsys.readouterr().err
     for content, complaint in (
         ("share,time_s,fx_N\n0,0,1\n", "expected one column of time_s, share, path_m and some of"),
         ("share,Fx\n0,1\n", "column 'Fx': expected one each of"),

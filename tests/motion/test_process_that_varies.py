@@ -9,15 +9,24 @@ import pytest
 
 from ocptip.basics.errors import InputError
 from ocptip.motion.plan import plan_motion
+from ocptip.published.tasks import experiment_task
 from ocptip.retiming.retime import retime
 from ocptip.robots.process import ProcessWrench
 from ocptip.standing.limits import MotionLimits
+from ocptip.standing.tolerance import WORKSHOP
 from ocptip.task_files.motion import load_task
 from ocptip.task_files.path import load_path
 from ocptip.trajectories.path import JointPath
 from tests.motion.planner.test_program import Planned
 from tests.motion.test_process_in_motion import case, varying
 from tests.places import EXAMPLES
+
+
+class Given(Planned):
+    """With a random motion of the robot on whose gripper nothing acts."""
+
+    def motion(self, seed):
+        return Planned(experiment_task("B")).motion(seed)
 
 
 def test_what_varies_over_the_way_is_for_given_paths_the_rest_for_plans():
@@ -39,7 +48,7 @@ def test_derivatives_of_programs_with_what_varies(over, kind):
     task, bare = case("B")
     knots = np.linspace(-0.05, 1.0, 4) * (task.reference.end if over == "time" else 1.0)
     process = varying(over, knots)
-    planned = Planned(replace(task, robot=bare.varied(arm=bare.arm.with_process(process))))
+    planned = Given(replace(task, robot=bare.varied(arm=bare.arm.with_process(process))))
     program, x = planned.of_kind(3, kind)
     rows = program.no_rows()
     rows["tip-over"][::4] = True
@@ -79,7 +88,7 @@ def test_plans_follow_what_varies(over):
         assert plan.verified
         energy[name] = plan.check.energy
         if name == "varying":
-            assert plan.check.certificate.reason == "the process varies"
+            assert plan.check.certified
             assert robot.energy(plan.motion) == pytest.approx(plan.check.energy)
     assert min(energy["none"], energy["all"]) < energy["varying"] < max(energy["none"], energy["all"])
 
@@ -115,3 +124,19 @@ def test_timings_follow_what_varies_over_the_way():
     assert 0.89 < early.check.worst["GN"].value <= 0.9
     assert gently.check.worst["GN"].value < 0.7
     assert gently.motion.end + 5e-5 < early.motion.end < constant.motion.end + 1e-6
+
+
+@pytest.mark.parametrize("over", ["share", "time"])
+def test_plans_within_a_tolerance_follow_what_varies(over):
+    """Of a force that pulls in the middle a plan of its own; the check knows that of the whole time."""
+    task, bare = case("A")
+    end = task.reference.end if over == "time" else 1.0
+    force = 6.0 * np.array([[0, 0, 0], [0, 0, 1], [0, 0, 1], [0, 0, 0]])
+    process = ProcessWrench(force, 0 * force, "base", over, np.array([0.2, 0.4, 0.6, 0.8]) * end)
+    robot = bare.varied(arm=bare.arm.with_process(process))
+    limits = replace(task.limits, tolerance=WORKSHOP)
+    plan = plan_motion(replace(task, robot=robot, limits=limits), starts=1, jobs=1)
+    assert plan.check.certified
+    assert plan.check.within is not None
+    assert 0.5 < plan.check.worst["GT_worst_case"].value < 1
+    assert plan.check.worst["GN"].value < plan.check.worst["GN_worst_case"].value < 1

@@ -8,7 +8,7 @@ from typing import Any
 import casadi as cs
 import numpy as np
 
-from ocptip.certificate.trusted.arm import PROCESS
+from ocptip.certificate.trusted.arm import PROCESS, TIMES
 from ocptip.contact.support import Support
 from ocptip.numerics.tape import instruction_name
 from ocptip.robots.collision.gaps import Collisions
@@ -102,7 +102,10 @@ def states_at(motion: dict[str, Any], piece: np.ndarray, u: np.ndarray) -> tuple
 
 
 def model_data(robot: StandingRobot | StandingParallelRobot) -> dict[str, Any]:
-    """Arm or program, base, contacts, what may collide, limits; SI units, base axes."""
+    """Arm or program, base, contacts, what may collide, limits; SI units, base axes.
+
+    A process that varies has to vary over time, see `StandingMechanism.during`.
+    """
     support = robot.support
     if isinstance(robot, StandingRobot):
         own, (bodies, pairs) = _arm_data(robot), _bodies(robot)
@@ -144,8 +147,16 @@ def _arm_data(robot: StandingRobot) -> dict[str, Any]:
         **{key: np.asarray(getattr(arm, key), dtype=float).tolist() for key in _ARM.split()},
         "ratios": (np.eye(arm.n) if coupling is None else coupling.matrix).tolist(),
         "shift": (np.zeros(arm.n) if coupling is None else coupling.offsets).tolist(),
-        **{key: part.tolist() for key, part in zip(PROCESS, process_parts(arm), strict=True)},
     }
+    if (varying := robot.varying) is None:
+        parts = process_parts(arm)
+    else:
+        none = np.zeros((len(varying.knots), 6))
+        own, turn = np.hstack([varying.force, varying.moment]), arm.tool_rotation.T
+        on_link = np.hstack([part @ turn for part in np.hsplit(own, 2)])
+        parts = (none, on_link) if varying.turns_with_tool else (own, none)
+        data[TIMES] = varying.knots.tolist()
+    data.update({key: part.tolist() for key, part in zip(PROCESS, parts, strict=True)})
     return {"arm": data, "payload": held}  # the payload is a part of the last link
 
 

@@ -74,7 +74,7 @@ def certify(
         limits: that were asked for.
         worst: the sampled worst values, from `check_motion`; claims stay near them.
     """
-    began = time.perf_counter()
+    began, robot = time.perf_counter(), robot.during(motion)
     if reason := _missing(robot, worst):
         return Certificate(None, Verdict(False, (), {}, 0), reason=reason)
     assert isinstance(robot, StandingRobot | StandingParallelRobot)
@@ -109,8 +109,6 @@ def _missing(robot: StandingMechanism, worst: Mapping[str, Worst]) -> str:
     """Why no certificate can be made; empty if one can."""
     if not isinstance(robot, StandingRobot | StandingParallelRobot):
         return f"motions of a {robot.kind} without closed forms cannot be certified"
-    if robot.varying:
-        return "the process varies"
     if robot.tip_over.free_rotation:
         return "contacts on one line"
     lost = [name for name in ("GN", "GT") if not worst[name].value < HIGHEST]
@@ -176,6 +174,8 @@ class _Search:
     ) -> None:
         self.robot, self.bounds = robot, bounds
         self.model, self.motion = model_data(robot), motion_data(motion)
+        varying = robot.varying
+        self.knots = np.empty(0) if varying is None else np.asarray(varying.knots)
         self.checker = Checker(self.model, bounds, tolerance)
         self._separations = Separations(robot, self.model) if isinstance(robot, StandingRobot) else None
         self._interior = Interior(robot.support)
@@ -190,6 +190,8 @@ class _Search:
         piece, start, end = [], [], []
         for k, (a, b) in enumerate(self.motion["times"]):
             ends = np.linspace(-1, 1, max(1, int(np.ceil((b - a) / _LONGEST))) + 1)
+            knots = self.knots[(self.knots > a + _SHORTEST) & (self.knots < b - _SHORTEST)]
+            ends = np.union1d(ends, 2 * (knots - a) / ((b - a) or 1.0) - 1)
             piece += [k] * (len(ends) - 1)
             start.append(ends[:-1])
             end.append(ends[1:])
@@ -222,7 +224,7 @@ class _Search:
         }
         on_time, self._short = {**whole, **_ON_TIME}, _hopeless(worst)
         for tolerance in () if self._short else (whole, on_time) if whole != on_time else (whole,):
-            found = SearchWithin(weakest, self.model, self.motion, tolerance, goals).found()
+            found = SearchWithin(weakest, self.model, self.motion, tolerance, goals, self.knots).found()
             if found is None:
                 continue
             if not self._short:
@@ -273,7 +275,9 @@ class _Search:
 
     def _forces(self, piece: np.ndarray, u: np.ndarray) -> list[np.ndarray]:
         """(rules, contacts, 3, N) that hold the wrench, and the wrench with each couple, in two ways."""
-        wrenches = self.robot.loads(*states_at(self.motion, piece, u))[1]
+        left, right = np.array(self.motion["times"])[piece].T
+        acting = self.robot.acting(0.5 * (left + right) + 0.5 * (right - left) * u)
+        wrenches = self.robot.loads(*states_at(self.motion, piece, u), acting if acting.size else None)[1]
         every = np.concatenate([wrenches, *(wrenches + couple for couple in self.checker.contacts.couples)])
         slip = self.robot.slip.evaluate(self.robot.contact_states(every), derivatives=False)
         forces = np.nan_to_num(

@@ -68,6 +68,7 @@ class SearchWithin:
         robot: with the least friction.
         model, motion, tolerance: of a certificate.
         goals: bounds that are good enough; what is proved beyond is not looked for.
+        knots: s, at which what acts on the gripper bends.
     """
 
     def __init__(
@@ -77,8 +78,9 @@ class SearchWithin:
         motion: Mapping[str, Any],
         tolerance: Mapping[str, Any],
         goals: Mapping[str, float],
+        knots: np.ndarray,
     ) -> None:
-        self._robot, self._goals = robot, goals
+        self._robot, self._goals, self._knots = robot, goals, knots
         self._interior = Interior(robot.support)
         self._sharing = Sharing(model, motion, tolerance, goals)
         contacts = self._sharing.contacts
@@ -163,7 +165,8 @@ class SearchWithin:
 
     def _first(self) -> tuple[np.ndarray, np.ndarray]:
         late = self._sharing.late
-        cuts = np.unique(np.concatenate([late.events, late.events + late.delay]))
+        knots = self._knots[(self._knots > late.start) & (self._knots < late.end)]
+        cuts = np.unique(np.concatenate([late.events, late.events + late.delay, knots]))
         cuts = np.append(cuts[:-1][np.diff(cuts) > _SHORTEST / 10], cuts[-1])
         ends = [np.zeros(1)]
         for a, b in pairwise(cuts):

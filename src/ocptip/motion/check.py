@@ -158,7 +158,7 @@ def check_motion(
     """
     step = positive_number("step", step)
     robot.require_fit(motion.n)
-    robot = robot.during(motion)
+    described, robot = robot, robot.during(motion)
     pieces = robot.pieces(motion)
     instants = motion.end / step + _MIN_POINTS * len(pieces)
     if not instants <= MOST_INSTANTS:
@@ -196,7 +196,7 @@ def check_motion(
         worst += of_limit
     within = None
     if limits.tolerance.given:
-        within = worst_within(robot, motion, limits.tolerance, times)
+        within = worst_within(described, motion, limits.tolerance, times)
         worst += within.measured(limits)
     violations = [w.violation for w in worst if w.violation]
     if unsolved:

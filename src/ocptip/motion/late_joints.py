@@ -23,6 +23,7 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
+from ocptip.standing.arm import StandingRobot
 from ocptip.standing.jumps import SMALLEST
 from ocptip.standing.tolerance import Tolerance
 from ocptip.standing.worst_case import WorstCase
@@ -75,7 +76,10 @@ def doings(events: Sequence[float], t: float, delay: float, overshoots: bool) ->
 
 @dataclass(frozen=True, eq=False)
 class Looked:
-    """States (N, 3 n) at times (N,), s, with room (N, n), s, for delays; what jumps there do, in words."""
+    """States at times (N,), s, with room (N, n), s, for delays; what jumps there do, in words.
+
+    States s (N, 3 n) are angles, speeds, accelerations; what a process is that varies, 6 more.
+    """
 
     s: np.ndarray
     times: np.ndarray
@@ -149,13 +153,24 @@ class _Events:
         return [(*own, 0.0, "on time"), *((*state, 0.0, "late") for state in (then, *beyond))]
 
 
-def on_time(motion: Motion, tolerance: Tolerance, times: np.ndarray) -> Looked:
-    """States at instants, where joints are late only as far as their accelerations did not jump."""
+def on_time(
+    motion: Motion, tolerance: Tolerance, times: np.ndarray, robot: StandingRobot | None = None
+) -> Looked:
+    """States at instants, where joints are late only as far as their accelerations did not jump.
+
+    What acts on the gripper of a robot `during` the motion is never late: it keeps the motion's clock.
+    """
     room = _Events(motion, tolerance).room(times)
-    return Looked(np.hstack(motion.states(times)), times, room, [""] * len(times))
+    acting = np.empty((len(times), 0)) if robot is None else robot.acting(times)
+    return Looked(np.hstack([*motion.states(times), acting]), times, room, [""] * len(times))
 
 
-def jump_states(motion: Motion, tolerance: Tolerance, cases: WorstCase | None = None) -> Looked:
+def jump_states(
+    motion: Motion,
+    tolerance: Tolerance,
+    cases: WorstCase | None = None,
+    robot: StandingRobot | None = None,
+) -> Looked:
     """States around the events at which accelerations jump, or, where they do not, are late.
 
     Args:
@@ -163,10 +178,14 @@ def jump_states(motion: Motion, tolerance: Tolerance, cases: WorstCase | None = 
         tolerance: its delay and its overshoot.
         cases: of motions with more than `MOST_OF_ALL` combinations the worst for these are looked at; without
             them, all.
+        robot: `during` the motion: if its process varies, where it bends is looked at, too.
     """
     n, events = motion.n, _Events(motion, tolerance)
     found: list[_Instant] = []
-    instants = np.unique(np.concatenate([events.times, events.times + events.delay]))
+    instants = [events.times, events.times + events.delay]
+    if robot is not None and robot.varying is not None:
+        instants.append(robot.varying.knots)
+    instants = np.unique(np.concatenate(instants))
     if not (events.delay or events.more):
         instants = np.empty(0)
     for t in instants:
@@ -176,14 +195,15 @@ def jump_states(motion: Motion, tolerance: Tolerance, cases: WorstCase | None = 
         ways = [events.ways(t, j, own[j], then[j]) for j in range(n)]
         joints = [j for j in range(n) if len(ways[j]) > 1 or ways[j][0][-1] != "on time"]
         if joints:
-            found.append(_Instant(t, joints, ways))
+            acting = np.empty(0) if robot is None else robot.acting(np.array([t]))[0]
+            found.append(_Instant(t, joints, ways, acting))
     if cases is not None and sum(prod(map(len, doing.ways)) for doing in found) > MOST_OF_ALL:
         every = _worst_ways(found, cases)
     else:
         most = MOST if cases is None else MOST_OF_ALL
         every = [doing.looked(combinations(doing.ways, most)) for doing in found]
     if not every:
-        return Looked(np.empty((0, 3 * n)), np.empty(0), np.empty((0, n)), [])
+        return Looked(on_time(motion, tolerance, np.empty(0), robot).s, np.empty(0), np.empty((0, n)), [])
     parts = [np.concatenate([getattr(one, part) for one in every]) for part in ("s", "times", "room")]
     return Looked(*parts, [word for one in every for word in one.words])
 
@@ -195,11 +215,13 @@ class _Instant:
     t: float
     joints: list[int]
     ways: list[list[_Way]]
+    acting: np.ndarray
 
     def looked(self, chosen: Sequence[Sequence[_Way]]) -> Looked:
         """The states of combinations of ways."""
         numbers = np.array([[way[:4] for way in own] for own in chosen])  # (C, n, 4)
         states = numbers[:, :, :3].transpose(0, 2, 1).reshape(len(chosen), -1)
+        states = np.hstack([states, np.tile(self.acting, (len(chosen), 1))])
         words = [_doing(self.joints, [own[j][4] for j in self.joints]) for own in chosen]
         return Looked(states, np.full(len(chosen), self.t), numbers[:, :, 3], words)
 
@@ -214,8 +236,9 @@ def _worst_ways(every: list[_Instant], cases: WorstCase) -> list[Looked]:
     for i, doing in enumerate(every):
         for j, own in enumerate(doing.ways):
             ways[i, j, : len(own)] = [way[:4] for way in own]
-    number, values, _ = worst_of_ways(ways, cases)
-    number = _exchanged(ways, cases, number, values)
+    acting = np.array([doing.acting for doing in every])
+    number, values, _ = worst_of_ways(ways, cases, acting)
+    number = _exchanged(ways, cases, acting, number, values)
     return [
         doing.looked(
             [
@@ -228,13 +251,14 @@ def _worst_ways(every: list[_Instant], cases: WorstCase) -> list[Looked]:
 
 
 def worst_of_ways(
-    ways: np.ndarray, cases: WorstCase, matters: np.ndarray | None = None
+    ways: np.ndarray, cases: WorstCase, acting: np.ndarray, matters: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Which way of every joint is worst for each moment and the slip reserve, by their slopes.
 
     Args:
         ways: (D, n, K, 4) at D instants: angle, speed, acceleration, room; NaN where there are fewer.
         cases: the functions, F of them.
+        acting: (D, 6) what a process is that varies; else (D, 0).
         matters: (F,) where a function stays below this, by its slopes, it is not looked at more closely.
 
     Returns:
@@ -249,7 +273,9 @@ def worst_of_ways(
     for turn in range(1 + _CHOICES):
         chosen = ways[row[:, None], np.arange(n), number[row, which]]  # (R, n, 4)
         states = chosen[..., :3].transpose(0, 2, 1).reshape(-1, 3 * n)
-        values[row, which], slopes[row, which] = cases.function(states, which, chosen[..., 3])
+        states = np.hstack([states, acting[row]])
+        values[row, which], found = cases.function(states, which, chosen[..., 3])
+        slopes[row, which] = found[:, : 3 * n]
         if turn < _CHOICES:
             over = slopes[row, which].reshape(-1, 3, n)
             gains = np.einsum("rsj,rjks->rjk", over, ways[row][..., :3])
@@ -263,7 +289,9 @@ def worst_of_ways(
     return number, values, slopes
 
 
-def _exchanged(ways: np.ndarray, cases: WorstCase, number: np.ndarray, values: np.ndarray) -> np.ndarray:
+def _exchanged(
+    ways: np.ndarray, cases: WorstCase, acting: np.ndarray, number: np.ndarray, values: np.ndarray
+) -> np.ndarray:
     """Numbers (D, F, n) of ways of which, at the worst instants, no other of a single joint is worse."""
     number, values, n = number.copy(), values.copy(), ways.shape[1]
     ranks = np.argsort(np.argsort(-values, axis=0, kind="stable"), axis=0)
@@ -278,6 +306,7 @@ def _exchanged(ways: np.ndarray, cases: WorstCase, number: np.ndarray, values: n
         tried[np.arange(len(r)), joint] = way
         chosen = ways[row[r][:, None], np.arange(n), tried]
         states = chosen[..., :3].transpose(0, 2, 1).reshape(-1, 3 * n)
+        states = np.hstack([states, acting[row[r]]])
         found = cases.function(states, which[r], chosen[..., 3])[0]
         order = np.argsort(-found, kind="stable")
         better, first = np.unique(r[order], return_index=True)

@@ -41,7 +41,9 @@ class StoppedPath:
     def __init__(self, robot: StandingMechanism, motion: Motion, limits: MotionLimits) -> None:
         self._stops = limits.stops or PathStops(limits.GN, limits.GT)
         self.places = motion.both_sides(SPACING)
-        path = Path.of(robot, motion.states(self.places), limits.torque_ratio, self._stops.time)
+        acting = robot.during(motion).acting(self.places)
+        states, least = motion.states(self.places), self._stops.time
+        path = Path.of(robot, states, limits.torque_ratio, least, acting)
         self._c, self._d = path.bounds.lines
         self._path = path
         self._robot = robot

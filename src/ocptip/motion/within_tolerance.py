@@ -154,7 +154,9 @@ def _keeper(robot: StandingMechanism, motion: Motion, limits: MotionLimits) -> C
 
 def _worst_of(cases: WorstCase, motion: Motion, times: np.ndarray) -> WithinTolerance:
     tolerance = cases.deviations.tolerance
-    looked = on_time(motion, tolerance, times).joined(jump_states(motion, tolerance, cases))
+    acting = cases.deviations.robot.during(motion)
+    looked = on_time(motion, tolerance, times, acting)
+    looked = looked.joined(jump_states(motion, tolerance, cases, acting))
     tip = None
     if cases.axes:
         tip = _worst_tip(cases, _refined(cases, motion, looked, _least_moments))
@@ -164,11 +166,11 @@ def _worst_of(cases: WorstCase, motion: Motion, times: np.ndarray) -> WithinTole
 
 
 def _worst_torque(cases: WorstCase, motion: Motion, times: np.ndarray) -> WorstTorque:
-    robot, found = cases.robot, WorstTorque(0.0, 0.0, 1)
+    robot, found = cases.robot.during(motion), WorstTorque(0.0, 0.0, 1)
     drives = Drives(model_data(robot), tolerance_data(cases.deviations.tolerance, robot.support))
     every = np.unique(times)
     for _ in range(1 + NEARER):
-        most = drives.greatest(*(Form.of(part.T) for part in motion.states(times)))
+        most = drives.greatest(*(Form.of(part.T) for part in motion.states(times)), np.tile(times, (2, 1)))
         shares = most / robot.limits.torque[:, None]
         joint, k = np.unravel_index(np.argmax(shares), shares.shape)
         if shares[joint, k] > found.value:
@@ -202,7 +204,8 @@ def _refined(
         times = np.sort(looked.times[plain])
         near = np.searchsorted(times, looked.times[row])
         left, right = times[max(near - 1, 0)], times[min(near + 1, len(times) - 1)]
-        new = on_time(motion, cases.deviations.tolerance, np.linspace(left, right, FRESH + 2)[1:-1])
+        near = np.linspace(left, right, FRESH + 2)[1:-1]
+        new = on_time(motion, cases.deviations.tolerance, near, cases.deviations.robot.during(motion))
         looked, bad = looked.joined(new), np.concatenate([bad, badness(cases, new)])
     return looked.some(np.argsort(-bad, kind="stable")[:EXACT])
 

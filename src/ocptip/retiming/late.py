@@ -92,8 +92,10 @@ class LateJoints:
         Args:
             x: (N + 1,), the timing.
         """
-        ways, made = self._ways(x)
-        number, values, slopes = worst_of_ways(ways, self._cases, (self._most - _FAR) * self._units)
+        ways, made, places = self._ways(x)
+        number, values, slopes = worst_of_ways(
+            ways, self._cases, self._grid.robot.acting(places), (self._most - _FAR) * self._units
+        )
         excess = values / self._units - self._most  # (N + 1, F)
         i, k = np.nonzero(excess > -_NEAR)
         on = slopes[i, k].reshape(len(i), 3, self._grid.robot.n) / self._units[k][:, None, None]  # (R, 3, n)
@@ -112,8 +114,9 @@ class LateJoints:
         rows = Couplings(sparse.csr_matrix(A), b, tuple(self._names[function] for function in k))
         return float(np.max(excess)), rows
 
-    def _ways(self, x: np.ndarray) -> tuple[np.ndarray, list[list[_Made]]]:
-        """(D, n, K, 4) of what joints may be doing at nodes and the delay after them; what it is made of."""
+    def _ways(self, x: np.ndarray) -> tuple[np.ndarray, list[list[_Made]], np.ndarray]:
+        """(D, n, K, 4) of what joints may be doing at nodes and the delay after them; what it is made of;
+        where on the path, (D,)."""
         pace = np.sqrt(x)
         t = np.append(0.0, np.cumsum(2 * self._grid.widths / (pace[1:] + pace[:-1])))
         padded = np.concatenate([[0.0], x, [0.0]])
@@ -121,18 +124,21 @@ class LateJoints:
         at = _Nodes(
             t, self._dq * pace[:, None], *(np.sum(c * near, axis=0) for c in (self._after, self._before))
         )
-        found, made = [], []
+        found, made, s, places = [], [], self._grid.s, []
         for node in range(len(x)):
             found.append(self._at(at, node, t[node], 0.0))
+            places.append(s[node])
             time = t[node] + self._delay
             if self._delay and time < t[-1]:
                 last = int(np.searchsorted(t, time, side="right")) - 1
-                found.append(self._at(at, last, time, (time - t[last]) / (t[last + 1] - t[last])))
+                share = (time - t[last]) / (t[last + 1] - t[last])
+                found.append(self._at(at, last, time, share))
+                places.append(s[last] + share * (s[last + 1] - s[last]))
         made = [[way for _, way in own] for own in found]
         ways = np.full((len(found), self._q.shape[1], max(map(len, made)), 4), np.nan)
         for instant, own in enumerate(found):
             ways[instant, :, : len(own)] = np.array([state for state, _ in own]).transpose(2, 0, 1)
-        return ways, made
+        return ways, made, np.array(places)
 
     def _at(self, at: _Nodes, node: int, time: float, share: float) -> list[tuple[tuple, _Made]]:
         """What joints may be doing so much of an interval after a node: states (4, n), and their making."""

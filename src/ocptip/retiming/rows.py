@@ -52,9 +52,14 @@ class Places:
         return len(self.s)
 
     @cached_property
+    def process(self) -> np.ndarray:
+        """(P, 6) of one that varies, else (P, 0)."""
+        return self.robot.acting(self.s)
+
+    @cached_property
     def loads(self) -> tuple[Affine, Affine]:
         """Torques and wrenches."""
-        return affine_loads(self.robot, self.q, self.dq, self.ddq, self.s)
+        return affine_loads(self.robot, self.q, self.dq, self.ddq, self.process)
 
     @cached_property
     def caps(self) -> np.ndarray:
@@ -74,14 +79,17 @@ class Places:
         u, x = u[:, None], x[:, None]
         torque, wrench = (part[0] * u + part[1] * x + part[2] for part in self.loads)
         qd, qdd = self.dq * np.sqrt(x), self.dq * u + self.ddq * x
-        return Instants(self.robot, self.q, torque, wrench, self.robot.further(self.q, qd), qd, qdd)
+        return Instants(
+            self.robot, self.q, torque, wrench, self.robot.further(self.q, qd), qd, qdd, self.process
+        )
 
     def slopes(self, at: Instants, u: np.ndarray, x: np.ndarray) -> NodeSlopes:
         """Over (u, x), of the state, of torques and wrenches; those of all else are 0."""
         n, count = self.q.shape[1], len(self)
         own = np.maximum(x, 1e-12)[:, None]
-        of_u = np.hstack([np.zeros((count, 2 * n)), self.dq])
-        of_x = np.hstack([np.zeros((count, n)), self.dq / (2 * np.sqrt(own)), self.ddq])
+        still = np.zeros_like(self.process)
+        of_u = np.hstack([np.zeros((count, 2 * n)), self.dq, still])
+        of_x = np.hstack([np.zeros((count, n)), self.dq / (2 * np.sqrt(own)), self.ddq, still])
         power, none = np.zeros((count, 1)), np.zeros_like(at.further)
         y = np.hstack([power, at.torques, at.wrenches, at.further])
         parts = [np.hstack([power, *(load[k] for load in self.loads), none]) for k in range(2)]

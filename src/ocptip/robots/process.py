@@ -69,9 +69,8 @@ class ProcessWrench:
         """
         if self.varies:
             raise InputError(
-                f"process: varies over {self.over}, which checks of motions follow, plans (over time and "
-                "share) and retiming (over path); tolerances (--tolerance none), jumps, stops, feet that "
-                "give, certificates, load cases and simulation do not"
+                f"process: varies over {self.over}; stops by brakes, load cases, placements and `ocptip "
+                "identify` need one that does not"
             )
         return np.concatenate([self.force, self.moment])
 
@@ -94,6 +93,10 @@ class ProcessWrench:
         steps = np.diff(rows, axis=0) / np.diff(own)[:, None]
         still = np.zeros((1, 6))
         return np.vstack([still, steps, still])[np.searchsorted(own, values, side="right")]
+
+    def at_pace(self, factor: float) -> ProcessWrench:
+        """The same with all times multiplied by a factor > 0, if it varies over time."""
+        return replace(self, knots=factor * np.asarray(self.knots)) if self.over == TIME else self
 
     def over_time(self, times: np.ndarray, values: np.ndarray) -> ProcessWrench:
         """The same over time, if what it varies with goes through values (T,), not falling, at times (T,), s.

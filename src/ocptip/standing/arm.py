@@ -106,28 +106,36 @@ class StandingRobot(StandingMechanism):
         return self.arm.notes + process + super().notes
 
     def loads(
-        self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, times: np.ndarray | None = None
+        self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, process: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
         """Joint torques (N, n), N m, or forces, N, and the total wrench (N, 6) on the base.
 
         Its moment is about the base's centre of mass.
 
         Raises:
-            InputError: the process varies, and there are no times, or it does not vary over time.
+            InputError: the process varies, and it is not said what it is.
         """
-        return self._loads_of(self.arm, q, qd, qdd, times)
+        return self._loads_of(self.arm, q, qd, qdd, process)
+
+    def acting(self, times: np.ndarray) -> np.ndarray:
+        """See `StandingMechanism.acting`."""
+        if self.varying is None:
+            return np.empty((len(times), 0))
+        if self.varying.over != TIME:
+            raise InputError(f"process: varies over {self.varying.over}, which the time alone does not tell")
+        return np.hstack(self.varying.at(times))
 
     def _loads_of(
-        self, arm: ArmModel, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, times: np.ndarray | None
+        self, arm: ArmModel, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, process: np.ndarray | None
     ) -> tuple[np.ndarray, np.ndarray]:
         """The same of this arm instead."""
-        support, load, process = self.support, {}, arm.process
-        if times is not None and process is not None and process.over == TIME:
-            force, moment = process.at(times)
-            if process.turns_with_tool:
-                turn = gripper_batch(_without_process(arm))(q)[1]
+        support, load = self.support, {}
+        if process is not None and self.varying is not None:
+            force, moment = process[:, :3], process[:, 3:]
+            if self.varying.turns_with_tool:
+                turn = gripper_batch(without_process(arm))(q)[1]
                 force, moment = (np.einsum("kij,kj->ki", turn, rows) for rows in (force, moment))
-            arm, load = _without_process(arm), {"force": force, "moment": moment}
+            arm, load = without_process(arm), {"force": force, "moment": moment}
         about = support.center_of_mass
         dynamics = evaluate_dynamics(arm, q, qd, qdd, gravity=support.gravity, about=about, **load)
         return dynamics.torque, dynamics.wrench + support.weight
@@ -143,9 +151,14 @@ class StandingRobot(StandingMechanism):
         if process is None:
             return self
         if share and process.over != SHARE:
-            return self.varied(arm=_without_process(self.arm))
+            return self.varied(arm=without_process(self.arm))
         force, moment = process.at(np.array([share]))
         return self.varied(arm=self.arm.with_process(ProcessWrench(force[0], moment[0], process.axes)))
+
+    @property
+    def process_at_rest(self) -> np.ndarray:
+        """See `StandingMechanism.process_at_rest`."""
+        return np.zeros(6) if self.arm.process is None else self.arm.process.wrench
 
     def during(self, motion: Motion) -> Self:
         """The same robot with a process that varies over the time of a motion, if it varies.
@@ -182,10 +195,14 @@ class StandingRobot(StandingMechanism):
         own = process.over_time(places, self._way(path.at(places)[0]))
         return self._acting(own)
 
+    def at_pace(self, factor: float) -> Self:
+        """The same with a process whose times are multiplied by a factor > 0, if it varies over time."""
+        return self if self.varying is None else self._acting(self.varying.at_pace(factor))
+
     def _acting(self, process: ProcessWrench) -> Self:
         """The same robot with another process; what was built for the arm without one stays."""
         arm = self.arm.with_process(process)
-        _BARE[arm] = _without_process(self.arm)
+        _BARE[arm] = without_process(self.arm)
         other = object.__new__(type(self))
         vars(other).update(vars(self) | {"arm": arm, "_arguments": {**self._arguments, "arm": arm}})
         return other
@@ -215,7 +232,7 @@ class StandingRobot(StandingMechanism):
         self, arm: ArmModel, springs: tuple[int, ...], q: np.ndarray, qd: np.ndarray, qdd: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """With the base."""
-        support, arm = self.support, _without_process(arm) if self.varying else arm
+        support, arm = self.support, without_process(arm) if self.varying else arm
         found = small_motions(arm, springs)(q, qd, qdd, support.gravity, support.center_of_mass)
         inertia, turning, stiffening = found
         inertia[:, :6, :6] += np.linalg.inv(support.inverse_mass)
@@ -231,13 +248,13 @@ class StandingRobot(StandingMechanism):
         return None if self.arm.gears is None else spring_chain(self.arm)
 
     def swing_loads(
-        self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, times: np.ndarray | None = None
+        self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, process: np.ndarray | None = None
     ) -> np.ndarray:
         """See `StandingMechanism.swing_loads`."""
         if self.chain is None:
-            return self.loads(q, qd, qdd, times)[1]
+            return self.loads(q, qd, qdd, process)[1]
         own = [self.chain.spread(values) for values in (q, qd, qdd)]
-        torques, wrenches = self._loads_of(self.chain.arm, own[0], own[1], own[2], times)
+        torques, wrenches = self._loads_of(self.chain.arm, own[0], own[1], own[2], process)
         return np.hstack([wrenches, -torques[:, self.chain.springs]])
 
     def small_motions(
@@ -268,7 +285,7 @@ class StandingRobot(StandingMechanism):
         """The same as CasADi columns; of a process that varies its present value (6,) is asked for."""
         support, arm, force, moment = self.support, self.arm, cs.SX.zeros(3), cs.SX.zeros(3)
         if process is not None and self.varying:
-            arm, turns = _without_process(self.arm), self.varying.turns_with_tool
+            arm, turns = without_process(self.arm), self.varying.turns_with_tool
             turn = chain(arm, q)[0][-1] if turns else cs.SX.eye(3)
             force, moment = (turn @ part for part in cs.vertsplit(process, 3))
         torque, wrench = inverse_dynamics(arm)(
@@ -280,7 +297,8 @@ class StandingRobot(StandingMechanism):
 _BARE: WeakKeyDictionary[ArmModel, ArmModel] = WeakKeyDictionary()
 
 
-def _without_process(arm: ArmModel) -> ArmModel:
+def without_process(arm: ArmModel) -> ArmModel:
+    """The same arm, one for each, on whose gripper nothing acts."""
     if arm not in _BARE:
         _BARE[arm] = arm.with_process(None)
     return _BARE[arm]

@@ -18,7 +18,7 @@ import numpy as np
 from ocptip.numerics.batch import BatchFunction
 from ocptip.robots.dynamics import newton_euler
 from ocptip.robots.kinematics import chain
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import StandingRobot, without_process
 from ocptip.standing.tolerance import Tolerance
 
 _NOTHING = 1e-12  # relative to the largest: slopes below this choose nothing
@@ -89,15 +89,16 @@ class Deviations:
 
     @cached_property
     def _expressions(self) -> tuple[cs.SX, cs.SX, cs.SX]:
-        """State s (3 n,), deviations (size,), wrench (6,)."""
-        robot, n = self.robot, self.robot.n
-        s, theta = cs.SX.sym("s", 3 * n), cs.SX.sym("theta", self.size)
+        """State s (3 n,), with what a process is that varies (3 n + 6,), deviations (size,), wrench (6,)."""
+        robot, n, varying = self.robot, self.robot.n, self.robot.varying
+        size = 3 * n + 6 * (varying is not None)
+        s, theta = cs.SX.sym("s", size), cs.SX.sym("theta", self.size)
 
         def part(name: str, size: int) -> cs.SX:
             return theta[self.places[name]] if name in self.places else cs.SX.zeros(size)
 
         support, gravity = robot.support, cs.SX(robot.support.gravity) + part("gravity", 3)
-        q, qd, qdd = cs.vertsplit(s, n)
+        q, qd, qdd, *acting = cs.vertsplit(s, sorted({0, n, 2 * n, 3 * n, size}))
         late = part("delay", n)  # exact as long as the acceleration is constant
         q, qd = q - late * qd + late**2 / 2 * qdd, qd - late * qdd
         pace = 1 + part("speed", 1)  # speed squared
@@ -110,9 +111,15 @@ class Deviations:
             bodies.append((factor * mass, cs.SX(centre) + arm.tool_rotation @ shift, factor * cs.SX(inertia)))
         if "extra_mass" in self.places:
             bodies.append((part("extra_mass", 1), cs.SX(arm.offsets[-1]), np.zeros((3, 3))))
-        still = cs.SX.zeros(3)
+        pressed, twisted = cs.SX.zeros(3), cs.SX.zeros(3)
+        if varying is not None:
+            arm, turn = (
+                without_process(arm),
+                chain(arm, q)[0][-1] if varying.turns_with_tool else cs.SX.eye(3),
+            )
+            pressed, twisted = (turn @ own for own in cs.vertsplit(acting[0], 3))
         _, wrench = newton_euler(
-            arm, q, qd, qdd, gravity, still, still, cs.SX(support.center_of_mass),
+            arm, q, qd, qdd, gravity, pressed, twisted, cs.SX(support.center_of_mass),
             scales=1 + part("arm_mass", len(arm.masses)), carried=bodies,
         )  # fmt: skip
         weight = support.mass * (1 + part("base_mass", 1)) * gravity
@@ -122,7 +129,7 @@ class Deviations:
 
     @cached_property
     def wrench(self) -> BatchFunction:
-        """Of states (N, 3 n) and deviations (N, size): wrench (N, 6), N and N m about the centre of mass."""
+        """Wrench (N, 6), N and N m about the centre of mass, of states and deviations (N, size)."""
         return BatchFunction(cs.Function("wrench", [*self._expressions[:2]], [self._expressions[2]]))
 
     def wrench_and_slopes(self, s: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -66,6 +66,7 @@ class Instants(Loaded):
         wrenches: (N, 6) on the base about its centre of mass, its weight included, N and N m.
         further: (N, k), of the robot's `FurtherLimits`.
         speeds, accelerations: (N, n), rad/s and rad/s^2 (m/s and m/s^2).
+        process: (N, 6) of one that varies, else (N, 0).
 
     Attributes:
         memo: what limits compute of the instants for each other.
@@ -80,7 +81,9 @@ class Instants(Loaded):
         further: np.ndarray,
         speeds: np.ndarray,
         accelerations: np.ndarray,
+        process: np.ndarray | None = None,
     ) -> None:
+        self.process = np.empty((len(angles), 0)) if process is None else process
         self.robot, self.speeds, self.accelerations = robot, speeds, accelerations
         self.angles, self.torques, self.wrenches, self.further = angles, torques, wrenches, further
         self.memo: dict[object, Any] = {}
@@ -96,7 +99,9 @@ class Instants(Loaded):
         times: np.ndarray | None = None,
     ) -> Instants:
         """At angles, speeds and accelerations, (N, n) each, and times (N,), s."""
-        return cls(robot, q, *robot.loads(q, qd, qdd, times), robot.further(q, qd), qd, qdd)
+        process = np.empty((len(q), 0)) if times is None else robot.acting(times)
+        loads = robot.loads(q, qd, qdd, process if process.size else None)
+        return cls(robot, q, *loads, robot.further(q, qd), qd, qdd, process)
 
     @classmethod
     def at_rest(cls, robot: StandingMechanism, q: np.ndarray, times: np.ndarray | None = None) -> Instants:
@@ -111,7 +116,7 @@ class Instants(Loaded):
     def some(self, rows: np.ndarray) -> Instants:
         """Some of the instants."""
         parts = self.angles, self.torques, self.wrenches, self.further, self.speeds, self.accelerations
-        return Instants(self.robot, *(part[rows] for part in parts))
+        return Instants(self.robot, *(part[rows] for part in parts), process=self.process[rows])
 
     @property
     def motion_states(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -120,8 +125,8 @@ class Instants(Loaded):
 
     @property
     def s(self) -> np.ndarray:
-        """(N, 3 n): angles, speeds, accelerations."""
-        return np.hstack([self.angles, self.speeds, self.accelerations])
+        """(N, 3 n): angles, speeds, accelerations; what a process is that varies, 6 more."""
+        return np.hstack([self.angles, self.speeds, self.accelerations, self.process])
 
     def gaps(self, below: float) -> np.ndarray:
         """Signed distances (N, m), m; those above `below` (m) may be lower bounds above it."""

@@ -99,6 +99,11 @@ class NodeSlopes:
         return self.s[:, : self.columns.n]
 
     @property
+    def process(self) -> np.ndarray:
+        """(N, 6) of one that varies, else (N, 0)."""
+        return self.s[:, 3 * self.columns.n :]
+
+    @property
     def motion_states(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Angles, speeds, accelerations, (N, n) each."""
         n = self.columns.n

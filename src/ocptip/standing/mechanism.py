@@ -217,12 +217,19 @@ class StandingMechanism(MadeOf, ABC):
 
     @abstractmethod
     def loads(
-        self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, times: np.ndarray | None = None
+        self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, process: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
         """Torques (N, n), N m, and the total wrench (N, 6) on the base about its centre of mass.
 
-        What acts on the gripper may depend on the times (N,), s, too; without them that is refused.
+        Of a process that varies what it is, see `acting`, has to be said.
         """
+
+    def acting(self, times: np.ndarray) -> np.ndarray:
+        """(N, 6): force and moment of a process at instants (N,), s, in its axes; (N, 0) if none varies.
+
+        It has to vary over time, see `during`, or over the place on a path, see `along`.
+        """
+        return np.empty((len(times), 0))
 
     @abstractmethod
     def load_expressions(
@@ -234,7 +241,7 @@ class StandingMechanism(MadeOf, ABC):
         """
 
     def swing_loads(
-        self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, times: np.ndarray | None = None
+        self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, process: np.ndarray | None = None
     ) -> np.ndarray:
         """(N, d), N, N m: what moves base and springs of gears that stay as they are, where `knows_inertia`.
 
@@ -291,6 +298,11 @@ class StandingMechanism(MadeOf, ABC):
         Of what acts on it then, that is left out which depends on how long or how far the motion is.
         """
         return self
+
+    @property
+    def process_at_rest(self) -> np.ndarray:
+        """(6,): force and moment of a constant process in its axes; 0 without one."""
+        return np.zeros(6)
 
     def during(self, motion: Motion) -> Self:
         """The same mechanism with what acts on it as a function of the time of a motion."""
@@ -366,7 +378,7 @@ class StandingMechanism(MadeOf, ABC):
             finite_array(name, value, q.shape)
             for name, value in (("speeds", speeds), ("accelerations", accelerations))
         )
-        torques, wrenches = self.loads(q, qd, qdd, times)
+        torques, wrenches = self.loads(q, qd, qdd, self.acting(times))
         states = self.contact_states(wrenches)
         return MotionSamples(
             times=times,
@@ -410,7 +422,7 @@ class StandingMechanism(MadeOf, ABC):
         if len(times) == 0:
             return 0.0
         q, qd, qdd = motion.states(times)
-        torques, _ = robot.loads(q, qd, qdd, times)
+        torques, _ = robot.loads(q, qd, qdd, robot.acting(times))
         power = self.motors.power(torques, self.motor_speeds(q, qd))
         return float(weights @ np.sum(power, axis=1)) + self.support.power * motion.end
 

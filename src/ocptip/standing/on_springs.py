@@ -76,7 +76,7 @@ class Ride:
         times[:, 0] += inside
         times[:, -1] -= inside
         states = motion.states(times.ravel())
-        loads = robot.swing_loads(*states, times.ravel())
+        loads = robot.swing_loads(*states, robot.acting(times.ravel()))
         loads = loads.reshape(-1, len(_SHARES), loads.shape[1])
         powers = self.lengths[:, None] ** np.arange(4)
         self.loads = np.einsum("ij,sjv->siv", _CUBIC, loads) / powers[:, :, None]
@@ -84,7 +84,7 @@ class Ride:
         q, qd, qdd = (values[2 :: len(_SHARES)] for values in states)
         if rest > 0:
             still = motion.goal[None]
-            load = robot.swing_loads(still, 0 * still, 0 * still, np.array([motion.end]))
+            load = robot.swing_loads(still, 0 * still, 0 * still, robot.acting(np.array([motion.end])))
             self.begins, self.lengths = np.append(self.begins, motion.end), np.append(self.lengths, rest)
             self.loads = np.concatenate([self.loads, np.pad(load[None], ((0, 0), (0, 3), (0, 0)))])
             self.middle = np.vstack([self.middle, load[:, :6]])
@@ -92,7 +92,7 @@ class Ride:
         self.inertia, self.turning, self.stiffening = self._matrices(q, qd, qdd)
         begin = motion.start[None]
         self.start_inertia = self._matrices(begin, 0 * begin, 0 * begin)[0][0]
-        self.start_load = robot.swing_loads(begin, 0 * begin, 0 * begin, np.zeros(1))[0]
+        self.start_load = robot.swing_loads(begin, 0 * begin, 0 * begin, robot.acting(np.zeros(1)))[0]
         self.springs, self.dampers = self._gears()
 
     def _matrices(self, *states: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -124,7 +124,9 @@ class Ride:
     def at_rest(self, q: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Loads (N, d) of postures (N, n) at rest, and `stiffening` there."""
         still = 0 * q
-        return self.robot.swing_loads(q, still, still, times), self._matrices(q, still, still)[2]
+        return self.robot.swing_loads(q, still, still, self.robot.acting(times)), self._matrices(
+            q, still, still
+        )[2]
 
     def leaning(
         self, elastic: ElasticFeet | None, stiffening: np.ndarray, wrenches: np.ndarray

@@ -35,11 +35,12 @@ class Part:
         return self.begin + self.motion.end + self.rest
 
     def time_scaled(self, factor: float) -> Part:
-        """The same path with all times multiplied by `factor` > 0."""
+        """The same path, and process, with all times multiplied by `factor` > 0."""
         if factor == 1:
             return self
+        robot = self.robot.during(self.motion).at_pace(factor)
         motion = self.motion.time_scaled(factor)
-        return replace(self, motion=motion, begin=factor * self.begin, rest=factor * self.rest)
+        return replace(self, robot=robot, motion=motion, begin=factor * self.begin, rest=factor * self.rest)
 
 
 def owners(parts: Sequence[Part], times: np.ndarray) -> Iterator[tuple[int, Part, np.ndarray]]:

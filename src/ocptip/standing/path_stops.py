@@ -88,6 +88,7 @@ class Path:
         states: tuple[np.ndarray, np.ndarray, np.ndarray],
         torque_ratio: float,
         time: float,
+        process: np.ndarray | None = None,
     ) -> Path:
         """Of angles, speeds and accelerations, (N, n) each.
 
@@ -96,6 +97,7 @@ class Path:
             states: of the motion as planned.
             torque_ratio: share of the torque limits that may be used.
             time: see `PathStops`.
+            process: (N, 6) there, of one that varies: in stops as it is as planned, place by place.
 
         Raises:
             InputError: nothing bounds the deceleration.
@@ -108,7 +110,7 @@ class Path:
                 "stops: some drive has neither a limit of torque nor of acceleration, so that nothing bounds "
                 "the deceleration; give [stops] time, in s"
             )
-        parts = affine_loads(robot, q, qd, qdd)
+        parts = affine_loads(robot, q, qd, qdd, process)
         by_acceleration, by_torque = 1 / limits.acceleration, 1 / (torque_ratio * limits.torque)
         rates = [part * by_acceleration for part in (qd, qdd, still)]
         efforts = [part * by_torque for part in parts[0]]
@@ -129,21 +131,21 @@ def affine_loads(
     q: np.ndarray,
     dq: np.ndarray,
     ddq: np.ndarray,
-    s: np.ndarray | None = None,
+    process: np.ndarray | None = None,
 ) -> tuple[Affine, Affine]:
     """Torques (N, n) and wrenches (N, 6) on the base as affine functions of u = s'' and x = s'^2.
 
     Args:
         robot: whose.
         q, dq, ddq: (N, n), a path and its first two derivatives over s.
-        s: (N,), of these places, for a robot that goes `along` the path.
+        process: (N, 6) there, of one that varies.
     """
     still, count = np.zeros_like(q), len(q)
     torque, wrench = robot.loads(
         np.vstack([q, q, q]),
         np.vstack([still, dq, still]),
         np.vstack([dq, ddq, still]),
-        None if s is None else np.tile(s, 3),
+        None if process is None else np.tile(process, (3, 1)),
     )
     one, other = (
         (part[:count] - part[2 * count :], part[count : 2 * count] - part[2 * count :], part[2 * count :])
@@ -243,11 +245,12 @@ class StopSlopes:
 
     def __init__(self, robot: StandingMechanism, time: float) -> None:
         n, limits = robot.n, robot.limits
-        s, on_wrench, ratio = cs.SX.sym("s", 3 * n), cs.SX.sym("on_wrench", 6), cs.SX.sym("ratio")
-        q, qd, qdd = cs.vertsplit(s, n)
+        size = 3 * n + 6 * (robot.varying is not None)
+        s, on_wrench, ratio = cs.SX.sym("s", size), cs.SX.sym("on_wrench", 6), cs.SX.sym("ratio")
+        q, qd, qdd, *process = cs.vertsplit(s, sorted({0, n, 2 * n, 3 * n, size}))
         still = cs.SX.zeros(n)
-        rest = robot.load_expressions(q, still, still)
-        loads = [robot.load_expressions(q, *rates) for rates in ((still, qd), (qd, qdd))]
+        rest = robot.load_expressions(q, still, still, *process)
+        loads = [robot.load_expressions(q, *rates, *process) for rates in ((still, qd), (qd, qdd))]
         rates, efforts = [qd, qdd, still], [*(load[0] - rest[0] for load in loads), rest[0]]
         by_acceleration, by_torque = cs.DM(1 / limits.acceleration), cs.DM(1 / limits.torque) / ratio
         columns = []

@@ -218,7 +218,7 @@ class StandingParallelRobot(ParallelMechanism):
         return form.measure_names
 
     def loads(
-        self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, times: np.ndarray | None = None
+        self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, process: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
         """Motor forces (N, n), N or N m, and the total wrench (N, 6) on the base about its centre of mass."""
         forces, wrenches = self._loads(q, qd, qdd)
@@ -256,7 +256,7 @@ class NumericParallelRobot(ParallelMechanism):
         return ("platform",)
 
     def loads(
-        self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, times: np.ndarray | None = None
+        self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, process: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
         """Motor forces (N, n_a), N or N m, and the total wrench (N, 6) on the base about its centre of mass.
 

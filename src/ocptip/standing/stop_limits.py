@@ -76,11 +76,13 @@ class StopLimit(StateLimit, TableLimit):
         """Corners; kept with the instants, for the other reserve."""
         key = "stops", self.asked.torque_ratio, self._stops.time
         if key not in at.memo:
-            at.memo[key] = self._points_of(at.motion_states)
+            at.memo[key] = self._points_of(at.motion_states, at.process)
         return at.memo[key]
 
-    def _points_of(self, states: tuple[np.ndarray, np.ndarray, np.ndarray]) -> StopPoints:
-        path = Path.of(self.robot, states, self.asked.torque_ratio, self._stops.time)
+    def _points_of(
+        self, states: tuple[np.ndarray, np.ndarray, np.ndarray], process: np.ndarray
+    ) -> StopPoints:
+        path = Path.of(self.robot, states, self.asked.torque_ratio, self._stops.time, process)
         return StopPoints.of(self.robot, path)
 
     # --- rows of a program --------------------------------------------------------------------------------
@@ -97,7 +99,7 @@ class StopLimit(StateLimit, TableLimit):
         i, k = np.nonzero(mask)
         nodes, place = np.unique(i, return_inverse=True)
         q, qd, qdd = at.motion_states
-        points = self._points_of((q[nodes], qd[nodes], qdd[nodes]))
+        points = self._points_of((q[nodes], qd[nodes], qdd[nodes]), at.process[nodes])
         values, slopes = self._rows_of(points)
         which = points.worst(values)[1][place, k]
         on_wrench = slopes[which, k]

@@ -247,7 +247,8 @@ def as_described(
         return asked
     cases, more = worst_case_of(robot, asked.tolerance), asked.tolerance.overshoot * jumps
     still = np.zeros_like(rest)
-    s = np.hstack([rest, still, still])
+    ends = [robot.resting(share).process_at_rest for share in np.linspace(0, 1, len(rest))]
+    s = np.hstack([rest, still, still, *([np.array(ends)] if robot.varying is not None else [])])
     GN, GT = asked.GN, asked.GT
     if cases.axes and cases.reference:
         worst, plain = cases.all_moments(s), cases.within(Tolerance()).all_moments(s)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.certificate.trusted.forms import Form, cos_sin, dot, joined, linear, stack, times_rows
+from ocptip.certificate.trusted.forms import Form, U, cos_sin, dot, joined, linear, stack, times_rows
 
 Turns = list[tuple[Form, tuple[Form, Form] | None]]
 
@@ -20,6 +20,11 @@ Motion = tuple[Form, Form, Form]
 
 PROCESS = "process_in_base", "process_on_link"
 """Keys of what acts on the gripper, about it, (6,) each: in base axes, and in those of the last link."""
+
+TIMES = "process_times"
+"""Key of times (K,), s, if it varies: then it is (K, 6) each; straight between them, constant outside."""
+
+_SLACK = 2e-9  # s: by so much further than an interval of time what varies is looked at
 
 
 def skew(v: np.ndarray) -> np.ndarray:
@@ -95,6 +100,7 @@ class Arm:
         self.slides = number["slides"].astype(bool)
         self.ratios, self.shift = number["ratios"], number["shift"]
         self.process = [number.get(key, np.zeros(6)) for key in PROCESS]
+        self._knots = number.get(TIMES)
         self.mount, self.mount_rotation = number["mount_position"], number["mount_rotation"]
         self.gravity, self.about = gravity, about
         self.n = len(self.masses)
@@ -104,14 +110,17 @@ class Arm:
         values = linear(self.ratios, q) + self.shift[:, None]
         return [(values[i], None if self.slides[i] else cos_sin(values[i])) for i in range(self.n)]
 
-    def loads(self, turns: Turns, qd: Form, qdd: Form) -> tuple[Form, Form]:
-        """Torques (n, N) and the wrench (6, N) on the base about its centre of mass, without its weight."""
+    def loads(self, turns: Turns, qd: Form, qdd: Form, ends: np.ndarray) -> tuple[Form, Form]:
+        """Torques (n, N) and the wrench (6, N) on the base about its centre of mass, without its weight.
+
+        ends (2, N), s: from when to when.
+        """
         moved = self.accelerations(turns, qd, qdd, self.gravity)
         own = zip(self.masses, self.centres, self.inertias, moved, strict=True)
         forces, moments = zip(
             *(inertial(m, centre, inertia, at) for m, centre, inertia, at in own), strict=True
         )
-        F, M = (-part for part in self.process_load(turns))
+        F, M = (-part for part in self.process_load(turns, ends))
         needed: list[Form] = []
         for i in reversed(range(self.n)):
             if i < self.n - 1:
@@ -128,13 +137,13 @@ class Arm:
             M = M + linear(skew(self.rotations[0][:, 2]), F) * turns[0][0]
         return linear(self.ratios.T, stack(*needed)) + qdd * self.armature[:, None], -joined(F, M)
 
-    def process_load(self, turns: Turns) -> tuple[Form, Form]:
-        """Force and moment (3, N) of the process on the last link, about its frame's origin, in its axes."""
-        shape = 3, turns[0][0].r.shape[-1]
-        (F, M), on_link = (
-            [Form.of(np.broadcast_to(part[:, None], shape)) for part in np.split(own, 2)]
-            for own in self.process
-        )
+    def process_load(self, turns: Turns, ends: np.ndarray) -> tuple[Form, Form]:
+        """Force and moment (3, N) of the process on the last link, about its frame's origin, in its axes.
+
+        ends (2, N), s: from when to when.
+        """
+        both = [self._process_between(own, ends) for own in self.process]
+        (F, M), on_link = ([form[:3], form[3:]] for form in both)
         if np.any(self.process[0]):
             moved = _columns(F, M)
             for A, (_, turn) in zip(self.rotations, turns, strict=True):
@@ -142,6 +151,24 @@ class Arm:
             F, M = moved[:, 0], moved[:, 1]
         F = F + on_link[0]
         return F, M + on_link[1] + linear(skew(self.offsets[-1]), F)
+
+    def _process_between(self, own: np.ndarray, ends: np.ndarray) -> Form:
+        """(6, N): the line between its values at both ends, and how far it is from that in between."""
+        if self._knots is None:
+            return Form.of(np.broadcast_to(own[:, None], (6, ends.shape[1])))
+        left, right = (np.array([np.interp(end, self._knots, column) for column in own.T]) for end in ends)
+        middle, half = 0.5 * (left + right), 0.5 * (right - left)
+        steep = np.max(np.abs(np.diff(own, axis=0)) / np.diff(self._knots)[:, None], axis=0, initial=0.0)
+        off = np.repeat((_SLACK * steep)[:, None], ends.shape[1], axis=1)
+        first, last = np.searchsorted(self._knots, ends)
+        for k in range(int(np.max(last - first, initial=0))):
+            inside = np.flatnonzero(first + k < last)
+            knot = first[inside] + k
+            s = 2 * (self._knots[knot] - ends[0, inside]) / (ends[1] - ends[0])[inside] - 1
+            away = np.abs(own[knot].T - middle[:, inside] - half[:, inside] * s)
+            off[:, inside] = np.maximum(off[:, inside], away + (_SLACK * steep)[:, None])
+        size = np.abs(left) + np.abs(right) + np.max(np.abs(own), axis=0, initial=0.0)[:, None]
+        return Form.of(middle, half, radius=off + U * size)
 
     def accelerations(self, turns: Turns, qd: Form, qdd: Form, gravity: np.ndarray) -> list[Motion]:
         """Of each link's frame, in its axes: acceleration less gravity, angular acceleration, (3, N), and the

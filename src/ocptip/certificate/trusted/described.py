@@ -22,7 +22,7 @@ ANGLE = 1e-7  # rad or m, likewise
 
 
 class Intervals:
-    """Coordinates, speeds and accelerations of a motion over intervals, forms (n, N).
+    """Coordinates, speeds and accelerations of a motion over intervals, forms (n, N); ends (2, N), s.
 
     Args:
         motion: of a certificate.
@@ -45,6 +45,8 @@ class Intervals:
             c = c[:, 1:] * np.arange(1, c.shape[1])[:, None]
         self.q, self.qd, self.qdd = values
         self.times = 0.5 * (times[:, 0] + times[:, 1]) + middle * half_time
+        half = 0.5 * (end - start) * half_time
+        self.ends = np.stack([self.times - half, self.times + half])
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +102,7 @@ class Checker:
         frames, further = [], None
         if self.arm is not None:
             turns = self.arm.turns(at.q)
-            torques, wrench = self.arm.loads(turns, at.qd, at.qdd)
+            torques, wrench = self.arm.loads(turns, at.qd, at.qdd, at.ends)
             if len(self.pairs):
                 frames = self.arm.frames(turns)
         else:
@@ -126,7 +128,7 @@ class Checker:
         found = self.contact_margins(loads.wrench, forces)
         found["torque"] = 1 - _share(loads.torques, bounds["torque_ratio"] * limits["torque"])
         if self._drives is not None:
-            most = self._drives.greatest(at.q, at.qd, at.qdd) / limits["torque"][:, None]
+            most = self._drives.greatest(at.q, at.qd, at.qdd, at.ends) / limits["torque"][:, None]
             found["torque within tolerance"] = 1 - np.max(most, axis=0) / bounds[TORQUES] * (1 + U)
         found["speed"] = 1 + RELATIVE - _share(at.qd, limits["speed"])
         found["acceleration"] = 1 + RELATIVE - _share(at.qdd, limits["acceleration"])

@@ -52,8 +52,11 @@ class Drives:
         speed = tolerance["speed"]
         self._paces = ((1 - speed) ** 2, (1 + speed) ** 2)
 
-    def greatest(self, q: Form, qd: Form, qdd: Form) -> np.ndarray:
-        """(n, N): upper bounds of the torques' absolute values, N m or N; q, qd, qdd (n, N)."""
+    def greatest(self, q: Form, qd: Form, qdd: Form, ends: np.ndarray) -> np.ndarray:
+        """(n, N): upper bounds of the torques' absolute values, N m or N; q, qd, qdd (n, N).
+
+        ends (2, N), s: from when to when, for what acts on the gripper.
+        """
         arm = self._arm
         turns = arm.turns(q)
         frames = arm.frames(turns)[1:]
@@ -61,7 +64,7 @@ class Drives:
         along, about = self._screws(frames)  # (links, 3, N): a torque is about . moment + along . force
         last, origin = frames[-1]
         tool = origin + times_rows(last, arm.offsets[-1])
-        force, moment = (-turned(last, part) for part in arm.process_load(turns))
+        force, moment = (-turned(last, part) for part in arm.process_load(turns, ends))
         process = _of_joints(along, about, force[None], (moment + crossed(origin, force))[None])[:, 0]
         moved = np.array([[i <= body.k for body in bodies] for i in range(arm.n)], dtype=float)[:, :, None]
         parts = [stack(*(getattr(body, name) for body in bodies)) for name in ("force", "moment", "lever")]

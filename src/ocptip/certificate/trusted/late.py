@@ -64,6 +64,7 @@ class Rows:
         interval: (R,) of which interval.
         branches: (n, R) how many joints have there, apart or in a box.
         q, qd, qdd: forms (n, R) in s, e_1 ... e_n and, of each box, how far its acceleration is off.
+        ends: (2, R), s: from when to when.
     """
 
     number: np.ndarray
@@ -72,6 +73,7 @@ class Rows:
     q: Form
     qd: Form
     qdd: Form
+    ends: np.ndarray
 
 
 class Late:
@@ -197,13 +199,14 @@ class Late:
         for k in np.unique(group):
             here = np.flatnonzero(group == k)
             forms = self._placed(states, index[:, here], spread)
-            found.append(Rows(here, interval[here], ways[:, here], *forms))
+            when = np.stack([starts[interval[here]], ends[interval[here]]])
+            found.append(Rows(here, interval[here], ways[:, here], *forms, when))
         return found
 
     def _states(self, branches: list[_Branch]) -> list[Form]:
         """Coordinates, speeds and accelerations (branches,), with one coefficient of e and one of e s."""
         piece, joints = np.array([(b.piece, b.joint) for b in branches], dtype=int).reshape(-1, 2).T
-        low, high = np.array([b.low for b in branches]).T, np.array([b.high for b in branches]).T  # (2, F)
+        low, high = np.array([(b.low, b.high) for b in branches]).reshape(-1, 2, 2).transpose(1, 2, 0)
         middle, rate = 0.5 * self._times[piece].sum(axis=1), self._rate[piece]
         lines = np.array([0.5 * (low[0] + low[1]), 0.5 * (high[0] + high[1])])
         turns = np.array([0.5 * (low[1] - low[0]), 0.5 * (high[1] - high[0])])

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.certificate.trusted.arm import PROCESS
+from ocptip.certificate.trusted.arm import PROCESS, TIMES
 
 LARGEST = 1e9  # SI units: no number may be larger, so that none overflows
 ROUNDED = 1e-12  # by so much may rotations and normals miss being orthonormal
@@ -84,8 +84,13 @@ def _require_arm(arm: Mapping[str, Any], held: Mapping[str, Any] | None, m: int)
     _rotations("rotations", arm["rotations"], n)
     _rotations("mount_rotation", [arm["mount_rotation"]], 1)
     numbers("mount_position", arm["mount_position"], (3,))
+    shape = (6,)
+    if TIMES in arm:
+        knots = numbers(TIMES, arm[TIMES], (None,))
+        require(len(knots) > 0 and np.all(np.diff(knots) > 0), f"{TIMES}: these are to increase")
+        shape = len(knots), 6
     for key in PROCESS:  # those of before this was looked at have none
-        numbers(key, arm.get(key, [0.0] * 6), (6,))
+        numbers(key, arm.get(key, np.zeros(shape).tolist()), shape)
     if held is not None:
         require(set(held) == {"mass", "center", "inertia", "axes"}, "payload: others are expected")
         require(

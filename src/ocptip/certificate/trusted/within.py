@@ -144,7 +144,7 @@ class Within:
         process = joined(nothing, nothing)
         if any(np.any(own) for own in arm.process):
             R, p = frames[-1]
-            force, moment = (turned(R, v) for v in arm.process_load(turns))
+            force, moment = (turned(R, v) for v in arm.process_load(turns, at.ends))
             process = joined(force, moment + crossed(p + -self._about[:, None], force))
         return self._terms(ends, stack(*(part for *_, part in found)), process, tool)
 

@@ -312,8 +312,8 @@ class MotionProgram:
             y = self.physics.values(s, self.directions)
             parts = y[:, columns.torque], y[:, columns.wrench], y[:, columns.further]
             n = self.physics.n
-            q, qd, qdd = s[:, :n], s[:, n : 2 * n], s[:, 2 * n : 3 * n]
-            self._looked = x.copy(), Instants(self.physics.robot, q, *parts, qd, qdd)
+            q, qd, qdd, process = np.split(s, [n, 2 * n, 3 * n], axis=1)
+            self._looked = x.copy(), Instants(self.physics.robot, q, *parts, qd, qdd, process)
         return self._looked[1]
 
     def _evaluate(self, x: np.ndarray) -> Evaluation:

@@ -29,6 +29,7 @@ from ocptip.standing.parts import Part
 from ocptip.trajectories.sampled import Motion
 
 BASE, PAYLOAD, PROCESS = "base", "payload", "process"
+_COMPONENTS = tuple(f"{PROCESS} {what} {axis}" for what in ("force", "moment") for axis in "xyz")
 _AXES = "base axes"  # at the start: those of the world
 SOLE = 1e-3  # m: radius of the sphere that touches the ground
 SENSOR = 2.5e-3  # m: so far below a sole is what measures its force, not that of an opposite jaw
@@ -109,7 +110,7 @@ def to_mjcf(
     Raises:
         InputError: there is no model for a simulator of its links or of a contact.
     """
-    robot = require_exportable(robot)
+    robot = require_exportable(robot if motion is None else robot.during(motion))
     start = motion.start if motion else np.zeros(robot.n)
     root = ET.Element("mujoco", model=name)
     root.append(ET.Comment(f" {'; '.join(remarks_of(robot))} "))
@@ -157,9 +158,9 @@ def remarks_of(robot: StandingRobot) -> list[str]:
     if robot.chain is not None:
         found.append("gears do not give here")
     if robot.arm.process is not None:
-        found.append(
-            f"the process is actuator {PROCESS!r}, which acts as described at control 1 (all keyframes)"
-        )
+        one = f"the process is actuator {PROCESS!r}, which acts as described at control 1 (all keyframes)"
+        six = f"the process varies: controls of {', '.join(_COMPONENTS)} are what it is; keyframes have it"
+        found.append(one if robot.varying is None else six)
     if not np.all(robot.arm.with_payload(None).masses):
         found.append("a link without mass got 1 percent of the mass before it, on their common axis")
     return found
@@ -305,8 +306,9 @@ def _drives(root: ET.Element, robot: StandingRobot, bodies: ArmBodies, start: np
     if len(equality):
         root.append(equality)
     still = np.zeros((1, arm.n))
-    bias = robot.loads(start[None], still, still)[0][0]
-    moving = [robot.loads(start[None], still, row[None])[0][0] for row in np.eye(arm.n)]
+    nothing = np.zeros((1, 6))  # acts, if it varies
+    bias = robot.loads(start[None], still, still, nothing)[0][0]
+    moving = [robot.loads(start[None], still, row[None], nothing)[0][0] for row in np.eye(arm.n)]
     own = np.maximum(np.diag(np.array(moving) - bias), 1e-4)
     own = own + sum(
         (r.axial * r.ratio**2 * (np.arange(arm.n) == r.joint) for r in bodies.rotors), np.zeros(arm.n)
@@ -317,7 +319,9 @@ def _drives(root: ET.Element, robot: StandingRobot, bodies: ArmBodies, start: np
         add(actuator, "position", name=joint, joint=joint, **gains)
     if (process := arm.process) is not None:
         axes = {} if process.turns_with_tool else {"refsite": _AXES}
-        add(actuator, "general", name=PROCESS, site="gripper", gear=text(process.wrench), **axes)
+        gears = zip(_COMPONENTS, np.eye(6), strict=True) if process.varies else [(PROCESS, process.wrench)]
+        for name, gear in gears:
+            add(actuator, "general", name=name, site="gripper", gear=text(gear), **axes)
 
 
 def joint_order(robot: StandingRobot, bodies: ArmBodies, values: np.ndarray) -> np.ndarray:
@@ -358,12 +362,14 @@ def _keyframes(
         times = np.unique(np.append(np.arange(0.0, motion.end, _KEYS), [*motion.event_times, motion.end]))
         q, qd, _ = motion.states(times)
     rest = [*robot.support.center_of_mass, 1, 0, 0, 0]
-    offsets, process = joint_offsets(robot, bodies), [] if robot.arm.process is None else [1.0]
-    for k, (time, at, speed) in enumerate(zip(times, q, qd, strict=True)):
+    offsets, process = joint_offsets(robot, bodies), np.ones((len(times), int(robot.arm.process is not None)))
+    if robot.varying is not None:
+        process = robot.resting(0).process_at_rest[None] if motion is None else robot.acting(times)
+    for k, (time, at, speed, acts) in enumerate(zip(times, q, qd, process, strict=True)):
         add(
             frames, "key", name=f"key {k}" if k else "start", time=text(begin + time),
             qpos=text([*rest, *(joint_order(robot, bodies, at) + offsets)]),
-            qvel=text([*np.zeros(6), *joint_order(robot, bodies, speed)]), ctrl=text([*at, *process]),
+            qvel=text([*np.zeros(6), *joint_order(robot, bodies, speed)]), ctrl=text([*at, *acts]),
         )  # fmt: skip
 
 

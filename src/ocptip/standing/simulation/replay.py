@@ -12,7 +12,7 @@ ended: what the gripper takes or leaves comes and goes within a step, as fast as
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -135,7 +135,8 @@ class Simulator:
 
     def __init__(self, parts: Sequence[Part], *, step: float = STEP) -> None:
         self.mujoco = library_mujoco()
-        self.parts, self.step = tuple(parts), step
+        self.parts = tuple(replace(part, robot=part.robot.during(part.motion)) for part in parts)
+        self.step = step
         for part in self.parts:
             require_exportable(part.robot)
         self._models: dict[tuple, PrescribedModel] = {}
@@ -176,7 +177,8 @@ class Simulator:
         for number, part, at in owners(parts, times[:-1] + 0.5 * self.step):
             own = controls[at]
             if part.robot.arm.process is not None:
-                own = np.hstack([np.ones((len(own), 1)), own])
+                acts = part.robot.acting(times[at] + 0.5 * self.step - part.begin)
+                own = np.hstack([acts if acts.size else np.ones((len(own), 1)), own])
             if len(own):
                 state, seen, broken = _rolled(mujoco, models[number], state, own)
                 found.append(seen)
@@ -266,7 +268,7 @@ def prescribed(text: str, step: float) -> Any:
     except ValueError as error:
         raise OcptipError(f"MuJoCo: {error}") from error
     for what in (*spec.actuators, *spec.equalities, *spec.keys):
-        if what.name != PROCESS:
+        if not what.name.startswith(PROCESS):
             spec.delete(what)
     spec.option.timestep = step
     for joint in spec.joints:
@@ -437,7 +439,7 @@ def _predicted(part: Part, times: np.ndarray) -> tuple[np.ndarray, bool] | None:
         return ours, not feet.lifts and not feet.falls
     if robot.support.n_contacts != 3 or np.linalg.matrix_rank(robot.support.arms) != 3:
         return None
-    states = robot.contact_states(robot.loads(*motion.states(times))[1])
+    states = robot.contact_states(robot.loads(*motion.states(times), robot.during(motion).acting(times))[1])
     return states.contact_forces[:, :, 0], bool(np.all(states.persistent))
 
 

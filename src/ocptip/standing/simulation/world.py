@@ -84,8 +84,8 @@ class World:
 
     def parts(self, parts: Sequence[Part]) -> tuple[Part, ...]:
         """What the robot does there, but for the factors on masses."""
-        there = [replace(part.time_scaled(1 / self.speed), robot=self.robot(part.robot)) for part in parts]
-        return tuple(there)
+        there = [part.time_scaled(1 / self.speed) for part in parts]
+        return tuple(replace(part, robot=self.robot(part.robot)) for part in there)
 
     def gravity(self, gravity: np.ndarray) -> np.ndarray:
         """(3,) in base axes."""
