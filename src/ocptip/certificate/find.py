@@ -74,10 +74,11 @@ def certify(
         limits: that were asked for.
         worst: the sampled worst values, from `check_motion`; claims stay near them.
     """
-    began, robot = time.perf_counter(), robot.during(motion)
+    began = time.perf_counter()
     if reason := _missing(robot, worst):
         return Certificate(None, Verdict(False, (), {}, 0), reason=reason)
     assert isinstance(robot, StandingRobot | StandingParallelRobot)
+    robot = robot.during(motion)
     within = limits.tolerance.given and any(name in worst for name in CLAIMS_WITHIN)
     tolerance = tolerance_data(limits.tolerance, robot.support) if within else None
     search = _Search(robot, motion, _bounds(limits, worst, bool(robot.collision.labels)), tolerance)
