@@ -65,9 +65,9 @@ def task_of(case: str, variant: str) -> MotionTask:
     """The task of a case, or of the arm on a cart, in a variant."""
     task = load_task(EXAMPLES / "tasks" / "ur5_cart.toml") if case == CART else experiment_task(case)
     if variant == "carried":
-        return replace(task, limits=replace(task.limits, damping=DAMPING))
+        task = replace(task, limits=replace(task.limits, damping=DAMPING))
     rises = dict(zip(VARIANTS[2:], RISES, strict=True))
-    return replace(task, rise_times=rises[variant]) if variant in rises else task
+    return replace(task, rise_times=rises.get(variant, 0.0))
 
 
 def on_feet(robot: StandingMechanism, stiffness: float) -> StandingMechanism | None:

@@ -1,5 +1,7 @@
 """Price of a tolerance: plans within it, within each of its quantities alone, and of the world as described.
 
+Plans within it have the rise times that the planner chooses; `ramps` are those whose accelerations jump.
+
 The eight cases with the effective base within `workshop`, three arms on carts within `site`.
 
     python -m studies.tolerance.run --out results [--starts 8] [--seed 0] [--tasks B "UR5 on a cart"]
@@ -26,6 +28,7 @@ from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.support import Support
 from ocptip.motion.plan import plan_motion
 from ocptip.motion.planner.one_start import Search
+from ocptip.motion.rise_times import with_rise_time
 from ocptip.motion.task import MotionTask
 from ocptip.published.cases import motion_cases
 from ocptip.published.tasks import experiment_task
@@ -45,6 +48,7 @@ from studies.common import (
     state_notes,
     table,
 )
+from studies.s_curves.run import STIFFNESSES, feet_of
 
 CART = {"mass": 60.0, "half": 0.30, "friction": 0.6}
 JUMPS = ("delay", "damping")
@@ -61,6 +65,8 @@ QUANTITIES: dict[str, tuple[str, ...]] = {
 """Parts of a tolerance that are looked at alone: name, attributes."""
 
 NOMINAL, ALL, STATIC, REST = "none", "all", "all but both", "rest"
+RAMPS = "ramps"
+"""All of a tolerance, with accelerations that jump."""
 
 
 def on_cart(case: str) -> MotionTask:
@@ -93,14 +99,14 @@ def parts(preset: str) -> dict[str, Tolerance]:
     only = {name: {key: getattr(whole, key) for key in keys} for name, keys in QUANTITIES.items()}
     found = {name: Tolerance(**own) for name, own in only.items()}
     found[STATIC] = replace(whole, **{key: getattr(NONE, key) for key in JUMPS})
-    return {NOMINAL: NONE, ALL: whole} | {name: own for name, own in found.items() if own.given}
+    return {NOMINAL: NONE, ALL: whole, RAMPS: whole} | {name: own for name, own in found.items() if own.given}
 
 
 def planned(task: MotionTask, starts: int, seed: int) -> dict[str, Any]:
     """Energy, duration and CPU time of a plan, or why there is none; nothing is compiled meanwhile."""
     began = time.process_time()
     try:
-        Search(task).rough(starts, seed)
+        Search(with_rise_time(task)).rough(starts, seed)
         began = time.process_time()
         plan = plan_motion(task, starts=starts, seed=seed, jobs=1)
     except (InputError, PlanningError) as error:
@@ -109,9 +115,11 @@ def planned(task: MotionTask, starts: int, seed: int) -> dict[str, Any]:
     return {
         "energy_J": plan.energy,
         "duration_s": plan.duration,
+        "rise_s": max(plan.motion.rise_times, default=0.0),
         "verified": sum(start.verified for start in plan.starts),
         "cpu_s": time.process_time() - began,
         "worst": worst,
+        "feet": feet_of(task.robot, plan.motion),
         "motion": plan.motion.to_dict(),
     }
 
@@ -128,13 +136,13 @@ def jobs(names: Sequence[str] | None, quantities: Sequence[str] | None) -> Itera
     """Tasks and parts: what all of a tolerance costs first."""
     found = tasks()
     chosen = [name for name in found if names is None or name in names]
-    for wanted in ((NOMINAL, ALL), (STATIC, "both"), tuple(QUANTITIES)):
+    for wanted in ((NOMINAL, ALL, RAMPS), (STATIC, "both"), tuple(QUANTITIES)):
         for name in chosen:
             own = parts(found[name][1])
             yield from (
                 (name, part)
                 for part in wanted
-                if part in own and (quantities is None or part in quantities or part in (NOMINAL, ALL))
+                if part in own and (quantities is None or part in quantities or part in (NOMINAL, ALL, RAMPS))
             )
 
 
@@ -164,14 +172,16 @@ def markdown(rows: Sequence[dict[str, Any]], notes: list[str]) -> str:
             + [number(row.get("energy_J"), 1) for row in (nominal, whole)]
             + [number(row.get("duration_s"), 3) for row in (nominal, whole)]
             + [percent(own.get(name, {}).get(ALL), 1) for own in (energy, duration)]
+            + [_rise(whole), percent(energy.get(name, {}).get(RAMPS), 1)]
             + [number(nominal.get("cpu_s"), 1), number(None if ratio is None else 1 + ratio, 2)]
         )
     head = ["task", "tolerance", "nominal J", "within J", "nominal s", "within s"]
-    head += ["energy", "duration", "nominal CPU s", "CPU ratio"]
+    head += ["energy", "duration", "rise", "energy of ramps", "nominal CPU s", "CPU ratio"]
     text = ["# Price of tolerances", "", *table(head, lines, left=2), ""]
     text += _medians(rows, energy, cpu)
     refused = {row["task"]: row["refused"] for row in rows if row["part"] == ALL and "refused" in row}
     text += [f"- {name}: {why}" for name, why in refused.items()]
+    text += _felt(by, names)
     own = [STATIC, "both", *(name for name in QUANTITIES if name != "both")]
     split = [[name, *(percent(energy.get(name, {}).get(part), 1) for part in (*own, ALL))] for name in names]
     text += ["", "Energy, each quantity alone (both: overshoot and lateness together):", ""]
@@ -184,6 +194,32 @@ def markdown(rows: Sequence[dict[str, Any]], notes: list[str]) -> str:
             lines.append([name, *(number(x, 2) for x in least), percent(least[1] / least[0])])
     text += table(["task", "as described", "within", "left"], lines)
     return "\n".join([*text, "", *notes]) + "\n"
+
+
+def _rise(row: dict[str, Any]) -> str:
+    """The rise time of a plan."""
+    return "-" if "rise_s" not in row else f"{1e3 * row['rise_s']:.0f} ms" if row["rise_s"] else "ramps"
+
+
+def _felt(by: dict[tuple[str, str], dict[str, Any]], names: Sequence[str]) -> list[str]:
+    """By how much feet lift in plans within the whole tolerance, as described otherwise."""
+    lines = []
+    for name in names:
+        found = [by.get((name, part), {}).get("feet") or [] for part in (ALL, RAMPS)]
+        if any(found):
+            lines.append([name, *(_lift(own, stiffness) for stiffness in STIFFNESSES for own in found)])
+    if not lines:
+        return []
+    text = ["", "Lift of a foot on feet that give, 5 % damping, mm (plans within the tolerance):", ""]
+    head = [f"{stiffness:.0e} N/m{what}" for stiffness in STIFFNESSES for what in ("", ", ramps")]
+    return text + table(["task", *head], lines)
+
+
+def _lift(found: Sequence[dict[str, Any]], stiffness: float) -> str:
+    own = next((one for one in found if one["stiffness"] == stiffness), None)
+    if own is None:
+        return "-"
+    return "falls" if own["falls"] else number(own["lift_mm"], 3)
 
 
 def _medians(
@@ -207,7 +243,7 @@ def figure(rows: Sequence[dict[str, Any]], path: Path) -> None:
     found = prices(rows, "energy_J")
     fig = Figure(figsize=(7.5, 0.45 * len(found) + 1.4), layout="constrained")
     ax = fig.add_subplot()
-    marks = {ALL: "D", STATIC: "s"} | dict.fromkeys(QUANTITIES, "o") | {"both": "P"}
+    marks = {ALL: "D", RAMPS: "v", STATIC: "s"} | dict.fromkeys(QUANTITIES, "o") | {"both": "P"}
     for part, mark in marks.items():
         points = [(100 * own[part], k) for k, own in enumerate(found.values()) if part in own]
         if points:
@@ -241,7 +277,8 @@ def run(
             say(f"{name}, {part}")
             task, preset = found[name]
             limits = replace(task.limits, tolerance=parts(preset)[part])
-            own = planned(replace(task, limits=limits), starts, seed)
+            rises = () if part == RAMPS else task.rise_times
+            own = planned(replace(task, limits=limits, rise_times=rises), starts, seed)
             file.put({"task": name, "preset": preset, "part": part, **own})
     for name in names or found:
         if file.find(task=name, part=REST) is None:

@@ -61,9 +61,15 @@ def test_the_table_has_prices_of_all_and_of_the_parts_and_refusals(tmp_path):
     rows[1] |= {"duration_s": 1.1, "cpu_s": 15.0}
     rows.append({"task": "H", "preset": "workshop", "part": "all", "refused": "too much", "cpu_s": 1.0})
     rows.append({"task": "A", "preset": "workshop", "part": "rest", "described_Nm": 3.0, "within_Nm": 1.26})
+    feet = [{"stiffness": 1e5, "force_N": 0.0, "lift_mm": None, "falls": True}]
+    feet += [{"stiffness": 1e6, "force_N": 0.0, "lift_mm": 0.0312, "falls": False}]
+    rows.append({**rows[1], "part": "ramps", "energy_J": 107.0, "rise_s": 0.0, "feet": feet})
+    rows[1]["rise_s"] = 0.05
     text = markdown(rows, ["- A note."])
-    assert "| A | workshop | 100.0 | 104.0 | 1.000 | 1.100 | 4.0 % | 10.0 % | 10.0 | 1.50 |" in text
-    assert "| H | workshop | 9.0 | - | 1.000 | - | - | - | 10.0 | - |" in text
+    money = "| A | workshop | 100.0 | 104.0 | 1.000 | 1.100 | 4.0 % | 10.0 % | 50 ms | 7.0 % | 10.0 | 1.50 |"
+    assert money in text
+    assert "| H | workshop | 9.0 | - | 1.000 | - | - | - | - | - | 10.0 | - |" in text
+    assert "| A | - | falls | - | 0.031 | - | - |" in text
     assert "| A | - | - | 1.0 % | - | - | - | - | - | - | 4.0 % |" in text
     assert "- H: too much" in text
     assert "| A | 3.00 | 1.26 | 42 % |" in text

@@ -24,7 +24,6 @@ def written(folder, line, more=""):
 @pytest.mark.parametrize(
     ("line", "expected"),
     [
-        ("GN = 0.9", ()),
         ("rise_time = 0", ()),
         ("rise_time = 0.03", (0.03,) * 3),
         ("rise_time = [0.03, 0.0, 0.05]", (0.03, 0.0, 0.05)),
@@ -59,6 +58,14 @@ def test_published_cases_in_files(tmp_path):
     task = load_task(path)
     assert task.rise_times == (0.02,) * 6
     assert task.limits.overshoot > 0.7
+
+
+@pytest.mark.parametrize("chosen", [None, (), (0.05, 0.05, 0.05)])
+def test_sources_leave_a_choice_where_there_was_one(tmp_path, chosen):
+    task = load_task(written(tmp_path, "GN = 0.9"))
+    assert task.rise_times is None
+    (tmp_path / "again.toml").write_text(task.source.text(task.name, task.limits, task.objective, chosen))
+    assert load_task(tmp_path / "again.toml").rise_times == chosen
 
 
 def test_sources_hold_what_was_planned(tmp_path):

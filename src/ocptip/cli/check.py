@@ -349,7 +349,7 @@ def motion_of(path: Path, task: MotionTask, options: Namespace) -> Motion:
             raise InputError(f"--rise-time: {options.motion} has {own}")
         return motion
     own = motion.rise_times if options.rise_time is None else ()
-    return motion.with_rise_times(own or task.rise_times)
+    return motion.with_rise_times(own or task.rise_times or ())
 
 
 def _offsets(motion: Motion, task: MotionTask) -> dict[str, tuple[float, float]]:

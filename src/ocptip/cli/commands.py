@@ -116,7 +116,8 @@ COMMANDS = (
             ),
             RATE,
             _rise_time(
-                "plan S-curves: accelerations rise within S (default: that of the task; quintic: 0.02)"
+                "plan S-curves: accelerations rise within S, 0: ramps (default: that of the task, else what "
+                "costs less within the tolerance; quintic: 0.02)"
             ),
             EFFORT,
             argument("--max-duration", "S", "the motion takes at most so long, s", type=float),

@@ -17,6 +17,7 @@ from ocptip.motion.check import MotionCheck
 from ocptip.motion.choices import likely_choices, rounds
 from ocptip.motion.planner.attempt import Attempt, Rough, StartResult
 from ocptip.motion.planner.one_start import FURTHER, Search, free_ends
+from ocptip.motion.rise_times import others, with_rise_time
 from ocptip.motion.task import MotionTask, require_plannable
 from ocptip.motion.within_tolerance import tolerable, too_much
 from ocptip.numerics.threads import one_thread
@@ -138,14 +139,19 @@ def plan_motion(
             tasks = likely_choices(task)
         with nullcontext() if own else worker_pool(executor, jobs, starts) as pool:
             work = partial(_in_process, {}) if own else partial(_in_pool, pool)
-            for attempt in _turns(work, rounds(tasks, starts, costs, first), seed, costs, attempts, tasks_of):
-                attempts[attempt.result.number] = attempt
-                if attempt.result.verified:
-                    checked, number = attempt.check, attempt.result.number
-                    costs[number] = task.objective.cost(checked.energy, checked.duration)
-                    best = attempts[min((cost, k) for k, cost in costs.items())[1]]
-                if progress:
-                    progress(len(attempts), starts, min(costs.values(), default=None))
+            for own_tasks in _families(tasks):
+                turns = rounds(own_tasks, starts, costs, first)
+                for attempt in _turns(work, turns, seed, costs, attempts, tasks_of):
+                    attempts[attempt.result.number] = attempt
+                    if attempt.result.verified:
+                        costs[attempt.result.number] = _cost(task, attempt)
+                        best = attempts[min((cost, k) for k, cost in costs.items())[1]]
+                    if progress:
+                        progress(len(attempts), starts, min(costs.values(), default=None))
+                if best is not None:
+                    break
+            if best is not None and task.rise_times is None:
+                best = attempts[best.result.number] = _with_best_rise_time(work, best, tasks_of)
             if best is not None and prove:
                 own = tasks_of[best.result.number]
                 best = attempts[best.result.number] = next(iter(work("proved", [(own, (best,))])))
@@ -284,6 +290,35 @@ def _turns(
         chosen = [attempts[number] for _, number in best[: -(-len(attempts) // SHARE)]]
         jobs = [(tasks_of[one.result.number], (one,)) for one in chosen if one.x is not None]
         yield from work("further", jobs)
+
+
+def _families(tasks: list[MotionTask]) -> list[list[MotionTask]]:
+    """Tasks with the rise times that are tried first, and, where these lead nowhere, as ramps."""
+    risen = [with_rise_time(task) for task in tasks]
+    return [tasks] if risen == tasks else [risen, tasks]
+
+
+def _with_best_rise_time(
+    work: Callable[[str, list[_Job]], Iterator[Any]], best: Attempt, tasks_of: dict[int, MotionTask]
+) -> Attempt:
+    """The best start with the rise time with which it costs least; `tasks_of` is told."""
+    number = best.result.number
+    tried = {tasks_of[number].rise_times}
+    while candidates := [one for one in others(tasks_of[number]) if one.rise_times not in tried]:
+        tried |= {one.rise_times for one in candidates}
+        found = list(work("changed", [(one, (best,)) for one in candidates]))
+        better = min(found, key=lambda one: _cost(tasks_of[number], one))
+        if not _cost(tasks_of[number], better) < _cost(tasks_of[number], best):
+            break
+        best = better
+        own = best.motion.rise_times
+        tasks_of[number] = next(one for one in candidates if one.rise_times == own)
+    return best
+
+
+def _cost(task: MotionTask, attempt: Attempt) -> float:
+    assert attempt.check is not None
+    return task.objective.cost(attempt.check.energy, attempt.check.duration)
 
 
 _Job = tuple[MotionTask, tuple]

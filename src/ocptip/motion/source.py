@@ -34,7 +34,11 @@ class TaskSource:
     files: Mapping[str, bytes] = field(default_factory=dict)
 
     def text(
-        self, name: str, limits: MotionLimits, objective: Objective, rise_times: tuple[float, ...] = ()
+        self,
+        name: str,
+        limits: MotionLimits,
+        objective: Objective,
+        rise_times: tuple[float, ...] | None = None,
     ) -> str:
         """A task file with this name, these limits, objective and rise times, whatever the file said."""
         data = {} if "case" in self.data else {"name": name}
@@ -43,8 +47,8 @@ class TaskSource:
         asked.update({name: getattr(limits, name) for name in LIMITS})
         for key in ("rise_time", "jerk"):
             asked.pop(key, None)
-        if rise_times:
-            asked["rise_time"] = list(rise_times)
+        if rise_times is not None:
+            asked["rise_time"] = list(rise_times) or 0.0
         data["tolerance"] = limits.tolerance.to_table() or {"preset": "none"}
         if limits.stoppable:
             data["stops"] = {**data.get("stops", {}), **_stops(limits)}

@@ -49,7 +49,7 @@ class MotionTask:
             planner chooses the posture where enough joints are optimised (`planner.free_ends`).
         stops: how the robot is stopped, for checks of stops; a plan looks at them where `limits.stops` does.
         rise_times: s, within which the joints' accelerations rise and fall (S-curves): one for all, or (n,);
-            none for ramps.
+            0 or none: ramps. None: the planner chooses, see `ocptip.motion.rise_times`.
     """
 
     name: str
@@ -65,7 +65,7 @@ class MotionTask:
     source: TaskSource | None = None
     targets: tuple[PoseTarget | None, PoseTarget | None] = (None, None)
     stops: StopRules = field(default_factory=StopRules)
-    rise_times: float | tuple[float, ...] = ()
+    rise_times: float | tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
         """Raise InputError if shapes or numbers of joints do not fit, or there is nothing to optimise."""
@@ -93,7 +93,8 @@ class MotionTask:
             for name in ("foot_lift", "foot_force", "jump_foot_force"):
                 if getattr(self.limits, name):
                     raise InputError(f"limits.{name}: is about feet that give; these have no stiffness")
-        object.__setattr__(self, "rise_times", checked_rise_times(self.rise_times, n))
+        if self.rise_times is not None:
+            object.__setattr__(self, "rise_times", checked_rise_times(self.rise_times, n))
         if not isinstance(self.objective, Objective):
             raise InputError(f"objective: expected ENERGY, TIME or priced(...), got {self.objective!r}")
         if self.reference is not None and self.reference.n != n:

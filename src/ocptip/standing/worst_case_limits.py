@@ -228,6 +228,16 @@ class WorstSlipLimit(WorstCaseLimit):
         return self._rows(at, i, k, self._smooth.slip(at.s[i], theta=theta))
 
 
+def left_at_rest(robot: StandingMechanism, tolerance: Tolerance, rest: np.ndarray) -> float:
+    """Share of the least moment about a tipping axis that a tolerance leaves in postures (k, n) at rest."""
+    cases = worst_case_of(robot, tolerance)
+    if not cases.axes:
+        return 1.0
+    s = np.hstack([rest, np.zeros((len(rest), 2 * rest.shape[1]))])
+    least, plain = (float(own.all_moments(s).min()) for own in (cases, cases.within(Tolerance())))
+    return least / plain
+
+
 def as_described(
     robot: StandingMechanism, asked: MotionLimits, rest: np.ndarray, jumps: bool = True
 ) -> MotionLimits:

@@ -229,14 +229,14 @@ def _numbers(table: Table, support: Support, motors: Table) -> dict[str, float]:
     return {"damping": min(ratios, default=1.0), **table.numbers(*LIMITS)}
 
 
-def _rise_times(table: Table, robot: StandingMechanism) -> tuple[float, ...]:
+def _rise_times(table: Table, robot: StandingMechanism) -> tuple[float, ...] | None:
     """Of the accelerations, of [limits]: as they are, or those with which no jerk can be exceeded.
 
     Within a rise time an acceleration changes by no more than from its limit to the opposite one.
     """
     key = table.one_of(*_RISES, optional=True)
     if key is None:
-        return ()
+        return None
     if key == "rise_time":
         found = table.per_joint(key, robot.n, bound=">= 0")
     else:

@@ -39,6 +39,7 @@ LOST = 1.0  # largest violation from which, with rows of stops, no other pace le
 TIGHTENINGS = 5
 PROOFS, DEARER = 2, 1.005  # so often a motion is solved again to be proved, if it costs at most so much more
 AHEAD = 2  # times what a proof falls short are limits tightened, for proofs are a little different each time
+PROMISING = 1.02  # times the cost of an S-curve motion, what its path may cost as ramps
 MISS = 1e-7  # m and rad, by which start and goal may miss their poses
 SLOWED = 1.001  # a motion that exceeds speeds or accelerations by less is slowed down by as much
 NUMERICAL = (InputError, SolverError, ArithmeticError, np.linalg.LinAlgError)
@@ -145,6 +146,19 @@ class Search:
             pass  # what was found before counts
         clock.pause()
         return Attempt(clock.result(before.result.number, "verified", checked), motion, checked, x, clock)
+
+    def changed(self, before: Attempt) -> Attempt:
+        """A verified start of a task with other rise times, solved anew with those of this one.
+
+        It stays as it is if that does not cost less, or where jumps count and promise to cost more.
+        """
+        assert before.motion is not None
+        assert before.check is not None
+        x, cost = self.formulation.variables(before.motion), self._cost(before.check)
+        size = self.task.objective.size
+        if self.jumps and Refiner(self.formulation, self.inner).slowed_cost(x) * size > PROMISING * cost:
+            return before
+        return self.further(replace(before, x=x))
 
     def proved(self, before: Attempt) -> Attempt:
         """A verified start with its certificate; solved again, tighter, where something is not proved.

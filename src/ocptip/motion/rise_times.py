@@ -1,0 +1,49 @@
+"""Which rise times: within a tolerance that counts jumps with their overshoot, S-curves cost less than ramps.
+
+After a ramp's jump the base has to carry up to twice its load, of an S-curve only what late joints take,
+which is less the longer the rise. So where nothing is said about rise times, plans within such a tolerance
+are S-curves. Their rise time is SHORTEST over the share of the reserve that the tolerance leaves at rest,
+nearly; then the best motion is solved again with twice and half of it, while that costs less, and as ramps
+where its path promises to cost hardly more as such.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ocptip.motion.task import MotionTask, refusals
+from ocptip.standing.arm import StandingRobot
+from ocptip.standing.worst_case_limits import left_at_rest
+
+SHORTEST = 0.05
+"""Least rise time that is chosen, s: about a period of what gives; shorter ones let it ring as jumps do."""
+LONGEST = 0.4  # s
+
+
+def with_rise_time(task: MotionTask) -> MotionTask:
+    """The task with the rise time that is tried first; as it is where one is given, or none pays."""
+    if task.rise_times is not None or not _pays(task):
+        return task
+    left = left_at_rest(task.robot, task.limits.tolerance, np.array([task.start, task.goal]))
+    doublings = np.round(np.log2(1 / np.clip(left, SHORTEST / LONGEST, 1.0)))
+    return _possible(task, SHORTEST * 2**doublings) or task
+
+
+def others(chosen: MotionTask) -> list[MotionTask]:
+    """The task with the rise times next to its own: twice, half, and none."""
+    rise = max(chosen.rise_times or (0.0,))
+    found = [other for other in (2 * rise, 0.5 * rise) if SHORTEST <= other <= LONGEST]
+    tasks = [_possible(chosen, other) for other in (*found, 0.0)] if rise else []
+    return [one for one in tasks if one is not None]
+
+
+def _pays(task: MotionTask) -> bool:
+    limits = task.limits
+    return bool(limits.tolerance.overshoot) and isinstance(task.robot, StandingRobot) and not limits.stoppable
+
+
+def _possible(task: MotionTask, rise: float) -> MotionTask | None:
+    risen = replace(task, rise_times=float(rise))
+    return None if refusals(risen, at_rest=False) else risen
