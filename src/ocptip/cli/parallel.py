@@ -27,7 +27,6 @@ from ocptip.parallel.formats.export import to_urdf
 from ocptip.parallel.formats.mjcf import to_mjcf
 from ocptip.parallel.minimal_form import joint_function, joint_obstacle
 from ocptip.parallel.robot import ParallelRobot
-from ocptip.parallel.symbolic.symbols import inertia_layout
 from ocptip.task_files.parallel import read_parallel_robot
 
 _SUFFIXES = {"urdf": (".urdf",), "mjcf": (".xml", ".mjcf"), "c": (".c",)}
@@ -223,8 +222,7 @@ def _base_parameters(description: RobotDescription) -> tuple[str, ...] | None:
         found = numeric_base_parameters(description)
     except SolverError:
         return None
-    names = inertia_layout(description).names()
-    return tuple(names[k] for k in found.independent)
+    return found.names
 
 
 def _measures(home: Singularity) -> str:

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from ocptip.parallel.code.codegen import CFiles
     from ocptip.parallel.code.counting import OperationCount
     from ocptip.parallel.code.lean import LeanFunction
-    from ocptip.parallel.dynamics.base_parameters import NumericBaseParameters
+    from ocptip.parallel.dynamics.numeric_parameters import NumericBaseParameters
     from ocptip.parallel.symbolic.leg_base_parameters import LegBaseParameters
 
 Projection = Literal["coupling", "constraint", "tree", "kkt"]

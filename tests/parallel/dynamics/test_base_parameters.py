@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 from ocptip.basics.errors import InputError, SolverError
 from ocptip.parallel.code.lean import lean_function
+from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.ready_made import READY_MADE
 from ocptip.parallel.description.robot_description import DYNPAR2, MDHRow
 from ocptip.parallel.dynamics.base_parameters import (
@@ -14,9 +17,12 @@ from ocptip.parallel.dynamics.base_parameters import (
     rank_parameters,
     stacked_regressor,
 )
+from ocptip.parallel.robot import ParallelRobot
 from ocptip.parallel.symbolic.leg_base_parameters import leg_base_parameters, transform_inertia
 from ocptip.parallel.symbolic.symbols import inertia_layout, inertia_values
 from tests.parallel.parallel_cases import KIND_NAMES, error, golden, random_state
+from tests.parallel.parallel_examples import five_axes
+from tests.parallel.test_dependent_coordinates import robot_of
 
 
 def tables(p: dict[str, float], l1: float) -> dict[str, dict[str, float]]:
@@ -156,3 +162,56 @@ def test_bad_regressors():
         rank_parameters(np.ones((50, 29)), p, layout)
     with pytest.raises(SolverError, match="reduce the spread"):
         stacked_regressor(robot, spread=50.0)
+
+
+@pytest.mark.parametrize(("kind", "rank"), [("3RRR", 9), ("Delta", 13), ("6UPS", 21)])
+def test_functions_with_the_base_parameters_of_the_whole_robot(kind, rank):
+    """DynPar 3 of the whole robot: tau, W and the function that makes it from DynPar 2."""
+    robot = READY_MADE[kind]()
+    base = numeric_base_parameters(robot)
+    lean = lean_function(robot, ("tau", "W"), form="A", dynpar=3, base=base)
+    assert len(lean.inertia) == base.rank == rank
+    assert lean.inertia_names == base.names
+    made = np.array(base.function()(inertia_values(robot))).ravel()
+    np.testing.assert_allclose(made, lean.inertia, atol=1e-14)
+    rng, kinematics = np.random.default_rng(4), ParallelRobot(robot)
+    z = robot.home + 0.05 * rng.uniform(-1, 1, kinematics.m)
+    s, sd = rng.uniform(-1, 1, (2, kinematics.m))
+    q = kinematics.kinematics.point_joints(z).q
+    found = lean(z, s, sd, np.column_stack(q))
+    expected = kinematics.inverse_dynamics(z, s, sd, q, rates="quasi").motors
+    np.testing.assert_allclose(found["tau"], expected, atol=1e-8 * np.abs(expected).max())
+    np.testing.assert_allclose(found["W"] @ made, expected, atol=1e-8 * np.abs(expected).max())
+    with pytest.raises(InputError, match="base: expected the base parameters of"):
+        lean_function(robot, form="A", base=base)
+
+
+@pytest.mark.parametrize(
+    ("name", "make"),
+    [("five_bar", None), ("rps3", None), ("sps6", None), ("3T2R", lambda: five_axes(coupling_mass=True))],
+)
+def test_base_parameters_of_any_robot(name, make):
+    """Forces of the reduced vector, by the numeric robot; the rank is that of regressors at other poses."""
+    description = robot_of(name).description if make is None else make()
+    base = numeric_base_parameters(description, spread=0.1)
+    assert base.gap > 3
+    assert base.residual < 1e-9
+    robot, rng = ParallelRobot(description), np.random.default_rng(8)
+    layout = inertia_layout(description, complete=True)
+    assert base.size == layout.size
+    full = base.embedded(inertia_values(description, complete=True))
+    legs = []
+    for i, leg in enumerate(description.legs):
+        own = full[layout.leg_slice(i)].reshape(-1, 10)[: len(leg.bodies)]
+        legs.append(dataclasses.replace(leg, bodies=tuple(map(BodyInertia.from_vector, own))))
+    platform = dataclasses.replace(
+        description.platform, inertia=BodyInertia.from_vector(full[layout.platform_slice])
+    )
+    reduced = ParallelRobot(dataclasses.replace(description, legs=tuple(legs), platform=platform))
+    for _ in range(3):
+        z = description.home + 0.03 * rng.uniform(-1, 1, robot.m)
+        zd, zdd = rng.uniform(-1, 1, (2, robot.m))
+        expected = robot.inverse_dynamics(z, zd, zdd).motors
+        np.testing.assert_allclose(
+            reduced.inverse_dynamics(z, zd, zdd).motors, expected, atol=1e-6 * np.abs(expected).max()
+        )

@@ -31,6 +31,7 @@ from ocptip.parallel.code.lean_builder import Builder, Options
 from ocptip.parallel.code.leg_plans import choose_plans
 from ocptip.parallel.code.tidy import tidy
 from ocptip.parallel.description.robot_description import RobotDescription
+from ocptip.parallel.dynamics.numeric_parameters import NumericBaseParameters
 from ocptip.parallel.symbolic.leg_base_parameters import leg_base_parameters
 from ocptip.parallel.symbolic.symbols import (
     CENTRAL,
@@ -165,6 +166,7 @@ def lean_function(
     wrench: bool = False,
     joint_terms: bool | None = None,
     numeric_geometry: bool = False,
+    base: NumericBaseParameters | None = None,
     name: str = "dynamics",
 ) -> LeanFunction:
     """Generate a function of the robot.
@@ -190,6 +192,8 @@ def lean_function(
         wrench: external platform wrench as input; it adds -wrench to tau_s.
         joint_terms: drive inertia and friction of all joints as input; default: if the robot has any.
         numeric_geometry: write the numbers of this robot instead of named parameters.
+        base: with DynPar 3 the base parameters of the whole robot instead of the leg-wise ones: fewer, but
+            only for this robot's numbers; see `ParallelRobot.base_parameters`.
         name: of the function.
 
     Raises:
@@ -201,7 +205,9 @@ def lean_function(
     options = Options(form, dynpar, form in ("S", "A") and not euler, wrench, joint_terms, numeric_geometry)
     _check_options(outputs, options, euler)
     layout = inertia_layout(description)
-    kept, names, values = _inertia_choice(description, layout, dynpar)
+    if base is not None and (dynpar != 3 or base.size != layout.size):
+        raise InputError(f"base: expected the base parameters of {description.name}, and dynpar 3")
+    kept, names, values = _inertia_choice(description, layout, dynpar, base)
     purpose = "motors" if form in ("A", "AA") else "tau_s"
     plans = choose_plans(description, layout, kept, "rows" if set(outputs) == {"J_a"} else purpose)
     builder = Builder(description, layout, plans, kept, options)
@@ -243,12 +249,18 @@ def _check_options(outputs: Sequence[str], options: Options, euler: bool) -> Non
 
 
 def _inertia_choice(
-    description: RobotDescription, layout: InertiaLayout, dynpar: int
+    description: RobotDescription,
+    layout: InertiaLayout,
+    dynpar: int,
+    base: NumericBaseParameters | None,
 ) -> tuple[list[bool], list[str], np.ndarray]:
     """Which parameters the function has, their names and values."""
     if dynpar == 1:
         return [True] * layout.size, layout.names(CENTRAL), inertia_values(description, 1)
     if dynpar == 2:
         return [True] * layout.size, layout.names(), inertia_values(description)
-    base = leg_base_parameters(description)
-    return list(base.kept), list(base.names), base.values
+    if base is not None:
+        kept = [k in base.independent for k in range(layout.size)]
+        return kept, list(base.names), base.values(inertia_values(description))
+    by_leg = leg_base_parameters(description)
+    return list(by_leg.kept), list(by_leg.names), by_leg.values

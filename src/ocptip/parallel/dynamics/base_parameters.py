@@ -7,8 +7,8 @@ legs cannot be told from platform mass.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
@@ -16,54 +16,19 @@ from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, SolverError, finite_array, positive_number
 from ocptip.parallel.analysis.singularity import characteristic_length, require_regular
-from ocptip.parallel.code.lean import LeanFunction, lean_function
-from ocptip.parallel.description.robot_description import RobotDescription
+from ocptip.parallel.code.lean import lean_function
+from ocptip.parallel.description.robot_description import REVOLUTE, Leg, RobotDescription
+from ocptip.parallel.dynamics.numeric_parameters import NumericBaseParameters
+from ocptip.parallel.dynamics.regressor import regressor
 from ocptip.parallel.kinematics.platform import Kinematics
 from ocptip.parallel.symbolic.symbols import InertiaLayout, inertia_layout, inertia_values
 
 _ROWS_PER_COLUMN = 3
 _PATIENCE = 20
+Block = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+"""Regressor (m, size) of tau_s at z, s', s''."""
+
 _SPREADS = tuple(0.3 / 2**k for k in range(6))
-
-
-@dataclass(frozen=True, eq=False)
-class NumericBaseParameters:
-    """Base parameters of the whole robot from a stacked regressor, p_base = p_1 + K p_2.
-
-    Attributes:
-        independent: indices (in the inertia layout) of p_1.
-        dependent: indices of p_2, whose columns are combinations of those of p_1.
-        without_effect: indices of columns that are zero.
-        grouping: K, (len(independent), len(dependent)).
-        singular_values: of the scaled regressor, largest first.
-        gap: decades between the smallest singular value that counts and the largest that does not.
-        residual: largest relative difference between W p and W_1 p_base over the stacked rows.
-    """
-
-    independent: tuple[int, ...]
-    dependent: tuple[int, ...]
-    without_effect: tuple[int, ...]
-    grouping: np.ndarray
-    singular_values: np.ndarray
-    gap: float
-    residual: float
-
-    @property
-    def rank(self) -> int:
-        """Number of base parameters."""
-        return len(self.independent)
-
-    def values(self, parameters: ArrayLike) -> np.ndarray:
-        """(rank,) base parameters of a parameter vector in the order of the layout."""
-        size = self.rank + len(self.dependent) + len(self.without_effect)
-        p = finite_array("parameters", parameters, (size,))
-        return p[list(self.independent)] + self.grouping @ p[list(self.dependent)]
-
-    def embedded(self, parameters: ArrayLike) -> np.ndarray:
-        """The full vector (p_base, 0) that has the same motor forces."""
-        full = np.zeros(self.rank + len(self.dependent) + len(self.without_effect))
-        full[list(self.independent)] = self.values(parameters)
-        return full
 
 
 def numeric_base_parameters(
@@ -83,13 +48,20 @@ def numeric_base_parameters(
         tolerance: see :func:`rank_parameters`.
 
     Raises:
-        InputError: a robot without the coupling form.
         SolverError: too few of the configurations can be reached or are regular.
     """
     regressor = stacked_regressor(description, seed=seed, spread=spread)
+    complete = has_complete_regressor(description)
+    values = inertia_values(description, complete=complete)
     return rank_parameters(
-        regressor, inertia_values(description), inertia_layout(description), tolerance=tolerance
+        regressor, values, inertia_layout(description, complete=complete), tolerance=tolerance
     )
+
+
+def has_complete_regressor(description: RobotDescription) -> bool:
+    """True if the regressor is that of all bodies, in numbers; else that of the lean function."""
+    tails = [body for leg in description.legs if isinstance(leg, Leg) for body in leg.bodies[leg.n :]]
+    return not description.coupling_form or not all(body.massless for body in tails)
 
 
 def stacked_regressor(
@@ -99,35 +71,71 @@ def stacked_regressor(
 
     Args, raises: see :func:`numeric_base_parameters`.
     """
-    kinematics, function = Kinematics(description), lean_function(description, ("W",), form="S")
+    kinematics = Kinematics(description)
+    make = _complete_block if has_complete_regressor(description) else _lean_block
+    block, size = make(kinematics)
     if spread is not None:
-        return _stacked(kinematics, function, seed, positive_number("spread", spread))
+        return _stacked(kinematics, block, size, seed, positive_number("spread", spread))
     for width in _SPREADS[:-1]:
         with suppress(SolverError):
-            return _stacked(kinematics, function, seed, width)
-    return _stacked(kinematics, function, seed, _SPREADS[-1])
+            return _stacked(kinematics, block, size, seed, width)
+    return _stacked(kinematics, block, size, seed, _SPREADS[-1])
 
 
-def _stacked(kinematics: Kinematics, function: LeanFunction, seed: int, spread: float) -> np.ndarray:
+def _lean_block(kinematics: Kinematics) -> tuple[Block, int]:
+    """Regressor of a robot in coupling form, from the generated function."""
+    function = lean_function(kinematics.description, ("W",), form="S")
+
+    def block(z: np.ndarray, rates: np.ndarray, accelerations: np.ndarray) -> np.ndarray:
+        q = kinematics.point_joints(z).q
+        require_regular(kinematics, z, q, complete=False, legs_only=True)
+        return function(z, rates, accelerations, np.column_stack(q))["W"]
+
+    return block, len(function.inertia)
+
+
+def _complete_block(kinematics: Kinematics) -> tuple[Block, int]:
+    """Regressor of any robot, in numbers; columns of legs that share parameters are added."""
+    description = kinematics.description
+    layout = inertia_layout(description, complete=True)
+    home = [leg.home for leg in kinematics.legs]
+    owners = [range(layout.leg_slice(i).start, layout.size) for i in range(len(description.legs))]
+    counts = [10 * len(leg.bodies) for leg in description.legs]
+    columns = [k for own, count in zip(owners, counts, strict=True) for k in own[:count]]
+    columns += range(layout.size - 10, layout.size)
+
+    def block(z: np.ndarray, rates: np.ndarray, accelerations: np.ndarray) -> np.ndarray:
+        q = kinematics.joints(z, home).q
+        require_regular(kinematics, z, q, complete=True, legs_only=True)
+        motion = kinematics.motion(z, rates, q, complete=True)
+        W = np.zeros((kinematics.m, layout.size))
+        np.add.at(W.T, columns, regressor(kinematics, motion, accelerations, description.gravity).T)
+        return W
+
+    return block, layout.size
+
+
+def _stacked(kinematics: Kinematics, make: Block, size: int, seed: int, spread: float) -> np.ndarray:
     description = kinematics.description
     rng = np.random.default_rng(seed)
-    m = description.platform.m
+    m = description.m
     length = characteristic_length(kinematics)
-    names = description.platform.coordinates
-    width = spread * np.array([1.0 if name.startswith("phi") else length for name in names])
-    wanted = -(-_ROWS_PER_COLUMN * len(function.inertia) // m)
+    lengths = [name.startswith("phi") for name in description.platform.coordinates]
+    lengths += [
+        description.legs[leg].joint_rows[joint].sigma == REVOLUTE for leg, joint in description.redundant
+    ]
+    width = spread * np.where(lengths, 1.0, length)
+    wanted = -(-_ROWS_PER_COLUMN * size // m)
     blocks: list[np.ndarray] = []
     missed = 0
     while len(blocks) < wanted and missed < _PATIENCE + 5 * len(blocks):
         z = description.home + width * rng.uniform(-1, 1, m)
         rates, accelerations = rng.uniform(-2, 2, (2, m))
         try:
-            q = kinematics.point_joints(z).q
-            require_regular(kinematics, z, q, complete=False, legs_only=True)
+            block = make(z, rates, 5 * accelerations)
         except (InputError, SolverError):
             missed += 1
             continue
-        block = function(z, rates, 5 * accelerations, np.column_stack(q))["W"]
         blocks.append(block / np.linalg.norm(block))
     if len(blocks) < wanted:
         raise SolverError(
@@ -170,7 +178,9 @@ def rank_parameters(
     below = singular[rank] if rank < len(singular) else 0.0
     gap = float(np.log10(singular[rank - 1] / below)) if below > 0 else float("inf")
     without = tuple(int(k) for k in np.flatnonzero(norms <= tolerance * norms.max()))
+    names = layout.names()
     return NumericBaseParameters(
+        tuple(names[k] for k in independent),
         tuple(int(k) for k in independent),
         tuple(int(k) for k in dependent),
         without,

@@ -26,7 +26,7 @@ from ocptip.parallel.kinematics.leg_solver import (
 )
 
 _RANK = 1e-8
-_RESTARTS = 20
+_RESTARTS = 4
 _SPREAD = 0.3
 _SEED = 7
 

@@ -62,32 +62,47 @@ class InertiaLayout:
         return slice(self.size - 10, self.size)
 
 
-def inertia_layout(description: RobotDescription) -> InertiaLayout:
-    """Group the legs that have equal tables and equal bodies."""
-    require_coupling_form(description)
+def inertia_layout(description: RobotDescription, *, complete: bool = False) -> InertiaLayout:
+    """Group the legs that have equal tables and equal bodies.
+
+    Args:
+        description: the robot.
+        complete: with all bodies of the legs, of any robot; a leg with fewer than others has massless ones
+            behind. Default: with those up to the coupling points, of a robot the lean formulation applies to.
+
+    Raises:
+        InputError: the lean formulation does not apply.
+    """
+    if not complete:
+        require_coupling_form(description)
+    count = max(len(leg.bodies) for leg in description.legs) if complete else description.legs[0].n
     groups: list[list[int]] = []
     for index, leg in enumerate(description.legs):
         for group in groups:
-            if _same_bodies(leg, description.legs[group[0]]):
+            if _same_bodies(leg, description.legs[group[0]], complete):
                 group.append(index)
                 break
         else:
             groups.append([index])
-    return InertiaLayout(tuple(tuple(group) for group in groups), description.legs[0].n)
+    return InertiaLayout(tuple(tuple(group) for group in groups), count)
 
 
-def inertia_values(description: RobotDescription, dynpar: int = 2) -> np.ndarray:
+def inertia_values(description: RobotDescription, dynpar: int = 2, *, complete: bool = False) -> np.ndarray:
     """The parameter vector of the robot in the order of its layout.
 
     Args:
         description: the robot.
         dynpar: 2, about the frames' origins; 1, about the centres of mass.
+        complete: as for :func:`inertia_layout`.
 
     Raises:
         InputError: DynPar 1 of a body that has a first moment but no mass.
     """
-    layout = inertia_layout(description)
-    bodies = [b for group in layout.groups for b in description.legs[group[0]].bodies[: layout.bodies]]
+    layout = inertia_layout(description, complete=complete)
+    bodies: list[BodyInertia] = []
+    for group in layout.groups:
+        own = description.legs[group[0]].bodies[: layout.bodies]
+        bodies += [*own, *[BodyInertia()] * (layout.bodies - len(own))]
     bodies.append(description.platform.inertia)
     return np.concatenate([_central(body) if dynpar == 1 else body.vector for body in bodies])
 
@@ -238,10 +253,17 @@ def coupling_entries(leg: Leg, geometry: dict[str, cs.SX]) -> Vector:
     return [symbol_of(entry, geometry) for entry in leg.coupling]
 
 
-def _same_bodies(leg: Leg, other: Leg) -> bool:
-    same_table = leg.n == other.n and leg.rows[: leg.n + 1] == other.rows[: leg.n + 1]
-    pairs = zip(leg.bodies[: leg.n], other.bodies[: leg.n], strict=True)
-    return same_table and all(np.array_equal(a.vector, b.vector) for a, b in pairs)
+def _same_bodies(leg: Leg, other: Leg, complete: bool) -> bool:
+    if complete:
+        same_table, count = type(leg) is type(other) and leg.rows == other.rows, None
+        same_table = same_table and len(leg.bodies) == len(other.bodies)
+        same_table = same_table and getattr(leg, "parents", ()) == getattr(other, "parents", ())
+    else:
+        same_table, count = leg.n == other.n and leg.rows[: leg.n + 1] == other.rows[: leg.n + 1], leg.n
+    if not same_table:
+        return False
+    pairs = zip(leg.bodies[:count], other.bodies[:count], strict=True)
+    return all(np.array_equal(a.vector, b.vector) for a, b in pairs)
 
 
 def _central(body: BodyInertia) -> np.ndarray:
