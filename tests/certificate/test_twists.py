@@ -53,11 +53,11 @@ def _room(grasp, wrench, limits, half):
     own = Limits(np.zeros((1, m, 6)), np.tile(limits, (2, 1, 1)), np.zeros((1, m)))
     twists = Twists(grasp, 1e-16 * np.abs(grasp), wrench[:, None], np.full((6, 1), half), own)
 
-    def least(rows, h, ends):
+    def least(rows, h, ends, closely):
         found = np.einsum("aik,i->ak", h, wrench) - half * np.abs(h).sum(axis=1)
         return np.min(ends, axis=0) + found
 
-    return float(twists.room(least)[0])
+    return float(twists.room(least, patient=True)[0])
 
 
 @pytest.mark.parametrize("seed", range(6))

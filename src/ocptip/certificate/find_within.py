@@ -186,7 +186,7 @@ class SearchWithin:
             if not len(short):
                 break
             room[short] = sharing.held(
-                terms.some(short), forces[:, 0][..., short], weights[..., short], share
+                *(terms.some(short), forces[:, 0][..., short], weights[..., short], share), patient=False
             )
             if len(short := short[~(room[short] >= 0)]) and self._several:
                 some, own = terms.some(short), forces[:, 0][..., short]
@@ -196,7 +196,7 @@ class SearchWithin:
                 )
             if len(short := short[~(room[short] >= 0)]) and self._several and sharing.contacts.flat:
                 own = np.zeros((2, *forces.shape[2:4], len(short)))  # the rule shares the whole wrench
-                found = sharing.held(terms.some(short), own, weights[..., short], share)
+                found = sharing.held(terms.some(short), own, weights[..., short], share, patient=False)
                 better = found > room[short]
                 forces[:, 0][..., short[better]], room[short[better]] = 0.0, found[better]
             if share < HIGHEST:
@@ -219,7 +219,7 @@ class SearchWithin:
         light = weights[:, 0] < _LIGHT * np.mean(weights[:, 0], axis=0)
         weights = weights.copy()
         weights[:, 0] *= np.where(light, _LIGHTER, 1.0)
-        return weights, self._sharing.held(terms, forces, weights, share)
+        return weights, self._sharing.held(terms, forces, weights, share, patient=False)
 
     def _improved(
         self, terms: Terms, forces: np.ndarray, weights: np.ndarray, capacity: np.ndarray, share: float
@@ -306,10 +306,8 @@ class SearchWithin:
         some = [_some(part, part.beyond & part.holds) for part in self._parts]
         if not any(len(part.interval) for part in some):
             return low
-        step = _LOSS * low
+        step, share = _LOSS * low, low
         while high - low > 2 * _LOSS * low:
-            share = 0.5 * (low + high) if high < HIGHEST else min(low + step, 0.5 * (low + high))
-            step *= 2
             more = [
                 _some(part, ~(self._sharing.held(part.terms, part.forces[:, 0], part.weights, share) >= 0))
                 for part in some
@@ -318,6 +316,8 @@ class SearchWithin:
                 low, some = share, more  # the others need less
             else:
                 high = share
+            share = 0.5 * (low + high) if high < HIGHEST else min(low + step, 0.5 * (low + high))
+            step *= 2
         return high
 
     def _cover(self) -> dict[str, Any]:

@@ -86,10 +86,11 @@ class Sharing:
         weights: np.ndarray,
         share: float,
         couple: np.ndarray | None = None,
+        patient: bool = True,
     ) -> np.ndarray:
         """(R,): how far forces that hold wrench and couple are inside a share of their sets, per weight."""
         if self.contacts.flat:
-            return self._held_on_a_plane(terms, forces, weights, share)
+            return self._held_on_a_plane(terms, forces, weights, share, patient)
         return np.min(self.rooms(terms, forces, weights, share, couple), axis=0)
 
     def rooms(
@@ -118,7 +119,7 @@ class Sharing:
         return room
 
     def _held_on_a_plane(
-        self, terms: Terms, forces: np.ndarray, weights: np.ndarray, share: float
+        self, terms: Terms, forces: np.ndarray, weights: np.ndarray, share: float, patient: bool
     ) -> np.ndarray:
         """(R,): how far normal forces by the rule are inside their sets, and friction of them is enough."""
         room = np.full(terms.size.shape[1], np.inf)
@@ -155,7 +156,7 @@ class Sharing:
             grasp, rounded = self.contacts.grasp[:, columns], self.contacts.rounded[:, columns]
             twists = Twists(grasp, rounded, own.centre, own.half, limits)
             found = twists.room(
-                lambda rows, h, ends, own=own: self._within.least(own.some(rows), h, ends, closely=False)
+                lambda rows, *h, closely, own=own: self._within.least(own.some(rows), *h, closely), patient
             )
             room[here[going]] = np.minimum(room[here[going]], found / self.contacts.scale)
         return room

@@ -15,19 +15,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 
 import numpy as np
 
 from ocptip.certificate.trusted.forms import U
 
-_DEPTH = 8  # so often triangles are quartered
-_MOST = 60  # of a row that are left: it is given up
+_DEPTH = 8, 12  # so often triangles are quartered, quickly and patiently
+_MOST = 60, 400  # of a row that are left: it is given up
+_PATIENT = 4  # quartered so often they are looked at most closely
 _CLOSELY = 2  # quartered so often they are looked at closely
 _TOGETHER = 600  # triangles of rows that are looked at together, at least six of each
 _WIDE = 0.95  # length of the mean of directions of a velocity below which it turns in the triangle
 
-Least = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+Least = Callable[..., np.ndarray]
 
 
 def _icosahedron() -> np.ndarray:
@@ -105,27 +107,30 @@ class Twists:
         blurred = np.delete(rounded, np.s_[::3], axis=1) + 8 * U * np.abs(tangential)
         self._blur += most @ (blurred.T @ np.abs(basis)).reshape(-1, 2, 3).sum(axis=1)  # of velocities
 
-    def room(self, least: Least) -> np.ndarray:
+    def room(self, least: Least, patient: bool) -> np.ndarray:
         """(R,): the least over all twists, or what stands in the way of a proof; proved where >= 0.
 
         Args:
-            least: of rows (K,), functionals (A, 6, K) of the wrench and constants (2, A, K): lower bounds
-                (A, K) of their sum.
+            least: of rows (K,), functionals (A, 6, K) of the wrench, constants (2, A, K), and whether to look
+                most closely: lower bounds (A, K) of their sum.
+            patient: rows are given up late.
         """
+        most, deepest = _MOST[patient], _DEPTH[patient]
         room, lost = np.full(len(self._middle), np.inf), np.zeros(len(self._middle), dtype=bool)
         rows, which = np.repeat(np.arange(len(room)), len(_FIRST)), np.tile(np.arange(len(_FIRST)), len(room))
         corners = _FIRST  # of different triangles; those of rows are some of them
-        for depth in range(_DEPTH + 1):
+        for depth in range(deepest + 1):
             h, constant, error, gap = self._functionals(rows, which, corners)
             found = np.min(self._in_box(rows, h, constant) - error, axis=1)
             left = np.flatnonzero(~(found >= 0))
             if depth >= _CLOSELY:
-                value = _closely(least, rows[left], h[left], constant[:, left])
+                near = partial(least, closely=patient and depth >= _PATIENT)
+                value = _closely(near, rows[left], h[left], constant[:, left])
                 found[left] = np.min(value - error[left], axis=1)
                 lost[rows[left[np.min(value + gap[left], axis=1) < 0]]] = True
                 left = np.flatnonzero(~(found >= 0))
-            lost |= np.bincount(rows[left], minlength=len(room)) > _MOST
-            ended = (found >= 0) | lost[rows] | (depth == _DEPTH)
+            lost |= np.bincount(rows[left], minlength=len(room)) > most
+            ended = (found >= 0) | lost[rows] | (depth == deepest)
             np.minimum.at(room, rows[ended], found[ended])
             left = np.flatnonzero(~ended & (room[rows] >= 0))
             if not len(left):
