@@ -432,7 +432,7 @@ COMMANDS = (
     ),
     Command(
         "parallel",
-        "mobility, cost and C code of a parallel robot's inverse dynamics; URDF, MJCF",
+        "mobility, assembly modes, cost and C code of a parallel robot; URDF, MJCF",
         "Checks a parallel robot's mobility, counts the operations of its inverse dynamics and writes them "
         "as C code. Writes the robot for other programs.",
         "0 the robot moves as described, 1 it does not",
@@ -441,6 +441,13 @@ COMMANDS = (
             argument("--c", "FILE", "write C source, and a header beside it"),
             argument("--urdf", "FILE", "write the robot as URDF (a tree, loops cut)"),
             argument("--mjcf", "FILE", "write the robot as a MuJoCo model with its loops"),
+            argument(
+                "--modes",
+                "QA",
+                "all assembly modes for these motor positions (degrees, m; none: those of the home pose)",
+                nargs="*",
+                type=float,
+            ),
             argument(
                 "--dynpar",
                 None,

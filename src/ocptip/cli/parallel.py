@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,12 +16,13 @@ from ocptip.basics.text import ratio
 from ocptip.basics.write import file_target, versions, write_text
 from ocptip.cli.command import Report
 from ocptip.cli.layout import named, table
+from ocptip.parallel.analysis.assembly_modes import AssemblyModes
 from ocptip.parallel.analysis.mobility import Mobility
 from ocptip.parallel.analysis.singularity import Singularity
 from ocptip.parallel.code.codegen import write_c
 from ocptip.parallel.code.lean import LeanFunction, lean_function
 from ocptip.parallel.description.ready_made import READY_MADE
-from ocptip.parallel.description.robot_description import RobotDescription
+from ocptip.parallel.description.robot_description import REVOLUTE, RobotDescription
 from ocptip.parallel.dynamics.base_parameters import numeric_base_parameters
 from ocptip.parallel.formats.export import to_urdf
 from ocptip.parallel.formats.mjcf import to_mjcf
@@ -39,6 +40,8 @@ def run(options: Namespace) -> ParallelReport:
     description = read_robot(options.robot)
     with naming(Path(options.robot).name):
         report = examine(description, form=options.form, dynpar=options.dynpar)
+        if options.modes is not None:
+            report.modes = all_modes(description, options.modes)
     report.add_files(files)
     return report
 
@@ -60,6 +63,7 @@ class ParallelReport(Report):
             form, see `without_joints`.
         without_joints: why there is none.
         code: where the functions go as C source; None for nowhere.
+        modes: all assembly modes; None if not asked for.
     """
 
     description: RobotDescription
@@ -72,6 +76,7 @@ class ParallelReport(Report):
     without_joints: str = ""
     models: list[tuple[Path, str]] = field(default_factory=list)
     code: Path | None = None
+    modes: AssemblyModes | None = None
 
     @property
     def good(self) -> bool:
@@ -117,6 +122,7 @@ class ParallelReport(Report):
             "operations": {f.function.name(): f.count.to_dict() for f in self.functions},
             "without_code": self.without_code or None,
             "joints_from_z": self.joints is not None,
+            "assembly_modes": None if self.modes is None else self.modes.to_dict(),
             "written": self.written,
             "versions": versions(),
         }
@@ -150,6 +156,8 @@ class ParallelReport(Report):
         lines += _count_table(self.functions) if self.functions else [f"no code: {self.without_code}"]
         if self.functions and not self.joints:
             lines.append(f"no code for the joints q that these functions want: {self.without_joints}")
+        if self.modes:
+            lines += ["", *_mode_table(self.modes, robot)]
         if self.written:
             lines += ["", f"wrote {' and '.join(map(str, self.written))}"]
         return "\n".join(lines)
@@ -214,6 +222,34 @@ def examine(description: RobotDescription, *, form: str = "A", dynpar: int = 3) 
     why = joint_obstacle(description)
     joints = None if why else joint_function(robot)
     return ParallelReport(description, mobility, home, functions, "", base, joints, why)
+
+
+def all_modes(description: RobotDescription, motors: Sequence[float]) -> AssemblyModes:
+    """All assembly modes for motor positions in degrees and m; none given: those of the home pose."""
+    robot = ParallelRobot(description)
+    rows = description.motor_rows
+    if motors:
+        if len(motors) != len(rows):
+            raise InputError(f"--modes: expected {len(rows)} motor positions (degrees, m), got {len(motors)}")
+        turns = [row.sigma == REVOLUTE for row in rows]
+        return robot.assembly_modes(np.where(turns, np.radians(motors), motors))
+    q = robot.ik(description.home).q
+    return robot.assembly_modes([q[leg][joint] for leg, joint in description.actuated])
+
+
+def _mode_table(found: AssemblyModes, robot: RobotDescription) -> list[str]:
+    names = [*robot.platform.coordinates, *robot.platform.dependent_coordinates]
+    turns = [name.startswith("phi") for name in names]
+    heads = [f"{name} (deg)" if turn else f"{name} (m)" for name, turn in zip(names, turns, strict=True)]
+    rows = [["mode", *heads, "home branches"]]
+    for number, mode in enumerate(found.modes, start=1):
+        values = np.where(turns, np.degrees(mode.z), mode.z)
+        home = "-" if mode.home_branches is None else "yes" if mode.home_branches else "no"
+        rows.append([str(number), *(f"{v + 0.0:.4f}" for v in values), home])
+    ends = f"{found.paths} paths: {found.regular} solutions, {found.at_infinity} at infinity"
+    lost = "" if found.complete else f", {found.singular} SINGULAR, MAYBE MORE MODES"
+    far = f"; {found.out_of_reach} real ones out of a leg's reach" if found.out_of_reach else ""
+    return [f"assembly modes: {len(found.modes)} ({ends}{lost}{far})", *(table(rows) if found.modes else [])]
 
 
 def _base_parameters(description: RobotDescription) -> tuple[str, ...] | None:

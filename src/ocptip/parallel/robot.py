@@ -26,6 +26,7 @@ from ocptip.parallel.routes.kkt import KKTAccelerations, KKTSystem
 from ocptip.parallel.routes.tree import tree_forces
 
 if TYPE_CHECKING:
+    from ocptip.parallel.analysis.assembly_modes import AssemblyModes
     from ocptip.parallel.code.codegen import CFiles
     from ocptip.parallel.code.counting import OperationCount
     from ocptip.parallel.code.lean import LeanFunction
@@ -89,6 +90,12 @@ class ParallelRobot(MadeOf):
     def fk(self, qa: ArrayLike, guess: ArrayLike | None = None) -> ForwardPose:
         """Platform pose from motor positions; see :meth:`Kinematics.forward`."""
         return self.kinematics.forward(qa, guess)
+
+    def assembly_modes(self, qa: ArrayLike) -> AssemblyModes:
+        """All platform poses for motor positions; see :func:`assembly_modes`."""
+        from ocptip.parallel.analysis.assembly_modes import assembly_modes
+
+        return assembly_modes(self.kinematics, qa)
 
     def passive(self, z: ArrayLike, zd: ArrayLike, zdd: ArrayLike, guess: Joints = None) -> JointRates:
         """Positions, speeds and accelerations of all joints (section 9).

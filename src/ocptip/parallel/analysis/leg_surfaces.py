@@ -1,0 +1,141 @@
+"""Where a leg's coupling point can be while its motors are locked: sphere, circle, plane, cylinder, line.
+
+Also legs of spherical robots, of which two passive joints keep the angle between their axes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ocptip.basics.errors import InputError
+from ocptip.parallel.description.robot_description import REVOLUTE, Leg
+from ocptip.parallel.kinematics.leg_solver import LegSolver
+
+_SAME = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class LegSurface:
+    """What holds for the coupling point p = r + R kappa of a leg with locked motors.
+
+    Attributes:
+        kappa: (3,), m, platform axes.
+        center, radius: |p - center| = radius, m, world axes; None if it does not hold. With `axis` only the
+            distance from the axis through the centre counts.
+        axis: (3,) unit vector of a cylinder's axis; None: a sphere.
+        planes: pairs of a normal (3,) and a number d, m, with normal . p = d.
+        reach: (3,) point, smallest and largest distance of p from it; empty: no further limit.
+    """
+
+    kappa: np.ndarray
+    center: np.ndarray | None = None
+    radius: float = 0.0
+    axis: np.ndarray | None = None
+    planes: tuple[tuple[np.ndarray, float], ...] = ()
+    reach: tuple[np.ndarray, float, float] | tuple[()] = field(default=())
+
+    def error(self, r: np.ndarray, R: np.ndarray) -> float:
+        """How far p is from where it should be, m."""
+        p = r + R @ self.kappa
+        errors = [abs(float(normal @ p) - d) for normal, d in self.planes]
+        if self.center is not None:
+            arm = p - self.center
+            arm = arm if self.axis is None else arm - self.axis * (self.axis @ arm)
+            errors.append(abs(float(np.linalg.norm(arm)) - self.radius))
+        if self.reach:
+            point, least, most = self.reach
+            distance = float(np.linalg.norm(p - point))
+            errors.append(max(least - distance, distance - most, 0.0))
+        return max(errors, default=0.0)
+
+
+def leg_surface(leg: LegSolver, locked: dict[int, float], *, turning: bool) -> LegSurface:
+    """The surface of a leg.
+
+    Args:
+        leg: assembled.
+        locked: positions of its motors' joints, rad or m.
+        turning: the platform only turns about its origin: orientation of the leg's axes counts.
+
+    Raises:
+        InputError: the point moves on none of the surfaces.
+    """
+    if not isinstance(leg.leg, Leg) or leg.locked:
+        raise InputError(f"leg {leg.number + 1}: assembly modes need serial legs without redundant joints")
+    q = np.array(leg.home)
+    for joint, value in locked.items():
+        q[joint] = value
+    rows = leg.leg.joint_rows
+    if turning:
+        return _fixed_angle(leg, q, [j for j in range(leg.n) if j not in locked])
+    passive = [j for j in range(leg.point) if j not in locked]
+    slides = [rows[j].sigma != REVOLUTE for j in passive]
+    rotations, origins = leg.frames(q)
+    axes, points, p = rotations[passive, :, 2], origins[passive], origins[leg.point]
+    kappa, scale = leg.couplings[0], _SAME * leg.length
+    kind = "".join("P" if s else "R" for s in slides)
+    if not kind:
+        return LegSurface(kappa, planes=tuple((e, float(e @ p)) for e in np.eye(3)))
+    if kind == "P":
+        normals = np.linalg.svd(axes)[2][1:]
+        return LegSurface(kappa, planes=tuple((e, float(e @ p)) for e in normals))
+    if kind == "R":
+        foot = points[0] + axes[0] * (axes[0] @ (p - points[0]))
+        radius = float(np.linalg.norm(p - foot))
+        return LegSurface(kappa, foot, radius, planes=((axes[0], float(axes[0] @ p)),))
+    parallel = bool(np.linalg.norm(np.cross(axes[0], axes[1])) < _SAME)
+    if kind in ("PR", "RP") and parallel:
+        turn = kind.index("R")
+        arm = p - points[turn]
+        arm = arm - axes[turn] * (axes[turn] @ arm)
+        return LegSurface(kappa, p - arm, float(np.linalg.norm(arm)), axis=axes[turn])
+    if kind == "RR" and parallel:
+        return _disc(kappa, axes[0], points, p)
+    if kind in ("RR", "RRR"):
+        center = _meeting_point(axes, points)
+        arm = p - center
+        whole = kind == "RRR" or max(abs(axes[0] @ axes[1]), abs(axes[1] @ arm) / leg.length) < _SAME
+        if whole and _distance(axes, points, center) < scale:
+            return LegSurface(kappa, center, float(np.linalg.norm(arm)))
+    raise InputError(
+        f"leg {leg.number + 1}: with its motors locked, its coupling point moves on no sphere, circle, "
+        "plane, cylinder or line; assembly modes need one of them"
+    )
+
+
+def _fixed_angle(leg: LegSolver, q: np.ndarray, passive: list[int]) -> LegSurface:
+    """The last passive axis, fixed in the platform, keeps its angle with the first one."""
+    turn, rows = leg.end_rotations[0], leg.leg.joint_rows
+    if len(passive) != 2 or turn is None or any(rows[j].sigma != REVOLUTE for j in passive):
+        raise InputError(
+            f"leg {leg.number + 1}: assembly modes of a spherical robot need two passive turning joints"
+        )
+    rotations, _ = leg.frames(q)
+    end = leg.end_rows[0]
+    first, last = rotations[passive[0]][:, 2], rotations[passive[1]][:, 2]
+    return LegSurface((rotations[end] @ turn).T @ last, planes=((first, float(first @ last)),))
+
+
+def _disc(kappa: np.ndarray, axis: np.ndarray, points: np.ndarray, p: np.ndarray) -> LegSurface:
+    """Two links in a plane."""
+
+    def length(a: np.ndarray) -> float:
+        return float(np.linalg.norm(a - axis * (axis @ a)))
+
+    first, second = length(points[1] - points[0]), length(p - points[1])
+    hub = points[0] + axis * (axis @ (p - points[0]))
+    return LegSurface(
+        kappa, planes=((axis, float(axis @ p)),), reach=(hub, abs(first - second), first + second)
+    )
+
+
+def _meeting_point(axes: np.ndarray, points: np.ndarray) -> np.ndarray:
+    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
+    right = np.einsum("nij,nj->i", across, points)
+    return np.linalg.lstsq(across.sum(axis=0), right, rcond=None)[0]
+
+
+def _distance(axes: np.ndarray, points: np.ndarray, center: np.ndarray) -> float:
+    return float(np.linalg.norm(np.cross(axes, center - points), axis=1).max())

@@ -1,0 +1,185 @@
+"""All assembly modes: known numbers, closed forms, poses that are there, independence of size and place."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from ocptip.basics.errors import InputError
+from ocptip.numerics.quadrics import Deformation, distinct, follow, polished, total_degree
+from ocptip.parallel.analysis.assembly_modes import assembly_modes
+from ocptip.parallel.description.body_inertia import BodyInertia
+from ocptip.parallel.description.ready_made import READY_MADE, delta, make_robot, rpr3, rrr3, ups6
+from ocptip.parallel.description.robot_description import Leg, MDHRow, Platform, RobotDescription
+from ocptip.parallel.kinematics.leg_solver import LegSolver
+from ocptip.parallel.robot import ParallelRobot
+from ocptip.task_files.parallel import read_parallel_robot
+from tests.places import EXAMPLES
+
+_BODY = BodyInertia.about_center(1.0)
+
+
+def _motors(robot: ParallelRobot, z: np.ndarray) -> np.ndarray:
+    q = robot.ik(z).q
+    return np.array([q[leg][joint] for leg, joint in robot.description.actuated])
+
+
+@pytest.mark.parametrize(
+    ("name", "paths"), [("3RRR", 6), ("3RPR", 6), ("Delta", 2), ("4PRRR", 6), ("6UPS", 40)]
+)
+def test_modes_hold_the_pose_that_the_motors_come_from(name: str, paths: int) -> None:
+    robot = ParallelRobot(READY_MADE[name]())
+    z = robot.description.home + 0.03 * np.random.default_rng(3).normal(size=robot.m)
+    found = robot.assembly_modes(_motors(robot, z))
+    assert found.paths == paths
+    assert found.complete
+    assert all(mode.certified and mode.residual < 1e-12 for mode in found.modes)
+    gaps = [np.abs(mode.z - z).max() for mode in found.modes if mode.home_branches]
+    assert min(gaps) < 1e-9
+    for mode in found.modes:
+        if mode.home_branches:
+            assert np.abs(_motors(robot, mode.z) - found.qa).max() < 1e-9
+
+
+@pytest.mark.parametrize(("name", "modes"), [("rps3", 16), ("prs3", 8), ("sps6", 8)])
+def test_example_files(name: str, modes: int) -> None:
+    robot = ParallelRobot(read_parallel_robot(EXAMPLES / "robots" / f"{name}.toml"))
+    found = robot.assembly_modes(_motors(robot, robot.description.home))
+    assert found.complete
+    assert len(found.modes) == modes
+    assert min(np.abs(mode.z[: robot.m] - robot.description.home).max() for mode in found.modes) < 1e-9
+
+
+def test_delta_by_three_spheres() -> None:
+    robot = ParallelRobot(delta())
+    z = np.array([0.05, -0.03, -0.4])
+    found = robot.assembly_modes(_motors(robot, z))
+    assert len(found.modes) == 2
+    q = robot.ik(z).q
+    knees = np.array(
+        [leg.frames(own)[1][1] - leg.couplings[0] for leg, own in zip(robot.kinematics.legs, q, strict=True)]
+    )
+    normal = np.cross(knees[1] - knees[0], knees[2] - knees[0])
+    mirrored = z - 2 * normal * (normal @ (z - knees[0])) / (normal @ normal)
+    assert min(np.abs(mode.z - mirrored).max() for mode in found.modes) < 1e-12
+
+
+@pytest.mark.parametrize("make", [rrr3, rpr3])
+def test_planar_robots_by_the_coupler_curve(make) -> None:
+    """Legs 1 and 2 let the platform follow a curve; where it meets the circle of leg 3 are the poses."""
+    robot = ParallelRobot(make())
+    z = np.array([0.07, -0.04, 0.3])
+    found = robot.assembly_modes(_motors(robot, z))
+    q = robot.ik(z).q
+    rrr = make is rrr3
+    ends = [
+        (leg.frames(own)[1][1 if rrr else 0][:2], 0.6 if rrr else own[1])
+        for leg, own in zip(robot.kinematics.legs, q, strict=True)
+    ]
+    kappas = np.array([leg.couplings[0][:2] for leg in robot.kinematics.legs])
+    phi = np.linspace(-np.pi, np.pi, 200_001)
+    turn = np.array([[np.cos(phi), -np.sin(phi)], [np.sin(phi), np.cos(phi)]])
+    places = np.einsum("ijp,kj->kpi", turn, kappas)
+    first, second = (ends[i][0] - places[i] for i in range(2))  # circles of r about them
+    between = second - first
+    square = np.sum(between**2, axis=1)
+    along = (ends[0][1] ** 2 - ends[1][1] ** 2 + square) / (2 * square)
+    height = ends[0][1] ** 2 / square - along**2
+    count = 0
+    for sign in (1, -1):
+        side = np.sqrt(np.where(height >= 0, height, np.nan))[:, None] * between[:, ::-1] * [-sign, sign]
+        r = first + along[:, None] * between + side
+        miss = np.linalg.norm(r + places[2] - ends[2][0], axis=1) - ends[2][1]
+        count += np.count_nonzero(miss[1:] * miss[:-1] < 0)
+    assert found.complete
+    assert len(found.modes) == count
+
+
+def _direction_leg(angle: float, tilt: float, arc: float, end: np.ndarray) -> Leg:
+    rows = (MDHRow(), MDHRow(alpha=arc), MDHRow(alpha=arc))
+    return Leg(
+        rows,
+        2,
+        (_BODY, _BODY),
+        base_rotation=(("z", angle), ("x", tilt)),
+        end_rotation=end,
+        guess=(0.3, 0.9, 0.2),
+    )
+
+
+def test_spherical_robot_has_at_most_eight() -> None:
+    legs = []
+    for k in range(3):
+        leg = _direction_leg(2.1 * k, 0.9 + 0.05 * k, 1.2, np.eye(3))
+        rotations, _ = LegSolver(k, leg).frames(np.array([0.3 + 0.1 * k, 0.9, 0.2]))
+        legs.append(dataclasses.replace(leg, end_rotation=rotations[-1].T))
+    description = RobotDescription(
+        "3-RRR sphere",
+        tuple(legs),
+        Platform((0, 0, 0, 1, 1, 1), "xyz", BodyInertia.about_center(1.0, (0, 0, 0), (1, 1, 1))),
+        ((0, 0), (1, 0), (2, 0)),
+        np.zeros(3),
+    )
+    robot = ParallelRobot(description)
+    found = robot.assembly_modes(_motors(robot, np.zeros(3)))
+    assert found.paths == 8
+    assert found.complete
+    assert min(np.abs(mode.z).max() for mode in found.modes) < 1e-9
+
+
+def test_general_hexapods_have_forty_complex_solutions_wherever_they_stand() -> None:
+    rng = np.random.default_rng(11)
+    base, platform = rng.normal(size=(2, 6, 3))
+    counts = []
+    for scale, shift in ((1.0, 0.0), (30.0, 100.0)):
+        robot = make_robot(
+            "6UPS",
+            base_angles=np.zeros(6),
+            base_positions=base * scale + shift,
+            coupling_points=platform * scale,
+            bodies=(_BODY,) * 3,
+            platform=_BODY,
+            home=[shift + 0.3 * scale, shift, shift + scale, 0.4, 0.2, -0.3],
+        )
+        robot = ParallelRobot(robot)
+        found = robot.assembly_modes(_motors(robot, robot.description.home))
+        assert found.regular == 40
+        assert found.complete
+        counts.append(len(found.modes))
+    assert counts[0] == counts[1] > 0
+
+
+def test_motors_that_reach_no_pose() -> None:
+    robot = ParallelRobot(rpr3())
+    assert robot.assembly_modes([0.1, 0.1, 0.1]).modes == ()
+
+
+def test_refusals() -> None:
+    robot = ParallelRobot(ups6())
+    with pytest.raises(InputError, match="qa"):
+        robot.assembly_modes(np.ones(5))
+    for name, why in (("tricept", "leg 4"), ("delta_parallelograms", "serial legs"), ("exechon", "platform")):
+        other = ParallelRobot(read_parallel_robot(EXAMPLES / "robots" / f"{name}.toml"))
+        with pytest.raises(InputError, match=why):
+            assembly_modes(other.kinematics, np.ones(3))
+
+
+def test_quadrics_with_factors_that_are_known() -> None:
+    """Products of two planes each: the solutions are all choices of one plane per equation."""
+    rng = np.random.default_rng(5)
+    planes = rng.normal(size=(3, 2, 4))
+    forms = np.einsum("na,nb->nab", planes[:, 0], planes[:, 1])
+    forms = 0.5 * (forms + forms.transpose(0, 2, 1))
+    first, known = total_degree(4)
+    turn = np.exp(1j * rng.uniform(0, 6, 3))[:, None, None]
+    ends, arrived = follow(Deformation.between(first * turn, forms), known)
+    assert np.all(arrived == 1.0)
+    assert len(distinct(ends)) == 8
+    found, around, _ = polished(forms, ends)
+    assert np.all(np.isfinite(around))
+    for choice in range(8):
+        own = [planes[n, choice >> n & 1] for n in range(3)]
+        exact = np.linalg.svd(np.array(own))[2][-1]
+        assert np.abs(np.abs(found.conj() @ exact) - 1).min() < 1e-12
