@@ -166,3 +166,19 @@ def test_robot_file(capsys, root, tmp_path):
     assert report["written"] == [str(target), str(target.with_suffix(".h"))]
     assert report["joints_from_z"]
     assert "int joints(const" in target.with_suffix(".h").read_text()
+
+
+def test_assembly_modes_are_listed_in_degrees_with_the_home_pose_among_them():
+    text, report = said("3RRR", "--modes"), json.loads(said("3RRR", "--modes", "--json"))
+    modes = report["assembly_modes"]
+    assert modes["complete"]
+    assert f"assembly modes: {len(modes['modes'])} (6 paths" in text
+    assert min(np.abs(mode["z"]).max() for mode in modes["modes"]) < 1e-9
+    degrees = [str(value) for value in np.degrees(modes["qa"])]
+    again = json.loads(said("3RRR", "--modes", *degrees, "--json"))["assembly_modes"]
+    assert [mode["z"] for mode in again["modes"]] == [mode["z"] for mode in modes["modes"]]
+
+
+def test_assembly_modes_need_one_number_per_motor(capsys):
+    assert main(["parallel", "3RRR", "--modes", "1", "2"]) == 2
+    assert "--modes: expected 3 motor positions" in capsys.readouterr().err

@@ -245,11 +245,12 @@ def _mode_table(found: AssemblyModes, robot: RobotDescription) -> list[str]:
     for number, mode in enumerate(found.modes, start=1):
         values = np.where(turns, np.degrees(mode.z), mode.z)
         home = "-" if mode.home_branches is None else "yes" if mode.home_branches else "no"
-        rows.append([str(number), *(f"{v + 0.0:.4f}" for v in values), home])
+        rows.append([str(number), *(f"{round(v, 4) + 0.0:.4f}" for v in values), home])
     ends = f"{found.paths} paths: {found.regular} solutions, {found.at_infinity} at infinity"
     lost = "" if found.complete else f", {found.singular} SINGULAR, MAYBE MORE MODES"
     far = f"; {found.out_of_reach} real ones out of a leg's reach" if found.out_of_reach else ""
-    return [f"assembly modes: {len(found.modes)} ({ends}{lost}{far})", *(table(rows) if found.modes else [])]
+    head = f"assembly modes: {len(found.modes)} ({ends}{lost}{far})"
+    return [head, *(table(rows, left=()) if found.modes else [])]
 
 
 def _base_parameters(description: RobotDescription) -> tuple[str, ...] | None:
