@@ -38,7 +38,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ocptip.basics.write import write_json, write_text
-from ocptip.published.cases import motion_cases
+from ocptip.published.cases import case_names
 from studies.common import ended, state_notes
 from studies.compare.figures import draw_convergence, draw_energies, draw_motions
 from studies.compare.methods import METHODS, Settings
@@ -72,7 +72,7 @@ def run(out: Path, cases: Sequence[str], starts: int, methods: Sequence[str], se
 def main(argv: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, required=True, help="folder for runs, table and figures")
-    parser.add_argument("--cases", nargs="+", choices=list(motion_cases()), default=list(motion_cases()))
+    parser.add_argument("--cases", nargs="+", choices=case_names(), default=case_names())
     parser.add_argument("--starts", type=int, default=50, help="random starts per case")
     parser.add_argument("--methods", nargs="+", choices=METHODS, default=list(METHODS))
     parser.add_argument("--summary-only", action="store_true", help="of all runs that are there")

@@ -25,7 +25,7 @@ from ocptip.motion.check import check_motion
 from ocptip.motion.plan import plan_motion
 from ocptip.motion.task import MotionTask
 from ocptip.published.arms import modular_motors
-from ocptip.published.cases import motion_cases
+from ocptip.published.cases import case_names
 from ocptip.published.tasks import BASES, experiment_task
 from studies.common import PLANNING, RowFile, say, source_state, state_notes, table
 
@@ -81,7 +81,7 @@ def markdown(rows: list[dict], notes: list[str]) -> str:
 def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--cases", nargs="+", choices=list(motion_cases()), default=list(motion_cases()))
+    parser.add_argument("--cases", nargs="+", choices=case_names(), default=case_names())
     parser.add_argument("--bases", nargs="+", choices=list(BASES), default=list(BASES))
     parser.add_argument("--starts", type=int, default=8)
     parser.add_argument("--seed", type=int, default=0)

@@ -171,7 +171,7 @@ def test_every_panel_has_time_units_legend_and_events(clamped):
                 continue
             assert ax.get_xlabel() == "time [s]", name
             assert ax.get_ylabel()[-1] in "])", name
-            lines = [line.get_xdata() for line in ax.lines]
+            lines = [path.vertices[:, 0] for own in ax.collections for path in own.get_paths()]
             vertical = {x[0] for x in lines if len(x) == 2 and x[0] == x[1]}
             assert set(plan.motion.event_times) <= vertical
 

@@ -38,7 +38,7 @@ from ocptip.motion.output import PLAN
 from ocptip.motion.stops import Stops
 from ocptip.motion.task import REACHED, MotionTask
 from ocptip.motion.tolerated import Tolerated, tolerances
-from ocptip.published.cases import motion_cases
+from ocptip.published.cases import case_names
 from ocptip.published.tasks import experiment_task
 from ocptip.retiming.retime import OF_PATH, least_cost
 from ocptip.standing.arm import StandingRobot
@@ -304,9 +304,9 @@ def task_of(options: Namespace, otherwise: Tolerance = NONE) -> tuple[MotionTask
         raise InputError(
             f"{options.motion}: names no case; say which robot by --case A..H or --task TASK.toml"
         )
-    if options.case is None and named not in motion_cases():
+    if options.case is None and named not in case_names():
         raise InputError(
-            f"{options.motion}: is for {named!r}, which is no printed case ({', '.join(motion_cases())}); "
+            f"{options.motion}: is for {named!r}, which is no printed case ({', '.join(case_names())}); "
             "say which robot by --task TASK.toml or --case A..H"
         )
     case = options.case or named

@@ -37,7 +37,7 @@ from ocptip.motion.planner.attempt import LEFT_OUT
 from ocptip.motion.stops import Stops
 from ocptip.motion.task import MotionTask
 from ocptip.motion.tolerated import Tolerated, tolerances
-from ocptip.published.cases import motion_cases
+from ocptip.published.cases import case_names
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.sensitivity import Sensitivity
 from ocptip.standing.tolerance import WORKSHOP
@@ -179,7 +179,7 @@ def _with_rise_time(task: MotionTask, options: Namespace) -> MotionTask:
 
 def _task(options: Namespace) -> tuple[MotionTask | CycleTask, str | None]:
     """The task, and the base data if it is a case."""
-    if options.task in motion_cases():
+    if options.task in case_names():
         base = options.base or "effective"
         task = experiment_task(options.task, base)
         task = replace(task, limits=replace(task.limits, tolerance=WORKSHOP))

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from ocptip.motion.output import sample_motion
@@ -28,6 +29,7 @@ from ocptip.pictures.frame import (
     legend_columns,
     mark_segments,
     new_figure,
+    place_panels,
     save_figures,
 )
 from ocptip.pictures.gears import gears_figure
@@ -354,17 +356,19 @@ def _drawn(draw: Callable[[PlanCurves], Figure], curves: PlanCurves) -> Figure:
         ends.append(curves.plan.task.reference.end)
     for ax in figure.axes:
         ax.set_xlim(0.0, max(ends) or 1.0)
+    place_panels(figure)
     return figure
 
 
 def _figure(
     curves: PlanCurves, size: tuple[float, float], rows: int, columns: int
 ) -> tuple[Figure, np.ndarray]:
-    figure = new_figure(*size)
-    figure.suptitle(curves.title, fontsize=13, fontweight="bold")
+    figure = new_figure(*size, layout="none")
+    figure.suptitle(curves.title, fontsize=13, fontweight="bold", y=1 - 0.09 / size[1])
     if len(curves.events):
-        figure.supxlabel("grey lines: a ramp of a joint begins or ends", fontsize=9, color="#6f6f6f")
-    axes = figure.subplots(rows, columns, squeeze=False, sharex=True)
+        note = "grey lines: a ramp of a joint begins or ends"
+        figure.supxlabel(note, fontsize=9, color="#6f6f6f", y=0.06 / size[1])
+    axes = figure.subplots(rows, columns, squeeze=False)
     return figure, axes
 
 
@@ -372,12 +376,12 @@ def _finish(
     ax: Any, curves: PlanCurves, title: str, label: str, more: tuple[list[Any], list[str]] = ([], [])
 ) -> None:
     """Events, time axis, title, and the legend between title and panel, where it covers no curve."""
-    for t in curves.events:
-        ax.axvline(t, color=EVENT, lw=0.8, zorder=0)
+    events = [[(t, 0), (t, 1)] for t in curves.events]
+    style = {"color": EVENT, "lw": 0.8, "zorder": 0}
+    ax.add_collection(LineCollection(events, transform=ax.get_xaxis_transform(), **style), autolim=False)
     mark_segments(ax, getattr(curves.plan, "segments", ()))
     ax.set_xlabel("time [s]")
     ax.set_ylabel(label)
-    ax.xaxis.set_tick_params(labelbottom=True)
     ax.grid(axis="y", color="#ececec", lw=0.8)
     ax.set_axisbelow(True)
     handles, labels = ax.get_legend_handles_labels()

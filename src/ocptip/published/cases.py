@@ -80,45 +80,46 @@ class MotionCase:
         return ArmMotion.with_passive(self.start, self.goal, commands, speed_limits, acceleration_limits)
 
 
+@cache
 def motion_case(name: str) -> MotionCase:
     """Return the case of that name.
 
     Raises:
         InputError: there is no such case; lists those there are.
     """
-    cases = motion_cases()
-    if name not in cases:
-        raise InputError(f"case: there is no {name!r}; there are {', '.join(cases)}")
-    return cases[name]
-
-
-@cache
-def motion_cases() -> Mapping[str, MotionCase]:
-    """Return the eight cases by name, A to H."""
     table, solutions = published_data("cases"), published_data("reference_solutions")
-    column_of = {case: column for column, case in solutions["column_to_table51_case"].items()}
+    if name not in table["cases"]:
+        raise InputError(f"case: there is no {name!r}; there are {', '.join(case_names())}")
+    columns = {case: column for column, case in solutions["column_to_table51_case"].items()}
+    entry, column = table["cases"][name], columns[name]
     start_pose, goal_pose = experiment_poses()
-    angles = {entry["arm"]: _shortest(*start_and_goal(entry["arm"])) for entry in table["cases"].values()}
-    cases = {}
-    for name, entry in table["cases"].items():
-        start, goal = angles[entry["arm"]]
-        cases[name] = MotionCase(
-            name=name,
-            column=column_of[name],
-            arm=entry["arm"],
-            triangle_side=entry["l_mm"] / 1000,
-            clamped=entry["clamp_K3"],
-            start_pose=start_pose,
-            goal_pose=goal_pose,
-            start=start,
-            goal=goal,
-            reference_commands=_commands(solutions, column_of[name], np.rad2deg(goal[:3]).tolist()),
-            printed_times=MappingProxyType(
-                {key: _time(x) for key, x in solutions["E2"][column_of[name]].items() if x is not None}
-            ),
-            printed_duration=entry["duration_s"],
-        )
-    return MappingProxyType(cases)
+    start, goal = _shortest(*start_and_goal(entry["arm"]))
+    return MotionCase(
+        name=name,
+        column=column,
+        arm=entry["arm"],
+        triangle_side=entry["l_mm"] / 1000,
+        clamped=entry["clamp_K3"],
+        start_pose=start_pose,
+        goal_pose=goal_pose,
+        start=start,
+        goal=goal,
+        reference_commands=_commands(solutions, column, np.rad2deg(goal[:3]).tolist()),
+        printed_times=MappingProxyType(
+            {key: _time(x) for key, x in solutions["E2"][column].items() if x is not None}
+        ),
+        printed_duration=entry["duration_s"],
+    )
+
+
+def case_names() -> tuple[str, ...]:
+    """Return the names of the eight cases, A to H."""
+    return tuple(published_data("cases")["cases"])
+
+
+def motion_cases() -> Mapping[str, MotionCase]:
+    """Return the eight cases by name."""
+    return MappingProxyType({name: motion_case(name) for name in case_names()})
 
 
 def _shortest(start: np.ndarray, goal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

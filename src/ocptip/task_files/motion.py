@@ -20,7 +20,7 @@ from ocptip.motion.objective import objective_of
 from ocptip.motion.postures import posture_pairs, postures_of
 from ocptip.motion.source import LIMITS, TaskSource
 from ocptip.motion.task import FIRST_SEVEN, MotionTask, check_commands
-from ocptip.published.cases import motion_cases
+from ocptip.published.cases import case_names
 from ocptip.published.tasks import BASES, experiment_task
 from ocptip.robots.inverse.pose_target import AXES, PoseTarget
 from ocptip.robots.model import ArmModel
@@ -84,7 +84,7 @@ def load_task(path: str | os.PathLike[str], otherwise: Tolerance = NONE) -> Moti
 
 def _published(data: Table, otherwise: Tolerance) -> MotionTask:
     """A printed case, with limits, objective and duration of the file."""
-    name, base = data.choice("case", motion_cases()), data.choice("base", BASES, "effective")
+    name, base = data.choice("case", case_names()), data.choice("base", BASES, "effective")
     motion, table = data.table("motion", optional=True), data.table("limits", optional=True)
     task = _published_task(data, name, base)
     numbers = _numbers(table, task.robot.support, data.table("motors", optional=True))
