@@ -347,14 +347,19 @@ COMMANDS = (
         "0 identified (what the recording does not tell is said)",
         (
             argument(
-                "what", None, "what is looked for", choices=("payload", "base", "bodies", "arm", "power")
+                "what",
+                None,
+                "what is looked for",
+                choices=("payload", "base", "bodies", "arm", "power", "motion"),
             ),
-            argument("recording", "RECORDING.csv", "what was measured (names of columns: docs/identify.md)"),
+            argument("recording", "RECORDING.csv", "what was measured (docs/identify.md); motion: TASK.toml"),
             argument("plan", "PLAN_DIR", "folder of the plan that was run (power: need not be)", nargs="?"),
             argument("--unit", None, "of angles in columns that do not say it", choices=("deg", "rad")),
             argument("--tared", None, "the sensor was set to zero under load", action="store_true"),
             argument("--sigmas", "K", "standard errors on both sides that are tolerance (3)", type=float),
-            argument("--out", "FILE.toml", "write the tables of a task file"),
+            argument("--task", "TASK.toml", "PLAN_DIR is a motion file, of this task"),
+            SEED,
+            argument("--out", "FILE", "write the tables of a task file (.toml); motion: its samples (.csv)"),
         ),
     ),
     Command(

@@ -17,14 +17,20 @@ from ocptip.basics.toml import read_text
 from ocptip.basics.toml_text import toml_text
 from ocptip.basics.write import versions, write_text
 from ocptip.cli.command import Report
-from ocptip.cli.layout import named, under
+from ocptip.cli.layout import named, under, use_of_reserves
 from ocptip.measured.bodies import BASE, PAYLOAD, Body, identify_bodies, tables
+from ocptip.measured.excitation import Excitation, excite
 from ocptip.measured.links import Identified, identify_links, mass_tolerance
 from ocptip.measured.power_maps import PowerMap, fit_power_map, motors_table, samples_by_joint
 from ocptip.measured.prediction import Predictor
 from ocptip.measured.recording import FOOT, Recording, read_recording
-from ocptip.task_files.plan_folder import read_plan_folder
+from ocptip.motion.cycles.task import CycleTask
+from ocptip.standing.tolerance import WORKSHOP
+from ocptip.task_files.cycle import read_task
+from ocptip.task_files.plan_folder import arm_of, read_plan_folder
+from ocptip.trajectories.read import load_motions
 from ocptip.trajectories.read_csv import csv_table
+from ocptip.trajectories.sequence import MotionSequence
 
 _BODIES = {"payload": (PAYLOAD,), "base": (BASE,), "bodies": (PAYLOAD, BASE)}
 _SIGMAS = 3.0
@@ -34,6 +40,8 @@ _INSTANTS = 1000
 
 def run(options: Namespace) -> IdentifyReport:
     """Read what was measured, and identify what is asked for."""
+    if options.what == "motion":
+        return _excited(options)
     if options.what == "power":
         return _of_power(options)
     recording, predictor = _recorded(options)
@@ -46,20 +54,38 @@ def run(options: Namespace) -> IdentifyReport:
 def _recorded(options: Namespace) -> tuple[Recording, Predictor]:
     if options.plan is None:
         raise InputError(f"identify {options.what}: needs PLAN_DIR, the folder of the plan that was run")
-    predictor = _predictor(options.plan)
+    predictor = _predictor(options.plan, options.task)
     return read_recording(options.recording, predictor.robot, unit=options.unit), predictor
 
 
-def _predictor(plan: str) -> Predictor:
-    robot, motion = read_plan_folder(plan).of_arm("identify takes")
+def _predictor(plan: str, task: str | None) -> Predictor:
+    """Of the folder of a plan, or of a motion file and a task."""
+    if task is None:
+        robot, motion = read_plan_folder(plan).of_arm("identify takes")
+    else:
+        robot = arm_of(read_task(task), "identify takes", Path(task))
+        motion = load_motions(plan, robot.names, robot.units)
+        if isinstance(motion, MotionSequence):
+            raise InputError("is a cycle; identify takes single motions", "", plan)
     with naming(plan):
         return Predictor(robot, motion)
+
+
+def _excited(options: Namespace) -> Report:
+    """A motion for identification, of the task."""
+    path = Path(options.recording)
+    task = read_task(path, WORKSHOP)
+    if isinstance(task, CycleTask):
+        raise InputError("is a cycle; motions for identification start at one pose", "", str(path))
+    with naming(path.name):
+        found = excite(task, seed=options.seed)
+    return ExcitationReport(task.name, found, options.out)
 
 
 def _of_power(options: Namespace) -> IdentifyReport:
     """Maps of all drives; with a plan, whether its motion goes beyond what was measured."""
     path = Path(options.recording)
-    predictor = None if options.plan is None else _predictor(options.plan)
+    predictor = None if options.plan is None else _predictor(options.plan, options.task)
     with naming(path.name):
         samples = samples_by_joint(*csv_table(read_text(path)))
         if list(samples) != list(range(1, len(samples) + 1)):
@@ -169,6 +195,70 @@ def _told(body: Body) -> list[str]:
         for axis, x, h in zip("xyz", body.center, half[1:], strict=True)
     ]
     return [*lines, f"centre {', '.join(told)}"]
+
+
+@dataclass
+class ExcitationReport(Report):
+    """A motion for identification.
+
+    Attributes:
+        name: of the task.
+        found: the motion.
+        out: .csv file for it, or None.
+    """
+
+    name: str
+    found: Excitation
+    out: str | None
+
+    good = True
+
+    def to_dict(self) -> dict[str, Any]:
+        """What is known of it."""
+        found = self.found
+        return {
+            "task": self.name,
+            "duration_s": found.motion.end,
+            "condition": found.condition,
+            "random_condition": found.random,
+            "slower": found.slower,
+            "smaller": found.smaller,
+            "check": found.check.to_dict(),
+            "versions": versions(),
+        }
+
+    def to_text(self) -> str:
+        """The same in words."""
+        found = self.found
+        least = f"{found.condition:.0f} of the regressor of base parameters and friction"
+        rows = [
+            ("condition", f"{least} (median of random motions that keep the limits: {found.random:.0f})"),
+            (
+                "made",
+                f"{found.slower:g} times slower and {found.smaller:g} as large, as the check demands",
+            ),
+            ("check", use_of_reserves(found.check)),
+            *under("written", self.written),
+        ]
+        title = f"{self.name}: {found.check.headline}, {found.motion.end:.3g} s."
+        return "\n".join([title, *named(rows)])
+
+    def write(self) -> Iterator[Path]:
+        """Samples of it."""
+        if self.out:
+            path, motion = Path(self.out), self.found.motion
+            if path.suffix.lower() != ".csv":
+                raise InputError(f"--out: expected a .csv file, got {self.out!r}")
+            kinds = (
+                ("q{}_rad", motion.angles),
+                ("qd{}_rad_s", motion.speeds),
+                ("qdd{}_rad_s2", motion.accelerations),
+            )
+            head = ["time_s", *(name.format(k) for name, _ in kinds for k in range(1, motion.n + 1))]
+            rows = np.column_stack([motion.times, *(values for _, values in kinds)])
+            lines = [",".join(head), *(",".join(map(repr, row)) for row in rows.tolist())]
+            write_text(path, "\n".join(lines) + "\n")
+            yield path
 
 
 @dataclass

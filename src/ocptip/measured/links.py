@@ -183,7 +183,7 @@ def identify_links(recording: Recording, predictor: Predictor) -> Identified:
         SolverError: the cone program has no answer.
     """
     robot = predictor.robot
-    bare, sensor, n = robot.arm.with_payload(None), robot.sensor, robot.n
+    bare, sensor, n, gravity = robot.arm.with_payload(None), robot.sensor, robot.n, robot.support.gravity
     torques, wrench = recording.of(TORQUE), recording.of(WRENCH)
     if not torques:
         raise InputError("recording: no torques (tau1, ...)")
@@ -196,24 +196,18 @@ def identify_links(recording: Recording, predictor: Predictor) -> Identified:
 
     def loads(kind: str, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(N, C) known loads and (N, C, K) columns of all parameters."""
-        torque, wrenches = regressors(bare, robot.support.gravity, q, qd, qdd)
         acting = process_loads(bare, q)
         if kind == WRENCH:
-            seen = on_sensor(sensor, wrenches)[:, which[kind]]
-            links = seen[:, :, PER_BODY:]
-            known = (
-                links @ held + seen[:, :, :PER_BODY] @ plate + on_sensor(sensor, acting[1])[:, which[kind], 0]
-            )
-            rotors = np.zeros((*links.shape[:2], n))
-        else:
-            links = torque[:, which[kind]]
-            known = links @ held + acting[0][:, which[kind]]
-            rotors = (qdd[:, None] * np.eye(n))[:, which[kind]]
-        if not bare.armature.any():
-            return known, links
-        return known, np.concatenate([links, rotors], axis=2)
+            seen = on_sensor(sensor, regressors(bare, gravity, q, qd, qdd)[1])[:, which[kind]]
+            links, pushed = seen[:, :, PER_BODY:], on_sensor(sensor, acting[1])[:, which[kind], 0]
+            known = links @ held + seen[:, :, :PER_BODY] @ plate + pushed
+            rotors = np.zeros((*links.shape[:2], n if bare.armature.any() else 0))
+            return known, np.concatenate([links, rotors], axis=2)
+        columns = torque_columns(bare, gravity, q, qd, qdd)[:, which[kind]]
+        return columns[:, :, : len(held)] @ held + acting[0][:, which[kind]], columns
 
-    basis = base_parameters(np.vstack([np.vstack(list(loads(kind, *_random(bare))[1])) for kind in measured]))
+    seen = [np.vstack(list(loads(kind, *random_states(bare))[1])) for kind in measured]
+    basis = base_parameters(np.vstack(seen))
     described = all_parameters(bare)
     p = len(basis.independent)
 
@@ -221,8 +215,7 @@ def identify_links(recording: Recording, predictor: Predictor) -> Identified:
         known, columns = loads(kind, q, qd, qdd)
         friction = np.zeros((len(q), columns.shape[1], 2 * n))
         if kind == TORQUE:
-            for c, joint in enumerate(which[kind]):
-                friction[:, c, joint], friction[:, c, n + joint] = np.sign(qd[:, joint]), qd[:, joint]
+            friction = friction_columns(qd)[:, which[kind]]
         own = np.concatenate([columns[:, :, basis.independent], friction], axis=2)
         return known.T, own.transpose(1, 0, 2)
 
@@ -293,7 +286,22 @@ def mass_tolerance(found: Identified, predictor: Predictor, sigmas: float) -> fl
     return share
 
 
-def _random(arm: ArmModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def torque_columns(
+    arm: ArmModel, gravity: np.ndarray, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray
+) -> np.ndarray:
+    """(N, n, K) of torques per parameter of `all_parameters`."""
+    links = regressors(arm, gravity, q, qd, qdd)[0]
+    return np.concatenate([links, qdd[:, None] * np.eye(arm.n)], axis=2) if arm.armature.any() else links
+
+
+def friction_columns(qd: np.ndarray) -> np.ndarray:
+    """(N, n, 2 n) of torques per dry and viscous friction."""
+    joints = np.eye(qd.shape[1])
+    return np.concatenate([np.sign(qd)[:, None] * joints, qd[:, None] * joints], axis=2)
+
+
+def random_states(arm: ArmModel) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(60, n) joint values, speeds and accelerations at which all that can be told is."""
     rng = np.random.default_rng(_SEED)
     q = rng.uniform(-np.pi, np.pi, (_STATES, arm.n))
     return q, rng.normal(size=q.shape), 3 * rng.normal(size=q.shape)
