@@ -27,6 +27,7 @@ _SAMPLES = np.array([-0.9, -0.3, 0.3, 0.9])
 _ROUNDING = 1e-10  # of accelerations: smaller coefficients are none
 _NODES = np.cos(np.pi * (np.arange(16) + 0.5) / 16)
 _ALIKE = 1e-6  # of accelerations
+_HALVED, _MOST = 6, 4000  # times pieces are halved that bend too much; pieces of a motion
 _ARM = "rotations offsets masses centres inertias slides armature mount_position mount_rotation"
 _LIMITS = "angle_min angle_max speed acceleration torque"
 
@@ -36,9 +37,25 @@ def motion_data(motion: Motion) -> dict[str, Any]:
 
     Of each piece `times`, (2,), s, and `angles`, (n, 6): coefficients of 1, u, u^2 ... with u from -1 to 1
     over the piece, rad or m. Events within 0.1 us are one: the coefficients come from the piece's middle and
-    accelerations inside it, exact up to rounding for polynomials of degree 5.
+    accelerations inside it, exact up to rounding for polynomials of degree 5. What is of higher degree is cut
+    into pieces that are as near as `unlike` wants them, if few halvings are enough.
     """
-    left, right = motion.intervals.T
+    ends = motion.intervals
+    for _ in range(_HALVED):
+        data = _pieces(motion, ends)
+        off, largest = _off(motion, data)
+        short = off > _ALIKE * largest
+        if not short.any() or len(ends) + np.count_nonzero(short) > _MOST:
+            break
+        middle = ends[short].mean(axis=1)
+        left, right = np.append(ends[:, 0], middle), np.append(ends[:, 1], middle)
+        ends = np.column_stack([np.sort(left), np.sort(right)])
+    return _pieces(motion, ends)
+
+
+def _pieces(motion: Motion, intervals: np.ndarray) -> dict[str, Any]:
+    """Such data, of these intervals (pieces, 2), s."""
+    left, right = intervals.T
     middle, half = 0.5 * (left + right), 0.5 * (right - left)
     q, qd, _ = motion.states(middle)
     inside = np.maximum(half - INSIDE, 0.0)
@@ -58,7 +75,7 @@ def motion_data(motion: Motion) -> dict[str, Any]:
     rest[:, :, 0] = motion.start, motion.goal
     ends = np.array([[0.0, 0.0], [motion.end, motion.end]])
     return {
-        "times": np.concatenate([ends[:1], motion.intervals, ends[1:]]).tolist(),
+        "times": np.concatenate([ends[:1], intervals, ends[1:]]).tolist(),
         "angles": np.concatenate([rest[:1], c, rest[1:]]).tolist(),
     }
 
@@ -69,23 +86,29 @@ def unlike(motion: Motion, data: dict[str, Any]) -> str:
     Accelerations are compared at 16 points of each piece, its middle has the angles and speeds of the motion.
     So polynomials of time of degree 15 are known: what a cubic path is in cubic timing has degree 9.
     """
+    off, largest = _off(motion, data)
+    k = int(np.argmax(off))
+    if off[k] <= _ALIKE * largest:
+        return ""
+    return (
+        f"the motion is no polynomial of time of degree 5 in {len(off)} pieces: by {off[k]:.2g} rad or m/s^2 "
+        f"near {np.mean(data['times'][k + 1]):.4g} s; what a controller runs of it can be certified"
+    )
+
+
+def _off(motion: Motion, data: dict[str, Any]) -> tuple[np.ndarray, float]:
+    """By how much accelerations of pieces are off, (pieces,), and the largest acceleration, at least 1."""
     times = np.array(data["times"])[1:-1]
     middle, half = times.mean(axis=1), 0.5 * (times[:, 1] - times[:, 0])
-    own = np.flatnonzero(half > 2 * INSIDE)
+    own, off = np.flatnonzero(half > 2 * INSIDE), np.zeros(len(times))
     if not len(own):
-        return ""
+        return off, 1.0
     u = _NODES * (1 - INSIDE / half[own])[:, None]
     t = (middle[own, None] + u * half[own, None]).ravel()
     found = states_at(data, np.repeat(own + 1, len(_NODES)), u.ravel())[2]
     expected = motion.states(t)[2]
-    off = np.max(np.abs(found - expected), axis=1)
-    if np.max(off) <= _ALIKE * max(1.0, float(np.max(np.abs(expected)))):
-        return ""
-    k = int(np.argmax(off))
-    return (
-        f"the motion is no polynomial of time of degree 5 between events: by {off[k]:.2g} rad or m/s^2 near "
-        f"{t[k]:.4g} s; what a controller runs of it can be certified"
-    )
+    off[own] = np.max(np.abs(found - expected).reshape(len(own), -1), axis=1)
+    return off, max(1.0, float(np.max(np.abs(expected))))
 
 
 def states_at(motion: dict[str, Any], piece: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, ...]:
