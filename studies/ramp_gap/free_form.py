@@ -81,7 +81,6 @@ class FreeForm:
         free = cs.SX.sym("free", 3 * len(NODES) if self.slip else 0)
         dynamics = inverse_dynamics(robot.arm)
         zero, about = np.zeros(3), support.center_of_mass
-        A, b_moment = tipping_moments(robot)
         gaps = [str(label) in self.active for label in robot.collision.labels]
         cost, rows = 0, []
         for node, (x, weight) in enumerate(zip(NODES, WEIGHTS, strict=True)):
@@ -92,8 +91,7 @@ class FreeForm:
             forward = robot.motors.power_expression(torque, v, np.ones(n))
             backward = robot.motors.power_expression(torque, v, -np.ones(n))
             cost += weight * h * cs.sum1((1 + side) / 2 * forward + (1 - side) / 2 * backward)
-            needed = robot.tip_over.reference_moment * (1 / GN - 1)
-            rows.append((needed - A @ wrench - b_moment) / robot.tip_over.reference_moment)
+            rows.append(self._tipping_rows(cs.vertcat(q, v, a), wrench, GN))
             if self.slip:
                 rows.append(self._slip_rows(wrench, free[3 * node : 3 * node + 3], GT))
             if "torque" in self.active:
@@ -118,6 +116,12 @@ class FreeForm:
             cs.Function("jacobian", [y, p], [cs.vertcat(*jacobian.nonzeros())]),
             cs.Function("hessian", [y, p, *multipliers], [cs.vertcat(*hessian.nonzeros())]),
         )
+
+    def _tipping_rows(self, state: cs.SX, wrench: cs.SX, GN: cs.SX) -> cs.SX:
+        """What moments about the tipping axes lack, in M0; state: angles, speeds, accelerations (3 n,)."""
+        A, b = tipping_moments(self.robot)
+        M0 = self.robot.tip_over.reference_moment
+        return (M0 * (1 / GN - 1) - A @ wrench - b) / M0
 
     def _slip_rows(self, wrench: cs.SX, free: cs.SX, GT: cs.SX) -> cs.SX:
         """|tangential force|^2 - (GT mu N)^2 of the contacts, relative to the mean friction limit squared."""

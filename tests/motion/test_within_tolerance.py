@@ -238,3 +238,22 @@ def test_half_spaces_tell_of_postures_what_the_search_for_the_worst_slip_finds()
         assert np.all(worst[told] <= GT)
         assert np.all(told[worst < 0.95 * GT])
     assert not cases.keeps_slip(s, np.median(worst))
+
+
+@pytest.mark.parametrize(("name", "factor", "seed"), [("B", 1.3, 0), ("E", 1.6, 1)])
+def test_joints_of_s_curves_are_late_between_events_too(name, factor, seed):
+    """Random combinations of late joints at random instants are no worse than what is found."""
+    task, tolerance = experiment_task(name, "effective"), dataclasses.replace(WORKSHOP, damping=None)
+    motion = task.reference.time_scaled(factor).with_rise_times(0.2)
+    found = worst_within(task.robot, motion, tolerance, motion.both_sides(0.02))
+    rng, count = np.random.default_rng(seed), 20_000
+    late = rng.choice([0.0, 0.5 * tolerance.late, tolerance.late], size=(count, motion.n), p=[0.4, 0.2, 0.4])
+    times = rng.uniform(0, motion.end + tolerance.late, count)
+    s = np.empty((count, 3 * motion.n))
+    for j in range(motion.n):
+        s[:, j :: motion.n] = np.stack([part[:, j] for part in motion.states(times - late[:, j])], axis=1)
+    cases = worst_case_of(task.robot, dataclasses.replace(tolerance, delay=0.0))
+    least = float(cases.estimated_moments(s).min())
+    worst = float(cases.tip_ratio(np.array(least)))
+    assert worst < found.tip.bound + 5e-3
+    assert worst > found.tip.value - 0.1  # and it comes near

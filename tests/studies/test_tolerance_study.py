@@ -1,5 +1,6 @@
 """The study of tolerances, tiny: samples deviate as they should, and the table says what rows hold."""
 
+import casadi as cs
 import numpy as np
 import pytest
 
@@ -7,6 +8,8 @@ from ocptip.published.tasks import experiment_task
 from ocptip.standing.tolerance import SITE, WORKSHOP
 from ocptip.standing.worst_case import worst_case_of
 from ocptip.trajectories.arm_motion import ArmMotion
+from studies.tolerance.floor import markdown as floor_table
+from studies.tolerance.floor import moments_in, worst_worlds
 from studies.tolerance.run import at_rest, figure, markdown, on_cart, parts
 from studies.tolerance.samples import lost, random_deviations
 
@@ -92,3 +95,30 @@ def test_what_is_left_at_rest():
     found = at_rest(experiment_task("B", "effective"), WORKSHOP)
     assert found["described_Nm"] == pytest.approx(3.0, abs=0.05)
     assert 0 < found["within_Nm"] < 0.5 * found["described_Nm"]
+
+
+def test_worlds_of_the_floor_are_the_worst_of_their_axes():
+    """The moments that free-form motions keep are those of the exact check."""
+    task = experiment_task("B", "effective")
+    cases = worst_case_of(task.robot, WORKSHOP)
+    rng = np.random.default_rng(2)
+    s = np.hstack([np.array([task.start, task.goal, task.start]), rng.normal(size=(3, 12))])
+    worlds, short = worst_worlds(cases, s)
+    assert [axis for axis, _ in worlds] == list(range(cases.axes))
+    every = cases.all_moments(s)
+    assert short == pytest.approx(every.min())
+    state = cs.SX.sym("s", 18)
+    moments = cs.Function("moments", [state], [moments_in(cases, worlds, state)])
+    found = np.array([moments(one) for one in s])[:, :, 0]
+    np.testing.assert_allclose(found.min(axis=0), every.min(axis=0), rtol=1e-9)
+    assert np.all(found > every - 1e-9)
+
+
+def test_the_table_of_the_floor():
+    steps = [
+        {"energies_J": [101.0, 101.1], "worlds": 3, "short_Nm": -0.7},
+        {"energies_J": [103.0], "worlds": 6, "short_Nm": -0.1},
+    ]
+    row = {"task": "C", "nominal_J": 100.0, "within_J": 109.0, "free_J": 98.0, "steps": steps}
+    text = floor_table([row], ["- A note."])
+    assert "| C | 100.0 | 98.0 | 103.0 | 3.0 % | 5.1 % | 9.0 % | 2, 0.10 % | 6 | -0.10 |" in text

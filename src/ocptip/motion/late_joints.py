@@ -36,6 +36,7 @@ _CHOICES = 2  # how often they are chosen, by the slopes at what was chosen befo
 _WORST = 16  # instants, of each moment and of the slip reserve, at which other ways are tried joint by joint
 _EXCHANGES = 8  # times, at most
 _WORSE = 1e-9  # N m, or of GT: by less another way is not worse
+BETWEEN = 0.005  # s: instants at which joints whose accelerations change without jumps are combined
 JUMP = 1e-6  # of the largest acceleration of a joint: smaller ones are none
 
 T = TypeVar("T")
@@ -186,6 +187,8 @@ def jump_states(
     if robot is not None and robot.varying is not None:
         instants.append(robot.varying.knots)
     instants = np.unique(np.concatenate(instants))
+    if events.delay and events.smooth.any():  # accelerations that change in between are late there, too
+        instants = _filled(instants)
     if not (events.delay or events.more):
         instants = np.empty(0)
     for t in instants:
@@ -206,6 +209,16 @@ def jump_states(
         return Looked(on_time(motion, tolerance, np.empty(0), robot).s, np.empty(0), np.empty((0, n)), [])
     parts = [np.concatenate([getattr(one, part) for one in every]) for part in ("s", "times", "room")]
     return Looked(*parts, [word for one in every for word in one.words])
+
+
+def _filled(instants: np.ndarray) -> np.ndarray:
+    """With instants between those that are farther apart than `BETWEEN`."""
+    counts = np.maximum(np.ceil(np.diff(instants) / BETWEEN), 1).astype(int)
+    parts = [
+        np.linspace(a, b, count, endpoint=False)
+        for a, b, count in zip(instants[:-1], instants[1:], counts, strict=True)
+    ]
+    return np.concatenate([*parts, instants[-1:]])
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ocptip.motion.late_joints import combinations, doings
-from ocptip.motion.planner.event_order import EventOrder
+from ocptip.motion.planner.event_order import EventOrder, unit_row
 from ocptip.motion.planner.program import MotionProgram
 from ocptip.standing.limit import DEVIATING
 from ocptip.standing.tolerance import Tolerance
@@ -35,18 +35,23 @@ class Late(NamedTuple):
 
 
 class Deviating(NamedTuple):
-    """A node with deviating joints: so many seconds after an event, in an interval, with their steps."""
+    """A node with deviating joints: so many seconds after an event, in an interval, with their steps.
+
+    Or after so much of the way to the next event.
+    """
 
     interval: int
     event: int
     after: float
     steps: Steps = ()
     late: Late = Late((), -1, 0.0)
+    share: float = 0.0
 
 
 Place = tuple[int, float] | Deviating
 """A node: interval, share of it; or one with deviating joints."""
 
+BETWEEN = (0.25, 0.5, 0.75)  # shares of the way from one event to the next
 MEET = 1e-6  # s: events nearer to each other than this have met
 KEPT = 1e-3  # by how much the use of a limit may exceed 1 after a solve
 
@@ -66,20 +71,13 @@ def deviating_places(order: EventOrder, x: np.ndarray, tolerance: Tolerance) -> 
     moving = [
         joint for joint in range(order.layout.n) if joint in order.layout.joints or joint in order.regime
     ]
+    if order.rises:
+        return _late_places(order, times, moving, delay)
     for event, after in product(range(len(times)), sorted({0.0, delay})):
         time = times[event] + after
         last = int(np.searchsorted(times, time + MEET, side="right")) - 1
         if after == 0.0 and last > event:
             continue  # the last of those that meet stands for all
-        if order.rises:
-            before = int(np.searchsorted(times, time - delay + MEET, side="right")) - 1
-            begun = order.corner_positions <= last
-            rising = np.any(begun & (order.late_positions > before), axis=1)
-            ways = [((), (joint,)) for joint in moving if rising[joint]]
-            for own in combinations(ways):
-                if joints := tuple(chain(*own)):
-                    found.append(Deviating(last, event, after, late=Late(joints, before, delay)))
-            continue
         ways = []
         for joint in moving:
             groups = order.corner_positions[joint]
@@ -89,6 +87,25 @@ def deviating_places(order: EventOrder, x: np.ndarray, tolerance: Tolerance) -> 
                 ways.append(_ways(joint, own, times[own].tolist(), time, delay, more))
         if ways:
             found += [Deviating(last, event, after, tuple(chain(*own))) for own in combinations(ways)]
+    return found
+
+
+def _late_places(order: EventOrder, times: np.ndarray, moving: list[int], delay: float) -> list[Deviating]:
+    """Of S-curves: at events, between them and the delay after them, joints that are late."""
+    found, gaps = [], np.diff(times)
+    places = [(event, after, 0.0) for event in range(len(times)) for after in (0.0, delay)]
+    places += [(event, 0.0, share) for event in np.flatnonzero(gaps > delay).tolist() for share in BETWEEN]
+    for event, after, share in places:
+        time = times[event] + after + (share * gaps[event] if share else 0.0)
+        last, before = (int(np.searchsorted(times, t + MEET, side="right")) - 1 for t in (time, time - delay))
+        if after == share == 0.0 and last > event:
+            continue  # the last of those that meet stands for all
+        rising = np.any((order.corner_positions <= last) & (order.late_positions > before), axis=1)
+        ways = [((), (joint,)) for joint in moving if rising[joint]]
+        late = [joints for own in combinations(ways) if (joints := tuple(chain(*own)))]
+        found += [
+            Deviating(last, event, after, late=Late(joints, before, delay), share=share) for joints in late
+        ]
     return found
 
 
@@ -116,6 +133,12 @@ def _ways(
     return found if more else [*found, ((joint, groups[-1], 0.0),)]
 
 
+def time_of(order: EventOrder, place: Deviating) -> np.ndarray:
+    """The time (nx,) of a node, as a row times x."""
+    row = order.rows[place.event] + place.after * unit_row(order.layout, order.layout.one)
+    return row + place.share * (order.rows[place.event + 1] - row) if place.share else row
+
+
 def masks_of(order: EventOrder, place: Deviating) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Masks (n, C), those of the ends of rises, and how late joints (n,) are, of a node: see `Nodes`."""
     groups, late = order.corner_positions, list(place.late.joints)
@@ -133,7 +156,8 @@ def worst_places(
     """Of deviating nodes, from node `first` on, the worst of each event and row, if it uses so much."""
     if not places:
         return []
-    events = np.unique([(place.event, place.after > 0) for place in places], axis=0, return_inverse=True)[1]
+    kinds = [(place.event, place.after > 0, place.share) for place in places]
+    events = np.unique(kinds, axis=0, return_inverse=True)[1]
     chosen: set[int] = set()
     at = program.instants(x, np.arange(first, first + len(places)))
     for limit in program.limits:

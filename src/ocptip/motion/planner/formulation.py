@@ -14,7 +14,7 @@ import casadi as cs
 import numpy as np
 
 from ocptip.motion.objective import ENERGY, Objective
-from ocptip.motion.planner.deviating import Deviating, Place, masks_of
+from ocptip.motion.planner.deviating import Deviating, Place, masks_of, time_of
 from ocptip.motion.planner.event_order import SLOWEST, EventOrder, order_of, unit_row
 from ocptip.motion.planner.free_ends import FreeEnds
 from ocptip.motion.planner.node_physics import NodePhysics
@@ -289,7 +289,7 @@ class Formulation:
         behind = np.zeros((len(where), layout.n))
         for node, place in enumerate(extra, len(where) - len(extra)):
             if isinstance(place, Deviating):
-                times[node] = events[place.event] + place.after * unit_row(layout, layout.one)
+                times[node] = time_of(order, place)
                 masks[node], late[node], behind[node] = masks_of(order, place)
                 kinds[node] = DEVIATING
         how = {"regime": order.regime, "behind": behind, "kinds": kinds, "course": self._course(layout)}

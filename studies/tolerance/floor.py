@@ -1,0 +1,185 @@
+"""What no motion of any form seems to get below within a tolerance: the price with most of it left out.
+
+Every motion that has `workshop` keeps, at all instants, the moments about the tipping axes in some chosen
+worlds of it: first the one that is worst about each axis where start or goal rests, then, of the optimum
+found so far, those of its worst instant. Left out are all other worlds, slip, torques, clearance, late
+joints, jumps with their overshoot, and the ramp form: every joint moves as it likes
+(`studies.ramp_gap.free_form`). The least energy of that is below that of all motions within the
+tolerance, ramps and S-curves among them, as far as the optimum found is the least (several starts, how
+near they are to each other is said) and 20 intervals are fine enough (20 to 80 lower the free-form
+optimum of B by 0.4 %). It is computed, not proved.
+
+    python -m studies.tolerance.floor --prices results/tolerance.json --out results
+        [--tasks B C E F] [--rounds 2]
+
+Goes on: finished tasks are kept.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import casadi as cs
+import numpy as np
+
+from ocptip.basics.write import versions, write_text
+from ocptip.motion.task import MotionTask
+from ocptip.standing.tolerance import NONE, PRESETS, Tolerance
+from ocptip.standing.worst_case import WorstCase, worst_case_of
+from ocptip.trajectories.arm_motion import ArmMotion
+from studies.common import PLANNING, RowFile, ended, number, percent, say, software, source_state, table
+from studies.ramp_gap.free_form import NODES, FreeForm
+from studies.ramp_gap.free_motion import FreeMotion, minimum_jerk, sampled
+from studies.ramp_gap.search import SMOOTHING, cheaper_signs, exact_energy
+from studies.tolerance.run import ALL, JUMPS, NOMINAL, tasks
+
+INTERVALS = 20
+STARTS = (0.9, 1.5)  # times the duration of the nominal plan, minimum jerk
+
+World = tuple[int, np.ndarray]
+"""A tipping axis, and deviations (size,) in which its moment is kept."""
+
+
+class InWorlds(FreeForm):
+    """Free-form motions that keep moments about tipping axes in some worlds.
+
+    Args:
+        task: start, goal, robot.
+        tolerance: that has the worlds.
+        worlds: of it.
+        iterations: as of `FreeForm`.
+    """
+
+    def __init__(
+        self, task: MotionTask, tolerance: Tolerance, worlds: Sequence[World], iterations: int = 250
+    ) -> None:
+        self.cases, self.worlds = worst_case_of(task.robot, tolerance), worlds
+        super().__init__(task.robot, task.start, task.goal, INTERVALS, iterations=iterations)
+
+    def _tipping_rows(self, state: cs.SX, wrench: cs.SX, GN: cs.SX) -> cs.SX:
+        return -moments_in(self.cases, self.worlds, state) / self.cases.reference
+
+
+def moments_in(cases: WorstCase, worlds: Sequence[World], state: cs.SX) -> cs.SX:
+    """Moment (N m) about its axis in each world, as an expression of angles, speeds, accelerations (3 n,)."""
+    s, theta, wrench = cases.deviations._expressions
+    in_world, affine = cs.Function("world", [s, theta], [wrench]), cases.robot.tip_over.affine_moments
+    assert affine is not None
+    A, b = affine
+    return cs.vertcat(*[cs.dot(cs.DM(A[k]), in_world(state, own)) + b[k] for k, own in worlds])
+
+
+def worst_worlds(cases: WorstCase, s: np.ndarray) -> tuple[list[World], float]:
+    """Of each tipping axis the world in which a state of s (N, 3 n) is worst; the least moment, N m."""
+    found, least_moment = [], np.inf
+    for axis in range(cases.axes):
+        worst = cases.moments(s, np.full(len(s), axis))
+        k = int(np.argmin(worst.values))
+        found.append((axis, worst.theta[k]))
+        least_moment = min(least_moment, float(worst.values[k]))
+    return found, least_moment
+
+
+def least(problem: FreeForm, guess: FreeMotion, smoothing: Sequence[float] = SMOOTHING) -> FreeMotion | None:
+    """The optimum near a guess, as `ramp_gap.search` finds it; None without success."""
+    motion = guess
+    for eps in smoothing:
+        motion, _ = problem.solve(motion, eps=eps)
+    signs, report = None, {}
+    for _ in range(3):
+        new = cheaper_signs(problem.robot, motion)
+        if signs is not None and np.array_equal(new, signs):
+            break
+        signs = new
+        motion, report = problem.solve(motion, signs=signs)
+    return motion if report["success"] else None
+
+
+def floor(task: MotionTask, tolerance: Tolerance, plans: Sequence[ArmMotion], rounds: int) -> dict[str, Any]:
+    """Least energies found: of all starts in the first worlds, then with more worlds, each from the last."""
+    began, cases = time.process_time(), worst_case_of(task.robot, tolerance)
+    s = np.hstack([np.array([task.start, task.goal]), np.zeros((2, 2 * task.robot.n))])
+    worlds, _ = worst_worlds(cases, s)
+    guesses = [sampled(plan, INTERVALS) for plan in plans]
+    guesses += [minimum_jerk(task.start, task.goal, share * plans[0].end, INTERVALS) for share in STARTS]
+    steps: list[dict[str, Any]] = []
+    for round_ in range(1 + rounds):
+        problem = InWorlds(task, tolerance, worlds)
+        smoothing = SMOOTHING[-1:] if round_ else SMOOTHING
+        found = [motion for guess in guesses if (motion := least(problem, guess, smoothing)) is not None]
+        if not found:
+            break
+        costs = [exact_energy(task.robot, motion) for motion in found]
+        best = found[int(np.argmin(costs))]
+        s = np.hstack([part.reshape(-1, task.robot.n) for part in best.inside(NODES)])
+        more, short = worst_worlds(cases, s)
+        steps.append({"energies_J": sorted(costs), "worlds": len(worlds), "short_Nm": short})
+        say(f"  {len(worlds)} worlds: {min(costs):.1f} J in {best.duration:.3f} s, {short:.2f} N m")
+        worlds, guesses = [*worlds, *more], [best]
+    return {"steps": steps, "duration_s": best.duration, "cpu_s": time.process_time() - began}
+
+
+def markdown(rows: Sequence[dict[str, Any]], notes: list[str]) -> str:
+    """What is found below which nothing seems to get."""
+    lines = []
+    for row in rows:
+        nominal, first, last = row["nominal_J"], row["steps"][0]["energies_J"], row["steps"][-1]
+        least_of_all = last["energies_J"][0]
+        shown = [number(nominal, 1), number(row["free_J"], 1), number(least_of_all, 1)]
+        shown += [percent(least_of_all / nominal - 1, 1), percent(least_of_all / row["free_J"] - 1, 1)]
+        shown += [percent(row["within_J"] / nominal - 1, 1) if row["within_J"] else "-"]
+        spread = percent(first[-1] / first[0] - 1, 2)
+        shown += [f"{len(first)}, {spread}", number(last["worlds"], 0), number(last["short_Nm"], 2)]
+        lines.append([row["task"], *shown])
+    head = ["task", "nominal ramps J", "nominal free form J", "floor J", "floor over nominal ramps"]
+    head += ["over nominal free form", "planned over nominal ramps", "starts, spread", "worlds"]
+    head += ["least moment in all worlds N m"]
+    text = ["# What no motion seems to get below within `workshop`", "", *table(head, lines), ""]
+    return "\n".join([*text, *notes]) + "\n"
+
+
+def run(prices: Path, out: Path, names: Sequence[str], rounds: int) -> str:
+    """Compute what is missing, write the table."""
+    out.mkdir(parents=True, exist_ok=True)
+    file = RowFile(out / "tolerance_floor.json", {"rounds": rounds}, ("task",), source_state(*PLANNING))
+    by = {(row["task"], row["part"]): row for row in json.loads(prices.read_text())["rows"]}
+    for name in names:
+        if file.find(task=name) is not None:
+            continue
+        task, preset = tasks()[name]
+        static = replace(PRESETS[preset], **{key: getattr(NONE, key) for key in JUMPS})
+        plans = [ArmMotion.from_dict(by[name, part]["motion"]) for part in (NOMINAL, ALL)]
+        say(f"{name}, as described")
+        free = floor(task, NONE, plans[:1], 0)
+        say(f"{name}, within {preset}")
+        own = floor(task, static, plans, rounds)
+        energies = {"nominal_J": by[name, NOMINAL]["energy_J"], "within_J": by[name, ALL].get("energy_J")}
+        file.put({"task": name, **energies, "free_J": free["steps"][-1]["energies_J"][0], **own})
+    notes = [f"- {software(versions(('numpy', 'casadi')))}; {INTERVALS} intervals."]
+    text = markdown(file.own, notes)
+    write_text(out / "tolerance_floor.md", text)
+    return text
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Command line."""
+    parser = argparse.ArgumentParser(description="What no motion seems to get below within a tolerance.")
+    parser.add_argument("--prices", type=Path, required=True, help="tolerance.json of `tolerance.run`")
+    parser.add_argument("--out", type=Path, required=True, help="folder for results")
+    parser.add_argument("--tasks", nargs="+", default=["B", "C", "E", "F"])
+    parser.add_argument("--rounds", type=int, default=2, help="of adding worlds")
+    given = parser.parse_args(argv)
+    return ended(
+        "floor", lambda: run(given.prices, given.out, given.tasks, given.rounds), "finished tasks are kept."
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())
