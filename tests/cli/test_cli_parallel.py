@@ -182,3 +182,30 @@ def test_assembly_modes_are_listed_in_degrees_with_the_home_pose_among_them():
 def test_assembly_modes_need_one_number_per_motor(capsys):
     assert main(["parallel", "3RRR", "--modes", "1", "2"]) == 2
     assert "--modes: expected 3 motor positions" in capsys.readouterr().err
+
+
+def test_workspace_with_ranges_and_its_figure(tmp_path):
+    target = tmp_path / "workspace.png"
+    grid = ["--workspace", "x=-0.5:0.5", "phi3=-60:60", "--cells", "8"]
+    arguments = ["3RRR", *grid, "--range", "2", "50", "100"]
+    text = said(*arguments, "--plot", str(target))
+    report = json.loads(said(*arguments, "--json"))["workspace"]
+    assert "workspace over x, phi3: size" in text
+    assert "leg 1 joint 2" in text
+    assert 0 < report["shares"]["inside"] < 1
+    assert report["ranges"][1][1] < np.radians(60)
+    assert target.stat().st_size > 10_000
+
+
+@pytest.mark.parametrize(
+    ("arguments", "why"),
+    [
+        (["--workspace", "x"], "--workspace: expected NAME=LOW:HIGH"),
+        (["--workspace", "x=0:1", "--at", "0"], "--at: expected x, y, phi3"),
+        (["--workspace", "x=0:1", "--range", "9", "0", "1"], "--range: no leg has a joint 9"),
+        (["--range", "1", "2", "1"], "--range: range: expected the smallest"),
+    ],
+)
+def test_workspace_refusals(capsys, arguments, why):
+    assert main(["parallel", "3RRR", *arguments]) == 2
+    assert why in capsys.readouterr().err

@@ -454,6 +454,29 @@ COMMANDS = (
                 type=float,
             ),
             argument(
+                "--workspace",
+                "NAME=LOW:HIGH",
+                "reachable poses over one to three coordinates, such as x=-0.3:0.3 phi1=-40:40 (m, degrees)",
+                nargs="+",
+            ),
+            argument(
+                "--at",
+                "Z",
+                "pose of the other coordinates (m, degrees; default: home)",
+                nargs="+",
+                type=float,
+            ),
+            argument("--cells", "N", "of the workspace, per coordinate (40)", type=int, default=40),
+            argument(
+                "--range",
+                ("JOINT", "LOW", "HIGH"),
+                "range of a joint of all legs, passive ones too (degrees, m); also in files, per row",
+                nargs=3,
+                type=float,
+                action="append",
+            ),
+            argument("--plot", "FILE", "draw the workspace into a .png, .pdf or .svg file"),
+            argument(
                 "--dynpar",
                 None,
                 "inertia parameters: 1 about the centre of mass, 2 about the frames' origins, 3 base "

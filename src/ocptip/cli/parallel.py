@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from argparse import Namespace
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -19,6 +20,7 @@ from ocptip.cli.layout import named, table
 from ocptip.parallel.analysis.assembly_modes import AssemblyModes
 from ocptip.parallel.analysis.mobility import Mobility
 from ocptip.parallel.analysis.singularity import Singularity
+from ocptip.parallel.analysis.workspace import Workspace, workspace
 from ocptip.parallel.code.codegen import write_c
 from ocptip.parallel.code.lean import LeanFunction, lean_function
 from ocptip.parallel.description.ready_made import READY_MADE
@@ -30,7 +32,7 @@ from ocptip.parallel.minimal_form import joint_function, joint_obstacle
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.task_files.parallel import read_parallel_robot
 
-_SUFFIXES = {"urdf": (".urdf",), "mjcf": (".xml", ".mjcf"), "c": (".c",)}
+_SUFFIXES = {"urdf": (".urdf",), "mjcf": (".xml", ".mjcf"), "c": (".c",), "plot": (".png", ".pdf", ".svg")}
 _FORCES = {"S": "tau_s", "X": "tau_s", "Z": "tau_z", "A": "tau_a", "AA": "tau_a"}
 
 
@@ -40,6 +42,11 @@ def run(options: Namespace) -> ParallelReport:
     description = read_robot(options.robot)
     with naming(Path(options.robot).name):
         report = examine(description, form=options.form, dynpar=options.dynpar)
+        if options.range:
+            description = with_ranges(description, options.range)
+        if options.workspace:
+            report.workspace = find_workspace(description, options)
+            report.figure = files.get("plot")
         if options.modes is not None:
             report.modes = all_modes(description, options.modes)
     report.add_files(files)
@@ -64,6 +71,8 @@ class ParallelReport(Report):
         without_joints: why there is none.
         code: where the functions go as C source; None for nowhere.
         modes: all assembly modes; None if not asked for.
+        workspace: poses of a grid; None if not asked for.
+        figure: where its picture goes.
     """
 
     description: RobotDescription
@@ -77,6 +86,8 @@ class ParallelReport(Report):
     models: list[tuple[Path, str]] = field(default_factory=list)
     code: Path | None = None
     modes: AssemblyModes | None = None
+    workspace: Workspace | None = None
+    figure: Path | None = None
 
     @property
     def good(self) -> bool:
@@ -98,6 +109,10 @@ class ParallelReport(Report):
         if self.code:
             files = write_c([*self.functions, *([self.joints] if self.joints else [])], self.code)
             yield from (files.source, files.header)
+        if self.figure and self.workspace:
+            from ocptip.pictures.workspace import save_workspace
+
+            yield save_workspace(self.workspace, self.figure)
         for path, text in self.models:
             write_text(path, text)
             yield path
@@ -123,6 +138,7 @@ class ParallelReport(Report):
             "without_code": self.without_code or None,
             "joints_from_z": self.joints is not None,
             "assembly_modes": None if self.modes is None else self.modes.to_dict(),
+            "workspace": None if self.workspace is None else self.workspace.to_dict(),
             "written": self.written,
             "versions": versions(),
         }
@@ -158,6 +174,8 @@ class ParallelReport(Report):
             lines.append(f"no code for the joints q that these functions want: {self.without_joints}")
         if self.modes:
             lines += ["", *_mode_table(self.modes, robot)]
+        if self.workspace:
+            lines += ["", *_workspace_lines(self.workspace)]
         if self.written:
             lines += ["", f"wrote {' and '.join(map(str, self.written))}"]
         return "\n".join(lines)
@@ -222,6 +240,57 @@ def examine(description: RobotDescription, *, form: str = "A", dynpar: int = 3) 
     why = joint_obstacle(description)
     joints = None if why else joint_function(robot)
     return ParallelReport(description, mobility, home, functions, "", base, joints, why)
+
+
+def with_ranges(description: RobotDescription, given: Sequence[Sequence[float]]) -> RobotDescription:
+    """The robot with ranges of joints (number, lowest, highest), degrees or m, of all legs."""
+    ranges = {}
+    for number, low, high in given:
+        joint = int(number) - 1
+        rows = [leg.joint_rows[joint] for leg in description.legs if 0 <= joint < leg.n_joints]
+        if not rows or number % 1:
+            raise InputError(f"--range: no leg has a joint {number:g}")
+        scale = math.radians(1.0) if rows[0].sigma == REVOLUTE else 1.0
+        ranges[joint] = (scale * low, scale * high)
+    with naming("--range"):
+        return description.with_joint_ranges(ranges)
+
+
+def find_workspace(description: RobotDescription, options: Namespace) -> Workspace:
+    """The grid that `--workspace NAME=LOW:HIGH ...`, `--at` and `--cells` ask for; degrees and m."""
+    robot, ranges = ParallelRobot(description), {}
+    for text in options.workspace:
+        name, _, ends = text.partition("=")
+        try:
+            low, high = (float(value) for value in ends.split(":"))
+        except ValueError:
+            raise InputError(f"--workspace: expected NAME=LOW:HIGH, got {text!r}") from None
+        scale = math.radians(1.0) if name.startswith("phi") else 1.0
+        ranges[name] = (scale * low, scale * high)
+    at = None
+    if options.at is not None:
+        names = description.platform.coordinates
+        if len(options.at) != len(names):
+            raise InputError(f"--at: expected {', '.join(names)}, got {len(options.at)} numbers")
+        at = np.where([name.startswith("phi") for name in names], np.radians(options.at), options.at)
+    return workspace(robot, ranges, at=at, cells=options.cells)
+
+
+def _workspace_lines(found: Workspace) -> list[str]:
+    units = ["rad" if name.startswith("phi") else "m" for name in found.names]
+    size = {1: "length", 2: "area", 3: "volume"}[len(units)] if set(units) == {"m"} else "size"
+    cells = " x ".join(map(str, found.inside.shape))
+    shares = ", ".join(f"{name} {100 * share:.1f} %" for name, share in found.shares.items() if share)
+    lines = [
+        f"workspace over {', '.join(found.names)}: {size} {found.size:.4g} {' '.join(units)} ({cells} cells)"
+    ]
+    inside = found.dexterity[found.inside]
+    lines.append(f"  {shares}")
+    if inside.size:
+        lines.append(
+            f"  dexterity {inside.min():.3f} to {inside.max():.3f} (0: singular, 1: motors at right angles)"
+        )
+    return lines
 
 
 def all_modes(description: RobotDescription, motors: Sequence[float]) -> AssemblyModes:

@@ -17,7 +17,13 @@ from ocptip.basics.text import of_known
 from ocptip.basics.toml import Source, Table, number_of
 from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.branched import BranchedLeg, LegEnd
-from ocptip.parallel.description.entries import Entry, Parameter, elementary_rotations, product_of
+from ocptip.parallel.description.entries import (
+    Entry,
+    Parameter,
+    elementary_rotations,
+    product_of,
+    value_of,
+)
 from ocptip.parallel.description.robot_description import (
     COORDINATES,
     FIXED,
@@ -163,7 +169,13 @@ class _Reader:
         return product_of(self._rotations(table, "end_rotation")) if "end_rotation" in table else None
 
     def _row(self, row: Table) -> MDHRow:
-        entries = {name: self._entry(row, name, row.value(name, 0.0)) for name in _ENTRIES}
+        entries: dict[str, Any] = {name: self._entry(row, name, row.value(name, 0.0)) for name in _ENTRIES}
+        if "range" in row:
+            ends = row.value("range")
+            if not isinstance(ends, list) or len(ends) != 2:
+                raise row.error(f"expected the smallest and the largest position, got {ends!r}", "range")
+            values = [value_of(self._entry(row, f"range[{i}]", end)) for i, end in enumerate(ends, 1)]
+            entries["range"] = tuple(values)
         row.close("after", "joint")
         return row.make(MDHRow, _JOINTS[row.choice("joint", _JOINTS)], **entries)
 

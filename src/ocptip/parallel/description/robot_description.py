@@ -8,7 +8,8 @@ Legs, joints and bodies are counted from 0 in the code, and from 1 in messages a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -44,6 +45,7 @@ class MDHRow:
         sigma: 0 revolute, 1 prismatic, 2 fixed (only where a leg ends rigidly at the platform).
         gamma, alpha, theta: rad.
         b, d, r: m.
+        range: smallest and largest joint position, rad or m, which workspaces keep to.
     """
 
     sigma: int = REVOLUTE
@@ -53,6 +55,7 @@ class MDHRow:
     d: Entry = 0.0
     theta: Entry = 0.0
     r: Entry = 0.0
+    range: tuple[float, float] = (-math.inf, math.inf)
 
     def __post_init__(self) -> None:
         if isinstance(self.sigma, bool) or self.sigma not in (REVOLUTE, PRISMATIC, FIXED):
@@ -61,6 +64,10 @@ class MDHRow:
         settle(
             self, sigma=int(self.sigma), **{name: check_entry(name, getattr(self, name)) for name in names}
         )
+        low, high = (float(value) for value in self.range)
+        if not low < high:
+            raise InputError(f"range: expected the smallest and the largest position, got {low:g}, {high:g}")
+        settle(self, range=(low, high))
 
     @property
     def entries(self) -> tuple[Entry, ...]:
@@ -335,6 +342,22 @@ class RobotDescription:
     def with_payload(self, payload: Payload | None) -> RobotDescription:
         """The same robot whose platform carries this, and nothing else; None: the bare robot."""
         return replace(self, platform=self.platform.with_payload(payload))
+
+    def with_joint_ranges(self, ranges: Mapping[int, tuple[float, float]]) -> RobotDescription:
+        """The same robot; joint number (from 0), of every leg that has it -> its range, rad or m."""
+        legs = []
+        for leg in self.legs:
+            joints = iter(range(len(leg.rows)))
+            rows = [
+                row
+                if row.sigma == FIXED or (joint := next(joints)) not in ranges
+                else replace(row, range=ranges[joint])
+                for row in leg.rows
+            ]
+            legs.append(replace(leg, rows=tuple(rows)))
+        if unknown := [k for k in ranges if not 0 <= k < max(leg.n_joints for leg in self.legs)]:
+            raise InputError(f"range: no leg has a joint {unknown[0] + 1}")
+        return replace(self, legs=tuple(legs))
 
     @property
     def motor_rows(self) -> tuple[MDHRow, ...]:

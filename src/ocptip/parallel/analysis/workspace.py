@@ -1,0 +1,206 @@
+"""Workspaces: which poses of a grid a robot reaches within the ranges of its joints, passive ones included.
+
+A grid over one to three platform coordinates, the others fixed: a constant-orientation workspace (over x, y,
+z), an orientation workspace (over angles), or anything between. Every pose is looked at by itself, with the
+legs in the branches of the home pose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import casadi as cs
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ocptip.basics.errors import InputError, SolverError, finite_array
+from ocptip.basics.write import Record
+from ocptip.numerics.batch import BatchFunction
+from ocptip.numerics.vectors import nearest_turn
+from ocptip.parallel.analysis.singularity import characteristic_length
+from ocptip.parallel.description.robot_description import REVOLUTE
+from ocptip.parallel.minimal_form import minimal_form, minimal_obstacle
+from ocptip.parallel.robot import ParallelRobot
+
+OUT_OF_REACH = "out of reach"
+_BLOCK = 20_000
+
+
+@dataclass(frozen=True, eq=False)
+class Workspace(Record):
+    """Poses of a grid.
+
+    Attributes:
+        names: of the coordinates that vary.
+        values: per coordinate, m or rad: the middles of the cells.
+        at: (m,) the other coordinates, those that vary at home.
+        inside: (n1, n2, ...) True where all joints are within their ranges.
+        dexterity: (n1, n2, ...) volume that the unit rows of J_a span, angles counted as lengths (by the
+            mean distance of the coupling points from the platform's origin): 1 where the motors act at right
+            angles, 0 at type II singularities, negative beyond them as seen from home; NaN out of reach.
+        cause: (n1, n2, ...) number in `causes` of what is in the way first, -1 inside.
+        causes: "out of reach", "leg 1 joint 3", ...
+        size: area, volume, length or angle inside, in products of m and rad.
+    """
+
+    names: tuple[str, ...]
+    values: tuple[np.ndarray, ...]
+    at: np.ndarray
+    inside: np.ndarray
+    dexterity: np.ndarray
+    cause: np.ndarray
+    causes: tuple[str, ...]
+    size: float
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """Shares of the poses, by cause, and of those inside beyond a singularity."""
+        found = {name: float(np.mean(self.cause == k)) for k, name in enumerate(self.causes)}
+        beyond = float(np.mean(self.inside & (self.dexterity < 0)))
+        return {"inside": float(self.inside.mean()), "beyond a singularity": beyond, **found}
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain data without the single poses."""
+        inside = self.dexterity[self.inside]
+        return {
+            "coordinates": list(self.names),
+            "ranges": [[float(v[0]), float(v[-1])] for v in self.values],
+            "cells": list(self.inside.shape),
+            "at": self.at.tolist(),
+            "size": self.size,
+            "shares": self.shares,
+            "dexterity": [float(inside.min()), float(inside.max())] if inside.size else None,
+        }
+
+
+def workspace(
+    robot: ParallelRobot,
+    ranges: Mapping[str, tuple[float, float]],
+    *,
+    at: ArrayLike | None = None,
+    cells: int | Sequence[int] = 40,
+) -> Workspace:
+    """Examine a grid of poses.
+
+    Robots whose legs have closed forms take microseconds per pose (joints at the platform with ranges: only
+    for poses that are inside otherwise), others milliseconds.
+
+    Args:
+        robot: with as many motors as coordinates; its joints' ranges are in the rows of its legs.
+        ranges: coordinate name -> lower and upper end, m or rad; one to three of them.
+        at: (m,) values of the other coordinates; default home.
+        cells: per coordinate.
+
+    Raises:
+        InputError: unknown coordinates, empty ranges, or another number of motors.
+    """
+    description = robot.description
+    at = robot.kinematics.coordinates("at", description.home if at is None else at)
+    known = description.platform.coordinates
+    if not 1 <= len(ranges) <= 3 or any(name not in known for name in ranges):
+        raise InputError(f"workspace: expected one to three of {', '.join(known)}, got {', '.join(ranges)}")
+    if len(description.actuated) != robot.m or description.redundant:
+        raise InputError("workspace: needs as many motors as coordinates, and no redundant joints")
+    counts = [cells] * len(ranges) if isinstance(cells, int) else list(cells)
+    if len(counts) != len(ranges) or min(counts) < 2:
+        raise InputError(f"workspace: expected 2 or more cells for each of {len(ranges)} coordinates")
+    middles, width = [], 1.0
+    for (name, ends), count in zip(ranges.items(), counts, strict=True):
+        low, high = finite_array(f"workspace: {name}", ends, (2,))
+        if not low < high:
+            raise InputError(f"workspace: {name}: expected a lower and a higher end, got {low:g}, {high:g}")
+        middles.append(low + (high - low) * (np.arange(count) + 0.5) / count)
+        width *= (high - low) / count
+    poses = np.tile(at, (int(np.prod(counts)), 1))
+    mesh = np.meshgrid(*middles, indexing="ij")
+    for name, grid in zip(ranges, mesh, strict=True):
+        poses[:, known.index(name)] = grid.ravel()
+    find = _one_by_one if minimal_obstacle(robot) else _at_once
+    causes = (OUT_OF_REACH, *(name for name, _, _, _ in _limits(robot)))
+    cause, dexterity = find(robot, poses)
+    cause = cause.reshape(counts)
+    inside = cause < 0
+    size = float(inside.sum() * width)
+    return Workspace(
+        tuple(ranges), tuple(middles), at, inside, dexterity.reshape(counts), cause, causes, size
+    )
+
+
+def _limits(robot: ParallelRobot) -> list[tuple[str, int, int, tuple[float, float]]]:
+    """Name, leg, joint and range of every joint that has one."""
+    found = []
+    for k, leg in enumerate(robot.description.legs):
+        for j, row in enumerate(leg.joint_rows):
+            if np.isfinite(row.range).any():
+                found.append((f"leg {k + 1} joint {j + 1}", k, j, row.range))
+    return found
+
+
+def _beyond(q: np.ndarray, low: float, high: float, revolute: bool) -> np.ndarray:
+    """Whether positions are outside of a range, revolute ones whatever their full turns."""
+    if revolute and np.isfinite(low) and np.isfinite(high):
+        q = nearest_turn(q - (low + high) / 2) + (low + high) / 2
+    return (q < low) | (q > high)
+
+
+def _at_once(robot: ParallelRobot, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Causes (N,) and dexterity (N,) of robots whose legs have closed forms."""
+    form = minimal_form(robot)
+    function = BatchFunction(cs.Function("workspace", [form.z], [cs.vec(form.q), form.measures]))
+    blocks = [function(poses[k : k + _BLOCK]) for k in range(0, len(poses), _BLOCK)]
+    q, measures = (np.concatenate([block[i] for block in blocks]) for i in range(2))
+    n, legs = form.q.shape
+    q = q.reshape(len(poses), legs, n)
+    reached = np.all(measures[:, :-1] > 0, axis=1)
+    cause = np.where(reached, -1, 0)
+    behind = []
+    for number, (_, leg, joint, (low, high)) in enumerate(_limits(robot), start=1):
+        if joint >= n:
+            behind.append(number)
+            continue
+        revolute = robot.description.legs[leg].joint_rows[joint].sigma == REVOLUTE
+        out = _beyond(q[:, leg, joint], low, high, revolute)
+        cause[(cause < 0) & out] = number
+    if behind:
+        left = np.flatnonzero(cause < 0)
+        cause[left] = _one_by_one(robot, poses[left], only=behind)[0]
+    return cause, np.where(reached, measures[:, -1], np.nan)
+
+
+def _one_by_one(
+    robot: ParallelRobot, poses: np.ndarray, only: Sequence[int] | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Causes (N,) and dexterity (N,) of any robot; with `only` some of the limits, and no dexterity."""
+    limits = list(enumerate(_limits(robot), start=1))
+    cause, dexterity = np.full(len(poses), -1), np.full(len(poses), np.nan)
+    home = 0.0 if only is not None else motor_volume(robot, robot.description.home, None)
+    for k, z in enumerate(poses):
+        try:
+            q = robot.ik(z).q
+        except InputError:
+            cause[k] = 0
+            continue
+        for number, (_, leg, joint, (low, high)) in limits:
+            revolute = robot.description.legs[leg].joint_rows[joint].sigma == REVOLUTE
+            wanted = only is None or number in only
+            if wanted and _beyond(np.asarray(q[leg][joint]), low, high, revolute):
+                cause[k] = number
+                break
+        if only is None:
+            dexterity[k] = np.copysign(1.0, home) * motor_volume(robot, z, q)
+    return cause, dexterity
+
+
+def motor_volume(robot: ParallelRobot, z: np.ndarray, q: Sequence[np.ndarray] | None) -> float:
+    """Volume that the unit rows of J_a span, angles counted as lengths; NaN at type I singularities."""
+    length = characteristic_length(robot.kinematics)
+    names = robot.description.platform.coordinates
+    weights = np.array([1.0 if name in "xyz" else length for name in names])
+    try:
+        rows = robot.jacobian(z, q) / weights
+    except (SolverError, np.linalg.LinAlgError):
+        return float("nan")
+    sizes = np.linalg.norm(rows, axis=1, keepdims=True)
+    regular = np.isfinite(sizes).all() and sizes.min() > 0
+    return float(np.linalg.det(rows / sizes)) if regular else float("nan")
