@@ -282,7 +282,7 @@ def _workspace_lines(found: Workspace) -> list[str]:
     cells = " x ".join(map(str, found.inside.shape))
     shares = ", ".join(f"{name} {100 * share:.1f} %" for name, share in found.shares.items() if share)
     lines = [
-        f"workspace over {', '.join(found.names)}: {size} {found.size:.4g} {' '.join(units)} ({cells} cells)"
+        f"workspace over {', '.join(found.names)}: {size} {found.size:.4g} {' '.join(units).replace('m m m', 'm^3').replace('m m', 'm^2')} ({cells} cells)"
     ]
     inside = found.dexterity[found.inside]
     lines.append(f"  {shares}")

@@ -25,7 +25,7 @@ def workspace_figure(found: Workspace) -> Figure:
     """One curve over one coordinate; a map over two; up to nine slices along the third."""
     if len(found.names) == 1:
         return _curve(found)
-    slices = [()] if len(found.names) == 2 else [(k,) for k in _chosen(len(found.values[2]))]
+    slices = [()] if len(found.names) == 2 else [(k,) for k in _chosen(found)]
     columns = min(3, len(slices))
     rows = -(-len(slices) // columns)
     figure = new_figure(4.2 * columns + 1.2, 3.8 * rows + 0.8)
@@ -48,8 +48,17 @@ def save_workspace(found: Workspace, path: str | os.PathLike[str]) -> Path:
     return path
 
 
-def _chosen(count: int) -> list[int]:
-    return sorted({round(k) for k in np.linspace(0, count - 1, min(_PANELS, count))})
+def _chosen(found: Workspace) -> list[int]:
+    """Slices along the third coordinate, evenly over those that have poses inside."""
+    there = np.flatnonzero(found.inside.any(axis=(0, 1)))
+    there = there if there.size else np.arange(len(found.values[2]))
+    return sorted({int(there[round(k)]) for k in np.linspace(0, len(there) - 1, min(_PANELS, len(there)))})
+
+
+def _most(found: Workspace) -> float:
+    """End of the colour scale."""
+    inside = np.abs(found.dexterity[found.inside])
+    return float(np.nanmax(inside)) if np.isfinite(inside).any() else 1.0
 
 
 def _shown(found: Workspace, k: int) -> np.ndarray:
@@ -77,7 +86,7 @@ def _map(ax: Any, found: Workspace, own: tuple[int, ...]) -> Any:
     ax.pcolormesh(x, y, outside.T, cmap=colors, vmin=-0.5, vmax=len(groups) - 0.5, shading="nearest")
     values = found.dexterity[at]
     inside = np.where(cause < 0, np.abs(values), np.nan)
-    image = ax.pcolormesh(x, y, inside.T, cmap="viridis", vmin=0, vmax=1, shading="nearest")
+    image = ax.pcolormesh(x, y, inside.T, cmap="viridis", vmin=0, vmax=_most(found), shading="nearest")
     if np.nanmin(values, initial=1.0) < 0 < np.nanmax(values, initial=-1.0):
         ax.contour(x, y, np.ma.masked_invalid(values.T), levels=[0.0], colors=_SINGULAR, linewidths=1.2)
     ax.set_xlabel(_label(found, 0))
