@@ -279,11 +279,10 @@ def find_workspace(description: RobotDescription, options: Namespace) -> Workspa
 def _workspace_lines(found: Workspace) -> list[str]:
     units = ["rad" if name.startswith("phi") else "m" for name in found.names]
     size = {1: "length", 2: "area", 3: "volume"}[len(units)] if set(units) == {"m"} else "size"
+    unit = " ".join(units).replace("m m m", "m^3").replace("m m", "m^2")
     cells = " x ".join(map(str, found.inside.shape))
     shares = ", ".join(f"{name} {100 * share:.1f} %" for name, share in found.shares.items() if share)
-    lines = [
-        f"workspace over {', '.join(found.names)}: {size} {found.size:.4g} {' '.join(units).replace('m m m', 'm^3').replace('m m', 'm^2')} ({cells} cells)"
-    ]
+    lines = [f"workspace over {', '.join(found.names)}: {size} {found.size:.4g} {unit} ({cells} cells)"]
     inside = found.dexterity[found.inside]
     lines.append(f"  {shares}")
     if inside.size:
