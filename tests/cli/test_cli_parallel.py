@@ -140,7 +140,16 @@ def test_bad_input_is_one_line(capsys, arguments, expected):
     assert err.startswith("ocptip: ")
 
 
-def test_robot_without_generated_code(capsys, monkeypatch, tmp_path):
+def test_robot_without_generated_code(capsys, root, tmp_path):
+    example = str(root / "src/ocptip/examples/robots/rps3.toml")
+    assert main(["parallel", example]) == 0
+    assert "no code: generated code: the platform has dependent coordinates" in capsys.readouterr().out
+    assert main(["parallel", example, "--c", str(tmp_path / "x.c")]) == 2
+    assert "--c: no code for 3-RPS" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_robot_with_code_of_complete_legs(capsys, monkeypatch, tmp_path):
     import dataclasses
 
     def passive_motor():
@@ -148,11 +157,11 @@ def test_robot_without_generated_code(capsys, monkeypatch, tmp_path):
         return dataclasses.replace(robot, actuated=((0, 1), (1, 1), (2, 2)))
 
     monkeypatch.setattr(command, "read_robot", lambda name: passive_motor())
-    assert main(["parallel", "3RPR"]) == 0
-    assert "no code: generated code needs legs" in capsys.readouterr().out
-    assert main(["parallel", "3RPR", "--c", str(tmp_path / "x.c")]) == 2
-    assert "--c: no code for 3RPR" in capsys.readouterr().err
-    assert not list(tmp_path.iterdir())
+    assert main(["parallel", "3RPR", "--c", str(tmp_path / "x.c")]) == 0
+    out = capsys.readouterr().out
+    assert "tau_a (form A, DynPar 2)" in out
+    assert "no code for the joints q that these functions want: leg 3 has a motor on joint 3" in out
+    assert "int tau_a(const" in (tmp_path / "x.h").read_text()
 
 
 def test_robot_file(capsys, root, tmp_path):

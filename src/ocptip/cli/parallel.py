@@ -22,10 +22,11 @@ from ocptip.parallel.analysis.mobility import Mobility
 from ocptip.parallel.analysis.singularity import Singularity
 from ocptip.parallel.analysis.workspace import Workspace, workspace
 from ocptip.parallel.code.codegen import write_c
+from ocptip.parallel.code.complete import complete_function
 from ocptip.parallel.code.lean import LeanFunction, lean_function
 from ocptip.parallel.description.ready_made import READY_MADE
 from ocptip.parallel.description.robot_description import REVOLUTE, RobotDescription
-from ocptip.parallel.dynamics.base_parameters import numeric_base_parameters
+from ocptip.parallel.dynamics.base_parameters import has_complete_regressor, numeric_base_parameters
 from ocptip.parallel.formats.export import to_urdf
 from ocptip.parallel.formats.mjcf import to_mjcf
 from ocptip.parallel.minimal_form import joint_function, joint_obstacle
@@ -226,20 +227,38 @@ def examine(description: RobotDescription, *, form: str = "A", dynpar: int = 3) 
         raise InputError(f"home: {str(error).removeprefix('home: ').removeprefix('pose: ')}") from None
     if home is None:
         return ParallelReport(description, mobility, None, (), "the robot does not move as described")
-    if not description.coupling_form:
-        why = (
-            "generated code needs legs with as many joints up to the coupling point as there are free "
-            f"translations, and motors on those joints, but {description.coupling_obstacle}"
+    try:
+        functions, base = _functions(robot, form, dynpar)
+    except InputError as error:
+        return ParallelReport(
+            description, mobility, home, (), str(error).removeprefix(f"{description.name}: ")
         )
-        return ParallelReport(description, mobility, home, (), why)
+    why = joint_obstacle(description)
+    joints = None if why else joint_function(robot)
+    return ParallelReport(description, mobility, home, functions, "", base, joints, why)
+
+
+def _functions(
+    robot: ParallelRobot, form: str, dynpar: int
+) -> tuple[tuple[LeanFunction, ...], tuple[str, ...] | None]:
+    """Motor forces and Jacobian, and the names of the base parameters of the whole robot with DynPar 3.
+
+    Robots that the lean formulation does not apply to have motor forces from z' and z'' with DynPar 2.
+
+    Raises:
+        InputError: there is no code; says why.
+    """
+    description = robot.description
+    if has_complete_regressor(description):
+        return (
+            complete_function(robot, name="tau_a"),
+            complete_function(robot, ("J_a",), name="jacobian"),
+        ), None
     functions = (
         lean_function(description, form=form, dynpar=dynpar, name=_FORCES[form]),
         lean_function(description, ("J_a",), form="S", dynpar=dynpar, name="jacobian"),
     )
-    base = _base_parameters(description) if dynpar == 3 else None
-    why = joint_obstacle(description)
-    joints = None if why else joint_function(robot)
-    return ParallelReport(description, mobility, home, functions, "", base, joints, why)
+    return functions, _base_parameters(description) if dynpar == 3 else None
 
 
 def with_ranges(description: RobotDescription, given: Sequence[Sequence[float]]) -> RobotDescription:

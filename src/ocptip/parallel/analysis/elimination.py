@@ -12,12 +12,12 @@ from ocptip.parallel.description.robot_description import RobotDescription
 from ocptip.parallel.kinematics.platform import Kinematics
 
 
-def elimination_order(description: RobotDescription) -> tuple[int, ...]:
+def elimination_order(description: RobotDescription, *, complete: bool = False) -> tuple[int, ...]:
     """The three motors whose forces are most independent at home first, then the others.
 
     Generated code solves J_a^T tau_a = tau_s by a Schur complement after three motors and three force
     components; both pivots should be far from zero. The natural order for up to three motors, or if the home
-    pose cannot be assembled.
+    pose cannot be assembled. `complete`: of legs with all their joints.
     """
     m, motors = description.platform.m, len(description.actuated)
     natural = tuple(range(motors))
@@ -25,10 +25,10 @@ def elimination_order(description: RobotDescription) -> tuple[int, ...]:
         return natural
     try:
         kinematics = Kinematics(description)
-        q = kinematics.point_joints(description.home).q
+        q = (kinematics.joints if complete else kinematics.point_joints)(description.home).q
     except OcptipError:
         return natural
-    motion = kinematics.motion(description.home, np.zeros(m), q, complete=False)
+    motion = kinematics.motion(description.home, np.zeros(m), q, complete=complete)
     columns = kinematics.actuated_jacobian(motion).T
     free = sum(description.platform.mask[:3])
     columns = columns / np.array([1.0] * free + [characteristic_length(kinematics)] * (m - free))[:, None]

@@ -31,24 +31,33 @@ from ocptip.parallel.symbolic.spatial_sx import (
 
 
 @dataclass(frozen=True)
-class LegState:
-    """Motion of a leg as its coupling point prescribes it.
+class ChainState:
+    """Motion of a chain of bodies.
 
     Attributes:
-        jacobian, rows: coupling-point velocity (components `rows` in the plan's frame) from the joint rates.
         rates, accelerations: q' and q''.
         omegas, alphas, matrices, origins: per body, in its own frame: angular velocity and acceleration, Om
             of both, and acceleration of the origin minus gravity.
     """
 
-    jacobian: BlockSystem
-    rows: list[int]
     rates: list[cs.SX]
     accelerations: list[cs.SX]
     omegas: list[Vector]
     alphas: list[Vector]
     matrices: list[list[Vector]]
     origins: list[Vector]
+
+
+@dataclass(frozen=True)
+class LegState(ChainState):
+    """Motion of a leg as its coupling point prescribes it.
+
+    Attributes:
+        jacobian, rows: coupling-point velocity (components `rows` in the plan's frame) from the joint rates.
+    """
+
+    jacobian: BlockSystem
+    rows: list[int]
 
 
 @dataclass(frozen=True)
@@ -98,13 +107,38 @@ def leg_motion(
         falls.append(gravity)
     tip = minus(acceleration, falls[plan.frame - 1])
     origins = _origins(leg, rates, accelerations, omegas, matrices, falls[0], tip, plan)
-    return LegState(jacobian, rows, rates, accelerations, omegas, alphas, matrices, origins)
+    return LegState(rates, accelerations, omegas, alphas, matrices, origins, jacobian, rows)
 
 
-def leg_efforts(leg: LegModel, motion: LegState) -> list[cs.SX]:
+def chain_motion(
+    leg: LegModel, rates: Sequence[cs.SX], accelerations: Sequence[cs.SX], gravity: Vector
+) -> ChainState:
+    """Motion of all bodies from joint rates and accelerations; gravity: world axes."""
+    omegas, carried = _angular_velocities(leg, rates)
+    alphas = _angular_accelerations(leg, rates, accelerations, carried)
+    matrices = [acceleration_matrix(w, a) for w, a in zip(omegas, alphas, strict=True)]
+    fall, free = leg.turns[0].inverse(gravity), LegPlan(1, leg.size + 1)
+    origins = _origins(leg, rates, accelerations, omegas, matrices, fall, zero(), free)
+    return ChainState(list(rates), list(accelerations), omegas, alphas, matrices, origins)
+
+
+def chain_drift(leg: LegModel, rates: Sequence[cs.SX], frame: int) -> tuple[Vector, Vector]:
+    """Accelerations at q'' = 0 in the axes of a link frame: of the coupling point, and angular of the last
+    body."""
+    omegas, carried = _angular_velocities(leg, rates)
+    coasting = _angular_accelerations(leg, rates, [cs.SX(0.0)] * leg.size, carried)
+    turned = leg.rotation(frame, leg.size)(coasting[-1])
+    return _drift(leg, rates, omegas, coasting, frame), turned
+
+
+def leg_efforts(leg: LegModel, motion: ChainState) -> list[cs.SX]:
     """tau_i of all joints by backward Newton-Euler recursion, (3.14), friction and drives included."""
-    efforts, _ = _backward(leg, motion, leg.size, 1, (zero(), zero()))
-    return efforts
+    return efforts_and_base(leg, motion)[0]
+
+
+def efforts_and_base(leg: LegModel, motion: ChainState) -> tuple[list[cs.SX], tuple[Vector, Vector]]:
+    """The same, and force and moment about link frame 1's origin, in that frame, that the base gives."""
+    return _backward(leg, motion, leg.size, 1, (zero(), zero()))
 
 
 def coupling_force(leg: LegModel, motion: LegState, plan: LegPlan) -> Vector:
@@ -249,7 +283,7 @@ def _origins(
 
 
 def _backward(
-    leg: LegModel, motion: LegState, start: int, stop: int, outer: tuple[Vector, Vector]
+    leg: LegModel, motion: ChainState, start: int, stop: int, outer: tuple[Vector, Vector]
 ) -> tuple[list[cs.SX], tuple[Vector, Vector]]:
     """Efforts of joints start..stop (from 1, inwards); `outer`: force and moment of body start + 1."""
     force, moment = outer
@@ -270,7 +304,7 @@ def _backward(
     return efforts, (force, moment)
 
 
-def body_wrench(inertia: Sequence[cs.SX], motion: LegState, body: int) -> tuple[Vector, Vector]:
+def body_wrench(inertia: Sequence[cs.SX], motion: ChainState, body: int) -> tuple[Vector, Vector]:
     """Force, and moment about the frame's origin, that move and carry one body, in its frame."""
     first, mass = list(inertia[6:9]), inertia[9]
     force = plus(scaled(mass, motion.origins[body]), times(motion.matrices[body], first))

@@ -92,6 +92,12 @@ def leg_jacobian(leg: LegModel, frame: int) -> tuple[BlockSystem, list[int]]:
             f"link frame {frame}; give the angles between planar joints as multiples of pi/2, not "
             "as parameters"
         )
+    columns = point_columns(leg, frame)
+    return BlockSystem([[column[row] for column in columns] for row in rows]), rows
+
+
+def point_columns(leg: LegModel, frame: int) -> list[Vector]:
+    """Velocity of the coupling point per joint rate, in the axes of a link frame (1..n), one per joint."""
     beyond = zero()
     for j in range(leg.size, frame - 1, -1):
         beyond = plus(leg.turns[j](beyond) if j < leg.size else beyond, leg.segments[j - 1])
@@ -111,4 +117,4 @@ def leg_jacobian(leg: LegModel, frame: int) -> tuple[BlockSystem, list[int]]:
                 own = cross(leg.rotation(j, joint)(unit(2)), leg.segments[j - 1])
                 swept = leg.turns[j].inverse(plus(swept, own))
             columns.append(plus(swept, cross(axis, beyond)))
-    return BlockSystem([[column[row] for column in columns] for row in rows]), rows
+    return columns

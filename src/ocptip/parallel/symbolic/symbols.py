@@ -16,7 +16,7 @@ from ocptip.basics.errors import InputError
 from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.entries import Entry, Parameter
 from ocptip.parallel.description.mdh import central_inertia
-from ocptip.parallel.description.robot_description import DYNPAR2, PRISMATIC, Leg, RobotDescription
+from ocptip.parallel.description.robot_description import DYNPAR2, PRISMATIC, Leg, MDHRow, RobotDescription
 from ocptip.parallel.symbolic.leg_jacobian import LegModel
 from ocptip.parallel.symbolic.spatial_sx import Rotation, Turn, Vector, plus, turn, vector
 
@@ -120,7 +120,7 @@ def require_coupling_form(description: RobotDescription) -> None:
         raise InputError(
             f"{description.name}: the lean formulation needs legs of {rows} joints up to the coupling point "
             f"and motors on those joints, but {description.coupling_obstacle}; use the general engine, "
-            "`ParallelRobot`"
+            "`ParallelRobot`, or for code `complete_function`"
         )
     for number, leg in enumerate(description.legs, start=1):
         if not all(body.massless for body in leg.bodies[leg.n :]):
@@ -142,6 +142,8 @@ def leg_model(
     geometry: dict[str, cs.SX],
     inertia: cs.SX,
     joint_terms: cs.SX,
+    *,
+    complete: bool = False,
 ) -> LegModel:
     """A leg in symbols.
 
@@ -152,18 +154,20 @@ def leg_model(
         geometry: symbols of the named parameters.
         inertia: (10 n,) parameters about the frames' origins, zeros where eliminated.
         joint_terms: (3, n) drive inertia, viscous and Coulomb friction.
+        complete: with all joints, those behind the coupling point, too; else up to it.
     """
     leg = description.legs[index]
-    joints = [q[j] for j in range(leg.n)]
-    sliding = [row.sigma == PRISMATIC for row in leg.rows[: leg.n]]
+    count = leg.n_joints if complete else leg.n
+    joints = [q[j] for j in range(count)]
+    sliding = [row.sigma == PRISMATIC for row in leg.rows[:count]]
 
     def symbol(entry: Entry) -> cs.SX:
         return symbol_of(entry, geometry)
 
     chains: list[list[tuple[int, cs.SX]]] = []
     segments: list[Vector] = []
-    for j, row in enumerate(leg.rows[: leg.n + 1]):
-        moves = j < leg.n
+    for j, row in enumerate((*leg.rows, MDHRow())[: count + 1]):
+        moves = j < count
         theta, r = symbol(row.theta), symbol(row.r)
         if moves and sliding[j]:
             r = r + joints[j]
@@ -178,13 +182,14 @@ def leg_model(
     position, rotation = leg_base(leg, geometry)
     origin = plus(position, rotation(segments.pop(0)))
     chains[0] = bases + chains[0]
-    bodies = [[inertia[10 * j + k] for k in range(10)] for j in range(leg.n)]
+    given = inertia.numel() // 10
+    bodies = [[inertia[10 * j + k] if j < given else cs.SX(0.0) for k in range(10)] for j in range(count)]
     _pass_on(chains, segments, sliding, bodies)
-    terms = [[joint_terms[k, j] for j in range(leg.n)] for k in range(3)]
+    terms = [[joint_terms[k, j] for j in range(count)] for k in range(3)]
     return LegModel(
         q=joints,
         revolute=[not s for s in sliding],
-        turns=[Rotation(_turns(chain)) for chain in chains[: leg.n]],
+        turns=[Rotation(_turns(chain)) for chain in chains[:count]],
         origin=origin,
         segments=segments,
         inertia=bodies,
