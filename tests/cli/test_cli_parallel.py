@@ -164,6 +164,18 @@ def test_robot_with_code_of_complete_legs(capsys, monkeypatch, tmp_path):
     assert "int tau_a(const" in (tmp_path / "x.h").read_text()
 
 
+def test_friction_behind_coupling_points_is_in_the_code(capsys, monkeypatch):
+    import dataclasses
+
+    robot = READY_MADE["3RPR"]()
+    legs = tuple(dataclasses.replace(leg, viscous=(0.0, 0.0, 0.3)) for leg in robot.legs)
+    monkeypatch.setattr(command, "read_robot", lambda name: dataclasses.replace(robot, legs=legs))
+    assert main(["parallel", "3RPR", "--json"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert report["dynpar"] == 2
+    assert not report["joints_from_z"]
+
+
 def test_robot_file(capsys, root, tmp_path):
     """The example file is a 3RRR: about the operations of the ready-made one."""
     target = tmp_path / "planar.c"

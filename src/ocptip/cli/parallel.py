@@ -26,7 +26,7 @@ from ocptip.parallel.code.complete import complete_function
 from ocptip.parallel.code.lean import LeanFunction, lean_function
 from ocptip.parallel.description.ready_made import READY_MADE
 from ocptip.parallel.description.robot_description import REVOLUTE, RobotDescription
-from ocptip.parallel.dynamics.base_parameters import has_complete_regressor, numeric_base_parameters
+from ocptip.parallel.dynamics.base_parameters import numeric_base_parameters
 from ocptip.parallel.formats.export import to_urdf
 from ocptip.parallel.formats.mjcf import to_mjcf
 from ocptip.parallel.minimal_form import joint_function, joint_obstacle
@@ -233,7 +233,8 @@ def examine(description: RobotDescription, *, form: str = "A", dynpar: int = 3) 
         return ParallelReport(
             description, mobility, home, (), str(error).removeprefix(f"{description.name}: ")
         )
-    why = joint_obstacle(description)
+    behind = "joints behind the coupling points are among them" if robot.complete_legs else ""
+    why = joint_obstacle(description) or behind
     joints = None if why else joint_function(robot)
     return ParallelReport(description, mobility, home, functions, "", base, joints, why)
 
@@ -243,13 +244,13 @@ def _functions(
 ) -> tuple[tuple[LeanFunction, ...], tuple[str, ...] | None]:
     """Motor forces and Jacobian, and the names of the base parameters of the whole robot with DynPar 3.
 
-    Robots that the lean formulation does not apply to have motor forces from z' and z'' with DynPar 2.
+    Robots whose joints behind the coupling points take part have motor forces from z' and z'' with DynPar 2.
 
     Raises:
         InputError: there is no code; says why.
     """
     description = robot.description
-    if has_complete_regressor(description):
+    if robot.complete_legs:
         return (
             complete_function(robot, name="tau_a"),
             complete_function(robot, ("J_a",), name="jacobian"),
