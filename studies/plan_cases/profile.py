@@ -1,20 +1,24 @@
 """Where the time of a plan goes: evaluation, callbacks, Ipopt's own, building, check; imports and processes.
 
 One start of each case runs with clocks around the program's functions, the callbacks and the solves, after
-another one that has compiled and loaded everything. CPU times of the thread. Imports and processes are timed
-from outside, wall time, the least of three.
+another one that has compiled and loaded everything. CPU times of the thread. Whole commands run in a process
+each, CPU time by part, the least of two. Imports and processes are timed from outside, wall time, the least
+of three.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import subprocess
 import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, redirect_stdout
+from io import StringIO
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 from unittest import mock
 
@@ -45,23 +49,30 @@ HEAD = (
     "Ipopt's own",
     "nodes, rows of the last",
 )
+WHOLE = {  # parts of a command: the functions of `ocptip.cli.plan` that do them
+    "task": "_asked",
+    "search": "plan_motion",
+    "controller": "_execution",
+    "tolerated": "tolerances",
+    "figures": "draw_plan",
+}
 STAGES = ("case", "building s", "start", "coarse", "fine", "exact", "check", "all but building")
 
 
 class Clocks:
     """CPU seconds by name; what a clock inside another one counts is counted there, too."""
 
-    def __init__(self) -> None:
-        self.seconds: Counter[str] = Counter()
+    def __init__(self, clock: Callable[[], float] = time.thread_time) -> None:
+        self.clock, self.seconds = clock, Counter[str]()
         self.last: MotionProgram | None = None
 
     def around(self, name: str, function: Callable) -> Callable:
         def timed(*arguments: Any, **options: Any) -> Any:
-            began = time.thread_time()
+            began = self.clock()
             try:
                 return function(*arguments, **options)
             finally:
-                self.seconds[name] += time.thread_time() - began
+                self.seconds[name] += self.clock() - began
                 if name == "solve":
                     self.last = arguments[0]
 
@@ -108,14 +119,42 @@ def profile(case: str, base: str) -> dict[str, Any]:
     }
 
 
+def whole(case: str) -> None:
+    """Plan a case as `ocptip plan` does with one job, and print CPU seconds by part as JSON."""
+    from ocptip.cli import main, plan
+    from ocptip.pictures import plan as pictures
+
+    clocks = Clocks(time.process_time)
+    clocks.seconds["imports"] = time.process_time()  # since the process began
+    with TemporaryDirectory() as folder, redirect_stdout(StringIO()), ExitStack() as patches:
+        for name, function in WHOLE.items():
+            module = pictures if name == "figures" else plan
+            timed = clocks.around(name, getattr(module, function))
+            patches.enter_context(mock.patch.object(module, function, timed))
+        main.main(["plan", case, "--tolerance", "none", "--jobs", "1", "--out", folder, "--overwrite"])
+    clocks.seconds["all"] = time.process_time()
+    print(json.dumps(clocks.seconds))
+
+
+def commands(cases: list[str]) -> dict[str, dict[str, float]]:
+    """CPU seconds of whole commands by part, the least of two runs."""
+    found = {}
+    for case in cases:
+        line = f"from studies.plan_cases.profile import whole; whole({case!r})"
+        how = {"check": True, "capture_output": True, "text": True}
+        runs = [json.loads(subprocess.run([sys.executable, "-c", line], **how).stdout) for _ in range(2)]
+        found[case] = min(runs, key=lambda run: run["all"])
+    return found
+
+
 def ready() -> None:
     """Start a worker as plans do, and wait until it has loaded the planner."""
     with worker_pool(None, 1, 1) as pool:
         pool.submit(len, b"").result()
-        pool.submit(loaded).result()
+        pool.submit(loaded_planner).result()
 
 
-def loaded() -> None:
+def loaded_planner() -> None:
     """Nothing: this module loads the planner."""
 
 
@@ -132,8 +171,8 @@ def processes() -> dict[str, float]:
     return found
 
 
-def text(rows: list[dict[str, Any]], commands: dict[str, float]) -> str:
-    """Three tables."""
+def text(rows: list[dict[str, Any]], wholes: dict[str, dict[str, float]], loaded: dict[str, float]) -> str:
+    """Four tables."""
     evaluation, stages = [], []
     for row in rows:
         parts = [row["per_iteration_s"], *row["parts_s"].values(), row["callbacks_s"], row["ipopt_s"]]
@@ -157,8 +196,18 @@ def text(rows: list[dict[str, Any]], commands: dict[str, float]) -> str:
         "",
         *table(STAGES, stages),
         "",
+        "CPU s of `ocptip plan CASE --tolerance none --jobs 1` by part.",
+        "",
+        *table(
+            ("case", "imports", *WHOLE, "all"),
+            [
+                [case, *(number(own[k], 2) for k in ("imports", *WHOLE, "all"))]
+                for case, own in wholes.items()
+            ],
+        ),
+        "",
     ]
-    return "\n".join([*lines, *table(("wall s", ""), [[k, number(v, 2)] for k, v in commands.items()]), ""])
+    return "\n".join([*lines, *table(("wall s", ""), [[k, number(v, 2)] for k, v in loaded.items()]), ""])
 
 
 def main() -> int:
@@ -168,11 +217,12 @@ def main() -> int:
     options = parser.parse_args()
 
     def study() -> str:
-        rows, commands = [profile(case, "effective") for case in options.cases.split(",")], processes()
-        data = {"versions": versions(), "machine": machine(), "rows": rows, "processes_s": commands}
-        write_json(options.out / "plan_profile.json", data, indent=1)
-        (options.out / "plan_profile.md").write_text(text(rows, commands))
-        return text(rows, commands)
+        cases = options.cases.split(",")
+        rows, parts, loaded = [profile(case, "effective") for case in cases], commands(cases), processes()
+        data = {"versions": versions(), "machine": machine(), "rows": rows, "commands_s": parts}
+        write_json(options.out / "plan_profile.json", data | {"processes_s": loaded}, indent=1)
+        (options.out / "plan_profile.md").write_text(text(rows, parts, loaded))
+        return text(rows, parts, loaded)
 
     return ended("profile", study)
 
