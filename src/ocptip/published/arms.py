@@ -1,4 +1,4 @@
-"""The three modular arms of the experiment, assembled from drive modules, adapters and cables (6.9 to 6.12).
+"""The modular arms, assembled from drive modules, adapters and cables (6.9 to 6.12).
 
 The data files (`data/arms.json`, `data/powercube_modules.json`, `data/cases.json`) are in millimetres, grams
 and degrees; they are converted here, once.
@@ -7,7 +7,7 @@ and degrees; they are converted here, once.
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
 
@@ -17,6 +17,8 @@ from ocptip.basics.errors import InputError
 from ocptip.basics.text import did_you_mean
 from ocptip.indices.arms.axes import arm_from_spears
 from ocptip.numerics.inertia import parallel_axis
+from ocptip.published.kit import codes, described
+from ocptip.robots.geometry import never_part
 from ocptip.robots.inverse.inverse_kinematics import solve_inverse_kinematics
 from ocptip.robots.model import ArmModel, JointLimits, SphereSet
 from ocptip.robots.motors import PowerMaps
@@ -47,23 +49,21 @@ def arm_names() -> tuple[str, ...]:
 
 @cache
 def load_arm(name: str, *, geometry: str = "refined") -> ArmModel:
-    """One of the experiment's arms, mounted with Q_1 in the base origin; move it with `ArmModel.mounted`.
+    """An arm of the modular kit, mounted with Q_1 in the base origin; move it with `ArmModel.mounted`.
 
     Args:
-        name: FP1W2F (industrial, spherical wrist), FSFS (skew axes) or W1P1P2W2 (three parallel axes).
+        name: one of the experiment's arms FP1W2F (industrial, spherical wrist), FSFS (skew axes) or W1P1P2W2
+            (three parallel axes), or another sequence of connections, see `published.kit`: those come with
+            spheres of their own.
         geometry: "refined" (one length per arm corrected by 0.05 mm so that the inverse kinematics reproduces
             the printed motions to 0.001 degrees) or "printed" (0.015 degrees).
 
     Raises:
-        InputError: unknown arm or geometry; the message lists the known.
+        InputError: unknown arm or geometry, or an adapter that there is not; the message lists the known.
     """
-    arms = published_data("arms")["arms"]
-    if name not in arms:
-        hint = did_you_mean(str(name).upper(), arms)
-        raise InputError(f"arm: no arm {name!r}; there are {', '.join(arms)}{hint}")
     if geometry not in ("refined", "printed"):
         raise InputError(f"geometry: must be 'refined' or 'printed', got {geometry!r}")
-    data = arms[name]
+    data = _description(name)
     offsets = np.array(data["r_QQ"], dtype=float)
     if geometry == "refined":
         for key, value in data["refined_r_QQ"].items():
@@ -71,6 +71,16 @@ def load_arm(name: str, *, geometry: str = "refined") -> ArmModel:
                 link, axis = _link_and_axis(key)
                 offsets[link - 1, axis] = value
     links = assemble_links(name)
+    arm = ArmModel(
+        name=name,
+        joint_names=tuple(f"joint {i}" for i in range(1, 7)),
+        rotations=np.array([_orthonormal(matrix) for matrix in data["A0"]]),
+        offsets=offsets * _MM,
+        masses=links.masses,
+        centres=links.centres,
+        inertias=links.inertias,
+        limits=_limits(data["phi_max_exceptions_deg"]),
+    )
     sets = tuple(
         SphereSet(
             label,
@@ -80,23 +90,34 @@ def load_arm(name: str, *, geometry: str = "refined") -> ArmModel:
         )
         for label, spheres in data["spheres"].items()
     )
-    pairs = tuple((first, second) for first, second in data["self_collision_pairs"])
+    if name not in arm_names():
+        note = "arm: of the modular kit, never built: links of the arms that were, spheres that cover modules"
+        arm = replace(arm.with_spheres(sets), notes=(note,))
+        return arm.with_spheres(sets, excluded_pairs=never_part(arm))
     floor = tuple(data["floor_bodies"])
     only_floor = {label for label in floor if label.endswith("floor")}
-    return ArmModel(
-        name=name,
-        joint_names=tuple(f"joint {i}" for i in range(1, 7)),
-        rotations=np.array([_orthonormal(matrix) for matrix in data["A0"]]),
-        offsets=offsets * _MM,
-        masses=links.masses,
-        centres=links.centres,
-        inertias=links.inertias,
-        limits=_limits(data["phi_max_exceptions_deg"]),
+    return replace(
+        arm,
         sphere_sets=sets,
-        collision_pairs=pairs,
+        collision_pairs=tuple((first, second) for first, second in data["self_collision_pairs"]),
         floor_sets=floor,
         obstacle_sets=tuple(s.name for s in sets if s.link > 0 and s.name not in only_floor),
     )
+
+
+@cache
+def _description(name: str) -> dict:
+    """What is known of an arm, in the form of `data/arms.json`."""
+    arms = published_data("arms")["arms"]
+    if name in arms:
+        return arms[name]
+    if not codes(name):
+        hint = did_you_mean(str(name).upper(), arms)
+        raise InputError(
+            f"arm: no arm {name!r}; there are {', '.join(arms)} and other sequences of four connections "
+            f"F, S, P1, P2, W1, W2{hint}"
+        )
+    return described(name, arms)
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +143,7 @@ def assemble_links(name: str) -> Links:
     the adapters' own inertias are not known and taken as zero.
     """
     tables = published_data("arms")
-    data = tables["arms"][name]
+    data = _description(name)
     masses, centres, inertias = [], [], []
     for i in range(6):
         next_origin = np.array(data["r_QQ"][i], dtype=float)
@@ -268,6 +289,6 @@ def arm_by_name(name: str) -> ArmModel:
     wanted = name.upper().replace(" ", "").replace("_", "")
     if wanted in AXES_ONLY_ARMS:
         return irb_2000()
-    if wanted in arm_names():
+    if wanted in arm_names() or codes(wanted):
         return load_arm(wanted)
     raise InputError(f"arm: no arm {name!r}; there are {', '.join(known_arms())}")

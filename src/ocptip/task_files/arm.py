@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import reduce
 from pathlib import Path
 from typing import get_args
 
@@ -12,7 +13,7 @@ import numpy as np
 
 from ocptip.basics.text import did_you_mean
 from ocptip.basics.toml import DEGREES, Table
-from ocptip.numerics.inertia import symmetric_matrix
+from ocptip.numerics.inertia import ROUNDED, RigidBody, symmetric_matrix, union, why_impossible
 from ocptip.published.arms import load_arm
 from ocptip.robots.collision.model import geometry_of_spheres
 from ocptip.robots.collision.shapes import BodyShape
@@ -93,6 +94,10 @@ def _with_links(arm: ArmModel, table: Table) -> ArmModel:
                 f"no joint {name!r}; there are {known}{did_you_mean(name, arm.chain_names)}", name
             )
         k, own = arm.chain_names.index(name), table.table(name)
+        if parts := own.tables("part"):
+            for key in (key for key in ("mass", "center_of_mass", "inertia") if key in own):
+                raise own.error("follows from the parts; give either", key)
+            masses[k], centres[k], inertias[k] = reduce(union, map(_part, parts))
         masses[k] = own.number("mass", masses[k], bound="> 0")
         centres[k] = own.vector("center_of_mass", 3, centres[k])
         if "inertia" in own:
@@ -104,6 +109,17 @@ def _with_links(arm: ArmModel, table: Table) -> ArmModel:
         own.close()
     table.close()
     return replace(arm, masses=masses, centres=centres, inertias=inertias, armature=armature)
+
+
+def _part(table: Table) -> RigidBody:
+    """A part of a link, in the link's frame: its mass, and the rest in axes of its own at `position`."""
+    mass, position = table.number("mass", bound="> 0"), table.vector("position", 3, np.zeros(3))
+    turn, centre = table.rotation("", np.eye(3)), table.vector("center_of_mass", 3, np.zeros(3))
+    inertia = table.make(symmetric_matrix, table.raw_numbers("inertia", np.zeros(3)))
+    if reason := why_impossible(inertia, ROUNDED * np.abs(inertia).max()):
+        raise table.error(reason, "inertia")
+    table.close()
+    return mass, position + turn @ centre, turn @ inertia @ turn.T
 
 
 def _with_limits(arm: ArmModel, table: Table) -> ArmModel:
@@ -160,12 +176,13 @@ def _arm_from_urdf(table: Table, gripper: Table | None) -> ArmModel:
 def _arm_from_dh(table: Table, alone: bool) -> ArmModel:
     """The arm of the rows `[[arm.joint]]`."""
     convention = table.choice("dh", get_args(Convention))
-    rows, names = [], []
+    rows, names, links = [], [], table.table("links", optional=True)
     for number, joint in enumerate(table.tables("joint", required=True), 1):
         names.append(joint.text("name", f"joint {number}"))
         values = joint.numbers("a", "d")
         values |= {key: joint.number(f"{key}_deg", 0.0, scale=DEGREES) for key in ("alpha", "theta")}
-        mass = joint.number("mass", *([0.0] if alone else []), bound=">= 0" if alone else "> 0")
+        free = alone or (names[-1] in links and "part" in links.table(names[-1]))
+        mass = joint.number("mass", *([0.0] if free else []), bound=">= 0" if free else "> 0")
         values |= {"mass": mass, "armature": joint.number("armature", 0.0, bound=">= 0")}
         values["center_of_mass"] = joint.vector("center_of_mass", 3, np.zeros(3))
         inertia, slides = joint.raw_numbers("inertia", np.zeros(3)), joint.flag("slides", False)
