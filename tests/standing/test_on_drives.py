@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
 from ocptip.cli.layout import gear_rows
+from ocptip.cli.main import main
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.support import Support
 from ocptip.motion.check import check_motion
@@ -278,3 +279,14 @@ def test_segments_of_a_cycle_say_how_they_ring():
     assert rows[0][0] == "gears"
     assert rows[0][1].startswith("to: gripper vibrates by up to ")
     assert len(rows) == len(checks[0].drive_lines)
+
+
+@pytest.mark.slow
+def test_plans_say_which_rise_time_would_help(tmp_path, capsys):
+    path = tmp_path / "geared.toml"
+    path.write_text('case = "A"\n[motors]\ngear_stiffness = 2e4\n[tolerance]\npreset = "none"\n')
+    assert main(["plan", str(path), "--starts", "1", "--no-figures", "--out", str(tmp_path / "out")]) == 0
+    lines = capsys.readouterr().out
+    assert "gears      gripper vibrates by up to" in lines
+    assert "--rise-time 0.0" in lines
+    assert json.loads((tmp_path / "out" / "plan.json").read_text())["drives"]["rise"]

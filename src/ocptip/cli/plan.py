@@ -39,6 +39,7 @@ from ocptip.motion.task import MotionTask
 from ocptip.motion.tolerated import Tolerated, tolerances
 from ocptip.published.cases import case_names
 from ocptip.published.tasks import experiment_task
+from ocptip.standing.on_drives import with_rise
 from ocptip.standing.sensitivity import Sensitivity
 from ocptip.standing.tolerance import WORKSHOP
 from ocptip.task_files.cycle import read_task
@@ -98,7 +99,8 @@ def planned(one: Asked, options: Namespace, executor: Executor | None) -> Report
     ]
     execution = _execution(plan, options)
     proved = certified(plan.task.robot, execution.motion, execution.check, task.limits)
-    execution = replace(execution, check=proved)
+    rung = replace(proved, drives=with_rise(plan.task.robot, execution.motion))
+    execution = replace(execution, check=rung)
     deviations = tolerances(plan.task.robot, execution.motion)
     stops = stops_of(plan.task, execution.motion, execution.check)
     extra = {"base": one.base} if one.base else {}
