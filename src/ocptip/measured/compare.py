@@ -29,8 +29,10 @@ LEVEL = 1e-3
 """Probability of finding anything in the recording of a robot that is as described."""
 
 _TESTS = 5  # that share the level: motion, loads, clipped, noisy, base
-_ROUNDS = 3
+_ROUNDS, _MOST_ROUNDS = 3, 12
+_NEAR = 0.05  # of standard errors: sizes of springs that change by less are found
 _LIGHTEST = -0.9  # relative change of masses: more is no body
+_DELAY, _BEND, _DAMPING = "delay", "bend", "damping"
 _TINY = 0.25  # samples: step of slopes over time
 _GROUPS = (ANGLE, SPEED, TORQUE, WRENCH)
 
@@ -46,6 +48,7 @@ class _Found:
         elastic: springs of joints.
         loads: (K,) of `causes.of_loads`, and of `causes.of_motion`.
         motion: the same of `causes.of_motion`.
+        errors: standard errors of these.
     """
 
     clock: float
@@ -54,6 +57,26 @@ class _Found:
     elastic: Elasticity
     loads: np.ndarray
     motion: np.ndarray
+    errors: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Loose:
+    """A delay, a bend or a damping of a joint, which is known with a standard error."""
+
+    kind: str
+    joint: int
+    error: float
+
+
+def _loosened(
+    delays: np.ndarray, elastic: Elasticity, loose: Sequence[_Loose], off: Sequence[float]
+) -> tuple[np.ndarray, Elasticity]:
+    """Delays and springs that differ by so much."""
+    delays, bends, damping = delays.copy(), elastic.bends.copy(), elastic.damping.copy()
+    for one, more in zip(loose, off, strict=True):
+        {_DELAY: delays, _BEND: bends, _DAMPING: damping}[one.kind][one.joint] += more
+    return delays, Elasticity(np.maximum(bends, 0.0), np.clip(damping, 1e-3, 1.0), elastic.seen)
 
 
 class _Comparing:
@@ -70,7 +93,7 @@ class _Comparing:
         n, links = predictor.robot.n, predictor.robot.arm.links
         self.found = _Found(
             0.0 if same_clock else begin, np.inf, np.zeros(n), Elasticity.none(n),
-            np.zeros(2 + 4 * links + 3 * n + 3), np.zeros(0),
+            np.zeros(2 + 4 * links + 3 * n + 3), np.zeros(0), np.zeros(0),
         )  # fmt: skip
         self.nominal = self._nominal()
         self._judge_signals()
@@ -133,7 +156,8 @@ class _Comparing:
         n, found = self.predictor.robot.n, self.found
         theta = found.motion if len(found.motion) else np.zeros(len(possible))
         explained, blocks = None, []
-        for _ in range(_ROUNDS + 2 * bool((found.elastic.bends > 0).any())):
+        for turn in range(_MOST_ROUNDS):
+            before = theta
             inside = np.zeros(len(possible))
             inside[1 : 1 + n] = found.delays
             inside[CLOCK] = found.clock if self.same_clock else 0.0
@@ -147,8 +171,12 @@ class _Comparing:
             found.clock = theta[CLOCK] if self.same_clock else found.clock + theta[CLOCK]
             found.delays = theta[1 : 1 + n]
             found.elastic = self._springs(theta)
+            swings = (found.elastic.bends > 0).any()
+            near = np.abs(theta - before)[1:] <= _NEAR * np.where(theta[1:] != 0, explained.errors[1:], 0.0)
+            if turn >= _ROUNDS - 1 and (not swings or near.all()):
+                break
         assert explained is not None
-        found.error, found.motion = float(explained.errors[CLOCK]), theta
+        found.error, found.motion, found.errors = float(explained.errors[CLOCK]), theta, explained.errors
         self._note("motion", signals, possible, blocks, explained)
 
     def _springs(self, theta: np.ndarray) -> Elasticity:
@@ -235,24 +263,56 @@ class _Comparing:
             own = [self.single[one.name] for one in signals if one.kind == kind and one.name in self.single]
             if np.isfinite(own).any():
                 theta[causes.lag_column(predictor, kind)] = float(np.nanmedian(own)) - found.clock
-        prior, known = np.zeros(len(possible)), np.isfinite(found.error)
+        loose = self._loose()
+        K = len(possible)
+        prior, known = np.zeros(K + len(loose)), np.isfinite(found.error)
         if known:
             prior[CLOCK] = 1 / max(found.error, 1e-9) ** 2
+        prior[K:] = [1 / max(one.error, 1e-12) ** 2 for one in loose]
         always = [CLOCK] if known or not self.same_clock else []
+        always += range(K, K + len(loose))
+        begun, off = (found.delays, found.elastic), np.zeros(len(loose))
         explained, blocks = None, []
-        for _ in range(_ROUNDS):
-            inside = theta.copy()
+        for _ in range(_ROUNDS + bool(loose)):
+            inside = np.concatenate([theta, off])
             inside[CLOCK] = found.clock - first
-            blocks = self._load_blocks(signals, inside)
-            explained, theta = self._explained(blocks, always, prior)
+            blocks = self._load_blocks(signals, inside, loose)
+            explained, every = self._explained(blocks, always, prior)
+            theta, off = every[:K], every[K:]
             found.clock = first + theta[CLOCK]
             found.loads = theta
+            found.delays, found.elastic = _loosened(*begun, loose, off.tolist())
         assert explained is not None
         if not np.isfinite(found.error):
             found.error = float(explained.errors[CLOCK])
         self._note("loads", signals, possible, blocks, explained)
 
-    def _load_blocks(self, signals: Sequence[Signal], inside: np.ndarray) -> list[Block]:
+    def _loose(self) -> list[_Loose]:
+        """Delays and springs that angles and gripper have shown: what loads show of them, too, is free."""
+        n, found = self.predictor.robot.n, self.found
+        places = [(_DELAY, int(j), 1 + int(j)) for j in np.flatnonzero(found.delays)]
+        for j in np.flatnonzero(found.elastic.bends > 0).tolist():
+            places.append((_BEND, j, 1 + (1 if found.elastic.seen[j] else 2) * n + j))
+            places.append((_DAMPING, j, 1 + 3 * n + j))
+        return [_Loose(kind, j, float(found.errors[at])) for kind, j, at in places if found.errors[at] > 0]
+
+    def _either(self, lag: float, loose: Sequence[_Loose]) -> list[tuple[float, State, State]]:
+        """Of each delay and spring a step, and the robot with half of it less and more, as of `state`."""
+        found, times = self.found, self.recording.times - self.found.clock - lag
+        most, ends = {_DELAY: _TINY * self.recording.period, _BEND: 1e-7, _DAMPING: 1e-3}, []
+        for one in loose:
+            step = min(0.1 * one.error, most[one.kind])
+            given = [_loosened(found.delays, found.elastic, [one], [sign * step]) for sign in (-0.5, 0.5)]
+            states = [
+                self.predictor.state(times, delays, self._changes(), elastic, slopes=False)
+                for delays, elastic in given
+            ]
+            ends.append((step, *states))
+        return ends
+
+    def _load_blocks(
+        self, signals: Sequence[Signal], inside: np.ndarray, loose: Sequence[_Loose]
+    ) -> list[Block]:
         """Residuals of loads, to which what the prediction holds already is added again."""
         predictor, blocks = self.predictor, []
         masses, step = causes.mass_columns(predictor), _TINY * self.recording.period
@@ -264,17 +324,26 @@ class _Comparing:
             lag = inside[causes.lag_column(predictor, kind)]
             held = np.zeros(len(inside))
             held[masses], held[rubbing], held[CLOCK] = inside[masses], inside[rubbing], inside[CLOCK]
+            held[len(held) - len(loose) :] = inside[len(held) - len(loose) :]
             held[causes.lag_column(predictor, kind)] = lag
             state, before, after = self._rubbing([self.state(lag, shift) for shift in (0.0, -step, step)])
-            away = self._away(self.found.clock + lag)
+            away, either = self._away(self.found.clock + lag), self._either(lag, loose)
             for k in own:
                 one = signals[k]
                 ends = [predictor.signal(kind, one.index, at) for at in (before, after)]
                 later = -(ends[1] - ends[0]) / (2 * step)
                 columns = causes.columns_of_loads(predictor, signals, k, state, later)
+                columns = np.column_stack([columns, *self._slopes(kind, one.index, either)])
                 values = one.values - predictor.signal(kind, one.index, state) + columns @ held
                 blocks.append(Block(values, columns, self.kept[one.name] & away, resolution(one.values)))
         return blocks
+
+    def _slopes(
+        self, kind: str, index: int, either: Sequence[tuple[float, State, State]]
+    ) -> list[np.ndarray]:
+        """(N,) each: of a signal over delays and springs."""
+        at = self.predictor.signal
+        return [(at(kind, index, more) - at(kind, index, less)) / step for step, less, more in either]
 
     def _rubbing(self, states: Sequence[State]) -> list[State]:
         """The same with the friction that was found in torques, as the first one's drives turn."""

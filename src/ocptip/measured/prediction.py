@@ -13,6 +13,7 @@ from ocptip.robots.dynamics import mass_sensitivities
 from ocptip.robots.kinematics import gripper_batch
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.mechanism import StandingMechanism
+from ocptip.trajectories.arm_motion import INSIDE
 from ocptip.trajectories.sampled import Motion
 
 DAMPING = 0.05
@@ -81,7 +82,7 @@ class Predictor:
         if not isinstance(robot, StandingRobot):
             raise InputError(f"only recordings of arms are compared, not of a {robot.kind}")
         self.robot, self.motion = robot, motion
-        self._linear, self._swings = lru_cache(4)(self._linearised), lru_cache(4)(self._swung)
+        self._linear, self._swings = lru_cache(8)(self._linearised), lru_cache(16)(self._swung)
 
     def states(self, times: np.ndarray, delays: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(N, n) each, at times (N,), s, of the motion, each joint late by its own; at rest outside."""
@@ -100,9 +101,18 @@ class Predictor:
         return np.unique(self.motion.event_times[:, None] + np.unique(np.append(delays, 0.0)))
 
     def state(
-        self, times: np.ndarray, delays: np.ndarray, changes: np.ndarray, elastic: Elasticity | None = None
+        self,
+        times: np.ndarray,
+        delays: np.ndarray,
+        changes: np.ndarray,
+        elastic: Elasticity | None = None,
+        *,
+        slopes: bool = True,
     ) -> State:
-        """The robot at times, s, of the motion, with other masses, see `mass_sensitivities`, and springs."""
+        """The robot at times, s, of the motion, with other masses, see `mass_sensitivities`, and springs.
+
+        Without slopes loads are those of the masses as described.
+        """
         robot, sensor = self.robot, self.robot.sensor
         q, qd, qdd = self.states(times, delays)
         encoders, drives = q, qd
@@ -112,16 +122,18 @@ class Predictor:
             q, qd, qdd = q + bent, qd + rate, qdd + change
         torques, wrenches = robot.loads(q, qd, qdd)
         seen = sensor.reads(robot.support, wrenches)
+        if not slopes:
+            return State(q, qd, qdd, encoders, drives, torques, seen, np.empty((len(q), robot.n + 6, 0)))
         evaluate = mass_sensitivities(robot.arm)
         given = (q, qd, qdd, robot.support.gravity, sensor.position)
-        loads, slopes = evaluate(*given, changes)
+        loads, over = evaluate(*given, changes)
         if changes.any():
             loads = loads - evaluate(*given, 0 * changes)[0]
             torques = torques + loads[:, : robot.n]
             seen = seen + loads[:, robot.n :] @ np.kron(np.eye(2), sensor.rotation)
         turn = np.eye(robot.n + 6)
         turn[robot.n :, robot.n :] = np.kron(np.eye(2), sensor.rotation.T)
-        return State(q, qd, qdd, encoders, drives, torques, seen, turn @ slopes)
+        return State(q, qd, qdd, encoders, drives, torques, seen, turn @ over)
 
     def swing(
         self, times: np.ndarray, delays: np.ndarray, changes: np.ndarray, elastic: Elasticity
@@ -129,7 +141,7 @@ class Predictor:
         """(N, n), rad, rad/s, rad/s^2: how the joints' springs bend under the motion, from rest.
 
         Linear about the motion of the drives: inertia, Coriolis and gravity terms at every instant; average
-        acceleration method.
+        acceleration method, with both sides of every jump among its instants.
         """
         end = float(np.ceil(10 * max(float(times.max()), self.motion.end)) / 10)
         given = (delays, changes, elastic.bends, elastic.damping)
@@ -151,7 +163,7 @@ class Predictor:
         K, C = G + np.diag(stiffness), C + np.diag(rates)
         found = np.zeros((3, len(grid), self.robot.n))
         with np.errstate(over="ignore", invalid="ignore"):
-            own = _integrated(grid[1] - grid[0], M, C, K, -torques)
+            own = _integrated(np.diff(grid), M, C, K, -torques)
         if np.isfinite(own).all() and np.abs(own[0]).max() < _FAR:  # else no springs: the arm would fall
             found[:, :, springs] = own
         return grid, found
@@ -161,7 +173,10 @@ class Predictor:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Times, torques of springs, and their slopes over accelerations, speeds and angles there."""
         late, changed = np.frombuffer(delays), np.frombuffer(changes)
-        grid = np.arange(min(0.0, float(late.min())), end + _STEP, _STEP)
+        grid = np.arange(min(0.0, float(late.min())) - _STEP, end + _STEP, _STEP)  # from rest
+        events = self.events(late)  # where accelerations jump, both sides
+        sides = (events[(events > grid[0]) & (events < grid[-1]), None] + np.array([-INSIDE, INSIDE])).ravel()
+        grid = np.unique(np.concatenate([grid, sides]))
         states = self.states(grid, late)
         own = list(springs)
 
@@ -215,15 +230,21 @@ class Predictor:
         return values[kind][:, index]
 
 
-def _integrated(dt: float, M: np.ndarray, C: np.ndarray, K: np.ndarray, forces: np.ndarray) -> np.ndarray:
-    """(3, N, k): way, speed and acceleration of M a + C v + K d = f from rest; average acceleration."""
-    inverse = np.linalg.inv(M + dt / 2 * C + dt**2 / 4 * K)
+def _integrated(
+    dt: np.ndarray, M: np.ndarray, C: np.ndarray, K: np.ndarray, forces: np.ndarray
+) -> np.ndarray:
+    """(3, N, k): way, speed and acceleration of M a + C v + K d = f from rest; average acceleration.
+
+    Steps dt (N - 1,), s.
+    """
+    h = dt[:, None, None]
+    inverse = np.linalg.inv(M[1:] + h / 2 * C[1:] + h**2 / 4 * K[1:])
     found = np.zeros((3, *forces.shape))
     d, v, a = np.linalg.solve(K[0], forces[0]), np.zeros(forces.shape[1]), np.zeros(forces.shape[1])
     found[0, 0] = d
-    for k in range(1, len(forces)):
-        speed, way = v + dt / 2 * a, d + dt * v + dt**2 / 4 * a
-        a = inverse[k] @ (forces[k] - C[k] @ speed - K[k] @ way)
-        v, d = speed + dt / 2 * a, way + dt**2 / 4 * a
-        found[0, k], found[1, k], found[2, k] = d, v, a
+    for k, step in enumerate(dt.tolist()):
+        speed, way = v + step / 2 * a, d + step * v + step**2 / 4 * a
+        a = inverse[k] @ (forces[k + 1] - C[k + 1] @ speed - K[k + 1] @ way)
+        v, d = speed + step / 2 * a, way + step**2 / 4 * a
+        found[0, k + 1], found[1, k + 1], found[2, k + 1] = d, v, a
     return found
