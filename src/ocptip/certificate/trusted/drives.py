@@ -10,32 +10,13 @@ torque is greater than the form's largest value at these. Plain data and NumPy o
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from ocptip.certificate.trusted.arm import Arm, Motion, crossed, inertial, times_rows, turned
+from ocptip.certificate.trusted.arm import Arm, crossed, times_rows, turned
+from ocptip.certificate.trusted.bodies import bodies
 from ocptip.certificate.trusted.forms import BERNSTEIN, Form, K, U, dot, linear, stack
-
-
-@dataclass(frozen=True, eq=False)
-class _Body:
-    """Something on link k: its weight is from low to high; what it needs per weight, forms (3, N), base axes.
-
-    Attributes:
-        mass: kg.
-        lever: mass times place, kg m, from the base frame's origin.
-        force, moment: that its motion needs, about that origin.
-    """
-
-    k: int
-    low: float
-    high: float
-    mass: float
-    lever: Form
-    force: Form
-    moment: Form
 
 
 class Drives:
@@ -60,16 +41,17 @@ class Drives:
         arm = self._arm
         turns = arm.turns(q)
         frames = arm.frames(turns)[1:]
-        bodies, second = self._bodies(frames, arm.accelerations(turns, qd, qdd, np.zeros(3)))
+        moved = arm.accelerations(turns, qd, qdd, np.zeros(3))
+        found, second = bodies(arm, self._payload, self._own, frames, moved)
         along, about = self._screws(frames)  # (links, 3, N): a torque is about . moment + along . force
         last, origin = frames[-1]
         tool = origin + times_rows(last, arm.offsets[-1])
         force, moment = (-turned(last, part) for part in arm.process_load(turns, ends))
         process = _of_joints(along, about, force[None], (moment + crossed(origin, force))[None])[:, 0]
-        moved = np.array([[i <= body.k for body in bodies] for i in range(arm.n)], dtype=float)[:, :, None]
-        parts = [stack(*(getattr(body, name) for body in bodies)) for name in ("force", "moment", "lever")]
+        moved = np.array([[i <= body.k for body in found] for i in range(arm.n)], dtype=float)[:, :, None]
+        parts = [stack(*(getattr(body, name) for body in found)) for name in ("force", "moment", "lever")]
         pace = _of_joints(along, about, parts[0], parts[1]) * moved  # (links, bodies, N)
-        masses = np.array([body.mass for body in bodies])[:, None]
+        masses = np.array([body.mass for body in found])[:, None]
         pulls = [
             -(_cross(about, parts[2], axis) + along[:, axis][:, None] * masses) * moved for axis in range(3)
         ]
@@ -78,7 +60,7 @@ class Drives:
         loose = 0.0 if turning is None else np.sum(turning.size + turning.r, axis=(1, 2))
         own = [self._coordinates(form) for form in (pace, *pulls, *pushes, process)]
         own.append(qdd * arm.armature[:, None])
-        weights = np.array([(body.low, body.high) for body in bodies]).T[:, :, None]
+        weights = np.array([(body.low, body.high) for body in found]).T[:, :, None]
         found = self._greatest(weights, own[0], own[1:4], own[4:7], own[7], own[8])
         return found + self._paces[1] * (np.abs(arm.ratios.T) @ np.broadcast_to(loose, pace.r[:, 0].shape))
 
@@ -97,58 +79,6 @@ class Drives:
             along.append(axis if slides else crossed(p, axis))
             about.append(nothing if slides else axis)
         return stack(*along), stack(*about)
-
-    def _bodies(self, frames: list[tuple[Form, Form]], moved: list[Motion]) -> tuple[list[_Body], list[Form]]:
-        """With moments (3, N) that are of second order in the place of the payload's centre."""
-        own, arm, found = self._own, self._arm, []
-
-        def body(
-            k: int, low: float, high: float, mass: float, centre: np.ndarray, inertia: np.ndarray
-        ) -> _Body:
-            R, p = frames[k]
-            force, moment = (turned(R, part) for part in inertial(mass, centre, inertia, moved[k]))
-            lever = (p + times_rows(R, centre)) * mass
-            return _Body(k, low, high, mass, lever, force, moment + crossed(p, force))
-
-        e, last = own["arm_mass"], arm.n - 1
-        for k, (mass, centre, inertia) in enumerate(zip(arm.masses, arm.centres, arm.inertias, strict=True)):
-            found.append(body(k, 1 - e, 1 + e, mass, centre, inertia))
-        second: list[Form] = []
-        if (held := self._payload) is not None:
-            mass, h = float(held["mass"]), own["payload_mass"]
-            centre, inertia = (np.array(held[key], dtype=float) for key in ("center", "inertia"))
-            other, whole = body(last, 1 - h, 1 + h, mass, centre, inertia), found[-1]
-            found[-1] = _Body(
-                last, 1 - e, 1 + e, whole.mass - mass,
-                whole.lever - other.lever, whole.force - other.force, whole.moment - other.moment,
-            )  # fmt: skip
-            found.append(other)
-            if np.any(own["payload_center"]):
-                shifted, second = self._shifted(frames[-1], moved[-1], mass * (1 + h), centre)
-                found += shifted
-        found.append(body(last, 0.0, own["extra_mass"], 1.0, arm.offsets[-1], np.zeros((3, 3))))
-        return found, second
-
-    def _shifted(
-        self, frame: tuple[Form, Form], moved: Motion, mass: float, centre: np.ndarray
-    ) -> tuple[list[_Body], list[Form]]:
-        """The payload's centre of mass anywhere in its box, axis by axis, and what is of second order."""
-        (R, p), k, still = frame, self._arm.n - 1, np.zeros((3, 3))
-        half = np.array(self._own["payload_center"], dtype=float)
-        axes = np.array(self._payload["axes"], dtype=float).T
-        place, needs = p + times_rows(R, centre), turned(R, inertial(1.0, centre, still, moved)[0])
-        rest = Form.of(np.zeros(place.r.shape)), moved[1], moved[2]  # what shifts add to the acceleration
-        sides = [times_rows(R, axis) for axis in axes]
-        swings = [turned(R, inertial(1.0, axis, still, rest)[0]) for axis in axes]
-        found, second = [], []
-        for i in np.flatnonzero(half):
-            force = swings[i] * mass
-            moment = crossed(place, force) + crossed(sides[i], needs) * mass
-            found.append(_Body(k, -half[i], half[i], 0.0, sides[i] * mass, force, moment))
-            second += [
-                crossed(sides[i], swings[j]) * (mass * half[i] * half[j]) for j in np.flatnonzero(half)
-            ]
-        return found, second
 
     def _greatest(
         self,

@@ -19,7 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.certificate.trusted.arm import Arm, crossed, inertial, times_rows, turned
+from ocptip.certificate.trusted.arm import Arm, crossed, turned
+from ocptip.certificate.trusted.bodies import bodies
 from ocptip.certificate.trusted.forms import BERNSTEIN, ORDER, Form, K, U, alike, joined, numbers_of, stack
 from ocptip.certificate.trusted.late import Rows
 
@@ -111,29 +112,17 @@ class Within:
         turns = arm.turns(at.q)
         frames = arm.frames(turns)[1:]
         moved = arm.accelerations(turns, at.qd, at.qdd, np.zeros(3))
-        found: list[tuple[float, float, float, Form]] = []
         nothing = Form.of(np.zeros((3, at.q.r.shape[-1])))
-
-        def body(k: int, mass: float, centre: np.ndarray, inertia: np.ndarray) -> Form:
-            R, p = frames[k]
-            origin = p + -self._about[:, None]
-            force, moment = (turned(R, v) for v in inertial(mass, centre, inertia, moved[k]))
-            place = (origin + times_rows(R, centre)) * mass
-            return joined(place, -force, -(moment + crossed(origin, force)))
-
-        e = own["arm_mass"]
-        for k, (mass, centre, inertia) in enumerate(zip(arm.masses, arm.centres, arm.inertias, strict=True)):
-            part = body(k, mass, centre, inertia)
-            if k == arm.n - 1 and self._payload is not None:
-                held, place = float(self._payload["mass"]), np.array(self._payload["center"], dtype=float)
-                other = body(k, held, place, np.array(self._payload["inertia"], dtype=float))
-                part, mass, h = part - other, mass - held, own["payload_mass"]
-                found.append((1 - h, 1 + h, held, other))
-                if np.any(own["payload_center"]):
-                    found += self._moved_payload(frames[k], moved[k], held * (1 + h), place)
-            found.append((1 - e, 1 + e, mass, part))
-        tool = len(found)
-        found.append((0.0, own["extra_mass"], 1.0, body(arm.n - 1, 1.0, arm.offsets[-1], np.zeros((3, 3)))))
+        own_bodies, second = bodies(arm, self._payload, own, frames, moved)
+        found = [
+            (body.low, body.high, body.mass, joined(body.lever, -body.force, -body.moment))
+            for body in own_bodies
+        ]
+        tool = len(found) - 1
+        if second:
+            loose = sum(moment.size + moment.r for moment in second)
+            moment = Form.of(np.zeros(nothing.r.shape), radius=loose)
+            found.append((1.0, 1.0, 0.0, joined(nothing, nothing, moment)))
         low, high = own["base_mass"]
         found.append((1 + low, 1 + high, self._mass, joined(nothing, nothing, nothing)))
         for axis, half in zip(np.eye(3), own["center_of_mass"], strict=True):
@@ -147,34 +136,6 @@ class Within:
             force, moment = (turned(R, v) for v in arm.process_load(turns, at.ends))
             process = joined(force, moment + crossed(p + -self._about[:, None], force))
         return self._terms(ends, stack(*(part for *_, part in found)), process, tool)
-
-    def _moved_payload(
-        self, frame: tuple[Form, Form], moved: Any, mass: float, centre: np.ndarray
-    ) -> list[tuple[float, float, float, Form]]:
-        """Terms of the payload's centre of mass anywhere in its box: each of its axes, and what is of second
-        order in them as errors."""
-        R, p = frame
-        half = np.array(self._own["payload_center"], dtype=float)
-        axes = np.array(self._payload["axes"], dtype=float).T
-        still = np.zeros((3, 3))
-        place = p + -self._about[:, None] + times_rows(R, centre)
-        acceleration = turned(R, inertial(1.0, centre, still, moved)[0])
-        rest = Form.of(np.zeros(place.r.shape)), moved[1], moved[2]  # what shifts add to it
-        swings = [turned(R, inertial(1.0, axis, still, rest)[0]) for axis in axes]
-        sides = [times_rows(R, axis) for axis in axes]
-        second = np.zeros(place.r.shape)
-        for i in range(3):
-            for j in range(3):
-                product = crossed(sides[i], swings[j])
-                second = second + mass * half[i] * half[j] * (product.size + product.r)
-        found = []
-        for i in np.flatnonzero(half):
-            force = swings[i] * mass
-            moment = crossed(place, force) + crossed(sides[i], acceleration) * mass
-            found.append((-half[i], half[i], 0.0, joined(sides[i] * mass, -force, -moment)))
-        zero = Form.of(np.zeros(second.shape))
-        found.append((1.0, 1.0, 0.0, joined(zero, zero, Form.of(np.zeros(second.shape), radius=second))))
-        return found
 
     def _terms(self, ends: np.ndarray, parts: Form, process: Form, tool: int) -> Terms:
         """With bounds of what the terms can be at any pace and with gravity tilted anywhere."""
