@@ -3,8 +3,8 @@
 A reader has to trust the modules of this folder and nothing else: NumPy and plain data, no solver, no
 optimiser. For the world as described these are `checker`, `plain` (are the data of that form), `forms`
 (arithmetic), `arm` (the recursion), `contacts`, `distances` and `described`; for parallel robots `program`,
-for tolerances `late`, `within`, `twists`, `sharing` and `drives`, too. What is assumed, and one interval
-worked by hand, are in docs/certificate.md.
+for tolerances `late`, `bodies`, `within`, `twists`, `sharing` and `drives`, too. What is assumed, and one
+interval worked by hand, are in docs/certificate.md.
 
 A certificate is plain data:
 
