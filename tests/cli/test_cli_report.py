@@ -78,8 +78,6 @@ def test_every_number_is_that_of_the_commands_printed_in_it(made, tmp_path, monk
         main(typed)
     said = " ".join(capsys.readouterr().out.split())
     motion = page[page.index("<h2>Motion") : page.index("<h2>Load cases")].replace("&nbsp;", " ")
-    if made is planned:  # stops of segments are in the report only
-        motion = motion[: motion.index("<h2>Stops")]
     found = re.findall(r"<li>(.*?)</li>", motion) + re.findall(r"<tr>(<td>.*?)</tr>", motion)
     assert len(found) > 15
     lines = [" ".join(unescape(re.sub("<.*?>", " ", one)).split()) for one in found]

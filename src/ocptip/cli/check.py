@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from argparse import Namespace
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +28,15 @@ from ocptip.cli.layout import (
 )
 from ocptip.cli.options import given_limits, with_limits
 from ocptip.cli.progress import say_if_compiling
-from ocptip.cli.stops import sensitivities_of, stop_table, stops_of
+from ocptip.cli.stops import (
+    cycle_with_path_stops,
+    sensitivities_of,
+    stop_table,
+    stops_of,
+    stops_of_cycle,
+    stops_to_dict,
+    with_path_stops,
+)
 from ocptip.motion.check import MotionCheck, certified, check_motion
 from ocptip.motion.cycles.check import CycleCheck, certified_cycle, check_cycle
 from ocptip.motion.cycles.task import CycleTask
@@ -111,9 +119,7 @@ def run(options: Namespace) -> CheckReport:
     name = Path(options.motion).name
     if isinstance(task, CycleTask):
         return _cycle(name, path, task, options, step)
-    task = with_limits(task, options)
-    if options.stops in ("path", "both"):
-        task = replace(task, limits=task.stops.asked(task.limits))
+    task = with_path_stops(with_limits(task, options), options.stops)
     motion = motion_of(path, task, options)
     with naming(name):
         checked = check_motion(task.robot, motion, task.limits, step=step)
@@ -125,7 +131,8 @@ def run(options: Namespace) -> CheckReport:
             for f in options.time_scale
         ]
     deviations = tolerances(task.robot, motion)
-    stops = stops_of(task, motion, checked, options.stops)
+    found = stops_of(task, motion, checked, options.stops)
+    stops = {"": found} if found else {}
     report = CheckReport(name, task, motion, checked, scaled, _offsets(motion, task), deviations, stops)
     report.retimed = retimed(task, motion, checked)
     if options.sensitivities:
@@ -135,8 +142,8 @@ def run(options: Namespace) -> CheckReport:
 
 def _cycle(name: str, path: Path, task: CycleTask, options: Namespace, step: float) -> CheckReport:
     """Check the segments of a cycle."""
-    require_plain(options, "stops", "sensitivities", "rise_time")
-    task = task.with_limits(given_limits(options))
+    require_plain(options, "sensitivities", "rise_time")
+    task = cycle_with_path_stops(task.with_limits(given_limits(options)), options.stops)
     found = load_motions(path, task.robot.names, task.robot.units, unit=options.unit)
     with naming(name):
         motion = segments_of(task, found)
@@ -154,7 +161,8 @@ def _cycle(name: str, path: Path, task: CycleTask, options: Namespace, step: flo
         if offset > _SAME[unit]
     )
     deviations = cycle_tolerances(task, motion)
-    return CheckReport(name, task, found, checked.whole, scaled, ends, deviations, None, (), checked, notes)
+    stops = stops_of_cycle(task, motion, checked, options.stops)
+    return CheckReport(name, task, found, checked.whole, scaled, ends, deviations, stops, (), checked, notes)
 
 
 def _off_text(task: CycleTask, end: int, q: np.ndarray, unit: str, offset: float) -> str:
@@ -178,7 +186,8 @@ class CheckReport(Report):
         offsets: by unit ("deg" for angles, "m" for lengths, as far as the coordinates have such), the largest
             difference of the motion's start and of its goal from the task's.
         tolerated: deviations that lose no contact; empty if not computed.
-        stops: what becomes of the base when the motion is stopped; None: not asked for.
+        stops: what becomes of the base when the motion is stopped, by segments of a cycle (a single motion:
+            ""); empty: not asked for.
         sensitivities: what changes would do; empty if not asked for.
         segments: checks of the segments of a cycle; None for a single motion.
         off: what is to be said of offsets of a cycle.
@@ -192,7 +201,7 @@ class CheckReport(Report):
     scaled: list[tuple[float, MotionCheck]]
     offsets: dict[str, tuple[float, float]]
     tolerated: tuple[Tolerated, ...] = ()
-    stops: Stops | None = None
+    stops: dict[str, Stops] = field(default_factory=dict)
     sensitivities: tuple[Sensitivity, ...] = ()
     segments: CycleCheck | None = None
     off: tuple[str, ...] = ()
@@ -201,7 +210,7 @@ class CheckReport(Report):
     @property
     def good(self) -> bool:
         """True if the motion as it is keeps all limits, stops included where they are asked for."""
-        return self.check.verified and (self.stops is None or self.stops.verified)
+        return self.check.verified and all(stops.verified for stops in self.stops.values())
 
     def to_dict(self) -> dict[str, Any]:
         """Verdict, worst values with their times, limits."""
@@ -217,7 +226,7 @@ class CheckReport(Report):
             **self.task.robot.masses_to_dict(),
             "limits": self.task.limits.to_dict(),
             "tolerated": [one.to_dict() for one in self.tolerated],
-            **({"stops": self.stops.to_dict()} if self.stops else {}),
+            **stops_to_dict(self.stops),
             **sensitivities_to_dict(self.sensitivities),
             "assumed": list(self.task.robot.notes),
             "interpolation": self.motion.interpolation if isinstance(self.motion, SampledMotion) else None,
@@ -242,7 +251,9 @@ class CheckReport(Report):
         )
         lines = [f"{self.name} on {self.task.name}: {verdict}."]
         lines += [f"  {violation}" for violation in checked.violations]
-        lines += [f"  {violation}" for violation in (self.stops.violations if self.stops else ())]
+        for name, stops in self.stops.items():
+            at = f" (segment {name})" if name else ""
+            lines += [f"  {violation}{at}" for violation in stops.violations]
         if self.segments and isinstance(self.task, CycleTask):
             lines += ["", *segment_table(self.task, self.segments)]
         lines += ["", *table(worst_rows(checked), left=(0, 4, 5)), ""]
@@ -260,8 +271,8 @@ class CheckReport(Report):
         rows += under("assumed", self.task.robot.notes)
         rows += under("note", self._notes())
         lines += named(rows)
-        if self.stops:
-            lines += ["", *stop_table(self.stops)]
+        for name, stops in self.stops.items():
+            lines += ["", *([f"segment {name}"] if name else []), *stop_table(stops)]
         if self.scaled:
             lines += ["", *_scale_table(self.scaled)]
         return "\n".join(lines)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -64,7 +64,7 @@ def check_rows(
     tolerated: Iterable[Tolerated],
     *,
     sensitivities: Iterable[Sensitivity] = (),
-    stops: Stops | None = None,
+    stops: Mapping[str, Stops] | None = None,
 ) -> list[tuple[str, str]]:
     """What is known of a motion, or of a cycle, besides its worst values."""
     return [
@@ -76,8 +76,14 @@ def check_rows(
         *within_rows(checked),
         *under("tolerates", tolerated),
         *under("would change", sensitivities),
-        *under("stops", stops.lines() if stops else ()),
+        *under("stops", stop_lines(stops or {})),
     ]
+
+
+def stop_lines(stops: Mapping[str, Stops]) -> list[str]:
+    """What was found about stops, of each segment of a cycle by its name, and what was assumed, once."""
+    found = [f"{name}: {line}" if name else line for name, own in stops.items() for line in own.found]
+    return [*found, *dict.fromkeys(line for own in stops.values() for line in own.assumed)]
 
 
 def gear_rows(segments: CycleCheck) -> list[tuple[str, str]]:

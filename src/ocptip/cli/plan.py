@@ -269,7 +269,7 @@ class PlanReport(Report):
             lines.append(("controller", self._controller(self.execution)))
         if self.execution.trajectory_text:
             lines.append(("points", self.execution.trajectory_text))
-        more = {"sensitivities": self.sensitivities, "stops": self.stops}
+        more = {"sensitivities": self.sensitivities, "stops": {"": self.stops} if self.stops else {}}
         lines += check_rows(self.check, self.tolerated, **more)
         if self.stops:
             lines += under("stopped", [*price_line(self.price), *stop_table(self.stops)])

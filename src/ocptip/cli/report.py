@@ -323,9 +323,8 @@ class Document:
         if self.folder is not None:
             seed = f"planned with seed {self.folder.data.get('seed')}"
             yield html.paragraph(f"`ocptip check {self.name}` (the motion; {seed})")
-            if not self.segments:
-                alone = " --tolerance none" if self.task.limits.tolerance.given else ""
-                yield html.paragraph(f"`ocptip check {self.name} --stops path{alone}` (stops)")
+            alone = " --tolerance none" if self.task.limits.tolerance.given else ""
+            yield html.paragraph(f"`ocptip check {self.name} --stops path{alone}` (stops)")
             sums = read_sums(self.folder.path)
             yield html.grid((f"file ({SUMS})", "SHA-256"), sums.items())
         yield html.grid(("program", "version"), versions().items())

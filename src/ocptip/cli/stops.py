@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from ocptip.cli.layout import table
 from ocptip.motion.check import MotionCheck
+from ocptip.motion.cycles.check import CycleCheck
+from ocptip.motion.cycles.task import CycleTask
 from ocptip.motion.plan import MotionPlan
 from ocptip.motion.stop_rules import Kinds
 from ocptip.motion.stops import Stops, check_stops
 from ocptip.motion.task import MotionTask
 from ocptip.standing.sensitivity import Sensitivity, motion_sensitivities
 from ocptip.trajectories.sampled import Motion
+from ocptip.trajectories.sequence import MotionSequence
 
 SPACING = 0.01  # s, between instants of sensitivities
 
@@ -30,6 +35,34 @@ def stops_of(
     if limits.stops is None and kinds != "brakes":
         limits = task.stops.asked(limits)
     return check_stops(task.robot, motion, limits, task.stops, checked, kinds)
+
+
+def with_path_stops(task: MotionTask, kinds: Kinds | None) -> MotionTask:
+    """The task whose checks look at stops along the path, too, if they are asked for."""
+    return task if kinds in (None, "brakes") else replace(task, limits=task.stops.asked(task.limits))
+
+
+def cycle_with_path_stops(task: CycleTask, kinds: Kinds | None) -> CycleTask:
+    """The same of all segments."""
+    segments = (replace(segment, task=with_path_stops(segment.task, kinds)) for segment in task.segments)
+    return replace(task, segments=tuple(segments))
+
+
+def stops_of_cycle(
+    task: CycleTask, motion: MotionSequence, checked: CycleCheck, kinds: Kinds | None
+) -> dict[str, Stops]:
+    """Stops in each segment, by its name, in its own time; empty if they are not asked for."""
+    rows = zip(task.segments, motion.motions, checked.segments, strict=True)
+    found = {segment.name: stops_of(segment.task, own, check, kinds) for segment, own, check in rows}
+    return {name: stops for name, stops in found.items() if stops}
+
+
+def stops_to_dict(stops: Mapping[str, Stops]) -> dict[str, Any]:
+    """An entry for JSON: of the motion, or one by segment; none if they were not asked for."""
+    if not stops:
+        return {}
+    rows = [{"segment": name, **own.to_dict()} for name, own in stops.items()]
+    return {"stops": stops[""].to_dict() if "" in stops else rows}
 
 
 def price_of_stops(plan: MotionPlan, without: MotionPlan | None) -> dict[str, Any]:

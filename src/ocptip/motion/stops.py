@@ -55,10 +55,6 @@ class Stops:
     curve: np.ndarray | None
     assumed: tuple[str, ...]
 
-    def lines(self) -> list[str]:
-        """In words: the worst of each category, and what was assumed."""
-        return [*self.found, *self.assumed]
-
     @property
     def found(self) -> list[str]:
         """In words: the worst of each category."""
