@@ -382,13 +382,14 @@ COMMANDS = (
             argument(
                 "robot",
                 "ROBOT",
-                "FP1W2F, FSFS, W1P1P2W2, IRB2000, a URDF, 6UPS, or a .toml with [arm] or a platform",
+                "FP1W2F, FSFS, W1P1P2W2, IRB2000, a URDF, 3RRR, 3RPR, Delta, 4PRRR, 6UPS, or a .toml with "
+                "[arm], a platform or a parallel robot",
             ),
             argument(
                 "pose",
                 "POSE",
-                "arm: joint angles, degrees; platform: x y z in m and rotation vector in degrees (default: "
-                "its home pose)",
+                "arm: joint angles, degrees; platform: x y z in m and rotation vector in degrees; parallel "
+                "robot: its coordinates, m and degrees (default: home pose)",
                 nargs="*",
                 type=float,
             ),
@@ -403,6 +404,10 @@ COMMANDS = (
                 nargs=3,
                 type=float,
             ),
+            argument(
+                "--along", "MOTION.csv", "rate every row (columns q1_deg, q2_m, ... as plans write them)"
+            ),
+            argument("--plot", "FILE", "with --along: draw the indices into a .png, .pdf or .svg file"),
             argument("--center", ("X", "Y", "Z"), "its centre in that frame, m (0 0 0)", nargs=3, type=float),
             argument(
                 "--payload",

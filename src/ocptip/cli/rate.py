@@ -17,13 +17,17 @@ from ocptip.basics.write import versions
 from ocptip.cli.command import Answer, Report
 from ocptip.cli.layout import named
 from ocptip.cli.options import naming_options
+from ocptip.cli.parallel import read_robot
+from ocptip.cli.rate_along import rate_along
 from ocptip.indices.arms.rate import rate_arm
 from ocptip.indices.entry import IndexEntry
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.platforms.from_parallel import platform_of_robot
+from ocptip.indices.platforms.parallel_robots import rate_parallel
 from ocptip.indices.platforms.rate import rate_platform
 from ocptip.indices.platforms.singular_motion import singular_motion
-from ocptip.parallel.description.ready_made import ups6
+from ocptip.parallel.description.ready_made import READY_MADE, ups6
+from ocptip.parallel.robot import ParallelRobot
 from ocptip.published.arms import arm_by_name
 from ocptip.robots.model import ArmModel
 from ocptip.robots.payload import Payload
@@ -40,15 +44,48 @@ _HEXAPOD = "6UPS"
 
 def run(options: Namespace) -> Report:
     """Rate the arm or the platform in its pose."""
+    if options.plot and not options.along:
+        raise InputError("--plot: needs --along")
     is_file = Path(options.robot).suffix.lower() == ".toml"
-    is_platform = options.robot.upper() == _HEXAPOD or (
-        is_file and "arm" not in Table.read(Path(options.robot))
-    )
+    keys = Table.read(Path(options.robot)) if is_file else {}
+    name = options.robot.lower()
+    hexapod = options.robot.upper() == _HEXAPOD
+    if "leg" in keys or (name in map(str.lower, READY_MADE) and (options.along or not hexapod)):
+        return _rate_parallel(options)
+    is_platform = hexapod or (is_file and "arm" not in keys)
     return _rate_platform(options) if is_platform else _rate_arm(options)
+
+
+def _rate_parallel(options: Namespace) -> Report:
+    """A robot of `ocptip parallel` in a pose of its coordinates, or along a motion."""
+    _refuse_given(
+        options, ("rates", "payload", "ellipsoid", "center", *_URDF_OPTIONS), "not for parallel robots"
+    )
+    robot = ParallelRobot(read_robot(options.robot))
+    if options.along:
+        return rate_along(robot, options, None)
+    names, z = robot.description.platform.coordinates, robot.description.home
+    if options.pose:
+        if len(options.pose) != len(names):
+            wanted = ", ".join(names)
+            raise InputError(f"POSE: expected {wanted} (m, degrees), got {len(options.pose)} numbers")
+        z = np.where([one.startswith("phi") for one in names], np.radians(options.pose), options.pose)
+    entries, kinds = rate_parallel(robot, z)
+    data = {
+        "robot": robot.description.name,
+        "kind": "parallel",
+        "z": z.tolist(),
+        "singular": bool(kinds),
+        "kinds": list(kinds),
+        "indices": [entry.to_dict() for entry in entries],
+    }
+    return _answer(entries, [("singular", ", ".join(kinds) or "nothing")], data)
 
 
 def _rate_arm(options: Namespace) -> Report:
     model = _arm(options).with_payload(_payload(options))
+    if options.along:
+        return rate_along(model, options, _ellipsoid(options))
     if len(options.pose) != model.n:
         raise InputError(f"POSE: {model.name} has {model.n} joints, got {len(options.pose)} angles (degrees)")
     q = np.radians(bounded_array("POSE", options.pose, (model.n,)))
@@ -75,7 +112,7 @@ def _rate_arm(options: Namespace) -> Report:
 
 
 def _rate_platform(options: Namespace) -> Report:
-    _refuse_given(options, ("rates", "payload", *_URDF_OPTIONS), "not for platforms")
+    _refuse_given(options, ("rates", "payload", "along", *_URDF_OPTIONS), "not for platforms")
     hexapod = options.robot.upper() == _HEXAPOD
     file = platform_of_robot(ups6()) if hexapod else read_platform(options.robot)
     position, rotation = file.position, file.rotation

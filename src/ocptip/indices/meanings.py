@@ -128,3 +128,21 @@ PLATFORM = {
     ),
 }
 """Indices of a platform by name, the trustworthy ones first; sigma_s is bounded by the number of legs."""
+
+PARALLEL = {
+    "dexterity": _ratio(
+        "V(J_a)",
+        "volume spanned by the unit rows of the Jacobian, angles times the platform's radius; "
+        "0 motors do not hold the platform, 1 they act at right angles",
+    ),
+    "platform": _amount(
+        "sigma_a",
+        "1",
+        "smallest singular value of the Jacobian, angles times the platform's radius; 0 not held",
+    ),
+    "legs": _amount(
+        "sigma_leg",
+        "1",
+        "smallest singular value of a leg's own Jacobian; 0 the platform loses a motion",
+    ),
+}

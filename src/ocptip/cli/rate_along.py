@@ -1,0 +1,133 @@
+"""`ocptip rate --along MOTION.csv`: indices along a motion, their least values and where they are."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ocptip.basics.errors import InputError, naming
+from ocptip.basics.toml import read_text
+from ocptip.basics.write import file_target, versions
+from ocptip.cli.command import Report
+from ocptip.cli.layout import table
+from ocptip.indices.arms.values import index_values
+from ocptip.indices.metric import OperationEllipsoid
+from ocptip.indices.platforms.parallel_robots import parallel_indices
+from ocptip.parallel.robot import ParallelRobot
+from ocptip.robots.model import ArmModel
+from ocptip.trajectories.read_csv import csv_table
+
+_ARM = ("dm_2", "dm_inf", "pi_oe", "inv_cdn_oe", "manipulability")
+_SINGULAR = 1e-3
+_UNITS = {"deg": np.pi / 180.0, "rad": 1.0, "m": 1.0}
+
+
+@dataclass
+class AlongReport(Report):
+    """Indices (N,) over times (N,), s.
+
+    Attributes:
+        robot: its name.
+        times: s; of a file without times, row numbers from 0.
+        values: by name; the first ones are zero in singular poses.
+        figure: where its picture goes.
+    """
+
+    robot: str
+    times: np.ndarray
+    values: dict[str, np.ndarray]
+    figure: Path | None
+
+    @property
+    def good(self) -> bool:
+        """True if no pose is singular."""
+        first = next(iter(self.values.values()))
+        return bool(np.nanmin(first) > _SINGULAR) and not np.isnan(first).any()
+
+    def write(self) -> Iterator[Path]:
+        """The figure."""
+        if self.figure:
+            from ocptip.pictures.indices_along import save_indices
+
+            yield save_indices(self.robot, self.times, self.values, self.figure)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Least, mean and largest values, and when the least ones are."""
+        return {
+            "robot": self.robot,
+            "poses": len(self.times),
+            "indices": {
+                name: {
+                    "minimum": float(np.nanmin(v)),
+                    "at_s": float(self.times[np.nanargmin(v)]),
+                    "mean": float(np.nanmean(v)),
+                    "maximum": float(np.nanmax(v)),
+                }
+                for name, v in self.values.items()
+            },
+            "written": self.written,
+            "versions": versions(),
+        }
+
+    def to_text(self) -> str:
+        """A table."""
+        rows = [["index", "least", "at [s]", "mean", "largest"]]
+        for name, one in self.to_dict()["indices"].items():
+            numbers = (one["minimum"], one["at_s"], one["mean"], one["maximum"])
+            rows.append([name, *(f"{number:.4g}" for number in numbers)])
+        state = "regular" if self.good else "PASSES A SINGULAR POSE"
+        lines = [f"{self.robot}: {len(self.times)} poses, {state}.", "", *table(rows, left=(0,))]
+        return "\n".join([*lines, *(f"wrote {path}" for path in self.written)])
+
+
+def rate_along(
+    robot: ArmModel | ParallelRobot, options: Namespace, ellipsoid: OperationEllipsoid | None
+) -> AlongReport:
+    """Indices of every row of the file `--along`.
+
+    Raises:
+        InputError: the file lacks a column of positions, or a pose is out of reach; names the row.
+    """
+    figure = None
+    if options.plot:
+        with naming("--plot"):
+            figure = file_target(options.plot, (".png", ".pdf", ".svg"))
+    if isinstance(robot, ParallelRobot):
+        turns = [name.startswith("phi") for name in robot.description.platform.coordinates]
+        times, poses = _poses(options.along, turns)
+        values = _each(lambda z: parallel_indices(robot, z), poses, options.along)
+        return AlongReport(robot.description.name, times, values, figure)
+    times, poses = _poses(options.along, [not slides for slides in robot.prismatic])
+    return AlongReport(robot.name, times, index_values(robot, poses, ellipsoid=ellipsoid, names=_ARM), figure)
+
+
+def _each(
+    rate: Callable[[np.ndarray], dict[str, float]], poses: np.ndarray, file: str
+) -> dict[str, np.ndarray]:
+    found = []
+    for row, pose in enumerate(poses, start=1):
+        with naming(f"{file}: row {row}"):
+            found.append(rate(pose))
+    return {name: np.array([one[name] for one in found]) for name in found[0]}
+
+
+def _poses(file: str, turns: Sequence[bool]) -> tuple[np.ndarray, np.ndarray]:
+    """Times (N,) and positions (N, n), rad and m, of the columns q1_deg, q2_m, ..., as plans write them."""
+    with naming(file):
+        header, cells = csv_table(read_text(Path(file)))
+        columns = []
+        for number, turn in enumerate(turns, start=1):
+            units = ("deg", "rad") if turn else ("m",)
+            names = [f"q{number}_{unit}" for unit in units]
+            here = [name for name in names if name in header]
+            if not here:
+                raise InputError(f"expected a column {' or '.join(names)}, there are {', '.join(header[:8])}")
+            scale = _UNITS[here[0].rpartition("_")[2]]
+            columns.append(scale * cells[:, header.index(here[0])])
+    times = cells[:, header.index("time_s")] if "time_s" in header else np.arange(len(cells), dtype=float)
+    return times, np.column_stack(columns)

@@ -1,0 +1,93 @@
+"""`ocptip rate` for parallel robots, and along motions."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from ocptip.cli.main import main
+from ocptip.indices.arms.values import index_values
+from ocptip.indices.platforms.parallel_robots import parallel_indices, rate_parallel
+from ocptip.parallel.analysis.workspace import workspace
+from ocptip.parallel.description.ready_made import READY_MADE, rpr3, rrr3, ups6
+from ocptip.parallel.robot import ParallelRobot
+from ocptip.published.arms import arm_by_name
+from tests.places import EXAMPLES
+
+
+def _report(capsys, *arguments, code=0):
+    assert main(["rate", *map(str, arguments), "--json"]) == code
+    return json.loads(capsys.readouterr().out)
+
+
+@pytest.mark.parametrize("name", ["3RRR", "delta", "4PRRR"])
+def test_parallel_robots_at_home(capsys, name):
+    found = _report(capsys, name)
+    make = {known.lower(): one for known, one in READY_MADE.items()}[name.lower()]
+    robot = ParallelRobot(make())
+    values = {one["name"]: one["value"] for one in found["indices"]}
+    expected = robot.singularity(robot.description.home)
+    assert values["platform"] == pytest.approx(expected.platform, rel=1e-9)
+    assert values["legs"] == pytest.approx(expected.legs.min(), rel=1e-9)
+
+
+def test_robot_files_and_poses_in_degrees(capsys):
+    file = EXAMPLES / "robots" / "planar_3rrr.toml"
+    found = _report(capsys, file, 0.05, 0.02, 20)
+    assert found["z"] == pytest.approx([0.05, 0.02, np.radians(20)])
+    assert main(["rate", str(file), "1"]) == 2
+    assert "POSE: expected x, y, phi3" in capsys.readouterr().err
+
+
+def test_singular_pose_is_said(capsys):
+    robot = ParallelRobot(rpr3())
+    grid = workspace(robot, {"phi3": (-1.2, 0.0)}, cells=4000)
+    k = int(np.argmin(np.abs(grid.dexterity)))
+    found = _report(capsys, "3RPR", 0, 0, np.degrees(grid.values[0][k]), code=1)
+    assert found["kinds"] == ["platform (type II)"]
+
+
+def test_hexapods_have_the_indices_of_platforms_and_planar_ones_ctn():
+    hexapod = ParallelRobot(ups6())
+    entries, kinds = rate_parallel(hexapod, hexapod.description.home)
+    assert kinds == ()
+    assert {"dexterity", "ctn", "sigma_r"} <= {entry.name for entry in entries}
+    assert 0 < parallel_indices(ParallelRobot(rpr3()), [0, 0, 0])["ctn"] < 1
+    assert "ctn" not in parallel_indices(ParallelRobot(rrr3()), [0, 0, 0])
+
+
+def test_along_a_motion_of_an_arm(capsys, tmp_path):
+    q = np.radians([0, 40, -60, 10, 50, 20]) + np.linspace(0, 0.3, 9)[:, None]
+    file, figure = tmp_path / "motion.csv", tmp_path / "indices.png"
+    lines = [",".join(["time_s", *(f"q{k}_deg" for k in range(1, 7))])]
+    lines += [",".join(map(repr, [0.1 * k, *np.degrees(row).tolist()])) for k, row in enumerate(q)]
+    file.write_text("\n".join(lines) + "\n")
+    found = _report(capsys, "FP1W2F", "--along", file, "--plot", figure)
+    expected = index_values(arm_by_name("FP1W2F"), q, names=["dm_2"])["dm_2"]
+    assert found["indices"]["dm_2"]["minimum"] == pytest.approx(expected.min())
+    assert found["indices"]["dm_2"]["at_s"] == pytest.approx(0.1 * np.argmin(expected))
+    assert figure.stat().st_size > 5000
+
+
+def test_along_a_motion_of_a_parallel_robot(capsys, tmp_path):
+    file = tmp_path / "motion.csv"
+    file.write_text("time_s,q1_m,q2_m,q3_deg\n0,0,0,0\n1,0.05,0.02,10\n")
+    found = _report(capsys, "3RRR", "--along", file)
+    second = parallel_indices(ParallelRobot(rrr3()), [0.05, 0.02, np.radians(10)])
+    first = parallel_indices(ParallelRobot(rrr3()), [0, 0, 0])
+    for name, rated in found["indices"].items():
+        assert rated["minimum"] == pytest.approx(min(first[name], second[name]), rel=1e-9)
+        assert rated["maximum"] == pytest.approx(max(first[name], second[name]), rel=1e-9)
+    file.write_text("time_s,q1_m,q2_m,q3_deg\n0,0,0,0\n1,5,0,0\n")
+    assert main(["rate", "3RRR", "--along", str(file)]) == 2
+    assert "row 2" in capsys.readouterr().err
+    file.write_text("time_s,q1_m,q2_m\n0,0,0\n")
+    assert main(["rate", "3RRR", "--along", str(file)]) == 2
+    assert "expected a column q3_deg or q3_rad" in capsys.readouterr().err
+
+
+def test_plot_needs_a_motion(capsys):
+    assert main(["rate", "FP1W2F", "0", "40", "-60", "10", "50", "20", "--plot", "x.png"]) == 2
+    assert "--plot: needs --along" in capsys.readouterr().err
