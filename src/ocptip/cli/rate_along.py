@@ -118,8 +118,9 @@ def _each(
 
 def _poses(file: str, turns: Sequence[bool]) -> tuple[np.ndarray, np.ndarray]:
     """Times (N,) and positions (N, n), rad and m, of the columns q1_deg, q2_m, ..., as plans write them."""
+    text = read_text(Path(file))
     with naming(file):
-        header, cells = csv_table(read_text(Path(file)))
+        header, cells = csv_table(text)
         columns = []
         for number, turn in enumerate(turns, start=1):
             units = ("deg", "rad") if turn else ("m",)
