@@ -288,10 +288,11 @@ class Separations:
             here, body = places[:, r, first], self._bodies[second]
             if body["link"] >= 0:
                 there = places[:, r, second]
-            else:  # nearest point of a line
+            else:  # nearest point of a line, or of a single point
                 ends = np.array(body["points"])
                 way = ends[-1] - ends[0]
-                there = ends[0] + np.clip(way @ (here - ends[0]) / (way @ way), 0, 1) * way
+                share = way @ (here - ends[0]) / max(way @ way, 1e-30)
+                there = ends[0] + np.clip(share, 0, 1) * way
             found[r] = there - here
         return found
 

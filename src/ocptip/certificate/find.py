@@ -24,7 +24,7 @@ from ocptip.certificate.find_within import HIGHEST, SearchWithin
 from ocptip.certificate.interior import Interior
 from ocptip.certificate.result import AT_LIMIT, Certificate, Undecided
 from ocptip.certificate.trusted.checker import CLAIMS_WITHIN, FORMAT, Verdict, check_certificate, digest
-from ocptip.certificate.trusted.described import TORQUES, Checker, Intervals
+from ocptip.certificate.trusted.described import CLEARANCE, TORQUES, Checker, Intervals
 from ocptip.numerics.threads import one_thread
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.limit import Worst
@@ -40,7 +40,7 @@ LOSS = 2e-4
 _LONGEST = 0.01  # s, of the first intervals
 _MOST, _MOST_OFF_A_PLANE = 15, 4  # times as many intervals as at first are tried
 _SHORTEST = 1e-5  # s: what is shorter is not divided
-_LEAST_LOSS = 1e-4  # m
+_LEAST_LOSS, _LOSS_LATE = 1e-4, 1e-3  # m; of late joints
 _HIGHER = 3  # times GT within a tolerance is claimed higher
 _LOST = 1.01  # of sampled reserves within a tolerance: beyond proof; those of GN may be a little too high
 _CLAIMED_WITHIN = {
@@ -102,7 +102,7 @@ def certify(
 def _sampled(robot: StandingMechanism, worst: Mapping[str, Worst]) -> tuple[str, ...]:
     """Names of worst values that the proof says nothing of; on springs it is of rigid feet."""
     rigid = () if robot.support.elastic is None else ("GT",)
-    covered = {*_COVERED, *CLAIMS_WITHIN, TORQUES, *robot.further_limits.names}
+    covered = {*_COVERED, *CLAIMS_WITHIN, TORQUES, f"{CLEARANCE}_m", *robot.further_limits.names}
     return (*rigid, *(name for name in worst if name not in covered))
 
 
@@ -127,10 +127,12 @@ def _bounds(limits: MotionLimits, worst: Mapping[str, Worst], collides: bool) ->
         if bound > limit and value <= limit * (1 + 0.1 * AT_LIMIT):
             bound = limit * (1 + AT_LIMIT)
         bounds[name] = float(bound if name in _OF_DRIVES else min(bound, HIGHEST))
-    if collides:
-        value, limit = worst["clearance_m"].value, limits.clearance
-        bound = value - _LEAST_LOSS
-        bounds["clearance"] = float(limit - AT_LIMIT if bound < limit <= value + 0.1 * AT_LIMIT else bound)
+    for name, loss in (("clearance", _LEAST_LOSS), (CLEARANCE, _LOSS_LATE)) if collides else ():
+        if f"{name}_m" not in worst:
+            continue
+        value, limit = worst[f"{name}_m"].value, getattr(limits, name)
+        bound = value - loss
+        bounds[name] = float(limit - AT_LIMIT if bound < limit <= value + 0.1 * AT_LIMIT else bound)
     return bounds
 
 
@@ -146,7 +148,9 @@ def _kept(limits: MotionLimits, bounds: Mapping[str, float]) -> bool:
     for name in CLAIMS_WITHIN:
         limit = getattr(limits, name)
         most &= bounds.get(name, 0.0) <= (HIGHEST if limit >= NEARLY_LOST else limit)
-    return most and bounds.get("clearance", np.inf) >= limits.clearance - 2 * AT_LIMIT
+    return most and all(
+        bounds.get(name, np.inf) >= getattr(limits, name) - 2 * AT_LIMIT for name in ("clearance", CLEARANCE)
+    )
 
 
 @dataclass
@@ -177,7 +181,7 @@ class _Search:
         self.model, self.motion = model_data(robot), motion_data(motion)
         varying = robot.varying
         self.knots = np.empty(0) if varying is None else np.asarray(varying.knots)
-        self.checker = Checker(self.model, bounds, tolerance)
+        self.checker = Checker(self.model, bounds, tolerance, self.motion)
         self._separations = Separations(robot, self.model) if isinstance(robot, StandingRobot) else None
         self._interior = Interior(robot.support)
         self._done: list[_Batch] = []
@@ -236,9 +240,11 @@ class _Search:
                 break
         if self._tolerance is whole:
             return ()
+        lost = [CLEARANCE] if self._tolerance else [CLEARANCE, TORQUES]
+        lost = [name for name in lost if self.bounds.pop(name, None) is not None]
         if self._tolerance is not None:
-            return ("joints that are late", "jumps that overshoot")
-        return (*CLAIMS_WITHIN, *((TORQUES,) if self.bounds.pop(TORQUES, None) is not None else ()))
+            return ("joints that are late", "jumps that overshoot", *lost)
+        return (*CLAIMS_WITHIN, *lost)
 
     def _judged(
         self, piece: np.ndarray, start: np.ndarray, end: np.ndarray
@@ -250,11 +256,12 @@ class _Search:
             for forces in self._forces(unique[:, 0].astype(int), unique[:, 1])
         ]
         batch, at = _Batch(piece, start, end, ways[0]), Intervals(self.motion, piece, start, end)
-        middle = at.q.c[0].T
+        middle, count = at.q.c[0].T, len(self.model["pairs"])
 
         def directions(intervals: np.ndarray, pairs: np.ndarray) -> np.ndarray:
             assert self._separations is not None  # who asks has bodies
-            towards = self._separations(middle[intervals], pairs)
+            where = middle if np.all(pairs < count) else self.checker.late_places(at).c[0].T
+            towards = self._separations(where[intervals], pairs % count)
             asked = zip(intervals.tolist(), pairs.tolist(), strict=True)
             batch.directions.update(zip(asked, towards, strict=True))
             return towards

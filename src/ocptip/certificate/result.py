@@ -9,11 +9,13 @@ from typing import Any
 import numpy as np
 
 from ocptip.certificate.trusted.checker import Verdict
+from ocptip.certificate.trusted.described import CLEARANCE
 
 AT_LIMIT = 1e-6
 """Relative (of distances m): what is claimed where a limit is used up."""
 
 _WORDS = {"GN": "GN", "GT": "GT", "torque_ratio": "torque / limit"}
+_LEAST = ("clearance", CLEARANCE)  # bounds from below
 _WITHIN = {"GN_worst_case": "GN", "GT_worst_case": "GT", "torque_ratio_worst_case": "torque / limit"}
 
 
@@ -81,7 +83,7 @@ class Certificate:
         beyond = (
             self.verdict.bounds.get(key, number) - number if self.verdict.holds and not self.kept else 0.0
         )
-        short = max([beyond if key != "clearance" else -beyond, *(one.short for one in own)])
+        short = max([beyond if key not in _LEAST else -beyond, *(one.short for one in own)])
         return short, [0.5 * (one.start + one.end) for one in own]
 
     def __str__(self) -> str:
@@ -125,7 +127,7 @@ def together(parts: Sequence[Certificate], begins: Sequence[float]) -> Certifica
     names = dict.fromkeys(name for verdict in verdicts for name in verdict.bounds)
     bounds = {}
     for name in names:
-        weakest = min if name == "clearance" else max
+        weakest = min if name in _LEAST else max
         bounds[name] = weakest(verdict.bounds[name] for verdict in verdicts if name in verdict.bounds)
     return Certificate(
         {"parts": [part.data for part in parts]},
@@ -150,8 +152,14 @@ def claims(bounds: Mapping[str, float]) -> str:
     """Bounds in words, rounded to the safe side; those that exceed a limit by rounding as the limit."""
     most = {name: np.ceil(1e4 * bound / (1 + 2 * AT_LIMIT)) / 1e4 for name, bound in bounds.items()}
     parts = [f"{word} <= {most[name]:.4f}" for name, word in _WORDS.items()]
-    if "clearance" in bounds:
-        parts.append(f"clearance >= {np.floor(1e4 * bounds['clearance']) / 10:.1f} mm")
+    apart = {name: f"clearance >= {_tenths(bounds[name]):.1f} mm" for name in _LEAST if name in bounds}
+    parts += [apart[name] for name in ("clearance",) if name in apart]
     if within := [f"{w} <= {most[k]:.4f}" for k, w in _WITHIN.items() if k in bounds]:
+        within += [apart[name] for name in (CLEARANCE,) if name in apart]
         parts[-1] += f"; within the tolerance {', '.join(within)}"
     return ", ".join(parts)
+
+
+def _tenths(distance: float) -> float:
+    """mm, rounded to the safe side; what is at a limit is the limit."""
+    return np.floor(1e4 * (distance + 2 * AT_LIMIT)) / 10

@@ -77,6 +77,7 @@ _ROWS = {
     "torque_ratio": "torque / limit",
     "torque_ratio_worst_case": "torque / limit at worst",
     "clearance_m": "clearance",
+    "clearance_worst_case_m": "clearance, joints late",
     "foot_force_N": "force on a foot that gives",
     "jump_foot_force_N": "the same at jumps, overshoot",
     "foot_lift_m": "lift of a foot that gives",
@@ -93,13 +94,18 @@ _MARGINS = ("angle_margin_deg", "position_margin_m")
 _AT_WORST = ("GN_worst_case", "GT_worst_case")
 _UNITS = {
     "clearance_m": ("mm", 1e3),
+    "clearance_worst_case_m": ("mm", 1e3),
     "foot_lift_m": ("mm", 1e3),
     "foot_force_N": ("N", 1.0),
     "jump_foot_force_N": ("N", 1.0),
     "angle_margin_deg": ("deg", 1.0),
     "position_margin_m": ("mm", 1e3),
 }
-_LEAST = ("clearance_m", "foot_force_N", "jump_foot_force_N", *_MARGINS, "singularity")
+_LEAST = (
+    *("clearance_m", "clearance_worst_case_m"),
+    *("foot_force_N", "jump_foot_force_N"),
+    *(*_MARGINS, "singularity"),
+)
 _NOISY = "the calmest motion within the noise of the samples"
 _RETIMED_NODES = 100  # of the timing that a motion is told about: within 1 % of the duration
 _WITHIN_NODES = 40  # the same within a tolerance, which takes long

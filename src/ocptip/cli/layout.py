@@ -98,6 +98,8 @@ def within_rows(checked: MotionCheck) -> list[tuple[str, str]]:
         return []
     texts = [f"{within.tolerance}"]
     texts += [f"worst for {name}: {at}" for name, at in (("GN", within.tip), ("GT", within.slip)) if at]
+    if within.gap:
+        texts.append(f"least clearance: {within.gap}")
     if "foot_force_N" in checked.worst:
         texts.append("feet that give: their forces and lifts are looked at as described only")
     if "GN_gears" in checked.worst:

@@ -90,7 +90,7 @@ class MotionCheck:
         """The verdict in capital letters, and what it is about."""
         word = "CERTIFIED" if self.certified else "VERIFIED" if self.verified else "NOT VERIFIED"
         if self.certified and self.within is not None:
-            word += " within the tolerance" + " (distances as described)" * self.collision["checked"]
+            word += " within the tolerance"
         return word + self.scope
 
     @property

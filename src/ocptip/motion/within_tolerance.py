@@ -2,7 +2,7 @@
 
 For the contacts these are instants, with every joint as late as it can be without a jump, and the states of
 late joints around jumps of accelerations, in all combinations, see `late_joints`. Torques are looked at with
-all joints on time, by the closed form of certificates.
+all joints on time, by the closed form of certificates; distances with joints that are late, each by itself.
 """
 
 from __future__ import annotations
@@ -15,10 +15,11 @@ import numpy as np
 
 from ocptip.basics.text import quantity
 from ocptip.certificate.describe import model_data, tolerance_data
-from ocptip.certificate.trusted.described import TORQUES
+from ocptip.certificate.trusted.described import CLEARANCE, TORQUES
 from ocptip.certificate.trusted.drives import Drives
 from ocptip.certificate.trusted.forms import Form
 from ocptip.motion.late_joints import Looked, jump_states, on_time
+from ocptip.standing.arm import StandingRobot
 from ocptip.standing.limit import Worst as Measured
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
@@ -31,7 +32,11 @@ EXACT = 48  # instants that are looked at exactly, those that look worst up to p
 STARTS = 5  # of the search for the worst slip
 SPACING, ROUGHLY = 0.01, 0.02  # s, share: how closely it is looked at what a motion can have
 NEARER, FRESH = 2, 9  # rounds of instants around the worst
-PEAKS = 6  # instants around which the greatest torques are looked for
+PEAKS = 6  # instants around which the greatest torques and the smallest distances are looked for
+LATER = 5  # instants of the delay at which it is looked where a joint may be
+FURTHER = 0.1  # m beyond the smallest distance: what is further apart does not come nearer by being late
+ON_TIME = 1e-6  # rad or m: what is nearer to where it should be is on time
+NEAREST, LIKELY = 2000, 200  # pairs at instants whose slopes, and whose nearest places, are looked at
 
 
 @dataclass(frozen=True)
@@ -77,6 +82,27 @@ class WorstTorque:
 
 
 @dataclass(frozen=True)
+class WorstGap:
+    """The smallest distance of what may collide with joints that are late.
+
+    Attributes:
+        value: m.
+        time: s.
+        between: what it is between, in words.
+        joints: numbers of joints that are late there, from 1.
+    """
+
+    value: float
+    time: float
+    between: str
+    joints: tuple[int, ...]
+
+    def __str__(self) -> str:
+        late = f", joints {', '.join(map(str, self.joints))} late" if self.joints else ""
+        return f"{quantity(1e3 * self.value, 'mm', 3)} between {self.between}{late}, at {self.time:.3f} s"
+
+
+@dataclass(frozen=True)
 class WithinTolerance:
     """A motion at the worst of a tolerance.
 
@@ -84,6 +110,7 @@ class WithinTolerance:
         tolerance: of the arm, its base, the floor and the drives.
         tip, slip: the worst instants; tip is None where the base cannot tip.
         torque: the worst of the drives.
+        gap: the smallest distance; None where nothing is late or nothing may collide.
         states: number of states looked at.
     """
 
@@ -91,14 +118,16 @@ class WithinTolerance:
     tip: WorstInstant | None
     slip: WorstInstant
     torque: WorstTorque
+    gap: WorstGap | None
     states: int
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
         tip = self.tip and self.tip.to_dict()
         given = self.tolerance.to_dict()
-        slip, torque = self.slip.to_dict(), dict(vars(self.torque))
-        return {"tolerance": given, "tip": tip, "slip": slip, "torque": torque, "states": self.states}
+        slip, torque, gap = self.slip.to_dict(), dict(vars(self.torque)), self.gap and dict(vars(self.gap))
+        parts = {"tip": tip, "slip": slip, "torque": torque, "clearance": gap}
+        return {"tolerance": given, **parts, "states": self.states}
 
     def measured(self, limits: MotionLimits) -> list[Measured]:
         """As the other worst values of a check."""
@@ -109,7 +138,12 @@ class WithinTolerance:
                 found.append(Measured(name, value, worst.time, most, worst.how, value - most))
         value, most = self.torque.value, limits.torque_ratio_worst_case
         where = f"joint {self.torque.joint}"
-        return [*found, Measured(TORQUES, value, self.torque.time, most, where, value - most)]
+        found.append(Measured(TORQUES, value, self.torque.time, most, where, value - most))
+        if self.gap is not None:
+            value, least = self.gap.value, limits.clearance_worst_case
+            name = f"{CLEARANCE}_m"
+            found.append(Measured(name, value, self.gap.time, least, self.gap.between, least - value, True))
+        return found
 
 
 def worst_within(
@@ -161,8 +195,52 @@ def _worst_of(cases: WorstCase, motion: Motion, times: np.ndarray) -> WithinTole
     if cases.axes:
         tip = _worst_tip(cases, _refined(cases, motion, looked, _least_moments))
     at = _refined(cases, motion, looked, _greatest_slips)
-    torque = _worst_torque(cases, motion, times)
-    return WithinTolerance(tolerance, tip, _worst_slip(cases, at), torque, len(looked.times))
+    torque, gap = _worst_torque(cases, motion, times), _smallest_gap(cases.robot, motion, tolerance, times)
+    return WithinTolerance(tolerance, tip, _worst_slip(cases, at), torque, gap, len(looked.times))
+
+
+def _smallest_gap(
+    robot: StandingRobot, motion: Motion, tolerance: Tolerance, times: np.ndarray
+) -> WorstGap | None:
+    """With every joint where it is to be at some time in the delay before, by slopes: what is found is
+    attained."""
+    if not tolerance.late or not robot.collision.labels:
+        return None
+    every, found = np.unique(times), None
+    for _ in range(1 + NEARER):
+        at, pairs, gaps, late = _late_gaps(robot, motion, tolerance.late, times)
+        k = int(np.argmin(gaps))
+        if found is None or gaps[k] < found.value:
+            joints = tuple(int(j) + 1 for j in np.flatnonzero(late[k]))
+            found = WorstGap(float(gaps[k]), float(at[k]), str(robot.collision.labels[pairs[k]]), joints)
+        near = np.searchsorted(every, at[np.argsort(gaps)[:PEAKS]])
+        left, right = every[np.maximum(near - 1, 0)], every[np.minimum(near + 1, len(every) - 1)]
+        times = np.linspace(left, right, FRESH + 2)[1:-1].ravel()
+        every = np.unique(np.concatenate([every, times]))
+    return found
+
+
+def _late_gaps(
+    robot: StandingRobot, motion: Motion, delay: float, times: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Of pairs that come near: when, s, which, the distance, m, (r,), and which joints are late, (r, n)."""
+    earlier = times[:, None] - np.linspace(0.0, delay, LATER)
+    places = motion.states(earlier.ravel())[0].reshape(len(times), LATER, robot.n)
+    ends = np.stack([places.min(axis=1), places.max(axis=1)])
+    middle, half = 0.5 * ends.sum(axis=0), 0.5 * (ends[1] - ends[0])
+    gaps = robot.collision.gaps(middle, float(np.min(robot.collision.least(middle))) + FURTHER)
+    nearest = np.argsort(gaps, axis=None, kind="stable")[:NEAREST]
+    rows, pairs = np.unravel_index(nearest, gaps.shape)
+    near, slopes = robot.collision.slopes(middle, rows, pairs)
+    likely = np.argsort(near - np.einsum("rj,rj->r", np.abs(slopes), half[rows]), kind="stable")[:LIKELY]
+    rows, pairs, slopes = rows[likely], pairs[likely], slopes[likely]
+    number, least, late = np.arange(len(rows)), near[likely], middle[rows]
+    for _ in range(NEARER):
+        q = middle[rows] - np.sign(slopes) * half[rows]
+        found, slopes = robot.collision.slopes(q, number, pairs)
+        late = np.where((found < least)[:, None], q, late)
+        least = np.minimum(found, least)
+    return times[rows], pairs, least, np.abs(late - places[rows, 0]) > ON_TIME
 
 
 def _worst_torque(cases: WorstCase, motion: Motion, times: np.ndarray) -> WorstTorque:

@@ -5,12 +5,11 @@ A kind that needs a number of its own adds a field to `standing.limits.MotionLim
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from ocptip.reserves.slip import known
 from ocptip.standing.brake_limits import BrakeSlipLimit, BrakeTipLimit
+from ocptip.standing.clearance_limits import ClearanceLimit, LateClearanceLimit
 from ocptip.standing.drive_limits import RingingSlipLimit, RingingTipLimit
 from ocptip.standing.feet_limit import FootForceLimit, FootLiftLimit, JumpFootForceLimit
 from ocptip.standing.instants import Instants, NodeColumns
@@ -35,8 +34,6 @@ from ocptip.standing.worst_case_limits import WorstSlipLimit, WorstTipOverLimit,
 from ocptip.trajectories.sampled import Motion
 
 PATH_MARGIN = 0.5  # share of M0 / GN - M0 that a path at rest keeps beyond the limit
-GAP_SCALE = 10.0  # rows of distances are in 0.1 m
-FAR = 0.1  # m beyond the clearance: how far a pair may be so that its distance is computed exactly
 FURTHER_INSIDE = 1e-4  # distance in their units with which programs keep further limits: rounding
 
 
@@ -177,82 +174,6 @@ class TorqueLimit(QuantityLimit, AskedLimit):
 
     def first(self, columns: NodeColumns) -> int:
         return columns.torque.start
-
-
-class ClearanceLimit(AskedLimit):
-    """Signed distances of what may collide; programs look only at pairs that are near."""
-
-    name, quantity, setting = "clearance", "clearance_m", "clearance"
-    least = of_place = True
-    largest_step = 1e-3  # m
-
-    def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
-        super().__init__(robot, asked, joints)
-        self.width = len(robot.collision.labels)
-
-    def inner(self, asked: MotionLimits) -> MotionLimits:
-        return replace(asked, clearance=asked.clearance + 1e-5)
-
-    def tightened(self, asked: MotionLimits, excess: float) -> MotionLimits:
-        return replace(asked, clearance=asked.clearance + min(excess, self.largest_step))
-
-    def measure(self, at: Instants) -> np.ndarray:
-        return -self.robot.collision.least(at.angles)[:, None]
-
-    def detail(self, look: Look, time: float) -> str:
-        label = self.robot.collision.worst(look(time).angles)[1]
-        return "" if label is None else str(label)
-
-    def refusals(self, at: Instants) -> list[str]:
-        gap, pair, _ = self.robot.collision.worst(at.angles)
-        if gap < 0:
-            return [f"collision: {', '.join(self._overlaps(at))} (where that is meant: excluded_links)"]
-        if gap < self.number:
-            least = 1e3 * self.number
-            return [f"{pair} are {1e3 * gap:.1f} mm apart, must be >= {least:.1f} mm (clearance)"]
-        return []
-
-    def _overlaps(self, at: Instants) -> list[str]:
-        """All pairs of names that overlap, the deepest first."""
-        found: dict[str, float] = {}
-        gaps = np.min(self.robot.collision.gaps(at.angles, 0.0), axis=0)
-        for k in np.argsort(gaps):
-            if gaps[k] < 0:
-                found.setdefault(str(self.robot.collision.labels[k]), float(gaps[k]))
-        return [f"{pair} overlap by {-1e3 * gap:.1f} mm" for pair, gap in found.items()]
-
-    def path_excess(self, at: Instants) -> float:
-        return float(np.max(GAP_SCALE * (self.number - self._smallest(at))))
-
-    def near(self, at: Instants, share: float) -> np.ndarray:
-        return self._gaps(at) <= self.number + 0.01 * (1 - share)
-
-    def use(self, at: Instants) -> np.ndarray:
-        return 1 + GAP_SCALE * (self.number - self._smallest(at))
-
-    def _gaps(self, at: Instants) -> np.ndarray:
-        """(N, width), m, right as far as they matter."""
-        return at.gaps(self.number + FAR)
-
-    def _smallest(self, at: Instants) -> np.ndarray:
-        """(N,), m; infinite where there is nothing to hit."""
-        return np.min(self._gaps(at), axis=1, initial=np.inf)
-
-    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        return np.full(self.width, self.number * GAP_SCALE), np.full(self.width, np.inf)
-
-    def rows(self, at: NodeSlopes, mask: np.ndarray) -> Rows:
-        i, k = np.nonzero(mask)
-        gaps, slopes = self.robot.collision.slopes(at.angles, i, k)
-        return Rows(at, i, k, GAP_SCALE * gaps, GAP_SCALE * slopes)
-
-    def jacobian(self, rows: Rows) -> np.ndarray:
-        return np.einsum("rq,rqx->rx", rows.slopes, rows.at.s_x[rows.nodes, : self.robot.n])
-
-    def add_hessian(self, rows: Rows, on: np.ndarray, H: np.ndarray, on_s: np.ndarray) -> None:
-        n, scaled = self.robot.n, GAP_SCALE * on
-        H[:, :n, :n] += self.robot.collision.curvature(rows.at.angles, rows.nodes, rows.places, scaled)
-        np.add.at(on_s[:, :n], rows.nodes, on[:, None] * rows.slopes)
 
 
 class PeakLimit(Limit):
@@ -434,6 +355,7 @@ KINDS: tuple[type[Limit], ...] = (
     BrakeSlipLimit,
     TorqueLimit,
     ClearanceLimit,
+    LateClearanceLimit,
     SpeedLimit,
     AccelerationLimit,
     DurationLimit,

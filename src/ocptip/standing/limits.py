@@ -36,6 +36,7 @@ class MotionLimits:
         GN_worst_case, GT_worst_case: largest values at the worst of the tolerance, planned and found by the
             sampled check; proofs keep smaller limits as they are, and instead of the default that no contact
             is lost: below 1.
+        clearance_worst_case: smallest distance, m, with joints that are late within the tolerance.
         stops: what stops along the path, begun at any instant, have to keep; None: they are not looked at.
         brakes: the same of stops by brakes.
     """
@@ -53,6 +54,7 @@ class MotionLimits:
     tolerance: Tolerance = NONE
     GN_worst_case: float = NEARLY_LOST
     GT_worst_case: float = NEARLY_LOST
+    clearance_worst_case: float = 0.0
     foot_lift: float = 0.0
     foot_force: float = 0.0
     jump_foot_force: float = 0.0
@@ -63,7 +65,7 @@ class MotionLimits:
         for name in ("GN", "GT", "jump_tip_over", "jump_slip", "GN_worst_case", "GT_worst_case"):
             share_of_one(name, getattr(self, name))
         positive_number("torque_ratio", self.torque_ratio)
-        for name in ("clearance", "angle_margin", "min_duration", "foot_lift"):
+        for name in ("clearance", "clearance_worst_case", "angle_margin", "min_duration", "foot_lift"):
             positive_number(name, getattr(self, name), zero_allowed=True)
         overshoot_of(self.damping)  # refuses what is none
         if not self.max_duration > 0:
@@ -106,4 +108,4 @@ class MotionLimits:
 
 
 _OF_STOPS = ("stops", "brakes")
-_OF_TOLERANCE = ("tolerance", "GN_worst_case", "GT_worst_case")
+_OF_TOLERANCE = ("tolerance", "GN_worst_case", "GT_worst_case", "clearance_worst_case")

@@ -14,7 +14,7 @@ A certificate is plain data:
 - `tolerance`: how far the world may be off, or null;
 - `bounds`: what is claimed, one number each for the whole motion;
 - `cover`: per piece the ends -1 = u_0 < u_1 < ... = 1 of its intervals, contact forces at both ends of
-  each, and directions that separate solids;
+  each, and directions that separate solids (pairs of late joints are counted after the pairs);
 - `cover_within`: for the tolerance the ends t_0 < t_1 < ... of intervals (from 0 to the delay after the
   motion; if nothing is late, from 1 s before it to 1 s after it), joints that are taken apart on each,
   contact forces and weights of every combination of what these may be doing there while they are late, or
@@ -32,7 +32,7 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.certificate.trusted.described import TORQUES, Checker, Intervals
+from ocptip.certificate.trusted.described import CLEARANCE, TORQUES, Checker, Intervals
 from ocptip.certificate.trusted.plain import (
     LARGEST,
     MalformedError,
@@ -62,7 +62,8 @@ class Verdict:
         holds: everything that it claims.
         problems: why not, one sentence each.
         bounds: claimed: greatest GN, GT and torque_ratio, least clearance, m; within a tolerance greatest
-            GN_worst_case and GT_worst_case and, if anything is claimed of it, torque_ratio_worst_case.
+            GN_worst_case and GT_worst_case and, if anything is claimed of them, torque_ratio_worst_case and
+            the least clearance_worst_case.
         moments: N m: what is proved to be left about every tipping axis, by the same names. GN is a share of
             a reference moment that the certificate may choose; this is not.
         intervals: number of them, and of rows within a tolerance.
@@ -117,7 +118,8 @@ def _problems(data: Mapping[str, Any]) -> tuple[list[str], int]:
     if tolerance is not None:
         require_tolerance(tolerance)
     own = (*within, *(key for key in (TORQUES,) if within and key in bounds))
-    if unknown := set(bounds) - {*CLAIMS, *own}:
+    apart = [key for key in ("clearance", CLEARANCE) if key in bounds]
+    if unknown := set(bounds) - {*CLAIMS, *own, *(apart if within else ())}:
         found.append(f"unknown claims: {', '.join(sorted(unknown))}")
     found += [
         f"{key}: {bounds[key]} is no bound that proves anything"
@@ -129,8 +131,8 @@ def _problems(data: Mapping[str, Any]) -> tuple[list[str], int]:
         )
         if not 0 < numbers(key, bounds[key], ()) < most
     ]
-    numbers("clearance", bounds.get("clearance", 0.0), ())
-    if ("clearance" in bounds) != bool(model["pairs"]):
+    numbers("clearance", [bounds[key] for key in apart], (None,))
+    if "clearance" not in bounds if model["pairs"] else apart:
         found.append("clearance: claimed without anything that may collide, or not claimed with it")
     if len(data["cover"]) != len(motion["times"]):
         found.append(f"cover: of {len(data['cover'])} pieces, the motion has {len(motion['times'])}")
@@ -149,11 +151,11 @@ def _problems(data: Mapping[str, Any]) -> tuple[list[str], int]:
 def _problems_as_described(data: Mapping[str, Any]) -> tuple[list[str], int]:
     """Of the claims about the world as described."""
     motion, model, found = data["motion"], data["model"], []
-    checker = Checker(model, data["bounds"], data["tolerance"])
+    checker = Checker(model, data["bounds"], data["tolerance"], motion)
     shape = (2, 1 + len(checker.contacts.couples), checker.contacts.count, 3)
     piece, start, end, forces, given = [], [], [], [], {}
     for number, part in enumerate(data["cover"]):
-        require_cover(part, number + 1, shape, len(model["pairs"]))
+        require_cover(part, number + 1, shape, len(model["pairs"]) * (1 + (CLEARANCE in data["bounds"])))
         ends, own = np.array(part["ends"], dtype=float), np.array(part["forces"], dtype=float)
         for interval, pair, *direction in part["directions"]:
             given[len(piece) + interval, pair] = direction

@@ -1,4 +1,7 @@
-"""What is claimed of a motion in the world as described: contacts, limits and distances over intervals."""
+"""What is claimed of a motion in the world as described: contacts, limits and distances over intervals.
+
+Torques and distances within a tolerance are looked at here, too: they take no contact forces.
+"""
 
 from __future__ import annotations
 
@@ -13,10 +16,13 @@ from ocptip.certificate.trusted.contacts import Contacts
 from ocptip.certificate.trusted.distances import Directions, Frame, distances
 from ocptip.certificate.trusted.drives import Drives
 from ocptip.certificate.trusted.forms import Form, U, known, polynomial, stack
+from ocptip.certificate.trusted.late import Late
 from ocptip.certificate.trusted.program import run
 
 TORQUES = "torque_ratio_worst_case"
 """Claim: within the tolerance no drive needs more than this share of its limit."""
+CLEARANCE = "clearance_worst_case"
+"""Claim: however late joints are within the tolerance, m, what may collide is so far apart."""
 RELATIVE = 1e-5  # of themselves: by so much may speeds and accelerations exceed their limits: rounded times
 ANGLE = 1e-7  # rad or m, likewise
 
@@ -71,7 +77,8 @@ class Checker:
 
     Args:
         model, bounds: of a certificate.
-        tolerance: of it, for what is claimed of the drives; None where that is nothing.
+        tolerance: of it, for what is claimed of drives and distances; None where that is nothing.
+        motion: of it, for distances of joints that are late.
 
     Attributes:
         contacts: with what is asked of them.
@@ -82,6 +89,7 @@ class Checker:
         model: Mapping[str, Any],
         bounds: Mapping[str, float],
         tolerance: Mapping[str, Any] | None = None,
+        motion: Mapping[str, Any] | None = None,
     ) -> None:
         self.bounds, base = bounds, model["base"]
         gravity, about = (np.array(base[key], dtype=float) for key in ("gravity", "center_of_mass"))
@@ -90,6 +98,9 @@ class Checker:
         self.arm = None if model["arm"] is None else Arm(model["arm"], gravity, about)
         self.program = None if self.arm else model["program"]
         self._drives = None if tolerance is None or TORQUES not in bounds else Drives(model, tolerance)
+        self._late = None
+        if tolerance is not None and motion is not None and CLEARANCE in bounds:
+            self._late = Late(motion, tolerance["delay"] * (1 + tolerance["speed"]), 0.0)
         self.bodies, self.pairs = model["bodies"], np.array(model["pairs"], dtype=int).reshape(-1, 2)
         self._limits = {
             key: np.array([none if x is None else x for x in model["limits"][key]], dtype=float)
@@ -139,6 +150,8 @@ class Checker:
             asked = bounds["clearance"]
             gaps = distances(loads.frames, self.bodies, self.pairs, asked, directions)
             found["clearance"] = np.min(gaps, axis=0) - asked
+        if self._late is not None:
+            found["clearance within tolerance"] = self._late_gaps(at, directions)
         if loads.further is not None:
             low, high = loads.further.range
             least, most = (
@@ -148,6 +161,24 @@ class Checker:
             room = np.minimum(low - least + RELATIVE * np.abs(least), most - high + RELATIVE * np.abs(most))
             found["singularity, motor speed"] = np.min(room, axis=0)
         return {name: known(value) for name, value in found.items()}
+
+    def late_places(self, at: Intervals) -> Form:
+        """Coordinates (n, N) of joints that are late, see `Late.places`."""
+        assert self._late is not None  # who asks has a claim of it
+        blur = U * (1 + np.abs(at.ends).sum(axis=0))  # times are rounded
+        return self._late.places(at.ends[0] - blur, at.ends[1] + blur)
+
+    def _late_gaps(self, at: Intervals, directions: Directions) -> np.ndarray:
+        """Distances beyond what is claimed of joints that are late, (N,), m; directions of pairs of theirs
+        have numbers after those of all pairs."""
+        assert self.arm is not None  # programs have no bodies
+        frames, count = self.arm.frames(self.arm.turns(self.late_places(at))), len(self.pairs)
+        asked = self.bounds[CLEARANCE]
+
+        def of_late(intervals: np.ndarray, pairs: np.ndarray) -> np.ndarray:
+            return directions(intervals, pairs + count)
+
+        return np.min(distances(frames, self.bodies, self.pairs, asked, of_late), axis=0) - asked
 
     @np.errstate(invalid="ignore", over="ignore")
     def contact_margins(self, wrench: Form, forces: np.ndarray) -> dict[str, np.ndarray]:

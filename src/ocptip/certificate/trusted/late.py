@@ -167,6 +167,36 @@ class Late:
             apart: (N, n) joints whose branches are looked at one by one; of those of others a box is made,
                 any of their accelerations with any T. None: all joints.
         """
+        branches, boxes, chosen, interval, ways = self._combined(starts, ends, apart)
+        states, spread = self._states(branches), np.zeros(len(branches))
+        if boxes:
+            placed, more = self._boxes(boxes)
+            states = [joined(*pair) for pair in zip(states, placed, strict=True)]
+            spread = np.concatenate([spread, more])
+        group = np.digitize(np.count_nonzero(spread[chosen], axis=0), _ALIKE)
+        found = []
+        for k in np.unique(group):
+            here = np.flatnonzero(group == k)
+            forms = self._placed(states, chosen[:, here], spread)
+            when = np.stack([starts[interval[here]], ends[interval[here]]])
+            found.append(Rows(here, interval[here], ways[:, here], *forms, when))
+        return found
+
+    def places(self, starts: np.ndarray, ends: np.ndarray) -> Form:
+        """Coordinates (n, N) in s and e_1 ... e_n of joints that are late, over intervals from start to end,
+        (N,), s; what their accelerations do does not matter."""
+        none = np.zeros((len(starts), self.joints), dtype=bool)
+        branches, boxes, chosen, _, _ = self._combined(starts, ends, none)
+        every = self._states(branches)[0]
+        if boxes:
+            every = joined(every, self._boxes(boxes)[0][0])
+        return self._placed([every], chosen, np.zeros(len(every.r)))[0]
+
+    def _combined(
+        self, starts: np.ndarray, ends: np.ndarray, apart: np.ndarray | None
+    ) -> tuple[list[_Branch], list[_Box], np.ndarray, np.ndarray, np.ndarray]:
+        """Branches, boxes, which of them joints take (n, R), boxes counted after the branches, and of each
+        combination its interval (R,) and how many branches joints have there (n, R)."""
         branches: list[_Branch] = []
         boxes: list[_Box] = []
         interval, chosen, ways, most = [], [], [], 0
@@ -187,21 +217,9 @@ class Late:
                 interval.append(number)
                 chosen.append(combination)
                 ways.append(counts)
-        index, interval, ways = np.array(chosen).T, np.array(interval), np.array(ways).T
-        index = np.where(index < 0, len(branches) - 1 - index, index)  # (n, R)
-        states, spread = self._states(branches), np.zeros(len(branches))
-        if boxes:
-            placed, more = self._boxes(boxes)
-            states = [joined(*pair) for pair in zip(states, placed, strict=True)]
-            spread = np.concatenate([spread, more])
-        group = np.digitize(np.count_nonzero(spread[index], axis=0), _ALIKE)
-        found = []
-        for k in np.unique(group):
-            here = np.flatnonzero(group == k)
-            forms = self._placed(states, index[:, here], spread)
-            when = np.stack([starts[interval[here]], ends[interval[here]]])
-            found.append(Rows(here, interval[here], ways[:, here], *forms, when))
-        return found
+        index = np.array(chosen).T
+        index = np.where(index < 0, len(branches) - 1 - index, index)
+        return branches, boxes, index, np.array(interval), np.array(ways).T
 
     def _states(self, branches: list[_Branch]) -> list[Form]:
         """Coordinates, speeds and accelerations (branches,), with one coefficient of e and one of e s."""
@@ -270,7 +288,7 @@ class Late:
         return found, spread
 
     def _placed(self, states: list[Form], index: np.ndarray, spread: np.ndarray) -> list[Form]:
-        """Coordinates, speeds and accelerations of branches and boxes at their joints' numbers: (n, R)."""
+        """States of branches and boxes, coordinates first, at their joints' numbers: (n, R)."""
         n, count = index.shape
         if not self.delay:
             return [
@@ -289,6 +307,8 @@ class Late:
                 square += m - j
             found.append(Form(c, form.r[index]))
         joint, row = np.nonzero(boxed)
+        if not len(joint):
+            return found
         number = K + n - 1 + np.cumsum(boxed, axis=0)[joint, row]
         found[2].c[number, joint, row] = spread[index[joint, row]]
         return found

@@ -1,0 +1,192 @@
+"""Limits of distances: of the motion, and with joints that are late within a tolerance."""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ocptip.standing.instants import Instants
+from ocptip.standing.limit import AskedLimit, Look, NodeSlopes, Rows, StateLimit, Worst
+from ocptip.standing.limits import MotionLimits
+from ocptip.standing.mechanism import StandingMechanism
+
+GAP_SCALE = 10.0  # rows of distances are in 0.1 m
+FAR = 0.1  # m beyond the clearance: how far a pair may be so that its distance is computed exactly
+CHOICES = 2  # how often it is chosen, by slopes, which joints are late
+
+
+class ClearanceLimit(AskedLimit):
+    """Signed distances of what may collide; programs look only at pairs that are near."""
+
+    name, quantity, setting = "clearance", "clearance_m", "clearance"
+    least = of_place = True
+    largest_step = 1e-3  # m
+
+    def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
+        super().__init__(robot, asked, joints)
+        self.width = len(robot.collision.labels)
+
+    def inner(self, asked: MotionLimits) -> MotionLimits:
+        return replace(asked, **{self.setting: self.number + 1e-5})
+
+    def tightened(self, asked: MotionLimits, excess: float) -> MotionLimits:
+        return replace(asked, **{self.setting: getattr(asked, self.setting) + min(excess, self.largest_step)})
+
+    def measure(self, at: Instants) -> np.ndarray:
+        return -self.robot.collision.least(at.angles)[:, None]
+
+    def detail(self, look: Look, time: float) -> str:
+        label = self.robot.collision.worst(look(time).angles)[1]
+        return "" if label is None else str(label)
+
+    def refusals(self, at: Instants) -> list[str]:
+        gap, pair, _ = self.robot.collision.worst(at.angles)
+        if gap < 0:
+            return [f"collision: {', '.join(self._overlaps(at))} (where that is meant: excluded_links)"]
+        if gap < self.number:
+            least = 1e3 * self.number
+            return [f"{pair} are {1e3 * gap:.1f} mm apart, must be >= {least:.1f} mm (clearance)"]
+        return []
+
+    def _overlaps(self, at: Instants) -> list[str]:
+        """All pairs of names that overlap, the deepest first."""
+        found: dict[str, float] = {}
+        gaps = np.min(self.robot.collision.gaps(at.angles, 0.0), axis=0)
+        for k in np.argsort(gaps):
+            if gaps[k] < 0:
+                found.setdefault(str(self.robot.collision.labels[k]), float(gaps[k]))
+        return [f"{pair} overlap by {-1e3 * gap:.1f} mm" for pair, gap in found.items()]
+
+    def path_excess(self, at: Instants) -> float:
+        return float(np.max(GAP_SCALE * (self.number - self._smallest(at))))
+
+    def near(self, at: Instants, share: float) -> np.ndarray:
+        return self._gaps(at) <= self.number + 0.01 * (1 - share)
+
+    def use(self, at: Instants) -> np.ndarray:
+        return 1 + GAP_SCALE * (self.number - self._smallest(at))
+
+    def _gaps(self, at: Instants) -> np.ndarray:
+        """(N, width), m, right as far as they matter."""
+        return at.gaps(self.number + FAR)
+
+    def _smallest(self, at: Instants) -> np.ndarray:
+        """(N,), m; infinite where there is nothing to hit."""
+        return np.min(self._gaps(at), axis=1, initial=np.inf)
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        return np.full(self.width, self.number * GAP_SCALE), np.full(self.width, np.inf)
+
+    def rows(self, at: NodeSlopes, mask: np.ndarray) -> Rows:
+        i, k = np.nonzero(mask)
+        gaps, slopes = self.robot.collision.slopes(at.angles, i, k)
+        return Rows(at, i, k, GAP_SCALE * gaps, GAP_SCALE * slopes)
+
+    def jacobian(self, rows: Rows) -> np.ndarray:
+        return np.einsum("rq,rqx->rx", rows.slopes, rows.at.s_x[rows.nodes, : self.robot.n])
+
+    def add_hessian(self, rows: Rows, on: np.ndarray, H: np.ndarray, on_s: np.ndarray) -> None:
+        n, scaled = self.robot.n, GAP_SCALE * on
+        H[:, :n, :n] += self.robot.collision.curvature(rows.at.angles, rows.nodes, rows.places, scaled)
+        np.add.at(on_s[:, :n], rows.nodes, on[:, None] * rows.slopes)
+
+
+@dataclass(frozen=True, eq=False)
+class _LateRows(Rows):
+    """Rows with the angles (rows, n) of late joints, and their slopes (rows, 3, n) over the state's parts."""
+
+    late: np.ndarray = field(default_factory=lambda: np.empty(0))
+    parts: np.ndarray = field(default_factory=lambda: np.empty(0))
+
+
+class LateClearanceLimit(StateLimit, ClearanceLimit):
+    """The same with joints that are late, each by itself.
+
+    Programs look at joints that are late by the whole delay, or not at all, whichever brings a pair nearer,
+    and at where they were by their present speeds and accelerations. Values at instants are not measured one
+    by one, see `motion.within_tolerance`.
+    """
+
+    name = "clearance within tolerance"
+    quantity, setting = "clearance_worst_case_m", "clearance_worst_case"
+    of_place, rows_first = False, True
+
+    def __init__(self, robot: StandingMechanism, asked: MotionLimits, joints: tuple[int, ...]) -> None:
+        super().__init__(robot, asked, joints)
+        late = asked.tolerance.late
+        self._steps = np.array([0.0, -late, 0.5 * late**2])
+        self._is_late: np.ndarray | None = None  # (N, width, n) of the nodes of a program
+
+    @classmethod
+    def wanted(cls, robot: StandingMechanism, asked: MotionLimits) -> bool:
+        return asked.tolerance.late > 0 and bool(robot.collision.labels)
+
+    def measure(self, at: Instants) -> np.ndarray:
+        return np.empty((len(at), 0))
+
+    def worst(self, values: np.ndarray, times: np.ndarray, look: Look) -> list[Worst]:
+        return []
+
+    def kept(self, at: Instants) -> bool:
+        return bool(np.all(self._smallest(at) >= self.number))
+
+    def refusals(self, at: Instants) -> list[str]:
+        return []  # what rests is not late
+
+    def path_excess(self, at: Instants) -> float:
+        return -np.inf
+
+    def _gaps(self, at: Instants) -> np.ndarray:
+        found = super()._gaps(at).copy()
+        i, k, _, gaps = self._latest(at)
+        found[i, k] = np.minimum(found[i, k], gaps)
+        return found
+
+    def chosen(self, at: Instants) -> LateClearanceLimit:
+        """With the joints that are late there for each pair."""
+        other, (i, k, late, _) = copy(self), self._latest(at)
+        other._is_late = np.zeros((len(at), self.width, self.robot.n), dtype=bool)
+        other._is_late[i, k] = late
+        return other
+
+    def _latest(self, at: Instants) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Of pairs that are near: node, number (r,), which joints are late (r, n), the distance (r,), m."""
+        i, k = np.nonzero(super()._gaps(at) < self.number + FAR)
+        states = np.stack(at.motion_states, axis=1)[i]  # (r, 3, n)
+        moved, late = (
+            np.einsum("a,raj->rj", self._steps, states),
+            np.zeros((len(i), self.robot.n), dtype=bool),
+        )
+        gaps = np.empty(len(i))
+        for turn in range(CHOICES + 1):
+            gaps, slopes = self._at(states[:, 0] + late * moved, k)
+            if turn < CHOICES:
+                late = slopes * moved < 0
+        return i, k, late, gaps
+
+    def _at(self, q: np.ndarray, pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Distances (r,) and slopes (r, n) of pairs (r,) at angles (r, n)."""
+        return self.robot.collision.slopes(q, np.arange(len(q)), pairs)
+
+    def rows(self, at: NodeSlopes, mask: np.ndarray) -> Rows:
+        i, k = np.nonzero(mask)
+        late = np.zeros((len(i), self.robot.n)) if self._is_late is None else 1.0 * self._is_late[i, k]
+        parts = self._steps[:, None] * late[:, None]
+        parts[:, 0] = 1.0
+        q = np.einsum("raj,raj->rj", parts, np.stack(at.motion_states, axis=1)[i])
+        gaps, own = self._at(q, k)
+        slopes = np.zeros((len(i), at.s.shape[1]))
+        slopes[:, : 3 * self.robot.n] = (GAP_SCALE * own[:, None] * parts).reshape(len(i), -1)
+        return _LateRows(at, i, k, GAP_SCALE * gaps, slopes, late=q, parts=parts)
+
+    def curvature(self, rows: Rows, on: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        assert isinstance(rows, _LateRows)
+        count, n = rows.late.shape
+        own = self.robot.collision.curvature(rows.late, np.arange(count), rows.places, GAP_SCALE * on)
+        size = rows.at.s.shape[1]
+        bends = np.zeros((count, size, size))
+        bent = np.einsum("raj,rjk,rbk->rajbk", rows.parts, own, rows.parts)
+        bends[:, : 3 * n, : 3 * n] = bent.reshape(count, 3 * n, 3 * n)
+        return np.arange(count), bends
