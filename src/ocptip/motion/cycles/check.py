@@ -211,7 +211,8 @@ def _within(
     names: Sequence[str], checks: Sequence[MotionCheck], begins: np.ndarray
 ) -> WithinTolerance | None:
     """The worst of all segments; None without a tolerance."""
-    tips, slips, torques, found = [], [], [], [check.within for check in checks if check.within is not None]
+    found = [check.within for check in checks if check.within is not None]
+    tips, slips, torques, gaps = [], [], [], []
     if len(found) < len(checks):
         return None
     for name, own, begin in zip(names, found, begins.tolist(), strict=True):
@@ -219,12 +220,15 @@ def _within(
             if at is not None:
                 every.append(replace(at, time=begin + at.time, how=f"segment {name}: {at.how}"))
         torques.append(replace(own.torque, time=begin + own.torque.time))
+        if own.gap is not None:
+            gaps.append(replace(own.gap, time=begin + own.gap.time))
     given = max((own.tolerance for own in found), key=lambda own: len(own.given))
     return WithinTolerance(
         given,
         max(tips, key=lambda at: at.bound, default=None),
         max(slips, key=lambda at: at.value),
         max(torques, key=lambda at: at.value),
+        min(gaps, key=lambda at: at.value, default=None),
         sum(own.states for own in found),
     )
 
