@@ -88,7 +88,7 @@ def test_a_certificate_of_what_varies_encloses_what_late_joints_do(both):
     robot, _, motion = both
     limits = MotionLimits(tolerance=LATE)
     checked = certified(robot, motion, check_motion(robot, motion, limits), limits)
-    assert checked.headline == "CERTIFIED within the tolerance (distances as described)"
+    assert checked.headline == "CERTIFIED within the tolerance"
     bounds, acting = checked.certificate.verdict.bounds, robot.during(motion)
     samples = robot.samples(motion, np.linspace(0, motion.end, 3001))
     assert 0.99 * bounds["GN"] < samples.tip.GN.max() <= bounds["GN"]

@@ -61,6 +61,8 @@ CONTRADICTIONS = (  # between two tables: the one that is read later is refused
     "for legs that branch, with `ends`, but this leg has none",
     r"terrain '.*': uneven ground: ",  # between contacts and terrain
     r"terrain '.*': [xy]: lower bound .* is above upper bound",  # between the terrain and its grid
+    r"segment\[\d+\]\.payload: expected one of",  # between the payloads and who carries them
+    r"payload\..*: no segment carries it",
     r"missing table \[arm\]",  # if there is no robot either
 )
 

@@ -233,7 +233,7 @@ def left_at_rest(robot: StandingMechanism, tolerance: Tolerance, rest: np.ndarra
     cases = worst_case_of(robot, tolerance)
     if not cases.axes:
         return 1.0
-    s = np.hstack([rest, np.zeros((len(rest), 2 * rest.shape[1]))])
+    s = _at_rest(robot, rest)
     least, plain = (float(own.all_moments(s).min()) for own in (cases, cases.within(Tolerance())))
     return least / plain
 
@@ -256,9 +256,7 @@ def as_described(
     if not asked.tolerance.given:
         return asked
     cases, more = worst_case_of(robot, asked.tolerance), asked.tolerance.overshoot * jumps
-    still = np.zeros_like(rest)
-    ends = [robot.resting(share).process_at_rest for share in np.linspace(0, 1, len(rest))]
-    s = np.hstack([rest, still, still, *([np.array(ends)] if robot.varying is not None else [])])
+    s = _at_rest(robot, rest)
     GN, GT = asked.GN, asked.GT
     if cases.axes and cases.reference:
         worst, plain = cases.all_moments(s), cases.within(Tolerance()).all_moments(s)
@@ -268,3 +266,10 @@ def as_described(
     if asked.tolerance.friction:
         GT = min(GT, 1 - asked.tolerance.friction - MOVING)
     return replace(asked, tolerance=Tolerance(), GN=GN, GT=GT)
+
+
+def _at_rest(robot: StandingMechanism, rest: np.ndarray) -> np.ndarray:
+    """States (k, 3 n) of postures (k, n) from start to goal at rest; with what acts there, if that varies."""
+    still = np.zeros_like(rest)
+    ends = [robot.resting(share).process_at_rest for share in np.linspace(0, 1, len(rest))]
+    return np.hstack([rest, still, still, *([np.array(ends)] if robot.varying is not None else [])])
