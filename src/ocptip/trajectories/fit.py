@@ -35,11 +35,14 @@ PEAK_TOLERANCE = 0.01
 FINEST = 2e-6  # rad or m: least tolerance, a jump of 44 rad/s^2 in the middle of a piece
 SPACING = 6e-4  # s: of the pieces of constant acceleration, about
 MOST_PIECES = 60_000  # per joint
-NOISE = 1.2  # times the rounding: standard deviations from which on there is noise beside rounding
+NOISE = (
+    1.3  # times the rounding: noise from which on there is some beside it, which alone seems 1.24 at times
+)
 WHITE = 0.5  # ratio of what polynomials of degree 5 and 3 leave; of curvature the higher degree leaves less
 REST_TIME = 0.1  # s, from which on samples within the tolerance of each other are a standstill
 REST_EDGE = 0.25  # share of a standstill, at its begin and its end, in which the motion may yet move
 HELD = 1e-3  # share of the tolerance by which a motion may miss where it stands still
+STEPS = (0.99, 0.95)  # shares of the way to the boundary that the solver takes; the next where it gets stuck
 ENOUGH = 20  # samples from which on noise is estimated
 STILL = 0.3186  # quantile 0.25 of the absolute value of a standard normal variable
 
@@ -319,11 +322,13 @@ class _Program:
         settings = clarabel.DefaultSettings()
         settings.verbose = False
         settings.tol_gap_rel = settings.tol_gap_abs = 1e-6
-        solver = clarabel.DefaultSolver(
-            sp.csc_matrix((size, size)), price, self._matrix, self._bounds, self._cones, settings
-        )
-        found = solver.solve()
-        if str(found.status) not in ("Solved", "AlmostSolved"):
-            raise ArithmeticError(str(found.status))
-        place, speed, push, _ = np.split(np.array(found.x), self._blocks[1:-1])
-        return place, speed, push
+        data = sp.csc_matrix((size, size)), price, self._matrix, self._bounds, self._cones
+        status = ""
+        for share in STEPS:
+            setattr(settings, "max_step_fraction", share)  # noqa: B010  # missing in its stubs
+            found = clarabel.DefaultSolver(*data, settings).solve()
+            status = str(found.status)
+            if status in ("Solved", "AlmostSolved"):
+                place, speed, push, _ = np.split(np.array(found.x), self._blocks[1:-1])
+                return place, speed, push
+        raise ArithmeticError(status)
