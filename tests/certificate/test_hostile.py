@@ -130,6 +130,20 @@ def _weightless_overflow(data):
     data["model"]["base"]["mass"] = 1e160
 
 
+def _pushed_at(times, data):
+    """A process that lifts the base, at the last or the first of these times."""
+    force = 1e4 * np.eye(6)[2]
+    rest = np.zeros(6)
+    rows = [rest, force] if times[-1] > 0 else [force, rest]
+    arm = {"process_times": times, "process_in_base": rows, "process_on_link": [rest, rest]}
+    data["model"]["arm"] |= {key: np.array(value).tolist() for key, value in arm.items()}
+
+
+def _in_years(data):
+    """Times that are rounded by more than a delay is looked at further."""
+    data["motion"]["times"] = [[0.0, 0.0], [0.0, 5e8], [5e8, 5e8]]
+
+
 def _one_joint_more(data):
     data["motion"]["angles"] = [[*own, *own] for own in data["motion"]["angles"]]
 
@@ -149,6 +163,9 @@ _CHANGES = {
     "a link dropped": _dropped_last_link,
     "a mass that overflows": _weightless_overflow,
     "a joint more": _one_joint_more,
+    "a process after the motion": partial(_pushed_at, [0.02, 0.5]),
+    "a process before the motion": partial(_pushed_at, [-1.0, 0.0]),
+    "a motion of years": _in_years,
     **{
         f"{place} = {value!r}": partial(_set, place, value)
         for place, value in (

@@ -105,6 +105,20 @@ def test_a_certificate_of_what_varies_encloses_what_late_joints_do(both):
     assert check_certificate(checked.certificate.data).holds
 
 
+def test_what_goes_on_changing_after_a_motion_is_no_part_of_its_certificate():
+    task, bare = case("A", "base")
+    motion = task.reference.time_scaled(1.5)
+    knots = [-0.5, 0.3 * motion.end, 0.5 * motion.end, 2 * motion.end]
+    process = mild("time", knots, "base")
+    robot, limits = acted(bare, process), MotionLimits()
+    checked = certified(robot, motion, check_motion(robot, motion, limits), limits)
+    assert checked.headline == "CERTIFIED"
+    arm = checked.certificate.data["model"]["arm"]
+    assert arm["process_times"] == [0.0, *knots[1:3], motion.end]
+    expected = np.hstack(process.at(np.array(arm["process_times"])))
+    np.testing.assert_allclose(arm["process_in_base"], expected, atol=1e-12)
+
+
 def test_nothing_within_a_tolerance_is_below_what_is_proved_of_what_varies(both):
     robot, _, motion = both
     acting, own = robot.during(motion), replace(SMALL, speed=0.05)

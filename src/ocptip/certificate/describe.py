@@ -124,14 +124,15 @@ def states_at(motion: dict[str, Any], piece: np.ndarray, u: np.ndarray) -> tuple
     return tuple(values)
 
 
-def model_data(robot: StandingRobot | StandingParallelRobot) -> dict[str, Any]:
+def model_data(robot: StandingRobot | StandingParallelRobot, end: float | None = None) -> dict[str, Any]:
     """Arm or program, base, contacts, what may collide, limits; SI units, base axes.
 
-    A process that varies has to vary over time, see `StandingMechanism.during`.
+    A process that varies has to vary over time, see `StandingMechanism.during`. Of a motion that ends, s, it
+    is at rest before and after it what it is at its ends.
     """
     support = robot.support
     if isinstance(robot, StandingRobot):
-        own, (bodies, pairs) = _arm_data(robot), _bodies(robot)
+        own, (bodies, pairs) = _arm_data(robot, end), _bodies(robot)
     else:
         own, bodies, pairs = {"arm": None, "program": _program_data(robot), "payload": None}, [], []
     return {
@@ -159,7 +160,7 @@ def model_data(robot: StandingRobot | StandingParallelRobot) -> dict[str, Any]:
     }
 
 
-def _arm_data(robot: StandingRobot) -> dict[str, Any]:
+def _arm_data(robot: StandingRobot, end: float | None) -> dict[str, Any]:
     arm = robot.arm
     coupling, held = arm.coupling, None
     if (payload := robot.payload) is not None:
@@ -174,6 +175,7 @@ def _arm_data(robot: StandingRobot) -> dict[str, Any]:
     if (varying := robot.varying) is None:
         parts = process_parts(arm)
     else:
+        varying = varying if end is None else varying.between(0.0, end)
         none = np.zeros((len(varying.knots), 6))
         own, turn = np.hstack([varying.force, varying.moment]), arm.tool_rotation.T
         on_link = np.hstack([part @ turn for part in np.hsplit(own, 2)])

@@ -178,7 +178,8 @@ class _Search:
         tolerance: Mapping[str, Any] | None,
     ) -> None:
         self.robot, self.bounds = robot, bounds
-        self.model, self.motion = model_data(robot), motion_data(motion)
+        self.motion = motion_data(motion)
+        self.model = model_data(robot, self.motion["times"][-1][1])
         varying = robot.varying
         self.knots = np.empty(0) if varying is None else np.asarray(varying.knots)
         self.checker = Checker(self.model, bounds, tolerance, self.motion)

@@ -94,6 +94,13 @@ class ProcessWrench:
         still = np.zeros((1, 6))
         return np.vstack([still, steps, still])[np.searchsorted(own, values, side="right")]
 
+    def between(self, first: float, last: float) -> ProcessWrench:
+        """The same, if it varies, but constant before the first and after the last value of what it varies
+        with."""
+        own = np.asarray(self.knots)
+        instants = np.unique([first, *own[(own > first) & (own < last)], last])
+        return replace(self, knots=instants, **dict(zip(("force", "moment"), self.at(instants), strict=True)))
+
     def at_pace(self, factor: float) -> ProcessWrench:
         """The same with all times multiplied by a factor > 0, if it varies over time."""
         return replace(self, knots=factor * np.asarray(self.knots)) if self.over == TIME else self

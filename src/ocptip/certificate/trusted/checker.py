@@ -43,6 +43,7 @@ from ocptip.certificate.trusted.plain import (
     require_joints,
     require_model,
     require_motion,
+    require_process,
     require_tolerance,
 )
 from ocptip.certificate.trusted.program import require_program
@@ -114,6 +115,7 @@ def _problems(data: Mapping[str, Any]) -> tuple[list[str], int]:
         require_program(model["program"], len(model["limits"]["speed"]))
         require(data["tolerance"] is None, "tolerance: of a program nothing is known")
     require_motion(motion, len(model["limits"]["speed"]))
+    require_process(model["arm"], motion)
     within = () if (tolerance := data["tolerance"]) is None else CLAIMS_WITHIN
     if tolerance is not None:
         require_tolerance(tolerance)

@@ -16,6 +16,7 @@ from ocptip.certificate.trusted.arm import PROCESS, TIMES
 LARGEST = 1e9  # SI units: no number may be larger, so that none overflows
 ROUNDED = 1e-12  # by so much may rotations and normals miss being orthonormal
 JUMP = 1e-6  # rad or m, and 100 times as much per s: by so much may pieces that meet differ, all together
+LONGEST = 1e5  # s: so long may a motion be, so that its times are rounded by far less than `late.SLACK`
 LINE = 1e-6  # breadth over length: contacts narrower than that are on one line
 _SHARE = 0.999  # relative, at most
 _BOXES = ("center_of_mass", "payload_center")
@@ -104,6 +105,7 @@ def _require_arm(arm: Mapping[str, Any], held: Mapping[str, Any] | None, m: int)
 def require_motion(motion: Mapping[str, Any], joints: int) -> None:
     """Raise MalformedError unless these are polynomials of pieces of time, at rest first and last."""
     times = numbers("times", motion["times"], (None, 2))
+    require(times <= LONGEST, f"times: none may be later than {LONGEST:g} s")
     c = numbers("angles", motion["angles"], (len(times), joints, None))
     require(3 <= c.shape[2] <= 6, "angles: three to six coefficients are expected")
     half = 0.5 * (times[:, 1] - times[:, 0])
@@ -116,6 +118,14 @@ def require_motion(motion: Mapping[str, Any], joints: int) -> None:
     speeds = np.sum(np.abs((rate * (c @ (order * -sign)))[1:] - (rate * (c @ order))[:-1]), axis=0)
     add_up = f"jumps add up to {np.max(ways):.3g} and {np.max(speeds):.3g} per s"
     require((ways <= JUMP) & (speeds <= 100 * JUMP), f"motion: pieces do not meet, {add_up}")
+
+
+def require_process(arm: Mapping[str, Any] | None, motion: Mapping[str, Any]) -> None:
+    """Raise MalformedError unless what acts on the gripper varies during a motion only: at rest before and
+    after it is what it is at its ends."""
+    if arm is not None and TIMES in arm:
+        knots, end = np.array(arm[TIMES], dtype=float), motion["times"][-1][1]
+        require((knots >= 0) & (knots <= end), f"{TIMES}: one is before or after the motion")
 
 
 def require_tolerance(tolerance: Mapping[str, Any]) -> None:
