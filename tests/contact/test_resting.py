@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from unittest import mock
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ocptip.contact.bindings.clamps import ForceConstantHalfRigidClamp
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.resting import resting, solve_resting
 from ocptip.contact.solver import solve_many
@@ -85,3 +88,18 @@ def test_one_proof_for_many_wrenches_never_hides_a_standing_one(clamps):
         hidden += [equilibrium(support, wrenches[k]).margin / np.linalg.norm(weight) for k in moving]
     assert len(hidden) > 50
     assert max(hidden) < 1e-6
+
+
+def test_few_programs_tell_that_a_base_with_a_clamp_moves():
+    feet = [UnilateralContact(friction=0.5, position=at) for at in [(-0.2, 0.3, 0), (-0.2, -0.3, 0)]]
+    jaws = {"friction_upper": 0.3, "friction_lower": 0.5, "clamp_force": 80.0}
+    clamp = ForceConstantHalfRigidClamp(position=(0.35, 0, 0), **jaws)
+    support = Support([*feet, clamp], mass=30.0, center_of_mass=(0, 0, 0.3))
+    rng = np.random.default_rng(4)
+    wrenches = support.weight + rng.normal(size=(200, 6)) * [150, 150, 100, 30, 30, 40]
+    with mock.patch("ocptip.contact.resting.equilibrium", side_effect=equilibrium) as program:
+        states = solve_resting(support, wrenches)
+    moving = np.flatnonzero(~states.persistent)
+    assert 50 < len(moving) < 190
+    assert program.call_count < len(moving) / 3
+    assert not any(equilibrium(support, wrenches[k]).stands for k in moving)

@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import SolverError
-from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.solver import on_springs, solve_many
 from ocptip.contact.states import ContactStates
 from ocptip.contact.support import Support
@@ -40,7 +39,7 @@ def resting(states: ContactStates) -> ContactStates:
     wrench, the proof that the base moves, proves the same of others.
     """
     support, left, stands = states.support, np.flatnonzero(~states.persistent), False
-    d, ordinary = support.dimension, all(type(c) is UnilateralContact for c in support.contacts)
+    d = support.dimension
     units = np.r_[np.ones(d), np.full(support.wrench_size - d, support.length)]
     while len(left):
         first, left = left[:1], left[1:]
@@ -52,7 +51,20 @@ def resting(states: ContactStates) -> ContactStates:
         if found.stands and found.forces is not None:
             states, stands = states.changed(first, standing_values(support, wrench, found.forces)), True
         elif (velocity := found.certificate) is not None:
-            taken_up = 0.0 if ordinary else velocity @ wrench  # at most, by any forces
             size = np.max(np.abs(others / units), axis=1) * np.max(np.abs(velocity * units))
-            left = left[others @ velocity < taken_up + _CLEARLY * size]
+            left = left[others @ velocity < _taken_up(support, velocity) + _CLEARLY * size]
     return on_springs(states) if stands else states
+
+
+def _taken_up(support: Support, velocity: np.ndarray) -> float:
+    """The most power that contacts, whose forces are convex sets, can take up at a velocity that proves."""
+    total = 0.0
+    moved = (velocity @ support.wrench_matrix).reshape(support.n_contacts, -1)
+    for contact, (away, *along) in zip(support.contacts, moved, strict=True):
+        (piece,) = contact.force_pieces()
+        sliding = float(np.linalg.norm(along))
+        # where forces have no end they take up nothing there, or the velocity would be no proof
+        ends = [end for end in (piece.normal_min, piece.normal_max) if np.isfinite(end)]
+        most = max((end * (piece.slope * sliding - away) for end in ends), default=0.0)
+        total += piece.radius * sliding + most
+    return total

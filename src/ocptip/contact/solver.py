@@ -96,7 +96,8 @@ def solve_many(
     """
     if not isinstance(warm_start, bool) and warm_start != "any":
         raise InputError(f"warm_start: must be True, False or 'any', got {warm_start!r}")
-    threads = (os.cpu_count() or 1) if threads is None else whole_number("threads", threads, 1)
+    if threads is not None:
+        threads = whole_number("threads", threads, 1)
     wrenches = finite_array("wrenches", wrenches, (None, support.wrench_size))
     start = support.no_subsets
     if initial is not None:
@@ -216,7 +217,7 @@ def _pivot_all(support, wrenches, warm_start, start, first_attempt, seeds, threa
         _pivot(system, how, *arrays)
     else:
         chunks = [[a[i : i + _CHUNK] for a in arrays] for i in range(0, count, _CHUNK)]
-        with ThreadPoolExecutor(min(threads, len(chunks))) as pool:
+        with ThreadPoolExecutor(min(threads or os.cpu_count() or 1, len(chunks))) as pool:
             list(pool.map(lambda chunk: _pivot(system, how, *chunk), chunks))
     return ContactStates(
         support=support,
