@@ -2,11 +2,13 @@
 
 import copy
 from dataclasses import replace
+from operator import attrgetter
 
 import numpy as np
 import pytest
 
 from ocptip.certificate.find import certify
+from ocptip.certificate.find_within import SearchWithin
 from ocptip.certificate.trusted.checker import check_certificate
 from ocptip.motion.check import certified, check_motion
 from ocptip.motion.within_tolerance import _smallest_gap
@@ -67,6 +69,29 @@ def test_no_late_joints_come_nearer_than_is_found_and_proved(swing, proved):
     assert np.min(gaps) >= bound
     assert np.min(gaps) >= worst - 1e-4  # the search finds about the least
     assert np.min(gaps) < checked.worst["clearance_m"].value
+
+
+@pytest.mark.parametrize("on_time", [True, False], ids=["on time", "not at all"])
+def test_without_proof_of_late_joints_the_rest_is_proved(swing, proved, monkeypatch, on_time):
+    robot, motion, limits = swing
+    found = SearchWithin.found
+    late = attrgetter("_sharing.late.delay")
+    monkeypatch.setattr(SearchWithin, "found", lambda own: found(own) if on_time and not late(own) else None)
+    found_now = certify(robot, motion, limits, proved[0].worst)
+    assert found_now.holds, found_now.verdict.problems
+    assert not found_now.certified
+    assert "clearance_worst_case" in found_now.sampled
+    assert "clearance_worst_case" not in found_now.verdict.bounds
+
+
+def test_that_nothing_touches_is_proved_as_such(swing):
+    """Where less than a millimetre is left."""
+    robot, motion, limits = swing
+    standing = _beside_a_pillar(robot, motion, 0.0033)
+    checked = certified(standing, motion, check_motion(standing, motion, limits), limits)
+    assert 1e-5 < checked.worst["clearance_worst_case_m"].value < 1e-3
+    assert checked.headline == "CERTIFIED within the tolerance"
+    assert checked.certificate.verdict.bounds["clearance_worst_case"] == 0.0
 
 
 @pytest.mark.parametrize("change", ["claim", "directions", "delay", "pair"])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ocptip.certificate.trusted.checker import check_certificate, digest
-from tests.certificate.test_hostile import _certificate, _within
+from tests.certificate.test_hostile import _certificate, _judged_within, _within
 from tests.certificate.test_within import _by_hand
 
 pytest.importorskip("flint")
@@ -81,11 +81,25 @@ def _changed(data, rng):
     return f"{'.'.join(map(str, way))}: {name}"
 
 
+def _late():
+    """A mass that moves while joints are late and what acts on it varies, beside a ball."""
+    data = _within([1.0, -1.0], 0.003, delay=0.01, arm_mass=0.05, friction=0.1)
+    rest, force = [0.0] * 6, [-0.5, 0.2, 0.5, 0.0, 0.1, 0.0]
+    process = {"process_times": [0.002, 0.004, 0.009], "process_in_base": [rest, force, rest]}
+    data["model"]["arm"] |= {**process, "process_on_link": [rest] * 3}
+    data["bounds"]["clearance_worst_case"] = 0.04
+    late = {"directions": [*data["cover"][0]["directions"], [0, 2, 0.0, 1.0, 0.0, 0.0]]}
+    data["cover"] = [copy.deepcopy({**part, **late}) for part in data["cover"]]
+    end = data["motion"]["times"][-1][0] + 0.01 + 2e-9
+    _judged_within(data, [0.0, 0.006, 0.012, end], 0.5)
+    return copy.deepcopy(data)
+
+
 def _originals():
     moving = _within([1.0, -1.0], 0.003)
     moving["tolerance"], moving["cover_within"] = None, None
     del moving["bounds"]["GT_worst_case"]
-    return _certificate(), moving, _by_hand()
+    return _certificate(), moving, _by_hand(), _late()
 
 
 def judged(data):
@@ -114,7 +128,7 @@ def broken(count, seed, samples=6):
     return found, accepted
 
 
-@pytest.mark.parametrize("number", range(3))
+@pytest.mark.parametrize("number", range(4))
 def test_originals_hold(number):
     data = _originals()[number]
     assert judged(data).holds, judged(data).problems

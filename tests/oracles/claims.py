@@ -24,11 +24,12 @@ def falsehood(data, rng, samples):
         t = float(rng.choice([*times[piece], rng.uniform(*times[piece])]))
         c = np.array(motion["angles"], dtype=float)
         state = np.column_stack([worlds.at(times, c, piece, t, j) for j in range(c.shape[1])])
-        torques, wrench = _numbers(worlds.loads(model, worlds.described(model), state))
+        acting = _acting(model, t)
+        torques, wrench = _numbers(worlds.loads(acting, worlds.described(model), state))
         if found := (
             _limits(model, bounds, torques, state)
             or _contacts(model, wrench, bounds["GN"], bounds["GT"], 1.0)
-            or _gaps(model, bounds, state[0], rng)
+            or _gaps(model, bounds["clearance"], state[0], rng)
         ):
             return f"{found} at {t}"
         if tolerance is not None:
@@ -36,11 +37,26 @@ def falsehood(data, rng, samples):
             world = worlds.random_world(model, tolerance, rng, ends=0.8)
             joints = worlds.LateJoints(motion, tolerance)
             state = joints.state(joints.draw(late, rng))
-            wrench = _numbers(worlds.loads(model, world, state))[1]
+            wrench = _numbers(worlds.loads(_acting(model, late), world, state))[1]
             asked, weak = (bounds[f"{key}_worst_case"] for key in ("GN", "GT")), 1 - tolerance["friction"]
             if found := _contacts(model, wrench, *asked, weak):
                 return f"{found} within the tolerance at {late}"
+            asked = bounds.get("clearance_worst_case")
+            if asked is not None and (found := _gaps(model, asked, state[0], rng)):
+                return f"{found} with late joints at {late}"
     return None
+
+
+def _acting(model, t):
+    """The model with what acts on the gripper at a time."""
+    arm = model["arm"]
+    if "process_times" not in arm:
+        return model
+    own = {
+        key: [float(np.interp(t, arm["process_times"], column)) for column in np.transpose(arm[key])]
+        for key in ("process_in_base", "process_on_link")
+    }
+    return {**model, "arm": arm | own}
 
 
 def _numbers(loads):
@@ -102,7 +118,7 @@ def _contacts(model, wrench, most, share, friction):
     return None
 
 
-def _gaps(model, bounds, q, rng):
+def _gaps(model, asked, q, rng):
     """Whether two points of two bodies, of many tried, come closer than claimed."""
     bodies = model["bodies"]
     for first, second in model["pairs"]:
@@ -114,7 +130,7 @@ def _gaps(model, bounds, q, rng):
             two = _points(model, bodies[second], q, rng)
             gap = np.min(np.linalg.norm(one[:, None] - two[None], axis=2))
             gap -= bodies[first]["radius"] + bodies[second]["radius"]
-        if gap < bounds["clearance"] - 1e-9:
+        if gap < asked - 1e-9:
             return f"clearance {gap}"
     return None
 

@@ -132,7 +132,8 @@ def _bounds(limits: MotionLimits, worst: Mapping[str, Worst], collides: bool) ->
             continue
         value, limit = worst[f"{name}_m"].value, getattr(limits, name)
         bound = value - loss
-        bounds[name] = float(limit - AT_LIMIT if bound < limit <= value + 0.1 * AT_LIMIT else bound)
+        at_limit = bound < limit <= value + 0.1 * AT_LIMIT
+        bounds[name] = float(min(limit, value - AT_LIMIT) if at_limit else bound)
     return bounds
 
 
@@ -333,7 +334,7 @@ class _Search:
             for (k, pair), d in batch.directions.items():
                 towards.setdefault((number, k), []).append((pair, d))
         numbers = {id(batch): number for number, batch in enumerate(batches)}
-        parts = []
+        parts, known = [], len(self.model["pairs"]) * (1 + (CLEARANCE in self.bounds))  # late ones if claimed
         for own in cover:
             own.sort(key=lambda entry: entry[0])
             _, last, k = own[-1]
@@ -345,6 +346,7 @@ class _Search:
                         [n, pair, *d.tolist()]
                         for n, (_, batch, i) in enumerate(own)
                         for pair, d in towards.get((numbers[id(batch)], i), [])
+                        if pair < known
                     ],
                 }
             )
