@@ -22,7 +22,7 @@ from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.task import MotionTask
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.tolerance import NONE
-from ocptip.trajectories.sampled import SampledMotion
+from ocptip.trajectories.sampled import Motion, SampledMotion
 
 _WAVES = 4
 _RANDOM, _HALVINGS = 40, 5
@@ -97,6 +97,11 @@ def excite(task: MotionTask, *, duration: float = 10.0, seed: int = 0, steps: in
     )
 
 
+def condition_along(task: MotionTask, motion: Motion) -> float:
+    """Condition number, as above, of the scaled regressor along any motion of the task's arm."""
+    return _Search(task, motion.end).condition(motion)
+
+
 def _tamed(start: np.ndarray, series: np.ndarray, T: float) -> Iterator[tuple[SampledMotion, float, float]]:
     """The motion, then slower and smaller ones, with both factors."""
     for smaller in _SMALLER:
@@ -139,7 +144,8 @@ class _Search:
         self.independent = base_parameters(np.vstack(list(loads))).independent
         self.noise = np.where(np.isfinite(own.torque), own.torque, 1.0)
         qd, qdd = (values / np.abs(values).max() * most for values, most in ((qd, speed), (qdd, change)))
-        self.size = np.sqrt(np.mean(self._rows(q, qd, qdd) ** 2, axis=0))
+        size = np.sqrt(np.mean(self._rows(q, qd, qdd) ** 2, axis=0))
+        self.size = np.where(size > 0, size, 1.0)
 
     def allowed(self, series: np.ndarray) -> tuple[np.ndarray, float]:
         """The series as large as joints allow, or halved until all limits are kept, and its value."""
@@ -172,7 +178,7 @@ class _Search:
         worst = max(float(np.nan_to_num(value, nan=10.0)) for value in uses)
         return _BROKEN * worst if worst > 1 else self._condition(self.start + q, qd, qdd)
 
-    def condition(self, motion: SampledMotion) -> float:
+    def condition(self, motion: Motion) -> float:
         """Of a motion."""
         return self._condition(*motion.states(np.linspace(0.0, motion.end, 4 * _INSTANTS)))
 

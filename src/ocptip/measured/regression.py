@@ -78,15 +78,10 @@ def whitened(block: Block) -> Whitened:
         left = left - X @ _solved(rows[len(filtering) :, 1:], rows[len(filtering) :, 0])
         filtering = autoregression(left)
     order = len(filtering) - 1
-    holes = np.eye(len(y))[:, ~kept]
-    rows = np.asarray(signal.lfilter(filtering, [1.0], np.column_stack([y, X, holes]), axis=0))[order:]
-    count = len(rows) - holes.shape[1]
-    if holes.shape[1]:
-        own = rows[:, 1 + X.shape[1] :]
-        own = linalg.orth(own[:, np.any(own != 0, axis=0)])
-        rows = rows[:, : 1 + X.shape[1]]
-        rows = rows - own @ (own.T @ rows)
-        count = len(rows) - own.shape[1]
+    rows = np.asarray(signal.lfilter(filtering, [1.0], np.column_stack([y, X]), axis=0))
+    lost = _without(rows, np.flatnonzero(~kept), filtering)
+    rows = rows[order:]
+    count = len(rows) - lost
     y, X = rows[:, 0], rows[:, 1:]
     best, _, rank, _ = np.linalg.lstsq(X, y, rcond=_SAME)
     freedom = max(count - int(rank), 1)
@@ -97,6 +92,24 @@ def whitened(block: Block) -> Whitened:
     products[np.ix_(active, active)] = X.T @ X
     projections[active] = X.T @ (y / noise)
     return Whitened(products, projections, float(y @ y) / noise**2, freedom, noise, spread, order)
+
+
+def _without(rows: np.ndarray, missing: np.ndarray, filtering: np.ndarray) -> int:
+    """Take what missing samples can be out of whitened rows, in place; the number of directions of these.
+
+    Samples that no filter joins are apart: every group of them by itself.
+    """
+    order, lost = len(filtering) - 1, 0
+    for run in np.split(missing, np.flatnonzero(np.diff(missing) > order) + 1):
+        first, last = (max(run[0], order), min(run[-1] + order + 1, len(rows))) if len(run) else (0, 0)
+        later = np.arange(first, last)[:, None] - run
+        own = np.where((later >= 0) & (later <= order), filtering[np.clip(later, 0, order)], 0.0)
+        own = own[:, np.any(own != 0, axis=0)]
+        if own.size:
+            own = linalg.orth(own)
+            rows[first:last] -= own @ (own.T @ rows[first:last])
+            lost += own.shape[1]
+    return lost
 
 
 def autoregression(values: np.ndarray) -> np.ndarray:
