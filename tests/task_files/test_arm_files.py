@@ -9,6 +9,7 @@ from ocptip.basics.errors import InputError
 from ocptip.cli.main import main
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.read import load_motion
+from tests.places import EXAMPLES
 from tests.quick import ONE_START
 
 INERTIAL = (
@@ -205,3 +206,13 @@ def test_slow_lifts_keep_their_accelerations(folder, capsys, speed):
     worst = json.loads(capsys.readouterr().out)["worst"]
     assert worst["acceleration_ratio"]["value"] <= 1
     assert worst["speed_ratio"]["value"] <= 1
+
+
+def test_rows_of_dh_take_their_links_from_parts():
+    """The example: tube and drive of the shoulder, by hand."""
+    arm = load_task(EXAMPLES / "tasks" / "arm_of_parts.toml").robot.arm.with_payload(None)
+    assert arm.masses == pytest.approx([4.5, 3.1, 2.0, 0.7])
+    centre = (1.1 * np.array([0.2, 0, 0]) + 2.0 * np.array([0.4, 0, 0.05])) / 3.1
+    np.testing.assert_allclose(arm.centres[1], centre, atol=1e-14)
+    along = 0.0011 + 0.0035 + 2.0 * 0.05**2 - 3.1 * centre[2] ** 2  # about x, through the centre
+    assert arm.inertias[1][0, 0] == pytest.approx(along)

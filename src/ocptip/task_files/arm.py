@@ -176,12 +176,13 @@ def _arm_from_urdf(table: Table, gripper: Table | None) -> ArmModel:
 def _arm_from_dh(table: Table, alone: bool) -> ArmModel:
     """The arm of the rows `[[arm.joint]]`."""
     convention = table.choice("dh", get_args(Convention))
-    rows, names, links = [], [], table.table("links", optional=True)
+    rows, names, links = [], [], table.value("links", {})  # as tables they are read by `_with_links`
     for number, joint in enumerate(table.tables("joint", required=True), 1):
         names.append(joint.text("name", f"joint {number}"))
         values = joint.numbers("a", "d")
         values |= {key: joint.number(f"{key}_deg", 0.0, scale=DEGREES) for key in ("alpha", "theta")}
-        free = alone or (names[-1] in links and "part" in links.table(names[-1]))
+        link = links.get(names[-1]) if isinstance(links, dict) else None
+        free = alone or (isinstance(link, dict) and "part" in link)
         mass = joint.number("mass", *([0.0] if free else []), bound=">= 0" if free else "> 0")
         values |= {"mass": mass, "armature": joint.number("armature", 0.0, bound=">= 0")}
         values["center_of_mass"] = joint.vector("center_of_mass", 3, np.zeros(3))
