@@ -25,7 +25,9 @@ from ocptip.measured.links import all_parameters, identify_links
 from ocptip.measured.power_maps import fit_power_map, motors_of
 from ocptip.measured.prediction import Predictor
 from ocptip.published.arms import load_arm, modular_motors
+from ocptip.robots.model import ArmModel
 from ocptip.robots.payload import Payload
+from ocptip.standing.arm import StandingRobot
 from studies.common import say, software, table
 from studies.recordings.machine import Faults, sampled, simulated
 from studies.recordings.run import machine
@@ -55,13 +57,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def links(name: str, runs: int) -> list[str]:
     """Base parameters and friction of an arm."""
     robot, motion = machine(name)
-    rng = np.random.default_rng(0)
-    factors = 1 + 0.1 * rng.uniform(-1, 1, robot.arm.links)
-    friction = 0.05 * robot.limits.torque * rng.uniform(0.2, 1, robot.n)
-    arm = replace(
-        robot.arm, masses=factors * robot.arm.masses, inertias=factors[:, None, None] * robot.arm.inertias
-    )
-    faults = Faults(masses=dict(enumerate(factors)), coulomb=dict(enumerate(friction)))
+    arm, friction, faults = wrong(robot)
     seen, predictor, found = simulated(robot, motion, faults), Predictor(robot, motion), []
     for number in range(runs):
         one = identify_links(sampled(seen, faults, np.random.default_rng([1, number])), predictor)
@@ -74,7 +70,17 @@ def links(name: str, runs: int) -> list[str]:
                 one.estimate.freedom,
             )
         )
-    return [f"arm {name}, torques and sensor", *_covered(found), "-"]
+    return [f"arm {name}, torques and sensor", *covered(found), "-"]
+
+
+def wrong(robot: StandingRobot) -> tuple[ArmModel, np.ndarray, Faults]:
+    """The arm as it is, its dry friction (n,), and how it differs from what is described."""
+    rng = np.random.default_rng(0)
+    factors = 1 + 0.1 * rng.uniform(-1, 1, robot.arm.links)
+    friction = 0.05 * robot.limits.torque * rng.uniform(0.2, 1, robot.n)
+    masses, inertias = factors * robot.arm.masses, factors[:, None, None] * robot.arm.inertias
+    faults = Faults(masses=dict(enumerate(factors)), coulomb=dict(enumerate(friction)))
+    return replace(robot.arm, masses=masses, inertias=inertias), friction, faults
 
 
 def payload(name: str, runs: int) -> list[str]:
@@ -90,7 +96,7 @@ def payload(name: str, runs: int) -> list[str]:
         found.append((away, body.covariance, bodies.estimate.freedom))
     mass = max(abs(away[0]) for away, _, _ in found) / HELD.mass
     centre = max(np.abs(away[1:]).max() for away, _, _ in found)
-    return [f"payload of {name}, sensor", *_covered(found), f"{100 * mass:.2g} %, {1e3 * centre:.2g} mm"]
+    return [f"payload of {name}, sensor", *covered(found), f"{100 * mass:.2g} %, {1e3 * centre:.2g} mm"]
 
 
 def maps(runs: int) -> list[str]:
@@ -116,7 +122,7 @@ def _power(joint: int, torque: np.ndarray, speed: np.ndarray) -> np.ndarray:
     return modular_motors().power(full[0], full[1])[:, joint]
 
 
-def _covered(found: Sequence[tuple[np.ndarray, np.ndarray, int]]) -> list[str]:
+def covered(found: Sequence[tuple[np.ndarray, np.ndarray, int]]) -> list[str]:
     """Cells of the table: runs, numbers, how often together and alone, worst number, worst error."""
     together, alone, sizes = 0, [], []
     for away, covariance, freedom in found:
