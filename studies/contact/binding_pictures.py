@@ -1,4 +1,4 @@
-"""Pictures of the forces at rest and the automaton of planar contacts (no options; writes into the results)."""
+"""Pictures of forces at rest and automaton of planar contacts (no options; writes into the results)."""
 
 from __future__ import annotations
 
