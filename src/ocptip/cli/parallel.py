@@ -22,7 +22,6 @@ from ocptip.parallel.analysis.mobility import Mobility
 from ocptip.parallel.analysis.singularity import Singularity
 from ocptip.parallel.analysis.workspace import Workspace, workspace
 from ocptip.parallel.code.codegen import write_c
-from ocptip.parallel.code.complete import complete_function
 from ocptip.parallel.code.lean import LeanFunction, lean_function
 from ocptip.parallel.description.ready_made import READY_MADE
 from ocptip.parallel.description.robot_description import REVOLUTE, RobotDescription
@@ -251,10 +250,7 @@ def _functions(
     """
     description = robot.description
     if robot.complete_legs:
-        return (
-            complete_function(robot, name="tau_a"),
-            complete_function(robot, ("J_a",), name="jacobian"),
-        ), None
+        return (robot.lean(name="tau_a"), robot.lean(("J_a",), name="jacobian")), None
     functions = (
         lean_function(description, form=form, dynpar=dynpar, name=_FORCES[form]),
         lean_function(description, ("J_a",), form="S", dynpar=dynpar, name="jacobian"),

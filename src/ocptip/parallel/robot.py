@@ -303,9 +303,13 @@ class ParallelRobot(MadeOf):
         return crossings(self.kinematics, path)
 
     def lean(self, outputs: Sequence[str] = ("tau",), **options: object) -> LeanFunction:
-        """Generated function of the robot; see :func:`ocptip.parallel.code.lean.lean_function`."""
+        """Generated function: :func:`~ocptip.parallel.code.lean.lean_function`, or `complete_function`
+        of :mod:`ocptip.parallel.code.complete` where joints behind the coupling points take part."""
+        from ocptip.parallel.code.complete import complete_function
         from ocptip.parallel.code.lean import lean_function
 
+        if self.complete_legs:
+            return complete_function(self, outputs, **options)
         return lean_function(self.description, outputs, **options)
 
     def op_count(self, **options: object) -> OperationCount:

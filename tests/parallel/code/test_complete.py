@@ -72,6 +72,17 @@ def test_complete_code_is_the_numeric_robot(name):
         np.testing.assert_allclose(found["qdd"].ravel(), np.concatenate(rates.qdd), atol=1e-7)
 
 
+def test_a_robot_generates_complete_code_by_itself(tmp_path):
+    """Where joints behind the coupling points take part; forms that this code lacks are refused."""
+    robot = ParallelRobot(driven_behind())
+    assert robot.complete_legs
+    assert robot.op_count() == complete_function(robot).count
+    assert robot.codegen(tmp_path / "code.c", ("tau",)).source.exists()
+    for option in ({"form": "S"}, {"dynpar": 3}, {"euler": True}):
+        with pytest.raises(InputError, match=f"{next(iter(option))}: joints behind the coupling points"):
+            robot.lean(**option)
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [

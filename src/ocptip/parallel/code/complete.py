@@ -60,7 +60,7 @@ def complete_obstacle(description: RobotDescription) -> str:
 
 
 def complete_function(
-    robot: ParallelRobot, outputs: Sequence[str] = ("tau",), *, name: str = "tau_a"
+    robot: ParallelRobot, outputs: Sequence[str] = ("tau",), *, name: str = "tau_a", **options: object
 ) -> LeanFunction:
     """Motor forces (form "A", z' and z'' as inputs) of any robot with serial legs, its geometry as numbers.
 
@@ -71,15 +71,22 @@ def complete_function(
         robot: legs without branches, as many motors as coordinates.
         outputs: any of "tau", "J_a", and "qd", "qdd" of all joints (like q).
         name: of the function.
+        options: of `lean_function`: only form "A" and dynpar 2, which is what this is.
 
     Raises:
-        InputError: not such a robot, unknown outputs, or code that is not regular near the home pose.
+        InputError: not such a robot, unknown outputs or options, or code that is not regular near home.
     """
     description = robot.description
     if reason := complete_obstacle(description):
         raise InputError(f"{description.name}: generated code: {reason}")
     if isinstance(outputs, str) or not outputs or any(which not in OUTPUTS for which in outputs):
         raise InputError(f"outputs: expected names among {', '.join(OUTPUTS)}, got {outputs!r}")
+    for option, value in options.items():
+        if {"form": "A", "dynpar": 2}.get(option) != value:
+            raise InputError(
+                f"{description.name}: generated code: {option}: joints behind the coupling points take part; "
+                f"only form A with DynPar 2 is there, got {value!r}"
+            )
     z, zd, zdd = (cs.SX.sym(which, robot.m) for which in ("z", "zd", "zdd"))
     layout = inertia_layout(description, complete=True)
     q = cs.SX.sym("q", sum(leg.n for leg in robot.kinematics.legs))
