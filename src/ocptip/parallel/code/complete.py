@@ -10,10 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import casadi as cs
 import numpy as np
 import scipy.linalg
+from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError
 from ocptip.numerics.vectors import cross_terms as cross
@@ -22,7 +24,8 @@ from ocptip.parallel.code.lean import LeanFunction
 from ocptip.parallel.code.tidy import tidy
 from ocptip.parallel.description.robot_description import Leg, RobotDescription
 from ocptip.parallel.kinematics.leg_solver import LegSolver
-from ocptip.parallel.robot import ParallelRobot
+from ocptip.parallel.kinematics.platform import JointPositions, Kinematics
+from ocptip.parallel.rates_and_forces import Forces
 from ocptip.parallel.symbolic.block_solver import BlockSystem
 from ocptip.parallel.symbolic.leg_dynamics import ChainState, chain_drift, chain_motion, leg_efforts
 from ocptip.parallel.symbolic.leg_jacobian import LegModel, point_columns
@@ -59,8 +62,23 @@ def complete_obstacle(description: RobotDescription) -> str:
     return ""
 
 
+class NumericRobot(Protocol):
+    """What the code is made from and checked against: :class:`ocptip.parallel.robot.ParallelRobot`."""
+
+    @property
+    def m(self) -> int: ...
+    @property
+    def description(self) -> RobotDescription: ...
+    @property
+    def kinematics(self) -> Kinematics: ...
+    def ik(self, z: ArrayLike, /) -> JointPositions: ...
+    def inverse_dynamics(
+        self, z: ArrayLike, zd: ArrayLike, zdd: ArrayLike, q: Sequence[np.ndarray] | None, /
+    ) -> Forces: ...
+
+
 def complete_function(
-    robot: ParallelRobot, outputs: Sequence[str] = ("tau",), *, name: str = "tau_a", **options: object
+    robot: NumericRobot, outputs: Sequence[str] = ("tau",), *, name: str = "tau_a", **options: object
 ) -> LeanFunction:
     """Motor forces (form "A", z' and z'' as inputs) of any robot with serial legs, its geometry as numbers.
 
@@ -127,7 +145,7 @@ class _LegEquations:
 
 class _Equations:
     def __init__(
-        self, robot: ParallelRobot, state: Sequence[cs.SX], q: cs.SX, inertia: cs.SX, gravity: cs.SX
+        self, robot: NumericRobot, state: Sequence[cs.SX], q: cs.SX, inertia: cs.SX, gravity: cs.SX
     ) -> None:
         description = self.description = robot.description
         self.mask = description.platform.mask
@@ -225,12 +243,12 @@ def _chosen(leg: LegSolver, model: LegModel, at: np.ndarray) -> tuple[int, tuple
     return best[1:]
 
 
-def _near_home(robot: ParallelRobot) -> np.ndarray:
+def _near_home(robot: NumericRobot) -> np.ndarray:
     rng = np.random.default_rng(_SEED)
     return robot.description.home + _NEAR * rng.uniform(-1, 1, robot.m)
 
 
-def _check(robot: ParallelRobot, found: LeanFunction, outputs: Sequence[str]) -> None:
+def _check(robot: NumericRobot, found: LeanFunction, outputs: Sequence[str]) -> None:
     """Refuse code that does not give the numeric robot's forces near home."""
     if "tau" not in outputs:
         return
