@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from scipy import linalg
 
 from ocptip.basics.errors import InputError
 from ocptip.measured.recording import ANGLE, BASE, GRIPPER, POWER, SHIFT, SPEED, TORQUE, WRENCH
@@ -237,14 +238,21 @@ def _integrated(
 
     Steps dt (N - 1,), s.
     """
-    h = dt[:, None, None]
+    N, k = forces.shape
+    h, one, nil = dt[:, None, None], np.eye(k), np.zeros((len(dt), k, k))
     inverse = np.linalg.inv(M[1:] + h / 2 * C[1:] + h**2 / 4 * K[1:])
-    found = np.zeros((3, *forces.shape))
-    d, v, a = np.linalg.solve(K[0], forces[0]), np.zeros(forces.shape[1]), np.zeros(forces.shape[1])
-    found[0, 0] = d
-    for k, step in enumerate(dt.tolist()):
-        speed, way = v + step / 2 * a, d + step * v + step**2 / 4 * a
-        a = inverse[k] @ (forces[k + 1] - C[k + 1] @ speed - K[k + 1] @ way)
-        v, d = speed + step / 2 * a, way + step**2 / 4 * a
-        found[0, k + 1], found[1, k + 1], found[2, k + 1] = d, v, a
-    return found
+    way = np.concatenate([one + nil, h * one, h**2 / 4 * one], axis=2)  # without the next acceleration
+    speed = np.concatenate([nil, one + nil, h / 2 * one], axis=2)
+    pushed = -inverse @ (C[1:] @ speed + K[1:] @ way)
+    steps = np.concatenate([way + h**2 / 4 * pushed, speed + h / 2 * pushed, pushed], axis=1)
+    a = np.einsum("nij,nj->ni", inverse, forces[1:])
+    right = np.zeros((N, 3 * k))
+    right[0, :k] = np.linalg.solve(K[0], forces[0])
+    right[1:] = np.concatenate([h[:, 0] ** 2 / 4 * a, h[:, 0] / 2 * a, a], axis=1)
+    # all steps at once: a system with ones on its diagonal and a band below
+    band = np.zeros((6 * k, N, 3 * k))
+    row, column = np.indices((3 * k, 3 * k))
+    band[3 * k + row - column, :-1, column] = -steps.transpose(1, 2, 0)
+    (solve,) = linalg.get_lapack_funcs(("tbtrs",), (band,))
+    found, _ = solve(band.reshape(6 * k, -1), right.reshape(-1, 1), uplo="L", diag="U")
+    return found.reshape(N, 3, k).transpose(1, 0, 2)
