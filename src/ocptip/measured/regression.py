@@ -242,9 +242,11 @@ def explain(
 
 
 def _chosen(sums: _Sums, nuisance: list[int], enough: float) -> list[int]:
-    """Take in, exchange and drop until nothing changes."""
+    """Take in, exchange and drop until nothing changes, or causes come back that were chosen before."""
     chosen: list[int] = []
-    for _ in range(4 * len(sums.seen)):
+    before: set[frozenset[int]] = set()
+    while frozenset(chosen) not in before:
+        before.add(frozenset(chosen))
         gains, _ = sums.gains(nuisance + chosen)
         best = int(np.argmax(gains))
         if gains[best] <= enough:
