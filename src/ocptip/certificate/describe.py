@@ -41,8 +41,8 @@ def motion_data(motion: Motion) -> dict[str, Any]:
     into pieces that are as near as `unlike` wants them, if few halvings are enough.
     """
     ends = motion.intervals
+    data = _pieces(motion, ends)
     for _ in range(_HALVED):
-        data = _pieces(motion, ends)
         off, largest = _off(motion, data)
         short = off > _ALIKE * largest
         if not short.any() or len(ends) + np.count_nonzero(short) > _MOST:
@@ -50,7 +50,8 @@ def motion_data(motion: Motion) -> dict[str, Any]:
         middle = ends[short].mean(axis=1)
         left, right = np.append(ends[:, 0], middle), np.append(ends[:, 1], middle)
         ends = np.column_stack([np.sort(left), np.sort(right)])
-    return _pieces(motion, ends)
+        data = _pieces(motion, ends)
+    return data
 
 
 def _pieces(motion: Motion, intervals: np.ndarray) -> dict[str, Any]:

@@ -258,17 +258,17 @@ class _Search:
             for forces in self._forces(unique[:, 0].astype(int), unique[:, 1])
         ]
         batch, at = _Batch(piece, start, end, ways[0]), Intervals(self.motion, piece, start, end)
-        middle, count = at.q.c[0].T, len(self.model["pairs"])
+        loads, count = self.checker.loads(at), len(self.model["pairs"])
+        middles = [form.c[0].T for form in (at.q, loads.late) if form is not None]
 
         def directions(intervals: np.ndarray, pairs: np.ndarray) -> np.ndarray:
             assert self._separations is not None  # who asks has bodies
-            where = middle if np.all(pairs < count) else self.checker.late_places(at).c[0].T
-            towards = self._separations(where[intervals], pairs % count)
+            middle = middles[np.max(pairs) // count]  # of joints on time, or late
+            towards = self._separations(middle[intervals], pairs % count)
             asked = zip(intervals.tolist(), pairs.tolist(), strict=True)
             batch.directions.update(zip(asked, towards, strict=True))
             return towards
 
-        loads = self.checker.loads(at)
         margins = self.checker.margins(at, loads, ways[0], directions)
         short = (margins["contacts"] < 0) | (margins["tip-over"] < 0)
         loaded = np.any(ways[1] != 0, axis=3)  # (2, rules, contacts, N)
@@ -287,7 +287,7 @@ class _Search:
         """(rules, contacts, 3, N) that hold the wrench, and the wrench with each couple, in two ways."""
         left, right = np.array(self.motion["times"])[piece].T
         acting = self.robot.acting(0.5 * (left + right) + 0.5 * (right - left) * u)
-        wrenches = self.robot.loads(*states_at(self.motion, piece, u), acting if acting.size else None)[1]
+        wrenches = self.robot.loads(*states_at(self.motion, piece, u), acting)[1]
         every = np.concatenate([wrenches, *(wrenches + couple for couple in self.checker.contacts.couples)])
         slip = self.robot.slip.evaluate(self.robot.contact_states(every), derivatives=False)
         forces = np.nan_to_num(

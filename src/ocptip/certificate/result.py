@@ -152,11 +152,12 @@ def claims(bounds: Mapping[str, float]) -> str:
     """Bounds in words, rounded to the safe side; those that exceed a limit by rounding as the limit."""
     most = {name: np.ceil(1e4 * bound / (1 + 2 * AT_LIMIT)) / 1e4 for name, bound in bounds.items()}
     parts = [f"{word} <= {most[name]:.4f}" for name, word in _WORDS.items()]
-    apart = {name: f"clearance >= {_tenths(bounds[name]):.1f} mm" for name in _LEAST if name in bounds}
-    parts += [apart[name] for name in ("clearance",) if name in apart]
+    apart, apart_within = (
+        [f"clearance >= {_tenths(bounds[name]):.1f} mm"] if name in bounds else [] for name in _LEAST
+    )
+    parts += apart
     if within := [f"{w} <= {most[k]:.4f}" for k, w in _WITHIN.items() if k in bounds]:
-        within += [apart[name] for name in (CLEARANCE,) if name in apart]
-        parts[-1] += f"; within the tolerance {', '.join(within)}"
+        parts[-1] += f"; within the tolerance {', '.join(within + apart_within)}"
     return ", ".join(parts)
 
 

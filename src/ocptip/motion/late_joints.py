@@ -206,7 +206,7 @@ def jump_states(
         most = MOST if cases is None else MOST_OF_ALL
         every = [doing.looked(combinations(doing.ways, most)) for doing in found]
     if not every:
-        return Looked(on_time(motion, tolerance, np.empty(0), robot).s, np.empty(0), np.empty((0, n)), [])
+        return on_time(motion, tolerance, np.empty(0), robot)
     parts = [np.concatenate([getattr(one, part) for one in every]) for part in ("s", "times", "room")]
     return Looked(*parts, [word for one in every for word in one.words])
 

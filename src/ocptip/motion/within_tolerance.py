@@ -193,9 +193,12 @@ def _worst_of(cases: WorstCase, motion: Motion, times: np.ndarray) -> WithinTole
     looked = looked.joined(jump_states(motion, tolerance, cases, acting))
     tip = None
     if cases.axes:
-        tip = _worst_tip(cases, _refined(cases, motion, looked, _least_moments))
-    at = _refined(cases, motion, looked, _greatest_slips)
-    torque, gap = _worst_torque(cases, motion, times), _smallest_gap(cases.robot, motion, tolerance, times)
+        tip = _worst_tip(cases, _refined(cases, motion, acting, looked, _least_moments))
+    at = _refined(cases, motion, acting, looked, _greatest_slips)
+    torque, gap = (
+        _worst_torque(acting, motion, tolerance, times),
+        _smallest_gap(acting, motion, tolerance, times),
+    )
     return WithinTolerance(tolerance, tip, _worst_slip(cases, at), torque, gap, len(looked.times))
 
 
@@ -213,9 +216,7 @@ def _smallest_gap(
         if found is None or gaps[k] < found.value:
             joints = tuple(int(j) + 1 for j in np.flatnonzero(late[k]))
             found = WorstGap(float(gaps[k]), float(at[k]), str(robot.collision.labels[pairs[k]]), joints)
-        near = np.searchsorted(every, at[np.argsort(gaps)[:PEAKS]])
-        left, right = every[np.maximum(near - 1, 0)], every[np.minimum(near + 1, len(every) - 1)]
-        times = np.linspace(left, right, FRESH + 2)[1:-1].ravel()
+        times = _around(every, at[np.argsort(gaps)[:PEAKS]])
         every = np.unique(np.concatenate([every, times]))
     return found
 
@@ -243,9 +244,18 @@ def _late_gaps(
     return times[rows], pairs, least, np.abs(late - places[rows, 0]) > ON_TIME
 
 
-def _worst_torque(cases: WorstCase, motion: Motion, times: np.ndarray) -> WorstTorque:
-    robot, found = cases.robot.during(motion), WorstTorque(0.0, 0.0, 1)
-    drives = Drives(model_data(robot), tolerance_data(cases.deviations.tolerance, robot.support))
+def _around(every: np.ndarray, peaks: np.ndarray) -> np.ndarray:
+    """New instants around some of `every`, s, increasing, up to the next on either side."""
+    near = np.searchsorted(every, peaks)
+    left, right = every[np.maximum(near - 1, 0)], every[np.minimum(near + 1, len(every) - 1)]
+    return np.linspace(left, right, FRESH + 2)[1:-1].ravel()
+
+
+def _worst_torque(
+    robot: StandingRobot, motion: Motion, tolerance: Tolerance, times: np.ndarray
+) -> WorstTorque:
+    found = WorstTorque(0.0, 0.0, 1)
+    drives = Drives(model_data(robot), tolerance_data(tolerance, robot.support))
     every = np.unique(times)
     for _ in range(1 + NEARER):
         most = drives.greatest(*(Form.of(part.T) for part in motion.states(times)), np.tile(times, (2, 1)))
@@ -253,10 +263,7 @@ def _worst_torque(cases: WorstCase, motion: Motion, times: np.ndarray) -> WorstT
         joint, k = np.unravel_index(np.argmax(shares), shares.shape)
         if shares[joint, k] > found.value:
             found = WorstTorque(float(shares[joint, k]), float(times[k]), int(joint) + 1)
-        peaks = times[np.argsort(-np.max(shares, axis=0))[:PEAKS]]
-        near = np.searchsorted(every, peaks)
-        left, right = every[np.maximum(near - 1, 0)], every[np.minimum(near + 1, len(every) - 1)]
-        times = np.linspace(left, right, FRESH + 2)[1:-1].ravel()
+        times = _around(every, times[np.argsort(-np.max(shares, axis=0))[:PEAKS]])
         every = np.unique(np.concatenate([every, times]))
     return found
 
@@ -270,7 +277,11 @@ def _greatest_slips(cases: WorstCase, at: Looked) -> np.ndarray:
 
 
 def _refined(
-    cases: WorstCase, motion: Motion, looked: Looked, badness: Callable[[WorstCase, Looked], np.ndarray]
+    cases: WorstCase,
+    motion: Motion,
+    acting: StandingRobot,
+    looked: Looked,
+    badness: Callable[[WorstCase, Looked], np.ndarray],
 ) -> Looked:
     """The states that look worst, with instants around the worst one."""
     bad = badness(cases, looked)
@@ -279,11 +290,8 @@ def _refined(
         if looked.words[row]:
             break
         plain = np.array([not word for word in looked.words])
-        times = np.sort(looked.times[plain])
-        near = np.searchsorted(times, looked.times[row])
-        left, right = times[max(near - 1, 0)], times[min(near + 1, len(times) - 1)]
-        near = np.linspace(left, right, FRESH + 2)[1:-1]
-        new = on_time(motion, cases.deviations.tolerance, near, cases.deviations.robot.during(motion))
+        near = _around(np.sort(looked.times[plain]), looked.times[row])
+        new = on_time(motion, cases.deviations.tolerance, near, acting)
         looked, bad = looked.joined(new), np.concatenate([bad, badness(cases, new)])
     return looked.some(np.argsort(-bad, kind="stable")[:EXACT])
 

@@ -63,12 +63,14 @@ class Loads:
         torques: (n, N), N m or N.
         wrench: (6, N) on the base.
         frames: of an arm with anything that may collide, see `Arm.frames`.
+        late: (n, N) coordinates of late joints, see `Late.places`; None where nothing is claimed of them.
         further: (k, N): of a parallel robot distances from singular poses and motor speeds.
     """
 
     torques: Form
     wrench: Form
     frames: list[Frame]
+    late: Form | None
     further: Form | None
 
 
@@ -121,7 +123,7 @@ class Checker:
             found = run(self.program, [form[k] for form in (at.q, at.qd, at.qdd) for k in range(n)])
             torques, wrench = stack(*found[:n]), stack(*found[n : n + 6])
             further = stack(*found[n + 6 :]) if found[n + 6 :] else None
-        return Loads(torques, wrench + self.weight[:, None], frames, further)
+        return Loads(torques, wrench + self.weight[:, None], frames, self._late_places(at), further)
 
     @np.errstate(invalid="ignore", over="ignore", divide="ignore")
     def margins(
@@ -150,8 +152,8 @@ class Checker:
             asked = bounds["clearance"]
             gaps = distances(loads.frames, self.bodies, self.pairs, asked, directions)
             found["clearance"] = np.min(gaps, axis=0) - asked
-        if self._late is not None:
-            found["clearance within tolerance"] = self._late_gaps(at, directions)
+        if loads.late is not None:
+            found["clearance within tolerance"] = self._late_gaps(loads.late, directions)
         if loads.further is not None:
             low, high = loads.further.range
             least, most = (
@@ -162,17 +164,17 @@ class Checker:
             found["singularity, motor speed"] = np.min(room, axis=0)
         return {name: known(value) for name, value in found.items()}
 
-    def late_places(self, at: Intervals) -> Form:
-        """Coordinates (n, N) of joints that are late, see `Late.places`."""
-        assert self._late is not None  # who asks has a claim of it
+    def _late_places(self, at: Intervals) -> Form | None:
+        if self._late is None:
+            return None
         blur = U * (1 + np.abs(at.ends).sum(axis=0))  # times are rounded
         return self._late.places(at.ends[0] - blur, at.ends[1] + blur)
 
-    def _late_gaps(self, at: Intervals, directions: Directions) -> np.ndarray:
+    def _late_gaps(self, late: Form, directions: Directions) -> np.ndarray:
         """Distances beyond what is claimed of joints that are late, (N,), m; directions of pairs of theirs
         have numbers after those of all pairs."""
         assert self.arm is not None  # programs have no bodies
-        frames, count = self.arm.frames(self.arm.turns(self.late_places(at))), len(self.pairs)
+        frames, count = self.arm.frames(self.arm.turns(late)), len(self.pairs)
         asked = self.bounds[CLEARANCE]
 
         def of_late(intervals: np.ndarray, pairs: np.ndarray) -> np.ndarray:
