@@ -31,7 +31,7 @@ from ocptip.motion.check import check_motion
 from ocptip.published.tasks import BASES, experiment_task
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.tolerance import WORKSHOP, Tolerance
-from ocptip.standing.worst_case import worst_case_of
+from ocptip.standing.within.worst_case import worst_case_of
 from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.ramps import RampCommand
 from studies.common import RESULTS, machine, progress, software, source_state, table

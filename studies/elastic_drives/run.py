@@ -1,10 +1,10 @@
 """Gears that give: vibration of the gripper and the wrench on the base, computed and simulated.
 
 Motions of the modular arm and of a UR5, with gears of two stiffnesses (5 % damping of each joint alone),
-bolted down and on feet that give, by `ocptip.standing.on_drives` and by MuJoCo's rigid bodies with a spring
-at every joint, integrated by Runge-Kutta steps: nothing is linearised there. Vibration is where the gripper
-is less where it sags to at rest in the same posture, which MuJoCo finds for itself. And what rise times of
-one period of a mode do.
+bolted down and on feet that give, by `ocptip.standing.elastic.drives` and by MuJoCo's rigid bodies with a
+spring at every joint, integrated by Runge-Kutta steps: nothing is linearised there. Vibration is where the
+gripper is less where it sags to at rest in the same posture, which MuJoCo finds for itself. And what rise
+times of one period of a mode do.
 
     python -m studies.elastic_drives.run --out studies/results
 """
@@ -27,8 +27,8 @@ from ocptip.published.tasks import experiment_task
 from ocptip.robots.gears import Gears
 from ocptip.robots.kinematics import gripper_batch
 from ocptip.standing.arm import StandingRobot
-from ocptip.standing.on_drives import DriveMotion, on_its_drives, with_rise
-from ocptip.standing.on_springs import Modes, Ride
+from ocptip.standing.elastic.drives import DriveMotion, on_its_drives, with_rise
+from ocptip.standing.elastic.springs import Modes, Ride
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.ramps import RampCommand

@@ -25,9 +25,9 @@ from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.motion.plan import plan_motion
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.arm import StandingRobot
+from ocptip.standing.elastic.feet import on_its_feet
+from ocptip.standing.elastic.springs import Modes, Ride, Simulation
 from ocptip.standing.limits import MotionLimits
-from ocptip.standing.on_feet import on_its_feet
-from ocptip.standing.on_springs import Modes, Ride, Simulation
 from ocptip.trajectories.arm_motion import ArmMotion
 from studies.common import RESULTS, number, percent, software, table
 from studies.elastic_feet.rigid_bodies import FeetSimulation

@@ -6,10 +6,10 @@ import numpy as np
 
 from ocptip.motion.late_joints import jump_states, on_time
 from ocptip.standing.arm import StandingRobot
-from ocptip.standing.deviations import Deviations
 from ocptip.standing.simulation.world import World
 from ocptip.standing.tolerance import Tolerance
-from ocptip.standing.worst_case import worst_case_of
+from ocptip.standing.within.deviations import Deviations
+from ocptip.standing.within.worst_case import worst_case_of
 from ocptip.trajectories.sampled import Motion
 
 INSTANTS = 400

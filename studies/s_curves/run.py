@@ -6,7 +6,7 @@ The eight cases (effective base) and an arm on a cart are planned
 - as ramps that carry the overshoot of every single jump at 5 % damping (`carried`);
 - as S-curves with some rise times (`S 50 ms`).
 
-Each plan is then run on feet of 1e5, 1e6 and 1e7 N/m with 5 % damping (`ocptip.standing.on_feet`): least
+Each plan is then run on feet of 1e5, 1e6 and 1e7 N/m with 5 % damping (`ocptip.standing.elastic.feet`): least
 normal force of any foot, and by how much feet lift. Bases with clamps have no such feet.
 
     python -m studies.s_curves.run --out results [--cases A B cart] [--starts 4] [--seed 0] [--limit SECONDS]
@@ -36,8 +36,8 @@ from ocptip.motion.task import MotionTask
 from ocptip.published.cases import motion_cases
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.arm import StandingRobot
+from ocptip.standing.elastic.feet import on_its_feet
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.on_feet import on_its_feet
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.arm_motion import ArmMotion
 from studies.common import (

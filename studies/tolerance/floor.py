@@ -32,7 +32,7 @@ import numpy as np
 from ocptip.basics.write import versions, write_text
 from ocptip.motion.task import MotionTask
 from ocptip.standing.tolerance import NONE, PRESETS, Tolerance
-from ocptip.standing.worst_case import WorstCase, worst_case_of
+from ocptip.standing.within.worst_case import WorstCase, worst_case_of
 from ocptip.trajectories.arm_motion import ArmMotion
 from studies.common import PLANNING, RowFile, ended, number, percent, say, software, source_state, table
 from studies.ramp_gap.free_form import NODES, FreeForm

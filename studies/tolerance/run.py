@@ -33,7 +33,7 @@ from ocptip.motion.task import MotionTask
 from ocptip.published.cases import motion_cases
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.tolerance import NONE, PRESETS, Tolerance
-from ocptip.standing.worst_case import worst_case_of
+from ocptip.standing.within.worst_case import worst_case_of
 from ocptip.task_files.motion import load_task
 from studies.common import (
     EXAMPLES,

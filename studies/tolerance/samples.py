@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from ocptip.standing.arm import StandingRobot
-from ocptip.standing.deviations import Deviations
 from ocptip.standing.tolerance import Tolerance
-from ocptip.standing.worst_case import worst_case_of
+from ocptip.standing.within.deviations import Deviations
+from ocptip.standing.within.worst_case import worst_case_of
 from ocptip.trajectories.sampled import Motion
 
 EDGE = 0.5  # share of the deviations that are at an end of their interval

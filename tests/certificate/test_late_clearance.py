@@ -15,9 +15,9 @@ from ocptip.motion.within_tolerance import _smallest_gap
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.geometry import Pillar
 from ocptip.standing.arm import StandingRobot
-from ocptip.standing.clearance_limits import GAP_SCALE, LateClearanceLimit
 from ocptip.standing.instants import Instants, NodeColumns
-from ocptip.standing.limit import NodeSlopes
+from ocptip.standing.limit_kinds.clearance import GAP_SCALE, LateClearanceLimit
+from ocptip.standing.limit_kinds.limit import NodeSlopes
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.tolerance import Tolerance
 from ocptip.trajectories.arm_motion import ArmMotion

@@ -16,7 +16,7 @@ from ocptip.certificate.trusted.sharing import Sharing
 from ocptip.motion.check import certified, check_motion
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.tolerance import NONE, WORKSHOP, Tolerance
-from ocptip.standing.worst_case import worst_case_of
+from ocptip.standing.within.worst_case import worst_case_of
 from ocptip.trajectories.arm_motion import ArmMotion
 from tests.certificate.test_by_hand import BASE, MASS, G
 from tests.certificate.test_find import _swing

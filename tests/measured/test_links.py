@@ -21,7 +21,7 @@ from ocptip.reserves.tipping import TipMap
 from ocptip.robots.bodies import exists
 from ocptip.robots.process import ProcessWrench
 from ocptip.standing.tolerance import Tolerance
-from ocptip.standing.worst_case import worst_case_of
+from ocptip.standing.within.worst_case import worst_case_of
 from studies.recordings.run import machine
 
 DRY, VISCOUS = np.array([2.0, 3.0, 1.5, 1.0, 1.2, 0.8]), np.array([1.0, 0.6, 0.8, 0.5, 0.7, 0.4])

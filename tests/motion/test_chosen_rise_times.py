@@ -8,7 +8,7 @@ from ocptip.motion.check import check_motion
 from ocptip.motion.plan import plan_motion
 from ocptip.motion.rise_times import LONGEST, SHORTEST, others, with_rise_time
 from ocptip.published.tasks import experiment_task
-from ocptip.standing.path_stops import PathStops
+from ocptip.standing.stops.along_path import PathStops
 from ocptip.standing.tolerance import WORKSHOP, Tolerance
 
 

@@ -13,7 +13,7 @@ from ocptip.motion.planner.formulation import Formulation
 from ocptip.motion.task import refusals
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.arm import StandingRobot
-from ocptip.standing.limit_kinds import DurationLimit
+from ocptip.standing.limit_kinds.kinds import DurationLimit
 from ocptip.standing.limits import MotionLimits
 
 

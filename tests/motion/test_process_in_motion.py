@@ -25,14 +25,14 @@ from ocptip.placement.terrain import plane
 from ocptip.published.tasks import experiment_task
 from ocptip.retiming.retime import retime
 from ocptip.robots.process import AXES, ProcessWrench
-from ocptip.standing.brake_stops import Brakes
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.parts import Part
 from ocptip.standing.simulation.mjcf import to_mjcf
 from ocptip.standing.simulation.replay import Simulator, compared
 from ocptip.standing.simulation.urdf import to_urdf
+from ocptip.standing.stops.by_brakes import Brakes
 from ocptip.standing.tolerance import Tolerance
-from ocptip.standing.worst_case import worst_case_of
+from ocptip.standing.within.worst_case import worst_case_of
 from ocptip.task_files.cycle import load_cycle
 from ocptip.task_files.motion import load_task
 from ocptip.task_files.path import load_path

@@ -21,9 +21,9 @@ from ocptip.motion.task import refusals
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.urdf import arm_from_urdf
 from ocptip.standing.arm import StandingRobot
-from ocptip.standing.brake_stops import BrakeCheck, Brakes
 from ocptip.standing.limits import MotionLimits
-from ocptip.standing.path_stops import PathStops
+from ocptip.standing.stops.along_path import PathStops
+from ocptip.standing.stops.by_brakes import BrakeCheck, Brakes
 from ocptip.task_files.motion import load_task
 from tests.places import UR5
 from tests.robots.pinocchio_twin import dynamics, twin

@@ -16,7 +16,7 @@ from ocptip.published.tasks import experiment_task
 from ocptip.reserves.tipping import TipMap
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.tolerance import SITE, WORKSHOP, Tolerance
-from ocptip.standing.worst_case import worst_case_of
+from ocptip.standing.within.worst_case import worst_case_of
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.ramps import RampCommand

@@ -19,8 +19,8 @@ from ocptip.standing.limits import MotionLimits
 from ocptip.trajectories.sampled import SampledMotion
 from ocptip.trajectories.sequence import MotionSequence
 from tests.pictures.plan_stand_in import plan_of, stand_in_plan
-from tests.standing.test_on_drives import geared
-from tests.standing.test_on_feet import softened
+from tests.standing.elastic.test_drives import geared
+from tests.standing.elastic.test_feet import softened
 
 NAMES = ["plan", "angles", "speeds", "torques", "power", "reserves", "normal_forces", "friction", "clearance"]
 

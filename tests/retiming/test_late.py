@@ -18,7 +18,7 @@ from ocptip.retiming.late import LateJoints
 from ocptip.retiming.retime import Retimed, retime
 from ocptip.retiming.rows import TimingLimits
 from ocptip.standing.tolerance import WORKSHOP
-from ocptip.standing.worst_case import worst_case_of
+from ocptip.standing.within.worst_case import worst_case_of
 from tests.retiming.paths import cart, random_path, tripod
 
 NODES = 16

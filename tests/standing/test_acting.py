@@ -21,15 +21,15 @@ from ocptip.motion.check import certified, check_motion
 from ocptip.motion.late_joints import jump_states
 from ocptip.motion.path_stops import StoppedPath
 from ocptip.robots.process import ProcessWrench
-from ocptip.standing.deviations import Deviations
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.parts import Part
-from ocptip.standing.path_stops import PathStops, affine_loads, stop_slopes
 from ocptip.standing.simulation.mjcf import to_mjcf
 from ocptip.standing.simulation.replay import Simulator, compared
 from ocptip.standing.simulation.world import World
+from ocptip.standing.stops.along_path import PathStops, affine_loads, stop_slopes
 from ocptip.standing.tolerance import WORKSHOP
-from ocptip.standing.worst_case import worst_case_of
+from ocptip.standing.within.deviations import Deviations
+from ocptip.standing.within.worst_case import worst_case_of
 from tests.motion.test_process_in_motion import SMALL, case, varying
 
 LATE = replace(SMALL, delay=0.01, damping=0.1)

@@ -13,10 +13,10 @@ from ocptip.motion.planner.formulation import Formulation
 from ocptip.motion.planner.random_start import INSTANTS, _path_violation
 from ocptip.motion.task import refusals
 from ocptip.published.tasks import experiment_task
-from ocptip.standing import limit_kinds
 from ocptip.standing.instants import Instants
-from ocptip.standing.limit import AskedLimit, QuantityLimit, Worst
-from ocptip.standing.limit_kinds import KINDS, AccelerationLimit, limits_of
+from ocptip.standing.limit_kinds import kinds as limit_kinds
+from ocptip.standing.limit_kinds.kinds import KINDS, AccelerationLimit, limits_of
+from ocptip.standing.limit_kinds.limit import AskedLimit, QuantityLimit, Worst
 from ocptip.standing.limits import MotionLimits
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.tolerance import SITE, WORKSHOP
-from ocptip.standing.worst_case import worst_case_of
+from ocptip.standing.within.worst_case import worst_case_of
 from ocptip.trajectories.arm_motion import ArmMotion
 from studies.tolerance.floor import markdown as floor_table
 from studies.tolerance.floor import moments_in, worst_worlds

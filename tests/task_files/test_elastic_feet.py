@@ -14,7 +14,7 @@ from ocptip.standing.limits import MotionLimits
 from ocptip.standing.tolerance import overshoot_of
 from ocptip.task_files.motion import load_task
 from tests.places import ROOT
-from tests.standing.test_on_feet import softened
+from tests.standing.elastic.test_feet import softened
 
 TASK = """\
 [base]

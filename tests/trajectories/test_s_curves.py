@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from ocptip.basics.errors import InputError
 from ocptip.motion.check import check_motion
 from ocptip.published.tasks import experiment_task
-from ocptip.standing.jumps import Jumps
+from ocptip.standing.limit_kinds.jumps import Jumps
 from ocptip.trajectories.arm_motion import MERGE, ArmMotion
 from ocptip.trajectories.controllers import controller_points
 from ocptip.trajectories.ramps import JointRamps, RampCommand

@@ -27,11 +27,11 @@ from ocptip.certificate.trusted.checker import CLAIMS_WITHIN, FORMAT, Verdict, c
 from ocptip.certificate.trusted.described import CLEARANCE, TORQUES, Checker, Intervals
 from ocptip.numerics.threads import one_thread
 from ocptip.standing.arm import StandingRobot
-from ocptip.standing.limit import Worst
+from ocptip.standing.limit_kinds.limit import Worst
 from ocptip.standing.limits import NEARLY_LOST, MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.platform import StandingParallelRobot
-from ocptip.standing.worst_case import worst_case_of
+from ocptip.standing.within.worst_case import worst_case_of
 from ocptip.trajectories.sampled import Motion
 
 LOSS = 2e-4

@@ -50,8 +50,8 @@ from ocptip.published.cases import case_names
 from ocptip.published.tasks import experiment_task
 from ocptip.retiming.retime import OF_PATH, least_cost
 from ocptip.standing.arm import StandingRobot
+from ocptip.standing.elastic.drives import with_rise
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.on_drives import with_rise
 from ocptip.standing.sensitivity import Sensitivity
 from ocptip.standing.tolerance import NONE, Tolerance
 from ocptip.task_files.cycle import read_task

@@ -24,8 +24,8 @@ from ocptip.placement.output import refusal_to_dict, result_to_dict, write_place
 from ocptip.placement.place import place
 from ocptip.placement.result import Margin, NoPlacementError, Placement, PlacementResult
 from ocptip.placement.within import placement_within, searched
-from ocptip.standing.rest_within import WithinAtRest
 from ocptip.standing.tolerance import WORKSHOP, Tolerance
+from ocptip.standing.within.rest import WithinAtRest
 from ocptip.task_files.placement import load_placement
 from ocptip.task_files.tolerance import load_tolerance
 

@@ -39,7 +39,7 @@ from ocptip.motion.task import MotionTask
 from ocptip.motion.tolerated import Tolerated, tolerances
 from ocptip.published.cases import case_names
 from ocptip.published.tasks import experiment_task
-from ocptip.standing.on_drives import with_rise
+from ocptip.standing.elastic.drives import with_rise
 from ocptip.standing.sensitivity import Sensitivity
 from ocptip.standing.tolerance import WORKSHOP
 from ocptip.task_files.cycle import read_task

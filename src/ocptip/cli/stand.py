@@ -28,8 +28,8 @@ from ocptip.task_files.scene import Scene, read_scene
 from ocptip.task_files.tolerance import load_tolerance
 
 if TYPE_CHECKING:
-    from ocptip.standing.rest_within import WithinAtRest
     from ocptip.standing.sensitivity import Sensitivity
+    from ocptip.standing.within.rest import WithinAtRest
 
 PLOT_FORMATS = (".png", ".pdf", ".svg")
 _NO_RESERVE = 1 - 1e-9  # reserve values from here on are 1 but for rounding
@@ -49,7 +49,7 @@ def run(options: Namespace) -> StandReport:
     say_if_compiling()
     within, sensitivities = None, ()
     if tolerance.given:
-        from ocptip.standing.rest_within import scene_within
+        from ocptip.standing.within.rest import scene_within
 
         with naming(scene.name):
             within = scene_within(support, scene.loads, tolerance, reference)

@@ -19,13 +19,13 @@ from ocptip.certificate.result import Certificate
 from ocptip.motion.within_tolerance import WithinTolerance, worst_within
 from ocptip.numerics.threads import one_thread
 from ocptip.standing.contact_margins import ContactMargins
+from ocptip.standing.elastic.drives import DriveMotion, on_its_drives
+from ocptip.standing.elastic.feet import FeetMotion, on_its_feet
 from ocptip.standing.instants import Instants
-from ocptip.standing.limit import Limit, Worst
-from ocptip.standing.limit_kinds import limits_of
+from ocptip.standing.limit_kinds.kinds import limits_of
+from ocptip.standing.limit_kinds.limit import Limit, Worst
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.on_drives import DriveMotion, on_its_drives
-from ocptip.standing.on_feet import FeetMotion, on_its_feet
 from ocptip.trajectories.arm_motion import INSIDE
 from ocptip.trajectories.sampled import Motion
 

@@ -16,7 +16,7 @@ import numpy as np
 from ocptip.motion.planner.one_start import free_ends
 from ocptip.motion.planner.random_start import SLOWER, stands
 from ocptip.motion.task import MotionTask, end_refusals, refusals
-from ocptip.standing.limit_kinds import limits_of
+from ocptip.standing.limit_kinds.kinds import limits_of
 from ocptip.trajectories.arm_motion import ArmMotion
 
 LOOKED_AT = 24  # pairs, those with the shortest ways

@@ -9,8 +9,8 @@ from typing import Any
 from ocptip.basics.errors import InputError, PlanningError
 from ocptip.motion.plan import MotionPlan, ToleranceError, plan_motion
 from ocptip.motion.task import MotionTask, refusals
-from ocptip.standing.tolerable import AT_REST, culprit
 from ocptip.standing.tolerance import NONE, Tolerance
+from ocptip.standing.within.tolerable import AT_REST, culprit
 
 PLANS = 5  # at most
 SECONDS = 300.0  # after which no further plan is begun

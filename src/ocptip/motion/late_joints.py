@@ -24,9 +24,9 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from ocptip.standing.arm import StandingRobot
-from ocptip.standing.jumps import SMALLEST
+from ocptip.standing.limit_kinds.jumps import SMALLEST
 from ocptip.standing.tolerance import Tolerance
-from ocptip.standing.worst_case import WorstCase
+from ocptip.standing.within.worst_case import WorstCase
 from ocptip.trajectories.arm_motion import INSIDE
 from ocptip.trajectories.sampled import Motion
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.path_stops import Path, PathStops, StopPoints
+from ocptip.standing.stops.along_path import Path, PathStops, StopPoints
 from ocptip.trajectories.sampled import Motion
 
 SPACING = 4e-3  # s, between places of the path

@@ -15,7 +15,7 @@ import numpy as np
 
 from ocptip.motion.task import MotionTask, refusals
 from ocptip.standing.arm import StandingRobot
-from ocptip.standing.worst_case_limits import left_at_rest
+from ocptip.standing.limit_kinds.worst_case import left_at_rest
 
 SHORTEST = 0.05
 """Least rise time that is chosen, s: about a period of what gives; shorter ones let it ring as jumps do."""

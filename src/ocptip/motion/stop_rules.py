@@ -9,10 +9,10 @@ import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array, positive_number, share_of_one
 from ocptip.standing.arm import StandingRobot
-from ocptip.standing.brake_stops import Brakes
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.path_stops import PathStops
+from ocptip.standing.stops.along_path import PathStops
+from ocptip.standing.stops.by_brakes import Brakes
 
 Kinds = Literal["path", "brakes", "both"]
 

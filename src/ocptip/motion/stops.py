@@ -14,9 +14,9 @@ from ocptip.motion.check import MotionCheck
 from ocptip.motion.path_stops import StoppedPath
 from ocptip.motion.stop_rules import Kinds, StopRules
 from ocptip.standing.arm import StandingRobot
-from ocptip.standing.brake_stops import BrakeCheck, Brakes, BrakeStops, stops_of_motion
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.stops.by_brakes import BrakeCheck, Brakes, BrakeStops, stops_of_motion
 from ocptip.trajectories.sampled import Motion
 
 ROWS = 12  # of the table

@@ -14,10 +14,10 @@ from ocptip.motion.stop_rules import StopRules
 from ocptip.robots.inverse.pose_target import PoseTarget
 from ocptip.robots.process import PATH
 from ocptip.standing.arm import StandingRobot
-from ocptip.standing.brake_stops import BrakeCheck
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.rest import posture_refusals
+from ocptip.standing.stops.by_brakes import BrakeCheck
 from ocptip.trajectories.arm_motion import checked_rise_times, earliest_end
 from ocptip.trajectories.sampled import Motion
 

@@ -25,9 +25,9 @@ from ocptip.reserves.tipping import TipOver
 from ocptip.robots.dynamics import evaluate_dynamics
 from ocptip.robots.payload import Payload
 from ocptip.standing.arm import StandingRobot
+from ocptip.standing.elastic.feet import STIFFEST, softest_feet
+from ocptip.standing.elastic.springs import FALLEN
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.on_feet import STIFFEST, softest_feet
-from ocptip.standing.on_springs import FALLEN
 from ocptip.trajectories.arm_motion import INSIDE
 from ocptip.trajectories.sampled import Motion
 
@@ -122,8 +122,8 @@ def tolerated(robot: StandingRobot, motion: Motion) -> tuple[Tolerated, ...]:
     - push: a force at the gripper in any direction, N;
     - friction: factor of the friction coefficients of all ordinary contacts (left out if all are clamps);
     - faster: all times shorter, per cent of speed;
-    - foot_stiffness: the least, N/m, of feet that give, see `ocptip.standing.on_feet.softest_feet`; infinite
-      if a foot lifts on the stiffest, then `between` says on which none does, if on any;
+    - foot_stiffness: the least, N/m, of feet that give, see `ocptip.standing.elastic.feet.softest_feet`;
+      infinite if a foot lifts on the stiffest, then `between` says on which none does, if on any;
     - delay: any of the joints starts late by so much, ms (up to six joints that move).
 
     A motion that loses a contact as it is tolerates nothing: all values are zero.

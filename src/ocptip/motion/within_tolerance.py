@@ -20,12 +20,12 @@ from ocptip.certificate.trusted.drives import Drives
 from ocptip.certificate.trusted.forms import Form
 from ocptip.motion.late_joints import Looked, jump_states, on_time
 from ocptip.standing.arm import StandingRobot
-from ocptip.standing.limit import Worst as Measured
+from ocptip.standing.limit_kinds.limit import Worst as Measured
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.tolerable import IN_MOTION, culprit, largest, why_not
 from ocptip.standing.tolerance import Tolerance
-from ocptip.standing.worst_case import Worst, WorstCase, worst_case_of
+from ocptip.standing.within.tolerable import IN_MOTION, culprit, largest, why_not
+from ocptip.standing.within.worst_case import Worst, WorstCase, worst_case_of
 from ocptip.trajectories.sampled import Motion
 
 EXACT = 48  # instants that are looked at exactly, those that look worst up to products of deviations

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ocptip.pictures.frame import COLORS, new_figure
-from ocptip.standing.on_feet import FeetMotion
+from ocptip.standing.elastic.feet import FeetMotion
 
 _MOST_POINTS = 4000
 

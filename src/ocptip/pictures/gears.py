@@ -6,8 +6,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ocptip.pictures.frame import COLORS, new_figure
+from ocptip.standing.elastic.drives import SETTLED, DriveMotion
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.on_drives import SETTLED, DriveMotion
 
 _MOST_POINTS = 1500
 

@@ -11,9 +11,9 @@ from ocptip.placement.problem import LoadCase
 from ocptip.placement.result import Placement
 from ocptip.robots.kinematics import link_frames
 from ocptip.standing.arm import StandingRobot
-from ocptip.standing.rest_within import Push, RestCase, Weight, WithinAtRest, base_weight, found_within
-from ocptip.standing.tolerable import AT_REST
 from ocptip.standing.tolerance import Tolerance
+from ocptip.standing.within.rest import Push, RestCase, Weight, WithinAtRest, base_weight, found_within
+from ocptip.standing.within.tolerable import AT_REST
 
 SEARCHED = ("base_mass", "center_of_mass", "friction")
 """Quantities that the search for placements looks at itself."""

@@ -16,7 +16,7 @@ from scipy import sparse
 from ocptip.motion.late_joints import doings, worst_of_ways
 from ocptip.retiming.fastest import Grid
 from ocptip.standing.tolerance import Tolerance
-from ocptip.standing.worst_case import worst_case_of
+from ocptip.standing.within.worst_case import worst_case_of
 from ocptip.trajectories.arm_motion import INSIDE
 
 NAMES = ("tip-over within tolerance", "slip within tolerance")

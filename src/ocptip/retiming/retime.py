@@ -22,8 +22,8 @@ from ocptip.retiming.jerk import steady
 from ocptip.retiming.late import Couplings, LateJoints
 from ocptip.retiming.measured import PoweredTiming
 from ocptip.retiming.rows import HalfPlanes, Places, TimingLimits
-from ocptip.standing.limit import AskedLimit
-from ocptip.standing.limit_kinds import limits_of
+from ocptip.standing.limit_kinds.kinds import limits_of
+from ocptip.standing.limit_kinds.limit import AskedLimit
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.path import JointPath

@@ -14,11 +14,11 @@ from functools import cached_property
 import numpy as np
 
 from ocptip.standing.instants import Instants, NodeColumns
-from ocptip.standing.limit import ORDINARY, Limit, NodeSlopes
-from ocptip.standing.limit_kinds import AccelerationLimit, FurtherLimit, SpeedLimit, limits_of
+from ocptip.standing.limit_kinds.kinds import AccelerationLimit, FurtherLimit, SpeedLimit, limits_of
+from ocptip.standing.limit_kinds.limit import ORDINARY, Limit, NodeSlopes
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.path_stops import Affine, affine_loads
+from ocptip.standing.stops.along_path import Affine, affine_loads
 from ocptip.trajectories.path import JointPath
 
 FASTEST = 1e6  # 1/s^2: x is never greater: a path takes at least a millisecond

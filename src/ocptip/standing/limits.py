@@ -7,8 +7,8 @@ from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 from ocptip.basics.errors import InputError, positive_number, share_of_one
-from ocptip.standing.brake_stops import Brakes
-from ocptip.standing.path_stops import PathStops
+from ocptip.standing.stops.along_path import PathStops
+from ocptip.standing.stops.by_brakes import Brakes
 from ocptip.standing.tolerance import NONE, Tolerance, overshoot_of
 
 NEARLY_LOST = 0.999
@@ -27,7 +27,7 @@ class MotionLimits:
         angle_margin: smallest distance of turning joints from their angle limits, rad.
         min_duration, max_duration: of the motion, s; equal for a motion that must take just so long.
         damping: damping ratio of feet and structure, with which loads overshoot where they jump, of the
-            motion as described; 1: jumps do not count; see `ocptip.standing.jumps`.
+            motion as described; 1: jumps do not count; see `ocptip.standing.limit_kinds.jumps`.
         foot_lift: largest height above the ground, m, of a foot that gives, while the base swings.
         foot_force: least normal force of a foot that gives, as springs share the load at rest on them, N.
         jump_foot_force: the same of the loads after jumps with their overshoot, N.

@@ -7,7 +7,7 @@ import numpy as np
 from ocptip.contact.moving import what_moves
 from ocptip.contact.solver import ContactStates
 from ocptip.standing.instants import Instants
-from ocptip.standing.limit_kinds import limits_of
+from ocptip.standing.limit_kinds.kinds import limits_of
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 

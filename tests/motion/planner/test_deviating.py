@@ -16,7 +16,7 @@ from ocptip.motion.planner.one_start import Search
 from ocptip.motion.planner.random_start import random_start
 from ocptip.motion.task import require_plannable
 from ocptip.published.tasks import experiment_task
-from ocptip.standing.limit import DEVIATING
+from ocptip.standing.limit_kinds.limit import DEVIATING
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.tolerance import SITE, WORKSHOP, Tolerance
 

@@ -14,7 +14,7 @@ from ocptip.motion.check import MotionCheck, certified, check_motion
 from ocptip.motion.cycles.task import SAME, CycleTask
 from ocptip.motion.within_tolerance import WithinTolerance
 from ocptip.standing.contact_margins import ContactMargins
-from ocptip.standing.limit import Worst
+from ocptip.standing.limit_kinds.limit import Worst
 from ocptip.trajectories.sampled import SampledMotion
 from ocptip.trajectories.sequence import MotionSequence, parted, standstills
 

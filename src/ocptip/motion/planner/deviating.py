@@ -18,7 +18,7 @@ import numpy as np
 from ocptip.motion.late_joints import combinations, doings
 from ocptip.motion.planner.event_order import EventOrder, unit_row
 from ocptip.motion.planner.program import MotionProgram
-from ocptip.standing.limit import DEVIATING
+from ocptip.standing.limit_kinds.limit import DEVIATING
 from ocptip.standing.tolerance import Tolerance
 
 Steps = tuple[tuple[int, int, float], ...]

@@ -21,8 +21,8 @@ from ocptip.motion.planner.node_physics import NodePhysics
 from ocptip.motion.planner.profiles import Course, Layout, Nodes, Profiles
 from ocptip.motion.planner.program import MotionProgram, Structure
 from ocptip.motion.task import LONGEST
-from ocptip.standing.limit import DEVIATING, JUMP, ORDINARY
-from ocptip.standing.limit_kinds import limits_of
+from ocptip.standing.limit_kinds.kinds import limits_of
+from ocptip.standing.limit_kinds.limit import DEVIATING, JUMP, ORDINARY
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.arm_motion import ArmMotion, earliest_end, passive_command

@@ -17,10 +17,10 @@ from ocptip.motion.planner.random_start import random_start
 from ocptip.motion.task import MotionTask
 from ocptip.numerics.ipopt import Solution
 from ocptip.standing.arm import StandingRobot
-from ocptip.standing.limit import AskedLimit
-from ocptip.standing.limit_kinds import limits_of
+from ocptip.standing.limit_kinds.kinds import limits_of
+from ocptip.standing.limit_kinds.limit import AskedLimit
+from ocptip.standing.limit_kinds.worst_case import as_described
 from ocptip.standing.limits import MotionLimits
-from ocptip.standing.worst_case_limits import as_described
 from ocptip.trajectories.arm_motion import ArmMotion
 
 WIDTHS = (0.010, 0.004)  # s: half widths of the steps in the fine programs

@@ -279,8 +279,8 @@ class Nodes:
         half_width: s, of the smooth step, see `profile_kernels`; 0 with masks.
         regime: of the passive joints, see `Profiles`.
         behind: (N, n), s, by how much joints are late at nodes, with masks of then; default: none is.
-        kinds: (N,) of the nodes, see `standing.limit`; at jumps masks are 1 + kappa at the event's corners;
-            default all ordinary.
+        kinds: (N,) of the nodes, see `standing.limit_kinds.limit`; at jumps masks are 1 + kappa at the
+            event's corners; default all ordinary.
         course: of a process that varies.
     """
 

@@ -4,7 +4,7 @@ Least cost (energy, time or both) over the variables of `profiles`, subject to
 
 - the structure: every joint arrives, brakes with the deceleration of its last ramp, keeps its acceleration
   limit, ends no later than t_E; in an ordered program also the order of all events and the signs of speeds;
-- rows at nodes: those of the limits (`standing.limit`).
+- rows at nodes: those of the limits (`standing.limit_kinds.limit`).
 
 Most node rows are far from their limits; only those that are near take part (`RowSet`), the others are looked
 at after each solve.
@@ -26,7 +26,7 @@ from ocptip.motion.planner.profiles import Layout, Nodes, NodeStates
 from ocptip.numerics.ipopt import Solution, solve
 from ocptip.numerics.point import PointFunction
 from ocptip.standing.instants import Instants, NodeColumns
-from ocptip.standing.limit import Limit, NodeSlopes, Rows
+from ocptip.standing.limit_kinds.limit import Limit, NodeSlopes, Rows
 
 NEGLIGIBLE = 1e-9  # a node whose multipliers are all below this is left out of the Hessian
 POWER = NodeColumns.power

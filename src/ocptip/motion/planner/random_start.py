@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from ocptip.motion.objective import ENERGY, Objective
-from ocptip.standing.brake_limits import BrakeLimit
 from ocptip.standing.instants import Instants
-from ocptip.standing.limit import Limit
-from ocptip.standing.limit_kinds import limits_of
+from ocptip.standing.limit_kinds.brakes import BrakeLimit
+from ocptip.standing.limit_kinds.kinds import limits_of
+from ocptip.standing.limit_kinds.limit import Limit
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.arm_motion import ArmMotion

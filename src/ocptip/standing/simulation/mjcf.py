@@ -23,8 +23,8 @@ from ocptip.robots.bodies import ArmBodies, exists, real_bodies
 from ocptip.robots.model import ArmModel
 from ocptip.robots.payload import Payload
 from ocptip.standing.arm import StandingRobot
+from ocptip.standing.elastic.springs import Modes
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.on_springs import Modes
 from ocptip.standing.parts import Part
 from ocptip.trajectories.sampled import Motion
 

@@ -23,7 +23,7 @@ from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.robots.bodies import real_bodies
 from ocptip.robots.payload import Payload
 from ocptip.standing.arm import StandingRobot
-from ocptip.standing.on_feet import on_its_feet
+from ocptip.standing.elastic.feet import on_its_feet
 from ocptip.standing.parts import Part, owners
 from ocptip.standing.simulation.mjcf import (
     BASE,

@@ -16,9 +16,9 @@ from ocptip.contact.bindings.unilateral import DAMPING_RATIO, TANGENTIAL_SHARE, 
 from ocptip.contact.elastic import ElasticFeet
 from ocptip.numerics.bisection import bisected
 from ocptip.standing.contact_margins import Margin
+from ocptip.standing.elastic.drives import SETTLED, course_shifts, ridden, settling
+from ocptip.standing.elastic.springs import FALLEN, Course, Modes, Ride, Simulation
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.on_drives import SETTLED, course_shifts, ridden, settling
-from ocptip.standing.on_springs import FALLEN, Course, Modes, Ride, Simulation
 from ocptip.trajectories.sampled import Motion
 
 STIFFEST, SOFTEST = 1e7, 1e4  # N/m

@@ -10,11 +10,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from ocptip.standing.elastic.drives import on_its_drives
 from ocptip.standing.instants import Instants
-from ocptip.standing.limit import AskedLimit, Look, Worst
+from ocptip.standing.limit_kinds.limit import AskedLimit, Look, Worst
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.on_drives import on_its_drives
 from ocptip.trajectories.sampled import Motion
 
 _TIGHTER = 0.05  # by how much, at most, they are tightened at once

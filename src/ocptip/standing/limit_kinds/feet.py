@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from ocptip.standing.elastic.feet import on_its_feet
 from ocptip.standing.instants import Instants
-from ocptip.standing.jumps import AtJumps, Jumps
-from ocptip.standing.limit import AskedLimit, Look, NodeSlopes, Rows, Worst, WrenchLimit
+from ocptip.standing.limit_kinds.jumps import AtJumps, Jumps
+from ocptip.standing.limit_kinds.limit import AskedLimit, Look, NodeSlopes, Rows, Worst, WrenchLimit
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.on_feet import on_its_feet
 from ocptip.trajectories.sampled import Motion
 
 _TOUCH = 1e-6  # m: as what a foot counts that lets go and comes down at once

@@ -16,9 +16,9 @@ from ocptip.basics.text import percent, quantity
 from ocptip.numerics.vectors import cross
 from ocptip.reserves.tipping import TipMap
 from ocptip.standing.contact_margins import ContactMargins, Margin
+from ocptip.standing.elastic.springs import Course, Modes, Ride, Simulation
 from ocptip.standing.instants import Loaded
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.on_springs import Course, Modes, Ride, Simulation
 from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.sampled import Motion
 

@@ -1,4 +1,4 @@
-"""Limits of the contacts at the worst of a tolerance: no contact is lost. See `standing.worst_case`.
+"""Limits of the contacts at the worst of a tolerance: no contact is lost. See `standing.within.worst_case`.
 
 Their values at instants are not measured one by one: what joints that are late or overshoot do to a motion is
 the matter of `motion.within_tolerance`.
@@ -13,13 +13,22 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ocptip.standing.instants import Instants
-from ocptip.standing.limit import DEVIATING, ORDINARY, AskedLimit, Look, NodeSlopes, Rows, StateLimit, Worst
+from ocptip.standing.limit_kinds.limit import (
+    DEVIATING,
+    ORDINARY,
+    AskedLimit,
+    Look,
+    NodeSlopes,
+    Rows,
+    StateLimit,
+    Worst,
+)
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.tolerable import AT_REST, why_not
 from ocptip.standing.tolerance import Tolerance
-from ocptip.standing.worst_case import Worst as Found
-from ocptip.standing.worst_case import WorstCase, worst_case_of
+from ocptip.standing.within.tolerable import AT_REST, why_not
+from ocptip.standing.within.worst_case import Worst as Found
+from ocptip.standing.within.worst_case import WorstCase, worst_case_of
 
 ROOM = 0.5  # share of M0 within which, at a use of zero, rows of moments would take part
 NEGLIGIBLE = 1e-9  # multipliers of rows whose curvature does not count

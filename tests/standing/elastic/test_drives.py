@@ -22,16 +22,16 @@ from ocptip.robots.motors import DCMotors
 from ocptip.robots.process import ProcessWrench
 from ocptip.robots.spring_chain import spring_chain
 from ocptip.standing.arm import StandingRobot
-from ocptip.standing.on_drives import on_its_drives, with_rise
-from ocptip.standing.on_feet import on_its_feet
-from ocptip.standing.on_springs import Ride
+from ocptip.standing.elastic.drives import on_its_drives, with_rise
+from ocptip.standing.elastic.feet import on_its_feet
+from ocptip.standing.elastic.springs import Ride
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.sampled import SampledMotion
 from studies.elastic_drives.run import simulated
 from tests.places import EXAMPLES
-from tests.standing.test_on_feet import plan_of, softened
+from tests.standing.elastic.test_feet import plan_of, softened
 
 STIFFNESS = np.array([2e4, 2e4, 1e4, np.inf, np.inf, np.inf])
 

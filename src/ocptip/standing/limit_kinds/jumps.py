@@ -19,7 +19,7 @@ import numpy as np
 
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.instants import Instants
-from ocptip.standing.limit import JUMP, AskedLimit, Limit, Look, Worst
+from ocptip.standing.limit_kinds.limit import JUMP, AskedLimit, Limit, Look, Worst
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.arm_motion import INSIDE

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ocptip.standing.instants import Instants
-from ocptip.standing.limit import AskedLimit, Look, NodeSlopes, Rows, StateLimit, Worst
+from ocptip.standing.limit_kinds.limit import AskedLimit, Look, NodeSlopes, Rows, StateLimit, Worst
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 

@@ -1,4 +1,4 @@
-"""Limits of stops along the path: reserves while a motion is stopped at any instant, see `path_stops`.
+"""Limits of stops along the path: reserves while a motion is stopped at any instant, see `stops.along_path`.
 
 Checks and programs look at the corners of the curve u_min(x). Rows of a program are those of the worst
 corner, whose choice may change from one x of the program to the next.
@@ -13,7 +13,7 @@ import numpy as np
 
 from ocptip.reserves.slip import known
 from ocptip.standing.instants import Instants
-from ocptip.standing.limit import (
+from ocptip.standing.limit_kinds.limit import (
     FAR_FROM_SLIPPING,
     Look,
     MomentLimit,
@@ -24,7 +24,7 @@ from ocptip.standing.limit import (
 )
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.path_stops import Path, StopPoints, StopSlopes, stop_slopes
+from ocptip.standing.stops.along_path import Path, StopPoints, StopSlopes, stop_slopes
 
 STOP_INNER = 3e-3  # by so much tighter are programs: corners move between their nodes
 NEGLIGIBLE = 1e-9  # a row whose multiplier is below this is left out of the Hessian

@@ -8,13 +8,13 @@ from __future__ import annotations
 import numpy as np
 
 from ocptip.reserves.slip import known
-from ocptip.standing.brake_limits import BrakeSlipLimit, BrakeTipLimit
-from ocptip.standing.clearance_limits import ClearanceLimit, LateClearanceLimit
-from ocptip.standing.drive_limits import RingingSlipLimit, RingingTipLimit
-from ocptip.standing.feet_limit import FootForceLimit, FootLiftLimit, JumpFootForceLimit
 from ocptip.standing.instants import Instants, NodeColumns
-from ocptip.standing.jumps import AtJumps
-from ocptip.standing.limit import (
+from ocptip.standing.limit_kinds.brakes import BrakeSlipLimit, BrakeTipLimit
+from ocptip.standing.limit_kinds.clearance import ClearanceLimit, LateClearanceLimit
+from ocptip.standing.limit_kinds.drives import RingingSlipLimit, RingingTipLimit
+from ocptip.standing.limit_kinds.feet import FootForceLimit, FootLiftLimit, JumpFootForceLimit
+from ocptip.standing.limit_kinds.jumps import AtJumps
+from ocptip.standing.limit_kinds.limit import (
     FAR_FROM_SLIPPING,
     TOLERANCE,
     AskedLimit,
@@ -27,10 +27,10 @@ from ocptip.standing.limit import (
     Worst,
     WrenchLimit,
 )
+from ocptip.standing.limit_kinds.path_stops import StopSlipLimit, StopTipLimit
+from ocptip.standing.limit_kinds.worst_case import WorstSlipLimit, WorstTipOverLimit, WorstTorqueLimit
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.stop_limits import StopSlipLimit, StopTipLimit
-from ocptip.standing.worst_case_limits import WorstSlipLimit, WorstTipOverLimit, WorstTorqueLimit
 from ocptip.trajectories.sampled import Motion
 
 PATH_MARGIN = 0.5  # share of M0 / GN - M0 that a path at rest keeps beyond the limit

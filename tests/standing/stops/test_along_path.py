@@ -16,7 +16,7 @@ from ocptip.published.tasks import experiment_task
 from ocptip.robots.model import JointLimits
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.limits import MotionLimits
-from ocptip.standing.path_stops import Path, PathStops, StopPoints
+from ocptip.standing.stops.along_path import Path, PathStops, StopPoints
 from tests.robots.pinocchio_twin import dynamics, twin
 
 ASKED = MotionLimits(stops=PathStops())

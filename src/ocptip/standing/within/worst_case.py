@@ -21,9 +21,9 @@ from ocptip.reserves.slip import SlipMap
 from ocptip.reserves.tipping import TipMap
 from ocptip.reserves.wrench_cone import ConeMap
 from ocptip.standing.arm import StandingRobot
-from ocptip.standing.deviations import Deviations, deviations_of
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import Tolerance
+from ocptip.standing.within.deviations import Deviations, deviations_of
 
 ROUNDS = 2  # how often the worst deviations are chosen
 

@@ -13,9 +13,9 @@ from ocptip.published.tasks import experiment_task
 from ocptip.robots.kinematics import gripper_pose
 from ocptip.robots.payload import Payload
 from ocptip.standing.arm import StandingRobot
-from ocptip.standing.deviations import Deviations, towards
 from ocptip.standing.tolerance import SITE, Tolerance
-from ocptip.standing.worst_case import WorstCase
+from ocptip.standing.within.deviations import Deviations, towards
+from ocptip.standing.within.worst_case import WorstCase
 from studies.tolerance.samples import random_deviations
 
 WIDE = dataclasses.replace(

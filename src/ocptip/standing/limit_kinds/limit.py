@@ -8,7 +8,7 @@ A limit has three sides. Each method's default says "nothing here", so that a ki
   `use`, `bounds`, `rows`, `jacobian`, `add_to_quantities`, `add_hessian`);
 - search: numbers asked for that can be tightened (`AskedLimit`).
 
-The kinds and their list are in `limit_kinds`.
+The kinds and their list are in `kinds`.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ from ocptip.trajectories.sampled import Motion
 
 TOLERANCE = 1e-9  # a limit exceeded by less than this, in its units, is kept
 ORDINARY, JUMP, DEVIATING = range(3)
-"""Kinds of nodes: of the motion; after a jump with its overshoot, see `standing.jumps`; with joints that are
-late or overshoot, each by itself, see `motion.planner.deviating`."""
+"""Kinds of nodes: of the motion; after a jump with its overshoot, see `standing.limit_kinds.jumps`; with
+joints that are late or overshoot, each by itself, see `motion.planner.deviating`."""
 
 FAR_FROM_SLIPPING = 0.25  # share of GT's limit that no row of a program looks at
 INNER = 1e-4  # an asked number is tightened by this share where rounding must not break it

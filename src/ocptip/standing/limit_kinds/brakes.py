@@ -1,4 +1,4 @@
-"""Limits of stops by brakes (category 0): reserves while every joint brakes by itself, see `brake_stops`.
+"""Limits of stops by brakes (category 0): reserves while every joint brakes by itself, see `stops.by_brakes`.
 
 Checks look at whole stops. Rows of a program are those of the moment when the brakes close, where nearly all
 stops are worst: what brakes do does not depend on the speed, and later fewer joints brake. The arm's own
@@ -21,11 +21,19 @@ from ocptip.numerics.batch import BatchFunction
 from ocptip.reserves.slip import known
 from ocptip.robots.braking import Terms
 from ocptip.standing.arm import StandingRobot
-from ocptip.standing.brake_stops import BrakeCheck, stops_of_motion
 from ocptip.standing.instants import Instants
-from ocptip.standing.limit import Look, MomentLimit, NodeSlopes, Rows, StateLimit, TableLimit, Worst
+from ocptip.standing.limit_kinds.limit import (
+    Look,
+    MomentLimit,
+    NodeSlopes,
+    Rows,
+    StateLimit,
+    TableLimit,
+    Worst,
+)
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.stops.by_brakes import BrakeCheck, stops_of_motion
 from ocptip.trajectories.sampled import Motion
 
 NEGLIGIBLE = 1e-9  # a row whose multiplier is below this is left out of the Hessian

@@ -15,8 +15,8 @@ from ocptip.contact.support import Load, Support
 from ocptip.published.tasks import experiment_task
 from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipOver
-from ocptip.standing.rest_within import scene_within
 from ocptip.standing.tolerance import WORKSHOP, Tolerance
+from ocptip.standing.within.rest import scene_within
 
 FEET = [[0.4, 0.3, 0.0], [-0.4, 0.35, 0.0], [0.0, -0.5, 0.0]]
 HANGING = Load(force=[0.0, 0.0, -60.0], point=[0.1, 0.05, 0.9])

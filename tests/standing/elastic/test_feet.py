@@ -8,13 +8,14 @@ import pytest
 
 from ocptip.motion.check import check_motion
 from ocptip.published.tasks import experiment_task
-from ocptip.standing import on_feet, on_springs
-from ocptip.standing.feet_limit import FootForceLimit, JumpFootForceLimit
+from ocptip.standing.elastic import feet as on_feet
+from ocptip.standing.elastic import springs as on_springs
+from ocptip.standing.elastic.feet import on_its_feet, softest_feet
+from ocptip.standing.elastic.springs import Modes, Ride, Simulation
 from ocptip.standing.instants import Instants
-from ocptip.standing.limit import NodeSlopes
+from ocptip.standing.limit_kinds.feet import FootForceLimit, JumpFootForceLimit
+from ocptip.standing.limit_kinds.limit import NodeSlopes
 from ocptip.standing.limits import MotionLimits
-from ocptip.standing.on_feet import on_its_feet, softest_feet
-from ocptip.standing.on_springs import Modes, Ride, Simulation
 from ocptip.standing.tolerance import overshoot_of
 from ocptip.trajectories.arm_motion import ArmMotion
 from studies.elastic_feet.rigid_bodies import FeetSimulation

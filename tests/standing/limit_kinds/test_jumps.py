@@ -16,9 +16,9 @@ from ocptip.motion.planner.one_start import Search
 from ocptip.motion.planner.random_start import random_start
 from ocptip.motion.within_tolerance import worst_within
 from ocptip.published.tasks import experiment_task
-from ocptip.standing.jumps import Jumps
-from ocptip.standing.limit import JUMP
-from ocptip.standing.limit_kinds import limits_of
+from ocptip.standing.limit_kinds.jumps import Jumps
+from ocptip.standing.limit_kinds.kinds import limits_of
+from ocptip.standing.limit_kinds.limit import JUMP
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.tolerance import Tolerance, overshoot_of
 from ocptip.task_files.motion import load_task

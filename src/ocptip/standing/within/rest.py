@@ -23,9 +23,9 @@ from ocptip.contact.resting import solve_resting
 from ocptip.contact.support import Load, Support
 from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipMap, TipOver
-from ocptip.standing.deviations import towards
-from ocptip.standing.tolerable import why_not
 from ocptip.standing.tolerance import Tolerance
+from ocptip.standing.within.deviations import towards
+from ocptip.standing.within.tolerable import why_not
 
 LOOKED_AT = ("tilt", "base_mass", "center_of_mass", "friction", "base_push")
 """Quantities that a scene can have; a scene knows no arm, payload or motion."""
