@@ -37,6 +37,7 @@ class DefaultSolution:
     x: list[float]
     z: list[float]
     status: Any
+    obj_val_dual: float
     r_prim: float
     r_dual: float
 

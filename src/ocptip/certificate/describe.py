@@ -112,7 +112,9 @@ def _off(motion: Motion, data: dict[str, Any]) -> tuple[np.ndarray, float]:
     return off, max(1.0, float(np.max(np.abs(expected))))
 
 
-def states_at(motion: dict[str, Any], piece: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, ...]:
+def states_at(
+    motion: dict[str, Any], piece: np.ndarray, u: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Coordinates, speeds and accelerations, (N, n) each, of such data at u (N,) of pieces (N,)."""
     c, times = np.array(motion["angles"])[piece], np.array(motion["times"])[piece]
     half = 0.5 * (times[:, 1] - times[:, 0])
@@ -122,7 +124,8 @@ def states_at(motion: dict[str, Any], piece: np.ndarray, u: np.ndarray) -> tuple
         powers = u[:, None] ** np.arange(c.shape[2])
         values.append(np.einsum("Nnk,Nk->Nn", c, powers) * rate**order)
         c = c[:, :, 1:] * np.arange(1, c.shape[2])
-    return tuple(values)
+    q, qd, qdd = values
+    return q, qd, qdd
 
 
 def model_data(robot: StandingRobot | StandingParallelRobot, end: float | None = None) -> dict[str, Any]:
@@ -177,11 +180,12 @@ def _arm_data(robot: StandingRobot, end: float | None) -> dict[str, Any]:
         parts = process_parts(arm)
     else:
         varying = varying if end is None else varying.between(0.0, end)
-        none = np.zeros((len(varying.knots), 6))
+        times = np.asarray(varying.knots)
+        none = np.zeros((len(times), 6))
         own, turn = np.hstack([varying.force, varying.moment]), arm.tool_rotation.T
         on_link = np.hstack([part @ turn for part in np.hsplit(own, 2)])
         parts = (none, on_link) if varying.turns_with_tool else (own, none)
-        data[TIMES] = varying.knots.tolist()
+        data[TIMES] = times.tolist()
     data.update({key: part.tolist() for key, part in zip(PROCESS, parts, strict=True)})
     return {"arm": data, "payload": held}  # the payload is a part of the last link
 

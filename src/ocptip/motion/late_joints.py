@@ -60,7 +60,7 @@ class Doing(NamedTuple):
     room: float
 
 
-def doings(events: Sequence[float], t: float, delay: float, overshoots: bool) -> list[Doing]:
+def doings(events: Sequence[float] | np.ndarray, t: float, delay: float, overshoots: bool) -> list[Doing]:
     """What a joint that jumps at events, s, increasing, in the delay before t may be doing at t."""
     found: list[Doing] = []
     low, at_once = t - delay, False

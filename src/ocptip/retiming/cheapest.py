@@ -124,16 +124,15 @@ class CheapestProgram:
         settings.max_threads = 1
         scale = float(np.abs(cost).max()) or 1.0
         nothing = sparse.csc_matrix((self.columns, self.columns))
+        status = ""
         for tolerance in _TOLERANCES:
             settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
             solution = clarabel.DefaultSolver(nothing, cost / scale, A, b, cones, settings).solve()
-            if str(solution.status) in _SOLVED:
-                break
-        else:
-            raise SolverError(f"cheapest timing: Clarabel ended with {solution.status}")
-        x = np.array(solution.x)[: len(self.grid.s)] * self.unit
-        x = np.clip(x, *self.grid.bounds.T)  # up to the solver's tolerance it is
-        return x, scale * float(solution.obj_val_dual) + offset
+            if (status := str(solution.status)) in _SOLVED:
+                x = np.array(solution.x)[: len(self.grid.s)] * self.unit
+                x = np.clip(x, *self.grid.bounds.T)  # up to the solver's tolerance it is
+                return x, scale * float(solution.obj_val_dual) + offset
+        raise SolverError(f"cheapest timing: Clarabel ended with {status}")
 
     # columns: x and z of the nodes; per interval the cost of copper, standby and time (by joint: of standby
     # and time only, then copper and energy drawn of every joint), and its duration where that is limited

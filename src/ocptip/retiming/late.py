@@ -162,11 +162,8 @@ class LateJoints:
             return []
         node = int(np.searchsorted(at.t, time, side="right")) - 1
         share = float((time - at.t[node]) / (at.t[node + 1] - at.t[node]))
-        ends, parts = zip(
-            ((node, 1 - share), (node, True, 1 - share)),
-            ((node + 1, share), (node + 1, False, share)),
-            strict=True,
-        )
+        ends = (node, 1 - share), (node + 1, share)
+        parts = (node, True, 1 - share), (node + 1, False, share)
         return [self._made(at, ends, parts, 0.0)]
 
     def _made(

@@ -119,6 +119,7 @@ class Checker:
             if len(self.pairs):
                 frames = self.arm.frames(turns)
         else:
+            assert self.program is not None  # of a robot that is no arm
             n = len(at.q.r)
             found = run(self.program, [form[k] for form in (at.q, at.qd, at.qdd) for k in range(n)])
             torques, wrench = stack(*found[:n]), stack(*found[n : n + 6])
@@ -155,6 +156,7 @@ class Checker:
         if loads.late is not None:
             found["clearance within tolerance"] = self._late_gaps(loads.late, directions)
         if loads.further is not None:
+            assert self.program is not None
             low, high = loads.further.range
             least, most = (
                 np.array([none if x is None else x for x in self.program[key]])[:, None]

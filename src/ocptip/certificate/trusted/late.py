@@ -177,9 +177,9 @@ class Late:
         found = []
         for k in np.unique(group):
             here = np.flatnonzero(group == k)
-            forms = self._placed(states, chosen[:, here], spread)
+            q, qd, qdd = self._placed(states, chosen[:, here], spread)
             when = np.stack([starts[interval[here]], ends[interval[here]]])
-            found.append(Rows(here, interval[here], ways[:, here], *forms, when))
+            found.append(Rows(here, interval[here], ways[:, here], q, qd, qdd, when))
         return found
 
     def places(self, starts: np.ndarray, ends: np.ndarray) -> Form:

@@ -156,7 +156,10 @@ class Sharing:
             grasp, rounded = self.contacts.grasp[:, columns], self.contacts.rounded[:, columns]
             twists = Twists(grasp, rounded, own.centre, own.half, limits)
             found = twists.room(
-                lambda rows, *h, closely, own=own: self._within.least(own.some(rows), *h, closely), patient
+                lambda rows, h, constant, closely, own=own: self._within.least(
+                    own.some(rows), h, constant, closely
+                ),
+                patient,
             )
             room[here[going]] = np.minimum(room[here[going]], found / self.contacts.scale)
         return room

@@ -65,8 +65,8 @@ class Terms:
             name: getattr(self, name)[..., rows]
             for name in ("size", "error", "middle", "spread", "centre", "half")
         }
-        forms = (Form(form.c[..., rows], form.r[..., rows]) for form in (self.parts, self.process))
-        return Terms(self.low, self.high, self.masses, *forms, self.tool, self.gravity, **own)
+        parts, process = (Form(form.c[..., rows], form.r[..., rows]) for form in (self.parts, self.process))
+        return Terms(self.low, self.high, self.masses, parts, process, self.tool, self.gravity, **own)
 
     def in_box(self, h: np.ndarray, constant: np.ndarray) -> np.ndarray:
         """As `Within.least`, of any wrench of the boxes: quicker, and less."""
