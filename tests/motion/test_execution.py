@@ -15,6 +15,7 @@ from ocptip.motion.execution import SLOWEST, Execution, execute
 from ocptip.motion.output import joint_trajectory, write_plan
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.limits import MotionLimits
+from ocptip.standing.tolerance import Tolerance
 from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.controllers import CONTROLLERS, controller_points
 from ocptip.trajectories.ramps import RampCommand
@@ -204,3 +205,25 @@ def test_points_of_random_ramps_read_back_keep_their_limits(task, number):
     again = _from_points(json.loads(json.dumps(points)), robot.names)
     assert np.array_equal(again.times, run.points.times)
     assert check_motion(robot, again, limits).verified
+
+
+def test_slower_ones_are_looked_for_without_the_tolerance_first(task, monkeypatch):
+    """A limit of the described world that the motion breaks by a little decides by how much."""
+    motion, given = task.reference.slowed(1.3), []
+    plain = check_motion(task.robot, motion, MotionLimits(GN=1.0, GT=1.0)).worst
+    limits = MotionLimits(
+        GN=0.97 * plain["GN"].value, GT=1.0, tolerance=Tolerance(tilt=1e-3), GN_worst_case=0.99
+    )
+
+    def counted(robot, motion, limits):
+        given.append(bool(limits.tolerance.given))
+        return check_motion(robot, motion, limits)
+
+    monkeypatch.setattr("ocptip.motion.execution.check_motion", counted)
+    found = execute(task.robot, motion, limits, "linear")
+    assert found.check.verified
+    assert found.check.within is not None
+    assert found.slower > 1
+    assert given.count(True) == 1
+    assert given[-1]
+    assert given.count(False) > 2

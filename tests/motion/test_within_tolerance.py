@@ -257,3 +257,20 @@ def test_joints_of_s_curves_are_late_between_events_too(name, factor, seed):
     worst = float(cases.tip_ratio(np.array(least)))
     assert worst < found.tip.bound + 5e-3
     assert worst > found.tip.value - 0.1  # and it comes near
+
+
+def test_the_greatest_slips_are_those_of_all_states():
+    """Of four feet, whose normal forces are redistributed: what half spaces leave out is less."""
+    robot = load_task(EXAMPLES / "tasks" / "ur5_cart.toml").robot
+    rates = robot.limits.speed / 2, robot.limits.acceleration / 4
+    motion = ArmMotion.with_passive(np.zeros(6), np.full(6, 0.8), [None] * 6, *rates)
+    cases, late = worst_case_of(robot, WORKSHOP), np.full((1, robot.n), WORKSHOP.delay)
+    states = on_time(motion, WORKSHOP, np.linspace(0, motion.end, 60), robot).s
+    room = np.tile(late, (len(states), 1))
+    found, every = cases.greatest_slips(states, room), cases.estimated_slip(states, room)
+    assert np.argmax(found) == np.argmax(every)
+    assert every.max() < 1
+    large = every > 0.95 * every.max()
+    assert large.sum() < 0.8 * len(states)
+    np.testing.assert_allclose(found[large], every[large], atol=1e-9)
+    assert np.all(found[~large] <= 0.95 * every.max())

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from itertools import pairwise
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Literal
 
 from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.numerics.bisection import bisected
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
+from ocptip.standing.tolerance import NONE
 from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.controllers import Controller, controller_points
 from ocptip.trajectories.sampled import Motion, SampledMotion
@@ -122,23 +124,35 @@ def execute(
         slowest: factor, up to 1.25.
     """
 
-    def tried(factor: float) -> Execution:
+    def tried(factor: float, limits: MotionLimits = limits) -> Execution:
         points = controller_points(motion.slowed(factor), controller, step=step)
         checked = check_motion(robot, points, limits)
         rises = motion.rise_times if isinstance(motion, ArmMotion) else ()
         return Execution(controller, points, points, checked, factor, step, rises)
 
+    factor, plain = 1.0, replace(limits, tolerance=NONE)
+    for kept in (plain, limits) if limits.tolerance.given else (limits,):  # the quick check goes before
+        found = _least(partial(tried, limits=kept), factor, slowest)
+        if found is None:
+            return tried(1.0)
+        factor = found.slower
+    return found
+
+
+def _least(tried: Callable[[float], Execution], factor: float, slowest: float) -> Execution | None:
+    """The first from a factor on, as near as is worth a check, that is verified; None if there is none."""
+
     def verified(factor: float) -> Execution | None:
         found = tried(factor)
         return found if found.check.verified else None
 
-    first = tried(1.0)
-    if first.check.verified:
-        return first
-    for low, high in pairwise(step for step in STEPS if step <= slowest):
+    if kept := verified(factor):
+        return kept
+    for high in (step for step in STEPS if factor < step <= slowest):
         if kept := verified(high):
-            return bisected(verified, low, high, kept, _near)[1]
-    return first
+            return bisected(verified, factor, high, kept, _near)[1]
+        factor = high
+    return None
 
 
 def _near(low: float, high: float) -> bool:

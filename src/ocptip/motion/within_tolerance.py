@@ -273,7 +273,7 @@ def _least_moments(cases: WorstCase, at: Looked) -> np.ndarray:
 
 
 def _greatest_slips(cases: WorstCase, at: Looked) -> np.ndarray:
-    return cases.estimated_slip(at.s, at.room)
+    return cases.greatest_slips(at.s, at.room)
 
 
 def _refined(

@@ -17,6 +17,7 @@ _STEPS = 4
 _REGULARISATION = 1e-13
 _APEX = 1e-4
 _EXACT = 1e-11
+_SETTLED = 1e-14  # residual that steps do not lower
 
 
 @dataclass(frozen=True)
@@ -101,12 +102,14 @@ def refined(
     a = np.concatenate([end_pull[:, :, None], pull], axis=2) * active.pinned
     w = np.where(active.cone, w, 0.0)
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        matrix, rhs, unit = _conditions(q, Q, forces, active, z, t, w, a)
         for _ in range(_STEPS):
-            matrix, rhs, _ = _conditions(q, Q, forces, active, z, t, w, a)
+            if np.all(np.abs(rhs) < _SETTLED):
+                break
             step = solve_each(matrix, rhs)
             dz, dt, dw, da = np.split(step, np.cumsum([z.shape[1], 1, w.shape[1]]), axis=1)
             z, t, w, a = z + dz, t + dt[:, 0], w + dw, a + da.reshape(a.shape)
-        _, rhs, unit = _conditions(q, Q, forces, active, z, t, w, a)
+            matrix, rhs, unit = _conditions(q, Q, forces, active, z, t, w, a)
         residual = np.max(np.abs(rhs), axis=1)
         proven = (residual < _EXACT) & _signs_hold(q + forces_of(Q, z), forces, active, z, t, w, a)
     return RefinedPoint(

@@ -8,7 +8,7 @@ Source: (4.12) to (4.18).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -167,20 +167,30 @@ class Slip:
         GT[todo] = self._of(wrenches[todo])
         return GT
 
-    def greatest(self, wrenches: np.ndarray) -> np.ndarray:
+    def greatest(
+        self, *wrenches: np.ndarray, values: Callable[[np.ndarray], np.ndarray] | None = None
+    ) -> np.ndarray:
         """GT (N,) under wrenches (N, 6), of which the greatest matter; NaN where it is not known.
 
         What is at most nine tenths of the greatest, and of 1, may stand there as one number between both.
+
+        Args:
+            wrenches: of one array or several, that count together: half spaces are looked at for each.
+            values: of the states at indices (k,), one for each; default: GT under the first wrenches.
         """
-        rows = self.half_spaces(1.0) if len(wrenches) > _FIRST else None
-        if rows is None:
-            return self._of(wrenches)
-        order = np.argsort(-_beyond(rows, wrenches))
-        first, others, GT = order[:_FIRST], order[_FIRST:], np.empty(len(wrenches))
-        GT[first] = self._of(wrenches[first])
-        level = _LEVEL ** np.ceil(np.log(_SHARE * max(np.max(known(GT[first])), _LEAST)) / np.log(_LEVEL))
-        GT[others] = self.above(wrenches[others], min(level, _SHARE))
-        return GT
+        values = values or (lambda some: self._of(wrenches[0][some]))
+        every = np.arange(len(wrenches[0]))
+        if len(every) <= _FIRST or (rows := self.half_spaces(1.0)) is None:
+            return values(every)
+        order = np.argsort(-np.max([_beyond(rows, own) for own in wrenches], axis=0))
+        first, others, found = order[:_FIRST], order[_FIRST:], np.empty(len(every))
+        found[first] = values(first)
+        level = _LEVEL ** np.ceil(np.log(_SHARE * max(np.max(known(found[first])), _LEAST)) / np.log(_LEVEL))
+        found[others] = level = min(level, _SHARE)
+        if (rows := self.half_spaces(level)) is not None:
+            others = others[np.any([_beyond(rows, own[others]) > 0 for own in wrenches], axis=0)]
+        found[others] = values(others)
+        return found
 
     def _of(self, wrenches: np.ndarray) -> np.ndarray:
         if not len(wrenches):

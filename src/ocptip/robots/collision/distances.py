@@ -225,14 +225,15 @@ class Distances:
                 points += sign * down[:, None] * contact.normals
                 depth += down
             own[:, side] = np.einsum("rab,ra->rb", turn, points - origins[contact.states, bodies])
-            along[:, :, 2 * side : 2 * side + 2] = sign * turn @ local
             moving = np.flatnonzero(bodies != RESTING)
             of_body = slopes[contact.states[moving], bodies[moving]]
             of_axes = of_body[:, :9].reshape(len(moving), 3, 3, of_body.shape[-1])
             moved = np.einsum("rabx,rb->rax", of_axes, own[moving, side]) + of_body[:, 9:]
             apart[moving] += sign * moved
-            towards = np.einsum("rabx,rbs,ra->rxs", of_axes, local[moving], contact.normals[moving])
-            turned[moving, :, 2 * side : 2 * side + 2] = sign * towards
+            if features:
+                along[:, :, 2 * side : 2 * side + 2] = sign * turn @ local
+                towards = np.einsum("rabx,rbs,ra->rxs", of_axes, local[moving], contact.normals[moving])
+                turned[moving, :, 2 * side : 2 * side + 2] = sign * towards
         return apart, own, _Slide(along, depth), turned
 
 

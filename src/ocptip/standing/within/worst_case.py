@@ -195,6 +195,21 @@ class WorstCase:
         found, slopes = self._slip_at(s, np.zeros((len(s), self.deviations.size)))
         return found.values + np.einsum("nt,nt->n", slopes, self.deviations.least(-slopes, room))
 
+    def greatest_slips(self, s: np.ndarray, room: np.ndarray | None = None) -> np.ndarray:
+        """(N,) the same where they are great; what matters less, see `Slip.greatest`, may be less."""
+        rows = self.robot.slip.half_spaces(1.0)
+        if rows is None:
+            return self.estimated_slip(s, room)
+        wrenches, over = self.deviations.wrench_and_slopes(s, np.zeros((len(s), self.deviations.size)))
+        nearest = rows[np.argmax(wrenches @ rows.T, axis=1)]
+        theta = self.deviations.least(-np.einsum("nw,nwt->nt", nearest, over), room)
+        worst = wrenches + np.einsum("nwt,nt->nw", over, theta)
+
+        def values(some: np.ndarray) -> np.ndarray:
+            return self.estimated_slip(s[some], None if room is None else room[some])
+
+        return self.robot.slip.greatest(worst, wrenches, values=values)
+
     def function(self, s: np.ndarray, which: np.ndarray, room: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What is worst where it is greatest, (N,), and its slopes (N, 3 n) over the states.
 
