@@ -6,20 +6,29 @@ import json
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from ocptip.cli.main import main
 from ocptip.indices.arms.values import index_values
-from ocptip.indices.platforms.parallel_robots import parallel_indices, rate_parallel
+from ocptip.indices.platforms.from_parallel import platform_of_robot
+from ocptip.indices.platforms.parallel_robots import ParallelIndices, rate_parallel
+from ocptip.indices.platforms.workspace import control_numbers
 from ocptip.parallel.analysis.workspace import workspace
 from ocptip.parallel.description.ready_made import READY_MADE, rpr3, rrr3, ups6
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.published.arms import arm_by_name
+from ocptip.task_files.platform_points import read_platform
 from tests.places import EXAMPLES
 
 
 def _report(capsys, *arguments, code=0):
     assert main(["rate", *map(str, arguments), "--json"]) == code
     return json.loads(capsys.readouterr().out)
+
+
+def _values(description, z=(0, 0, 0)):
+    indices = ParallelIndices(ParallelRobot(description))
+    return indices.values(z, indices.names)
 
 
 @pytest.mark.parametrize("name", ["3RRR", "delta", "4PRRR"])
@@ -54,8 +63,8 @@ def test_hexapods_have_the_indices_of_platforms_and_planar_ones_ctn():
     entries, kinds = rate_parallel(hexapod, hexapod.description.home)
     assert kinds == ()
     assert {"dexterity", "ctn", "sigma_r"} <= {entry.name for entry in entries}
-    assert 0 < parallel_indices(ParallelRobot(rpr3()), [0, 0, 0])["ctn"] < 1
-    assert "ctn" not in parallel_indices(ParallelRobot(rrr3()), [0, 0, 0])
+    assert 0 < _values(rpr3())["ctn"] < 1
+    assert "ctn" not in _values(rrr3())
 
 
 def test_along_a_motion_of_an_arm(capsys, tmp_path):
@@ -75,8 +84,8 @@ def test_along_a_motion_of_a_parallel_robot(capsys, tmp_path):
     file = tmp_path / "motion.csv"
     file.write_text("time_s,q1_m,q2_m,q3_deg\n0,0,0,0\n1,0.05,0.02,10\n")
     found = _report(capsys, "3RRR", "--along", file)
-    second = parallel_indices(ParallelRobot(rrr3()), [0.05, 0.02, np.radians(10)])
-    first = parallel_indices(ParallelRobot(rrr3()), [0, 0, 0])
+    second = _values(rrr3(), [0.05, 0.02, np.radians(10)])
+    first = _values(rrr3())
     for name, rated in found["indices"].items():
         assert rated["minimum"] == pytest.approx(min(first[name], second[name]), rel=1e-9)
         assert rated["maximum"] == pytest.approx(max(first[name], second[name]), rel=1e-9)
@@ -88,6 +97,27 @@ def test_along_a_motion_of_a_parallel_robot(capsys, tmp_path):
     assert "expected a column q3_deg or q3_rad" in capsys.readouterr().err
 
 
+def test_hexapods_and_platform_files_along_a_motion(capsys, tmp_path):
+    """A hexapod's angles are its own, a platform file's a rotation vector."""
+    file = tmp_path / "motion.csv"
+    file.write_text("time_s,q1_m,q2_m,q3_m,q4_deg,q5_deg,q6_deg\n0,0,0,0.6,0,0,10\n1,0.1,0,0.6,0,0,50\n")
+    found = _report(capsys, "6UPS", "--along", file, "--index", "ctn", "sigma_r")
+    platform = platform_of_robot(ups6()).platform
+    turns = Rotation.from_euler("z", [[10], [50]], degrees=True).as_matrix()
+    expected = control_numbers(platform, [[0, 0, 0.6], [0.1, 0, 0.6]], turns)
+    assert found["indices"]["ctn"]["minimum"] == pytest.approx(expected.min(), rel=1e-9)
+    assert found["indices"]["ctn"]["maximum"] == pytest.approx(expected.max(), rel=1e-9)
+    assert list(found["indices"]) == ["ctn", "sigma_r"]
+    simulator = EXAMPLES / "platforms" / "flight_simulator.toml"
+    told = _report(capsys, simulator, "--along", file)
+    expected = control_numbers(read_platform(simulator).platform, [[0, 0, 0.6], [0.1, 0, 0.6]], turns)
+    assert told["indices"]["ctn"]["minimum"] == pytest.approx(expected.min(), rel=1e-9)
+    assert "inv_cdn_oe" in told["indices"]
+    file.write_text("q1_m,q2_m,q3_m,q4_deg,q5_deg,q6_deg\n0,0,0.6,0,0,0\n0,0,0.6,0,0,90\n")
+    assert main(["rate", str(simulator), "--along", str(file)]) == 1
+    assert "PASSES A SINGULAR POSE" in capsys.readouterr().out
+
+
 def test_plot_needs_a_motion(capsys):
     assert main(["rate", "FP1W2F", "0", "40", "-60", "10", "50", "20", "--plot", "x.png"]) == 2
-    assert "--plot: needs --along" in capsys.readouterr().err
+    assert "--plot: needs --along or --workspace" in capsys.readouterr().err

@@ -377,7 +377,7 @@ COMMANDS = (
         "rate",
         "how well conditioned is a pose of an arm or a platform?",
         "Prints the performance indices of a pose: value, range, meaning.",
-        "0 a regular pose, 1 a singular one",
+        "0 a regular pose, 1 a singular one (--along, --workspace: among the poses, or none is reached)",
         (
             argument(
                 "robot",
@@ -405,9 +405,36 @@ COMMANDS = (
                 type=float,
             ),
             argument(
-                "--along", "MOTION.csv", "rate every row (columns q1_deg, q2_m, ... as plans write them)"
+                "--along",
+                "MOTION.csv",
+                "rate every row (columns q1_deg, q2_m, ... as plans write them; platforms: position and "
+                "rotation vector, q1_m to q6_deg)",
             ),
-            argument("--plot", "FILE", "with --along: draw the indices into a .png, .pdf or .svg file"),
+            argument(
+                "--workspace",
+                "NAME=LOW:HIGH",
+                "rate a grid over one to three coordinates, the others as in POSE: of parallel robots their "
+                "own (x=-0.3:0.3 phi1=-40:40), else x y z of the gripper or platform, m, and rx ry rz, a "
+                "rotation vector in base axes that turns it from POSE, degrees",
+                nargs="+",
+            ),
+            argument("--cells", "N", "with --workspace: per coordinate (40)", type=int),
+            argument(
+                "--range",
+                ("JOINT", "LOW", "HIGH"),
+                "with --workspace: range of a joint of all legs of a parallel robot (degrees, m)",
+                nargs=3,
+                type=float,
+                action="append",
+            ),
+            argument(
+                "--index", "NAME", "with --along and --workspace: these indices, such as dm_2 ctn", nargs="+"
+            ),
+            argument(
+                "--plot",
+                "FILE",
+                "with --along and --workspace: draw the indices into a .png, .pdf or .svg file",
+            ),
             argument("--center", ("X", "Y", "Z"), "its centre in that frame, m (0 0 0)", nargs=3, type=float),
             argument(
                 "--payload",

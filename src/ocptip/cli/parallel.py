@@ -33,6 +33,7 @@ from ocptip.parallel.robot import ParallelRobot
 from ocptip.task_files.parallel import read_parallel_robot
 
 _SUFFIXES = {"urdf": (".urdf",), "mjcf": (".xml", ".mjcf"), "c": (".c",), "plot": (".png", ".pdf", ".svg")}
+LENGTHS = ("x", "y", "z")
 _FORCES = {"S": "tau_s", "X": "tau_s", "Z": "tau_z", "A": "tau_a", "AA": "tau_a"}
 
 
@@ -274,15 +275,7 @@ def with_ranges(description: RobotDescription, given: Sequence[Sequence[float]])
 
 def find_workspace(description: RobotDescription, options: Namespace) -> Workspace:
     """The grid that `--workspace NAME=LOW:HIGH ...`, `--at` and `--cells` ask for; degrees and m."""
-    robot, ranges = ParallelRobot(description), {}
-    for text in options.workspace:
-        name, _, ends = text.partition("=")
-        try:
-            low, high = (float(value) for value in ends.split(":"))
-        except ValueError:
-            raise InputError(f"--workspace: expected NAME=LOW:HIGH, got {text!r}") from None
-        scale = math.radians(1.0) if name.startswith("phi") else 1.0
-        ranges[name] = (scale * low, scale * high)
+    robot, ranges = ParallelRobot(description), grid_ranges(options.workspace)
     at = None
     if options.at is not None:
         names = description.platform.coordinates
@@ -292,13 +285,33 @@ def find_workspace(description: RobotDescription, options: Namespace) -> Workspa
     return workspace(robot, ranges, at=at, cells=options.cells)
 
 
-def _workspace_lines(found: Workspace) -> list[str]:
-    units = ["rad" if name.startswith("phi") else "m" for name in found.names]
-    size = {1: "length", 2: "area", 3: "volume"}[len(units)] if set(units) == {"m"} else "size"
+def grid_ranges(texts: Sequence[str]) -> dict[str, tuple[float, float]]:
+    """Ranges, m and rad, of `--workspace NAME=LOW:HIGH ...`, m and degrees."""
+    ranges = {}
+    for text in texts:
+        name, _, ends = text.partition("=")
+        try:
+            low, high = (float(value) for value in ends.split(":"))
+        except ValueError:
+            raise InputError(f"--workspace: expected NAME=LOW:HIGH, got {text!r}") from None
+        scale = 1.0 if name in LENGTHS else math.radians(1.0)
+        ranges[name] = (scale * low, scale * high)
+    return ranges
+
+
+def size_of_grid(names: Sequence[str], size: float) -> str:
+    """Length, area, volume or size of a workspace, with its unit."""
+    units = ["m" if name in LENGTHS else "rad" for name in names]
+    what = {1: "length", 2: "area", 3: "volume"}[len(units)] if set(units) == {"m"} else "size"
     unit = " ".join(units).replace("m m m", "m^3").replace("m m", "m^2")
+    return f"{what} {size:.4g} {unit}"
+
+
+def _workspace_lines(found: Workspace) -> list[str]:
     cells = " x ".join(map(str, found.inside.shape))
     shares = ", ".join(f"{name} {100 * share:.1f} %" for name, share in found.shares.items() if share)
-    lines = [f"workspace over {', '.join(found.names)}: {size} {found.size:.4g} {unit} ({cells} cells)"]
+    size = size_of_grid(found.names, found.size)
+    lines = [f"workspace over {', '.join(found.names)}: {size} ({cells} cells)"]
     inside = found.dexterity[found.inside]
     lines.append(f"  {shares}")
     if inside.size:

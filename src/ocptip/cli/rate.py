@@ -17,13 +17,15 @@ from ocptip.basics.write import versions
 from ocptip.cli.command import Answer, Report
 from ocptip.cli.layout import named
 from ocptip.cli.options import naming_options
-from ocptip.cli.parallel import read_robot
+from ocptip.cli.parallel import read_robot, with_ranges
 from ocptip.cli.rate_along import rate_along
+from ocptip.cli.rate_workspace import rate_workspace
 from ocptip.indices.arms.rate import rate_arm
 from ocptip.indices.entry import IndexEntry
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.platforms.from_parallel import platform_of_robot
 from ocptip.indices.platforms.parallel_robots import rate_parallel
+from ocptip.indices.platforms.platform import PlatformFile
 from ocptip.indices.platforms.rate import rate_platform
 from ocptip.indices.platforms.singular_motion import singular_motion
 from ocptip.parallel.description.ready_made import READY_MADE, ups6
@@ -44,13 +46,12 @@ _HEXAPOD = "6UPS"
 
 def run(options: Namespace) -> Report:
     """Rate the arm or the platform in its pose."""
-    if options.plot and not options.along:
-        raise InputError("--plot: needs --along")
+    _refuse_together(options)
     is_file = Path(options.robot).suffix.lower() == ".toml"
     keys = Table.read(Path(options.robot)) if is_file else {}
     name = options.robot.lower()
-    hexapod = options.robot.upper() == _HEXAPOD
-    if "leg" in keys or (name in map(str.lower, READY_MADE) and (options.along or not hexapod)):
+    hexapod, over = options.robot.upper() == _HEXAPOD, options.along or options.workspace
+    if "leg" in keys or (name in map(str.lower, READY_MADE) and (over or not hexapod)):
         return _rate_parallel(options)
     is_platform = hexapod or (is_file and "arm" not in keys)
     return _rate_platform(options) if is_platform else _rate_arm(options)
@@ -58,18 +59,21 @@ def run(options: Namespace) -> Report:
 
 def _rate_parallel(options: Namespace) -> Report:
     """A robot of `ocptip parallel` in a pose of its coordinates, or along a motion."""
-    _refuse_given(
-        options, ("rates", "payload", "ellipsoid", "center", *_URDF_OPTIONS), "not for parallel robots"
-    )
-    robot = ParallelRobot(read_robot(options.robot))
+    over = options.along or options.workspace
+    tool = () if over else ("ellipsoid", "center")
+    _refuse_given(options, ("rates", "payload", *tool, *_URDF_OPTIONS), "not for parallel robots")
+    description = read_robot(options.robot)
+    robot = ParallelRobot(with_ranges(description, options.range) if options.range else description)
     if options.along:
-        return rate_along(robot, options, None)
+        return rate_along(robot, options, _ellipsoid(options))
     names, z = robot.description.platform.coordinates, robot.description.home
     if options.pose:
         if len(options.pose) != len(names):
             wanted = ", ".join(names)
             raise InputError(f"POSE: expected {wanted} (m, degrees), got {len(options.pose)} numbers")
         z = np.where([one.startswith("phi") for one in names], np.radians(options.pose), options.pose)
+    if options.workspace:
+        return rate_workspace(robot, z, options, _ellipsoid(options))
     entries, kinds = rate_parallel(robot, z)
     data = {
         "robot": robot.description.name,
@@ -83,12 +87,15 @@ def _rate_parallel(options: Namespace) -> Report:
 
 
 def _rate_arm(options: Namespace) -> Report:
+    _refuse_given(options, ("range",), "not for arms, whose file has the ranges")
     model = _arm(options).with_payload(_payload(options))
     if options.along:
         return rate_along(model, options, _ellipsoid(options))
     if len(options.pose) != model.n:
         raise InputError(f"POSE: {model.name} has {model.n} joints, got {len(options.pose)} angles (degrees)")
     q = np.radians(bounded_array("POSE", options.pose, (model.n,)))
+    if options.workspace:
+        return rate_workspace(model, q, options, _ellipsoid(options))
     if options.rates is not None and len(options.rates) != model.n:
         raise InputError(f"--rates: {model.name} has {model.n} joints, got {len(options.rates)} rates")
     rating = rate_arm(model, q, ellipsoid=_ellipsoid(options), rates=options.rates)
@@ -112,9 +119,11 @@ def _rate_arm(options: Namespace) -> Report:
 
 
 def _rate_platform(options: Namespace) -> Report:
-    _refuse_given(options, ("rates", "payload", "along", *_URDF_OPTIONS), "not for platforms")
+    _refuse_given(options, ("rates", "payload", "range", *_URDF_OPTIONS), "not for platforms")
     hexapod = options.robot.upper() == _HEXAPOD
     file = platform_of_robot(ups6()) if hexapod else read_platform(options.robot)
+    if options.along:
+        return rate_along(file, options, _ellipsoid(options))
     position, rotation = file.position, file.rotation
     if options.pose:
         if len(options.pose) != 6:
@@ -124,6 +133,9 @@ def _rate_platform(options: Namespace) -> Report:
         position = bounded_array("POSE", options.pose[:3], (3,))
         rotation = rotation_from_degrees("POSE", bounded_array("POSE", options.pose[3:], (3,)))
     ellipsoid = _ellipsoid(options) or file.ellipsoid
+    if options.workspace:
+        at = PlatformFile(file.platform, position, rotation, ellipsoid)
+        return rate_workspace(at, None, options, None)
     entries = rate_platform(file.platform, position, rotation, ellipsoid)
     pose = file.platform.at(position, rotation)
     motion = singular_motion(pose)
@@ -173,6 +185,18 @@ def _payload(options: Namespace) -> Payload | None:
         return Payload(mass, place or (0.0, 0.0, 0.0))
     except InputError as error:
         raise InputError(f"--payload: {error}") from None
+
+
+def _refuse_together(options: Namespace) -> None:
+    """Refuse options that need others, or exclude each other."""
+    if options.along and options.workspace:
+        raise InputError("--workspace: not together with --along")
+    for name in ("plot", "index"):
+        if getattr(options, name) and not (options.along or options.workspace):
+            raise InputError(f"--{name}: needs --along or --workspace")
+    for name in ("cells", "range"):
+        if getattr(options, name) is not None and not options.workspace:
+            raise InputError(f"--{name}: needs --workspace")
 
 
 def _refuse_given(options: Namespace, names: Sequence[str], why: str) -> None:

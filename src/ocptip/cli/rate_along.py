@@ -3,26 +3,31 @@
 from __future__ import annotations
 
 from argparse import Namespace
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ocptip.basics.errors import InputError, naming
 from ocptip.basics.toml import read_text
 from ocptip.basics.write import file_target, versions
 from ocptip.cli.command import Report
 from ocptip.cli.layout import table
+from ocptip.cli.parallel import LENGTHS
 from ocptip.indices.arms.values import index_values
 from ocptip.indices.metric import OperationEllipsoid
-from ocptip.indices.platforms.parallel_robots import parallel_indices
+from ocptip.indices.platforms.parallel_robots import ParallelIndices
+from ocptip.indices.platforms.platform import PlatformFile
+from ocptip.indices.platforms.rate import RatedPose
+from ocptip.indices.workspace_maps import arm_indices, chosen_indices, platform_indices
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.robots.model import ArmModel
 from ocptip.trajectories.read_csv import csv_table
 
-_ARM = ("dm_2", "dm_inf", "pi_oe", "inv_cdn_oe", "manipulability")
 _SINGULAR = 1e-3
 _UNITS = {"deg": np.pi / 180.0, "rad": 1.0, "m": 1.0}
 
@@ -34,20 +39,21 @@ class AlongReport(Report):
     Attributes:
         robot: its name.
         times: s; of a file without times, row numbers from 0.
-        values: by name; the first ones are zero in singular poses.
+        values: by name.
+        regularity: (N,) how far the poses are from singular ones: 0 there.
         figure: where its picture goes.
     """
 
     robot: str
     times: np.ndarray
     values: dict[str, np.ndarray]
+    regularity: np.ndarray
     figure: Path | None
 
     @property
     def good(self) -> bool:
         """True if no pose is singular."""
-        first = next(iter(self.values.values()))
-        return bool(np.nanmin(first) > _SINGULAR) and not np.isnan(first).any()
+        return bool(np.all(self.regularity > _SINGULAR))
 
     def write(self) -> Iterator[Path]:
         """The figure."""
@@ -86,7 +92,7 @@ class AlongReport(Report):
 
 
 def rate_along(
-    robot: ArmModel | ParallelRobot, options: Namespace, ellipsoid: OperationEllipsoid | None
+    robot: ArmModel | ParallelRobot | PlatformFile, options: Namespace, ellipsoid: OperationEllipsoid | None
 ) -> AlongReport:
     """Indices of every row of the file `--along`.
 
@@ -97,23 +103,41 @@ def rate_along(
     if options.plot:
         with naming("--plot"):
             figure = file_target(options.plot, (".png", ".pdf", ".svg"))
+    if isinstance(robot, ArmModel):
+        return _along_arm(robot, options, ellipsoid, figure)
     if isinstance(robot, ParallelRobot):
-        turns = [name.startswith("phi") for name in robot.description.platform.coordinates]
-        times, poses = _poses(options.along, turns)
-        values = _each(lambda z: parallel_indices(robot, z), poses, options.along)
-        return AlongReport(robot.description.name, times, values, figure)
-    times, poses = _poses(options.along, [not slides for slides in robot.prismatic])
-    return AlongReport(robot.name, times, index_values(robot, poses, ellipsoid=ellipsoid, names=_ARM), figure)
-
-
-def _each(
-    rate: Callable[[np.ndarray], dict[str, float]], poses: np.ndarray, file: str
-) -> dict[str, np.ndarray]:
+        name, indices = robot.description.name, ParallelIndices(robot, ellipsoid)
+        turns = [name not in LENGTHS for name in robot.description.platform.coordinates]
+        names, regular = chosen_indices(options.index, indices.usual, indices.names), ("platform", "legs")
+        rate = indices.values
+    else:
+        name, turns, tool = robot.platform.name, [False] * 3 + [True] * 3, ellipsoid or robot.ellipsoid
+        names = platform_indices(options.index, tool)
+        regular, rate = ("ctn",), partial(_rate_platform, robot, tool)
+    times, poses = _poses(options.along, turns)
     found = []
     for row, pose in enumerate(poses, start=1):
-        with naming(f"{file}: row {row}"):
-            found.append(rate(pose))
-    return {name: np.array([one[name] for one in found]) for name in found[0]}
+        with naming(f"{options.along}: row {row}"):
+            found.append(rate(pose, (*names, *regular)))
+    values = {key: np.array([one[key] for one in found]) for key in (*names, *regular)}
+    least = np.min([values[key] for key in regular], axis=0)
+    return AlongReport(name, times, {key: values[key] for key in names}, least, figure)
+
+
+def _rate_platform(
+    file: PlatformFile, ellipsoid: OperationEllipsoid | None, pose: np.ndarray, names: Iterable[str]
+) -> dict[str, float]:
+    turn = Rotation.from_rotvec(pose[3:]).as_matrix()
+    return RatedPose(file.platform, pose[:3], turn, ellipsoid).values(names)
+
+
+def _along_arm(
+    model: ArmModel, options: Namespace, ellipsoid: OperationEllipsoid | None, figure: Path | None
+) -> AlongReport:
+    times, poses = _poses(options.along, [not slides for slides in model.prismatic])
+    names, regular = arm_indices(options.index), "dm_2" if model.n == 6 else "inv_cdn_oe"
+    values = index_values(model, poses, ellipsoid=ellipsoid, names=(*names, regular))
+    return AlongReport(model.name, times, {name: values[name] for name in names}, values[regular], figure)
 
 
 def _poses(file: str, turns: Sequence[bool]) -> tuple[np.ndarray, np.ndarray]:

@@ -138,7 +138,13 @@ PARALLEL = {
     "platform": _amount(
         "sigma_a",
         "1",
-        "smallest singular value of the Jacobian, angles times the platform's radius; 0 not held",
+        "smallest singular value of the Jacobian, angles times the platform's radius; 0 not held; motors of "
+        "equal stiffness hold with its square at least",
+    ),
+    "conditioning": _ratio(
+        "1/CDN(J_a)",
+        "smallest over largest singular value of the Jacobian, angles times the platform's radius; "
+        "1 isotropic",
     ),
     "legs": _amount(
         "sigma_leg",

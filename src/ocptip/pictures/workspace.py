@@ -1,4 +1,4 @@
-"""Figure of a workspace: dexterity inside, the singularity surface as a line, what is in the way outside."""
+"""Figures of workspaces: an index inside, the singularity surface as a line, what is in the way outside."""
 
 from __future__ import annotations
 
@@ -13,10 +13,13 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from ocptip.basics.write import atomic_file
+from ocptip.indices.workspace_maps import IndexMaps
 from ocptip.parallel.analysis.workspace import Workspace
 from ocptip.pictures.frame import new_figure
 
-_PANELS = 9
+_PANELS, _SLICES = 9, 4
+_LENGTHS = ("x", "y", "z")
+_LARGEST_ANGLE = 2.0  # rad
 _SINGULAR = "#d00000"
 _OUTSIDE = ("#e8e8e8", "#f2c6de", "#c9dbee", "#f7e29b", "#b9a3cf", "#f0b27a", "#8fcfb0")
 
@@ -25,7 +28,7 @@ def workspace_figure(found: Workspace) -> Figure:
     """One curve over one coordinate; a map over two; up to nine slices along the third."""
     if len(found.names) == 1:
         return _curve(found)
-    slices = [()] if len(found.names) == 2 else [(k,) for k in _chosen(found)]
+    slices = [()] if len(found.names) == 2 else [(k,) for k in _chosen(found.inside, _PANELS)]
     columns = min(3, len(slices))
     rows = -(-len(slices) // columns)
     figure = new_figure(4.2 * columns + 1.2, 3.8 * rows + 0.8)
@@ -48,11 +51,98 @@ def save_workspace(found: Workspace, path: str | os.PathLike[str]) -> Path:
     return path
 
 
-def _chosen(found: Workspace) -> list[int]:
+def save_index_maps(found: IndexMaps, path: str | os.PathLike[str]) -> Path:
+    """Draw indices over a workspace into a .png, .pdf or .svg file."""
+    path = Path(path)
+    with atomic_file(path) as file:
+        index_maps_figure(found).savefig(file, format=path.suffix[1:], dpi=120)
+    return path
+
+
+def index_maps_figure(found: IndexMaps) -> Figure:
+    """Each index: one curve over one coordinate, a map over two, or a row of slices along the third."""
+    if len(found.names) == 1:
+        return _index_curves(found)
+    count, slices = len(found.maps), [()]
+    if len(found.names) == 3:
+        slices = [(k,) for k in _chosen(found.inside, _SLICES)]
+    columns = min(3, count) if slices == [()] else len(slices)
+    rows = count if len(slices) > 1 else -(-count // columns)
+    figure = new_figure(4.0 * columns + 0.6, 3.4 * rows + 0.9)
+    grid = figure.subplots(rows, columns, squeeze=False)
+    for ax in grid.ravel()[count * len(slices) :]:
+        ax.set_axis_off()
+    for number, name in enumerate(found.maps):
+        panels = grid[number] if len(slices) > 1 else [grid.ravel()[number]]
+        images = [_index_map(ax, found, name, own) for ax, own in zip(panels, slices, strict=True)]
+        figure.colorbar(
+            images[0], ax=list(panels), label=_index_label(found, name), extend=_beyond(found, name)
+        )
+    figure.suptitle(_index_title(found))
+    handles: list[Any] = [Patch(color=_OUTSIDE[0], label="out of reach, or beyond a joint's range")]
+    if np.isfinite(found.signed).any():
+        handles.append(Line2D([], [], color=_SINGULAR, label="singular"))
+    figure.legend(handles=handles, loc="outside lower center", ncols=2, fontsize=8, frameon=False)
+    return figure
+
+
+def _index_map(ax: Any, found: IndexMaps, name: str, own: tuple[int, ...]) -> Any:
+    at = (slice(None), slice(None), *own)
+    x, y = (_shown(found.names[k], found.values[k]) for k in range(2))
+    values = np.where(found.inside, found.maps[name], np.nan)[at]
+    ax.set_facecolor(_OUTSIDE[0])
+    shown = np.ma.masked_invalid(np.minimum(values, _end(found, name)))
+    image = ax.pcolormesh(x, y, shown.T, cmap="viridis", vmin=0, vmax=_end(found, name), shading="nearest")
+    _draw_singular(ax, x, y, found.signed[at])
+    _label_map(ax, found, own)
+    ax.label_outer()
+    return image
+
+
+def _index_curves(found: IndexMaps) -> Figure:
+    figure = new_figure(7.0, 1.9 * len(found.maps) + 0.6)
+    x = _shown(found.names[0], found.values[0])
+    panels = figure.subplots(len(found.maps), 1, sharex=True, squeeze=False)[:, 0]
+    turns = np.flatnonzero(np.diff(np.sign(found.signed)) * np.isfinite(found.signed[1:]))
+    for ax, name in zip(panels, found.maps, strict=True):
+        ax.plot(x, np.minimum(found.maps[name], _end(found, name)))
+        ax.vlines(x[turns], 0.0, _end(found, name), color=_SINGULAR, lw=0.8, label="singular")
+        ax.set_ylim(bottom=0.0)
+        ax.set_ylabel(_index_label(found, name))
+    if turns.size:
+        panels[0].legend(frameon=False)
+    panels[-1].set_xlabel(_label(found.names[0]))
+    figure.suptitle(_index_title(found))
+    return figure
+
+
+def _index_label(found: IndexMaps, name: str) -> str:
+    one = found.meanings[name]
+    unit = "" if one.unit == "1" else f" [{one.unit}]"
+    return f"{one.symbol}{unit}, {one.lower:.3g} to {one.upper:.3g}".replace("to inf", "and up")
+
+
+def _index_title(found: IndexMaps) -> str:
+    best = ", best of all branches" if found.solutions.max(initial=0) > 1 else ""
+    return f"{found.robot}: indices{best}"
+
+
+def _end(found: IndexMaps, name: str) -> float:
+    """End of the colour scale: the largest value, of angles at most two radians: they may be infinite."""
+    own = found.maps[name][np.isfinite(found.maps[name])]
+    largest = float(own.max(initial=0.0)) or 1.0
+    return min(largest, _LARGEST_ANGLE) if found.meanings[name].unit == "rad" else largest
+
+
+def _beyond(found: IndexMaps, name: str) -> str:
+    return "max" if np.any(found.maps[name] > _end(found, name)) else "neither"
+
+
+def _chosen(inside: np.ndarray, count: int) -> list[int]:
     """Slices along the third coordinate, evenly over those that have poses inside."""
-    there = np.flatnonzero(found.inside.any(axis=(0, 1)))
-    there = there if there.size else np.arange(len(found.values[2]))
-    return sorted({int(there[round(k)]) for k in np.linspace(0, len(there) - 1, min(_PANELS, len(there)))})
+    there = np.flatnonzero(inside.any(axis=(0, 1)))
+    there = there if there.size else np.arange(inside.shape[2])
+    return sorted({int(there[round(k)]) for k in np.linspace(0, len(there) - 1, min(count, len(there)))})
 
 
 def _most(found: Workspace) -> float:
@@ -61,13 +151,31 @@ def _most(found: Workspace) -> float:
     return float(np.nanmax(inside)) if np.isfinite(inside).any() else 1.0
 
 
-def _shown(found: Workspace, k: int) -> np.ndarray:
+def _shown(name: str, values: np.ndarray) -> np.ndarray:
     """Values of a coordinate, degrees or m."""
-    return np.degrees(found.values[k]) if found.names[k].startswith("phi") else found.values[k]
+    return values if name in _LENGTHS else np.degrees(values)
 
 
-def _label(found: Workspace, k: int) -> str:
-    return f"{found.names[k]} [{'deg' if found.names[k].startswith('phi') else 'm'}]"
+def _label(name: str) -> str:
+    return f"{name} [{'m' if name in _LENGTHS else 'deg'}]"
+
+
+def _label_map(ax: Any, found: Workspace | IndexMaps, own: tuple[int, ...]) -> None:
+    """Axes with units, lengths on both alike, and where the slice is."""
+    ax.set_xlabel(_label(found.names[0]))
+    ax.set_ylabel(_label(found.names[1]))
+    if set(found.names[:2]) <= set(_LENGTHS):
+        ax.set_aspect("equal")
+    if own:
+        name = found.names[2]
+        unit = "m" if name in _LENGTHS else "deg"
+        ax.set_title(f"{name} = {_shown(name, found.values[2])[own[0]]:.3g} {unit}", fontsize=9)
+
+
+def _draw_singular(ax: Any, x: np.ndarray, y: np.ndarray, signed: np.ndarray) -> None:
+    """The line (n1, n2) where the sign changes."""
+    if np.nanmin(signed, initial=1.0) < 0 < np.nanmax(signed, initial=-1.0):
+        ax.contour(x, y, np.ma.masked_invalid(signed.T), levels=[0.0], colors=_SINGULAR, linewidths=1.2)
 
 
 def _groups(found: Workspace) -> list[str]:
@@ -77,7 +185,7 @@ def _groups(found: Workspace) -> list[str]:
 
 def _map(ax: Any, found: Workspace, own: tuple[int, ...]) -> Any:
     at = (slice(None), slice(None), *own)
-    x, y = _shown(found, 0), _shown(found, 1)
+    x, y = (_shown(found.names[k], found.values[k]) for k in range(2))
     groups = _groups(found)
     number = np.array([groups.index(name.partition(" joint ")[2] or name) for name in found.causes])
     cause = found.cause[at]
@@ -87,12 +195,8 @@ def _map(ax: Any, found: Workspace, own: tuple[int, ...]) -> Any:
     values = found.dexterity[at]
     inside = np.where(cause < 0, np.abs(values), np.nan)
     image = ax.pcolormesh(x, y, inside.T, cmap="viridis", vmin=0, vmax=_most(found), shading="nearest")
-    if np.nanmin(values, initial=1.0) < 0 < np.nanmax(values, initial=-1.0):
-        ax.contour(x, y, np.ma.masked_invalid(values.T), levels=[0.0], colors=_SINGULAR, linewidths=1.2)
-    ax.set_xlabel(_label(found, 0))
-    ax.set_ylabel(_label(found, 1))
-    if own:
-        ax.set_title(f"{found.names[2]} = {_shown(found, 2)[own[0]]:.3g}", fontsize=9)
+    _draw_singular(ax, x, y, values)
+    _label_map(ax, found, own)
     return image
 
 
@@ -107,10 +211,11 @@ def _legend(found: Workspace) -> list[Any]:
 def _curve(found: Workspace) -> Figure:
     figure = new_figure(7.0, 3.6)
     ax = figure.subplots()
-    ax.plot(_shown(found, 0), np.where(found.inside, found.dexterity, np.nan), label="inside")
-    ax.plot(_shown(found, 0), found.dexterity, color="0.7", lw=0.8, zorder=0, label="outside")
+    x = _shown(found.names[0], found.values[0])
+    ax.plot(x, np.where(found.inside, found.dexterity, np.nan), label="inside")
+    ax.plot(x, found.dexterity, color="0.7", lw=0.8, zorder=0, label="outside")
     ax.axhline(0.0, color=_SINGULAR, lw=0.8)
-    ax.set_xlabel(_label(found, 0))
+    ax.set_xlabel(_label(found.names[0]))
     ax.set_ylabel("dexterity")
     ax.legend(frameon=False)
     return figure

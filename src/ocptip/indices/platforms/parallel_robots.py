@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from contextlib import suppress
 
 import numpy as np
@@ -11,31 +12,71 @@ from numpy.typing import ArrayLike
 from ocptip.basics.errors import InputError
 from ocptip.indices.entry import IndexEntry
 from ocptip.indices.meanings import PARALLEL, PLATFORM
+from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.platforms.controllability import control_number
 from ocptip.indices.platforms.from_parallel import planar_pose_of_robot, platform_of_robot
-from ocptip.indices.platforms.rate import rate_platform
+from ocptip.indices.platforms.rate import RatedPose, rate_platform
 from ocptip.parallel.analysis.workspace import motor_volume
 from ocptip.parallel.robot import ParallelRobot
 
 
-def parallel_indices(robot: ParallelRobot, z: ArrayLike) -> dict[str, float]:
-    """Values of the indices `PARALLEL` in a pose (m,), m and rad; and of CTN for planar RPR robots.
+class ParallelIndices:
+    """The indices of a parallel robot in its poses.
 
-    Raises:
-        InputError: the pose is out of reach, or wrong shapes.
+    Args:
+        robot: any.
+        ellipsoid: operation ellipsoid in the platform frame, for 1/CDN_OE and 1/CDN_CL of hexapods.
+
+    Attributes:
+        names: of the indices that it has: those of `PARALLEL`; of planar RPR robots and hexapods CTN; of
+            hexapods the others of `PLATFORM`, too.
+        usual: the ones to look at along a motion or over a workspace.
     """
-    z = robot.kinematics.coordinates("z", z)
-    q = robot.ik(z).q
-    found = robot.singularity(z, q)
-    regular = found.platform if math.isfinite(found.platform) else 0.0
-    values = {
-        "dexterity": abs(motor_volume(robot, z, q)),
-        "platform": regular,
-        "legs": float(found.legs.min()),
-    }
-    with suppress(InputError):  # not planar, or other legs
-        values["ctn"] = control_number(planar_pose_of_robot(robot.description, z)).value
-    return values
+
+    def __init__(self, robot: ParallelRobot, ellipsoid: OperationEllipsoid | None = None) -> None:
+        self.robot, self.ellipsoid = robot, ellipsoid
+        self.platform, planar = None, False
+        with suppress(InputError):  # no hexapod
+            self.platform = platform_of_robot(robot.description).platform
+        with suppress(InputError):  # not planar, or other legs
+            planar = planar_pose_of_robot(robot.description) is not None
+        tool = () if ellipsoid else ("inv_cdn_oe", "inv_cdn_cl")
+        own = [name for name in PLATFORM if name not in tool] if self.platform else ["ctn"] if planar else []
+        self.names = (*PARALLEL, *own)
+        self.usual = (*PARALLEL, *own[: 2 if ellipsoid else 1])
+
+    def values(self, z: ArrayLike, names: Iterable[str]) -> dict[str, float]:
+        """Indices by name in a pose (m,), m and rad; 0 where it is singular.
+
+        Raises:
+            InputError: the pose is out of reach, or wrong shapes.
+        """
+        z, wanted = self.robot.kinematics.coordinates("z", z), list(names)
+        found = {}
+        if any(name in PARALLEL for name in wanted):
+            found |= self._of_motors(z)
+        own = [name for name in wanted if name not in PARALLEL]
+        if own and self.platform:
+            found |= self.rated(z).values(own)
+        elif own:
+            found["ctn"] = control_number(planar_pose_of_robot(self.robot.description, z)).value
+        return {name: found[name] for name in wanted}
+
+    def rated(self, z: np.ndarray) -> RatedPose:
+        """A hexapod as platform in a pose."""
+        assert self.platform is not None
+        return RatedPose(self.platform, *self.robot.kinematics.pose(z), self.ellipsoid)
+
+    def _of_motors(self, z: np.ndarray) -> dict[str, float]:
+        q = self.robot.ik(z).q
+        found = self.robot.singularity(z, q)
+        volume = abs(motor_volume(self.robot, z, q))
+        return {
+            "dexterity": volume if math.isfinite(volume) else 0.0,
+            "platform": found.platform if math.isfinite(found.platform) else 0.0,
+            "conditioning": found.conditioning,
+            "legs": float(found.legs.min()),
+        }
 
 
 def rate_parallel(robot: ParallelRobot, z: ArrayLike) -> tuple[list[IndexEntry], tuple[str, ...]]:
@@ -45,14 +86,13 @@ def rate_parallel(robot: ParallelRobot, z: ArrayLike) -> tuple[list[IndexEntry],
         Entries, and what is singular, see `Singularity.kinds`.
     """
     z = robot.kinematics.coordinates("z", z)
-    kinds = robot.singularity(z).mechanical
+    indices, kinds = ParallelIndices(robot), robot.singularity(z).mechanical
     status = "singular pose" if kinds else "ok"
+    own = [name for name in indices.names if name in PARALLEL or not indices.platform]
     entries = [
-        {**PARALLEL, **PLATFORM}[name].entry(name, value if np.isfinite(value) else 0.0, status)
-        for name, value in parallel_indices(robot, z).items()
+        {**PARALLEL, **PLATFORM}[name].entry(name, value, status)
+        for name, value in indices.values(z, own).items()
     ]
-    try:
-        platform = platform_of_robot(robot.description).platform
-    except InputError:
-        return entries, kinds
-    return [*entries, *rate_platform(platform, *robot.kinematics.pose(z))], kinds
+    if indices.platform:
+        entries += rate_platform(indices.platform, *robot.kinematics.pose(z))
+    return entries, kinds

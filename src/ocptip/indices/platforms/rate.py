@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterable
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,8 +15,9 @@ from ocptip.indices.meanings import PLATFORM
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.platforms.controllability import control_number
 from ocptip.indices.platforms.isotropy import platform_conditioning
-from ocptip.indices.platforms.platform import MINIMUM_LEGS, PlatformPose, StewartPlatform
+from ocptip.indices.platforms.platform import MINIMUM_LEGS, StewartPlatform
 from ocptip.indices.platforms.reviewed import (
+    BestComplex,
     best_complex,
     inverse_condition_number,
     inverse_condition_number_cl,
@@ -48,22 +51,8 @@ def rate_platform(
     Raises:
         InputError: no rotation matrix, or a leg of length zero.
     """
-    position = finite_array("position", position, (3,))
-    rotation = np.eye(3) if rotation is None else rotation_matrix("rotation", rotation)
-    pose = platform.at(position, rotation)
-    complexes, spread = best_complex(pose), spans_a_plane(pose.platform)
-    conditioning, cl = _of_the_tool(pose, position, rotation, ellipsoid)
-    values = {
-        "ctn": control_number(pose).value,
-        "inv_cdn_oe": conditioning,
-        "inv_cdn_cl": cl,
-        "inv_cdn_points": inverse_condition_number_points(pose, pose.platform) if spread else math.nan,
-        "inv_cdn": inverse_condition_number(pose),
-        "manipulability": manipulability(pose),
-        "sigma_r": complexes.sigma_r,
-        "sigma_s": complexes.sigma_s,
-        "rigidity_rate": rigidity_rate(pose).angle if platform.n_legs == MINIMUM_LEGS else math.nan,
-    }
+    rated = RatedPose(platform, position, rotation, ellipsoid)
+    values, pose, spread = rated.values(PLATFORM), rated.pose, rated.spread
     special = {}
     if ellipsoid is None:
         special |= dict.fromkeys(("inv_cdn_oe", "inv_cdn_cl"), "not rated: needs an operation ellipsoid")
@@ -79,17 +68,63 @@ def rate_platform(
     ]
 
 
-def _of_the_tool(
-    pose: PlatformPose,
-    position: np.ndarray,
-    rotation: np.ndarray,
-    ellipsoid: OperationEllipsoid | None,
-) -> tuple[float, float]:
-    """The indices inv_cdn_oe and inv_cdn_cl; NaN without ellipsoid."""
-    if ellipsoid is None:
-        return math.nan, math.nan
-    point = rotation @ ellipsoid.center + position
-    return (
-        platform_conditioning(pose, ellipsoid.W(rotation, position)).value,
-        inverse_condition_number_cl(pose, point, ellipsoid.characteristic_length),
-    )
+class RatedPose:
+    """A platform in a pose, whose indices are computed when they are asked for.
+
+    Arguments as for :func:`rate_platform`; InputError likewise.
+    """
+
+    def __init__(
+        self,
+        platform: StewartPlatform,
+        position: ArrayLike = (0.0, 0.0, 0.0),
+        rotation: ArrayLike | None = None,
+        ellipsoid: OperationEllipsoid | None = None,
+    ) -> None:
+        self.position = finite_array("position", position, (3,))
+        self.rotation = np.eye(3) if rotation is None else rotation_matrix("rotation", rotation)
+        self.pose, self.ellipsoid = platform.at(self.position, self.rotation), ellipsoid
+
+    def values(self, names: Iterable[str]) -> dict[str, float]:
+        """Indices by names of `PLATFORM`; NaN where one is not rated, see :func:`rate_platform`."""
+        return {name: float(_VALUES[name](self)) for name in names}
+
+    @cached_property
+    def spread(self) -> bool:
+        """Whether the platform anchors span a plane at least."""
+        return spans_a_plane(self.pose.platform)
+
+    @cached_property
+    def _complexes(self) -> BestComplex:
+        return best_complex(self.pose)
+
+    def _inv_cdn_oe(self) -> float:
+        if self.ellipsoid is None:
+            return math.nan
+        return platform_conditioning(self.pose, self.ellipsoid.W(self.rotation, self.position)).value
+
+    def _inv_cdn_cl(self) -> float:
+        if self.ellipsoid is None:
+            return math.nan
+        point = self.rotation @ self.ellipsoid.center + self.position
+        return inverse_condition_number_cl(self.pose, point, self.ellipsoid.characteristic_length)
+
+    def _inv_cdn_points(self) -> float:
+        return inverse_condition_number_points(self.pose, self.pose.platform) if self.spread else math.nan
+
+    def _rigidity_rate(self) -> float:
+        return rigidity_rate(self.pose).angle if self.pose.n_legs == MINIMUM_LEGS else math.nan
+
+
+_VALUES: dict[str, Callable[[RatedPose], float]] = {
+    "ctn": lambda rated: control_number(rated.pose).value,
+    "inv_cdn_oe": RatedPose._inv_cdn_oe,
+    "inv_cdn_cl": RatedPose._inv_cdn_cl,
+    "inv_cdn_points": RatedPose._inv_cdn_points,
+    "inv_cdn": lambda rated: inverse_condition_number(rated.pose),
+    "manipulability": lambda rated: manipulability(rated.pose),
+    "sigma_r": lambda rated: rated._complexes.sigma_r,
+    "sigma_s": lambda rated: rated._complexes.sigma_s,
+    "rigidity_rate": RatedPose._rigidity_rate,
+}
+"""What computes each index."""

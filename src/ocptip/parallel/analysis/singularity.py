@@ -73,6 +73,7 @@ class Singularity:
         legs: per leg the smallest singular value of its Jacobian, revolute columns divided by L: type I.
         platform: smallest singular value of J_a, angles weighted with L: type II. If a leg is singular, that
             of A with rows of length 1 instead, or infinite without a pair.
+        conditioning: smallest to largest singular value of J_a, weighted alike; 0 if a leg is singular.
         representation: smallest singular value of the moving columns of E: Euler angles.
         held: of a platform with dependent coordinates the smallest singular value of what the legs demand of
             its rates: near 0 they no longer hold all others (constraint singularity); else infinite.
@@ -85,6 +86,7 @@ class Singularity:
 
     legs: np.ndarray
     platform: float
+    conditioning: float
     representation: float
     held: float
     determined: float
@@ -146,7 +148,7 @@ def singularity(
     moving = kinematics.moving(z, q)
     representation = kinematics.platform.conditioning(moving)
     kinds = [f"leg {i + 1} (type I)" for i in np.flatnonzero(legs < tolerance)]
-    platform = held = determined = np.inf
+    platform, held, determined, conditioning = np.inf, np.inf, np.inf, 0.0
     if kinematics.along is not None:
         restraint = kinematics.along.restraint(moving, q, kinematics.platform.pose(moving)[1], length)
         held, determined = restraint.held, restraint.determined
@@ -156,7 +158,8 @@ def singularity(
             kinds.append("coordinates")
     if not kinds:
         motion = kinematics.motion(z, np.zeros(kinematics.m), q, complete=complete)
-        platform = platform_measure(kinematics, motion, length)
+        platform, largest = platform_measures(kinematics, motion, length)
+        conditioning = platform / largest if largest > 0 else 0.0
     pair = implicit_pair(kinematics, z, q) if kinematics.description.coupling_form else None
     if kinds and pair is not None and pair.A.shape[0] == pair.A.shape[1]:
         scaled = pair.A @ _unit_speeds(kinematics, length)
@@ -166,16 +169,20 @@ def singularity(
         kinds.append("platform (type II)")
     if representation < tolerance:
         kinds.append("representation")
-    return Singularity(legs, platform, representation, held, determined, length, pair, tuple(kinds))
+    return Singularity(
+        legs, platform, conditioning, representation, held, determined, length, pair, tuple(kinds)
+    )
 
 
-def platform_measure(kinematics: Kinematics, motion: RobotMotion, length: float) -> float:
-    """Smallest of the m singular values of J_a, angles weighted with L; 0 with too few motors."""
+def platform_measures(kinematics: Kinematics, motion: RobotMotion, length: float) -> tuple[float, float]:
+    """Smallest and largest of the m singular values of J_a, angles weighted with L.
+
+    With fewer motors than coordinates the smallest is 0.
+    """
     J = kinematics.actuated_jacobian(motion)
-    if J.shape[0] < J.shape[1]:
-        return 0.0
     weighted = _weighted(kinematics, J @ _unit_speeds(kinematics, length, motion), length)
-    return float(np.linalg.svd(weighted, compute_uv=False)[-1])
+    values = np.linalg.svd(weighted, compute_uv=False)
+    return float(values[-1]) if J.shape[0] >= J.shape[1] else 0.0, float(values[0])
 
 
 def implicit_pair(kinematics: Kinematics, z: np.ndarray, q: Sequence[np.ndarray]) -> ImplicitPair:

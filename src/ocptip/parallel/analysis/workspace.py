@@ -98,10 +98,41 @@ def workspace(
     description = robot.description
     at = robot.kinematics.coordinates("at", description.home if at is None else at)
     known = description.platform.coordinates
-    if not 1 <= len(ranges) <= 3 or any(name not in known for name in ranges):
-        raise InputError(f"workspace: expected one to three of {', '.join(known)}, got {', '.join(ranges)}")
     if len(description.actuated) != robot.m or description.redundant:
         raise InputError("workspace: needs as many motors as coordinates, and no redundant joints")
+    middles, poses, width = grid_of_poses(known, at, ranges, cells)
+    find = _one_by_one if minimal_obstacle(robot) else _at_once
+    causes = (OUT_OF_REACH, *(name for name, _, _, _ in _limits(robot)))
+    cause, dexterity = find(robot, poses)
+    cause = cause.reshape([len(own) for own in middles])
+    inside = cause < 0
+    size = float(inside.sum() * width)
+    return Workspace(tuple(ranges), middles, at, inside, dexterity.reshape(cause.shape), cause, causes, size)
+
+
+def grid_of_poses(
+    known: Sequence[str],
+    at: np.ndarray,
+    ranges: Mapping[str, tuple[float, float]],
+    cells: int | Sequence[int],
+) -> tuple[tuple[np.ndarray, ...], np.ndarray, float]:
+    """Poses over one to three coordinates.
+
+    Args:
+        known: names of all coordinates.
+        at: (m,) values of those that do not vary.
+        ranges: coordinate name -> lower and upper end.
+        cells: per coordinate.
+
+    Returns:
+        Middles of the cells of each coordinate that varies, poses (N, m) with the last of these running
+        fastest, and the size of a cell.
+
+    Raises:
+        InputError: unknown coordinates or empty ranges.
+    """
+    if not 1 <= len(ranges) <= 3 or any(name not in known for name in ranges):
+        raise InputError(f"workspace: expected one to three of {', '.join(known)}, got {', '.join(ranges)}")
     counts = [cells] * len(ranges) if isinstance(cells, int) else list(cells)
     if len(counts) != len(ranges) or min(counts) < 2:
         raise InputError(f"workspace: expected 2 or more cells for each of {len(ranges)} coordinates")
@@ -116,15 +147,7 @@ def workspace(
     mesh = np.meshgrid(*middles, indexing="ij")
     for name, grid in zip(ranges, mesh, strict=True):
         poses[:, known.index(name)] = grid.ravel()
-    find = _one_by_one if minimal_obstacle(robot) else _at_once
-    causes = (OUT_OF_REACH, *(name for name, _, _, _ in _limits(robot)))
-    cause, dexterity = find(robot, poses)
-    cause = cause.reshape(counts)
-    inside = cause < 0
-    size = float(inside.sum() * width)
-    return Workspace(
-        tuple(ranges), tuple(middles), at, inside, dexterity.reshape(counts), cause, causes, size
-    )
+    return tuple(middles), poses, width
 
 
 def _limits(robot: ParallelRobot) -> list[tuple[str, int, int, tuple[float, float]]]:
