@@ -508,7 +508,7 @@ def test_cold_kernels_are_recognised(capsys, scene_file, tmp_path):
         [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True
     )
     assert cold.stdout == "False\n"
-    main(["stand", str(scene_file)])
+    main(["stand", str(scene_file), "--tolerance", "workshop"])
     assert _kernels_are_compiled()
 
 

@@ -33,7 +33,7 @@ def test_a_change_of_a_called_function_is_seen(inline, tmp_path, monkeypatch):
         for name in names:
             sys.modules.pop(name, None)
         twice = importlib.import_module(names[1]).twice
-        return twice(0), sum(twice.stats.cache_hits.values())
+        return twice(0), sum(twice.machine_code.stats.cache_hits.values())
 
     (tmp_path / f"{names[1]}.py").write_text(CALLER.format(callee=names[0]))
     assert result(1.0) == (2.0, 0)

@@ -59,5 +59,5 @@ def say_if_compiling() -> None:
 
 def _kernels_are_compiled() -> bool:
     """True if Numba's cache holds the solver (where the cache is: beside the source, or in the user's)."""
-    cache = Path(pivoting.solve_batch.stats.cache_path or os.devnull)
+    cache = Path(pivoting.solve_batch.machine_code.stats.cache_path or os.devnull)
     return any(cache.glob("pivoting.solve_batch-*.nbi"))

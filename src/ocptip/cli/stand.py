@@ -21,6 +21,7 @@ from ocptip.contact.elastic import Shared
 from ocptip.contact.moving import what_moves
 from ocptip.contact.states import BEYOND_RESOLUTION, STATUS, ContactState, ContactStates
 from ocptip.contact.verdict import StabilityVerdict, stability, standing_state, state_remark
+from ocptip.numerics.compiled import interpreted
 from ocptip.reserves.force_sets import ForceSets
 from ocptip.reserves.slip import Redistribution, Slip, SlipReserve
 from ocptip.reserves.tipping import TipOver, TipOverReserve
@@ -29,9 +30,11 @@ from ocptip.task_files.tolerance import load_tolerance
 
 if TYPE_CHECKING:
     from ocptip.standing.sensitivity import Sensitivity
+    from ocptip.standing.tolerance import Tolerance
     from ocptip.standing.within.rest import WithinAtRest
 
 PLOT_FORMATS = (".png", ".pdf", ".svg")
+FEW = 8  # contacts: one state is solved sooner than machine code is loaded
 _NO_RESERVE = 1 - 1e-9  # reserve values from here on are 1 but for rounding
 
 
@@ -40,13 +43,20 @@ def run(options: Namespace) -> StandReport:
     if options.plot is not None:
         check_plot_target(options.plot)
     scene = read_scene(options.scene)
-    support, reference = scene.support, options.gn_reference
-    slip = Slip(support)
     tolerance = scene.tolerance
     if options.tolerance is not None:
         with naming("--tolerance"):
             tolerance = load_tolerance(options.tolerance)
-    say_if_compiling()
+    if tolerance.given or options.sensitivities or len(scene.support.contacts) > FEW:
+        say_if_compiling()
+        return _solved(scene, tolerance, options)
+    with interpreted():
+        return _solved(scene, tolerance, options)
+
+
+def _solved(scene: Scene, tolerance: Tolerance, options: Namespace) -> StandReport:
+    support, reference = scene.support, options.gn_reference
+    slip = Slip(support)
     within, sensitivities = None, ()
     if tolerance.given:
         from ocptip.standing.within.rest import scene_within

@@ -2,45 +2,88 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from functools import cached_property, update_wrapper
+from types import FunctionType
 from typing import Any, Literal
 
-import numba
+import numpy as np
+
+_interpreting = False  # in all of this process, see `interpreted`
 
 
-def compiled(function: Callable, *, inline: Literal["never", "always"] = "never") -> Callable:
-    """Compile a function on first use; keep the code for the next start of the program if a cache exists.
+class Kernel:
+    """A function that Numba, loaded only then, compiles when it is called for the first time.
 
-    Numba refuses to decorate if it finds no writable folder for its cache (a read-only installation of a
-    user without a home): then the function is compiled anew in every process.
-
-    Compiled code does not hold the interpreter's lock: several threads may run it at once.
+    The machine code is kept for the next start of the program if a cache exists. Numba refuses if it finds no
+    writable folder for it (a read-only installation of a user without a home): then the function is compiled
+    anew in every process. Machine code does not hold the interpreter's lock: several threads may run it.
     """
+
+    def __init__(self, function: FunctionType, inline: Literal["never", "always"]) -> None:
+        update_wrapper(self, function)
+        self._function, self._inline = function, inline
+
+    def __call__(self, *arguments: Any) -> Any:
+        return self._function(*arguments) if _interpreting else self.machine_code(*arguments)
+
+    @cached_property
+    def machine_code(self) -> Any:
+        """Numba's dispatcher of the function, in which the kernels that it calls are theirs."""
+        import numba
+
+        own, code = self._function.__globals__, self._function.__code__
+        callees = {
+            name: own[name].machine_code for name in code.co_names if isinstance(own.get(name), Kernel)
+        }
+        function = FunctionType(code, {**own, **callees}, code.co_name)
+        options = {"nogil": True, "error_model": "numpy", "inline": self._inline}
+        try:
+            made = numba.njit(cache=True, **options)(function)
+        except RuntimeError:
+            return numba.njit(**options)(function)
+        _watch(made, callees.values())
+        return made
+
+
+def compiled(function: Callable) -> Kernel:
+    """Decorate a function for inner loops: plain Python and NumPy without keyword arguments and closures."""
+    assert isinstance(function, FunctionType)
+    return Kernel(function, "never")
+
+
+def compiled_inline(function: Callable) -> Kernel:
+    """As `compiled`, put into its callers: for the smallest loops, whose calls cost as much as they do."""
+    assert isinstance(function, FunctionType)
+    return Kernel(function, "always")
+
+
+@contextmanager
+def interpreted() -> Iterator[None]:
+    """Let Python run the kernels in this block, with the same results to the last bit.
+
+    For a process that solves a few small problems and ends: loading Numba and machine code takes longer.
+    """
+    global _interpreting
+    before, _interpreting = _interpreting, True
     try:
-        made = numba.njit(cache=True, nogil=True, error_model="numpy", inline=inline)(function)
-    except RuntimeError:
-        return numba.njit(nogil=True, error_model="numpy", inline=inline)(function)
-    _watch_callees(made)
-    return made
+        with np.errstate(all="ignore"):
+            yield
+    finally:
+        _interpreting = before
 
 
-def _watch_callees(made: Any) -> None:
+def _watch(made: Any, callees: Iterable[Any]) -> None:
     """Let kept machine code be stale, too, where a file has changed whose functions it contains.
 
     Numba compares the time and size of the function's own file only. (A version of Numba that keeps them
     elsewhere does so as before.)
     """
-    function, own = made.py_func, getattr(made, "_cache", None)
-    callees = (function.__globals__.get(name) for name in function.__code__.co_names)
-    stamps = [_stamp(one) for one in callees if isinstance(one, type(made))]
+    own, stamps = getattr(made, "_cache", None), [_stamp(one) for one in callees]
     if own is not None and stamps:
         own._cache_file._source_stamp = tuple(dict.fromkeys([_stamp(made), *stamps]))
 
 
 def _stamp(made: Any) -> Any:
     return getattr(getattr(getattr(made, "_cache", None), "_cache_file", None), "_source_stamp", None)
-
-
-def compiled_inline(function: Callable) -> Callable:
-    """As `compiled`, put into its callers: for the smallest loops, whose calls cost as much as they do."""
-    return compiled(function, inline="always")
