@@ -140,9 +140,11 @@ class Command:
             add(parser)
         parser.add_argument("--json", action="store_true", help="print JSON instead of text")
 
-    def execute(self, options: argparse.Namespace) -> int:
+    def execute(self, options: argparse.Namespace, own_process: bool = False) -> int:
         """Run, write, print; every error becomes one line on stderr. Returns the exit code."""
         try:
+            if own_process:
+                self.prepare(options)
             module = import_module(f"ocptip.cli.{self.name}")
             with suspicions() as said:
                 report: Report = module.run(options)

@@ -44,8 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if arguments is None:  # a process of its own
         gc.set_threshold(50_000)  # imports and figures make objects by the million, and few cycles
         signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: results are kept
-        command.prepare(options)
-    return command.execute(options)
+    return command.execute(options, own_process=arguments is None)
 
 
 def _parser() -> argparse.ArgumentParser:
