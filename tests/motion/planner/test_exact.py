@@ -135,3 +135,17 @@ def test_summits_stay_within_their_interval():
     shares = [share for _, share in broken([rising])]
     assert shares
     assert all(0 <= share <= 1 for share in shares)
+
+
+def test_a_solution_goes_on_beyond_the_end_time_where_a_passive_ramp_changes_its_shape():
+    """Joint 4 of case D has a triangle of speed in motions longer than 3.75 s; the best one takes 2.1 s."""
+    task = experiment_task("D", "effective")
+    formulation = Formulation(task.robot, task.start, task.goal, task.optimised, task.commands)
+    edge = formulation.profiles(formulation.layout).edge(3)
+    refiner = Refiner(formulation, LIMITS)
+    plain = formulation.variables(task.reference)
+    x = formulation.slowed(plain, 1.02 * edge / plain[formulation.layout.end])
+    exact = refiner.first(x, merge=0.004)
+    assert exact.solution.violation <= FEASIBLE
+    assert exact.order.regime[3]
+    assert exact.solution.x[formulation.layout.end] < 0.7 * edge

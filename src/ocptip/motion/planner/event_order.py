@@ -14,7 +14,6 @@ import casadi as cs
 import numpy as np
 
 from ocptip.motion.planner.profiles import Layout, Profiles
-from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.ramps import JointRamps
 from ocptip.trajectories.s_curves import JointSCurve
 
@@ -25,11 +24,13 @@ SLOWEST = 5e-3
 class Ramped(Protocol):
     """What is planned; `Formulation` is one: a mechanism's joints, those of `layout` by ramps."""
 
-    robot: StandingMechanism
     layout: Layout
     start: np.ndarray
     goal: np.ndarray
-    rise_times: np.ndarray
+
+    def profiles(self, layout: Layout) -> Profiles:
+        """Corners of the joints' motions as functions of variables."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,10 +159,7 @@ def order_of(formulation: Ramped, x: np.ndarray, merge: float = 0.0) -> tuple[Ev
             before, sign_before = w[k], sign
     layout = base.extended(len(crossings))
     x = np.concatenate([x, np.zeros(len(crossings))])
-    arm = formulation.robot.limits
-    profiles = Profiles(
-        layout, formulation.start, formulation.goal, arm.speed, rise_times=formulation.rise_times
-    )
+    profiles = formulation.profiles(layout)
     regime = profiles.regime(x[layout.end])
     times = {"start": np.zeros(layout.size), "end": unit_row(layout, layout.end)}
     rank = {"start": -1, "end": 10**6}

@@ -33,6 +33,7 @@ PACES = 1.1 ** np.arange(15)  # how much slower a path is made
 ROUNDS, LATE_ROUNDS = 4, 6
 PUSH = 1e-4
 SOLVED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
+AT_EDGE, BEYOND = 1e-4, 1.01  # s: a program that ends so near to its regime's edge goes on so much beyond
 WORSE = 3e-3  # share of the cost by which some more rows may well raise it
 
 
@@ -51,6 +52,11 @@ class Exact:
     solution: Solution
     extra: list[Place]
 
+    @property
+    def cost(self) -> float:
+        """About that of the motion, in units of the objective."""
+        return self.program.values(self.solution.x)[0]
+
 
 class Refiner:
     """Solves ordered programs of one formulation and counts what they cost.
@@ -66,8 +72,31 @@ class Refiner:
 
     def first(self, x: np.ndarray, merge: float) -> Exact:
         """The exact solution with the order that x has; events within `merge` seconds become simultaneous."""
+        exact = self._solved(x, merge)
+        if (beyond := self._beyond_edge(exact)) is not None:
+            other = self._solved(beyond, merge)
+            if (
+                other.solution.violation <= max(FEASIBLE, exact.solution.violation)
+                and other.cost < exact.cost
+            ):
+                return other
+        return exact
+
+    def _solved(self, x: np.ndarray, merge: float) -> Exact:
         order, x = order_of(self.formulation, x, merge)
         return self.solve_order(order, x, start_mu=1e-3)
+
+    def _beyond_edge(self, exact: Exact) -> np.ndarray | None:
+        """Variables beyond the end time at which a passive joint's ramp becomes a triangle, or a trapezoid.
+
+        Only for a solution that lies just there, because its program goes no further; else None.
+        """
+        order, x = exact.order, exact.solution.x
+        profiles, end = self.formulation.profiles(order.layout), order.layout.end
+        for joint, trapezoid in order.regime.items():
+            if abs(x[end] - profiles.edge(joint)) < AT_EDGE:
+                return self.formulation.slowed(x, BEYOND if trapezoid else 1 / BEYOND)
+        return None
 
     def slowed_cost(self, x: np.ndarray) -> float:
         """About the cost of the path of x, slowed down until it has the tolerance; infinite if never."""

@@ -98,6 +98,11 @@ class Formulation:
         self.earliest = max(float(np.max(ends, initial=0.0)), durations[0] - self.rise)
         self.latest = min(durations[1], LONGEST) - self.rise
 
+    def profiles(self, layout: Layout, rounding: float = 0.0) -> Profiles:
+        """Corners of the joints' motions as functions of the variables, see `Profiles`."""
+        ends = self.start, self.goal, self.robot.limits.speed
+        return Profiles(layout, *ends, rounding, self.rise_times)
+
     # --- variables and motions ----------------------------------------------------------------------------
 
     def variables(self, motion: ArmMotion) -> np.ndarray:
@@ -234,14 +239,14 @@ class Formulation:
     def _smooth_program(
         self, limits: MotionLimits, smoothing: Smoothing, width: float, times: np.ndarray, weights: np.ndarray
     ) -> MotionProgram:
-        layout, arm = self.layout, self.robot.limits
+        layout = self.layout
         if self.ends:  # what is free must stand, too, at rest: nodes before and after the motion
             outside = 2 * width * unit_row(layout, layout.one)
             times = np.vstack([times, -outside, self._last(layout) + outside])
             weights = np.vstack([weights, np.zeros((2, layout.size))])
-        ends = self.start, self.goal, arm.speed
-        profiles = Profiles(layout, *ends, rounding=0.5 * width, rise_times=self.rise_times)
-        nodes = Nodes(profiles, times, half_width=width, course=self._course(layout))
+        nodes = Nodes(
+            self.profiles(layout, 0.5 * width), times, half_width=width, course=self._course(layout)
+        )
         speeds = np.full((len(times), layout.n), smoothing.power)
         kept = limits_of(self.robot, limits, layout.joints)
         structure = self._smooth_structure(smoothing, width)
@@ -260,8 +265,6 @@ class Formulation:
             extra: further nodes, for rows only.
         """
         layout = order.layout
-        arm = self.robot.limits
-        profiles = Profiles(layout, self.start, self.goal, arm.speed, rise_times=self.rise_times)
         events = order.rows
         where = []
         for i, length in enumerate(np.diff(events @ x)):
@@ -293,7 +296,7 @@ class Formulation:
                 masks[node], late[node], behind[node] = masks_of(order, place)
                 kinds[node] = DEVIATING
         how = {"regime": order.regime, "behind": behind, "kinds": kinds, "course": self._course(layout)}
-        placed = Nodes(profiles, times, masks=masks, late=late, **how)
+        placed = Nodes(self.profiles(layout), times, masks=masks, late=late, **how)
         directions = order.directions[np.clip(index, 0, last)]
         if self.physics.smooth:  # the order says nothing about the motors' directions
             directions = np.full(directions.shape, COARSE.power)
@@ -376,11 +379,11 @@ class Formulation:
         lower[layout.end], upper[layout.end] = max(self.earliest, 0.05), self.latest
         lower[layout.one] = upper[layout.one] = 1.0
         for joint, trapezoid in order.regime.items():
-            change = 2 * abs(self.goal[joint] - self.start[joint]) / arm.speed[joint]
+            edge = self.profiles(layout).edge(joint)
             if trapezoid:
-                upper[layout.end] = min(upper[layout.end], change)
+                upper[layout.end] = min(upper[layout.end], edge)
             else:
-                lower[layout.end] = max(lower[layout.end], change)
+                lower[layout.end] = max(lower[layout.end], edge)
         for first, other in order.equalities:
             rows.equal(cs.dot(cs.DM(order.times[other] - order.times[first]), x))
         if order.rises:

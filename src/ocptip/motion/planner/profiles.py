@@ -158,12 +158,13 @@ class Profiles:
         row[self.columns[joint]] = self._constant_d_times[joint, k]
         return row
 
+    def edge(self, joint: int) -> float:
+        """End time t_E, s, up to which a passive joint's ramp is a trapezoid; then it is a triangle."""
+        return 2 * abs(self.way[joint]) / self.speed_limits[joint]
+
     def regime(self, end: float) -> dict[int, bool]:
         """Whether each moving passive joint's ramp is a trapezoid (else a triangle) at this t_E."""
-        return {
-            joint: bool(abs(self.way[joint]) > 0.5 * self.speed_limits[joint] * end)
-            for joint in self.passive_joints
-        }
+        return {joint: bool(self.edge(joint) > end) for joint in self.passive_joints}
 
     def __call__(self, x: np.ndarray, regime: dict[int, bool] | None = None) -> Corners:
         """Corners at x ((nx,)); passive joints in the given regime, in the one that fits t_E by default."""
