@@ -232,13 +232,13 @@ def _late_gaps(
     gaps = robot.collision.gaps(middle, float(np.min(robot.collision.least(middle))) + FURTHER)
     nearest = np.argsort(gaps, axis=None, kind="stable")[:NEAREST]
     rows, pairs = np.unravel_index(nearest, gaps.shape)
-    near, slopes = robot.collision.slopes(middle, rows, pairs)
+    near, slopes = robot.collision.slopes(middle, rows, pairs, once=True)
     likely = np.argsort(near - np.einsum("rj,rj->r", np.abs(slopes), half[rows]), kind="stable")[:LIKELY]
     rows, pairs, slopes = rows[likely], pairs[likely], slopes[likely]
     number, least, late = np.arange(len(rows)), near[likely], middle[rows]
     for _ in range(NEARER):
         q = middle[rows] - np.sign(slopes) * half[rows]
-        found, slopes = robot.collision.slopes(q, number, pairs)
+        found, slopes = robot.collision.slopes(q, number, pairs, once=True)
         late = np.where((found < least)[:, None], q, late)
         least = np.minimum(found, least)
     return times[rows], pairs, least, np.abs(late - places[rows, 0]) > ON_TIME

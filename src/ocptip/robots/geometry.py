@@ -269,8 +269,13 @@ class CollisionModel(Collisions):
         result = self._batch(states)[0] if self._batch else np.empty((len(states), 0))
         return result[0] if single else result
 
-    def slopes(self, q: np.ndarray, states: np.ndarray, pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        chosen, place = np.unique(pairs, return_inverse=True)
+    def slopes(
+        self, q: np.ndarray, states: np.ndarray, pairs: np.ndarray, *, once: bool = False
+    ) -> tuple[np.ndarray, np.ndarray]:
+        if once:
+            chosen, place = np.arange(len(self.labels)), pairs
+        else:
+            chosen, place = np.unique(pairs, return_inverse=True)
         gaps, slopes = _gap_functions(self, tuple(chosen.tolist()))[0](q)
         gaps = gaps.reshape(len(q), len(chosen))
         return gaps[states, place], slopes.reshape(*gaps.shape, self.n)[states, place]

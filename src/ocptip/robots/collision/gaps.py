@@ -84,8 +84,14 @@ class Collisions:
         """
         return np.empty((*np.shape(q)[:-1], 0))
 
-    def slopes(self, q: np.ndarray, states: np.ndarray, pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Distances (r,), m, and slopes (r, n) over q (N, n) in rows of states and numbers of pairs (r,)."""
+    def slopes(
+        self, q: np.ndarray, states: np.ndarray, pairs: np.ndarray, *, once: bool = False
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Distances (r,), m, and slopes (r, n) over q (N, n) in rows of states and numbers of pairs (r,).
+
+        Args:
+            once: nobody will ask for just these pairs again; nothing is made ready for them.
+        """
         raise NotImplementedError
 
     def curvature(self, q: np.ndarray, states: np.ndarray, pairs: np.ndarray, on: np.ndarray) -> np.ndarray:

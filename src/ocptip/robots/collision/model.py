@@ -154,7 +154,9 @@ class ShapeCollisions(Collisions):
     def nearest(self, q: np.ndarray) -> Contact:
         return self.distances.least(np.atleast_2d(q))
 
-    def slopes(self, q: np.ndarray, states: np.ndarray, pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def slopes(
+        self, q: np.ndarray, states: np.ndarray, pairs: np.ndarray, *, once: bool = False
+    ) -> tuple[np.ndarray, np.ndarray]:
         contact, slopes = self.distances.at(q, states, pairs)
         self._last = q.copy(), contact
         return contact.distances, slopes

@@ -14,6 +14,7 @@ from ocptip.standing.mechanism import StandingMechanism
 
 GAP_SCALE = 10.0  # rows of distances are in 0.1 m
 FAR = 0.1  # m beyond the clearance: how far a pair may be so that its distance is computed exactly
+CLOSE = 0.02  # m: the same of a pair with joints that are late; farther ones are where slopes say
 CHOICES = 2  # how often it is chosen, by slopes, which joints are late
 
 
@@ -154,21 +155,20 @@ class LateClearanceLimit(StateLimit, ClearanceLimit):
     def _latest(self, at: Instants) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Of pairs that are near: node, number (r,), which joints are late (r, n), the distance (r,), m."""
         i, k = np.nonzero(super()._gaps(at) < self.number + FAR)
-        states = np.stack(at.motion_states, axis=1)[i]  # (r, 3, n)
-        moved, late = (
-            np.einsum("a,raj->rj", self._steps, states),
-            np.zeros((len(i), self.robot.n), dtype=bool),
-        )
-        gaps = np.empty(len(i))
-        for turn in range(CHOICES + 1):
-            gaps, slopes = self._at(states[:, 0] + late * moved, k)
-            if turn < CHOICES:
-                late = slopes * moved < 0
+        states = np.stack(at.motion_states, axis=1)  # (N, 3, n)
+        places, moved = states[i, 0], np.einsum("a,raj->rj", self._steps, states[i])
+        gaps, slopes = self.robot.collision.slopes(states[:, 0], i, k, once=True)
+        late = slopes * moved < 0
+        gaps = gaps + np.sum(np.minimum(slopes * moved, 0.0), axis=1)
+        near = np.flatnonzero(gaps < self.number + CLOSE)
+        for _ in range(CHOICES):
+            chosen = late[near] = slopes[near] * moved[near] < 0
+            gaps[near], slopes[near] = self._at(places[near] + chosen * moved[near], k[near], once=True)
         return i, k, late, gaps
 
-    def _at(self, q: np.ndarray, pairs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _at(self, q: np.ndarray, pairs: np.ndarray, *, once: bool = False) -> tuple[np.ndarray, np.ndarray]:
         """Distances (r,) and slopes (r, n) of pairs (r,) at angles (r, n)."""
-        return self.robot.collision.slopes(q, np.arange(len(q)), pairs)
+        return self.robot.collision.slopes(q, np.arange(len(q)), pairs, once=once)
 
     def rows(self, at: NodeSlopes, mask: np.ndarray) -> Rows:
         i, k = np.nonzero(mask)
