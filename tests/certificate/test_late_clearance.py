@@ -16,7 +16,7 @@ from ocptip.published.tasks import experiment_task
 from ocptip.robots.geometry import Pillar
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.instants import Instants, NodeColumns
-from ocptip.standing.limit_kinds.clearance import GAP_SCALE, LateClearanceLimit
+from ocptip.standing.limit_kinds.clearance import CLOSE, GAP_SCALE, LateClearanceLimit
 from ocptip.standing.limit_kinds.limit import NodeSlopes
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.tolerance import Tolerance
@@ -173,7 +173,11 @@ def test_rows_are_distances_of_late_joints_with_exact_derivatives(swing, seed):
         )
 
     found = rows(s)
-    np.testing.assert_allclose(found.values / GAP_SCALE, np.min(limit._gaps(at), axis=1), atol=1e-12)
+    gaps, exact = np.min(limit._gaps(at), axis=1), found.values / GAP_SCALE
+    near = gaps < 0.05 + CLOSE  # of farther ones slopes tell
+    np.testing.assert_allclose(gaps[near], exact[near], atol=1e-12)
+    np.testing.assert_allclose(gaps, exact, atol=2e-4)
+    assert near.any()
     on = rng.uniform(0.5, 2, 4)
     _, bends = own.curvature(found, on)
     jacobian = own.jacobian(found)

@@ -547,10 +547,10 @@ def test_readme_commands_are_one_line_each_and_ci_runs_them(root):
     assert os.access(root / ".ci" / "run", os.X_OK)
 
 
-def plan_in_readme(root):
-    """The lines that `plan A` prints, as the README has them."""
-    readme = (root / "README.md").read_text(encoding="utf-8")
-    return re.search(r"```text\n(A: .*?)\n```", readme, flags=re.DOTALL)[1].splitlines()
+def printed_plan(root, page):
+    """The lines of what `plan A` prints, as a page has them."""
+    text = (root / page).read_text(encoding="utf-8")
+    return re.search(r"```text\n(A: .*?)\n```", text, flags=re.DOTALL)[1].splitlines()
 
 
 def what_it_tolerates(lines):
@@ -561,7 +561,11 @@ def what_it_tolerates(lines):
 
 
 def test_readme_shows_a_plan(root):
-    lines = plan_in_readme(root)
+    """A part of what the page of the command line shows."""
+    lines = printed_plan(root, "docs/commands.md")
+    shown = printed_plan(root, "README.md")
+    assert shown[0] == lines[0]
+    assert [line for line in lines if line in shown] == shown
     verdict = r"A: (CERT|VER)IFIED within the tolerance\. "
     assert re.match(verdict + r"\d+\.\d J in \d\.\d{3} s, at worst ", lines[0])
     assert re.match(r"starts +\d of \d verified .*, \d+ iterations, .* s, seed 0$", lines[1])
@@ -570,11 +574,11 @@ def test_readme_shows_a_plan(root):
 
 
 @pytest.mark.slow
-def test_readme_shows_the_plan_that_the_command_prints(root, tmp_path, monkeypatch, capsys):
+def test_docs_show_the_plan_that_the_command_prints(root, tmp_path, monkeypatch, capsys):
     """Verdict, energy, duration, starts, what it is proved for: all that no other processor changes."""
     monkeypatch.chdir(tmp_path)
     assert main(["plan", "A", "--no-figures"]) == 0
-    shown, printed = plan_in_readme(root), capsys.readouterr().out.splitlines()
+    shown, printed = printed_plan(root, "docs/commands.md"), capsys.readouterr().out.splitlines()
     assert shown[0] == printed[0]
     assert shown[1].split(" iterations")[0] == printed[1].split(" iterations")[0]
     assert [line.split("  ")[0] for line in shown] == [line.split("  ")[0] for line in printed][: len(shown)]
@@ -597,11 +601,11 @@ def test_docs_show_what_stand_prints(root, scenes, capsys):
     assert (root / "docs" / "stand.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_readme_python_example_runs(root, capsys):
-    readme = (root / "README.md").read_text(encoding="utf-8")
-    code = re.search(r"```python\n(.*?)```", readme, flags=re.DOTALL)[1]
+def test_first_python_example_runs(root, capsys):
+    page = (root / "docs" / "python.md").read_text(encoding="utf-8")
+    code = re.search(r"```python\n(.*?)```", page, flags=re.DOTALL)[1]
     assert len(code.strip().splitlines()) <= 10
-    exec(compile(code, "README.md", "exec"), {})
+    exec(compile(code, "python.md", "exec"), {})
     assert "True" in capsys.readouterr().out
 
 

@@ -94,7 +94,12 @@ COMMANDS = (
         "Plans the ramp motion of least electric energy, or time, that keeps all contacts, and checks it.",
         "0 a verified plan, 1 none was found",
         (
-            argument("task", "A..H|TASK.toml", "published cases, or task files (see README)", nargs="+"),
+            argument(
+                "task",
+                "A..H|TASK.toml",
+                "published cases, or task files (see docs/motion-planner.md)",
+                nargs="+",
+            ),
             argument(
                 "--base",
                 None,
