@@ -159,7 +159,7 @@ def test_mechanisms_that_cannot_be_certified_say_so(swing):
 
 
 class _Other:
-    kind = "platform"
+    kind, closed_form = "platform", False
 
 
 def _mutations():

@@ -44,6 +44,14 @@ def test_stand_loads_what_it_needs():
     assert not any(name.startswith(("ocptip.motion", "ocptip.robots")) for name in modules)
 
 
+def test_plan_begins_without_what_only_some_tasks_need():
+    code, modules = loaded("plan", "missing.toml", "--jobs", "1")
+    assert code == 2
+    assert modules >= {"ocptip.motion.plan", "casadi", "numba"}
+    assert not modules & {f"scipy.{name}" for name in ("interpolate", "optimize", "sparse", "spatial")}
+    assert not any(name.startswith("ocptip.parallel") for name in modules)
+
+
 def test_as_a_module():
     found = subprocess.run([sys.executable, "-m", "ocptip", "--version"], capture_output=True, text=True)
     assert (found.returncode, found.stdout.split()[0]) == (0, "ocptip")

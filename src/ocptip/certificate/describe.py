@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import casadi as cs
 import numpy as np
@@ -18,10 +18,12 @@ from ocptip.robots.dynamics import process_parts
 from ocptip.robots.geometry import CollisionModel, Floor, sphere_centres
 from ocptip.robots.kinematics import link_frames
 from ocptip.standing.arm import StandingRobot
-from ocptip.standing.platform import StandingParallelRobot
 from ocptip.standing.tolerance import Tolerance
 from ocptip.trajectories.arm_motion import INSIDE
 from ocptip.trajectories.sampled import Motion
+
+if TYPE_CHECKING:
+    from ocptip.standing.platform import StandingParallelRobot
 
 _SAMPLES = np.array([-0.9, -0.3, 0.3, 0.9])
 _ROUNDING = 1e-10  # of accelerations: smaller coefficients are none

@@ -8,7 +8,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -30,9 +30,11 @@ from ocptip.standing.arm import StandingRobot
 from ocptip.standing.limit_kinds.limit import Worst
 from ocptip.standing.limits import NEARLY_LOST, MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.standing.platform import StandingParallelRobot
 from ocptip.standing.within.worst_case import worst_case_of
 from ocptip.trajectories.sampled import Motion
+
+if TYPE_CHECKING:
+    from ocptip.standing.platform import StandingParallelRobot
 
 LOSS = 2e-4
 """How far claims are from the sampled worst values, relative (distances: 0.1 mm), where limits allow."""
@@ -77,11 +79,11 @@ def certify(
     began = time.perf_counter()
     if reason := _missing(robot, worst):
         return Certificate(None, Verdict(False, (), {}, 0), reason=reason)
-    assert isinstance(robot, StandingRobot | StandingParallelRobot)
     robot = robot.during(motion)
     within = limits.tolerance.given and any(name in worst for name in CLAIMS_WITHIN)
     tolerance = tolerance_data(limits.tolerance, robot.support) if within else None
-    search = _Search(robot, motion, _bounds(limits, worst, bool(robot.collision.labels)), tolerance)
+    described = cast("StandingRobot | StandingParallelRobot", robot)
+    search = _Search(described, motion, _bounds(limits, worst, bool(robot.collision.labels)), tolerance)
     if reason := unlike(motion, search.motion):
         return Certificate(None, Verdict(False, (), {}, 0), reason=reason)
     search.run()
@@ -108,7 +110,7 @@ def _sampled(robot: StandingMechanism, worst: Mapping[str, Worst]) -> tuple[str,
 
 def _missing(robot: StandingMechanism, worst: Mapping[str, Worst]) -> str:
     """Why no certificate can be made; empty if one can."""
-    if not isinstance(robot, StandingRobot | StandingParallelRobot):
+    if not robot.closed_form:
         return f"motions of a {robot.kind} without closed forms cannot be certified"
     if robot.tip_over.free_rotation:
         return "contacts on one line"

@@ -13,7 +13,6 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
-from scipy.spatial import ConvexHull, QhullError
 
 from ocptip.basics.write import atomic_file
 from ocptip.numerics.workers import ready, worker_pool
@@ -68,11 +67,27 @@ def place_panels(figure: Figure) -> None:
 
 
 def hull(points: np.ndarray) -> np.ndarray:
-    """Indices of the corners of the convex hull of points (k, 2), in order; all where they lie on a line."""
-    try:
-        return ConvexHull(points).vertices
-    except (QhullError, ValueError):
-        return np.arange(len(points))
+    """Indices of the corners of the convex hull of points (k, 2), in order; all where they lie on a line.
+
+    Two monotone chains (A. M. Andrew, 1979): what SciPy has for this loads for 0.2 s.
+    """
+    order = np.lexsort(points.T[::-1])
+    corners = np.array([*_turning_left(points, order)[:-1], *_turning_left(points, order[::-1])[:-1]])
+    return corners if len(corners) > 2 else np.arange(len(points))
+
+
+def _turning_left(points: np.ndarray, order: np.ndarray) -> list[int]:
+    """Those of points (k, 2) in this order at which a way along their left side turns left."""
+    kept: list[int] = []
+    flat = 1e-12 * float(np.max(np.abs(points), initial=0.0)) ** 2
+    for k in order:
+        while len(kept) > 1:
+            (ax, ay), (bx, by) = points[kept[-1]] - points[kept[-2]], points[k] - points[kept[-1]]
+            if ax * by - ay * bx > flat:
+                break
+            kept.pop()
+        kept.append(int(k))
+    return kept
 
 
 def legend_columns(ax: Any, labels: list[str]) -> int:

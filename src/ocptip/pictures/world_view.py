@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.patches import Circle, Polygon
-from scipy.spatial import ConvexHull, QhullError
 
 from ocptip.pictures import frame
 from ocptip.placement.ground import HeightField
@@ -148,7 +147,7 @@ class View:
             angles = np.linspace(0, 2 * np.pi, 33)
             circle = shape.thickness * np.array([np.cos(angles), np.sin(angles)]).T
             corners = (corners[:, None] + circle).reshape(-1, 2)
-        ax.add_patch(Polygon(_hull(corners), closed=True, **style))
+        ax.add_patch(Polygon(corners[frame.hull(corners)], closed=True, **style))
 
     def ground(self, ax: Any, placement: Placement, limits: Any) -> None:
         """The tangent plane of the ground under the base; of uneven ground a profile through the base."""
@@ -238,11 +237,3 @@ def arm_solids(placement: Placement, q: np.ndarray) -> Iterator[Shape]:
     for _, body, shape in solids_of(arm, arm.geometry):
         own = shape if body == RESTING else shape.placed(frames.rotations[body], frames.origins[body])
         yield own.placed(placement.base_rotation, placement.base_position)
-
-
-def _hull(points: np.ndarray) -> np.ndarray:
-    """Corners (k, 2) of the convex hull; all points where they lie on a line."""
-    try:
-        return points[ConvexHull(points).vertices]
-    except QhullError:
-        return points

@@ -22,7 +22,6 @@ from functools import lru_cache
 
 import clarabel
 import numpy as np
-from scipy import sparse
 
 from ocptip.basics.errors import InputError
 from ocptip.numerics.inertia import RigidBody, parallel_axis
@@ -188,6 +187,8 @@ def _solved(
     given: list[np.ndarray], lacking: list[int], columns: list[dict[int, np.ndarray]], moved: int
 ) -> np.ndarray | None:
     """Least spin with all matrices positive definite; a rotor turns 2 to 100 times as fast as its joint."""
+    from scipy import sparse  # loads for 0.1 s, and most arms have all their inertias
+
     size = len(columns)
     rows, right, cones = [], [], []
     for k, own in enumerate(given):

@@ -14,7 +14,6 @@ from typing import Self
 
 import casadi as cs
 import numpy as np
-from scipy.spatial import ConvexHull
 
 from ocptip.basics.errors import InputError, finite_array, number_from, positive_number
 from ocptip.numerics.batch import BatchFunction
@@ -176,6 +175,8 @@ class Solid:
         """Outward normals (f, 3) and levels (f,), m: of the solid are the points with n . p + level <= 0."""
         corners = self.shape.outline()
         if not self.shape.thickness:
+            from scipy.spatial import ConvexHull  # loads for 0.2 s, and most have no solids
+
             equations = ConvexHull(corners).equations
             return equations[:, :3], equations[:, 3]
         normals = np.random.default_rng(0).normal(size=(_TANGENTS, 3))  # of planes about a round one

@@ -149,6 +149,7 @@ class StandingMechanism(MadeOf, ABC):
     Attributes:
         kind: word for messages.
         knows_inertia: :meth:`small_motions` are known.
+        closed_form: torques and wrench are expressions of the coordinates, speeds and accelerations.
         direct_drives: every motor moves one coordinate, at that coordinate's speed.
         further_limits: of what :meth:`further` gives.
         mass: of base, mechanism and payload, kg.
@@ -160,6 +161,7 @@ class StandingMechanism(MadeOf, ABC):
 
     kind = "arm"
     knows_inertia = False
+    closed_form = True
     direct_drives = True
     further_limits = FurtherLimits()
 

@@ -251,6 +251,8 @@ class NumericParallelRobot(ParallelMechanism):
     Arguments, attributes and errors as of `ParallelMechanism`.
     """
 
+    closed_form = False
+
     def _prepare(self, gravity: np.ndarray) -> Sequence[str]:
         self._gravity = gravity
         return ("platform",)

@@ -34,7 +34,6 @@ from ocptip.task_files.joint_values import joint_values
 from ocptip.task_files.kinds import require_kind
 from ocptip.task_files.motors import arm_and_motors, gear_damping_ratio, read_gears
 from ocptip.task_files.payload import read_process
-from ocptip.task_files.platform import read_platform_robot
 from ocptip.task_files.scene import SCENE, read_support
 from ocptip.task_files.sensor import read_sensor
 from ocptip.task_files.shapes import read_base_shapes, read_obstacles
@@ -155,6 +154,8 @@ class TaskScene:
         """The robot on its support, with what it holds in a segment of a cycle."""
         data = self._data
         if "robot" in data:
+            from ocptip.task_files.platform import read_platform_robot  # loads for 0.1 s
+
             return read_platform_robot(data, self._support, self._moment, segment)
         gripper = "" if segment is None else repr([segment.value(key, None) for key in LOCKED])
         if gripper not in self._arms:

@@ -9,14 +9,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import PPoly
 
 from ocptip.basics.errors import InputError, finite_array
 from ocptip.basics.frozen import settle
+
+if TYPE_CHECKING:
+    from scipy.interpolate import PPoly
 
 GAP = 1e-9  # rad or m: jumps of positions at breakpoints that are rounding
 CORNER = 1e-6
@@ -101,11 +103,17 @@ class JointPath:
         return 1 + np.flatnonzero(np.linalg.norm(begins[1:] - ends[:-1], axis=1) > CORNER * size)
 
     @cached_property
+    def curve(self) -> PPoly:
+        """The path as SciPy has it."""
+        from scipy.interpolate import PPoly  # loads for 0.1 s, and most plans have no path
+
+        return PPoly(self.coefficients, self.breakpoints)
+
+    @cached_property
     def ranges(self) -> np.ndarray:
         """Least and greatest position of each joint, exact, (n, 2), rad or m."""
-        curve = PPoly(self.coefficients, self.breakpoints)
         found = []
-        for joint, turns in enumerate(curve.derivative().roots(discontinuity=False, extrapolate=False)):
+        for joint, turns in enumerate(self.curve.derivative().roots(discontinuity=False, extrapolate=False)):
             places = np.concatenate([self.breakpoints, np.clip(turns[np.isfinite(turns)], 0, 1)])
             values = self.at(places)[0][:, joint]
             found.append((values.min(), values.max()))

@@ -11,7 +11,6 @@ import numpy as np
 from ocptip.basics.doubts import doubt_degrees
 from ocptip.basics.errors import InputError, refuse_huge
 from ocptip.trajectories.csv_columns import ACCELERATION, POSITION, SPEED, Columns, columns_of
-from ocptip.trajectories.fit import fitted
 from ocptip.trajectories.sampled import REST, SampledMotion
 
 ENOUGH, JUMP = 8, 4.0  # rows and ratio of accelerations from which a file counts as cut off
@@ -135,6 +134,8 @@ def _as_given(times: np.ndarray, values: dict[str, np.ndarray]) -> SampledMotion
 
 
 def _fit(times: np.ndarray, values: dict[str, np.ndarray], rounding: np.ndarray) -> SampledMotion:
+    from ocptip.trajectories.fit import fitted  # loads scipy.sparse for 0.1 s
+
     kept = _spaced(times)
     angles, speeds = values[POSITION][kept], values.get(SPEED)
     if speeds is None:

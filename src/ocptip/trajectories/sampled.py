@@ -27,17 +27,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicHermiteSpline, CubicSpline, PPoly
 
 from ocptip.basics.errors import InputError, finite_array, positive_number
 from ocptip.basics.frozen import settle
 from ocptip.trajectories.arm_motion import MERGE, ArmMotion, EventfulMotion
 from ocptip.trajectories.ramps import checked_times
 from ocptip.trajectories.timed_path import TimedPath
+
+if TYPE_CHECKING:
+    from scipy.interpolate import PPoly
 
 REST = 1e-3
 """Speed, rad/s: a motion that begins or ends faster is only a piece of one."""
@@ -213,16 +215,20 @@ class SampledMotion(EventfulMotion):
 
     @cached_property
     def _curve(self) -> PPoly:
+        from scipy.interpolate import CubicHermiteSpline, CubicSpline, PPoly  # loads for 0.1 s
+
         if self.period is not None:
-            return self._rounded_lines(self.period)
+            return PPoly(*self._rounded_lines(self.period))
         if self.speeds is None:
             return CubicSpline(self.times, self.angles, bc_type="clamped")
         if self.accelerations is None:
             return CubicHermiteSpline(self.times, self.angles, self.speeds)
-        return self._quintic(self.speeds, self.accelerations, self.before)
+        return PPoly(self._quintic(self.speeds, self.accelerations, self.before), self.times)
 
-    def _quintic(self, speeds: np.ndarray, accelerations: np.ndarray, before: np.ndarray | None) -> PPoly:
-        """Quintic Hermite polynomials; exactly at rest where the samples are.
+    def _quintic(
+        self, speeds: np.ndarray, accelerations: np.ndarray, before: np.ndarray | None
+    ) -> np.ndarray:
+        """Coefficients of quintic Hermite polynomials; exactly at rest where the samples are.
 
         In intervals so short that rounding would decide them, accelerations change evenly instead.
         """
@@ -240,10 +246,14 @@ class SampledMotion(EventfulMotion):
             for even, own in ((0.0, fifth), (0.0, fourth), (bends / (6 * h), third))
         )
         rows = fifth, fourth, third, 0.5 * begin, speeds[:-1], self.angles[:-1]
-        return PPoly(np.stack(rows), self.times)
+        return np.stack(rows)
 
-    def _rounded_lines(self, period: float) -> PPoly:
-        """Straight lines between the samples; each corner a parabola of one period, around the sample."""
+    def _rounded_lines(self, period: float) -> tuple[np.ndarray, np.ndarray]:
+        """Straight lines between the samples; each corner a parabola of one period, around the sample.
+
+        Returns:
+            Coefficients, and the breaks between the pieces.
+        """
         rates = np.diff(self.angles, axis=0) / np.diff(self.times)[:, None]
         rates = np.concatenate([np.zeros((1, self.n)), rates, np.zeros((1, self.n))])
         starts = self.times + np.array([[0.0], [period]])  # half a period later than samples and corners are
@@ -257,7 +267,7 @@ class SampledMotion(EventfulMotion):
         coefficients = np.concatenate([coefficients, np.array(last)[:, None]], axis=1)
         breaks = np.append(starts.T.ravel()[:-1], starts[1, -1])
         kept = np.append(np.diff(breaks) > MERGE, True)  # samples one period apart have no line between them
-        return PPoly(coefficients[:, kept[:-1]], breaks[kept])
+        return coefficients[:, kept[:-1]], breaks[kept]
 
     @property
     def _breaks(self) -> np.ndarray:

@@ -11,17 +11,19 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import factorial
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import PPoly
 
 from ocptip.basics.errors import InputError, finite_array, naming, positive_number
 from ocptip.basics.frozen import settle
 from ocptip.trajectories.arm_motion import MERGE, EventfulMotion
 from ocptip.trajectories.path import JointPath, derivatives
 from ocptip.trajectories.ramps import checked_times
+
+if TYPE_CHECKING:
+    from scipy.interpolate import PPoly
 
 BACK = 1e-7  # of the greatest ds/dt: so far below 0 is rounding
 _HALVINGS = 60  # of intervals, for times at places
@@ -197,7 +199,7 @@ class TimedPath(EventfulMotion):
 
         Instants within 0.1 us of the one before are one with it.
         """
-        turns = PPoly(self.path.coefficients, self.path.breakpoints).derivative()
+        turns = self.path.curve.derivative()
         places = np.concatenate(turns.roots(discontinuity=False, extrapolate=False))
         places = places[np.isfinite(places) & (places > 0) & (places < 1)]
         kept = [0.0]
@@ -229,7 +231,7 @@ class TimedPath(EventfulMotion):
     @cached_property
     def _accelerations(self) -> PPoly:
         """Of the joints as functions of s, polynomials between nodes."""
-        curve, begins = PPoly(self.path.coefficients, self.path.breakpoints), self.s[:-1]
+        curve, begins = self.path.curve, self.s[:-1]
         degree = len(self.path.coefficients) - 1
         x, u = self.x[:-1, None], self.u[:, None]
         derivatives = [curve(begins, nu=k) / factorial(k - 1) for k in range(1, degree + 1)]
@@ -238,7 +240,7 @@ class TimedPath(EventfulMotion):
             parts[k] += u * value + 2 * u * k * value
             if k:
                 parts[k - 1] += x * k * value
-        return PPoly(parts[::-1], self.s)
+        return type(curve)(parts[::-1], self.s)
 
     def slowed(self, factor: float) -> TimedPath:
         """The same as `time_scaled`, as other motions have it."""

@@ -7,7 +7,6 @@ whose edge is on the surface: so the convex hull of the cut surface contains it.
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
 
 MOST = 4
 """Parts of a mesh."""
@@ -90,6 +89,8 @@ def _volume(surface: np.ndarray) -> float:
 
 
 def _hull_volume(surface: np.ndarray) -> float:
+    from scipy.spatial import ConvexHull, QhullError  # loads for 0.2 s, and many arms have no meshes
+
     points = surface.reshape(-1, 3)
     if len(points) > len(_DIRECTIONS):  # nearly the volume, of fine meshes much sooner
         points = points[np.unique(np.argmax(_DIRECTIONS @ points.T, axis=1))]

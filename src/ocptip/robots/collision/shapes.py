@@ -12,7 +12,6 @@ from dataclasses import dataclass, field
 from typing import Any, Self
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
 
 from ocptip.basics.errors import InputError, finite_array, number_from, positive_number, rotation_matrix
 from ocptip.robots.pinocchio import load_coal
@@ -175,6 +174,8 @@ class Hull(Shape):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        from scipy.spatial import ConvexHull, QhullError  # loads for 0.2 s, and many arms have no meshes
+
         points = finite_array("points", self.points, (None, 3))
         try:
             kept = points[ConvexHull(points).vertices]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ocptip.robots.kinematics import gripper_batch
 from ocptip.robots.model import ArmModel
@@ -131,6 +130,8 @@ def pose_errors(
     if orientation == "free":
         return position - at, jacobian[:, :3]
     if orientation == "full":
+        from scipy.spatial.transform import Rotation  # loads for 0.2 s, and most tasks have angles
+
         turn = Rotation.from_matrix(rotation @ turned.transpose(0, 2, 1)).as_rotvec()
         return np.hstack([position - at, turn]), jacobian
     have, want = np.broadcast_arrays(turned @ tool_axis, rotation @ tool_axis)

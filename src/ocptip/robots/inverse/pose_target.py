@@ -6,7 +6,6 @@ from dataclasses import dataclass, field, replace
 
 import casadi as cs
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from ocptip.basics.errors import InputError, finite_array, is_whole, rotation_matrix
 from ocptip.robots.inverse.inverse_kinematics import pose_residuals, solve_inverse_kinematics
@@ -147,6 +146,8 @@ class PoseTarget:
 
     def _turns(self, angles: np.ndarray) -> np.ndarray:
         """(N, 3, 3) Rotations by angles (N,), rad, about the axis of symmetry."""
+        from scipy.spatial.transform import Rotation  # loads for 0.2 s, and most tasks have angles
+
         return Rotation.from_rotvec(angles[:, None] * self.axis).as_matrix()
 
     def equations(self, arm: ArmModel, q: cs.SX) -> cs.SX:
