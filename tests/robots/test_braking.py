@@ -1,5 +1,6 @@
 """Arms that brake by themselves: against a fine simulation by Pinocchio, energy, rest, breakaway."""
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -15,6 +16,7 @@ from ocptip.robots.dynamics import evaluate_dynamics
 from ocptip.robots.urdf import arm_from_urdf
 from tests.places import UR5
 from tests.robots.pinocchio_twin import twin
+from tests.robots.sample_arms import random_arm
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 
@@ -115,6 +117,53 @@ def test_links_without_mass_stop_at_once():
     run = brake(arm, np.full((1, 6), 0.3), qd, GRAVITY, arm.limits.torque[None])
     assert run.rests[0] < 1e-3
     assert np.abs(run.angles[-1] - 0.3).max() < 1e-3
+
+
+@settings(max_examples=20)
+@given(
+    inertia=st.floats(0.1, 5.0),
+    speed=st.floats(0.2, 3.0),
+    braking=st.floats(0.02, 0.5),
+    delay=st.floats(0.0, 0.05),
+)
+def test_one_joint_about_the_vertical_is_the_closed_form(inertia, speed, braking, delay):
+    """Free until the brake acts, then a constant deceleration."""
+    arm, torque, stop = turntable(inertia), inertia * speed / braking, delay + braking
+    way = speed * delay + inertia * speed**2 / (2 * torque)
+    q, qd = np.zeros((2, 1)), speed * np.array([[1.0], [-1.0]])
+    run = brake(arm, q, qd, GRAVITY, np.array([torque]), delay=delay, step=stop / 200)
+    np.testing.assert_allclose(run.rests, stop, rtol=0.03)
+    np.testing.assert_allclose(run.angles[-1, :, 0], [way, -way], rtol=2e-3)
+    found = terms(arm, q, qd, GRAVITY, np.zeros(3))
+    assert found.inertia.shape == (2, 1, 1) and found.per_acceleration.shape == (2, 6, 1)
+    np.testing.assert_allclose(found.per_acceleration[:, 5, 0], -inertia, rtol=1e-7)
+
+
+@pytest.mark.parametrize("seed", [1, 4])
+def test_one_joint_anyhow_rests_where_pinocchio_rests(seed):
+    arm = replace(random_arm(seed, 1), inertias=np.eye(3)[None])
+    q, qd = np.array([0.4]), np.array([1.5])
+    torque = 3 * np.abs(terms(arm, q[None], 0 * qd[None], GRAVITY, np.zeros(3)).bias[0]) + 5.0
+    run = brake(arm, q[None], qd[None], GRAVITY, torque[None], step=1e-4)
+    angles, time = simulated(arm, q, qd, torque)
+    np.testing.assert_allclose(run.angles[-1, 0], angles, atol=0.005 * np.abs(angles - q).max())
+    assert run.rests[0] == pytest.approx(time, abs=3e-4)
+
+
+def turntable(inertia):
+    """One joint about the vertical, its centre of mass on the axis."""
+    one = random_arm(0, 1)
+    zero, eye = np.zeros(3), np.eye(3)
+    return replace(
+        one,
+        rotations=eye[None],
+        offsets=zero[None],
+        centres=zero[None],
+        inertias=np.diag([1.0, 1.0, inertia])[None],
+        mount_position=zero,
+        mount_rotation=eye,
+        armature=np.zeros(1),
+    )
 
 
 @lru_cache

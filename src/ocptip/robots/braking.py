@@ -80,7 +80,9 @@ def _terms_function(model: ArmModel) -> BatchFunction:
 
 def terms(model: ArmModel, q: np.ndarray, qd: np.ndarray, gravity: np.ndarray, about: np.ndarray) -> Terms:
     """Of angles and speeds (N, n) each; gravity and the point of the wrench's moment in base axes."""
-    return Terms(*_terms_function(model)(q, qd, gravity, about))
+    inertia, bias, per_acceleration, rest = _terms_function(model)(q, qd, gravity, about)
+    n = model.n  # of one joint a matrix is a column: its second axis is put back
+    return Terms(inertia.reshape(-1, n, n), bias, per_acceleration.reshape(-1, 6, n), rest)
 
 
 def brake(
@@ -124,10 +126,10 @@ def brake(
             break
         old, ahead = qd[going], 1.5 * qd[going] - 0.5 * before[going]
         ahead = np.where(ahead * old > 0, ahead, 0.0)
-        parts = _terms_function(model)(q[going] + 0.5 * step * old, ahead, gravity, about)
+        own = terms(model, q[going] + 0.5 * step * old, ahead, gravity, about)
         new = old.copy()
         ways = np.empty_like(new)
-        _slow_down(parts[0], parts[1], closed[going] * torque[going], step, new, ways)
+        _slow_down(own.inertia, own.bias, closed[going] * torque[going], step, new, ways)
         before, q, qd = qd.copy(), q.copy(), qd.copy()
         q[going] += ways
         qd[going] = new
