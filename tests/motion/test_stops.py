@@ -17,10 +17,12 @@ from ocptip.motion.path_stops import StoppedPath
 from ocptip.motion.plan import plan_motion
 from ocptip.motion.stop_rules import StopRules
 from ocptip.motion.stops import check_stops
-from ocptip.motion.task import refusals
+from ocptip.motion.task import MotionTask, refusals
 from ocptip.published.tasks import experiment_task
+from ocptip.robots.motors import DCMotors
 from ocptip.robots.urdf import arm_from_urdf
 from ocptip.standing.arm import StandingRobot
+from ocptip.standing.elastic.feet import softest_feet
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.stops.along_path import PathStops
 from ocptip.standing.stops.by_brakes import BrakeCheck, Brakes
@@ -342,3 +344,31 @@ def test_rules_of_brakes_come_back_from_a_plans_task(tmp_path):
     path.write_text('case = "A"\n[stops]\nsafe = "breaks"\n')
     with pytest.raises(InputError, match=r"safe.*expected one of path, brakes, both"):
         load_task(path)
+
+
+ONE_JOINT = """<robot name="one"><link name="base"/>
+<link name="l"><inertial><origin xyz="0.4 0 0.1"/><mass value="4"/>
+<inertia ixx="0.01" iyy="0.05" izz="0.05" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="j" type="revolute"><parent link="base"/><child link="l"/><axis xyz="0 0 1"/>
+<limit lower="-3" upper="3" velocity="2" effort="30"/></joint></robot>"""
+
+
+def test_arms_of_one_joint_are_planned_for_stops_of_both_kinds(tmp_path, task):
+    """About the vertical axis: the brakes' greatest moment on the base is their greatest torque."""
+    (tmp_path / "one.urdf").write_text(ONE_JOINT)
+    arm = arm_from_urdf(tmp_path / "one.urdf", tool_frame="l").mounted([0.0, 0.0, 0.3])
+    arm = replace(arm, limits=replace(arm.limits, acceleration=np.array([5.0])))
+    robot = StandingRobot(arm, on_a_heavy_base(task, 60.0).robot.support, DCMotors.estimated(arm))
+    rules = StopRules(brake_min=np.array([8.0]), brake_max=np.array([14.0]), delay=(0.0, 0.02))
+    limits = rules.safe(MotionLimits(), robot, "both")
+    ends = np.array([-1.0]), np.array([1.0])
+    asked = MotionTask("one joint", robot, *ends, limits, (0,), stops=rules)
+    plan = plan_motion(asked, starts=1, jobs=1, prove=False)
+    found = check_stops(robot, plan.motion, limits, rules, plan.check)
+    assert plan.verified
+    assert found.verified
+    assert found.worst["brakes"]["brake_torques"] in ([8.0], [14.0], [0.0])
+    inertia = 0.05 + 4 * 0.4**2
+    fastest = np.max(np.abs(plan.motion.states(np.linspace(0, plan.motion.end, 400))[1]))
+    assert found.worst["brakes"]["longest_stop_s"] == pytest.approx(0.02 + inertia * fastest / 8.0, rel=0.06)
+    softest_feet(robot, plan.motion)  # small motions of the base under one joint

@@ -173,14 +173,13 @@ def small_motions(model: ArmModel, springs: tuple[int, ...] = ()) -> BatchFuncti
     gravity, about, twist = cs.SX.sym("gravity", 3), cs.SX.sym("about", 3), cs.SX.sym("twist", 9)
     acceleration, spin_change, spin = twist[:3], twist[3:6], twist[6:]
     acceleration = acceleration + cs.cross(spin_change, cs.SX(model.mount_position) - about)
-    none, own = cs.SX.zeros(3), list(springs)
+    none = cs.SX.zeros(3)
     torque, wrench = newton_euler(
         model, q, qd, qdd, gravity - acceleration, none, none, about, spin=spin, spin_change=spin_change
     )
-    taken = cs.vertcat(-wrench, torque[own])
-    over = cs.vertcat(twist, qdd[own], qd[own], q[own])
-    slopes = cs.substitute(cs.jacobian(taken, over), twist, cs.SX.zeros(9))
-    m = len(own)
+    own = [cs.vertcat(*(values[j] for j in springs)) for values in (torque, qdd, qd, q)]
+    slopes = cs.jacobian(cs.vertcat(-wrench, own[0]), cs.vertcat(twist, *own[1:]))
+    slopes, m = cs.substitute(slopes, twist, cs.SX.zeros(9)), len(springs)
     inertia, gyration = cs.horzcat(slopes[:, :6], slopes[:, 9 : 9 + m]), slopes[:, 6:9]
     outputs = [inertia, cs.horzcat(gyration, slopes[:, 9 + m : 9 + 2 * m]), slopes[:, 9 + 2 * m :]]
     names = ["q", "qd", "qdd", "gravity", "about"], ["inertia", "gyration", "stiffening"]
