@@ -17,7 +17,9 @@ def main() -> None:
         UnilateralContact(**AT, friction=0.5),
         clamps.RigidClamp(**AT, **JAWS),
         clamps.ForceConstantHalfRigidClamp(**AT, **JAWS, clamp_force=60.0),
+        clamps.ForceVariableHalfRigidClamp(**AT, **JAWS, clamp_force=60.0),
         clamps.ForceConstantTwoSidedClamp(**AT, **JAWS, clamp_force=60.0, lever_ratio=1.5),
+        clamps.ForceVariableTwoSidedClamp(**AT, **JAWS, clamp_force=60.0, lever_ratio=1.5),
     ]
     for binding in bindings:
         binding_figure(binding, 200.0).savefig(RESULTS / f"binding_{binding.kind}.png", dpi=70)
