@@ -36,6 +36,7 @@ from ocptip.contact.cone_motion import (
 from ocptip.contact.mode_search import EXHAUSTED, FOUND, LIMIT, linear_program
 from ocptip.contact.states import ContactState
 from ocptip.contact.support import Support
+from ocptip.numerics.non_negative import non_negative
 
 _IN_PLANE = 1e-9  # relative to the support's length, and of the unit normals
 _ARC_POINTS = 5
@@ -293,11 +294,9 @@ class _Search:
 
     def _feasible(self, A: np.ndarray) -> np.ndarray | None:
         """x >= 0 with A x = load, or nearly so; None only with a certificate that there is none."""
-        from scipy.optimize import nnls  # loads for 0.3 s, and many scenes need none
-
         self.programs += 1
         try:
-            x, residual = nnls(A, self.plane.load)
+            x, residual = non_negative(A, self.plane.load)
         except RuntimeError:  # iterations
             return np.zeros(A.shape[1])
         if residual <= _INFEASIBLE:

@@ -1,14 +1,18 @@
 """Least squares over non-negative numbers, for small dense problems.
 
 The active-set method of Lawson and Hanson (Solving Least Squares Problems, 1974, chapter 23), here because
-the import of scipy.optimize takes longer than most verdicts, and for unknowns of any sign among the others.
+the import of scipy.optimize takes longer than most verdicts, for unknowns of any sign among the others, and
+because SciPy's (1.17) now and then names a residual that its x does not have.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-_SLOPE, _ZERO = 1e-13, 1e-15  # of columns and a right-hand side of length 1
+from ocptip.numerics.compiled import compiled
+
+_SLOPE, _ZERO = 1e-15, 1e-15  # of columns and a right-hand side of length 1
+_DEPENDENT = 1e-13  # of a column of length 1: what others leave of it is rounding
 
 
 def non_negative(A: np.ndarray, b: np.ndarray, signed: int = 0) -> tuple[np.ndarray, float]:
@@ -21,37 +25,90 @@ def non_negative(A: np.ndarray, b: np.ndarray, signed: int = 0) -> tuple[np.ndar
     Raises:
         RuntimeError: it takes more than 3 n steps.
     """
-    lengths, unit = np.linalg.norm(A, axis=0), float(np.linalg.norm(b)) or 1.0
+    lengths, unit = np.sqrt(np.sum(A * A, axis=0)), float(np.sqrt(b @ b)) or 1.0
     scale = np.where(lengths > 0, lengths, 1.0)
-    bounded = np.arange(A.shape[1]) < A.shape[1] - signed
-    x = _of_unit_columns(A / scale, b / unit, bounded) * unit / scale
-    return x, float(np.linalg.norm(A @ x - b))
+    x, done = _of_unit_columns(np.ascontiguousarray((A / scale).T), b / unit, A.shape[1] - signed)
+    if not done:
+        raise RuntimeError("too many steps")
+    x *= unit / scale
+    left = A @ x - b
+    return x, float(np.sqrt(left @ left))
 
 
-def _of_unit_columns(A: np.ndarray, b: np.ndarray, bounded: np.ndarray) -> np.ndarray:
-    free, tried = ~bounded, np.zeros(len(bounded), dtype=bool)
-    x = _least_squares(A, b, free)
-    for _ in range(3 * max(len(bounded), 1)):
-        slope = np.where(free | tried, -np.inf, A.T @ (b - A @ x))
-        if not np.max(slope, initial=-np.inf) > _SLOPE:
-            return x
-        new = int(np.argmax(slope))
-        free[new] = True
-        wanted = _least_squares(A, b, free)
+@compiled
+def _of_unit_columns(columns: np.ndarray, b: np.ndarray, bounded: int) -> tuple[np.ndarray, bool]:
+    """x (n,) for columns (n, m), of which the first `bounded` have no negative x; whether it is the best."""
+    n = len(columns)
+    chosen = np.empty(n, np.int64)  # the columns that take part: those of any sign, then as they came
+    chosen[: n - bounded] = np.arange(bounded, n)
+    count = n - bounded
+    x, tried = np.zeros(n), np.zeros(n, np.bool_)
+    left = _least_squares(columns, b, chosen[:count], x)
+    for _ in range(3 * max(n, 1)):
+        new, steepest = -1, _SLOPE
+        for k in range(bounded):
+            slope = np.sum(columns[k] * left)
+            if slope > steepest and x[k] == 0 and not tried[k]:
+                new, steepest = k, slope
+        if new < 0:
+            return x, True
+        chosen[count] = new
+        wanted = np.zeros(n)
+        rest = _least_squares(columns, b, chosen[: count + 1], wanted)
         if wanted[new] <= _ZERO:  # depends on the others, but for rounding
-            free[new], tried[new] = False, True
+            tried[new] = True
             continue
         tried[:] = False
-        while (down := np.flatnonzero(free & bounded & (wanted <= 0))).size:
-            x += np.min(x[down] / (x[down] - wanted[down])) * (wanted - x)
-            free &= (x > _ZERO) | ~bounded
-            x[~free] = 0.0
-            wanted = _least_squares(A, b, free)
-        x = wanted
-    raise RuntimeError("too many steps")
+        count += 1
+        while True:
+            share, inside = 1.0, True
+            for k in chosen[:count]:
+                if k < bounded and wanted[k] <= 0:
+                    share, inside = min(share, x[k] / (x[k] - wanted[k]) if x[k] > 0 else 0.0), False
+            if inside:
+                break
+            x += share * (wanted - x)
+            kept = 0
+            for k in chosen[:count]:
+                if k >= bounded or x[k] > _ZERO:
+                    chosen[kept] = k
+                    kept += 1
+                else:
+                    x[k] = 0.0
+            count = kept
+            wanted[:] = 0.0
+            rest = _least_squares(columns, b, chosen[:count], wanted)
+        x, left = wanted, rest
+    return x, False
 
 
-def _least_squares(A: np.ndarray, b: np.ndarray, free: np.ndarray) -> np.ndarray:
-    x = np.zeros(A.shape[1])
-    x[free] = np.linalg.lstsq(A[:, free], b, rcond=None)[0]
-    return x
+@compiled
+def _least_squares(columns: np.ndarray, b: np.ndarray, chosen: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Puts the best x of the chosen columns into x, and returns b less their sum.
+
+    Each column is made orthogonal to those before it twice; one that depends on them gets 0.
+    """
+    size = len(chosen)
+    basis, R = np.zeros((size, len(b))), np.zeros((size, size))
+    left, parts, own = b.copy(), np.zeros(size), np.zeros(size, np.bool_)
+    for k in range(size):
+        column = columns[chosen[k]].copy()
+        for _ in range(2):
+            for j in range(k):
+                if own[j]:
+                    share = np.sum(basis[j] * column)
+                    R[j, k] += share
+                    column -= share * basis[j]
+        R[k, k] = np.sqrt(np.sum(column * column))
+        own[k] = R[k, k] > _DEPENDENT
+        if own[k]:
+            basis[k] = column / R[k, k]
+            parts[k] = np.sum(basis[k] * left)
+            left -= parts[k] * basis[k]
+    for k in range(size - 1, -1, -1):
+        if own[k]:
+            total = parts[k]
+            for j in range(k + 1, size):
+                total -= R[k, j] * x[chosen[j]]
+            x[chosen[k]] = total / R[k, k]
+    return left
