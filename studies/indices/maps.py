@@ -1,12 +1,14 @@
-"""Maps of the performance indices of an arm: over a plane of two joint angles, over a workspace slice.
+"""Maps of the performance indices of an arm: over two joint angles, position and height, two rotations.
 
     python -m studies.indices.maps OUT [--arm IRB2000] [--joints 2 3] [--fixed 0 0 0 0 60 0]
         [--approach down|forward] [--grid 101] [--ellipsoid 0.1 0.1 0.1]
 
 In the joint plane the other joints stay as given. In the workspace the gripper moves in the vertical plane
 through axis 1 (y = 0 of the base frame) with a fixed orientation; each point shows the best of all branches
-of the inverse kinematics within the joint limits, for each index on its own. Writes a figure, the arrays
-(.npz) and a summary (.json) of each map into the folder OUT. The default joint plane is the published one.
+of the inverse kinematics within the joint limits, for each index on its own; turning axis 1 changes no index
+but 1/CDN. The gripper turned in place (rotation vector in the base's xy-plane) starts from the fixed joint
+angles. Writes a figure, the arrays (.npz) and a summary (.json) of each map into the folder OUT. The default
+joint plane is the published one.
 """
 
 from __future__ import annotations
@@ -29,8 +31,9 @@ from ocptip.indices.arms.axes import arm_pose
 from ocptip.indices.arms.design import joint_range, random_poses
 from ocptip.indices.arms.values import index_values
 from ocptip.indices.metric import OperationEllipsoid
+from ocptip.indices.workspace_maps import index_maps, joint_solutions
 from ocptip.published.arms import arm_by_name
-from ocptip.robots.inverse.closed_form import branches_within_limits, closed_form_family
+from ocptip.robots.inverse.closed_form import closed_form_family
 from ocptip.robots.kinematics import gripper_pose
 from ocptip.robots.model import ArmModel
 
@@ -47,6 +50,7 @@ APPROACHES = {
     "forward": np.array([[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]]),
 }
 LARGEST_ANGLE = 2.0  # rad, end of the colour scale of DM, which grows without bound at stationary points
+LARGEST_TURN = np.pi / 2
 REACH_SAMPLES = 4000
 COARSE = 31
 
@@ -110,9 +114,16 @@ def reaching(
 ) -> tuple[np.ndarray, np.ndarray]:
     """All branches within the limits: number (k,) of the point x, z (N,), m, and joint angles (k, 6), rad."""
     positions = np.column_stack([x, np.zeros(len(x)), z])
-    found = branches_within_limits(model, positions, np.tile(rotation, (len(x), 1, 1)))
-    exists = np.isfinite(found).all(axis=2)
-    return np.nonzero(exists)[0], found[exists]
+    return joint_solutions(model, positions, np.tile(rotation, (len(x), 1, 1)))
+
+
+def turned_in_place(
+    model: ArmModel, q: np.ndarray, grid: int, ellipsoid: OperationEllipsoid
+) -> dict[str, np.ndarray]:
+    """Best index of all branches, (grid, grid), over turns rx, ry, rad, from joint angles q (6,)."""
+    ranges = dict.fromkeys(("rx", "ry"), (-LARGEST_TURN, LARGEST_TURN))
+    found = index_maps(model, ranges, pose=q, names=INDICES, cells=grid, ellipsoid=ellipsoid)
+    return {"x": found.values[0], "y": found.values[1], **{k: own.T for k, own in found.maps.items()}}
 
 
 def summary(maps: dict[str, np.ndarray]) -> dict[str, Any]:
@@ -198,7 +209,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         space = workspace_slice(model, APPROACHES[options.approach], options.grid, ellipsoid)
     except InputError as error:
         parser.error(str(error))
-    seconds = {"joint_plane": between - begin, "workspace": time.perf_counter() - between}
+    ended = time.perf_counter()
+    turned = turned_in_place(model, np.radians(options.fixed), options.grid, ellipsoid)
+    seconds = {"joint_plane": between - begin, "workspace": ended - between}
+    seconds["turned"] = time.perf_counter() - ended
     fixed = ", ".join(
         f"joint {k + 1} at {a:g}°" for k, a in enumerate(options.fixed) if k + 1 not in options.joints
     )
@@ -216,7 +230,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         False,
         options.out / "index_maps_workspace.png",
     )
-    for name, maps in (("joint_plane", plane), ("workspace", space)):
+    angles = ", ".join(f"{angle:g}" for angle in options.fixed)
+    draw(
+        turned,
+        f"{model.name}: gripper turned in place from joint angles {angles}°, best branch; grey: out of reach",
+        ("rx [deg]", "ry [deg]"),
+        True,
+        options.out / "index_maps_turned.png",
+    )
+    kinds = {"joint_plane": plane, "workspace": space, "turned": turned}
+    for name, maps in kinds.items():
         np.savez_compressed(options.out / f"index_maps_{name}.npz", **maps)
     record = {
         "arm": model.name,
@@ -227,12 +250,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "approach": options.approach,
         "joint_plane": summary(plane),
         "workspace": summary(space),
+        "turned": summary(turned),
         "seconds": seconds,
         "machine": platform.machine(),
         "versions": versions(("numpy", "casadi")),
     }
     write_json(options.out / "index_maps.json", record)
-    for name in ("joint_plane", "workspace"):
+    for name in kinds:
         print(f"{name}: {seconds[name]:.1f} s")
         for index, row in record[name].items():
             if index != "reached_share":

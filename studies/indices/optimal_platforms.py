@@ -4,9 +4,10 @@
         [--seed 0]
 
 Writes optimal_platforms.png (six members, the domain of the main family, the planar optimum, control numbers
-around two platforms), optimal_platforms.json and optimal_platforms.md: random members of all families with
-the worst deviation from 1, the search for further families, and the control number of four designs over the
-same workspace (positions within a quarter of the mean leg length, rotations up to 20 degrees).
+around two platforms), optimal_platforms_moved.png (control numbers over height and rotations),
+optimal_platforms.json and optimal_platforms.md: random members of all families with the worst deviation from
+1, the search for further families, and the control number of four designs over the same workspace (positions
+within a quarter of the mean leg length, rotations up to 20 degrees).
 """
 
 from __future__ import annotations
@@ -49,8 +50,9 @@ from ocptip.indices.platforms.controllability import control_number
 from ocptip.indices.platforms.flight_simulator import FlightSimulator
 from ocptip.indices.platforms.isotropy import platform_conditioning
 from ocptip.indices.platforms.planar import LARGEST_R, PlanarPlatformPose, optimal_planar_pose
-from ocptip.indices.platforms.platform import PlatformPose, StewartPlatform
+from ocptip.indices.platforms.platform import PlatformFile, PlatformPose, StewartPlatform
 from ocptip.indices.platforms.workspace import control_numbers, workspace_statistics
+from ocptip.indices.workspace_maps import index_maps
 from studies.common import ended, software, table
 
 FIRST, SECOND, BODY, GROUND = "#0b6e99", "#d1603d", "#2e8b57", "#555555"
@@ -263,6 +265,56 @@ def _draw_map(axis: Any, name: str, pose: PlatformPose) -> Any:
     return filled
 
 
+MOVES = {
+    "height dz / mean leg length": ("z", 1.0),
+    "rotation about x [deg]": ("rx", 90.0),
+    "rotation about y [deg]": ("ry", 90.0),
+    "rotation about z [deg]": ("rz", 120.0),
+}
+
+
+def moved(name: str, pose: PlatformPose, coordinate: str, ends: float) -> tuple[np.ndarray, np.ndarray]:
+    """Shifts in mean leg lengths, or turns about the platform's centre, deg, and the control numbers."""
+    centre = pose.platform.mean(axis=0)
+    file = PlatformFile(StewartPlatform(pose.base, pose.platform - centre, name), centre, np.eye(3), None)
+    middle = centre[2] if coordinate == "z" else 0.0
+    scale = 1.0 if coordinate == "z" else math.radians(1.0)
+    found = index_maps(
+        file, {coordinate: (middle - scale * ends, middle + scale * ends)}, cells=241, names=["ctn"]
+    )
+    return (found.values[0] - middle) / scale, found.maps["ctn"]
+
+
+def draw_moved(path: Path) -> None:
+    """Control number over height and rotations, and over two rotations at a time."""
+    figure = plt.figure(figsize=(13, 7), layout="constrained")
+    upper, lower = figure.subfigures(2, 1)
+    panels = upper.subplots(1, 4, sharey=True)
+    for axis, (label, (coordinate, ends)) in zip(panels, MOVES.items(), strict=True):
+        for k, (name, pose) in enumerate(designs().items()):
+            axis.plot(*moved(name, pose, coordinate, ends), lw=1.3, color=f"C{k}", label=name)
+        axis.set(xlabel=label, ylim=(0, 1), xlim=(-ends, ends))
+    panels[0].set_ylabel("CTN, 0 to 1")
+    panels[0].legend(fontsize=7, loc="upper left")
+    maps = lower.subplots(1, 4, sharey=True)
+    for axis, (name, pose) in zip(maps, designs().items(), strict=True):
+        centre = pose.platform.mean(axis=0)
+        file = PlatformFile(StewartPlatform(pose.base, pose.platform - centre, name), centre, np.eye(3), None)
+        ranges = dict.fromkeys(("rx", "ry"), (-math.pi / 2, math.pi / 2))
+        found = index_maps(file, ranges, cells=61, names=["ctn"])
+        x, y = (np.degrees(own) for own in found.values)
+        filled = axis.contourf(x, y, found.maps["ctn"].T, levels=np.arange(0, 1.0001, 0.05), cmap="viridis")
+        axis.contour(x, y, found.signed.T, levels=[0.0], colors="#d00000", linewidths=1.2)
+        axis.set(
+            xlabel="rx [deg]", aspect="equal", xticks=[-90, -45, 0, 45, 90], yticks=[-90, -45, 0, 45, 90]
+        )
+        axis.set_title(f"{name}; red: singular", fontsize=10)
+    maps[0].set_ylabel("ry [deg]")
+    lower.colorbar(filled, ax=maps, label="CTN, 0 to 1")
+    figure.savefig(path, dpi=100)
+    plt.close(figure)
+
+
 def report(data: dict[str, Any]) -> str:
     """The results as Markdown."""
     families = [
@@ -321,6 +373,7 @@ def run(out: Path, members: int, starts: int, poses: int, seed: int) -> str:
         },
     }
     draw(out / "optimal_platforms.png")
+    draw_moved(out / "optimal_platforms_moved.png")
     data["seconds"] = round(time.perf_counter() - begin, 1)
     text = report(data)
     write_json(out / "optimal_platforms.json", data, indent=1)

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from ocptip.indices.arms.values import index_values
 from ocptip.indices.metric import OperationEllipsoid
@@ -67,12 +68,27 @@ def test_workspace_slice_shows_the_best_branch():
         assert maps[index][row, column] == pytest.approx(best)
 
 
+def test_gripper_turned_in_place():
+    model, q = arm_by_name("IRB2000"), np.radians([0, 0, 0, 0, 60, 0])
+    maps = index_maps.turned_in_place(model, q, 5, SPHERE)
+    assert maps["dm_2"][2, 2] >= index_values(model, q, names=["dm_2"])["dm_2"] - 1e-9
+    assert maps["x"] == pytest.approx(np.radians([-72, -36, 0, 36, 72]))
+    position, rotation = gripper_pose(model, q)
+    reached = np.isfinite(maps["dm_2"])
+    assert 3 < reached.sum() < 25
+    for row, column in np.argwhere(reached)[::3]:
+        turn = Rotation.from_rotvec([maps["x"][column], maps["y"][row], 0]).as_matrix()
+        branches = branches_of(model, position, turn @ rotation)
+        best = index_values(model, branches, names=["dm_2"])["dm_2"].max()
+        assert maps["dm_2"][row, column] == pytest.approx(best)
+
+
 def test_files(tmp_path, capsys):
     assert index_maps.main([str(tmp_path), "--grid", "7", "--joints", "3", "5"]) == 0
     assert "joint_plane" in capsys.readouterr().out
     record = json.loads((tmp_path / "index_maps.json").read_text())
     assert record["joints"] == [3, 5]
-    for name in ("joint_plane", "workspace"):
+    for name in ("joint_plane", "workspace", "turned"):
         assert (tmp_path / f"index_maps_{name}.png").stat().st_size > 20_000
         with np.load(tmp_path / f"index_maps_{name}.npz") as arrays:
             assert arrays["pi_oe"].shape == (7, 7)

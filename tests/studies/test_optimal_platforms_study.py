@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import json
+import math
 
 import pytest
 
+from ocptip.indices.platforms.controllability import control_number
+from ocptip.indices.platforms.flight_simulator import FlightSimulator
 from studies.indices import optimal_platforms
 
 
@@ -38,8 +41,28 @@ def test_search_and_workspaces_are_reported(small):
         assert row["undefined"] == 0
 
 
+def test_height_and_rotations_of_the_flight_simulator():
+    """Values that the specification computed for the source's lost figures, section 11.3."""
+    best = FlightSimulator.optimal()
+    pose = best.platform.at(best.position)
+    for coordinate, shift, value in (
+        ("z", 2 * 0.25 - 2 * best.height, None),
+        ("rx", 0.4, 0.450671),
+        ("ry", -0.4, 0.426701),
+        ("rz", 0.8, 0.218580),
+    ):
+        ends = math.degrees(shift) if coordinate != "z" else shift
+        x, values = optimal_platforms.moved("best", pose, coordinate, abs(ends) * 241 / 240)
+        assert x[0] == pytest.approx(-abs(ends), rel=1e-9)
+        expected = FlightSimulator(best.alpha, 0.25) if value is None else None
+        wanted = value if expected is None else control_number(expected.platform.at(expected.position)).value
+        assert values[0 if ends < 0 else -1] == pytest.approx(wanted, abs=2e-6)
+        assert values[120] == pytest.approx(0.687121499, abs=1e-8)
+
+
 def test_files_are_written(small):
     out, data = small
+    assert (out / "optimal_platforms_moved.png").stat().st_size > 50_000
     assert (out / "optimal_platforms.png").read_bytes().startswith(b"\x89PNG")
     assert "| K_M, mu = pi/3 | 1.000 |" in (out / "optimal_platforms.md").read_text()
     assert len(data["drawn"]) == 6

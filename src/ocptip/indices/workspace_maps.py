@@ -19,8 +19,9 @@ from ocptip.indices.arms.values import ARM_INDICES, index_values, six_or_more
 from ocptip.indices.meanings import ARM, PARALLEL, PLATFORM, Meaning
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.platforms.parallel_robots import ParallelIndices
-from ocptip.indices.platforms.platform import MINIMUM_LEGS, PlatformFile
+from ocptip.indices.platforms.platform import LEG_TOLERANCE, MINIMUM_LEGS, PlatformFile, StewartPlatform
 from ocptip.indices.platforms.rate import RatedPose
+from ocptip.indices.platforms.workspace import control_numbers
 from ocptip.numerics.threads import one_thread
 from ocptip.parallel.analysis.workspace import grid_of_poses, workspace
 from ocptip.parallel.robot import ParallelRobot
@@ -282,28 +283,39 @@ def _of_platform(
     wanted = platform_indices(names, ellipsoid)
     at = np.concatenate([file.position, np.zeros(3)])
     middles, poses, width = grid_of_poses(POSE_COORDINATES, at, ranges, cells)
-    shape, six = tuple(map(len, middles)), file.platform.n_legs == MINIMUM_LEGS
+    shape = tuple(map(len, middles))
     turns = Rotation.from_rotvec(poses[:, 3:]).as_matrix() @ file.rotation
     maps = {name: np.full(len(poses), np.nan) for name in wanted}
-    signed = np.full(len(poses), np.nan)
-    exists = np.zeros(len(poses), dtype=int)
-    for k, (pose, turn) in enumerate(zip(poses, turns, strict=True)):
-        try:
-            rated = RatedPose(file.platform, pose[:3], turn, ellipsoid)
-        except InputError:  # a leg of length zero
-            continue
-        exists[k] = 1
-        for name, value in rated.values(wanted).items():
+    if "ctn" in wanted:
+        maps["ctn"] = control_numbers(file.platform, poses[:, :3], turns)
+    signed, exists = _determinants(file.platform, poses[:, :3], turns)
+    single = [name for name in wanted if name != "ctn"]
+    for k in np.flatnonzero(exists) if single else ():
+        for name, value in RatedPose(file.platform, poses[k, :3], turns[k], ellipsoid).values(single).items():
             maps[name][k] = value
-        signed[k] = np.linalg.det(rated.pose.scaled.jacobian) if six else np.nan
+    if file.platform.n_legs != MINIMUM_LEGS:
+        signed[:] = np.nan
     return IndexMaps(
         file.platform.name,
         tuple(ranges),
         middles,
         at,
-        exists.reshape(shape),
+        exists.astype(int).reshape(shape),
         {name: own.reshape(shape) for name, own in maps.items()},
         {name: PLATFORM[name] for name in wanted},
         signed.reshape(shape),
         float(exists.sum() * width),
     )
+
+
+def _determinants(
+    platform: StewartPlatform, positions: np.ndarray, rotations: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Determinants (N,) of the Jacobians of the first six legs, and where all legs have a length."""
+    moved = platform.platform @ rotations.transpose(0, 2, 1) + positions[:, None, :]
+    legs = moved - platform.base
+    lengths = np.linalg.norm(legs, axis=2)
+    exists = lengths.min(axis=1) > LEG_TOLERANCE * np.abs(platform.base).max()
+    units = legs / np.where(lengths > 0, lengths, 1.0)[..., None]
+    rows = np.concatenate([np.cross(platform.base[None], units), units], axis=2)[:, :MINIMUM_LEGS]
+    return np.where(exists, np.linalg.det(rows), np.nan), exists
