@@ -88,8 +88,10 @@ def test_prepared_processes_have_the_modules():
         "with worker_pool(None, 2, 2) as pool:\n"
         "    has = pool.submit(eval, \"'colorsys' in __import__('sys').modules\").result()\n"
         "    threads = pool.submit(eval, \"__import__('os').environ['OMP_NUM_THREADS']\").result()\n"
-        "print(has, threads, ready.__name__)\n"
+        "    warm = pool.submit(eval, \"'numba.np.arraymath' in __import__('sys').modules\").result()\n"
+        "print(has, warm, threads, ready.__name__)\n"
     )
     said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
-    assert said.stdout.split() == [f"{sys.platform.startswith('linux')}", "1", "ready"], said.stderr
+    prepared = f"{sys.platform.startswith('linux')}"
+    assert said.stdout.split() == [prepared, prepared, "1", "ready"], said.stderr
     assert said.stderr == ""

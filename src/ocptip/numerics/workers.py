@@ -18,6 +18,7 @@ from ocptip.basics.version import version
 from ocptip.numerics.process_state import environment
 
 _THREADS = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+_WARM = "ocptip.numerics.warm"  # imported last
 _DEATHS = 2  # of processes, after which a call is given up
 _PATIENCE = 10.0  # s, until a cluster has answered and has a worker
 _one_call = threading.Lock()
@@ -36,15 +37,15 @@ def cores() -> int:
 def prepare_workers(modules: Sequence[str]) -> None:
     """Load modules for processes to come, while this one loads its own; where the system can, else nothing.
 
-    They are then forked from one that has them, with its environment of now: for a process that does one
-    thing, such as a command.
+    They are then forked from one that has them, and what Numba loads at its first call, with its environment
+    of now: for a process that does one thing, such as a command.
 
     Args:
         modules: names to import; one that cannot be imported is left out.
     """
     if not sys.platform.startswith("linux"):
         return
-    multiprocessing.get_context("forkserver").set_forkserver_preload(list(modules))
+    multiprocessing.get_context("forkserver").set_forkserver_preload([*modules, _WARM])
     with _interrupts_held(), environment(_THREADS):
         forkserver.ensure_running()
     _start_method[0] = "forkserver"
