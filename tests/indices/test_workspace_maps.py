@@ -159,6 +159,17 @@ def test_figures(names):
         figure.canvas.draw()
 
 
+def test_singular_poses_are_marked_where_they_are():
+    of_platform = index_maps(read_platform(SIMULATOR), {"rz": (-2.5, 2.5)}, cells=50, names=["ctn"])
+    (marks,) = index_maps_figure(of_platform).axes[0].collections
+    assert sorted(line[0, 0] for line in marks.get_segments()) == pytest.approx(
+        [-90, 90], abs=180 / np.pi * 0.1
+    )
+    of_arm = index_maps(arm_by_name("IRB2000"), {"x": (0.5, 2.5)}, pose=BENT, cells=20, names=["dm_2"])
+    assert 0 < of_arm.inside.sum() < 20
+    assert not index_maps_figure(of_arm).axes[0].collections[0].get_segments()
+
+
 def test_command(capsys, tmp_path):
     figure = tmp_path / "maps.png"
     words = [

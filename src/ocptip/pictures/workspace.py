@@ -66,7 +66,7 @@ def index_maps_figure(found: IndexMaps) -> Figure:
     count, slices = len(found.maps), [()]
     if len(found.names) == 3:
         slices = [(k,) for k in _chosen(found.inside, _SLICES)]
-    columns = min(3, count) if slices == [()] else len(slices)
+    columns = (2 if count == 4 else min(3, count)) if slices == [()] else len(slices)
     rows = count if len(slices) > 1 else -(-count // columns)
     figure = new_figure(4.0 * columns + 0.6, 3.4 * rows + 0.9)
     grid = figure.subplots(rows, columns, squeeze=False)
@@ -80,7 +80,7 @@ def index_maps_figure(found: IndexMaps) -> Figure:
         )
     figure.suptitle(_index_title(found))
     handles: list[Any] = [Patch(color=_OUTSIDE[0], label="out of reach, or beyond a joint's range")]
-    if np.isfinite(found.signed).any():
+    if _changes_sign(found.signed):
         handles.append(Line2D([], [], color=_SINGULAR, label="singular"))
     figure.legend(handles=handles, loc="outside lower center", ncols=2, fontsize=8, frameon=False)
     return figure
@@ -95,7 +95,8 @@ def _index_map(ax: Any, found: IndexMaps, name: str, own: tuple[int, ...]) -> An
     image = ax.pcolormesh(x, y, shown.T, cmap="viridis", vmin=0, vmax=_end(found, name), shading="nearest")
     _draw_singular(ax, x, y, found.signed[at])
     _label_map(ax, found, own)
-    ax.label_outer()
+    if own:
+        ax.label_outer()
     return image
 
 
@@ -103,10 +104,11 @@ def _index_curves(found: IndexMaps) -> Figure:
     figure = new_figure(7.0, 1.9 * len(found.maps) + 0.6)
     x = _shown(found.names[0], found.values[0])
     panels = figure.subplots(len(found.maps), 1, sharex=True, squeeze=False)[:, 0]
-    turns = np.flatnonzero(np.diff(np.sign(found.signed)) * np.isfinite(found.signed[1:]))
+    turns = np.flatnonzero(found.signed[1:] * found.signed[:-1] < 0)
+    singular = (x[turns] + x[turns + 1]) / 2
     for ax, name in zip(panels, found.maps, strict=True):
         ax.plot(x, np.minimum(found.maps[name], _end(found, name)))
-        ax.vlines(x[turns], 0.0, _end(found, name), color=_SINGULAR, lw=0.8, label="singular")
+        ax.vlines(singular, 0.0, _end(found, name), color=_SINGULAR, lw=0.8, label="singular")
         ax.set_ylim(bottom=0.0)
         ax.set_ylabel(_index_label(found, name))
     if turns.size:
@@ -172,9 +174,13 @@ def _label_map(ax: Any, found: Workspace | IndexMaps, own: tuple[int, ...]) -> N
         ax.set_title(f"{name} = {_shown(name, found.values[2])[own[0]]:.3g} {unit}", fontsize=9)
 
 
+def _changes_sign(signed: np.ndarray) -> bool:
+    return bool(np.nanmin(signed, initial=1.0) < 0 < np.nanmax(signed, initial=-1.0))
+
+
 def _draw_singular(ax: Any, x: np.ndarray, y: np.ndarray, signed: np.ndarray) -> None:
     """The line (n1, n2) where the sign changes."""
-    if np.nanmin(signed, initial=1.0) < 0 < np.nanmax(signed, initial=-1.0):
+    if _changes_sign(signed):
         ax.contour(x, y, np.ma.masked_invalid(signed.T), levels=[0.0], colors=_SINGULAR, linewidths=1.2)
 
 
