@@ -107,6 +107,29 @@ def test_a_file_that_cannot_be_written_does_not_cost_the_answer(monkeypatch, cap
     assert answer.written == ["first"]
 
 
+class Early(Answer):
+    early = True
+
+    def to_text(self):
+        return "\n".join(["text", *self.written])
+
+
+@pytest.mark.parametrize("failure", [None, OSError(28, "No space left on device", "map.png")])
+def test_an_early_answer_is_said_before_its_files_are_written(monkeypatch, capsys, failure):
+    answer, before = Early(failure=failure), []
+    own = answer.write
+
+    def write():
+        before.append(capsys.readouterr().out)
+        yield from own()
+
+    monkeypatch.setattr(answer, "write", write)
+    assert answered(monkeypatch, "stand", answer) == (2 if failure else 0)
+    assert (before, capsys.readouterr().out) == (["text\n"], "first\n")
+    assert answered(monkeypatch, "stand", Early(), "--json") == 0
+    json.loads(capsys.readouterr().out)
+
+
 def test_help_of_every_command_loads_no_numerics():
     code = (
         "import sys\nfrom ocptip.cli.main import main\n"

@@ -77,6 +77,7 @@ class CellReport(Report):
         figures: whether figures are among them.
     """
 
+    early = True
     cell: CellTask
     found: CyclePlacements
     best: CycleReport | None

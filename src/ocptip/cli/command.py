@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 YES, NO, BAD_INPUT, INTERNAL_ERROR, INTERRUPTED = 0, 1, 2, 3, 130
 DEBUG = "OCPTIP_DEBUG"
@@ -26,8 +26,10 @@ class Report(ABC):
     Attributes:
         written: the files that were written.
         warnings: what was suspicious about the input.
+        early: the text ends with the files, and what it says before them is said before they are written.
     """
 
+    early: ClassVar[bool] = False
     written: list[Path] = field(default_factory=list, init=False)
     warnings: list[str] = field(default_factory=list, init=False)
 
@@ -149,8 +151,13 @@ class Command:
             with suspicions() as said:
                 report: Report = module.run(options)
             report.warnings = said
+            answer = report.to_text() if report.early and not options.json else ""
+            if answer:
+                _print(answer)
             failure = written(report)
-            _print(report.to_json() if options.json else report.to_text())
+            text = report.to_json() if options.json else report.to_text()
+            if rest := text.removeprefix(answer).lstrip("\n"):
+                _print(rest)
             return report.exit_code if failure is None else _say(*explained(failure))
         except KeyboardInterrupt as stop:
             return _say(INTERRUPTED, f"interrupted {stop}".rstrip())

@@ -133,6 +133,7 @@ class CycleReport(Report):
         digest: of all that the plan depends on.
     """
 
+    early = True
     plan: CyclePlan
     executions: list[Execution]
     motion: MotionSequence

@@ -100,6 +100,7 @@ class PlaceReport(Report):
         dropped: placements that do not hold that tolerance.
     """
 
+    early = True
     name: str
     answer: PlacementResult | NoPlacementError
     directory: Path

@@ -212,6 +212,7 @@ class PlanReport(Report):
         price: what it costs that it may be stopped; empty if it need not.
     """
 
+    early = True
     plan: MotionPlan
     execution: Execution
     time_scale: list[tuple[float, MotionCheck]] = field(default_factory=list)
