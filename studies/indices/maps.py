@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from ocptip.basics.errors import InputError
 from ocptip.basics.write import versions, write_json
@@ -162,7 +163,8 @@ def draw(maps: dict[str, np.ndarray], title: str, labels: tuple[str, str], degre
         axes.contour(x, y, np.minimum(value, top), levels=levels[1::2], colors="k", linewidths=0.3)
         if "det" in maps:
             axes.contour(x, y, maps["det"], levels=[0.0], colors="w", linewidths=1.8)
-        figure.colorbar(filled, ax=axes, ticks=np.linspace(0.0, top, 5), format="%.3g")
+        round_ones = MaxNLocator(5).tick_values(0.0, top)
+        figure.colorbar(filled, ax=axes, ticks=round_ones[round_ones <= top], format="%.3g")
         axes.set_title(label, fontsize=10)
         axes.set_facecolor("0.85")
         if not degrees:

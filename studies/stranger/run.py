@@ -24,6 +24,7 @@ from ocptip.basics.write import write_json, write_text
 from studies.common import RESULTS, ended, machine, table
 
 REPOSITORY = Path(__file__).parents[2]
+AGAIN = "plan, again"  # to see what the first one compiles; not a part of the path
 PACKAGE, URDF = "airo-models", "arms/ur5e/ur5e.urdf"
 
 
@@ -72,7 +73,7 @@ def path_of(folder: Path, urdf: str | None) -> Iterator[Step]:
     task = folder / "cart.toml"
     task.write_text(filled_in(task.read_text()))
     yield step("plan", folder, "ocptip", "plan", "cart.toml", "--out", "plan", "--jobs", "1")
-    yield step("plan, again", folder, "ocptip", "plan", "cart.toml", "--out", "plan", "--jobs", "1")
+    yield step(AGAIN, folder, "ocptip", "plan", "cart.toml", "--out", "plan", "--jobs", "1")
     yield step("check", folder, "ocptip", "check", "plan")
     yield step("view", folder, "ocptip", "view", "plan", "--html", "view.html")
     yield step("report", folder, "ocptip", "report", "plan", "--out", "report.html")
@@ -89,9 +90,11 @@ def text_of(steps: list[Step]) -> str:
         (one.name, f"`{one.typed}`", f"{one.seconds:.1f}", f"{one.cpu_seconds:.1f}", one.said)
         for one in steps
     ]
-    wall, cpu = sum(one.seconds for one in steps), sum(one.cpu_seconds for one in steps)
+    path = [one for one in steps if one.name != AGAIN]
+    wall, cpu = sum(one.seconds for one in path), sum(one.cpu_seconds for one in path)
     head = ("step", "typed", "wall [s]", "CPU [s]", "first line")
-    return "\n".join([*table(head, rows, left=2), "", f"In all {wall:.0f} s, {cpu:.0f} s of CPU time.", ""])
+    total = f"In all, without the second plan, {wall:.0f} s, {cpu:.0f} s of CPU time."
+    return "\n".join([*table(head, rows, left=2), "", total, ""])
 
 
 def main(arguments: list[str] | None = None) -> int:

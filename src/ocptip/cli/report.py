@@ -265,9 +265,9 @@ class Document:
         if self.segments is not None and isinstance(self.task, CycleTask):
             titles, *rows = segment_rows(self.task, self.segments)
             yield html.grid(titles, rows)
-        yield html.items(text for _, text in certificate_rows(checked))
+        yield html.items(map(_labelled, certificate_rows(checked)))
         for stage in self.stages:
-            yield html.items(stage.said(text for _, text in within_rows(stage.checked or checked)))
+            yield html.items(stage.said(map(_labelled, within_rows(stage.checked or checked))))
         titles, *rows = worst_rows(checked)
         yield html.grid(titles, rows)
         yield html.items(checked.contacts.lines())
@@ -293,6 +293,11 @@ class Document:
             "in the worst directions together. GN: use of the reserve against tipping, GT: of the friction; "
             "1: lost. Directions in degrees from the base's x axis towards y."
         )
+        if self.task.robot.slip.redistribution == "full":
+            yield html.paragraph(
+                "Least forces are those of one possible sharing: rigid ground leaves open how so many "
+                "contacts share a load. GN and GT do not depend on it."
+            )
         titles = ("pose", "payload", "tilt", "push", "stands", "GN", "GT", "least force", "worst direction")
         yield html.grid(titles, map(_case_row, self.cases))
         yield html.heading("Tilt by direction")
@@ -382,6 +387,12 @@ class DocumentReport(Report):
         make = html.pdf if self.out.suffix == ".pdf" else html.page
         write_bytes(self.out, make(self.document.headline, self.document.parts()))
         yield self.out
+
+
+def _labelled(row: tuple[str, str]) -> str:
+    """A row of a command's output as a sentence of its own."""
+    label, text = row
+    return f"{label}: {text}" if label else text
 
 
 def _case_row(case: LoadCase) -> tuple[str, ...]:
