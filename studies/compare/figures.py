@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import MaxNLocator, NullLocator
 
 from ocptip.trajectories.arm_motion import ArmMotion
 from studies.compare.methods import METHODS
@@ -135,11 +135,16 @@ def _grid(axis) -> None:
 
 
 def _plain_log(axis, limits: tuple[float, float]) -> None:
-    """Ticks of a logarithmic axis as ordinary numbers."""
-    steps = [m * 10.0**e for e in range(0, 6) for m in (1, 1.5, 2, 3, 5, 7)]
-    axis.set_ticks([s for s in steps if limits[0] <= s <= limits[1]])
+    """Ticks of a logarithmic axis as ordinary numbers, three at least."""
+    ticks: list[float] = []
+    for steps in ((1, 2, 5), (1, 1.5, 2, 3, 5, 7), (1, 1.2, 1.5, 2, 2.5, 3, 3.5, 4, 5, 6, 7, 8)):
+        every = [m * 10.0**e for e in range(0, 6) for m in steps]
+        ticks = [s for s in every if limits[0] <= s <= limits[1]]
+        if len(ticks) > 2:
+            break
+    axis.set_ticks(ticks)
     axis.set_major_formatter(lambda value, _: f"{value:g}")
-    axis.set_minor_formatter(lambda *_: "")
+    axis.set_minor_locator(NullLocator())
 
 
 def _legend(figure: Figure, handles: list[Line2D], records: dict[Key, dict], note: str = "") -> None:
