@@ -45,11 +45,13 @@ def phase_plane(plan: MotionPlan, timed: Retimed) -> Figure:
     figure = new_figure(9.5, 5.5)
     ax = figure.subplots()
     motion = timed.motion
-    names = sorted({*timed.active, *timed.curve_limits} - {""}, key=_rank)
+    rates = np.sqrt(motion.x)
+    top = ROOM * float(rates.max())
+    seen = (name for name, pace in zip(timed.curve_limits, timed.curve, strict=False) if pace <= top)
+    names = sorted({*timed.active, *seen} - {""}, key=_rank)
     colors = {name: COLORS[k % len(COLORS)] for k, name in enumerate(names)}
     begins = motion.s[:-1]
     _by_name(ax, begins, timed.curve, timed.curve_limits, colors, lw=1.2, alpha=0.55, gid="limit")
-    rates = np.sqrt(motion.x)
     coloured = len(timed.active) == len(begins) and timed.cheapest is None and timed.jerk is None
     ax.plot(motion.s, rates, color=_OTHER, lw=2.0, gid="timing", label=None if coloured else "timing")
     if coloured:
@@ -65,7 +67,7 @@ def phase_plane(plan: MotionPlan, timed: Retimed) -> Figure:
     if "" in (*timed.curve_limits, *(timed.active if coloured else ())):
         ax.plot([], [], color=_OTHER, lw=2.6, label="none at this place", gid="none")
     ax.set_xlim(0.0, 1.0)
-    ax.set_ylim(0.0, ROOM * float(rates.max()))
+    ax.set_ylim(0.0, top)
     ax.set_xlabel("s, place on the path (0: start, 1: goal)")
     ax.set_ylabel("ds/dt, speed along the path [1/s]")
     ax.grid(axis="y", color="#ececec", lw=0.8)
