@@ -106,6 +106,7 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
 
     def study() -> str:
+        options.out.mkdir(parents=True, exist_ok=True)  # not only after minutes
         with tempfile.TemporaryDirectory() as scratch:
             folder = (options.folder or Path(scratch)).resolve()
             folder.mkdir(exist_ok=True)

@@ -392,7 +392,7 @@ class DocumentReport(Report):
 def _labelled(row: tuple[str, str]) -> str:
     """A row of a command's output as a sentence of its own."""
     label, text = row
-    return f"{label}: {text}" if label else text
+    return f"{label} {text}" if label else text
 
 
 def _case_row(case: LoadCase) -> tuple[str, ...]:

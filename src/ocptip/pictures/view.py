@@ -33,7 +33,6 @@ from ocptip.task_files.scene import Scene
 FRAMES, RATE = 240, 30.0  # at most so many frames, so many per second
 FORCE, CONE, GHOST = (30, 140, 60), (120, 190, 120), (230, 130, 0)
 POLYGON, AXIS, POINT, LOAD = (40, 40, 40), (200, 30, 30), (220, 0, 160), (190, 40, 40)
-_SHORT = 1e-3  # of the largest force: such an arrow would be a head without a shaft
 _TALL = 0.5  # height of an arrow for the whole weight, over the size of the picture
 
 
@@ -373,9 +372,9 @@ class Forces:
         """Forces (n, 3), N, contact axes, of state k of the reserves."""
         known = np.nan_to_num(forces)
         world = np.einsum("kij,kj->ki", self.support.frames, known)
-        ends, length = self.points + self.scale * world, np.linalg.norm(world, axis=1)
+        ends, length = self.points + self.scale * world, self.scale * np.linalg.norm(world, axis=1)
         largest = np.argmax(length)
-        drawn = np.where(length > _SHORT * length[largest], np.arange(len(length)), largest)  # no bare heads
+        drawn = np.where(length > bodies.HEAD * self.size, np.arange(len(length)), largest)  # no bare heads
         ends[largest, 2] += 1e-4 * self.size
         self.arrows.points = np.stack([self.points, ends], axis=1)[drawn].astype(np.float32)
         nearest = int(tip.nearest_axis[k])

@@ -16,6 +16,7 @@ from ocptip.standing.arm import StandingRobot
 LINK, JOINT, BASE, HELD = (70, 110, 160), (240, 170, 60), (90, 90, 90), (200, 110, 50)
 OBSTACLE, GROUND = (150, 150, 150), (215, 215, 215)
 SHEER = 0.35  # of a ghost
+HEAD = 0.03  # length of the head of an arrow, over the size of the picture
 _SIDES = 24  # of a cone
 
 
@@ -154,7 +155,7 @@ def cone(friction: float, height: float) -> tuple[np.ndarray, np.ndarray]:
 def arrows(scene: Any, name: str, points: np.ndarray, color: tuple[int, int, int], size: float) -> Any:
     return scene.add_arrows(
         name, points.astype(np.float32), colors=color, shaft_radius=0.006 * size, head_radius=0.014 * size,
-        head_length=0.03 * size,
+        head_length=HEAD * size,
     )  # fmt: skip
 
 
