@@ -311,7 +311,8 @@ class Document:
             yield html.heading("Largest payload")
             least = f"{quantity(float(held.min()), 'kg')} more at the gripper at {times[held.argmin()]:.3f} s"
             yield html.paragraph(
-                f"At rest in the postures of the motion; least: {least}. Drives not looked at."
+                f"At rest in the postures of the motion, up to the robot's own mass; least: {least}. Drives "
+                "not looked at."
             )
             yield html.picture(payload_figure(times, held), "What the gripper may hold, at rest.")
 

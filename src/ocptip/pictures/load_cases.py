@@ -18,11 +18,12 @@ def tilt_figure(found: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Figure:
     """
     figure = new_figure(6.0, 5.6)
     ax = figure.add_subplot(projection="polar")
-    for (name, (sides, tilts)), color in zip(found.items(), COLORS * len(found), strict=False):
+    widths = np.linspace(6.0, 1.5, max(len(found), 2))  # curves often lie on each other
+    for (name, (sides, tilts)), color, width in zip(found.items(), COLORS * len(found), widths, strict=False):
         turns = np.arctan2(sides[:, 1], sides[:, 0])
         order = np.argsort(turns)
         order = np.append(order, order[0])
-        ax.plot(turns[order], np.degrees(tilts)[order], color=color, label=name, gid=f"tilt-{name}")
+        ax.plot(turns[order], np.degrees(tilts)[order], color=color, lw=width, label=name, gid=f"tilt-{name}")
     ax.set_ylim(bottom=0.0)
     ax.set_title("largest tilt of the floor [deg] at rest, by direction downhill (0: x, 90: y)", fontsize=9)
     ax.legend(frameon=False, fontsize=8, loc="lower left", bbox_to_anchor=(-0.18, -0.12))
