@@ -9,13 +9,14 @@ from typing import Any
 
 from ocptip.basics.toml_text import toml_text
 from ocptip.motion.objective import Objective
+from ocptip.standing.arm import StandingRobot
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 
 TASK = "task/task.toml"
 """The task file within a plan's folder; beside it what it names."""
 
-LIMITS = ("GN", "GT", "torque_ratio", "clearance", "damping", "foot_lift", "foot_force", "jump_foot_force")
+LIMITS = ("GN", "GT", "torque_ratio", "clearance", "foot_lift", "foot_force", "jump_foot_force")
 """Keys of `[limits]` that are fields of `MotionLimits`."""
 
 
@@ -49,7 +50,7 @@ class TaskSource:
             asked.pop(key, None)
         if rise_times is not None:
             asked["rise_time"] = list(rise_times) or 0.0
-        data["tolerance"] = limits.tolerance.to_table() or {"preset": "none"}
+        data["tolerance"] = tolerance_table(limits, self.robot)
         if limits.stoppable:
             data["stops"] = {**data.get("stops", {}), **_stops(limits)}
         motion = data.setdefault("motion", {})
@@ -62,6 +63,13 @@ class TaskSource:
         if objective.name == "both":
             motion["price_per_second"] = objective.time_weight
         return toml_text(data)
+
+
+def tolerance_table(limits: MotionLimits, robot: StandingMechanism) -> dict[str, Any]:
+    """The table `[tolerance]`; that of a parallel robot holds the damping with which its jumps count."""
+    if not isinstance(robot, StandingRobot) and limits.damping < 1:
+        return {"damping": limits.damping}
+    return limits.tolerance.to_table() or {"preset": "none"}
 
 
 def source_of(task: Any) -> TaskSource | None:

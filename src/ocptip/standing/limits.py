@@ -26,8 +26,9 @@ class MotionLimits:
         clearance: smallest distance of collision spheres, m.
         angle_margin: smallest distance of turning joints from their angle limits, rad.
         min_duration, max_duration: of the motion, s; equal for a motion that must take just so long.
-        damping: damping ratio of feet and structure, with which loads overshoot where they jump, of the
-            motion as described; 1: jumps do not count; see `ocptip.standing.limit_kinds.jumps`.
+        damping: damping ratio of feet and gears that give, or of a parallel robot's structure, with which
+            loads overshoot where they jump, of the motion as described; 1: jumps do not count; see
+            `ocptip.standing.limit_kinds.jumps`. Arms have that of `tolerance`, too.
         foot_lift: largest height above the ground, m, of a foot that gives, while the base swings.
         foot_force: least normal force of a foot that gives, as springs share the load at rest on them, N.
         jump_foot_force: the same of the loads after jumps with their overshoot, N.

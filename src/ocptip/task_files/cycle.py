@@ -13,7 +13,6 @@ from ocptip.basics.doubts import doubt
 from ocptip.basics.errors import InputError
 from ocptip.basics.toml import MARK, Table, read_text
 from ocptip.motion.cycles.task import CycleTask, Segment
-from ocptip.motion.source import LIMITS
 from ocptip.motion.task import MotionTask
 from ocptip.robots.inverse.pose_target import PoseTarget
 from ocptip.standing.limits import MotionLimits
@@ -22,7 +21,7 @@ from ocptip.standing.tolerance import NONE, Tolerance
 from ocptip.task_files.arm import LOCKED
 from ocptip.task_files.doubts import doubt_masses, doubt_units
 from ocptip.task_files.kinds import require_kind
-from ocptip.task_files.motion import TABLES, TaskScene, load_task, ramp_task, read_end
+from ocptip.task_files.motion import TABLES, TaskScene, limit_numbers, load_task, ramp_task, read_end
 from ocptip.task_files.source import task_source
 
 _SHARED = (
@@ -154,7 +153,7 @@ def _segment(
     """One segment; `before` is a posture that it may start in, `start` what the first one may."""
     name, dwell = table.text("name", f"{number}"), table.number("dwell", 0.0, bound=">= 0")
     own = table.table("limits", optional=True)
-    limits = own.make(replace, scene.limits, **own.numbers(*LIMITS))
+    limits = own.make(replace, scene.limits, **limit_numbers(own))
     if "goal" in table and isinstance(table.value("goal"), str):
         goals, pose = start
         if table.value("goal") != _BACK or not last:

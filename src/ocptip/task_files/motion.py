@@ -147,8 +147,14 @@ class TaskScene:
         if "segment" not in data:  # segments of cycles are planned as ramps
             table.one_of(*_RISES, optional=True)
         limits = table.make(MotionLimits, angle_margin=margin, **numbers)
-        plain = "robot" in data  # parallel robots: not looked at
-        self.limits = replace(limits, tolerance=tolerance_of(data, NONE if plain else otherwise))
+        parallel = "robot" in data
+        tolerance = tolerance_of(data, NONE if parallel else otherwise)
+        if parallel and tolerance.given == ("damping",):
+            self.limits = replace(
+                limits, damping=tolerance.damping
+            )  # nothing else is looked at: no worst case
+        else:
+            self.limits = replace(limits, tolerance=tolerance)
 
     def robot(self, segment: Table | None = None) -> StandingMechanism:
         """The robot on its support, with what it holds in a segment of a cycle."""
@@ -223,11 +229,18 @@ def _durations(table: Table) -> dict[str, float]:
 
 
 def _numbers(table: Table, support: Support, motors: Table) -> dict[str, float]:
-    """Of [limits]. Jumps count by default with the least damping ratio of feet and gears that give."""
+    """Of [limits]; jumps count with the least damping ratio of feet and gears that give."""
     ratios = [spring.ratio for spring in support.elastic.springs] if support.elastic else []
     if "gear_stiffness" in motors:
         ratios += [0.0 if "gear_damping" in motors else gear_damping_ratio(motors)]
-    return {"damping": min(ratios, default=1.0), **table.numbers(*LIMITS)}
+    return {"damping": min(ratios, default=1.0), **limit_numbers(table)}
+
+
+def limit_numbers(table: Table) -> dict[str, float]:
+    """Numbers of a table [limits] as they are."""
+    if "damping" in table:
+        raise table.error("is now damping in [tolerance], for all robots", "damping")
+    return table.numbers(*LIMITS)
 
 
 def _rise_times(table: Table, robot: StandingMechanism) -> tuple[float, ...] | None:

@@ -14,6 +14,7 @@ from ocptip.motion.planner.event_order import order_of
 from ocptip.motion.planner.formulation import Formulation
 from ocptip.motion.planner.one_start import Search
 from ocptip.motion.planner.random_start import random_start
+from ocptip.motion.task import refusals
 from ocptip.motion.within_tolerance import worst_within
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.limit_kinds.jumps import Jumps
@@ -77,7 +78,7 @@ def test_loads_at_jumps_are_combined_from_those_of_both_sides(seed, kappa):
     tilt=st.sampled_from([0.0, 0.005]),
 )
 def test_a_tolerance_asks_for_all_that_limits_ask_of_jumps(seed, case, damping, less, delay, tilt):
-    """So `[limits]` damping needs no rows where that of `[tolerance]` overshoots at least as much."""
+    """So damping of feet and gears needs no rows where that of `[tolerance]` overshoots at least as much."""
     task = experiment_task(case)
     rng = np.random.default_rng(seed)
     own = task.robot, task.start, task.goal, task.optimised, task.commands, task.limits
@@ -201,7 +202,7 @@ def test_plans_carry_their_jumps(task):
 
 @pytest.mark.parametrize(
     ("line", "expected"),
-    [("damping = 0.05", KAPPA), ("damping = 0", 1.0), ("damping = 1", 0.0), ("GN = 0.8", 0.0)],
+    [("damping = 0.05", KAPPA), ("damping = 0", 1.0), ('preset = "none"', 0.0)],
 )
 def test_task_files_ask_for_it(tmp_path, line, expected):
     assert load_task(written(tmp_path, line)).limits.overshoot == pytest.approx(expected)
@@ -210,8 +211,9 @@ def test_task_files_ask_for_it(tmp_path, line, expected):
 @pytest.mark.parametrize(
     ("line", "message"),
     [
-        ("damping = 1.5", "limits.damping: must be >= 0 and <= 1, got 1.5"),
-        ("overshoot = 0.5", "limits.overshoot: unknown key; known: .* damping,"),
+        ("damping = 1.5", "tolerance.damping: must be >= 0 and below 1, got 1.5"),
+        ("overshoot = 0.5", "tolerance.overshoot: unknown key; known: .* damping"),
+        ("[limits]\ndamping = 0.5", r"limits.damping: is now damping in \[tolerance\], for all robots$"),
     ],
 )
 def test_bad_numbers_are_named(tmp_path, line, message):
@@ -223,5 +225,11 @@ def written(folder, line):
     path = folder / "task.toml"
     path = folder / "task.toml"
     text = (EXAMPLES / "tasks" / "delta_cart.toml").read_text()
-    path.write_text(f"{text.partition('[limits]')[0]}\n[limits]\n{line}\n")
+    path.write_text(f"{text.partition('[limits]')[0]}\n[tolerance]\n{line}\n")
     return path
+
+
+def test_other_tolerances_of_parallel_robots_are_refused(tmp_path):
+    task = load_task(written(tmp_path, "damping = 0.05\nspeed = 0.03"))
+    with pytest.raises(InputError, match="tolerance: of parallel robots only damping is looked at"):
+        refusals(task)

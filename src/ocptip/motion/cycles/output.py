@@ -30,7 +30,7 @@ from ocptip.motion.output import (
     write_folder,
 )
 from ocptip.motion.plan import MotionPlan
-from ocptip.motion.source import LIMITS, TASK, TaskSource, source_of
+from ocptip.motion.source import LIMITS, TASK, TaskSource, source_of, tolerance_table
 from ocptip.standing.mechanism import MotionSamples
 from ocptip.trajectories.sequence import MotionSequence, joined
 
@@ -206,5 +206,5 @@ def _task_text(task: CycleTask, source: TaskSource) -> str:
         price = {"price_per_second": objective.time_weight} if objective.name == "both" else {}
         rows.append({**own, **price})
     data = {key: value for key, value in source.data.items() if key != "tolerance"}
-    tolerance = task.limits.tolerance.to_table() or {"preset": "none"}
+    tolerance = tolerance_table(task.limits, task.robot)
     return toml_text({"name": task.name, **data, "tolerance": tolerance, "segment": rows})

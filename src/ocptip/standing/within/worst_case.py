@@ -73,7 +73,9 @@ class WorstCase:
 
     def __init__(self, robot: StandingMechanism, tolerance: Tolerance) -> None:
         if not isinstance(robot, StandingRobot):
-            raise InputError("tolerance: looked at for arms only, not for parallel robots (--tolerance none)")
+            raise InputError(
+                "tolerance: of parallel robots only damping is looked at, in [tolerance] (--tolerance none)"
+            )
         self.deviations: Deviations = deviations_of(robot, tolerance)
         self.robot = _weakest(robot, tolerance)
         self.reference = robot.tip_over.reference_moment or 0.0
