@@ -21,7 +21,7 @@ from ocptip.cli.layout import (
     gear_rows,
     masses,
     named,
-    rises,
+    rise_rows,
     sensitivities_to_dict,
     table,
     under,
@@ -266,8 +266,8 @@ class CheckReport(Report):
         moving = f"{quantity(checked.energy, 'J')} in {quantity(checked.duration, 's')}"
         rows = [("energy", f"{moving}, checked at {checked.samples} instants")]
         rows += under("retimed", [self.retimed] if self.retimed else ())
-        if isinstance(self.motion, ArmMotion) and self.motion.rise_times:
-            rows.append(("S-curves", rises(self.motion)))
+        if isinstance(self.motion, ArmMotion):
+            rows += rise_rows(self.motion, checked)
         more = {"sensitivities": self.sensitivities, "stops": self.stops}
         rows += check_rows(checked, self.tolerated, **more)
         if self.segments:

@@ -7,7 +7,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ocptip.basics.text import quantity
+import numpy as np
+
+from ocptip.basics.text import percent, quantity
+from ocptip.standing.tolerance import overshoot_of_rise, overshoot_of_rises
 
 if TYPE_CHECKING:  # most of them take long to load, and `ocptip stand` needs none
     from ocptip.motion.check import MotionCheck
@@ -115,6 +118,22 @@ def rises(motion: ArmMotion) -> str:
         {f"{1e3 * rise:.4g}" for rise in (min(motion.rise_times), max(motion.rise_times))}, key=float
     )
     return f"accelerations rise within {' to '.join(ends)} ms"
+
+
+def rise_rows(motion: ArmMotion, checked: MotionCheck) -> list[tuple[str, str]]:
+    """How accelerations rise, and what it neglects that this counts as no jump; nothing of ramps."""
+    if not motion.rise_times:
+        return []
+    texts, within = [rises(motion)], checked.within and checked.within.tolerance
+    shortest = min(rise for rise in motion.rise_times if rise)
+    if within and within.damping is not None:
+        own = [checked.feet.frequency * shortest] if checked.feet else []
+        half, *feet = map(percent, overshoot_of_rise(within.damping, np.array([0.5, *own])))
+        text = f"counted as no jump: feet and structure of {1 / shortest:.3g} Hz and more overshoot by up to "
+        text += f"{percent(overshoot_of_rises(within.damping, 1.0))} of a change, of {0.5 / shortest:.3g} Hz "
+        text += f"by {half}, {f'these feet by {feet[0]}, ' if feet else ''}after a jump by "
+        texts.append(text + percent(within.overshoot))
+    return under("S-curves", texts)
 
 
 def use_of_reserves(checked: MotionCheck) -> str:

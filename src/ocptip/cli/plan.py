@@ -16,7 +16,7 @@ from ocptip.cli.cycles import RISE_TIME, cycle_with_options, plan_it
 from ocptip.cli.layout import (
     check_rows,
     masses,
-    rises,
+    rise_rows,
     sensitivities_to_dict,
     summary,
     under,
@@ -283,8 +283,8 @@ class PlanReport(Report):
         """How the motion was found."""
         lines = [("starts", self._starts())]
         lines += [("", f"start {one.number} {one.status}") for one in self.plan.lost]
-        if isinstance(self.plan.motion, ArmMotion) and self.plan.motion.rise_times:
-            lines.append(("S-curves", rises(self.plan.motion)))
+        if isinstance(self.plan.motion, ArmMotion):
+            lines += rise_rows(self.plan.motion, self.plan.check)
         if "choices" in self.plan.options:
             pairs = self.plan.options["choices"]
             lines.append(

@@ -23,6 +23,7 @@ from ocptip.contact.support import Support
 
 _ALONG = 1e-9  # sine of the angle up to which an axis counts as along gravity
 _STEEPEST = pi / 4  # rad
+_STEPS = 200
 _LATEST = 1.0  # s; above that it is the value that is off: not in ms
 _SHARES = ("arm_mass", "payload_mass", "friction", "speed")
 _SIZES = ("tilt", "extra_mass", "delay", "push", "base_push")
@@ -56,6 +57,33 @@ def overshoot_of(damping: float) -> float:
     if not 0 <= ratio <= 1:
         raise InputError(f"damping: must be >= 0 and <= 1, got {damping!r}")
     return exp(-ratio * pi / sqrt(1 - ratio**2)) if ratio < 1 else 0.0
+
+
+def overshoot_of_rise(damping: float, periods: np.ndarray) -> np.ndarray:
+    """The same where the load does not jump but changes evenly within a rise time.
+
+    An oscillator whose load rises so swings, after that, as the mean of its answers to jumps at all instants
+    of the rise: with e(t) = Re(c exp(l t)) for a jump, l its eigenvalue of frequency f, as
+    Re(c (1 - exp(-l T)) / (l T) exp(l t)).
+
+    Args:
+        damping: damping ratio, below 1.
+        periods: f T > 0, undamped natural frequency times rise time.
+
+    Returns:
+        Shares of the change; of one period 0 without damping, of longer rises at most 1 / (pi f T).
+    """
+    swing = sqrt(1 - damping**2)
+    periods = np.asarray(periods, dtype=float)[..., None]
+    rate = 2 * pi * (-damping + 1j * swing)  # per undamped period
+    height = (1 - 1j * damping / swing) * (1 - np.exp(-rate * periods)) / (rate * periods)
+    after = periods + np.linspace(0, 1 / swing, _STEPS)  # in undamped periods: a damped one after the rise
+    return np.maximum(0.0, np.max(-np.real(height * np.exp(rate * after)), axis=-1))
+
+
+def overshoot_of_rises(damping: float, periods: float) -> float:
+    """The greatest share for rises of so many periods and more; at least one."""
+    return float(np.max(overshoot_of_rise(damping, periods + np.linspace(0, 1, _STEPS))))
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
-from scipy.signal import StateSpace, step
+from scipy.signal import StateSpace, lsim, step
 
 from ocptip.basics.errors import InputError
 from ocptip.motion.check import check_motion
@@ -21,7 +21,7 @@ from ocptip.standing.limit_kinds.jumps import Jumps
 from ocptip.standing.limit_kinds.kinds import limits_of
 from ocptip.standing.limit_kinds.limit import JUMP
 from ocptip.standing.limits import MotionLimits
-from ocptip.standing.tolerance import Tolerance, overshoot_of
+from ocptip.standing.tolerance import Tolerance, overshoot_of, overshoot_of_rise, overshoot_of_rises
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.controllers import controller_points
 from tests.places import EXAMPLES
@@ -40,6 +40,22 @@ def test_overshoot_is_that_of_a_mass_on_spring_and_damper(damping):
     swing = StateSpace([[0, 1], [-1, -2 * damping]], [[0], [1]], [[1, 0]], [[0]])
     times = np.linspace(0, 2 * np.pi, 20001)
     assert overshoot_of(damping) == pytest.approx(step(swing, T=times)[1].max() - 1, abs=1e-6)
+
+
+@settings(max_examples=30)
+@given(damping=st.floats(0.0, 0.7), periods=st.floats(0.02, 4.0))
+def test_rises_overshoot_as_a_mass_on_spring_and_damper_whose_load_rises_evenly(damping, periods):
+    """In time of 1 rad per undamped radian; the greatest of the whole swing, the rise included."""
+    swing = StateSpace([[0, 1], [-1, -2 * damping]], [[0], [1]], [[1, 0]], [[0]])
+    rise = 2 * np.pi * periods
+    times = np.linspace(0, rise + 4 * np.pi, 8001)
+    greatest = lsim(swing, np.minimum(times / rise, 1.0), times)[1].max() - 1
+    expected = float(overshoot_of_rise(damping, np.array(periods)))
+    assert expected == pytest.approx(max(greatest, 0.0), abs=2e-3)
+    assert expected <= overshoot_of(damping) + 1e-6
+    assert expected <= 1 / (np.pi * periods)
+    if periods >= 1:
+        assert expected <= overshoot_of_rises(damping, 1.0) + 1e-3
 
 
 @pytest.mark.parametrize("damping", [-0.1, 1.1, float("nan"), "soft"])
