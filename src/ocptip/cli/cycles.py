@@ -20,6 +20,14 @@ from ocptip.cli.layout import check_rows, gear_rows, summary, table, under, use_
 from ocptip.cli.many import Asked
 from ocptip.cli.options import given_limits, remove_figures
 from ocptip.cli.progress import Progress
+from ocptip.cli.stops import (
+    price_line,
+    price_of_stops,
+    stop_table,
+    stops_of_cycle,
+    stops_to_dict,
+    with_safe_stops,
+)
 from ocptip.motion.check import MotionCheck, certified
 from ocptip.motion.cycles.check import CycleCheck, check_cycle, cycle_check, parts_of
 from ocptip.motion.cycles.output import cycle_samples, cycle_to_dict, drives_of, run_motion, write_cycle
@@ -28,6 +36,7 @@ from ocptip.motion.cycles.task import CycleTask, freed_offset
 from ocptip.motion.cycles.tolerated import cycle_tolerances
 from ocptip.motion.execution import Execution, execute
 from ocptip.motion.objective import objective_of
+from ocptip.motion.stops import Stops
 from ocptip.motion.task import MotionTask
 from ocptip.motion.tolerated import Tolerated
 from ocptip.robots.inverse.pose_target import AXES
@@ -47,12 +56,12 @@ def cycle_with_options(task: CycleTask, options: Namespace) -> CycleTask:
         if getattr(options, name) is not None:
             option = f"--{name.replace('_', '-')}"
             raise InputError(f"{option}: of a cycle belongs to its [[segment]]s, as a key of this name")
-    require_plain(options, "stop_safe", "sensitivities")
+    require_plain(options, "sensitivities")
     if options.rise_time is not None and options.controller != "quintic":
         raise InputError(
             "--rise-time: segments of cycles are planned as ramps; only for --controller quintic"
         )
-    task = task.with_limits(given_limits(options))
+    task = task.with_limits(given_limits(options)).each(lambda own: with_safe_stops(own, options.stop_safe))
     if options.objective is not None or options.price_per_second is not None:
         return task.with_objective(objective_of(options.objective, options.price_per_second))
     return task
@@ -66,6 +75,7 @@ def plan_it(one: Asked, options: Namespace, executor: Executor | None) -> Report
     try:
         with Progress(sys.stderr, "comparing postures ...", "no verified plan yet", best) as progress:
             plan = plan_cycle(task, **how, progress=progress)
+            without = _without_stops(task, how)
     except PlanningError as error:
         data = {"case": task.name, "verified": False, "status": f"{error}", **task.robot.masses_to_dict()}
         within = task.limits.tolerance
@@ -73,7 +83,19 @@ def plan_it(one: Asked, options: Namespace, executor: Executor | None) -> Report
         return Answer(False, summary(f"{task.name}: NO VERIFIED PLAN. {error}", why, []), data)
     except KeyboardInterrupt:
         raise KeyboardInterrupt("before a segment had a verified plan") from None
-    return report_of(plan, one, options)
+    report = report_of(plan, one, options)
+    report.price = price_of_stops(plan, without)
+    return report
+
+
+def _without_stops(task: CycleTask, how: dict[str, Any]) -> CyclePlan | None:
+    """The cycle that need not be stopped, of as many starts; None if that was not asked, or none is found."""
+    if not any(segment.task.limits.stoppable for segment in task.segments):
+        return None
+    try:
+        return plan_cycle(task.each(lambda own: replace(own, limits=own.limits.without_stops)), **how)
+    except PlanningError:
+        return None
 
 
 def report_of(plan: CyclePlan, one: Asked, options: Namespace) -> CycleReport:
@@ -85,7 +107,8 @@ def report_of(plan: CyclePlan, one: Asked, options: Namespace) -> CycleReport:
     scaled = [(f, check_cycle(plan.finished, plan.motion.time_scaled(f))) for f in options.time_scale]
     deviations = cycle_tolerances(plan.finished, motion)
     written = one.directory, not options.no_figures, options.effort, one.digest
-    return CycleReport(plan, executions, motion, checked, scaled, deviations, *written)
+    stops = stops_of_cycle(plan.finished, motion, checked, None)
+    return CycleReport(plan, executions, motion, checked, scaled, deviations, *written, stops=stops)
 
 
 def _certified(task: MotionTask, own: Execution) -> MotionCheck:
@@ -131,6 +154,8 @@ class CycleReport(Report):
         figures: whether figures are among them.
         effort: whether trajectory.json has torques.
         digest: of all that the plan depends on.
+        stops: of segments that keep their reserves in stops, by name; empty: not asked for.
+        price: what stops cost, plain data.
     """
 
     early = True
@@ -144,17 +169,22 @@ class CycleReport(Report):
     figures: bool = True
     effort: bool = False
     digest: str = ""
+    stops: dict[str, Stops] = field(default_factory=dict)
+    price: dict[str, Any] = field(default_factory=dict)
 
     @property
     def good(self) -> bool:
-        """True if all segments are planned and what is written is verified."""
-        return self.plan.complete and self.check.whole.verified and all(e.verified for e in self.executions)
+        """True if all segments are planned and what is written is verified, stops included if asked for."""
+        found = [*self.executions, *self.stops.values()]
+        return self.plan.complete and self.check.whole.verified and all(one.verified for one in found)
 
     def entries(self) -> dict[str, Any]:
         """What plan.json holds beside the plan."""
         rows = [{"factor": f, **checked.to_dict()} for f, checked in self.time_scale]
         return {
             **({"time_scale": rows} if rows else {}),
+            **stops_to_dict(self.stops),
+            **({"price_of_stops": self.price} if self.price else {}),
             "tolerated": [one.to_dict() for one in self.tolerated],
             "digest": self.digest,
             "warnings": self.warnings,
@@ -187,7 +217,9 @@ class CycleReport(Report):
         lines += under("points", texts)
         if plan.interrupted:
             lines.append(("interrupted", self._interrupted()))
-        lines += [*check_rows(whole, self.tolerated), *gear_rows(self.check)]
+        lines += [*check_rows(whole, self.tolerated, stops=self.stops), *gear_rows(self.check)]
+        tables = [["", f"segment {name}", *stop_table(own)] for name, own in self.stops.items()]
+        lines += under("stopped", [*price_line(self.price), *(line for own in tables for line in own)])
         lines += [(f"time x {f:g}", scaled_text(checked)) for f, checked in self.time_scale]
         lines += under("assumed", plan.task.robot.notes)
         head = "\n".join([self.headline(), "", *segment_table(plan.task, self.check), ""])

@@ -25,7 +25,14 @@ from ocptip.cli.layout import (
 from ocptip.cli.many import Asked, answer_many, cluster, digest_of
 from ocptip.cli.options import output_directory, remove_figures, require_least, with_limits
 from ocptip.cli.progress import Progress, say_if_compiling
-from ocptip.cli.stops import price_line, price_of_stops, sensitivities_of, stop_table, stops_of
+from ocptip.cli.stops import (
+    price_line,
+    price_of_stops,
+    sensitivities_of,
+    stop_table,
+    stops_of,
+    with_safe_stops,
+)
 from ocptip.motion.check import MotionCheck, certified, check_motion
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.motion.execution import Execution, execute
@@ -68,9 +75,7 @@ def _asked(options: Namespace) -> Asked:
         task = cycle_with_options(task, options)
     else:
         task = _with_objective(_with_rise_time(task, options), options)
-        if options.stop_safe:
-            kinds = None if options.stop_safe == "given" else options.stop_safe
-            task = replace(task, limits=task.stops.safe(task.limits, task.robot, kinds))
+        task = with_safe_stops(task, options.stop_safe)
     return Asked(task, task.name, output_directory(options, task.name), digest, base)
 
 

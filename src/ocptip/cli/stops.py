@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from ocptip.cli.layout import table
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.cycles.check import CycleCheck
+from ocptip.motion.cycles.plan import CyclePlan
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.motion.plan import MotionPlan
 from ocptip.motion.stop_rules import Kinds
@@ -21,6 +22,14 @@ from ocptip.trajectories.sampled import Motion
 from ocptip.trajectories.sequence import MotionSequence
 
 SPACING = 0.01  # s, between instants of sensitivities
+
+
+def with_safe_stops(task: MotionTask, asked: str | None) -> MotionTask:
+    """The task whose plans keep the reserves in stops of the kinds asked for; "given": those of the task."""
+    if not asked:
+        return task
+    kinds = None if asked == "given" else cast(Kinds, asked)
+    return replace(task, limits=task.stops.safe(task.limits, task.robot, kinds))
 
 
 def stops_of(
@@ -44,8 +53,7 @@ def with_path_stops(task: MotionTask, kinds: Kinds | None) -> MotionTask:
 
 def cycle_with_path_stops(task: CycleTask, kinds: Kinds | None) -> CycleTask:
     """The same of all segments."""
-    segments = (replace(segment, task=with_path_stops(segment.task, kinds)) for segment in task.segments)
-    return replace(task, segments=tuple(segments))
+    return task.each(lambda own: with_path_stops(own, kinds))
 
 
 def stops_of_cycle(
@@ -65,7 +73,7 @@ def stops_to_dict(stops: Mapping[str, Stops]) -> dict[str, Any]:
     return {"stops": stops[""].to_dict() if "" in stops else rows}
 
 
-def price_of_stops(plan: MotionPlan, without: MotionPlan | None) -> dict[str, Any]:
+def price_of_stops(plan: MotionPlan | CyclePlan, without: MotionPlan | CyclePlan | None) -> dict[str, Any]:
     """What it costs that a plan may be stopped; without: the plan that need not, None: none was found."""
     if without is None:
         return {}

@@ -52,7 +52,7 @@ class TaskSource:
             asked["rise_time"] = list(rise_times) or 0.0
         data["tolerance"] = tolerance_table(limits, self.robot)
         if limits.stoppable:
-            data["stops"] = {**data.get("stops", {}), **_stops(limits)}
+            data["stops"] = {**data.get("stops", {}), **stop_keys(limits)}
         motion = data.setdefault("motion", {})
         for key in ("duration", "max_duration", "objective", "price_per_second"):
             motion.pop(key, None)
@@ -78,7 +78,7 @@ def source_of(task: Any) -> TaskSource | None:
     return source if source is not None and source.robot is task.robot else None
 
 
-def _stops(limits: MotionLimits) -> dict[str, Any]:
+def stop_keys(limits: MotionLimits) -> dict[str, Any]:
     """Keys of `[stops]` with which the task asks for them."""
     path, brakes = limits.stops, limits.brakes
     asked: dict[str, Any] = {}

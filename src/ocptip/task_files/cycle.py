@@ -23,6 +23,7 @@ from ocptip.task_files.doubts import doubt_masses, doubt_units
 from ocptip.task_files.kinds import require_kind
 from ocptip.task_files.motion import TABLES, TaskScene, limit_numbers, load_task, ramp_task, read_end
 from ocptip.task_files.source import task_source
+from ocptip.task_files.stops import with_stops
 
 _SHARED = (
     "optimised",
@@ -75,10 +76,8 @@ def load_cycle(path: str | os.PathLike[str], otherwise: Tolerance = NONE) -> Cyc
     with Table.read(path) as data:
         require_kind(data, "plan")
         doubt_units(data)
-        if "stops" in data:
-            raise data.error("stops of cycles are not looked at", "stops")
-        data.close(*TABLES, "segment")
-        task = read_cycle(data, path.stem, otherwise=otherwise)
+        data.close(*TABLES, "segment", "stops")
+        task = read_cycle(data, path.stem, otherwise=otherwise).each(lambda own: with_stops(data, own))
         task = replace(task, source=task_source(data, task.robot))
         for segment in task.segments:
             doubt_masses(data, segment.task.robot)

@@ -30,7 +30,7 @@ from ocptip.motion.output import (
     write_folder,
 )
 from ocptip.motion.plan import MotionPlan
-from ocptip.motion.source import LIMITS, TASK, TaskSource, source_of, tolerance_table
+from ocptip.motion.source import LIMITS, TASK, TaskSource, source_of, stop_keys, tolerance_table
 from ocptip.standing.mechanism import MotionSamples
 from ocptip.trajectories.sequence import MotionSequence, joined
 
@@ -207,4 +207,7 @@ def _task_text(task: CycleTask, source: TaskSource) -> str:
         rows.append({**own, **price})
     data = {key: value for key, value in source.data.items() if key != "tolerance"}
     tolerance = tolerance_table(task.limits, task.robot)
+    if any(segment.task.limits.stoppable for segment in task.segments):  # GN and GT are those of the file
+        asked = {key: value for key, value in stop_keys(task.limits).items() if key not in ("GN", "GT")}
+        data["stops"] = {**data.get("stops", {}), **asked}
     return toml_text({"name": task.name, **data, "tolerance": tolerance, "segment": rows})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -149,19 +150,18 @@ class CycleTask:
         """Of the segments, for messages: "segment 2 (carry)"."""
         return [f"segment {k} ({segment.name})" for k, segment in enumerate(self.segments, 1)]
 
+    def each(self, change: Callable[[MotionTask], MotionTask]) -> CycleTask:
+        """The same with the task of every segment changed so."""
+        changed = (replace(segment, task=change(segment.task)) for segment in self.segments)
+        return replace(self, segments=tuple(changed))
+
     def with_limits(self, limits: dict[str, float]) -> CycleTask:
         """The same with some limits replaced in all segments."""
-        if not limits:
-            return self
-        changed = [
-            replace(s, task=replace(s.task, limits=replace(s.task.limits, **limits))) for s in self.segments
-        ]
-        return replace(self, segments=tuple(changed))
+        return self.each(lambda own: replace(own, limits=replace(own.limits, **limits))) if limits else self
 
     def with_objective(self, objective: Objective) -> CycleTask:
         """The same with one objective for all segments."""
-        changed = [replace(s, task=replace(s.task, objective=objective)) for s in self.segments]
-        return replace(self, segments=tuple(changed))
+        return self.each(lambda own: replace(own, objective=objective))
 
 
 def freed_offset(target: PoseTarget | None, robot: StandingMechanism, q: np.ndarray) -> dict[str, float]:
