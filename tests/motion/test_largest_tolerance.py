@@ -19,6 +19,11 @@ class _Plan:
     energy, interrupted = 1.0, False
 
 
+@pytest.fixture(autouse=True)
+def no_more_than_planned(monkeypatch):
+    monkeypatch.setattr(module, "_had_by", lambda *_: 0.0)
+
+
 def bisected(monkeypatch, most: float, error: ToleranceError, **how):
     """With a planner that finds a motion up to a tilt of `most`, degrees."""
     tried = []
@@ -50,6 +55,31 @@ def test_the_answer_lies_between_a_motion_and_none(monkeypatch, most):
     assert str(found).startswith("a motion with floor tilt ")
     assert "; none with floor tilt " in str(found)
     assert found.to_dict()["found"] == {"tilt": found.had.tilt}
+
+
+def test_what_motions_can_have_narrows_the_bracket(monkeypatch):
+    """A motion planned for less can have 63 %, the best where none is verified 69 %, none more than 70 %."""
+    monkeypatch.setattr(module, "_had_by", lambda *_: 0.9 * 0.7)
+
+    def plan_motion(task, starts, **_):
+        asked = task.limits.tolerance.tilt
+        if asked > 0.014:
+            error = too_much(asked, 0.69 * 0.02 / asked)
+            raise error
+        return _Plan()
+
+    monkeypatch.setattr(module, "plan_motion", plan_motion)
+    task = experiment_task("A", "effective")
+    error = too_much(0.02, 0.0)
+    error.at_rest = 1.0 - 1e-9
+    found = module.largest_tolerance(task, error)
+    assert found.had.tilt == pytest.approx(0.69 * 0.02)
+    assert found.plan is None  # it is that of a motion that was not verified with more
+    assert 0.014 < found.not_had.tilt <= 0.0143
+    assert found.plans <= module.PLANS  # halving alone comes to within 1/32 of all
+    assert found.not_had.tilt - found.had.tilt < module.CLOSE * found.not_had.tilt
+    error.factor = 0.98
+    assert module.largest_tolerance(task, error).plans == 0  # narrow enough
 
 
 def test_all_of_a_quantity_alone_may_be_had(monkeypatch):
