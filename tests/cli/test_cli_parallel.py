@@ -141,12 +141,29 @@ def test_bad_input_is_one_line(capsys, arguments, expected):
 
 
 def test_robot_without_generated_code(capsys, root, tmp_path):
-    example = str(root / "src/ocptip/examples/robots/rps3.toml")
+    example = str(root / "src/ocptip/examples/robots/delta_parallelograms.toml")
     assert main(["parallel", example]) == 0
-    assert "no code: generated code: the platform has dependent coordinates" in capsys.readouterr().out
-    assert main(["parallel", example, "--c", str(tmp_path / "x.c")]) == 2
-    assert "--c: no code for 3-RPS" in capsys.readouterr().err
+    assert "no code: leg 1 branches or has loops of its own" in capsys.readouterr().out
+    for options in (["--c", str(tmp_path / "x.c")], ["--form", "S"], ["--dynpar", "2"]):
+        assert main(["parallel", example, *options]) == 2
+        err = capsys.readouterr().err
+        assert err.count("\n") == 1
+        assert f"{options[0]}: " in err
+        assert "leg 1 branches" in err
     assert not list(tmp_path.iterdir())
+
+
+def test_robot_with_dependent_coordinates(capsys, root, tmp_path):
+    """Motor forces in base parameters of the whole robot, and what finds the joints they want."""
+    example = str(root / "src/ocptip/examples/robots/rps3.toml")
+    assert main(["parallel", example, "--c", str(tmp_path / "x.c")]) == 0
+    out = capsys.readouterr().out
+    assert "15: independent in the whole robot" in out
+    assert "joints q for these functions: by Newton's method" in out
+    header = (tmp_path / "x.h").read_text()
+    assert all(f"int {name}(const" in header for name in ("tau_a", "jacobian", "joints", "home_joints"))
+    assert main(["parallel", example, "--form", "Z"]) == 2
+    assert "--form: joints behind the coupling points take part; only form A" in capsys.readouterr().err
 
 
 def test_robot_with_code_of_complete_legs(capsys, monkeypatch, tmp_path):
@@ -159,8 +176,8 @@ def test_robot_with_code_of_complete_legs(capsys, monkeypatch, tmp_path):
     monkeypatch.setattr(command, "read_robot", lambda name: passive_motor())
     assert main(["parallel", "3RPR", "--c", str(tmp_path / "x.c")]) == 0
     out = capsys.readouterr().out
-    assert "tau_a (form A, DynPar 2)" in out
-    assert "no code for the joints q that these functions want: leg 3 has a motor on joint 3" in out
+    assert "tau_a (form A, DynPar 3)" in out
+    assert "joints q for these functions: by Newton's method" in out
     assert "int tau_a(const" in (tmp_path / "x.h").read_text()
 
 
@@ -172,8 +189,8 @@ def test_friction_behind_coupling_points_is_in_the_code(capsys, monkeypatch):
     monkeypatch.setattr(command, "read_robot", lambda name: dataclasses.replace(robot, legs=legs))
     assert main(["parallel", "3RPR", "--json"]) == 0
     report = json.loads(capsys.readouterr().out)
-    assert report["dynpar"] == 2
-    assert not report["joints_from_z"]
+    assert report["dynpar"] == 3
+    assert report["joints_from_z"]
 
 
 def test_robot_file(capsys, root, tmp_path):

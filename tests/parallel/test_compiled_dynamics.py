@@ -11,6 +11,8 @@ from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.ready_made import READY_MADE
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.parallel.simulation import simulate
+from tests.parallel.code.test_complete import robot_for
+from tests.parallel.test_dependent_coordinates import MECHANISMS, robot_of
 
 
 def springs(robot, stiffness):
@@ -43,9 +45,9 @@ def drift(duration, step=0.001):
     return np.abs(total - total[0]).max() / path.energy[:, 0].max(), path
 
 
-@pytest.mark.parametrize("name", READY_MADE)
+@pytest.mark.parametrize("name", [*READY_MADE, "3T2R", "spherical", "driven behind", *MECHANISMS])
 def test_compiled_dynamics_are_the_numeric_ones(name):
-    robot = ParallelRobot(READY_MADE[name]())
+    robot = ParallelRobot(READY_MADE[name]()) if name in READY_MADE else robot_for(name)
     equations, rng = CompiledDynamics(robot, robot.description.home), np.random.default_rng(1)
     for _ in range(5):
         z = robot.description.home + 0.05 * rng.uniform(-1, 1, robot.m)
@@ -64,6 +66,30 @@ def test_a_hexapod_on_springs_keeps_its_energy():
     assert error < 1e-7
     assert path.closure < 1e-12
     assert np.abs(path.z - path.z[0]).max() > 1e-3
+
+
+@pytest.mark.parametrize("name", ["five_bar", "exechon", "prs3"])
+def test_mechanisms_keep_their_energy(name):
+    """Without weight and motors, as machine code and in Python."""
+    robot = ParallelRobot(dataclasses.replace(robot_of(name).description, gravity=np.zeros(3)))
+    start = 0.2 * np.random.default_rng(2).uniform(-1, 1, robot.m)
+    home = robot.description.home
+    path = simulate(robot, home, start, duration=0.3, step=0.001)
+    assert path.energy_drift < 1e-10
+    assert path.closure < 1e-11
+    slow = simulate(robot, home, start, duration=0.01, step=0.001)
+    np.testing.assert_allclose(path.z[10], slow.z[-1], atol=1e-13)
+    np.testing.assert_allclose(path.s[10], slow.s[-1], atol=1e-11)
+
+
+def test_carried_joints_out_of_reach_are_refused():
+    robot = robot_of("five_bar")
+    equations = CompiledDynamics(robot, robot.description.home)
+    with pytest.raises(SolverError, match=r"singular or out of reach \(a leg\)"):
+        equations.slope(np.array([0.0, 0.7]), np.zeros(2), np.zeros(2))
+    again = CompiledDynamics(robot, robot.description.home)
+    with pytest.raises(SolverError, match="singular or out of reach"):
+        again.slope(np.array([0.0, 5.0]), np.zeros(2), np.zeros(2))
 
 
 def test_out_of_reach_is_refused():

@@ -520,7 +520,6 @@ COMMANDS = (
                 "parameters (default)",
                 type=int,
                 choices=(1, 2, 3),
-                default=3,
             ),
             argument(
                 "--form",
@@ -528,7 +527,6 @@ COMMANDS = (
                 "accelerations and forces: S s'' and tau_s, X z'' and tau_s, Z z'' and tau_z, A s'' and "
                 "motor forces (default), AA q_a'' and motor forces",
                 choices=("S", "X", "Z", "A", "AA"),
-                default="A",
             ),
         ),
     ),

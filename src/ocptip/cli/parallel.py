@@ -26,9 +26,9 @@ from ocptip.parallel.code.lean import LeanFunction, lean_function
 from ocptip.parallel.description.ready_made import READY_MADE
 from ocptip.parallel.description.robot_description import REVOLUTE, RobotDescription
 from ocptip.parallel.dynamics.base_parameters import numeric_base_parameters
+from ocptip.parallel.dynamics.numeric_parameters import NumericBaseParameters
 from ocptip.parallel.formats.export import to_urdf
 from ocptip.parallel.formats.mjcf import to_mjcf
-from ocptip.parallel.minimal_form import joint_function, joint_obstacle
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.task_files.parallel import read_parallel_robot
 
@@ -67,8 +67,8 @@ class ParallelReport(Report):
         base_parameters: of the whole robot, with DynPar 3: its parameters belong to single legs, and further
             ones of equal legs cannot be told from those of the platform. None if not asked for or not found.
         models: files in other formats with their texts.
-        joints: function that gives the joints which the others want from z; None where legs have no closed
-            form, see `without_joints`.
+        joints: functions that give the joints which the others want from z, in closed form or by Newton's
+            method; none, see `without_joints`.
         without_joints: why there is none.
         code: where the functions go as C source; None for nowhere.
         modes: all assembly modes; None if not asked for.
@@ -82,7 +82,7 @@ class ParallelReport(Report):
     functions: tuple[LeanFunction, ...]
     without_code: str
     base_parameters: tuple[str, ...] | None = None
-    joints: cs.Function | None = None
+    joints: tuple[cs.Function, ...] = ()
     without_joints: str = ""
     models: list[tuple[Path, str]] = field(default_factory=list)
     code: Path | None = None
@@ -108,7 +108,7 @@ class ParallelReport(Report):
     def write(self) -> Iterator[Path]:
         """Write the C code with its header, then the other formats."""
         if self.code:
-            files = write_c([*self.functions, *([self.joints] if self.joints else [])], self.code)
+            files = write_c([*self.functions, *self.joints], self.code)
             yield from (files.source, files.header)
         if self.figure and self.workspace:
             from ocptip.pictures.workspace import save_workspace
@@ -137,7 +137,7 @@ class ParallelReport(Report):
             "rank": None if self.base_parameters is None else len(self.base_parameters),
             "operations": {f.function.name(): f.count.to_dict() for f in self.functions},
             "without_code": self.without_code or None,
-            "joints_from_z": self.joints is not None,
+            "joints_from_z": bool(self.joints),
             "assembly_modes": None if self.modes is None else self.modes.to_dict(),
             "workspace": None if self.workspace is None else self.workspace.to_dict(),
             "written": self.written,
@@ -173,6 +173,11 @@ class ParallelReport(Report):
         lines += _count_table(self.functions) if self.functions else [f"no code: {self.without_code}"]
         if self.functions and not self.joints:
             lines.append(f"no code for the joints q that these functions want: {self.without_joints}")
+        if len(self.joints) > 1:
+            lines.append(
+                "joints q for these functions: by Newton's method from those of the instant before, at first "
+                "from home_joints"
+            )
         if self.modes:
             lines += ["", *_mode_table(self.modes, robot)]
         if self.workspace:
@@ -217,8 +222,15 @@ def read_robot(name: str) -> RobotDescription:
     return read_parallel_robot(name)
 
 
-def examine(description: RobotDescription, *, form: str = "A", dynpar: int = 3) -> ParallelReport:
-    """Mobility, and if it is as described the generated functions, see :func:`lean_function`."""
+def examine(
+    description: RobotDescription, *, form: str | None = None, dynpar: int | None = None
+) -> ParallelReport:
+    """Mobility, and if it is as described the generated functions, see :func:`lean_function`.
+
+    Args:
+        description: the robot.
+        form, dynpar: default A and 3; given, they are refused where there is no such code.
+    """
     try:
         robot = ParallelRobot(description, check=False)
         mobility = robot.mobility()
@@ -228,14 +240,16 @@ def examine(description: RobotDescription, *, form: str = "A", dynpar: int = 3) 
     if home is None:
         return ParallelReport(description, mobility, None, (), "the robot does not move as described")
     try:
-        functions, base = _functions(robot, form, dynpar)
+        functions, base = _functions(robot, form or "A", dynpar or 3)
     except InputError as error:
-        return ParallelReport(
-            description, mobility, home, (), str(error).removeprefix(f"{description.name}: ")
-        )
-    behind = "joints behind the coupling points are among them" if robot.complete_legs else ""
-    why = joint_obstacle(description) or behind
-    joints = None if why else joint_function(robot)
+        why = str(error).removeprefix(f"{description.name}: ").removeprefix("generated code: ")
+        if form or dynpar:
+            raise InputError(f"{'--form' if form else '--dynpar'}: {why}") from None
+        return ParallelReport(description, mobility, home, (), why)
+    try:
+        joints, why = robot.joint_functions(), ""
+    except InputError as error:
+        joints, why = (), str(error).removeprefix(f"{description.name}: generated code: ")
     return ParallelReport(description, mobility, home, functions, "", base, joints, why)
 
 
@@ -244,19 +258,23 @@ def _functions(
 ) -> tuple[tuple[LeanFunction, ...], tuple[str, ...] | None]:
     """Motor forces and Jacobian, and the names of the base parameters of the whole robot with DynPar 3.
 
-    Robots whose joints behind the coupling points take part have motor forces from z' and z'' with DynPar 2.
+    Robots whose joints behind the coupling points take part have motor forces from z' and z''.
 
     Raises:
         InputError: there is no code; says why.
     """
     description = robot.description
     if robot.complete_legs:
-        return (robot.lean(name="tau_a"), robot.lean(("J_a",), name="jacobian")), None
+        base = _base_parameters(description) if dynpar == 3 else None
+        own = {"form": form, "dynpar": 2 if dynpar == 3 and base is None else dynpar, "base": base}
+        functions = robot.lean(name="tau_a", **own), robot.lean(("J_a",), name="jacobian", **own)
+        return functions, None if base is None else base.names
     functions = (
         lean_function(description, form=form, dynpar=dynpar, name=_FORCES[form]),
         lean_function(description, ("J_a",), form="S", dynpar=dynpar, name="jacobian"),
     )
-    return functions, _base_parameters(description) if dynpar == 3 else None
+    base = _base_parameters(description) if dynpar == 3 else None
+    return functions, None if base is None else base.names
 
 
 def with_ranges(description: RobotDescription, given: Sequence[Sequence[float]]) -> RobotDescription:
@@ -350,13 +368,12 @@ def _mode_table(found: AssemblyModes, robot: RobotDescription) -> list[str]:
     return [head, *(table(rows, left=()) if found.modes else [])]
 
 
-def _base_parameters(description: RobotDescription) -> tuple[str, ...] | None:
-    """Names of the base parameters of the whole robot; None where too few poses can be reached."""
+def _base_parameters(description: RobotDescription) -> NumericBaseParameters | None:
+    """Base parameters of the whole robot; None where too few poses can be reached."""
     try:
-        found = numeric_base_parameters(description)
+        return numeric_base_parameters(description)
     except SolverError:
         return None
-    return found.names
 
 
 def _measures(home: Singularity) -> str:

@@ -1,73 +1,66 @@
-"""Forward dynamics as machine code, for robots whose legs have closed forms: microseconds per call."""
+"""Forward dynamics as machine code: microseconds per call.
+
+Robots whose legs have closed forms are functions of the platform's coordinates. Of other serial legs the
+joints and the dependent coordinates are carried along: Newton's method starts from those of the call before.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import casadi as cs
 import numpy as np
 
-from ocptip.basics.errors import SolverError
+from ocptip.basics.errors import InputError, SolverError
 from ocptip.numerics.native import LANES
 from ocptip.numerics.tape import Tape
+from ocptip.parallel.code.complete import complete_joints, newton_function
 from ocptip.parallel.code.leg_plans import choose_plans
-from ocptip.parallel.minimal_form import joints_of_branch, require_closed_form
+from ocptip.parallel.minimal_form import joints_of_branch, minimal_obstacle
 from ocptip.parallel.robot import ParallelRobot
-from ocptip.parallel.symbolic.block_solver import solve_dense
-from ocptip.parallel.symbolic.projection import Arguments, Projection
-from ocptip.parallel.symbolic.spatial_sx import dot, plus
-from ocptip.parallel.symbolic.symbols import (
-    geometry_symbols,
-    inertia_layout,
-    inertia_values,
-    joint_term_values,
+from ocptip.parallel.symbolic.complete_legs import (
+    CompleteEquations,
+    complete_obstacle,
+    own_arguments,
+    unknown_count,
 )
+from ocptip.parallel.symbolic.platform_sx import euler_rates, potential_energy
+from ocptip.parallel.symbolic.projection import Projection, projection_arguments
+from ocptip.parallel.symbolic.symbols import geometry_symbols, inertia_layout
 
 _SINGULAR, _OPEN, _DEFINITE = 1e-8, 1e-6, 1e-12
+_CLOSED, _STEPS, _CALLS = 1e-12, 2, 10
+
+
+def compiled_obstacle(robot: ParallelRobot) -> str:
+    """Why a robot's forward dynamics cannot be compiled; "" if they can."""
+    return complete_obstacle(robot.description) if minimal_obstacle(robot) else ""
 
 
 class CompiledDynamics:
-    """Equations of motion in platform coordinates alone; joints stay in the branches they have at a start.
+    """Equations of motion; the joints stay in the branches they have at a start.
 
     Args:
-        robot: its legs have closed forms and no dry friction.
+        robot: its legs have no branches or loops of their own.
         start: (m,) coordinates.
 
     Attributes:
-        closure: largest closure error of the joint positions so far, m.
+        closure: largest closure error of the joint positions so far, m or rad.
 
     Raises:
         InputError: the robot is not of this kind; says why.
     """
 
     def __init__(self, robot: ParallelRobot, start: np.ndarray) -> None:
-        require_closed_form(robot)
-        m, motors = robot.m, cs.SX.sym("motors", len(robot.description.actuated))
-        z, s, sd = (cs.SX.sym(name, m) for name in ("z", "s", "sd"))
-        geometry = geometry_symbols(robot.description, numeric=True)
-        q, measures, self._names = joints_of_branch(robot, z, start, geometry)
-        projection = _projection(robot, z, s, sd, q)
-        force = projection.generalized_force()
-        mass = cs.densify(cs.jacobian(force, sd))
-        right = projection.jacobian().T @ motors - cs.substitute(force, sd, cs.SX.zeros(m))
-        pivots, upper, order = cs.ldl(mass, False)
-        found = cs.ldl_solve(right, pivots, upper, order)
-        energy = cs.vertcat(cs.dot(s, mass @ s) / 2, _potential(projection))
-        gap = cs.norm_inf(cs.vec(projection.closures()))
-        outputs = cs.cse(
-            [
-                _rates(projection, s),
-                found,
-                energy,
-                gap,
-                cs.mmin(pivots / cs.fabs(cs.diag(mass))),
-                cs.mmin(cs.vertcat(1, *measures)),
-                cs.vertcat(*measures),
-            ]
-        )
-        function = cs.Function("forward", [z, s, motors], [cs.vertcat(*map(cs.densify, outputs))])
-        self._tape, self._m, self._motors = Tape(function), m, motors.numel()
-        self._inputs = np.empty((2 * m + motors.numel(), LANES))  # one state in all lanes of the machine code
+        if reason := compiled_obstacle(robot):
+            raise InputError(f"{robot.description.name}: {reason}")
+        carried = bool(minimal_obstacle(robot))
+        function, self._names = (_carried if carried else _closed_form)(robot, start)
+        joints = complete_joints(robot.kinematics, start, robot.ik(start).q) if carried else np.empty(0)
+        self._tape, self._joints = Tape(function), joints
+        self._m, self._motors = robot.m, len(robot.description.actuated)
+        self._inputs = np.empty((function.nnz_in(), LANES))  # one state in all lanes of the machine code
         self._last: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
         self.closure = 0.0
 
@@ -93,63 +86,94 @@ class CompiledDynamics:
     def _evaluate(self, z: np.ndarray, s: np.ndarray, motors: np.ndarray) -> np.ndarray:
         m = self._m
         self._inputs[:m, :], self._inputs[m : 2 * m, :] = z[:, None], s[:, None]
-        self._inputs[2 * m :, :] = motors[:, None]
-        result = self._tape(self._inputs)[:, 0]
-        gap, pivot, smallest = result[2 * m + 2 : 2 * m + 5]
-        if smallest > _SINGULAR and not pivot > _DEFINITE:
+        self._inputs[2 * m : 2 * m + self._motors, :] = motors[:, None]
+        for _ in range(_CALLS):
+            self._inputs[2 * m + self._motors :, :] = self._joints[:, None]
+            result = self._tape(self._inputs)[:, 0]
+            gap, pivot, smallest = result[2 * m + 2 : 2 * m + 5]
+            if not self._joints.size or not math.isfinite(gap):
+                break
+            self._joints = result[2 * m + 5 :]
+            if gap < _CLOSED:
+                break
+        else:
+            smallest = smallest if gap < _OPEN else 0.0
+        self._require(z, result, gap, pivot, smallest)
+        self.closure = max(self.closure, float(gap))
+        return result
+
+    def _require(self, z: np.ndarray, result: np.ndarray, gap: float, pivot: float, smallest: float) -> None:
+        if smallest > _SINGULAR and gap < _OPEN and not pivot > _DEFINITE:
             raise SolverError(
                 f"forward dynamics: at z = {z.tolist()} the mass matrix is not positive definite (smallest "
                 f"relative pivot {pivot:.2g}): bodies have too little inertia, or one that no real body has"
             )
         if not (gap < _OPEN and smallest > _SINGULAR and math.isfinite(result.sum())):
-            measures = result[2 * m + 5 :]
-            where = self._names[int(np.argmin(measures))] if measures.size else "a leg"
+            measures = result[2 * self._m + 5 :]
+            where = self._names[int(np.argmin(measures))] if self._names else "a leg"
             raise SolverError(
                 f"forward dynamics: at z = {z.tolist()} the robot is singular or out of reach ({where})"
             )
-        self.closure = max(self.closure, float(gap))
-        return result
 
 
-def _projection(robot: ParallelRobot, z: cs.SX, s: cs.SX, sd: cs.SX, q: cs.SX) -> Projection:
-    description = robot.description
+def _closed_form(robot: ParallelRobot, start: np.ndarray) -> tuple[cs.Function, list[str]]:
+    """z', s'', energies, closure error, smallest pivot, smallest measure, the measures; and their names."""
+    description, symbols = robot.description, _symbols(robot, 0)
+    z, s, sd = symbols[:3]
+    q, measures, names = joints_of_branch(robot, z, start, geometry_symbols(description, numeric=True))
     layout = inertia_layout(description)
     plans = choose_plans(description, layout, [True] * layout.size, "tau_s")
-    arguments = Arguments(
-        pose=z,
-        rates=s,
-        accelerations=sd,
-        q=q,
-        geometry=geometry_symbols(description, numeric=True),
-        inertia=cs.SX(cs.sparsify(cs.DM(inertia_values(description)))),
-        gravity=cs.SX(cs.DM(description.gravity)),
-        wrench=cs.SX.zeros(6),
-        joint_terms=cs.SX(cs.DM(joint_term_values(description))),
-        quasi=True,
-    )
-    return Projection(description, layout, plans, arguments)
+    arguments = projection_arguments(description, (z, s, sd), q, quasi=True)
+    projection = Projection(description, layout, plans, arguments)
+    own = cs.vertsplit(arguments.inertia[layout.platform_slice])
+    potential = potential_energy(projection.platform, own, projection.legs, projection.gravity)
+    rates = cs.vertcat(*euler_rates(projection.platform, cs.vertsplit(s)))
+    gap = cs.norm_inf(cs.vec(projection.closures()))
+    ends = [gap, cs.mmin(cs.vertcat(1, *measures)), cs.vertcat(*measures)]
+    return _forward(
+        symbols, projection.generalized_force(), projection.jacobian(), rates, potential, ends
+    ), names
 
 
-def _rates(projection: Projection, s: cs.SX) -> cs.SX:
-    """z' from s'."""
-    mask = projection.mask
-    if not all(mask[3:]):
-        return s
-    free = sum(mask[:3])
-    axes = projection.platform.euler
-    rows = [[axis[k] for axis in axes] for k in range(3)]
-    return cs.vertcat(s[:free], *solve_dense(rows, cs.vertsplit(s[free:])))
+def _carried(robot: ParallelRobot, start: np.ndarray) -> tuple[cs.Function, list[str]]:
+    """The same from joints and dependent coordinates nearby. Instead of measures the new ones; the smallest
+    measure is 1: where the robot is singular these do not close."""
+    symbols = _symbols(robot, unknown_count(robot.kinematics))
+    z, s, sd, motors, q = symbols
+    equations = CompleteEquations(robot.kinematics, own_arguments(robot.description, z, s, sd, q), start)
+    equations.move()
+    force = cs.vertcat(*equations.force()[0])
+    jacobian = cs.vertcat(*(cs.horzcat(*row) for row in equations.rows()))
+    rates = cs.vertcat(*equations.coordinate_rates())
+    ends = [cs.norm_inf(equations.closure_errors()), cs.SX(1), q]
+    forward = _forward(symbols, force, jacobian, rates, equations.potential(), ends)
+    joints = newton_function(robot.kinematics, _STEPS, near=start).expand()
+    result = forward(z, s, motors, joints(z, q)[0])
+    return cs.Function("forward", [z, s, motors, q], cs.cse([result])), []
 
 
-def _potential(projection: Projection) -> cs.SX:
-    """Potential energy in gravity, J."""
-    platform, inertia = projection.platform, cs.vertsplit(projection.arguments.inertia)
-    own = inertia[projection.layout.platform_slice]
-    moments = [plus(platform.arm(own[6:9]), [own[9] * x for x in platform.position])]
-    for leg in projection.legs:
-        point = leg.origin
-        for body, values in enumerate(leg.inertia):
-            to_world = leg.rotation(0, body + 1)
-            moments.append(plus(to_world(values[6:9]), [values[9] * x for x in point]))
-            point = plus(point, to_world(leg.segments[body]))
-    return -dot(projection.gravity, plus(*moments))
+def _symbols(robot: ParallelRobot, carried: int) -> list[cs.SX]:
+    """z, s', s'', motor forces, joints."""
+    sizes = {"z": robot.m, "s": robot.m, "sd": robot.m, "motors": len(robot.description.actuated)}
+    return [cs.SX.sym(name, size) for name, size in {**sizes, "q": carried}.items()]
+
+
+def _forward(
+    symbols: Sequence[cs.SX],
+    force: cs.SX,
+    jacobian: cs.SX,
+    rates: cs.SX,
+    potential: cs.SX,
+    ends: Sequence[cs.SX],
+) -> cs.Function:
+    """All results in one column; force: tau_s, jacobian: J_a, ends: closure error, smallest measure, more."""
+    z, s, sd, motors, q = symbols
+    mass = cs.densify(cs.jacobian(force, sd))
+    right = jacobian.T @ motors - cs.substitute(force, sd, cs.SX.zeros(sd.numel()))
+    pivots, upper, order = cs.ldl(mass, False)
+    found = cs.ldl_solve(right, pivots, upper, order)
+    energy = cs.vertcat(cs.dot(s, mass @ s) / 2, potential)
+    gap, *others = ends
+    pivot = cs.mmin(pivots / cs.fabs(cs.diag(mass)))
+    results = cs.cse([rates, found, energy, gap, pivot, *others])
+    return cs.Function("forward", [z, s, motors, q], [cs.vertcat(*map(cs.densify, results))])

@@ -12,7 +12,7 @@ import casadi as cs
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ocptip.basics.errors import InputError, finite_array
+from ocptip.basics.errors import InputError
 from ocptip.numerics.vectors import cross_terms as cross
 from ocptip.parallel.analysis.elimination import elimination_order
 from ocptip.parallel.analysis.singularity import characteristic_length
@@ -22,7 +22,7 @@ from ocptip.parallel.kinematics.closed_form import leg_solution, leg_type, neare
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.parallel.symbolic.leg_dynamics import body_wrench
 from ocptip.parallel.symbolic.platform_sx import platform_wrench
-from ocptip.parallel.symbolic.projection import Arguments, Projection
+from ocptip.parallel.symbolic.projection import Projection, projection_arguments
 from ocptip.parallel.symbolic.spatial_sx import (
     minus,
     plus,
@@ -32,8 +32,6 @@ from ocptip.parallel.symbolic.symbols import (
     coupling_entries,
     geometry_symbols,
     inertia_layout,
-    inertia_values,
-    joint_term_values,
     leg_base,
     symbol_of,
 )
@@ -98,18 +96,7 @@ def minimal_form(
     q, measures, names = joints_of_branch(robot, z, description.home, geometry)
     layout = inertia_layout(description)
     plans = choose_plans(description, layout, [True] * layout.size, "motors")
-    arguments = Arguments(
-        pose=z,
-        rates=zd,
-        accelerations=zdd,
-        q=q,
-        geometry=geometry,
-        inertia=cs.SX(cs.sparsify(cs.DM(inertia_values(description)))),
-        gravity=cs.SX(cs.DM(description.gravity if gravity is None else np.asarray(gravity, dtype=float))),
-        wrench=cs.SX.zeros(6) if load is None else cs.SX(cs.DM(finite_array("load", load, (6,)))),
-        joint_terms=cs.SX(cs.DM(joint_term_values(description))),
-        quasi=False,
-    )
+    arguments = projection_arguments(description, (z, zd, zdd), q, quasi=False, gravity=gravity, load=load)
     projection = Projection(description, layout, plans, arguments)
     order = elimination_order(description)
     rates = projection.joint_rates()

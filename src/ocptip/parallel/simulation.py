@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import finite_array, positive_number
-from ocptip.parallel.compiled_dynamics import CompiledDynamics
-from ocptip.parallel.minimal_form import minimal_obstacle
+from ocptip.parallel.compiled_dynamics import CompiledDynamics, compiled_obstacle
 from ocptip.parallel.robot import ParallelRobot
 
 _LONG = 200  # steps: fewer are done before machine code is made
@@ -55,7 +54,8 @@ def simulate(
 ) -> Trajectory:
     """Integrate the equations of motion with the classic Runge-Kutta method.
 
-    Long motions (200 steps and more) of robots whose legs have closed forms run as machine code.
+    Long motions (200 steps and more) run as machine code, except those of robots with redundant joints or
+    legs with branches or loops of their own.
 
     Args:
         robot: its Euler angles must stay away from their singularity.
@@ -100,7 +100,7 @@ def simulate(
 
 def _equations(robot: ParallelRobot, z: np.ndarray, count: int) -> _Searched | CompiledDynamics:
     """The equations of motion; compiled where that is possible and worth it."""
-    if count >= _LONG and not minimal_obstacle(robot):
+    if count >= _LONG and not compiled_obstacle(robot):
         return CompiledDynamics(robot, z)
     return _Searched(robot)
 

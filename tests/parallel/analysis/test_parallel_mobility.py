@@ -194,8 +194,9 @@ def test_crossings_between_samples_are_found():
     assert not flat.crossings(path[:2])
     (there,) = flat.crossings([[0.0, 0.0, -0.2], [0.0, 0.0, 0.0], [0.0, 0.0, 0.2]])
     assert (there.sample, there.share) == (1, 0.0)
+    more = dataclasses.replace(flat.description, actuated=((0, 0), (0, 1), (1, 0), (2, 0)))
     with pytest.raises(InputError, match="as many motors"):
-        ParallelRobot(redundant_leg()).crossings(np.zeros((2, 4)))
+        ParallelRobot(more).crossings(path)
 
 
 def test_other_elbow_changes_the_sign_of_its_leg_only():

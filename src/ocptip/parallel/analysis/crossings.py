@@ -2,11 +2,12 @@
 
 A measure that is far from zero at every sample says nothing about what lies between them. The determinant of
 A (type II) and the entries of b (type I) are smooth through a singular pose and change their sign there.
+Robots without an implicit pair have the determinants of J_a and of the legs' Jacobians instead.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,11 +15,12 @@ from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, finite_array
 from ocptip.basics.write import Record
-from ocptip.parallel.analysis.singularity import Singularity, singularity
-from ocptip.parallel.kinematics.platform import Kinematics
+from ocptip.parallel.analysis.singularity import Singularity, implicit_pair, singularity
+from ocptip.parallel.kinematics.platform import JointPositions, Kinematics
 
 _BISECTIONS = 30
 _THERE = 1e-7
+_PLATFORM = "platform (type II)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,10 +44,11 @@ def crossings(kinematics: Kinematics, path: ArrayLike, tolerance: float = _THERE
     """Singular poses on a path, those between its samples included.
 
     Joint positions follow the path from sample to sample, so that a leg keeps its branch. A path that only
-    touches a singular pose between two samples, without crossing it, is not seen.
+    touches a singular pose between two samples, without crossing it, is not seen; nor is type I of complete
+    legs with fewer than six joints.
 
     Args:
-        kinematics: of a robot in coupling-point form with as many motors as coordinates.
+        kinematics: of a robot with as many motors as coordinates.
         path: (N, m) coordinates.
         tolerance: measures below it at a sample count as singular there.
 
@@ -53,56 +56,75 @@ def crossings(kinematics: Kinematics, path: ArrayLike, tolerance: float = _THERE
         InputError: another kind of robot, wrong shape, or a pose out of reach.
     """
     description = kinematics.description
-    counts = f"{len(description.actuated)} motors move {description.m} coordinates"
-    if not description.coupling_form or len(description.actuated) != description.m:
+    if len(description.actuated) != description.m:
         raise InputError(
-            "crossings: need legs with as many joints up to the coupling point as free translations, and as "
-            f"many motors as coordinates, but {description.coupling_obstacle or counts}"
+            "crossings: need as many motors as coordinates, but "
+            f"{len(description.actuated)} motors move {description.m} coordinates"
         )
+    complete = not description.coupling_form
+    find = kinematics.joints if complete else kinematics.point_joints
     poses = finite_array("path", path, (None, kinematics.m))
     found: list[Crossing] = []
     before: Singularity | None = None
     q: Sequence[np.ndarray] | None = None
+    signs: dict[str, float] = {}
     for k, z in enumerate(poses):
-        start, q = q, kinematics.point_joints(z, q).q
-        now = singularity(kinematics, z, q, complete=False, tolerance=tolerance)
+        start, q = q, find(z, q).q
+        now = singularity(kinematics, z, q, complete=complete, tolerance=tolerance)
+        signs, last = _signs(kinematics, z, q, now), signs
         if now.mechanical:
             found.append(Crossing(k, 0.0, now.mechanical, z))
         elif before is not None and not before.mechanical and start is not None:
-            found += _between(kinematics, k - 1, poses[k - 1], z, start, _signs(before), _signs(now))
+            found += _between(kinematics, find, k - 1, (poses[k - 1], z), start, (last, signs))
         before = now
     return tuple(found)
 
 
 def _between(
     kinematics: Kinematics,
+    find: Callable[[np.ndarray, Sequence[np.ndarray]], JointPositions],
     sample: int,
-    a: np.ndarray,
-    b: np.ndarray,
+    ends: tuple[np.ndarray, np.ndarray],
     q: Sequence[np.ndarray],
-    first: np.ndarray,
-    last: np.ndarray,
+    signs: tuple[dict[str, float], dict[str, float]],
 ) -> list[Crossing]:
     """One crossing per sign that differs, found by bisection."""
     result = []
-    for index in np.flatnonzero(first != last):
+    a, b = ends
+    for kind, first in signs[0].items():
+        if first == signs[1][kind]:
+            continue
         low, high, joints = 0.0, 1.0, q
         for _ in range(_BISECTIONS):
             middle = 0.5 * (low + high)
             z = a + middle * (b - a)
-            at = kinematics.point_joints(z, joints).q
-            if _signs(singularity(kinematics, z, at, complete=False))[index] == first[index]:
+            at = find(z, joints).q
+            if _signs(kinematics, z, at)[kind] == first:
                 low, joints = middle, at
             else:
                 high = middle
-        kind = "platform (type II)"
-        if index > 0:
-            leg = kinematics.description.actuated[index - 1][0]
-            kind = f"leg {leg + 1} (type I)"
         result.append(Crossing(sample, high, (kind,), a + high * (b - a)))
     return result
 
 
-def _signs(measures: Singularity) -> np.ndarray:
-    """Signs of det A, then of b."""
-    return np.sign([np.linalg.det(measures.pair.A), *measures.pair.b])
+def _signs(
+    kinematics: Kinematics, z: np.ndarray, q: Sequence[np.ndarray], found: Singularity | None = None
+) -> dict[str, float]:
+    """Signs of det A and of b, or of the determinants of J_a and of the square leg Jacobians, by what is
+    singular where they change."""
+    if kinematics.description.coupling_form:
+        pair = implicit_pair(kinematics, z, q) if found is None else found.pair
+        assert pair is not None
+        b = zip(kinematics.description.actuated, pair.b, strict=True)
+        return {_PLATFORM: _sign(pair.A)} | {f"leg {leg + 1} (type I)": np.sign(v) for (leg, _), v in b}
+    motion = kinematics.motion(z, np.zeros(kinematics.m), q, complete=True)
+    signs = {_PLATFORM: _sign(kinematics.actuated_jacobian(motion))}
+    for number, (leg, joints) in enumerate(zip(kinematics.legs, q, strict=True), start=1):
+        J = leg.jacobian(joints)[0][:, leg.free]
+        if J.shape[0] == J.shape[1]:
+            signs[f"leg {number} (type I)"] = _sign(J)
+    return signs
+
+
+def _sign(matrix: np.ndarray) -> float:
+    return float(np.sign(np.linalg.det(matrix)))

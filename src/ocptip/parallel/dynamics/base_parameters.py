@@ -7,7 +7,7 @@ legs cannot be told from platform mass.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 
 import numpy as np
@@ -15,15 +15,20 @@ import scipy.linalg
 from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, SolverError, finite_array, positive_number
+from ocptip.numerics.point import PointFunction
 from ocptip.parallel.analysis.singularity import characteristic_length, require_regular
+from ocptip.parallel.code.complete import complete_joints, newton_function
 from ocptip.parallel.code.lean import lean_function
 from ocptip.parallel.description.robot_description import REVOLUTE, Leg, RobotDescription
 from ocptip.parallel.dynamics.numeric_parameters import NumericBaseParameters
 from ocptip.parallel.dynamics.regressor import regressor
+from ocptip.parallel.kinematics.leg_solver import CLOSURE_TOLERANCE
 from ocptip.parallel.kinematics.platform import Kinematics
+from ocptip.parallel.symbolic.complete_legs import complete_obstacle
 from ocptip.parallel.symbolic.symbols import InertiaLayout, inertia_layout, inertia_values
 
 _ROWS_PER_COLUMN = 3
+_NEWTON = 10  # steps from home to a random pose
 _PATIENCE = 20
 Block = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 """Regressor (m, size) of tau_s at z, s', s''."""
@@ -98,14 +103,14 @@ def _complete_block(kinematics: Kinematics) -> tuple[Block, int]:
     """Regressor of any robot, in numbers; columns of legs that share parameters are added."""
     description = kinematics.description
     layout = inertia_layout(description, complete=True)
-    home = [leg.home for leg in kinematics.legs]
+    find = _joints_from_home(kinematics)
     owners = [range(layout.leg_slice(i).start, layout.size) for i in range(len(description.legs))]
     counts = [10 * len(leg.bodies) for leg in description.legs]
     columns = [k for own, count in zip(owners, counts, strict=True) for k in own[:count]]
     columns += range(layout.size - 10, layout.size)
 
     def block(z: np.ndarray, rates: np.ndarray, accelerations: np.ndarray) -> np.ndarray:
-        q = kinematics.joints(z, home).q
+        q = find(z)
         require_regular(kinematics, z, q, complete=True, legs_only=True)
         motion = kinematics.motion(z, rates, q, complete=True)
         W = np.zeros((kinematics.m, layout.size))
@@ -113,6 +118,24 @@ def _complete_block(kinematics: Kinematics) -> tuple[Block, int]:
         return W
 
     return block, layout.size
+
+
+def _joints_from_home(kinematics: Kinematics) -> Callable[[np.ndarray], Sequence[np.ndarray]]:
+    """Joint positions in any assembly near home; InputError where they are not found."""
+    start = [leg.home for leg in kinematics.legs]
+    if complete_obstacle(kinematics.description):
+        return lambda z: kinematics.joints(z, start).q
+    newton = PointFunction(newton_function(kinematics, _NEWTON))
+    home = complete_joints(kinematics, kinematics.description.home, start)
+    ends = np.cumsum([leg.n for leg in kinematics.legs])
+
+    def find(z: np.ndarray) -> Sequence[np.ndarray]:
+        q, residual = newton(z, home)
+        if not residual[0] < CLOSURE_TOLERANCE:
+            raise InputError(f"pose: not reached from home: closure error {residual[0]:.2g}")
+        return np.split(q, ends)[: len(ends)]
+
+    return find
 
 
 def _stacked(kinematics: Kinematics, make: Block, size: int, seed: int, spread: float) -> np.ndarray:

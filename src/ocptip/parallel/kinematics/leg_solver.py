@@ -20,6 +20,7 @@ CLOSURE_TOLERANCE = 1e-10
 
 _EXACT = 1e-14
 _ITERATIONS = 100
+_PATIENCE = 5  # steps with less than a percent of progress each
 _RESTARTS = 30
 _SEED = 20181
 
@@ -323,10 +324,10 @@ def damped_newton(
     error: Callable[[np.ndarray], np.ndarray],
     slope: Callable[[np.ndarray], np.ndarray],
 ) -> Attempt:
-    """Gauss-Newton with a step limit and halving; stops where rounding ends the progress."""
+    """Gauss-Newton with a step limit and halving; stops where there is no progress."""
     q = np.array(q, dtype=float)
     h = error(q)
-    size = np.linalg.norm(h)
+    size, slow = np.linalg.norm(h), 0
     for iteration in range(_ITERATIONS):
         if size < _EXACT:
             return q, float(np.abs(h).max()), iteration
@@ -342,8 +343,8 @@ def damped_newton(
             step = step / 2
         else:
             break
-        stalled = size_trial > 0.99 * size and size < 1e-9
+        slow = slow + 1 if size_trial > 0.99 * size else 0
         q, h, size = trial, h_trial, size_trial
-        if stalled:
+        if (slow and size < 1e-9) or slow == _PATIENCE:
             break
     return q, float(np.abs(h).max()), iteration + 1

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import casadi as cs
 
 from ocptip.numerics.vectors import cross_terms as cross
+from ocptip.parallel.symbolic.block_solver import solve_dense
+from ocptip.parallel.symbolic.leg_jacobian import LegModel
 from ocptip.parallel.symbolic.spatial_sx import (
     Rotation,
     Vector,
@@ -122,6 +124,28 @@ def platform_wrench(
 def reduced(mask: Sequence[bool], basis: Sequence[Vector], force: Vector, moment: Vector) -> list[cs.SX]:
     """Generalised force of the free coordinates: free components of the force, moment along the free axes."""
     return [force[k] for k in range(3) if mask[k]] + [dot(axis, moment) for axis in basis]
+
+
+def potential_energy(
+    motion: PlatformState, inertia: Sequence[cs.SX], legs: Sequence[LegModel], gravity: Vector
+) -> cs.SX:
+    """Potential energy of all bodies in gravity, J; arguments as of :func:`platform_wrench`."""
+    moments = [plus(motion.arm(vector(inertia[6:9])), [inertia[9] * x for x in motion.position])]
+    for leg in legs:
+        point = leg.origin
+        for body, values in enumerate(leg.inertia):
+            to_world = leg.rotation(0, body + 1)
+            moments.append(plus(to_world(values[6:9]), [values[9] * x for x in point]))
+            point = plus(point, to_world(leg.segments[body]))
+    return -dot(gravity, plus(*moments))
+
+
+def euler_rates(motion: PlatformState, rates: Sequence[cs.SX]) -> list[cs.SX]:
+    """z' from s'."""
+    if len(motion.euler) < 3:
+        return list(rates)
+    rows = [[axis[k] for axis in motion.euler] for k in range(3)]
+    return [*rates[:-3], *solve_dense(rows, rates[-3:])]
 
 
 def _spread(mask: Sequence[bool], values: Sequence[cs.SX]) -> list[cs.SX]:

@@ -11,8 +11,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import casadi as cs
+import numpy as np
+from numpy.typing import ArrayLike
 
-from ocptip.basics.errors import InputError
+from ocptip.basics.errors import InputError, finite_array
 from ocptip.numerics.vectors import cross_terms as cross
 from ocptip.parallel.description.robot_description import RobotDescription
 from ocptip.parallel.symbolic.block_solver import BlockSystem
@@ -26,7 +28,14 @@ from ocptip.parallel.symbolic.leg_dynamics import (
 from ocptip.parallel.symbolic.leg_jacobian import LegModel, LegPlan
 from ocptip.parallel.symbolic.platform_sx import PlatformState, platform_motion, platform_wrench, reduced
 from ocptip.parallel.symbolic.spatial_sx import Vector, minus, plus
-from ocptip.parallel.symbolic.symbols import InertiaLayout, coupling_entries, leg_model
+from ocptip.parallel.symbolic.symbols import (
+    InertiaLayout,
+    coupling_entries,
+    geometry_symbols,
+    inertia_values,
+    joint_term_values,
+    leg_model,
+)
 
 
 @dataclass(frozen=True)
@@ -54,6 +63,36 @@ class Arguments:
     wrench: cs.SX
     joint_terms: cs.SX
     quasi: bool
+
+
+def projection_arguments(
+    description: RobotDescription,
+    state: Sequence[cs.SX],
+    q: cs.SX,
+    *,
+    quasi: bool,
+    gravity: ArrayLike | None = None,
+    load: ArrayLike | None = None,
+) -> Arguments:
+    """With the robot's own numbers: pose, rates and accelerations, then the joints.
+
+    Args:
+        gravity: (3,), m/s^2, world axes; default the robot's.
+        load: (6,) external force and moment on the platform about its origin, world axes; default none.
+    """
+    pose, rates, accelerations = state
+    return Arguments(
+        pose=pose,
+        rates=rates,
+        accelerations=accelerations,
+        q=q,
+        geometry=geometry_symbols(description, numeric=True),
+        inertia=cs.SX(cs.sparsify(cs.DM(inertia_values(description)))),
+        gravity=cs.SX(cs.DM(description.gravity if gravity is None else np.asarray(gravity, dtype=float))),
+        wrench=cs.SX.zeros(6) if load is None else cs.SX(cs.DM(finite_array("load", load, (6,)))),
+        joint_terms=cs.SX(cs.DM(joint_term_values(description))),
+        quasi=quasi,
+    )
 
 
 Plans = Sequence[LegPlan]

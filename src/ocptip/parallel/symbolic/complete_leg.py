@@ -1,0 +1,181 @@
+"""One complete leg in symbols: joint rates from the twist of its end, and back the wrench of its efforts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import casadi as cs
+import numpy as np
+import scipy.linalg
+
+from ocptip.basics.errors import InputError
+from ocptip.parallel.kinematics.leg_solver import LegSolver
+from ocptip.parallel.symbolic.block_solver import BlockSystem
+from ocptip.parallel.symbolic.leg_dynamics import ChainState, chain_drift, chain_motion, leg_efforts
+from ocptip.parallel.symbolic.leg_jacobian import LegModel, point_columns
+from ocptip.parallel.symbolic.spatial_sx import Vector, dot, minus, unit, zero
+
+_HEAVY = 1e-12
+Wrench = tuple[Vector, Vector]
+Scalars = list[cs.SX]
+
+
+@dataclass
+class CompleteLeg:
+    """One leg: its model and its equations, in the axes of one of its link frames.
+
+    Attributes:
+        model: all joints.
+        arm: of its end on the platform, world axes.
+        frame: link frame of the equations.
+        rows, others: components of the end's twist that give the joint rates, and the other ones.
+        columns: joints that are solved for; the other one, if any, is idle.
+        jacobian: 6 rows of entries, one per joint.
+        system: its rows and columns.
+        idle, momentum: (n,) motion of all joints with the end at rest, and what rates are multiplied with to
+            get their part along it: their momentum, or themselves for a leg without inertia there.
+        free: the leg with its own inertia in numbers and without friction, None if there is no inertia along
+            the idle motion. (Motor forces remain linear in the inertia that `model` has.)
+        held: wrenches at the end, world axes, that do no work along the joints, one per other row.
+    """
+
+    model: LegModel
+    arm: Vector
+    frame: int
+    rows: tuple[int, ...]
+    others: tuple[int, ...]
+    columns: tuple[int, ...]
+    jacobian: list[Scalars]
+    system: BlockSystem
+    free: LegModel | None
+    idle: Scalars = field(default_factory=list)
+    momentum: Scalars = field(default_factory=list)
+    held: list[Wrench] = field(default_factory=list)
+    motion: ChainState | None = None
+
+    def __post_init__(self) -> None:
+        for other in self.others:
+            balance = self.system.solve_transposed([self.jacobian[other][c] for c in self.columns])
+            values: Scalars = [cs.SX(0.0)] * 6
+            for row, value in zip((*self.rows, other), (*balance, cs.SX(-1.0)), strict=True):
+                values[row] = -value
+            self.held.append(self._to_world(values))
+        spare = [j for j in range(self.model.size) if j not in self.columns]
+        if spare:
+            self.idle = self._spread(self.system.solve([-self.jacobian[row][spare[0]] for row in self.rows]))
+            self.idle[spare[0]] = cs.SX(1.0)
+            still = [cs.SX(0.0)] * self.model.size
+            weights = _free_efforts(self.free, still, self.idle) if self.free else self.idle
+            whole = dot(weights, self.idle)
+            self.momentum = [weight / whole for weight in weights]
+
+    @property
+    def moved(self) -> ChainState:
+        """Its motion, once found."""
+        if self.motion is None:
+            raise RuntimeError("the motion of the legs has not been found")
+        return self.motion
+
+    def followed(self, linear: Vector, angular: Vector) -> Scalars:
+        """Joint rates for a velocity of the end, world axes, without a part along the idle motion."""
+        rates = self.particular(linear, angular)
+        return self._without(rates, dot(self.momentum, rates)) if self.idle else rates
+
+    def nearest(self, linear: Vector, angular: Vector) -> Scalars:
+        """The smallest joint rates for a velocity of the end."""
+        rates = self.particular(linear, angular)
+        return self._without(rates, dot(self.idle, rates) / dot(self.idle, self.idle)) if self.idle else rates
+
+    def particular(self, linear: Vector, angular: Vector) -> Scalars:
+        """Joint rates for a velocity of the end, idle joint at rest."""
+        to_frame = self.model.rotation(self.frame, 0)
+        moving = [*to_frame(linear), *to_frame(angular)]
+        return self._spread(self.system.solve([moving[row] for row in self.rows]))
+
+    def accelerated(self, rates: Scalars, linear: Vector, angular: Vector) -> Scalars:
+        """Joint accelerations for an acceleration of the end, world axes, at given rates."""
+        drift, turning = self.drift(rates)
+        found = self.particular(minus(linear, drift), minus(angular, turning))
+        if not self.idle:
+            return found
+        if self.free is None:
+            return self._without(found, dot(self.momentum, found))
+        still = [cs.SX(0.0)] * self.model.size
+        whole = dot(_free_efforts(self.free, still, self.idle), self.idle)
+        return self._without(found, dot(_free_efforts(self.free, rates, found), self.idle) / whole)
+
+    def drift(self, rates: Scalars) -> tuple[Vector, Vector]:
+        """Acceleration of the end without joint accelerations, linear and angular, world axes."""
+        to_world = self.model.rotation(0, self.frame)
+        linear, angular = chain_drift(self.model, rates, self.frame)
+        return to_world(linear), to_world(angular)
+
+    def wrench(self, efforts: Sequence[cs.SX]) -> Wrench:
+        """Force and moment at the leg's end, world axes, that joint efforts balance."""
+        if self.idle:
+            share = dot(self.idle, efforts)
+            efforts = [own - weight * share for own, weight in zip(efforts, self.momentum, strict=True)]
+        values: Scalars = [cs.SX(0.0)] * 6
+        balance = self.system.solve_transposed([efforts[c] for c in self.columns])
+        for row, value in zip(self.rows, balance, strict=True):
+            values[row] = value
+        return self._to_world(values)
+
+    def _to_world(self, values: Scalars) -> Wrench:
+        to_world = self.model.rotation(0, self.frame)
+        return to_world(values[:3]), to_world(values[3:])
+
+    def _spread(self, solved: Sequence[cs.SX]) -> Scalars:
+        rates: Scalars = [cs.SX(0.0)] * self.model.size
+        for column, value in zip(self.columns, solved, strict=True):
+            rates[column] = value
+        return rates
+
+    def _without(self, rates: Scalars, share: cs.SX) -> Scalars:
+        return [rate - share * along for rate, along in zip(rates, self.idle, strict=True)]
+
+
+def _free_efforts(model: LegModel, rates: Scalars, accelerations: Scalars) -> Scalars:
+    """Efforts without gravity."""
+    return leg_efforts(model, chain_motion(model, rates, accelerations, zero()))
+
+
+def chosen_equations(
+    leg: LegSolver, model: LegModel, at: np.ndarray
+) -> tuple[int, tuple[int, ...], tuple[int, ...], list[Scalars]]:
+    """Frame, rows and columns of a leg's equations, and all entries: independent, in the smallest blocks,
+    then sparsest."""
+    rank = leg.n - leg.idle
+    columns = tuple(sorted(int(k) for k in scipy.linalg.qr(leg.jacobian(at)[0], pivoting=True)[2][:rank]))
+    best: tuple[tuple[int, int], int, tuple[int, ...], list[Scalars]] | None = None
+    for frame in range(1, model.size + 1):
+        by_joint = [
+            [*linear, *(model.rotation(frame, j)(unit(2)) if model.revolute[j - 1] else zero())]
+            for j, linear in enumerate(point_columns(model, frame), start=1)
+        ]
+        entries = [list(row) for row in zip(*by_joint, strict=True)]
+        whole = cs.vertcat(*(cs.horzcat(*row) for row in entries))
+        numbers = np.array(cs.Function("J", [cs.vertcat(*model.q)], [whole])(at))[:, columns]
+        _, _, pivots = scipy.linalg.qr(numbers.T, pivoting=True)
+        rows = tuple(sorted(int(k) for k in pivots[:rank]))
+        try:
+            system = BlockSystem([[entries[row][c] for c in columns] for row in rows])
+        except InputError:
+            continue
+        filled = sum(not entry.is_zero() for row in system.matrix for entry in row)
+        cost = (sum(len(block) ** 3 for block, _ in system.blocks), filled)
+        if best is None or cost < best[0]:
+            best = cost, frame, rows, entries
+    if best is None:
+        raise InputError(f"leg {leg.number + 1}: no choice of its equations determines all its joints")
+    return best[1], best[2], columns, best[3]
+
+
+def idle_inertia(leg: LegSolver, at: np.ndarray) -> bool:
+    """True if a leg has inertia along its idle motion."""
+    if not leg.idle:
+        return False
+    motions = leg.idle_motions(at)
+    M = leg.dynamics(at, np.zeros(leg.n), np.zeros(3))[0]
+    return float((motions.T @ M @ motions)[0, 0]) > _HEAVY * max(float(np.trace(M)), 1e-300)
