@@ -247,3 +247,22 @@ def test_workspace_with_ranges_and_its_figure(tmp_path):
 def test_workspace_refusals(capsys, arguments, why):
     assert main(["parallel", "3RRR", *arguments]) == 2
     assert why in capsys.readouterr().err
+
+
+def test_code_of_serial_arms(capsys, root, tmp_path):
+    examples = root / "src/ocptip/examples/tasks"
+    counts = []
+    for name in ("w1p1p2w2", str(examples / "ur5.urdf"), str(examples / "ur5_cart.toml")):
+        target = tmp_path / "arm.c"
+        assert main(["parallel", name, "--c", str(target), "--json"]) == 0
+        report = json.loads(capsys.readouterr().out)
+        assert report["joints"] == 6
+        counts.append(report["operations"]["arm"]["weighted"])
+        assert "int arm(const" in target.with_suffix(".h").read_text()
+    assert all(400 < count < 1500 for count in counts)
+    assert main(["parallel", "fsfs"]) == 0
+    assert "serial arm of 6 joints" in capsys.readouterr().out
+    assert main(["parallel", "IRB2000"]) == 2
+    assert "IRB2000: code: its links have no masses" in capsys.readouterr().err
+    assert main(["parallel", "FSFS", "--form", "S"]) == 2
+    assert capsys.readouterr().err == "ocptip: --form: not for serial arms, which have one form of code\n"

@@ -476,10 +476,15 @@ COMMANDS = (
         "parallel",
         "mobility, assembly modes, cost and C code of a parallel robot; URDF, MJCF",
         "Checks a parallel robot's mobility, counts the operations of its inverse dynamics and writes them "
-        "as C code. Writes the robot for other programs.",
+        "as C code (of a serial arm, too). Writes the robot for other programs.",
         "0 the robot moves as described, 1 it does not",
         (
-            argument("robot", "NAME|FILE.toml", "3RRR, 3RPR, Delta, 4PRRR or 6UPS, or a robot file"),
+            argument(
+                "robot",
+                "NAME|FILE",
+                "3RRR, 3RPR, Delta, 4PRRR or 6UPS, or a robot file; an arm (its code only): FP1W2F, FSFS, "
+                "W1P1P2W2, a URDF, or a .toml with [arm]",
+            ),
             argument("--c", "FILE", "write C source, and a header beside it"),
             argument("--urdf", "FILE", "write the robot as URDF (a tree, loops cut)"),
             argument("--mjcf", "FILE", "write the robot as a MuJoCo model with its loops"),

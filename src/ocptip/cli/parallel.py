@@ -15,6 +15,7 @@ import numpy as np
 from ocptip.basics.errors import InputError, SolverError, naming
 from ocptip.basics.text import ratio
 from ocptip.basics.write import file_target, versions, write_text
+from ocptip.cli.arm_code import arm_code, is_arm
 from ocptip.cli.command import Report
 from ocptip.cli.layout import named, table
 from ocptip.parallel.analysis.assembly_modes import AssemblyModes
@@ -29,6 +30,7 @@ from ocptip.parallel.dynamics.base_parameters import numeric_base_parameters
 from ocptip.parallel.dynamics.numeric_parameters import NumericBaseParameters
 from ocptip.parallel.formats.export import to_urdf
 from ocptip.parallel.formats.mjcf import to_mjcf
+from ocptip.parallel.minimal_form import joint_functions
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.task_files.parallel import read_parallel_robot
 
@@ -37,9 +39,11 @@ LENGTHS = ("x", "y", "z")
 _FORCES = {"S": "tau_s", "X": "tau_s", "Z": "tau_z", "A": "tau_a", "AA": "tau_a"}
 
 
-def run(options: Namespace) -> ParallelReport:
+def run(options: Namespace) -> Report:
     """Examine the robot, and make the files that are asked for."""
     files = targets(options)
+    if is_arm(options.robot):
+        return arm_code(options, files.get("c"))
     description = read_robot(options.robot)
     with naming(Path(options.robot).name):
         report = examine(description, form=options.form, dynpar=options.dynpar)
@@ -247,7 +251,7 @@ def examine(
             raise InputError(f"{'--form' if form else '--dynpar'}: {why}") from None
         return ParallelReport(description, mobility, home, (), why)
     try:
-        joints, why = robot.joint_functions(), ""
+        joints, why = joint_functions(robot), ""
     except InputError as error:
         joints, why = (), str(error).removeprefix(f"{description.name}: generated code: ")
     return ParallelReport(description, mobility, home, functions, "", base, joints, why)

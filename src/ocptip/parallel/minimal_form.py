@@ -16,6 +16,7 @@ from ocptip.basics.errors import InputError
 from ocptip.numerics.vectors import cross_terms as cross
 from ocptip.parallel.analysis.elimination import elimination_order
 from ocptip.parallel.analysis.singularity import characteristic_length
+from ocptip.parallel.code.complete import home_function, newton_function, point_function
 from ocptip.parallel.code.leg_plans import choose_plans
 from ocptip.parallel.description.robot_description import PRISMATIC, Leg, RobotDescription
 from ocptip.parallel.kinematics.closed_form import leg_solution, leg_type, nearest_branch
@@ -108,6 +109,21 @@ def minimal_form(
         cs.vertcat(*measures, _platform_measure(robot, projection.jacobian(), z)),
     ]
     return MinimalForm(z, zd, zdd, *map(cs.densify, cs.cse(outputs)), (*names, "platform"))
+
+
+def joint_functions(robot: ParallelRobot) -> tuple[cs.Function, ...]:
+    """What gives generated functions their joints from z.
+
+    `joints` in closed form (:func:`joint_function`), or by Newton's method from joints nearby
+    (:func:`ocptip.parallel.code.complete.newton_function`), with `home_joints` to begin with.
+
+    Raises:
+        InputError: neither is there; says why.
+    """
+    if not robot.complete_legs and not joint_obstacle(robot.description):
+        return (joint_function(robot),)
+    make = newton_function if robot.complete_legs else point_function
+    return make(robot.kinematics), home_function(robot.kinematics)
 
 
 def joint_function(robot: ParallelRobot) -> cs.Function:

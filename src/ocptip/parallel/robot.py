@@ -26,8 +26,6 @@ from ocptip.parallel.routes.kkt import KKTAccelerations, KKTSystem
 from ocptip.parallel.routes.tree import tree_forces
 
 if TYPE_CHECKING:
-    import casadi as cs
-
     from ocptip.parallel.analysis.assembly_modes import AssemblyModes
     from ocptip.parallel.code.codegen import CFiles
     from ocptip.parallel.code.counting import OperationCount
@@ -316,22 +314,6 @@ class ParallelRobot(MadeOf):
                 options = {**options, "base": self.base_parameters("numeric")}
             return complete_function(self, outputs, **options)
         return lean_function(self.description, outputs, **options)
-
-    def joint_functions(self) -> tuple[cs.Function, ...]:
-        """What gives generated functions their joints from z: `joints` in closed form
-        (:func:`~ocptip.parallel.minimal_form.joint_function`), or by Newton's method from joints nearby
-        (:func:`~ocptip.parallel.code.complete.newton_function`), with `home_joints` to begin with.
-
-        Raises:
-            InputError: neither is there; says why.
-        """
-        from ocptip.parallel.code.complete import home_function, newton_function, point_function
-        from ocptip.parallel.minimal_form import joint_function, joint_obstacle
-
-        if not self.complete_legs and not joint_obstacle(self.description):
-            return (joint_function(self),)
-        make = newton_function if self.complete_legs else point_function
-        return make(self.kinematics), home_function(self.kinematics)
 
     def op_count(self, **options: object) -> OperationCount:
         """Operations of the motor forces (form "A"), or of what the options ask for."""
