@@ -3,19 +3,21 @@
 One start of each case runs with clocks around the program's functions, the callbacks and the solves, after
 another one that has compiled and loaded everything. CPU times of the thread. Whole commands run in a process
 each, CPU time by part, the least of two. Imports and processes are timed from outside, wall time, the least
-of three.
+of three. With `--others` only starts: of task files, and of cases of which all axes are optimised.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
 import subprocess
 import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, redirect_stdout
+from dataclasses import replace
 from io import StringIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -27,9 +29,12 @@ from threadpoolctl import threadpool_limits
 from ocptip.basics.write import versions, write_json
 from ocptip.motion.planner.one_start import Search
 from ocptip.motion.planner.program import MotionProgram
+from ocptip.motion.task import MotionTask
 from ocptip.numerics import ipopt
 from ocptip.numerics.workers import worker_pool
 from ocptip.published.tasks import experiment_task
+from ocptip.standing.tolerance import NONE
+from ocptip.task_files.cycle import read_task
 from studies.common import RESULTS, ended, machine, number, table
 
 PARTS = ("values", "gradient", "jacobian", "hessian")
@@ -91,9 +96,20 @@ class Clocks:
                 patch.stop()
 
 
-def profile(case: str, base: str) -> dict[str, Any]:
+def other_task(name: str) -> tuple[str, MotionTask]:
+    """Of "UR5e=folder/task.toml", as described; "B" is the case with all its axes optimised."""
+    title, _, path = name.partition("=")
+    if path:
+        task = read_task(path, NONE)
+        assert isinstance(task, MotionTask), f"{path}: a cycle"
+        return title, task
+    task = experiment_task(name, "effective")
+    return f"{name}, all axes", replace(task, optimised=tuple(range(task.robot.n)))
+
+
+def profile(case: str, task: MotionTask) -> dict[str, Any]:
     """Seconds of one start, number 1; of `solve` those of the parts, of callbacks and of Ipopt are shares."""
-    task, clocks = experiment_task(case, base), Clocks()
+    clocks = Clocks()
     with threadpool_limits(1):
         began = time.thread_time()
         search = Search(task)
@@ -173,28 +189,11 @@ def processes() -> dict[str, float]:
 
 def text(rows: list[dict[str, Any]], wholes: dict[str, dict[str, float]], loaded: dict[str, float]) -> str:
     """Four tables."""
-    evaluation, stages = [], []
-    for row in rows:
-        parts = [row["per_iteration_s"], *row["parts_s"].values(), row["callbacks_s"], row["ipopt_s"]]
-        own = [number(1e3 * part, 2) for part in parts]
-        evaluation.append([row["case"], str(row["iterations"]), *own, f"{row['nodes']}, {row['rows']}"])
-        times = [
-            row["building_s"],
-            *(row["stages_s"].get(name, 0.0) for name in STAGES[2:-1]),
-            row["start_s"],
-        ]
-        stages.append([row["case"], *(number(seconds, 2) for seconds in times)])
-    title = (
-        "CPU ms per iteration of Ipopt, effective base, start 1 of seed 0; values include what they keep for"
-    )
     lines = [
-        f"{title} gradient and Jacobian.",
+        "CPU ms per iteration of Ipopt, effective base, start 1 of seed 0; values include what they keep for "
+        "gradient and Jacobian.",
         "",
-        *table(HEAD, evaluation),
-        "",
-        "CPU s of that start by stage.",
-        "",
-        *table(STAGES, stages),
+        *of_starts(rows),
         "",
         "CPU s of `ocptip plan CASE --tolerance none --jobs 1` by part.",
         "",
@@ -210,21 +209,53 @@ def text(rows: list[dict[str, Any]], wholes: dict[str, dict[str, float]], loaded
     return "\n".join([*lines, *table(("wall s", ""), [[k, number(v, 2)] for k, v in loaded.items()]), ""])
 
 
+def of_starts(rows: list[dict[str, Any]]) -> list[str]:
+    """Two tables: by iteration, by stage."""
+    evaluation, stages = [], []
+    for row in rows:
+        parts = [row["per_iteration_s"], *row["parts_s"].values(), row["callbacks_s"], row["ipopt_s"]]
+        own = [number(1e3 * part, 2) for part in parts]
+        evaluation.append([row["case"], str(row["iterations"]), *own, f"{row['nodes']}, {row['rows']}"])
+        times = [
+            row["building_s"],
+            *(row["stages_s"].get(name, 0.0) for name in STAGES[2:-1]),
+            row["start_s"],
+        ]
+        stages.append([row["case"], *(number(seconds, 2) for seconds in times)])
+    between = ["", "CPU s of that start by stage.", ""]
+    return [*table(HEAD, evaluation), *between, *table(STAGES, stages)]
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--out", type=Path, default=RESULTS, metavar="DIR")
     parser.add_argument("--cases", default="A,B,C,D,E,F,G,H")
+    text_ = "cases, all of whose axes are optimised, and NAME=TASK.toml: profiled instead"
+    parser.add_argument("--others", metavar="LIST", help=text_)
     options = parser.parse_args()
+
+    def others() -> str:
+        rows = [profile(*other_task(name)) for name in options.others.split(",")]
+        loads = ", ".join(number(load) for load in os.getloadavg())
+        title = "CPU ms per iteration of Ipopt, start 1 of seed 0, as described (no tolerance)."
+        lines = [
+            f"{title} Load of the machine over 1, 5 and 15 min when it ended: {loads}.",
+            "",
+            *of_starts(rows),
+        ]
+        (options.out / "plan_profile_others.md").write_text("\n".join([*lines, ""]))
+        return "\n".join([*lines, ""])
 
     def study() -> str:
         cases = options.cases.split(",")
-        rows, parts, loaded = [profile(case, "effective") for case in cases], commands(cases), processes()
+        tasks = [(case, experiment_task(case, "effective")) for case in cases]
+        rows, parts, loaded = [profile(*one) for one in tasks], commands(cases), processes()
         data = {"versions": versions(), "machine": machine(), "rows": rows, "commands_s": parts}
         write_json(options.out / "plan_profile.json", data | {"processes_s": loaded}, indent=1)
         (options.out / "plan_profile.md").write_text(text(rows, parts, loaded))
         return text(rows, parts, loaded)
 
-    return ended("profile", study)
+    return ended("profile", others if options.others else study)
 
 
 if __name__ == "__main__":
