@@ -19,11 +19,6 @@ class _Plan:
     energy, interrupted = 1.0, False
 
 
-@pytest.fixture(autouse=True)
-def no_more_than_planned(monkeypatch):
-    monkeypatch.setattr(module, "_had_by", lambda *_: 0.0)
-
-
 def bisected(monkeypatch, most: float, error: ToleranceError, **how):
     """With a planner that finds a motion up to a tilt of `most`, degrees."""
     tried = []
@@ -49,17 +44,16 @@ def too_much(tilt: float, factor: float) -> ToleranceError:
 @pytest.mark.parametrize("most", [0.011, 0.014, 0.0199])
 def test_the_answer_lies_between_a_motion_and_none(monkeypatch, most):
     found, tried = bisected(monkeypatch, most, too_much(0.02, 0.5))
-    assert found.plans == len(tried) == module.PLANS
+    assert found.plans == len(tried) <= module.PLANS
     assert found.had.tilt <= most < found.not_had.tilt
-    assert found.not_had.tilt - found.had.tilt == pytest.approx(0.01 / 2 ** (module.PLANS - 1))
+    assert found.not_had.tilt - found.had.tilt <= 0.01 * 0.75 * 0.5**2
     assert str(found).startswith("a motion with floor tilt ")
     assert "; none with floor tilt " in str(found)
     assert found.to_dict()["found"] == {"tilt": found.had.tilt}
 
 
-def test_what_motions_can_have_narrows_the_bracket(monkeypatch):
-    """A motion planned for less can have 63 %, the best where none is verified 69 %, none more than 70 %."""
-    monkeypatch.setattr(module, "_had_by", lambda *_: 0.9 * 0.7)
+def test_what_motions_can_have_that_were_not_verified_narrows_the_bracket(monkeypatch):
+    """The best of the motions found where none is verified can have 69 %, none more than 70 %."""
 
     def plan_motion(task, starts, **_):
         asked = task.limits.tolerance.tilt
@@ -117,8 +111,8 @@ def test_an_interrupt_keeps_what_was_found(monkeypatch):
     tried.clear()
     error.too_much, error.factor, error.at_rest = Tolerance(tilt=0.02), 0.0, 0.5
     found = module.largest_tolerance(task, error)
-    assert tried == pytest.approx([0.005, 0.0075])
-    assert (found.had.tilt, found.not_had, found.interrupted) == (pytest.approx(0.005), None, True)
+    assert tried == pytest.approx([0.0075, 0.009375])
+    assert (found.had.tilt, found.not_had, found.interrupted) == (pytest.approx(0.0075), None, True)
     assert f"{found}".endswith("(2 plans of 2 starts, then interrupted)")
     assert found.to_dict()["interrupted"] is True
 
@@ -130,7 +124,7 @@ def test_a_plan_that_was_interrupted_with_a_motion_is_the_last(monkeypatch):
     error = too_much(0.02, 0.0)
     error.at_rest = 0.5
     found = module.largest_tolerance(experiment_task("A", "effective"), error)
-    assert (found.had.tilt, found.plans, found.interrupted) == (pytest.approx(0.005), 1, True)
+    assert (found.had.tilt, found.plans, found.interrupted) == (pytest.approx(0.0075), 1, True)
 
 
 def test_where_ends_cannot_have_it_at_rest_bisection_begins_with_what_they_can(monkeypatch):

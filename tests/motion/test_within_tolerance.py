@@ -11,7 +11,7 @@ from ocptip.certificate.trusted.forms import K
 from ocptip.certificate.trusted.late import Late
 from ocptip.motion.check import check_motion
 from ocptip.motion.late_joints import jump_states, on_time
-from ocptip.motion.within_tolerance import tolerable, worst_within
+from ocptip.motion.within_tolerance import tolerable, too_much, worst_within
 from ocptip.published.tasks import experiment_task
 from ocptip.reserves.tipping import TipMap
 from ocptip.standing.limits import MotionLimits
@@ -57,8 +57,10 @@ def test_no_sample_is_worse_than_the_worst_case(task, factor):
 def test_how_much_of_a_tolerance_a_motion_can_have(task):
     motion, tolerance = slow(task, 2.0), Tolerance(tilt=np.radians(3.0), friction=0.2, damping=0.05)
     limits = dataclasses.replace(task.limits, tolerance=tolerance)
-    share, why = tolerable(task.robot, motion, limits)
+    share = tolerable(task.robot, motion, limits)
+    alone, factor, why = too_much(task.robot, motion, limits)
     assert 0.1 < share < 0.9
+    assert (alone, share < factor) == (Tolerance(tilt=tolerance.tilt), True)
     assert why.startswith("of floor tilt 3 deg alone it can have floor tilt ")
     times = np.linspace(0, motion.end, 300)
     for factor, kept in ((share - 0.03, True), (share + 0.05, False)):

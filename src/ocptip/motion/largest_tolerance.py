@@ -1,7 +1,7 @@
 """How much of a tolerance a motion can have: bisection, by planning, of what was too much for those found.
 
-Every motion found can have more than it was planned for, or, where none was verified, less: both are exact
-checks that narrow the bracket between two plans.
+Where none was verified, the best of the motions found can have less than they were planned for: that
+narrows the bracket from below, too.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from typing import Any
 from ocptip.basics.errors import InputError, PlanningError
 from ocptip.motion.plan import MotionPlan, ToleranceError, plan_motion
 from ocptip.motion.task import MotionTask, refusals
-from ocptip.motion.within_tolerance import tolerable
 from ocptip.standing.tolerance import NONE, Tolerance
 from ocptip.standing.within.tolerable import AT_REST, culprit
 
 PLANS = 5  # at most
+BOLD = 0.75  # share of the way to what is too much that is tried after a plan was found
 CLOSE = 0.03  # of the least with which there is none: narrower is not looked
 SECONDS = 300.0  # after which no further plan is begun
 
@@ -89,7 +89,8 @@ def largest_tolerance(
     began, low, high, best, plans = time.monotonic(), error.factor, error.at_rest, None, 0
     rest = error.too_much.scaled(high) if high < 1 else None
     new = error.alone and rest is None  # all of it alone has not been planned yet
-    tried = high if new else 0.5 * (low + high)
+    share = 0.5 if rest is None else BOLD  # of the way to what is too much
+    tried = high if new else low + share * (high - low)
     not_had = None if new or rest is not None else error.too_much
     interrupted = False
     while plans < PLANS and high - low > CLOSE * high and time.monotonic() - began < seconds:
@@ -98,25 +99,20 @@ def largest_tolerance(
         plans += 1
         try:
             best = plan_motion(replace(task, limits=limits), starts=starts, prove=False, **how)
-            low, interrupted = max(tried, _had_by(best, error.too_much)), best.interrupted
+            low, share, interrupted = tried, BOLD, best.interrupted
         except KeyboardInterrupt:
             interrupted = True
         except (PlanningError, InputError) as none:
-            high, not_had = tried, tolerance
+            high, share, not_had = tried, 0.5, tolerance
             if isinstance(none, ToleranceError) and none.too_much.given == tolerance.given:
                 most = tried * none.factor  # of the best of the motions that were found
                 low, best = (most, None) if most > low else (low, best)
         if interrupted:
             break
-        tried = 0.5 * (low + high)
+        tried = low + share * (high - low)
     low = min(low, high)
     had = error.too_much.scaled(low)
     return LargestTolerance(had, low, not_had, best, plans, starts, rest, interrupted)
-
-
-def _had_by(plan: MotionPlan, tolerance: Tolerance) -> float:
-    """Factor of a tolerance, 0 to 1, that a plan's motion can have, whatever it was planned for."""
-    return tolerable(plan.task.robot, plan.motion, replace(plan.task.limits, tolerance=tolerance))[0]
 
 
 def too_much_at_rest(task: MotionTask) -> ToleranceError | None:

@@ -235,13 +235,13 @@ def _why_not(task: MotionTask, attempts: list[Attempt]) -> PlanningError:
     violations = "; ".join(nearest.check.violations)
     found = f"none of {len(attempts)} starts gave a verified motion"
     if task.limits.tolerance.given:
-        (most, why), best = max(
-            ((tolerable(task.robot, a.motion, task.limits), a) for a in moving), key=lambda one: one[0][0]
-        )
-        share = f"{100 * most:.0f} % of it"
+        shares = [tolerable(task.robot, a.motion, task.limits) for a in moving]
+        best = moving[shares.index(max(shares))]
+        alone, factor, why = too_much(task.robot, best.motion, task.limits)
+        share = f"{100 * max(shares):.0f} % of it"
         found += f" within the tolerance; the best of the motions found can have {share} ({why})"
         error = ToleranceError(f"{found}; start {nearest.result.number}: {violations}")
-        error.too_much, error.factor = too_much(task.robot, best.motion, task.limits)
+        error.too_much, error.factor = alone, factor
         return error
     return PlanningError(f"{found}; start {nearest.result.number}: {violations}")
 

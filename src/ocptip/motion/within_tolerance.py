@@ -24,7 +24,7 @@ from ocptip.standing.limit_kinds.limit import Worst as Measured
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import Tolerance
-from ocptip.standing.within.tolerable import IN_MOTION, culprit, largest, why_not
+from ocptip.standing.within.tolerable import IN_MOTION, UNDESCRIBED, culprit, culprit_words, largest
 from ocptip.standing.within.worst_case import Worst, WorstCase, worst_case_of
 from ocptip.trajectories.sampled import Motion
 
@@ -163,15 +163,16 @@ def worst_within(
     return _worst_of(worst_case_of(robot, tolerance), motion, times)
 
 
-def tolerable(robot: StandingMechanism, motion: Motion, limits: MotionLimits) -> tuple[float, str]:
-    """How much of everything in its tolerance a motion can have, 0 to 1, and in words what is too much."""
+def tolerable(robot: StandingMechanism, motion: Motion, limits: MotionLimits) -> float:
+    """How much of everything in its tolerance a motion can have, 0 to 1."""
+    return largest(limits.tolerance, _keeper(robot, motion, limits), ROUGHLY)
+
+
+def too_much(robot: StandingMechanism, motion: Motion, limits: MotionLimits) -> tuple[Tolerance, float, str]:
+    """The quantity that alone is too much for a motion, else everything; the factor that is not; in words."""
     kept = _keeper(robot, motion, limits)
-    return largest(limits.tolerance, kept, ROUGHLY), why_not(limits.tolerance, IN_MOTION, kept)
-
-
-def too_much(robot: StandingMechanism, motion: Motion, limits: MotionLimits) -> tuple[Tolerance, float]:
-    """The quantity that alone is too much for a motion, else everything, and the factor of it that is not."""
-    return culprit(limits.tolerance, IN_MOTION, _keeper(robot, motion, limits))
+    found = culprit(limits.tolerance, IN_MOTION, kept)
+    return *found, culprit_words(*found) if kept(Tolerance()) else UNDESCRIBED
 
 
 def _keeper(robot: StandingMechanism, motion: Motion, limits: MotionLimits) -> Callable[[Tolerance], bool]:

@@ -19,6 +19,7 @@ AT_REST = (
     "payload_center",
     "friction",
 )  # what counts without motion, likely culprits first
+UNDESCRIBED = "it does not stand as described"
 IN_MOTION = (*AT_REST, "speed", "delay", "damping")
 
 
@@ -30,9 +31,11 @@ def why_not(tolerance: Tolerance, names: Sequence[str], kept: Callable[[Toleranc
         names: of the quantities that count, likely culprits first.
         kept: whether nothing is lost within a tolerance.
     """
-    if not kept(Tolerance()):
-        return "it does not stand as described"
-    too_much, factor = culprit(tolerance, names, kept)
+    return culprit_words(*culprit(tolerance, names, kept)) if kept(Tolerance()) else UNDESCRIBED
+
+
+def culprit_words(too_much: Tolerance, factor: float) -> str:
+    """What `culprit` found, in words."""
     if len(too_much.given) > 1:
         return f"each alone it can have, together {100 * factor:.0f} % of everything"
     return f"of {too_much} alone it can have {too_much.scaled(factor)}" if factor else f"no {too_much} alone"
