@@ -151,6 +151,53 @@ def test_general_hexapods_have_forty_complex_solutions_wherever_they_stand() -> 
     assert counts[0] == counts[1] > 0
 
 
+def test_all_modes_of_a_hexapod_with_forty_real_ones() -> None:
+    """P. Dietmaier, The Stewart-Gough platform of general geometry can have 40 real postures, 1998."""
+    base = [(0, 0, 0), (1.107915, 0, 0), (0.549094, 0.756063, 0), (0.735077, -0.223935, 0.525991)]
+    base += [(0.514188, -0.526063, -0.368418), (0.590473, 0.094733, -0.205018)]
+    tool = [(0, 0, 0), (0.542805, 0, 0), (0.956919, -0.528915, 0), (0.665885, -0.353482, 1.402538)]
+    tool += [(0.478359, 1.158742, 0.107672), (-0.137087, -0.235121, 0.353913)]
+    robot = ups6()
+    legs = [
+        dataclasses.replace(leg, base_position=foot, coupling=hold, base_rotation=())
+        for leg, foot, hold in zip(robot.legs, base, tool, strict=True)
+    ]
+    home = np.array([0.3, 0.2, 1.0, 0.1, 0.2, 0.3])
+    robot = dataclasses.replace(robot, legs=tuple(legs), home=home)
+    found = ParallelRobot(robot).assembly_modes([1.0, 0.645275, 1.086284, 1.503439, 1.281933, 0.771071])
+    assert (found.regular, found.complete, len(found.modes)) == (40, True, 40)
+    assert all(mode.certified and mode.residual < 1e-12 for mode in found.modes)
+
+
+def test_five_bar_by_circles() -> None:
+    """Its distal links meet where two circles about the elbows do."""
+    robot = ParallelRobot(read_parallel_robot(EXAMPLES / "robots" / "five_bar.toml"))
+    motors, rng = _motors(robot, robot.description.home), np.random.default_rng(1)
+    for _ in range(5):
+        qa = motors + 0.4 * rng.uniform(-1, 1, 2)
+        elbows = np.array([[-0.15, 0.0], [0.15, 0.0]]) + 0.25 * np.column_stack([np.cos(qa), np.sin(qa)])
+        between = elbows[1] - elbows[0]
+        across = np.array([-between[1], between[0]]) / np.linalg.norm(between)
+        height = np.sqrt(0.35**2 - between @ between / 4)
+        expected = [elbows.mean(axis=0) + sign * height * across for sign in (-1, 1)]
+        found = robot.assembly_modes(qa)
+        assert (found.paths, found.complete) == (2, True)
+        for mode, point in zip(found.modes, sorted(expected, key=tuple), strict=True):
+            np.testing.assert_allclose(mode.z[:2], point, atol=1e-12)
+            direction = (point - elbows[0]) / 0.35
+            np.testing.assert_allclose(mode.rotation[:2, 0], _home_axis(robot, direction), atol=1e-12)
+            assert mode.certified
+    assert robot.assembly_modes([np.pi, 0.0]).modes == ()
+
+
+def _home_axis(robot: ParallelRobot, link: np.ndarray) -> np.ndarray:
+    """x axis of the platform, rigid with the distal link of the first arm, whose direction is given."""
+    q = robot.description.home, robot.ik(robot.description.home).q[0]
+    start = q[1][0] + q[1][1] - robot.kinematics.moving(q[0])[2]
+    turn = np.array([[np.cos(start), np.sin(start)], [-np.sin(start), np.cos(start)]])
+    return turn @ link
+
+
 def test_motors_that_reach_no_pose() -> None:
     robot = ParallelRobot(rpr3())
     assert robot.assembly_modes([0.1, 0.1, 0.1]).modes == ()

@@ -115,7 +115,7 @@ def assembly_modes(kinematics: Kinematics, qa: ArrayLike) -> AssemblyModes:
     for number, leg in enumerate(kinematics.legs):
         of_leg = zip(description.actuated, qa, strict=True)
         locked = {joint: float(value) for (own, joint), value in of_leg if own == number}
-        surfaces.append(leg_surface(leg, locked, turning=space.turning))
+        surfaces.append(leg_surface(leg, locked, turning=space.turning, planar=space.about >= 0))
         if len(kinematics.platform.order) == 6 and leg.n - leg.point < 3:
             raise InputError(
                 f"leg {number + 1}: assembly modes of a platform with all six coordinates need ball joints "

@@ -51,13 +51,16 @@ class LegSurface:
         return max(errors, default=0.0)
 
 
-def leg_surface(leg: LegSolver, locked: dict[int, float], *, turning: bool) -> LegSurface:
+def leg_surface(
+    leg: LegSolver, locked: dict[int, float], *, turning: bool, planar: bool = False
+) -> LegSurface:
     """The surface of a leg.
 
     Args:
         leg: assembled.
         locked: positions of its motors' joints, rad or m.
         turning: the platform only turns about its origin: orientation of the leg's axes counts.
+        planar: the platform turns about one axis: of a leg that is rigid with it, the last joint counts.
 
     Raises:
         InputError: the point moves on none of the surfaces.
@@ -75,6 +78,16 @@ def leg_surface(leg: LegSolver, locked: dict[int, float], *, turning: bool) -> L
     rotations, origins = leg.frames(q)
     axes, points, p = rotations[passive, :, 2], origins[passive], origins[leg.point]
     kappa, scale = leg.couplings[0], _SAME * leg.length
+    turn = leg.end_rotations[0]
+    if planar and leg.n == leg.point and turn is not None:
+        if passive[-1:] != [leg.n - 1] or slides[-1]:
+            raise InputError(
+                f"leg {leg.number + 1}: it is rigid with the platform; assembly modes need its last joint to "
+                "turn freely"
+            )
+        hinge = points[-1]
+        kappa = kappa + (rotations[leg.end_rows[0]] @ turn).T @ (hinge - p)
+        axes, points, slides, p = axes[:-1], points[:-1], slides[:-1], hinge
     kind = "".join("P" if s else "R" for s in slides)
     if not kind:
         return LegSurface(kappa, planes=tuple((e, float(e @ p)) for e in np.eye(3)))
@@ -87,10 +100,10 @@ def leg_surface(leg: LegSolver, locked: dict[int, float], *, turning: bool) -> L
         return LegSurface(kappa, foot, radius, planes=((axes[0], float(axes[0] @ p)),))
     parallel = bool(np.linalg.norm(np.cross(axes[0], axes[1])) < _SAME)
     if kind in ("PR", "RP") and parallel:
-        turn = kind.index("R")
-        arm = p - points[turn]
-        arm = arm - axes[turn] * (axes[turn] @ arm)
-        return LegSurface(kappa, p - arm, float(np.linalg.norm(arm)), axis=axes[turn])
+        hinge = kind.index("R")
+        arm = p - points[hinge]
+        arm = arm - axes[hinge] * (axes[hinge] @ arm)
+        return LegSurface(kappa, p - arm, float(np.linalg.norm(arm)), axis=axes[hinge])
     if kind == "RR" and parallel:
         return _disc(kappa, axes[0], points, p)
     if kind in ("RR", "RRR"):
