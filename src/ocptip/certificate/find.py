@@ -20,7 +20,7 @@ from ocptip.certificate.describe import (
     tolerance_data,
     unlike,
 )
-from ocptip.certificate.find_within import HIGHEST, SearchWithin
+from ocptip.certificate.find_within import HIGHEST, LOSS_WITHIN, SearchWithin
 from ocptip.certificate.interior import Interior
 from ocptip.certificate.result import AT_LIMIT, Certificate, Undecided
 from ocptip.certificate.trusted.checker import CLAIMS_WITHIN, FORMAT, Verdict, check_certificate, digest
@@ -99,6 +99,15 @@ def certify(
         sampled,
         seconds=time.perf_counter() - began,
     )
+
+
+def _goal(limits: MotionLimits, worst: Mapping[str, Worst], name: str) -> float:
+    """What to claim of a reserve within a tolerance; hardly more than a limit that is kept."""
+    if name not in worst:
+        return HIGHEST
+    value, limit = worst[name].value, getattr(limits, name)
+    most = HIGHEST if limit >= NEARLY_LOST else max(limit, value * (1 + LOSS))
+    return min(value * (1 + LOSS_WITHIN), most, HIGHEST)
 
 
 def _sampled(robot: StandingMechanism, worst: Mapping[str, Worst]) -> tuple[str, ...]:
@@ -227,10 +236,7 @@ class _Search:
         """Prove the contacts within the tolerance, else at least with all joints on time; what is missing."""
         weakest = worst_case_of(self.robot, limits.tolerance).robot
         assert isinstance(weakest, StandingRobot)
-        goals = {
-            name: min(worst[name].value * (1 + LOSS), HIGHEST) if name in worst else HIGHEST
-            for name in CLAIMS_WITHIN
-        }
+        goals = {name: _goal(limits, worst, name) for name in CLAIMS_WITHIN}
         on_time, self._short = {**whole, **_ON_TIME}, _hopeless(worst)
         for tolerance in () if self._short else (whole, on_time) if whole != on_time else (whole,):
             found = SearchWithin(weakest, self.model, self.motion, tolerance, goals, self.knots).found()

@@ -23,7 +23,9 @@ HIGHEST = 1 - 1e-6  # reserves of 1 are lost
 _LONGEST, _SHORTEST = 0.01, 2e-4  # s, of intervals
 _WAYS = (81, 1000, 1000, 1000, 0)  # combinations of branches in round after round
 _MOST, _TOO_MANY = 6000, 20_000  # rows of combinations: for more intervals; at all
-_LOSS = 2e-4  # relative: how far claims are from what is proved
+LOSS_WITHIN = 5e-3
+"""Relative, how far claims are from the sampled worst values: nearer ones take several times as long."""
+_LOSS = 2e-4  # relative, how far those of GT are from what is proved where that is not enough
 _STEPS_OF_WEIGHTS = (0.5,) * 8 + (0.2,) * 8  # how far they go from try to try
 _PATIENCE, _SLOW = 4, 0.9  # after so many tries, the share that may be left of what is missing
 _IN_VAIN, _FEW = 1.6, 4  # so many times the intervals before: what is missing is not their length
