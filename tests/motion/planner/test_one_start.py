@@ -49,7 +49,7 @@ def test_a_start_that_is_gone_on_with_never_gets_worse(task, monkeypatch, factor
     before = Attempt(clock.result(5, "verified", checked), slow, checked, begin, clock)
     search = Search(task)
 
-    def refined(x, clock):
+    def refined(x, clock, most):
         clock.iterations += 7
         if factor is None:
             raise SolverError("no")

@@ -39,6 +39,7 @@ LOST = 1.0  # largest violation from which, with rows of stops, no other pace le
 TIGHTENINGS = 5
 PROOFS, DEARER = 2, 1.005  # so often a motion is solved again to be proved, if it costs at most so much more
 AHEAD = 2  # times what a proof falls short are limits tightened, for proofs are a little different each time
+DEAR = 1.0005  # times what a motion costs: what an exact program may have, to replace it once it is checked
 PROMISING = 1.02  # times the cost of an S-curve motion, what its path may cost as ramps
 MISS = 1e-7  # m and rad, by which start and goal may miss their poses
 SLOWED = 1.001  # a motion that exceeds speeds or accelerations by less is slowed down by as much
@@ -138,7 +139,7 @@ class Search:
         try:
             start, _ = self._fine(before.x, clock)
             clock.stage("fine")
-            found, end, _ = self._refined(start, clock)
+            found, end, _ = self._refined(start, clock, DEAR * self._cost(checked))
             if found is not None and self._better(found[1], checked):
                 motion, checked = found
                 x = self._open_at(end, checked)
@@ -214,12 +215,12 @@ class Search:
         return found
 
     def _refined(
-        self, x: np.ndarray, clock: Clock
+        self, x: np.ndarray, clock: Clock, most: float = np.inf
     ) -> tuple[tuple[ArmMotion, MotionCheck] | None, np.ndarray, str]:
         """As `_exact`, with what it took."""
         refiner = Refiner(self.formulation, self.inner)
         try:
-            return self._exact(refiner, x, clock)
+            return self._exact(refiner, x, clock, most)
         finally:
             clock.count(refiner)
 
@@ -262,9 +263,12 @@ class Search:
         return x, cost
 
     def _exact(
-        self, refiner: Refiner, x: np.ndarray, clock: Clock
+        self, refiner: Refiner, x: np.ndarray, clock: Clock, most: float
     ) -> tuple[tuple[ArmMotion, MotionCheck] | None, np.ndarray, str]:
-        """A checked exact motion near x, its variables, and what is missing if there is none."""
+        """A checked exact motion near x, its variables, and what is missing if there is none.
+
+        One that costs more than `most` is not looked at: where limits are tightened it costs still more.
+        """
         best = self._ordered(refiner, x, clock)
         x = best.solution.x[: self.formulation.layout.size]
         if best.solution.violation > HOPELESS:
@@ -275,6 +279,8 @@ class Search:
             if self.task.limits.stoppable and best.solution.violation > LOST:
                 raise SolverError(missing)
             return None, x, f"no motion: {missing}"
+        if (cost := best.cost * self.task.objective.size) > most:
+            return None, x, f"no motion: costs {cost:.4g}, others less"
         return self._checked(refiner, best, clock), x, ""
 
     def _ordered(self, refiner: Refiner, x: np.ndarray, clock: Clock) -> Exact:
