@@ -63,14 +63,14 @@ def test_pairs_that_cannot_be_planned_are_left_out(task):
 def test_starts_are_dealt_in_two_rounds():
     tasks = ["a", "b", "c"]
     costs = {}
-    dealt = rounds(tasks, 7, costs)
+    dealt = rounds(tasks, range(7), costs)
     assert next(dealt) == [("a", 0), ("b", 1), ("c", 2)]
     costs.update({1: 10.0, 2: 10.2, 0: 20.0})
     assert next(dealt) == [("c", 3), ("b", 4), ("c", 5), ("b", 6)]
     assert list(dealt) == []
-    assert list(rounds(["a"], 3, {})) == [[("a", 0), ("a", 1), ("a", 2)]]
-    assert list(rounds(tasks, 2, {})) == [[("a", 0), ("b", 1)]]
-    failed = rounds(tasks, 5, {})
+    assert list(rounds(["a"], range(3), {})) == [[("a", 0), ("a", 1), ("a", 2)]]
+    assert list(rounds(tasks, range(2), {})) == [[("a", 0), ("b", 1)]]
+    failed = rounds(tasks, range(5), {})
     next(failed)
     assert next(failed) == [("a", 3), ("b", 4)]
 

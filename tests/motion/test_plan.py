@@ -17,7 +17,7 @@ from ocptip.basics.errors import InputError, PlanningError
 from ocptip.certificate.result import Certificate, Undecided
 from ocptip.certificate.trusted.checker import Verdict, check_certificate
 from ocptip.motion.check import certified, check_motion
-from ocptip.motion.plan import FINISHED, _attempts, plan_motion
+from ocptip.motion.plan import FINISHED, _most_promising, plan_motion
 from ocptip.motion.planner.attempt import LEFT_OUT, Attempt, Clock, Rough, StartResult
 from ocptip.motion.planner.one_start import Search
 from ocptip.numerics.workers import WorkerDiedError, worker_pool
@@ -26,7 +26,7 @@ from ocptip.robots.geometry import Pillar
 from ocptip.robots.kinematics import gripper_pose
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.limits import MotionLimits
-from ocptip.standing.tolerance import WORKSHOP, Tolerance
+from ocptip.standing.tolerance import Tolerance
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.arm_motion import ArmMotion
 
@@ -497,12 +497,8 @@ def test_a_ur5_on_a_cart_from_several_starts(root):
     assert_ur5_is_planned(root, 3)
 
 
-@pytest.mark.parametrize(
-    ("good", "finished"), [({4}, [4, 2, 0]), ({3}, [4, 2, 0, 5, 1, 3]), ({}, [4, 2, 0, 5, 1, 3])]
-)
-def test_of_starts_within_a_tolerance_the_most_promising_ones_are_finished(task, good, finished):
-    task = dataclasses.replace(task, limits=MotionLimits(tolerance=WORKSHOP))
-    costs, done = [3.0, np.inf, 2.0, np.inf, 1.0, 4.0], []
+def roughly(costs, good, done):
+    """What does the work of starts: rough ones promise these costs, finished ones are verified if good."""
 
     def work(what, jobs):
         for _, (number, seed, *rough) in jobs:
@@ -515,12 +511,29 @@ def test_of_starts_within_a_tolerance_the_most_promising_ones_are_finished(task,
             result = rough[0].clock.result(number, "verified" if number in good else "no motion", None)
             yield Attempt(dataclasses.replace(result, verified=number in good), None, None)
 
-    found = list(_attempts(work, [(task, number) for number in range(len(costs))], 7))
+    return work
+
+
+@pytest.mark.parametrize(
+    ("good", "finished"), [({4}, [4, 2, 0]), ({3}, [4, 2, 0, 5, 1, 3]), ({}, [4, 2, 0, 5, 1, 3])]
+)
+def test_of_starts_within_a_tolerance_the_most_promising_ones_are_finished(task, good, finished):
+    costs, done = [3.0, np.inf, 2.0, np.inf, 1.0, 4.0], []
+    found = list(_most_promising(roughly(costs, good, done), [task], range(len(costs)), 7, {}))
     assert done == finished
     assert len(done) % FINISHED == 0
     assert sorted(a.result.number for a in found) == list(range(len(costs)))
     left_out = {a.result.number for a in found if a.result.status == LEFT_OUT}
     assert left_out == set(range(len(costs))) - set(finished)
+
+
+def test_within_a_tolerance_the_pair_of_postures_that_promises_the_least_cost_gets_the_other_starts(task):
+    """Nothing is finished before all starts of all pairs have been looked at roughly."""
+    pairs, of, done = [task, dataclasses.replace(task), dataclasses.replace(task)], {}, []
+    costs = [3.0, 1.0, 2.0, 1.5, 1.2, 0.9]
+    list(_most_promising(roughly(costs, {1, 4, 5}, done), pairs, range(6), 7, of))
+    assert [pairs.index(of[k]) for k in range(6)] == [0, 1, 2, 1, 1, 1]
+    assert done == [5, 1, 4]
 
 
 def test_a_verified_motion_that_is_not_proved_is_planned_again_a_little_tighter(task):

@@ -78,19 +78,19 @@ def plainest_cost(task: MotionTask) -> float:
 
 
 def rounds(
-    tasks: list[MotionTask], starts: int, costs: dict[int, float], begin: int = 0
+    tasks: list[MotionTask], numbers: range, costs: dict[int, float]
 ) -> Iterator[list[tuple[MotionTask, int]]]:
     """Which starts to run, as pairs of task and number; the second round after the costs of the first.
 
     Args:
         tasks: best first.
-        starts: in all.
-        costs: of the verified motions so far, by number of the start; filled by the caller meanwhile.
-        begin: number of the first start; not 0 for a single task only.
+        numbers: of the starts; not from 0 for a single task only.
+        costs: of the motions so far, by number of the start; filled by the caller meanwhile.
     """
-    if begin:
-        yield [(tasks[0], k) for k in range(begin, begin + starts)]
+    if numbers.start:
+        yield [(tasks[0], k) for k in numbers]
         return
+    starts = numbers.stop
     first = starts if len(tasks) == 1 else min(starts, len(tasks))
     yield [(tasks[min(k, len(tasks) - 1)], k) for k in range(first)]
     if first < starts:

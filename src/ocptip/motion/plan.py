@@ -140,8 +140,8 @@ def plan_motion(
         with nullcontext() if own else worker_pool(executor, jobs, starts) as pool:
             work = partial(_in_process, {}) if own else partial(_in_pool, pool)
             for own_tasks in _families(tasks):
-                turns = rounds(own_tasks, starts, costs, first)
-                for attempt in _turns(work, turns, seed, costs, attempts, tasks_of):
+                numbers = range(first, first + starts)
+                for attempt in _turns(work, own_tasks, numbers, seed, costs, attempts, tasks_of):
                     attempts[attempt.result.number] = attempt
                     if attempt.result.verified:
                         costs[attempt.result.number] = _cost(task, attempt)
@@ -246,50 +246,64 @@ def _why_not(task: MotionTask, attempts: list[Attempt]) -> PlanningError:
     return PlanningError(f"{found}; start {nearest.result.number}: {violations}")
 
 
-def _attempts(
-    work: Callable[[str, list[_Job]], Iterator[Any]], batch: list[tuple[MotionTask, int]], seed: int
-) -> Iterator[Attempt]:
-    """The starts; within a tolerance, which is slow, only the most promising ones are finished.
-
-    Args:
-        work: yields what a method of `Search` finds for each task with its arguments, in any order.
-        batch: tasks and numbers of starts.
-        seed: of the starts.
-    """
-    if len(batch) <= FINISHED or not batch[0][0].limits.tolerance.given:
-        yield from work("run", [(task, (number, seed)) for task, number in batch])
-        return
-    found: list[Rough | Attempt] = list(work("rough", [(task, (number, seed)) for task, number in batch]))
-    yield from (one for one in found if isinstance(one, Attempt))  # lost
-    rough = [one for one in found if isinstance(one, Rough)]
-    rough.sort(key=lambda one: (one.cost, one.number))
-    tasks, verified = {number: task for task, number in batch}, False
-    while rough and not verified:
-        now, rough = rough[:FINISHED], rough[FINISHED:]
-        for attempt in work("run", [(tasks[one.number], (one.number, seed, one)) for one in now]):
-            verified |= attempt.result.verified
-            yield attempt
-    yield from (one.left_out for one in rough)
-
-
 def _turns(
     work: Callable[[str, list[_Job]], Iterator[Any]],
-    batches: Iterator[list[tuple[MotionTask, int]]],
+    tasks: list[MotionTask],
+    numbers: range,
     seed: int,
     costs: dict[int, float],
     attempts: dict[int, Attempt],
     tasks_of: dict[int, MotionTask],
 ) -> Iterator[Attempt]:
-    """All starts, then again those that may still win; the caller fills costs and attempts meanwhile."""
-    for batch in batches:
-        tasks_of.update((number, task) for task, number in batch)
-        yield from _attempts(work, batch, seed)
+    """All starts, then again those that may still win; the caller fills costs and attempts meanwhile.
+
+    Args:
+        work: yields what a method of `Search` finds for each task with its arguments, in any order.
+        tasks: one, or one for each pair of postures.
+        numbers: of the starts.
+        seed: of the starts.
+        costs, attempts: of the starts that are verified, and of all that ended, by number.
+        tasks_of: is told which start is of which task.
+    """
+    if tasks[0].limits.tolerance.given and len(numbers) > FINISHED:
+        yield from _most_promising(work, tasks, numbers, seed, tasks_of)
+    else:
+        for batch in rounds(tasks, numbers, costs):
+            tasks_of.update((number, task) for task, number in batch)
+            yield from work("run", [(task, (number, seed)) for task, number in batch])
     for _ in range(FURTHER):
         near = NEAR * min(costs.values(), default=0.0)
         best = sorted((cost, number) for number, cost in costs.items() if cost <= near)
         chosen = [attempts[number] for _, number in best[: -(-len(attempts) // SHARE)]]
         jobs = [(tasks_of[one.result.number], (one,)) for one in chosen if one.x is not None]
         yield from work("further", jobs)
+
+
+def _most_promising(
+    work: Callable[[str, list[_Job]], Iterator[Any]],
+    tasks: list[MotionTask],
+    numbers: range,
+    seed: int,
+    tasks_of: dict[int, MotionTask],
+) -> Iterator[Attempt]:
+    """Within a tolerance, which is slow, only those starts that promise the least cost are finished."""
+    rough, promised = list[Rough](), dict[int, float]()
+    for batch in rounds(tasks, numbers, promised):
+        tasks_of.update((number, task) for task, number in batch)
+        for one in work("rough", [(task, (number, seed)) for task, number in batch]):
+            if isinstance(one, Attempt):  # lost
+                yield one
+                continue
+            rough.append(one)
+            promised[one.number] = one.cost
+    rough.sort(key=lambda one: (one.cost, one.number))
+    verified = False
+    while rough and not verified:
+        now, rough = rough[:FINISHED], rough[FINISHED:]
+        for attempt in work("run", [(tasks_of[one.number], (one.number, seed, one)) for one in now]):
+            verified |= attempt.result.verified
+            yield attempt
+    yield from (one.left_out for one in rough)
 
 
 def _families(tasks: list[MotionTask]) -> list[list[MotionTask]]:
