@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +31,6 @@ def save_comparison(path: str | os.PathLike[str], found: Comparison, predictor: 
 
 def comparison_figure(found: Comparison, predictor: Predictor, name: str) -> Figure:
     """The same as a matplotlib figure: errors of joints, loads measured (dots) and predicted, the rest."""
-    in_degrees = [180 / np.pi if unit == "rad" else 1e3 for unit in predictor.robot.units]
     kinds = {
         kind: [one for one in found.signals if one.kind == kind] for kind in (ANGLE, TORQUE, WRENCH, POWER)
     }
@@ -45,7 +45,7 @@ def comparison_figure(found: Comparison, predictor: Predictor, name: str) -> Fig
         ("moment [N m]", moments),
         ("power [W]", kinds[POWER]),
     )
-    _errors(axes[0, 0], kinds[ANGLE], found.times, in_degrees)
+    _errors(axes[0, 0], kinds[ANGLE], found.times, predictor.robot.units)
     _deviation(axes[0, 1], found)
     for (left, right), (title, signals) in zip(axes[1:], groups, strict=True):
         _pair(left, right, title, signals, found.times)
@@ -61,11 +61,13 @@ def comparison_figure(found: Comparison, predictor: Predictor, name: str) -> Fig
     return figure
 
 
-def _errors(ax: Any, signals: list[Compared], times: np.ndarray, scales: list[float]) -> None:
+def _errors(ax: Any, signals: list[Compared], times: np.ndarray, units: Sequence[str]) -> None:
     for k, one in enumerate(signals):
-        away = scales[one.index] * (one.measured - one.predicted)
+        scale = 180 / np.pi if units[one.index] == "rad" else 1e3
+        away = scale * (one.measured - one.predicted)
         ax.plot(times, away, color=COLORS[k % len(COLORS)], lw=0.9, label=one.name, gid=f"error-{one.name}")
-    ax.set_ylabel("joint error [deg, mm]")
+    words = [word for unit, word in (("rad", "deg"), ("m", "mm")) if unit in units]
+    ax.set_ylabel(f"joint error [{', '.join(words)}]")
     _legend(ax, signals)
 
 

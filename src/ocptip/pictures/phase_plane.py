@@ -75,8 +75,9 @@ def phase_plane(plan: MotionPlan, timed: Retimed) -> Figure:
     ax.legend(
         frameon=False, fontsize=8.5, ncols=len(names) + 2, loc="lower center", bbox_to_anchor=(0.5, 1.0)
     )
-    word = "verified" if timed.check.verified else "NOT verified"
-    figure.suptitle(f"{plan.task.name}: timing of {motion.end:.3f} s, {word}", fontsize=13, fontweight="bold")
+    word = "" if timed.check.verified else ", NOT verified"
+    title = f"{plan.task.name}: timing of {motion.end:.3f} s before it becomes points{word}"
+    figure.suptitle(title, fontsize=13, fontweight="bold")
     return figure
 
 
