@@ -82,7 +82,7 @@ def study(runs: Runs, k: int, complete: bool, seed: int) -> dict[str, Any]:
     cheapest = min(best, key=best.__getitem__)
     order = [_index(pairs, one) for one in likely_choices(task)]
     costs = {i: energies[p][0] for i, p in enumerate(order) if p in energies}
-    *_, last = rounds([pairs[p] for p in order], 2 * len(order), costs)
+    *_, last = rounds([pairs[p] for p in order], range(2 * len(order)), costs)
     further = {_index(pairs, one) for one, _ in last}
     return {
         "task": task.name,

@@ -66,7 +66,7 @@ def test_legs_without_closed_form_stay_in_the_assembly_of_home():
 def test_rough_guesses_choose_the_home_assembly_only():
     """Found from the guess again at every pose, the legs would jump to their mirrored branches and back."""
     exact = ParallelRobot(spu6())
-    rng = np.random.default_rng(0)
+    rng = np.random.default_rng(2)
     legs = tuple(
         dataclasses.replace(
             leg, guess=leg.guess + rng.uniform(-1, 1, 6), end_rotation=solved.end_rotations[0]
