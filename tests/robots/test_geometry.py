@@ -100,6 +100,8 @@ def test_tubes_along_links_cover_them():
         assert steps.max() <= 0.06 + 1e-12
     with pytest.raises(InputError, match=r"links: must be 1\.\.6, got 7"):
         spheres_along_links(model, 0.06, links=[7])
+    with pytest.raises(InputError, match=r"radius: more than 1000 spheres on link 1, 0\.\d+ m long"):
+        spheres_along_links(model, 1e-9)
 
 
 @pytest.mark.parametrize(

@@ -56,6 +56,9 @@ CONTRADICTIONS = (  # between two tables: the one that is read later is refused
     r"_pose: arm .* cannot reach position",
     "is neither a parameter nor a multiple of pi",
     r"there is no \[table\.",
+    r"no such joint; there are",  # between the names of joints and what is said of them
+    r"arm\.joint\[\d+\]\.\w+: missing",  # between a joint and the table of its link
+    r"more than \d+ spheres on link",  # between lengths and the radius of the spheres
     r"there is no row \d+, only",
     "the arm has no collision geometry to check; give arm.sphere_radius",
     "for legs that branch, with `ends`, but this leg has none",

@@ -32,6 +32,7 @@ from ocptip.robots.model import ArmModel, SphereSet, joint_states
 
 _ENDLESS = 40.0  # m
 _TANGENTS = 300
+_MOST_SPHERES = 1000  # on one link
 
 
 @dataclass(frozen=True, eq=False)
@@ -314,7 +315,7 @@ def spheres_along_links(
         links: 1..L; all with a length above zero by default.
 
     Raises:
-        InputError: no such link, or a radius that is not positive.
+        InputError: no such link, a radius that is not positive, or so small that a link has more than 1,000.
     """
     positive_number("radius", radius)
     chosen = range(1, model.links + 1) if links is None else links
@@ -326,6 +327,9 @@ def spheres_along_links(
         length = np.linalg.norm(offset)
         if length == 0 and links is None:
             continue
+        if length > _MOST_SPHERES * radius:
+            text = f"more than {_MOST_SPHERES} spheres on link {link}, {length:.4g} m long"
+            raise InputError(text, "radius")
         steps = np.linspace(0, 1, int(np.ceil(length / radius)) + 1)
         sets.append(SphereSet(f"link {link}", link, steps[:, None] * offset, np.full(len(steps), radius)))
     return tuple(sets)

@@ -254,11 +254,12 @@ def _with_spheres(arm: ArmModel, table: Table, link_names: Sequence[str]) -> Arm
         return arm
     lengths = np.linalg.norm(arm.offsets, axis=1)
     links = [i + 1 for i in np.flatnonzero((radii > 0) & (lengths > 0))]
-    sets = [
-        replace(spheres, name=link_names[i - 1])
-        for i in links
-        for spheres in spheres_along_links(arm, radii[i - 1], links=[i])
-    ]
+    with table.at(radius="sphere_radius"):
+        sets = [
+            replace(spheres, name=link_names[i - 1])
+            for i in links
+            for spheres in spheres_along_links(arm, radii[i - 1], links=[i])
+        ]
     names = {spheres.link: spheres.name for spheres in sets}
     if not isinstance(excluded, list):
         raise table.error(f"expected pairs of links, got {excluded!r}", where)
