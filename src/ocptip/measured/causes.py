@@ -63,20 +63,25 @@ def columns_of_motion(
     `bent` and `damped` (N, n, n): what bends of joints, and dampings of their springs, change in all.
     """
     one, n = signals[k], predictor.robot.n
+    delays, seen, beyond, damping = joint_columns(n)
     found = np.zeros((len(state.q), 1 + 4 * n + len(signals)))
     if one.kind == GRIPPER:
         J = predictor.gripper(state.q)[1][:, one.index]
         late = -J * state.qd
         bends, rates = (np.einsum("ni,nij->nj", J, own) for own in (bent, damped))
-        found[:, 1 + 2 * n : 1 + 3 * n] = bends
+        found[:, beyond] = bends
     else:
         late = -(state.qd if one.kind == ANGLE else state.qdd) * (np.arange(n) == one.index)
         bends, rates = ((one.kind == ANGLE) * own[:, one.index] for own in (bent, damped))
     found[:, CLOCK] = late.sum(axis=1)
-    found[:, 1 : 1 + n], found[:, 1 + n : 1 + 2 * n] = late, bends
-    found[:, 1 + 3 * n : 1 + 4 * n] = rates
+    found[:, delays], found[:, seen], found[:, damping] = late, bends, rates
     found[:, 1 + 4 * n + k] = 1.0
     return found
+
+
+def joint_columns(n: int) -> np.ndarray:
+    """(4, n) numbers of joints' delays, springs that encoders see, others, and dampings among `of_motion`."""
+    return 1 + np.arange(4 * n).reshape(4, n)
 
 
 def of_loads(predictor: Predictor, signals: Sequence[Signal]) -> list[Possible]:

@@ -19,11 +19,12 @@ from ocptip.measured import causes
 from ocptip.measured.base_motion import base_motion
 from ocptip.measured.causes import CLOCK, Possible
 from ocptip.measured.clocks import AROUND, FOLLOWING, distance, find_clock
-from ocptip.measured.comparison import Compared, Comparison
+from ocptip.measured.comparison import Comparison, beside, energies, gripper_deviation
 from ocptip.measured.prediction import DAMPING, Elasticity, Predictor, State
-from ocptip.measured.recording import ANGLE, GRIPPER, KINDS, POWER, SPEED, TORQUE, WRENCH, Recording, Signal
+from ocptip.measured.recording import ANGLE, KINDS, POWER, SPEED, TORQUE, WRENCH, Recording, Signal
 from ocptip.measured.regression import Block, Explanation, explain, whitened
-from ocptip.measured.signals import Finding, absent, clipped, dead, noise_of, noisy, resolution
+from ocptip.measured.signals import Finding, absent, clipped, dead, noisy, resolution
+from ocptip.measured.springs import BEND, DAMP, DELAY, Loose, Swinging, loosened
 
 LEVEL = 1e-3
 """Probability of finding anything in the recording of a robot that is as described."""
@@ -32,7 +33,6 @@ _TESTS = 5  # that share the level: motion, loads, clipped, noisy, base
 _ROUNDS, _MOST_ROUNDS = 3, 12
 _NEAR = 0.05  # of standard errors: sizes of springs that change by less are found
 _LIGHTEST = -0.9  # relative change of masses: more is no body
-_DELAY, _BEND, _DAMPING = "delay", "bend", "damping"
 _TINY = 0.25  # samples: step of slopes over time
 _GROUPS = (ANGLE, SPEED, TORQUE, WRENCH)
 
@@ -60,25 +60,6 @@ class _Found:
     errors: np.ndarray
 
 
-@dataclass(frozen=True)
-class _Loose:
-    """A delay, a bend or a damping of a joint, which is known with a standard error."""
-
-    kind: str
-    joint: int
-    error: float
-
-
-def _loosened(
-    delays: np.ndarray, elastic: Elasticity, loose: Sequence[_Loose], off: Sequence[float]
-) -> tuple[np.ndarray, Elasticity]:
-    """Delays and springs that differ by so much."""
-    delays, bends, damping = delays.copy(), elastic.bends.copy(), elastic.damping.copy()
-    for one, more in zip(loose, off, strict=True):
-        {_DELAY: delays, _BEND: bends, _DAMPING: damping}[one.kind][one.joint] += more
-    return delays, Elasticity(np.maximum(bends, 0.0), np.clip(damping, 1e-3, 1.0), elastic.seen)
-
-
 class _Comparing:
     """The work, in its order."""
 
@@ -89,8 +70,10 @@ class _Comparing:
         self.kept: dict[str, np.ndarray] = {}
         self.left: dict[str, np.ndarray] = {}
         self.unexplained: dict[str, float] = {}
+        self.taken = 0  # causes in the motion
         begin, self.single = find_clock(recording, predictor)
         n, links = predictor.robot.n, predictor.robot.arm.links
+        self.joint_columns = causes.joint_columns(n)
         self.found = _Found(
             0.0 if same_clock else begin, np.inf, np.zeros(n), Elasticity.none(n),
             np.zeros(2 + 4 * links + 3 * n + 3), np.zeros(0), np.zeros(0),
@@ -98,9 +81,9 @@ class _Comparing:
         self.nominal = self._nominal()
         self._judge_signals()
 
-    def _nominal(self, shift: float = 0.0) -> State:
+    def _nominal(self) -> State:
         n, links = self.predictor.robot.n, self.predictor.robot.arm.links
-        times = self.recording.times - self.found.clock + shift
+        times = self.recording.times - self.found.clock
         return self.predictor.state(times, np.zeros(n), np.zeros(4 * links + 1))
 
     def _judge_signals(self) -> None:
@@ -148,53 +131,83 @@ class _Comparing:
     # --- the motion ---------------------------------------------------------------------------------------
 
     def explain_motion(self) -> None:
-        """Delays, elasticity and zeros from angles and the gripper."""
+        """Delays, elasticity and zeros from angles and the gripper.
+
+        Causes are taken in one by one, springs fitted in between: beside a spring that swings with a wrong
+        frequency much else seems to be wrong.
+        """
         signals = self.usable(causes.moving(self.recording.signals))
         if not signals:
             return
         possible = causes.of_motion(self.predictor, signals)
-        n, found = self.predictor.robot.n, self.found
+        found, (late, _, _, damping) = self.found, self.joint_columns
         theta = found.motion if len(found.motion) else np.zeros(len(possible))
-        explained, blocks = None, []
+        explained, blocks, tuned, first = None, [], set[int](), 1 + self.taken
         for turn in range(_MOST_ROUNDS):
             before = theta
             inside = np.zeros(len(possible))
-            inside[1 : 1 + n] = found.delays
+            inside[late] = found.delays
             inside[CLOCK] = found.clock if self.same_clock else 0.0
-            springs = found.elastic.bends > 0
-            for first in (1 + n, 1 + 2 * n):  # seen by encoders, or not
-                inside[first : first + n] = np.where(springs, theta[first : first + n], 0.0)
-            inside[1 + 3 * n : 1 + 4 * n] = np.where(springs, found.elastic.damping, 0.0)
+            springs = np.flatnonzero(found.elastic.bends > 0)
+            damped = damping[springs].tolist()
+            inside[self._bent_columns()[springs]] = found.elastic.bends[springs]
+            inside[damped] = found.elastic.damping[springs]
             blocks = self._motion_blocks(signals, inside)
-            damped = [1 + 3 * n + int(j) for j in np.flatnonzero(springs)]
-            explained, theta = self._explained(blocks, damped if self.same_clock else [CLOCK, *damped])
+            always = damped if self.same_clock else [CLOCK, *damped]
+            white = [whitened(block) for block in blocks]
+            explained = explain(white, self.level, always=always, most=first + turn)
+            theta = explained.values
             found.clock = theta[CLOCK] if self.same_clock else found.clock + theta[CLOCK]
-            found.delays = theta[1 : 1 + n]
+            found.delays = theta[late]
             found.elastic = self._springs(theta)
+            chosen = {cause.index for cause in explained.causes}
             swings = (found.elastic.bends > 0).any()
+            if swings and chosen != tuned:
+                theta, tuned = self._tuned(signals, blocks, theta, chosen), chosen
             near = np.abs(theta - before)[1:] <= _NEAR * np.where(theta[1:] != 0, explained.errors[1:], 0.0)
-            if turn >= _ROUNDS - 1 and (not swings or near.all()):
+            full = len(chosen) == first + turn  # perhaps there is more
+            if turn >= _ROUNDS - 1 and not full and (not swings or near.all()):
                 break
         assert explained is not None
+        self.taken = len(explained.causes)
         found.error, found.motion, found.errors = float(explained.errors[CLOCK]), theta, explained.errors
         self._note("motion", signals, possible, blocks, explained)
 
+    def _tuned(
+        self, signals: Sequence[Signal], blocks: Sequence[Block], theta: np.ndarray, chosen: set[int]
+    ) -> np.ndarray:
+        """Sizes of `causes.of_motion` with springs fitted from far away, which become what is found."""
+        found, (_, *of_springs) = self.found, self.joint_columns
+        others = chosen if self.same_clock else chosen | {CLOCK}
+        free = sorted(others - set(np.ravel(of_springs).tolist()))
+        columns, kept = [block.columns[:, free] for block in blocks], [block.kept for block in blocks]
+        times = self.recording.times - found.clock
+        swinging = Swinging(self.predictor, signals, kept, times, found.delays, self._changes(), columns)
+        found.elastic = swinging.fitted(found.elastic)
+        theta, springs = theta.copy(), np.flatnonzero(found.elastic.bends > 0)
+        theta[self._bent_columns()[springs]] = found.elastic.bends[springs]
+        theta[of_springs[-1][springs]] = found.elastic.damping[springs]
+        return theta
+
     def _springs(self, theta: np.ndarray) -> Elasticity:
         """Of the joints, by sizes of `causes.of_motion`; dampings stay within what swings."""
-        n = self.predictor.robot.n
-        seen, beyond, damping = (theta[1 + k * n : 1 + (k + 1) * n] for k in (1, 2, 3))
+        _, seen, beyond, damping = theta[self.joint_columns]
         damping = np.clip(np.where(damping == 0, DAMPING, damping), 1e-3, 1.0)
         return Elasticity(seen + beyond, damping, seen != 0)
+
+    def _bent_columns(self, other: bool = False) -> np.ndarray:
+        """(n,) of `causes.of_motion`: springs of joints as encoders see them; those of the other kind."""
+        _, seen, beyond, _ = self.joint_columns
+        return np.where(self.found.elastic.seen != other, seen, beyond)
 
     def _motion_blocks(self, signals: Sequence[Signal], inside: np.ndarray) -> list[Block]:
         """Residuals of the motion, to which what the prediction holds already is added again."""
         state, blocks = self.state(), []
-        elastic, n = self.found.elastic, self.predictor.robot.n
+        springs = self.found.elastic.bends != 0
         bent, damped = self._bending(state)
         for k, one in enumerate(signals):
             columns = causes.columns_of_motion(self.predictor, signals, k, state, bent, damped)
-            for j in np.flatnonzero(elastic.bends):  # in front of its encoder or behind it, not both
-                columns[:, 1 + (2 if elastic.seen[j] else 1) * n + j] = 0.0
+            columns[:, self._bent_columns(other=True)[springs]] = 0.0  # one side of the encoder, not both
             kept = self.kept[one.name] & self._away(self.found.clock, one.kind == SPEED)
             values = one.values - self.predictor.signal(one.kind, one.index, state) + columns @ inside
             blocks.append(Block(values, columns, kept, resolution(one.values)))
@@ -218,13 +231,6 @@ class _Comparing:
                 other = replace(found.elastic, **{name: values})
                 into[:, :, j] = (self.predictor.swing(times, found.delays, changes, other)[0] - first) / step
         return bent, damped
-
-    def _explained(
-        self, blocks: list[Block], always: Sequence[int], prior: np.ndarray | None = None
-    ) -> tuple[Explanation, np.ndarray]:
-        white = [whitened(block) for block in blocks]
-        explained = explain(white, self.level, always=always, prior=prior)
-        return explained, explained.values.copy()
 
     def _away(self, clock: float, wanted: bool = True) -> np.ndarray:
         """(N,) True away from instants at which accelerations jump, if that is wanted."""
@@ -277,32 +283,33 @@ class _Comparing:
             inside = np.concatenate([theta, off])
             inside[CLOCK] = found.clock - first
             blocks = self._load_blocks(signals, inside, loose)
-            explained, every = self._explained(blocks, always, prior)
-            theta, off = every[:K], every[K:]
+            white = [whitened(block) for block in blocks]
+            explained = explain(white, self.level, always=always, prior=prior)
+            theta, off = explained.values[:K], explained.values[K:]
             found.clock = first + theta[CLOCK]
             found.loads = theta
-            found.delays, found.elastic = _loosened(*begun, loose, off.tolist())
+            found.delays, found.elastic = loosened(*begun, loose, off.tolist())
         assert explained is not None
         if not np.isfinite(found.error):
             found.error = float(explained.errors[CLOCK])
         self._note("loads", signals, possible, blocks, explained)
 
-    def _loose(self) -> list[_Loose]:
+    def _loose(self) -> list[Loose]:
         """Delays and springs that angles and gripper have shown: what loads show of them, too, is free."""
-        n, found = self.predictor.robot.n, self.found
-        places = [(_DELAY, int(j), 1 + int(j)) for j in np.flatnonzero(found.delays)]
+        found, (late, _, _, damping) = self.found, self.joint_columns
+        places = [(DELAY, j, late) for j in np.flatnonzero(found.delays).tolist()]
         for j in np.flatnonzero(found.elastic.bends > 0).tolist():
-            places.append((_BEND, j, 1 + (1 if found.elastic.seen[j] else 2) * n + j))
-            places.append((_DAMPING, j, 1 + 3 * n + j))
-        return [_Loose(kind, j, float(found.errors[at])) for kind, j, at in places if found.errors[at] > 0]
+            places += [(BEND, j, self._bent_columns()), (DAMP, j, damping)]
+        errors = [(kind, j, float(found.errors[columns[j]])) for kind, j, columns in places]
+        return [Loose(*one) for one in errors if one[-1] > 0]
 
-    def _either(self, lag: float, loose: Sequence[_Loose]) -> list[tuple[float, State, State]]:
+    def _either(self, lag: float, loose: Sequence[Loose]) -> list[tuple[float, State, State]]:
         """Of each delay and spring a step, and the robot with half of it less and more, as of `state`."""
         found, times = self.found, self.recording.times - self.found.clock - lag
-        most, ends = {_DELAY: _TINY * self.recording.period, _BEND: 1e-7, _DAMPING: 1e-3}, []
+        most, ends = {DELAY: _TINY * self.recording.period, BEND: 1e-7, DAMP: 1e-3}, []
         for one in loose:
             step = min(0.1 * one.error, most[one.kind])
-            given = [_loosened(found.delays, found.elastic, [one], [sign * step]) for sign in (-0.5, 0.5)]
+            given = [loosened(found.delays, found.elastic, [one], [sign * step]) for sign in (-0.5, 0.5)]
             states = [
                 self.predictor.state(times, delays, self._changes(), elastic, slopes=False)
                 for delays, elastic in given
@@ -311,7 +318,7 @@ class _Comparing:
         return ends
 
     def _load_blocks(
-        self, signals: Sequence[Signal], inside: np.ndarray, loose: Sequence[_Loose]
+        self, signals: Sequence[Signal], inside: np.ndarray, loose: Sequence[Loose]
     ) -> list[Block]:
         """Residuals of loads, to which what the prediction holds already is added again."""
         predictor, blocks = self.predictor, []
@@ -380,9 +387,14 @@ class _Comparing:
     def result(self) -> Comparison:
         """All of it."""
         recording, predictor, found = self.recording, self.predictor, self.found
-        self.nominal = self._nominal()
-        times = recording.times - found.clock
-        compared = tuple(self._compared(one, times) for one in recording.signals if one.kind in FOLLOWING)
+        nominal = self.nominal = self._nominal()
+        times, compared = recording.times - found.clock, []
+        for one in recording.signals:
+            if one.kind in FOLLOWING:
+                lag = self.single.get(one.name, np.nan) - found.clock
+                still = self._away(found.clock, one.kind in (SPEED, TORQUE, WRENCH, POWER))
+                predicted = predictor.signal(one.kind, one.index, nominal)
+                compared.append(beside(one, predicted, times, lag, still, self.left.get(one.name)))
         noises = {one.name: one.noise for one in compared}
         groups = [[one.name for one in recording.of(kind)] for kind in _GROUPS]
         count = max(sum(len(group) for group in groups), 1)
@@ -394,52 +406,12 @@ class _Comparing:
             self.findings += moved.findings
         there = {one.kind for one in recording.signals}
         return Comparison(
-            times, found.clock, 1.96 * found.error, compared, self._gripper(), self._energy(compared, times),
+            times, found.clock, 1.96 * found.error, tuple(compared),
+            gripper_deviation(recording, predictor, nominal.q),
+            energies(compared, times, predictor.motion.end),
             moved, tuple(self.findings), tuple(kind for kind in KINDS if kind not in there),
             recording.unknown, self.unexplained, self.level * _TESTS, recording.thinned,
         )  # fmt: skip
-
-    def _compared(self, one: Signal, times: np.ndarray) -> Compared:
-        predicted = self.predictor.signal(one.kind, one.index, self.nominal)
-        away = one.values - predicted
-        good = np.isfinite(away)
-        looked = good & self._away(self.found.clock, one.kind in (SPEED, TORQUE, WRENCH, POWER))
-        good = looked if looked.any() else good
-        size = np.where(good, np.abs(away), -1.0)
-        left = self.left.get(one.name)
-        own = away if left is None else left
-        return Compared(
-            one.name, one.kind, one.index, one.values, predicted,
-            self.single.get(one.name, np.nan) - self.found.clock,
-            float(size.max()) if good.any() else float("nan"), float(times[np.argmax(size)]),
-            float(np.sqrt(np.mean(away[good] ** 2))) if good.any() else float("nan"),
-            float(np.ptp(predicted)), noise_of(np.nan_to_num(own), looked & np.isfinite(own)),
-            float("nan") if left is None else float(np.sqrt(np.nanmean(left**2))),
-        )  # fmt: skip
-
-    def _gripper(self) -> np.ndarray | None:
-        """(N,), m."""
-        recording, predictor = self.recording, self.predictor
-        measured, angles = recording.of(GRIPPER), recording.of(ANGLE)
-        planned = predictor.gripper(self.nominal.q)[0]
-        if len(measured) == 3:
-            return np.linalg.norm(np.stack([one.values for one in measured], axis=1) - planned, axis=1)
-        if len(angles) == predictor.robot.n:
-            q = np.stack([one.values for one in angles], axis=1)
-            good = np.isfinite(q).all(axis=1)
-            found = np.full(len(q), np.nan)
-            found[good] = np.linalg.norm(predictor.gripper(q[good])[0] - planned[good], axis=1)
-            return found
-        return None
-
-    def _energy(self, compared: Sequence[Compared], times: np.ndarray) -> tuple[float, float] | None:
-        """Of the motion, J, as far as it was recorded: both by the trapezoidal rule over the samples."""
-        own = next((one for one in compared if one.kind == POWER and one.index == 0), None)
-        if own is None:
-            return None
-        good = np.isfinite(own.measured) & (times >= 0) & (times <= self.predictor.motion.end)
-        both = (own.measured[good], own.predicted[good])
-        return float(np.trapezoid(both[0], times[good])), float(np.trapezoid(both[1], times[good]))
 
 
 def compare(

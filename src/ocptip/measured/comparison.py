@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ocptip.measured.base_motion import BaseMotion
-from ocptip.measured.signals import Finding
+from ocptip.measured.prediction import Predictor
+from ocptip.measured.recording import ANGLE, GRIPPER, POWER, Recording, Signal
+from ocptip.measured.signals import Finding, noise_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,3 +116,61 @@ class Comparison:
             "samples": len(self.times),
             "every_nth": self.thinned,
         }
+
+
+def beside(
+    one: Signal,
+    predicted: np.ndarray,
+    times: np.ndarray,
+    lag: float,
+    still: np.ndarray,
+    left: np.ndarray | None,
+) -> Compared:
+    """A signal beside its prediction.
+
+    Args:
+        one: the signal.
+        predicted: (N,), of the plan.
+        times: (N,), s, of the motion.
+        lag: see `Compared`.
+        still: (N,) True where samples count, unless none does.
+        left: (N,), what findings do not explain; None where that was not looked at.
+    """
+    away = one.values - predicted
+    good = np.isfinite(away)
+    looked = good & still
+    good = looked if looked.any() else good
+    size = np.where(good, np.abs(away), -1.0)
+    own = away if left is None else left
+    return Compared(
+        one.name, one.kind, one.index, one.values, predicted, lag,
+        float(size.max()) if good.any() else float("nan"), float(times[np.argmax(size)]),
+        float(np.sqrt(np.mean(away[good] ** 2))) if good.any() else float("nan"),
+        float(np.ptp(predicted)), noise_of(np.nan_to_num(own), looked & np.isfinite(own)),
+        float("nan") if left is None else float(np.sqrt(np.nanmean(left**2))),
+    )  # fmt: skip
+
+
+def gripper_deviation(recording: Recording, predictor: Predictor, q: np.ndarray) -> np.ndarray | None:
+    """(N,), m, of the gripper from where it is at joint values q (N, n); see `Comparison`."""
+    measured, angles = recording.of(GRIPPER), recording.of(ANGLE)
+    planned = predictor.gripper(q)[0]
+    if len(measured) == 3:
+        return np.linalg.norm(np.stack([one.values for one in measured], axis=1) - planned, axis=1)
+    if len(angles) < predictor.robot.n:
+        return None
+    shown = np.stack([one.values for one in angles], axis=1)
+    good = np.isfinite(shown).all(axis=1)
+    found = np.full(len(q), np.nan)
+    found[good] = np.linalg.norm(predictor.gripper(shown[good])[0] - planned[good], axis=1)
+    return found
+
+
+def energies(compared: Sequence[Compared], times: np.ndarray, end: float) -> tuple[float, float] | None:
+    """Measured and predicted, J, of a motion until its end, as far as it was recorded: trapezoidal rule."""
+    own = next((one for one in compared if one.kind == POWER and one.index == 0), None)
+    if own is None:
+        return None
+    good = np.isfinite(own.measured) & (times >= 0) & (times <= end)
+    both = (own.measured[good], own.predicted[good])
+    return float(np.trapezoid(both[0], times[good])), float(np.trapezoid(both[1], times[good]))

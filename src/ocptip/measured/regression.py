@@ -213,7 +213,12 @@ class _Sums:
 
 
 def explain(
-    blocks: Sequence[Whitened], level: float, *, always: Sequence[int] = (), prior: np.ndarray | None = None
+    blocks: Sequence[Whitened],
+    level: float,
+    *,
+    always: Sequence[int] = (),
+    prior: np.ndarray | None = None,
+    most: int | None = None,
 ) -> Explanation:
     """Find the few causes that explain signals.
 
@@ -222,13 +227,14 @@ def explain(
         level: probability of finding anything where there is nothing.
         always: causes that are no findings, but always free.
         prior: (K,), 1 / variance of causes whose size is known elsewhere to be 0; zeros: none is.
+        most: so many causes are taken in at most.
     """
     K = len(blocks[0].projections)
     sums = _Sums(blocks, np.zeros(K) if prior is None else prior)
     nuisance = [k for k in always if sums.seen[k]]
     candidates = int(sums.seen.sum()) - len(nuisance)
     threshold = float(stats.t.isf(0.5 * level / max(candidates, 1), sums.freedom))
-    chosen = _chosen(sums, nuisance, threshold**2)
+    chosen = _chosen(sums, nuisance, threshold**2, K if most is None else most)
     everything = [int(k) for k in np.flatnonzero(sums.seen)]
     least, own = sums.left(everything), sums.left(nuisance + chosen)
     parameters = int(np.linalg.matrix_rank(sums.products[np.ix_(everything, everything)], tol=_SAME))
@@ -241,11 +247,11 @@ def explain(
     )  # fmt: skip
 
 
-def _chosen(sums: _Sums, nuisance: list[int], enough: float) -> list[int]:
+def _chosen(sums: _Sums, nuisance: list[int], enough: float, most: int) -> list[int]:
     """Take in, exchange and drop until nothing changes, or causes come back that were chosen before."""
     chosen: list[int] = []
     before: set[frozenset[int]] = set()
-    while frozenset(chosen) not in before:
+    while len(chosen) < most and frozenset(chosen) not in before:
         before.add(frozenset(chosen))
         gains, _ = sums.gains(nuisance + chosen)
         best = int(np.argmax(gains))
