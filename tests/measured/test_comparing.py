@@ -7,8 +7,9 @@ import pytest
 
 from ocptip.basics.errors import InputError
 from ocptip.measured.compare import LEVEL, compare
-from ocptip.measured.prediction import Elasticity
+from ocptip.measured.prediction import Elasticity, Predictor
 from ocptip.measured.recording import Recording, Signal
+from ocptip.robots.process import ProcessWrench
 from tests.measured.machines import changed, heavier, predictor, recorded, values_of
 
 
@@ -135,6 +136,27 @@ def test_a_base_that_moved_is_found():
     assert found.base.changes == pytest.approx([3e-4, -2e-4, 2e-3], abs=2e-5)
     still = [replace(s, values=1e-5 * rng.normal(size=len(late))) for s in signals]
     assert compare(Recording(recording.times, recording.signals + tuple(still)), predictor()).agrees
+
+
+def test_a_process_that_varies_is_no_fault():
+    """Its share in torques and sensor is that of a force at the gripper; left out it is found."""
+    plan = predictor()
+    force, moment = np.array([[0, 0, 0], [-9.0, 5.0, 12.0], [0, 0, 0]]), np.zeros((3, 3))
+    process = ProcessWrench(force, moment, "base", "share", [0.2, 0.5, 0.9])
+    robot = plan.robot.varied(arm=plan.robot.arm.with_process(process))
+    own, times = Predictor(robot, plan.motion), np.linspace(-0.1, plan.motion.end + 0.1, 50)
+    none = np.zeros(6), np.zeros(25)
+    push = process.at(times / plan.motion.end)[0]
+    with_it, without = own.state(times, *none), plan.state(times, *none)
+    place, slopes = plan.gripper(without.q)
+    own_torques = -np.einsum("nij,ni->nj", slopes, push)
+    np.testing.assert_allclose(with_it.torques - without.torques, own_torques, atol=1e-9)
+    sensor = plan.robot.sensor
+    both = np.stack([push, np.cross(place - sensor.position, push)], axis=1) @ sensor.rotation
+    np.testing.assert_allclose(with_it.wrenches - without.wrenches, both.reshape(-1, 6), atol=1e-9)
+    recording = recorded(0, robot=robot)
+    assert compare(recording, own).agrees
+    assert not compare(recording, plan).agrees
 
 
 def test_another_motion_is_refused():

@@ -135,18 +135,29 @@ def test_torques_alone_and_a_late_joint():
     assert len(found.names) < 40 < len(parameter_names(own.robot.arm))
 
 
-def test_what_a_process_does_is_no_inertia():
-    """The parameters are those found without it, from the same noise."""
+PUSH, TWIST = np.array([5.0, -8.0, -20.0]), np.array([1.0, 0.5, -2.0])
+
+
+@pytest.mark.parametrize(
+    "process",
+    [
+        ProcessWrench(PUSH, TWIST),
+        ProcessWrench([0 * PUSH, PUSH, PUSH], [TWIST, -TWIST, 0 * TWIST], "tool", "time", [0.1, 0.3, 0.7]),
+        ProcessWrench([0 * PUSH, PUSH, -PUSH], [0 * TWIST, TWIST, TWIST], "base", "path", [0.0, 0.4, 0.8]),
+    ],
+)
+def test_what_a_process_does_is_no_inertia(process):
+    """The parameters are those found without it, from the same noise, but for what it tells of the clock."""
 
     def acting(own):
-        arm = own.robot.arm.with_process(ProcessWrench([5.0, -8.0, -20.0], [1.0, 0.5, -2.0]))
+        arm = own.robot.arm.with_process(process)
         return Predictor(own.robot.varied(arm=arm), own.motion)
 
     own = real()
     found = identify_links(recorded(acting(own), 3), acting(described()))
     without = identify_links(recorded(own, 3), described())
     away = np.abs(found.estimate.values - without.estimate.values)
-    assert np.all(away[without.estimate.seen] < 0.2 * without.estimate.errors[without.estimate.seen])
+    assert np.all(away[without.estimate.seen] < 0.6 * without.estimate.errors[without.estimate.seen])
 
 
 def test_without_torques_it_is_refused():

@@ -155,10 +155,13 @@ def identify_bodies(
         fixed[-PER_BODY:] += local[PAYLOAD] @ first[PAYLOAD]
     places = {PAYLOAD: slice(-PER_BODY, None), BASE: slice(0, PER_BODY)}
 
-    def model(kind: str, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def model(
+        kind: str, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, process: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         loads = project(regressors(bare, robot.support.gravity, q, qd, qdd)[1])
         own = np.concatenate([loads[:, :, places[name]] @ local[name] for name in names], axis=2)
-        return (loads @ fixed + project(process_loads(bare, q)[1])[:, :, 0]).T, own.transpose(1, 0, 2)
+        pushed = project(process_loads(robot, q, process)[1])[:, :, 0]
+        return (loads @ fixed + pushed).T, own.transpose(1, 0, 2)
 
     ran = Ran(recording, predictor)
     start = np.concatenate([first[name] for name in names])

@@ -28,8 +28,11 @@ _TINY = 0.25  # samples: step of slopes over time
 _UNSEEN = 1e-9  # share of the largest eigenvalue of the scaled normal equations, and of a direction
 CONFIDENCE = 0.95
 
-Model = Callable[[str, np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
-"""Of a kind of signals at q, qd, qdd (N, n): known loads (C, N) and columns (C, N, K) of its C signals."""
+Model = Callable[[str, np.ndarray, np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+"""Known loads (C, N) and columns (C, N, K) of C signals.
+
+In: their kind; q, qd, qdd (N, n); what acts on the gripper if that varies, see `StandingMechanism.acting`.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +82,8 @@ class Ran:
         first, single = find_clock(recording, predictor)
         angles = recording.of(ANGLE)
         own = [single[one.name] for one in angles if np.isfinite(single.get(one.name, np.nan))]
-        self.begins = np.full(predictor.robot.n, np.median(own) if own else first)
+        self.begin = float(np.median(own)) if own else first  # of most joints
+        self.begins = np.full(predictor.robot.n, self.begin)
         if angles:
             self._refine(angles)
 
@@ -106,7 +110,7 @@ class Ran:
         order = np.argsort(found)  # the median by weights: a joint that is late does not turn it
         common = float(found[order[np.searchsorted(np.cumsum(weights[order]), 0.5 * weights.sum())]])
         late = told & ((found - common) ** 2 * weights > _LATE**2)
-        self.begins[:] = common
+        self.begin = self.begins[:] = common
         self.begins[joints] = np.where(late, found, common)
 
     @cached_property
@@ -115,9 +119,11 @@ class Ran:
         events = np.unique(self.predictor.motion.event_times[:, None] + np.unique(self.begins))
         return distance(self.recording.times, events) > AROUND * self.recording.period
 
-    def states(self, lag: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(N, n) each: q, qd, qdd that signals show which are late by this."""
-        return self.predictor.states(self.recording.times - lag, self.begins)
+    def states(self, lag: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """q, qd, qdd, (N, n) each, and a process that varies, that signals show which are late by this."""
+        times = self.recording.times - lag
+        acting = self.predictor.robot.acting(times - self.begin)
+        return *self.predictor.states(times, self.begins), acting
 
 
 def estimate(

@@ -37,6 +37,7 @@ from ocptip.reserves.tipping import TipMap
 from ocptip.robots.dynamics import mass_sensitivities
 from ocptip.robots.model import ArmModel
 from ocptip.robots.motors import DCMotors, Motors
+from ocptip.standing.arm import without_process
 
 _STATES, _SEED = 60, 0  # random states at which the rank is found
 _RANK = 1e-9  # share of the first pivot
@@ -194,9 +195,11 @@ def identify_links(recording: Recording, predictor: Predictor) -> Identified:
     plate = parameters_of((sensor.mass, np.asarray(sensor.center_of_mass), np.zeros((3, 3))))
     held = link_parameters(robot.arm) - link_parameters(bare)
 
-    def loads(kind: str, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def loads(
+        kind: str, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, process: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """(N, C) known loads and (N, C, K) columns of all parameters."""
-        acting = process_loads(bare, q)
+        acting = process_loads(robot, q, process)
         if kind == WRENCH:
             seen = on_sensor(sensor, regressors(bare, gravity, q, qd, qdd)[1])[:, which[kind]]
             links, pushed = seen[:, :, PER_BODY:], on_sensor(sensor, acting[1])[:, which[kind], 0]
@@ -206,13 +209,16 @@ def identify_links(recording: Recording, predictor: Predictor) -> Identified:
         columns = torque_columns(bare, gravity, q, qd, qdd)[:, which[kind]]
         return columns[:, :, : len(held)] @ held + acting[0][:, which[kind]], columns
 
-    seen = [np.vstack(list(loads(kind, *random_states(bare))[1])) for kind in measured]
+    anywhere = *random_states(bare), np.zeros((_STATES, 6))
+    seen = [np.vstack(list(loads(kind, *anywhere)[1])) for kind in measured]
     basis = base_parameters(np.vstack(seen))
     described = all_parameters(bare)
     p = len(basis.independent)
 
-    def model(kind: str, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        known, columns = loads(kind, q, qd, qdd)
+    def model(
+        kind: str, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, process: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        known, columns = loads(kind, q, qd, qdd, process)
         friction = np.zeros((len(q), columns.shape[1], 2 * n))
         if kind == TORQUE:
             friction = friction_columns(qd)[:, which[kind]]
@@ -264,7 +270,9 @@ def mass_tolerance(found: Identified, predictor: Predictor, sigmas: float) -> fl
     axes = TipMap(robot.tip_over)
     if not axes.count:
         raise InputError("tolerance: contacts without tipping axes")
-    states, support = motion.states(motion.both_sides(_INSTANTS)), robot.support
+    times, support = motion.both_sides(_INSTANTS), robot.support
+    states = motion.states(times)
+    wrenches = robot.loads(*states, robot.acting(times))[1]
     bare = robot.arm.with_payload(None)
     columns = regressors(bare, support.gravity, *states)[1][:, :, PER_BODY:]
     x, y, z = support.center_of_mass
@@ -273,13 +281,15 @@ def mass_tolerance(found: Identified, predictor: Predictor, sigmas: float) -> fl
     rotors = np.zeros((*columns.shape[:2], robot.n if bare.armature.any() else 0))
     columns = np.concatenate([columns, rotors], axis=2)[:, :, found.basis.independent]
     p, links = len(found.names), bare.links
-    ways = axes(robot.loads(*states)[1])[1] @ columns  # (N, axes, p)
+    ways = axes(wrenches)[1] @ columns  # (N, axes, p)
     covariance = found.estimate.covariance[:p, :p]
     away = found.basis.combinations @ all_parameters(bare) - found.estimate.values[:p]
     unsure = sigmas * np.sqrt(np.einsum("nap,pq,naq->na", ways, covariance, ways)) + np.abs(ways @ away)
     given = *states, support.gravity, support.center_of_mass
-    slopes = mass_sensitivities(bare)(*given, np.zeros(4 * links + 1))[1].reshape(len(ways), robot.n + 6, -1)
-    moved = axes(robot.loads(*states)[1])[1] @ slopes[:, robot.n :, :links]
+    slopes = mass_sensitivities(without_process(bare))(*given, np.zeros(4 * links + 1))[1].reshape(
+        len(ways), robot.n + 6, -1
+    )
+    moved = axes(wrenches)[1] @ slopes[:, robot.n :, :links]
     share = float(np.max(unsure / np.maximum(np.abs(moved).sum(axis=2), 1e-300)))
     if not share < 1:
         raise InputError(f"tolerance: the arm is not told well enough; its links would be off by {share:.3g}")

@@ -11,9 +11,9 @@ import numpy as np
 
 from ocptip.basics.errors import InputError
 from ocptip.numerics.inertia import RigidBody, parallel_axis
-from ocptip.robots.dynamics import evaluate_dynamics
 from ocptip.robots.model import ArmModel
 from ocptip.robots.pinocchio import load_pinocchio
+from ocptip.standing.arm import StandingRobot
 from ocptip.standing.sensor import WrenchSensor
 
 PER_BODY = 10
@@ -85,14 +85,13 @@ def regressors(
     return found[:, 6:, PER_BODY:], -found[:, :6]
 
 
-def process_loads(arm: ArmModel, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def process_loads(robot: StandingRobot, q: np.ndarray, process: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Torques (N, n) and wrench on the base (N, 6, 1), as of `regressors`, of what acts on the gripper.
 
-    Raises:
-        InputError: it varies.
+    `process` is what it is, (N, 6), if it varies.
     """
-    still = np.zeros_like(q)
-    found = evaluate_dynamics(arm, q, still, still, gravity=np.zeros(3))
+    still, none = np.zeros_like(q), np.zeros(3)
+    found = robot.pushed(robot.arm, q, still, still, process, gravity=none, about=none)
     return found.torque, found.wrench[:, :, None]
 
 

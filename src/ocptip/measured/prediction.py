@@ -12,7 +12,7 @@ from ocptip.basics.errors import InputError
 from ocptip.measured.recording import ANGLE, BASE, GRIPPER, POWER, SHIFT, SPEED, TORQUE, WRENCH
 from ocptip.robots.dynamics import mass_sensitivities
 from ocptip.robots.kinematics import gripper_batch
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import StandingRobot, without_process
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.arm_motion import INSIDE
 from ocptip.trajectories.sampled import Motion
@@ -71,6 +71,8 @@ class State:
 class Predictor:
     """What signals should be.
 
+    A process that varies keeps the clock of the motion as commanded.
+
     Args:
         robot: an arm on its base.
         motion: of it, as planned.
@@ -82,7 +84,8 @@ class Predictor:
     def __init__(self, robot: StandingMechanism, motion: Motion) -> None:
         if not isinstance(robot, StandingRobot):
             raise InputError(f"only recordings of arms are compared, not of a {robot.kind}")
-        self.robot, self.motion = robot, motion
+        self.robot, self.motion = robot.during(motion), motion
+        self._masses = mass_sensitivities(without_process(robot.arm))
         self._linear, self._swings = lru_cache(8)(self._linearised), lru_cache(16)(self._swung)
 
     def states(self, times: np.ndarray, delays: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -121,15 +124,14 @@ class Predictor:
             bent, rate, change = self.swing(times, delays, changes, elastic)
             encoders = q + np.where(elastic.seen, bent, 0.0)
             q, qd, qdd = q + bent, qd + rate, qdd + change
-        torques, wrenches = robot.loads(q, qd, qdd)
+        torques, wrenches = robot.loads(q, qd, qdd, robot.acting(times))
         seen = sensor.reads(robot.support, wrenches)
         if not slopes:
             return State(q, qd, qdd, encoders, drives, torques, seen, np.empty((len(q), robot.n + 6, 0)))
-        evaluate = mass_sensitivities(robot.arm)
         given = (q, qd, qdd, robot.support.gravity, sensor.position)
-        loads, over = evaluate(*given, changes)
+        loads, over = self._masses(*given, changes)
         if changes.any():
-            loads = loads - evaluate(*given, 0 * changes)[0]
+            loads = loads - self._masses(*given, 0 * changes)[0]
             torques = torques + loads[:, : robot.n]
             seen = seen + loads[:, robot.n :] @ np.kron(np.eye(2), sensor.rotation)
         turn = np.eye(robot.n + 6)
@@ -170,7 +172,9 @@ class Predictor:
                 found[:, :, springs] = own
                 late, changed = np.frombuffer(delays), np.frombuffer(changes)
                 q, qd, qdd = (a + b for a, b in zip(self.states(grid, late), found, strict=True))
-                left = self._torques(q, qd, qdd, changed)[:, springs] + own[0] * stiffness + own[1] * rates
+                left = (
+                    self._torques(grid, q, qd, qdd, changed)[:, springs] + own[0] * stiffness + own[1] * rates
+                )
                 found[:, :, springs] += _integrated(np.diff(grid), M, C, K, -left)
         return grid, found
 
@@ -189,7 +193,7 @@ class Predictor:
         def needed(k: int = 0, j: int = 0, step: float = 0.0) -> np.ndarray:
             given = list(states)
             given[k] = given[k] + step * (np.arange(self.robot.n) == j)
-            return self._torques(given[0], given[1], given[2], changed)[:, own]
+            return self._torques(grid, given[0], given[1], given[2], changed)[:, own]
 
         torques = needed()
         M, C, G = (
@@ -198,12 +202,13 @@ class Predictor:
         )
         return grid, torques, M, C, G
 
-    def _torques(self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, changes: np.ndarray) -> np.ndarray:
-        found = self.robot.loads(q, qd, qdd)[0]
+    def _torques(
+        self, times: np.ndarray, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, changes: np.ndarray
+    ) -> np.ndarray:
+        found = self.robot.loads(q, qd, qdd, self.robot.acting(times))[0]
         if changes.any():
-            evaluate = mass_sensitivities(self.robot.arm)
             given = (q, qd, qdd, self.robot.support.gravity, np.zeros(3))
-            loads = [evaluate(*given, own)[0][:, : self.robot.n] for own in (changes, 0 * changes)]
+            loads = [self._masses(*given, own)[0][:, : self.robot.n] for own in (changes, 0 * changes)]
             found = found + loads[0] - loads[1]
         return found
 

@@ -9,6 +9,7 @@ from weakref import WeakKeyDictionary
 
 import casadi as cs
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError
 from ocptip.contact.support import Support
@@ -16,7 +17,7 @@ from ocptip.reserves.slip import Redistribution
 from ocptip.robots.collision.gaps import Collisions
 from ocptip.robots.collision.model import ShapeCollisions
 from ocptip.robots.collision.shapes import BodyShape
-from ocptip.robots.dynamics import evaluate_dynamics, inverse_dynamics, small_motions
+from ocptip.robots.dynamics import Dynamics, evaluate_dynamics, inverse_dynamics, small_motions
 from ocptip.robots.geometry import CollisionModel, Obstacle, in_closed_form
 from ocptip.robots.kinematics import chain, gripper_batch
 from ocptip.robots.model import ArmModel
@@ -129,16 +130,30 @@ class StandingRobot(StandingMechanism):
         self, arm: ArmModel, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, process: np.ndarray | None
     ) -> tuple[np.ndarray, np.ndarray]:
         """The same of this arm instead."""
-        support, load = self.support, {}
-        if process is not None and self.varying is not None:
-            force, moment = process[:, :3], process[:, 3:]
-            if self.varying.turns_with_tool:
-                turn = gripper_batch(without_process(arm))(q)[1]
-                force, moment = (np.einsum("kij,kj->ki", turn, rows) for rows in (force, moment))
-            arm, load = without_process(arm), {"force": force, "moment": moment}
-        about = support.center_of_mass
-        dynamics = evaluate_dynamics(arm, q, qd, qdd, gravity=support.gravity, about=about, **load)
+        support = self.support
+        given = {"gravity": support.gravity, "about": support.center_of_mass}
+        dynamics = self.pushed(arm, q, qd, qdd, process, **given)
         return dynamics.torque, dynamics.wrench + support.weight
+
+    def pushed(
+        self,
+        arm: ArmModel,
+        q: np.ndarray,
+        qd: np.ndarray,
+        qdd: np.ndarray,
+        process: np.ndarray | None,
+        *,
+        gravity: ArrayLike,
+        about: ArrayLike,
+    ) -> Dynamics:
+        """See `robots.dynamics.evaluate_dynamics`: of an arm with the process, (N, 6) if it varies."""
+        load = {}
+        if process is not None and self.varying is not None:
+            arm, load = without_process(arm), {"force": process[:, :3], "moment": process[:, 3:]}
+            if self.varying.turns_with_tool:
+                turn = gripper_batch(arm)(q)[1]
+                load = {name: np.einsum("kij,kj->ki", turn, rows) for name, rows in load.items()}
+        return evaluate_dynamics(arm, q, qd, qdd, gravity=gravity, about=about, **load)
 
     @property
     def varying(self) -> ProcessWrench | None:
@@ -299,6 +314,8 @@ _BARE: WeakKeyDictionary[ArmModel, ArmModel] = WeakKeyDictionary()
 
 def without_process(arm: ArmModel) -> ArmModel:
     """The same arm, one for each, on whose gripper nothing acts."""
+    if arm.process is None:
+        return arm
     if arm not in _BARE:
         _BARE[arm] = arm.with_process(None)
     return _BARE[arm]
