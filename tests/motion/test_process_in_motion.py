@@ -15,7 +15,7 @@ from ocptip.certificate.describe import model_data, motion_data, tolerance_data
 from ocptip.certificate.trusted.sharing import Sharing
 from ocptip.cli.main import main
 from ocptip.motion.check import certified, check_motion
-from ocptip.motion.load_cases import RestLoads
+from ocptip.motion.load_cases import Asked, RestLoads, largest_payload, load_cases, tilt_by_direction
 from ocptip.motion.plan import plan_motion
 from ocptip.motion.planner.node_physics import NodePhysics
 from ocptip.motion.tolerated import _Parts, tolerances
@@ -307,6 +307,54 @@ def test_shares_and_ways_become_times():
         np.testing.assert_allclose(mine, exact, atol=1e-3)
 
 
+@pytest.mark.parametrize("over", ["time", "share", "path"])
+def test_what_is_tolerated_knows_one_that_varies(over):
+    """Wrenches are those of the robot's loads; deviations are lost at the brink only, by these loads."""
+    task, bare = case("A")
+    process = replace(varying(over, [0.2, 0.7]), axes="base")
+    robot = bare.varied(arm=bare.arm.with_process(process)).during(task.reference)
+    motion, times = task.reference, np.linspace(0.01, task.reference.end - 0.01, 9)
+    q, qd, qdd = motion.states(times)
+    rest = RestLoads(robot, q, robot.acting(times)).wrenches(robot.support.gravity)
+    np.testing.assert_allclose(rest, robot.loads(q, 0 * q, 0 * q, robot.acting(times))[1], atol=1e-10)
+    parts = _Parts(robot, motion, times)
+    expected = robot.loads(q, 1.3 * qd, 1.69 * qdd, robot.acting(times))[1]
+    np.testing.assert_allclose(parts.total(speed=1.3), expected, atol=1e-9)
+    found = {one.quantity: one for one in tolerances(robot, motion)}
+    everywhere = np.linspace(1e-6, motion.end - 1e-6, 2000)
+    for speed, stands in ((0.995, True), (1.01, False)):
+        factor = 1 + speed * found["faster"].value / 100
+        q, qd, qdd = motion.states(everywhere)
+        states = robot.contact_states(
+            robot.loads(q, factor * qd, factor**2 * qdd, robot.acting(everywhere))[1]
+        )
+        worst = robot.tip_over.evaluate(states).GN.max(), robot.slip.evaluate(states).GT.max()
+        assert bool(max(worst) < 1) == stands
+
+
+def test_load_cases_know_one_that_varies():
+    """What acts in the pose, if that is known; else the worst of its rows."""
+    task, bare = case("A")
+    rows = np.array([[0, 0, 0], [30.0, 0, -60.0], [-20.0, 10.0, 5.0]])
+    process = ProcessWrench(rows, 0 * rows, "base", "time", [0.1, 0.2, 0.4])
+    robot, pose = bare.varied(arm=bare.arm.with_process(process)), task.start
+    alone = [bare.varied(arm=bare.arm.with_process(ProcessWrench(row, 0 * row, "base"))) for row in rows]
+    given = {"tilts": (0.0, 0.03), "pushes": (0.0,), "payloads": (0.5,)}
+    found = {one.pose: one for one in load_cases(robot, Asked(
+        {"any": pose, "then": pose}, acting={"then": np.append(rows[1], np.zeros(3))}, **given
+    ))}  # fmt: skip
+    each = [load_cases(own, Asked({"any": pose}, **given))[-1] for own in alone]
+    worst = [max(one.GN for one in each), max(one.GT for one in each)]
+    np.testing.assert_allclose([found["any"].GN, found["any"].GT], worst, atol=1e-6)
+    np.testing.assert_allclose([found["then"].GN, found["then"].GT], [each[1].GN, each[1].GT], atol=1e-6)
+    assert each[0].GN < each[1].GN  # it does something
+    tilts = [tilt_by_direction(own, pose, 12)[1] for own in alone]
+    np.testing.assert_allclose(tilt_by_direction(robot, pose, 12)[1], np.min(tilts, axis=0), atol=1e-5)
+    held = [largest_payload(own, pose[None])[0] for own in alone]
+    both = largest_payload(robot, np.tile(pose, (3, 1)), np.hstack([rows, 0 * rows]))
+    np.testing.assert_allclose(both, held, atol=1e-4)
+
+
 def test_what_does_not_follow_it_refuses_it():
     task, bare = case("A")
     for over in ("time", "share", "path"):
@@ -315,14 +363,12 @@ def test_what_does_not_follow_it_refuses_it():
             partial(robot.loads, q, q, q),
             partial(robot.load_expressions, *[cs.SX.zeros(6)] * 3),
             partial(check_motion, robot, task.reference, MotionLimits(brakes=Brakes((1.0,) * 6, (2.0,) * 6))),
-            partial(RestLoads, robot, q),
         ):
-            with pytest.raises(InputError, match=r"process: varies over .*; stops by brakes, load cases"):
+            with pytest.raises(InputError, match=r"process: varies over .*; stops by brakes"):
                 ask()
         if over != "time":
             with pytest.raises(InputError, match="which the time alone does not tell"):
                 robot.acting(np.zeros(1))
-        assert tolerances(robot, task.reference) == ()
         assert not robot.samples(task.reference, np.array([0.1])).tip.GN[0] > 1
 
 

@@ -122,30 +122,38 @@ class Stage:
         stopped = check_motion(robot, motion, self.task.stops.asked(as_described))
         self.stops = stops_of(self.task, motion, stopped, "path")
         times = np.linspace(0.0, motion.end, POSTURES)
-        self.payloads = self.part.begin + times, largest_payload(robot, motion.states(times)[0])
+        acting = robot.during(motion).acting(times)
+        self.payloads = self.part.begin + times, largest_payload(robot, motion.states(times)[0], acting)
 
     def rests(self, robot: StandingRobot, cases_file: str | None) -> None:
         """Look at postures at rest."""
-        poses = {"start": self.task.start, "goal": self.task.goal}
+        poses, acting = {"start": self.task.start, "goal": self.task.goal}, {}
         if self.part is not None:
-            poses = {"start": self.part.motion.start, "goal": self.part.motion.goal, **self._worst_poses()}
+            motion, times = self.part.motion, self._poses()
+            known = robot.during(motion).acting(np.array(list(times.values())))
+            poses = dict(zip(times, motion.states(np.array(list(times.values())))[0], strict=True))
+            acting = dict(zip(times, known, strict=True))
         asked = Asked(poses) if cases_file is None else load_asked(cases_file, robot.arm, poses)
-        if self.name:
-            asked = replace(asked, poses={f"{self.name}: {pose}": q for pose, q in asked.poses.items()})
+        before = f"{self.name}: " if self.name else ""
+        asked = replace(
+            asked,
+            poses={before + pose: q for pose, q in asked.poses.items()},
+            acting={before + pose: own for pose, own in acting.items() if asked.poses[pose] is poses[pose]},
+        )
         self.cases = load_cases(robot, asked)
-        self.tilts = {name: tilt_by_direction(robot, q) for name, q in asked.poses.items()}
+        self.tilts = {
+            name: tilt_by_direction(robot, q, acting=asked.acting.get(name))
+            for name, q in asked.poses.items()
+        }
 
-    def _worst_poses(self) -> dict[str, np.ndarray]:
-        """Postures where the reserves are used most."""
+    def _poses(self) -> dict[str, float]:
+        """Times, s, of postures: both ends, and where the reserves are used most."""
         assert self.part is not None
         assert self.checked is not None
-        motion, begin = self.part.motion, self.part.begin
-        times = {name: self.checked.worst[name].time for name in ("GN", "GT")}
-        return {
-            f"worst {name} ({begin + time:.3f} s)": motion.states(np.array([time]))[0][0]
-            for name, time in times.items()
-            if 0 < time < motion.end
-        }
+        end, begin = self.part.motion.end, self.part.begin
+        worst = {name: self.checked.worst[name].time for name in ("GN", "GT")}
+        own = {f"worst {name} ({begin + time:.3f} s)": time for name, time in worst.items() if 0 < time < end}
+        return {"start": 0.0, "goal": end, **own}
 
     def said(self, lines: Iterable[str]) -> list[str]:
         """Lines, with the segment's name before them."""

@@ -7,7 +7,7 @@ in steps of 15 and about 45 degrees, all in combination.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import product
 from typing import Any
 
@@ -16,7 +16,6 @@ import numpy as np
 from ocptip.basics.errors import finite_array
 from ocptip.contact.resting import solve_resting
 from ocptip.contact.states import ContactStates
-from ocptip.robots.dynamics import evaluate_dynamics
 from ocptip.robots.kinematics import gripper_batch
 from ocptip.standing.arm import StandingRobot
 
@@ -35,12 +34,15 @@ class Asked:
         payloads: kg, point masses at the gripper beyond what it holds.
         tilts: rad, of the floor, downhill in any direction.
         pushes: N, at the gripper, in any direction.
+        acting: force and moment (6,) in a pose, by its name, of a process that varies; elsewhere each of
+            its rows acts.
     """
 
     poses: Mapping[str, np.ndarray]
     payloads: Sequence[float] = (0.0, 0.5)
     tilts: Sequence[float] = (0.0, np.radians(1.0), np.radians(3.0))
     pushes: Sequence[float] = (0.0, 20.0)
+    acting: Mapping[str, np.ndarray] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -79,6 +81,7 @@ class RestLoads:
     Args:
         robot: on its base.
         q: (N, n) postures.
+        process: (N, 6) force and moment in its axes, if it varies.
 
     Attributes:
         per_gravity: (N, 6, 3) per component of gravity, N per m/s^2.
@@ -86,10 +89,10 @@ class RestLoads:
         tool: (N, 3) gripper from the base's centre of mass, m.
     """
 
-    def __init__(self, robot: StandingRobot, q: np.ndarray) -> None:
+    def __init__(self, robot: StandingRobot, q: np.ndarray, process: np.ndarray | None = None) -> None:
         self.robot, still, about = robot, np.zeros_like(q), robot.support.center_of_mass
         self.process, *weights = (
-            evaluate_dynamics(robot.arm, q, still, still, gravity=g, about=about).wrench
+            robot.pushed(robot.arm, q, still, still, process, gravity=g, about=about).wrench
             for g in (np.zeros(3), *np.eye(3))
         )
         self.per_gravity = np.stack(weights, axis=2) - self.process[:, :, None]
@@ -117,39 +120,53 @@ def load_cases(robot: StandingRobot, asked: Asked) -> list[LoadCase]:
     """
     found = []
     for name, angles in asked.poses.items():
-        loads = RestLoads(robot, finite_array(name, angles, (robot.n,))[None])
+        loads = _in_pose(robot, finite_array(name, angles, (robot.n,)), asked.acting.get(name))
         for payload, tilt, push in product(asked.payloads, asked.tilts, asked.pushes):
             found.append(_case(robot, loads, name, payload, tilt, push))
     return found
 
 
-def tilt_by_direction(robot: StandingRobot, q: np.ndarray, count: int = 72) -> tuple[np.ndarray, np.ndarray]:
+def _in_pose(robot: StandingRobot, q: np.ndarray, acting: np.ndarray | None) -> RestLoads:
+    """In q (n,), once for each row of a process that varies and of which is not said what acts, (6,)."""
+    if robot.varying is None:
+        return RestLoads(robot, q[None])
+    rows = np.hstack([robot.varying.force, robot.varying.moment]) if acting is None else acting[None]
+    rows = np.unique(rows, axis=0)
+    return RestLoads(robot, np.tile(q, (len(rows), 1)), rows)
+
+
+def tilt_by_direction(
+    robot: StandingRobot, q: np.ndarray, count: int = 72, acting: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """By how much the floor may tilt before a contact is lost, at rest.
 
     Args:
         robot: on its base.
         q: (n,) posture.
         count: number of directions.
+        acting: (6,) of a process that varies, see `Asked`.
 
     Returns:
         Directions downhill (count, 3), base axes, and tilts (count,), rad, at most `MOST_TILT`; 0 where it
         does not stand on level ground.
     """
-    loads, gravity = RestLoads(robot, q[None]), robot.support.gravity
+    loads, gravity = _in_pose(robot, q, acting), robot.support.gravity
     sides, judge = around(gravity, count), _judge(robot)
 
     def stands(tilt: np.ndarray) -> np.ndarray:
-        return judge(np.vstack([loads.wrenches(g) for g in tilted(gravity, sides, tilt)]))
+        good = judge(np.vstack([loads.wrenches(g) for g in tilted(gravity, sides, tilt)]))
+        return good.reshape(count, -1).all(axis=1)
 
     return sides, _largest(stands, np.full(count, MOST_TILT))
 
 
-def largest_payload(robot: StandingRobot, q: np.ndarray) -> np.ndarray:
+def largest_payload(robot: StandingRobot, q: np.ndarray, process: np.ndarray | None = None) -> np.ndarray:
     """(N,) kg: the largest point mass at the gripper beyond what it holds, at rest in postures q (N, n).
 
-    At most the robot's own mass; what the drives can hold is not looked at.
+    At most the robot's own mass; what the drives can hold is not looked at. Of a process that varies it is
+    said what it is, (N, 6).
     """
-    loads, gravity, judge = RestLoads(robot, q), robot.support.gravity, _judge(robot)
+    loads, gravity, judge = RestLoads(robot, q, process), robot.support.gravity, _judge(robot)
 
     def stands(payload: np.ndarray) -> np.ndarray:
         return judge(loads.wrenches(gravity, payload[:, None]))
@@ -169,7 +186,7 @@ def _case(
     GN = robot.tip_over.evaluate(states).GN
     GT = _slips(robot, states)
     use = np.fmax(np.nan_to_num(GN, nan=np.inf), np.nan_to_num(GT, nan=np.inf))
-    i, k = pairs[int(np.argmax(use))]
+    i, k = pairs[int(np.argmax(use)) // len(loads.process)]
     return LoadCase(
         name, float(payload), float(tilt), float(push), float(np.max(GN)), float(np.max(GT)),
         float(np.min(states.contact_forces[:, :, 0])), bool(np.all(use < 1)),

@@ -24,7 +24,7 @@ from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipOver
 from ocptip.robots.dynamics import evaluate_dynamics
 from ocptip.robots.payload import Payload
-from ocptip.standing.arm import StandingRobot
+from ocptip.standing.arm import StandingRobot, without_process
 from ocptip.standing.elastic.feet import STIFFEST, softest_feet
 from ocptip.standing.elastic.springs import FALLEN
 from ocptip.standing.mechanism import StandingMechanism
@@ -132,7 +132,8 @@ def tolerated(robot: StandingRobot, motion: Motion) -> tuple[Tolerated, ...]:
         InputError: the motion does not fit the arm.
     """
     robot.require_fit(motion.n)
-    parts = _Parts(robot, motion, motion.both_sides(SPACING))
+    robot = robot.during(motion)
+    parts = _Parts(robot, motion, np.union1d(motion.both_sides(SPACING), _knots(robot, motion)))
     judge = _Judge(robot.support, robot.tip_over, robot.slip)
     free = robot.support.gravity
     size = float(np.linalg.norm(free))
@@ -170,8 +171,8 @@ def tolerated(robot: StandingRobot, motion: Motion) -> tuple[Tolerated, ...]:
 
 
 def tolerances(robot: StandingMechanism, motion: Motion) -> tuple[Tolerated, ...]:
-    """The same where it can be said: empty for parallel robots, and while a process varies."""
-    return tolerated(robot, motion) if isinstance(robot, StandingRobot) and not robot.varying else ()
+    """The same where it can be said: empty for parallel robots."""
+    return tolerated(robot, motion) if isinstance(robot, StandingRobot) else ()
 
 
 class _Parts(RestLoads):
@@ -180,8 +181,8 @@ class _Parts(RestLoads):
     def __init__(self, robot: StandingRobot, motion: Motion, times: np.ndarray) -> None:
         self.times, self.support = times, robot.support
         q, qd, qdd = motion.states(times)
-        super().__init__(robot, q)
-        arm, about = robot.arm, robot.support.center_of_mass
+        super().__init__(robot, q, robot.acting(times))
+        arm, about = without_process(robot.arm), robot.support.center_of_mass
         bare = arm.with_payload(None)
         one = bare.with_payload(Payload(1.0))  # loads are linear in what is held
 
@@ -189,7 +190,7 @@ class _Parts(RestLoads):
             return evaluate_dynamics(model, q, *rates, gravity=gravity, about=about).wrench
 
         moving = (qd, qdd)
-        self.inertial = wrench(arm, moving, np.zeros(3)) - self.process
+        self.inertial = wrench(arm, moving, np.zeros(3))
         both = wrench(one, moving, self.support.gravity), wrench(bare, moving, self.support.gravity)
         self.extra = both[0] - both[1]
 
@@ -324,6 +325,12 @@ def _direction(side: np.ndarray) -> str:
     return "towards ({})".format(", ".join(f"{x:.2g}" for x in np.round(side, 2) + 0.0))
 
 
+def _knots(robot: StandingRobot, motion: Motion) -> np.ndarray:
+    """(K,) s, within the motion, of a process that varies."""
+    own = np.empty(0) if robot.varying is None else np.asarray(robot.varying.knots)
+    return own[(own > 0) & (own < motion.end)]
+
+
 def _late(robot: StandingRobot, motion: Motion) -> list[_Case]:
     """Every subset of the joints that move, late by the level; up to `MOST_LATE` joints, else each alone."""
     moving = np.flatnonzero(motion.speed_peaks > 0)
@@ -331,7 +338,7 @@ def _late(robot: StandingRobot, motion: Motion) -> list[_Case]:
         subsets = np.eye(len(moving), dtype=bool)
     else:
         subsets = np.array(list(product((False, True), repeat=len(moving)))[1:-1], dtype=bool)
-    events = motion.event_times
+    events = np.union1d(motion.event_times, _knots(robot, motion))
 
     def case(subset: np.ndarray) -> _Case:
         late = np.zeros(motion.n, dtype=bool)
@@ -342,7 +349,7 @@ def _late(robot: StandingRobot, motion: Motion) -> list[_Case]:
             times = np.hstack([sides, sides + delay]).ravel()  # by event, as the case's times
             now, then = motion.states(times), motion.states(times - delay)
             states = [np.where(late, b, a) for a, b in zip(now, then, strict=True)]
-            return robot.loads(*states)[1]
+            return robot.loads(*states, robot.acting(times))[1]
 
         names = ", ".join(robot.names[j] for j in moving[subset])
         return _Case(loads, np.repeat(events, 4), f"late: {names}")

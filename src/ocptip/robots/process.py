@@ -69,8 +69,7 @@ class ProcessWrench:
         """
         if self.varies:
             raise InputError(
-                f"process: varies over {self.over}; stops by brakes, load cases, placements and `ocptip "
-                "identify` need one that does not"
+                f"process: varies over {self.over}; stops by brakes and placements need one that does not"
             )
         return np.concatenate([self.force, self.moment])
 
