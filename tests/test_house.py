@@ -6,6 +6,7 @@ import ast
 import re
 import sys
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -48,9 +49,14 @@ def _modules() -> dict[str, Path]:
 MODULES = _modules()
 
 
+@cache
+def _tree(name: str) -> ast.Module:
+    return ast.parse(MODULES[name].read_text(encoding="utf-8"))
+
+
 def _imports(name: str) -> Iterator[str]:
     """Modules of ocptip that a module imports, anywhere in it."""
-    for node in ast.walk(ast.parse(MODULES[name].read_text(encoding="utf-8"))):
+    for node in ast.walk(_tree(name)):
         if isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{name}: relative import"
             for alias in node.names:
@@ -60,7 +66,9 @@ def _imports(name: str) -> Iterator[str]:
             yield from (alias.name for alias in node.names if alias.name in MODULES)
 
 
-ARROWS = {name: sorted(set(_imports(name)) - {name}) for name in MODULES}
+@pytest.fixture(scope="module")
+def arrows() -> dict[str, list[str]]:
+    return {name: sorted(set(_imports(name)) - {name}) for name in MODULES}
 
 
 def _floor(name: str) -> int:
@@ -72,20 +80,20 @@ def test_every_package_has_a_floor():
     assert [path.name for path in sorted((SOURCE / "ocptip").glob("*.py"))] == ["__init__.py", "__main__.py"]
 
 
-@pytest.mark.parametrize("name", sorted(set(MODULES) - {"ocptip"}))
-def test_imports_point_down(name):
-    for other in ARROWS[name]:
-        assert other != "ocptip", "only users import the root"
-        assert _floor(other) <= _floor(name), f"{name} imports {other}, which is above it"
+def test_imports_point_down(arrows):
+    for name in set(MODULES) - {"ocptip"}:
+        for other in arrows[name]:
+            assert other != "ocptip", f"{name}: only users import the root"
+            assert _floor(other) <= _floor(name), f"{name} imports {other}, which is above it"
 
 
-def test_no_circles():
+def test_no_circles(arrows):
     done: set[str] = set()
 
     def visit(name: str, way: tuple[str, ...]) -> None:
         assert name not in way, f"circle: {' -> '.join((*way[way.index(name) :], name))}"
         if name not in done:
-            for other in ARROWS[name]:
+            for other in arrows[name]:
                 visit(other, (*way, name))
             done.add(name)
 
@@ -93,10 +101,10 @@ def test_no_circles():
         visit(name, ())
 
 
-def test_inside_package_inits_only_export_what_is_theirs():
+def test_inside_package_inits_only_export_what_is_theirs(arrows):
     for name, path in MODULES.items():
         if path.name == "__init__.py" and name != "ocptip":
-            assert all(other.startswith(name + ".") for other in ARROWS[name]), name
+            assert all(other.startswith(name + ".") for other in arrows[name]), name
 
 
 def test_only_pictures_draw():
@@ -105,11 +113,11 @@ def test_only_pictures_draw():
             assert name.startswith("ocptip.pictures."), name
 
 
-def test_what_judges_certificates_takes_numpy_and_itself_alone():
+def test_what_judges_certificates_takes_numpy_and_itself_alone(arrows):
     own = "ocptip.certificate.trusted"
     for name in (name for name in MODULES if name.startswith(f"{own}.")):
-        assert all(other.startswith(own) for other in ARROWS[name]), name
-        for node in ast.walk(ast.parse(MODULES[name].read_text(encoding="utf-8"))):
+        assert all(other.startswith(own) for other in arrows[name]), name
+        for node in ast.walk(_tree(name)):
             taken = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
             taken += [str(node.module)] if isinstance(node, ast.ImportFrom) else []
             for other in taken:
@@ -118,7 +126,7 @@ def test_what_judges_certificates_takes_numpy_and_itself_alone():
 
 
 def test_core_prints_nothing():
-    for name, path in MODULES.items():
-        calls = ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+    for name in MODULES:
+        calls = ast.walk(_tree(name))
         names = {c.func.id for c in calls if isinstance(c, ast.Call) and isinstance(c.func, ast.Name)}
         assert "print" not in names or name.startswith("ocptip.cli."), name
