@@ -250,13 +250,23 @@ def test_sliding_is_named(capsys, scene_file):
     assert capsys.readouterr().out.splitlines()[0].endswith("DOES NOT STAND. Contacts 1, 2 and 3 slide.")
 
 
-@pytest.mark.parametrize("share", [0.97, 0.999, 1.001, 1.03])
-def test_the_answer_does_not_depend_on_facets(capsys, scene_file, share):
+ALL_FACETS = (4, 6, 8, 12, 16, 24, 32, 64)
+
+
+@pytest.mark.parametrize(
+    ("share", "counts"),
+    [
+        (0.999, (4, 6, 64)),
+        (1.001, (4, 64)),
+        *(pytest.param(share, ALL_FACETS, marks=pytest.mark.slow) for share in (0.97, 0.999, 1.001, 1.03)),
+    ],
+)
+def test_the_answer_does_not_depend_on_facets(capsys, scene_file, share, counts):
     """A push near the friction force: four faces are 13 % nearer, their edges 17 % farther."""
     push = share * 0.53 * 60 * 9.81
     load = f"[{push / 2**0.5:.6f}, {push / 2**0.5:.6f}, 0]"
     remarks = set()
-    for facets in (4, 6, 8, 12, 16, 24, 32, 64):
+    for facets in counts:
         text = ISSUE_SCENE.replace("friction = 0.5", f"friction = 0.53\nfacets = {facets}")
         text = text.replace("[40, 0, 0]", load).replace("0, 0, 1.0", "0, 0, 0.0")
         scene_file.write_text(text.replace("0, 0, 0.6", "0, 0, 0.05"))

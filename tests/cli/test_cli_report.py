@@ -63,7 +63,7 @@ def test_a_task_of_a_cycle_has_load_cases_by_segment(tmp_path, capsys, cases):
     assert sum(lifted["GN"] != row["GN"] for row in (grasped, rows[0])) == 2
 
 
-@pytest.mark.parametrize("made", [stand_in, planned])
+@pytest.mark.parametrize("made", [stand_in, pytest.param(planned, marks=pytest.mark.slow)])
 def test_every_number_is_that_of_the_commands_printed_in_it(made, tmp_path, monkeypatch, capsys):
     folder = made(tmp_path)
     (tmp_path / "cases.toml").write_text("tilt_deg = [0, 1]\npayload_kg = [0]\n")

@@ -38,9 +38,14 @@ def run(tmp_path):
     [
         ["stand", EXAMPLES / "scenes/rover_on_slope.toml"],
         ["plan", "A", *ONE_START],
-        ["place", EXAMPLES / "tasks/place_incline.toml", "--starts", "1", "--no-figures"],
-        ["rate", "FP1W2F", *POSE],
-        ["parallel", "6UPS"],
+        *(
+            pytest.param(call, marks=pytest.mark.slow)
+            for call in (
+                ["place", EXAMPLES / "tasks/place_incline.toml", "--starts", "1", "--no-figures"],
+                ["rate", "FP1W2F", *POSE],
+                ["parallel", "6UPS"],
+            )
+        ),
     ],
     ids=lambda arguments: arguments[0],
 )

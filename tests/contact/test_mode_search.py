@@ -173,9 +173,9 @@ def test_an_ill_conditioned_problem_with_a_solution_is_not_declared_unsolvable()
 
 def test_what_pivoting_solves_is_not_declared_unsolvable_near_the_ill_conditioned_problem():
     support = narrow_support()
-    loads = NARROW_LOAD * (1 + 1e-3 * np.random.default_rng(0).normal(size=(600, 3)))
+    loads = NARROW_LOAD * (1 + 1e-3 * np.random.default_rng(0).normal(size=(200, 3)))
     solved = solve_many(support, loads, warm_start=False, search=False).solved
-    assert solved.sum() > 10
+    assert solved.sum() > 3
     assert all(find_solution(support.system, load).status != EXHAUSTED for load in loads[solved])
 
 

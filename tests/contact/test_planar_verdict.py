@@ -85,7 +85,10 @@ def may_move(support, wrench, sectors):
     return search(["free"] * n)
 
 
-@pytest.mark.parametrize(("n", "sectors", "count"), [(3, 12, 3), (4, 8, 2), (5, 8, 1)])
+@pytest.mark.parametrize(
+    ("n", "sectors", "count"),
+    [(3, 12, 3), *(pytest.param(*case, marks=pytest.mark.slow) for case in ((4, 8, 2), (5, 8, 1)))],
+)
 def test_what_enumeration_of_modes_proves_is_strong(n, sectors, count):
     rng = np.random.default_rng([1, n])
     proved = 0

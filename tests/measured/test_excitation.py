@@ -17,7 +17,7 @@ UR5 = ROOT / "src/ocptip/examples/tasks/ur5_cart.toml"
 
 @pytest.fixture(scope="module")
 def found():
-    return excite(load_task(UR5), steps=30)
+    return excite(load_task(UR5), steps=8)
 
 
 def test_it_stands_and_ends_where_it_began(found):

@@ -45,11 +45,8 @@ def planned(make):
     ("make", "controller"),
     [
         *((published, controller) for controller in ("ramps", "S-curves", *CONTROLLERS)),
-        (cart, "ramps"),
         (cart, "S-curves"),
-        (cart, "quintic"),
-        pytest.param(cart, "cubic", marks=pytest.mark.slow),
-        pytest.param(cart, "linear", marks=pytest.mark.slow),
+        *(pytest.param(cart, how, marks=pytest.mark.slow) for how in ("ramps", "quintic", "cubic", "linear")),
     ],
 )
 def test_files_say_what_was_checked(make, controller, tmp_path):

@@ -149,7 +149,9 @@ def test_limits_become_active():
     assert "manipulability" in [m.kind for m in tight.active]
 
 
-@pytest.mark.parametrize("index", ["dm_2", "pi_oe", "inv_cdn_oe"])
+@pytest.mark.parametrize(
+    "index", ["dm_2", *(pytest.param(name, marks=pytest.mark.slow) for name in ("pi_oe", "inv_cdn_oe"))]
+)
 def test_a_performance_index_is_kept(index):
     """On a six-axis arm, against the index as `ocptip rate` gives it."""
     problem = drilling(limits=PlacementLimits(index=index, index_min=1e-9))

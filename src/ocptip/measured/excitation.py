@@ -21,6 +21,7 @@ from ocptip.measured.links import base_parameters, friction_columns, random_stat
 from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.task import MotionTask
 from ocptip.standing.arm import StandingRobot
+from ocptip.standing.instants import Instants
 from ocptip.standing.tolerance import NONE
 from ocptip.trajectories.sampled import Motion, SampledMotion
 
@@ -80,7 +81,7 @@ def excite(task: MotionTask, *, duration: float = 10.0, seed: int = 0, steps: in
     for _ in range(steps):
         own = best.copy()
         own[rng.integers(len(own))] += step * np.abs(best).mean() * rng.normal(size=shape[1])
-        if (value := search(own)) < least:
+        if (value := search(own, least)) < least:
             best, least, step = own, value, min(1.5 * step, 1.0)
         else:
             step = max(0.95 * step, 0.02)
@@ -160,23 +161,30 @@ class _Search:
             value = self(series)
         return series, value
 
-    def __call__(self, series: np.ndarray) -> float:
+    def __call__(self, series: np.ndarray, least: float = _BROKEN) -> float:
+        """Of a series; its condition number, whatever it breaks, where that is not below the least so far."""
         q, qd, qdd = _curves(series, self.times, self.T)
-        own = self.robot.limits
         use = [np.max(np.abs(x) / most) for x, most in zip((qd, qdd), self.most[1:], strict=True)]
         outside = np.max(np.abs(q) / self.way)
         excess = max([*use, outside]) / _ROOM - 1
         if excess > 0:
-            return _BROKEN * (10 + excess)
-        found = self.robot.samples_of(self.times, self.start + q, qd, qdd)
-        uses = [
-            np.max(found.tip.GN) / (_ROOM * self.limits.GN),
-            np.max(found.slip.GT) / (_ROOM * self.limits.GT),
-            np.max(np.abs(found.torques) / own.torque) / (_ROOM * self.limits.torque_ratio),
-            1 + (self.limits.clearance - np.min(found.clearances)) / _ROOM,
-        ]
-        worst = max(float(np.nan_to_num(value, nan=10.0)) for value in uses)
-        return _BROKEN * worst if worst > 1 else self._condition(self.start + q, qd, qdd)
+            return _BROKEN * (100 + excess)
+        q = self.start + q
+        if (condition := self._condition(q, qd, qdd)) >= least:
+            return condition
+        for left, share in self._shares(Instants.of_states(self.robot, q, qd, qdd, self.times)):
+            if not share <= 1:
+                return _BROKEN * (10 * left + np.fmin(share, 9.0))
+        return condition
+
+    def _shares(self, at: Instants) -> Iterator[tuple[int, float]]:
+        """How much of each limit is used, quickly found ones first; before each how many are left."""
+        gap = np.min(self.robot.collision.least(at.angles))
+        yield 3, 1 + (self.limits.clearance - gap) / _ROOM
+        torques = np.max(np.abs(at.torques) / self.robot.limits.torque)
+        yield 2, torques / (_ROOM * self.limits.torque_ratio)
+        yield 1, np.max(at.tip.GN) / (_ROOM * self.limits.GN)
+        yield 0, np.max(at.slip.GT) / (_ROOM * self.limits.GT)
 
     def condition(self, motion: Motion) -> float:
         """Of a motion."""

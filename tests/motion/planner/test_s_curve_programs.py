@@ -1,6 +1,7 @@
 """Programs of S-curves: order of the doubled events, states, energy, derivatives, and whole plans."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -26,13 +27,20 @@ SEEDS = st.integers(0, 10**6)
 KINDS = st.sampled_from(sorted(RISES))
 
 
+OWN = TASK.robot, TASK.start, TASK.goal, TASK.optimised, TASK.commands
+
+
+@cache
+def formulation_of(kind):
+    return Formulation(*OWN, rise_times=RISES[kind])
+
+
 def drawn(seed, kind):
     """Formulation, a random S-curve motion, its variables."""
-    own = TASK.robot, TASK.start, TASK.goal, TASK.optimised, TASK.commands
-    formulation = Formulation(*own, rise_times=RISES[kind])
+    formulation = formulation_of(kind)
     rng, shortest = np.random.default_rng(seed), 0.0
     while shortest <= 1e-3:
-        motion = random_start(*own, TASK.limits, rng)
+        motion = random_start(*OWN, TASK.limits, rng)
         shortest = min(np.min(motion.joints[joint].ramps) for joint in TASK.optimised)
     x = formulation.variables(motion)
     return formulation, formulation.motion(x), x
@@ -136,7 +144,7 @@ def test_derivatives_of_the_exact_program(kind):
         assert np.max(np.abs(hessian @ v - reference)) < 2e-5 * np.max(np.abs(reference))
 
 
-@pytest.mark.parametrize("kind", ["one", "each"])
+@pytest.mark.parametrize("kind", ["each", pytest.param("one", marks=pytest.mark.slow)])
 def test_plans_are_verified_and_keep_their_rise_times(kind):
     task = replace(TASK, rise_times=tuple(RISES[kind]))
     search = Search(task)
