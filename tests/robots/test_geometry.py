@@ -1,5 +1,7 @@
 """Signed distances against plain geometry."""
 
+from dataclasses import replace
+
 import casadi as cs
 import numpy as np
 import pytest
@@ -8,7 +10,8 @@ from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
 from ocptip.published.arms import arm_names, load_arm, start_and_goal
-from ocptip.robots.geometry import CollisionModel, Pillar, Wall, floor, spheres_along_links
+from ocptip.robots.collision.shapes import Ball, BodyShape
+from ocptip.robots.geometry import CollisionModel, Pillar, Solid, Wall, floor, spheres_along_links
 from ocptip.robots.kinematics import link_frames
 from ocptip.robots.model import SphereSet
 from tests.robots.sample_arms import random_arm
@@ -117,3 +120,26 @@ def test_tubes_along_links_cover_them():
 def test_bad_obstacles_are_refused(make, message):
     with pytest.raises(InputError, match=message):
         make()
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_each_pair_in_a_posture_of_its_own_is_what_all_pairs_are_with_the_slopes_of_differences(seed):
+    rng = np.random.default_rng(seed)
+    joints, h = 5, 1e-6
+    slides = rng.random(joints) < 0.3
+    arm = replace(random_arm(seed, joints), prismatic=slides).with_spheres(
+        SphereSet(f"s{k}", k, rng.normal(size=(2, 3)), rng.uniform(0.01, 0.1, 2)) for k in (0, 1, 3, 5)
+    )
+    pairs = ("s0", "s3"), ("s5", "s1"), ("s1", "s3"), ("s5", "s0")
+    arm = replace(arm, collision_pairs=pairs, floor_sets=("s5",), obstacle_sets=("s1", "s3", "s5"))
+    post = Solid(Ball(0.2, position=rng.normal(size=3)), "post")
+    around = [floor(-0.5), Wall(TURN, 4.0), Pillar([3.0, 0.1, 0.0], 0.05), post]
+    base = [BodyShape("base", 0, Ball(0.3, position=rng.normal(size=3)))]
+    collision = CollisionModel(arm, around, base)
+    q = rng.normal(size=(400, joints))
+    states, chosen = rng.integers(0, 400, 900), rng.integers(0, len(collision.labels), 900)
+    gaps, slopes = collision.slopes(q, states, chosen, once=True)
+    np.testing.assert_allclose(gaps, collision.gaps(q)[states, chosen], atol=1e-12)
+    for j, step in enumerate(h * np.eye(joints)):
+        ahead, behind = (collision.gaps(q + sign * step)[states, chosen] for sign in (1, -1))
+        np.testing.assert_allclose(slopes[:, j], (ahead - behind) / (2 * h), atol=1e-7)

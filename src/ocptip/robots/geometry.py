@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from itertools import combinations
-from typing import Self
+from itertools import combinations, count, product
+from typing import NamedTuple, Self
 
 import casadi as cs
 import numpy as np
@@ -27,6 +27,7 @@ from ocptip.robots.collision.gaps import (
     random_postures,
 )
 from ocptip.robots.collision.shapes import Ball, BodyShape, Capsule, HalfSpace, Shape
+from ocptip.robots.collision.spheres import NOTHING, SphereGaps
 from ocptip.robots.kinematics import chain
 from ocptip.robots.model import ArmModel, SphereSet, joint_states
 
@@ -213,56 +214,58 @@ class CollisionModel(Collisions):
     ) -> None:
         super().__init__(model.n)
         q = cs.SX.sym("q", model.n)
-        centres = _centres(model, q)
-        sets = {s.name: s for s in model.sphere_sets}
-        gaps, labels = [], []
-        for obstacle in obstacles:
+        spheres = _spheres(model, q)
+        rows: list[_Row] = []
+        for number, obstacle in enumerate(obstacles):
             if not isinstance(obstacle, Obstacle) or not in_closed_form(obstacle):
                 raise InputError(f"obstacles: expected Wall, floor(...), Pillar or a ball, got {obstacle!r}")
             for name in model.floor_sets if isinstance(obstacle, Floor) else model.obstacle_sets:
-                for k, (centre, radius) in enumerate(zip(centres[name], sets[name].radii, strict=True), 1):
-                    gaps.append(obstacle.gap(centre, radius))
-                    labels.append(GapLabel(f"{name}[{k}]", obstacle.name))
+                for ball in spheres[name]:
+                    gap = obstacle.gap(ball.centre, ball.radius)
+                    rows.append((GapLabel(ball.name, obstacle.name), (ball.number, NOTHING, number), gap))
         for first, second in model.collision_pairs:
-            for k, (a, radius_a) in enumerate(zip(centres[first], sets[first].radii, strict=True), 1):
-                for m, (b, radius_b) in enumerate(zip(centres[second], sets[second].radii, strict=True), 1):
-                    gaps.append(_length(a - b) - radius_a - radius_b)  # (4.32)
-                    labels.append(GapLabel(f"{first}[{k}]", f"{second}[{m}]"))
+            for a, b in product(spheres[first], spheres[second]):
+                gap = _length(a.centre - b.centre) - a.radius - b.radius  # (4.32)
+                rows.append((GapLabel(a.name, b.name), (a.number, b.number, NOTHING), gap))
         self.apart = {
             frozenset((a.name, b.name)): "neighbours" if abs(a.link - b.link) <= 1 else "excluded"
             for a, b in combinations(model.sphere_sets, 2)
             if not {(a.name, b.name), (b.name, a.name)} & set(model.collision_pairs)
         }
         self.model = model
-        for name, other, gap in self._parting(q, self._from_base(centres, base)):
-            gaps.append(gap)
-            labels.append(GapLabel(name, other))
-        self.labels = tuple(labels)
-        self.function = cs.Function("gaps", [q], [cs.vertcat(*gaps)], ["q"], ["gaps"])
-        self._batch = BatchFunction(self.function) if gaps else None
+        resting = [Solid(ball.shape) for ball in base]
+        rows += self._parting(q, self._from_base(spheres, base, len(obstacles)))
+        self.labels = tuple(label for label, _, _ in rows)
+        self.function = cs.Function("gaps", [q], [cs.vertcat(*(gap for *_, gap in rows))], ["q"], ["gaps"])
+        self._batch = BatchFunction(self.function) if rows else None
+        self._pairs, self._around = [pair for _, pair, _ in rows], (*obstacles, *resting)
 
     def _from_base(
-        self, centres: Mapping[str, list[cs.SX]], base: Sequence[BodyShape]
-    ) -> list[tuple[str, str, cs.SX]]:
-        """Sphere, ball of the base and their distance, of all links but the first."""
+        self, spheres: Mapping[str, list[_Sphere]], base: Sequence[BodyShape], first: int
+    ) -> list[_Row]:
+        """Spheres of all links but the first, and balls of the base, numbered from `first`."""
         return [
-            (f"{spheres.name}[{k}]", ball.name, Solid(ball.shape).gap(centre, radius))
-            for ball in base
-            for spheres in self.model.sphere_sets
-            if spheres.link >= 2
-            for k, (centre, radius) in enumerate(zip(centres[spheres.name], spheres.radii, strict=True), 1)
+            (
+                GapLabel(own.name, ball.name),
+                (own.number, NOTHING, number),
+                Solid(ball.shape).gap(own.centre, own.radius),
+            )
+            for number, ball in enumerate(base, first)
+            for some in self.model.sphere_sets
+            if some.link >= 2
+            for own in spheres[some.name]
         ]
 
-    def _parting(self, q: cs.SX, rows: list[tuple[str, str, cs.SX]]) -> list[tuple[str, str, cs.SX]]:
+    def _parting(self, q: cs.SX, rows: list[_Row]) -> list[_Row]:
         """Those that do not touch in every posture; the others are noted."""
         if not rows:
             return rows
-        gaps = BatchFunction(cs.Function("base", [q], [cs.vertcat(*(gap for _, _, gap in rows))]))
+        gaps = BatchFunction(cs.Function("base", [q], [cs.vertcat(*(gap for *_, gap in rows))]))
         always = (gaps(random_postures(self.model, POSTURES))[0] < TOUCHING).reshape(POSTURES, -1).all(axis=0)
+        names = [frozenset((label.first.split("[")[0], label.second)) for label, _, _ in rows]
         kept = [row for row, never in zip(rows, always, strict=True) if not never]
-        left = {frozenset((name.split("[")[0], other)) for name, other, _ in kept}
-        for name, other, _ in (row for row, never in zip(rows, always, strict=True) if never):
-            pair = frozenset((name.split("[")[0], other))
+        left = {pair for pair, never in zip(names, always, strict=True) if not never}
+        for pair in (pair for pair, never in zip(names, always, strict=True) if never):
             self.apart[pair] = f"some of their solids {NEVER}" if pair in left else NEVER
         return kept
 
@@ -275,12 +278,16 @@ class CollisionModel(Collisions):
         self, q: np.ndarray, states: np.ndarray, pairs: np.ndarray, *, once: bool = False
     ) -> tuple[np.ndarray, np.ndarray]:
         if once:
-            chosen, place = np.arange(len(self.labels)), pairs
-        else:
-            chosen, place = np.unique(pairs, return_inverse=True)
+            return self._each(q, states, pairs)
+        chosen, place = np.unique(pairs, return_inverse=True)
         gaps, slopes = _gap_functions(self, tuple(chosen.tolist()))[0](q)
         gaps = gaps.reshape(len(q), len(chosen))
         return gaps[states, place], slopes.reshape(*gaps.shape, self.n)[states, place]
+
+    @cached_property
+    def _each(self) -> SphereGaps:
+        point = cs.SX.sym("point", 3)
+        return SphereGaps(self.model, [own.gap(point, 0.0) for own in self._around], point, self._pairs)
 
     def curvature(self, q: np.ndarray, states: np.ndarray, pairs: np.ndarray, on: np.ndarray) -> np.ndarray:
         chosen, place = np.unique(pairs, return_inverse=True)
@@ -349,20 +356,36 @@ def never_part(model: ArmModel) -> list[tuple[str, str]]:
 def sphere_centres(model: ArmModel) -> cs.Function:
     """CasADi function of all sets' sphere centres in order (4.29): q (n,), rad, to (3, k), m, base frame."""
     q = cs.SX.sym("q", model.n)
-    columns = [centre for centres in _centres(model, q).values() for centre in centres]
+    columns = [sphere.centre for spheres in _spheres(model, q).values() for sphere in spheres]
     return cs.Function("sphere_centres", [q], [cs.horzcat(*columns)], ["q"], ["centres"])
 
 
-def _centres(model: ArmModel, q: cs.SX) -> dict[str, list[cs.SX]]:
+class _Sphere(NamedTuple):
+    """A sphere with its name and its number among all of an arm."""
+
+    name: str
+    number: int
+    centre: cs.SX
+    radius: float
+
+
+_Row = tuple[GapLabel, tuple[int, int, int], cs.SX]
+"""What a distance is between, in words and as for `SphereGaps`, and the distance."""
+
+
+def _spheres(model: ArmModel, q: cs.SX) -> dict[str, list[_Sphere]]:
     rotations, origins = chain(model, q)
     frames = [
         (cs.SX(model.mount_rotation), cs.SX(model.mount_position)),
         *zip(rotations, origins, strict=True),
     ]
-    result = {}
-    for spheres in model.sphere_sets:
-        rotation, origin = frames[spheres.link]
-        result[spheres.name] = [origin + rotation @ cs.SX(centre) for centre in spheres.centres]
+    number, result = count(), {}
+    for own in model.sphere_sets:
+        rotation, origin = frames[own.link]
+        result[own.name] = [
+            _Sphere(f"{own.name}[{k}]", next(number), origin + rotation @ cs.SX(centre), radius)
+            for k, (centre, radius) in enumerate(zip(own.centres, own.radii, strict=True), 1)
+        ]
     return result
 
 
