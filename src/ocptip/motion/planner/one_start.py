@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -40,6 +41,7 @@ TIGHTENINGS = 5
 PROOFS, DEARER = 2, 1.005  # so often a motion is solved again to be proved, if it costs at most so much more
 AHEAD = 2  # times what a proof falls short are limits tightened, for proofs are a little different each time
 DEAR = 1.0005  # times what a motion costs: what an exact program may have, to replace it once it is checked
+ROUGHLY = 1.01  # times what a motion costs: what smooth programs with other rise times may promise
 PROMISING = 1.02  # times the cost of an S-curve motion, what its path may cost as ramps
 MISS = 1e-7  # m and rad, by which start and goal may miss their poses
 SLOWED = 1.001  # a motion that exceeds speeds or accelerations by less is slowed down by as much
@@ -133,25 +135,15 @@ class Search:
     def further(self, before: Attempt) -> Attempt:
         """A verified start after another cycle of fine and exact programs from its motion."""
         assert before.x is not None
-        assert before.clock is not None
-        assert before.check is not None
-        clock, x, motion, checked = before.clock.again(), None, before.motion, before.check
-        try:
-            start, _ = self._fine(before.x, clock)
-            clock.stage("fine")
-            found, end, _ = self._refined(start, clock, DEAR * self._cost(checked))
-            if found is not None and self._better(found[1], checked):
-                motion, checked = found
-                x = self._open_at(end, checked)
-        except NUMERICAL:
-            pass  # what was found before counts
-        clock.pause()
-        return Attempt(clock.result(before.result.number, "verified", checked), motion, checked, x, clock)
+        x = before.x
+        return self._gone_on(before, lambda clock: self._fine(x, clock)[0])
 
     def changed(self, before: Attempt) -> Attempt:
         """A verified start of a task with other rise times, solved anew with those of this one.
 
-        It stays as it is if that does not cost less, or where jumps count and promise to cost more.
+        It stays as it is if that does not cost less, or promises to cost more: where jumps count from the
+        beginning, else after the smooth programs, which begin from the motion and from what is coarsely the
+        best near it, which may have another order of events.
         """
         assert before.motion is not None
         assert before.check is not None
@@ -159,7 +151,33 @@ class Search:
         size = self.task.objective.size
         if self.jumps and Refiner(self.formulation, self.inner).slowed_cost(x) * size > PROMISING * cost:
             return before
-        return self.further(replace(before, x=x))
+
+        def begun(clock: Clock) -> np.ndarray | None:
+            limits = self._at_first(self.smooth, before.result.number)
+            found = [self._fine(x, clock)]
+            found.append(self._fine(self._coarse(self.formulation.motion(x), limits, clock), clock))
+            x_best, promised = min(found, key=lambda one: one[1])
+            return x_best if promised * size <= ROUGHLY * cost else None
+
+        return self._gone_on(before, begun)
+
+    def _gone_on(self, before: Attempt, begun: Callable[[Clock], np.ndarray | None]) -> Attempt:
+        """A verified start after exact programs from what smooth ones give, if that is better."""
+        assert before.clock is not None
+        assert before.check is not None
+        clock, x, motion, checked = before.clock.again(), None, before.motion, before.check
+        try:
+            start = begun(clock)
+            clock.stage("fine")
+            if start is not None:
+                found, end, _ = self._refined(start, clock, DEAR * self._cost(checked))
+                if found is not None and self._better(found[1], checked):
+                    motion, checked = found
+                    x = self._open_at(end, checked)
+        except NUMERICAL:
+            pass  # what was found before counts
+        clock.pause()
+        return Attempt(clock.result(before.result.number, "verified", checked), motion, checked, x, clock)
 
     def proved(self, before: Attempt) -> Attempt:
         """A verified start with its certificate; solved again, tighter, where something is not proved.
