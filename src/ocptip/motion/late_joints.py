@@ -145,13 +145,17 @@ class _Events:
 
     def _smooth_ways(self, inside: np.ndarray, joint: int, own: np.ndarray, then: np.ndarray) -> list[_Way]:
         """Of an acceleration that does not jump: on time, late, and where it was beyond in between."""
-        between = np.column_stack([part[inside, joint] for part in (self.q, self.qd, self.after)])
-        every = np.vstack([own, then, between])[:, 2]
-        if np.ptp(every) <= self.small[joint]:
+        between = self.after[inside, joint]
+        low, high = sorted((own[2], then[2]))
+        least, most = between.min(initial=low), between.max(initial=high)
+        if most - least <= self.small[joint]:
             return [(*own, self.delay, "on time")]
-        low, high = sorted(every[:2])
-        beyond = between[(between[:, 2] < low) | (between[:, 2] > high)]
-        return [(*own, 0.0, "on time"), *((*state, 0.0, "late") for state in (then, *beyond))]
+        places = np.flatnonzero(inside)[(between < low) | (between > high)]
+        beyond = [part[places, joint] for part in (self.q, self.qd, self.after)]
+        return [
+            (*own, 0.0, "on time"),
+            *((*state, 0.0, "late") for state in (then, *zip(*beyond, strict=True))),
+        ]
 
 
 def on_time(
@@ -191,10 +195,11 @@ def jump_states(
         instants = _filled(instants)
     if not (events.delay or events.more):
         instants = np.empty(0)
-    for t in instants:
-        own, then = (
-            part.reshape(3, n).T for part in np.hstack(motion.states([t + INSIDE, t - events.delay - INSIDE]))
-        )
+    now, before = (
+        np.stack(motion.states(times), axis=2)  # (N, n, 3)
+        for times in (instants + INSIDE, instants - events.delay - INSIDE)
+    )
+    for t, own, then in zip(instants, now, before, strict=True):
         ways = [events.ways(t, j, own[j], then[j]) for j in range(n)]
         joints = [j for j in range(n) if len(ways[j]) > 1 or ways[j][0][-1] != "on time"]
         if joints:

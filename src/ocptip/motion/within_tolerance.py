@@ -29,9 +29,10 @@ from ocptip.standing.within.worst_case import Worst, WorstCase, worst_case_of
 from ocptip.trajectories.sampled import Motion
 
 EXACT = 48  # instants that are looked at exactly, those that look worst up to products of deviations
-STARTS = 5  # of the search for the worst slip
+STARTS, FROM_MORE = 5, 12  # of the search for the worst slip, and instants at which there is more than one
 SPACING, ROUGHLY = 0.01, 0.02  # s, share: how closely it is looked at what a motion can have
 NEARER, FRESH = 2, 9  # rounds of instants around the worst
+SOME, AT_EVENT = 150, 1e-5  # instants at which torques are looked at first; s: so near to an event
 PEAKS = 6  # instants around which the greatest torques and the smallest distances are looked for
 LATER = 5  # instants of the delay at which it is looked where a joint may be
 FURTHER = 0.1  # m beyond the smallest distance: what is further apart does not come nearer by being late
@@ -252,12 +253,22 @@ def _around(every: np.ndarray, peaks: np.ndarray) -> np.ndarray:
     return np.linspace(left, right, FRESH + 2)[1:-1].ravel()
 
 
+def _some(times: np.ndarray, events: np.ndarray) -> np.ndarray:
+    """A few of the instants, increasing, with those at events: torques are smooth in between."""
+    event = np.concatenate([events, [np.inf]])
+    nearest = np.minimum(event[np.searchsorted(events, times - AT_EVENT)] - times, AT_EVENT)
+    chosen = nearest < AT_EVENT
+    chosen[:: max(len(times) // SOME, 1)] = True
+    chosen[-1] = True
+    return times[chosen]
+
+
 def _worst_torque(
     robot: StandingRobot, motion: Motion, tolerance: Tolerance, times: np.ndarray
 ) -> WorstTorque:
     found = WorstTorque(0.0, 0.0, 1)
     drives = Drives(model_data(robot), tolerance_data(tolerance, robot.support))
-    every = np.unique(times)
+    every = times = _some(np.unique(times), motion.event_times)
     for _ in range(1 + NEARER):
         most = drives.greatest(*(Form.of(part.T) for part in motion.states(times)), np.tile(times, (2, 1)))
         shares = most / robot.limits.torque[:, None]
@@ -316,6 +327,8 @@ def _worst_tip(cases: WorstCase, at: Looked) -> WorstInstant:
 
 
 def _worst_slip(cases: WorstCase, at: Looked) -> WorstInstant:
+    found = cases.slip(at.s, room=at.room)
+    at = at.some(np.argsort(-found.values, kind="stable")[:FROM_MORE])
     found = cases.slip(at.s, STARTS, room=at.room)
     k = int(np.argmax(found.values))
     left = f"slip GT {found.values[k]:.3g}{_kept(cases, at.s[k : k + 1], found.theta[k : k + 1])}"
