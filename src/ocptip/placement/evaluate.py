@@ -17,6 +17,7 @@ from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.resting import solve_resting
 from ocptip.contact.states import ContactStates
 from ocptip.contact.support import Support
+from ocptip.placement.least_slip import LeastSlip
 from ocptip.placement.limits.arm import Clearance
 from ocptip.placement.limits.base import Ground
 from ocptip.placement.limits.contact import TipOver
@@ -151,7 +152,7 @@ class Evaluator:
 
     def least_criteria(self, evaluations: list[TaskEvaluation]) -> np.ndarray:
         """Lower bounds (N, 4) of the criteria of placements whose contacts were not solved."""
-        least = [self.least_slip(e.wrenches[:, e.counting]) for e in evaluations]
+        least = [self.least_slip(e) for e in evaluations]
         criteria = self.criteria(evaluations)
         criteria[:, CRITERIA.index("GT")] = np.max(np.concatenate(least, axis=1), axis=1, initial=0.0)
         return criteria
@@ -273,23 +274,19 @@ class Evaluator:
         return self.fast_slip.evaluate(states, derivatives=False).GT.reshape(wrenches.shape[:2])
 
     @cached_property
-    def _friction(self) -> tuple[np.ndarray, float] | None:
-        """Common normal (3,) and largest friction coefficient of ordinary contacts on a plane, or None."""
-        contacts = self.support.contacts
+    def _least(self) -> LeastSlip | None:
         conforming = any(stand.conforms for stand in self.problem.stands)
-        if conforming or not (self._same_normals and all(isinstance(c, UnilateralContact) for c in contacts)):
-            return None
-        return self.support.frames[0, :, 0], max(float(c.friction) for c in contacts)
+        return None if conforming else LeastSlip(self.support)
 
-    def least_slip(self, wrenches: np.ndarray) -> np.ndarray:
-        """Lower bound (...,) of GT under wrenches (..., 6): all friction used in one direction; else zero."""
-        if self._friction is None:
-            return np.zeros(wrenches.shape[:-1])
-        normal, friction = self._friction
-        force = wrenches[..., :3]
-        pressed = -(force @ normal)
-        along = np.linalg.norm(force + pressed[..., None] * normal, axis=-1)
-        return np.where(pressed > 0, along / (friction * np.maximum(pressed, 1e-12)), 0.0)
+    def least_slip(self, found: TaskEvaluation) -> np.ndarray:
+        """(N, C) lower bounds of GT of the cases that count, the worst corner of each; else zero."""
+        wrenches = found.wrenches[:, found.counting]
+        if self._least is None:
+            return np.zeros(wrenches.shape[:2])
+        gravity = found.base.transpose(0, 2, 1) @ self.problem.gravity
+        corners = [wrenches + (gravity @ corner.per_gravity.T)[:, None] for corner in self.problem.corners]
+        bounds = [self._least(own.reshape(-1, 6)).reshape(wrenches.shape[:2]) for own in corners]
+        return np.max(bounds, axis=0)
 
     def friction_needed(self, wrench: np.ndarray, support: Support) -> float:
         """How many times the friction must be as large for a support to hold a wrench (6,), if all slip.

@@ -9,8 +9,9 @@ import numpy as np
 from ocptip.basics.errors import InputError, finite_array
 from ocptip.numerics.threads import one_thread
 from ocptip.placement.evaluate import Evaluator
+from ocptip.placement.limits.contact import SlipReserve
 from ocptip.placement.limits.judged import Rows
-from ocptip.placement.problem import PlacementProblem
+from ocptip.placement.problem import CRITERIA, PlacementProblem
 from ocptip.placement.result import FEASIBLE
 from ocptip.placement.search.starts import solutions
 
@@ -156,7 +157,13 @@ class _Scanner:
         if not len(q):
             return q, who, none
         found = evaluator.task(t, self.patch, self.parameters[numbers[who]], q, contacts=False)
-        return q, who, (*worst(found.rows, len(q)), evaluator.least_criteria([found]))
+        margin, cause = worst(found.rows, len(q))
+        least = evaluator.least_criteria([found])
+        if (limit := evaluator.problem.limits.GT) is not None:
+            room = 1 - least[:, CRITERIA.index("GT")] / limit
+            cause[room < np.minimum(margin, -FEASIBLE)] = SlipReserve.kind
+            margin = np.minimum(margin, room)
+        return q, who, (margin, cause, least)
 
     def _sort(
         self, numbers: np.ndarray, margin: np.ndarray, cause: np.ndarray, values: np.ndarray, q: np.ndarray

@@ -1,0 +1,108 @@
+"""Lower bounds of the slip reserve, for many wrenches at once and without contact forces.
+
+When the base slides with a velocity v and turns with a rate w about the common normal of its contacts,
+friction takes at most the power sum mu_i N_i |v + w x p_i|, whatever the normal forces N_i that hold the base
+up. So the power of the wrench over the largest of these sums is no more than GT, and its largest value over
+all (v, w) is GT (duality: what cones with a share of their friction can hold is convex). The sum is linear in
+the normal forces, so it is largest where three contacts carry all.
+"""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+
+from ocptip.contact.bindings.unilateral import UnilateralContact
+from ocptip.contact.support import Support
+
+_PARALLEL = 1e-9
+_MOST = 8  # contacts: of more only v along the force is looked at, with all weight on the roughest contact
+_DIRECTIONS, _ROUNDS = 4, 5  # of half a turn each; how often the best is looked for around it
+_LEAST = 1e-3  # of what friction could take at most, else rounding decides
+
+
+class LeastSlip:
+    """Lower bounds of GT of ordinary contacts with the same normal; zero for others.
+
+    Args:
+        support: the contacts, with centre of mass.
+    """
+
+    def __init__(self, support: Support) -> None:
+        contacts, frames = support.contacts, support.frames
+        self.known = all(isinstance(c, UnilateralContact) for c in contacts) and bool(
+            np.ptp(frames[:, :, 0], axis=0).max() <= _PARALLEL
+        )
+        if not self.known:
+            return
+        self.axes = frames[0].T  # rows: normal, tangents
+        self.friction = np.array([float(c.friction) for c in contacts])  # pyright: ignore
+        self.height, *places = (
+            self.axes @ (np.array([c.position for c in contacts]) - support.center_of_mass).T
+        )
+        self.places = np.array(places)  # (2, n)
+        self.radius = max(float(np.sqrt(np.mean(self.places**2) * 2)), np.finfo(float).tiny)
+        self.held = np.vstack([np.ones(len(contacts)), self.places[1], -self.places[0]])
+        flat = np.ptp(self.height) <= _PARALLEL * support.length and len(contacts) <= _MOST
+        triples = combinations(range(len(contacts)), 3) if flat else ()
+        size = abs(np.linalg.det(self.held @ self.held.T)) ** 0.5
+        self.triples = [t for t in map(list, triples) if abs(np.linalg.det(self.held[:, t])) > 1e-9 * size]
+
+    def __call__(self, wrenches: np.ndarray) -> np.ndarray:
+        """(N,) under wrenches (N, 6), N and N m, on the base about its centre of mass."""
+        if not self.known:
+            return np.zeros(len(wrenches))
+        forces, moments = wrenches[:, :3] @ self.axes.T, wrenches[:, 3:] @ self.axes.T
+        pressed, pull = np.maximum(-forces[:, 0], 0.0), -forces[:, 1:]
+        size = np.linalg.norm(pull, axis=1)
+        along = size / np.maximum(self.friction.max() * pressed, np.finfo(float).tiny)
+        least = np.where(pressed > 0, along, 0.0)
+        normals = self._normals(pressed, moments, pull)
+        some = np.flatnonzero(np.any([np.isfinite(n[:, 0]) for n in normals], axis=0)) if normals else []
+        if len(some):
+            found = self._sliding(pull[some], -moments[some, 0], pressed[some], [n[some] for n in normals])
+            least[some] = np.maximum(least[some], found)
+        return least
+
+    def _normals(self, pressed: np.ndarray, moments: np.ndarray, pull: np.ndarray) -> list[np.ndarray]:
+        """Per triple its normal forces (N, 3) that hold the base, N; -inf where they would have to pull."""
+        if not self.triples:
+            return []
+        height = float(np.mean(self.height))
+        right = np.column_stack(
+            [pressed, -moments[:, 1] + height * pull[:, 1], -moments[:, 2] - height * pull[:, 0]]
+        )
+        found = [right @ np.linalg.inv(self.held[:, t]).T for t in self.triples]
+        return [np.where(np.all(n >= -1e-9 * pressed[:, None], axis=1)[:, None], n, -np.inf) for n in found]
+
+    def _sliding(
+        self, pull: np.ndarray, turn: np.ndarray, pressed: np.ndarray, normals: list[np.ndarray]
+    ) -> np.ndarray:
+        """Largest power over that of friction, of directions of sliding and rates of turning."""
+        heading = np.arctan2(pull[:, 1], pull[:, 0])
+        best, at = np.zeros(len(pull)), np.zeros((2, len(pull)))
+
+        def look(angles: np.ndarray) -> None:
+            ahead, turned = heading + angles[0], angles[1]
+            v, w = np.array([np.cos(ahead), np.sin(ahead)]) * np.cos(turned), np.sin(turned) / self.radius
+            x, y = self.places[:, :, None]
+            speeds = self.friction[:, None] * np.hypot(v[0] - w * y, v[1] + w * x)
+            taken = [np.sum(n.T * speeds[t], axis=0) for n, t in zip(normals, self.triples, strict=True)]
+            most = np.max(taken, axis=0)
+            power = np.sum(pull.T * v, axis=0) + turn * w
+            share = power / np.maximum(most, _LEAST * pressed * speeds.max(axis=0))
+            better = share > best
+            best[better], at[:, better] = share[better], angles[:, better]
+
+        turns = np.linspace(-np.pi / 2, np.pi / 2, _DIRECTIONS, endpoint=False)
+        for a in turns:
+            for b in turns:
+                look(np.tile([[a], [b]], len(pull)))
+        step = turns[1] - turns[0]
+        for _ in range(_ROUNDS):
+            step /= 2
+            middle = at.copy()
+            for side in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+                look(middle + step * np.array(side)[:, None])
+        return best
