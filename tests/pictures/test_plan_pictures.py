@@ -12,6 +12,7 @@ from PIL import Image
 
 from ocptip.motion.output import sample_motion
 from ocptip.pictures import plan as motion_plots
+from ocptip.pictures import plan_curves
 from ocptip.pictures.frame import COLORS
 from ocptip.pictures.plan import draw_plan, plan_figures
 from ocptip.pictures.plan_curves import PlanCurves
@@ -70,12 +71,23 @@ def test_curves_are_the_samples(clamped):
         ("friction", "use-1", 100 * samples.slip.usage[:, 0]),
     ):
         x, y = curve(figures[figure], gid)
-        np.testing.assert_array_equal(x, samples.times)
-        np.testing.assert_allclose(y, values, err_msg=gid)
+        np.testing.assert_array_equal(x[1:-1], samples.times)  # first and last: the rests before and after
+        np.testing.assert_allclose(y[1:-1], values, err_msg=gid)
     speeds, torques = figures["plan"].axes[1:3]
     for ax, share in ((speeds, samples.speeds / limits.speed), (torques, samples.torques / limits.torque)):
         (line,) = ax.findobj(lambda artist: artist.get_gid() == "share-2")
-        np.testing.assert_allclose(line.get_ydata(), 100 * share[:, 1])
+        np.testing.assert_allclose(line.get_ydata()[1:-1], 100 * share[:, 1])
+
+
+def test_curves_have_the_rests_before_and_after(clamped):
+    """There torques may be at their worst, which the check names."""
+    plan, _, figures = clamped
+    robot = plan.task.robot
+    still = np.zeros((1, robot.n))
+    for q, end in ((plan.motion.start, 0), (plan.motion.goal, -1)):
+        torques = robot.samples_of(np.zeros(1), q[None], still, still).torques[0]
+        for j, torque in enumerate(torques, 1):
+            np.testing.assert_allclose(curve(figures["torques"], f"torque-{j}")[1][end], torque)
 
 
 def test_events_are_those_of_ramps(free):
@@ -106,7 +118,7 @@ def test_least_distances_carry_the_names_of_their_pairs(free):
         )
         for line in shown:
             own = nearest == line.get_label()
-            np.testing.assert_allclose(line.get_ydata()[own], 1e3 * gaps.min(axis=1)[own])
+            np.testing.assert_allclose(line.get_ydata()[1:-1][own], 1e3 * gaps.min(axis=1)[own])
         assert all(np.isfinite([line.get_ydata() for line in shown]).any(axis=0))
         _, y = curve(figures[figure], "clearance-worst")
         assert y[0] == pytest.approx(1e3 * gaps.min(), rel=1e-3)
@@ -202,8 +214,9 @@ def test_no_text_is_cut_off_or_covered(case, request):
         check_texts(name, figure)
 
 
-def test_many_joints_without_limits_can_be_drawn():
+def test_many_joints_without_limits_can_be_drawn(monkeypatch):
     """A robot from a URDF: nine joints with long names, no torque limits, four wheels, no obstacles."""
+    monkeypatch.setattr(plan_curves, "_with_rests", lambda robot, motion, samples: samples)
     plan = stand_in_plan("C", reference=False)
     samples = sample_motion(plan.task.robot, plan.motion)
     nine = [0, 1, 2, 3, 4, 5, 0, 1, 2]

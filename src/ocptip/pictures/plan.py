@@ -18,7 +18,6 @@ import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
-from ocptip.motion.output import sample_motion
 from ocptip.pictures.clearance import draw_clearance
 from ocptip.pictures.feet import feet_figure
 from ocptip.pictures.frame import (
@@ -46,7 +45,7 @@ DPI = 130
 
 _DASHED = (0, (4, 2))
 _LIMIT_STYLE = {"color": LIMIT, "lw": 1.3, "ls": (0, (6, 2))}
-_WORST = {"marker": "o", "ms": 8, "mfc": "none", "mew": 1.8, "ls": "", "zorder": 6}
+_WORST = {"marker": "o", "ms": 8, "mfc": "none", "mew": 1.8, "ls": "", "zorder": 6, "clip_on": False}
 
 
 def draw_plan(
@@ -74,7 +73,7 @@ def plan_figures(plan: MotionPlan, samples: MotionSamples | None = None) -> dict
 
 
 def _figures(plan: MotionPlan, samples: MotionSamples | None) -> dict[str, Callable[[], Figure]]:
-    curves = PlanCurves(plan, samples or sample_motion(plan.task.robot, plan.motion))
+    curves = PlanCurves.of(plan, samples)
     figures = {name: partial(_drawn, draw, curves) for name, draw in _FIGURES.items()}
     if feet := plan.check.feet:
         figures["feet"] = partial(feet_figure, curves.title, feet, curves.times, curves.normal_forces)

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ocptip.motion.cycles.output import samples_joined
 from ocptip.motion.output import sample_motion
-from ocptip.standing.mechanism import MotionSamples
+from ocptip.standing.mechanism import MotionSamples, StandingMechanism
 from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.sampled import Motion
 from ocptip.trajectories.sequence import MotionSequence
 
 if TYPE_CHECKING:
@@ -24,11 +26,17 @@ class PlanCurves:
     plan: MotionPlan
     samples: MotionSamples
 
+    @classmethod
+    def of(cls, plan: MotionPlan, samples: MotionSamples | None = None) -> PlanCurves:
+        """The curves of a plan whose motion may have been sampled before."""
+        samples = samples or sample_motion(plan.task.robot, plan.motion)
+        return cls(plan, _with_rests(plan.task.robot, plan.motion, samples))
+
     @cached_property
     def reference(self) -> MotionSamples | None:
         """Samples of the reference motion."""
-        motion = self.plan.task.reference
-        return None if motion is None else sample_motion(self.plan.task.robot, motion)
+        robot, motion = self.plan.task.robot, self.plan.task.reference
+        return None if motion is None else _with_rests(robot, motion, sample_motion(robot, motion))
 
     @property
     def events(self) -> np.ndarray:
@@ -95,3 +103,19 @@ class PlanCurves:
         word = "certified" if checked.certified else "verified" if checked.verified else "NOT verified"
         verdict = word + checked.scope
         return f"{self.plan.task.name}: {verdict}, {checked.energy:.1f} J in {checked.duration:.3f} s"
+
+
+def _with_rests(robot: StandingMechanism, motion: Motion, samples: MotionSamples) -> MotionSamples:
+    """With the rest before and after the motion, where torques and reserves may be at their worst.
+
+    Cycles have rests between their segments as it is.
+    """
+    if isinstance(motion, MotionSequence):
+        return samples
+    angles, _, _ = motion.states(np.array([0.0, motion.end]))
+    still, during = np.zeros((1, robot.n)), robot.during(motion)
+    before, after = (
+        during.samples_of(np.array([time]), q[None], still, still)
+        for time, q in zip((0.0, motion.end), angles, strict=True)
+    )
+    return samples_joined([before, samples, after])
