@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
+from ocptip.cli.layout import tolerated_lines
 from ocptip.contact.support import Support
 from ocptip.motion.check import check_motion
 from ocptip.motion.tolerated import Tolerated, tolerances, tolerated
@@ -159,6 +160,8 @@ def test_a_motion_that_falls_tolerates_nothing(task):
         assert found[name].value < 1e-3
         assert not found[name].at_most
     assert found["friction"].value == 1.0
+    (line,) = tolerated_lines(list(found.values()))
+    assert line.startswith("nothing: a contact is lost as described (")
 
 
 def test_in_words(found):

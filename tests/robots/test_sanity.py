@@ -57,14 +57,20 @@ def test_a_link_that_cannot_be_is_refused_until_it_is_accepted(tmp_path, change,
 
 
 def test_all_such_links_are_named_at_once_and_a_wrong_name_is_refused(tmp_path):
-    path = changed(tmp_path, (r'<mass value="[\d.]+"/>', '<mass value="0"/>'))
+    path = changed(tmp_path, MASSLESS, ('<mass value="1.219"/>', '<mass value="0"/>'))  # of two wrists
     with pytest.raises(InputError) as said:
         arm_from_urdf(path, **NAMES)
-    assert str(said.value).count("has no mass") == 6
+    assert str(said.value).count("has no mass") == 3
     with pytest.raises(
         InputError, match=r"accept_inertia: no moving link 'upper_arm'; .* did you mean 'upper_arm_link'"
     ):
         arm_from_urdf(UR5, **NAMES, accept_inertia=["upper_arm"])
+
+
+def test_a_model_without_any_mass_is_called_that(tmp_path):
+    path = changed(tmp_path, (r'<mass value="[\d.]+"/>', '<mass value="0"/>'))
+    with pytest.raises(InputError, match=r"^no link that moves has a mass"):
+        arm_from_urdf(path, **NAMES)
 
 
 def test_massless_frames_and_rounded_moments_are_fine(tmp_path):

@@ -37,6 +37,16 @@ def quantity(value: float, unit: str, digits: int = 4) -> str:
     return f"{value + 0.0:.{digits}g} {unit}"
 
 
+def with_error(value: float, half: float, unit: str = "") -> str:
+    """A value and half the width of its interval, to two digits of that: "0.208 +- 0.0045 kg"."""
+    unit = f" {unit}" if unit else ""
+    if not (math.isfinite(half) and half > 0):
+        return f"{value:.4g}{unit}"
+    digits = 1 - math.floor(math.log10(half))
+    told = (f"{round(number, digits) + 0.0:.{max(digits, 0)}f}" for number in (value, half))
+    return " +- ".join(told) + unit
+
+
 def some(names: Sequence[str], most: int = 5) -> str:
     """The first of some names, and how many more there are: "a, b and 3 more"."""
     more = f" and {len(names) - most} more" if len(names) > most else ""

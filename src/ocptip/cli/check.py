@@ -14,6 +14,7 @@ import numpy as np
 from ocptip.basics.errors import InputError, OcptipError, naming, positive_number
 from ocptip.basics.text import quantity, ratio
 from ocptip.basics.write import versions
+from ocptip.certificate.trusted.described import TORQUES
 from ocptip.cli.command import Report
 from ocptip.cli.cycles import require_plain, segment_table, segments_of
 from ocptip.cli.layout import (
@@ -335,11 +336,11 @@ def task_of(options: Namespace, otherwise: Tolerance = NONE) -> tuple[MotionTask
 def retimed(task: MotionTask, motion: Motion, checked: MotionCheck) -> str:
     """What the fastest timing of the path of a motion that fails is.
 
-    Empty where no timing can help (angles, clearance), and where the path cannot be fitted.
+    Empty where no timing can help (angles, clearance) or torques within the tolerance, which timings do not
+    look at, are too large, and where the path cannot be fitted.
     """
     broken = [name for name, worst in checked.worst.items() if worst.violation]
-    of_place = any(name in OF_PATH for name in broken)
-    if checked.verified or of_place or task.robot.varying:
+    if checked.verified or task.robot.varying or not {TORQUES, *OF_PATH}.isdisjoint(broken):
         return ""
     try:
         path = path_of_motion(motion).path

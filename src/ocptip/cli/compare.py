@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ocptip.basics.errors import InputError, naming
-from ocptip.basics.text import percent, quantity, some
+from ocptip.basics.text import percent, quantity, some, with_error
 from ocptip.basics.write import versions
 from ocptip.cli.command import Report
 from ocptip.cli.layout import named, table, under
@@ -164,9 +164,7 @@ def _told(finding: Finding) -> str:
     """A finding in words."""
     text = finding.name
     if math.isfinite(finding.value):
-        text += f": {finding.value:.4g}"
-        text += f" +- {finding.interval:.2g}" if math.isfinite(finding.interval) else ""
-        text += f" {finding.unit}"
+        text += f": {with_error(finding.value, finding.interval, finding.unit)}"
     if finding.text:
         text += f" ({finding.text})" if math.isfinite(finding.value) else f": {finding.text}"
     if finding.rivals:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ocptip.basics.errors import InputError, naming
-from ocptip.basics.text import percent, some
+from ocptip.basics.text import percent, some, with_error
 from ocptip.basics.toml import read_text
 from ocptip.basics.toml_text import toml_text
 from ocptip.basics.write import versions, write_text
@@ -147,7 +147,7 @@ def _of_links(recording: Recording, predictor: Predictor, options: Namespace) ->
     own, robot, p = found.estimate, predictor.robot, len(found.names)
     unseen = [name for name, seen in zip(found.names, own.seen, strict=False) if not seen]
     changed = [
-        f"{name}: {value:.4g} +- {half:.2g}, described {described:.4g}"
+        f"{name}: {with_error(value, half, _unit(name))}, described {described:.4g}"
         for name, value, half, described in zip(
             found.names, own.values, own.half, found.described, strict=False
         )
@@ -156,7 +156,7 @@ def _of_links(recording: Recording, predictor: Predictor, options: Namespace) ->
     friction = []
     for j, (name, unit) in enumerate(zip(robot.names, robot.motor_units, strict=True)):
         parts = [
-            f"{word} {own.values[k]:.4g} +- {own.half[k]:.2g} {unit}{per}"
+            f"{word} {with_error(own.values[k], own.half[k], unit + per)}"
             for word, k, per in (("dry", p + j, ""), ("viscous", p + robot.n + j, f" s/{robot.units[j]}"))
             if own.seen[k]
         ]
@@ -178,6 +178,11 @@ def _of_links(recording: Recording, predictor: Predictor, options: Namespace) ->
     return IdentifyReport("arm", tables, [*lines, ("tolerance", text)], found.to_dict(), options.out)
 
 
+def _unit(parameter: str) -> str:
+    """Of a mass m1, a first moment mx1, an entry of an inertia Ixx1, or a rotor."""
+    return "kg m^2" if parameter.startswith(("I", "rotor")) else "kg m" if parameter[1] in "xyz" else "kg"
+
+
 def _of_masses(found: Identified, predictor: Predictor, sigmas: float) -> tuple[dict[str, Any], str]:
     """Table `[tolerance]`, if there is one, and in words what it covers, or why there is none."""
     share = mass_tolerance(found, predictor, sigmas)
@@ -189,9 +194,9 @@ def _of_masses(found: Identified, predictor: Predictor, sigmas: float) -> tuple[
 
 def _told(body: Body) -> list[str]:
     half = body.quantile * body.errors
-    lines = [f"mass {body.mass:.5g} +- {half[0]:.2g} kg (95 %)"]
+    lines = [f"mass {with_error(body.mass, half[0], 'kg')} (95 %)"]
     told = [
-        f"{axis} {1e3 * x:.4g} +- {1e3 * h:.2g} mm" if math.isfinite(h) else f"{axis} not seen, as described"
+        f"{axis} {with_error(1e3 * x, 1e3 * h, 'mm') if math.isfinite(h) else 'not seen, as described'}"
         for axis, x, h in zip("xyz", body.center, half[1:], strict=True)
     ]
     return [*lines, f"centre {', '.join(told)}"]

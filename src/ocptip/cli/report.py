@@ -19,7 +19,7 @@ from ocptip.cli import report_page as html
 from ocptip.cli.check import worst_rows
 from ocptip.cli.command import Report
 from ocptip.cli.cycles import segment_rows
-from ocptip.cli.layout import certificate_rows, masses, within_rows
+from ocptip.cli.layout import certificate_rows, masses, tolerated_lines, within_rows
 from ocptip.cli.progress import say_if_compiling
 from ocptip.cli.stops import stops_of
 from ocptip.motion.check import MotionCheck, certified, check_motion
@@ -49,6 +49,8 @@ from ocptip.trajectories.sequence import MotionSequence
 ENDINGS = (".html", ".pdf")
 OVERVIEW = "plan.png"
 POSTURES = 60  # of a motion, for the largest payload
+_SAME = 1e-3  # s: postures no farther apart are one
+_TITLES = ("pose", "payload", "tilt", "push", "stands", "GN", "GT", "least force", "worst direction")
 _NOT = (
     "This document lists what was computed, from what, and how. It claims no conformity with any standard, "
     "and no test of the real machine is replaced by it."
@@ -147,13 +149,15 @@ class Stage:
         }
 
     def _poses(self) -> dict[str, float]:
-        """Times, s, of postures: both ends, and where the reserves are used most."""
+        """Times, s, of postures: both ends, and where the reserves are used most, if that is between."""
         assert self.part is not None
         assert self.checked is not None
-        end, begin = self.part.motion.end, self.part.begin
-        worst = {name: self.checked.worst[name].time for name in ("GN", "GT")}
-        own = {f"worst {name} ({begin + time:.3f} s)": time for name, time in worst.items() if 0 < time < end}
-        return {"start": 0.0, "goal": end, **own}
+        found = {"start": 0.0, "goal": self.part.motion.end}
+        for name in ("GN", "GT"):
+            time = self.checked.worst[name].time
+            if min(abs(time - other) for other in found.values()) > _SAME:
+                found[f"worst {name} ({self.part.begin + time:.3f} s)"] = time
+        return found
 
     def said(self, lines: Iterable[str]) -> list[str]:
         """Lines, with the segment's name before them."""
@@ -283,7 +287,7 @@ class Document:
             yield html.image(image.read_bytes(), "The motion, as planned.")
         yield html.heading("Tolerated alone")
         yield html.paragraph("Each of these, all else as described, loses no contact in the motion:")
-        yield html.items(self.tolerated)
+        yield html.items(tolerated_lines(self.tolerated))
         if any(stage.stops for stage in self.stages):
             yield html.heading("Stops")
             if self.segments is not None:
@@ -301,13 +305,15 @@ class Document:
             "in the worst directions together. GN: use of the reserve against tipping, GT: of the friction; "
             "1: lost. Directions in degrees from the base's x axis towards y."
         )
-        if self.task.robot.slip.redistribution == "full":
+        shared = self.task.robot.slip.redistribution == "full"
+        if shared:
             yield html.paragraph(
-                "Least forces are those of one possible sharing: rigid ground leaves open how so many "
-                "contacts share a load. GN and GT do not depend on it."
+                "Least forces are left out: rigid ground leaves open how so many contacts share a load. GN "
+                "and GT do not depend on it."
             )
-        titles = ("pose", "payload", "tilt", "push", "stands", "GN", "GT", "least force", "worst direction")
-        yield html.grid(titles, map(_case_row, self.cases))
+        rows = [_TITLES, *map(_case_row, self.cases)]
+        titles, *rows = ([*row[:-2], row[-1]] for row in rows) if shared else rows
+        yield html.grid(titles, rows)
         yield html.heading("Tilt by direction")
         for stage in self.stages:
             least = ", ".join(f"{name} {_tilt(tilts)}" for name, (_, tilts) in stage.tilts.items())
@@ -332,7 +338,7 @@ class Document:
         yield html.heading("To compute this again")
         cases = f" --cases {self.cases_file}" if self.cases_file else ""
         yield html.paragraph(
-            f"In the folder with {self.name}: `ocptip report {self.name}{cases}` (all of it)"
+            f"In the folder that holds {self.name}: `ocptip report {self.name}{cases}` (all of it)"
         )
         if self.folder is not None:
             seed = f"planned with seed {self.folder.data.get('seed')}"

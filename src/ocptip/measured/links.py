@@ -67,7 +67,8 @@ class BaseParameters:
         found = []
         for first, row in zip(self.independent, self.combinations, strict=True):
             others = [k for k in np.argsort(-np.abs(row)) if k != first and abs(row[k]) > 1e-9]
-            parts = [f"{'-' if row[k] < 0 else '+'} {abs(row[k]):.3g} {parameters[k]}" for k in others]
+            shares = (("+-"[int(row[k] < 0)], f"{abs(row[k]):.3g} ", parameters[k]) for k in others)
+            parts = [f"{sign} {'' if share == '1 ' else share}{name}" for sign, share, name in shares]
             found.append(" ".join([parameters[first], *parts]))
         return found
 

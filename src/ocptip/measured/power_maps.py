@@ -147,7 +147,11 @@ def samples_by_joint(
     known = ["joint", *COLUMNS]
     for name in header:
         if name not in known or header.count(name) > 1:
-            raise InputError(f"column {name!r}: expected one each of {', '.join(known)}")
+            there = "there twice" if name in known else "unknown; samples are no recording"
+            raise InputError(
+                f"column {name!r}: {there}; expected power_W, one for torque_Nm or force_N, one for "
+                "speed_deg_s, speed_rad_s or speed_m_s, and joint if there are several"
+            )
     found = []
     for kind in ("torque_Nm force_N", "speed_deg_s speed_rad_s speed_m_s", "power_W"):
         own = [name for name in kind.split() if name in header]

@@ -41,6 +41,11 @@ class StopRules:
     brake_max: np.ndarray | None = None
     delay: tuple[float, float] = (0.0, 0.0)
 
+    @property
+    def guessed(self) -> bool:
+        """Brake torques are not given."""
+        return self.brake_min is None or self.brake_max is None
+
     def __post_init__(self) -> None:
         for name in ("GN", "GT"):
             if getattr(self, name) is not None:

@@ -129,7 +129,7 @@ def check_stops(
     if kinds != "path" and isinstance(robot, StandingRobot):
         asked = limits.brakes or rules.safe(limits, robot, "brakes").brakes
         assert asked is not None
-        brakes = _BrakeTable(robot, motion, limits, asked, times)
+        brakes = _BrakeTable(robot, motion, limits, asked, rules.guessed, times)
         worst["brakes"] = brakes.worst()
     stops = limits.stops
     violations = brakes.violations() if brakes else ()
@@ -176,9 +176,15 @@ class _BrakeTable:
     """Stops by brakes."""
 
     def __init__(
-        self, robot: StandingRobot, motion: Motion, limits: MotionLimits, brakes: Brakes, times: np.ndarray
+        self,
+        robot: StandingRobot,
+        motion: Motion,
+        limits: MotionLimits,
+        brakes: Brakes,
+        guessed: bool,
+        times: np.ndarray,
     ) -> None:
-        self._robot, self._limits, self._brakes = robot, limits, brakes
+        self._robot, self._limits, self._brakes, self._guessed = robot, limits, brakes, guessed
         self._check = BrakeCheck(robot, brakes)
         self._times, self._found = stops_of_motion(robot, motion, brakes)
         q, qd, _ = motion.states(times)
@@ -231,7 +237,7 @@ class _BrakeTable:
             if not values[i] <= limit:
                 said.append(
                     f"{name} is {values[i]:.4g} in a stop by brakes begun at {self._times[i]:.4f} s, "
-                    f"must be <= {limit:.4g}"
+                    f"must be <= {limit:.4g}{' (brake torques are a guess)' if self._guessed else ''}"
                 )
         if not np.isfinite(found.rests).all() and not self._limits.brakes:
             i = int(np.argmax(found.rests))
@@ -259,7 +265,7 @@ def _assumed(robot: StandingMechanism, rules: StopRules, kinds: Kinds, time: flo
     if not isinstance(robot, StandingRobot):
         return (*said, "category 0: not computed for parallel robots")
     given = "as given"
-    if rules.brake_min is None or rules.brake_max is None:
+    if rules.guessed:
         given = "0.5 to 2 times the torque limits, a guess; give brake_torque_min_Nm, _max_Nm in [stops]"
     delay = "at once" if rules.delay[1] == 0 else f"after {rules.delay[0]:g} to {rules.delay[1]:g} s"
     said.append(f"category 0: brakes act {delay}, their torques are {given}; constant torques on the way")

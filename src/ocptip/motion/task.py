@@ -169,9 +169,12 @@ def _brake_refusals(task: MotionTask) -> list[str]:
     if not broken:
         return []
     turns = ", ".join(f"{'+' if way > 0 else '-'}{j + 1}" for j, way in enumerate(ways) if way)
+    left = "what is left are weaker brakes or a heavier base"
+    if task.stops.guessed:
+        left = "brake torques are a guess, give brake_torque_min_Nm, _max_Nm in [stops]; else " + left
     return [
         "stops by brakes: as soon as the motion has begun, whichever way the joints turn, "
-        f"{', '.join(broken)} at best (joints {turns}); what is left are weaker brakes or a heavier base"
+        f"{', '.join(broken)} at best (joints {turns}); {left}"
     ]
 
 

@@ -58,6 +58,9 @@ def comparison_figure(found: Comparison, predictor: Predictor, name: str) -> Fig
     count = len(found.findings)
     verdict = "agrees with the plan" if not count else f"{count} finding{'s' if count > 1 else ''}"
     figure.suptitle(f"{name}, recorded: {verdict}", fontsize=13, fontweight="bold")
+    figure.supxlabel(
+        "dots: measured; lines: predicted; shaded: the motion as planned", fontsize=8.5, color="#606060"
+    )
     return figure
 
 
@@ -84,7 +87,7 @@ def _pair(left: Any, right: Any, title: str, signals: list[Compared], times: np.
         left.plot(times, one.predicted, color=color, lw=1.0, label=one.name, gid=f"predicted-{one.name}")
         right.plot(times, one.measured - one.predicted, color=color, lw=0.8, gid=f"rest-{one.name}")
     left.set_ylabel(title)
-    right.set_ylabel("measured - predicted")
+    right.set_ylabel(f"measured - predicted [{title.split('[')[1]}", fontsize=8.5)
     _legend(left, signals)
 
 

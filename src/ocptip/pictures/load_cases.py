@@ -25,6 +25,9 @@ def tilt_figure(found: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Figure:
         order = np.append(order, order[0])
         ax.plot(turns[order], np.degrees(tilts)[order], color=color, lw=width, label=name, gid=f"tilt-{name}")
     ax.set_ylim(bottom=0.0)
+    ax.tick_params(axis="y", labelcolor="#606060", labelsize=8, zorder=3)
+    for label in ax.get_yticklabels():
+        label.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.6, "alpha": 0.8})
     ax.set_title("largest tilt of the floor [deg] at rest, by direction downhill (0: x, 90: y)", fontsize=9)
     ax.legend(frameon=False, fontsize=8, loc="lower left", bbox_to_anchor=(-0.18, -0.12))
     return figure
@@ -37,6 +40,6 @@ def payload_figure(times: np.ndarray, masses: np.ndarray) -> Figure:
     ax.plot(times, masses, color=COLORS[0], gid="payload")
     ax.set_xlabel("posture at [s] of the motion")
     ax.set_ylabel("more at the gripper [kg]")
-    ax.set_ylim(bottom=0.0)
+    ax.set_ylim(0.0, 1.06 * max(float(np.max(masses)), 1e-9))
     ax.grid(color="#ececec", lw=0.8)
     return figure

@@ -46,6 +46,11 @@ def refuse_impossible_links(
         reason = _why_not(mass, inertia)
         if reason and not chosen & set(names):
             found[names[0]] = reason
+    if len(found) == arm.n and not arm.masses.any():
+        raise InputError(
+            "no link that moves has a mass: a model to be looked at, not to be planned with; give its links "
+            "<inertial> with mass and moments of inertia"
+        )
     if found:
         said = "; ".join(f"link {name!r}: {reason}" for name, reason in found.items())
         names = ", ".join(f'"{name}"' for name in found)

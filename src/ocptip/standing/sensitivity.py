@@ -77,7 +77,7 @@ class Sensitivity:
             f"{name} {getattr(self.before, name):.3f} -> {getattr(self.after, name):.3f}"
             for name in ("GN", "GT")
         ]
-        if np.isfinite(self.before.force):
+        if np.isfinite(self.before.force) and max(self.before.force, self.after.force) > 0:
             ends = (quantity(max(one.force, 0.0), "N", 3) for one in (self.before, self.after))
             values.append("least foot force {} -> {}".format(*ends))
         return f"{self.change}: {', '.join(values)}"
