@@ -3,6 +3,7 @@
 import copy
 from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import pytest
 from ocptip.certificate.describe import model_data, motion_data, tolerance_data, tolerance_words
 from ocptip.certificate.find import _kept, certify
 from ocptip.certificate.find_within import LOSS_WITHIN, SearchWithin
+from ocptip.certificate.result import LATE
 from ocptip.certificate.trusted.checker import check_certificate, digest
 from ocptip.certificate.trusted.late import Late
 from ocptip.certificate.trusted.sharing import Sharing
@@ -123,6 +125,25 @@ def test_a_motion_is_certified_within_workshop():
     _refused(data, lambda d: d["bounds"].update(GN_worst_case=bounds["GN_worst_case"] * 0.99))
     for key, factor in (("speed", 3), ("overshoot", 1.17)):
         _refused(data, partial(_set, f"tolerance.{key}", data["tolerance"][key] * factor))
+
+
+def test_bounds_of_joints_on_time_say_so(monkeypatch):
+    """Where what late joints do cannot be proved."""
+    task, motion = _swing("G")
+    limits = MotionLimits(tolerance=WORKSHOP)
+    checked = check_motion(task.robot, motion, limits)
+
+    def on_time_only(robot, model, motion, tolerance, *more):
+        search = SearchWithin(robot, model, motion, tolerance, *more)
+        return SimpleNamespace(found=lambda: None) if tolerance["delay"] else search
+
+    monkeypatch.setattr("ocptip.certificate.find.SearchWithin", on_time_only)
+    found = certify(task.robot, motion, limits, checked.worst)
+    assert found.holds
+    assert not found.certified
+    assert found.sampled[:2] == LATE
+    assert "within the tolerance with all joints on time GN <=" in str(found)
+    assert "on time" not in str(replace(found, sampled=()))
 
 
 def test_a_share_of_friction_that_is_short_is_claimed_higher(monkeypatch):

@@ -22,7 +22,7 @@ from ocptip.certificate.describe import (
 )
 from ocptip.certificate.find_within import HIGHEST, LOSS_WITHIN, SearchWithin
 from ocptip.certificate.interior import Interior
-from ocptip.certificate.result import AT_LIMIT, Certificate, Undecided
+from ocptip.certificate.result import AT_LIMIT, LATE, Certificate, Undecided
 from ocptip.certificate.trusted.checker import CLAIMS_WITHIN, FORMAT, Verdict, check_certificate, digest
 from ocptip.certificate.trusted.described import CLEARANCE, TORQUES, Checker, Intervals
 from ocptip.numerics.threads import one_thread
@@ -253,7 +253,7 @@ class _Search:
         lost = [CLEARANCE] if self._tolerance else [CLEARANCE, TORQUES]
         lost = [name for name in lost if self.bounds.pop(name, None) is not None]
         if self._tolerance is not None:
-            return ("joints that are late", "jumps that overshoot", *lost)
+            return (*LATE, *lost)
         return (*CLAIMS_WITHIN, *lost)
 
     def _judged(

@@ -14,6 +14,9 @@ from ocptip.certificate.trusted.described import CLEARANCE
 AT_LIMIT = 1e-6
 """Relative (of distances m): what is claimed where a limit is used up."""
 
+LATE = "joints that are late", "jumps that overshoot"
+"""Among what is sampled only: bounds within a tolerance are of all joints on time then."""
+
 _WORDS = {"GN": "GN", "GT": "GT", "torque_ratio": "torque / limit"}
 _LEAST = ("clearance", CLEARANCE)  # bounds from below
 _WITHIN = {"GN_worst_case": "GN", "GT_worst_case": "GT", "torque_ratio_worst_case": "torque / limit"}
@@ -94,7 +97,8 @@ class Certificate:
             first = self.undecided[0] if self.undecided else self.verdict.problems[0]
             more = f", and {len(self.undecided) - 1} more" if len(self.undecided) > 1 else ""
             return f"not proved for all instants: {first}{more}"
-        found = f"at every instant {claims(self.verdict.bounds)} ({self.verdict.intervals} intervals)"
+        bounds = claims(self.verdict.bounds, on_time=set(LATE) <= set(self.sampled))
+        found = f"at every instant {bounds} ({self.verdict.intervals} intervals)"
         found += "" if self.kept else "; beyond the limits"
         return found + (f"; sampled only: {', '.join(self.sampled)}" if self.sampled else "")
 
@@ -148,8 +152,11 @@ def together(parts: Sequence[Certificate], begins: Sequence[float]) -> Certifica
     )
 
 
-def claims(bounds: Mapping[str, float]) -> str:
-    """Bounds in words, rounded to the safe side; those that exceed a limit by rounding as the limit."""
+def claims(bounds: Mapping[str, float], on_time: bool = False) -> str:
+    """Bounds in words, rounded to the safe side; those that exceed a limit by rounding as the limit.
+
+    Those within the tolerance may be of all joints on time only.
+    """
     most = {name: np.ceil(1e4 * bound / (1 + 2 * AT_LIMIT)) / 1e4 for name, bound in bounds.items()}
     parts = [f"{word} <= {most[name]:.4f}" for name, word in _WORDS.items()]
     apart, apart_within = (
@@ -157,7 +164,8 @@ def claims(bounds: Mapping[str, float]) -> str:
     )
     parts += apart
     if within := [f"{w} <= {most[k]:.4f}" for k, w in _WITHIN.items() if k in bounds]:
-        parts[-1] += f"; within the tolerance {', '.join(within + apart_within)}"
+        world = "within the tolerance" + " with all joints on time" * on_time
+        parts[-1] += f"; {world} {', '.join(within + apart_within)}"
     return ", ".join(parts)
 
 
