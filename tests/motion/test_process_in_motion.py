@@ -16,6 +16,7 @@ from ocptip.certificate.trusted.sharing import Sharing
 from ocptip.cli.main import main
 from ocptip.motion.check import certified, check_motion
 from ocptip.motion.load_cases import Asked, RestLoads, largest_payload, load_cases, tilt_by_direction
+from ocptip.motion.output import sample_motion
 from ocptip.motion.plan import plan_motion
 from ocptip.motion.planner.node_physics import NodePhysics
 from ocptip.motion.tolerated import _Parts, tolerances
@@ -353,6 +354,17 @@ def test_load_cases_know_one_that_varies():
     held = [largest_payload(own, pose[None])[0] for own in alone]
     both = largest_payload(robot, np.tile(pose, (3, 1)), np.hstack([rows, 0 * rows]))
     np.testing.assert_allclose(both, held, atol=1e-4)
+
+
+def test_tables_of_a_motion_have_one_over_the_path():
+    """As at the instants alone, but for the sides of jumps."""
+    task, bare = case("A")
+    robot = bare.varied(arm=bare.arm.with_process(varying("path", [0.1, 0.6])))
+    found = sample_motion(robot, task.reference, 0.05)
+    inside = np.flatnonzero(np.abs(found.times[:, None] - task.reference.event_times).min(axis=1) > 1e-6)
+    alone = robot.samples(task.reference, found.times[inside])
+    np.testing.assert_allclose(found.torques[inside], alone.torques, atol=1e-9)
+    assert np.abs(alone.torques - bare.samples(task.reference, alone.times).torques).max() > 0.5
 
 
 def test_what_does_not_follow_it_refuses_it():

@@ -115,7 +115,7 @@ def sample_motion(robot: StandingMechanism, motion: Motion, step: float = STEP) 
     """
     times, left = _instants(motion, step)
     own = _intervals(motion, times, left)
-    samples = robot.samples(_OneSided(motion, own), times)
+    samples = robot.during(motion).samples(_OneSided(motion, own), times)
     if not robot.direct_drives:
         return samples
     # Power jumps where a speed changes sign. At the crossing itself the speed is 0 up to rounding, so that
