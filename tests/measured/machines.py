@@ -45,9 +45,10 @@ def recorded(
     late: dict[str, float] | None = None,
     elastic: Elasticity | None = None,
     clock: float = 0.1234567,
+    nominal: Predictor | None = None,
 ) -> Recording:
     """At 500 Hz; joints late by their delays, s, kinds of signals by others."""
-    nominal = predictor()
+    nominal = nominal or predictor()
     own = nominal if robot is None else Predictor(robot, nominal.motion)
     rng = np.random.default_rng(seed)
     times = np.arange(0.0, clock + nominal.motion.end + 0.2, 2e-3)

@@ -10,6 +10,7 @@ from ocptip.measured.compare import LEVEL, compare
 from ocptip.measured.prediction import Elasticity, Predictor
 from ocptip.measured.recording import Recording, Signal
 from ocptip.robots.process import ProcessWrench
+from ocptip.trajectories.sampled import SampledMotion
 from tests.measured.machines import changed, heavier, predictor, recorded, values_of
 
 
@@ -157,6 +158,30 @@ def test_a_process_that_varies_is_no_fault():
     recording = recorded(0, robot=robot)
     assert compare(recording, own).agrees
     assert not compare(recording, plan).agrees
+
+
+def test_points_are_no_jumps():
+    """Accelerations jump a little at each point of a motion of points, which are nearer than samples."""
+    plan = predictor()
+    times = np.append(np.arange(0.0, plan.motion.end, 4e-3), plan.motion.end)
+    q, qd, _ = plan.motion.states(times)
+    qd[[0, -1]] = 0.0
+    nominal = Predictor(plan.robot, SampledMotion(times, q, qd))
+    assert len(nominal.motion.event_times) > 100
+    assert len(nominal.jumps) < 0.3 * len(nominal.motion.event_times)
+    assert compare(recorded(0, nominal=nominal), nominal).agrees
+    heavy = recorded(1, robot=heavier(3, 1.05), nominal=nominal)
+    assert names(compare(heavy, nominal)) == ["mass of link 3"]
+
+
+@pytest.mark.parametrize("every", [8, 80])
+def test_too_few_samples_of_loads_are_refused(every):
+    """Of 80 all are beside jumps; with 8 chance was taken for causes in one of three recordings."""
+    recording = recorded(0)
+    few = slice(None, None, every)
+    signals = tuple(replace(s, values=s.values[few]) for s in recording.signals)
+    with pytest.raises(InputError, match=r"samples of loads away from jumps .* are too few for .* causes"):
+        compare(Recording(recording.times[few], signals), predictor())
 
 
 def test_another_motion_is_refused():

@@ -53,8 +53,7 @@ def find_clock(recording: Recording, predictor: Predictor) -> tuple[float, Mappi
     # the sequence begins N samples before the motion: at place m its begin is at sample N - m
     begin = recording.times[0] + dt * (N - 0.5 / _FINER - _top(scores))
     single = {
-        name: _refined(recording, own, fine, y, begin, predictor.motion.event_times)
-        for name, (y, fine) in seen.items()
+        name: _refined(recording, own, fine, y, begin, predictor.jumps) for name, (y, fine) in seen.items()
     }
     return float(begin), single
 
@@ -82,9 +81,10 @@ def _top(scores: np.ndarray) -> float:
 
 
 def distance(times: np.ndarray, events: np.ndarray) -> np.ndarray:
-    """(N,), s, of each time from the nearest event."""
-    after = np.clip(np.searchsorted(events, times), 1, len(events) - 1)
-    return np.minimum(np.abs(times - events[after]), np.abs(times - events[after - 1]))
+    """(N,), s, of each time from the nearest event; infinite without one."""
+    events = np.concatenate([[-np.inf], events, [np.inf]])
+    after = np.searchsorted(events, times)
+    return np.minimum(events[after] - times, times - events[after - 1])
 
 
 def _refined(

@@ -32,6 +32,7 @@ LEVEL = 1e-3
 _TESTS = 5  # that share the level: motion, loads, clipped, noisy, base
 _ROUNDS, _MOST_ROUNDS = 3, 12
 _NEAR = 0.05  # of standard errors: sizes of springs that change by less are found
+_ENOUGH = 20  # samples of loads per possible cause: with fewer, chance is taken for causes
 _LIGHTEST = -0.9  # relative change of masses: more is no body
 _TINY = 0.25  # samples: step of slopes over time
 _GROUPS = (ANGLE, SPEED, TORQUE, WRENCH)
@@ -343,6 +344,13 @@ class _Comparing:
                 columns = np.column_stack([columns, *self._slopes(kind, one.index, either)])
                 values = one.values - predictor.signal(kind, one.index, state) + columns @ held
                 blocks.append(Block(values, columns, self.kept[one.name] & away, resolution(one.values)))
+        counts = [int(block.kept.sum()) for block in blocks]
+        seen = int(np.any([block.columns.any(axis=0) for block in blocks], axis=0).sum())
+        if not all(counts) or sum(counts) < _ENOUGH * seen:
+            raise InputError(
+                f"recording: {sum(counts)} samples of loads away from jumps of the accelerations are too few "
+                f"for {seen} possible causes; record more often, or leave out torques, sensor and power"
+            )
         return blocks
 
     def _slopes(

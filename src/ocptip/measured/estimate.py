@@ -116,7 +116,7 @@ class Ran:
     @cached_property
     def away(self) -> np.ndarray:
         """(N,) True away from instants at which accelerations jump."""
-        events = np.unique(self.predictor.motion.event_times[:, None] + np.unique(self.begins))
+        events = np.unique(self.predictor.jumps[:, None] + np.unique(self.begins))
         return distance(self.recording.times, events) > AROUND * self.recording.period
 
     def states(self, lag: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

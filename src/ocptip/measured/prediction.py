@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy import linalg
@@ -22,6 +22,7 @@ DAMPING = 0.05
 
 _FAR = 1.0  # rad, m: no spring of a joint bends so far
 _STEP = 5e-4  # s, of springs
+_JUMP = 0.05  # of the greatest acceleration: jumps that are smaller are not left out
 _DIFFERENCE = 1e-3  # N m: step of the power's slope over torques
 
 
@@ -100,9 +101,21 @@ class Predictor:
                 into[:, delays == delay] = still[:, delays == delay]
         return found[0], found[1], found[2]
 
-    def events(self, delays: np.ndarray) -> np.ndarray:
-        """Times, s, at which accelerations may jump."""
-        return np.unique(self.motion.event_times[:, None] + np.unique(np.append(delays, 0.0)))
+    def events(self, delays: np.ndarray, *, small: bool = False) -> np.ndarray:
+        """Times, s, at which accelerations jump; those of small jumps, too, if these are asked for."""
+        times = self.motion.event_times if small else self.jumps
+        return np.unique(times[:, None] + np.unique(np.append(delays, 0.0)))
+
+    @cached_property
+    def jumps(self) -> np.ndarray:
+        """Times, s, of the motion at which an acceleration jumps by more than a small part of its peak.
+
+        Motions of points have jumps at each of them, most of which are small.
+        """
+        times, still = self.motion.event_times, np.zeros(self.robot.n)
+        before, after = (self.states(times + side, still)[2] for side in (-INSIDE, INSIDE))
+        peak = np.maximum(np.abs([before, after]).max(axis=(0, 1)), 1e-300)
+        return times[(np.abs(after - before) > _JUMP * peak).any(axis=1)]
 
     def state(
         self,
@@ -184,7 +197,7 @@ class Predictor:
         """Times, torques of springs, and their slopes over accelerations, speeds and angles there."""
         late, changed = np.frombuffer(delays), np.frombuffer(changes)
         grid = np.arange(min(0.0, float(late.min())) - _STEP, end + _STEP, _STEP)  # from rest
-        events = self.events(late)  # where accelerations jump, both sides
+        events = self.events(late, small=True)  # where accelerations jump, both sides
         sides = (events[(events > grid[0]) & (events < grid[-1]), None] + np.array([-INSIDE, INSIDE])).ravel()
         grid = np.unique(np.concatenate([grid, sides]))
         states = self.states(grid, late)
