@@ -1,12 +1,14 @@
 """Foot forces, moments left, zero-moment points and friction used, against geometry, GN, GT, samples."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
-from ocptip.contact.bindings.clamps import ForceConstantHalfRigidClamp
+from ocptip.contact.bindings.clamps import ForceConstantHalfRigidClamp, RigidClamp
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.solver import solve_many
 from ocptip.contact.support import Support
@@ -15,7 +17,7 @@ from ocptip.motion.check import check_motion
 from ocptip.motion.output import sample_motion
 from ocptip.published.tasks import experiment_task
 from ocptip.reserves.tipping import TipOver
-from ocptip.standing.contact_margins import ContactMargins
+from ocptip.standing.contact_margins import ContactMargins, forces_if_alike
 from ocptip.standing.instants import Instants
 from tests.contact.test_resting import four_feet
 
@@ -87,6 +89,7 @@ def test_parts_together_are_the_whole(case):
         "least_edge_distance_m",
         "friction_use",
         "normal_forces_unique",
+        "least_force_if_feet_give_alike_N",
         "weak_instants",
         "first_weak_s",
     }
@@ -116,3 +119,29 @@ def test_what_has_no_meaning_is_left_out(case):
     assert nothing.worse(one).force == one.worse(nothing).force == one.force
     shared = ContactMargins(one.force, None, None, None, unique=False)
     assert shared.lines()[0].endswith("leaves it open; a declared stiffness of the feet makes it definite")
+
+
+def test_shares_of_feet_that_give_alike_are_those_of_springs_and_negative_where_springs_lift_one(case):
+    rng = np.random.default_rng(1)
+    corners = [
+        UnilateralContact(position=[x, y, 0.0], friction=0.6) for x in (-0.3, 0.3) for y in (-0.2, 0.2)
+    ]
+    support = Support(corners, mass=30.0, center_of_mass=[0, 0, 0.15])
+    springs = support.varied([replace(corner, stiffness=2e5) for corner in corners])
+    wrenches = support.weight + rng.normal(size=(300, 6)) * [40, 40, 60, 60, 60, 20]
+    alike = wrenches @ forces_if_alike(support).T
+    shared = springs.elastic.share(wrenches)
+    lifts = ~shared.pressing.all(axis=1)
+    assert 30 < lifts.sum() < 270
+    np.testing.assert_array_equal(lifts, alike.min(axis=1) < 0)
+    np.testing.assert_allclose(alike[~lifts], shared.forces[~lifts, :, 0], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(alike.sum(axis=1), -wrenches[:, 2], rtol=1e-9)
+    times, still = np.linspace(0, 1, 300), np.zeros((300, case.robot.n))
+    robot = case.robot.varied(support=support)
+    states = still, still, wrenches, still[:, :0], still, still
+    of = lambda rows: ContactMargins.of(Instants(robot, *(part[rows] for part in states)), times[rows])  # noqa: E731
+    assert of(lifts | True).alike.value == pytest.approx(alike.min())
+    assert "would have to pull" in of(lifts).lines()[1]
+    assert "would be" in of(~lifts).lines()[1]
+    clamped = support.varied([RigidClamp(position=[0, 0, 0], friction_upper=0.5, friction_lower=0.5)])
+    assert forces_if_alike(clamped) is None

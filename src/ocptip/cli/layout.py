@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ocptip.basics.text import percent, quantity
+from ocptip.standing.contact_margins import if_alike
 from ocptip.standing.tolerance import overshoot_of_rise, overshoot_of_rises
 
 if TYPE_CHECKING:  # most of them take long to load, and `ocptip stand` needs none
@@ -111,6 +112,8 @@ def within_rows(checked: MotionCheck) -> list[tuple[str, str]]:
     texts += [f"worst for {name}: {at}" for name, at in (("GN", within.tip), ("GT", within.slip)) if at]
     if within.gap:
         texts.append(f"least clearance: {within.gap}")
+    if within.alike:
+        texts.append(if_alike(within.alike))
     if "foot_force_N" in checked.worst:
         texts.append("feet that give: their forces and lifts are looked at as described only")
     if "GN_gears" in checked.worst:

@@ -20,6 +20,7 @@ from ocptip.certificate.trusted.drives import Drives
 from ocptip.certificate.trusted.forms import Form
 from ocptip.motion.late_joints import Looked, jump_states, on_time
 from ocptip.standing.arm import StandingRobot
+from ocptip.standing.contact_margins import Margin, forces_if_alike
 from ocptip.standing.limit_kinds.limit import Worst as Measured
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
@@ -113,6 +114,7 @@ class WithinTolerance:
         torque: the worst of the drives.
         gap: the smallest distance; None where nothing is late or nothing may collide.
         states: number of states looked at.
+        alike: see `ContactMargins.alike`, up to products of deviations.
     """
 
     tolerance: Tolerance
@@ -121,6 +123,7 @@ class WithinTolerance:
     torque: WorstTorque
     gap: WorstGap | None
     states: int
+    alike: Margin | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
@@ -128,7 +131,8 @@ class WithinTolerance:
         given = self.tolerance.to_dict()
         slip, torque, gap = self.slip.to_dict(), dict(vars(self.torque)), self.gap and dict(vars(self.gap))
         parts = {"tip": tip, "slip": slip, "torque": torque, "clearance": gap}
-        return {"tolerance": given, **parts, "states": self.states}
+        alike = self.alike and self.alike.to_dict()
+        return {"tolerance": given, **parts, "states": self.states, "least_force_if_feet_give_alike_N": alike}
 
     def measured(self, limits: MotionLimits) -> list[Measured]:
         """As the other worst values of a check."""
@@ -201,7 +205,22 @@ def _worst_of(cases: WorstCase, motion: Motion, times: np.ndarray) -> WithinTole
         _worst_torque(acting, motion, tolerance, times),
         _smallest_gap(acting, motion, tolerance, times),
     )
-    return WithinTolerance(tolerance, tip, _worst_slip(cases, at), torque, gap, len(looked.times))
+    slip, alike = _worst_slip(cases, at), _least_if_alike(cases, looked)
+    return WithinTolerance(tolerance, tip, slip, torque, gap, len(looked.times), alike)
+
+
+def _least_if_alike(cases: WorstCase, at: Looked) -> Margin | None:
+    """Least normal force of a foot if all gave alike, by slopes over the deviations."""
+    shares = None if cases.robot.slip.redistribution == "tangential" else forces_if_alike(cases.robot.support)
+    if shares is None:
+        return None
+    wrenches, over = cases.deviations.wrench_and_slopes(at.s, np.zeros((len(at.s), cases.deviations.size)))
+    forces = wrenches @ shares.T
+    for k, share in enumerate(shares):
+        change = np.einsum("w,nwt->nt", share, over)
+        forces[:, k] += np.einsum("nt,nt->n", change, cases.deviations.least(change, at.room))
+    row, foot = np.unravel_index(np.argmin(forces), forces.shape)
+    return Margin(float(forces[row, foot]), float(at.times[row]), (int(foot) + 1,))
 
 
 def _smallest_gap(

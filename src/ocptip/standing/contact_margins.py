@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from ocptip.basics.text import percent, quantity
+from ocptip.contact.bindings.unilateral import UnilateralContact
+from ocptip.contact.support import Support
 from ocptip.standing.instants import Loaded
 
 _ALIKE = 1e-6
@@ -60,6 +63,8 @@ class ContactMargins:
         weak: number of instants at which forces can hold the base, but the contact solver came upon a motion,
             see `contact.resting`; there may be more at which it did not.
         first_weak: the first of them, s; infinite without any.
+        alike: where rigid feet share in several ways: the least normal force of a foot if all gave alike, N,
+            below zero if it would have to pull; it lifts then for a while, and the others hold the base.
     """
 
     force: Margin | None
@@ -69,6 +74,7 @@ class ContactMargins:
     unique: bool
     weak: int = 0
     first_weak: float = np.inf
+    alike: Margin | None = None
 
     @classmethod
     def of(cls, at: Loaded, times: np.ndarray) -> ContactMargins:
@@ -77,14 +83,17 @@ class ContactMargins:
         pairs = [(min(axis.contacts) + 1, max(axis.contacts) + 1) for axis in tip_over.axes]
         usage = _least(-at.slip.usage, times)
         weak = at.states.persistent & at.states.without_basis
+        unique = at.robot.slip.redistribution == "tangential"
+        alike = None if unique else forces_if_alike(at.robot.support)
         return cls(
             force=_least(np.maximum(tip.normal_reserves, 0.0), times),
             moment=None if tip_over.free_rotation else _least(np.maximum(tip.moments, 0.0), times, pairs),
             edge=_least(tip.edge_distances[:, None], times, [()]),
             friction=usage and Margin(-usage.value + 0.0, usage.time, usage.contacts),
-            unique=at.robot.slip.redistribution == "tangential",
+            unique=unique,
             weak=int(np.count_nonzero(weak)),
             first_weak=float(np.min(times[weak], initial=np.inf)),
+            alike=None if alike is None else _least(at.wrenches @ alike.T, times),
         )
 
     def worse(self, other: ContactMargins) -> ContactMargins:
@@ -97,11 +106,12 @@ class ContactMargins:
             self.unique,
             self.weak + other.weak,
             min(self.first_weak, other.first_weak),
+            _smaller(self.alike, other.alike),
         )
 
     def later(self, seconds: float) -> ContactMargins:
         """The same at times so much later."""
-        names = ("force", "moment", "edge", "friction")
+        names = ("force", "moment", "edge", "friction", "alike")
         known = {name: margin for name in names if (margin := getattr(self, name))}
         shifted = {name: margin.later(seconds) for name, margin in known.items()}
         return replace(self, **shifted, first_weak=self.first_weak + seconds)
@@ -115,6 +125,7 @@ class ContactMargins:
         return {
             **data,
             "normal_forces_unique": self.unique,
+            "least_force_if_feet_give_alike_N": self.alike and self.alike.to_dict(),
             "weak_instants": self.weak,
             "first_weak_s": first,
         }
@@ -125,6 +136,8 @@ class ContactMargins:
         if self.force:
             shared = "" if self.unique else _OPEN
             found.append(f"least normal force {quantity(self.force.value, 'N', 3)} {self.force}{shared}")
+        if self.alike:
+            found.append(if_alike(self.alike))
         if self.moment:
             found.append(f"{quantity(self.moment.value, 'N m', 3)} left about a tipping axis {self.moment}")
         if self.edge:
@@ -143,6 +156,26 @@ class ContactMargins:
 _OPEN = (
     "; one possible sharing, rigid ground leaves it open; a declared stiffness of the feet makes it definite"
 )
+
+
+@lru_cache(maxsize=8)
+def forces_if_alike(support: Support) -> np.ndarray | None:
+    """(n, w): normal forces, N, per wrench if all feet gave alike and pressed; None if some are no feet."""
+    if not all(isinstance(contact, UnilateralContact) for contact in support.contacts):
+        return None
+    elastic = support.varied([replace(contact, stiffness=1.0) for contact in support.contacts]).elastic
+    return elastic and elastic.normal_map
+
+
+def if_alike(margin: Margin) -> str:
+    """The least normal force if all feet gave alike, in words."""
+    force = quantity(abs(margin.value), "N", 3)
+    if margin.value >= 0:
+        return f"if all feet gave alike, the least normal force would be {force} {margin}"
+    return (
+        f"if all feet gave alike, one would have to pull {force} {margin}: "
+        "it lifts for a while, and the others hold the base"
+    )
 
 
 def _least(

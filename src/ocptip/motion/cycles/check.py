@@ -212,7 +212,7 @@ def _within(
 ) -> WithinTolerance | None:
     """The worst of all segments; None without a tolerance."""
     found = [check.within for check in checks if check.within is not None]
-    tips, slips, torques, gaps = [], [], [], []
+    tips, slips, torques, gaps, alike = [], [], [], [], []
     if len(found) < len(checks):
         return None
     for name, own, begin in zip(names, found, begins.tolist(), strict=True):
@@ -222,6 +222,8 @@ def _within(
         torques.append(replace(own.torque, time=begin + own.torque.time))
         if own.gap is not None:
             gaps.append(replace(own.gap, time=begin + own.gap.time))
+        if own.alike is not None:
+            alike.append(own.alike.later(begin))
     given = max((own.tolerance for own in found), key=lambda own: len(own.given))
     return WithinTolerance(
         given,
@@ -230,6 +232,7 @@ def _within(
         max(torques, key=lambda at: at.value),
         min(gaps, key=lambda at: at.value, default=None),
         sum(own.states for own in found),
+        min(alike, key=lambda at: at.value, default=None),
     )
 
 
