@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ocptip.basics.errors import InputError
+from ocptip.basics.errors import InputError, InputWarning
 from ocptip.measured.compare import LEVEL, compare
 from ocptip.measured.prediction import Elasticity, Predictor
-from ocptip.measured.recording import Recording, Signal
+from ocptip.measured.recording import ANGLE, POWER, Recording, Signal, doubt_turns
+from ocptip.measured.signals import clipped
 from ocptip.robots.process import ProcessWrench
 from ocptip.trajectories.sampled import SampledMotion
 from tests.measured.machines import changed, heavier, predictor, recorded, values_of
@@ -78,6 +79,25 @@ def test_friction_elasticity_and_zeros_together():
     assert set(found) == set(expected)
     for name, value in expected.items():
         assert found[name].value == pytest.approx(value, abs=2 * found[name].interval), name
+
+
+def test_a_plateau_that_is_expected_is_not_clipped():
+    """The power of a drive at standby, without noise; beside a jump of it either side is expected."""
+    predicted = np.where(np.arange(400) % 100 < 50, 5.0, 5.0 + np.arange(400) / 40)
+    drive = Signal("power4", POWER, 4, np.roll(predicted, 1) + 1e-14)
+    assert not clipped(drive, predicted, 1e-4).any()
+    cut = replace(drive, values=np.minimum(predicted, 12.0))
+    assert clipped(cut, predicted, 1e-4).sum() > 0.9 * (predicted > 12).sum() > 50
+
+
+def test_angles_in_the_wrong_unit_are_warned_of():
+    plan, recording = predictor(), recorded(0)
+    wrong = [
+        replace(one, values=np.radians(one.values)) if one.kind == ANGLE else one for one in recording.signals
+    ]
+    with pytest.warns(InputWarning, match=r"0\.017 times those of the plan; are they radians"):
+        doubt_turns(replace(recording, signals=tuple(wrong)), plan.robot, plan.motion)
+    doubt_turns(recording, plan.robot, plan.motion)
 
 
 def test_signals_that_are_no_good_are_named():

@@ -316,6 +316,8 @@ def task_of(options: Namespace, otherwise: Tolerance = NONE) -> tuple[MotionTask
     asked = options.case is not None or options.base is not None
     if not asked and (folder == Path(options.motion) or is_plan_folder(folder)):
         return read_plan_folder(folder).task, path
+    if path.suffix == ".toml":
+        raise InputError("is a task or a path, no motion", "", options.motion)
     origin = motion_origin(path)
     named = origin.get("case")
     if options.case is None and named is None:

@@ -20,7 +20,7 @@ from ocptip.cli.stand import check_plot_target
 from ocptip.measured.compare import LEVEL, compare
 from ocptip.measured.comparison import Compared, Comparison
 from ocptip.measured.prediction import Predictor
-from ocptip.measured.recording import ANGLE, GRIPPER, POWER, SPEED, read_recording
+from ocptip.measured.recording import ANGLE, GRIPPER, POWER, SPEED, doubt_turns, read_recording
 from ocptip.measured.signals import Finding
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.task_files.plan_folder import read_plan_folder
@@ -44,6 +44,7 @@ def run(options: Namespace) -> CompareReport:
     with naming(options.plan):
         predictor = Predictor(plan.task.robot, plan.motion)
     recording = read_recording(options.recording, plan.task.robot, unit=options.unit)
+    doubt_turns(recording, plan.task.robot, plan.motion)
     level = LEVEL if options.level is None else options.level
     with naming(Path(options.recording).name):
         found = compare(recording, predictor, level=level, same_clock=options.same_clock)

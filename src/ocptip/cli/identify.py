@@ -23,7 +23,7 @@ from ocptip.measured.excitation import Excitation, excite
 from ocptip.measured.links import Identified, identify_links, mass_tolerance
 from ocptip.measured.power_maps import PowerMap, fit_power_map, motors_table, samples_by_joint
 from ocptip.measured.prediction import Predictor
-from ocptip.measured.recording import FOOT, Recording, read_recording
+from ocptip.measured.recording import FOOT, Recording, doubt_turns, read_recording
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.standing.tolerance import WORKSHOP
 from ocptip.task_files.cycle import read_task
@@ -55,7 +55,9 @@ def _recorded(options: Namespace) -> tuple[Recording, Predictor]:
     if options.plan is None:
         raise InputError(f"identify {options.what}: needs PLAN_DIR, the folder of the plan that was run")
     predictor = _predictor(options.plan, options.task)
-    return read_recording(options.recording, predictor.robot, unit=options.unit), predictor
+    recording = read_recording(options.recording, predictor.robot, unit=options.unit)
+    doubt_turns(recording, predictor.robot, predictor.motion)
+    return recording, predictor
 
 
 def _predictor(plan: str, task: str | None) -> Predictor:

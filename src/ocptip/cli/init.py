@@ -75,6 +75,8 @@ class InitReport(Report):
 
 def run(options: Namespace) -> InitReport:
     """Read the URDF; InputError if the file is there already."""
+    if Path(options.robot).suffix == ".toml":
+        raise InputError(f"{options.robot}: expected a URDF")
     path = Path(options.out or f"{Path(options.robot).stem}.toml")
     if path.exists():
         raise InputError(f"{path}: exists; give another file by --out")

@@ -60,6 +60,8 @@ def _show(options: Namespace) -> tuple[str, Show]:
         return f"{name} and {other[0]}", motion_show(name, parts, other, _between(path, options.second))
     if options.second is not None:
         raise InputError("is shown alone; two folders of plans are shown together", "", str(path))
+    if path.is_file() and path.suffix != ".toml":
+        raise InputError("expected a scene (.toml), or the folder of a plan or of a placement", "", str(path))
     scene = read_scene(path)
     states = solve(scene.support, scene.wrench).states
     with naming(str(path)):

@@ -31,10 +31,12 @@ from pathlib import Path
 
 import numpy as np
 
+from ocptip.basics.doubts import doubt
 from ocptip.basics.errors import InputError
 from ocptip.basics.toml import read_text
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.csv_columns import time_column
+from ocptip.trajectories.sampled import Motion
 
 ANGLE, SPEED, TORQUE, WRENCH, POWER, GRIPPER, BASE, SHIFT, FOOT = (
     "angles", "speeds", "torques", "sensor", "power", "gripper", "base", "shifts", "feet",
@@ -132,6 +134,17 @@ def read_recording(
         return _parsed(text, robot, unit)
     except InputError as error:
         raise InputError(error.text, error.path, path.name) from None
+
+
+def doubt_turns(recording: Recording, robot: StandingMechanism, motion: Motion) -> None:
+    """Warn if the recorded angles are to those of the motion that was run as radians are to degrees."""
+    turns = [one for one in recording.signals if one.kind == ANGLE and robot.units[one.index] == "rad"]
+    planned = np.abs(motion.states(np.linspace(0.0, motion.end, 50))[0])
+    recorded = max((np.abs(np.nan_to_num(one.values)).max() for one in turns), default=0.0)
+    expected = max((planned[:, one.index].max() for one in turns), default=0.0)
+    for factor, word in ((np.pi / 180, "radians"), (180 / np.pi, "degrees")):
+        if abs(recorded - factor * expected) < 0.2 * factor * expected:
+            doubt(f"recorded angles are {factor:.2g} times those of the plan; are they {word}?")
 
 
 def _parsed(text: str, robot: StandingMechanism, unit: str | None) -> Recording:

@@ -12,6 +12,7 @@ from scipy import stats
 from ocptip.measured.recording import ANGLE, SPEED, TORQUE, WRENCH, Recording, Signal
 
 _NORMAL = 1.4826  # standard deviation over median deviation
+_ROUNDED = 1e-9  # of a signal's range: predictions so near are the same
 _TIES = 3  # samples at the very end of a signal's range from which it may be clipped
 _TOGETHER = {ANGLE: "q{}", SPEED: "qd{}", TORQUE: "tau{}"}
 _SENSOR = ("fx", "fy", "fz", "mx", "my", "mz")
@@ -101,16 +102,19 @@ def dead(one: Signal, predicted: np.ndarray) -> bool:
 def clipped(one: Signal, predicted: np.ndarray, level: float) -> np.ndarray:
     """(N,) True where a signal stays at an end of its range beyond which it should go.
 
-    At least three samples are exactly there. Either so many cannot be there by chance, noise and rounding
-    being as they are; or what the others and the prediction lead to expect is beyond it on average by more
-    than the scatter of the others explains.
+    At least three samples are exactly there, and the prediction (a drive at standby) is not. Either so many
+    cannot be there by chance, noise and rounding being as they are; or what the others and the prediction
+    lead to expect is beyond it on average by more than the scatter of the others explains.
     """
     y = one.values
     found = np.zeros(len(y), dtype=bool)
     good = np.isfinite(y)
+    same = quantum(y) + _ROUNDED * np.ptp(predicted)
+    about = np.lib.stride_tricks.sliding_window_view(np.pad(predicted, 1, mode="edge"), 3)  # jumps between
     for sign in (1.0, -1.0):
         top = np.max(sign * y[good])
-        at = good & (sign * y >= top)
+        as_expected = (sign * about >= top - same).any(axis=1) & (sign * about <= top + same).any(axis=1)
+        at = good & (sign * y >= top) & ~as_expected
         rest = good & ~at
         if at.sum() < _TIES or rest.sum() < 10:
             continue

@@ -108,7 +108,8 @@ def read_plan_folder(path: str | os.PathLike[str]) -> PlanFolder:
     """
     folder = Path(path)
     if not folder.is_dir():
-        raise InputError("no such folder", "", str(folder))
+        is_file = "is a file; expected the folder of a plan"
+        raise InputError(is_file if folder.exists() else "no such folder", "", str(folder))
     if lacking := [name for name in (PLAN, SUMS) if not (folder / name).is_file()]:
         raise InputError(f"is no folder of a plan: no {' and no '.join(lacking)} in it", "", str(folder))
     require_unchanged(folder)
