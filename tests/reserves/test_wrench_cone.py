@@ -108,10 +108,10 @@ def test_the_greatest_reserves_are_exact_and_all_others_are_below(seed, count, s
     loads += support.weight
     exact = slip.evaluate(solve_resting(support, loads)).GT
     stands, most = exact < 1, exact.max()  # a base that moves may do so in several ways
-    found, large = slip.greatest(loads), exact >= 0.9 * min(most, 1.0)
+    found, large = slip.greatest(loads), exact >= 0.95 * min(most, 1.0)
     np.testing.assert_allclose(found[large & stands], exact[large & stands], rtol=0, atol=1e-9)
     assert np.all((found >= exact - 1e-9) | (~stands & (found >= 1)))
-    assert np.all(found[~large] <= 0.9 * min(most, 1.0) + 1e-9)
+    assert np.all(found[~large] <= 0.95 * min(most, 1.0) + 1e-9)
     for least in (0.3, 0.8):
         found = slip.above(loads, least)
         assert np.all((found >= 1) == ~stands)

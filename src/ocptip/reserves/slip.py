@@ -37,7 +37,7 @@ UNSOLVED = 10.0
 _RANK_TOLERANCE = 1e-9
 _CHUNK = 10_000  # wrenches that half spaces are multiplied with at once
 _FIRST, _LEAST = 16, 1e-3  # of `Slip.greatest`: wrenches tried first, smallest GT that matters
-_SHARE, _LEVEL = 0.9, 0.98  # share of the greatest that matters; ratio of the levels half spaces are made for
+_SHARE, _LEVEL = 0.95, 0.98  # share of the greatest that matters; ratio of the levels of half spaces
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,7 +172,7 @@ class Slip:
     ) -> np.ndarray:
         """GT (N,) under wrenches (N, 6), of which the greatest matter; NaN where it is not known.
 
-        What is at most nine tenths of the greatest, and of 1, may stand there as one number between both.
+        What is at most 95 % of the greatest, and of 1, may stand there as one number between both.
 
         Args:
             wrenches: of one array or several, that count together: half spaces are looked at for each.
