@@ -16,7 +16,7 @@ from ocptip.certificate.trusted.sharing import Sharing
 from ocptip.cli.main import main
 from ocptip.motion.check import certified, check_motion
 from ocptip.motion.load_cases import Asked, RestLoads, largest_payload, load_cases, tilt_by_direction
-from ocptip.motion.output import sample_motion
+from ocptip.motion.output import sample_motion, write_plan
 from ocptip.motion.plan import plan_motion
 from ocptip.motion.planner.node_physics import NodePhysics
 from ocptip.motion.tolerated import _Parts, tolerances
@@ -26,18 +26,20 @@ from ocptip.placement.terrain import plane
 from ocptip.published.tasks import experiment_task
 from ocptip.retiming.retime import retime
 from ocptip.robots.process import AXES, ProcessWrench
+from ocptip.standing.limit_kinds.brakes import Closing
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.parts import Part
 from ocptip.standing.simulation.mjcf import to_mjcf
 from ocptip.standing.simulation.replay import Simulator, compared
 from ocptip.standing.simulation.urdf import to_urdf
-from ocptip.standing.stops.by_brakes import Brakes
+from ocptip.standing.stops.by_brakes import BrakeCheck, Brakes
 from ocptip.standing.tolerance import Tolerance
 from ocptip.standing.within.worst_case import worst_case_of
 from ocptip.task_files.cycle import load_cycle
 from ocptip.task_files.motion import load_task
 from ocptip.task_files.path import load_path
 from ocptip.task_files.placement import load_placement
+from tests.pictures.plan_stand_in import plan_of
 from tests.placement.placement_scenes import drilling
 from tests.places import EXAMPLES
 
@@ -356,6 +358,27 @@ def test_load_cases_know_one_that_varies():
     np.testing.assert_allclose(both, held, atol=1e-4)
 
 
+@pytest.mark.parametrize("axes", ["tool", "base"])
+def test_stops_by_brakes_have_what_acts_when_they_begin(axes):
+    """Each is that of a robot on which it acts all the time."""
+    task, bare = case("A")
+    motion, process = task.reference, replace(varying("share", [0.2, 0.5, 0.7]), axes=axes)
+    robot = bare.varied(arm=bare.arm.with_process(process)).during(motion)
+    hold = np.maximum(0.8 * robot.limits.torque, 15.0)
+    brakes = Brakes(tuple(hold), tuple(1.5 * hold))
+    times = np.linspace(0.1, 0.9, 4) * motion.end
+    q, qd, _ = motion.states(times)
+    found = BrakeCheck(robot, brakes).stops(q, qd, robot.acting(times))
+    assert np.isfinite(found.rests).all()
+    for k, (force, moment) in enumerate(zip(*process.at(times / motion.end), strict=True)):
+        own = bare.varied(arm=bare.arm.with_process(ProcessWrench(force, moment, axes)))
+        alone = BrakeCheck(own, brakes).stops(q, qd)
+        np.testing.assert_allclose(found.GN[k], alone.GN[k], rtol=1e-6)
+        np.testing.assert_allclose(found.ways[k], alone.ways[k], atol=1e-9)
+    assert np.abs(BrakeCheck(bare, brakes).stops(q, qd).GN - found.GN).max() > 1e-3 * found.GN.max()
+    assert check_motion(robot, motion, MotionLimits(brakes=brakes)).worst["GN_brakes"].value > 0
+
+
 def test_tables_of_a_motion_have_one_over_the_path():
     """As at the instants alone, but for the sides of jumps."""
     task, bare = case("A")
@@ -374,9 +397,9 @@ def test_what_does_not_follow_it_refuses_it():
         for ask in (
             partial(robot.loads, q, q, q),
             partial(robot.load_expressions, *[cs.SX.zeros(6)] * 3),
-            partial(check_motion, robot, task.reference, MotionLimits(brakes=Brakes((1.0,) * 6, (2.0,) * 6))),
+            partial(Closing, robot),
         ):
-            with pytest.raises(InputError, match=r"process: varies over .*; stops by brakes"):
+            with pytest.raises(InputError, match=r"process: varies over .*; plans for stops by brakes"):
                 ask()
         if over != "time":
             with pytest.raises(InputError, match="which the time alone does not tell"):
@@ -406,6 +429,10 @@ def test_files_of_forces(tmp_path, capsys):
     (tmp_path / "motion.json").write_text(json.dumps(task.reference.to_dict()))
     assert main(["check", str(tmp_path / "motion.json"), "--task", str(path)]) == 0
     assert "up to 3 N and 0.1 N m on the gripper, in axes of the base, over share" in capsys.readouterr().out
+    write_plan(tmp_path / "plan", plan_of(task, task.reference))
+    (tmp_path / "force.csv").unlink()
+    assert main(["check", str(tmp_path / "plan")]) == 0
+    assert "N m on the gripper, in axes of the base, over share" in capsys.readouterr().out
     for content, complaint in (
         ("share,time_s,fx_N\n0,0,1\n", "expected one column of time_s, share, path_m and some of"),
         ("share,Fx\n0,1\n", "column 'Fx': expected one each of"),

@@ -188,20 +188,21 @@ class _BrakeTable:
         self._check = BrakeCheck(robot, brakes)
         self._times, self._found = stops_of_motion(robot, motion, brakes)
         q, qd, _ = motion.states(times)
-        own = self._check.stops(q, qd)
+        process = robot.during(motion).acting(times)
+        own = self._check.stops(q, qd, process)
         self.durations = own.rests
-        self.speeds = self._safe(q, qd, self._kept(own))
+        self.speeds = self._safe(q, qd, process, self._kept(own))
 
     def _kept(self, found: BrakeStops) -> np.ndarray:
         return (found.GN <= self._brakes.GN) & (found.GT <= self._brakes.GT) & np.isfinite(found.rests)
 
-    def _safe(self, q: np.ndarray, qd: np.ndarray, kept: np.ndarray) -> np.ndarray:
+    def _safe(self, q: np.ndarray, qd: np.ndarray, process: np.ndarray, kept: np.ndarray) -> np.ndarray:
         """Largest shares of the speed found by halving; 0 where even the least one looked at is not safe."""
         low, high = np.where(kept, 1.0, 0.0), np.ones(len(q))
         todo = np.flatnonzero(~kept)
         for _ in range(LEVELS if len(todo) else 0):
             middle = 0.5 * (low[todo] + high[todo])
-            fine = self._kept(self._check.stops(q[todo], middle[:, None] * qd[todo]))
+            fine = self._kept(self._check.stops(q[todo], middle[:, None] * qd[todo], process[todo]))
             low[todo], high[todo] = np.where(fine, middle, low[todo]), np.where(fine, high[todo], middle)
         return low
 
@@ -269,6 +270,8 @@ def _assumed(robot: StandingMechanism, rules: StopRules, kinds: Kinds, time: flo
         given = "0.5 to 2 times the torque limits, a guess; give brake_torque_min_Nm, _max_Nm in [stops]"
     delay = "at once" if rules.delay[1] == 0 else f"after {rules.delay[0]:g} to {rules.delay[1]:g} s"
     said.append(f"category 0: brakes act {delay}, their torques are {given}; constant torques on the way")
+    if robot.varying is not None:
+        said.append("category 0: what acts on the gripper stays what it is when the stop begins")
     if not robot.arm.may_collide:
         said.append("category 0: collisions not checked, no collision geometry")
     return tuple(said)

@@ -17,6 +17,7 @@ import numpy as np
 from ocptip.numerics.batch import BatchFunction
 from ocptip.numerics.compiled import compiled
 from ocptip.robots.dynamics import inverse_dynamics
+from ocptip.robots.kinematics import chain
 from ocptip.robots.model import ArmModel
 
 STEPS = 20  # in the time that the joint needs that brakes longest by itself
@@ -68,19 +69,35 @@ class Braked:
 def _terms_function(model: ArmModel) -> BatchFunction:
     n = model.n
     q, qd, qdd = (cs.SX.sym(name, n) for name in ("q", "qd", "qdd"))
-    gravity, about = cs.SX.sym("gravity", 3), cs.SX.sym("about", 3)
-    none = cs.SX.zeros(3)
-    torque, wrench = inverse_dynamics(model)(q, qd, qdd, gravity, none, none, about)
+    gravity, about, process = (cs.SX.sym(name, k) for name, k in (("g", 3), ("about", 3), ("process", 6)))
+    force = moment = cs.SX.zeros(3)
+    if model.process is not None and model.process.varies:
+        turn = chain(model, q)[0][-1] if model.process.turns_with_tool else cs.SX.eye(3)
+        model, (force, moment) = model.with_process(None), (turn @ part for part in cs.vertsplit(process, 3))
+    torque, wrench = inverse_dynamics(model)(q, qd, qdd, gravity, force, moment, about)
     still = [cs.substitute(part, qdd, cs.SX.zeros(n)) for part in (torque, wrench)]
     inertia = cs.jacobian(torque, qdd)
     inertia += _MASSLESS * cs.mmax(cs.diag(inertia)) * cs.DM.eye(n)
     parts = inertia, still[0], cs.jacobian(wrench, qdd), still[1]
-    return BatchFunction(cs.Function("braking", [q, qd, gravity, about], parts))
+    return BatchFunction(cs.Function("braking", [q, qd, gravity, about, process], parts))
 
 
-def terms(model: ArmModel, q: np.ndarray, qd: np.ndarray, gravity: np.ndarray, about: np.ndarray) -> Terms:
-    """Of angles and speeds (N, n) each; gravity and the point of the wrench's moment in base axes."""
-    inertia, bias, per_acceleration, rest = _terms_function(model)(q, qd, gravity, about)
+def terms(
+    model: ArmModel,
+    q: np.ndarray,
+    qd: np.ndarray,
+    gravity: np.ndarray,
+    about: np.ndarray,
+    process: np.ndarray | None = None,
+) -> Terms:
+    """Of angles and speeds (N, n) each; gravity and the point of the wrench's moment in base axes.
+
+    Of a process that varies, what it is, (N, 6) in its axes, has to be said.
+    """
+    acting = np.zeros(6)
+    if model.process is not None and model.process.varies:
+        acting = model.process.wrench if process is None else process
+    inertia, bias, per_acceleration, rest = _terms_function(model)(q, qd, gravity, about, acting)
     n = model.n  # of one joint a matrix is a column: its second axis is put back
     return Terms(inertia.reshape(-1, n, n), bias, per_acceleration.reshape(-1, 6, n), rest)
 
@@ -94,6 +111,7 @@ def brake(
     *,
     delay: np.ndarray | float = 0.0,
     step: float | None = None,
+    process: np.ndarray | None = None,
 ) -> Braked:
     """Let N arms brake from angles q and speeds qd, (N, n) each.
 
@@ -104,12 +122,14 @@ def brake(
         torque: (N, n), N m, >= 0: of the brakes.
         delay: (N,) or one number, s: until then nothing brakes and nothing drives.
         step: s; default by the time that the joints need.
+        process: (N, 6) in its axes, what one that varies is while the arm brakes.
     """
     count = len(q)
     q, qd, before = q.astype(float), qd.astype(float), qd.astype(float)
     torque, delay = np.broadcast_to(torque, q.shape), np.broadcast_to(delay, count)
     if step is None:
-        inertia = np.diagonal(terms(model, q, 0 * qd, gravity, np.zeros(3)).inertia, axis1=1, axis2=2)
+        found = terms(model, q, 0 * qd, gravity, np.zeros(3), process)
+        inertia = np.diagonal(found.inertia, axis1=1, axis2=2)
         alone = np.max(np.abs(qd) * inertia / torque, initial=0.0)
         step = float(np.clip(alone / STEPS, SHORTEST_STEP, LONGEST_STEP))
     history, rests, about = [], np.where(np.any(qd != 0, axis=1), np.inf, 0.0), np.zeros(3)
@@ -126,7 +146,8 @@ def brake(
             break
         old, ahead = qd[going], 1.5 * qd[going] - 0.5 * before[going]
         ahead = np.where(ahead * old > 0, ahead, 0.0)
-        own = terms(model, q[going] + 0.5 * step * old, ahead, gravity, about)
+        acting = None if process is None else process[going]
+        own = terms(model, q[going] + 0.5 * step * old, ahead, gravity, about, acting)
         new = old.copy()
         ways = np.empty_like(new)
         _slow_down(own.inertia, own.bias, closed[going] * torque[going], step, new, ways)

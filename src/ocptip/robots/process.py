@@ -69,7 +69,8 @@ class ProcessWrench:
         """
         if self.varies:
             raise InputError(
-                f"process: varies over {self.over}; stops by brakes and placements need one that does not"
+                f"process: varies over {self.over}; plans for stops by brakes, and placements, need one that "
+                "does not"
             )
         return np.concatenate([self.force, self.moment])
 

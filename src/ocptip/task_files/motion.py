@@ -18,7 +18,7 @@ from ocptip.basics.toml import DEGREES, Table
 from ocptip.contact.support import Support
 from ocptip.motion.objective import objective_of
 from ocptip.motion.postures import posture_pairs, postures_of
-from ocptip.motion.source import LIMITS, TaskSource
+from ocptip.motion.source import LIMITS
 from ocptip.motion.task import FIRST_SEVEN, MotionTask, check_commands
 from ocptip.published.cases import case_names
 from ocptip.published.tasks import BASES, experiment_task
@@ -99,14 +99,16 @@ def _published(data: Table, otherwise: Tolerance) -> MotionTask:
 def _published_task(data: Table, name: str, base: str) -> MotionTask:
     """A printed case with the sensor, the process and the gears of the file."""
     task = experiment_task(name, base)
-    robot, own = task.robot, {key: data.value(key) for key in _OF_CASES if key in data}
-    if not own or not isinstance(robot, StandingRobot):
+    robot = task.robot
+    if not any(key in data for key in _OF_CASES) or not isinstance(robot, StandingRobot):
         return task
     arm, sensor = robot.arm.with_process(read_process(data)), read_sensor(data, robot.sensor.position)
     with data.table("motors", optional=True) as motors:
         arm = arm.with_gears(read_gears(motors, arm))
     robot = robot.varied(arm=arm, sensor=sensor)
-    return replace(task, robot=robot, source=TaskSource({"case": name, "base": base, **own}, robot))
+    source = task_source(data, robot)
+    own = {key: value for key, value in source.data.items() if key in _OF_CASES}
+    return replace(task, robot=robot, source=replace(source, data={"case": name, "base": base, **own}))
 
 
 def _task(data: Table, path: Path, otherwise: Tolerance) -> MotionTask:

@@ -103,27 +103,32 @@ class BrakeCheck:
             None if half_spaces is None else half_spaces.T.copy(),
         )
 
-    def stops(self, q: np.ndarray, qd: np.ndarray) -> BrakeStops:
-        """From angles and speeds, (N, n) each."""
+    def stops(self, q: np.ndarray, qd: np.ndarray, process: np.ndarray | None = None) -> BrakeStops:
+        """From angles and speeds, (N, n) each; a process that varies stays what it is then, (N, 6)."""
         low, high = self._brakes
         qd = _moving(qd)
-        worst = self._box(q, qd, np.full(len(q), self._delay[1]))[3]
+        worst = self._box(q, qd, np.full(len(q), self._delay[1]), process)[3]
         ways = [(low, self._delay[1]), (high, self._delay[0]), (worst, self._delay[1])]
         if self._delay[1] > self._delay[0]:
             ways.append((high, self._delay[1]))
         torques = np.concatenate([np.broadcast_to(torque, q.shape) for torque, _ in ways])
         delays = np.repeat([delay for _, delay in ways], len(q))
         many = np.tile(q, (len(ways), 1)), np.tile(qd, (len(ways), 1))
-        run = brake(self._robot.arm, *many, self._robot.support.gravity, torques, delay=delays)
-        return self._judged(q, run, np.tile(np.arange(len(q)), len(ways)))
+        owner = np.tile(np.arange(len(q)), len(ways))
+        own = {"delay": delays, "process": _of(process, owner)}
+        run = brake(self._robot.arm, *many, self._robot.support.gravity, torques, **own)
+        return self._judged(q, run, owner, process)
 
-    def _judged(self, q: np.ndarray, run: Braked, owner: np.ndarray) -> BrakeStops:
+    def _judged(
+        self, q: np.ndarray, run: Braked, owner: np.ndarray, process: np.ndarray | None
+    ) -> BrakeStops:
         count, n = q.shape
         going = np.any(run.speeds != 0, axis=2)
         going[np.arange(len(going)) % max(1, len(going) // MOMENTS) != 0] = False
         going[-1] = True  # rest after the stop counts, too
         k, i = np.nonzero(going)
-        wrenches, torques = self._wrenches(run.angles[k, i], run.speeds[k, i], run.times[k])
+        own = run.angles[k, i], run.speeds[k, i], run.times[k], _of(process, owner[i])
+        wrenches, torques = self._wrenches(*own)
         row, time = np.repeat(owner[i], wrenches.shape[1]), np.repeat(run.times[k], wrenches.shape[1])
         GN, GT = self._reserves(wrenches.reshape(-1, 6), row)
         worst = [np.zeros(count), np.zeros(count)]
@@ -177,22 +182,24 @@ class BrakeCheck:
             todo = np.flatnonzero((out > 0) & ~broken[owner])
         return GN, GT
 
-    def _wrenches(self, q: np.ndarray, qd: np.ndarray, after: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _wrenches(
+        self, q: np.ndarray, qd: np.ndarray, after: np.ndarray, process: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Three wrenches (M, 3, 6) on the base per state, and the brakes' torques (M, 3, n)."""
-        rest, by_torque, (low, high), corner = self._box(q, qd, after)
+        rest, by_torque, (low, high), corner = self._box(q, qd, after, process)
         moving = qd != 0
         torques = np.stack([corner, low, high], axis=1) * moving[:, None]
         return rest[:, None] + np.einsum("sij,stj->sti", by_torque, torques), torques
 
     def _box(
-        self, q: np.ndarray, qd: np.ndarray, after: np.ndarray
+        self, q: np.ndarray, qd: np.ndarray, after: np.ndarray, process: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray], np.ndarray]:
         """Wrench without brakes (M, 6), its slope over their torques (M, 6, n), their ends and worst corner.
 
         Joints that rest stay at rest. The worst corner loads the nearest tipping axis most.
         """
         support = self._robot.support
-        found, response = self.response(self._robot, q, qd, qd != 0)
+        found, response = self.response(self._robot, q, qd, qd != 0, process)
         per_torque = found.per_acceleration @ response
         rest = found.rest + support.weight - np.einsum("sij,sj->si", per_torque, found.bias)
         by_torque = -per_torque * np.sign(qd)[:, None]
@@ -250,10 +257,14 @@ class BrakeCheck:
 
     @staticmethod
     def response(
-        robot: StandingRobot, q: np.ndarray, qd: np.ndarray, moving: np.ndarray
+        robot: StandingRobot,
+        q: np.ndarray,
+        qd: np.ndarray,
+        moving: np.ndarray,
+        process: np.ndarray | None = None,
     ) -> tuple[Terms, np.ndarray]:
         """Dynamics, and accelerations per torque (M, n, n) where only joints `moving` (M, n) move."""
-        found = terms(robot.arm, q, qd, robot.support.gravity, robot.support.center_of_mass)
+        found = terms(robot.arm, q, qd, robot.support.gravity, robot.support.center_of_mass, process)
         both = moving[:, :, None] & moving[:, None]
         inertia = found.inertia * both
         inertia[:, np.arange(q.shape[1]), np.arange(q.shape[1])] += ~moving
@@ -268,7 +279,12 @@ def stops_of_motion(
     count = max(2, int(np.ceil(motion.end / spacing)))
     times = np.unique([*np.linspace(0, motion.end, count + 1)[1:-1], *motion.event_times[1:-1]])
     q, qd, _ = motion.states(times)
-    return times, BrakeCheck(robot, brakes).stops(q, qd)
+    return times, BrakeCheck(robot, brakes).stops(q, qd, robot.during(motion).acting(times))
+
+
+def _of(process: np.ndarray | None, owner: np.ndarray) -> np.ndarray | None:
+    """(M, 6) of stops `owner` (M,)."""
+    return None if process is None else process[owner]
 
 
 def _moving(qd: np.ndarray) -> np.ndarray:
