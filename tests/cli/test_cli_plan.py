@@ -238,11 +238,11 @@ def test_no_verified_plan_is_exit_code_1(planner, capsys, tmp_path):
     head, within, held = out.splitlines()
     assert head == "C: NO VERIFIED PLAN. none of 8 starts: GN is 0.912 at 1.2 s, must be <= 0.9"
     assert within.startswith(
-        "within  base mass +-5 %, friction -20 %, floor tilt 0.5 deg, arm masses +-5 %, "
+        "within   base mass +-5 %, friction -20 %, floor tilt 0.5 deg, arm masses +-5 %, "
     )
     assert "payload" not in within  # nothing is held
     assert within.endswith("; --tolerance none plans as described")
-    assert held == "masses  base 3.45 kg, arm 15.71 kg; together 19.16 kg"
+    assert held == "masses   base 3.45 kg, arm 15.71 kg; together 19.16 kg"
     code, out, _ = run(capsys, "C", "--json")
     assert code == 1
     data = json.loads(out)

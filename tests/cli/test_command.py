@@ -7,6 +7,7 @@ import subprocess
 import sys
 import warnings
 from dataclasses import dataclass
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -15,6 +16,7 @@ from ocptip.basics import errors
 from ocptip.basics.doubts import doubt
 from ocptip.cli.command import Report
 from ocptip.cli.commands import COMMANDS
+from ocptip.cli.layout import summary
 from ocptip.cli.main import main
 
 ARGUMENTS = {
@@ -128,6 +130,14 @@ def test_an_early_answer_is_said_before_its_files_are_written(monkeypatch, capsy
     assert (before, capsys.readouterr().out) == (["text\n"], "first\n")
     assert answered(monkeypatch, "stand", Early(), "--json") == 0
     json.loads(capsys.readouterr().out)
+
+
+def test_an_early_answer_is_the_beginning_of_the_whole_one():
+    """Else it would be said twice, however short its names are."""
+    lines = [("look", "at this"), ("", "and that")]
+    early, whole = (summary("FOUND.", lines, files) for files in ([], [Path("out/a.png")]))
+    assert whole.startswith(early)
+    assert whole.removeprefix(early) == "\nwritten  out/: a.png"
 
 
 def test_help_of_every_command_loads_no_numerics():

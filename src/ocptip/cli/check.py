@@ -116,6 +116,8 @@ _SAME = {"deg": 0.01, "m": 1e-4}  # offsets up to this are not worth a note
 
 def run(options: Namespace) -> CheckReport:
     """Check the motion, and the same path faster or slower, on the robot that is named."""
+    if Path(options.motion).suffix == ".toml":
+        raise InputError("is a task or a path, no motion", "", options.motion)
     task, path = task_of(options)
     step = positive_number("--step", options.step)
     for factor in options.time_scale:
@@ -316,8 +318,6 @@ def task_of(options: Namespace, otherwise: Tolerance = NONE) -> tuple[MotionTask
     asked = options.case is not None or options.base is not None
     if not asked and (folder == Path(options.motion) or is_plan_folder(folder)):
         return read_plan_folder(folder).task, path
-    if path.suffix == ".toml":
-        raise InputError("is a task or a path, no motion", "", options.motion)
     origin = motion_origin(path)
     named = origin.get("case")
     if options.case is None and named is None:

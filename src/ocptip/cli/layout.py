@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ocptip.basics.text import percent, quantity
-from ocptip.standing.contact_margins import if_alike
 from ocptip.standing.tolerance import overshoot_of_rise, overshoot_of_rises
 
 if TYPE_CHECKING:  # most of them take long to load, and `ocptip stand` needs none
@@ -21,6 +20,9 @@ if TYPE_CHECKING:  # most of them take long to load, and `ocptip stand` needs no
     from ocptip.standing.mechanism import StandingMechanism
     from ocptip.standing.sensitivity import Sensitivity
     from ocptip.trajectories.arm_motion import ArmMotion
+
+
+_WRITTEN = "written"
 
 
 def table(rows: Sequence[Sequence[str]], left: Sequence[int]) -> list[str]:
@@ -35,9 +37,9 @@ def table(rows: Sequence[Sequence[str]], left: Sequence[int]) -> list[str]:
     ]
 
 
-def named(lines: Sequence[tuple[str, str]]) -> list[str]:
-    """Lines of names and texts, the texts below each other."""
-    width = max(len(name) for name, _ in lines)
+def named(lines: Sequence[tuple[str, str]], least: int = 0) -> list[str]:
+    """Lines of names and texts, the texts below each other, names at least so wide."""
+    width = max((least, *(len(name) for name, _ in lines)))
     return [f"{name:<{width}}  {text}" for name, text in lines]
 
 
@@ -113,6 +115,8 @@ def within_rows(checked: MotionCheck) -> list[tuple[str, str]]:
     if within.gap:
         texts.append(f"least clearance: {within.gap}")
     if within.alike:
+        from ocptip.standing.contact_margins import if_alike
+
         texts.append(if_alike(within.alike))
     if "foot_force_N" in checked.worst:
         texts.append("feet that give: their forces and lifts are looked at as described only")
@@ -161,10 +165,10 @@ def use_of_reserves(checked: MotionCheck) -> str:
 
 
 def summary(head: str, lines: Sequence[tuple[str, str]], written: Sequence[Path]) -> str:
-    """A headline and named lines, the written files last."""
+    """A headline and named lines, the written files last: an early answer has none and is the beginning."""
     if written:
         folder = written[0].parent
         parts = (path.relative_to(folder).parts for path in written)
         names = dict.fromkeys(f"{first}{os.sep}" if below else first for first, *below in parts)
-        lines = [*lines, ("written", f"{folder}{os.sep}: {', '.join(names)}")]
-    return "\n".join([head, *named(lines)])
+        lines = [*lines, (_WRITTEN, f"{folder}{os.sep}: {', '.join(names)}")]
+    return "\n".join([head, *named(lines, len(_WRITTEN))])

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, TextIO
 
 from ocptip.basics.errors import InputError, PlanningError, positive_number
@@ -262,7 +263,8 @@ class PlanReport(Report):
         if self.figures:
             from ocptip.pictures.plan import draw_plan
 
-            yield from draw_plan(self.directory, self.plan, samples)
+            run = {"motion": self.execution.motion, "check": self.check}
+            yield from draw_plan(self.directory, SimpleNamespace(**vars(self.plan) | run), samples)
             if self.stops:
                 from ocptip.pictures.stops import draw_stops
 

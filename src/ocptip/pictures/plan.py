@@ -49,13 +49,13 @@ _WORST = {"marker": "o", "ms": 8, "mfc": "none", "mew": 1.8, "ls": "", "zorder":
 
 
 def draw_plan(
-    directory: str | os.PathLike[str], plan: MotionPlan, samples: MotionSamples | None = None
+    directory: str | os.PathLike[str], plan: Any, samples: MotionSamples | None = None
 ) -> list[Path]:
     """Draw all figures of a plan into a directory as PNG; files of the same name are replaced.
 
     Args:
         directory: made if it does not exist; the one above it must.
-        plan: the plan, any object with the attributes of `MotionPlan`.
+        plan: a `MotionPlan`, or any object with its attributes.
         samples: of its motion, from :func:`ocptip.motion.output.sample_motion`; computed if None.
 
     Returns:
