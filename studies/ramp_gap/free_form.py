@@ -13,6 +13,8 @@ import casadi as cs
 import numpy as np
 
 from ocptip.contact.solver import solve_many
+from ocptip.contact.support import Support
+from ocptip.reserves.force_sets import ForceSets
 from ocptip.robots.dynamics import inverse_dynamics
 from ocptip.standing.arm import StandingRobot
 from studies.ramp_gap.free_motion import FreeMotion, curve, minimum_jerk, with_triangles
@@ -29,7 +31,7 @@ class FreeForm:
     """The free-form problem of a robot on N intervals, as CasADi and Ipopt see it.
 
     Args:
-        robot: on three unilateral contacts in a plane.
+        robot: on three contacts in a plane.
         start, goal: (n,), rad.
         intervals: N.
         active: names of the limits to include besides GN, speed and acceleration: "slip", "torque", and
@@ -57,11 +59,11 @@ class FreeForm:
         self.robot, self.start, self.goal, self.active = robot, start, goal, active
         self.passive = list(passive)
         self.intervals, self.n = intervals, robot.arm.n
-        self.slip = "slip" in active
+        self.slips = self._slips()
         n = self.n
         index = 1 + np.arange(n * (3 * intervals + 2)).reshape(-1, n)
         q, v, b = np.split(index, [intervals + 1, 2 * intervals + 2])
-        free = index[-1, -1] + 1 + np.arange((12 if self.slip else 0) * intervals).reshape(intervals, -1)
+        free = index[-1, -1] + 1 + np.arange(3 * len(NODES) * self.slips * intervals).reshape(intervals, -1)
         # of the unknowns (h, q, v, b, free forces): those of an interval, (local unknowns, N)
         self._place = np.hstack([np.zeros((intervals, 1), int), q[:-1], v[:-1], b, v[1:], q[1:], free]).T
         self._bounds = self._simple_bounds()
@@ -78,7 +80,7 @@ class FreeForm:
         limits, support = robot.arm.limits, robot.support
         h, eps, GN, GT = (cs.SX.sym(name) for name in ("h", "eps", "GN", "GT"))
         q0, v0, b, v1, q1, sign = (cs.SX.sym(name, n) for name in ("q0", "v0", "b", "v1", "q1", "sign"))
-        free = cs.SX.sym("free", 3 * len(NODES) if self.slip else 0)
+        free = cs.SX.sym("free", 3 * self.slips, len(NODES))
         dynamics = inverse_dynamics(robot.arm)
         zero, about = np.zeros(3), support.center_of_mass
         gaps = [str(label) in self.active for label in robot.collision.labels]
@@ -91,9 +93,12 @@ class FreeForm:
             forward = robot.motors.power_expression(torque, v, np.ones(n))
             backward = robot.motors.power_expression(torque, v, -np.ones(n))
             cost += weight * h * cs.sum1((1 + side) / 2 * forward + (1 - side) / 2 * backward)
-            rows.append(self._tipping_rows(cs.vertcat(q, v, a), wrench, GN))
-            if self.slip:
-                rows.append(self._slip_rows(wrench, free[3 * node : 3 * node + 3], GT))
+            state = cs.vertcat(q, v, a)
+            rows.append(self._tipping_rows(state, wrench, GN))
+            rows += [
+                self._slip_rows(own, free[3 * k : 3 * k + 3, node], GT)
+                for k, own in enumerate(self._slip_wrenches(state, wrench))
+            ]
             if "torque" in self.active:
                 rows += [torque / limits.torque - 1, -torque / limits.torque - 1]
             if any(gaps):
@@ -102,7 +107,7 @@ class FreeForm:
         for change in (b - v0, v1 - b):
             rate = 2 * change / (h * limits.acceleration)
             rows += [rate - 1, -rate - 1]
-        y, p = cs.vertcat(h, q0, v0, b, v1, q1, free), cs.vertcat(sign, eps, GN, GT)
+        y, p = cs.vertcat(h, q0, v0, b, v1, q1, cs.vec(free)), cs.vertcat(sign, eps, GN, GT)
         equations = [q1 - q0 - h / 3 * (v0 + b + v1), h * v0[self.passive], h * b[self.passive]]
         outputs = [cost / 100, cs.vertcat(*equations), cs.vertcat(*rows)]
         multipliers = [cs.SX.sym("l", out.numel()) for out in outputs]
@@ -123,9 +128,21 @@ class FreeForm:
         M0 = self.robot.tip_over.reference_moment
         return (M0 * (1 / GN - 1) - A @ wrench - b) / M0
 
+    def _slips(self) -> int:
+        """In how many wrenches at a node slip counts."""
+        return int("slip" in self.active)
+
+    def _slip_wrenches(self, state: cs.SX, wrench: cs.SX) -> list[cs.SX]:
+        """Those wrenches (6,)."""
+        return [wrench] * self.slips
+
+    def _slip_support(self) -> Support:
+        """Whose tangential limits count."""
+        return self.robot.support
+
     def _slip_rows(self, wrench: cs.SX, free: cs.SX, GT: cs.SX) -> cs.SX:
-        """|tangential force|^2 - (GT mu N)^2 of the contacts, relative to the mean friction limit squared."""
-        support = self.robot.support
+        """|tangential force|^2 - (GT limit)^2 of the contacts, over the square of the mean friction limit."""
+        support = self._slip_support()
         matrix = support.wrench_matrix  # forces, contact by contact (normal, t1, t2), to the wrench they make
         tangential = np.delete(matrix, np.s_[::3], axis=1)
         if np.linalg.matrix_rank(tangential) != 3:
@@ -134,10 +151,11 @@ class FreeForm:
         forces = -cs.DM(np.linalg.pinv(matrix)) @ wrench
         N, f = forces[::3], cs.vertcat(*[forces[k] for k in range(9) if k % 3])
         f += cs.DM(flat) @ free
-        mu = np.array([contact.friction for contact in support.contacts])
+        limits = ForceSets(support).limits(np.zeros((1, 3)), np.ones(1))
+        mu, constant = limits.slope[0], limits.radius[0]
         used = cs.vertcat(*[f[2 * k] ** 2 + f[2 * k + 1] ** 2 for k in range(3)])
         scale = (float(np.mean(mu)) * self.robot.mass * 9.81 / 3) ** 2
-        return (used - (GT * cs.DM(mu) * N) ** 2) / scale
+        return (used - (GT * (cs.DM(mu) * N + cs.DM(constant))) ** 2) / scale
 
     def _simple_bounds(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         """Lower and upper bounds of q, v (N + 1, n) and b (N, n)."""

@@ -180,7 +180,7 @@ class Search:
                 self.active |= broken(worst)
                 if worst.GN > LIMIT:
                     GN = 1 / (1 / GN + 1.2 * (1 / LIMIT - 1 - worst.moment) + 1e-3)
-                if problem.slip:
+                if problem.slips:
                     GT -= 1.2 * max(0.0, worst.GT - LIMIT + MARGIN)
                 continue
             energy = exact_energy(self.robot, motion)

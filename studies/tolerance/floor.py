@@ -1,16 +1,17 @@
 """What no motion of any form seems to get below within a tolerance: the price with most of it left out.
 
-Every motion that has `workshop` keeps, at all instants, the moments about the tipping axes in some chosen
-worlds of it: first the one that is worst about each axis where start or goal rests, then, of the optimum
-found so far, those of its worst instant. Left out are all other worlds, slip, torques, clearance, late
-joints, jumps with their overshoot, and the ramp form: every joint moves as it likes
+Every motion that has `workshop` keeps, at all instants, the torques' limits as described, and in some chosen
+worlds of the tolerance the moments about the tipping axes, in others the slip reserve, with the least
+friction: first the world that is worst about each axis where start or goal rests, and the one as described;
+then, of the optimum found so far, those that are worst at its instants. Left out are all other worlds,
+clearance, late joints, jumps with their overshoot, and the ramp form: every joint moves as it likes
 (`studies.ramp_gap.free_form`). The least energy of that is below that of all motions within the
 tolerance, ramps and S-curves among them, as far as the optimum found is the least (several starts, how
 near they are to each other is said) and 20 intervals are fine enough (20 to 80 lower the free-form
 optimum of B by 0.4 %). It is computed, not proved.
 
     python -m studies.tolerance.floor --prices results/tolerance.json --out results
-        [--tasks B C E F] [--rounds 2]
+        [--tasks B C E F] [--rounds 5]
 
 Goes on: finished tasks are kept.
 """
@@ -30,6 +31,7 @@ import casadi as cs
 import numpy as np
 
 from ocptip.basics.write import versions, write_text
+from ocptip.contact.support import Support
 from ocptip.motion.task import MotionTask
 from ocptip.standing.tolerance import NONE, PRESETS, Tolerance
 from ocptip.standing.within.worst_case import WorstCase, worst_case_of
@@ -41,6 +43,7 @@ from studies.ramp_gap.search import SMOOTHING, cheaper_signs, exact_energy
 from studies.tolerance.run import ALL, JUMPS, NOMINAL, tasks
 
 INTERVALS = 20
+MOMENT_ROOM, SLIP_ROOM = 1e-3, 1e-3  # N m, and of GT: kept where less than that is missing
 STARTS = (0.9, 1.5)  # times the duration of the nominal plan, minimum jerk
 
 World = tuple[int, np.ndarray]
@@ -48,23 +51,41 @@ World = tuple[int, np.ndarray]
 
 
 class InWorlds(FreeForm):
-    """Free-form motions that keep moments about tipping axes in some worlds.
+    """Free-form motions that keep moments about tipping axes and slip in some worlds.
 
     Args:
         task: start, goal, robot.
-        tolerance: that has the worlds.
-        worlds: of it.
+        cases: of its robot within the tolerance that has the worlds.
+        worlds: in which moments are kept.
+        slip_worlds: deviations (size,) in which the slip reserve is at most 1.
         iterations: as of `FreeForm`.
     """
 
     def __init__(
-        self, task: MotionTask, tolerance: Tolerance, worlds: Sequence[World], iterations: int = 250
+        self,
+        task: MotionTask,
+        cases: WorstCase,
+        worlds: Sequence[World],
+        slip_worlds: Sequence[np.ndarray],
+        iterations: int = 400,
     ) -> None:
-        self.cases, self.worlds = worst_case_of(task.robot, tolerance), worlds
-        super().__init__(task.robot, task.start, task.goal, INTERVALS, iterations=iterations)
+        self.cases, self.worlds, self.slip_worlds = cases, worlds, slip_worlds
+        kinds = frozenset(("slip", "torque"))
+        super().__init__(task.robot, task.start, task.goal, INTERVALS, kinds, iterations=iterations)
 
     def _tipping_rows(self, state: cs.SX, wrench: cs.SX, GN: cs.SX) -> cs.SX:
         return -moments_in(self.cases, self.worlds, state) / self.cases.reference
+
+    def _slips(self) -> int:
+        return len(self.slip_worlds)
+
+    def _slip_wrenches(self, state: cs.SX, wrench: cs.SX) -> list[cs.SX]:
+        s, theta, expression = self.cases.deviations._expressions
+        in_world = cs.Function("world", [s, theta], [expression])
+        return [in_world(state, own) for own in self.slip_worlds]
+
+    def _slip_support(self) -> Support:
+        return self.cases.robot.support
 
 
 def moments_in(cases: WorstCase, worlds: Sequence[World], state: cs.SX) -> cs.SX:
@@ -87,18 +108,29 @@ def worst_worlds(cases: WorstCase, s: np.ndarray) -> tuple[list[World], float]:
     return found, least_moment
 
 
+def slipping_worlds(cases: WorstCase, s: np.ndarray) -> tuple[list[np.ndarray], float]:
+    """Worlds of the two instants of s (N, 3 n) that slip most, if any does; the greatest GT."""
+    worst = cases.slip(s, 3)
+    order = [k for k in np.argsort(-worst.values) if worst.values[k] > 1 + SLIP_ROOM]
+    found: list[np.ndarray] = []
+    for theta in worst.theta[order]:
+        if len(found) < 2 and not any(np.allclose(theta, other, rtol=1e-3) for other in found):
+            found.append(theta)
+    return found, float(worst.values.max())
+
+
 def least(problem: FreeForm, guess: FreeMotion, smoothing: Sequence[float] = SMOOTHING) -> FreeMotion | None:
     """The optimum near a guess, as `ramp_gap.search` finds it; None without success."""
     motion = guess
     for eps in smoothing:
-        motion, _ = problem.solve(motion, eps=eps)
+        motion, _ = problem.solve(motion, eps=eps, GT=1.0)
     signs, report = None, {}
     for _ in range(3):
         new = cheaper_signs(problem.robot, motion)
         if signs is not None and np.array_equal(new, signs):
             break
         signs = new
-        motion, report = problem.solve(motion, signs=signs)
+        motion, report = problem.solve(motion, signs=signs, GT=1.0)
     return motion if report["success"] else None
 
 
@@ -107,11 +139,12 @@ def floor(task: MotionTask, tolerance: Tolerance, plans: Sequence[ArmMotion], ro
     began, cases = time.process_time(), worst_case_of(task.robot, tolerance)
     s = np.hstack([np.array([task.start, task.goal]), np.zeros((2, 2 * task.robot.n))])
     worlds, _ = worst_worlds(cases, s)
+    slip_worlds = [np.zeros(cases.deviations.size)]
     guesses = [sampled(plan, INTERVALS) for plan in plans]
     guesses += [minimum_jerk(task.start, task.goal, share * plans[0].end, INTERVALS) for share in STARTS]
     steps: list[dict[str, Any]] = []
     for round_ in range(1 + rounds):
-        problem = InWorlds(task, tolerance, worlds)
+        problem = InWorlds(task, cases, worlds, slip_worlds)
         smoothing = SMOOTHING[-1:] if round_ else SMOOTHING
         found = [motion for guess in guesses if (motion := least(problem, guess, smoothing)) is not None]
         if not found:
@@ -120,9 +153,14 @@ def floor(task: MotionTask, tolerance: Tolerance, plans: Sequence[ArmMotion], ro
         best = found[int(np.argmin(costs))]
         s = np.hstack([part.reshape(-1, task.robot.n) for part in best.inside(NODES)])
         more, short = worst_worlds(cases, s)
-        steps.append({"energies_J": sorted(costs), "worlds": len(worlds), "short_Nm": short})
-        say(f"  {len(worlds)} worlds: {min(costs):.1f} J in {best.duration:.3f} s, {short:.2f} N m")
-        worlds, guesses = [*worlds, *more], [best]
+        slipping, GT = slipping_worlds(cases, s)
+        counts = {"worlds": len(worlds), "slip_worlds": len(slip_worlds)}
+        steps.append({"energies_J": sorted(costs), **counts, "short_Nm": short, "GT": GT})
+        say(f"  {counts}: {min(costs):.1f} J in {best.duration:.3f} s, {short:.2f} N m, GT {GT:.3f}")
+        if short > -MOMENT_ROOM and not slipping:
+            break
+        worlds += more if short <= -MOMENT_ROOM else []
+        slip_worlds, guesses = [*slip_worlds, *slipping], [best]
     return {"steps": steps, "duration_s": best.duration, "cpu_s": time.process_time() - began}
 
 
@@ -136,11 +174,17 @@ def markdown(rows: Sequence[dict[str, Any]], notes: list[str]) -> str:
         shown += [percent(least_of_all / nominal - 1, 1), percent(least_of_all / row["free_J"] - 1, 1)]
         shown += [percent(row["within_J"] / nominal - 1, 1) if row["within_J"] else "-"]
         spread = percent(first[-1] / first[0] - 1, 2)
-        shown += [f"{len(first)}, {spread}", number(last["worlds"], 0), number(last["short_Nm"], 2)]
+        shown += [f"{len(first)}, {spread}", f"{last['worlds']}, {last['slip_worlds']}"]
+        shown += [number(last["short_Nm"], 2), number(last["GT"], 3)]
         lines.append([row["task"], *shown])
     head = ["task", "nominal ramps J", "nominal free form J", "floor J", "floor over nominal ramps"]
-    head += ["over nominal free form", "planned over nominal ramps", "starts, spread", "worlds"]
-    head += ["least moment in all worlds N m"]
+    head += [
+        "over nominal free form",
+        "planned over nominal ramps",
+        "starts, spread",
+        "worlds of moments, of slip",
+    ]
+    head += ["least moment in all worlds N m", "greatest GT found"]
     text = ["# What no motion seems to get below within `workshop`", "", *table(head, lines), ""]
     return "\n".join([*text, *notes]) + "\n"
 
@@ -174,7 +218,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument("--prices", type=Path, required=True, help="tolerance.json of `tolerance.run`")
     parser.add_argument("--out", type=Path, required=True, help="folder for results")
     parser.add_argument("--tasks", nargs="+", default=["B", "C", "E", "F"])
-    parser.add_argument("--rounds", type=int, default=2, help="of adding worlds")
+    parser.add_argument("--rounds", type=int, default=5, help="of adding worlds")
     given = parser.parse_args(argv)
     return ended(
         "floor", lambda: run(given.prices, given.out, given.tasks, given.rounds), "finished tasks are kept."
