@@ -104,9 +104,8 @@ class ParallelRobot(MadeOf):
             z, zd, zdd: (m,) coordinates and their time derivatives.
             guess: joint positions nearby, per leg.
         """
-        z, zd, zdd = self._state(z, zd, zdd)
+        z, s, sd = self._state(z, zd, zdd)
         found = self.kinematics.joints(z, guess)
-        s, sd = self.kinematics.quasi(z, zd, zdd)
         motion = self.kinematics.motion(z, s, found.q, complete=True)
         legs = motion.legs
         qdd = tuple(leg.Jq @ sd + leg.drift for leg in legs)
@@ -202,16 +201,11 @@ class ParallelRobot(MadeOf):
             raise InputError(f"projection: must be one of {', '.join(PROJECTIONS)}, got {projection!r}")
         if rates not in ("euler", "quasi"):
             raise InputError(f"rates: must be 'euler' or 'quasi', got {rates!r}")
-        z, zd, zdd = self._state(z, zd, zdd)
-        s, sd = self.kinematics.quasi(z, zd, zdd) if rates == "euler" else (zd, zdd)
+        z, s, sd = self._state(z, zd, zdd, rates)
+        motion = self._regular_motion(z, s, q, complete=projection in ("tree", "kkt"))
         if projection == "coupling":
-            motion = self._regular_motion(z, s, q)
             tau = self._quasi_terms(motion, wrench, gravity).force(sd)
             return self._distributed(self.kinematics.actuated_jacobian(motion), tau, projection)
-        complete = self._complete or projection in ("tree", "kkt")
-        joints = self._joints(z, q, complete=complete)
-        require_regular(self.kinematics, z, joints, complete=complete)
-        motion = self.kinematics.motion(z, s, joints, complete=complete)
         if projection == "constraint":
             return self._by_constraints(motion, sd, wrench, gravity)
         return self._by_joints(motion, sd, projection, wrench, gravity)
@@ -271,11 +265,8 @@ class ParallelRobot(MadeOf):
         gravity: ArrayLike | None = None,
     ) -> JointReactions:
         """Forces and moments in all joints and at the leg ends; arguments as :meth:`inverse_dynamics`."""
-        z, zd, zdd = self._state(z, zd, zdd)
-        s, sd = self.kinematics.quasi(z, zd, zdd)
-        joints = self._joints(z, q, complete=True)
-        require_regular(self.kinematics, z, joints, complete=True)
-        motion = self.kinematics.motion(z, s, joints, complete=True)
+        z, s, sd = self._state(z, zd, zdd)
+        motion = self._regular_motion(z, s, q, complete=True)
         found = joint_reactions(self.kinematics, motion, sd, self._gravity(gravity), _wrench(wrench))
         _require_balance(found.residual, "motors and closures")
         return found
@@ -293,8 +284,7 @@ class ParallelRobot(MadeOf):
 
     def regressor(self, z: ArrayLike, zd: ArrayLike, zdd: ArrayLike, q: Joints = None) -> np.ndarray:
         """W (m, 10 bodies) with tau_s = W `description.inertia_vector`; see :func:`regressor`."""
-        z, zd, zdd = self._state(z, zd, zdd)
-        s, sd = self.kinematics.quasi(z, zd, zdd)
+        z, s, sd = self._state(z, zd, zdd)
         motion = self._regular_motion(z, s, q, legs_only=True)
         return regressor(self.kinematics, motion, sd, self.description.gravity)
 
@@ -344,10 +334,12 @@ class ParallelRobot(MadeOf):
         return ConstraintRoute(self.kinematics, complete=self._complete)
 
     def _state(
-        self, z: ArrayLike, zd: ArrayLike, zdd: ArrayLike
+        self, z: ArrayLike, zd: ArrayLike, zdd: ArrayLike, rates: str = "euler"
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """z, s', s''."""
         check = self.kinematics.coordinates
-        return check("z", z), check("zd", zd), check("zdd", zdd)
+        z, zd, zdd = check("z", z), check("zd", zd), check("zdd", zdd)
+        return (z, *self.kinematics.quasi(z, zd, zdd)) if rates == "euler" else (z, zd, zdd)
 
     def _joints(
         self, z: np.ndarray, q: Joints, *, complete: bool | None = None, anywhere: bool = False
@@ -421,11 +413,13 @@ class ParallelRobot(MadeOf):
         return Forces(motors, tau_s, float(residual), projection)
 
     def _regular_motion(
-        self, z: np.ndarray, s: np.ndarray, q: Joints, *, legs_only: bool = False
+        self, z: np.ndarray, s: np.ndarray, q: Joints, *, complete: bool = False, legs_only: bool = False
     ) -> RobotMotion:
-        joints = self._joints(z, q)
-        require_regular(self.kinematics, z, joints, complete=self._complete, legs_only=legs_only)
-        return self.kinematics.motion(z, s, joints, complete=self._complete)
+        """Rates of the joints that the dynamics use, or of all (`complete`); singular poses are refused."""
+        complete = complete or self._complete
+        joints = self._joints(z, q, complete=complete)
+        require_regular(self.kinematics, z, joints, complete=complete, legs_only=legs_only)
+        return self.kinematics.motion(z, s, joints, complete=complete)
 
     def _quasi_terms(self, motion: RobotMotion, wrench: ArrayLike | None, gravity: ArrayLike | None) -> Terms:
         terms = quasi_terms(self.kinematics, motion, self._gravity(gravity))
