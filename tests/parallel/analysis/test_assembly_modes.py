@@ -9,7 +9,7 @@ import pytest
 
 from ocptip.basics.errors import InputError
 from ocptip.numerics.quadrics import Deformation, distinct, follow, polished, total_degree
-from ocptip.parallel.analysis.assembly_modes import assembly_modes
+from ocptip.parallel.analysis.leg_surfaces import held_leg
 from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.ready_made import READY_MADE, delta, make_robot, rpr3, rrr3, ups6
 from ocptip.parallel.description.robot_description import Leg, MDHRow, Platform, RobotDescription
@@ -24,6 +24,10 @@ _BODY = BodyInertia.about_center(1.0)
 def _motors(robot: ParallelRobot, z: np.ndarray) -> np.ndarray:
     q = robot.ik(z).q
     return np.array([q[leg][joint] for leg, joint in robot.description.actuated])
+
+
+def _example(name: str) -> ParallelRobot:
+    return ParallelRobot(read_parallel_robot(EXAMPLES / "robots" / f"{name}.toml"))
 
 
 @pytest.mark.parametrize(
@@ -45,7 +49,7 @@ def test_modes_hold_the_pose_that_the_motors_come_from(name: str, paths: int) ->
 
 @pytest.mark.parametrize(("name", "modes"), [("rps3", 16), ("prs3", 8), ("sps6", 8)])
 def test_example_files(name: str, modes: int) -> None:
-    robot = ParallelRobot(read_parallel_robot(EXAMPLES / "robots" / f"{name}.toml"))
+    robot = _example(name)
     found = robot.assembly_modes(_motors(robot, robot.description.home))
     assert found.complete
     assert len(found.modes) == modes
@@ -171,7 +175,7 @@ def test_all_modes_of_a_hexapod_with_forty_real_ones() -> None:
 
 def test_five_bar_by_circles() -> None:
     """Its distal links meet where two circles about the elbows do."""
-    robot = ParallelRobot(read_parallel_robot(EXAMPLES / "robots" / "five_bar.toml"))
+    robot = _example("five_bar")
     motors, rng = _motors(robot, robot.description.home), np.random.default_rng(1)
     for _ in range(5):
         qa = motors + 0.4 * rng.uniform(-1, 1, 2)
@@ -198,6 +202,54 @@ def _home_axis(robot: ParallelRobot, link: np.ndarray) -> np.ndarray:
     return turn @ link
 
 
+@pytest.mark.parametrize(("name", "modes"), [("tricept", 8), ("exechon", 8)])
+def test_legs_rigid_with_the_platform_by_newton_from_everywhere(name: str, modes: int) -> None:
+    """One leg's passive joints carry the platform; the others' lengths close it: no start finds more."""
+    robot = _example(name)
+    z = robot.description.home + np.array([0.02, 0.03, 0.05])
+    q, (r, R) = robot.ik(z).q, robot.kinematics.pose(z)
+    found = robot.assembly_modes(_motors(robot, z))
+    assert (found.complete, len(found.modes)) == (True, modes)
+    assert all(mode.certified and mode.residual < 1e-12 for mode in found.modes)
+    for mode in found.modes:  # the coordinates say the pose
+        np.testing.assert_allclose(robot.kinematics.platform.pose(mode.z)[1], mode.rotation, atol=1e-12)
+    legs, carrier = robot.kinematics.legs, 3 if name == "tricept" else 0
+    leg, free = legs[carrier], [0, 1, 2] if name == "tricept" else [0, 1, 3]
+    others = [k for k in range(3) if k != carrier]
+    bases, ends = (np.array([(o.origin, o.couplings[0]) for o in legs])[:, i] for i in (0, 1))
+    last = R.T @ legs[2].frames(q[2])[0][-1][:, 2]  # of the Exechon: its base joint stays across this axis
+
+    def pose(own: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        joints = q[carrier].copy()
+        joints[free] = own
+        rotations, origins = leg.frames(joints)
+        turn = rotations[leg.end_rows[0]] @ leg.end_rotations[0]
+        return origins[leg.point] - turn @ leg.couplings[0], turn
+
+    def measures(own: np.ndarray) -> np.ndarray:
+        at, turn = pose(own)
+        lengths = np.sum((at + ends[others] @ turn.T - bases[others]) ** 2, axis=1)
+        return np.append(lengths, (bases[2] - at) @ turn @ last)[:3]
+
+    wanted, rng, seen = measures(q[carrier][free]), np.random.default_rng(4), set()
+    np.testing.assert_allclose(pose(q[carrier][free])[0], r, atol=1e-9)
+    listed = np.array([[*mode.position, *mode.rotation.ravel()] for mode in found.modes])
+    for _ in range(120):
+        own = rng.uniform(-np.pi, np.pi, 3)
+        for _ in range(25):
+            miss = measures(own) - wanted
+            slope = np.array([measures(own + step) - wanted - miss for step in 1e-7 * np.eye(3)]).T / 1e-7
+            change = np.linalg.lstsq(slope, -miss, rcond=1e-12)[0]
+            own = own + change / max(1.0, np.abs(change).max())
+            if np.abs(miss).max() < 1e-12:
+                at, turn = pose(own)
+                gaps = np.abs(listed - np.array([*at, *turn.ravel()])).max(axis=1)
+                assert gaps.min() < 1e-6
+                seen.add(int(gaps.argmin()))
+                break
+    assert len(seen) == modes
+
+
 def test_motors_that_reach_no_pose() -> None:
     robot = ParallelRobot(rpr3())
     assert robot.assembly_modes([0.1, 0.1, 0.1]).modes == ()
@@ -207,10 +259,10 @@ def test_refusals() -> None:
     robot = ParallelRobot(ups6())
     with pytest.raises(InputError, match="qa"):
         robot.assembly_modes(np.ones(5))
-    for name, why in (("tricept", "leg 4"), ("delta_parallelograms", "serial legs"), ("exechon", "platform")):
-        other = ParallelRobot(read_parallel_robot(EXAMPLES / "robots" / f"{name}.toml"))
-        with pytest.raises(InputError, match=why):
-            assembly_modes(other.kinematics, np.ones(3))
+    with pytest.raises(InputError, match="serial legs"):
+        _example("delta_parallelograms").assembly_modes(np.ones(3))
+    with pytest.raises(InputError, match=r"leg 1: .* ball joints"):
+        held_leg(ParallelRobot(rrr3()).kinematics.legs[0], {})
 
 
 def test_quadrics_with_factors_that_are_known() -> None:

@@ -6,6 +6,8 @@ or in planes, and both are quadratic in them (Wampler, Mechanism and Machine The
 
     |r + R k - c|^2 = l^2:   |h|^2 + (|k|^2 + |c|^2 - l^2) |e|^2 + 2 h.(e k) - 2 h.(c e) - 2 (c e).(e k) = 0
     n . (r + R k) = d:       h.(n e) + (n e).(e k) - d |e|^2 = 0
+    a . R u = c:             (a e).(e u) - c |e|^2 = 0
+    n . R' (b - r) = d:      (b e).(e n) - h.(e n) - d |e|^2 = 0
 
 so a hexapod is seven quadratic equations in projective space, with 40 solutions besides those at e = 0.
 `numerics.quadrics` follows all solutions of a random complex robot of the kind to those of the given one.
@@ -13,6 +15,7 @@ so a hexapod is seven quadratic equations in projective space, with 40 solutions
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -26,7 +29,16 @@ from ocptip.basics.errors import InputError, SolverError, finite_array
 from ocptip.basics.write import Record
 from ocptip.numerics.quadrics import Deformation, distinct, follow, polished, total_degree
 from ocptip.numerics.vectors import nearest_turn
-from ocptip.parallel.analysis.leg_surfaces import LegSurface, leg_surface
+from ocptip.parallel.analysis.leg_surfaces import (
+    LegSurface,
+    angle_form,
+    held_leg,
+    leg_surface,
+    plane_form,
+    position_of,
+    slot_form,
+    sphere_form,
+)
 from ocptip.parallel.description.robot_description import REVOLUTE
 from ocptip.parallel.kinematics.platform import Kinematics
 
@@ -34,6 +46,7 @@ _SEED = 1996
 _REAL = 1e-7
 _AT_INFINITY = 1e-7
 _CLOSED = 1e-7
+_FORMS = {"sphere": sphere_form, "plane": plane_form, "angle": angle_form, "slot": slot_form}
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,15 +128,14 @@ def assembly_modes(kinematics: Kinematics, qa: ArrayLike) -> AssemblyModes:
     for number, leg in enumerate(kinematics.legs):
         of_leg = zip(description.actuated, qa, strict=True)
         locked = {joint: float(value) for (own, joint), value in of_leg if own == number}
-        surfaces.append(leg_surface(leg, locked, turning=space.turning, planar=space.about >= 0))
-        if len(kinematics.platform.order) == 6 and leg.n - leg.point < 3:
-            raise InputError(
-                f"leg {number + 1}: assembly modes of a platform with all six coordinates need ball joints "
-                f"at the platform, but this leg has {leg.n - leg.point} joints there"
-            )
+        if len(space.entries) == 8 and not space.still and leg.n - leg.point < 3:
+            surfaces.append(held_leg(leg, locked))
+        else:
+            surfaces.append(leg_surface(leg, locked, turning=space.turning, planar=space.about >= 0))
     level, surfaces = space.levelled(surfaces)
     scale = max([1e-9, *(float(np.abs(s.kappa).max()) for s in surfaces)])
     scale = max([scale, *(float(np.abs(s.center).max()) for s in surfaces if s.center is not None)])
+    scale = max([scale, *(float(np.abs(b).max()) for s in surfaces for b, _, _ in s.slots)])
     system = _System.of(surfaces, space, scale)
     ends, arrived = system.solutions()
     return _collected(kinematics, qa, space, surfaces, system, (ends, arrived), (level, scale, begin))
@@ -155,6 +167,8 @@ class _Space:
             raise InputError("assembly modes: need as many motors as coordinates, and no redundant joints")
         if not turns:
             return cls((0, *(5 + i for i in moves)))
+        if turns == [0, 1] and len(moves) == 3:  # the legs hold the third angle
+            return cls(tuple(range(8)))
         if len(turns) == 3:
             still = tuple(i for i in range(3) if i not in moves)
             return cls((0, 1, 2, 3, *range(4, 8)) if moves else (0, 1, 2, 3), still=still if moves else ())
@@ -202,8 +216,8 @@ class _System:
 
     Attributes:
         entries: indices of the unknowns.
-        kinds: per equation "sphere" or "plane" and the number of its coupling point, -1 for the origin.
-        points: (N, 3) coupling points, as lengths relative to the scale.
+        kinds: per equation its name in `_FORMS` and the number of its point, -1 for the origin.
+        points: (N, 3) coupling points, as lengths relative to the scale; axes, normals of the platform.
         vectors: (E, 3) centres or normals; numbers: (E,) |k|^2 + |c|^2 - l^2 or d.
     """
 
@@ -215,10 +229,10 @@ class _System:
 
     @classmethod
     def of(cls, surfaces: Sequence[LegSurface], space: _Space, scale: float) -> _System:
-        """From the surfaces; equations that hold anyway are left out."""
+        """From the surfaces; equations that follow from those before are left out."""
         kinds: list[tuple[str, int]] = []
         vectors, numbers = [], []
-        points = np.array([s.kappa for s in surfaces]) / (1.0 if space.turning else scale)
+        points = list(np.array([s.kappa for s in surfaces]) / (1.0 if space.turning else scale))
         for k, surface in enumerate(surfaces):
             if surface.center is not None:
                 c = surface.center / scale
@@ -229,12 +243,19 @@ class _System:
                 kinds.append(("plane", k))
                 vectors.append(normal)
                 numbers.append(d / (1.0 if space.turning else scale))
+            held = [("angle", a, u, c) for a, u, c in surface.angles]
+            held += [("slot", b / scale, n, d / scale) for b, n, d in surface.slots]
+            for name, vector, own, number in held:
+                kinds.append((name, len(points)))
+                points.append(own)
+                vectors.append(vector)
+                numbers.append(number)
         for i in space.still:
             kinds.append(("plane", -1))
             vectors.append(np.eye(3)[i])
             numbers.append(0.0)
-        whole = cls(space.entries, tuple(kinds), points, np.array(vectors), np.array(numbers))
-        says = np.abs(whole._leg_forms()).max(axis=(1, 2)) > 1e-12
+        whole = cls(space.entries, tuple(kinds), np.array(points), np.array(vectors), np.array(numbers))
+        says = _independent(whole._leg_forms().reshape(len(kinds), -1))
         kept = tuple(kind for kind, keep in zip(kinds, says, strict=True) if keep)
         system = replace(whole, kinds=kept, vectors=whole.vectors[says], numbers=whole.numbers[says])
         wanted, there = len(space.entries) - 1, len(system.forms())
@@ -257,8 +278,7 @@ class _System:
         out = []
         points = np.vstack([self.points, np.zeros(3)])
         for (kind, k), v, number in zip(self.kinds, self.vectors, self.numbers, strict=True):
-            make = _sphere if kind == "sphere" else _plane
-            out.append(make(v, points[k], number)[np.ix_(self.entries, self.entries)])
+            out.append(_FORMS[kind](v, points[k], number)[np.ix_(self.entries, self.entries)])
         return np.array(out).reshape(-1, len(self.entries), len(self.entries))
 
     def general(self, seed: int) -> _System:
@@ -291,6 +311,18 @@ class _System:
         if len(distinct(ends[arrived == 1.0])) < np.count_nonzero(arrived == 1.0):
             ends, arrived = follow(way, starts, tolerance=1e-7)  # two paths in one: smaller steps
         return ends, arrived
+
+
+def _independent(rows: np.ndarray) -> list[bool]:
+    """Which rows (E, n) are no combination of those before."""
+    basis, says = np.zeros((0, rows.shape[1])), []
+    for row in rows:
+        rest = row - basis.T @ (basis @ row)
+        says.append(bool(np.linalg.norm(rest) > 1e-9 * max(1.0, float(np.linalg.norm(row)))))
+        if says[-1]:
+            rest = rest - basis.T @ (basis @ rest)
+            basis = np.vstack([basis, rest / np.linalg.norm(rest)])
+    return says
 
 
 @lru_cache(maxsize=32)
@@ -368,7 +400,7 @@ def _mode(
     both[list(space.entries)] = y
     e, h = both[:4], both[4:]
     R = Rotation.from_quat(np.roll(e, -1)).as_matrix()
-    r = scale * (_right(e * [1, -1, -1, -1]) @ h)[1:] / (e @ e)
+    r = scale * position_of(e, h)
     residual = max(s.error(r, R) for s in surfaces)
     if space.lift:
         r = r + level * np.eye(3)[space.about]
@@ -386,6 +418,11 @@ def _coordinates(
         angles[[i - 3 for i in platform.order if i >= 3]] = 2.0 * np.arctan2(e[1 + space.about], e[0])
     elif any(i >= 3 for i in platform.order):
         angles = Rotation.from_matrix(R).as_euler(platform.convention.upper())
+        if 5 not in platform.order and abs(angles[2]) > 1:  # the same rotation with a third angle of zero
+            around = -angles[1] if len(set(platform.convention)) == 2 else math.pi - angles[1]
+            angles = np.array([angles[0] + math.pi, around, angles[2] + math.pi])
+        if 5 not in platform.order and abs(nearest_turn(angles)[2]) > _CLOSED:
+            raise InputError("assembly modes: in one of them the platform also turns about its third axis")
     return np.concatenate([r, nearest_turn(angles)])[platform.order]
 
 
@@ -401,38 +438,3 @@ def _home_branches(kinematics: Kinematics, z: np.ndarray, qa: np.ndarray) -> boo
     gap = np.array([q[leg][joint] for leg, joint in kinematics.description.actuated]) - qa
     gap = np.where([row.sigma == REVOLUTE for row in rows], nearest_turn(gap), gap)
     return bool(np.abs(gap).max() < 1e-6)
-
-
-def _sphere(c: np.ndarray, k: np.ndarray, number: complex) -> np.ndarray:
-    """(8, 8): |p - c| is the radius, with number = |k|^2 + |c|^2 - radius^2."""
-    left, right = _left(np.append(0, c)), _right(np.append(0, k))
-    out = np.zeros((8, 8), dtype=np.result_type(c, k, number))
-    both = left.T @ right
-    out[4:, 4:] = np.eye(4)
-    out[:4, :4] = number * np.eye(4) - both - both.T
-    out[4:, :4] = right - left
-    out[:4, 4:] = (right - left).T
-    return out
-
-
-def _plane(n: np.ndarray, k: np.ndarray, d: complex) -> np.ndarray:
-    """(8, 8): n . p = d."""
-    left, right = _left(np.append(0, n)), _right(np.append(0, k))
-    out = np.zeros((8, 8), dtype=np.result_type(n, k, d))
-    both = left.T @ right
-    out[:4, :4] = 0.5 * (both + both.T) - d * np.eye(4)
-    out[4:, :4] = 0.5 * left
-    out[:4, 4:] = 0.5 * left.T
-    return out
-
-
-def _left(a: np.ndarray) -> np.ndarray:
-    """(4, 4): a b of quaternions, scalar first."""
-    w, x, y, z = a
-    return np.array([[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]])
-
-
-def _right(b: np.ndarray) -> np.ndarray:
-    """(4, 4): a b of quaternions as a matrix times a."""
-    w, x, y, z = b
-    return np.array([[w, -x, -y, -z], [x, w, z, -y], [y, -z, w, x], [z, y, -x, w]])

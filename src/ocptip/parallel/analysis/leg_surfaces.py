@@ -1,6 +1,7 @@
 """Where a leg's coupling point can be while its motors are locked: sphere, circle, plane, cylinder, line.
 
-Also legs of spherical robots, of which two passive joints keep the angle between their axes.
+Also legs of spherical robots, of which two passive joints keep the angle between their axes, and legs whose
+last joint, or the whole end, is rigid with the platform: these hold axes and points of the base in it, too.
 """
 
 from __future__ import annotations
@@ -26,6 +27,9 @@ class LegSurface:
             distance from the axis through the centre counts.
         axis: (3,) unit vector of a cylinder's axis; None: a sphere.
         planes: pairs of a normal (3,) and a number d, m, with normal . p = d.
+        angles: axes a (3,) of the base and u (3,) of the platform and a number c with a . R u = c.
+        slots: points b (3,), m, of the base, normals n (3,) of the platform and numbers d, m, with
+            n . R' (b - r) = d: planes of the platform in which the points stay.
         reach: (3,) point, smallest and largest distance of p from it; empty: no further limit.
     """
 
@@ -34,12 +38,16 @@ class LegSurface:
     radius: float = 0.0
     axis: np.ndarray | None = None
     planes: tuple[tuple[np.ndarray, float], ...] = ()
+    angles: tuple[tuple[np.ndarray, np.ndarray, float], ...] = ()
+    slots: tuple[tuple[np.ndarray, np.ndarray, float], ...] = ()
     reach: tuple[np.ndarray, float, float] | tuple[()] = field(default=())
 
     def error(self, r: np.ndarray, R: np.ndarray) -> float:
-        """How far p is from where it should be, m."""
+        """How far p is from where it should be, m; axes by the sine of their angle."""
         p = r + R @ self.kappa
         errors = [abs(float(normal @ p) - d) for normal, d in self.planes]
+        errors += [abs(float(a @ R @ u) - c) for a, u, c in self.angles]
+        errors += [abs(float((b - r) @ R @ n) - d) for b, n, d in self.slots]
         if self.center is not None:
             arm = p - self.center
             arm = arm if self.axis is None else arm - self.axis * (self.axis @ arm)
@@ -118,6 +126,47 @@ def leg_surface(
     )
 
 
+def held_leg(leg: LegSolver, locked: dict[int, float]) -> LegSurface:
+    """What a leg without a ball joint at the platform holds: passive joints U and P, or U and R with parallel
+    last axes, or S and R, the last joint next to the platform.
+
+    Args:
+        leg: assembled.
+        locked: positions of its motors' joints, rad or m.
+
+    Raises:
+        InputError: another kind of leg.
+    """
+    rows, q = leg.leg.joint_rows if isinstance(leg.leg, Leg) else (), np.array(leg.home)
+    for joint, value in locked.items():
+        q[joint] = value
+    passive = [j for j in range(leg.n) if j not in locked]
+    kind = "".join("R" if rows[j].sigma == REVOLUTE else "P" for j in passive) if rows else ""
+    turn = leg.end_rotations[0]
+    if not leg.locked and kind in ("RRP", "RRR", "RRRR") and passive[-1] == leg.n - 1 and turn is not None:
+        rotations, origins = leg.frames(q)
+        R, axes, points = rotations[leg.end_rows[0]] @ turn, rotations[passive, :, 2], origins[passive]
+        kappa, p, last = leg.couplings[0], origins[leg.point], R.T @ axes[-1]
+        center = _meeting_point(axes[: len(kind) - 1], points[: len(kind) - 1])
+        met = _distance(axes[:-1], points[:-1], center) < _SAME * leg.length
+        arm = R.T @ (center - p) + kappa
+        angle = (axes[0], R.T @ axes[1], float(axes[0] @ axes[1]))
+        if kind == "RRP" and met:
+            normals = np.linalg.svd(last[None])[2][1:]
+            return LegSurface(
+                kappa, angles=(angle,), slots=tuple((center, n, float(n @ arm)) for n in normals)
+            )
+        parallel = float(np.linalg.norm(np.cross(axes[-2], axes[-1]))) < _SAME
+        if met and leg.n == leg.point + 1 and (kind == "RRRR" or parallel):
+            angles = (angle,) if kind == "RRR" else ()
+            slots, radius = ((center, last, float(last @ arm)),), float(np.linalg.norm(p - center))
+            return LegSurface(kappa, center, radius, angles=angles, slots=slots)
+    raise InputError(
+        f"leg {leg.number + 1}: assembly modes need ball joints at the platform, or passive joints UP, UR "
+        "with parallel last axes, or SR up to it"
+    )
+
+
 def _fixed_angle(leg: LegSolver, q: np.ndarray, passive: list[int]) -> LegSurface:
     """The last passive axis, fixed in the platform, keeps its angle with the first one."""
     turn, rows = leg.end_rotations[0], leg.leg.joint_rows
@@ -152,3 +201,58 @@ def _meeting_point(axes: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 def _distance(axes: np.ndarray, points: np.ndarray, center: np.ndarray) -> float:
     return float(np.linalg.norm(np.cross(axes, center - points), axis=1).max())
+
+
+def sphere_form(c: np.ndarray, k: np.ndarray, number: complex) -> np.ndarray:
+    """(8, 8): |p - c| is the radius, with number = |k|^2 + |c|^2 - radius^2."""
+    left, right = _left(np.append(0, c)), _right(np.append(0, k))
+    out = np.zeros((8, 8), dtype=np.result_type(c, k, number))
+    both = left.T @ right
+    out[4:, 4:] = np.eye(4)
+    out[:4, :4] = number * np.eye(4) - both - both.T
+    out[4:, :4] = right - left
+    out[:4, 4:] = (right - left).T
+    return out
+
+
+def plane_form(n: np.ndarray, k: np.ndarray, d: complex) -> np.ndarray:
+    """(8, 8): n . p = d."""
+    left = _left(np.append(0, n))
+    out = angle_form(n, k, d)
+    out[4:, :4] = 0.5 * left
+    out[:4, 4:] = 0.5 * left.T
+    return out
+
+
+def angle_form(a: np.ndarray, u: np.ndarray, c: complex) -> np.ndarray:
+    """(8, 8): a . R u = c."""
+    out = np.zeros((8, 8), dtype=np.result_type(a, u, c))
+    both = _left(np.append(0, a)).T @ _right(np.append(0, u))
+    out[:4, :4] = 0.5 * (both + both.T) - c * np.eye(4)
+    return out
+
+
+def slot_form(b: np.ndarray, n: np.ndarray, d: complex) -> np.ndarray:
+    """(8, 8): n . R' (b - r) = d."""
+    right = _right(np.append(0, n))
+    out = angle_form(b, n, d)
+    out[4:, :4] = -0.5 * right
+    out[:4, 4:] = -0.5 * right.T
+    return out
+
+
+def position_of(e: np.ndarray, h: np.ndarray) -> np.ndarray:
+    """r (3,) of the quaternions e and h."""
+    return (_right(e * [1, -1, -1, -1]) @ h)[1:] / (e @ e)
+
+
+def _left(a: np.ndarray) -> np.ndarray:
+    """(4, 4): a b of quaternions, scalar first."""
+    w, x, y, z = a
+    return np.array([[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]])
+
+
+def _right(b: np.ndarray) -> np.ndarray:
+    """(4, 4): a b of quaternions as a matrix times a."""
+    w, x, y, z = b
+    return np.array([[w, -x, -y, -z], [x, w, z, -y], [y, -z, w, x], [z, y, -x, w]])
