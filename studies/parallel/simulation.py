@@ -30,6 +30,7 @@ class Springs:
 
     Attributes:
         seconds: CPU time spent here.
+        began: CPU time at the first call, when the equations are made.
     """
 
     def __init__(self, robot: ParallelRobot) -> None:
@@ -45,11 +46,12 @@ class Springs:
         inverse = np.linalg.inv(robot.jacobian(home, q))
         mass = inverse.T @ robot.mass_matrix(home, q) @ inverse
         self._stiffness = (2 * np.pi * _FREQUENCY) ** 2 * mass
-        self.seconds = 0.0
+        self.seconds, self.began = 0.0, 0.0
 
     def force(self, t: float, z: np.ndarray, s: np.ndarray) -> np.ndarray:
         """(n_a,) motor forces."""
         begin = time.process_time()
+        self.began = self.began or begin
         force = self._carry - self._stiffness @ self._stretch(z)
         self.seconds += time.process_time() - begin
         return force
@@ -73,12 +75,8 @@ def drift(robot: ParallelRobot, seconds: float, step: float = 0.001) -> tuple[fl
     springs = Springs(robot)
     push = _SPEED * np.random.default_rng(1).uniform(-1, 1, robot.m)
     home = robot.description.home
-    begin, short = time.process_time(), 0.2
-    simulate(robot, home, push, duration=short, step=step)
-    making = time.process_time() - begin  # of the equations and their machine code, most of it
-    begin = time.process_time()
-    path = simulate(robot, home, push, duration=seconds + short, step=step, motors=springs.force)
-    cpu = time.process_time() - begin - springs.seconds - making
+    path = simulate(robot, home, push, duration=seconds, step=step, motors=springs.force)
+    cpu = time.process_time() - springs.began - springs.seconds
     springs = Springs(robot)
     total = path.energy.sum(axis=1) + np.array([springs.energy(z) for z in path.z])
     error = np.abs(total - total[0]).max() / path.energy[:, 0].max()
