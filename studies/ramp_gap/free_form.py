@@ -38,6 +38,7 @@ class FreeForm:
             labels of collision pairs.
         passive: joints (from 0) that must follow the ramp of a passive joint: a symmetric triangle of speed.
         iterations: at most, per solve.
+        even: accelerations are constant within each interval: ramps of equal length.
 
     Raises:
         ValueError: the moments about the tipping axes are not linear in the wrench; N is odd with passive
@@ -53,11 +54,12 @@ class FreeForm:
         active: frozenset[str] = frozenset(),
         passive: tuple[int, ...] = (),
         iterations: int = 250,
+        even: bool = False,
     ) -> None:
         if passive and intervals % 2:
             raise ValueError(f"intervals: must be even with passive joints, got {intervals}")
         self.robot, self.start, self.goal, self.active = robot, start, goal, active
-        self.passive = list(passive)
+        self.passive, self.even = list(passive), list(range(robot.arm.n)) if even else []
         self.intervals, self.n = intervals, robot.arm.n
         self.slips = self._slips()
         n = self.n
@@ -109,6 +111,7 @@ class FreeForm:
             rows += [rate - 1, -rate - 1]
         y, p = cs.vertcat(h, q0, v0, b, v1, q1, cs.vec(free)), cs.vertcat(sign, eps, GN, GT)
         equations = [q1 - q0 - h / 3 * (v0 + b + v1), h * v0[self.passive], h * b[self.passive]]
+        equations.append((b - (v0 + v1) / 2)[self.even])
         outputs = [cost / 100, cs.vertcat(*equations), cs.vertcat(*rows)]
         multipliers = [cs.SX.sym("l", out.numel()) for out in outputs]
         lagrangian = sum(cs.dot(one, out) for one, out in zip(multipliers, outputs, strict=True))
@@ -230,7 +233,8 @@ class FreeForm:
         ramp = with_triangles(minimum_jerk(self.start, self.goal, 1.0, N), self.passive)
         starts = ramp.h * ramp.speeds[:-1, self.passive]
         starts[0] = rest  # at rest in any case
-        return np.hstack([np.zeros((N, self.n)), starts, ramp.h * ramp.middles[:, self.passive]]).ravel()
+        moved = [np.zeros((N, self.n)), starts, ramp.h * ramp.middles[:, self.passive]]
+        return np.hstack([*moved, np.zeros((N, len(self.even)))]).ravel()
 
     def solve(
         self,

@@ -119,6 +119,16 @@ def test_the_table_of_the_floor():
         {"energies_J": [101.0, 101.1], "worlds": 3, "slip_worlds": 1, "short_Nm": -0.7, "GT": 1.7},
         {"energies_J": [103.0], "worlds": 6, "slip_worlds": 3, "short_Nm": -0.1, "GT": 1.002},
     ]
-    row = {"task": "C", "nominal_J": 100.0, "within_J": 109.0, "free_J": 98.0, "steps": steps}
+    row = {
+        "task": "C",
+        "nominal_J": 100.0,
+        "within_J": 109.0,
+        "free_J": 98.0,
+        "even_J": 106.0,
+        "steps": steps,
+    }
     text = floor_table([row], ["- A note."])
-    assert "| C | 100.0 | 98.0 | 103.0 | 3.0 % | 5.1 % | 9.0 % | 2, 0.10 % | 6, 3 | -0.10 | 1.002 |" in text
+    assert (
+        "| C | 100.0 | 98.0 | 103.0 | 3.0 % | 5.1 % | 6.0 % | 9.0 % | 2, 0.10 % | 6, 3 | -0.10 | 1.002 |"
+        in text
+    )
