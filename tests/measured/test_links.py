@@ -43,18 +43,18 @@ def real():
     return Predictor(robot.varied(arm=arm), motion)
 
 
-def recorded(own, seed, *, late=0.0, sensor=True):
+def recorded(own, seed, *, late=0.0, sensor=True, noise=0.1):
     rng = np.random.default_rng(seed)
     times = np.arange(0.0, own.motion.end + 0.3, 2e-3)
     state = own.state(times - 0.1234567, np.array([0, 0, late, 0, 0, 0]), np.zeros(25))
     signals = []
     torques = state.torques + DRY * np.sign(state.qd) + VISCOUS * state.qd
     for k in range(6):
-        noise = rng.normal(size=(2, len(times)))
-        signals.append(Signal(f"q{k + 1}", "angles", k, state.encoders[:, k] + 1e-4 * noise[0]))
-        signals.append(Signal(f"tau{k + 1}", "torques", k, torques[:, k] + 0.1 * noise[1]))
+        white = rng.normal(size=(2, len(times)))
+        signals.append(Signal(f"q{k + 1}", "angles", k, state.encoders[:, k] + 1e-4 * white[0]))
+        signals.append(Signal(f"tau{k + 1}", "torques", k, torques[:, k] + noise * white[1]))
     for k, name in enumerate(("fx", "fy", "fz", "mx", "my", "mz")):
-        values = state.wrenches[:, k] + 0.1 * rng.normal(size=len(times))
+        values = state.wrenches[:, k] + noise * rng.normal(size=len(times))
         if sensor:
             signals.append(Signal(name, "sensor", k, values))
     return Recording(times, tuple(signals))
@@ -158,6 +158,11 @@ def test_what_a_process_does_is_no_inertia(process):
     without = identify_links(recorded(own, 3), described())
     away = np.abs(found.estimate.values - without.estimate.values)
     assert np.all(away[without.estimate.seen] < 1.0 * without.estimate.errors[without.estimate.seen])
+
+
+def test_without_noise_loads_are_known_to_a_millionth():
+    found = identify_links(recorded(real(), 0, noise=0.0), described()).estimate
+    assert found.errors[found.seen].min() > 1e-9
 
 
 def test_without_torques_it_is_refused():

@@ -20,6 +20,7 @@ from ocptip.measured.clocks import AROUND, distance, find_clock
 from ocptip.measured.prediction import Predictor
 from ocptip.measured.recording import ANGLE, Recording, Signal
 from ocptip.measured.regression import Block, whitened
+from ocptip.measured.signals import resolution
 
 _ROUNDS = 3
 _QUIET = 1e-9  # rad, m: least noise of an angle
@@ -169,7 +170,7 @@ def estimate(
                 if kept is not None:
                     good &= kept(kind, c, states[1])
                 if good.sum() > 10 and own[good].any():
-                    blocks.append(Block(y - known[c] - columns[c] @ first, own, good))
+                    blocks.append(Block(y - known[c] - columns[c] @ first, own, good, resolution(y)))
                     owners.append(kind)
         if sum(int(block.kept.sum()) for block in blocks) <= 2 * K:
             raise InputError(f"recording: too few samples of {', '.join(kinds)} for {K} parameters")
