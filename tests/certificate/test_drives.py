@@ -82,6 +82,7 @@ def test_nothing_uncertain_is_the_world_as_described(case):
     np.testing.assert_allclose(found.T, np.abs(robot.loads(*states)[0]), rtol=1e-9, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_the_greatest_is_reached_but_for_products():
     """Weights, pace and tilt chosen for one torque, one after the other."""
     robot = experiment_task("B").robot
@@ -111,6 +112,7 @@ def test_the_greatest_is_reached_but_for_products():
     assert 0.995 * most[joint] <= value(world) <= most[joint]
 
 
+@pytest.mark.slow
 def test_what_drives_do_not_have_within_the_tolerance_is_found_and_not_proved():
     task, motion = _swing("G")
     limits = MotionLimits(tolerance=WORKSHOP)

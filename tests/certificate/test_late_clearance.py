@@ -56,6 +56,7 @@ def late_gaps(robot, motion, count, seed):
     return robot.collision.least(q)
 
 
+@pytest.mark.slow
 def test_no_late_joints_come_nearer_than_is_found_and_proved(swing, proved):
     robot, motion, _ = swing
     checked, found = proved

@@ -107,6 +107,7 @@ def test_one_quantity_costs_next_to_nothing(quantity):
     assert -1e-6 <= (found - proved) / unit <= 1e-4
 
 
+@pytest.mark.slow
 def test_a_motion_is_certified_within_workshop():
     task, motion = _swing("G")
     limits = MotionLimits(tolerance=WORKSHOP)

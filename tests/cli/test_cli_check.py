@@ -110,6 +110,7 @@ def test_every_limit_can_be_set(capsys, plan, option, name):
     assert [violation.split()[0] for violation in result["violations"]] == [name]
 
 
+@pytest.mark.slow
 def test_time_scale_lists_each_factor_and_keeps_the_exit_code(capsys, plan, task):
     code, result = check_json(capsys, plan, "--time-scale", 1.2, 0.9)
     assert code == 0
@@ -126,6 +127,7 @@ def test_time_scale_lists_each_factor_and_keeps_the_exit_code(capsys, plan, task
     assert f"{fast.worst['GN'].value:.3g}" in quick.split()
 
 
+@pytest.mark.slow
 def test_samples_are_checked_like_commands(capsys, plan, task, tmp_path):
     csv = tmp_path / "motion.csv"
     write_motion_csv(csv, sample_motion(task.robot, task.reference))
@@ -139,6 +141,7 @@ def test_samples_are_checked_like_commands(capsys, plan, task, tmp_path):
     assert samples["energy_J"] == pytest.approx(commands["energy_J"], rel=1e-5)
 
 
+@pytest.mark.slow
 def test_case_and_base_are_those_of_the_file_unless_given(capsys, plan):
     by_file = check_json(capsys, plan)[1]["worst"]["GN"]["value"]
     printed = check_json(capsys, plan, "--base", "printed")[1]["worst"]["GN"]["value"]

@@ -44,6 +44,7 @@ def test_table_says_the_same_as_json():
     assert text.isascii()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "count", "rank"), [("6ups", 24, 21), ("3RRR", 10, 9), ("Delta", 14, 13)])
 def test_rank_of_the_base_parameters_is_said(name, count, rank):
     text, report = said(name), json.loads(said(name, "--json"))

@@ -53,6 +53,7 @@ def stand_in(folder):
     return folder / "A"
 
 
+@pytest.mark.slow
 def test_a_task_of_a_cycle_has_load_cases_by_segment(tmp_path, capsys, cases):
     task = str(EXAMPLES / "tasks" / "ur5_pick_and_place.toml")
     assert main(["report", task, "--cases", cases, "--out", str(tmp_path / "c.html"), "--json"]) == 0

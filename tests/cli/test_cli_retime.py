@@ -49,6 +49,7 @@ def test_a_motion_that_tips_stands_with_another_timing_on_its_path(folder: Path)
         assert ours["positions"] == pytest.approx(theirs["positions"], abs=1e-6)
 
 
+@pytest.mark.slow
 def test_a_path_with_its_timing_is_checked_without_a_controller(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -74,6 +75,7 @@ def test_its_gripper_is_on_the_given_path(folder: Path) -> None:
     assert max(np.min(np.linalg.norm(fine - p, axis=1)) for p in points) < 1e-3
 
 
+@pytest.mark.slow
 def test_the_folder_is_checked_as_any(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The motion that is read back is that of the controller, to the last bit."""
     capsys.readouterr()
@@ -86,6 +88,7 @@ def test_the_folder_is_checked_as_any(folder: Path, capsys: pytest.CaptureFixtur
     assert found.task.name == "UR5 on a cart"
 
 
+@pytest.mark.slow
 def test_check_says_what_another_timing_of_the_path_takes(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -241,6 +244,7 @@ def test_a_path_that_cannot_be_timed_says_where_and_why(
     assert "at s = 0.0000: tip-over GN is" in error
 
 
+@pytest.mark.slow
 def test_a_limit_of_the_jerk_is_kept_by_the_timing(tmp_path: Path) -> None:
     """In degrees; the written points, which are further apart than the timing, are checked as they are."""
     line = tmp_path / "line.toml"

@@ -63,6 +63,7 @@ def cycle(tmp_path_factory):
     return planned(tmp_path_factory.mktemp("cycles"))
 
 
+@pytest.mark.slow
 def test_simulate_a_cycle(cycle, capsys):
     assert main(["simulate", str(cycle), "--json", "--step", "0.0004"]) == 0
     data = json.loads(capsys.readouterr().out)

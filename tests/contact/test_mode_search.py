@@ -171,6 +171,7 @@ def test_an_ill_conditioned_problem_with_a_solution_is_not_declared_unsolvable()
     assert solve_many(support, NARROW_LOAD[None]).status_codes[0] != NO_SOLUTION
 
 
+@pytest.mark.slow
 def test_what_pivoting_solves_is_not_declared_unsolvable_near_the_ill_conditioned_problem():
     support = narrow_support()
     loads = NARROW_LOAD * (1 + 1e-3 * np.random.default_rng(0).normal(size=(200, 3)))

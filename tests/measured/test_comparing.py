@@ -56,6 +56,7 @@ def test_a_late_sensor_is_found():
     assert found.findings[0].value == pytest.approx(4.0, abs=2 * found.findings[0].interval)
 
 
+@pytest.mark.slow
 def test_friction_elasticity_and_zeros_together():
     plan = predictor()
     springs = Elasticity(1e-4 * (np.arange(6) == 2), np.full(6, 0.08), np.full(6, True))

@@ -17,7 +17,7 @@ from ocptip.published.tasks import experiment_task
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.tolerance import Tolerance
 from ocptip.trajectories.arm_motion import ArmMotion
-from ocptip.trajectories.controllers import CONTROLLERS, controller_points
+from ocptip.trajectories.controllers import controller_points
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.read import _from_points, load_motion
 from tests.pictures.plan_stand_in import stand_in_plan
@@ -35,7 +35,10 @@ def tight(task):
     return MotionLimits(GN=worst["GN"].value * (1 + 1e-9), GT=worst["GT"].value * (1 + 1e-9))
 
 
-@pytest.fixture(scope="module", params=CONTROLLERS)
+@pytest.fixture(
+    scope="module",
+    params=["cubic", *(pytest.param(c, marks=pytest.mark.slow) for c in ("linear", "quintic"))],
+)
 def executed(request, task, tight):
     motion = task.reference
     if request.param == "quintic":
@@ -67,6 +70,7 @@ def test_what_is_read_back_is_what_was_checked(task, tight, executed, tmp_path, 
     assert again.energy == pytest.approx(executed.check.energy, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_where_slowness_does_not_help_the_violations_stay(task, tight):
     limits = MotionLimits(GN=tight.GN / 4, GT=tight.GT / 4)
     executed = execute(task.robot, task.reference.with_rise_times(0.02), limits, "quintic")

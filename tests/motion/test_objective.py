@@ -91,6 +91,7 @@ def test_the_fastest_motion_is_faster_and_costs_more(task, least_energy):
     assert fastest.energy > least_energy.energy
 
 
+@pytest.mark.slow
 def test_a_price_lies_between(task, least_energy):
     objective = priced(100.0)
     plan = planned(task, objective)

@@ -488,6 +488,7 @@ def assert_ur5_is_planned(root, starts):
     assert checked.verified, checked.violations
 
 
+@pytest.mark.slow
 def test_a_ur5_on_a_cart(root):
     assert_ur5_is_planned(root, 1)
 
@@ -536,6 +537,7 @@ def test_within_a_tolerance_the_pair_of_postures_that_promises_the_least_cost_ge
     assert done == [5, 1, 4]
 
 
+@pytest.mark.slow
 def test_a_verified_motion_that_is_not_proved_is_planned_again_a_little_tighter(task):
     """It uses a limit of friction up, and the proof falls short of that by a thousandth."""
     limits = MotionLimits(tolerance=Tolerance(friction=0.2, arm_mass=0.1, tilt=0.02), GT_worst_case=0.7)

@@ -70,7 +70,7 @@ def test_derivatives_of_programs_with_what_varies(over, kind):
         assert np.max(np.abs(hessian @ v - reference)) < 2e-5 * np.max(np.abs(reference))
 
 
-@pytest.mark.parametrize("over", ["share", "time"])
+@pytest.mark.parametrize("over", [pytest.param("share", marks=pytest.mark.slow), "time"])
 def test_plans_follow_what_varies(over):
     """Their energy is that of the check; a force in the middle costs between none and one all the time."""
     task, bare = case("A")
@@ -105,6 +105,7 @@ def test_ends_of_a_motion_that_is_not_known(over):
         np.testing.assert_array_equal(end.wrench, np.hstack([process.force[2], process.moment[2]]))
 
 
+@pytest.mark.slow
 def test_timings_follow_what_varies_over_the_way():
     """Of the sander that presses only early; one whose values are all the same is a constant one."""
     task = load_task(EXAMPLES / "tasks" / "ur5_sander.toml")
@@ -126,7 +127,7 @@ def test_timings_follow_what_varies_over_the_way():
     assert gently.motion.end + 5e-5 < early.motion.end < constant.motion.end + 1e-6
 
 
-@pytest.mark.parametrize("over", ["share", "time"])
+@pytest.mark.parametrize("over", [pytest.param("share", marks=pytest.mark.slow), "time"])
 def test_plans_within_a_tolerance_follow_what_varies(over):
     """Of a force that pulls in the middle a plan of its own; the check knows that of the whole time."""
     task, bare = case("A")

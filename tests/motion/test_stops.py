@@ -128,6 +128,7 @@ def test_tables_tell_where_a_stop_is_safe(task):
     assert json.loads(json.dumps(data, allow_nan=False)) == data
 
 
+@pytest.mark.slow
 def test_half_spaces_of_slip_do_not_change_what_is_safe(task, monkeypatch):
     """On four feet, whose friction decides."""
     feet = [
@@ -279,6 +280,7 @@ def test_plans_that_may_be_stopped_by_brakes():
     assert stops.brake_speeds.min() == 1.0
 
 
+@pytest.mark.slow
 def test_stops_by_brakes_that_the_cheapest_plan_breaks_clearly():
     """On 60 kg: which joints turn which way together decides, and starts are chosen by that."""
     task = on_a_heavy_base(experiment_task("A", "effective"), 60.0)

@@ -45,6 +45,7 @@ assert threads() == before and len(before) > 0, (before, threads())
 """
 
 
+@pytest.mark.slow
 def test_checks_certificates_and_scans_limit_threads_themselves(root):
     own = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
     done = subprocess.run(

@@ -186,6 +186,7 @@ def test_one_stand_serves_several_tasks(drilled):
     assert alone.total >= drilled.best.total - 1e-6  # one stand for two is no better for the first
 
 
+@pytest.mark.slow
 def test_force_sets_count_with_their_worst_direction():
     loads = sampled_loads(6.0, 6, axis=[-1, 0, 0], half_angle=0.5)
     best = place(drilling(tasks=GripperTask([0, 0, 0.55], INTO_WALL, loads)), starts=2).best
@@ -195,6 +196,7 @@ def test_force_sets_count_with_their_worst_direction():
         assert best.criteria[name] == pytest.approx(np.max(getattr(found, name)[0, 1:]))
 
 
+@pytest.mark.slow
 def test_no_force_inside_a_cone_is_worse_than_stated():
     loads, rng = sampled_loads(6.0, axis=[-1, 0, 0], half_angle=0.4), np.random.default_rng(0)
     best = place(drilling(tasks=GripperTask([0, 0, 0.55], INTO_WALL, loads)), starts=2).best
@@ -211,6 +213,7 @@ def test_no_force_inside_a_cone_is_worse_than_stated():
         assert worst >= best.criteria[name] * 0.97
 
 
+@pytest.mark.slow
 def test_terrains_compete():
     low = plane(x=(-1.5, -0.6), contacts_inside=True, name="low")
     high = plane(height=0.15, x=(-0.55, 0.0), contacts_inside=True, name="high")
@@ -262,6 +265,7 @@ def test_too_large_force_names_torque_or_standing():
     assert "must be" in str(caught.value)
 
 
+@pytest.mark.slow
 def test_least_violation_of_a_limit_is_found():
     """The reported excess of the only constraint in the way is the smallest there is."""
     only = Weights(GN=0, GT=1, GK=0, GE=0)
@@ -340,6 +344,7 @@ def test_feet_with_different_normals_are_judged_with_all_forces_redistributed():
     assert (kept > full[0] + 0.01).all()
 
 
+@pytest.mark.slow
 def test_four_feet_use_the_full_redistribution():
     assert four_feet().slip.redistribution == "full"
     best = place(drilling(four_feet("tangential")), starts=2).best

@@ -56,6 +56,7 @@ def test_a_timing_within_a_tolerance_keeps_every_contact():
             assert np.all(moments > 0)
 
 
+@pytest.mark.slow
 def test_accelerations_that_change_between_jumps_are_late_too():
     """Moments in worlds that are searched for, with joints late or overshooting, are no less than in the
     check; without what joints were the longest delay before they would be."""

@@ -180,6 +180,7 @@ def test_slopes_of_scenes_are_those_of_scenes_built_anew(seed, own_reference):
     assert sideways == pytest.approx(-np.linalg.norm(steepest), rel=1e-3)
 
 
+@pytest.mark.slow
 @settings(max_examples=3)
 @given(seed=st.integers(0, 10**6), case=st.sampled_from(["A", "B", "D", "G", "H"]))
 def test_slopes_of_motions_are_those_of_robots_built_anew(seed, case):

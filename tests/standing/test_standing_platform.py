@@ -302,6 +302,7 @@ def test_a_motion_through_a_singular_pose_is_not_checked(task):
     assert any("singularity of leg" in reason for reason in refusals(far))
 
 
+@pytest.mark.slow
 def test_motor_speed_limit_shapes_the_plan(task, plan):
     """Half the motor speed of the free plan: the new plan keeps it and is slower."""
     limits = replace(task.robot.platform_limits, motor_speed=0.5 * plan.check.worst["motor_speed"].value)

@@ -190,6 +190,7 @@ def test_cluttered_tasks_are_the_same_for_a_seed_and_clear_of_the_gripper():
     assert len(among.obstacles) + len(among.keep_out) == 7
 
 
+@pytest.mark.slow
 def test_clutter_study_counts_what_is_close_and_keeps_what_is_done(tmp_path, monkeypatch, capsys):
     made = []
 
@@ -237,6 +238,7 @@ def test_front_against_all_pairs():
     assert all(sum(w) == 6 for w in placement_pareto.weight_grid(6))
 
 
+@pytest.mark.slow
 def test_pareto_study_keeps_what_is_done(tmp_path, monkeypatch, capsys):
     points = [(0.2, 0.3, 40.0), (0.3, 0.2, 39.0), (0.3, 0.3, 41.0)]
 

@@ -131,6 +131,7 @@ def test_assembled_derivatives(task):
         np.testing.assert_allclose(H[:, k], np.array(slope)[:, 0] / 2e-5, rtol=1e-4, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_study_writes_everything_and_goes_on(tmp_path, monkeypatch, capsys):
     case = motion_case("A")
     robot = experiment_robot(case, "printed")

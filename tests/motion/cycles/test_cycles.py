@@ -123,6 +123,7 @@ def test_what_is_written_is_what_was_checked(plan, tmp_path, controller):
     )
 
 
+@pytest.mark.slow
 def test_the_command_says_it_and_reads_it(plan, tmp_path, monkeypatch, capsys):
     path = written(tmp_path)
     monkeypatch.setattr(

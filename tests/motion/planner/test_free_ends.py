@@ -139,6 +139,7 @@ def test_a_free_turn_saves_energy_and_the_poses_are_kept(planned):
     assert check_motion(free.task.robot, free.motion, free.task.limits).verified
 
 
+@pytest.mark.slow
 def test_margins_to_angle_limits_are_kept(planned):
     """A margin that start and goal just keep binds the motion; one that is wider refuses them."""
     free = planned[0]

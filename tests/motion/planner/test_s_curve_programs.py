@@ -46,7 +46,7 @@ def drawn(seed, kind):
     return formulation, formulation.motion(x), x
 
 
-@settings(max_examples=20)
+@settings(max_examples=8)
 @given(seed=SEEDS, kind=KINDS)
 def test_order_has_all_events_of_the_motion(seed, kind):
     formulation, motion, x = drawn(seed, kind)
@@ -69,7 +69,7 @@ def test_order_has_all_events_of_the_motion(seed, kind):
                 np.testing.assert_allclose(times[places[joint, :used]], ramps.times + late, atol=1e-8)
 
 
-@settings(max_examples=20)
+@settings(max_examples=8)
 @given(seed=SEEDS, kind=KINDS)
 def test_directions_are_the_signs_of_the_speeds(seed, kind):
     formulation, motion, x = drawn(seed, kind)

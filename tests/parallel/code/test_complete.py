@@ -102,7 +102,7 @@ def test_rates_of_code_are_differences_of_its_joints(name):
 
 
 @pytest.mark.skipif(COMPILER is None, reason="no C compiler on this machine")
-@pytest.mark.parametrize("name", ["five_bar", "tricept", "sps6"])
+@pytest.mark.parametrize("name", ["five_bar", "tricept", pytest.param("sps6", marks=pytest.mark.slow)])
 def test_compiled_joints_and_forces_are_those_of_python(name, tmp_path):
     """Nothing but z, z' and z'' comes from outside."""
     robot = robot_of(name)
@@ -143,7 +143,7 @@ def test_a_robot_generates_complete_code_by_itself(tmp_path):
             robot.lean(**option)
 
 
-@pytest.mark.parametrize("name", ["five_bar", "exechon", "sps6"])
+@pytest.mark.parametrize("name", ["five_bar", "exechon", pytest.param("sps6", marks=pytest.mark.slow)])
 def test_base_parameters_of_the_whole_robot_have_the_same_forces(name):
     """DynPar 3: fewer parameters and operations, the same forces; W is their regressor."""
     robot = robot_of(name)
