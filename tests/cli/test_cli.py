@@ -253,6 +253,7 @@ def test_sliding_is_named(capsys, scene_file):
 ALL_FACETS = (4, 6, 8, 12, 16, 24, 32, 64)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("share", "counts"),
     [

@@ -141,6 +141,7 @@ def test_bad_input_is_one_line(capsys, arguments, expected):
     assert err.startswith("ocptip: ")
 
 
+@pytest.mark.slow
 def test_robot_without_generated_code(capsys, root, tmp_path):
     example = str(root / "src/ocptip/examples/robots/delta_parallelograms.toml")
     assert main(["parallel", example]) == 0

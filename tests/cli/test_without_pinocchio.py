@@ -55,6 +55,7 @@ def test_not_needed_without_urdf(run, arguments):
     assert "versions" in json.loads(result.stdout)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "arguments",
     [

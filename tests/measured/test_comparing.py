@@ -160,6 +160,7 @@ def test_a_base_that_moved_is_found():
     assert compare(Recording(recording.times, recording.signals + tuple(still)), predictor()).agrees
 
 
+@pytest.mark.slow
 def test_a_process_that_varies_is_no_fault():
     """Its share in torques and sensor is that of a force at the gripper; left out it is found."""
     plan = predictor()

@@ -101,6 +101,7 @@ def test_a_price_lies_between(task, least_energy):
     assert here < there
 
 
+@pytest.mark.slow
 def test_a_duration_is_met_and_a_greatest_one_kept(task, least_energy):
     slow = least_energy.duration + 0.2
     exact = planned(task, min_duration=slow, max_duration=slow)

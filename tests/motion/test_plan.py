@@ -154,6 +154,7 @@ def test_the_same_plan_from_a_thread(task, plan):
         assert pool.submit(int, 3).result() == 3  # the caller's pool stays open
 
 
+@pytest.mark.slow
 def test_the_same_plan_from_another_process(task, plan, process_pool):
     assert_same(plan[0], plan_motion(task, starts=1, executor=process_pool))
     assert process_pool.submit(os.getpid).result() != os.getpid()

@@ -70,6 +70,7 @@ def test_derivatives_of_programs_with_what_varies(over, kind):
         assert np.max(np.abs(hessian @ v - reference)) < 2e-5 * np.max(np.abs(reference))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("over", [pytest.param("share", marks=pytest.mark.slow), "time"])
 def test_plans_follow_what_varies(over):
     """Their energy is that of the check; a force in the middle costs between none and one all the time."""

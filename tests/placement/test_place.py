@@ -168,6 +168,7 @@ def test_a_performance_index_is_kept(index):
         assert "manipulability" in [m.kind for m in tight.active]
 
 
+@pytest.mark.slow
 def test_one_stand_serves_several_tasks(drilled):
     tasks = [
         drilled.problem.tasks[0],
@@ -233,6 +234,7 @@ def test_terrains_compete():
     assert world[:, 0].max() <= bounds[1, 0] + 1e-6
 
 
+@pytest.mark.slow
 def test_user_terrain_and_clamps():
     best = place(drilling(terrain=hills()), starts=3).best
     assert best.feasible

@@ -42,6 +42,7 @@ def only_known_places(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(for_path, "_ROUNDS", 4)
 
 
+@pytest.mark.slow
 def test_a_place_where_the_same_path_is_faster(sweep):
     problem, here = sweep
     given = retime(placed_robot(here), load_path(EXAMPLES / "paths" / "ur5_sweep.toml", cart()).paths[0].path)
@@ -61,6 +62,7 @@ def test_a_place_where_the_same_path_is_faster(sweep):
     assert data["cost"] == found.cost < data["timing"]["duration_s"] * 1.01
 
 
+@pytest.mark.slow
 def test_the_gripper_keeps_its_lines_in_the_world(sweep):
     every, there = sweep
     problem = PlacementProblem(every.robot, every.tasks[:2], plane(), limits=every.limits)

@@ -36,6 +36,7 @@ def test_wrenches_are_those_of_the_evaluator(placement):
             np.testing.assert_allclose(nominal, found.wrenches[0, c], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_nothing_inside_is_worse(placement):
     tolerance = Tolerance(
         tilt=0.02,
@@ -57,6 +58,7 @@ def test_nothing_inside_is_worse(placement):
     assert worst - 1e-9 <= found.GT
 
 
+@pytest.mark.slow
 def test_what_needs_a_motion_is_left_out_and_the_rest_is_named(placement):
     found = placement_within(placement, WORKSHOP)
     assert found.ignored == (

@@ -67,6 +67,7 @@ def test_the_worst_within_a_tolerance_is_that_of_the_constant_one(both):
         np.testing.assert_allclose(slopes[k], alone[1][0], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_what_is_the_same_all_the_time_is_a_constant_one(both):
     robot, bare, motion = both
     force, moment, axes = [3.0, -2.0, 5.0], [0.3, 0.2, -0.1], robot.arm.process.axes
@@ -84,6 +85,7 @@ def test_what_is_the_same_all_the_time_is_a_constant_one(both):
     assert bounds[1] == pytest.approx(bounds[0], rel=2e-2)
 
 
+@pytest.mark.slow
 def test_a_certificate_of_what_varies_encloses_what_late_joints_do(both):
     robot, _, motion = both
     limits = MotionLimits(tolerance=LATE)

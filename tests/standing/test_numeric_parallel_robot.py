@@ -154,6 +154,7 @@ def test_general_robots_stand_and_are_checked(make):
     np.testing.assert_allclose((wrenches[0] - standing.support.weight)[:3], own[:3], rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_redundant_drives_are_checked():
     """A planar robot with one more motor: the smallest forces, a limit for each."""
     robot = ParallelRobot(rpr3_with_four_motors())

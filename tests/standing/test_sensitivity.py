@@ -139,6 +139,7 @@ def outwards(feet, which):
     return which[:, None] * away / np.linalg.norm(away, axis=1, keepdims=True)
 
 
+@pytest.mark.slow
 @settings(max_examples=6)
 @given(seed=st.integers(0, 10**6), own_reference=st.booleans())
 def test_slopes_of_scenes_are_those_of_scenes_built_anew(seed, own_reference):

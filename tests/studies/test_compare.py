@@ -40,6 +40,7 @@ def short(tmp_path_factory):
     return out, runs.records, rows
 
 
+@pytest.mark.slow
 def test_every_method_improves_and_says_what_it_did(short):
     pytest.importorskip("cma")
     _, records, _ = short

@@ -83,6 +83,7 @@ def test_gripper_turned_in_place():
         assert maps["dm_2"][row, column] == pytest.approx(best)
 
 
+@pytest.mark.slow
 def test_files(tmp_path, capsys):
     assert index_maps.main([str(tmp_path), "--grid", "7", "--joints", "3", "5"]) == 0
     assert "joint_plane" in capsys.readouterr().out

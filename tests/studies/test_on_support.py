@@ -18,6 +18,7 @@ def small(tmp_path_factory):
     return out, json.loads((out / "parallel_on_support.json").read_text())
 
 
+@pytest.mark.slow
 def test_durations_are_on_the_limit(small):
     out, data = small
     assert [result["case"] for result in data["results"]] == ["delta", "hexapod"]

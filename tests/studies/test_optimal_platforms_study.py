@@ -20,6 +20,7 @@ def small(tmp_path_factory):
     return out, json.loads((out / "optimal_platforms.json").read_text())
 
 
+@pytest.mark.slow
 def test_every_family_is_checked(small):
     _, data = small
     assert set(data["families"]) == {"U1", "U2", "L_H", "L_S", "RPR"}

@@ -99,6 +99,7 @@ def test_planar_regions_name_the_right_cause(evaluator):
     assert field(evaluator, np.array([low]))["cause"][0] == 1
 
 
+@pytest.mark.slow
 def test_planar_study_writes_its_files(tmp_path, monkeypatch, capsys):
     entry = {"p": [6.63, 7.92], "angles_deg": [56.3, 150.3], "total": 0.0304}
     entry |= {"GN": 0.12, "GE": 0.0, "M1": 0.0, "M2": 0.0}
@@ -136,6 +137,7 @@ def test_brute_force_blocks_cover_the_grid():
     np.testing.assert_allclose(grid.max(axis=0), [1, 2, 3 - 3 / 12])
 
 
+@pytest.mark.slow
 def test_brute_force_bookkeeping(tmp_path, monkeypatch, capsys):
     def row(seed, number, evaluations):
         totals = {1: (None, [None, None]), 2: (0.2, [0.2, 0.19])}.get(number, (0.1, [0.1005, 0.102]))

@@ -31,6 +31,7 @@ def found(task):
     return search.from_guess(minimum_jerk(case.start, case.goal, 2.0, 6))
 
 
+@pytest.mark.slow
 def test_positions_integrate_from_accelerations_rest_to_rest(task, found):
     case, _ = task
     motion = found.motion

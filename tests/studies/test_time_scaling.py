@@ -260,6 +260,7 @@ def study(plans, tmp_path_factory):
     return out, json.loads((out / "time_scaling.json").read_text())
 
 
+@pytest.mark.slow
 def test_study_writes_all_or_nothing_else(study):
     out, data = study
     assert sorted(p.name for p in out.iterdir()) == [f"time_scaling.{x}" for x in ("json", "md", "png")]

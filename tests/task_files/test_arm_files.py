@@ -167,6 +167,7 @@ def test_missing_limits_are_asked_for_by_key(folder):
     load(folder, SHORT + "[arm.limits]\nforce_N = 300\nspeed_deg_s = { turn_2 = 90 }\n")
 
 
+@pytest.mark.slow
 def test_plan_and_check_of_an_arm_on_a_lift_speak_of_metres(folder, capsys):
     load(folder, SHORT + 'optimised = ["lift", "turn_1"]\ncommands = 2\n')
     assert main(["plan", "task.toml", *ONE_START, "--out", "out"]) == 0

@@ -152,6 +152,7 @@ def test_files_of_another_robot_do_not_stay(cart, case, tmp_path):
     assert read_plan_folder(tmp_path / "plan").task.name == "C"
 
 
+@pytest.mark.slow
 def test_files_may_change_while_a_plan_is_made(cart, tmp_path):
     task = load_task(cart / "tasks" / "job.toml")
     (cart / "tasks" / "job.toml").write_text("other")
@@ -197,6 +198,7 @@ def test_a_task_made_in_python_is_not_in_the_folder(case, tmp_path, capsys):
     assert "C: " in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_what_the_command_line_says_goes_before_the_folder(plan, tmp_path, capsys):
     assert main(["check", str(plan), "--base", "printed", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["masses_kg"]["base"] == 6.582

@@ -100,6 +100,7 @@ def test_a_plan_is_checked_as_it_was_planned(tmp_path, capsys):
     assert "--rise-time: " in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_commands_run_with_the_rise_time_of_the_option_the_file_or_the_task(tmp_path, capsys):
     ramps = RESULTS / "plans" / "A-effective" / "plan.json"
     durations = {}

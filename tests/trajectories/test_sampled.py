@@ -249,6 +249,7 @@ def test_bad_questions_are_refused():
         motion.time_scaled(0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", "AE")
 def test_a_file_cut_off_is_refused_and_a_thinned_one_is_not(tmp_path, case):
     """Angles alone: the spline would brake within the last interval, with accelerations of any size."""

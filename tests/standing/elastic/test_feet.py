@@ -224,6 +224,7 @@ def test_one_jump_overshoots_by_the_rule():
     assert bound - 1 <= least <= start[k] + 1.3 * change[k]
 
 
+@pytest.mark.slow
 def test_the_least_stiffness_is_where_a_foot_begins_to_lift():
     robot, motion = plan_of("B")
     slow = motion.time_scaled(1.5)
