@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array, positive_number, share_of_one
+from ocptip.basics.frozen import settle
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
@@ -56,7 +57,7 @@ class StopRules:
                 value = finite_array(name, value, (None,))
                 if not (value > 0).all():
                     raise InputError(f"{name}: must be > 0, got {value}")
-                object.__setattr__(self, name, value)
+                settle(self, **{name: value})
         low, high = self.brake_min, self.brake_max
         if low is not None and high is not None and (len(low) != len(high) or (low > high).any()):
             raise InputError(f"brake_max: must be >= the least, {low.tolist()}, got {high.tolist()}")

@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array, is_whole
+from ocptip.basics.frozen import settle
 from ocptip.motion.objective import ENERGY, Objective
 from ocptip.motion.source import TaskSource
 from ocptip.motion.stop_rules import StopRules
@@ -71,9 +72,7 @@ class MotionTask:
         """Raise InputError if shapes or numbers of joints do not fit, or there is nothing to optimise."""
         n = self.robot.n
         for name in ("start", "goal"):
-            angles = finite_array(name, getattr(self, name), (n,))
-            angles.flags.writeable = False
-            object.__setattr__(self, name, angles)
+            settle(self, **{name: finite_array(name, getattr(self, name), (n,))})
         if not isinstance(self.limits, MotionLimits):
             raise InputError(f"limits: expected MotionLimits, got {self.limits!r}")
         for pair in self.choices:
@@ -87,14 +86,14 @@ class MotionTask:
             raise InputError(f"optimised: expected joints of 0 to {n - 1}, at least one, got {joints}")
         if any(b <= a for a, b in pairwise(joints)):
             raise InputError(f"optimised: joints must increase, got {joints}")
-        object.__setattr__(self, "optimised", tuple(map(int, joints)))
+        settle(self, optimised=tuple(map(int, joints)))
         check_commands("commands", self.commands)
         if self.robot.support.elastic is None:
             for name in ("foot_lift", "foot_force", "jump_foot_force"):
                 if getattr(self.limits, name):
                     raise InputError(f"limits.{name}: is about feet that give; these have no stiffness")
         if self.rise_times is not None:
-            object.__setattr__(self, "rise_times", checked_rise_times(self.rise_times, n))
+            settle(self, rise_times=checked_rise_times(self.rise_times, n))
         if not isinstance(self.objective, Objective):
             raise InputError(f"objective: expected ENERGY, TIME or priced(...), got {self.objective!r}")
         if self.reference is not None and self.reference.n != n:

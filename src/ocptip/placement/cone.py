@@ -7,6 +7,8 @@ from functools import cache
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
 
+from ocptip.basics.frozen import read_only
+
 LARGEST_EXCESS = 0.02
 """How much longer than 1 the points of an enclosure of default size are at most."""
 
@@ -37,8 +39,7 @@ def enclosure(count: int, half_angle: float) -> np.ndarray:
     for rim, share in [*inner, (0, 1.0)]:
         inside = _spread(count - rim, share * half_angle)
         excess, best = _enclosing(rim, inside, half_angle, excess, best)
-    best.flags.writeable = False
-    return best
+    return read_only(best)
 
 
 @cache

@@ -10,6 +10,7 @@ import numpy as np
 from scipy.interpolate import NdBSpline, make_interp_spline
 
 from ocptip.basics.errors import InputError, finite_array, number_from, positive_number
+from ocptip.basics.frozen import settle
 from ocptip.numerics.batch import BatchFunction
 
 ORDERS = ((0, 0), (1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3))
@@ -34,8 +35,7 @@ class Bump:
     radius: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "at", finite_array("at", self.at, (2,)))
-        object.__setattr__(self, "height", number_from("height", self.height))
+        settle(self, at=finite_array("at", self.at, (2,)), height=number_from("height", self.height))
         positive_number("radius", self.radius)
 
     def expression(self, x: cs.SX, y: cs.SX) -> cs.SX:
@@ -63,7 +63,7 @@ class Wave:
     def __post_init__(self) -> None:
         positive_number("length", self.length)
         for name in ("amplitude", "direction", "phase"):
-            object.__setattr__(self, name, number_from(name, getattr(self, name)))
+            settle(self, **{name: number_from(name, getattr(self, name))})
 
     def expression(self, x: cs.SX, y: cs.SX) -> cs.SX:
         """Its height, m, at world coordinates."""
@@ -91,9 +91,9 @@ class HeightGrid:
                 raise InputError(
                     f"{name}: expected {_DEGREE + 1} increasing numbers or more, got {value.tolist()}"
                 )
-            object.__setattr__(self, name, value)
+            settle(self, **{name: value})
         shape = len(self.y), len(self.x)
-        object.__setattr__(self, "heights", finite_array("heights", self.heights, shape))
+        settle(self, heights=finite_array("heights", self.heights, shape))
 
     def spline(self) -> NdBSpline:
         """The surface over (x, y); beyond the grid its outermost pieces go on."""

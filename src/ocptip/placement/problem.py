@@ -18,6 +18,7 @@ from ocptip.basics.errors import (
     share_of_one,
     whole_number,
 )
+from ocptip.basics.frozen import settle
 from ocptip.placement.cone import FEWEST, enclosure, enough
 from ocptip.placement.power import HoldingPower, TorqueCost
 from ocptip.placement.stand import Feet, Footing, Stand
@@ -50,9 +51,7 @@ class ProcessLoad:
 
     def __post_init__(self) -> None:
         for key in ("force", "moment"):
-            value = finite_array(f"{self.name}: {key}", getattr(self, key), (3,))
-            value.flags.writeable = False
-            object.__setattr__(self, key, value)
+            settle(self, **{key: finite_array(f"{self.name}: {key}", getattr(self, key), (3,))})
 
 
 def sampled_loads(
@@ -118,9 +117,7 @@ class GripperTask:
     def __post_init__(self) -> None:
         shapes = {"position": (3,), "rotation": (3, 3), "tool_axis": (3,)}
         for key, shape in shapes.items():
-            value = finite_array(f"{self.name}: {key}", getattr(self, key), shape)
-            value.flags.writeable = False
-            object.__setattr__(self, key, value)
+            settle(self, **{key: finite_array(f"{self.name}: {key}", getattr(self, key), shape)})
         rotation_matrix(f"{self.name}: rotation", self.rotation, tolerance=_ROTATION_TOLERANCE)
         if abs(np.linalg.norm(self.tool_axis) - 1) > 1e-9:
             raise InputError(f"{self.name}: tool_axis: must have length 1, got {self.tool_axis.tolist()}")
@@ -129,7 +126,7 @@ class GripperTask:
                 f"{self.name}: orientation: expected one of {', '.join(get_args(Orientation))}, got "
                 f"{self.orientation!r}"
             )
-        object.__setattr__(self, "loads", tuple(self.loads))
+        settle(self, loads=tuple(self.loads))
         for load in self.loads:
             if not isinstance(load, ProcessLoad):
                 raise InputError(f"{self.name}: loads: expected ProcessLoad, got {load!r}")
@@ -208,7 +205,7 @@ class Weights:
         if total <= 0:
             raise InputError("weights: at least one must be > 0")
         for name in CRITERIA:
-            object.__setattr__(self, name, getattr(self, name) / total)
+            settle(self, **{name: getattr(self, name) / total})
 
     def array(self) -> np.ndarray:
         """(4,) in the order GN, GT, GK, GE."""
@@ -281,9 +278,8 @@ class PlacementProblem:
     corners: tuple[Corner, ...] = field(init=False)
 
     def __post_init__(self) -> None:
-        setter = object.__setattr__
-        setter(self, "tasks", (self.tasks,) if isinstance(self.tasks, GripperTask) else tuple(self.tasks))
-        setter(self, "terrain", (self.terrain,) if isinstance(self.terrain, Patch) else tuple(self.terrain))
+        settle(self, tasks=(self.tasks,) if isinstance(self.tasks, GripperTask) else tuple(self.tasks))
+        settle(self, terrain=(self.terrain,) if isinstance(self.terrain, Patch) else tuple(self.terrain))
         for name, kind in (("tasks", GripperTask), ("terrain", Patch)):
             values = getattr(self, name)
             if not values or not all(isinstance(v, kind) for v in values):
@@ -296,7 +292,7 @@ class PlacementProblem:
         if self.robot.arm.process is not None:
             raise InputError("robot: what acts on its gripper belongs to the tasks; give them loads instead")
         for name in ("obstacles", "keep_out"):
-            setter(self, name, tuple(getattr(self, name)))
+            settle(self, **{name: tuple(getattr(self, name))})
             for shape in getattr(self, name):
                 if not isinstance(shape, Obstacle):
                     raise InputError(f"{name}: expected Wall, Pillar or Solid in world axes, got {shape!r}")
@@ -319,10 +315,10 @@ class PlacementProblem:
         return self.robot.arm.may_collide
 
     def _fill_in(self) -> None:
-        setter, support = object.__setattr__, self.robot.support
+        support = self.robot.support
         if self.gravity is None:
-            setter(self, "gravity", [0.0, 0.0, -float(np.linalg.norm(support.gravity))])
-        setter(self, "gravity", finite_array("gravity", self.gravity, (3,)))
+            settle(self, gravity=[0.0, 0.0, -float(np.linalg.norm(support.gravity))])
+        settle(self, gravity=finite_array("gravity", self.gravity, (3,)))
         if self.ground_frame is None:
             heights = np.array([c.position[2] for c in support.contacts])
             if np.ptp(heights) > _SAME_LEVEL * support.length:
@@ -330,12 +326,12 @@ class PlacementProblem:
                     "ground_frame: the contacts have different heights in the base "
                     f"({heights.min():.4g} to {heights.max():.4g} m); say where the ground frame is"
                 )
-            setter(self, "ground_frame", (np.array([0.0, 0.0, heights.mean()]), np.eye(3)))
+            settle(self, ground_frame=(np.array([0.0, 0.0, heights.mean()]), np.eye(3)))
         position, rotation = self.ground_frame
         rotation = rotation_matrix("ground_frame[1]", rotation, tolerance=_ROTATION_TOLERANCE)
-        setter(self, "ground_frame", (finite_array("ground_frame[0]", position, (3,)), rotation))
+        settle(self, ground_frame=(finite_array("ground_frame[0]", position, (3,)), rotation))
         if self.energy is None:
-            setter(self, "energy", HoldingPower(self.robot.motors, support.power))
+            settle(self, energy=HoldingPower(self.robot.motors, support.power))
         if not isinstance(self.energy, HoldingPower | TorqueCost):
             raise InputError(f"energy: expected HoldingPower or TorqueCost, got {self.energy!r}")
         if isinstance(self.energy, TorqueCost) and len(self.energy.cost) != self.robot.arm.n:
@@ -349,13 +345,13 @@ class PlacementProblem:
         references = {"GN": 1.0, "GT": 1.0, "GK": 1.0, **self.references}
         if "GE" not in references:
             references["GE"] = self._energy_reference()
-        setter(self, "references", references)
+        settle(self, references=references)
         self.tolerance.require_only("base_mass", "center_of_mass", "friction", where="in placements")
         feet = Feet(self.robot, self.tolerance)
-        setter(self, "footing", feet.usual)
+        settle(self, footing=feet.usual)
         stands = tuple(Stand(patch, feet, self.ground_frame) for patch in self.terrain)
-        setter(self, "stands", stands)
-        setter(self, "corners", self._corners())
+        settle(self, stands=stands)
+        settle(self, corners=self._corners())
 
     def _corners(self) -> tuple[Corner, ...]:
         """Corners of the tolerance; directions of gravity in base axes are known from a sample of places."""

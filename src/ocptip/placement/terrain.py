@@ -17,6 +17,7 @@ import casadi as cs
 import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array
+from ocptip.basics.frozen import settle
 from ocptip.numerics.batch import BatchFunction
 from ocptip.placement.ground import HeightField
 
@@ -88,8 +89,7 @@ class Patch:
             value = np.array(getattr(self, name), dtype=float)
             if value.shape != (k,) or np.isnan(value).any():
                 raise InputError(f"terrain {self.name!r}: {name}: expected {k} numbers, got {value}")
-            value.flags.writeable = False
-            object.__setattr__(self, name, value)
+            settle(self, **{name: value})
         for i in np.flatnonzero(self.lower > self.upper):
             raise InputError(
                 f"terrain {self.name!r}: {self.parameters[i]}: lower bound {self.lower[i]} is above upper "

@@ -9,6 +9,7 @@ import casadi as cs
 import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array
+from ocptip.basics.frozen import settle
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,12 +38,12 @@ class Coupling:
     def __post_init__(self) -> None:
         count = len(self.names)
         for name in ("ratios", "offsets"):
-            object.__setattr__(self, name, finite_array(name, getattr(self, name), (count,)))
+            settle(self, **{name: finite_array(name, getattr(self, name), (count,))})
         for name, kind, size in (("slides", bool, count), ("leaders", int, count), ("leads", int, None)):
-            value = np.asarray(getattr(self, name), dtype=kind)
+            value = np.array(getattr(self, name), dtype=kind)
             if value.ndim != 1 or (size is not None and len(value) != size):
                 raise InputError(f"{name}: expected {size or 'some'} values, got {getattr(self, name)!r}")
-            object.__setattr__(self, name, value)
+            settle(self, **{name: value})
         own = self.leads
         if not self.ratios.all() or set(self.leaders) != set(range(len(own))):
             raise InputError("leaders, ratios: every joint follows one of the coordinates at a ratio not 0")
@@ -52,8 +53,6 @@ class Coupling:
             and not self.offsets[own].any()
         ):
             raise InputError("leads: of each coordinate the joint at ratio 1, offset 0")
-        for value in (self.slides, self.leaders, self.ratios, self.offsets, self.leads):
-            value.flags.writeable = False
 
     @classmethod
     def of(

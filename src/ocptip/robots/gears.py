@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, finite_array
-from ocptip.basics.frozen import read_only
+from ocptip.basics.frozen import settle
 
 DAMPING_RATIO = 0.05
 """Damping ratio of a gear that gives where none is given."""
@@ -36,12 +36,12 @@ class Gears:
             raise InputError(f"gear_stiffness: must be > 0 of every joint, got {self.stiffness!r}")
         if not np.isfinite(stiffness).any():
             raise InputError("gear_stiffness: infinite of all joints: then leave it out")
-        object.__setattr__(self, "stiffness", read_only(stiffness))
+        settle(self, stiffness=stiffness)
         if self.damping is not None:
             damping = finite_array("gear_damping", self.damping, stiffness.shape)
             if (damping < 0).any():
                 raise InputError(f"gear_damping: must be >= 0, got {damping}")
-            object.__setattr__(self, "damping", read_only(damping))
+            settle(self, damping=damping)
         if not 0 <= self.damping_ratio < 1:  # NaN, too
             raise InputError(f"gear_damping_ratio: must be >= 0 and below 1, got {self.damping_ratio!r}")
 

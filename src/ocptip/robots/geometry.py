@@ -16,6 +16,7 @@ import casadi as cs
 import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array, number_from, positive_number
+from ocptip.basics.frozen import settle
 from ocptip.numerics.batch import BatchFunction
 from ocptip.robots.collision.gaps import (
     NEVER,
@@ -54,8 +55,7 @@ class Wall:
         normal = finite_array(f"{self.name}: normal", self.normal, (3,))
         if abs(np.linalg.norm(normal) - 1) > 1e-9:
             raise InputError(f"{self.name}: normal must have length 1, got {normal.tolist()}")
-        normal.flags.writeable = False
-        object.__setattr__(self, "normal", normal)
+        settle(self, normal=normal)
         number_from(f"{self.name}: distance", self.distance)
 
     def gap(self, centre: cs.SX, radius: float) -> cs.SX:
@@ -107,9 +107,7 @@ class Pillar:
 
     def __post_init__(self) -> None:
         for key in ("point", "axis"):
-            value = finite_array(f"{self.name}: {key}", getattr(self, key), (3,))
-            value.flags.writeable = False
-            object.__setattr__(self, key, value)
+            settle(self, **{key: finite_array(f"{self.name}: {key}", getattr(self, key), (3,))})
         if abs(np.linalg.norm(self.axis) - 1) > 1e-9:
             raise InputError(f"{self.name}: axis must have length 1, got {self.axis.tolist()}")
         positive_number(f"{self.name}: radius", self.radius)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, finite_array, rotation_matrix
-from ocptip.basics.frozen import read_only
+from ocptip.basics.frozen import settle
 from ocptip.numerics.inertia import RigidBody, union
 from ocptip.robots.collision.shapes import ArmGeometry
 from ocptip.robots.coupling import Coupling
@@ -46,12 +46,12 @@ class JointLimits:
 
     def __post_init__(self) -> None:
         for name in ("angle_min", "angle_max", "speed", "acceleration", "torque"):
-            value = read_only(np.array(getattr(self, name), dtype=float))
+            value = np.array(getattr(self, name), dtype=float)
             if value.ndim != 1 or np.isnan(value).any():
                 raise InputError(
                     f"limits.{name}: expected n numbers (infinite where there is none), got {value}"
                 )
-            object.__setattr__(self, name, value)
+            settle(self, **{name: value})
         lengths = {f.name: len(getattr(self, f.name)) for f in dataclasses.fields(self)}
         if len(set(lengths.values())) != 1:
             raise InputError(f"limits: all must have the same length, got {lengths}")
@@ -92,8 +92,7 @@ class SphereSet:
         radii = finite_array(f"spheres {self.name!r}: radii", self.radii, (len(centres),))
         if not len(radii) or (radii <= 0).any():
             raise InputError(f"spheres {self.name!r}: radii must be > 0 and at least one, got {radii}")
-        object.__setattr__(self, "centres", read_only(centres))
-        object.__setattr__(self, "radii", read_only(radii))
+        settle(self, centres=centres, radii=radii)
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,11 +170,11 @@ class ArmModel:
         if n == 0:
             raise InputError("joint_names: an arm needs at least one joint")
         if self.armature is None:
-            object.__setattr__(self, "armature", np.zeros(n))
+            settle(self, armature=np.zeros(n))
         kinds = np.zeros(n, dtype=bool) if self.prismatic is None else np.array(self.prismatic)
         if kinds.shape != (n,) or kinds.dtype != bool:
             raise InputError(f"prismatic: expected {n} times true or false, got {self.prismatic!r}")
-        object.__setattr__(self, "prismatic", read_only(kinds))
+        settle(self, prismatic=kinds)
         links = n if self.coupling is None else len(self.coupling.names)
         shapes = {
             "rotations": (links, 3, 3),
@@ -189,7 +188,7 @@ class ArmModel:
             "armature": (n,),
         }
         for name, shape in shapes.items():
-            object.__setattr__(self, name, read_only(finite_array(name, getattr(self, name), shape)))
+            settle(self, **{name: finite_array(name, getattr(self, name), shape)})
         if len(self.limits.speed) != n:
             raise InputError(f"limits: expected {n} joints, got {len(self.limits.speed)}")
         for index, matrix in enumerate(self.rotations):

@@ -15,6 +15,7 @@ import casadi as cs
 import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array, positive_number
+from ocptip.basics.frozen import settle
 from ocptip.robots.model import ArmModel
 
 
@@ -58,9 +59,7 @@ class PowerMaps:
     torque_reading: str = "load"
 
     def __post_init__(self) -> None:
-        table = finite_array("coefficients", self.coefficients, (None, 12))
-        table.flags.writeable = False
-        object.__setattr__(self, "coefficients", table)
+        settle(self, coefficients=finite_array("coefficients", self.coefficients, (None, 12)))
         positive_number("voltage", self.voltage)
         if self.torque_reading not in ("load", "drive"):
             raise InputError(f"torque_reading: must be 'load' or 'drive', got {self.torque_reading!r}")
@@ -123,8 +122,7 @@ class DCMotors:
                 raise InputError(
                     f"{name}: must be {'> 0' if name == 'motor_constant' else '>= 0'}, got {value}"
                 )
-            value.flags.writeable = False
-            object.__setattr__(self, name, value)
+            settle(self, **{name: value})
         if not 0 <= positive_number("regeneration", self.regeneration, zero_allowed=True) <= 1:
             raise InputError(f"regeneration: must be 0 to 1, got {self.regeneration}")
         positive_number("smoothing", self.smoothing)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, bounded_array, positive_number, refuse_huge
+from ocptip.basics.frozen import settle
 from ocptip.numerics.inertia import ROUNDED, RigidBody, symmetric_matrix, why_impossible
 
 
@@ -50,10 +51,7 @@ class Payload:
                 )
             if reason := why_impossible(matrix, ROUNDED * principal[-1]):
                 raise InputError(f"inertia: {reason}")
-        for name, value in values.items():
-            if isinstance(value, np.ndarray):
-                value.flags.writeable = False
-            object.__setattr__(self, name, value)
+        settle(self, **values)
 
     @classmethod
     def box(cls, mass: float, size: Sequence[float], center_of_mass: ArrayLike = (0.0, 0.0, 0.0)) -> Payload:

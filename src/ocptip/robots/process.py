@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, bounded_array
+from ocptip.basics.frozen import settle
 
 AXES = ("tool", "base", "world")
 TIME, SHARE, PATH = "time", "share", "path"
@@ -49,9 +50,7 @@ class ProcessWrench:
             )
         shape = (len(knots), 3) if self.varies else (3,)
         arrays = {name: bounded_array(name, getattr(self, name), shape) for name in ("force", "moment")}
-        for name, values in {**arrays, "knots": knots}.items():
-            values.flags.writeable = False
-            object.__setattr__(self, name, values)
+        settle(self, **arrays, knots=knots)
         if self.axes not in AXES:
             raise InputError(f"axes: expected one of {', '.join(AXES)}, got {self.axes!r}")
 

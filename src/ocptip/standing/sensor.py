@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ocptip.basics.errors import InputError, bounded_array, finite_array, refuse_huge, rotation_matrix
+from ocptip.basics.frozen import settle
 from ocptip.contact.support import Support
 from ocptip.numerics.vectors import cross
 
@@ -45,10 +46,13 @@ class WrenchSensor:
         refuse_huge("mass", mass)
         if mass < 0:
             raise InputError(f"mass: must be >= 0, got {mass}")
-        object.__setattr__(self, "position", position)
-        object.__setattr__(self, "rotation", rotation_matrix("rotation", self.rotation))
-        object.__setattr__(self, "mass", mass)
-        object.__setattr__(self, "center_of_mass", bounded_array("center_of_mass", centre, (3,)))
+        settle(
+            self,
+            position=position,
+            rotation=rotation_matrix("rotation", self.rotation),
+            mass=mass,
+            center_of_mass=bounded_array("center_of_mass", centre, (3,)),
+        )
 
     def reads(self, support: Support, wrenches: np.ndarray) -> np.ndarray:
         """(N, 6), N and N m, sensor axes: force and moment on the sensor by what rests on it.

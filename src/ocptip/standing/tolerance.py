@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array, number_from, positive_number
+from ocptip.basics.frozen import settle
 from ocptip.contact.bindings.binding import Binding
 from ocptip.contact.support import Support
 
@@ -139,12 +140,11 @@ class Tolerance:
     damping: float | None = None
 
     def __post_init__(self) -> None:
-        setter = object.__setattr__
         if np.ndim(self.base_mass):
             low, high = mass = finite_array("base_mass", self.base_mass, (2,))
             if not 0 < low <= high:
                 raise InputError(f"base_mass: expected 0 < least <= largest mass, kg, got {mass.tolist()}")
-            setter(self, "base_mass", tuple(mass.tolist()))
+            settle(self, base_mass=tuple(mass.tolist()))
         shares = [*_SHARES, *(() if np.ndim(self.base_mass) else ("base_mass",))]
         shares += [] if self.damping is None else ["damping"]
         for name in shares:
@@ -160,7 +160,7 @@ class Tolerance:
             half = finite_array(name, getattr(self, name), (3,))
             if np.any(half < 0):
                 raise InputError(f"{name}: half sides must be >= 0, got {half.tolist()}")
-            setter(self, name, tuple(half.tolist()))
+            settle(self, **{name: tuple(half.tolist())})
 
     @property
     def given(self) -> tuple[str, ...]:

@@ -22,6 +22,7 @@ from ocptip.basics.errors import (
     positive_number,
     refuse_huge,
 )
+from ocptip.basics.frozen import settle
 from ocptip.contact.bindings import pyramid
 from ocptip.contact.bindings.automaton import Automaton, Mode, build_automaton
 
@@ -118,18 +119,17 @@ class Binding(ABC):
         length = float(np.linalg.norm(normal))
         if length < _NORMAL_TOLERANCE:
             raise InputError(f"normal: must not be zero, got {list(self.normal)}")
-        object.__setattr__(self, "position", position)
-        object.__setattr__(self, "normal", normal / length)
+        settle(self, position=position, normal=normal / length)
         if position.size == 3:
-            object.__setattr__(self, "facets", pyramid.check_facets("facets", self.facets))
+            settle(self, facets=pyramid.check_facets("facets", self.facets))
         else:
-            object.__setattr__(self, "facets", 2)
+            settle(self, facets=2)
         if self.tangent is not None:
             tangent = finite_array("tangent", self.tangent, (position.size,))
             tangent = tangent - self.normal * (self.normal @ tangent)
             if np.linalg.norm(tangent) < 1e-9:
                 raise InputError(f"tangent: must not be parallel to the normal, got {list(self.tangent)}")
-            object.__setattr__(self, "tangent", tangent / np.linalg.norm(tangent))
+            settle(self, tangent=tangent / np.linalg.norm(tangent))
         self.check_parameters()
 
     @abstractmethod
@@ -253,7 +253,7 @@ def positive_parameters(binding: Binding, *names: str) -> None:
     for name in names:
         number = positive_number(name, getattr(binding, name))
         refuse_huge(name, number)
-        object.__setattr__(binding, name, number)
+        settle(binding, **{name: number})
 
 
 def friction_parameters(binding: Binding, *names: str) -> None:

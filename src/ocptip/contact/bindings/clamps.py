@@ -12,6 +12,7 @@ from typing import ClassVar
 import numpy as np
 
 from ocptip.basics.errors import positive_number, refuse_huge
+from ocptip.basics.frozen import settle
 from ocptip.contact.bindings.automaton import Mode
 from ocptip.contact.bindings.binding import (
     Binding,
@@ -71,7 +72,7 @@ class _ActuatedClamp(_PreloadedClamp):
         super().check_parameters()
         power = positive_number("holding_power", self.holding_power, zero_allowed=True)
         refuse_huge("holding_power", power)
-        object.__setattr__(self, "holding_power", power)
+        settle(self, holding_power=power)
 
     def power(self) -> float:
         return self.holding_power

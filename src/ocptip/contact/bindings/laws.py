@@ -15,6 +15,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from ocptip.basics.frozen import read_only
 from ocptip.contact.bindings import pyramid
 from ocptip.contact.bindings.binding import Binding
 
@@ -52,9 +53,7 @@ def _polygon(planar: bool, facets: int) -> tuple[np.ndarray, np.ndarray]:
         inner = pyramid.corrected_friction(1.0, facets)
         faces = pyramid.face_directions(facets) / inner
         vertices = pyramid.edge_directions(facets) * (inner / np.cos(np.pi / facets))
-    for array in (faces, vertices):
-        array.flags.writeable = False
-    return faces, vertices
+    return read_only(faces), read_only(vertices)
 
 
 def law_violation(

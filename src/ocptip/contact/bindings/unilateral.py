@@ -8,6 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from ocptip.basics.errors import InputError, positive_number, refuse_huge
+from ocptip.basics.frozen import settle
 from ocptip.contact.bindings.automaton import Mode
 from ocptip.contact.bindings.binding import (
     Binding,
@@ -59,7 +60,7 @@ class UnilateralContact(Binding):
     def check_parameters(self) -> None:
         self._check_spring()
         if positive_number("friction", self.friction, zero_allowed=True) == 0:
-            object.__setattr__(self, "friction", 0.0)
+            settle(self, friction=0.0)
             return
         friction_parameters(self, "friction")
         if self.friction < LEAST_FRICTION:
@@ -80,7 +81,7 @@ class UnilateralContact(Binding):
         for name in given:
             number = positive_number(name, getattr(self, name), zero_allowed=name != "tangential_stiffness")
             refuse_huge(name, number)
-            object.__setattr__(self, name, number)
+            settle(self, **{name: number})
         if self.damping_ratio is not None and self.damping_ratio >= 1:
             raise InputError(f"damping_ratio: must be below 1 (5 %: 0.05), got {self.damping_ratio:g}")
 

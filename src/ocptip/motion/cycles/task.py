@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array, positive_number
+from ocptip.basics.frozen import settle
 from ocptip.motion.objective import Objective
 from ocptip.motion.source import TaskSource
 from ocptip.motion.task import MotionTask, refusals
@@ -43,9 +44,7 @@ class Segment:
     def __post_init__(self) -> None:
         n = self.task.robot.n
         goals = finite_array("goals", self.goals if len(self.goals) else self.task.goal[None], (None, n))
-        goals.flags.writeable = False
-        object.__setattr__(self, "goals", goals)
-        object.__setattr__(self, "dwell", positive_number("dwell", self.dwell, zero_allowed=True))
+        settle(self, goals=goals, dwell=positive_number("dwell", self.dwell, zero_allowed=True))
 
     @property
     def rest(self) -> float:
@@ -87,7 +86,7 @@ class CycleTask:
 
     def __post_init__(self) -> None:
         """Raise InputError if there is no segment, or joints differ."""
-        object.__setattr__(self, "segments", tuple(self.segments))
+        settle(self, segments=tuple(self.segments))
         if not self.segments:
             raise InputError("segments: at least one is needed, got none")
         first = self.robot
@@ -97,9 +96,7 @@ class CycleTask:
                 raise InputError(
                     f"segments[{number}]: moves {', '.join(own.names)}, the first {', '.join(first.names)}"
                 )
-        starts = finite_array("starts", self.starts, (None, first.n))
-        starts.flags.writeable = False
-        object.__setattr__(self, "starts", starts)
+        settle(self, starts=finite_array("starts", self.starts, (None, first.n)))
 
     @property
     def robot(self) -> StandingMechanism:

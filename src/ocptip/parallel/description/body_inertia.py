@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, finite_array, number_from, positive_number
+from ocptip.basics.frozen import settle
 from ocptip.numerics.inertia import parallel_axis, symmetric_matrix, why_impossible
 
 _PHYSICAL = 1e-6
@@ -38,9 +39,12 @@ class BodyInertia:
     grouped: bool = False
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "mass", number_from("mass", self.mass))
-        object.__setattr__(self, "first_moment", frozen_array("first_moment", self.first_moment, (3,)))
-        object.__setattr__(self, "inertia", frozen_array("inertia", symmetric_matrix(self.inertia), (3, 3)))
+        settle(
+            self,
+            mass=number_from("mass", self.mass),
+            first_moment=finite_array("first_moment", self.first_moment, (3,)),
+            inertia=finite_array("inertia", symmetric_matrix(self.inertia), (3, 3)),
+        )
         if not self.grouped:
             self._refuse_impossible()
 
@@ -101,9 +105,3 @@ class BodyInertia:
     def massless(self) -> bool:
         """True if all ten parameters are zero."""
         return not self.vector.any()
-
-
-def frozen_array(name: str, value: ArrayLike, shape: tuple[int | None, ...]) -> np.ndarray:
-    array = finite_array(name, value, shape)
-    array.flags.writeable = False
-    return array

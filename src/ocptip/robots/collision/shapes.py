@@ -14,6 +14,7 @@ from typing import Any, Self
 import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array, number_from, positive_number, rotation_matrix
+from ocptip.basics.frozen import settle
 from ocptip.robots.pinocchio import load_coal
 
 _SAME_HEIGHT = 1e-6  # corners this much (share of the solid's size) below the highest one are as high
@@ -35,7 +36,7 @@ class Shape:
 
     def __post_init__(self) -> None:
         rotation_matrix("rotation", self.rotation, tolerance=1e-6)
-        object.__setattr__(self, "position", finite_array("position", self.position, (3,)))
+        settle(self, position=finite_array("position", self.position, (3,)))
 
     @property
     def thickness(self) -> float:
@@ -154,7 +155,7 @@ class Box(Shape):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, "size", finite_array("size", self.size, (3,)))
+        settle(self, size=finite_array("size", self.size, (3,)))
         if not (self.size > 0).all():
             raise InputError(f"size: must be > 0, got {self.size.tolist()}")
 
@@ -186,7 +187,7 @@ class Hull(Shape):
             thick = [points + sign * 0.5 * _THIN * axis for axis in across for sign in (-1, 1)]
             kept = np.vstack(thick)
             kept = kept[ConvexHull(kept).vertices]
-        object.__setattr__(self, "points", kept)
+        settle(self, points=kept)
 
     def corners(self) -> np.ndarray:
         return self.points

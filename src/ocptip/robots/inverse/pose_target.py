@@ -8,6 +8,7 @@ import casadi as cs
 import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array, is_whole, rotation_matrix
+from ocptip.basics.frozen import settle
 from ocptip.robots.inverse.inverse_kinematics import pose_residuals, solve_inverse_kinematics
 from ocptip.robots.inverse.joint_angles import search_box
 from ocptip.robots.inverse.joint_angles import within_limits as copies_within_limits
@@ -44,16 +45,16 @@ class PoseTarget:
 
     def __post_init__(self) -> None:
         """Raise InputError for what is no pose, or no symmetry."""
-        object.__setattr__(self, "position", finite_array("position", self.position, (3,)))
+        settle(self, position=finite_array("position", self.position, (3,)))
         turn = rotation_matrix("rotation", self.rotation, tolerance=_ROTATION_TOLERANCE)
-        object.__setattr__(self, "rotation", turn)
+        settle(self, rotation=turn)
         if self.symmetric_about not in ("", *AXES):
             raise InputError(f"symmetric_about: must be x, y or z, got {self.symmetric_about!r}")
         if not is_whole(self.fold) or self.fold not in (0, *range(2, MOST_FOLDS + 1)):
             raise InputError(f"fold: must be a whole number of 2 to {MOST_FOLDS}, got {self.fold!r}")
         if self.fold and not self.symmetric_about:
             raise InputError("fold: needs symmetric_about, the axis of the symmetry")
-        object.__setattr__(self, "free", finite_array("free", self.free, (3, 2)))
+        settle(self, free=finite_array("free", self.free, (3, 2)))
         if not ((self.free[:, 0] <= 0) & (self.free[:, 1] >= 0)).all():
             raise InputError(f"free: 0 must be within each range, got {self.free.tolist()}")
 
