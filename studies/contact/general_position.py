@@ -28,13 +28,13 @@ import clarabel
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from scipy.sparse import csc_matrix
 
 from ocptip.basics.write import versions, write_json, write_text
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.solver import solve_many
 from ocptip.contact.states import ContactStates
 from ocptip.contact.support import Load, Support
+from ocptip.numerics.cone_program import USABLE, quiet_settings, solve_cones
 from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipOver
 from studies.common import machine, percent, progress, software, table
@@ -118,21 +118,12 @@ def largest_couple(
         cones.append(cone)
     bound = np.zeros((1, 1 + 3 * n))
     bound[0, 0] = 1.0
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-11
     cost = np.zeros(1 + 3 * n)
     cost[0] = -1.0
-    solution = clarabel.DefaultSolver(
-        csc_matrix((len(cost), len(cost))),
-        cost,
-        csc_matrix(np.vstack([*cones, bound])),
-        np.r_[b, np.zeros(4 * n), LARGEST_COUPLE / unit],
-        [clarabel.ZeroConeT(6), *[clarabel.SecondOrderConeT(4)] * n, clarabel.NonnegativeConeT(1)],
-        settings,
-    ).solve()
-    solved = str(solution.status) in ("Solved", "AlmostSolved")
-    return float(solution.x[0]) * unit if solved else float("nan")
+    kinds = [clarabel.ZeroConeT(6), *[clarabel.SecondOrderConeT(4)] * n, clarabel.NonnegativeConeT(1)]
+    right = np.r_[b, np.zeros(4 * n), LARGEST_COUPLE / unit]
+    solution = solve_cones(cost, np.vstack([*cones, bound]), right, kinds, quiet_settings(1e-11))
+    return float(solution.x[0]) * unit if str(solution.status) in USABLE else float("nan")
 
 
 def least_by_program(support: Support, wrench: np.ndarray) -> float:

@@ -21,7 +21,6 @@ from typing import Any
 import clarabel
 import matplotlib
 import numpy as np
-from scipy import sparse
 
 from ocptip.basics.write import versions, write_json, write_text
 from ocptip.contact.bindings.binding import Binding
@@ -33,6 +32,7 @@ from ocptip.contact.bindings.clamps import (
 )
 from ocptip.contact.support import Support
 from ocptip.contact.verdict import equilibrium
+from ocptip.numerics.cone_program import USABLE, quiet_settings, solve_cones
 from ocptip.published.tasks import experiment_task
 from studies.common import number, software, table
 
@@ -125,15 +125,8 @@ def _bounded(support: Support, load: np.ndarray, push: np.ndarray, distance: flo
     cones.append(clarabel.NonnegativeConeT(1))
     cost = np.zeros(size)
     cost[0] = -1.0
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    settings.tol_gap_rel = settings.tol_feas = settings.tol_gap_abs = 1e-10
-    found = clarabel.DefaultSolver(
-        sparse.csc_matrix((size, size)), cost, sparse.csc_matrix(np.vstack(rows)), np.concatenate(right),
-        cones, settings,
-    ).solve()  # fmt: skip
-    good = found.status in (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved)
-    return float(found.x[0]) if good else -np.inf
+    found = solve_cones(cost, np.vstack(rows), np.concatenate(right), cones, quiet_settings(1e-10))
+    return float(found.x[0]) if str(found.status) in USABLE else -np.inf
 
 
 def clamped(kind: type[Binding]) -> tuple[Support, np.ndarray, np.ndarray]:

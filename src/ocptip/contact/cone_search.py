@@ -15,7 +15,7 @@ import numpy as np
 from ocptip.contact.cone_motion import SEPARATE, SLIDE, STICK, ConeProblem, MotionSearch
 from ocptip.contact.mode_search import EXHAUSTED, FOUND, LIMIT, MOTION_TOLERANCE
 from ocptip.contact.states import ContactState
-from ocptip.numerics.columns import columns_of, no_columns
+from ocptip.numerics.cone_program import INFEASIBLE, USABLE, quiet_settings, solve_cones
 
 _ANYTHING = "anything"
 _ARC_PARTS = 3
@@ -50,9 +50,6 @@ class _Search:
         self.size = float(np.linalg.norm(self.half))
         self.least = MOTION_TOLERANCE * (2 * self.size) ** 2
         self.contacts = problem.contact_wrenches.swapaxes(1, 2) @ self.to_motion  # (n, 3, 6) velocities per y
-        self.settings = clarabel.DefaultSettings()
-        self.settings.verbose = False
-        self.settings.tol_feas = self.settings.tol_gap_abs = self.settings.tol_gap_rel = 1e-10
 
     def run(self, max_programs: int) -> MotionSearch:
         stack: list[list[_Choice]] = [[(_ANYTHING, 0.0, 2 * np.pi)] * len(self.contacts)]
@@ -129,23 +126,17 @@ class _Search:
         b[:6], b[-7], b[-6:] = 2 * self.half, self.size, -self.half
         cost = np.zeros(size)
         cost[:6] = -2 * self.half
-        solution = clarabel.DefaultSolver(
-            no_columns(size),
-            cost,
-            columns_of(A),
-            b,
-            [
-                clarabel.ZeroConeT(len(equations)),
-                clarabel.NonnegativeConeT(len(inequalities)),
-                *[clarabel.SecondOrderConeT(3)] * len(cones),
-                clarabel.SecondOrderConeT(7),
-            ],
-            self.settings,
-        ).solve()
+        kinds = [
+            clarabel.ZeroConeT(len(equations)),
+            clarabel.NonnegativeConeT(len(inequalities)),
+            *[clarabel.SecondOrderConeT(3)] * len(cones),
+            clarabel.SecondOrderConeT(7),
+        ]
+        solution = solve_cones(cost, A, b, kinds, quiet_settings(1e-10))
         status = str(solution.status)
-        if status in ("PrimalInfeasible", "AlmostPrimalInfeasible"):
+        if status in INFEASIBLE:
             return None
-        if status not in ("Solved", "AlmostSolved"):
+        if status not in USABLE:
             return np.zeros(6), np.zeros((len(node), 3))  # not decided: the node is split further
         x = np.asarray(solution.x)
         if 2 * self.half @ x[:6] <= self.least:

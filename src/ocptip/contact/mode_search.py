@@ -23,7 +23,7 @@ import numpy as np
 
 from ocptip.contact.bindings import laws
 from ocptip.contact.support import ContactSystem
-from ocptip.numerics.columns import Columns, no_columns
+from ocptip.numerics.cone_program import INFEASIBLE, USABLE, Columns, quiet_settings, solve_cones
 
 MOTION_TOLERANCE = 3e-9
 """Share of the free base's power that counts as motion: roughly, accelerations above 5e-5 of the free one."""
@@ -205,9 +205,6 @@ class _MotionSearch(_SolutionSearch):
         self.Y = W @ system.force_matrix
         self.y0 = self.load + W @ system.force_offset / self.scale
         self.power = self.load @ self.Y / (self.size or 1.0)
-        self.settings = clarabel.DefaultSettings()
-        self.settings.verbose = False
-        self.settings.tol_feas = self.settings.tol_gap_abs = self.settings.tol_gap_rel = 1e-10
 
     def run(self, max_nodes: int) -> SearchResult:
         if self.size <= _REST:
@@ -223,19 +220,13 @@ class _MotionSearch(_SolutionSearch):
             clarabel.NonnegativeConeT(count),
             clarabel.SecondOrderConeT(1 + len(self.load)),
         ]
-        solution = clarabel.DefaultSolver(
-            no_columns(count),
-            -self.power[columns],
-            self._program(columns, rows),
-            b,
-            cones,
-            self.settings,
-        ).solve()
+        program = self._program(columns, rows)
+        solution = solve_cones(-self.power[columns], program, b, cones, quiet_settings(1e-10))
         status = str(solution.status)
-        if status in ("PrimalInfeasible", "AlmostPrimalInfeasible"):
+        if status in INFEASIBLE:
             return None
         x = np.zeros(self.system.plain_matrix.shape[1])
-        if status in ("Solved", "AlmostSolved"):
+        if status in USABLE:
             x[columns] = np.maximum(solution.x, 0.0)
             if self.load @ (self.Y @ x + self.y0) <= self.least:
                 return None

@@ -35,7 +35,7 @@ from ocptip.contact.planar_verdict import feet_share_a_plane, find_planar_motion
 from ocptip.contact.solver import on_springs, solution_from_search, solve, solve_randomly
 from ocptip.contact.states import REST_TOLERANCE, ContactState
 from ocptip.contact.support import LARGEST_WRENCH, Support
-from ocptip.numerics.columns import columns_of, no_columns
+from ocptip.numerics.cone_program import INFEASIBLE, USABLE, columns_of, quiet_settings, solve_cones
 
 MARGIN_TOLERANCE = 1e-7
 """Margins above minus this (relative to the force unit) count as standing."""
@@ -364,23 +364,20 @@ def _margin(
         cones.append(clarabel.SecondOrderConeT(d))
     cost = np.zeros(size)
     cost[-1] = -1.0
-    matrices = no_columns(size), cost, columns_of(np.vstack(blocks)), np.concatenate(limits), cones
+    program = cost, columns_of(np.vstack(blocks)), np.concatenate(limits), cones
     ended = ""
     inverse = np.linalg.pinv(matrix)
     for tolerance in _TOLERANCES:
-        settings = clarabel.DefaultSettings()
-        settings.verbose = False
-        settings.tol_feas = settings.tol_gap_abs = settings.tol_gap_rel = tolerance
-        solution = clarabel.DefaultSolver(*matrices, settings).solve()
+        solution = solve_cones(*program, quiet_settings(tolerance))
         status = str(solution.status)
         dual = np.asarray(solution.z)[: len(matrix)]
-        if status in ("Solved", "AlmostSolved", "InsufficientProgress"):
+        if status in (*USABLE, "InsufficientProgress"):
             x = np.asarray(solution.x)
             forces = x[:-1] - inverse @ (matrix @ x[:-1] - target)  # large ones balance only relatively
             allowed = _BALANCE * max(1.0, 1e-5 * np.max(np.abs(forces)))
             if np.max(np.abs(matrix @ forces - target), initial=0.0) < allowed:
                 return float(x[-1]), forces.reshape(n, d) * unit, dual
-        if status in ("PrimalInfeasible", "AlmostPrimalInfeasible"):
+        if status in INFEASIBLE:
             return -np.inf, None, dual
         ended = f"{status} (primal residual {solution.r_prim:.1e}, dual residual {solution.r_dual:.1e})"
     raise SolverError(f"equilibrium: the convex program ended with status {ended}")

@@ -15,7 +15,7 @@ from typing import Any
 
 import clarabel
 import numpy as np
-from scipy import linalg, sparse
+from scipy import linalg
 
 from ocptip.basics.errors import InputError, SolverError, positive_number
 from ocptip.measured.clocks import AROUND
@@ -33,6 +33,7 @@ from ocptip.measured.parameters import (
 )
 from ocptip.measured.prediction import Predictor
 from ocptip.measured.recording import TORQUE, WRENCH, Recording
+from ocptip.numerics.cone_program import USABLE, quiet_settings, solve_cones
 from ocptip.reserves.tipping import TipMap
 from ocptip.robots.dynamics import mass_sensitivities
 from ocptip.robots.model import ArmModel
@@ -395,14 +396,10 @@ def _program(
         cones.append(clarabel.NonnegativeConeT(rotors))
     cost = slopes.T @ slopes + _PULL**2 * np.eye(K)
     gradient = -slopes.T @ wanted
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
     big = float(np.abs(cost).max())
-    solution = clarabel.DefaultSolver(
-        sparse.csc_matrix(np.triu(cost / big)), gradient / big, sparse.csc_matrix(np.vstack(rows)),
-        np.concatenate(right), cones, settings,
-    ).solve()  # fmt: skip
-    if solution.status not in (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved):
+    A, b = np.vstack(rows), np.concatenate(right)
+    solution = solve_cones(gradient / big, A, b, cones, quiet_settings(), np.triu(cost / big))
+    if str(solution.status) not in USABLE:
         raise SolverError(f"links that exist: the cone program ended as {solution.status}")
     return np.array(solution.x)
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass, fields
 import clarabel
 import numpy as np
 
-from ocptip.numerics.columns import columns_of, no_columns
+from ocptip.numerics.cone_program import USABLE, columns_of, no_columns, quiet_settings
 from ocptip.reserves.planar import planar_forces
 
 GAP_TOLERANCE = 1e-7
@@ -26,7 +26,7 @@ ZERO_USAGE = 1e-10
 
 _BALANCE = 1e-9  # largest error of the forces' balance, relative to the largest force
 _TOLERANCES = (1e-9, 1e-12)
-_GOOD_STATUS = ("Solved", "AlmostSolved", "InsufficientProgress")
+_GOOD_STATUS = (*USABLE, "InsufficientProgress")
 _POLISH_STEPS = 3
 _REGULARISATION = 1e-12
 
@@ -42,12 +42,9 @@ class ConeBatch:
     """
 
     def __init__(self, structure: np.ndarray, cones: list, tolerance: float, equilibrate: bool) -> None:
-        settings = clarabel.DefaultSettings()
-        settings.verbose = False
+        settings = quiet_settings(tolerance)
         settings.presolve_enable = False  # the structure must survive for the updates
-        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
         settings.equilibrate_enable = equilibrate
-        settings.max_threads = 1
         rows, columns = structure.shape
         self._entries = np.nonzero(structure.T)[::-1]
         cost = np.zeros(columns)

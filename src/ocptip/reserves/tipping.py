@@ -20,7 +20,7 @@ from ocptip.basics.errors import InputError, SolverError, positive_number
 from ocptip.contact.resting import solve_resting
 from ocptip.contact.states import ContactStates
 from ocptip.contact.support import Support
-from ocptip.numerics.columns import columns_of, no_columns
+from ocptip.numerics.cone_program import quiet_settings, solve_cones
 from ocptip.reserves.force_sets import ForceSets
 from ocptip.reserves.tip_moments import AddableMoments, TippingAxis
 
@@ -196,18 +196,10 @@ def largest_least(rows: np.ndarray) -> float | None:
     if unit == 0:
         return 0.0
     A = rows / unit
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    settings.tol_feas = settings.tol_gap_abs = settings.tol_gap_rel = 1e-10
     program = np.block([[np.ones((1, n)), 0.0], [-A, np.ones((m, 1))], [-np.eye(n), np.zeros((n, 1))]])
-    solution = clarabel.DefaultSolver(
-        no_columns(n + 1),
-        np.r_[np.zeros(n), -1.0],
-        columns_of(program),
-        np.r_[1.0, np.zeros(m + n)],
-        [clarabel.ZeroConeT(1), clarabel.NonnegativeConeT(m + n)],
-        settings,
-    ).solve()
+    cost, b = np.r_[np.zeros(n), -1.0], np.r_[1.0, np.zeros(m + n)]
+    cones = [clarabel.ZeroConeT(1), clarabel.NonnegativeConeT(m + n)]
+    solution = solve_cones(cost, program, b, cones, quiet_settings(1e-10))
     x, y = np.array(solution.x[:n]), np.array(solution.z[1 : m + 1])
     for share in (1e-6, 1e-8, 1e-4):
         taking, holding = x > share, y > share

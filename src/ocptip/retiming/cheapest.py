@@ -16,6 +16,7 @@ import numpy as np
 from scipy import sparse
 
 from ocptip.basics.errors import InputError, SolverError
+from ocptip.numerics.cone_program import USABLE, quiet_settings, solve_cones
 from ocptip.retiming.drives import QuadraticDrives
 from ocptip.retiming.fastest import Grid, Polygons
 from ocptip.retiming.late import Couplings
@@ -25,7 +26,6 @@ GAP = 1e-6
 
 _TOLERANCES = 1e-8, 1e-6  # the second where the first cannot be had
 _ROUNDS = 12
-_SOLVED = ("Solved", "AlmostSolved")
 
 
 @dataclass(frozen=True)
@@ -119,16 +119,11 @@ class CheapestProgram:
         self._cones(program)
         cost, offset = self._cost(program, tangent)
         A, b, cones = program.matrices()
-        settings = clarabel.DefaultSettings()
-        settings.verbose = False
-        settings.max_threads = 1
         scale = float(np.abs(cost).max()) or 1.0
-        nothing = sparse.csc_matrix((self.columns, self.columns))
         status = ""
         for tolerance in _TOLERANCES:
-            settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = tolerance
-            solution = clarabel.DefaultSolver(nothing, cost / scale, A, b, cones, settings).solve()
-            if (status := str(solution.status)) in _SOLVED:
+            solution = solve_cones(cost / scale, A, b, cones, quiet_settings(tolerance))
+            if (status := str(solution.status)) in USABLE:
                 x = np.array(solution.x)[: len(self.grid.s)] * self.unit
                 x = np.clip(x, *self.grid.bounds.T)  # up to the solver's tolerance it is
                 return x, scale * float(solution.obj_val_dual) + offset

@@ -24,6 +24,7 @@ import clarabel
 import numpy as np
 
 from ocptip.basics.errors import InputError
+from ocptip.numerics.cone_program import USABLE, quiet_settings, solve_cones
 from ocptip.numerics.inertia import RigidBody, parallel_axis
 from ocptip.robots.model import ArmModel
 
@@ -187,8 +188,6 @@ def _solved(
     given: list[np.ndarray], lacking: list[int], columns: list[dict[int, np.ndarray]], moved: int
 ) -> np.ndarray | None:
     """Least spin with all matrices positive definite; a rotor turns 2 to 100 times as fast as its joint."""
-    from scipy import sparse  # loads for 0.1 s, and most arms have all their inertias
-
     size = len(columns)
     rows, right, cones = [], [], []
     for k, own in enumerate(given):
@@ -208,14 +207,9 @@ def _solved(
     rows.append(np.array(limits))
     right.append(np.zeros(len(limits)))
     cones.append(clarabel.NonnegativeConeT(len(limits)))
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    solution = clarabel.DefaultSolver(
-        sparse.csc_matrix(_DAMPING * np.eye(size)), cost, sparse.csc_matrix(np.vstack(rows)),
-        np.concatenate(right), cones, settings,
-    ).solve()  # fmt: skip
-    done = solution.status in (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved)
-    return np.array(solution.x) if done else None
+    damping = _DAMPING * np.eye(size)
+    solution = solve_cones(cost, np.vstack(rows), np.concatenate(right), cones, quiet_settings(), damping)
+    return np.array(solution.x) if str(solution.status) in USABLE else None
 
 
 def _triangle(matrix: np.ndarray) -> np.ndarray:

@@ -27,6 +27,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ocptip.basics.errors import InputError
+from ocptip.numerics.cone_program import USABLE, quiet_settings, solve_cones
 from ocptip.trajectories.sampled import SampledMotion
 
 PEAK_TOLERANCE = 0.01
@@ -319,16 +320,14 @@ class _Program:
         size = self._blocks[-1]
         price = np.zeros(size)
         price[self._blocks[3] :] = 1.0
-        settings = clarabel.DefaultSettings()
-        settings.verbose = False
+        settings = quiet_settings()
         settings.tol_gap_rel = settings.tol_gap_abs = 1e-6
-        data = sp.csc_matrix((size, size)), price, self._matrix, self._bounds, self._cones
         status = ""
         for share in STEPS:
             setattr(settings, "max_step_fraction", share)  # noqa: B010  # missing in its stubs
-            found = clarabel.DefaultSolver(*data, settings).solve()
+            found = solve_cones(price, self._matrix, self._bounds, self._cones, settings)
             status = str(found.status)
-            if status in ("Solved", "AlmostSolved"):
+            if status in USABLE:
                 place, speed, push, _ = np.split(np.array(found.x), self._blocks[1:-1])
                 return place, speed, push
         raise ArithmeticError(status)

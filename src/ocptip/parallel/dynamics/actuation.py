@@ -11,11 +11,11 @@ from dataclasses import dataclass
 import clarabel
 import numpy as np
 import scipy.linalg
-import scipy.sparse as sp
 from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, SolverError, finite_array
 from ocptip.basics.write import Record
+from ocptip.numerics.cone_program import INFEASIBLE, quiet_settings, solve_cones
 
 _SINGULAR = 1e-9
 _LIMIT_TOLERANCE = 1e-7
@@ -119,15 +119,10 @@ def limited_motor_forces(
     cones = [clarabel.ZeroConeT(J.shape[1])]
     if inequalities:
         cones.append(clarabel.NonnegativeConeT(inequalities))
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    solver = clarabel.DefaultSolver(
-        sp.csc_matrix(np.diag(w)), -w * wish / scale, sp.csc_matrix(A), b, cones, settings
-    )
-    answer = solver.solve()
+    answer = solve_cones(-w * wish / scale, A, b, cones, quiet_settings(), quadratic=np.diag(w))
     status = str(answer.status)
     forces = np.clip(scale * np.array(answer.x), low, high)
-    if status == "PrimalInfeasible" or status == "AlmostPrimalInfeasible":
+    if status in INFEASIBLE:
         raise SolverError("no motor forces within the limits hold the generalised force (infeasible)")
     tolerance = _LIMIT_TOLERANCE * (high - low + np.abs(forces) + 1e-300)
     tolerance[~np.isfinite(tolerance)] = _LIMIT_TOLERANCE * scale

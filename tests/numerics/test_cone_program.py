@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 from scipy.sparse import csc_matrix
 
-from ocptip.numerics.columns import columns_of, no_columns
+from ocptip.numerics.cone_program import columns_of, no_columns
 
 
 @pytest.mark.parametrize("seed", range(20))
