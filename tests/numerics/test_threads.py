@@ -7,7 +7,12 @@ import sys
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
+from ocptip.cli import stand
+from ocptip.cli.main import main
+from ocptip.motion.tolerated import tolerated
 from ocptip.numerics.threads import one_thread
+from ocptip.published.tasks import experiment_task
+from ocptip.standing.elastic import springs
 
 SCRIPT = """
 import importlib, sys
@@ -69,3 +74,29 @@ def test_nested_limits_end_with_the_outermost():
         with pytest.raises(KeyError), one_thread:
             raise KeyError
         assert numbers() == before
+
+
+def test_commands_and_what_is_tolerated_run_on_one_thread(root, monkeypatch, capsys):
+    """A matrix exponential of 30 rows on four threads of a busy machine takes a hundred times as long."""
+    seen = []
+
+    def watched(module, name):
+        inner = getattr(module, name)
+
+        def outer(*arguments, **named):
+            seen.append((name, numbers()))
+            return inner(*arguments, **named)
+
+        monkeypatch.setattr(module, name, outer)
+
+    watched(springs, "expm")
+    watched(stand, "run")
+    task = experiment_task("A")
+    scene = root / "src/ocptip/examples/scenes/rover_on_slope.toml"
+    with threadpool_limits(2):
+        before = numbers()
+        tolerated(task.robot, task.reference)
+        assert main(["stand", str(scene)]) == 0
+        assert numbers() == before
+    assert {name for name, _ in seen} == {"expm", "run"}
+    assert all(threads == {1} for _, threads in seen), seen

@@ -148,7 +148,9 @@ class Command:
             if own_process:
                 self.prepare(options)
             module = import_module(f"ocptip.cli.{self.name}")
-            with suspicions() as said:
+            from ocptip.numerics.threads import one_thread  # of the libraries that are loaded by now
+
+            with suspicions() as said, one_thread:
                 report: Report = module.run(options)
             report.warnings = said
             answer = report.to_text() if report.early and not options.json else ""

@@ -21,6 +21,7 @@ from ocptip.measured.parameters import (
 )
 from ocptip.measured.prediction import Predictor
 from ocptip.measured.recording import FOOT, WRENCH, Recording
+from ocptip.numerics.threads import one_thread
 from ocptip.robots.payload import Payload
 
 BASE, PAYLOAD = "base", "payload"
@@ -106,6 +107,7 @@ class Bodies:
         }
 
 
+@one_thread
 def identify_bodies(
     recording: Recording, predictor: Predictor, names: Sequence[str] = (PAYLOAD,), *, tared: bool = False
 ) -> Bodies:

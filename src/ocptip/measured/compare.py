@@ -25,6 +25,7 @@ from ocptip.measured.recording import ANGLE, KINDS, POWER, SPEED, TORQUE, WRENCH
 from ocptip.measured.regression import Block, Explanation, explain, whitened
 from ocptip.measured.signals import Finding, absent, clipped, dead, noisy, resolution
 from ocptip.measured.springs import BEND, DAMP, DELAY, Loose, Swinging, loosened
+from ocptip.numerics.threads import one_thread
 
 LEVEL = 1e-3
 """Probability of finding anything in the recording of a robot that is as described."""
@@ -422,6 +423,7 @@ class _Comparing:
         )  # fmt: skip
 
 
+@one_thread
 def compare(
     recording: Recording, predictor: Predictor, *, level: float = LEVEL, same_clock: bool = False
 ) -> Comparison:

@@ -20,6 +20,7 @@ from ocptip.basics.errors import InputError, PlanningError, positive_number
 from ocptip.measured.links import base_parameters, friction_columns, random_states, torque_columns
 from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.task import MotionTask
+from ocptip.numerics.threads import one_thread
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.instants import Instants
 from ocptip.standing.tolerance import NONE
@@ -55,6 +56,7 @@ class Excitation:
     smaller: float
 
 
+@one_thread
 def excite(task: MotionTask, *, duration: float = 10.0, seed: int = 0, steps: int = 400) -> Excitation:
     """Find one.
 

@@ -34,6 +34,7 @@ from ocptip.measured.parameters import (
 from ocptip.measured.prediction import Predictor
 from ocptip.measured.recording import TORQUE, WRENCH, Recording
 from ocptip.numerics.cone_program import USABLE, quiet_settings, solve_cones
+from ocptip.numerics.threads import one_thread
 from ocptip.reserves.tipping import TipMap
 from ocptip.robots.dynamics import mass_sensitivities
 from ocptip.robots.model import ArmModel
@@ -171,6 +172,7 @@ def all_parameters(arm: ArmModel) -> np.ndarray:
     return np.concatenate([link_parameters(arm), arm.armature if arm.armature.any() else []])
 
 
+@one_thread
 def identify_links(recording: Recording, predictor: Predictor) -> Identified:
     """Find inertia and friction.
 

@@ -13,6 +13,7 @@ import numpy as np
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.path_stops import StoppedPath
 from ocptip.motion.stop_rules import Kinds, StopRules
+from ocptip.numerics.threads import one_thread
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
@@ -100,6 +101,7 @@ class Stops:
         }
 
 
+@one_thread
 def check_stops(
     robot: StandingMechanism,
     motion: Motion,

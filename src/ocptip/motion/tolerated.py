@@ -20,6 +20,7 @@ from ocptip.contact.resting import solve_resting
 from ocptip.contact.support import Support
 from ocptip.motion.load_cases import RestLoads, around, everywhere, tilted
 from ocptip.numerics.bisection import bisected
+from ocptip.numerics.threads import one_thread
 from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipOver
 from ocptip.robots.dynamics import evaluate_dynamics
@@ -114,6 +115,7 @@ class _Case:
     how: str
 
 
+@one_thread
 def tolerated(robot: StandingRobot, motion: Motion) -> tuple[Tolerated, ...]:
     """What the motion of an arm tolerates, each quantity alone.
 

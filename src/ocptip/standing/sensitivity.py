@@ -21,6 +21,7 @@ from ocptip.contact.bindings.binding import Binding
 from ocptip.contact.resting import solve_resting
 from ocptip.contact.states import ContactStates
 from ocptip.contact.support import Load, Support
+from ocptip.numerics.threads import one_thread
 from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipOver
 from ocptip.robots.dynamics import evaluate_dynamics
@@ -305,6 +306,7 @@ def _base_mass(stand: _Stand, reference: float) -> _Change:
     return _load_change(stand, words, "base_mass", KILOGRAM, "kg", per_unit, reference)
 
 
+@one_thread
 def scene_sensitivities(
     support: Support, loads: tuple[Load, ...], reference_moment: float | None = None
 ) -> tuple[Sensitivity, ...]:
@@ -340,6 +342,7 @@ def _held(robot: StandingRobot, held: Payload, *states: np.ndarray) -> np.ndarra
     return with_it - bare
 
 
+@one_thread
 def motion_sensitivities(
     robot: StandingMechanism, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray
 ) -> tuple[Sensitivity, ...]:

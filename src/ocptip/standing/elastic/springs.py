@@ -26,6 +26,7 @@ import numpy as np
 from scipy.linalg import eigh, expm
 
 from ocptip.contact.elastic import ElasticFeet
+from ocptip.numerics.threads import one_thread
 from ocptip.numerics.vectors import skew
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.arm_motion import INSIDE
@@ -284,6 +285,7 @@ class Simulation:
         found[:, free] = np.linalg.solve(self.stiffness() + G, loads[:, free, None])[:, :, 0]
         return found
 
+    @one_thread
     def run(self) -> Course:
         """From rest at the start to the end of the ride."""
         ride, n, d = self.ride, len(self._D), self.d
