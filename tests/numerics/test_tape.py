@@ -8,6 +8,7 @@ import pytest
 
 from ocptip.numerics import native
 from ocptip.numerics.batch import BatchFunction
+from ocptip.numerics.native import LANES
 from ocptip.numerics.tape import BLOCK, LOOK, WORTH, Tape
 
 UNARY = {
@@ -90,13 +91,20 @@ def test_machine_code_gives_the_same_bits(name, monkeypatch, tmp_path):
     x, y = cs.SX.sym("x", 3), cs.SX.sym("y", 3)
     result = UNARY[name](x) if name in UNARY else BINARY[name](x, y)
     tape = Tape(cs.Function("f", [x, y], [result, cs.dot(x, result) + 2]))
-    made, from_disk = tape.native(compile_it=True), tape.native(compile_it=False)
-    for count in (1, 7, 8, 13, BLOCK + 3):
-        inputs = np.random.default_rng(count).uniform(-3, 3, (6, count))
-        inputs[:, 0], inputs[3:, -1] = 0.0, inputs[:3, -1]
-        for code in (made, from_disk):
-            code(inputs, tape._constants, found := np.full((4, count), np.nan))
-            np.testing.assert_array_equal(found, tape(inputs))
+    for lanes in (LANES, 1):
+        made, from_disk = tape.native(True, lanes), tape.native(False, lanes)
+        for count in (1, 7, 8, 13, BLOCK + 3):
+            inputs = np.random.default_rng(count).uniform(-3, 3, (6, count))
+            inputs[:, 0], inputs[3:, -1] = 0.0, inputs[:3, -1]
+            for code in (made, from_disk):
+                code(inputs, tape._constants, found := np.full((4, count), np.nan))
+                np.testing.assert_array_equal(found, tape(inputs))
+        (tmp_path / "code.tape").unlink()
+    arguments, results, compute = tape.point()
+    for column in inputs.T:
+        arguments[:] = column
+        compute()
+        np.testing.assert_array_equal(results, tape(column[:, None])[:, 0])
 
 
 def test_tapes_that_run_often_become_machine_code(monkeypatch, tmp_path):

@@ -53,11 +53,12 @@ def test_compiled_dynamics_are_the_numeric_ones(name):
         z = robot.description.home + 0.05 * rng.uniform(-1, 1, robot.m)
         s = rng.uniform(-1, 1, robot.m)
         motors = rng.uniform(-5, 5, len(robot.description.actuated))
-        rates, accelerations = equations.slope(z, s, motors)
+        state = np.concatenate([z, s])
+        rates, accelerations = np.split(equations.slope(state, motors), 2)
         expected = robot.forward_dynamics(z, s, motors)
         np.testing.assert_allclose(accelerations, expected, atol=1e-10 * np.abs(expected).max())
         np.testing.assert_allclose(robot.kinematics.rate_matrices(z, z)[0] @ rates, s, atol=1e-12)
-        np.testing.assert_allclose(equations.energy(z, s), robot.energy(z, s), rtol=1e-10, atol=1e-10)
+        np.testing.assert_allclose(equations.energy(state), robot.energy(z, s), rtol=1e-10, atol=1e-10)
     assert equations.closure < 1e-12
 
 
@@ -86,17 +87,17 @@ def test_carried_joints_out_of_reach_are_refused():
     robot = robot_of("five_bar")
     equations = CompiledDynamics(robot, robot.description.home)
     with pytest.raises(SolverError, match=r"singular or out of reach \(a leg\)"):
-        equations.slope(np.array([0.0, 0.7]), np.zeros(2), np.zeros(2))
+        equations.slope(np.array([0.0, 0.7, 0.0, 0.0]), np.zeros(2))
     again = CompiledDynamics(robot, robot.description.home)
     with pytest.raises(SolverError, match="singular or out of reach"):
-        again.slope(np.array([0.0, 5.0]), np.zeros(2), np.zeros(2))
+        again.slope(np.array([0.0, 5.0, 0.0, 0.0]), np.zeros(2))
 
 
 def test_out_of_reach_is_refused():
     robot = ParallelRobot(READY_MADE["3RRR"]())
     equations = CompiledDynamics(robot, robot.description.home)
     with pytest.raises(SolverError, match=r"singular or out of reach \(leg . elbow\)"):
-        equations.slope(np.array([5.0, 0, 0]), np.zeros(3), np.zeros(3))
+        equations.slope(np.array([5.0, 0, 0, 0, 0, 0]), np.zeros(3))
 
 
 def test_a_mass_matrix_that_is_not_positive_definite_is_refused():
@@ -105,7 +106,7 @@ def test_a_mass_matrix_that_is_not_positive_definite_is_refused():
     platform = dataclasses.replace(robot.platform, inertia=BodyInertia.from_vector([0.0] * 9 + [-200.0]))
     light = ParallelRobot(dataclasses.replace(robot, platform=platform))
     with pytest.raises(SolverError, match="the mass matrix is not positive definite"):
-        CompiledDynamics(light, robot.home).slope(robot.home, np.zeros(3), np.zeros(3))
+        CompiledDynamics(light, robot.home).slope(np.append(robot.home, np.zeros(3)), np.zeros(3))
     with pytest.raises(SolverError, match="the mass matrix is not positive definite"):
         light.forward_dynamics(robot.home, np.zeros(3), np.zeros(3))
 
@@ -118,3 +119,14 @@ def test_only_robots_without_a_compiled_form_are_simulated_without_it(monkeypatc
     robot = ParallelRobot(READY_MADE["3RRR"]())
     with pytest.raises(InputError, match="something else"):
         simulate(robot, robot.description.home, np.zeros(3), duration=0.2, step=0.001)
+
+
+@pytest.mark.parametrize("duration", [0.01, 0.3])
+def test_forces_of_a_motor_law_are_checked(duration):
+    robot = ParallelRobot(READY_MADE["3RRR"]())
+    for law, expected in (
+        (lambda t, z, s: [1.0], r"motors: expected 3 forces at t = 0 s, got shape \(1,\)"),
+        (lambda t, z, s: [np.nan, 0.0, 0.0], "motors: contains NaN"),
+    ):
+        with pytest.raises(InputError, match=expected):
+            simulate(robot, robot.description.home, np.zeros(3), duration=duration, step=0.001, motors=law)

@@ -1,4 +1,4 @@
-"""Instructions of a tape as machine code: eight states at a time, no decoding, kept on disk.
+"""Instructions of a tape as machine code: no decoding, eight states at a time or one, kept on disk.
 
 LLVM, which Numba brings along, gets one straight line of vector instructions, without licence to reorder or
 contract: results are those of the interpreter to the last bit. Compiling costs about 0.1 ms per instruction,
@@ -12,6 +12,7 @@ import ctypes
 import hashlib
 import os
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,10 +25,10 @@ from numba.core import config
 from ocptip.basics.write import write_bytes
 
 LANES = 8
+"""States at a time where there are many."""
 KEPT = 200  # files in the folder at most
 _VERSION = 1  # of what is generated here
 _DOUBLE, _INTEGER = ir.DoubleType(), ir.IntType(64)
-_VECTOR = ir.VectorType(_DOUBLE, LANES)
 _DIRECT = {"ADD": "fadd", "SUB": "fsub", "MUL": "fmul", "DIV": "fdiv"}
 _INTRINSICS = {
     "SQRT": "sqrt", "SIN": "sin", "COS": "cos", "EXP": "exp", "LOG": "log", "FABS": "fabs", "FMIN": "minnum",
@@ -45,52 +46,63 @@ class Native:
 
     Args:
         code: machine code for this processor, as `machine_code` gives it.
+        lanes: states at a time there.
     """
 
-    def __init__(self, code: bytes) -> None:
-        self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _machine())
-        self._engine.add_object_file(llvm.ObjectFileRef.from_data(code))
-        self._engine.finalize_object()
+    def __init__(self, code: bytes, lanes: int) -> None:
+        self._lanes = lanes
+        engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _machine())
+        engine.add_object_file(llvm.ObjectFileRef.from_data(code))
+        engine.finalize_object()
         kind = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3, ctypes.c_int64)
-        self._function = kind(self._engine.get_function_address("run"))
+        self._function = kind(engine.get_function_address("run"))
+        setattr(self._function, "engine", engine)  # noqa: B010  # owns the code, as long as that is called
 
     def __call__(self, inputs: np.ndarray, constants: np.ndarray, outputs: np.ndarray) -> None:
         """Puts results into outputs (results, N) for inputs (arguments, N), both contiguous."""
         count = inputs.shape[1]
         if count == 0:
             return
-        if count < LANES:
-            few = np.repeat(inputs[:, -1:], LANES, axis=1)
+        if count < self._lanes:
+            few = np.repeat(inputs[:, -1:], self._lanes, axis=1)
             few[:, :count] = inputs
-            results = np.empty((len(outputs), LANES))
+            results = np.empty((len(outputs), self._lanes))
             self(few, constants, results)
             outputs[:] = results[:, :count]
             return
         self._function(inputs.ctypes.data, constants.ctypes.data, outputs.ctypes.data, count)
 
+    def bound(self, *arrays: np.ndarray) -> Callable[[], None]:
+        """The call with these arrays again and again: microseconds less. At least as many states as lanes."""
+        pointers = [array.ctypes.data_as(ctypes.c_void_p) for array in arrays]  # they keep the arrays
+        return partial(self._function, *pointers, ctypes.c_int64(arrays[0].shape[1]))
 
-def native(instructions: Callable[[], list[Instruction]], key: bytes, compile_it: bool) -> Native | None:
+
+def native(
+    instructions: Callable[[], list[Instruction]], key: bytes, compile_it: bool, lanes: int = LANES
+) -> Native | None:
     """Machine code from disk, or compiled now and put there.
 
     Args:
         instructions: of the tape.
         key: what tells it from others.
         compile_it: else only from disk.
+        lanes: states at a time.
 
     Returns:
         None if there is none.
     """
-    path = _path(key)
+    path = _path(bytes([lanes]) + key)
     code = _read(path)
     if code is None and compile_it:
-        code = machine_code(instructions())
+        code = machine_code(instructions(), lanes)
         _write(path, code)
-    return None if code is None else Native(code)
+    return None if code is None else Native(code, lanes)
 
 
-def machine_code(instructions: list[Instruction]) -> bytes:
+def machine_code(instructions: list[Instruction], lanes: int) -> bytes:
     """Machine code of instructions for this processor."""
-    return _machine().emit_object(llvm.parse_assembly(_assembly(instructions)))
+    return _machine().emit_object(llvm.parse_assembly(_assembly(instructions, lanes)))
 
 
 def _machine() -> llvm.TargetMachine:
@@ -101,7 +113,7 @@ def _machine() -> llvm.TargetMachine:
     return target.create_target_machine(cpu=llvm.get_host_cpu_name(), features=features, opt=1, jit=True)
 
 
-def _assembly(instructions: list[Instruction]) -> str:
+def _assembly(instructions: list[Instruction], lanes: int) -> str:
     """A function (inputs, constants, outputs, N): a loop over blocks of lanes, the last one flush right."""
     module = ir.Module("tape")
     module.triple = llvm.get_process_triple()
@@ -116,9 +128,9 @@ def _assembly(instructions: list[Instruction]) -> str:
     build.position_at_end(loop)
     lane = build.phi(_INTEGER)
     lane.add_incoming(_INTEGER(0), begin)
-    _Line(module, build, function.args, lane).add(instructions)
-    last = build.sub(function.args[3], _INTEGER(LANES))
-    ahead = build.add(lane, _INTEGER(LANES))
+    _Line(module, build, function.args, lane, lanes).add(instructions)
+    last = build.sub(function.args[3], _INTEGER(lanes))
+    ahead = build.add(lane, _INTEGER(lanes))
     following = build.select(build.icmp_signed("<", ahead, last), ahead, last)
     lane.add_incoming(following, loop)
     build.cbranch(build.icmp_signed("<", lane, last), loop, end)
@@ -129,11 +141,16 @@ def _assembly(instructions: list[Instruction]) -> str:
 class _Line:
     """Builds the straight line of one block of lanes."""
 
-    def __init__(self, module: ir.Module, build: ir.IRBuilder, arguments: tuple, lane: ir.Value) -> None:
+    def __init__(
+        self, module: ir.Module, build: ir.IRBuilder, arguments: tuple, lane: ir.Value, lanes: int
+    ) -> None:
+        self._lanes, self._vector = lanes, ir.VectorType(_DOUBLE, lanes)
         self._module, self._build, self._lane = module, build, lane
         self._inputs, self._constants, self._outputs, self._count = arguments
         self._functions: dict[str, ir.Function] = {}
-        self._zero, self._one, self._minus = (ir.Constant(_VECTOR, [v] * LANES) for v in (0.0, 1.0, -1.0))
+        self._zero, self._one, self._minus = (
+            ir.Constant(self._vector, [v] * lanes) for v in (0.0, 1.0, -1.0)
+        )
 
     def add(self, instructions: list[Instruction]) -> None:
         build, registers = self._build, dict[int, ir.Value]()
@@ -144,8 +161,10 @@ class _Line:
                 build.store(registers[first], self._at(self._outputs, result), align=8)
             elif name == "CONST":
                 value = build.load(build.gep(self._constants, [_INTEGER(first)]))
-                alone = build.insert_element(ir.Constant(_VECTOR, ir.Undefined), value, ir.IntType(32)(0))
-                everywhere = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
+                alone = build.insert_element(
+                    ir.Constant(self._vector, ir.Undefined), value, ir.IntType(32)(0)
+                )
+                everywhere = ir.Constant(ir.VectorType(ir.IntType(32), self._lanes), [0] * self._lanes)
                 registers[result] = build.shuffle_vector(alone, alone, everywhere)
             else:
                 registers[result] = self._value(name, registers[first], registers[second])
@@ -153,7 +172,7 @@ class _Line:
     def _at(self, base: ir.Value, row: int) -> Any:
         build = self._build
         place = build.add(build.mul(self._count, _INTEGER(row)), self._lane)
-        return build.bitcast(build.gep(base, [place]), _VECTOR.as_pointer())
+        return build.bitcast(build.gep(base, [place]), self._vector.as_pointer())
 
     def _value(self, name: str, x: Any, y: Any) -> Any:
         build, zero, one = self._build, self._zero, self._one
@@ -162,7 +181,8 @@ class _Line:
         if name in _INTRINSICS:
             both = name in ("FMIN", "FMAX", "POW", "CONSTPOW")
             return build.call(
-                self._function(f"llvm.{_INTRINSICS[name]}.v{LANES}f64", _VECTOR, both), self._of(x, y, both)
+                self._function(f"llvm.{_INTRINSICS[name]}.v{self._lanes}f64", self._vector, both),
+                self._of(x, y, both),
             )
         if name in _OF_THE_C_LIBRARY:
             return self._by_lane(self._function(_OF_THE_C_LIBRARY[name], _DOUBLE, name == "ATAN2"), x, y)
@@ -196,8 +216,8 @@ class _Line:
         return self._functions[name]
 
     def _by_lane(self, function: ir.Function, x: Any, y: Any) -> Any:
-        build, result = self._build, ir.Constant(_VECTOR, ir.Undefined)
-        for k in range(LANES):
+        build, result = self._build, ir.Constant(self._vector, ir.Undefined)
+        for k in range(self._lanes):
             place = ir.IntType(32)(k)
             given = [build.extract_element(v, place) for v in (x, y)[: len(function.args)]]
             result = build.insert_element(result, build.call(function, given), place)
@@ -217,7 +237,7 @@ def _path(key: bytes) -> Path | None:
     except RuntimeError:  # no home
         return None
     processor = f"{llvm.get_host_cpu_name()} {llvm.get_host_cpu_features().flatten()}"
-    made_by = f"{_VERSION} {LANES} {llvmlite.__version__} {llvm.get_process_triple()} {processor} "
+    made_by = f"{_VERSION} {llvmlite.__version__} {llvm.get_process_triple()} {processor} "
     return folder / f"{hashlib.sha256(made_by.encode() + key).hexdigest()}.tape"
 
 

@@ -9,13 +9,14 @@ the same results to the last bit.
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from enum import IntEnum
 
 import casadi as cs
 import numpy as np
 
 from ocptip.numerics.compiled import compiled
-from ocptip.numerics.native import Instruction, Native, native
+from ocptip.numerics.native import LANES, Instruction, Native, native
 
 BLOCK = 128
 """States per block: the work vectors of a block should stay in the processor's cache."""
@@ -80,7 +81,7 @@ class Tape:
                 row = arguments[0], arguments[-1], results[0]
             self._code[k] = code, *row
         self._work = function.sz_w()
-        self._size = int(outputs[-1])
+        self._arguments, self._size = int(inputs[-1]), int(outputs[-1])
         self._runs, self._native, self._lock = 0, None, threading.Lock()
 
     def __call__(self, inputs: np.ndarray) -> np.ndarray:
@@ -102,9 +103,20 @@ class Tape:
             if self._native is None and self._runs in (LOOK, WORTH):
                 self._native = self.native(compile_it=self._runs == WORTH)
 
-    def native(self, compile_it: bool) -> Native | None:
+    def native(self, compile_it: bool, lanes: int = LANES) -> Native | None:
         """Machine code from disk, or compiled if asked for."""
-        return native(self._instructions, self._code.tobytes(), compile_it)
+        return native(self._instructions, self._code.tobytes(), compile_it, lanes)
+
+    def point(self) -> tuple[np.ndarray, np.ndarray, Callable[[], None]]:
+        """Machine code for thousands of states one after the other, compiled now.
+
+        Returns:
+            Arguments (arguments,), to be filled; results (results,); and what computes these from those.
+        """
+        code = self.native(compile_it=True, lanes=1)
+        assert code is not None
+        inputs, outputs = np.zeros((self._arguments, 1)), np.empty((self._size, 1))
+        return inputs[:, 0], outputs[:, 0], code.bound(inputs, self._constants, outputs)
 
     def _instructions(self) -> list[Instruction]:
         names = [_Op(code).name for code in self._code[:, 0]]

@@ -12,8 +12,7 @@ from collections.abc import Sequence
 import casadi as cs
 import numpy as np
 
-from ocptip.basics.errors import InputError, SolverError
-from ocptip.numerics.native import LANES
+from ocptip.basics.errors import InputError, SolverError, finite_array
 from ocptip.numerics.tape import Tape
 from ocptip.parallel.code.complete import complete_joints, newton_function
 from ocptip.parallel.code.leg_plans import choose_plans
@@ -57,67 +56,65 @@ class CompiledDynamics:
             raise InputError(f"{robot.description.name}: {reason}")
         carried = bool(minimal_obstacle(robot))
         function, self._names = (_carried if carried else _closed_form)(robot, start)
-        joints = complete_joints(robot.kinematics, start, robot.ik(start).q) if carried else np.empty(0)
-        self._tape, self._joints = Tape(function), joints
-        self._m, self._motors = robot.m, len(robot.description.actuated)
-        self._inputs = np.empty((function.nnz_in(), LANES))  # one state in all lanes of the machine code
-        self._last: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+        inputs, self._results, self._compute = Tape(function).point()
+        m, motors = robot.m, len(robot.description.actuated)
+        self._state, self._motors, self._joints = np.split(inputs, np.cumsum([2 * m, motors]))
+        ends = np.cumsum([2 * m, 2, 4])
+        self._slope, self._energies, self._ends, self._others = np.split(self._results, ends)
+        if carried:
+            self._joints[:] = complete_joints(robot.kinematics, start, robot.ik(start).q)
+        self._m, self._last = m, np.empty(0)
         self.closure = 0.0
 
-    def slope(self, z: np.ndarray, s: np.ndarray, motors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """z' and s'' (m,) under motor forces (n_a,).
+    def slope(self, state: np.ndarray, motors: np.ndarray) -> np.ndarray:
+        """(z', s'') (2m,) of a state (z, s) under motor forces (n_a,).
 
         Raises:
             SolverError: a leg is in a singular pose or out of reach, or the mass matrix is not positive
                 definite.
         """
-        result = self._evaluate(z, s, motors)
-        self._last = z, s, result
-        return result[: self._m], result[self._m : 2 * self._m]
-
-    def energy(self, z: np.ndarray, s: np.ndarray) -> tuple[float, float]:
-        """Kinetic and potential energy, J."""
-        last = self._last  # the arrays of a state are those of its slope: no second evaluation
-        known = last is not None and last[0] is z and last[1] is s
-        result = last[2] if known else self._evaluate(z, s, np.zeros(self._motors))
-        kinetic, potential = result[2 * self._m : 2 * self._m + 2]
-        return float(kinetic), float(potential)
-
-    def _evaluate(self, z: np.ndarray, s: np.ndarray, motors: np.ndarray) -> np.ndarray:
-        m = self._m
-        self._inputs[:m, :], self._inputs[m : 2 * m, :] = z[:, None], s[:, None]
-        self._inputs[2 * m : 2 * m + self._motors, :] = motors[:, None]
+        self._state[:], self._motors[:] = state, motors
+        self._last = state
+        carried = self._joints.size
         for _ in range(_CALLS):
-            self._inputs[2 * m + self._motors :, :] = self._joints[:, None]
-            result = self._tape(self._inputs)[:, 0]
-            gap, pivot, smallest = result[2 * m + 2 : 2 * m + 5]
-            if not self._joints.size or not math.isfinite(gap):
+            self._compute()
+            total, gap, pivot, smallest = self._ends.tolist()
+            if not carried or not math.isfinite(gap):
                 break
-            self._joints = result[2 * m + 5 :]
+            self._joints[:] = self._others
             if gap < _CLOSED:
                 break
         else:
             smallest = smallest if gap < _OPEN else 0.0
-        self._require(z, result, gap, pivot, smallest)
-        self.closure = max(self.closure, float(gap))
-        return result
+        self._require(state, total, gap, pivot, smallest)
+        self.closure = max(self.closure, gap)
+        return self._slope.copy()
 
-    def _require(self, z: np.ndarray, result: np.ndarray, gap: float, pivot: float, smallest: float) -> None:
-        if smallest > _SINGULAR and gap < _OPEN and not pivot > _DEFINITE:
+    def energy(self, state: np.ndarray) -> np.ndarray:
+        """Kinetic and potential energy (2,), J."""
+        if self._last is not state:  # the energies of a state come with its slope
+            self.slope(state, self._motors)
+        return self._energies.copy()
+
+    def _require(self, state: np.ndarray, total: float, gap: float, pivot: float, smallest: float) -> None:
+        reached = smallest > _SINGULAR and gap < _OPEN
+        if reached and pivot > _DEFINITE and math.isfinite(total):
+            return
+        self._last, z = np.empty(0), state[: self._m].tolist()
+        finite_array("motors", self._motors, self._motors.shape)
+        finite_array("state", state, state.shape)
+        if reached and not pivot > _DEFINITE:
             raise SolverError(
-                f"forward dynamics: at z = {z.tolist()} the mass matrix is not positive definite (smallest "
+                f"forward dynamics: at z = {z} the mass matrix is not positive definite (smallest "
                 f"relative pivot {pivot:.2g}): bodies have too little inertia, or one that no real body has"
             )
-        if not (gap < _OPEN and smallest > _SINGULAR and math.isfinite(result.sum())):
-            measures = result[2 * self._m + 5 :]
-            where = self._names[int(np.argmin(measures))] if self._names else "a leg"
-            raise SolverError(
-                f"forward dynamics: at z = {z.tolist()} the robot is singular or out of reach ({where})"
-            )
+        where = self._names[int(np.argmin(self._others))] if self._names else "a leg"
+        raise SolverError(f"forward dynamics: at z = {z} the robot is singular or out of reach ({where})")
 
 
 def _closed_form(robot: ParallelRobot, start: np.ndarray) -> tuple[cs.Function, list[str]]:
-    """z', s'', energies, closure error, smallest pivot, smallest measure, the measures; and their names."""
+    """z', s'', energies, sum of all, closure error, smallest pivot, smallest measure, the measures; and their
+    names."""
     description, symbols = robot.description, _symbols(robot, 0)
     z, s, sd = symbols[:3]
     q, measures, names = joints_of_branch(robot, z, start, geometry_symbols(description, numeric=True))
@@ -175,5 +172,6 @@ def _forward(
     energy = cs.vertcat(cs.dot(s, mass @ s) / 2, potential)
     gap, *others = ends
     pivot = cs.mmin(pivots / cs.fabs(cs.diag(mass)))
-    results = cs.cse([rates, found, energy, gap, pivot, *others])
-    return cs.Function("forward", [z, s, motors, q], [cs.vertcat(*map(cs.densify, results))])
+    results = list(map(cs.densify, [rates, found, energy, gap, pivot, *others]))
+    results.insert(3, cs.sum1(cs.vertcat(*results)))  # finite only if all are
+    return cs.Function("forward", [z, s, motors, q], [cs.vertcat(*cs.cse(results))])

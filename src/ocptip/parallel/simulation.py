@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ocptip.basics.errors import finite_array, positive_number
+from ocptip.basics.errors import InputError, finite_array, positive_number
 from ocptip.parallel.compiled_dynamics import CompiledDynamics, compiled_obstacle
 from ocptip.parallel.robot import ParallelRobot
 
 _LONG = 200  # steps: fewer are done before machine code is made
+_WEIGHTS = np.array([1, 2, 2, 1]) / 6
 
 MotorLaw = Callable[[float, np.ndarray, np.ndarray], np.ndarray]
 
@@ -69,33 +70,34 @@ def simulate(
     """
     duration, step = positive_number("duration", duration), positive_number("step", step)
     z, s = robot.kinematics.coordinates("z", z), robot.kinematics.coordinates("s", s)
-    law = _law(motors, len(robot.description.actuated))
+    shape = (len(robot.description.actuated),)
+    law = _law(motors, shape)
     count = int(np.ceil(duration / step - 1e-9))
     times = np.append(step * np.arange(count), duration)
     equations = _equations(robot, z, count)
-    history = [(z, s)]
-    energies = []
+    m, states, energies = robot.m, np.empty((count + 1, 2 * robot.m)), np.empty((count + 1, 2))
+    stages = np.empty((4, 2 * m))
+    states[0, :m], states[0, m:] = z, s
 
-    def slope(time: float, z: np.ndarray, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return equations.slope(z, s, law(time, z, s))
+    def slope(time: float, state: np.ndarray) -> np.ndarray:
+        forces = np.asarray(law(time, state[:m], state[m:]), dtype=float)
+        if forces.shape != shape:
+            raise InputError(
+                f"motors: expected {shape[0]} forces at t = {time:.6g} s, got shape {forces.shape}"
+            )
+        return equations.slope(state, forces)
 
-    for t, h in zip(times[:-1], np.diff(times), strict=True):
-        k1 = slope(t, z, s)
-        energies.append(equations.energy(z, s))
-        k2 = slope(t + h / 2, z + h / 2 * k1[0], s + h / 2 * k1[1])
-        k3 = slope(t + h / 2, z + h / 2 * k2[0], s + h / 2 * k2[1])
-        k4 = slope(t + h, z + h * k3[0], s + h * k3[1])
-        z = z + h / 6 * (k1[0] + 2 * k2[0] + 2 * k3[0] + k4[0])
-        s = s + h / 6 * (k1[1] + 2 * k2[1] + 2 * k3[1] + k4[1])
-        history.append((z, s))
-    energies.append(equations.energy(z, s))
-    return Trajectory(
-        times,
-        np.array([pair[0] for pair in history]),
-        np.array([pair[1] for pair in history]),
-        np.array(energies),
-        equations.closure,
-    )
+    state = states[0].copy()
+    for k, (t, h) in enumerate(zip(times[:-1].tolist(), np.diff(times).tolist(), strict=True)):
+        stages[0] = slope(t, state)
+        energies[k] = equations.energy(state)
+        stages[1] = slope(t + h / 2, state + h / 2 * stages[0])
+        stages[2] = slope(t + h / 2, state + h / 2 * stages[1])
+        stages[3] = slope(t + h, state + h * stages[2])
+        state = state + h * (_WEIGHTS @ stages)
+        states[k + 1] = state
+    energies[count] = equations.energy(state)
+    return Trajectory(times, states[:, :m], states[:, m:], energies, equations.closure)
 
 
 def _equations(robot: ParallelRobot, z: np.ndarray, count: int) -> _Searched | CompiledDynamics:
@@ -114,13 +116,16 @@ class _Searched:
         self._last: tuple[np.ndarray, ...] | None = None
         self.closure = 0.0
 
-    def slope(self, z: np.ndarray, s: np.ndarray, motors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """z' and s''."""
+    def slope(self, state: np.ndarray, motors: np.ndarray) -> np.ndarray:
+        """(z', s'') of a state (z, s)."""
+        z, s = np.split(state, 2)
         sd = self._robot.forward_dynamics(z, s, motors, self._at(z))
-        return np.linalg.solve(self._robot.kinematics.rate_matrices(z, np.zeros_like(z))[0], s), sd
+        rates = np.linalg.solve(self._robot.kinematics.rate_matrices(z, np.zeros_like(z))[0], s)
+        return np.concatenate([rates, sd])
 
-    def energy(self, z: np.ndarray, s: np.ndarray) -> tuple[float, float]:
+    def energy(self, state: np.ndarray) -> tuple[float, float]:
         """Kinetic and potential energy, J."""
+        z, s = np.split(state, 2)
         return self._robot.energy(z, s, self._at(z))
 
     def _at(self, z: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -130,8 +135,8 @@ class _Searched:
         return found.q
 
 
-def _law(motors: MotorLaw | Sequence[float] | None, count: int) -> MotorLaw:
+def _law(motors: MotorLaw | Sequence[float] | None, shape: tuple[int]) -> MotorLaw:
     if callable(motors):
         return motors
-    fixed = np.zeros(count) if motors is None else finite_array("motors", motors, (count,))
+    fixed = np.zeros(shape) if motors is None else finite_array("motors", motors, shape)
     return lambda time, z, s: fixed
