@@ -31,7 +31,7 @@ from ocptip.basics.write import plain, versions, write_text
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.output import write_plan
 from ocptip.motion.plan import MotionPlan
-from ocptip.numerics.workers import cores
+from ocptip.numerics.fork_server import cores
 from ocptip.published.cases import motion_cases
 from studies.common import json_text, machine, say
 from studies.plan_cases.figures import draw_ratios, draw_starts

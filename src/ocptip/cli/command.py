@@ -130,7 +130,7 @@ class Command:
     def prepare(self, options: argparse.Namespace) -> None:
         """Let the processes of the command start while the command itself loads what it needs."""
         if self.preload and options.jobs != 1 and not getattr(options, "scheduler", None):
-            from ocptip.numerics.workers import prepare_workers
+            from ocptip.numerics.fork_server import prepare_workers
 
             prepare_workers(self.preload)
 

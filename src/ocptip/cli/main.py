@@ -7,10 +7,10 @@ traceback if OCPTIP_DEBUG is set in the environment, 130 interrupted.
 from __future__ import annotations
 
 import argparse
-import gc
 import signal
 import sys
 from collections.abc import Sequence
+from importlib import import_module
 from typing import NoReturn
 
 from ocptip.cli.command import BAD_INPUT
@@ -42,7 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     command = next(c for c in COMMANDS if c.name == options.command)
     if arguments is None:  # a process of its own
-        gc.set_threshold(50_000)  # imports and figures make objects by the million, and few cycles
+        import_module("ocptip.numerics.few_cycles")
         signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: results are kept
     return command.execute(options, own_process=arguments is None)
 

@@ -11,8 +11,6 @@ import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 
-import casadi as cs
-
 _expressions, _environment = threading.Lock(), threading.Lock()
 
 
@@ -22,6 +20,8 @@ def expressions_as_written() -> Iterator[None]:
 
     Expressions that another thread builds meanwhile are not simplified either: longer, of the same value.
     """
+    import casadi as cs  # others only start processes, before they load anything
+
     with _expressions:
         before = cs.GlobalOptions.getSimplificationOnTheFly()
         cs.GlobalOptions.setSimplificationOnTheFly(False)

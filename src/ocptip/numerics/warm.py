@@ -1,10 +1,12 @@
 """What Numba loads at the first call of any compiled function (0.3 s of CPU): done where this is imported.
 
 For the process that workers are forked from: it does so while the command loads its own, and none of them has
-to, see `ocptip.numerics.workers.prepare_workers`.
+to, see `ocptip.numerics.fork_server`.
 """
 
 from __future__ import annotations
+
+import gc
 
 from ocptip.numerics.compiled import compiled
 
@@ -15,3 +17,4 @@ def _same(x: float) -> float:
 
 
 _same(0.0)
+gc.freeze()  # of what is loaded nothing becomes garbage in the processes forked from here

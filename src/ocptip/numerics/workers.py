@@ -5,55 +5,25 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
-import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
-from multiprocessing import forkserver
+from importlib import import_module
 from typing import Any
 
 from ocptip.basics.errors import InputError, OcptipError
 from ocptip.basics.version import version
+from ocptip.numerics.fork_server import THREADS, cores, interrupts_held, start_method
 from ocptip.numerics.process_state import environment
 
-_THREADS = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-_WARM = "ocptip.numerics.warm"  # imported last
 _DEATHS = 2  # of processes, after which a call is given up
 _PATIENCE = 10.0  # s, until a cluster has answered and has a worker
 _one_call = threading.Lock()
-_start_method = ["spawn"]
 
 
 class WorkerDiedError(OcptipError):
     """A call whose processes died, again and again; other calls go on."""
-
-
-def cores() -> int:
-    """Number of cores this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def prepare_workers(modules: Sequence[str]) -> None:
-    """Load modules for processes to come, while this one loads its own; where the system can, else nothing.
-
-    They are then forked from one that has them, and what Numba loads at its first call, with its environment
-    of now: for a process that does one thing, such as a command.
-
-    Args:
-        modules: names to import; one that cannot be imported is left out.
-    """
-    if not sys.platform.startswith("linux"):
-        return
-    multiprocessing.get_context("forkserver").set_forkserver_preload([*modules, _WARM])
-    with _interrupts_held(), environment(_THREADS):
-        forkserver.ensure_running()
-    _start_method[0] = "forkserver"
-
-
-def ready() -> bool:
-    """Whether processes start at once, so that a second's work is worth one; see `prepare_workers`."""
-    return _start_method[0] != "spawn" and cores() > 1
 
 
 @contextmanager
@@ -130,13 +100,13 @@ class Workers(Executor):
         anything, gets one of each.
         """
         pool = getattr(self._mine, "pool", None)
-        with _interrupts_held(), environment(_THREADS):
+        with interrupts_held(), environment(THREADS):
             if pool is not None:
                 try:
                     return pool.submit(function, *arguments, **named)
                 except BrokenExecutor:
                     self._pools.remove(pool)
-            context = multiprocessing.get_context(_start_method[0])
+            context = multiprocessing.get_context(start_method())
             self._mine.pool = pool = ProcessPoolExecutor(1, mp_context=context, initializer=_serve)
             self._pools.append(pool)
             return pool.submit(function, *arguments, **named)
@@ -225,22 +195,10 @@ def _alone(function: Callable[..., Any], /, *arguments: Any, **named: Any) -> An
         return function(*arguments, **named)
 
 
-@contextmanager
-def _interrupts_held() -> Iterator[None]:
-    """Interrupts of this thread come afterwards; a process started here gets none at all."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
 def _serve() -> None:
     """In a worker: leave interrupts to the parent, and do not outlive it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    import_module("ocptip.numerics.few_cycles")
 
     parent = multiprocessing.parent_process()
     assert parent is not None

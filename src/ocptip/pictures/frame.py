@@ -15,7 +15,8 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from ocptip.basics.write import atomic_file
-from ocptip.numerics.workers import ready, worker_pool
+from ocptip.numerics.fork_server import ready
+from ocptip.numerics.workers import worker_pool
 
 # Okabe and Ito's palette, told apart with any colour vision; its yellow is too pale for lines on white.
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")

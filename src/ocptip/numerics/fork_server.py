@@ -1,0 +1,65 @@
+"""The process that workers are forked from: it loads what they need while a command loads its own.
+
+Loads no numerics, so that it is started before anything else is.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from multiprocessing import forkserver
+
+from ocptip.numerics.process_state import environment
+
+THREADS = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+_FIRST, _LAST = "ocptip.numerics.few_cycles", "ocptip.numerics.warm"
+_start_method = ["spawn"]
+
+
+def prepare_workers(modules: Sequence[str]) -> None:
+    """Load modules for processes to come, while this one loads its own; where the system can, else nothing.
+
+    They are then forked from one that has them, and what Numba loads at its first call, with its environment
+    of now: for a process that does one thing, such as a command.
+
+    Args:
+        modules: names to import; one that cannot be imported is left out.
+    """
+    if not sys.platform.startswith("linux"):
+        return
+    multiprocessing.get_context("forkserver").set_forkserver_preload([_FIRST, *modules, _LAST])
+    with interrupts_held(), environment(THREADS):
+        forkserver.ensure_running()
+    _start_method[0] = "forkserver"
+
+
+def start_method() -> str:
+    """How processes start: "forkserver" if they are prepared, else "spawn"."""
+    return _start_method[0]
+
+
+def ready() -> bool:
+    """Whether processes start at once, so that a second's work is worth one; see `prepare_workers`."""
+    return start_method() != "spawn" and cores() > 1
+
+
+def cores() -> int:
+    """Number of cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@contextmanager
+def interrupts_held() -> Iterator[None]:
+    """Interrupts of this thread come afterwards; a process started here gets none at all."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
