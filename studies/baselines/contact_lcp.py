@@ -39,7 +39,7 @@ class _ContactProblem:
             raise InputError(f"friction: needs at least one coefficient, all > 0, got {friction!r}")
         self.W = finite_array("W", W, (6, 3 * n))
         self.inverse_mass = finite_array("inverse_mass", inverse_mass, (6, 6))
-        self.facets = check_facets("facets", facets)
+        self.facets = check_facets(facets)
         self.contacts = n
         self.slope = np.array([corrected_friction(mu, self.facets) for mu in self.friction])
         mean_mobility = np.trace(self.W.T @ self.inverse_mass @ self.W) / (3 * n)

@@ -170,14 +170,14 @@ def _without_answer(states: ContactStates, indices: np.ndarray) -> ContactStates
     )  # fmt: skip
 
 
-def solve_randomly(support: Support, wrench: ArrayLike, count: int, seed: int = 0) -> ContactStates:
+def solve_randomly(support: Support, wrench: ArrayLike, count: int) -> ContactStates:
     """Solve the contact problem under one wrench `count` times from random start bases.
 
     Where the contact laws have more than one solution, different starts may end in different ones. States
     in which no solution is found are simply not solved.
     """
     wrench = finite_array("wrench", wrench, (support.wrench_size,))
-    seeds = np.random.default_rng(seed).integers(2**63, size=count, dtype=np.uint64)
+    seeds = np.random.default_rng(0).integers(2**63, size=count, dtype=np.uint64)
     start = support.no_subsets
     return _pivot_all(support, np.tile(wrench, (count, 1)), False, start, _FIRST_RANDOM, seeds)
 

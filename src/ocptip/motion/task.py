@@ -87,7 +87,7 @@ class MotionTask:
         if any(b <= a for a, b in pairwise(joints)):
             raise InputError(f"optimised: joints must increase, got {joints}")
         settle(self, optimised=tuple(map(int, joints)))
-        check_commands("commands", self.commands)
+        check_commands(self.commands)
         if self.robot.support.elastic is None:
             for name in ("foot_lift", "foot_force", "jump_foot_force"):
                 if getattr(self.limits, name):
@@ -188,7 +188,7 @@ def require_plannable(task: MotionTask) -> None:
         raise InputError(f"{task.name}: cannot be planned: {'; '.join(reasons)}")
 
 
-def check_commands(name: str, commands: object) -> None:
+def check_commands(commands: object) -> None:
     """Raise InputError if this cannot be a number of ramp commands; more than a dozen gain nothing."""
     if not is_whole(commands) or not 1 <= commands <= MOST_COMMANDS:
-        raise InputError(f"{name}: must be a whole number >= 1 and <= {MOST_COMMANDS}, got {commands!r}")
+        raise InputError(f"commands: must be a whole number >= 1 and <= {MOST_COMMANDS}, got {commands!r}")

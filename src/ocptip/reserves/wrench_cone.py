@@ -21,7 +21,7 @@ _SLANTED = 1e-3  # least cosine of a pyramid's edge against the mean normal
 _ROUNDING = 1e-9
 
 
-def wrench_half_spaces(support: Support, friction: np.ndarray, sides: int = SIDES) -> np.ndarray | None:
+def wrench_half_spaces(support: Support, friction: np.ndarray) -> np.ndarray | None:
     """Rows a (m, 6): wrenches w on the base with a . w <= 0 are held; None where the cone has no such facets.
 
     Lengths of rows are such that a . w is a force for moments counted in units of the support's length.
@@ -29,10 +29,9 @@ def wrench_half_spaces(support: Support, friction: np.ndarray, sides: int = SIDE
     Args:
         support: spatial, with ordinary contacts.
         friction: (n,), coefficients of the contacts.
-        sides: of the pyramids.
     """
-    angles = 2 * np.pi * (np.arange(sides) + 0.5) / sides
-    circle = np.stack([np.ones(sides), np.cos(angles), np.sin(angles)])
+    angles = 2 * np.pi * (np.arange(SIDES) + 0.5) / SIDES
+    circle = np.stack([np.ones(SIDES), np.cos(angles), np.sin(angles)])
     scaling = np.r_[np.ones(3), np.full(3, 1 / support.length)]
     matrix = (scaling[:, None] * support.wrench_matrix).reshape(6, len(friction), 3)
     units = np.column_stack([np.ones_like(friction), friction, friction])

@@ -165,11 +165,11 @@ class CheapestProgram:
             A, b = self.couplings.A.tocoo(), self.couplings.b
             size = np.abs(b)
             np.maximum.at(size, A.row, np.abs(A.data) * self.unit)
-            program.add_matrix("positive", A.row, A.col, A.data * self.unit / size[A.row], b / size)
+            program.add_matrix(A.row, A.col, A.data * self.unit / size[A.row], b / size)
         if self.by_joint:
             self._drawn(program, own)
         if np.isfinite(self.price.longest):
-            program.add_sum("positive", t, self.price.longest)
+            program.add_sum(t, self.price.longest)
 
     def _drawn(self, program: _Rows, own: np.ndarray) -> None:
         """Energy drawn by a joint in an interval is at least e, and r e."""
@@ -193,7 +193,7 @@ class CheapestProgram:
         count = len(y)
         i, half = np.arange(count), np.full(count, 0.5)
         nodes, one = np.arange(count + 1), np.ones(count + 1)
-        program.add_product([(nodes, one)], 0.0, [], 1.0, [([(z, one)], np.zeros(count + 1))])
+        program.add_product([(nodes, one)], [], 1.0, [([(z, one)], np.zeros(count + 1))])
         mean = [(z[:-1], half), (z[1:], half)]
         roots = np.sqrt(self.copper * self.price.energy)
         torques = [
@@ -207,14 +207,14 @@ class CheapestProgram:
         unit = np.ones(count)
         if self.by_joint:
             if np.any(self.steady > 0):
-                program.add_product([(y, unit)], 0.0, mean, 0.0, [steady])
+                program.add_product([(y, unit)], mean, 0.0, [steady])
             for j, torque in enumerate(torques):
-                program.add_product([(own[:, j, 0], unit)], 0.0, mean, 0.0, [torque])
+                program.add_product([(own[:, j, 0], unit)], mean, 0.0, [torque])
         else:
-            program.add_product([(y, unit)], 0.0, mean, 0.0, [steady, *torques])
+            program.add_product([(y, unit)], mean, 0.0, [steady, *torques])
         if np.isfinite(self.price.longest):
             pace = ([], np.sqrt(self.width / np.sqrt(self.unit)))
-            program.add_product([(t, unit)], 0.0, mean, 0.0, [pace])
+            program.add_product([(t, unit)], mean, 0.0, [pace])
 
     def _cost(self, program: _Rows, tangent: np.ndarray | None) -> tuple[np.ndarray, float]:
         z, y, own, _ = self._places
@@ -251,30 +251,27 @@ class _Rows:
         """Rows sum entries <= b (positive), or = b (zero); each entry has a column and a value per row."""
         self._kinds[kind].append(([(np.arange(len(b)), *entry) for entry in entries], b))
 
-    def add_sum(self, kind: str, columns: np.ndarray, b: float) -> None:
+    def add_sum(self, columns: np.ndarray, b: float) -> None:
         """The row sum of columns <= b."""
         entries = [(np.zeros(len(columns), dtype=int), columns, np.ones(len(columns)))]
-        self._kinds[kind].append((entries, np.array([b])))
+        self._kinds["positive"].append((entries, np.array([b])))
 
-    def add_matrix(
-        self, kind: str, rows: np.ndarray, columns: np.ndarray, values: np.ndarray, b: np.ndarray
-    ) -> None:
-        """Rows of a sparse matrix <= b (positive), or = b (zero)."""
-        self._kinds[kind].append(([(rows, columns, values)], b))
+    def add_matrix(self, rows: np.ndarray, columns: np.ndarray, values: np.ndarray, b: np.ndarray) -> None:
+        """Rows of a sparse matrix <= b."""
+        self._kinds["positive"].append(([(rows, columns, values)], b))
 
     def add_product(
         self,
         first: list[tuple[np.ndarray, np.ndarray]],
-        more: float,
         second: list[tuple[np.ndarray, np.ndarray]],
         other: float,
         vectors: list[tuple[list[tuple[np.ndarray, np.ndarray]], np.ndarray]],
     ) -> None:
-        """Cones (first + more) (second + other) >= sum of squares of vectors, row by row."""
+        """Cones first (second + other) >= sum of squares of vectors, row by row."""
         count, size = len(first[0][0]), 2 + len(vectors)
         rows, columns, values = [], [], []
         b = np.zeros((count, size))
-        b[:, 0], b[:, 1] = more + other, more - other
+        b[:, 0], b[:, 1] = other, -other
 
         def put(place: int, entry: tuple[np.ndarray, np.ndarray], factor: float) -> None:
             rows.append(size * np.arange(count) + place)

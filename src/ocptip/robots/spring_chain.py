@@ -44,10 +44,6 @@ class SpringChain:
         found[:, self.drives], found[:, self.springs] = drives, springs
         return found
 
-    def with_arm(self, arm: ArmModel) -> SpringChain:
-        """The same of another arm."""
-        return SpringChain(arm, self.drives, self.springs, self.gears)
-
 
 @lru_cache(maxsize=16)
 def spring_chain(arm: ArmModel) -> SpringChain:

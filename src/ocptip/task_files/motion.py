@@ -216,7 +216,7 @@ def ramp_task(
     if not joints or len(set(joints)) != len(joints):
         raise table.error(f"expected different joints, at least one, got {optimised!r}", key)
     with table.at():
-        check_commands("commands", commands)
+        check_commands(commands)
         objective = objective_of(*wanted)
     return MotionTask(name, robot, start, goal, limits, tuple(sorted(joints)), commands, objective)
 

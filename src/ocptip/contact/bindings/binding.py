@@ -121,7 +121,7 @@ class Binding(ABC):
             raise InputError(f"normal: must not be zero, got {list(self.normal)}")
         settle(self, position=position, normal=normal / length)
         if position.size == 3:
-            settle(self, facets=pyramid.check_facets("facets", self.facets))
+            settle(self, facets=pyramid.check_facets(self.facets))
         else:
             settle(self, facets=2)
         if self.tangent is not None:

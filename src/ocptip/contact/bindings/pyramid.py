@@ -17,10 +17,10 @@ from ocptip.basics.errors import InputError, is_whole
 MIN_FACETS, MAX_FACETS = 3, 256
 
 
-def check_facets(name: str, facets: Any) -> int:
+def check_facets(facets: Any) -> int:
     """Return the facet count as an int, or raise InputError."""
     if not is_whole(facets) or not MIN_FACETS <= facets <= MAX_FACETS:
-        raise InputError(f"{name}: must be an integer from {MIN_FACETS} to {MAX_FACETS}, got {facets!r}")
+        raise InputError(f"facets: must be an integer from {MIN_FACETS} to {MAX_FACETS}, got {facets!r}")
     return int(facets)
 
 

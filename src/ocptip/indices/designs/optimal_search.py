@@ -17,6 +17,7 @@ from ocptip.indices.designs.symmetric_platforms import SymmetricPlatform
 from ocptip.indices.platforms.controllability import control_number
 
 Family = Literal["L_H", "L_S", "other"]
+_SAME = 1e-4  # up to which heights and lengths, relative, are equal
 _NAMES = ("a1", "b1", "r1", "phi1", "F", "a2", "b2", "r2", "phi2")
 
 
@@ -111,13 +112,13 @@ def search_optimal(starts: int = 60, seed: int = 0) -> OptimalSearch:
     return OptimalSearch(tuple(found), starts, unsolved, singular)
 
 
-def classify(platform: SymmetricPlatform, tolerance: float = 1e-4) -> Family:
+def classify(platform: SymmetricPlatform) -> Family:
     """Family of a platform with control number 1, by its shape."""
     one, two = platform.first, platform.second
-    flat = [abs(group.y_height - group.x_height) <= tolerance for group in (one, two)]
+    flat = [abs(group.y_height - group.x_height) <= _SAME for group in (one, two)]
     if flat[0] != flat[1]:
         return "L_S"
-    equal = abs(one.squared_length - two.squared_length) <= tolerance * one.squared_length
+    equal = abs(one.squared_length - two.squared_length) <= _SAME * one.squared_length
     return "L_H" if equal and not any(flat) else "other"
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ocptip.indices.platforms.planar import ANCHOR_RADIUS, leg_indices
+from ocptip.indices.platforms.planar import ANCHOR_RADIUS, exchanged_legs
 from ocptip.indices.platforms.platform import PlatformPose
 
 
@@ -135,7 +135,7 @@ class SymmetricPlatform:
         """
         (y1, x1), (y2, x2) = self.first.anchors(self.g), self.second.anchors(self.g)
         pose = PlatformPose(np.vstack([x1, x2]), np.vstack([y1, y2]))
-        legs = leg_indices("exchanged", exchanged, pose.n_legs)
+        legs = exchanged_legs(exchanged, pose.n_legs)
         return pose.exchanged(legs) if legs else pose
 
     def proportionality_defects(self) -> np.ndarray:

@@ -103,19 +103,19 @@ def optimal_planar_pose(
     phi = 2.0 * np.pi * np.arange(n) / n
     y = ANCHOR_RADIUS * np.column_stack([np.cos(phi), np.sin(phi)])
     x = y + abs(r) * np.column_stack([np.cos(angle + phi), np.sin(angle + phi)])
-    chosen = leg_indices("exchanged", exchanged, n)
+    chosen = exchanged_legs(exchanged, n)
     base, platform = x.copy(), y.copy()
     base[chosen], platform[chosen] = y[chosen], x[chosen]
     return PlanarPlatformPose(base, platform)
 
 
-def leg_indices(name: str, value: object, n: int) -> list[int]:
-    """Return `value` as indices of legs 0..n-1, or raise InputError naming it."""
+def exchanged_legs(value: object, n: int) -> list[int]:
+    """Return `value` as indices of legs 0..n-1, or raise InputError."""
     try:
         chosen = [int(leg) for leg in value]
     except (TypeError, ValueError):
-        raise InputError(f"{name}: expected indices of legs, got {value!r}") from None
+        raise InputError(f"exchanged: expected indices of legs, got {value!r}") from None
     for leg in chosen:
         if not 0 <= leg < n:
-            raise InputError(f"{name}: legs are counted 0 to {n - 1}, got {leg}")
+            raise InputError(f"exchanged: legs are counted 0 to {n - 1}, got {leg}")
     return chosen

@@ -22,7 +22,7 @@ from ocptip.parallel.symbolic.spatial_sx import Rotation, Turn, plus, turn, vect
 from ocptip.robots.model import ArmModel
 
 
-def lean_arm(model: ArmModel, *, name: str = "arm") -> cs.Function:
+def lean_arm(model: ArmModel) -> cs.Function:
     """Function of an arm for generated code.
 
     In: `q`, `qd`, `qdd` (n,), rad (sliding joints m); `gravity` (3,), m/s^2, base axes. Out: `torque` (n,),
@@ -32,7 +32,6 @@ def lean_arm(model: ArmModel, *, name: str = "arm") -> cs.Function:
 
     Args:
         model: its payload is part of its last link.
-        name: of the function.
 
     Raises:
         InputError: joints that follow others, or a process load.
@@ -51,7 +50,7 @@ def lean_arm(model: ArmModel, *, name: str = "arm") -> cs.Function:
     moment = plus(moment, cross(chain.origin, force))
     outputs = [cs.vertcat(*efforts), -cs.vertcat(*force, *moment)]
     inputs, names = [q, qd, qdd, gravity], ["q", "qd", "qdd", "gravity"]
-    return tidy(cs.Function(name, inputs, list(map(cs.densify, outputs)), names, ["torque", "wrench"]))
+    return tidy(cs.Function("arm", inputs, list(map(cs.densify, outputs)), names, ["torque", "wrench"]))
 
 
 def _chain(model: ArmModel, q: list[cs.SX]) -> LegModel:

@@ -295,12 +295,12 @@ def _circle(radius: float, angles: np.ndarray) -> np.ndarray:
     return radius * np.column_stack([np.cos(angles), np.sin(angles), np.zeros(len(angles))])
 
 
-def _rod(mass: float, length: float, *, axis: int = 0, thickness: float = 0.02) -> BodyInertia:
-    """A slim cylinder from the origin along one axis; a negative length points against the axis."""
-    center = np.zeros(3)
+def _rod(mass: float, length: float, *, axis: int = 0) -> BodyInertia:
+    """A cylinder of radius 2 cm from the origin along one axis; a negative length points against the axis."""
+    center, radius = np.zeros(3), 0.02
     center[axis] = length / 2
-    principal = np.full(3, mass * (length**2 / 12 + thickness**2 / 4))
-    principal[axis] = mass * thickness**2 / 2
+    principal = np.full(3, mass * (length**2 / 12 + radius**2 / 4))
+    principal[axis] = mass * radius**2 / 2
     return BodyInertia.about_center(mass, center, principal)
 
 
