@@ -145,7 +145,7 @@ def rise_rows(motion: ArmMotion, checked: MotionCheck) -> list[tuple[str, str]]:
         own = [checked.feet.frequency * shortest] if checked.feet else []
         half, *feet = map(percent, overshoot_of_rise(within.damping, np.array([0.5, *own])))
         text = f"counted as no jump: feet and structure of {1 / shortest:.3g} Hz and more overshoot by up to "
-        text += f"{percent(overshoot_of_rises(within.damping, 1.0))} of a change, of {0.5 / shortest:.3g} Hz "
+        text += f"{percent(overshoot_of_rises(within.damping))} of a change, of {0.5 / shortest:.3g} Hz "
         text += f"by {half}, {f'these feet by {feet[0]}, ' if feet else ''}after a jump by "
         texts.append(text + percent(within.overshoot))
     return under("S-curves", texts)

@@ -42,9 +42,9 @@ class MapsReport(Report):
     def write(self) -> Iterator[Path]:
         """The figure."""
         if self.figure:
-            from ocptip.pictures.workspace import save_index_maps
+            from ocptip.pictures.workspace import save_workspace
 
-            yield save_index_maps(self.found, self.figure)
+            yield save_workspace(self.found, self.figure)
 
     def to_dict(self) -> dict[str, Any]:
         """Least, mean and largest values, and where the largest are."""

@@ -37,6 +37,7 @@ from ocptip.contact.mode_search import EXHAUSTED, FOUND, LIMIT, linear_program
 from ocptip.contact.states import ContactState
 from ocptip.contact.support import Support
 from ocptip.numerics.non_negative import non_negative
+from ocptip.numerics.vectors import skew
 
 _IN_PLANE = 1e-9  # relative to the support's length, and of the unit normals
 _ARC_POINTS = 5
@@ -95,7 +96,7 @@ class _Plane:
         to_mass = -center @ axes / self.length  # centre of mass seen from the centre
         turned = np.kron(np.eye(2), axes)
         motion = np.eye(6)
-        motion[:3, 3:] = -_skew(to_mass)
+        motion[:3, 3:] = -skew(to_mass)
         scaling = np.r_[np.ones(3), np.full(3, 1 / self.length)]
         self.motion = turned @ (scaling[:, None] * motion)
         # the velocity of the centre of mass is v + w x p with w = rotation / length, p = to_mass * length
@@ -423,7 +424,3 @@ def _polygon(count: int, outer: bool) -> np.ndarray:
     angles = 2 * np.pi * np.arange(count) / count
     radius = 1 / np.cos(np.pi / count) if outer else 1.0
     return radius * np.column_stack([np.cos(angles), np.sin(angles)])
-
-
-def _skew(p: np.ndarray) -> np.ndarray:
-    return np.array([[0, -p[2], p[1]], [p[2], 0, -p[0]], [-p[1], p[0], 0]])

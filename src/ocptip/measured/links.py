@@ -35,6 +35,7 @@ from ocptip.measured.prediction import Predictor
 from ocptip.measured.recording import TORQUE, WRENCH, Recording
 from ocptip.numerics.cone_program import USABLE, quiet_settings, solve_cones
 from ocptip.numerics.threads import one_thread
+from ocptip.numerics.vectors import skew
 from ocptip.reserves.tipping import TipMap
 from ocptip.robots.dynamics import mass_sensitivities
 from ocptip.robots.model import ArmModel
@@ -279,9 +280,7 @@ def mass_tolerance(found: Identified, predictor: Predictor, sigmas: float) -> fl
     wrenches = robot.loads(*states, robot.acting(times))[1]
     bare = robot.arm.with_payload(None)
     columns = regressors(bare, support.gravity, *states)[1][:, :, PER_BODY:]
-    x, y, z = support.center_of_mass
-    across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    columns[:, 3:] -= across @ columns[:, :3]
+    columns[:, 3:] -= skew(support.center_of_mass) @ columns[:, :3]
     rotors = np.zeros((*columns.shape[:2], robot.n if bare.armature.any() else 0))
     columns = np.concatenate([columns, rotors], axis=2)[:, :, found.basis.independent]
     p, links = len(found.names), bare.links

@@ -11,6 +11,7 @@ import numpy as np
 
 from ocptip.basics.errors import InputError
 from ocptip.numerics.inertia import RigidBody, parallel_axis
+from ocptip.numerics.vectors import skew
 from ocptip.robots.model import ArmModel
 from ocptip.robots.pinocchio import load_pinocchio
 from ocptip.standing.arm import StandingRobot
@@ -97,9 +98,7 @@ def process_loads(robot: StandingRobot, q: np.ndarray, process: np.ndarray) -> t
 
 def on_sensor(sensor: WrenchSensor, wrenches: np.ndarray) -> np.ndarray:
     """(N, 6, K) in sensor axes about its position, of wrenches about the base's origin in base axes."""
-    x, y, z = sensor.position
-    across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    move = np.block([[np.eye(3), np.zeros((3, 3))], [-across, np.eye(3)]])
+    move = np.block([[np.eye(3), np.zeros((3, 3))], [-skew(sensor.position), np.eye(3)]])
     return np.kron(np.eye(2), sensor.rotation.T) @ move @ wrenches
 
 

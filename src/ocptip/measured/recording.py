@@ -22,7 +22,6 @@ columns are left out, and named. Cells that are empty or `nan` are samples that 
 
 from __future__ import annotations
 
-import csv
 import os
 import re
 from collections.abc import Iterator, Sequence
@@ -36,6 +35,7 @@ from ocptip.basics.errors import InputError
 from ocptip.basics.toml import read_text
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.csv_columns import time_column
+from ocptip.trajectories.read_csv import csv_lines
 from ocptip.trajectories.sampled import Motion
 
 ANGLE, SPEED, TORQUE, WRENCH, POWER, GRIPPER, BASE, SHIFT, FOOT = (
@@ -148,7 +148,7 @@ def doubt_turns(recording: Recording, robot: StandingMechanism, motion: Motion) 
 
 
 def _parsed(text: str, robot: StandingMechanism, unit: str | None) -> Recording:
-    lines = [(k, row) for k, row in enumerate(csv.reader(text.splitlines()), 1) if any(map(str.strip, row))]
+    lines = csv_lines(text)
     if len(lines) <= FEWEST:
         raise InputError(f"at least {FEWEST} samples are needed, got {max(len(lines) - 1, 0)}")
     header = [name.strip() for name in lines[0][1]]

@@ -43,19 +43,12 @@ def workspace_figure(found: Workspace) -> Figure:
     return figure
 
 
-def save_workspace(found: Workspace, path: str | os.PathLike[str]) -> Path:
-    """Draw it into a .png, .pdf or .svg file."""
+def save_workspace(found: Workspace | IndexMaps, path: str | os.PathLike[str]) -> Path:
+    """Draw it, or indices over it, into a .png, .pdf or .svg file."""
     path = Path(path)
+    figure = index_maps_figure(found) if isinstance(found, IndexMaps) else workspace_figure(found)
     with atomic_file(path) as file:
-        workspace_figure(found).savefig(file, format=path.suffix[1:], dpi=120)
-    return path
-
-
-def save_index_maps(found: IndexMaps, path: str | os.PathLike[str]) -> Path:
-    """Draw indices over a workspace into a .png, .pdf or .svg file."""
-    path = Path(path)
-    with atomic_file(path) as file:
-        index_maps_figure(found).savefig(file, format=path.suffix[1:], dpi=120)
+        figure.savefig(file, format=path.suffix[1:], dpi=120)
     return path
 
 

@@ -21,6 +21,7 @@ from ocptip.basics.errors import InputError, finite_array, number_from, positive
 from ocptip.basics.frozen import settle
 from ocptip.contact.bindings.binding import Binding
 from ocptip.contact.support import Support
+from ocptip.numerics.vectors import skew
 
 _ALONG = 1e-9  # sine of the angle up to which an axis counts as along gravity
 _STEEPEST = pi / 4  # rad
@@ -82,9 +83,9 @@ def overshoot_of_rise(damping: float, periods: np.ndarray) -> np.ndarray:
     return np.maximum(0.0, np.max(-np.real(height * np.exp(rate * after)), axis=-1))
 
 
-def overshoot_of_rises(damping: float, periods: float) -> float:
-    """The greatest share for rises of so many periods and more; at least one."""
-    return float(np.max(overshoot_of_rise(damping, periods + np.linspace(0, 1, _STEPS))))
+def overshoot_of_rises(damping: float) -> float:
+    """The greatest share for rises of one period and more."""
+    return float(np.max(overshoot_of_rise(damping, 1 + np.linspace(0, 1, _STEPS))))
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,8 +261,7 @@ class Tolerance:
         found = []
         for mass, *shift in product(self.masses(support.mass), *(sorted({-h, h}) for h in half)):
             d = np.array(shift)
-            across = np.array([[0, -d[2], d[1]], [d[2], 0, -d[0]], [-d[1], d[0], 0]])
-            change = np.vstack([(mass - support.mass) * np.eye(3), mass * across])
+            change = np.vstack([(mass - support.mass) * np.eye(3), mass * skew(d)])
             found.append(Corner(self._name(mass / support.mass - 1, d), mass, d, change))
         return tuple(found)
 

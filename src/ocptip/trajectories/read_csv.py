@@ -27,7 +27,7 @@ def motion_from_csv(
     Raises:
         InputError: it holds no motion; names line and column.
     """
-    lines = [(k, row) for k, row in enumerate(csv.reader(text.splitlines()), 1) if any(map(str.strip, row))]
+    lines = csv_lines(text)
     if not lines:
         raise InputError(
             "is empty; expected ramp commands, a joint trajectory, or columns time_s, q1_deg, q2_deg, ..."
@@ -52,13 +52,18 @@ def motion_from_csv(
     return motion
 
 
+def csv_lines(text: str) -> list[tuple[int, list[str]]]:
+    """Lines that are not empty, with their numbers from 1."""
+    return [(k, row) for k, row in enumerate(csv.reader(text.splitlines()), 1) if any(map(str.strip, row))]
+
+
 def csv_table(text: str) -> tuple[list[str], np.ndarray]:
     """Header and numbers (N, columns) of a file.
 
     Raises:
         InputError: it is empty, or something is no number; names line and column.
     """
-    lines = [(k, row) for k, row in enumerate(csv.reader(text.splitlines()), 1) if any(map(str.strip, row))]
+    lines = csv_lines(text)
     if len(lines) < 2:
         raise InputError("is empty; expected a line of names and lines of numbers")
     header = [name.strip() for name in lines[0][1]]

@@ -55,7 +55,7 @@ def test_rises_overshoot_as_a_mass_on_spring_and_damper_whose_load_rises_evenly(
     assert expected <= overshoot_of(damping) + 1e-6
     assert expected <= 1 / (np.pi * periods)
     if periods >= 1:
-        assert expected <= overshoot_of_rises(damping, 1.0) + 1e-3
+        assert expected <= overshoot_of_rises(damping) + 1e-3
 
 
 @pytest.mark.parametrize("damping", [-0.1, 1.1, float("nan"), "soft"])

@@ -127,17 +127,11 @@ class BrakeTipLimit(BrakeLimit, MomentLimit):
         own = np.arange(len(places))
         return moments[own, places] / self.unit, slopes[own, places] / self.unit
 
-    def _moments(self, at: Instants) -> np.ndarray:
+    def moments(self, at: Instants) -> np.ndarray:
         return self._check.worst_corners(at.angles, at.speeds)[0]
 
     def near(self, at: Instants, share: float) -> np.ndarray:
-        return self._moments(at) - self.least_moment <= (1 - share) * self.unit
-
-    def use(self, at: Instants) -> np.ndarray:
-        return 1 + (self.least_moment - np.min(self._moments(at), axis=1, initial=np.inf)) / self.unit
-
-    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        return np.full(self.width, self.least_moment / self.unit), np.full(self.width, np.inf)
+        return self.moments(at) - self.least_moment <= (1 - share) * self.unit
 
 
 class BrakeSlipLimit(BrakeLimit):

@@ -64,17 +64,7 @@ class TipOverLimit(WrenchLimit, MomentLimit):
         if not self.width:
             return -np.inf
         needed = self.least_moment * (1 + PATH_MARGIN)
-        return (needed - np.min(self._map(at.wrenches)[0])) / self.robot.tip_over.reference_moment
-
-    def near(self, at: Instants, share: float) -> np.ndarray:
-        return self._map(at.wrenches)[0] * share <= self.least_moment
-
-    def use(self, at: Instants) -> np.ndarray:
-        smallest = np.min(self._map(at.wrenches)[0], axis=1, initial=np.inf)
-        return 1 + (self.least_moment - smallest) / self.unit
-
-    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        return np.full(self.width, self.least_moment / self.unit), np.full(self.width, np.inf)
+        return (needed - np.min(self.moments(at))) / self.robot.tip_over.reference_moment
 
     def rows(self, at: NodeSlopes, mask: np.ndarray) -> Rows:
         moments, slopes = self._map(at.y[:, at.columns.wrench])

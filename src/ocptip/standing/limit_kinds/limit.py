@@ -353,6 +353,19 @@ class MomentLimit(AskedLimit):
         self.unit = 2 * (reference or 1.0)
         self.least_moment = reference * (1 / self.number - 1)
 
+    def moments(self, at: Instants) -> np.ndarray:
+        """(N, axes), N m, about the tipping axes."""
+        return self._map(at.wrenches)[0]
+
+    def near(self, at: Instants, share: float) -> np.ndarray:
+        return self.moments(at) * share <= self.least_moment
+
+    def use(self, at: Instants) -> np.ndarray:
+        return 1 + (self.least_moment - np.min(self.moments(at), axis=1, initial=np.inf)) / self.unit
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        return np.full(self.width, self.least_moment / self.unit), np.full(self.width, np.inf)
+
 
 class TableLimit(AskedLimit):
     """A number of a table of `MotionLimits`, such as `stops`.

@@ -129,16 +129,10 @@ class StopTipLimit(StopLimit, MomentLimit):
         moments, slopes = self._map(points.wrenches)
         return -moments / self.unit, -slopes / self.unit
 
-    def _moments(self, at: Instants) -> np.ndarray:
-        """Least moments (N, axes) during stops, N m."""
+    def moments(self, at: Instants) -> np.ndarray:
+        """The least during stops."""
         points = self._points(at)
         return -points.worst(-self._map(points.wrenches)[0])[0]
-
-    def near(self, at: Instants, share: float) -> np.ndarray:
-        return self._moments(at) * share <= self.least_moment
-
-    def use(self, at: Instants) -> np.ndarray:
-        return 1 + (self.least_moment - np.min(self._moments(at), axis=1, initial=np.inf)) / self.unit
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return np.full(self.width, -np.inf), np.full(self.width, -self.least_moment / self.unit)

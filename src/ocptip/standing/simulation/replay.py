@@ -20,6 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from ocptip.basics.errors import InputError, OcptipError
 from ocptip.contact.bindings.unilateral import UnilateralContact
+from ocptip.numerics.vectors import skew
 from ocptip.robots.bodies import real_bodies
 from ocptip.robots.payload import Payload
 from ocptip.standing.arm import StandingRobot
@@ -362,7 +363,7 @@ def _rest(mujoco: Any, model: Any, data: Any, robot: StandingRobot) -> None:
     load = -np.array(data.qfrc_bias[:6])
     K = np.zeros((6, 6))
     for k, arm in enumerate(support.arms):
-        jacobian = np.hstack([np.eye(3), -_cross(arm)])
+        jacobian = np.hstack([np.eye(3), -skew(arm)])
         frame = support.frames[k]
         K += jacobian.T @ (frame * elastic.stiffness[k]) @ frame.T @ jacobian
     moved = np.linalg.solve(K, load)
@@ -372,10 +373,6 @@ def _rest(mujoco: Any, model: Any, data: Any, robot: StandingRobot) -> None:
     for k, arm in enumerate(support.arms):
         away = moved[:3] + turn.apply(arm) - arm
         data.qpos[7 + 3 * k : 10 + 3 * k] = -support.frames[k].T @ turn.inv().apply(away)
-
-
-def _cross(v: np.ndarray) -> np.ndarray:
-    return np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
 
 
 @dataclass(frozen=True, eq=False)
