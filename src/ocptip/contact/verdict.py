@@ -380,7 +380,7 @@ def _margin(
         if status in INFEASIBLE:
             return -np.inf, None, dual
         ended = f"{status} (primal residual {solution.r_prim:.1e}, dual residual {solution.r_dual:.1e})"
-    raise SolverError(f"equilibrium: the convex program ended with status {ended}")
+    raise SolverError(f"equilibrium: no verdict from the convex program (Clarabel: {ended})")
 
 
 def _moving_from_random_starts(support: Support, wrench: np.ndarray) -> list[ContactState]:

@@ -401,7 +401,7 @@ def _program(
     A, b = np.vstack(rows), np.concatenate(right)
     solution = solve_cones(gradient / big, A, b, cones, quiet_settings(), np.triu(cost / big))
     if str(solution.status) not in USABLE:
-        raise SolverError(f"links that exist: the cone program ended as {solution.status}")
+        raise SolverError(f"no links that exist were found for the recording (Clarabel: {solution.status})")
     return np.array(solution.x)
 
 

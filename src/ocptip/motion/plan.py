@@ -230,7 +230,10 @@ def _why_not(task: MotionTask, attempts: list[Attempt]) -> PlanningError:
     moving = [a for a in attempts if a.check is not None]
     if not moving:
         first = attempts[0].result.status
-        return PlanningError(f"none of {len(attempts)} starts gave a motion; the first: {first}")
+        return PlanningError(
+            f"none of {len(attempts)} starts gave a motion; the first: {first}; more starts, another seed or "
+            "less strict limits may help"
+        )
     nearest = min(moving, key=lambda a: (len(a.check.violations), a.result.energy, a.result.number))
     violations = "; ".join(nearest.check.violations)
     found = f"none of {len(attempts)} starts gave a verified motion"

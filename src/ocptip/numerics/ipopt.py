@@ -10,6 +10,24 @@ from typing import Any, Protocol
 import casadi as cs
 import numpy as np
 
+_ENDINGS = {
+    "Infeasible_Problem_Detected": "nothing near it keeps all of them",
+    "Restoration_Failed": "no way back to where all of them are kept",
+    "Maximum_Iterations_Exceeded": "no end after the allowed number of iterations",
+    "Maximum_CpuTime_Exceeded": "no end within the allowed time",
+    "Maximum_WallTime_Exceeded": "no end within the allowed time",
+    "Search_Direction_Becomes_Too_Small": "steps too small to get anywhere",
+    "Diverging_Iterates": "steps that lead ever farther away",
+    "Invalid_Number_Detected": "numbers that are not finite",
+    "Error_In_Step_Computation": "no step could be computed",
+    "User_Requested_Stop": "stopped",
+}
+
+
+def ending(status: str) -> str:
+    """What Ipopt's word for the end of an unsolved program means, and the word: for brackets in a message."""
+    return f"{_ENDINGS.get(status, 'the search was given up')}; Ipopt: {status}"
+
 
 class Program(Protocol):
     """A smooth nonlinear program: values and derivatives at x (nx,)."""

@@ -14,6 +14,7 @@ import casadi as cs
 import numpy as np
 
 from ocptip.basics.errors import InputError, SolverError
+from ocptip.numerics.ipopt import ending
 from ocptip.retiming.fastest import Grid
 from ocptip.retiming.kernels import MOST, clipped
 from ocptip.trajectories.path import derivatives
@@ -104,7 +105,8 @@ class _Program:
         low = np.where(np.arange(g.numel()) < 2 * self.count, 0.0, -np.inf)
         found = solver(x0=start, lbg=low, ubg=0.0, **self._bounds())
         if not solver.stats()["success"]:
-            raise SolverError(f"jerk: no timing found, Ipopt ended with {solver.stats()['return_status']}")
+            why = ending(solver.stats()["return_status"])
+            raise SolverError(f"jerk: no timing found within all limits ({why}); more jerk may help")
         return np.array(found["x"])[:, 0]
 
     def _bounds(self) -> dict[str, np.ndarray]:

@@ -189,7 +189,7 @@ def _part(
         try:
             columns.append(pieces.calmest(at, limit, held))
         except ArithmeticError as error:
-            raise InputError(f"no fit of joint {joint + 1} to the samples: {error}") from None
+            raise InputError(f"no fit of joint {joint + 1} to the samples (Clarabel: {error})") from None
     angles, rates = (np.stack(values, axis=1) for values in zip(*columns, strict=True))
     return pieces.knots, angles, rates, np.hstack([angles, rates])[pieces.first]
 

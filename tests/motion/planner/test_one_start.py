@@ -1,5 +1,6 @@
 """What a start does with motions that are all but verified."""
 
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -9,6 +10,8 @@ import pytest
 from ocptip.basics.errors import SolverError
 from ocptip.motion.check import check_motion
 from ocptip.motion.planner.attempt import Attempt, Clock
+from ocptip.motion.planner.event_order import order_of
+from ocptip.motion.planner.exact import Refiner
 from ocptip.motion.planner.one_start import SLOWED, Search
 from ocptip.motion.planner.random_start import random_start
 from ocptip.published.tasks import experiment_task
@@ -65,6 +68,22 @@ def test_a_start_that_is_gone_on_with_never_gets_worse(task, monkeypatch, factor
     assert (after.result.number, after.result.verified, after.result.iterations) == (5, True, 107)
     assert (before.result.iterations, clock.iterations) == (100, 100)  # the result so far is as it was
     assert after.result.energy == after.check.energy <= checked.energy
+
+
+def test_a_motion_that_keeps_no_limits_is_told_in_words(task, monkeypatch):
+    search = Search(task)
+    refiner = Refiner(search.formulation, search.inner)
+    order, x = order_of(search.formulation, search.formulation.variables(task.reference))
+    exact = refiner.solve_order(order, x, start_mu=1e-3)
+    broken = replace(exact.solution, x=x, violation=0.18, status="Restoration_Failed")
+    monkeypatch.setattr(search, "_ordered", lambda *_: replace(exact, solution=broken))
+    found, _, why = search._exact(refiner, x, Clock(), np.inf)
+    assert found is None
+    assert re.fullmatch(
+        r"no motion: limits stay broken, most of all [a-z -]+ by 0\.18 in its units "
+        r"\(no way back to where all of them are kept; Ipopt: Restoration_Failed\)",
+        why,
+    )
 
 
 def test_slower_variables_are_the_same_path_in_more_time(task):

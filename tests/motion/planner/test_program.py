@@ -278,6 +278,14 @@ def test_slip_rows_put_their_curvature_into_the_hessian(effective, seed):
     assert np.mean(np.array(off) < 1e-4) > 0.9
 
 
+def test_the_limit_that_is_broken_most_is_named(effective):
+    program, x, *_ = effective.ordered(1)
+    limits = dataclasses.replace(effective.task.limits, torque_ratio=1e-3)
+    strict = effective.formulation.ordered_program(limits, effective.ordered(1)[3], x, [])
+    assert strict.with_rows(strict.near_rows(x, 0.5)).most_broken(x) == "torque"
+    assert program.with_rows(program.no_rows()).most_broken(0.5 * x) == "timing"
+
+
 def test_rows_that_do_not_take_part_do_not_exist(effective):
     program, x, _, _ = effective.ordered(1)
     assert len(program.values(x)[1]) == len(program.structure.lower) == len(program.bounds()[0])

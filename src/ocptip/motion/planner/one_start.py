@@ -16,7 +16,7 @@ from ocptip.motion.planner.free_ends import FreeEnds
 from ocptip.motion.planner.program import MotionProgram, Pull
 from ocptip.motion.planner.random_start import random_start
 from ocptip.motion.task import MotionTask
-from ocptip.numerics.ipopt import Solution
+from ocptip.numerics.ipopt import Solution, ending
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.limit_kinds.kinds import limits_of
 from ocptip.standing.limit_kinds.limit import AskedLimit
@@ -291,8 +291,8 @@ class Search:
         x = best.solution.x[: self.formulation.layout.size]
         if best.solution.violation > HOPELESS:
             missing = (
-                f"exact program not solved (Ipopt: {best.solution.status}, largest violation of a limit "
-                f"{best.solution.violation:.2g} in its units)"
+                f"limits stay broken, most of all {best.program.most_broken(best.solution.x)} by "
+                f"{best.solution.violation:.2g} in its units ({ending(best.solution.status)})"
             )
             if self.task.limits.stoppable and best.solution.violation > LOST:
                 raise SolverError(missing)

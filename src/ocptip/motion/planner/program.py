@@ -206,6 +206,14 @@ class MotionProgram:
         uses = [np.where(self._about(limit), limit.use(at), -np.inf) for limit in self.limits]
         return np.max(uses, axis=0)
 
+    def most_broken(self, x: np.ndarray) -> str:
+        """The limit whose row is farthest from its bounds at x, in words."""
+        (lower, upper), values = self.bounds(), self.values(x)[1]
+        names = ["timing"] * len(self.structure.lower)
+        for limit in self._used:
+            names += [limit.name.replace("_", " ")] * int(np.count_nonzero(self.rows[limit.name]))
+        return names[int(np.argmax(np.maximum(lower - values, values - upper)))] if names else "range"
+
     def instants(self, x: np.ndarray, nodes: np.ndarray) -> Instants:
         """Some of the nodes as limits look at them."""
         return self._instants(x).some(nodes)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ocptip.basics.errors import InputError
-from ocptip.parallel.description.robot_description import REVOLUTE, Leg
+from ocptip.parallel.description.robot_description import REVOLUTE, Leg, MDHRow
 from ocptip.parallel.kinematics.leg_solver import LegSolver
 
 _SAME = 1e-9
@@ -73,12 +73,7 @@ def leg_surface(
     Raises:
         InputError: the point moves on none of the surfaces.
     """
-    if not isinstance(leg.leg, Leg) or leg.locked:
-        raise InputError(f"leg {leg.number + 1}: assembly modes need serial legs without redundant joints")
-    q = np.array(leg.home)
-    for joint, value in locked.items():
-        q[joint] = value
-    rows = leg.leg.joint_rows
+    rows, q = _assembled(leg, locked)
     if turning:
         return _fixed_angle(leg, q, [j for j in range(leg.n) if j not in locked])
     passive = [j for j in range(leg.point) if j not in locked]
@@ -137,13 +132,11 @@ def held_leg(leg: LegSolver, locked: dict[int, float]) -> LegSurface:
     Raises:
         InputError: another kind of leg.
     """
-    rows, q = leg.leg.joint_rows if isinstance(leg.leg, Leg) else (), np.array(leg.home)
-    for joint, value in locked.items():
-        q[joint] = value
+    rows, q = _assembled(leg, locked)
     passive = [j for j in range(leg.n) if j not in locked]
-    kind = "".join("R" if rows[j].sigma == REVOLUTE else "P" for j in passive) if rows else ""
+    kind = "".join("R" if rows[j].sigma == REVOLUTE else "P" for j in passive)
     turn = leg.end_rotations[0]
-    if not leg.locked and kind in ("RRP", "RRR", "RRRR") and passive[-1] == leg.n - 1 and turn is not None:
+    if kind in ("RRP", "RRR", "RRRR") and passive[-1] == leg.n - 1 and turn is not None:
         rotations, origins = leg.frames(q)
         R, axes, points = rotations[leg.end_rows[0]] @ turn, rotations[passive, :, 2], origins[passive]
         kappa, p, last = leg.couplings[0], origins[leg.point], R.T @ axes[-1]
@@ -162,9 +155,19 @@ def held_leg(leg: LegSolver, locked: dict[int, float]) -> LegSurface:
             slots, radius = ((center, last, float(last @ arm)),), float(np.linalg.norm(p - center))
             return LegSurface(kappa, center, radius, angles=angles, slots=slots)
     raise InputError(
-        f"leg {leg.number + 1}: assembly modes need ball joints at the platform, or passive joints UP, UR "
-        "with parallel last axes, or SR up to it"
+        f"leg {leg.number + 1}: its passive joints ({', '.join(kind) or 'none'}) are none of those for which "
+        "assembly modes are known: ball joints at the platform, or UP, UR with parallel last axes or SR to it"
     )
+
+
+def _assembled(leg: LegSolver, locked: dict[int, float]) -> tuple[tuple[MDHRow, ...], np.ndarray]:
+    """Joint rows, and joint positions with those of the motors."""
+    if not isinstance(leg.leg, Leg) or leg.locked:
+        raise InputError(f"leg {leg.number + 1}: assembly modes need serial legs without redundant joints")
+    q = np.array(leg.home)
+    for joint, value in locked.items():
+        q[joint] = value
+    return leg.leg.joint_rows, q
 
 
 def _fixed_angle(leg: LegSolver, q: np.ndarray, passive: list[int]) -> LegSurface:
