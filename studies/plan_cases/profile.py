@@ -20,6 +20,7 @@ from contextlib import ExitStack, contextmanager, redirect_stdout
 from dataclasses import replace
 from io import StringIO
 from pathlib import Path
+from pkgutil import resolve_name
 from tempfile import TemporaryDirectory
 from typing import Any
 from unittest import mock
@@ -54,12 +55,12 @@ HEAD = (
     "Ipopt's own",
     "nodes, rows of the last",
 )
-WHOLE = {  # parts of a command: the functions of `ocptip.cli.plan` that do them
-    "task": "_asked",
-    "search": "plan_motion",
-    "controller": "_execution",
-    "tolerated": "tolerances",
-    "figures": "draw_plan",
+WHOLE = {  # parts of a command: the functions that do them
+    "task": "ocptip.cli.plan._asked",
+    "search": "ocptip.cli.plan.plan_motion",
+    "controller": "ocptip.motion.execution.execute",
+    "tolerated": "ocptip.cli.plan.tolerances",
+    "figures": "ocptip.pictures.frame.Drawing.save",
 }
 STAGES = ("case", "building s", "start", "coarse", "fine", "exact", "check", "all but building")
 
@@ -137,16 +138,15 @@ def profile(case: str, task: MotionTask) -> dict[str, Any]:
 
 def whole(case: str) -> None:
     """Plan a case as `ocptip plan` does with one job, and print CPU seconds by part as JSON."""
-    from ocptip.cli import main, plan
-    from ocptip.pictures import plan as pictures
+    from ocptip.cli import main
 
     clocks = Clocks(time.process_time)
+    parts = {name: resolve_name(function) for name, function in WHOLE.items()}
     clocks.seconds["imports"] = time.process_time()  # since the process began
     with TemporaryDirectory() as folder, redirect_stdout(StringIO()), ExitStack() as patches:
         for name, function in WHOLE.items():
-            module = pictures if name == "figures" else plan
-            timed = clocks.around(name, getattr(module, function))
-            patches.enter_context(mock.patch.object(module, function, timed))
+            timed = clocks.around(name, parts[name])
+            patches.enter_context(mock.patch(function, timed))
         main.main(["plan", case, "--tolerance", "none", "--jobs", "1", "--out", folder, "--overwrite"])
     clocks.seconds["all"] = time.process_time()
     print(json.dumps(clocks.seconds))

@@ -69,6 +69,13 @@ OF_FILE = (
     _rise_time("of the accelerations, for ramp commands (default: that of the motion or the task)"),
 )
 
+_OF_PLANS = (
+    "ocptip.motion.plan",
+    "ocptip.pictures.plan",
+    *("matplotlib.collections", "matplotlib.figure", "matplotlib.backends.backend_agg", "PIL.PngImagePlugin"),
+)
+"""What processes need that plan and draw."""
+
 COMMANDS = (
     Command(
         "stand",
@@ -148,7 +155,7 @@ COMMANDS = (
             _time_scale("check the plan with all times multiplied by F, too (0.95: faster)"),
             *FILES,
         ),
-        ("ocptip.motion.plan", "ocptip.pictures.plan"),
+        _OF_PLANS,
     ),
     Command(
         "place",
@@ -183,7 +190,7 @@ COMMANDS = (
             TOLERANCE,
             *FILES,
         ),
-        ("ocptip.motion.plan", "ocptip.pictures.plan"),
+        _OF_PLANS,
     ),
     Command(
         "retime",

@@ -6,6 +6,7 @@ import sys
 from argparse import Namespace
 from collections.abc import Iterator
 from concurrent.futures import Executor
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -45,13 +46,18 @@ from ocptip.motion.planner.attempt import LEFT_OUT
 from ocptip.motion.stops import Stops
 from ocptip.motion.task import MotionTask
 from ocptip.motion.tolerated import Tolerated, tolerances
+from ocptip.numerics.fork_server import ready
+from ocptip.pictures.frame import Drawing
+from ocptip.pictures.plan import begin_plan
 from ocptip.published.cases import case_names
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.elastic.drives import with_rise
+from ocptip.standing.mechanism import MotionSamples
 from ocptip.standing.sensitivity import Sensitivity
 from ocptip.standing.tolerance import WORKSHOP
 from ocptip.task_files.cycle import read_task
 from ocptip.trajectories.arm_motion import ArmMotion
+from ocptip.trajectories.timed_path import TimedPath
 
 
 def run(options: Namespace) -> Report:
@@ -100,22 +106,36 @@ def planned(one: Asked, options: Namespace, executor: Executor | None) -> Report
         return _no_plan(task, error, options, executor)
     except KeyboardInterrupt:
         raise KeyboardInterrupt("before there was a verified plan") from None
-    scaled = [
-        (f, check_motion(task.robot, plan.motion.time_scaled(f), task.limits)) for f in options.time_scale
-    ]
-    execution = _execution(plan, options)
-    proved = certified(plan.task.robot, execution.motion, execution.check, task.limits)
-    rung = replace(proved, drives=with_rise(plan.task.robot, execution.motion))
-    execution = replace(execution, check=rung)
-    deviations = tolerances(plan.task.robot, execution.motion)
-    stops = stops_of(plan.task, execution.motion, execution.check)
-    extra = {"base": one.base} if one.base else {}
-    extra |= {"tolerated": [d.to_dict() for d in deviations], "digest": one.digest}
-    written = one.directory, not options.no_figures, options.effort
-    report = PlanReport(plan, execution, scaled, extra, *written, tolerated=deviations, stops=stops)
+    report = _report(plan, one, options)
     report.price = price_of_stops(plan, without)
-    if options.sensitivities:
-        report.sensitivities = sensitivities_of(plan.task, execution.motion)
+    return report
+
+
+def _report(plan: MotionPlan, one: Asked, options: Namespace) -> PlanReport:
+    """What is run, proved and looked at from all sides, while other processes draw its figures."""
+    robot, limits = plan.task.robot, plan.task.limits
+    run = plan if options.controller == "ramps" else _by_points(plan, options)
+    check = certified(robot, run.motion, run.check, limits)
+    check = replace(check, drives=with_rise(robot, run.motion))
+    samples = sample_motion(robot, run.motion)
+    drawing = None
+    if ready() and not options.no_figures:
+        drawing = begin_plan(_seen(plan, run.motion, check), samples)
+    with drawing or nullcontext():
+        scaled = [(f, check_motion(robot, plan.motion.time_scaled(f), limits)) for f in options.time_scale]
+        if isinstance(run, Execution):
+            execution = replace(run, check=check)
+        else:
+            execution = Execution.of_drives(robot, plan.motion, limits, check)
+        deviations = tolerances(robot, run.motion)
+        stops = stops_of(plan.task, run.motion, check)
+        extra = {"base": one.base} if one.base else {}
+        extra |= {"tolerated": [d.to_dict() for d in deviations], "digest": one.digest}
+        written = one.directory, not options.no_figures, options.effort
+        report = PlanReport(plan, execution, scaled, extra, *written, tolerated=deviations, stops=stops)
+        report.samples, report.drawing = samples, drawing
+        if options.sensitivities:
+            report.sensitivities = sensitivities_of(plan.task, run.motion)
     return report
 
 
@@ -216,6 +236,8 @@ class PlanReport(Report):
         stops: of a plan that keeps its reserves in stops; None: not asked for.
         sensitivities: what changes would do; empty if not asked for.
         price: what it costs that it may be stopped; empty if it need not.
+        samples: of the motion that is run; computed if None.
+        drawing: its figures, if they are being drawn already.
     """
 
     early = True
@@ -230,6 +252,8 @@ class PlanReport(Report):
     stops: Stops | None = None
     sensitivities: tuple[Sensitivity, ...] = ()
     price: dict[str, Any] = field(default_factory=dict)
+    samples: MotionSamples | None = None
+    drawing: Drawing | None = None
 
     @property
     def check(self) -> MotionCheck:
@@ -257,14 +281,13 @@ class PlanReport(Report):
     def write(self) -> Iterator[Path]:
         """Write plan.json, tables and figures."""
         remove_figures(self.directory, "plan")
-        samples = sample_motion(self.plan.task.robot, self.execution.motion)
+        motion = self.execution.motion
+        samples = self.samples or sample_motion(self.plan.task.robot, motion)
         how = {"samples": samples, "extra": self.entries(), "effort": self.effort}
         yield from write_plan(self.directory, self.plan, execution=self.execution, **how)
         if self.figures:
-            from ocptip.pictures.plan import draw_plan
-
-            run = {"motion": self.execution.motion, "check": self.check}
-            yield from draw_plan(self.directory, SimpleNamespace(**vars(self.plan) | run), samples)
+            drawing = self.drawing or begin_plan(_seen(self.plan, motion, self.check), samples)
+            yield from drawing.save(self.directory)
             if self.stops:
                 from ocptip.pictures.stops import draw_stops
 
@@ -338,11 +361,14 @@ class PlanReport(Report):
         )
 
 
-def _execution(plan: MotionPlan, options: Namespace) -> Execution:
-    if options.controller == "ramps":
-        return Execution.of_drives(plan.task.robot, plan.motion, plan.task.limits, plan.check)
+def _by_points(plan: MotionPlan, options: Namespace) -> Execution:
     own = plan.task.robot, plan.motion, plan.task.limits
     return execute(*own, options.controller, step=1 / options.rate)
+
+
+def _seen(plan: MotionPlan, motion: ArmMotion | TimedPath, check: MotionCheck) -> Any:
+    """The plan as its figures show it: with the motion that is run."""
+    return SimpleNamespace(**vars(plan) | {"motion": motion, "check": check})
 
 
 def _scale_text(checked: MotionCheck) -> str:

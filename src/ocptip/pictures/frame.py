@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+import io
 import os
+import pickle
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
-from itertools import repeat
+from concurrent.futures import Future
+from functools import lru_cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from PIL import Image
 
-from ocptip.basics.write import atomic_file
-from ocptip.numerics.fork_server import ready
-from ocptip.numerics.workers import worker_pool
+from ocptip.basics.write import write_bytes
+from ocptip.numerics.fork_server import cores, ready
+from ocptip.numerics.workers import Workers
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 
 # Okabe and Ito's palette, told apart with any colour vision; its yellow is too pale for lines on white.
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
@@ -29,6 +33,9 @@ LEGEND_SIZE, LEGEND_HANDLE, LEGEND_GAP = 8.5, 1.8, 1.2
 
 def new_figure(width: float, height: float, layout: Literal["constrained", "none"] = "constrained") -> Figure:
     """An empty figure of this size, inches, that needs no window."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(width, height), layout=layout)
     FigureCanvasAgg(figure)
     return figure
@@ -101,44 +108,87 @@ def legend_columns(ax: Any, labels: list[str]) -> int:
     return 1
 
 
+class Drawing:
+    """Figures that are being drawn: by processes, where these start at once; else when they are saved.
+
+    Also a context: where that ends by an exception, the processes end, too.
+
+    Args:
+        figures: what draws each, by the names of the files without ending.
+        dpi: pixels per inch.
+    """
+
+    def __init__(self, figures: Mapping[str, Callable[[], Figure]], dpi: int) -> None:
+        self._figures, self._dpi = figures, dpi
+        self._pool: Workers | None = None
+        self._drawn: dict[str, Future[bytes]] = {}
+        if ready() and len(figures) > 1:
+            self._pool = Workers(min(cores(), len(figures)))
+            payload = pickle.dumps(dict(figures))
+            self._drawn = {name: self._pool.submit(_png_of, payload, name, dpi) for name in figures}
+
+    def save(self, directory: str | os.PathLike[str]) -> list[Path]:
+        """Write the figures as PNG into a directory; files of the same name are replaced.
+
+        Args:
+            directory: made if it does not exist; the one above it must.
+
+        Returns:
+            The paths.
+
+        Raises:
+            OSError: a file or the directory cannot be written; names it.
+        """
+        directory = Path(directory)
+        paths = []
+        with self:
+            directory.mkdir(exist_ok=True)
+            for name, draw in self._figures.items():
+                drawn = self._drawn.get(name)
+                paths.append(directory / f"{name}.png")
+                write_bytes(paths[-1], _png(draw, self._dpi) if drawn is None else drawn.result())
+            if self._pool is not None:
+                self._pool.shutdown(wait=False)
+        return paths
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, error: type[BaseException] | None, *_: object) -> None:
+        if error is not None and self._pool is not None:
+            self._pool.end()
+
+
 def save_figures(
     directory: str | os.PathLike[str], figures: Mapping[str, Callable[[], Figure]], dpi: int
 ) -> list[Path]:
-    """Draw figures into a directory as PNG; files of the same name are replaced.
-
-    Several at a time where processes start at once.
-
-    Args:
-        directory: made if it does not exist; the one above it must.
-        figures: what draws each, by the names of the files without ending.
-        dpi: pixels per inch.
-
-    Returns:
-        The paths.
-
-    Raises:
-        OSError: a file or the directory cannot be written; names it.
-    """
-    directory = Path(directory)
-    directory.mkdir(exist_ok=True)
-    files = {directory / f"{name}.png": draw for name, draw in figures.items()}
-    if ready() and len(files) > 1:
-        with worker_pool(None, None, len(files)) as pool:
-            return list(pool.map(_save, files, files.values(), repeat(dpi)))
-    return [_save(path, draw, dpi) for path, draw in files.items()]
+    """Draw figures into a directory, see `Drawing`."""
+    return Drawing(figures, dpi).save(directory)
 
 
-def _save(path: Path, draw: Callable[[], Figure], dpi: int) -> Path:
+def _png_of(payload: bytes, name: str, dpi: int) -> bytes:
+    """In a process: one of pickled figures."""
+    return _png(_unpickled(payload)[name], dpi)
+
+
+@lru_cache(maxsize=1)
+def _unpickled(payload: bytes) -> dict[str, Callable[[], Figure]]:
+    return pickle.loads(payload)
+
+
+def _png(draw: Callable[[], Figure], dpi: int) -> bytes:
     """Without the alpha channel and the hard search of `savefig`: files are smaller, in half the time."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from PIL import Image
+
     figure = draw()
     figure.set_dpi(dpi)
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
-    with atomic_file(path) as stream:
-        Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB").save(
-            stream, format="png", dpi=(dpi, dpi), compress_level=4
-        )
-    return path
+    stream = io.BytesIO()
+    picture = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+    picture.save(stream, format="png", dpi=(dpi, dpi), compress_level=4)
+    return stream.getvalue()
 
 
 def mark_segments(ax: Any, segments: Iterable[tuple[float, float, str]]) -> None:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-from matplotlib.figure import Figure
 
 from ocptip.pictures.frame import COLORS, new_figure
 from ocptip.standing.elastic.drives import SETTLED, DriveMotion
 from ocptip.standing.mechanism import StandingMechanism
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _MOST_POINTS = 1500
 

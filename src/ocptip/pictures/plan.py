@@ -15,8 +15,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.collections import LineCollection
-from matplotlib.figure import Figure
 
 from ocptip.pictures.clearance import draw_clearance
 from ocptip.pictures.feet import feet_figure
@@ -25,17 +23,19 @@ from ocptip.pictures.frame import (
     LEGEND_GAP,
     LEGEND_HANDLE,
     LEGEND_SIZE,
+    Drawing,
     legend_columns,
     mark_segments,
     new_figure,
     place_panels,
-    save_figures,
 )
 from ocptip.pictures.gears import gears_figure
 from ocptip.pictures.plan_curves import PlanCurves
 from ocptip.standing.mechanism import MotionSamples
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from ocptip.motion.plan import MotionPlan
 
 STYLES = ("-", (0, (5, 1.2)), (0, (1.2, 1.2)))  # beyond seven joints or contacts
@@ -64,7 +64,12 @@ def draw_plan(
     Raises:
         OSError: a file or the directory cannot be written; names it.
     """
-    return save_figures(directory, _figures(plan, samples), DPI)
+    return begin_plan(plan, samples).save(directory)
+
+
+def begin_plan(plan: Any, samples: MotionSamples | None = None) -> Drawing:
+    """The same figures, which are being drawn while the caller goes on."""
+    return Drawing(_figures(plan, samples), DPI)
 
 
 def plan_figures(plan: MotionPlan, samples: MotionSamples | None = None) -> dict[str, Figure]:
@@ -375,6 +380,8 @@ def _finish(
     ax: Any, curves: PlanCurves, title: str, label: str, more: tuple[list[Any], list[str]] = ([], [])
 ) -> None:
     """Events, time axis, title, and the legend between title and panel, where it covers no curve."""
+    from matplotlib.collections import LineCollection
+
     events = [[(t, 0), (t, 1)] for t in curves.events]
     style = {"color": EVENT, "lw": 0.8, "zorder": 0}
     ax.add_collection(LineCollection(events, transform=ax.get_xaxis_transform(), **style), autolim=False)
