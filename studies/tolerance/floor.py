@@ -191,6 +191,7 @@ def markdown(rows: Sequence[dict[str, Any]], notes: list[str]) -> str:
     head = ["task", "nominal ramps J", "nominal free form J", "floor J", "floor over nominal ramps"]
     head += [
         "over nominal free form",
+        f"{INTERVALS} equal ramps over nominal ramps",
         "planned over nominal ramps",
         "starts, spread",
         "worlds of moments, of slip",
