@@ -79,6 +79,7 @@ def plan_figures(plan: MotionPlan, samples: MotionSamples | None = None) -> dict
 
 def _figures(plan: MotionPlan, samples: MotionSamples | None) -> dict[str, Callable[[], Figure]]:
     curves = PlanCurves.of(plan, samples)
+    curves.reference  # known before the curves go to processes
     figures = {name: partial(_drawn, draw, curves) for name, draw in _FIGURES.items()}
     if feet := plan.check.feet:
         figures["feet"] = partial(feet_figure, curves.title, feet, curves.times, curves.normal_forces)
@@ -393,7 +394,8 @@ def _finish(
     handles, labels = ax.get_legend_handles_labels()
     handles, labels = handles + more[0], labels + more[1]
     columns = legend_columns(ax, labels)
-    ax.set_title(title, loc="left", fontsize=11, pad=7 + 14 * -(-len(labels) // columns))
+    pad = 7 + 14 * -(-len(labels) // columns)
+    ax.set_title(title, loc="left", fontsize=11, pad=pad, y=1.0)  # given: nothing is measured to find it
     ax.legend(
         handles,
         labels,
