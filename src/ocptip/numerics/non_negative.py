@@ -47,7 +47,7 @@ def _of_unit_columns(columns: np.ndarray, b: np.ndarray, bounded: int) -> tuple[
     for _ in range(3 * max(n, 1)):
         new, steepest = -1, _SLOPE
         for k in range(bounded):
-            slope = np.sum(columns[k] * left)
+            slope = (columns[k] * left).sum()
             if slope > steepest and x[k] == 0 and not tried[k]:
                 new, steepest = k, slope
         if new < 0:
@@ -96,14 +96,14 @@ def _least_squares(columns: np.ndarray, b: np.ndarray, chosen: np.ndarray, x: np
         for _ in range(2):
             for j in range(k):
                 if own[j]:
-                    share = np.sum(basis[j] * column)
+                    share = (basis[j] * column).sum()
                     R[j, k] += share
                     column -= share * basis[j]
-        R[k, k] = np.sqrt(np.sum(column * column))
+        R[k, k] = np.sqrt((column * column).sum())
         own[k] = R[k, k] > _DEPENDENT
         if own[k]:
             basis[k] = column / R[k, k]
-            parts[k] = np.sum(basis[k] * left)
+            parts[k] = (basis[k] * left).sum()
             left -= parts[k] * basis[k]
     for k in range(size - 1, -1, -1):
         if own[k]:
