@@ -43,7 +43,10 @@ def _of_unit_columns(columns: np.ndarray, b: np.ndarray, bounded: int) -> tuple[
     chosen[: n - bounded] = np.arange(bounded, n)
     count = n - bounded
     x, tried = np.zeros(n), np.zeros(n, np.bool_)
-    left = _least_squares(columns, b, chosen[:count], x)
+    basis, R, parts, own = np.zeros((n, len(b))), np.zeros((n, n)), np.zeros(n), np.zeros(n, np.bool_)
+    lefts = np.zeros((n + 1, len(b)))
+    lefts[0] = b
+    left = _least_squares(columns, chosen[:count], 0, x, basis, R, parts, own, lefts)
     for _ in range(3 * max(n, 1)):
         new, steepest = -1, _SLOPE
         for k in range(bounded):
@@ -54,7 +57,7 @@ def _of_unit_columns(columns: np.ndarray, b: np.ndarray, bounded: int) -> tuple[
             return x, True
         chosen[count] = new
         wanted = np.zeros(n)
-        rest = _least_squares(columns, b, chosen[: count + 1], wanted)
+        rest = _least_squares(columns, chosen[: count + 1], count, wanted, basis, R, parts, own, lefts)
         if wanted[new] <= _ZERO:  # depends on the others, but for rounding
             tried[new] = True
             continue
@@ -68,31 +71,32 @@ def _of_unit_columns(columns: np.ndarray, b: np.ndarray, bounded: int) -> tuple[
             if inside:
                 break
             x += share * (wanted - x)
-            kept = 0
-            for k in chosen[:count]:
+            kept, same = 0, count
+            for at in range(count):
+                k = chosen[at]
                 if k >= bounded or x[k] > _ZERO:
                     chosen[kept] = k
                     kept += 1
                 else:
-                    x[k] = 0.0
+                    x[k], same = 0.0, min(same, at)
             count = kept
             wanted[:] = 0.0
-            rest = _least_squares(columns, b, chosen[:count], wanted)
+            rest = _least_squares(columns, chosen[:count], same, wanted, basis, R, parts, own, lefts)
         x, left = wanted, rest
     return x, False
 
 
 @compiled
-def _least_squares(columns: np.ndarray, b: np.ndarray, chosen: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Puts the best x of the chosen columns into x, and returns b less their sum.
+def _least_squares(columns, chosen, known, x, basis, R, parts, own, lefts):
+    """Puts the best x of the chosen columns into x, and returns b = lefts[0] less their sum.
 
-    Each column is made orthogonal to those before it twice; one that depends on them gets 0.
+    Each column is made orthogonal to those before it twice; one that depends on them gets 0. What comes of
+    the first `known` columns is in basis, R, parts, own and lefts already, of an earlier call.
     """
     size = len(chosen)
-    basis, R = np.zeros((size, len(b))), np.zeros((size, size))
-    left, parts, own = b.copy(), np.zeros(size), np.zeros(size, np.bool_)
-    for k in range(size):
-        column = columns[chosen[k]].copy()
+    for k in range(known, size):
+        column, left = columns[chosen[k]].copy(), lefts[k + 1]
+        R[: k + 1, k] = 0.0
         for _ in range(2):
             for j in range(k):
                 if own[j]:
@@ -101,6 +105,7 @@ def _least_squares(columns: np.ndarray, b: np.ndarray, chosen: np.ndarray, x: np
                     column -= share * basis[j]
         R[k, k] = np.sqrt((column * column).sum())
         own[k] = R[k, k] > _DEPENDENT
+        left[:] = lefts[k]
         if own[k]:
             basis[k] = column / R[k, k]
             parts[k] = (basis[k] * left).sum()
@@ -111,4 +116,4 @@ def _least_squares(columns: np.ndarray, b: np.ndarray, chosen: np.ndarray, x: np
             for j in range(k + 1, size):
                 total -= R[k, j] * x[chosen[j]]
             x[chosen[k]] = total / R[k, k]
-    return left
+    return lefts[size]

@@ -79,7 +79,6 @@ def plan_figures(plan: MotionPlan, samples: MotionSamples | None = None) -> dict
 
 def _figures(plan: MotionPlan, samples: MotionSamples | None) -> dict[str, Callable[[], Figure]]:
     curves = PlanCurves.of(plan, samples)
-    curves.reference  # known before the curves go to processes
     figures = {name: partial(_drawn, draw, curves) for name, draw in _FIGURES.items()}
     if feet := plan.check.feet:
         figures["feet"] = partial(feet_figure, curves.title, feet, curves.times, curves.normal_forces)

@@ -21,22 +21,25 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class PlanCurves:
-    """The numbers of a plan as they are drawn."""
+    """The numbers of a plan as they are drawn.
+
+    Attributes:
+        plan: that is drawn.
+        samples: of its motion, with the rests.
+        reference: samples of the reference motion, if there is one.
+    """
 
     plan: MotionPlan
     samples: MotionSamples
+    reference: MotionSamples | None = None
 
     @classmethod
     def of(cls, plan: MotionPlan, samples: MotionSamples | None = None) -> PlanCurves:
         """The curves of a plan whose motion may have been sampled before."""
-        samples = samples or sample_motion(plan.task.robot, plan.motion)
-        return cls(plan, _with_rests(plan.task.robot, plan.motion, samples))
-
-    @cached_property
-    def reference(self) -> MotionSamples | None:
-        """Samples of the reference motion."""
-        robot, motion = self.plan.task.robot, self.plan.task.reference
-        return None if motion is None else _with_rests(robot, motion, sample_motion(robot, motion))
+        robot, other = plan.task.robot, plan.task.reference
+        samples = samples or sample_motion(robot, plan.motion)
+        reference = None if other is None else _with_rests(robot, other, sample_motion(robot, other))
+        return cls(plan, _with_rests(robot, plan.motion, samples), reference)
 
     @property
     def events(self) -> np.ndarray:
