@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import pickle
 import re
 import sys
 from types import SimpleNamespace
@@ -214,6 +215,29 @@ def test_without_a_reference_there_is_no_ratio(planner, capsys):
     _, out, _ = run(capsys, "C", "--no-figures")
     assert out.splitlines()[0].endswith(" s.")
     assert "reference" not in out
+
+
+def test_what_a_plan_tolerates_is_computed_during_its_proof(planner, capsys, monkeypatch):
+    ends = []
+
+    def tolerances(robot, motion):
+        ends.append(motion.end)
+        return ()
+
+    monkeypatch.setattr(command, "tolerances", tolerances)
+    plan = stand_in_plan("C")
+    for other, expected in ((1.0, 1), (1.5, 2)):  # the proof changes nothing, or the motion
+
+        def plan_motion(task, *, meanwhile, factor=other, **_):
+            before = plan.motion if factor == 1 else plan.motion.time_scaled(factor)
+            meanwhile(plan.task, pickle.loads(pickle.dumps(before)), plan.check)
+            return plan
+
+        monkeypatch.setattr(command, "plan_motion", plan_motion)
+        ends.clear()
+        assert run(capsys, "C", "--no-figures", "--overwrite")[0] == 0
+        assert len(ends) == expected
+        assert ends[-1] == plan.motion.end
 
 
 def test_an_interrupted_search_keeps_the_best(planner, capsys):

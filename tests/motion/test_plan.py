@@ -17,7 +17,7 @@ from ocptip.basics.errors import InputError, PlanningError
 from ocptip.certificate.result import Certificate, Undecided
 from ocptip.certificate.trusted.checker import Verdict, check_certificate
 from ocptip.motion.check import certified, check_motion
-from ocptip.motion.plan import FINISHED, _most_promising, plan_motion
+from ocptip.motion.plan import FINISHED, _most_promising, _search, plan_motion
 from ocptip.motion.planner.attempt import LEFT_OUT, Attempt, Clock, Rough, StartResult
 from ocptip.motion.planner.one_start import Search
 from ocptip.numerics.workers import WorkerDiedError, worker_pool
@@ -301,6 +301,45 @@ def test_the_best_few_starts_are_gone_on_with(case_b, scripted):
     scripted([slowed[1.6], slowed[1.2]], slowed[1.3])
     assert plan_motion(case_b, starts=2, jobs=1).best == 1
     assert Scripted.gone_on == []  # too far behind
+
+
+class AtOnce(Executor):
+    """Runs calls when they are submitted, and notes what."""
+
+    def __init__(self):
+        self.calls = []
+
+    def submit(self, function, payload, what, arguments):
+        self.calls.append(what)
+        future = Future()
+        future.set_result(function(payload, what, arguments))
+        return future
+
+
+def test_the_best_is_looked_at_while_it_is_proved(case_b, scripted):
+    slow, slower = (case_b.reference.time_scaled(factor) for factor in (1.3, 1.6))
+    scripted(slower, slow)
+    executor, seen = AtOnce(), []
+
+    def look(task, motion, check):
+        seen.append((task.name, motion.end, check.verified, list(executor.calls)))
+
+    _search.cache_clear()
+    plan = plan_motion(case_b, starts=2, executor=executor, meanwhile=look)
+    _search.cache_clear()
+    assert seen == [(case_b.name, slow.end, True, ["run", "run", "proved"])]
+    assert (plan.best, plan.interrupted) == (1, False)
+
+
+def test_an_interrupt_while_it_is_looked_at_keeps_the_plan(case_b, scripted):
+    slow = case_b.reference.time_scaled(1.3)
+    scripted(slow)
+
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    plan = plan_motion(case_b, starts=1, jobs=1, meanwhile=interrupt)
+    assert (plan.motion, plan.interrupted, plan.verified) == (slow, True, True)
 
 
 def test_where_no_start_succeeds_the_nearest_one_is_described(case_b, scripted):

@@ -94,7 +94,10 @@ def planned(one: Asked, options: Namespace, executor: Executor | None) -> Report
     how = {"starts": options.starts, "seed": options.seed, "jobs": options.jobs, "executor": executor}
     try:
         with progress_bar(sys.stderr, task.objective) as progress:
-            plan = plan_motion(task, **how, progress=progress)
+            looked = _Looked()
+            slowly = task.limits.tolerance.given and options.controller == "ramps"  # proved
+            aside = {"meanwhile": looked} if slowly else {}
+            plan = plan_motion(task, **how, progress=progress, **aside)
             without = _without_stops(task, how) if task.limits.stoppable else None
     except PlanningError as error:
         without = _without_stops(task, how) if task.limits.stoppable else None
@@ -106,12 +109,30 @@ def planned(one: Asked, options: Namespace, executor: Executor | None) -> Report
         return _no_plan(task, error, options, executor)
     except KeyboardInterrupt:
         raise KeyboardInterrupt("before there was a verified plan") from None
-    report = _report(plan, one, options)
+    report = _report(plan, one, options, looked)
     report.price = price_of_stops(plan, without)
     return report
 
 
-def _report(plan: MotionPlan, one: Asked, options: Namespace) -> PlanReport:
+class _Looked:
+    """What drives make of a motion, and what it tolerates: known before its proof if that changes nothing."""
+
+    def __init__(self) -> None:
+        self._motion: ArmMotion | TimedPath | None = None
+
+    def __call__(self, task: MotionTask, motion: ArmMotion | TimedPath, check: MotionCheck) -> None:
+        """Look at it."""
+        self._execution = Execution.of_drives(task.robot, motion, task.limits, check)
+        self._tolerated, self._motion = tolerances(task.robot, motion), motion
+
+    def at(self, plan: MotionPlan, check: MotionCheck) -> tuple[Execution, tuple[Tolerated, ...]]:
+        """Of a plan."""
+        if self._motion is None or self._motion.to_dict() != plan.motion.to_dict():
+            self(plan.task, plan.motion, check)
+        return replace(self._execution, check=check), self._tolerated
+
+
+def _report(plan: MotionPlan, one: Asked, options: Namespace, looked: _Looked) -> PlanReport:
     """What is run, proved and looked at from all sides, while other processes draw its figures."""
     robot, limits = plan.task.robot, plan.task.limits
     run = plan if options.controller == "ramps" else _by_points(plan, options)
@@ -124,10 +145,9 @@ def _report(plan: MotionPlan, one: Asked, options: Namespace) -> PlanReport:
     with drawing or nullcontext():
         scaled = [(f, check_motion(robot, plan.motion.time_scaled(f), limits)) for f in options.time_scale]
         if isinstance(run, Execution):
-            execution = replace(run, check=check)
+            execution, deviations = replace(run, check=check), tolerances(robot, run.motion)
         else:
-            execution = Execution.of_drives(robot, plan.motion, limits, check)
-        deviations = tolerances(robot, run.motion)
+            execution, deviations = looked.at(plan, check)
         stops = stops_of(plan.task, run.motion, check)
         extra = {"base": one.base} if one.base else {}
         extra |= {"tolerated": [d.to_dict() for d in deviations], "digest": one.digest}

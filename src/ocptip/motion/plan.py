@@ -91,6 +91,7 @@ def plan_motion(
     jobs: int | None = None,
     progress: Callable[[int, int, float | None], None] | None = None,
     prove: bool = True,
+    meanwhile: Callable[[MotionTask, ArmMotion, MotionCheck], None] | None = None,
 ) -> MotionPlan:
     """Plan the ramp motion of least cost that keeps all limits of a task.
 
@@ -118,6 +119,8 @@ def plan_motion(
         jobs: number of processes of the default pool, one per core by default; 1 runs in this process.
         progress: called as progress(done, starts, least cost of a verified plan so far or None).
         prove: whether the best gets its certificate; `proved` gives it later.
+        meanwhile: called as meanwhile(task, motion, check) with the best while a worker proves it, after
+            which it may be another one.
 
     Raises:
         InputError: the task cannot be planned (all reasons with their numbers), or starts, jobs or seed
@@ -154,7 +157,7 @@ def plan_motion(
                 best = attempts[best.result.number] = _with_best_rise_time(work, best, tasks_of)
             if best is not None and prove:
                 own = tasks_of[best.result.number]
-                best = attempts[best.result.number] = next(iter(work("proved", [(own, (best,))])))
+                best = attempts[best.result.number] = _with_proof(work, own, best, meanwhile)
     except BrokenExecutor as error:
         died = f"a worker process died after {len(attempts)} of {starts} starts ({error}); out of memory? "
         died += "With jobs=1 no workers are needed"
@@ -183,6 +186,18 @@ def plan_motion(
         interrupted=interrupted,
         options={"starts": starts, **choices},
     )
+
+
+def _with_proof(
+    work: Callable[[str, list[_Job]], Iterator[Any]],
+    task: MotionTask,
+    best: Attempt,
+    meanwhile: Callable[[MotionTask, ArmMotion, MotionCheck], None] | None,
+) -> Attempt:
+    proof = work("proved", [(task, (best,))])
+    if meanwhile is not None and best.motion is not None and best.check is not None:
+        meanwhile(task, best.motion, best.check)
+    return next(iter(proof))
 
 
 def proved(plan: MotionPlan) -> MotionPlan:
@@ -350,10 +365,15 @@ def _in_process(searches: dict[int, Search], what: str, jobs: list[_Job]) -> Ite
 
 
 def _in_pool(pool: Executor, what: str, jobs: list[_Job]) -> Iterator[Any]:
+    """They begin at once, not when the first result is asked for."""
     payloads = {id(task): pickle.dumps(replace(task, source=None)) for task, _ in jobs}
     futures: list[Future] = [
         pool.submit(_run, payloads[id(task)], what, arguments) for task, arguments in jobs
     ]
+    return _as_they_come(futures, jobs)
+
+
+def _as_they_come(futures: list[Future], jobs: list[_Job]) -> Iterator[Any]:
     try:
         for future in as_completed(futures):
             try:
