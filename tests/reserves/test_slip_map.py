@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ocptip import Slip, Support, UnilateralContact, solve_many
+from ocptip import ForceConstantHalfRigidClamp, Slip, Support, UnilateralContact, solve_many
 from ocptip.reserves.slip import SlipMap
 
 TRIANGLE = ([0.35, 0, 0.02], [-0.2, 0.3, 0.02], [-0.2, -0.3, 0.02])
@@ -17,6 +17,16 @@ def slip_of(positions=TRIANGLE, friction=(0.5, 0.3, 0.8), **options) -> Slip:
         for p, mu in zip(positions, np.resize(friction, len(positions)), strict=True)
     ]
     return Slip(Support(feet, mass=60.0, center_of_mass=[0, 0, 0.6]))
+
+
+def clamped() -> Slip:
+    """Two feet and a clamp that lets go when it is pulled with more than 300 N."""
+    *places, at = TRIANGLE
+    feet = [UnilateralContact(position=p, friction=0.5) for p in places]
+    clamp = ForceConstantHalfRigidClamp(
+        position=at, friction_upper=0.4, friction_lower=0.2, clamp_force=300.0
+    )
+    return Slip(Support([*feet, clamp], mass=60.0, center_of_mass=[0, 0, 0.6]))
 
 
 def wrenches_of(count: int, pull: float = 50.0) -> np.ndarray:
@@ -32,9 +42,9 @@ def rotated_about_a_foot(slip: Slip) -> np.ndarray:
     return wrenches
 
 
+@pytest.mark.parametrize("slip", [slip_of(), clamped()])
 @pytest.mark.parametrize("wrenches", [wrenches_of(200), wrenches_of(40, 4.0)])
-def test_where_the_base_stands_it_is_gt_with_its_gradient(wrenches):
-    slip = slip_of()
+def test_where_the_base_stands_it_is_gt_with_its_gradient(slip, wrenches):
     reserve = slip.evaluate(solve_many(slip.support, wrenches))
     values, slopes, _ = SlipMap(slip, 0.9)(wrenches)
     stands = reserve.GT < 0.95
@@ -43,9 +53,9 @@ def test_where_the_base_stands_it_is_gt_with_its_gradient(wrenches):
     np.testing.assert_allclose(slopes[stands], reserve.gradient[stands], rtol=1e-5, atol=1e-9)
 
 
+@pytest.mark.parametrize("slip", [slip_of(), clamped()])
 @pytest.mark.parametrize("turned", [False, True])
-def test_derivatives_are_those_of_finite_differences(turned):
-    slip = slip_of()
+def test_derivatives_are_those_of_finite_differences(slip, turned):
     own = SlipMap(slip, 0.9)
     wrenches = rotated_about_a_foot(slip) if turned else wrenches_of(60, pull=250.0)
     values, slopes, bends = own(wrenches)
@@ -100,3 +110,18 @@ def test_a_lifted_foot_is_left_to_the_reserve():
     wrenches[:, 4] = [0.0, 400.0, -400.0]
     values, _, _ = SlipMap(slip, 0.9)(wrenches)
     np.testing.assert_allclose(values, slip.evaluate(solve_many(slip.support, wrenches)).GT, atol=1e-9)
+
+
+def test_where_a_clamp_lets_go_it_goes_on_smoothly_in_programs_only():
+    slip, wrenches = clamped(), np.zeros((60, 6))
+    wrenches[:, 2], wrenches[:, 3] = -588.6, -np.linspace(0.0, 400.0, 60)  # tips away from the clamp
+    states = solve_many(slip.support, wrenches)
+    values, _, _ = slip.map(0.9)(wrenches)
+    GT = slip.evaluate(states).GT
+    held = states.persistent
+    assert held[0]
+    assert not held[-1]
+    np.testing.assert_allclose(values[held], GT[held], atol=1e-9)
+    assert np.any(values[~held] < GT[~held] - 0.1)
+    within, _ = slip.within(0.9)
+    np.testing.assert_array_equal(within(wrenches)[0], np.nan_to_num(GT, nan=10.0))

@@ -50,6 +50,7 @@ class ForceSets:
         single_pieces: True if no contact's set has several pieces.
         ordinary: True if all contacts are ordinary ones, with friction cones from zero force on.
         friction: (n,) friction coefficient of the first piece.
+        radius: (n,) tangential limit of the first piece at zero normal force, N.
         frictionless: (n,) True where a contact never carries a tangential force.
         grip: (n,) unit of the tangential forces, so that the friction counted in it is not tiny; 1 as a rule.
     """
@@ -64,7 +65,7 @@ class ForceSets:
             for name in ("normal_min", "normal_max", "radius", "slope")
         )
         self.single_pieces = most == 1
-        self.friction = self._slope[:, 0]
+        self.friction, self.radius = self._slope[:, 0], self._radius[:, 0]
         self.ordinary = (
             self.single_pieces
             and not np.any(self._radius)

@@ -39,14 +39,20 @@ def planar_forces(q: np.ndarray, J: np.ndarray, limits: np.ndarray) -> tuple[np.
 
 
 def usage_map(
-    wrenches: np.ndarray, loads: np.ndarray, limits: np.ndarray, J: np.ndarray, derivatives: bool
+    wrenches: np.ndarray,
+    loads: np.ndarray,
+    limits: np.ndarray,
+    preloads: np.ndarray,
+    J: np.ndarray,
+    derivatives: bool,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The least largest usage as a function of the wrench, with two derivatives.
 
     Args:
         wrenches: (N, 6).
         loads: (3, 6): the load h that the forces balance is loads @ wrench.
-        limits: (n, 6): friction limits are limits @ wrench.
+        limits: (n, 6): friction limits are limits @ wrench + preloads.
+        preloads: (n,), N.
         J: (n, 2, 3) with orthonormal columns.
         derivatives: else they are zero.
 
@@ -55,7 +61,7 @@ def usage_map(
         the optimum is not certain, the usage is NaN and the derivatives are zero.
     """
     count = len(wrenches)
-    h, most = wrenches @ loads.T, wrenches @ limits.T
+    h, most = wrenches @ loads.T, wrenches @ limits.T + preloads
     good = np.min(most, axis=1) > _LEAST_LIMIT * np.max(np.abs(most), axis=1)
     wide = np.broadcast_to(J, (count, *J.shape))
     forces, pulls = np.zeros((2, count, *J.shape[:2]))
@@ -74,7 +80,7 @@ def _derive(h, most, J, loads, limits, pulls, usage, slopes, bends, derivatives)
     Half the square of the usage rho is the largest h . u - D(u)^2 / 2 over motions u, D the friction's power:
     by the theorem of the envelope its slope is that of h and of the limits at the best u, and its curvature
     C' H^-1 C less that of the limits' square, with H the curvature over u and C the slope of the gradient
-    over u. At a rotation about a contact u stays as it is, and rho is a ratio of linear functions.
+    over u. At a rotation about a contact u stays as it is, and rho is a ratio of affine functions.
     """
     count, n = most.shape
     sure = np.ones(count, dtype=np.bool_)

@@ -216,7 +216,7 @@ class Slip:
         most = min(GT, self.sure)
         rows = self.half_spaces(most) if self.redistribution == "full" else None
         if rows is None:
-            own = self.map(most)
+            own = self.map(most if self._sets.ordinary else np.inf)  # of clamps smooth only while they hold
             return own, most if own.smooth else GT
         weight = self.support.mass * float(np.linalg.norm(self.support.gravity))
         return ConeMap(rows, max(float(np.mean(self._sets.friction)), 0.1) * weight), 1.0
@@ -375,9 +375,10 @@ class Slip:
 class SlipMap:
     """The slip reserve as a function of the wrench, as programs want it: smooth beyond what holds.
 
-    Where three feet on a plane stand and GT is at most `up_to`, values are GT. Beyond they are the usage of
-    friction that standing would need, while all feet are loaded. Elsewhere, and of all other supports, they
-    are GT as :class:`Slip` has it, a large number where unknown, second derivatives then zero.
+    Where three contacts on a plane stand, feet or clamps whose forces are one piece, and GT is at most
+    `up_to`, values are GT. Beyond, and where a clamp lets go, they are the usage of friction that standing
+    would need, as long as all limits are positive. Elsewhere, and of all other supports, they are GT as
+    :class:`Slip` has it, a large number where unknown, second derivatives then zero.
 
     Args:
         slip: of the support.
@@ -387,7 +388,9 @@ class SlipMap:
     def __init__(self, slip: Slip, up_to: float) -> None:
         self._slip, self._smooth = slip, None
         support, sets = slip.support, slip._sets
-        if slip.redistribution == "full" or support.elastic or not sets.ordinary or sets.frictionless.any():
+        if slip.redistribution == "full" or not sets.single_pieces:
+            return
+        if support.elastic or sets.frictionless.any():
             return
         picked, _, J = slip._basis(np.ones(support.n_contacts, dtype=bool), False)
         if J is None or len(picked) < support.n_contacts or up_to > slip.sure:
@@ -396,11 +399,11 @@ class SlipMap:
         if np.max(np.abs(support.wrench_matrix @ forces.reshape(-1, 6) + np.eye(6))) > _RANK_TOLERANCE:
             return
         loads = np.einsum("ikr,ikw->rw", J, forces[:, 1:])
-        self._smooth = loads, sets.friction[:, None] * forces[:, 0], J
+        self._smooth = loads, sets.friction[:, None] * forces[:, 0], sets.radius, J
 
     @property
     def smooth(self) -> bool:
-        """Whether there are three such feet."""
+        """Whether there are three such contacts."""
         return self._smooth is not None
 
     def __call__(
