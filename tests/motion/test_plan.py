@@ -17,7 +17,7 @@ from ocptip.basics.errors import InputError, PlanningError
 from ocptip.certificate.result import Certificate, Undecided
 from ocptip.certificate.trusted.checker import Verdict, check_certificate
 from ocptip.motion.check import certified, check_motion
-from ocptip.motion.plan import FINISHED, _most_promising, _search, plan_motion
+from ocptip.motion.plan import FINISHED, HOPS, _most_promising, _search, plan_motion
 from ocptip.motion.planner.attempt import LEFT_OUT, Attempt, Clock, Rough, StartResult
 from ocptip.motion.planner.one_start import Search
 from ocptip.numerics.workers import WorkerDiedError, worker_pool
@@ -224,11 +224,11 @@ def test_bad_options_are_named(task, options, message):
 class Scripted:
     """Stands in for a search: start k yields the k-th of prepared motions, None for no motion.
 
-    Of a list the first motion comes first, and each time it is gone on with the next one.
+    Of a list the first motion comes first, and the third hop of each round finds the next one.
     """
 
     motions: tuple = ()
-    gone_on: ClassVar[list[int]] = []  # numbers of the starts that were gone on with
+    hops: ClassVar[list[tuple[int, ...]]] = []  # what was drawn
 
     def __init__(self, task):
         self.task = task
@@ -236,9 +236,11 @@ class Scripted:
     def run(self, number, seed):
         return self._attempt(number, 0)
 
-    def further(self, before):
-        self.gone_on.append(before.result.number)
-        return self._attempt(before.result.number, before.result.iterations)
+    def hopped(self, before, draw):
+        self.hops.append(draw)
+        motions = [motion.end for motion in self.motions[before.result.number]]
+        found = self._attempt(before.result.number, motions.index(before.motion.end) + (draw[-1] % HOPS == 2))
+        return dataclasses.replace(found, result=dataclasses.replace(found.result, hops=1))
 
     def proved(self, before):
         return before
@@ -251,8 +253,8 @@ class Scripted:
         verified = bool(checked and checked.verified)
         status = "verified" if verified else "no motion: nothing to be had at 17 N m"
         energy = checked.energy if checked else float("nan")
-        result = StartResult(number, status, energy, verified, cycle + 1, 0.1, 0.1, 1, {})
-        return Attempt(result, motion, checked, np.zeros(1) if cycle + 1 < len(motions) else None)
+        result = StartResult(number, status, energy, verified, 1, 0.1, 0.1, 1, {"fine": 0.1})
+        return Attempt(result, motion, checked, open=cycle + 1 < len(motions))
 
 
 @pytest.fixture
@@ -261,7 +263,7 @@ def scripted(monkeypatch):
 
     def script(*motions):
         monkeypatch.setattr(Scripted, "motions", motions)
-        monkeypatch.setattr(Scripted, "gone_on", [])
+        monkeypatch.setattr(Scripted, "hops", [])
         monkeypatch.setattr("ocptip.motion.plan.Search", Scripted)
 
     return script
@@ -289,18 +291,30 @@ def test_the_least_energy_among_the_verified_wins(case_b, scripted):
     assert energies == [None, None, plan.starts[1].energy, plan.starts[1].energy, *3 * [plan.energy]]
 
 
-def test_the_best_few_starts_are_gone_on_with(case_b, scripted):
-    """Of six starts the best two, where they may still gain and cost no more than 3 % more than the best."""
-    slowed = {factor: case_b.reference.time_scaled(factor) for factor in (1.2, 1.3, 1.305, 1.31, 1.6)}
-    behind, best, third, second = ([slowed[f], slowed[1.2]] for f in (1.6, 1.3, 1.31, 1.305))
-    scripted(behind, best, None, third, second, slowed[1.6])
-    plan = plan_motion(case_b, starts=6, jobs=1)
-    assert Scripted.gone_on == [1, 4]
+def test_half_of_the_starts_are_hops_from_the_best_while_there_is_something_to_find(case_b, scripted):
+    """Two rounds: the third would begin from a motion that leaves nothing open."""
+    slowed = {factor: case_b.reference.time_scaled(factor) for factor in (1.2, 1.25, 1.3, 1.31, 1.6)}
+    best = [slowed[factor] for factor in (1.3, 1.25, 1.2)]
+    never = [slowed[1.2]] * 5  # not begun
+    scripted(slowed[1.6], best, None, [slowed[1.31], slowed[1.2]], slowed[1.6], *never)
+    progress = Progress()
+    plan = plan_motion(case_b, starts=10, seed=7, jobs=1, progress=progress)
+    assert Scripted.hops == [(7, 1, hop) for hop in range(2 * HOPS)]
     assert plan.motion is slowed[1.2]
-    assert (plan.best, [start.iterations for start in plan.starts]) == (1, [1, 2, 1, 1, 2, 1])
-    scripted([slowed[1.6], slowed[1.2]], slowed[1.3])
-    assert plan_motion(case_b, starts=2, jobs=1).best == 1
-    assert Scripted.gone_on == []  # too far behind
+    assert (plan.best, [start.iterations for start in plan.starts]) == (1, [1, 1 + 2 * HOPS, 1, 1, 1])
+    assert [start.hops for start in plan.starts] == [0, 2 * HOPS, 0, 0, 0]
+    assert plan.starts[1].stages["fine"] == pytest.approx(0.1 * (1 + 2 * HOPS))
+    assert [done for done, *_ in progress.calls] == [0, 1, 2, 3, 4, 5, 5, 6, 6, 7, 7, 8, 8, 9]
+    costs = [cost for *_, cost in progress.calls if cost is not None]
+    assert costs == sorted(costs, reverse=True)
+
+
+def test_where_nothing_is_open_all_starts_are_run(case_b, scripted):
+    slow, slower = (case_b.reference.time_scaled(factor) for factor in (1.3, 1.6))
+    scripted(slower, [slower, slow], slower, [slow, slow])
+    plan = plan_motion(case_b, starts=4, jobs=1)
+    assert plan.best == 3
+    assert Scripted.hops == [(0, 3, hop) for hop in range(4)]  # it is open, but the first two were not
 
 
 class AtOnce(Executor):
@@ -408,8 +422,8 @@ class Losing(Executor):
 
     def submit(self, function, /, payload, what, arguments):
         future = Future()
-        number = arguments[0].result.number if what in ("further", "proved") else arguments[0]
-        if (what, number) in self.lost:
+        number = arguments[0].result.number if what == "proved" else arguments[0]
+        if (what, arguments[1] if what == "hopped" else number) in self.lost:
             future.set_exception(WorkerDiedError("its worker process died 2 times"))
         else:
             future.set_result(function(payload, what, arguments))
@@ -428,17 +442,16 @@ def test_a_start_that_kills_its_workers_is_said_and_the_others_count(case_b, scr
         plan_motion(case_b, starts=1, first=1, executor=Losing(("run", 1)))
 
 
-def test_a_start_that_kills_its_workers_while_it_is_gone_on_with_keeps_what_it_had(case_b, scripted):
-    slowed = {factor: case_b.reference.time_scaled(factor) for factor in (1.2, 1.3, 1.305, 1.6)}
-    scripted([slowed[1.3], slowed[1.2], slowed[1.2]], [slowed[1.305]] * 3, *4 * [slowed[1.6]])
-    plan = plan_motion(case_b, starts=6, executor=Losing(("further", 0)))
-    assert Scripted.gone_on == [1, 1]  # what has killed two workers is not tried again
+def test_a_hop_that_kills_its_workers_is_left_out(case_b, scripted):
+    best = [case_b.reference.time_scaled(factor) for factor in (1.3, 1.2)]
+    scripted(best, *[best[0]] * 7)
+    plan = plan_motion(case_b, starts=8, executor=Losing(("hopped", (0, 0, 2)), ("hopped", (0, 0, 6))))
+    assert len(Scripted.hops) == 6
     assert (plan.best, plan.verified, plan.interrupted, plan.lost) == (0, True, False, ())
-    assert plan.motion.end == slowed[1.3].end
-    assert plan.starts[0].energy == plan.energy
-    assert [start.iterations for start in plan.starts] == [1, 3, 1, 1, 1, 1]
-    better = plan_motion(case_b, starts=6, executor=Losing(("further", 1)))
-    assert (better.best, better.motion.end) == (0, slowed[1.2].end)
+    assert plan.motion.end == best[0].end
+    assert [start.iterations for start in plan.starts] == [7, 1, 1, 1]
+    better = plan_motion(case_b, starts=8, executor=Losing(("hopped", (0, 0, 1))))
+    assert (better.best, better.motion.end) == (0, best[1].end)
 
 
 @pytest.mark.slow

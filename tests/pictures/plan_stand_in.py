@@ -44,6 +44,7 @@ def plan_of(task, motion, checked=None, *, interrupted=False):
             seconds=1.2,
             cpu_seconds=1.1,
             solves=2,
+            hops=2,
         ),
         SimpleNamespace(
             number=2,
@@ -54,6 +55,7 @@ def plan_of(task, motion, checked=None, *, interrupted=False):
             seconds=0.7,
             cpu_seconds=0.6,
             solves=1,
+            hops=0,
         ),
     )
     return SimpleNamespace(

@@ -7,7 +7,6 @@ from collections.abc import Iterable
 from pathlib import Path, PurePosixPath
 
 from ocptip.basics.errors import InputError
-from ocptip.basics.text import some
 from ocptip.basics.toml import read_text
 from ocptip.basics.write import write_text
 
@@ -71,7 +70,8 @@ def require_unchanged(folder: Path) -> None:
         except OSError as error:
             wrong.append(f"{name} cannot be read ({error.strerror})")
     if wrong:
-        raise InputError(f"{some(wrong, _MOST)} (hashes in {SUMS})", "", str(folder))
+        more = f" and {len(wrong) - _MOST} more" if len(wrong) > _MOST else ""
+        raise InputError(f"{', '.join(wrong[:_MOST])}{more} (hashes in {SUMS})", "", str(folder))
 
 
 def _digest(path: Path) -> str:

@@ -375,8 +375,10 @@ class PlanReport(Report):
         iterations = sum(start.iterations for start in starts)
         out = sum(start.status == LEFT_OUT for start in starts)
         left = f" ({out} that promised less left out)" if out else ""
+        hops = sum(start.hops for start in starts)
+        changed = f", the best {hops} times changed at random" if hops else ""
         return (
-            f"{verified} of {len(starts) - out} verified{left}, {iterations} iterations, "
+            f"{verified} of {len(starts) - out} verified{left}{changed}, {iterations} iterations, "
             f"{self.plan.seconds:.1f} s, seed {self.plan.seed}"
         )
 

@@ -43,6 +43,7 @@ _START_KEYS = {
     "verified": "verified",
     "iterations": "iterations",
     "solves": "solves",
+    "hops": "hops",
     "seconds": "seconds",
 }
 

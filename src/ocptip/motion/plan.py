@@ -12,11 +12,13 @@ from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from typing import Any
 
+import numpy as np
+
 from ocptip.basics.errors import PlanningError, whole_number
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.choices import likely_choices, rounds
 from ocptip.motion.planner.attempt import Attempt, Rough, StartResult
-from ocptip.motion.planner.one_start import FURTHER, Search, free_ends
+from ocptip.motion.planner.one_start import Search, free_ends
 from ocptip.motion.rise_times import others, with_rise_time
 from ocptip.motion.task import MotionTask, require_plannable
 from ocptip.motion.within_tolerance import tolerable, too_much
@@ -30,7 +32,7 @@ LOST = "lost: "
 """Status of a start begins so if it killed its worker process again and again."""
 
 _TASKS_IN_MEMORY = 4  # per worker
-SHARE, NEAR = 3, 1.03  # one of so many starts is gone on with, if it costs at most so much more than the best
+HOPS = 4  # random changes of the best motion that are tried before one goes on from a better one
 FINISHED = 3  # of the starts within a tolerance, the most promising ones; more only if none is verified
 
 
@@ -97,14 +99,15 @@ def plan_motion(
 
     Every start is a random motion, improved by Ipopt and checked on a dense time grid. Where the task leaves
     a choice of postures, the most promising pairs of start and goal get one start each and the best of them
-    the others, see `ocptip.motion.choices`. Verified starts that may still win are improved further: a third
-    of them at most, those within 3 % of the best. Within a tolerance, instead, only the starts that promise
+    the others, see `ocptip.motion.choices`. Where the contacts decide, half of the starts are run; for each
+    of the others the best motion is twice changed at random and solved anew (basin hopping). Within a
+    tolerance, instead, only the starts that promise
     the least cost after their smooth programs are finished. The best gets its certificate; where that leaves
     something open, the motion is solved again, a little tighter there, and the proved one wins if it costs at
     most 0.5 % more. The result depends on task, starts and seed only,
     not on where the starts run. An interrupt (Ctrl-C) ends the planning with the best verified plan so far. A
-    worker that dies is replaced and its start run again; a start that kills two is left out, see `lost`, one
-    that does so only while it is improved further keeps what it had. (Of an executor that breaks with its
+    worker that dies is replaced and its start run again; a start that kills two is left out, see `lost`, and
+    so is such a change. (Of an executor that breaks with its
     worker, such as a ProcessPoolExecutor, the death ends the planning like an interrupt, with a
     RuntimeWarning.)
 
@@ -150,7 +153,8 @@ def plan_motion(
                         costs[attempt.result.number] = _cost(task, attempt)
                         best = attempts[min((cost, k) for k, cost in costs.items())[1]]
                     if progress:
-                        progress(len(attempts), starts, min(costs.values(), default=None))
+                        hops = sum(one.result.hops for one in attempts.values())
+                        progress(len(attempts) + hops // 2, starts, min(costs.values(), default=None))
                 if best is not None:
                     break
             if best is not None and task.rise_times is None:
@@ -197,7 +201,8 @@ def _with_proof(
     proof = work("proved", [(task, (best,))])
     if meanwhile is not None and best.motion is not None and best.check is not None:
         meanwhile(task, best.motion, best.check)
-    return next(iter(proof))
+    found = next(iter(proof))
+    return found.after(best, found)
 
 
 def proved(plan: MotionPlan) -> MotionPlan:
@@ -206,11 +211,8 @@ def proved(plan: MotionPlan) -> MotionPlan:
     before = plan.starts[at]
     assert isinstance(plan.motion, ArmMotion)
     [found] = _in_process({}, "proved", [(plan.task, (Attempt(before, plan.motion, plan.check),))])
-    sums = ("iterations", "seconds", "cpu_seconds", "solves")
-    spent = {name: getattr(before, name) + getattr(found.result, name) for name in sums}
     starts = [*plan.starts]
-    stages = {**before.stages, **found.result.stages}
-    starts[at] = replace(before, energy=found.result.energy, stages=stages, **spent)
+    starts[at] = found.result.after(before, found.result)
     seconds = plan.seconds + found.result.seconds
     return replace(plan, motion=found.motion, check=found.check, starts=tuple(starts), seconds=seconds)
 
@@ -285,16 +287,42 @@ def _turns(
     """
     if tasks[0].limits.tolerance.given and len(numbers) > FINISHED:
         yield from _most_promising(work, tasks, numbers, seed, tasks_of)
-    else:
-        for batch in rounds(tasks, numbers, costs):
-            tasks_of.update((number, task) for task, number in batch)
-            yield from work("run", [(task, (number, seed)) for task, number in batch])
-    for _ in range(FURTHER):
-        near = NEAR * min(costs.values(), default=0.0)
-        best = sorted((cost, number) for number, cost in costs.items() if cost <= near)
-        chosen = [attempts[number] for _, number in best[: -(-len(attempts) // SHARE)]]
-        jobs = [(tasks_of[one.result.number], (one,)) for one in chosen if one.x is not None]
-        yield from work("further", jobs)
+        return
+    half, begun = -(-len(numbers) // 2), 0
+    for batch in rounds(tasks, numbers, costs):
+        for part in (batch[: max(half - begun, 0)], batch[max(half - begun, 0) :]):
+            if begun >= half and _open(costs, attempts) is not None:
+                break
+            begun += len(part)
+            tasks_of.update((number, task) for task, number in part)
+            yield from work("run", [(task, (number, seed)) for task, number in part])
+    yield from _hops(work, len(numbers), seed, costs, attempts, tasks_of)
+
+
+def _open(costs: dict[int, float], attempts: dict[int, Attempt]) -> int | None:
+    """The number of the best start if random changes of it may well find a better one."""
+    number = min(((cost, k) for k, cost in costs.items()), default=(np.inf, -1))[1]
+    return number if number in costs and attempts[number].open else None
+
+
+def _hops(
+    work: Callable[[str, list[_Job]], Iterator[Any]],
+    count: int,
+    seed: int,
+    costs: dict[int, float],
+    attempts: dict[int, Attempt],
+    tasks_of: dict[int, MotionTask],
+) -> Iterator[Attempt]:
+    """The best start, `count` times changed at random, each time a few have been tried from a better one."""
+    for first in range(0, count, HOPS):
+        if (number := _open(costs, attempts)) is None:
+            return
+        task, before = tasks_of[number], attempts[number]
+        hops = range(first, min(first + HOPS, count))
+        found: list[Attempt] = []
+        for one in work("hopped", [(task, (before, (seed, number, hop))) for hop in hops]):
+            found.append(one)
+            yield min(before, *found, key=lambda own: _cost(task, own)).after(before, *found)
 
 
 def _most_promising(
@@ -341,8 +369,8 @@ def _with_best_rise_time(
         found = list(work("changed", [(one, (best,)) for one in candidates]))
         better = min(found, key=lambda one: _cost(tasks_of[number], one))
         if not _cost(tasks_of[number], better) < _cost(tasks_of[number], best):
-            break
-        best = better
+            return best.after(best, *found)
+        best = better.after(best, *found)
         own = best.motion.rise_times
         tasks_of[number] = next(one for one in candidates if one.rise_times == own)
     return best
@@ -388,15 +416,14 @@ def _as_they_come(futures: list[Future], jobs: list[_Job]) -> Iterator[Any]:
 def _lost(begun: int | Attempt, error: WorkerDiedError) -> Attempt:
     """What is said of the start of a number that nobody could run to its end; one gone on with stays."""
     if isinstance(begun, Attempt):
-        return replace(begun, x=None)
+        return begun
     result = StartResult(begun, f"{LOST}{error}", float("nan"), False, 0, 0.0, 0.0, 0, {})
     return Attempt(result, None, None)
 
 
 def run_start(payload: bytes, number: int, seed: int) -> Attempt:
-    """The start of that number, of a pickled task, improved further once if that may pay."""
-    attempt = _run(payload, "run", (number, seed))
-    return attempt if attempt.x is None else _run(payload, "further", (attempt,))
+    """The start of that number, of a pickled task."""
+    return _run(payload, "run", (number, seed))
 
 
 def _run(payload: bytes, what: str, arguments: tuple) -> Any:

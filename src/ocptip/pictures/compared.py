@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from ocptip.basics.write import atomic_file
 from ocptip.measured.comparison import Compared, Comparison
 from ocptip.measured.prediction import Predictor
 from ocptip.measured.recording import ANGLE, POWER, TORQUE, WRENCH
-from ocptip.pictures.frame import COLORS, DPI, new_figure, save_figure
+from ocptip.pictures.frame import COLORS, new_figure
 
 
 def save_comparison(path: str | os.PathLike[str], found: Comparison, predictor: Predictor, name: str) -> Path:
@@ -22,7 +23,10 @@ def save_comparison(path: str | os.PathLike[str], found: Comparison, predictor: 
     Raises:
         OSError: it cannot be written; names it.
     """
-    return save_figure(comparison_figure(found, predictor, name), path, DPI)
+    path = Path(path)
+    with atomic_file(path) as stream:
+        comparison_figure(found, predictor, name).savefig(stream, format=path.suffix[1:].lower(), dpi=130)
+    return path
 
 
 def comparison_figure(found: Comparison, predictor: Predictor, name: str) -> Figure:

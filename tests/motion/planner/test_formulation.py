@@ -48,6 +48,21 @@ def test_variables_and_motion_are_inverse(name, seed):
         np.testing.assert_allclose(a, b, atol=1e-7)
 
 
+def test_joints_with_fewer_commands_have_variables_too():
+    """Such as one that rests; what is left of its commands does nothing."""
+    task, formulation = TASKS["A"], FORMULATIONS["A"]
+    goal = task.goal.copy()
+    goal[0] = task.start[0]
+    motion = ArmMotion.from_commands(task.start, [[RampCommand(angle, 0.5, 0.5)] for angle in goal])
+    x, layout = formulation.variables(motion), formulation.layout
+    for j, joint in enumerate(task.optimised):
+        w, d, c = x[layout.w(j)], x[layout.d(j)], x[layout.c(j)]
+        before = np.append(0.0, w[:-1])
+        way = 0.5 * (before + w) @ d[:-1] + w @ c + 0.5 * w[-1] * d[-1]
+        assert way == pytest.approx(goal[joint] - task.start[joint], abs=1e-12)
+        assert np.all(d >= 1e-3)
+
+
 @settings(max_examples=25)
 @given(name=NAMES, seed=SEEDS)
 def test_order_has_all_events_sorted(name, seed):

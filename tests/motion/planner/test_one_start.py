@@ -2,10 +2,13 @@
 
 import re
 from dataclasses import replace
+from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from ocptip.basics.errors import SolverError
 from ocptip.motion.check import check_motion
@@ -13,7 +16,7 @@ from ocptip.motion.planner.attempt import Attempt, Clock
 from ocptip.motion.planner.event_order import order_of
 from ocptip.motion.planner.exact import Refiner
 from ocptip.motion.planner.one_start import SLOWED, Search
-from ocptip.motion.planner.random_start import random_start
+from ocptip.motion.planner.random_start import random_change, random_start
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.tolerance import WORKSHOP
 
@@ -21,6 +24,11 @@ from ocptip.standing.tolerance import WORKSHOP
 @pytest.fixture(scope="module")
 def task():
     return experiment_task("A", "effective")
+
+
+@cache
+def formulation_of(task):
+    return Search(task).formulation
 
 
 def at_share(task, share):
@@ -41,15 +49,14 @@ def test_what_exceeds_accelerations_by_rounding_is_slowed_down(task, share, help
 
 
 @pytest.mark.parametrize(("factor", "helped"), [(0.99, True), (1.01, False), (None, False)])
-def test_a_start_that_is_gone_on_with_never_gets_worse(task, monkeypatch, factor, helped):
-    """Where the next cycle is faster, slower or fails."""
-    begin, end = np.zeros(3), np.ones(3)
+def test_a_hop_never_makes_it_worse(task, monkeypatch, factor, helped):
+    """Where what it leads to is faster, slower or fails."""
     slow = at_share(task, 0.9)
     checked = check_motion(task.robot, slow, task.limits)
     assert checked.verified
     clock = Clock()
     clock.iterations = 100
-    before = Attempt(clock.result(5, "verified", checked), slow, checked, begin, clock)
+    before = Attempt(clock.result(5, "verified", checked), slow, checked, True)
     search = Search(task)
 
     def refined(x, clock, most):
@@ -57,15 +64,19 @@ def test_a_start_that_is_gone_on_with_never_gets_worse(task, monkeypatch, factor
         if factor is None:
             raise SolverError("no")
         motion = slow.time_scaled(factor)
-        return (motion, check_motion(task.robot, motion, task.limits)), end, ""
+        return (motion, check_motion(task.robot, motion, task.limits)), x, ""
 
     monkeypatch.setattr(search, "_fine", lambda x, clock: (x, 0.0))
     monkeypatch.setattr(search, "_refined", refined)
-    monkeypatch.setattr(search, "_at_the_limit", lambda checked: True)
-    after = search.further(before)
+    monkeypatch.setattr(search, "_coarse", lambda x, limits, clock: x)
+    after = search.hopped(before, (1, 2))
     assert after.motion.end == pytest.approx(slow.end * (factor if helped else 1.0))
-    assert after.x is (end if helped else None)  # nothing new: another cycle would find the same
-    assert (after.result.number, after.result.verified, after.result.iterations) == (5, True, 107)
+    assert after.open
+    assert (after.result.number, after.result.verified, after.result.iterations) == (
+        5,
+        True,
+        7,
+    )  # what came before is not counted twice
     assert (before.result.iterations, clock.iterations) == (100, 100)  # the result so far is as it was
     assert after.result.energy == after.check.energy <= checked.energy
 
@@ -84,6 +95,23 @@ def test_a_motion_that_keeps_no_limits_is_told_in_words(task, monkeypatch):
         r"\(no way back to where all of them are kept; Ipopt: Restoration_Failed\)",
         why,
     )
+
+
+@given(seed=st.integers(0, 2**32))
+def test_random_changes_keep_the_duration_and_are_no_two_alike(task, seed):
+    formulation, rng = formulation_of(task), np.random.default_rng(seed)
+    layout, x = formulation.layout, formulation.variables(task.reference)
+    kept = x.copy()
+    changed = random_change(layout, x, rng)
+    assert np.array_equal(x, kept)
+    assert changed[layout.end] == x[layout.end]
+    for j in range(len(layout.joints)):
+        d, c = changed[layout.d(j)], changed[layout.c(j)]
+        assert d.min() > 0
+        assert c.min() >= 0
+        assert d.sum() + c.sum() <= x[layout.end] * (1 + 1e-12)
+    assert not np.array_equal(changed, x)
+    assert not np.array_equal(changed, random_change(layout, x, rng))
 
 
 def test_slower_variables_are_the_same_path_in_more_time(task):

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import time
-from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,6 +28,7 @@ class StartResult:
         cpu_seconds: CPU time of its thread, which other work on the machine disturbs less.
         solves: number of programs solved.
         stages: CPU seconds by stage: start, coarse, fine, exact, check, proof.
+        hops: how often its motion was changed at random and solved anew.
     """
 
     number: int
@@ -40,6 +40,18 @@ class StartResult:
     cpu_seconds: float
     solves: int
     stages: dict[str, float]
+    hops: int = 0
+
+    def after(self, *parts: StartResult) -> StartResult:
+        """This one, with what all these parts took together."""
+        names = "iterations", "seconds", "cpu_seconds", "solves", "hops"
+        stages: dict[str, float] = {}
+        for part in parts:
+            for name, seconds in part.stages.items():
+                stages[name] = stages.get(name, 0.0) + seconds
+        return replace(
+            self, stages=stages, **{name: sum(getattr(part, name) for part in parts) for name in names}
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,15 +86,18 @@ class Attempt:
     Attributes:
         result: in numbers.
         motion, check: both None if no motion came out.
-        x: variables to go on from, where another cycle may find a better order of events; else None.
-        clock: what it took.
+        open: whether random changes of the motion may well find a better one.
     """
 
     result: StartResult
     motion: ArmMotion | None
     check: MotionCheck | None
-    x: np.ndarray | None = None
-    clock: Clock | None = None
+    open: bool = False
+
+    def after(self, before: Attempt, *parts: Attempt) -> Attempt:
+        """This one, with what all those took together that are not the one before, which is what is lost."""
+        spent = [part.result for part in parts if part is not before]
+        return replace(self, result=self.result.after(before.result, *spent))
 
 
 class Clock:
@@ -93,13 +108,6 @@ class Clock:
         self.iterations = self.solves = 0
         self.seconds = self.cpu_seconds = 0.0
         self.go_on()
-
-    def again(self) -> Clock:
-        """Another clock that goes on from here."""
-        other = copy(self)
-        other.stages = dict(self.stages)
-        other.go_on()
-        return other
 
     def go_on(self) -> None:
         """From here on, perhaps in another thread."""

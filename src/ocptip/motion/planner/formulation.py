@@ -14,7 +14,7 @@ import casadi as cs
 import numpy as np
 
 from ocptip.motion.objective import ENERGY, Objective
-from ocptip.motion.planner.deviating import MEET, Deviating, Place, masks_of, time_of
+from ocptip.motion.planner.deviating import Deviating, Place, masks_of, time_of
 from ocptip.motion.planner.event_order import SLOWEST, EventOrder, order_of, unit_row
 from ocptip.motion.planner.free_ends import FreeEnds
 from ocptip.motion.planner.node_physics import NodePhysics
@@ -34,6 +34,7 @@ GENTLEST = 0.05  # least acceleration of a ramp, rad/s^2 (slow joints: half of t
 MIDDLE_CRUISE = 1e-3  # s, where a middle command slows the joint down
 ORDER, SHORT = 4, (0.08, 0.01)  # Gauss nodes per interval; one less below each of these lengths, s
 POLISHING = 20  # Newton steps at most
+MEET = 1e-6  # s: events nearer to each other than this have met
 
 
 @dataclass(frozen=True)
@@ -105,13 +106,14 @@ class Formulation:
     # --- variables and motions ----------------------------------------------------------------------------
 
     def variables(self, motion: ArmMotion) -> np.ndarray:
-        """Variables of the smooth program for a motion whose optimised joints have K commands each."""
+        """Variables of the smooth program for a motion whose optimised joints have up to K commands each."""
         layout = self.layout
         x = np.zeros(layout.size)
         for j, joint in enumerate(layout.joints):
             ramps = motion.joints[joint]
-            x[layout.w(j)], x[layout.c(j)] = ramps.peaks, ramps.cruises
-            x[layout.d(j)] = np.maximum(ramps.ramps, 1e-3)
+            idle = np.zeros(layout.commands - len(ramps.peaks))
+            x[layout.w(j)], x[layout.c(j)] = np.append(ramps.peaks, idle), np.append(ramps.cruises, idle)
+            x[layout.d(j)] = np.maximum(np.append(ramps.ramps, idle), 1e-3)
         x[layout.end], x[layout.one] = motion.with_rise_times(0.0).end, 1.0
         joints = list(layout.joints)
         for at, posture in ((layout.start, motion.start), (layout.goal, motion.goal)):

@@ -14,7 +14,7 @@ from ocptip.motion.planner.exact import Exact, Refiner
 from ocptip.motion.planner.formulation import Formulation, Smoothing
 from ocptip.motion.planner.free_ends import FreeEnds
 from ocptip.motion.planner.program import MotionProgram, Pull
-from ocptip.motion.planner.random_start import random_start
+from ocptip.motion.planner.random_start import random_change, random_start
 from ocptip.motion.task import MotionTask
 from ocptip.numerics.ipopt import Solution, ending
 from ocptip.standing.arm import StandingRobot
@@ -29,8 +29,7 @@ PULL = 1e-3  # keeps a program regular where phases do nothing, see `Pull`
 COARSE_ROWS, FINE_ROWS = 0.7, 0.75  # use of a limit from which node rows take part
 COARSE_ROUNDS = 3
 CYCLES = 3  # at most, of fine and exact programs, until a motion is verified
-FURTHER = 2  # cycles more from a verified motion, which often find a better order
-BINDING = 0.97  # share of a reserve's limit from which the contacts decide; only then a second cycle pays
+BINDING = 0.97  # share of a reserve's limit from which the contacts decide; only then hops pay
 MERGES = (0.004, 0.0, 0.012)  # s: events nearer than this become simultaneous; tried in this order
 SLOWER = (1.0, 1.4, 2.0)  # durations from which an exact program within a tolerance begins,
 SLOWER_JUMPS = (1.2, 1.5, 2.0)  # and where jumps count, of which the smooth programs know little
@@ -41,7 +40,7 @@ TIGHTENINGS = 5
 PROOFS, DEARER = 2, 1.005  # so often a motion is solved again to be proved, if it costs at most so much more
 AHEAD = 2  # times what a proof falls short are limits tightened, for proofs are a little different each time
 DEAR = 1.0005  # times what a motion costs: what an exact program may have, to replace it once it is checked
-ROUGHLY = 1.01  # times what a motion costs: what smooth programs with other rise times may promise
+ROUGHLY = 1.01  # times what a motion costs: what smooth programs may promise after a change of it
 PROMISING = 1.02  # times the cost of an S-curve motion, what its path may cost as ramps
 MISS = 1e-7  # m and rad, by which start and goal may miss their poses
 SLOWED = 1.001  # a motion that exceeds speeds or accelerations by less is slowed down by as much
@@ -87,7 +86,8 @@ class Search:
             if start.end > most:  # breaks limits, but is of the right length
                 start = start.time_scaled(most / start.end)
             clock.stage("start")
-            x = self._coarse(start, self._at_first(self.smooth, number), clock)
+            x = self.formulation.variables(start)
+            x = self._coarse(x, self._at_first(self.smooth, number), clock)
             clock.stage("coarse")
             coarse = x
             x, cost = self._fine(x, clock)
@@ -128,15 +128,29 @@ class Search:
         if checked is not None:
             status = "verified" if checked.verified else f"not verified: {'; '.join(checked.violations)}"
         clock.pause()
-        return Attempt(
-            clock.result(number, status, checked), motion, checked, self._open_at(x, checked), clock
-        )
+        return Attempt(clock.result(number, status, checked), motion, checked, self._hops_pay(checked))
 
-    def further(self, before: Attempt) -> Attempt:
-        """A verified start after another cycle of fine and exact programs from its motion."""
-        assert before.x is not None
-        x = before.x
-        return self._gone_on(before, lambda clock: self._fine(x, clock)[0])
+    def hopped(self, before: Attempt, draw: tuple[int, ...]) -> Attempt:
+        """A verified start solved anew from its motion changed at random, if that is better; by itself.
+
+        Basin hopping: cheaper motions are found near a good one more often than anywhere.
+
+        Args:
+            before: the start.
+            draw: seed of the change.
+        """
+        assert before.motion is not None
+        assert before.check is not None
+        x, cost = self.formulation.variables(before.motion), self._cost(before.check)
+        limits = self._at_first(self.smooth, before.result.number)
+
+        def begun(clock: Clock) -> np.ndarray | None:
+            changed = random_change(self.formulation.layout, x, np.random.default_rng(draw))
+            found, promised = self._fine(self._coarse(changed, limits, clock), clock)
+            return found if promised * self.task.objective.size <= ROUGHLY * cost else None
+
+        found = self._gone_on(before, begun)
+        return replace(found, result=replace(found.result, hops=1))
 
     def changed(self, before: Attempt) -> Attempt:
         """A verified start of a task with other rise times, solved anew with those of this one.
@@ -149,35 +163,34 @@ class Search:
         assert before.check is not None
         x, cost = self.formulation.variables(before.motion), self._cost(before.check)
         size = self.task.objective.size
-        if self.jumps and Refiner(self.formulation, self.inner).slowed_cost(x) * size > PROMISING * cost:
-            return before
 
         def begun(clock: Clock) -> np.ndarray | None:
+            if self.jumps and Refiner(self.formulation, self.inner).slowed_cost(x) * size > PROMISING * cost:
+                return None
             limits = self._at_first(self.smooth, before.result.number)
             found = [self._fine(x, clock)]
-            found.append(self._fine(self._coarse(self.formulation.motion(x), limits, clock), clock))
+            found.append(self._fine(self._coarse(x, limits, clock), clock))
             x_best, promised = min(found, key=lambda one: one[1])
             return x_best if promised * size <= ROUGHLY * cost else None
 
         return self._gone_on(before, begun)
 
     def _gone_on(self, before: Attempt, begun: Callable[[Clock], np.ndarray | None]) -> Attempt:
-        """A verified start after exact programs from what smooth ones give, if that is better."""
-        assert before.clock is not None
+        """A verified start after exact programs from what smooth ones give, if better, and what that took."""
         assert before.check is not None
-        clock, x, motion, checked = before.clock.again(), None, before.motion, before.check
+        clock, motion, checked = Clock(), before.motion, before.check
         try:
             start = begun(clock)
             clock.stage("fine")
             if start is not None:
-                found, end, _ = self._refined(start, clock, DEAR * self._cost(checked))
+                found, _, _ = self._refined(start, clock, DEAR * self._cost(checked))
                 if found is not None and self._better(found[1], checked):
                     motion, checked = found
-                    x = self._open_at(end, checked)
         except NUMERICAL:
             pass  # what was found before counts
         clock.pause()
-        return Attempt(clock.result(before.result.number, "verified", checked), motion, checked, x, clock)
+        result = clock.result(before.result.number, "verified", checked)
+        return Attempt(result, motion, checked, before.open)
 
     def proved(self, before: Attempt) -> Attempt:
         """A verified start with its certificate; solved again, tighter, where something is not proved.
@@ -186,14 +199,14 @@ class Search:
         """
         assert before.motion is not None
         assert before.check is not None
-        clock = before.clock.again() if before.clock else Clock()
+        clock = Clock()
         checked = certified(self.task.robot, before.motion, before.check, self.task.limits)
         clock.stage("proof")
         found = self._made_provable(before.motion, checked, clock)
         motion, checked = found or (before.motion, checked)
         clock.pause()
         status = before.result.status
-        return Attempt(clock.result(before.result.number, status, checked), motion, checked, None, clock)
+        return Attempt(clock.result(before.result.number, status, checked), motion, checked)
 
     def _made_provable(
         self, motion: ArmMotion, checked: MotionCheck, clock: Clock
@@ -242,11 +255,6 @@ class Search:
         finally:
             clock.count(refiner)
 
-    def _open_at(self, x: np.ndarray | None, checked: MotionCheck | None) -> np.ndarray | None:
-        """Variables from which another cycle may pay; within a tolerance it rarely does."""
-        pays = checked and checked.verified and self._at_the_limit(checked)
-        return x if pays and not self.task.limits.tolerance.given else None
-
     @staticmethod
     def _at_first(limits: MotionLimits, number: int) -> MotionLimits:
         """Without stops, which narrow a motion that is good without, but for brakes in every other start.
@@ -255,10 +263,9 @@ class Search:
         """
         return replace(limits.without_stops, brakes=limits.brakes if number % 2 else None)
 
-    def _coarse(self, start: ArmMotion, limits: MotionLimits, clock: Clock) -> np.ndarray:
+    def _coarse(self, x: np.ndarray, limits: MotionLimits, clock: Clock) -> np.ndarray:
         """Variables after the coarse programs; anew while the motion becomes much shorter than the grid."""
-        formulation = self.formulation
-        x = formulation.variables(start)
+        formulation, x = self.formulation, x.copy()
         at_end = formulation.layout.end
         for round_ in range(COARSE_ROUNDS):
             end = x[at_end] = np.clip(x[at_end], formulation.earliest, formulation.latest)
@@ -372,8 +379,10 @@ class Search:
         clock.stage("check")
         return motion, checked
 
-    def _at_the_limit(self, checked: MotionCheck) -> bool:
-        """Whether the contacts decide the motion; if not, there is little that another order could give."""
+    def _hops_pay(self, checked: MotionCheck | None) -> bool:
+        """Whether the contacts decide; if not, or within a tolerance, hops rarely find a better motion."""
+        if checked is None or not checked.verified or self.task.limits.tolerance.given:
+            return False
         worst = [checked.worst[limit.quantity] for limit in self._asked if limit.of_contacts]
         return any(w.value > BINDING * w.limit for w in worst)
 

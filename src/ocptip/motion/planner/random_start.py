@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ocptip.motion.objective import ENERGY, Objective
+from ocptip.motion.planner.profiles import Layout
 from ocptip.standing.instants import Instants
 from ocptip.standing.limit_kinds.brakes import BrakeLimit
 from ocptip.standing.limit_kinds.kinds import limits_of
@@ -20,6 +21,7 @@ DRAWS = 300
 CANDIDATES = 10  # of these the one with the least energy is taken: it ends in a better optimum more often
 WITH_BRAKES = 40  # where brakes count: what they do depends on which joints turn which way, not on speeds
 INSTANTS = 40
+ONE_CHANGES, ALL_CHANGE = (0.1, 0.6), (0.1, 0.4)  # relative sizes of random changes: of a joint, of all
 SLOWER = (1.0, 1.15, 1.3, 1.5, 1.8, 2.2, 2.7, 3.3, 4.0, 5.0, 6.0)
 
 
@@ -56,6 +58,24 @@ def random_start(
         return max(use, 1.0), objective.cost(robot.energy(motion), motion.end)
 
     return min(candidates, key=badness)
+
+
+def random_change(layout: Layout, x: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Variables (nx,) of a motion that takes as long, with other speeds and ramps of one joint, or of all."""
+    x, one = x.copy(), rng.random() < 0.5
+    size = rng.uniform(*(ONE_CHANGES if one else ALL_CHANGE))
+    joints = [rng.integers(len(layout.joints))] if one else range(len(layout.joints))
+    for j in joints:
+        w, d, c = x[layout.w(j)], x[layout.d(j)], x[layout.c(j)]  # views
+        w += size * np.abs(w).max() * rng.standard_normal(len(w))
+        d *= np.exp(size * rng.standard_normal(len(d)))
+        c += size * x[layout.end] / (2 * len(c)) * rng.standard_normal(len(c))
+        np.maximum(c, 0.0, out=c)
+        longer = (d.sum() + c.sum()) / x[layout.end]
+        if longer > 1:
+            d /= longer
+            c /= longer
+    return x
 
 
 def _candidate(

@@ -23,7 +23,6 @@ from ocptip.robots.braking import Terms
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.instants import Instants
 from ocptip.standing.limit_kinds.limit import (
-    NEGLIGIBLE,
     Look,
     MomentLimit,
     NodeSlopes,
@@ -37,6 +36,7 @@ from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.stops.by_brakes import BrakeCheck, stops_of_motion
 from ocptip.trajectories.sampled import Motion
 
+NEGLIGIBLE = 1e-9  # a row whose multiplier is below this is left out of the Hessian
 FAR = 0.5  # use of the slip limit where half spaces tell that it is kept
 
 
@@ -142,11 +142,14 @@ class BrakeSlipLimit(BrakeLimit):
 
     def _torques(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         wrenches, torques = self._check.combinations(q, qd)
-        rows = self.robot.slip.half_spaces(self.number)
+        rows = self._half_spaces(self.number)
         if rows is None:
             return torques[:, :1]
         worst = np.argmax(np.max(wrenches @ rows.T, axis=2), axis=1)
         return torques[np.arange(len(q)), worst][:, None]
+
+    def _half_spaces(self, GT: float) -> np.ndarray | None:
+        return self.robot.slip.half_spaces(GT)
 
     def _rows_of(self, wrenches: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         values, slopes, _ = self.robot.slip.map(up_to=self.number)(wrenches)
@@ -162,8 +165,7 @@ class BrakeSlipLimit(BrakeLimit):
         """(N,), exact above about `share`."""
         torques = self._torques(at.angles, at.speeds)[:, 0]
         wrenches = closing_of(self._arm).wrenches(at.angles, at.speeds, torques)
-        rows = self.robot.slip.half_spaces(share * self.number)
-        use = np.full(len(at), min(FAR, share / 2))
+        rows, use = self._half_spaces(share * self.number), np.full(len(at), min(FAR, share / 2))
         todo = np.arange(len(at)) if rows is None else np.flatnonzero(np.max(wrenches @ rows.T, axis=1) > 0)
         if len(todo):
             states = self.robot.contact_states(wrenches[todo])

@@ -110,9 +110,6 @@ class NodeSlopes:
         return self.s[:, :n], self.s[:, n : 2 * n], self.s[:, 2 * n : 3 * n]
 
 
-NEGLIGIBLE = 1e-9  # a row whose multiplier is below this is left out of the Hessian
-
-
 @dataclass(frozen=True, eq=False)
 class Rows:
     """The rows of one limit that take part in a program, at one x.
@@ -335,19 +332,6 @@ class AskedLimit(Limit):
         value = getattr(asked, self.setting)
         step = min(max(excess, self.smallest_step), self.largest_step)
         return replace(asked, **{self.setting: max(value - step, value / 2)})
-
-
-class WholeMotionLimit(AskedLimit):
-    """A number that only `exact` looks at; programs know nothing of it."""
-
-    def worst(self, values: np.ndarray, times: np.ndarray, look: Look) -> list[Worst]:
-        return []
-
-    def kept(self, at: Instants) -> bool:
-        return True
-
-    def inner(self, asked: MotionLimits) -> MotionLimits:
-        return asked
 
 
 class MomentLimit(AskedLimit):
