@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from argparse import Namespace
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,6 +19,7 @@ from ocptip.basics.write import file_target, versions, write_text
 from ocptip.cli.arm_code import arm_code, is_arm
 from ocptip.cli.command import Report
 from ocptip.cli.layout import named, table
+from ocptip.cli.progress import Progress
 from ocptip.parallel.analysis.assembly_modes import AssemblyModes
 from ocptip.parallel.analysis.mobility import Mobility
 from ocptip.parallel.analysis.singularity import Singularity
@@ -304,7 +306,8 @@ def find_workspace(description: RobotDescription, options: Namespace) -> Workspa
         if len(options.at) != len(names):
             raise InputError(f"--at: expected {', '.join(names)}, got {len(options.at)} numbers")
         at = np.where([name.startswith("phi") for name in names], np.radians(options.at), options.at)
-    return workspace(robot, ranges, at=at, cells=options.cells)
+    with Progress(sys.stderr, "looking at the poses ...", what="poses") as progress:
+        return workspace(robot, ranges, at=at, cells=options.cells, progress=progress)
 
 
 def grid_ranges(texts: Sequence[str]) -> dict[str, tuple[float, float]]:
@@ -331,11 +334,13 @@ def size_of_grid(names: Sequence[str], size: float) -> str:
 
 def _workspace_lines(found: Workspace) -> list[str]:
     cells = " x ".join(map(str, found.inside.shape))
-    shares = ", ".join(f"{name} {100 * share:.1f} %" for name, share in found.shares.items() if share)
+    shares = {name: f"{name} {100 * share:.1f} %" for name, share in found.shares.items() if share}
+    if beyond := shares.pop("beyond a singularity", ""):
+        shares["inside"] += f" ({beyond})"
     size = size_of_grid(found.names, found.size)
     lines = [f"workspace over {', '.join(found.names)}: {size} ({cells} cells)"]
     inside = found.dexterity[found.inside]
-    lines.append(f"  {shares}")
+    lines.append(f"  {', '.join(shares.values())}")
     if inside.size:
         lines.append(
             f"  dexterity {inside.min():.3f} to {inside.max():.3f} (0: singular, 1: motors at right angles)"

@@ -22,11 +22,14 @@ class Progress:
         begin: shown until the first start has finished.
         none: what to say as long as no start has a value.
         best: format of the best value so far.
+        what: is counted.
     """
 
-    def __init__(self, stream: TextIO, begin: str, none: str = "", best: str = "") -> None:
+    def __init__(
+        self, stream: TextIO, begin: str, none: str = "", best: str = "", what: str = "starts"
+    ) -> None:
         self._stream, self._shown, self._begin = stream, stream.isatty(), time.monotonic()
-        self._first, self._none, self._best = begin, none, best
+        self._first, self._none, self._best, self._what = begin, none, best, what
 
     def __enter__(self) -> Progress:
         self._show(self._first)
@@ -38,12 +41,13 @@ class Progress:
         self._show("")
 
     def __call__(self, done: int, total: int, best: float | None) -> None:
-        """Show that `done` of `total` starts have finished, and the best value so far."""
+        """Show that `done` of `total` have finished, and the best value so far."""
         filled = _BAR * done // max(total, 1)
         bar = "#" * filled + "." * (_BAR - filled)
         seconds = time.monotonic() - self._begin
         said = self._none if best is None else self._best.format(best)
-        self._show(f"[{bar}] {done}/{total} starts, {said}, {seconds:.0f} s")
+        said = f"{said}, " if said else ""
+        self._show(f"[{bar}] {done}/{total} {self._what}, {said}{seconds:.0f} s")
 
     def _show(self, text: str) -> None:
         if self._shown:

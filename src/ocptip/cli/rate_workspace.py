@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from argparse import Namespace
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,6 +16,7 @@ from ocptip.basics.write import file_target, versions
 from ocptip.cli.command import Report
 from ocptip.cli.layout import table
 from ocptip.cli.parallel import LENGTHS, grid_ranges, size_of_grid
+from ocptip.cli.progress import Progress
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.platforms.platform import PlatformFile
 from ocptip.indices.workspace_maps import IndexMaps, index_maps
@@ -62,7 +64,7 @@ class MapsReport(Report):
         if found.crosses:
             lines.append("SINGULAR: the singularity surface passes between poses inside.")
         units = [f"{name} [{'m' if name in LENGTHS else 'deg'}]" for name in found.names]
-        rows = [["index", "unit", "least", "mean", "largest", f"where: {', '.join(units)}"]]
+        rows = [["index", "unit", "least", "mean", "largest", f"largest at {', '.join(units)}"]]
         for name, one in found.to_dict()["indices"].items() if found.inside.any() else ():
             numbers = [one[key] for key in ("minimum", "mean", "maximum")]
             shown = ["-" if number is None else f"{number:.4g}" for number in numbers]
@@ -91,12 +93,14 @@ def rate_workspace(
     if options.plot:
         with naming("--plot"):
             figure = file_target(options.plot, (".png", ".pdf", ".svg"))
-    found = index_maps(
-        robot,
-        grid_ranges(options.workspace),
-        pose=pose,
-        names=options.index,
-        cells=40 if options.cells is None else options.cells,
-        ellipsoid=ellipsoid,
-    )
+    with Progress(sys.stderr, "looking at the poses ...", what="poses") as progress:
+        found = index_maps(
+            robot,
+            grid_ranges(options.workspace),
+            pose=pose,
+            names=options.index,
+            cells=40 if options.cells is None else options.cells,
+            ellipsoid=ellipsoid,
+            progress=progress,
+        )
     return MapsReport(found, figure)

@@ -23,7 +23,7 @@ from ocptip.indices.platforms.platform import LEG_TOLERANCE, MINIMUM_LEGS, Platf
 from ocptip.indices.platforms.rate import RatedPose
 from ocptip.indices.platforms.workspace import control_numbers
 from ocptip.numerics.threads import one_thread
-from ocptip.parallel.analysis.workspace import grid_of_poses, workspace
+from ocptip.parallel.analysis.workspace import Watcher, grid_of_poses, workspace
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.robots.inverse.closed_form import branches_within_limits, closed_form_family
 from ocptip.robots.inverse.inverse_kinematics import solve_inverse_kinematics
@@ -115,6 +115,7 @@ def index_maps(
     names: Iterable[str] | None = None,
     cells: int | Sequence[int] = 40,
     ellipsoid: OperationEllipsoid | None = None,
+    progress: Watcher | None = None,
 ) -> IndexMaps:
     """Rate the poses of a grid.
 
@@ -130,6 +131,7 @@ def index_maps(
         names: of the indices; default: those most looked at.
         cells: per coordinate.
         ellipsoid: operation ellipsoid; default as in `index_values`, of platforms as their file says.
+        progress: of parallel robots, as in `workspace`.
 
     Raises:
         InputError: unknown coordinates, indices that this robot lacks, empty ranges, wrong shapes.
@@ -137,7 +139,7 @@ def index_maps(
     if isinstance(robot, ArmModel):
         return _of_arm(robot, ranges, pose, names, cells, ellipsoid)
     if isinstance(robot, ParallelRobot):
-        return _of_parallel(robot, ranges, pose, names, cells, ellipsoid)
+        return _of_parallel(robot, ranges, pose, names, cells, ellipsoid, progress)
     return _of_platform(robot, ranges, names, cells, ellipsoid)
 
 
@@ -245,17 +247,21 @@ def _of_parallel(
     names: Iterable[str] | None,
     cells: int | Sequence[int],
     ellipsoid: OperationEllipsoid | None,
+    progress: Watcher | None,
 ) -> IndexMaps:
     indices = ParallelIndices(robot, ellipsoid)
     wanted = chosen_indices(names, indices.usual, indices.names)
-    space = workspace(robot, ranges, at=pose, cells=cells)
+    space = workspace(robot, ranges, at=pose, cells=cells, progress=progress)
     coordinates = robot.description.platform.coordinates
     _, poses, _ = grid_of_poses(coordinates, space.at, ranges, list(space.inside.shape))
     maps = {name: np.full(space.inside.shape, np.nan) for name in wanted}
     slow = [name for name in wanted if name != "dexterity"]
     if "dexterity" in wanted:
         maps["dexterity"] = np.where(space.inside, np.abs(space.dexterity), np.nan)
-    for k in np.flatnonzero(space.inside) if slow else ():
+    inside = np.flatnonzero(space.inside) if slow else ()
+    for done, k in enumerate(inside):
+        if progress is not None and done % 16 == 0:
+            progress(done, len(inside), None)
         for name, value in indices.values(poses[k], slow).items():
             maps[name].flat[k] = value
     meanings = {name: {**PLATFORM, **PARALLEL}[name] for name in wanted}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import subprocess
 
@@ -44,6 +45,10 @@ def test_source_names_its_arguments_and_allocates_nothing(tmp_path):
     text = files.source.read_text()
     assert "ZZ1, MX1, MY1, MX2, MZ2, M2, ZZP, MXP, MYP, MP" in text
     assert "res[0]: J_a, 3 x 3" in text
+    own = [[float(v) for v in line.split(",")] for line in re.findall(r"of this robot: \{(.*)\}", text)]
+    for found, expected in zip(own[:3], (lean.geometry, lean.inertia, lean.gravity), strict=True):
+        np.testing.assert_array_equal(found, expected)
+    assert len(own) == 6
     assert f"{lean.count.multiplications} multiplications" in text
     assert "int main(" in text
     assert "malloc" not in text.split("int main(")[0]

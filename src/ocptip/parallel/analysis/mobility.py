@@ -14,7 +14,9 @@ import numpy as np
 from ocptip.basics.errors import InputError
 from ocptip.basics.write import Record
 from ocptip.parallel.analysis.singularity import singular_everywhere
+from ocptip.parallel.description.robot_description import Leg
 from ocptip.parallel.kinematics.closures import LegClosure
+from ocptip.parallel.kinematics.leg_solver import LegSolver
 from ocptip.parallel.kinematics.platform import Kinematics
 
 _RANK = 1e-8
@@ -87,11 +89,12 @@ def mobility(kinematics: Kinematics) -> Mobility:
     dof, platform, internal, surplus, gap = min(found)
     m, motors, idle = description.m, len(description.actuated), sum(leg.idle for leg in kinematics.legs)
     dof, internal = dof - idle, internal - idle
-    blocked = [str(i + 1) for i in np.flatnonzero(worst > 1e-6)]
-    if blocked:
+    blocked = np.flatnonzero(worst > 1e-6)
+    if blocked.size:
+        numbers, coordinates = ", ".join(str(i + 1) for i in blocked), description.platform.coordinates
         problems.append(
-            f"leg {', '.join(blocked)} does not allow all of {', '.join(description.platform.coordinates)}; "
-            "name coordinates that the legs force to move along as `dependent`"
+            f"leg {numbers} does not allow all of {', '.join(coordinates)}; name coordinates that the legs "
+            f"force to move along as `dependent`{_at_home(kinematics.legs[blocked[0]])}"
         )
     if dof != m:
         problems.append(f"the mechanism has mobility {dof}, but {m} coordinates are described")
@@ -148,6 +151,18 @@ def _driven_idlers(kinematics: Kinematics) -> list[str]:
         if leg.idle and np.abs(leg.idle_motions(leg.home)[driven]).max(initial=0.0) > 1e-6:
             problems.append(f"the idle freedom of leg {leg.number + 1} moves its motor")
     return problems
+
+
+def _at_home(solver: LegSolver) -> str:
+    """What else may be in the way: angles of coupling joints that nobody gave."""
+    leg = solver.leg
+    given = not isinstance(leg, Leg) or leg.end_rotation is not None or len(leg.guess) == solver.n
+    if given or not 1 <= solver.n - solver.point <= 2:
+        return ""
+    return (
+        ", or give `end_rotation` or a `guess` of all joints: without them it is assumed how the joints "
+        "behind the coupling points stand at home, and with that how they hold the platform"
+    )
 
 
 def _near(

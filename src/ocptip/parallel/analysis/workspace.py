@@ -7,7 +7,7 @@ legs in the branches of the home pose.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import casadi as cs
@@ -20,11 +20,13 @@ from ocptip.numerics.batch import BatchFunction
 from ocptip.numerics.vectors import nearest_turn
 from ocptip.parallel.analysis.singularity import characteristic_length
 from ocptip.parallel.description.robot_description import REVOLUTE
-from ocptip.parallel.minimal_form import minimal_form, minimal_obstacle
+from ocptip.parallel.minimal_form import joint_obstacle, minimal_form, minimal_obstacle
 from ocptip.parallel.robot import ParallelRobot
 
 OUT_OF_REACH = "out of reach"
-_BLOCK = 20_000
+_BLOCK, _SAID = 20_000, 16
+
+Watcher = Callable[[int, int, None], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,6 +82,7 @@ def workspace(
     *,
     at: ArrayLike | None = None,
     cells: int | Sequence[int] = 40,
+    progress: Watcher | None = None,
 ) -> Workspace:
     """Examine a grid of poses.
 
@@ -91,6 +94,7 @@ def workspace(
         ranges: coordinate name -> lower and upper end, m or rad; one to three of them.
         at: (m,) values of the other coordinates; default home.
         cells: per coordinate.
+        progress: told how many of how many poses are done, where each is looked at by itself.
 
     Raises:
         InputError: unknown coordinates, empty ranges, or another number of motors.
@@ -103,7 +107,7 @@ def workspace(
     middles, poses, width = grid_of_poses(known, at, ranges, cells)
     find = _one_by_one if minimal_obstacle(robot) else _at_once
     causes = (OUT_OF_REACH, *(name for name, _, _, _ in _limits(robot)))
-    cause, dexterity = find(robot, poses)
+    cause, dexterity = find(robot, poses, progress)
     cause = cause.reshape([len(own) for own in middles])
     inside = cause < 0
     size = float(inside.sum() * width)
@@ -167,7 +171,9 @@ def _beyond(q: np.ndarray, low: float, high: float, revolute: bool) -> np.ndarra
     return (q < low) | (q > high)
 
 
-def _at_once(robot: ParallelRobot, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _at_once(
+    robot: ParallelRobot, poses: np.ndarray, progress: Watcher | None
+) -> tuple[np.ndarray, np.ndarray]:
     """Causes (N,) and dexterity (N,) of robots whose legs have closed forms."""
     form = minimal_form(robot)
     function = BatchFunction(cs.Function("workspace", [form.z], [cs.vec(form.q), form.measures]))
@@ -187,21 +193,22 @@ def _at_once(robot: ParallelRobot, poses: np.ndarray) -> tuple[np.ndarray, np.nd
         cause[(cause < 0) & out] = number
     if behind:
         left = np.flatnonzero(cause < 0)
-        cause[left] = _one_by_one(robot, poses[left], only=behind)[0]
+        cause[left] = _one_by_one(robot, poses[left], progress, only=behind)[0]
     return cause, np.where(reached, measures[:, -1], np.nan)
 
 
 def _one_by_one(
-    robot: ParallelRobot, poses: np.ndarray, only: Sequence[int] | None = None
+    robot: ParallelRobot, poses: np.ndarray, progress: Watcher | None, only: Sequence[int] | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Causes (N,) and dexterity (N,) of any robot; with `only` some of the limits, and no dexterity."""
     limits = list(enumerate(_limits(robot), start=1))
     cause, dexterity = np.full(len(poses), -1), np.full(len(poses), np.nan)
     home = 0.0 if only is not None else motor_volume(robot, robot.description.home, None)
+    nearby = _Nearby(robot)
     for k, z in enumerate(poses):
-        try:
-            q = robot.ik(z).q
-        except InputError:
+        if progress is not None and k % _SAID == 0:
+            progress(k, len(poses), None)
+        if (q := nearby.joints(z)) is None:
             cause[k] = 0
             continue
         for number, (_, leg, joint, (low, high)) in limits:
@@ -213,6 +220,34 @@ def _one_by_one(
         if only is None:
             dexterity[k] = np.copysign(1.0, home) * motor_volume(robot, z, q)
     return cause, dexterity
+
+
+class _Nearby:
+    """Joints of pose after pose in the assembly of home, each from the nearest of those before."""
+
+    def __init__(self, robot: ParallelRobot) -> None:
+        self._robot, self._poses, self._q = robot, np.empty((0, robot.m)), []
+        self._closed = not joint_obstacle(robot.description)
+
+    def joints(self, z: np.ndarray) -> Sequence[np.ndarray] | None:
+        """Per leg; None out of reach."""
+        q = None
+        if self._q:
+            nearest = int(np.argmin(np.sum((self._poses[: len(self._q)] - z) ** 2, axis=1)))
+            q = self._robot.kinematics.joints_nearby(z, self._q[nearest])
+        if q is None:
+            try:
+                found = self._robot.ik(z)
+            except InputError:
+                return None
+            q = found.q
+            if self._closed or found.assembly != "home":  # fast as it is, or perhaps another assembly
+                return q
+        if len(self._q) == len(self._poses):
+            self._poses = np.vstack([self._poses, np.empty((max(64, len(self._q)), len(z)))])
+        self._poses[len(self._q)] = z
+        self._q.append(q)
+        return q
 
 
 def motor_volume(robot: ParallelRobot, z: np.ndarray, q: Sequence[np.ndarray] | None) -> float:

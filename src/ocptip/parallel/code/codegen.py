@@ -13,11 +13,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import casadi as cs
+import numpy as np
 
 from ocptip.basics.errors import InputError
 from ocptip.basics.write import file_target
 from ocptip.parallel.code.counting import count_operations
 from ocptip.parallel.code.lean import LeanFunction
+
+_OWN = ("geometry", "inertia", "gravity", "joint_terms")  # arguments whose values a robot has
 
 
 @dataclass(frozen=True)
@@ -43,7 +46,7 @@ def write_c(
     """Write functions as C source with a header beside it.
 
     Matrices are stored column by column and densely. The comment at the top of the source lists all inputs
-    and outputs in order, with the names of the parameters.
+    and outputs in order, with the names of the parameters and their values for the robot.
 
     Args:
         functions: one or several, of different names.
@@ -92,6 +95,9 @@ def _described(given: LeanFunction | cs.Function) -> str:
         for k, name in enumerate(names):
             rows, columns = size(k)
             lines.append(f" * {kind}[{k}]: {name}, {rows} x {columns}{_entries(given, name)}")
+            if kind == "arg" and isinstance(given, LeanFunction) and rows * columns and name in _OWN:
+                own = np.ravel(getattr(given, name), order="F").tolist()
+                lines.append(f" *   of this robot: {{{', '.join(map(repr, own))}}}")
     return "\n".join([*lines, " */"])
 
 

@@ -134,8 +134,8 @@ class Leg(LegBase):
         coupling: (3,) entries, m: coupling point in the platform frame (kappa).
         end_rotation: (3, 3) platform axes to the last frame of the leg. None: the robot is assembled in its
             home pose with the coupling joints as `guess` says, or at zero; but a universal joint so that its
-            second axis is parallel to the leg's first axis, where it can be, and a spherical one with its
-            middle axis at a quarter turn, where its axes would coincide.
+            second axis is parallel to the leg's first turning axis, where it can be, and a spherical one
+            with its middle axis at a quarter turn, where its axes would coincide.
         drive_inertia, viscous, coulomb: one number per row: inertia of the drive seen at the joint (kg m^2 or
             kg), viscous and Coulomb friction; empty: none.
         branch: signs that choose among closed-form solutions, see `parallel.kinematics.closed_form`; empty:

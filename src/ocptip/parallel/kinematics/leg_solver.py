@@ -8,7 +8,7 @@ import numpy as np
 
 from ocptip.basics.errors import InputError
 from ocptip.parallel.description.branched import BranchedLeg
-from ocptip.parallel.description.robot_description import Leg
+from ocptip.parallel.description.robot_description import REVOLUTE, Leg
 from ocptip.parallel.kinematics.closed_form import closed_form, leg_type, nearest_branch
 from ocptip.parallel.kinematics.closures import LegClosure
 
@@ -97,9 +97,9 @@ class LegSolver(LegClosure):
 
     def _continued(self, way: Way) -> Attempt | None:
         """From home along the way in steps so short that the assembly stays; None where it cannot."""
-        return continued(self.home, lambda q, share: self._followed(q, *way(share)))
+        return continued(self.home, lambda q, share: self.followed(q, *way(share)))
 
-    def _followed(self, q: np.ndarray, r: np.ndarray, R: np.ndarray, locked: np.ndarray) -> Attempt | None:
+    def followed(self, q: np.ndarray, r: np.ndarray, R: np.ndarray, locked: np.ndarray) -> Attempt | None:
         """Joint positions at a pose nearby; None if they do not close the leg, or lie off the tangent."""
         start = q.copy()
         start[self.locked] = locked
@@ -201,7 +201,8 @@ class LegSolver(LegClosure):
         angles = np.zeros(self.n - self.point)
         axes = self.frames(q)[0][:, :, 2]
         if len(angles) == 2:
-            angles[0] = _turn_to_parallel(axes[self.point], axes[self.point + 1], axes[0])
+            turning = [row.sigma == REVOLUTE for row in self.leg.joint_rows]
+            angles[0] = _turn_to_parallel(axes[self.point], axes[self.point + 1], axes[turning.index(True)])
         elif len(angles) > 2 and np.linalg.svd(axes[self.point :], compute_uv=False)[2] < 1e-9:
             angles[1] = np.pi / 2
         return angles

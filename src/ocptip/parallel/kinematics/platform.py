@@ -172,6 +172,26 @@ class Kinematics:
             origins.append(origin)
         return _joint_positions(found, origins)
 
+    def joints_nearby(self, z: np.ndarray, q: Sequence[np.ndarray]) -> Sequence[np.ndarray] | None:
+        """Joint positions at a pose in the assembly of others, by one step along the legs' tangents and
+        Newton's method.
+
+        Args:
+            z: (m,).
+            q: per leg (n_f,), in a pose nearby.
+
+        Returns:
+            None where a leg does not close so.
+        """
+        if self.along is not None:
+            return None
+        found = []
+        for way, leg, start in zip(self._ways(z), self.legs, q, strict=True):
+            if (attempt := leg.followed(start, *way(1.0))) is None:
+                return None
+            found.append(attempt[0])
+        return found
+
     def point_joints(self, z: ArrayLike, guess: Sequence[np.ndarray] | None = None) -> JointPositions:
         """Joint positions up to the coupling points only.
 
