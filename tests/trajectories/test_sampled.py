@@ -284,5 +284,6 @@ def test_angles_within_a_turn_of_radians_are_warned_of(tmp_path):
     path.write_text(json.dumps(motion), encoding="utf-8")
     with pytest.warns(InputWarning, match="no angle is above 1.5 degrees"):
         load_motion(path)
-    path.write_text(json.dumps({**motion, "units": ["m"]}), encoding="utf-8")
-    load_motion(path)
+    for known in ({"units": ["m"]}, {"units": ["deg"]}, {"digest": "of a plan"}):
+        path.write_text(json.dumps({**motion, **known}), encoding="utf-8")
+        load_motion(path, units=known.get("units", ("deg",)))

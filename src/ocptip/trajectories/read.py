@@ -135,7 +135,8 @@ def _from_commands(data: Any, units: Sequence[str]) -> Motion:
     if "controller" in data:
         return _as_run(motion, data["controller"])
     turning = np.array(data.get("units", ["deg"] * motion.n)) == "deg"
-    doubt_degrees("start, commands", np.rad2deg(motion.angle_ranges[turning]))
+    if not {"units", "digest"} & data.keys():  # neither named nor written by ocptip itself
+        doubt_degrees("start, commands", np.rad2deg(motion.angle_ranges[turning]))
     return motion
 
 
