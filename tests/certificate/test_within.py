@@ -147,6 +147,7 @@ def test_bounds_of_joints_on_time_say_so(monkeypatch):
     assert "on time" not in str(replace(found, sampled=()))
 
 
+@pytest.mark.slow
 def test_a_share_of_friction_that_is_short_is_claimed_higher(monkeypatch):
     """As where rows are shown at what they need themselves, and not at what all need."""
     task, motion = _swing("G")

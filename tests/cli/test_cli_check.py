@@ -237,6 +237,7 @@ def test_offsets_of_lengths_are_lengths(task):
     assert _offsets(task.reference, task)["deg"] == pytest.approx((0.0, 0.0), abs=1e-9)
 
 
+@pytest.mark.slow
 def test_within_a_tolerance(capsys, plan, tmp_path):
     """Plans that use the limits as described fall at the worst of a tolerance, and the report says where."""
     code, data = check_json(capsys, plan, "--tolerance", "workshop")

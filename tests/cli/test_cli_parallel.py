@@ -14,6 +14,7 @@ import pytest
 from ocptip.cli import parallel as command
 from ocptip.cli.main import main
 from ocptip.parallel.description.ready_made import READY_MADE, delta, ups6
+from tests.quick import some
 
 
 @cache
@@ -24,7 +25,7 @@ def said(*arguments):
     return printed.getvalue()
 
 
-@pytest.mark.parametrize("name", ["3RRR", "3rpr", "Delta", "4prrr", "6ups"])
+@pytest.mark.parametrize("name", some(2, ["3rpr", "Delta", "3RRR", "4prrr", "6ups"]))
 def test_ready_made_robots(name):
     report = json.loads(said(name, "--json"))
     assert report["mobility"]["dof"] == len(report["coordinates"]) == len(report["actuated"])

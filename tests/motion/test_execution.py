@@ -187,6 +187,7 @@ def test_points_of_drives_keep_limits_in_whole_nanoseconds(task, apart, tmp_path
     assert again.worst == run.written.check.worst  # to the last bit
 
 
+@pytest.mark.slow
 @seed(3)
 @settings(max_examples=8)
 @given(st.integers(0, 10**6))

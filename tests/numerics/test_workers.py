@@ -11,6 +11,7 @@ from multiprocessing.connection import wait
 import pytest
 
 from ocptip.basics.errors import InputError
+from ocptip.numerics.fork_server import interrupts_afterwards
 from ocptip.numerics.workers import WorkerDiedError, worker_pool
 from tests.motion import calls
 
@@ -97,3 +98,22 @@ def test_prepared_processes_have_the_modules():
     prepared = f"{sys.platform.startswith('linux')}"
     assert said.stdout.split() == ["False", prepared, prepared, "1", "True", "ready"], said.stderr
     assert said.stderr == ""
+
+
+def test_interrupts_count_afterwards():
+    done = []
+
+    def work(error=None):
+        with interrupts_afterwards():
+            signal.raise_signal(signal.SIGINT)
+            done.append("what was begun")
+            if error:
+                raise error
+
+    with pytest.raises(KeyboardInterrupt):
+        work()
+    with pytest.raises(ValueError, match="of its own"):
+        work(ValueError("of its own"))
+    assert done == ["what was begun"] * 2
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGINT)

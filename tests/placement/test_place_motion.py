@@ -54,6 +54,7 @@ def swing():
     return PlacementProblem(robot, tasks, plane((0.03, 0.0)), weights=Weights(0.3, 0.3, 0.0, 0.4))
 
 
+@pytest.mark.slow
 def test_placements_are_ranked_by_planned_energy(swing):
     result = place_for_motion(swing, candidates=2, starts=1, placement_starts=3)
     energies = [m.energy for m in result.ranked]

@@ -19,6 +19,7 @@ from ocptip.reserves.tipping import TipOver
 from ocptip.robots.dynamics import evaluate_dynamics
 from ocptip.standing.tolerance import Tolerance
 from tests.placement.placement_scenes import clamped, drilling, four_feet, tripod
+from tests.quick import some
 
 TOLERANCE = Tolerance(base_mass=0.05, center_of_mass=[0.01, 0.015, 0.02], friction=0.2)
 WAVES = HeightField(Wave(0.05, 0.8, 0.3), Wave(0.04, 0.7, 1.8))
@@ -57,7 +58,7 @@ def reserves(own, p, q, case, mass, centre, friction):
     return tip.evaluate(state).GN[0], Slip(support).evaluate(state, derivatives=False).GT[0]
 
 
-@pytest.mark.parametrize("name", PROBLEMS)
+@pytest.mark.parametrize("name", some(2, PROBLEMS))
 def test_nothing_inside_the_tolerance_is_worse_and_the_named_corner_attains_it(name):
     own = PROBLEMS[name]()
     evaluator, p, q = candidate(own)

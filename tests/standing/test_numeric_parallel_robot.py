@@ -20,6 +20,7 @@ from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.ramps import RampCommand
 from tests.parallel.parallel_examples import five_axes, redundant_leg
 from tests.parallel.parallel_twin import rod_delta
+from tests.quick import some
 
 
 def cart(**options):
@@ -133,7 +134,7 @@ def test_singular_poses_between_samples_are_refused():
         numeric(flat).samples_of(np.arange(4.0), path, 0 * path, 0 * path)
 
 
-@pytest.mark.parametrize("make", [rod_delta, five_axes, redundant_leg])
+@pytest.mark.parametrize("make", some(1, [rod_delta, five_axes, redundant_leg]))
 def test_general_robots_stand_and_are_checked(make):
     """Inner loops, motors behind the coupling points, redundant joints."""
     robot = ParallelRobot(make())

@@ -255,6 +255,7 @@ def test_the_program_of_the_definition_knows_a_table():
     assert np.isnan(upwards)
 
 
+@pytest.mark.slow
 def test_linear_programs_contradict_no_state_and_no_verdict(tmp_path, capsys):
     options = ["--problems", "300", "--enumerated", "12"]
     assert linear_programs.main(["--out", str(tmp_path), *options]) == 0

@@ -180,6 +180,7 @@ def test_a_solution_that_only_the_grid_finds_counts_as_a_failure():
     assert placement_brute_force.excess(row)[0] < 0
 
 
+@pytest.mark.slow
 def test_cluttered_tasks_are_the_same_for_a_seed_and_clear_of_the_gripper():
     one, two, other = (placement_clutter.cluttered(s, 5) for s in (3, 3, 4))
     assert len(one.tasks) == 3

@@ -69,6 +69,7 @@ def without_motion(payload, number, seed):
     return Attempt(StartResult(number, "no motion", float("nan"), False, 9, 1.0, 1.0, 1, STAGES), None, None)
 
 
+@pytest.mark.slow
 def test_one_start(study, capsys):
     data = results(study)
     (row,) = data["rows"]

@@ -26,6 +26,7 @@ def test_what_is_left_out_is_dear():
         assert (k in without) == (cost > HOPELESS * min(costs))
 
 
+@pytest.mark.slow
 def test_a_task_of_the_study(tmp_path):
     """Started again it runs nothing."""
     runs = Runs(tmp_path / "runs.jsonl", 0)

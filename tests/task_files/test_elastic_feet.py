@@ -56,6 +56,7 @@ def test_a_foot_that_bears_too_little_is_refused(tmp_path):
     assert not refusals(load(tmp_path, TASK))
 
 
+@pytest.mark.slow
 def test_check_says_how_the_base_swings(capsys, tmp_path):
     task = load(tmp_path, TASK)
     start, goal = (np.degrees(angles).tolist() for angles in (task.start, task.goal))

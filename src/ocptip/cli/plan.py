@@ -46,7 +46,7 @@ from ocptip.motion.planner.attempt import LEFT_OUT
 from ocptip.motion.stops import Stops
 from ocptip.motion.task import MotionTask
 from ocptip.motion.tolerated import Tolerated, tolerances
-from ocptip.numerics.fork_server import ready
+from ocptip.numerics.fork_server import interrupts_afterwards, ready
 from ocptip.pictures.frame import Drawing
 from ocptip.pictures.plan import begin_plan
 from ocptip.published.cases import case_names
@@ -122,8 +122,9 @@ class _Looked:
 
     def __call__(self, task: MotionTask, motion: ArmMotion | TimedPath, check: MotionCheck) -> None:
         """Look at it."""
-        self._execution = Execution.of_drives(task.robot, motion, task.limits, check)
-        self._tolerated, self._motion = tolerances(task.robot, motion), motion
+        with interrupts_afterwards():
+            self._execution = Execution.of_drives(task.robot, motion, task.limits, check)
+            self._tolerated, self._motion = tolerances(task.robot, motion), motion
 
     def at(self, plan: MotionPlan, check: MotionCheck) -> tuple[Execution, tuple[Tolerated, ...]]:
         """Of a plan."""

@@ -24,6 +24,7 @@ from ocptip.indices.arms.values import index_values
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.published.arms import arm_by_name, irb_2000
 from tests.indices.sample_axes import published_motion, random_axes, random_ellipsoid
+from tests.quick import some
 from tests.robots.sample_arms import random_arm
 
 seeds = st.integers(0, 2**32 - 1).map(np.random.default_rng)
@@ -193,7 +194,7 @@ def place(arm, block, start):
     return np.array(result["x"]).ravel()[: arm.model.n]
 
 
-@pytest.mark.parametrize("name", ["FP1W2F", "FSFS", "W1P1P2W2", "IRB2000"])
+@pytest.mark.parametrize("name", some(2, ["FP1W2F", "IRB2000", "FSFS", "W1P1P2W2"]))
 def test_placement_with_an_index_as_constraint(name):
     arm = SymbolicArm.of(arm_by_name(name))
     rng, done, solved = np.random.default_rng(0), 0, 0

@@ -23,6 +23,7 @@ def folder(tmp_path_factory):
     return out, code
 
 
+@pytest.mark.slow
 def test_the_plan_keeps_every_segments_reserves_in_stops(folder):
     out, code = folder
     assert code == 0

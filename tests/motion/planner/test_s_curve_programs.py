@@ -69,6 +69,7 @@ def test_order_has_all_events_of_the_motion(seed, kind):
                 np.testing.assert_allclose(times[places[joint, :used]], ramps.times + late, atol=1e-8)
 
 
+@pytest.mark.slow
 @settings(max_examples=8)
 @given(seed=SEEDS, kind=KINDS)
 def test_directions_are_the_signs_of_the_speeds(seed, kind):

@@ -17,6 +17,7 @@ from ocptip.parallel.kinematics.leg_solver import LegSolver
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.task_files.parallel import read_parallel_robot
 from tests.places import EXAMPLES
+from tests.quick import some
 
 _BODY = BodyInertia.about_center(1.0)
 
@@ -202,7 +203,7 @@ def _home_axis(robot: ParallelRobot, link: np.ndarray) -> np.ndarray:
     return turn @ link
 
 
-@pytest.mark.parametrize(("name", "modes"), [("tricept", 8), ("exechon", 8)])
+@pytest.mark.parametrize(("name", "modes"), some(1, [("tricept", 8), ("exechon", 8)]))
 def test_legs_rigid_with_the_platform_by_newton_from_everywhere(name: str, modes: int) -> None:
     """One leg's passive joints carry the platform; the others' lengths close it: no start finds more."""
     robot = _example(name)

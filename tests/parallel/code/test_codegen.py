@@ -15,6 +15,7 @@ from ocptip.parallel.code import codegen
 from ocptip.parallel.code.codegen import write_c
 from ocptip.parallel.code.lean import lean_function
 from tests.parallel.parallel_cases import KIND_NAMES, error, golden
+from tests.quick import some
 
 COMPILER = next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), None)
 
@@ -24,7 +25,7 @@ def arguments(lean, case):
 
 
 @pytest.mark.skipif(COMPILER is None, reason="no C compiler on this machine")
-@pytest.mark.parametrize("kind", KIND_NAMES)
+@pytest.mark.parametrize("kind", some(3, KIND_NAMES))
 def test_compiled_code_equals_the_virtual_machine(kind, tmp_path):
     case = golden(kind)
     lean = lean_function(case.robot, ("tau", "J_a"), form="A", dynpar=3, euler=True)

@@ -21,6 +21,7 @@ from ocptip.robots.dynamics import inverse_dynamics
 from tests.parallel.code.test_codegen import COMPILER
 from tests.parallel.parallel_examples import QUARTER, five_axes, prr3, redundant_leg, spu6
 from tests.parallel.test_dependent_coordinates import MECHANISMS, robot_of, state_of
+from tests.quick import some
 
 
 def spherical() -> RobotDescription:
@@ -63,7 +64,7 @@ def robot_for(name: str) -> ParallelRobot:
     return ParallelRobot(ROBOTS[name]()) if name in ROBOTS else robot_of(name)
 
 
-@pytest.mark.parametrize("name", [*ROBOTS, *MECHANISMS])
+@pytest.mark.parametrize("name", some(4, [*ROBOTS, *MECHANISMS]))
 def test_complete_code_is_the_numeric_robot(name):
     robot, rng = robot_for(name), np.random.default_rng(2)
     function = complete_function(robot, ("tau", "J_a", "qd", "qdd"))

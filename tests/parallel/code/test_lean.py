@@ -19,12 +19,13 @@ from ocptip.parallel.dynamics.terms import quasi_terms
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.parallel.routes.constraint import ConstraintRoute
 from tests.parallel.parallel_cases import KIND_NAMES, error, golden, random_state
+from tests.quick import some
 
 GOLDEN = 1e-9
 ROUTES = 1e-10
 
 
-@pytest.mark.parametrize("kind", KIND_NAMES)
+@pytest.mark.parametrize("kind", some(3, KIND_NAMES))
 def test_golden_case(kind):
     case = golden(kind)
     lean = lean_function(case.robot, ("tau", "M", "c", "g", "J_a"), form="X")
@@ -170,7 +171,7 @@ def test_drives_friction_and_external_wrench(kind):
     assert error(found["W_joint"] @ terms.ravel("F"), rows.T @ efforts) < ROUTES
 
 
-@pytest.mark.parametrize(("kind", "dynpar"), [("3RPR", 2), ("4PRRR", 3), ("Delta", 2), ("6UPS", 3)])
+@pytest.mark.parametrize(("kind", "dynpar"), some(3, [("3RPR", 2), ("4PRRR", 3), ("Delta", 2), ("6UPS", 3)]))
 def test_regressor(kind, dynpar):
     state = random_state(kind, 9)
     names = ("tau", "M", "c", "g", "W", "W_M", "W_c", "W_g")

@@ -13,6 +13,7 @@ from ocptip.parallel.code.lean import lean_function
 from ocptip.parallel.description.entries import Parameter
 from ocptip.parallel.dynamics.sensitivities import ForceSensitivities
 from tests.parallel.parallel_cases import KIND_NAMES, chain_end, error, random_state
+from tests.quick import some
 
 
 def changed(robot, name: str, step: float):
@@ -59,7 +60,7 @@ def closed(robot, state) -> np.ndarray:
     return np.column_stack(columns)
 
 
-@pytest.mark.parametrize("kind", KIND_NAMES)
+@pytest.mark.parametrize("kind", some(3, KIND_NAMES))
 def test_geometry(kind):
     state = random_state(kind, 2)
     generated = ForceSensitivities(state.robot)

@@ -25,6 +25,7 @@ from tests.placement.placement_scenes import (
     planar_problem,
     tripod,
 )
+from tests.quick import some
 
 FRAME = (np.array([0.0, 0.0, -0.3]), np.eye(3))
 WAVES = HeightField(Wave(0.02, 0.9, 0.3), Bump([0.3, 0.1], 0.03, 0.3), slope=[0.02, 0.03])
@@ -87,7 +88,7 @@ def differences(function, x, step=1e-6):
     return np.array([(function(x + e) - function(x - e)) / (2 * step) for e in step * np.eye(len(x))]).T
 
 
-@pytest.mark.parametrize("name", PROBLEMS)
+@pytest.mark.parametrize("name", some(7, PROBLEMS))
 def test_derivatives(name):
     program, x = program_at(PROBLEMS[name]())
     assert len(program.labels) == len(program.bounds[0]) == len(program.values(x)[1])
