@@ -41,7 +41,7 @@ from scipy.optimize import brentq, least_squares
 
 from ocptip.basics.errors import InputError, SolverError
 from ocptip.basics.write import versions, write_json, write_text
-from ocptip.indices.designs.optimal_domains import HALF_RANGE, main_roots, special_limit
+from ocptip.indices.designs.optimal_domains import main_roots, special_limit
 from ocptip.indices.designs.optimal_platforms import (
     OptimalPlatform,
     ctn_optimal_main,
@@ -52,6 +52,7 @@ from ocptip.indices.designs.optimal_platforms import (
 from ocptip.indices.metric import OperationEllipsoid, point_metric
 from ocptip.indices.platforms.controllability import control_number
 from ocptip.indices.platforms.isotropy import platform_conditioning
+from ocptip.indices.platforms.planar import LARGEST_R
 from ocptip.indices.platforms.platform import PlatformPose
 from ocptip.numerics.vectors import skew
 from studies.common import ended, software, table
@@ -203,7 +204,7 @@ def spheres(t: float, root: int) -> list[float]:
 def on_the_ellipsoid() -> dict[str, Any]:
     """Members of L_H with t = 1/2, and those whose ellipsoid is a sphere."""
     half, round_ones = [], []
-    for r1 in np.linspace(0.05, 0.999 * HALF_RANGE, 40):
+    for r1 in np.linspace(0.05, 0.999 * LARGEST_R, 40):
         for root in main_roots(0.5, float(r1)):
             pose = ctn_optimal_main(0.5, float(r1), root=root).pose
             half.append(float(np.abs(levels(pose, own_ellipsoid(pose)) - 1.0).max()))

@@ -23,7 +23,7 @@ from ocptip.cli.progress import Progress
 from ocptip.parallel.analysis.assembly_modes import AssemblyModes
 from ocptip.parallel.analysis.mobility import Mobility
 from ocptip.parallel.analysis.singularity import Singularity
-from ocptip.parallel.analysis.workspace import Workspace, workspace
+from ocptip.parallel.analysis.workspace import LENGTHS, Workspace, workspace
 from ocptip.parallel.code.codegen import write_c
 from ocptip.parallel.code.lean import LeanFunction, lean_function
 from ocptip.parallel.description.ready_made import READY_MADE
@@ -37,7 +37,6 @@ from ocptip.parallel.robot import ParallelRobot
 from ocptip.task_files.parallel import read_parallel_robot
 
 _SUFFIXES = {"urdf": (".urdf",), "mjcf": (".xml", ".mjcf"), "c": (".c",), "plot": (".png", ".pdf", ".svg")}
-LENGTHS = ("x", "y", "z")
 _FORCES = {"S": "tau_s", "X": "tau_s", "Z": "tau_z", "A": "tau_a", "AA": "tau_a"}
 
 

@@ -21,7 +21,7 @@ from ocptip.cli.parallel import read_robot, with_ranges
 from ocptip.cli.rate_along import rate_along
 from ocptip.cli.rate_workspace import rate_workspace
 from ocptip.indices.arms.rate import rate_arm
-from ocptip.indices.entry import IndexEntry
+from ocptip.indices.meanings import IndexEntry
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.platforms.from_parallel import platform_of_robot
 from ocptip.indices.platforms.parallel_robots import rate_parallel

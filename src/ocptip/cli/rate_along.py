@@ -17,13 +17,13 @@ from ocptip.basics.toml import read_text
 from ocptip.basics.write import file_target, versions
 from ocptip.cli.command import Report
 from ocptip.cli.layout import table
-from ocptip.cli.parallel import LENGTHS
 from ocptip.indices.arms.values import index_values
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.platforms.parallel_robots import ParallelIndices
 from ocptip.indices.platforms.platform import PlatformFile
 from ocptip.indices.platforms.rate import RatedPose
 from ocptip.indices.workspace_maps import arm_indices, chosen_indices, platform_indices
+from ocptip.parallel.analysis.workspace import LENGTHS
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.robots.model import ArmModel
 from ocptip.trajectories.read_csv import csv_table
@@ -58,7 +58,7 @@ class AlongReport(Report):
     def write(self) -> Iterator[Path]:
         """The figure."""
         if self.figure:
-            from ocptip.pictures.indices_along import save_indices
+            from ocptip.pictures.workspace import save_indices
 
             yield save_indices(self.robot, self.times, self.values, self.figure)
 

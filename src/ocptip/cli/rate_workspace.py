@@ -15,11 +15,12 @@ from ocptip.basics.errors import naming
 from ocptip.basics.write import file_target, versions
 from ocptip.cli.command import Report
 from ocptip.cli.layout import table
-from ocptip.cli.parallel import LENGTHS, grid_ranges, size_of_grid
+from ocptip.cli.parallel import grid_ranges, size_of_grid
 from ocptip.cli.progress import Progress
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.platforms.platform import PlatformFile
 from ocptip.indices.workspace_maps import IndexMaps, index_maps
+from ocptip.parallel.analysis.workspace import LENGTHS
 from ocptip.parallel.robot import ParallelRobot
 from ocptip.robots.model import ArmModel
 

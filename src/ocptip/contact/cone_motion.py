@@ -29,7 +29,7 @@ CLEAR_MOTION = 1e-6
 _CLEAR_OF_ROUNDING = 1e-9
 """Mass times acceleration, relative to the largest contact force, from which it is no rounding of forces."""
 
-_LAW_TOLERANCE = 1e-8
+LAW_TOLERANCE = 1e-8
 _STEPS = 40
 _DAMPING = 1e-3
 _BALANCE = 1e-11
@@ -198,7 +198,7 @@ class ConeProblem:
         residual = np.max(np.abs(system.plain_matrix[:, columns] @ basic - rhs)) / np.max(np.abs(rhs))
         found = SearchResult(FOUND, np.array(subsets), basic, float(residual), 0)
         state = solution_from_search(aligned, self.wrench, found)
-        lawful = state.states.law_violation()[0] < _LAW_TOLERANCE
+        lawful = state.states.law_violation()[0] < LAW_TOLERANCE
         return state if lawful and clearly_moving(state.states)[0] else None
 
 

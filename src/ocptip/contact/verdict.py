@@ -28,7 +28,7 @@ from ocptip.contact import mode_search
 from ocptip.contact.bindings import laws
 from ocptip.contact.bindings.binding import Binding, ForcePiece
 from ocptip.contact.bindings.unilateral import UnilateralContact
-from ocptip.contact.cone_motion import ConeProblem, MotionSearch, clearly_moving
+from ocptip.contact.cone_motion import LAW_TOLERANCE, ConeProblem, MotionSearch, clearly_moving
 from ocptip.contact.cone_search import find_cone_motion
 from ocptip.contact.pivoting import SOLVED
 from ocptip.contact.planar_verdict import feet_share_a_plane, find_planar_motion
@@ -45,7 +45,6 @@ _GUESSES = 8
 _TOLERANCES = (1e-10, 1e-8, 1e-6)
 _ALL_COMBINATIONS = 64
 _BALANCE = 1e-8
-_LAW_TOLERANCE = 1e-8
 
 
 @dataclass(frozen=True)
@@ -389,7 +388,7 @@ def _moving_from_random_starts(support: Support, wrench: np.ndarray) -> list[Con
     Slower motion may be rounding: it is left to the search.
     """
     states = solve_randomly(support, wrench, _RANDOM_STARTS)
-    lawful = states.law_violation() < _LAW_TOLERANCE
+    lawful = states.law_violation() < LAW_TOLERANCE
     moving = np.flatnonzero(clearly_moving(states) & lawful)
     return [states[int(i)] for i in moving]
 

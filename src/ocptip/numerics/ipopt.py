@@ -10,6 +10,9 @@ from typing import Any, Protocol
 import casadi as cs
 import numpy as np
 
+SOLVED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
+"""Status of a program that met its tolerance, or the acceptable one."""
+
 _ENDINGS = {
     "Infeasible_Problem_Detected": "nothing near it keeps all of them",
     "Restoration_Failed": "no way back to where all of them are kept",
@@ -197,7 +200,7 @@ def solve(
         multipliers=np.array(result["lam_g"]).ravel(),
         bound_multipliers=np.array(result["lam_x"]).ravel(),
         status=status,
-        converged=status in ("Solve_Succeeded", "Solved_To_Acceptable_Level"),
+        converged=status in SOLVED,
         iterations=int(stats["iter_count"]),
         seconds=time.perf_counter() - start,
     )

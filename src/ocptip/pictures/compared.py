@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from ocptip.basics.write import atomic_file
 from ocptip.measured.comparison import Compared, Comparison
 from ocptip.measured.prediction import Predictor
 from ocptip.measured.recording import ANGLE, POWER, TORQUE, WRENCH
-from ocptip.pictures.frame import COLORS, new_figure
+from ocptip.pictures.frame import COLORS, DPI, new_figure, save_figure
 
 
 def save_comparison(path: str | os.PathLike[str], found: Comparison, predictor: Predictor, name: str) -> Path:
@@ -23,10 +22,7 @@ def save_comparison(path: str | os.PathLike[str], found: Comparison, predictor: 
     Raises:
         OSError: it cannot be written; names it.
     """
-    path = Path(path)
-    with atomic_file(path) as stream:
-        comparison_figure(found, predictor, name).savefig(stream, format=path.suffix[1:].lower(), dpi=130)
-    return path
+    return save_figure(comparison_figure(found, predictor, name), path, DPI)
 
 
 def comparison_figure(found: Comparison, predictor: Predictor, name: str) -> Figure:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from ocptip.basics.write import write_bytes
+from ocptip.basics.write import atomic_file, write_bytes
 from ocptip.numerics.fork_server import cores, ready
 from ocptip.numerics.workers import Workers
 
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
 SEGMENT = "#f4f7fb"
 
+DPI = 130
 
 LEGEND_SIZE, LEGEND_HANDLE, LEGEND_GAP = 8.5, 1.8, 1.2
 """Points; the others in units of it."""
@@ -118,7 +119,7 @@ class Drawing:
         dpi: pixels per inch.
     """
 
-    def __init__(self, figures: Mapping[str, Callable[[], Figure]], dpi: int) -> None:
+    def __init__(self, figures: Mapping[str, Callable[[], Figure]], dpi: int = DPI) -> None:
         self._figures, self._dpi = figures, dpi
         self._pool: Workers | None = None
         self._drawn: dict[str, Future[bytes]] = {}
@@ -160,10 +161,18 @@ class Drawing:
 
 
 def save_figures(
-    directory: str | os.PathLike[str], figures: Mapping[str, Callable[[], Figure]], dpi: int
+    directory: str | os.PathLike[str], figures: Mapping[str, Callable[[], Figure]], dpi: int = DPI
 ) -> list[Path]:
     """Draw figures into a directory, see `Drawing`."""
     return Drawing(figures, dpi).save(directory)
+
+
+def save_figure(figure: Figure, path: str | os.PathLike[str], dpi: int) -> Path:
+    """Write a figure into a .png, .pdf or .svg file, which appears complete or not at all."""
+    path = Path(path)
+    with atomic_file(path) as stream:
+        figure.savefig(stream, format=path.suffix[1:].lower(), dpi=dpi)
+    return path
 
 
 def _png_of(payload: bytes, name: str, dpi: int) -> bytes:

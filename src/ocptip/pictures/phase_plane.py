@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from ocptip.motion.plan import MotionPlan
     from ocptip.retiming.retime import Retimed
 
-DPI = 130
 ROOM = 1.6  # times the largest speed, up to which the limits are drawn
 SAMPLES = 400
 _NAMES = ("tip-over", "slip", "torque", "acceleration", "speed")
@@ -33,7 +32,7 @@ def draw_phase_plane(
     Raises:
         OSError: the file or the directory cannot be written; names it.
     """
-    return save_figures(directory, {name: lambda: phase_plane(plan, timed)}, DPI)
+    return save_figures(directory, {name: lambda: phase_plane(plan, timed)})
 
 
 def phase_plane(plan: MotionPlan, timed: Retimed) -> Figure:

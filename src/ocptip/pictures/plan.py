@@ -41,7 +41,6 @@ if TYPE_CHECKING:
 STYLES = ("-", (0, (5, 1.2)), (0, (1.2, 1.2)))  # beyond seven joints or contacts
 GN, GT, ENERGY, POWER = "#0072b2", "#d55e00", "#000000", "#009e73"
 LIMIT, EVENT = "#8b0000", "#e3e3e3"
-DPI = 130
 
 _DASHED = (0, (4, 2))
 _LIMIT_STYLE = {"color": LIMIT, "lw": 1.3, "ls": (0, (6, 2))}
@@ -69,7 +68,7 @@ def draw_plan(
 
 def begin_plan(plan: Any, samples: MotionSamples | None = None) -> Drawing:
     """The same figures, which are being drawn while the caller goes on."""
-    return Drawing(_figures(plan, samples), DPI)
+    return Drawing(_figures(plan, samples))
 
 
 def plan_figures(plan: MotionPlan, samples: MotionSamples | None = None) -> dict[str, Figure]:

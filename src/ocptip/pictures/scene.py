@@ -14,9 +14,8 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from ocptip.basics.errors import InputError
-from ocptip.basics.write import atomic_file
 from ocptip.contact.states import ContactStates
-from ocptip.pictures.frame import new_figure
+from ocptip.pictures.frame import new_figure, save_figure
 from ocptip.pictures.labels import Labels
 from ocptip.pictures.scene_panels import LOAD, draw_friction_bars, draw_plane, draw_space, draw_top, fit_space
 from ocptip.pictures.scene_picture import ScenePicture
@@ -50,12 +49,9 @@ def plot_scene(
         OSError: the file cannot be written.
     """
     path = Path(path)
-    file_format = path.suffix.lower().lstrip(".")
-    if file_format not in FORMATS:
+    if path.suffix.lower().lstrip(".") not in FORMATS:
         raise InputError(f"path: expected a file name ending in .png, .pdf or .svg, got {str(path)!r}")
-    figure = draw_scene(scene, states, tip, slip, index=index)
-    with atomic_file(path) as stream:
-        figure.savefig(stream, format=file_format, dpi=150)
+    save_figure(draw_scene(scene, states, tip, slip, index=index), path, 150)
 
 
 def draw_scene(

@@ -10,8 +10,6 @@ from matplotlib.figure import Figure
 from ocptip.motion.stops import Stops
 from ocptip.pictures.frame import COLORS, new_figure, save_figures
 
-DPI = 130
-
 
 def draw_stops(directory: str | os.PathLike[str], stops: Stops) -> list[Path]:
     """Draw `stops.png` into a directory; a file of that name is replaced.
@@ -19,7 +17,7 @@ def draw_stops(directory: str | os.PathLike[str], stops: Stops) -> list[Path]:
     Raises:
         OSError: the file or the directory cannot be written; names it.
     """
-    return save_figures(directory, {"stops": lambda: stops_figure(stops)}, DPI)
+    return save_figures(directory, {"stops": lambda: stops_figure(stops)})
 
 
 def stops_figure(stops: Stops) -> Figure:

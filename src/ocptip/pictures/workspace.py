@@ -1,8 +1,12 @@
-"""Figures of workspaces: an index inside, the singularity surface as a line, what is in the way outside."""
+"""Figures of workspaces: an index inside, the singularity surface as a line, what is in the way outside.
+
+And of indices along a motion.
+"""
 
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,13 +16,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from ocptip.basics.write import atomic_file
 from ocptip.indices.workspace_maps import IndexMaps
-from ocptip.parallel.analysis.workspace import Workspace
-from ocptip.pictures.frame import new_figure
+from ocptip.parallel.analysis.workspace import LENGTHS, Workspace
+from ocptip.pictures.frame import COLORS, new_figure, save_figure
 
 _PANELS, _SLICES = 9, 4
-_LENGTHS = ("x", "y", "z")
+_DPI = 120
 _LARGEST_ANGLE = 2.0  # rad
 _SINGULAR = "#d00000"
 _OUTSIDE = ("#e8e8e8", "#f2c6de", "#c9dbee", "#f7e29b", "#b9a3cf", "#f0b27a", "#8fcfb0")
@@ -45,11 +48,8 @@ def workspace_figure(found: Workspace) -> Figure:
 
 def save_workspace(found: Workspace | IndexMaps, path: str | os.PathLike[str]) -> Path:
     """Draw it, or indices over it, into a .png, .pdf or .svg file."""
-    path = Path(path)
     figure = index_maps_figure(found) if isinstance(found, IndexMaps) else workspace_figure(found)
-    with atomic_file(path) as file:
-        figure.savefig(file, format=path.suffix[1:], dpi=120)
-    return path
+    return save_figure(figure, path, _DPI)
 
 
 def index_maps_figure(found: IndexMaps) -> Figure:
@@ -148,22 +148,22 @@ def _most(found: Workspace) -> float:
 
 def _shown(name: str, values: np.ndarray) -> np.ndarray:
     """Values of a coordinate, degrees or m."""
-    return values if name in _LENGTHS else np.degrees(values)
+    return values if name in LENGTHS else np.degrees(values)
 
 
 def _label(name: str) -> str:
-    return f"{name} [{'m' if name in _LENGTHS else 'deg'}]"
+    return f"{name} [{'m' if name in LENGTHS else 'deg'}]"
 
 
 def _label_map(ax: Any, found: Workspace | IndexMaps, own: tuple[int, ...]) -> None:
     """Axes with units, lengths on both alike, and where the slice is."""
     ax.set_xlabel(_label(found.names[0]))
     ax.set_ylabel(_label(found.names[1]))
-    if set(found.names[:2]) <= set(_LENGTHS):
+    if set(found.names[:2]) <= set(LENGTHS):
         ax.set_aspect("equal")
     if own:
         name = found.names[2]
-        unit = "m" if name in _LENGTHS else "deg"
+        unit = "m" if name in LENGTHS else "deg"
         ax.set_title(f"{name} = {_shown(name, found.values[2])[own[0]]:.3g} {unit}", fontsize=9)
 
 
@@ -218,3 +218,22 @@ def _curve(found: Workspace) -> Figure:
     ax.set_ylabel("dexterity")
     ax.legend(frameon=False)
     return figure
+
+
+def save_indices(
+    robot: str, times: np.ndarray, values: Mapping[str, np.ndarray], path: str | os.PathLike[str]
+) -> Path:
+    """Draw indices (N,) over times (N,), s, least values marked, into a .png, .pdf or .svg."""
+    figure = new_figure(7.5, 1.6 * len(values) + 0.6)
+    for ax, (name, own) in zip(
+        figure.subplots(len(values), 1, sharex=True, squeeze=False)[:, 0], values.items(), strict=True
+    ):
+        ax.plot(times, own, color=COLORS[0])
+        if np.isfinite(own).any():
+            least = int(np.nanargmin(own))
+            ax.plot(times[least], own[least], "o", color=COLORS[1])
+        ax.set_ylim(bottom=0.0)
+        ax.set_ylabel(name)
+        ax.set_xlabel("time [s]" if ax.get_subplotspec().is_last_row() else "")
+    figure.suptitle(robot)
+    return save_figure(figure, path, _DPI)

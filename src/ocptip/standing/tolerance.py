@@ -29,7 +29,7 @@ _STEPS = 200
 _LATEST = 1.0  # s; above that it is the value that is off: not in ms
 _SHARES = ("arm_mass", "payload_mass", "friction", "speed")
 _SIZES = ("tilt", "extra_mass", "delay", "push", "base_push")
-_BOXES = ("center_of_mass", "payload_center")
+BOXES = ("center_of_mass", "payload_center")
 
 IN_FILES = {
     "friction": ("friction", 1.0),
@@ -157,7 +157,7 @@ class Tolerance:
             raise InputError(f"tilt: must be at most 45 degrees, got {np.degrees(self.tilt):.6g} degrees")
         if self.delay > _LATEST:
             raise InputError(f"delay: must be at most {1e3 * _LATEST:g} ms, got {1e3 * self.delay:.6g} ms")
-        for name in _BOXES:
+        for name in BOXES:
             half = finite_array(name, getattr(self, name), (3,))
             if np.any(half < 0):
                 raise InputError(f"{name}: half sides must be >= 0, got {half.tolist()}")

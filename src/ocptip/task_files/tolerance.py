@@ -8,9 +8,8 @@ from typing import Any
 
 from ocptip.basics.errors import InputError
 from ocptip.basics.toml import Table
-from ocptip.standing.tolerance import IN_FILES, NONE, PRESETS, Tolerance
+from ocptip.standing.tolerance import BOXES, IN_FILES, NONE, PRESETS, Tolerance
 
-_BOXES = ("center_of_mass", "payload_center")
 _MASSES = ("base_mass", "arm_mass", "payload_mass")
 
 
@@ -36,7 +35,7 @@ def read_tolerance(table: Table) -> Tolerance:
         bound = ">= 0" if scale != 1 else ""  # else checked with the others, here in the file's unit
         if (number := table.number(key, None, scale=scale, bound=bound)) is not None:
             given[name] = number
-    for key in _BOXES:
+    for key in BOXES:
         if (half := table.vector(key, 3, None)) is not None:
             given[key] = half
     table.close()

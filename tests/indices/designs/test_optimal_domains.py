@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
 from ocptip.indices.designs.optimal_domains import (
-    HALF_RANGE,
     TOUCHING_POINT,
     discriminants,
     inner_borders,
@@ -16,6 +15,7 @@ from ocptip.indices.designs.optimal_domains import (
     real_root_counts,
     special_limit,
 )
+from ocptip.indices.platforms.planar import LARGEST_R
 
 SHAPES = st.floats(0.02, 0.98).flatmap(lambda t: st.sampled_from([t, -t]))
 T_N = TOUCHING_POINT[0]
@@ -59,8 +59,8 @@ def test_special_points():
     assert abs(polynomial) < 1e-6
     assert outer_border(t) == pytest.approx(r1, abs=1e-10)
     assert inner_borders(t)[1] == pytest.approx(r1, abs=1e-9)
-    assert main_roots(0.5, HALF_RANGE)
-    assert not main_roots(0.5, HALF_RANGE + 1e-6)
+    assert main_roots(0.5, LARGEST_R)
+    assert not main_roots(0.5, LARGEST_R + 1e-6)
     assert set(main_roots(0.5, 2 / 3 * math.sqrt(6))) == {1}
     assert main_roots(0.5, 2 / 3 * math.sqrt(6))[1] == pytest.approx(0, abs=1e-12)
 

@@ -25,6 +25,7 @@ from ocptip.indices.arms.values import DEFAULT_ELLIPSOID, index_values
 from ocptip.indices.encodings import psd_constraint
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.reviewed import inv_cdn_cl
+from ocptip.numerics.ipopt import SOLVED
 from ocptip.robots.model import ArmModel
 
 MAXIMISED = ("inv_cdn_oe", "pi_oe", "manipulability")
@@ -32,7 +33,6 @@ MAXIMISED = ("inv_cdn_oe", "pi_oe", "manipulability")
 
 _SAMPLES = 2000
 _AGREEMENT = 1e-4
-_SUCCESS = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
 _IPOPT = {"ipopt.print_level": 0, "ipopt.sb": "yes", "print_time": False, "ipopt.max_iter": 500}
 _LOG_LENGTH_RANGE = np.log(1e3)
 _LEAST_EIGENVALUE = 1e-12
@@ -306,7 +306,7 @@ class _Search:
     def run(self, kept: np.ndarray) -> np.ndarray | None:
         """A local maximum near the given start, or None if Ipopt did not converge."""
         result = self.solver(x0=self.start(kept), **self.bounds)
-        if self.solver.stats()["return_status"] not in _SUCCESS:
+        if self.solver.stats()["return_status"] not in SOLVED:
             return None
         return np.clip(np.array(result["x"]).ravel(), self.bounds["lbx"], self.bounds["ubx"])[: self.kept]
 

@@ -12,8 +12,7 @@ from ocptip.indices.arms.axes import arm_pose
 from ocptip.indices.arms.distance import SingularityDistance
 from ocptip.indices.arms.operation import OperationIndices
 from ocptip.indices.arms.values import Evaluation, checked_names, six_or_more
-from ocptip.indices.entry import IndexEntry
-from ocptip.indices.meanings import ARM
+from ocptip.indices.meanings import ARM, IndexEntry
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.robots.model import ArmModel
 

@@ -12,12 +12,10 @@ import math
 import numpy as np
 
 from ocptip.basics.errors import InputError, number_from
+from ocptip.indices.platforms.planar import LARGEST_R
 
 TOUCHING_POINT = (0.54775168735, 1.98271818060)
 """N = (t, r1): the curves S = 0 and S_1 S_2 = 0 touch (and at the mirror images)."""
-
-HALF_RANGE = 4.0 / 3.0 * math.sqrt(2.0)
-"""Largest |r1| at t = +-1/2."""
 
 _HALF = 1e-12
 
@@ -116,7 +114,7 @@ def shape_parameter(t: object) -> float:
 
 
 def _roots_at_half(sign: float, r1: float) -> dict[int, float]:
-    if abs(r1) > HALF_RANGE * (1.0 + 1e-12):
+    if abs(r1) > LARGEST_R * (1.0 + 1e-12):
         return {}
     lead = 3.0 * r1**4
     w = math.sqrt(max(-3.0 * r1**6 * (9.0 * r1 * r1 - 32.0), 0.0))

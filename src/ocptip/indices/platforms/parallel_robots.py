@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError
-from ocptip.indices.entry import IndexEntry
-from ocptip.indices.meanings import PARALLEL, PLATFORM
+from ocptip.indices.meanings import PARALLEL, PLATFORM, IndexEntry
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.platforms.controllability import control_number
 from ocptip.indices.platforms.from_parallel import planar_pose_of_robot, platform_of_robot

@@ -18,6 +18,7 @@ import numpy as np
 from ocptip.basics.errors import InputError, finite_array, rotation_matrix
 from ocptip.basics.frozen import settle
 from ocptip.indices.metric import OperationEllipsoid
+from ocptip.indices.reviewed import RANK_TOLERANCE
 from ocptip.numerics.vectors import cross, skew
 
 MINIMUM_LEGS = 6
@@ -181,10 +182,6 @@ class PlatformPose(AnchoredPose):
         centre, extent = self.scale
         angular, linear = screws[:3], screws[3:]
         return np.vstack([angular, extent * linear + skew(centre) @ angular])
-
-
-RANK_TOLERANCE = 1e-13
-"""Singular values below this share of the largest are zero: a few hundred units of rounding."""
 
 
 def rank_defect(singular_values: np.ndarray) -> int:

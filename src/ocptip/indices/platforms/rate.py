@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import finite_array, rotation_matrix
-from ocptip.indices.entry import IndexEntry
-from ocptip.indices.meanings import PLATFORM
+from ocptip.indices.meanings import PLATFORM, IndexEntry
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.platforms.controllability import control_number
 from ocptip.indices.platforms.isotropy import platform_conditioning

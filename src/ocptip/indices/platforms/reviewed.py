@@ -14,7 +14,8 @@ import numpy as np
 from ocptip.basics.errors import InputError, finite_array, positive_number
 from ocptip.basics.write import Record
 from ocptip.indices.metric import velocity_map
-from ocptip.indices.platforms.platform import MINIMUM_LEGS, RANK_TOLERANCE, PlatformPose
+from ocptip.indices.platforms.platform import MINIMUM_LEGS, PlatformPose
+from ocptip.indices.reviewed import RANK_TOLERANCE
 from ocptip.numerics.vectors import cross
 
 

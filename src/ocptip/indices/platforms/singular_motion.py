@@ -24,7 +24,8 @@ from ocptip.indices.lines import (
     screw_decompose,
 )
 from ocptip.indices.platforms.controllability import ControlNumber, control_number
-from ocptip.indices.platforms.platform import RANK_TOLERANCE, PlatformPose
+from ocptip.indices.platforms.platform import PlatformPose
+from ocptip.indices.reviewed import RANK_TOLERANCE
 
 NEAR = 0.1
 """Poses with a larger control number are not near a singularity: their legs are close to no line system."""

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array
-from ocptip.indices.platforms.platform import LEG_TOLERANCE, RANK_TOLERANCE, PlatformPose, StewartPlatform
+from ocptip.indices.platforms.platform import LEG_TOLERANCE, PlatformPose, StewartPlatform
+from ocptip.indices.reviewed import RANK_TOLERANCE
 from ocptip.numerics.vectors import skew
 
 PERCENTILES = (5.0, 25.0, 50.0, 75.0, 95.0)

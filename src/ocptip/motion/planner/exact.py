@@ -22,7 +22,7 @@ from ocptip.motion.planner.deviating import (
 from ocptip.motion.planner.event_order import EventOrder, order_of
 from ocptip.motion.planner.formulation import Formulation
 from ocptip.motion.planner.program import MotionProgram
-from ocptip.numerics.ipopt import Solution
+from ocptip.numerics.ipopt import SOLVED, Solution
 from ocptip.standing.limits import MotionLimits
 from ocptip.trajectories.arm_motion import ArmMotion
 
@@ -32,7 +32,6 @@ FEASIBLE = 1e-5
 PACES = 1.1 ** np.arange(15)  # how much slower a path is made
 ROUNDS, LATE_ROUNDS = 4, 6
 PUSH = 1e-4
-SOLVED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
 AT_EDGE, BEYOND = 1e-4, 1.01  # s: a program that ends so near to its regime's edge goes on so much beyond
 WORSE = 3e-3  # share of the cost by which some more rows may well raise it
 

@@ -14,7 +14,7 @@ import casadi as cs
 import numpy as np
 
 from ocptip.motion.objective import ENERGY, Objective
-from ocptip.motion.planner.deviating import Deviating, Place, masks_of, time_of
+from ocptip.motion.planner.deviating import MEET, Deviating, Place, masks_of, time_of
 from ocptip.motion.planner.event_order import SLOWEST, EventOrder, order_of, unit_row
 from ocptip.motion.planner.free_ends import FreeEnds
 from ocptip.motion.planner.node_physics import NodePhysics
@@ -34,7 +34,6 @@ GENTLEST = 0.05  # least acceleration of a ramp, rad/s^2 (slow joints: half of t
 MIDDLE_CRUISE = 1e-3  # s, where a middle command slows the joint down
 ORDER, SHORT = 4, (0.08, 0.01)  # Gauss nodes per interval; one less below each of these lengths, s
 POLISHING = 20  # Newton steps at most
-MEET = 1e-6  # s: events nearer to each other than this have met
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,7 @@ from ocptip.parallel.minimal_form import joint_obstacle, minimal_form, minimal_o
 from ocptip.parallel.robot import ParallelRobot
 
 OUT_OF_REACH = "out of reach"
+LENGTHS = ("x", "y", "z")  # coordinates in m; the others are angles
 _BLOCK, _SAID = 20_000, 16
 
 Watcher = Callable[[int, int, None], None]
@@ -254,7 +255,7 @@ def motor_volume(robot: ParallelRobot, z: np.ndarray, q: Sequence[np.ndarray] | 
     """Volume that the unit rows of J_a span, angles counted as lengths; NaN at type I singularities."""
     length = characteristic_length(robot.kinematics)
     names = robot.description.platform.coordinates
-    weights = np.array([1.0 if name in "xyz" else length for name in names])
+    weights = np.array([1.0 if name in LENGTHS else length for name in names])
     try:
         rows = robot.jacobian(z, q) / weights
     except (SolverError, np.linalg.LinAlgError):

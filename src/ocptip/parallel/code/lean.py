@@ -32,6 +32,7 @@ from ocptip.parallel.code.leg_plans import choose_plans
 from ocptip.parallel.code.tidy import tidy
 from ocptip.parallel.description.robot_description import RobotDescription
 from ocptip.parallel.dynamics.numeric_parameters import NumericBaseParameters
+from ocptip.parallel.dynamics.terms import FORMS
 from ocptip.parallel.symbolic.leg_base_parameters import leg_base_parameters
 from ocptip.parallel.symbolic.symbols import (
     CENTRAL,
@@ -41,7 +42,6 @@ from ocptip.parallel.symbolic.symbols import (
     joint_term_values,
 )
 
-FORMS = ("S", "X", "Z", "A", "AA")
 OUTPUTS = ("tau", "M", "c", "g", "J_a", "qd", "qdd", "W", "W_M", "W_c", "W_g", "W_joint")
 
 

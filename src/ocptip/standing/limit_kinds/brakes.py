@@ -23,6 +23,7 @@ from ocptip.robots.braking import Terms
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.instants import Instants
 from ocptip.standing.limit_kinds.limit import (
+    NEGLIGIBLE,
     Look,
     MomentLimit,
     NodeSlopes,
@@ -36,7 +37,6 @@ from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.stops.by_brakes import BrakeCheck, stops_of_motion
 from ocptip.trajectories.sampled import Motion
 
-NEGLIGIBLE = 1e-9  # a row whose multiplier is below this is left out of the Hessian
 FAR = 0.5  # use of the slip limit where half spaces tell that it is kept
 
 

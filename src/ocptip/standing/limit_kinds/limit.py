@@ -110,6 +110,9 @@ class NodeSlopes:
         return self.s[:, :n], self.s[:, n : 2 * n], self.s[:, 2 * n : 3 * n]
 
 
+NEGLIGIBLE = 1e-9  # a row whose multiplier is below this is left out of the Hessian
+
+
 @dataclass(frozen=True, eq=False)
 class Rows:
     """The rows of one limit that take part in a program, at one x.

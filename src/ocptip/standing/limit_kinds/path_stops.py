@@ -15,6 +15,7 @@ from ocptip.reserves.slip import known
 from ocptip.standing.instants import Instants
 from ocptip.standing.limit_kinds.limit import (
     FAR_FROM_SLIPPING,
+    NEGLIGIBLE,
     Look,
     MomentLimit,
     NodeSlopes,
@@ -27,7 +28,6 @@ from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.stops.along_path import Path, StopPoints, StopSlopes, stop_slopes
 
 STOP_INNER = 3e-3  # by so much tighter are programs: corners move between their nodes
-NEGLIGIBLE = 1e-9  # a row whose multiplier is below this is left out of the Hessian
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,6 +15,7 @@ import numpy as np
 from ocptip.standing.instants import Instants
 from ocptip.standing.limit_kinds.limit import (
     DEVIATING,
+    NEGLIGIBLE,
     ORDINARY,
     AskedLimit,
     Look,
@@ -31,7 +32,6 @@ from ocptip.standing.within.worst_case import Worst as Found
 from ocptip.standing.within.worst_case import WorstCase, worst_case_of
 
 ROOM = 0.5  # share of M0 within which, at a use of zero, rows of moments would take part
-NEGLIGIBLE = 1e-9  # multipliers of rows whose curvature does not count
 MOVING = 0.1  # share of the friction that a tolerance takes besides, about
 PATH_MARGIN = 0.05  # share of M0 that a path at rest keeps
 
