@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path, PurePosixPath
 
 from ocptip.basics.errors import InputError
+from ocptip.basics.text import some
 from ocptip.basics.toml import read_text
 from ocptip.basics.write import write_text
 
@@ -70,8 +71,7 @@ def require_unchanged(folder: Path) -> None:
         except OSError as error:
             wrong.append(f"{name} cannot be read ({error.strerror})")
     if wrong:
-        more = f" and {len(wrong) - _MOST} more" if len(wrong) > _MOST else ""
-        raise InputError(f"{', '.join(wrong[:_MOST])}{more} (hashes in {SUMS})", "", str(folder))
+        raise InputError(f"{some(wrong, _MOST)} (hashes in {SUMS})", "", str(folder))
 
 
 def _digest(path: Path) -> str:

@@ -298,9 +298,7 @@ class _Search:
         wrenches = self.robot.loads(*states_at(self.motion, piece, u), acting)[1]
         every = np.concatenate([wrenches, *(wrenches + couple for couple in self.checker.contacts.couples)])
         slip = self.robot.slip.evaluate(self.robot.contact_states(every), derivatives=False)
-        forces = np.nan_to_num(
-            np.concatenate([slip.normal_forces[:, :, None], slip.tangential_forces], axis=2)
-        )
+        forces = slip.forces
         ways = self._interior.between(forces, every, self.bounds["GT"]), self._interior.without(forces, every)
         return [np.moveaxis(way.reshape(-1, len(u), *way.shape[1:]), 1, -1) for way in ways]
 

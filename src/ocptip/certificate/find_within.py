@@ -256,9 +256,7 @@ class SearchWithin:
         wrenches = np.concatenate([terms.described(s) for s in (-1.0, 1.0)], axis=1).T  # (2 R, 6)
         every = np.concatenate([wrenches, *(wrenches + couple for couple in self._sharing.contacts.couples)])
         slip = self._robot.slip.evaluate(self._robot.contact_states(every), derivatives=False)
-        forces = np.nan_to_num(
-            np.concatenate([slip.normal_forces[:, :, None], slip.tangential_forces], axis=2)
-        )
+        forces = slip.forces
         forces = self._interior.between(forces, every, self._goals["GT_worst_case"])
         forces[:, :, 1:] = 0.0  # the rule shares what is tangential
         shaped = forces.reshape(-1, 2, count, *forces.shape[1:])  # rules, ends, R, contacts, 3

@@ -18,7 +18,7 @@ from ocptip.cli.command import Report
 from ocptip.cli.layout import named, table, under
 from ocptip.cli.stand import check_plot_target
 from ocptip.measured.compare import LEVEL, compare
-from ocptip.measured.comparison import Compared, Comparison
+from ocptip.measured.comparison import Comparison
 from ocptip.measured.prediction import Predictor
 from ocptip.measured.recording import ANGLE, GRIPPER, POWER, SPEED, doubt_turns, read_recording
 from ocptip.measured.signals import Finding
@@ -129,7 +129,7 @@ class CompareReport(Report):
     def _table(self) -> list[str]:
         rows = [["signal", "", "largest", "at", "rms", "of range", "noise", "unexplained", "late"]]
         for one in self.found.signals:
-            unit, scale = self._unit(one)
+            unit, scale = unit_of(self.predictor, one.kind, one.index)
             cells = [
                 f"{scale * x:.3g}" if math.isfinite(x) else "-"
                 for x in (one.largest, one.rms, one.noise, one.left)
@@ -138,9 +138,6 @@ class CompareReport(Report):
             largest, rms, *rest = cells
             rows.append([one.name, unit, largest, f"{one.at:.3f} s", rms, _share(one.share), *rest, late])
         return table(rows, left=(0, 1))
-
-    def _unit(self, one: Compared) -> tuple[str, float]:
-        return unit_of(self.predictor, one.kind, one.index)
 
 
 def unit_of(predictor: Predictor, kind: str, index: int) -> tuple[str, float]:

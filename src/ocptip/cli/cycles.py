@@ -28,7 +28,7 @@ from ocptip.cli.stops import (
     stops_to_dict,
     with_safe_stops,
 )
-from ocptip.motion.check import MotionCheck, certified
+from ocptip.motion.check import certified
 from ocptip.motion.cycles.check import CycleCheck, check_cycle, cycle_check, parts_of
 from ocptip.motion.cycles.output import cycle_samples, cycle_to_dict, drives_of, run_motion, write_cycle
 from ocptip.motion.cycles.plan import CyclePlan, plan_cycle
@@ -37,7 +37,6 @@ from ocptip.motion.cycles.tolerated import cycle_tolerances
 from ocptip.motion.execution import Execution, execute
 from ocptip.motion.objective import objective_of
 from ocptip.motion.stops import Stops
-from ocptip.motion.task import MotionTask
 from ocptip.motion.tolerated import Tolerated
 from ocptip.robots.inverse.pose_target import AXES
 from ocptip.trajectories.sampled import Motion, SampledMotion
@@ -101,7 +100,10 @@ def _without_stops(task: CycleTask, how: dict[str, Any]) -> CyclePlan | None:
 def report_of(plan: CyclePlan, one: Asked, options: Namespace) -> CycleReport:
     """What is to be said of a planned cycle."""
     pairs = zip(plan.parts, _executions(plan, options), strict=True)
-    executions = [replace(own, check=_certified(part.task, own)) for part, own in pairs]
+    executions = [
+        replace(own, check=certified(part.task.robot, own.motion, own.check, part.task.limits))
+        for part, own in pairs
+    ]
     motion = run_motion(plan, executions)
     checked = cycle_check(plan.finished, motion, [execution.check for execution in executions])
     scaled = [(f, check_cycle(plan.finished, plan.motion.time_scaled(f))) for f in options.time_scale]
@@ -109,10 +111,6 @@ def report_of(plan: CyclePlan, one: Asked, options: Namespace) -> CycleReport:
     written = one.directory, not options.no_figures, options.effort, one.digest
     stops = stops_of_cycle(plan.finished, motion, checked, None)
     return CycleReport(plan, executions, motion, checked, scaled, deviations, *written, stops=stops)
-
-
-def _certified(task: MotionTask, own: Execution) -> MotionCheck:
-    return certified(task.robot, own.motion, own.check, task.limits)
 
 
 def require_plain(options: Namespace, *names: str) -> None:

@@ -33,7 +33,7 @@ from ocptip.measured.parameters import (
 )
 from ocptip.measured.prediction import Predictor
 from ocptip.measured.recording import TORQUE, WRENCH, Recording
-from ocptip.numerics.cone_program import USABLE, quiet_settings, solve_cones
+from ocptip.numerics.cone_program import USABLE, quiet_settings, solve_cones, triangle
 from ocptip.numerics.threads import one_thread
 from ocptip.numerics.vectors import skew
 from ocptip.reserves.tipping import TipMap
@@ -408,6 +408,4 @@ def _program(
 def _cone(parameters: np.ndarray) -> np.ndarray:
     """(10,) triangle, as Clarabel takes it, of a pseudo-inertia that is to be positive definite."""
     pseudo = pseudo_inertia(parameters) / _scaled()
-    pseudo = pseudo - _THIN * pseudo[3, 3] * np.eye(4)
-    i, j = np.tril_indices(4)
-    return pseudo[j, i] * np.where(i == j, 1.0, np.sqrt(2))
+    return triangle(pseudo - _THIN * pseudo[3, 3] * np.eye(4))

@@ -46,6 +46,12 @@ def no_columns(size: int) -> Any:
     return Columns(np.empty(0), np.empty(0, dtype=np.int64), np.zeros(size + 1, dtype=np.int64), (size, size))
 
 
+def triangle(matrix: np.ndarray) -> np.ndarray:
+    """Upper triangle column by column, off the diagonal times sqrt 2: a matrix of a semidefinite cone."""
+    i, j = np.tril_indices(len(matrix))
+    return matrix[j, i] * np.where(i == j, 1.0, np.sqrt(2))
+
+
 def quiet_settings(tolerance: float | None = None) -> Any:
     """Clarabel's settings, silent and on one core; `tolerance`, of gap and feasibility, or its own."""
     settings = clarabel.DefaultSettings()

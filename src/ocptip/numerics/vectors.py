@@ -24,6 +24,12 @@ def cross_terms(a: Sequence[Any] | np.ndarray, b: Sequence[Any] | np.ndarray) ->
     return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 
 
+def perpendicular(vector: np.ndarray) -> np.ndarray:
+    """(3,) of length one, orthogonal to a vector (3,)."""
+    across = np.cross(vector, np.eye(3)[np.argmin(np.abs(vector))])
+    return across / np.linalg.norm(across)
+
+
 def skew(vector: np.ndarray) -> np.ndarray:
     """[v]×: (..., 3, 3) with [v]× x = v × x, of vectors (..., 3)."""
     matrix = np.zeros((*vector.shape, 3))

@@ -19,6 +19,7 @@ from ocptip.basics.errors import (
     whole_number,
 )
 from ocptip.basics.frozen import settle
+from ocptip.numerics.vectors import perpendicular
 from ocptip.placement.cone import FEWEST, enclosure, enough
 from ocptip.placement.power import HoldingPower, TorqueCost
 from ocptip.placement.stand import Feet, Footing, Stand
@@ -85,8 +86,7 @@ def sampled_loads(
     if not (length := np.linalg.norm(z)) > 0:
         raise InputError("axis: must not be zero")
     z = z / length
-    x = np.cross(z, np.eye(3)[np.argmin(np.abs(z))])
-    x /= np.linalg.norm(x)
+    x = perpendicular(z)
     half_angle = float(half_angle)
     corners = enclosure(enough(half_angle) if count is None else int(count), half_angle)
     forces = magnitude * corners @ np.array([x, np.cross(z, x), z])

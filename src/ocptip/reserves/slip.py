@@ -75,6 +75,11 @@ class SlipReserve:
     residual: np.ndarray
     status: tuple[str, ...]
 
+    @property
+    def forces(self) -> np.ndarray:
+        """(N, n, d), N: normal, then tangential; zero where there is no solution."""
+        return np.nan_to_num(np.concatenate([self.normal_forces[:, :, None], self.tangential_forces], axis=2))
+
     def for_program(self) -> tuple[np.ndarray, np.ndarray]:
         """(N,) GT, large where it is not known, and its gradient (N, 6), zero where there is none."""
         assert self.gradient is not None  # it was asked for

@@ -158,8 +158,8 @@ class CheapestProgram:
         program.add("zero", [(fixed, np.ones(len(fixed)))], bounds[fixed, 0])
         still = fixed[bounds[fixed, 0] == 0]
         program.add("zero", [(z[still], np.ones(len(still)))], np.zeros(len(still)))
-        i, k = np.nonzero(np.arange(polygons.rows.shape[1]) < polygons.counts[:, None])
-        a, b, c = polygons.rows[i, k].T
+        i, rows = polygons.all_rows()
+        a, b, c = rows.T
         size = np.maximum(np.abs(a), np.abs(b)) * self.unit
         size = np.maximum(size, np.abs(c))
         program.add("positive", [(i, a * self.unit / size), (i + 1, b * self.unit / size)], c / size)

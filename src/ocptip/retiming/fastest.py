@@ -40,6 +40,11 @@ class Polygons:
     numbers: np.ndarray
     corners: np.ndarray
 
+    def all_rows(self) -> tuple[np.ndarray, np.ndarray]:
+        """Intervals (R,) and rows (R, 3) of all of them."""
+        i, k = np.nonzero(np.arange(self.rows.shape[1]) < self.counts[:, None])
+        return i, self.rows[i, k]
+
 
 @dataclass(frozen=True, eq=False)
 class ExtraRows:

@@ -61,8 +61,8 @@ class PoweredTiming:
             torque = cs.DM(self._on_p[i]) * x[i] + cs.DM(self._on_q[i]) * x[i + 1] + cs.DM(self._rest[i])
             power = self._motors.power_expression(torque, cs.DM(self._dq[i]) * pace[i], cs.DM(signs[i]))
             cost += width / pace[i] * (price.energy * cs.sum1(power) + price.time)
-        i, k = np.nonzero(np.arange(polygons.rows.shape[1]) < polygons.counts[:, None])
-        a, b, c = polygons.rows[i, k].T
+        i, rows = polygons.all_rows()
+        a, b, c = rows.T
         size = np.maximum(np.maximum(np.abs(a), np.abs(b)) * unit**2, np.abs(c))
         own = np.flatnonzero(size > 0)
         i, a, b, c, size = i[own], a[own], b[own], c[own], size[own]

@@ -24,7 +24,7 @@ import clarabel
 import numpy as np
 
 from ocptip.basics.errors import InputError
-from ocptip.numerics.cone_program import USABLE, quiet_settings, solve_cones
+from ocptip.numerics.cone_program import USABLE, quiet_settings, solve_cones, triangle
 from ocptip.numerics.inertia import RigidBody, parallel_axis
 from ocptip.robots.model import ArmModel
 
@@ -193,8 +193,8 @@ def _solved(
     for k, own in enumerate(given):
         if k not in lacking:
             none = np.zeros((4, 4))
-            rows.append(-np.array([_triangle(column.get(k, none)) for column in columns]).T)
-            right.append(_triangle(own - _MARGIN * own[3, 3] * np.eye(4)))
+            rows.append(-np.array([triangle(column.get(k, none)) for column in columns]).T)
+            right.append(triangle(own - _MARGIN * own[3, 3] * np.eye(4)))
             cones.append(clarabel.PSDTriangleConeT(4))
     cost = np.zeros(size)
     cost[moved::2], cost[moved + 1 :: 2] = 1.0, -_SPIN_SHARE
@@ -210,9 +210,3 @@ def _solved(
     damping = _DAMPING * np.eye(size)
     solution = solve_cones(cost, np.vstack(rows), np.concatenate(right), cones, quiet_settings(), damping)
     return np.array(solution.x) if str(solution.status) in USABLE else None
-
-
-def _triangle(matrix: np.ndarray) -> np.ndarray:
-    """Upper triangle column by column, off the diagonal times sqrt 2, as Clarabel takes it."""
-    i, j = np.tril_indices(len(matrix))
-    return matrix[j, i] * np.where(i == j, 1.0, np.sqrt(2))

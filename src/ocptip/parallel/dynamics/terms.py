@@ -134,13 +134,9 @@ def converted(
     if form == "AA":
         inverse = np.linalg.inv(jacobian)
         c, M = c - M @ inverse @ motor_drift, M @ inverse
-    return Terms(form, *(_motor_side(jacobian, value) for value in (M, c, g)))
+    return Terms(form, *(np.linalg.solve(jacobian.T, value) for value in (M, c, g)))
 
 
 def motor_drift(description_actuated: Sequence[tuple[int, int]], motion: RobotMotion) -> np.ndarray:
     """(n_a,) motor accelerations at s'' = 0."""
     return np.array([motion.legs[leg].drift[joint] for leg, joint in description_actuated])
-
-
-def _motor_side(jacobian: np.ndarray, value: np.ndarray) -> np.ndarray:
-    return np.linalg.solve(jacobian.T, value)

@@ -6,6 +6,7 @@ import casadi as cs
 import numpy as np
 
 from ocptip.numerics.batch import BatchFunction
+from ocptip.numerics.vectors import perpendicular
 from ocptip.placement.limits.judged import Rows, TaskEvaluation
 from ocptip.placement.limits.layout import Curvature, Layout, Point
 from ocptip.placement.limits.limit import (
@@ -76,8 +77,7 @@ class Reach(Limit):
             rows.append(_turned(sines / 2, (cs.trace(error) - 1) / 2))
         elif task.orientation == "axis":
             goal = task.rotation @ task.tool_axis
-            x = np.cross(goal, np.eye(3)[np.argmin(np.abs(goal))])
-            x /= np.linalg.norm(x)
+            x = perpendicular(goal)
             across = np.array([x, np.cross(goal, x)])
             axis = axes @ cs.SX(task.tool_axis)
             rows.append(_turned(cs.SX(across) @ axis, cs.SX(goal).T @ axis))

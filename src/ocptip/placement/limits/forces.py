@@ -46,9 +46,7 @@ class ContactForces:
     def start(self, wrenches: np.ndarray, footing: Footing) -> tuple[np.ndarray, list[Piece]]:
         """Forces (N, 3 n) of the redistributed states under wrenches (N, 6), and the pieces they lie in."""
         states = solve_many(footing.support, wrenches, warm_start=False)
-        reserve = footing.slip.evaluate(states, derivatives=False)
-        forces = np.concatenate([reserve.normal_forces[:, :, None], reserve.tangential_forces], axis=2)
-        forces = np.nan_to_num(forces)
+        forces = footing.slip.evaluate(states, derivatives=False).forces
         limits = self._sets.limits(np.nan_to_num(states.contact_forces[:, :, 0]), force_scale(states))
         squeeze = LARGEST_SQUEEZE
         pieces = [

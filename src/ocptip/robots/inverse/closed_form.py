@@ -23,7 +23,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ocptip.numerics.vectors import cross, skew, wrapped
+from ocptip.numerics.vectors import cross, perpendicular, skew, wrapped
 from ocptip.robots.inverse.joint_angles import within_limits
 from ocptip.robots.kinematics import gripper_batch, link_frames
 from ocptip.robots.model import ArmModel
@@ -177,7 +177,7 @@ def _parallel_axes(
     arm_p = (rest @ back_p[..., None])[..., 0] + rest_p
     t2, t3 = _two_parallel(axes, axes.Q[3], arm @ axes.Q[3] + arm_p)
     last = np.swapaxes(axes.turn(2, t2)[0] @ axes.turn(3, t3)[0], -1, -2) @ arm[..., None, :, :]
-    side = _perpendicular(axes.w[3])
+    side = perpendicular(axes.w[3])
     return t2, t3, _turn_onto(axes.w[3], side, last @ side)
 
 
@@ -222,7 +222,7 @@ def _three_turns(a: np.ndarray, b: np.ndarray, c: np.ndarray, R: np.ndarray) -> 
     tb = _onto_projection(b, c, a, R @ c @ a)
     Rb = _rotation(b, tb)
     ta = _turn_onto(a, Rb @ c, (R @ c)[..., None, :])
-    side = _perpendicular(c)
+    side = perpendicular(c)
     last = np.swapaxes(_rotation(a, ta) @ Rb, -1, -2) @ R[..., None, :, :]
     return ta, tb, _turn_onto(c, side, last @ side)
 
@@ -288,11 +288,6 @@ def _rotation(w: np.ndarray, angles: np.ndarray) -> np.ndarray:
 def _transposed(R: np.ndarray, x: np.ndarray) -> np.ndarray:
     """R' x for R (..., 3, 3) and x (..., 3)."""
     return np.einsum("...ij,...i->...j", R, x)
-
-
-def _perpendicular(w: np.ndarray) -> np.ndarray:
-    side = np.cross(w, np.eye(3)[np.argmin(np.abs(w))])
-    return side / np.linalg.norm(side)
 
 
 @lru_cache(maxsize=64)
