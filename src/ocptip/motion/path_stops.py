@@ -87,22 +87,17 @@ class StoppedPath:
 
     def _before(self, k: int, x: float) -> float:
         """x at place k of the stop that comes to the next place with x; each bound by itself is linear."""
-        way = self.places[k + 1] - self.places[k]
-        c, d = self._c[k], self._d[k]
-        known = np.isfinite(c)
-        if not known.any():
-            return np.inf
-        z = np.clip(2 * way * d[known], -500, 500)
-        return float(np.min(x * np.exp(-z) - 2 * way * c[known] * _mean(-z)))
+        c, z = self._bounds(k)
+        return float(np.min(x * np.exp(-z) - c * _mean(-z), initial=np.inf))
 
     def _after(self, k: int, x: float) -> float:
-        way = self.places[k + 1] - self.places[k]
-        c, d = self._c[k], self._d[k]
-        known = np.isfinite(c)
-        if not known.any():
-            return 0.0
-        z = np.clip(2 * way * d[known], -500, 500)
-        return float(np.max(x * np.exp(z) + 2 * way * c[known] * _mean(z)))
+        c, z = self._bounds(k)
+        return float(np.max(x * np.exp(z) + c * _mean(z))) if len(c) else 0.0
+
+    def _bounds(self, k: int) -> tuple[np.ndarray, np.ndarray]:
+        """Twice the way to the next place times c and d of the bounds at place k."""
+        way, known = self.places[k + 1] - self.places[k], np.isfinite(self._c[k])
+        return 2 * way * self._c[k][known], np.clip(2 * way * self._d[k][known], -500, 500)
 
     def _safe_squares(self) -> np.ndarray:
         """Largest x (K,) up to which the curve u_min keeps the limits at each place; -1: not even at rest."""

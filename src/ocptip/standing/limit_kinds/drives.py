@@ -8,11 +8,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from ocptip.standing.elastic.drives import on_its_drives
-from ocptip.standing.instants import Instants
-from ocptip.standing.limit_kinds.limit import AskedLimit, Look, Worst
+from ocptip.standing.limit_kinds.limit import WholeMotionLimit, Worst
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.sampled import Motion
@@ -20,7 +17,7 @@ from ocptip.trajectories.sampled import Motion
 _TIGHTER = 0.05  # by how much, at most, they are tightened at once
 
 
-class RingingTipLimit(AskedLimit):
+class RingingTipLimit(WholeMotionLimit):
     """Tip-over reserve of the loads while the drives ring, at most that of jumps."""
 
     name, quantity, setting = "tip-over while gears ring", "GN_gears", "jump_tip_over"
@@ -31,9 +28,6 @@ class RingingTipLimit(AskedLimit):
     def wanted(cls, robot: StandingMechanism, asked: MotionLimits) -> bool:
         return robot.chain is not None and not robot.swings
 
-    def worst(self, values: np.ndarray, times: np.ndarray, look: Look) -> list[Worst]:
-        return []
-
     def exact(self, motion: Motion) -> list[Worst]:
         found = on_its_drives(self.robot, motion)
         if found is None:
@@ -42,12 +36,6 @@ class RingingTipLimit(AskedLimit):
         detail = "after the end" if worst.time > motion.end else ""
         excess = worst.value - self.number
         return [Worst(self.quantity, worst.value, worst.time, self.number, detail, excess)]
-
-    def kept(self, at: Instants) -> bool:
-        return True
-
-    def inner(self, asked: MotionLimits) -> MotionLimits:
-        return asked
 
     def tightened(self, asked: MotionLimits, excess: float) -> MotionLimits:
         name = self.setting if asked.overshoot > 0 else self.asks

@@ -9,7 +9,15 @@ import numpy as np
 from ocptip.standing.elastic.feet import on_its_feet
 from ocptip.standing.instants import Instants
 from ocptip.standing.limit_kinds.jumps import AtJumps, Jumps
-from ocptip.standing.limit_kinds.limit import AskedLimit, Look, NodeSlopes, Rows, Worst, WrenchLimit
+from ocptip.standing.limit_kinds.limit import (
+    AskedLimit,
+    Look,
+    NodeSlopes,
+    Rows,
+    WholeMotionLimit,
+    Worst,
+    WrenchLimit,
+)
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.sampled import Motion
@@ -105,7 +113,7 @@ class JumpFootForceLimit(AtJumps, FootForceLimit):
         return [Worst(self.quantity, value, float(jumps.times[i]), self.number, detail, excess, least=True)]
 
 
-class FootLiftLimit(AskedLimit):
+class FootLiftLimit(WholeMotionLimit):
     """Largest height of a foot above the ground in a whole motion on springs.
 
     Programs know nothing of swings; for a motion that breaks the limit feet are kept down more.
@@ -116,9 +124,6 @@ class FootLiftLimit(AskedLimit):
     @classmethod
     def wanted(cls, robot: StandingMechanism, asked: MotionLimits) -> bool:
         return robot.swings
-
-    def worst(self, values: np.ndarray, times: np.ndarray, look: Look) -> list[Worst]:
-        return []
 
     def exact(self, motion: Motion) -> list[Worst]:
         found = on_its_feet(self.robot, motion)
@@ -131,12 +136,6 @@ class FootLiftLimit(AskedLimit):
         if found.lifts and not self.number:
             excess = max(excess, _TOUCH)
         return [Worst(self.quantity, found.lift, time, self.number, detail, excess)]
-
-    def kept(self, at: Instants) -> bool:
-        return True
-
-    def inner(self, asked: MotionLimits) -> MotionLimits:
-        return asked
 
     def tightened(self, asked: MotionLimits, excess: float) -> MotionLimits:
         kind = JumpFootForceLimit if asked.overshoot > 0 else FootForceLimit

@@ -337,6 +337,19 @@ class AskedLimit(Limit):
         return replace(asked, **{self.setting: max(value - step, value / 2)})
 
 
+class WholeMotionLimit(AskedLimit):
+    """A number that only `exact` looks at; programs know nothing of it."""
+
+    def worst(self, values: np.ndarray, times: np.ndarray, look: Look) -> list[Worst]:
+        return []
+
+    def kept(self, at: Instants) -> bool:
+        return True
+
+    def inner(self, asked: MotionLimits) -> MotionLimits:
+        return asked
+
+
 class MomentLimit(AskedLimit):
     """A number of the tip-over reserve; in programs the moments about the tipping axes.
 
