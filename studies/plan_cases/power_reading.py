@@ -33,7 +33,7 @@ from studies.common import PLANNING, RowFile, say, source_state, state_notes, ta
 def task_of(case: str, base: str, reading: str) -> MotionTask:
     """The task of a case with a reading of the power maps."""
     task = experiment_task(case, base)
-    return replace(task, robot=task.robot.with_motors(modular_motors(torque_reading=reading)))
+    return replace(task, robot=task.robot.varied(motors=modular_motors(torque_reading=reading)))
 
 
 def planned(case: str, base: str, starts: int, seed: int, jobs: int) -> dict:

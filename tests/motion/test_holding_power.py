@@ -77,7 +77,7 @@ def test_the_cheapest_timing_is_faster_where_holding_costs():
     motors = DCMotors(np.full(n, 5.0), np.full(n, 2.0), np.full(n, 1.0), np.full(n, 0.5))
     found = []
     for watts in (0.0, WATTS):
-        robot = of_case_c(watts).robot.with_motors(motors)
+        robot = of_case_c(watts).robot.varied(motors=motors)
         found.append(retime(robot, path, MotionLimits(), ENERGY, nodes=60))
     assert found[1].motion.end < found[0].motion.end - 0.01
     weights = found[0].check.energy - found[1].check.energy + WATTS * found[1].motion.end

@@ -19,7 +19,7 @@ from tests.retiming.paths import arm_of, cart, random_path, tripod
 def robot_with(regeneration: float, standby: float, viscous: float = 1.0):
     task = tripod()
     motors = DCMotors.estimated(arm_of(task.robot).arm, regeneration=regeneration, standby=standby)
-    return task, task.robot.with_motors(replace(motors, viscous=viscous * motors.viscous))
+    return task, task.robot.varied(motors=replace(motors, viscous=viscous * motors.viscous))
 
 
 @pytest.mark.parametrize(("regeneration", "standby"), [(1.0, 0.0), (0.0, 0.1), (0.4, 2.0)])

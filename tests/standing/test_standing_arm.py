@@ -76,7 +76,7 @@ def test_reference_moment_is_a_tenth_of_total_weight_times_inradius():
 
 def test_other_motors_change_nothing_else():
     robot, motion = reference("C", "effective")
-    other = robot.with_motors(modular_motors(torque_reading="drive"))
+    other = robot.varied(motors=modular_motors(torque_reading="drive"))
     assert other.collision.labels == robot.collision.labels
     assert other.tip_over.reference_moment == robot.tip_over.reference_moment
     assert other.slip.redistribution == robot.slip.redistribution

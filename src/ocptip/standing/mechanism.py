@@ -413,10 +413,6 @@ class StandingMechanism(MadeOf, ABC):
         """States of the contacts under total wrenches (N, 6) on the base."""
         return solve_resting(self.support, wrenches)
 
-    def with_motors(self, motors: Motors) -> Self:
-        """The same mechanism with other drives."""
-        return self.varied(motors=motors)
-
     def energy(self, motion: Motion, *, order: int = 4) -> float:
         """Electric energy, J, clamps included: Gauss-Legendre quadrature between the events (5.25)."""
         robot = self.during(motion)

@@ -142,14 +142,11 @@ class BrakeSlipLimit(BrakeLimit):
 
     def _torques(self, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         wrenches, torques = self._check.combinations(q, qd)
-        rows = self._half_spaces(self.number)
+        rows = self.robot.slip.half_spaces(self.number)
         if rows is None:
             return torques[:, :1]
         worst = np.argmax(np.max(wrenches @ rows.T, axis=2), axis=1)
         return torques[np.arange(len(q)), worst][:, None]
-
-    def _half_spaces(self, GT: float) -> np.ndarray | None:
-        return self.robot.slip.half_spaces(GT)
 
     def _rows_of(self, wrenches: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         values, slopes, _ = self.robot.slip.map(up_to=self.number)(wrenches)
@@ -165,7 +162,8 @@ class BrakeSlipLimit(BrakeLimit):
         """(N,), exact above about `share`."""
         torques = self._torques(at.angles, at.speeds)[:, 0]
         wrenches = closing_of(self._arm).wrenches(at.angles, at.speeds, torques)
-        rows, use = self._half_spaces(share * self.number), np.full(len(at), min(FAR, share / 2))
+        rows = self.robot.slip.half_spaces(share * self.number)
+        use = np.full(len(at), min(FAR, share / 2))
         todo = np.arange(len(at)) if rows is None else np.flatnonzero(np.max(wrenches @ rows.T, axis=1) > 0)
         if len(todo):
             states = self.robot.contact_states(wrenches[todo])
