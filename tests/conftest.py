@@ -18,7 +18,7 @@ threadpool_limits(1)
 
 # In CI the examples are the same in every run: no change fails because of an example that is new. How long
 # one takes is never a matter of these tests.
-settings.register_profile("ci", derandomize=True, deadline=None, max_examples=50)
+settings.register_profile("ci", derandomize=True, deadline=None, max_examples=40)
 settings.register_profile("by hand", deadline=None)
 settings.load_profile("ci" if os.environ.get("CI") else "by hand")
 

@@ -56,7 +56,8 @@ def cores() -> int:
 @contextmanager
 def interrupts_afterwards() -> Iterator[None]:
     """Ctrl-C counts when this ends; inside a library's compiled code it may come out as another error."""
-    if threading.current_thread() is not threading.main_thread():
+    ignored = signal.getsignal(signal.SIGINT) is signal.SIG_IGN  # as of commands in the background
+    if ignored or threading.current_thread() is not threading.main_thread():
         yield
         return
     came: list[int] = []

@@ -51,6 +51,7 @@ def first_way(task):
     return [layer[i] for layer, i in zip(layers, likely_ways(task, layers)[0], strict=True)]
 
 
+@pytest.mark.slow
 def test_a_free_pose_spares_energy(plans):
     assert plans["fixed"].verified
     assert plans["free"].verified

@@ -56,7 +56,7 @@ def test_all_routes_agree_on_random_robots(kind, seed):
 SLOW_KINDS = [pytest.param(kind, marks=pytest.mark.slow) for kind in ("3RRR", "Delta", "4PRRR")]
 
 
-@pytest.mark.parametrize("kind", ["3RPR", "6UPS", *SLOW_KINDS])
+@pytest.mark.parametrize("kind", ["3RPR", pytest.param("6UPS", marks=pytest.mark.slow), *SLOW_KINDS])
 def test_five_forms_are_one_equation(kind):
     state = random_state(kind, 5)
     kinematics, z, s, q = state.kinematics, state.z, state.s, state.q
