@@ -108,7 +108,7 @@ def test_a_duration_is_met_and_a_greatest_one_kept(task, least_energy):
     assert exact.verified
     assert exact.duration == pytest.approx(slow, abs=1e-9)
     assert exact.energy > least_energy.energy
-    bound = 0.93 * least_energy.duration
+    bound = 0.95 * least_energy.duration  # the fastest motion takes 0.927
     short = planned(task, max_duration=bound)
     assert short.verified
     assert short.duration <= bound + 1e-9
