@@ -34,11 +34,11 @@ class Watched(Search):
 
     coarse: float = np.nan
 
-    def _coarse(self, start: Any, limits: Any, clock: Any) -> np.ndarray:
-        x = super()._coarse(start, limits, clock)
+    def _coarse(self, start: Any, limits: Any, clock: Any) -> tuple[np.ndarray, float]:
+        x, cost = super()._coarse(start, limits, clock)
         end = x[self.formulation.layout.end]
         self.coarse = self.formulation.coarse_program(self.task.limits, end).energy(x)
-        return x
+        return x, cost
 
 
 class Runs:

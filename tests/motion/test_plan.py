@@ -17,7 +17,7 @@ from ocptip.basics.errors import InputError, PlanningError
 from ocptip.certificate.result import Certificate, Undecided
 from ocptip.certificate.trusted.checker import Verdict, check_certificate
 from ocptip.motion.check import certified, check_motion
-from ocptip.motion.plan import FINISHED, HOPS, _most_promising, _search, plan_motion
+from ocptip.motion.plan import FINISHED_WITHIN, HOPS, _most_promising, _search, plan_motion
 from ocptip.motion.planner.attempt import LEFT_OUT, Attempt, Clock, Rough, StartResult
 from ocptip.motion.planner.one_start import Search
 from ocptip.numerics.workers import WorkerDiedError, worker_pool
@@ -145,7 +145,8 @@ def test_the_result_tells_what_was_done(task, plan):
     assert start.solves > 0
     assert 0 < sum(start.stages.values()) <= start.cpu_seconds
     assert start.seconds <= plan.seconds
-    assert calls == [(0, 1, None), (1, 1, plan.energy)]
+    assert calls[0] == (0, 1, None)
+    assert calls[-1] == (1, 1, plan.energy)
 
 
 def test_the_same_plan_from_a_thread(task, plan):
@@ -228,27 +229,37 @@ class Scripted:
     """
 
     motions: tuple = ()
+    promises: ClassVar[dict[int, float]] = {}  # costs after the smooth programs, where they differ
     hops: ClassVar[list[tuple[int, ...]]] = []  # what was drawn
 
     def __init__(self, task):
         self.task = task
 
-    def run(self, number, seed):
+    def rough(self, number, seed):
+        clock = Clock()
+        clock.pause()
+        return Rough(number, None, None, self.promises.get(number, 1.0), "", clock)
+
+    def run(self, number, seed, rough):
+        assert rough.number == number
         return self._attempt(number, 0)
 
     def hopped(self, before, draw):
         self.hops.append(draw)
-        motions = [motion.end for motion in self.motions[before.result.number]]
+        motions = [motion.end for motion in self._motions(before.result.number)]
         found = self._attempt(before.result.number, motions.index(before.motion.end) + (draw[-1] % HOPS == 2))
         return dataclasses.replace(found, result=dataclasses.replace(found.result, hops=1))
 
     def proved(self, before):
         return before
 
+    def _motions(self, number):
+        own = self.motions[number]
+        return own if isinstance(own, list) else [own]
+
     def _attempt(self, number, cycle):
-        motions = self.motions[number]
-        motions = motions if isinstance(motions, list) else [motions]
-        motion = motions[cycle]
+        motions = self._motions(number)
+        motion = motions[min(cycle, len(motions) - 1)]
         checked = motion and check_motion(self.task.robot, motion, self.task.limits)
         verified = bool(checked and checked.verified)
         status = "verified" if verified else "no motion: nothing to be had at 17 N m"
@@ -261,8 +272,9 @@ class Scripted:
 def scripted(monkeypatch):
     """Make every planning in this process follow a script of motions."""
 
-    def script(*motions):
+    def script(*motions, promises=None):
         monkeypatch.setattr(Scripted, "motions", motions)
+        monkeypatch.setattr(Scripted, "promises", promises or {})
         monkeypatch.setattr(Scripted, "hops", [])
         monkeypatch.setattr("ocptip.motion.plan.Search", Scripted)
 
@@ -278,43 +290,59 @@ def case_b():
 def test_the_least_energy_among_the_verified_wins(case_b, scripted):
     """Not the first, not the least of all: starts without motion or with violations do not count."""
     slow, slower = (case_b.reference.time_scaled(factor) for factor in (1.3, 1.6))
-    scripted(None, slower, case_b.reference, slow, slower, slow)
+    scripted(slower, case_b.reference, slow, None, promises={1: 0.1, 3: 0.2, 0: 0.8, 2: 0.9})
     progress = Progress()
-    plan = plan_motion(case_b, starts=6, jobs=1, progress=progress)
-    assert plan.best == 3  # of equals the first
+    plan = plan_motion(case_b, starts=8, jobs=1, progress=progress)
+    assert plan.best == 2
     assert plan.verified
     assert plan.motion is slow
-    assert [start.verified for start in plan.starts] == [False, True, False, True, True, True]
-    assert np.isnan(plan.starts[0].energy)
-    assert plan.starts[2].energy < plan.energy  # but it tips
+    assert [start.verified for start in plan.starts] == [True, False, True, False]
+    assert np.isnan(plan.starts[3].energy)
+    assert plan.starts[1].energy < plan.energy  # but it tips
     energies = [energy for _, _, energy in progress.calls]
-    assert energies == [None, None, plan.starts[1].energy, plan.starts[1].energy, *3 * [plan.energy]]
+    assert energies == [None, None, None, plan.starts[0].energy, *5 * [plan.energy]]
 
 
-def test_half_of_the_starts_are_hops_from_the_best_while_there_is_something_to_find(case_b, scripted):
-    """Two rounds: the third would begin from a motion that leaves nothing open."""
-    slowed = {factor: case_b.reference.time_scaled(factor) for factor in (1.2, 1.25, 1.3, 1.31, 1.6)}
+def test_of_equals_the_first_wins_and_what_promises_less_is_left_out(case_b, scripted):
+    slow = case_b.reference.time_scaled(1.3)
+    scripted(*6 * [slow], promises={0: 2.0, 4: 0.5, 5: 0.6})
+    plan = plan_motion(case_b, starts=12, jobs=1)
+    assert plan.best == 4
+    assert [start.status for start in plan.starts] == [*4 * [LEFT_OUT], "verified", "verified"]
+
+
+def test_if_half_of_the_starts_lead_nowhere_the_others_are_run(case_b, scripted):
+    scripted(None, None, None, case_b.reference.time_scaled(1.3))
+    plan = plan_motion(case_b, starts=4, jobs=1)
+    assert (plan.best, [start.number for start in plan.starts]) == (3, [0, 1, 2, 3])
+    assert len(Scripted.hops) == HOPS
+
+
+def test_hops_go_on_from_the_best_while_there_is_something_to_find(case_b, scripted):
+    """The third round begins from a motion that leaves nothing open, and finds nothing."""
+    slowed = {factor: case_b.reference.time_scaled(factor) for factor in (1.2, 1.25, 1.3, 1.6)}
     best = [slowed[factor] for factor in (1.3, 1.25, 1.2)]
-    never = [slowed[1.2]] * 5  # not begun
-    scripted(slowed[1.6], best, None, [slowed[1.31], slowed[1.2]], slowed[1.6], *never)
+    scripted(slowed[1.6], best, *6 * [None])
     progress = Progress()
-    plan = plan_motion(case_b, starts=10, seed=7, jobs=1, progress=progress)
-    assert Scripted.hops == [(7, 1, hop) for hop in range(2 * HOPS)]
+    plan = plan_motion(case_b, starts=16, seed=7, jobs=1, progress=progress)
+    assert Scripted.hops == [(7, 1, hop) for hop in range(3 * HOPS)]
     assert plan.motion is slowed[1.2]
-    assert (plan.best, [start.iterations for start in plan.starts]) == (1, [1, 1 + 2 * HOPS, 1, 1, 1])
-    assert [start.hops for start in plan.starts] == [0, 2 * HOPS, 0, 0, 0]
-    assert plan.starts[1].stages["fine"] == pytest.approx(0.1 * (1 + 2 * HOPS))
-    assert [done for done, *_ in progress.calls] == [0, 1, 2, 3, 4, 5, 5, 6, 6, 7, 7, 8, 8, 9]
+    assert (plan.best, plan.starts[0].iterations, plan.starts[1].iterations) == (1, 1, 1 + 3 * HOPS)
+    assert [start.hops for start in plan.starts] == [0, 3 * HOPS, *6 * [0]]
+    assert plan.starts[1].stages["fine"] == pytest.approx(0.1 * (1 + 3 * HOPS))
+    done = [done for done, *_ in progress.calls]
+    assert done == sorted(done)
+    assert done[-1] <= 16
     costs = [cost for *_, cost in progress.calls if cost is not None]
     assert costs == sorted(costs, reverse=True)
 
 
-def test_where_nothing_is_open_all_starts_are_run(case_b, scripted):
-    slow, slower = (case_b.reference.time_scaled(factor) for factor in (1.3, 1.6))
-    scripted(slower, [slower, slow], slower, [slow, slow])
-    plan = plan_motion(case_b, starts=4, jobs=1)
-    assert plan.best == 3
-    assert Scripted.hops == [(0, 3, hop) for hop in range(4)]  # it is open, but the first two were not
+@pytest.mark.parametrize(("starts", "hops"), [(2, 2), (4, 4), (8, 4)])
+def test_where_nothing_is_open_hops_end_when_they_gain_nothing(case_b, scripted, starts, hops):
+    scripted(*4 * [case_b.reference.time_scaled(1.3)])
+    plan = plan_motion(case_b, starts=starts, jobs=1)
+    assert plan.best == 0
+    assert Scripted.hops == [(0, 0, hop) for hop in range(hops)]
 
 
 class AtOnce(Executor):
@@ -339,9 +367,10 @@ def test_the_best_is_looked_at_while_it_is_proved(case_b, scripted):
         seen.append((task.name, motion.end, check.verified, list(executor.calls)))
 
     _search.cache_clear()
-    plan = plan_motion(case_b, starts=2, executor=executor, meanwhile=look)
+    plan = plan_motion(case_b, starts=3, executor=executor, meanwhile=look)
     _search.cache_clear()
-    assert seen == [(case_b.name, slow.end, True, ["run", "run", "proved"])]
+    calls = [*2 * ["rough"], *2 * ["run"], *3 * ["hopped"], "proved"]
+    assert seen == [(case_b.name, slow.end, True, calls)]
     assert (plan.best, plan.interrupted) == (1, False)
 
 
@@ -359,17 +388,17 @@ def test_an_interrupt_while_it_is_looked_at_keeps_the_plan(case_b, scripted):
 def test_where_no_start_succeeds_the_nearest_one_is_described(case_b, scripted):
     motion = case_b.reference
     worse = motion.time_scaled(0.8)  # too fast for the drives as well
-    scripted(worse, motion, None)
-    message = r"none of 3 starts gave a verified motion; start 1: GN is 0\.99\d* at .* s, must be <= 0\.9$"
+    scripted(worse, motion, *4 * [None])
+    message = r"none of 6 starts gave a verified motion; start 1: GN is 0\.99\d* at .* s, must be <= 0\.9$"
     with pytest.raises(PlanningError, match=message):
-        plan_motion(case_b, starts=3, jobs=1)
+        plan_motion(case_b, starts=6, jobs=1)
 
 
 def test_where_no_start_gives_a_motion_the_reason_is_told(case_b, scripted):
-    scripted(None, None)
-    message = "none of 2 starts gave a motion; the first: no motion: nothing to be had at 17 N m"
+    scripted(*4 * [None])
+    message = "none of 4 starts gave a motion; the first: no motion: nothing to be had at 17 N m"
     with pytest.raises(PlanningError, match=message):
-        plan_motion(case_b, starts=2, jobs=1)
+        plan_motion(case_b, starts=4, jobs=1)
 
 
 def test_an_interrupt_keeps_the_best_verified_start_so_far(case_b, scripted):
@@ -378,13 +407,13 @@ def test_an_interrupt_keeps_the_best_verified_start_so_far(case_b, scripted):
     plan = plan_motion(case_b, starts=4, jobs=1, progress=Progress(stop_after=3))
     assert plan.interrupted
     assert plan.best == 1
-    assert len(plan.starts) == 3
+    assert [(start.number, start.hops) for start in plan.starts] == [(0, 0), (1, 2)]
 
 
 def test_an_interrupt_after_starts_that_all_failed_is_one(case_b, scripted):
     scripted(None, case_b.reference, None)
     with pytest.raises(KeyboardInterrupt):
-        plan_motion(case_b, starts=3, jobs=1, progress=Progress(stop_after=2))
+        plan_motion(case_b, starts=6, jobs=1, progress=Progress(stop_after=2))
 
 
 class Dying(Executor):
@@ -406,12 +435,12 @@ class Dying(Executor):
 
 def test_a_dead_worker_leaves_the_best_verified_start(case_b, scripted):
     scripted(case_b.reference.time_scaled(1.4))
-    with pytest.warns(RuntimeWarning, match="a worker process died after 1 of 3 starts"):
-        plan = plan_motion(case_b, starts=3, executor=Dying(1))
+    with pytest.warns(RuntimeWarning, match="a worker process died after 1 of 2 starts"):
+        plan = plan_motion(case_b, starts=2, executor=Dying(2))
     assert plan.interrupted
     assert plan.verified
     with pytest.raises(PlanningError, match="a worker process died after 0 of 3 starts"):
-        plan_motion(case_b, starts=3, executor=Dying(0))
+        plan_motion(case_b, starts=3, executor=Dying(1))
 
 
 class Losing(Executor):
@@ -433,11 +462,12 @@ class Losing(Executor):
 def test_a_start_that_kills_its_workers_is_said_and_the_others_count(case_b, scripted):
     slower = case_b.reference.time_scaled(1.4)
     scripted(slower, slower, slower)
-    plan = plan_motion(case_b, starts=3, executor=Losing(("run", 1)))
+    plan = plan_motion(case_b, starts=6, executor=Losing(("rough", 0), ("run", 1)))
     assert plan.verified
     assert not plan.interrupted
     assert [start.number for start in plan.starts] == [0, 1, 2]
-    assert [(one.number, one.status) for one in plan.lost] == [(1, "lost: its worker process died 2 times")]
+    died = "lost: its worker process died 2 times"
+    assert [(one.number, one.status) for one in plan.lost] == [(0, died), (1, died)]
     with pytest.raises(PlanningError, match="none of 1 starts gave a motion; the first: lost: its worker"):
         plan_motion(case_b, starts=1, first=1, executor=Losing(("run", 1)))
 
@@ -449,7 +479,7 @@ def test_a_hop_that_kills_its_workers_is_left_out(case_b, scripted):
     assert len(Scripted.hops) == 6
     assert (plan.best, plan.verified, plan.interrupted, plan.lost) == (0, True, False, ())
     assert plan.motion.end == best[0].end
-    assert [start.iterations for start in plan.starts] == [7, 1, 1, 1]
+    assert [start.iterations for start in plan.starts] == [7, 1, 0, 0]
     better = plan_motion(case_b, starts=8, executor=Losing(("hopped", (0, 0, 1))))
     assert (better.best, better.motion.end) == (0, best[1].end)
 
@@ -576,9 +606,10 @@ def roughly(costs, good, done):
 )
 def test_of_starts_within_a_tolerance_the_most_promising_ones_are_finished(task, good, finished):
     costs, done = [3.0, np.inf, 2.0, np.inf, 1.0, 4.0], []
-    found = list(_most_promising(roughly(costs, good, done), [task], range(len(costs)), 7, {}))
+    work = roughly(costs, good, done)
+    found = list(_most_promising(work, [task], range(len(costs)), 7, {}, FINISHED_WITHIN))
     assert done == finished
-    assert len(done) % FINISHED == 0
+    assert len(done) % FINISHED_WITHIN == 0
     assert sorted(a.result.number for a in found) == list(range(len(costs)))
     left_out = {a.result.number for a in found if a.result.status == LEFT_OUT}
     assert left_out == set(range(len(costs))) - set(finished)
@@ -588,7 +619,7 @@ def test_within_a_tolerance_the_pair_of_postures_that_promises_the_least_cost_ge
     """Nothing is finished before all starts of all pairs have been looked at roughly."""
     pairs, of, done = [task, dataclasses.replace(task), dataclasses.replace(task)], {}, []
     costs = [3.0, 1.0, 2.0, 1.5, 1.2, 0.9]
-    list(_most_promising(roughly(costs, {1, 4, 5}, done), pairs, range(6), 7, of))
+    list(_most_promising(roughly(costs, {1, 4, 5}, done), pairs, range(6), 7, of, FINISHED_WITHIN))
     assert [pairs.index(of[k]) for k in range(6)] == [0, 1, 2, 1, 1, 1]
     assert done == [5, 1, 4]
 

@@ -267,7 +267,7 @@ def test_plans_that_may_be_stopped_by_brakes():
     assert not before.verified
     assert before.stands
     assert any("GT_brakes" in violation for violation in before.violations)
-    plan = plan_motion(replace(task, limits=limits), starts=1, jobs=1)
+    plan = plan_motion(replace(task, limits=limits), starts=1, first=7, jobs=1)
     assert plan.verified
     assert plan.check.worst["GT_brakes"].value <= 0.9
     assert cheapest.energy < plan.energy < 1.05 * cheapest.energy

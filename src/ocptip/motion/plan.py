@@ -12,8 +12,6 @@ from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from typing import Any
 
-import numpy as np
-
 from ocptip.basics.errors import PlanningError, whole_number
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.choices import likely_choices, rounds
@@ -32,8 +30,9 @@ LOST = "lost: "
 """Status of a start begins so if it killed its worker process again and again."""
 
 _TASKS_IN_MEMORY = 4  # per worker
+FINISHED, FINISHED_WITHIN = 2, 3  # of the starts, the most promising ones; within a tolerance
 HOPS = 4  # random changes of the best motion that are tried before one goes on from a better one
-FINISHED = 3  # of the starts within a tolerance, the most promising ones; more only if none is verified
+SETTLED = 0.999  # of the cost, after which it is not worth while to go on where no contact binds
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,17 +98,15 @@ def plan_motion(
 
     Every start is a random motion, improved by Ipopt and checked on a dense time grid. Where the task leaves
     a choice of postures, the most promising pairs of start and goal get one start each and the best of them
-    the others, see `ocptip.motion.choices`. Where the contacts decide, half of the starts are run; for each
-    of the others the best motion is twice changed at random and solved anew (basin hopping). Within a
-    tolerance, instead, only the starts that promise
-    the least cost after their smooth programs are finished. The best gets its certificate; where that leaves
-    something open, the motion is solved again, a little tighter there, and the proved one wins if it costs at
-    most 0.5 % more. The result depends on task, starts and seed only,
-    not on where the starts run. An interrupt (Ctrl-C) ends the planning with the best verified plan so far. A
-    worker that dies is replaced and its start run again; a start that kills two is left out, see `lost`, and
-    so is such a change. (Of an executor that breaks with its
-    worker, such as a ProcessPoolExecutor, the death ends the planning like an interrupt, with a
-    RuntimeWarning.)
+    the others, see `ocptip.motion.choices`. Only the starts that promise the least cost after their smooth
+    programs are finished. Half of the starts are run, the others only if these lead nowhere; then the best
+    motion is again and again changed at random and solved anew (basin hopping). Within a tolerance, instead,
+    all starts are run. The best gets its certificate; where that leaves something open, the motion is solved
+    again, a little tighter there, and the proved one wins if it costs at most 0.5 % more. The result depends
+    on task, starts and seed only, not on where the starts run. An interrupt (Ctrl-C) ends the planning with
+    the best verified plan so far. A worker that dies is replaced and its start run again; a start that kills
+    two is left out, see `lost`, and so is such a change. (Of an executor that breaks with its worker, such as
+    a ProcessPoolExecutor, the death ends the planning like an interrupt, with a RuntimeWarning.)
 
     Args:
         task: made by hand, or one of `ocptip.published.tasks` or `ocptip.task_files.motion`.
@@ -154,7 +151,8 @@ def plan_motion(
                         best = attempts[min((cost, k) for k, cost in costs.items())[1]]
                     if progress:
                         hops = sum(one.result.hops for one in attempts.values())
-                        progress(len(attempts) + hops // 2, starts, min(costs.values(), default=None))
+                        done = min(len(attempts) + hops // 2, starts)
+                        progress(done, starts, min(costs.values(), default=None))
                 if best is not None:
                     break
             if best is not None and task.rise_times is None:
@@ -275,7 +273,7 @@ def _turns(
     attempts: dict[int, Attempt],
     tasks_of: dict[int, MotionTask],
 ) -> Iterator[Attempt]:
-    """All starts, then again those that may still win; the caller fills costs and attempts meanwhile.
+    """Random starts, then random changes of the best; the caller fills costs and attempts meanwhile.
 
     Args:
         work: yields what a method of `Search` finds for each task with its arguments, in any order.
@@ -285,24 +283,15 @@ def _turns(
         costs, attempts: of the starts that are verified, and of all that ended, by number.
         tasks_of: is told which start is of which task.
     """
-    if tasks[0].limits.tolerance.given and len(numbers) > FINISHED:
-        yield from _most_promising(work, tasks, numbers, seed, tasks_of)
-        return
-    half, begun = -(-len(numbers) // 2), 0
-    for batch in rounds(tasks, numbers, costs):
-        for part in (batch[: max(half - begun, 0)], batch[max(half - begun, 0) :]):
-            if begun >= half and _open(costs, attempts) is not None:
-                break
-            begun += len(part)
-            tasks_of.update((number, task) for task, number in part)
-            yield from work("run", [(task, (number, seed)) for task, number in part])
-    yield from _hops(work, len(numbers), seed, costs, attempts, tasks_of)
-
-
-def _open(costs: dict[int, float], attempts: dict[int, Attempt]) -> int | None:
-    """The number of the best start if random changes of it may well find a better one."""
-    number = min(((cost, k) for k, cost in costs.items()), default=(np.inf, -1))[1]
-    return number if number in costs and attempts[number].open else None
+    within = tasks[0].limits.tolerance.given
+    count = len(numbers) if within else max(-(-len(numbers) // 2), min(len(tasks), len(numbers)))
+    finished = FINISHED_WITHIN if within else FINISHED
+    for part in (numbers[:count], numbers[count:]):
+        yield from _most_promising(work, tasks, part, seed, tasks_of, finished)
+        if costs:
+            break
+    if not within:
+        yield from _hops(work, len(numbers), seed, costs, attempts, tasks_of)
 
 
 def _hops(
@@ -313,16 +302,20 @@ def _hops(
     attempts: dict[int, Attempt],
     tasks_of: dict[int, MotionTask],
 ) -> Iterator[Attempt]:
-    """The best start, `count` times changed at random, each time a few have been tried from a better one."""
-    for first in range(0, count, HOPS):
-        if (number := _open(costs, attempts)) is None:
-            return
-        task, before = tasks_of[number], attempts[number]
+    """The best start, `count` times changed at random, each time a few have been tried from a better one.
+
+    Where nothing of the contacts binds, it ends as soon as that gains next to nothing.
+    """
+    for first in range(0, count if costs else 0, HOPS):
+        number = min((cost, k) for k, cost in costs.items())[1]
+        task, before, cost = tasks_of[number], attempts[number], costs[number]
         hops = range(first, min(first + HOPS, count))
         found: list[Attempt] = []
         for one in work("hopped", [(task, (before, (seed, number, hop))) for hop in hops]):
             found.append(one)
             yield min(before, *found, key=lambda own: _cost(task, own)).after(before, *found)
+        if not before.open and costs[number] > SETTLED * cost:
+            break
 
 
 def _most_promising(
@@ -331,8 +324,9 @@ def _most_promising(
     numbers: range,
     seed: int,
     tasks_of: dict[int, MotionTask],
+    finished: int,
 ) -> Iterator[Attempt]:
-    """Within a tolerance, which is slow, only those starts that promise the least cost are finished."""
+    """Starts, of which only those that promise the least cost are finished; more only if none is verified."""
     rough, promised = list[Rough](), dict[int, float]()
     for batch in rounds(tasks, numbers, promised):
         tasks_of.update((number, task) for task, number in batch)
@@ -345,7 +339,7 @@ def _most_promising(
     rough.sort(key=lambda one: (one.cost, one.number))
     verified = False
     while rough and not verified:
-        now, rough = rough[:FINISHED], rough[FINISHED:]
+        now, rough = rough[:finished], rough[finished:]
         for attempt in work("run", [(tasks_of[one.number], (one.number, seed, one)) for one in now]):
             verified |= attempt.result.verified
             yield attempt

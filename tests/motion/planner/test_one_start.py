@@ -68,7 +68,7 @@ def test_a_hop_never_makes_it_worse(task, monkeypatch, factor, helped):
 
     monkeypatch.setattr(search, "_fine", lambda x, clock: (x, 0.0))
     monkeypatch.setattr(search, "_refined", refined)
-    monkeypatch.setattr(search, "_coarse", lambda x, limits, clock: x)
+    monkeypatch.setattr(search, "_coarse", lambda x, limits, clock: (x, 0.0))
     after = search.hopped(before, (1, 2))
     assert after.motion.end == pytest.approx(slow.end * (factor if helped else 1.0))
     assert after.open

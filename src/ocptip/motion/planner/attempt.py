@@ -86,7 +86,7 @@ class Attempt:
     Attributes:
         result: in numbers.
         motion, check: both None if no motion came out.
-        open: whether random changes of the motion may well find a better one.
+        open: whether contacts decide: then there are many local optima.
     """
 
     result: StartResult

@@ -28,7 +28,7 @@ from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.arm_motion import ArmMotion, earliest_end, passive_command
 from ocptip.trajectories.ramps import RampCommand, phases_to_commands, without_idle_ramps
 
-SMOOTH_NODES = 48
+SPACING, SMOOTH_NODES = 0.05, (24, 48)  # s, and least and greatest number, of evenly spread nodes
 SHORTEST = 1e-3  # least duration of a ramp in an ordered program, s
 GENTLEST = 0.05  # least acceleration of a ramp, rad/s^2 (slow joints: half of their limit)
 MIDDLE_CRUISE = 1e-3  # s, where a middle command slows the joint down
@@ -192,9 +192,9 @@ class Formulation:
 
     # --- programs ------------------------------------------------------------------------------------------
 
-    def coarse_program(self, limits: MotionLimits, end: float, nodes: int = SMOOTH_NODES) -> MotionProgram:
+    def coarse_program(self, limits: MotionLimits, end: float, nodes: int | None = None) -> MotionProgram:
         """The smooth program with nodes spread evenly, for ramps that end after about `end` seconds."""
-        layout = self.layout
+        layout, nodes = self.layout, nodes or int(np.clip(end / SPACING, *SMOOTH_NODES))
         spacing = (end + self.rise) / nodes
         last = self._last(layout)
         times = ((np.arange(nodes) + 0.5) / nodes)[:, None] * last

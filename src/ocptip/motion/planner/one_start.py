@@ -16,7 +16,7 @@ from ocptip.motion.planner.free_ends import FreeEnds
 from ocptip.motion.planner.program import MotionProgram, Pull
 from ocptip.motion.planner.random_start import random_change, random_start
 from ocptip.motion.task import MotionTask
-from ocptip.numerics.ipopt import Solution, ending
+from ocptip.numerics.ipopt import ending
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.limit_kinds.kinds import limits_of
 from ocptip.standing.limit_kinds.limit import AskedLimit
@@ -24,12 +24,14 @@ from ocptip.standing.limit_kinds.worst_case import as_described
 from ocptip.standing.limits import MotionLimits
 from ocptip.trajectories.arm_motion import ArmMotion
 
-WIDTHS = (0.010, 0.004)  # s: half widths of the steps in the fine programs
+WIDTH = 0.008  # s: half width of the steps in the fine program
 PULL = 1e-3  # keeps a program regular where phases do nothing, see `Pull`
 COARSE_ROWS, FINE_ROWS = 0.7, 0.75  # use of a limit from which node rows take part
 COARSE_ROUNDS = 3
+EXCHANGES, ITERATIONS = 5, 60  # at most so many solves of a smooth program, each with more rows; of each
+KEPT, HOT = 1.005, 1e-3  # use of limits up to which they count as kept; barrier parameter of later solves
 CYCLES = 3  # at most, of fine and exact programs, until a motion is verified
-BINDING = 0.97  # share of a reserve's limit from which the contacts decide; only then hops pay
+BINDING = 0.97  # share of a reserve's limit from which the contacts decide
 MERGES = (0.004, 0.0, 0.012)  # s: events nearer than this become simultaneous; tried in this order
 SLOWER = (1.0, 1.4, 2.0)  # durations from which an exact program within a tolerance begins,
 SLOWER_JUMPS = (1.2, 1.5, 2.0)  # and where jumps count, of which the smooth programs know little
@@ -40,7 +42,8 @@ TIGHTENINGS = 5
 PROOFS, DEARER = 2, 1.005  # so often a motion is solved again to be proved, if it costs at most so much more
 AHEAD = 2  # times what a proof falls short are limits tightened, for proofs are a little different each time
 DEAR = 1.0005  # times what a motion costs: what an exact program may have, to replace it once it is checked
-ROUGHLY = 1.01  # times what a motion costs: what smooth programs may promise after a change of it
+ROUGHLY = 1.01  # times what a motion costs: what smooth programs may promise with another rise time,
+HOPEFUL = 1.03, 1.005  # and after a random change: the coarse one, the fine one
 PROMISING = 1.02  # times the cost of an S-curve motion, what its path may cost as ramps
 MISS = 1e-7  # m and rad, by which start and goal may miss their poses
 SLOWED = 1.001  # a motion that exceeds speeds or accelerations by less is slowed down by as much
@@ -87,10 +90,9 @@ class Search:
                 start = start.time_scaled(most / start.end)
             clock.stage("start")
             x = self.formulation.variables(start)
-            x = self._coarse(x, self._at_first(self.smooth, number), clock)
+            coarse, _ = self._coarse(x, self._at_first(self.smooth, number), clock)
             clock.stage("coarse")
-            coarse = x
-            x, cost = self._fine(x, clock)
+            x, cost = self._fine(coarse, clock)
             if self.jumps:
                 cost = Refiner(self.formulation, self.inner).slowed_cost(x)
             clock.stage("fine")
@@ -128,7 +130,7 @@ class Search:
         if checked is not None:
             status = "verified" if checked.verified else f"not verified: {'; '.join(checked.violations)}"
         clock.pause()
-        return Attempt(clock.result(number, status, checked), motion, checked, self._hops_pay(checked))
+        return Attempt(clock.result(number, status, checked), motion, checked, self._contacts_decide(checked))
 
     def hopped(self, before: Attempt, draw: tuple[int, ...]) -> Attempt:
         """A verified start solved anew from its motion changed at random, if that is better; by itself.
@@ -144,10 +146,16 @@ class Search:
         x, cost = self.formulation.variables(before.motion), self._cost(before.check)
         limits = self._at_first(self.smooth, before.result.number)
 
+        def coarse(x: np.ndarray, clock: Clock) -> tuple[np.ndarray, float]:
+            return self._coarse(x, limits, clock)
+
         def begun(clock: Clock) -> np.ndarray | None:
-            changed = random_change(self.formulation.layout, x, np.random.default_rng(draw))
-            found, promised = self._fine(self._coarse(changed, limits, clock), clock)
-            return found if promised * self.task.objective.size <= ROUGHLY * cost else None
+            found = random_change(self.formulation.layout, x, np.random.default_rng(draw))
+            for step, most in zip((coarse, self._fine), HOPEFUL, strict=True):
+                found, promised = step(found, clock)
+                if promised * self.task.objective.size > most * cost:
+                    return None
+            return found
 
         found = self._gone_on(before, begun)
         return replace(found, result=replace(found.result, hops=1))
@@ -169,7 +177,7 @@ class Search:
                 return None
             limits = self._at_first(self.smooth, before.result.number)
             found = [self._fine(x, clock)]
-            found.append(self._fine(self._coarse(x, limits, clock), clock))
+            found.append(self._fine(self._coarse(x, limits, clock)[0], clock))
             x_best, promised = min(found, key=lambda one: one[1])
             return x_best if promised * size <= ROUGHLY * cost else None
 
@@ -263,29 +271,23 @@ class Search:
         """
         return replace(limits.without_stops, brakes=limits.brakes if number % 2 else None)
 
-    def _coarse(self, x: np.ndarray, limits: MotionLimits, clock: Clock) -> np.ndarray:
-        """Variables after the coarse programs; anew while the motion becomes much shorter than the grid."""
-        formulation, x = self.formulation, x.copy()
+    def _coarse(self, x: np.ndarray, limits: MotionLimits, clock: Clock) -> tuple[np.ndarray, float]:
+        """As `_fine`, of the coarse programs: anew while the motion becomes much shorter than the grid."""
+        formulation, x, cost = self.formulation, x.copy(), np.inf
         at_end = formulation.layout.end
         for round_ in range(COARSE_ROUNDS):
             end = x[at_end] = np.clip(x[at_end], formulation.earliest, formulation.latest)
             program = formulation.coarse_program(limits, end)
-            mu, push = (1e-2, 1e-2) if round_ == 0 else (1e-3, 1e-3)
-            x = self._solve(program, x, COARSE_ROWS, mu, push, clock).x
+            x, cost = self._solved(program, x, COARSE_ROWS, 1e-3 if round_ else 1e-2, clock)
             if x[at_end] > 0.8 * end:
                 break
-        return x
+        return x, cost
 
     def _fine(self, x: np.ndarray, clock: Clock) -> tuple[np.ndarray, float]:
-        """Variables after the fine programs, and about the cost."""
-        cost = np.inf
-        for width in WIDTHS:
-            program = self.formulation.fine_program(
-                self.smooth, Smoothing(width, 3 * width, 1.5 * width, 2.0), x
-            )
-            solution = self._solve(program, x, FINE_ROWS, 1e-4, 1e-4, clock)
-            x, cost = solution.x, program.values(solution.x)[0] * (1 + solution.violation)
-        return x, cost
+        """Variables after the fine program, and about the cost, in units of the objective."""
+        smoothing = Smoothing(WIDTH, 3 * WIDTH, 1.5 * WIDTH, 2.0)
+        program = self.formulation.fine_program(self.smooth, smoothing, x)
+        return self._solved(program, x, FINE_ROWS, 1e-4, clock)
 
     def _exact(
         self, refiner: Refiner, x: np.ndarray, clock: Clock, most: float
@@ -330,14 +332,24 @@ class Search:
         return best
 
     @staticmethod
-    def _solve(
-        program: MotionProgram, x: np.ndarray, share: float, mu: float, push: float, clock: Clock
-    ) -> Solution:
-        program = program.with_rows(program.near_rows(x, share), Pull(x.copy(), PULL), near=x)
-        solution = program.solve(x, start_mu=mu, push=push, tolerance=1e-3)
-        clock.iterations += solution.iterations
-        clock.solves += 1
-        return solution
+    def _solved(
+        program: MotionProgram, x: np.ndarray, share: float, mu: float, clock: Clock
+    ) -> tuple[np.ndarray, float]:
+        """Variables and about the cost: rows that are near at x take part, and then those that are broken."""
+        solution, rows = None, program.no_rows()
+        for _ in range(EXCHANGES):
+            near, multipliers = program.near_rows(x, share).including(rows), None
+            if solution is not None and (near - rows == 0 or np.max(program.use(x)) <= KEPT):
+                break
+            chosen = program.with_rows(near, Pull(x.copy(), PULL), near=x)
+            if solution is not None:
+                multipliers = chosen.carried(solution.multipliers, rows), solution.bound_multipliers
+            how = {"tolerance": 1e-3, "max_iterations": ITERATIONS, "multipliers": multipliers}
+            solution = chosen.solve(x, start_mu=mu, push=mu, **how)
+            clock.iterations, clock.solves = clock.iterations + solution.iterations, clock.solves + 1
+            x, rows, mu = solution.x, near, min(mu, HOT)
+        assert solution is not None  # there is a first one
+        return x, program.values(x)[0] * (1 + solution.violation)
 
     def _checked(self, refiner: Refiner, exact: Exact, clock: Clock) -> tuple[ArmMotion, MotionCheck]:
         """The exact motion and its check; solved again, a little tighter, where the check finds a fault."""
@@ -379,9 +391,9 @@ class Search:
         clock.stage("check")
         return motion, checked
 
-    def _hops_pay(self, checked: MotionCheck | None) -> bool:
-        """Whether the contacts decide; if not, or within a tolerance, hops rarely find a better motion."""
-        if checked is None or not checked.verified or self.task.limits.tolerance.given:
+    def _contacts_decide(self, checked: MotionCheck | None) -> bool:
+        """Whether a reserve of a verified motion is all but used up: then there are many local optima."""
+        if checked is None or not checked.verified:
             return False
         worst = [checked.worst[limit.quantity] for limit in self._asked if limit.of_contacts]
         return any(w.value > BINDING * w.limit for w in worst)
