@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from ocptip.basics.write import write_json
 from ocptip.motion.planner.exact import Refiner
-from ocptip.motion.planner.one_start import COARSE_ROWS, WIDTH, Search
+from ocptip.motion.planner.one_start import COARSE_ROWS, WIDTHS, Search
 from ocptip.motion.planner.program import MotionProgram
 from ocptip.motion.planner.random_start import random_start
 from ocptip.motion.task import MotionTask
@@ -38,7 +38,7 @@ def time_case(task: MotionTask, motion: ArmMotion) -> dict:
         building = [_building_seconds(task) for _ in range(BUILDINGS)]
         search = Search(task)
         exact = Refiner(search.formulation, search.inner).first(
-            search.formulation.variables(motion), merge=WIDTH
+            search.formulation.variables(motion), merge=WIDTHS[-1]
         )
         program, solution = exact.program, exact.solution
         calls = np.array([evaluate(program, solution.x, solution.multipliers) for _ in range(CALLS)])

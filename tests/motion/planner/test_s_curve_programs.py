@@ -149,7 +149,7 @@ def test_derivatives_of_the_exact_program(kind):
 def test_plans_are_verified_and_keep_their_rise_times(kind):
     task = replace(TASK, rise_times=tuple(RISES[kind]))
     search = Search(task)
-    attempt = search.run(2, 0)
+    attempt = search.run(3, 0)
     assert attempt.result.verified, attempt.result.status
     assert attempt.motion.rise_times == tuple(RISES[kind])
     checked = check_motion(task.robot, attempt.motion, task.limits, step=0.002)

@@ -24,7 +24,7 @@ from ocptip.standing.limit_kinds.worst_case import as_described
 from ocptip.standing.limits import MotionLimits
 from ocptip.trajectories.arm_motion import ArmMotion
 
-WIDTH = 0.008  # s: half width of the steps in the fine program
+WIDTHS = (0.010, 0.004)  # s: half widths of the steps in the fine programs
 PULL = 1e-3  # keeps a program regular where phases do nothing, see `Pull`
 COARSE_ROWS, FINE_ROWS = 0.7, 0.75  # use of a limit from which node rows take part
 COARSE_ROUNDS = 3
@@ -284,10 +284,13 @@ class Search:
         return x, cost
 
     def _fine(self, x: np.ndarray, clock: Clock) -> tuple[np.ndarray, float]:
-        """Variables after the fine program, and about the cost, in units of the objective."""
-        smoothing = Smoothing(WIDTH, 3 * WIDTH, 1.5 * WIDTH, 2.0)
-        program = self.formulation.fine_program(self.smooth, smoothing, x)
-        return self._solved(program, x, FINE_ROWS, 1e-4, clock)
+        """Variables after the fine programs, and about the cost, in units of the objective."""
+        cost = np.inf
+        for width in WIDTHS:
+            smoothing = Smoothing(width, 3 * width, 1.5 * width, 2.0)
+            program = self.formulation.fine_program(self.smooth, smoothing, x)
+            x, cost = self._solved(program, x, FINE_ROWS, 1e-4, clock)
+        return x, cost
 
     def _exact(
         self, refiner: Refiner, x: np.ndarray, clock: Clock, most: float
