@@ -19,6 +19,7 @@ import numpy as np
 from ocptip.contact.bindings.binding import Spring
 
 _ROUNDS = 30
+_KEPT = 1e3  # times rounding, by which a lifted foot may be pressed in and a pressed one pull
 _SINGULAR = 1e-11
 _ROUNDING = 1e-12
 
@@ -101,28 +102,34 @@ class ElasticFeet:
     def share(self, wrenches: np.ndarray) -> Shared:
         """Forces under wrenches (N, w), N and N m, that the base rests under.
 
-        Newton's method on the set of pressing feet; where that goes in circles, feet that would pull are let
-        go one after the other.
+        Newton's method on the set of pressing feet; where that goes in circles, or ends with too few, the one
+        of least energy, as if all feet had one normal.
         """
-        N, (n, d) = len(wrenches), self.stiffness.shape
+        N, n = len(wrenches), len(self.stiffness)
         pressing, todo = np.ones((N, n), dtype=bool), np.arange(N)
-        deflections = np.full((N, n, d), np.nan)
         tolerance = _ROUNDING * np.max(np.abs(wrenches) / self._unit, axis=1, initial=0.0)
         for _ in range(_ROUNDS):
             moved, _ = self._moved(wrenches[todo], pressing[todo])
-            deflections[todo] = moved
             press = self._presses(moved, pressing[todo], tolerance[todo])
             changed = np.any(press != pressing[todo], axis=1)
             pressing[todo[changed]] = press[changed]
             todo = todo[changed]
             if not len(todo):
                 break
-        for i in todo:
-            pressing[i] = self._let_go(wrenches[i], tolerance[i])
+        shared = self._shared(wrenches, pressing, tolerance)
+        if shared.found.all():
+            return shared
+        for i in np.flatnonzero(~shared.found):
+            pressing[i] = self._least(wrenches[i])
+        return self._shared(wrenches, pressing, tolerance)
+
+    def _shared(self, wrenches: np.ndarray, pressing: np.ndarray, tolerance: np.ndarray) -> Shared:
+        """Forces while these feet (N, n) press, if they do so in balance and the others do not."""
         deflections, maps = self._moved(wrenches, pressing)
         maps = -self.stiffness[:, :, None] * maps * pressing[:, :, None, None]
         forces = -self.stiffness * deflections * pressing[:, :, None]
-        found = self._balances(forces, wrenches) & np.all(forces[:, :, 0] >= -tolerance[:, None], axis=1)
+        down = -self.stiffness[:, 0] * deflections[:, :, 0] * np.where(pressing, 1.0, -1.0)
+        found = self._balances(forces, wrenches) & np.all(down >= -_KEPT * tolerance[:, None], axis=1)
         for array in (forces, maps, deflections):
             array[~found] = np.nan
         return Shared(forces, pressing, maps, deflections, found)
@@ -139,14 +146,22 @@ class ElasticFeet:
         down = -self.stiffness[:, 0] * moved[:, :, 0]
         return np.where(np.abs(down) <= tolerance[:, None], pressing, down > 0)
 
-    def _let_go(self, wrench: np.ndarray, tolerance: float) -> np.ndarray:
-        pressing = np.ones(len(self.stiffness), dtype=bool)
-        while True:
-            down = -self.stiffness[:, 0] * self._moved(wrench[None], pressing[None])[0][0, :, 0]
-            pulls = pressing & (down < -tolerance)
-            if not pulls.any():
-                return pressing
-            pressing[np.argmin(np.where(pulls, down, np.inf))] = False
+    def _least(self, wrench: np.ndarray) -> np.ndarray:
+        """(n,) feet that press where friction is none of the springs' business: least-distance programming.
+
+        Normal forces are f + M s with gaps s, f if all feet press; s are the multipliers of f + M s >= 0.
+        Lawson, Hanson, Solving Least Squares Problems (1974), chapter 23.
+        """
+        from scipy.optimize import nnls  # loads for 0.2 s, and most loads need none
+
+        k, normals = self.stiffness[:, 0], self.W[:, :, 0]
+        M = np.diag(k) - k[:, None] * (normals.T @ self.twist_map(np.ones(len(k), dtype=bool)) @ normals) * k
+        size, axes = np.linalg.eigh(M)
+        f = self.normal_map @ wrench
+        root = axes * np.sqrt(np.maximum(size, 0.0) * (size > _SINGULAR * size[-1]))
+        scale = np.max(np.abs(f), initial=np.sqrt(np.finfo(float).tiny))
+        gaps, _ = nnls(np.vstack([root.T / np.sqrt(k.max()), -f / scale]), np.append(np.zeros(len(k)), 1.0))
+        return gaps == 0
 
     def _balances(self, forces: np.ndarray, wrenches: np.ndarray) -> np.ndarray:
         """(N,) whether the forces hold the wrenches."""
