@@ -265,7 +265,7 @@ class Scripted:
         status = "verified" if verified else "no motion: nothing to be had at 17 N m"
         energy = checked.energy if checked else float("nan")
         result = StartResult(number, status, energy, verified, 1, 0.1, 0.1, 1, {"fine": 0.1})
-        return Attempt(result, motion, checked, open=cycle + 1 < len(motions))
+        return Attempt(result, motion, checked)
 
 
 @pytest.fixture
@@ -300,7 +300,7 @@ def test_the_least_energy_among_the_verified_wins(case_b, scripted):
     assert np.isnan(plan.starts[3].energy)
     assert plan.starts[1].energy < plan.energy  # but it tips
     energies = [energy for _, _, energy in progress.calls]
-    assert energies == [None, None, None, plan.starts[0].energy, *5 * [plan.energy]]
+    assert energies == [None, None, None, plan.starts[0].energy, *9 * [plan.energy]]
 
 
 def test_of_equals_the_first_wins_and_what_promises_less_is_left_out(case_b, scripted):
@@ -318,18 +318,18 @@ def test_if_half_of_the_starts_lead_nowhere_the_others_are_run(case_b, scripted)
     assert len(Scripted.hops) == HOPS
 
 
-def test_hops_go_on_from_the_best_while_there_is_something_to_find(case_b, scripted):
-    """The third round begins from a motion that leaves nothing open, and finds nothing."""
+def test_hops_go_on_from_the_best(case_b, scripted):
+    """The third, the seventh, and no later one finds a better motion."""
     slowed = {factor: case_b.reference.time_scaled(factor) for factor in (1.2, 1.25, 1.3, 1.6)}
     best = [slowed[factor] for factor in (1.3, 1.25, 1.2)]
     scripted(slowed[1.6], best, *6 * [None])
     progress = Progress()
     plan = plan_motion(case_b, starts=16, seed=7, jobs=1, progress=progress)
-    assert Scripted.hops == [(7, 1, hop) for hop in range(3 * HOPS)]
+    assert Scripted.hops == [(7, 1, hop) for hop in range(16)]
     assert plan.motion is slowed[1.2]
-    assert (plan.best, plan.starts[0].iterations, plan.starts[1].iterations) == (1, 1, 1 + 3 * HOPS)
-    assert [start.hops for start in plan.starts] == [0, 3 * HOPS, *6 * [0]]
-    assert plan.starts[1].stages["fine"] == pytest.approx(0.1 * (1 + 3 * HOPS))
+    assert (plan.best, plan.starts[0].iterations, plan.starts[1].iterations) == (1, 1, 17)
+    assert [start.hops for start in plan.starts] == [0, 16, *6 * [0]]
+    assert plan.starts[1].stages["fine"] == pytest.approx(0.1 * (17))
     done = [done for done, *_ in progress.calls]
     assert done == sorted(done)
     assert done[-1] <= 16
@@ -337,12 +337,27 @@ def test_hops_go_on_from_the_best_while_there_is_something_to_find(case_b, scrip
     assert costs == sorted(costs, reverse=True)
 
 
-@pytest.mark.parametrize(("starts", "hops"), [(2, 2), (4, 4), (8, 4)])
-def test_where_nothing_is_open_hops_end_when_they_gain_nothing(case_b, scripted, starts, hops):
-    scripted(*4 * [case_b.reference.time_scaled(1.3)])
-    plan = plan_motion(case_b, starts=starts, jobs=1)
-    assert plan.best == 0
-    assert Scripted.hops == [(0, 0, hop) for hop in range(hops)]
+def test_a_hop_begins_from_the_best_of_those_that_were_known_when_it_was_begun(case_b, scripted):
+    """However many run at the same time: those of the `HOPS` before it are not."""
+    motions = [case_b.reference.time_scaled(factor) for factor in (1.6, 1.5, 1.4, 1.3, 1.25, 1.2)]
+    ends = []
+
+    class Finding(Scripted):
+        def hopped(self, before, draw):
+            ends.append(before.motion.end)
+            return self._attempt(0, motions.index(before.motion) + 1)
+
+    scripted(motions)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("ocptip.motion.plan.Search", Finding)
+        plan = plan_motion(case_b, starts=1, jobs=1)
+        assert plan.motion is motions[1]
+        scripted(motions, *3 * [None])
+        patch.setattr("ocptip.motion.plan.Search", Finding)
+        ends.clear()
+        plan = plan_motion(case_b, starts=2 * HOPS, jobs=1)
+    assert plan.motion is motions[2]
+    assert ends == [*HOPS * [motions[0].end], *HOPS * [motions[1].end]]
 
 
 class AtOnce(Executor):

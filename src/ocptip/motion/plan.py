@@ -5,6 +5,7 @@ from __future__ import annotations
 import pickle
 import time
 import warnings
+from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, as_completed
 from contextlib import nullcontext
@@ -31,8 +32,7 @@ LOST = "lost: "
 
 _TASKS_IN_MEMORY = 4  # per worker
 FINISHED, FINISHED_WITHIN = 2, 3  # of the starts, the most promising ones; within a tolerance
-HOPS = 4  # random changes of the best motion that are tried before one goes on from a better one
-SETTLED = 0.999  # of the cost, after which it is not worth while to go on where no contact binds
+HOPS = 4  # random changes of the best motion that are tried at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,13 +100,14 @@ def plan_motion(
     a choice of postures, the most promising pairs of start and goal get one start each and the best of them
     the others, see `ocptip.motion.choices`. Only the starts that promise the least cost after their smooth
     programs are finished. Half of the starts are run, the others only if these lead nowhere; then the best
-    motion is again and again changed at random and solved anew (basin hopping). Within a tolerance, instead,
-    all starts are run. The best gets its certificate; where that leaves something open, the motion is solved
-    again, a little tighter there, and the proved one wins if it costs at most 0.5 % more. The result depends
-    on task, starts and seed only, not on where the starts run. An interrupt (Ctrl-C) ends the planning with
-    the best verified plan so far. A worker that dies is replaced and its start run again; a start that kills
-    two is left out, see `lost`, and so is such a change. (Of an executor that breaks with its worker, such as
-    a ProcessPoolExecutor, the death ends the planning like an interrupt, with a RuntimeWarning.)
+    motion is as many times as there are starts changed at random and solved anew (basin hopping). Within a
+    tolerance, instead, all starts are run. The best gets its certificate; where that leaves something open,
+    the motion is solved again, a little tighter there, and the proved one wins if it costs at most 0.5 %
+    more. The result depends on task, starts and seed only, not on where the starts run. An interrupt (Ctrl-C)
+    ends the planning with the best verified plan so far. A worker that dies is replaced and its start run
+    again; a start that kills two is left out, see `lost`, and so is such a change. (Of an executor that
+    breaks with its worker, such as a ProcessPoolExecutor, the death ends the planning like an interrupt, with
+    a RuntimeWarning.)
 
     Args:
         task: made by hand, or one of `ocptip.published.tasks` or `ocptip.task_files.motion`.
@@ -290,32 +291,31 @@ def _turns(
         yield from _most_promising(work, tasks, part, seed, tasks_of, finished)
         if costs:
             break
-    if not within:
-        yield from _hops(work, len(numbers), seed, costs, attempts, tasks_of)
+    if costs and not within:
+        number = min((cost, k) for k, cost in costs.items())[1]
+        yield from _hops(work, len(numbers), (seed, number), tasks_of[number], attempts[number])
 
 
 def _hops(
     work: Callable[[str, list[_Job]], Iterator[Any]],
     count: int,
-    seed: int,
-    costs: dict[int, float],
-    attempts: dict[int, Attempt],
-    tasks_of: dict[int, MotionTask],
+    draw: tuple[int, int],
+    task: MotionTask,
+    best: Attempt,
 ) -> Iterator[Attempt]:
-    """The best start, `count` times changed at random, each time a few have been tried from a better one.
+    """The best start, `count` times changed at random; each time the best that was known `HOPS` times before.
 
-    Where nothing of the contacts binds, it ends as soon as that gains next to nothing.
+    So many can be under way at once, and what comes out does not depend on which of them ends first.
     """
-    for first in range(0, count if costs else 0, HOPS):
-        number = min((cost, k) for k, cost in costs.items())[1]
-        task, before, cost = tasks_of[number], attempts[number], costs[number]
-        hops = range(first, min(first + HOPS, count))
-        found: list[Attempt] = []
-        for one in work("hopped", [(task, (before, (seed, number, hop))) for hop in hops]):
-            found.append(one)
-            yield min(before, *found, key=lambda own: _cost(task, own)).after(before, *found)
-        if not before.open and costs[number] > SETTLED * cost:
-            break
+    under_way: deque[tuple[Attempt, Iterator[Attempt]]] = deque()
+    for hop in range(count + HOPS):
+        if hop >= HOPS and under_way:
+            base, hopped = under_way.popleft()
+            if (found := next(hopped)) is not base:  # else it was lost
+                best = min(best, found, key=lambda own: _cost(task, own)).after(best, found)
+                yield best
+        if hop < count:
+            under_way.append((best, work("hopped", [(task, (best, (*draw, hop)))])))
 
 
 def _most_promising(
@@ -387,16 +387,19 @@ def _in_process(searches: dict[int, Search], what: str, jobs: list[_Job]) -> Ite
 
 
 def _in_pool(pool: Executor, what: str, jobs: list[_Job]) -> Iterator[Any]:
-    """They begin at once, not when the first result is asked for."""
+    """They begin at once, not when the first result is asked for, and end when nobody asks for more."""
     payloads = {id(task): pickle.dumps(replace(task, source=None)) for task, _ in jobs}
     futures: list[Future] = [
         pool.submit(_run, payloads[id(task)], what, arguments) for task, arguments in jobs
     ]
-    return _as_they_come(futures, jobs)
+    found = _as_they_come(futures, jobs)
+    next(found)
+    return found
 
 
 def _as_they_come(futures: list[Future], jobs: list[_Job]) -> Iterator[Any]:
     try:
+        yield  # from here on its end cancels what has not begun
         for future in as_completed(futures):
             try:
                 yield future.result()

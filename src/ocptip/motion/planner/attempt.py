@@ -86,13 +86,11 @@ class Attempt:
     Attributes:
         result: in numbers.
         motion, check: both None if no motion came out.
-        open: whether contacts decide: then there are many local optima.
     """
 
     result: StartResult
     motion: ArmMotion | None
     check: MotionCheck | None
-    open: bool = False
 
     def after(self, before: Attempt, *parts: Attempt) -> Attempt:
         """This one, with what all those took together that are not the one before, which is what is lost."""

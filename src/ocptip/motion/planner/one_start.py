@@ -31,7 +31,6 @@ COARSE_ROUNDS = 3
 EXCHANGES, ITERATIONS = 5, 60  # at most so many solves of a smooth program, each with more rows; of each
 KEPT, HOT = 1.005, 1e-3  # use of limits up to which they count as kept; barrier parameter of later solves
 CYCLES = 3  # at most, of fine and exact programs, until a motion is verified
-BINDING = 0.97  # share of a reserve's limit from which the contacts decide
 MERGES = (0.004, 0.0, 0.012)  # s: events nearer than this become simultaneous; tried in this order
 SLOWER = (1.0, 1.4, 2.0)  # durations from which an exact program within a tolerance begins,
 SLOWER_JUMPS = (1.2, 1.5, 2.0)  # and where jumps count, of which the smooth programs know little
@@ -130,7 +129,7 @@ class Search:
         if checked is not None:
             status = "verified" if checked.verified else f"not verified: {'; '.join(checked.violations)}"
         clock.pause()
-        return Attempt(clock.result(number, status, checked), motion, checked, self._contacts_decide(checked))
+        return Attempt(clock.result(number, status, checked), motion, checked)
 
     def hopped(self, before: Attempt, draw: tuple[int, ...]) -> Attempt:
         """A verified start solved anew from its motion changed at random, if that is better; by itself.
@@ -198,7 +197,7 @@ class Search:
             pass  # what was found before counts
         clock.pause()
         result = clock.result(before.result.number, "verified", checked)
-        return Attempt(result, motion, checked, before.open)
+        return Attempt(result, motion, checked)
 
     def proved(self, before: Attempt) -> Attempt:
         """A verified start with its certificate; solved again, tighter, where something is not proved.
@@ -393,13 +392,6 @@ class Search:
             motion, checked = (slower, again) if again.verified else (motion, checked)
         clock.stage("check")
         return motion, checked
-
-    def _contacts_decide(self, checked: MotionCheck | None) -> bool:
-        """Whether a reserve of a verified motion is all but used up: then there are many local optima."""
-        if checked is None or not checked.verified:
-            return False
-        worst = [checked.worst[limit.quantity] for limit in self._asked if limit.of_contacts]
-        return any(w.value > BINDING * w.limit for w in worst)
 
     def _cost(self, checked: MotionCheck) -> float:
         return self.task.objective.cost(checked.energy, checked.duration)
