@@ -198,7 +198,7 @@ def _without_stops(task: MotionTask, how: dict[str, Any]) -> MotionPlan | None:
 def progress_bar(stream: TextIO, objective: Objective = ENERGY) -> Progress:
     """Bar that shows the least cost so far."""
     best = f"best {{:.{3 if objective.unit == 's' else 1}f}} {objective.unit}"
-    return Progress(stream, "building the optimisation problem ...", "no verified plan yet", best)
+    return Progress(stream, "building the optimisation problem ...", "no verified plan yet", best, "steps")
 
 
 def _with_objective(task: MotionTask, options: Namespace) -> MotionTask:

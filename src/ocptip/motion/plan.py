@@ -31,7 +31,7 @@ LOST = "lost: "
 """Status of a start begins so if it killed its worker process again and again."""
 
 _TASKS_IN_MEMORY = 4  # per worker
-FINISHED, FINISHED_WITHIN = 2, 3  # of the starts, the most promising ones; within a tolerance
+FINISHED = 3  # of the starts, the most promising ones; more only if none is verified
 HOPS = 4  # random changes of the best motion that are tried at once
 
 
@@ -98,16 +98,15 @@ def plan_motion(
 
     Every start is a random motion, improved by Ipopt and checked on a dense time grid. Where the task leaves
     a choice of postures, the most promising pairs of start and goal get one start each and the best of them
-    the others, see `ocptip.motion.choices`. Only the starts that promise the least cost after their smooth
-    programs are finished. Half of the starts are run, the others only if these lead nowhere; then the best
-    motion is as many times as there are starts changed at random and solved anew (basin hopping). Within a
-    tolerance, instead, all starts are run. The best gets its certificate; where that leaves something open,
-    the motion is solved again, a little tighter there, and the proved one wins if it costs at most 0.5 %
-    more. The result depends on task, starts and seed only, not on where the starts run. An interrupt (Ctrl-C)
-    ends the planning with the best verified plan so far. A worker that dies is replaced and its start run
-    again; a start that kills two is left out, see `lost`, and so is such a change. (Of an executor that
-    breaks with its worker, such as a ProcessPoolExecutor, the death ends the planning like an interrupt, with
-    a RuntimeWarning.)
+    the others, see `ocptip.motion.choices`. Only the starts that promise the least cost after their first
+    program are finished. Then the best motion is half as many times as there are starts changed at random
+    and solved anew (basin hopping), but not within a tolerance. The best gets its certificate; where that
+    leaves something open, the motion is solved again, a little tighter there, and the proved one wins if it
+    costs at most 0.5 % more. The result depends on task, starts and seed only, not on where the starts run.
+    An interrupt (Ctrl-C) ends the planning with the best verified plan so far. A worker that dies is replaced
+    and its start run again; a start that kills two is left out, see `lost`, and so is such a change. (Of an
+    executor that breaks with its worker, such as a ProcessPoolExecutor, the death ends the planning like an
+    interrupt, with a RuntimeWarning.)
 
     Args:
         task: made by hand, or one of `ocptip.published.tasks` or `ocptip.task_files.motion`.
@@ -118,7 +117,8 @@ def plan_motion(
             Default is a process pool of its own; as always with process pools, a script needs its `if
             __name__ == "__main__":` then.
         jobs: number of processes of the default pool, one per core by default; 1 runs in this process.
-        progress: called as progress(done, starts, least cost of a verified plan so far or None).
+        progress: called as progress(done, steps, least cost of a verified plan so far or None); a start is
+            one step until its promise is known, and one until it is finished or left out.
         prove: whether the best gets its certificate; `proved` gives it later.
         meanwhile: called as meanwhile(task, motion, check) with the best while a worker proves it, after
             which it may be another one.
@@ -135,8 +135,9 @@ def plan_motion(
     best: Attempt | None = None
     interrupted = False
     costs, tasks_of = dict[int, float](), dict[int, MotionTask]()
+    steps = 2 * starts + (0 if task.limits.tolerance.given else _hops_of(starts))
     if progress:
-        progress(0, starts, None)
+        progress(0, steps, None)
     own = executor is None and jobs == 1
     try:
         with one_thread:
@@ -145,15 +146,15 @@ def plan_motion(
             work = partial(_in_process, {}) if own else partial(_in_pool, pool)
             for own_tasks in _families(tasks):
                 numbers = range(first, first + starts)
-                for attempt in _turns(work, own_tasks, numbers, seed, costs, attempts, tasks_of):
-                    attempts[attempt.result.number] = attempt
-                    if attempt.result.verified:
-                        costs[attempt.result.number] = _cost(task, attempt)
-                        best = attempts[min((cost, k) for k, cost in costs.items())[1]]
+                found = _turns(work, own_tasks, numbers, seed, costs, attempts, tasks_of)
+                for done, attempt in enumerate(found, 1):
+                    if isinstance(attempt, Attempt):
+                        attempts[attempt.result.number] = attempt
+                        if attempt.result.verified:
+                            costs[attempt.result.number] = _cost(task, attempt)
+                            best = attempts[min((cost, k) for k, cost in costs.items())[1]]
                     if progress:
-                        hops = sum(one.result.hops for one in attempts.values())
-                        done = min(len(attempts) + hops // 2, starts)
-                        progress(done, starts, min(costs.values(), default=None))
+                        progress(done, steps, min(costs.values(), default=None))
                 if best is not None:
                     break
             if best is not None and task.rise_times is None:
@@ -273,8 +274,10 @@ def _turns(
     costs: dict[int, float],
     attempts: dict[int, Attempt],
     tasks_of: dict[int, MotionTask],
-) -> Iterator[Attempt]:
+) -> Iterator[Attempt | Rough]:
     """Random starts, then random changes of the best; the caller fills costs and attempts meanwhile.
+
+    Each start comes twice, as what it promises and as what it has come to; then the best with each change.
 
     Args:
         work: yields what a method of `Search` finds for each task with its arguments, in any order.
@@ -284,16 +287,16 @@ def _turns(
         costs, attempts: of the starts that are verified, and of all that ended, by number.
         tasks_of: is told which start is of which task.
     """
-    within = tasks[0].limits.tolerance.given
-    count = len(numbers) if within else max(-(-len(numbers) // 2), min(len(tasks), len(numbers)))
-    finished = FINISHED_WITHIN if within else FINISHED
-    for part in (numbers[:count], numbers[count:]):
-        yield from _most_promising(work, tasks, part, seed, tasks_of, finished)
-        if costs:
-            break
-    if costs and not within:
+    yield from _most_promising(work, tasks, numbers, seed, tasks_of)
+    if costs and not tasks[0].limits.tolerance.given:
         number = min((cost, k) for k, cost in costs.items())[1]
-        yield from _hops(work, len(numbers), (seed, number), tasks_of[number], attempts[number])
+        draw = seed, number
+        yield from _hops(work, _hops_of(len(numbers)), draw, tasks_of[number], attempts[number])
+
+
+def _hops_of(starts: int) -> int:
+    """How often the best of so many starts is changed."""
+    return -(-starts // 2)
 
 
 def _hops(
@@ -324,8 +327,7 @@ def _most_promising(
     numbers: range,
     seed: int,
     tasks_of: dict[int, MotionTask],
-    finished: int,
-) -> Iterator[Attempt]:
+) -> Iterator[Attempt | Rough]:
     """Starts, of which only those that promise the least cost are finished; more only if none is verified."""
     rough, promised = list[Rough](), dict[int, float]()
     for batch in rounds(tasks, numbers, promised):
@@ -336,10 +338,11 @@ def _most_promising(
                 continue
             rough.append(one)
             promised[one.number] = one.cost
+            yield one
     rough.sort(key=lambda one: (one.cost, one.number))
     verified = False
     while rough and not verified:
-        now, rough = rough[:finished], rough[finished:]
+        now, rough = rough[:FINISHED], rough[FINISHED:]
         for attempt in work("run", [(tasks_of[one.number], (one.number, seed, one)) for one in now]):
             verified |= attempt.result.verified
             yield attempt

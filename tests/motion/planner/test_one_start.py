@@ -56,7 +56,7 @@ def test_a_hop_never_makes_it_worse(task, monkeypatch, factor, helped):
     assert checked.verified
     clock = Clock()
     clock.iterations = 100
-    before = Attempt(clock.result(5, "verified", checked), slow, checked, True)
+    before = Attempt(clock.result(5, "verified", checked), slow, checked)
     search = Search(task)
 
     def refined(x, clock, most):
@@ -71,7 +71,6 @@ def test_a_hop_never_makes_it_worse(task, monkeypatch, factor, helped):
     monkeypatch.setattr(search, "_coarse", lambda x, limits, clock: (x, 0.0))
     after = search.hopped(before, (1, 2))
     assert after.motion.end == pytest.approx(slow.end * (factor if helped else 1.0))
-    assert after.open
     assert (after.result.number, after.result.verified, after.result.iterations) == (
         5,
         True,

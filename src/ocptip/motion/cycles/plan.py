@@ -232,9 +232,9 @@ class _Legs:
         task = self._task.segments[number].between(self._layers[number][i], self._layers[number + 1][j])
         task = replace(task, rise_times=())
 
-        def progress(done: int, _: int, best: float | None) -> None:
+        def progress(done: int, steps: int, best: float | None) -> None:
             if self._progress:
-                self._progress(self._done + done, total, best)
+                self._progress(self._done + count * done // steps, total, best)
 
         try:
             plan = plan_motion(

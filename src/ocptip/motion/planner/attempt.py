@@ -56,12 +56,12 @@ class StartResult:
 
 @dataclass(frozen=True, eq=False)
 class Rough:
-    """A start after its first smooth programs.
+    """A start after its first smooth program.
 
     Attributes:
         number: of the start.
-        coarse, x: variables after the coarse and the fine programs; None if there are none.
-        cost: about that of the motion, within a tolerance slowed down for it; infinite if there is none.
+        coarse, x: variables after the coarse program, and the last ones; None if there are none.
+        cost: about that of the motion, with jumps slowed down for them; infinite if there is none.
         status: what is missing; empty if nothing is.
         clock: what it took.
     """

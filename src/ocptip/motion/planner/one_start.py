@@ -75,7 +75,7 @@ class Search:
             self.inner = limit.inner(self.inner)
 
     def rough(self, number: int, seed: int) -> Rough:
-        """The start of that number, as far as the first fine program."""
+        """The start of that number, as far as the coarse program; with jumps, as far as the fine ones."""
         clock, task = Clock(), self.task
         rng = np.random.default_rng([seed, number])
         try:
@@ -89,12 +89,13 @@ class Search:
                 start = start.time_scaled(most / start.end)
             clock.stage("start")
             x = self.formulation.variables(start)
-            coarse, _ = self._coarse(x, self._at_first(self.smooth, number), clock)
+            coarse, cost = self._coarse(x, self._at_first(self.smooth, number), clock)
+            x = coarse
             clock.stage("coarse")
-            x, cost = self._fine(coarse, clock)
             if self.jumps:
+                x, _ = self._fine(coarse, clock)
                 cost = Refiner(self.formulation, self.inner).slowed_cost(x)
-            clock.stage("fine")
+                clock.stage("fine")
         except NUMERICAL as error:
             clock.pause()
             return Rough(number, None, None, np.inf, f"no motion: {error}", clock)
@@ -110,9 +111,9 @@ class Search:
         cycles = CYCLES - bool(self.task.limits.tolerance.given) if x is not None else 0
         try:
             for cycle in range(cycles):
-                if cycle > 0:
-                    if best is None and self.task.limits.stoppable:  # x has lost its way
-                        x = self.formulation.slowed(rough.coarse, SLOWER[cycle])
+                if cycle > 0 and best is None and self.task.limits.stoppable:  # x has lost its way
+                    x = self.formulation.slowed(rough.coarse, SLOWER[cycle])
+                if cycle > 0 or not self.jumps:
                     x, _ = self._fine(x, clock)
                     clock.stage("fine")
                 found, x, status = self._refined(x, clock)
