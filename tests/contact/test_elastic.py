@@ -1,12 +1,10 @@
 """Feet that give: normal forces of least elastic energy, and those of a simulation with soft contacts."""
 
-import clarabel
 import mujoco
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from scipy import sparse
 
 from ocptip.basics.errors import InputError
 from ocptip.contact.bindings.clamps import RigidClamp
@@ -30,26 +28,25 @@ def standing(places, stiffness, center=(0.0, 0.0, 0.4), mass=40.0, friction=0.7,
     return Support(feet, mass=mass, center_of_mass=center)
 
 
-def least_energy(support, wrench):
-    """(n,) normal forces of least elastic energy on the floor z = 0, by Clarabel."""
+def assert_least_energy(support, wrench, forces):
+    """Normal forces (n,) on the floor z = 0 are those of least elastic energy: conditions of optimality.
+
+    The energy is convex, so that forces in balance are least if compressions f / k are those of one plane
+    that no lifted foot reaches into.
+    """
     n, height = support.n_contacts, support.center_of_mass[2]
     W = np.vstack([np.ones(n), support.arms[:, 1], -support.arms[:, 0]])
     load = np.array([wrench[2], wrench[3] - height * wrench[1], wrench[4] + height * wrench[0]])
+    scale = np.abs(wrench).max()
+    np.testing.assert_allclose(W @ forces, -load, atol=1e-9 * scale)
     stiffness = np.array([c.stiffness for c in support.contacts])
-    options = clarabel.DefaultSettings()
-    options.verbose = False
-    options.tol_gap_abs = options.tol_gap_rel = options.tol_feas = 1e-11
-    solution = clarabel.DefaultSolver(
-        sparse.csc_matrix(np.diag(stiffness.mean() / stiffness)),
-        np.zeros(n),
-        sparse.csc_matrix(np.vstack([W, -np.eye(n)])),
-        np.concatenate([-load, np.zeros(n)]),
-        [clarabel.ZeroConeT(3), clarabel.NonnegativeConeT(n)],
-        options,
-    ).solve()
-    assert max(solution.r_prim, solution.r_dual) < 1e-10  # it may stop short of the gap asked for
-    assert abs(solution.obj_val - solution.obj_val_dual) <= 1e-10 * (1 + abs(solution.obj_val))
-    return np.array(solution.x)
+    pressing = forces > 0
+    assert np.all(forces >= 0)
+    root = np.sqrt(stiffness[pressing])
+    plane = np.linalg.lstsq(W[:, pressing].T * root[:, None], forces[pressing] / root)[0]
+    assert pressing.sum() >= 3
+    np.testing.assert_allclose(stiffness * (W.T @ plane) * pressing, forces, atol=1e-6 * scale)
+    assert np.all((stiffness * (W.T @ plane))[~pressing] <= 1e-6 * scale)
 
 
 def loads(rng, support, count):
@@ -58,6 +55,7 @@ def loads(rng, support, count):
 
 @settings(max_examples=30)
 @example(348, 4)  # Newton's method ends on two feet there
+@example(2786, 8)  # and interior-point methods come to no end
 @given(st.integers(0, 10**6), st.integers(3, 9))
 def test_normal_forces_have_the_least_energy(seed, n):
     rng = np.random.default_rng(seed)
@@ -66,8 +64,7 @@ def test_normal_forces_have_the_least_energy(seed, n):
     wrenches = loads(rng, support, 8)
     states = solve_many(support, wrenches)
     for i in np.flatnonzero(states.persistent):
-        expected = least_energy(support, wrenches[i])
-        assert np.allclose(states.contact_forces[i, :, 0], expected, atol=1e-5 * np.abs(wrenches[i]).max())
+        assert_least_energy(support, wrenches[i], states.contact_forces[i, :, 0])
 
 
 def test_feet_do_lift_in_the_samples():
