@@ -7,6 +7,7 @@ is wanted if there is any, whether a base stands must be a function of the wrenc
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Any
 
 import numpy as np
@@ -36,14 +37,13 @@ def resting(states: ContactStates) -> ContactStates:
     """The same states; of those that move, or are not solved, the standing ones that there are instead.
 
     One convex program per state; fewer where a velocity at which contacts cannot take up the power of one
-    wrench, the proof that the base moves, proves the same of others.
+    wrench, the proof that the base moves, proves the same of others, now or later.
     """
     support, left, stands = states.support, np.flatnonzero(~states.persistent), False
-    d = support.dimension
-    units = np.r_[np.ones(d), np.full(support.wrench_size - d, support.length)]
+    left = left[~_moved(support, states.wrenches[left], support.proofs)]
     while len(left):
         first, left = left[:1], left[1:]
-        wrench, others = states.wrenches[first[0]], states.wrenches[left]
+        wrench = states.wrenches[first[0]]
         try:
             found = equilibrium(support, wrench)
         except SolverError:  # no verdict: it stays as it is
@@ -51,9 +51,23 @@ def resting(states: ContactStates) -> ContactStates:
         if found.stands and found.forces is not None:
             states, stands = states.changed(first, standing_values(support, wrench, found.forces)), True
         elif (velocity := found.certificate) is not None:
-            size = np.max(np.abs(others / units), axis=1) * np.max(np.abs(velocity * units))
-            left = left[others @ velocity < _taken_up(support, velocity) + _CLEARLY * size]
+            proof = velocity, _taken_up(support, velocity)
+            support.proofs.append(proof)
+            left = left[~_moved(support, states.wrenches[left], [proof])]
     return on_springs(states) if stands else states
+
+
+def _moved(
+    support: Support, wrenches: np.ndarray, proofs: Collection[tuple[np.ndarray, float]]
+) -> np.ndarray:
+    """(N,) whether one of such proofs excludes that contact forces balance wrenches (N, 6)."""
+    if not (len(wrenches) and proofs):
+        return np.zeros(len(wrenches), dtype=bool)
+    d = support.dimension
+    units = np.r_[np.ones(d), np.full(support.wrench_size - d, support.length)]
+    velocities, most = np.array([own for own, _ in proofs]), np.array([power for _, power in proofs])
+    size = np.max(np.abs(wrenches / units), axis=1)[:, None] * np.max(np.abs(velocities * units), axis=1)
+    return np.any(wrenches @ velocities.T >= most + _CLEARLY * size, axis=1)
 
 
 def _taken_up(support: Support, velocity: np.ndarray) -> float:

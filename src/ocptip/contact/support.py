@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -29,6 +30,9 @@ LARGEST_WRENCH = LARGEST**2
 
 INERTIA_RANGE = 1e3
 """Principal inertias between mass times length squared divided by this and times this count as usual."""
+
+PROOFS = 16
+"""So many velocities that proved that the base moves under some wrench are kept, to prove it of others."""
 
 _RANK_TOLERANCE = 1e-9
 _TRIANGLE_TOLERANCE = 1e-6
@@ -213,6 +217,11 @@ class Support:
         """How contacts that give share loads; None if they are rigid."""
         springs = [spring for c in self.contacts if (spring := c.spring())]
         return ElasticFeet(self.wrench_matrix, springs, self.length) if springs else None
+
+    @cached_property
+    def proofs(self) -> deque[tuple[np.ndarray, float]]:
+        """The latest velocities with the most power, W, that contacts can take up at them, see `resting`."""
+        return deque(maxlen=PROOFS)
 
     @cached_property
     def power(self) -> float:
