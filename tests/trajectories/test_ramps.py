@@ -52,18 +52,6 @@ def test_servo_law_from_the_moving_state(w_a, way, peak, ramp, cruise):
         assert found.cruise == pytest.approx(cruise, abs=1e-7)
 
 
-def test_servo_law_is_vectorised():
-    """All arguments broadcast; the same numbers as one by one."""
-    rng = np.random.default_rng(3)
-    phi_a, w_a, phi_e = rng.uniform(-3, 3, (3, 50))
-    v, a = rng.uniform(0.1, 4, (2, 4, 1))
-    many = servo_ramp(phi_a, w_a, phi_e, v, a)
-    assert many.peak.shape == (4, 50)
-    for i, j in [(0, 0), (3, 17), (2, 49)]:
-        one = servo_ramp(phi_a[j], w_a[j], phi_e[j], v[i, 0], a[i, 0])
-        assert [float(x) for x in one] == [x[i, j] for x in many]
-
-
 @given(angles(), commands)
 def test_motion_obeys_physics(phi_start, given_commands):
     """Continuous angle and speed, speed bounds, exact end, ordered events, angle = integral of speed."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from math import isfinite
 from types import EllipsisType
 from typing import Any
 
@@ -150,6 +151,6 @@ def number_from(name: str, value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
         raise InputError(f"{name}: expected a number, got {value!r}")
     number = float(value)
-    if not np.isfinite(number):
+    if not isfinite(number):
         raise InputError(f"{name}: must be finite, got {value!r}")
     return number

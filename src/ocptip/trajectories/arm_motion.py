@@ -205,17 +205,16 @@ class ArmMotion(EventfulMotion):
             positive_number(f"speed_limits of joint {j + 1}", v[j])
             positive_number(f"acceleration_limits of joint {j + 1}", a[j])
         ends = [float(earliest_end(goal[j] - start[j], v[j], a[j])) for j in passive]
+        joints = dict[int, JointRamps]()
         for j, of_joint in enumerate(commands):
-            if of_joint is None:
-                continue
-            with naming(f"joint {j + 1}"):
-                ends.append(JointRamps.from_commands(start[j], of_joint).end)
-        end = max(ends, default=0.0)
-        completed = [
-            [passive_command(start[j], goal[j], end, v[j], a[j])] if of_joint is None else of_joint
-            for j, of_joint in enumerate(commands)
-        ]
-        return cls.from_commands(start, completed)
+            if of_joint is not None:
+                with naming(f"joint {j + 1}"):
+                    joints[j] = JointRamps.from_commands(start[j], of_joint)
+        end = max([*ends, *(ramps.end for ramps in joints.values())], default=0.0)
+        for j in passive:
+            command = passive_command(start[j], goal[j], end, v[j], a[j])
+            joints[j] = JointRamps.from_commands(start[j], [command])
+        return cls(tuple(joints[j] for j in range(n)))
 
     @property
     def n(self) -> int:

@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from math import sqrt
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -55,20 +56,17 @@ class RampCommand:
 class ServoRamp(NamedTuple):
     """What the drive does until it would brake: ramp to `peak` (rad/s, signed), cruise; durations in s."""
 
-    peak: np.ndarray
-    ramp: np.ndarray
-    cruise: np.ndarray
+    peak: float
+    ramp: float
+    cruise: float
 
 
-def servo_ramp(
-    phi_a: ArrayLike, w_a: ArrayLike, phi_e: ArrayLike, speed: ArrayLike, acceleration: ArrayLike
-) -> ServoRamp:
+def servo_ramp(phi_a: float, w_a: float, phi_e: float, speed: float, acceleration: float) -> ServoRamp:
     """Return the drive's answer to a command given in the state (phi_a, w_a), (5.2) to (5.8).
 
-    All arguments broadcast. With D+ and D- the ways covered by reaching +v or -v and braking at once (5.5):
-    at least D+ to go: cruise at +v; at most D-: cruise at -v; between: no cruise, a peak below v (5.8).
-    If braking at once leads exactly to the target, and v is not below the speed, the peak is 0: the joint
-    comes to rest at t' = t''.
+    With D+ and D- the ways covered by reaching +v or -v and braking at once (5.5): at least D+ to go: cruise
+    at +v; at most D-: cruise at -v; between: no cruise, a peak below v (5.8). If braking at once leads
+    exactly to the target, and v is not below the speed, the peak is 0: the joint comes to rest at t' = t''.
 
     Args:
         phi_a: angle when the command is given, rad.
@@ -76,20 +74,22 @@ def servo_ramp(
         phi_e: target angle, rad.
         speed: v > 0, rad/s.
         acceleration: a > 0, rad/s^2.
-
-    Returns:
-        Peak speed, ramp duration and cruise duration, each of the broadcast shape.
     """
-    phi_a, w_a, phi_e, v, a = np.broadcast_arrays(phi_a, w_a, phi_e, speed, acceleration)
-    way = phi_e - phi_a
-    way_plus = 0.5 * (w_a + v) * np.abs(v - w_a) / a + 0.5 * v**2 / a
-    way_minus = 0.5 * (w_a - v) * np.abs(v + w_a) / a - 0.5 * v**2 / a
-    u = np.sign(0.5 * w_a * np.abs(w_a) / a - way)
-    triangle_peak = -u * np.sqrt(np.maximum(0.5 * w_a**2 - u * a * way, 0.0))
-    forward, backward = way >= way_plus, way <= way_minus
-    peak = np.where(forward, v, np.where(backward, -v, triangle_peak)) + 0.0  # no -0.0
-    cruise = np.where(forward, way - way_plus, np.where(backward, way_minus - way, 0.0)) / v
-    return ServoRamp(peak, np.abs(peak - w_a) / a, cruise)
+    way, v, a = phi_e - phi_a, speed, acceleration
+    way_plus = 0.5 * (w_a + v) * abs(v - w_a) / a + 0.5 * (v * v) / a
+    way_minus = 0.5 * (w_a - v) * abs(v + w_a) / a - 0.5 * (v * v) / a
+    if way >= way_plus:
+        peak, cruise = v, (way - way_plus) / v
+    elif way <= way_minus:
+        peak, cruise = -v, (way_minus - way) / v
+    else:
+        u = _sign(0.5 * w_a * abs(w_a) / a - way)
+        peak, cruise = -u * sqrt(max(0.5 * (w_a * w_a) - u * a * way, 0.0)) + 0.0, 0.0  # no -0.0
+    return ServoRamp(peak, abs(peak - w_a) / a, cruise)
+
+
+def _sign(value: float) -> float:
+    return float((value > 0) - (value < 0))
 
 
 def checked_times(times: ArrayLike, side: str) -> np.ndarray:
@@ -140,20 +140,18 @@ class JointRamps:
         times, angles, speeds, accelerations = [0.0], [phi], [0.0], []
         for command in commands:
             w = speeds[-1]
-            peak, ramp, cruise = map(
-                float, servo_ramp(phi, w, command.phi_e, command.speed, command.acceleration)
-            )
+            peak, ramp, cruise = servo_ramp(phi, w, command.phi_e, command.speed, command.acceleration)
             # Backwards from the target, so that the joint ends there exactly.
             phi = command.phi_e - 0.5 * peak * abs(peak) / command.acceleration
             times += [times[-1] + ramp, times[-1] + ramp + cruise]
             angles += [phi - peak * cruise, phi]
             speeds += [peak, peak]
-            accelerations += [float(np.sign(peak - w)) * command.acceleration, 0.0]
+            accelerations += [_sign(peak - w) * command.acceleration, 0.0]
         last, peak = commands[-1], speeds[-1]
         times.append(times[-1] + abs(peak) / last.acceleration)
         angles.append(last.phi_e)
         speeds.append(0.0)
-        accelerations.append(-float(np.sign(peak)) * last.acceleration + 0.0)
+        accelerations.append(-_sign(peak) * last.acceleration + 0.0)
         arrays = [np.array(values) for values in (times, angles, speeds, accelerations)]
         return cls(commands, *map(read_only, arrays))
 
