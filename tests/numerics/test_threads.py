@@ -50,6 +50,35 @@ assert threads() == before and len(before) > 0, (before, threads())
 """
 
 
+IPOPT = """
+import numpy as np
+from threadpoolctl import threadpool_info
+from ocptip.numerics.ipopt import solve
+from ocptip.numerics.threads import one_thread
+from tests.numerics.test_ipopt import FREE, Parabola
+
+def threads():
+    return {own["prefix"]: own["num_threads"] for own in threadpool_info()}
+
+before = threads()
+with one_thread:
+    solve(Parabola(np.ones(1)), np.zeros(1), FREE, FREE)
+    inside = threads()
+after = threads()
+assert set(inside.values()) == {1}, inside
+assert "libcasadi-tp-openblas" in set(inside) - set(before), (before, inside)
+assert before.items() <= after.items() and set(after.values()) == {2}, (before, after)
+"""
+
+
+def test_the_linear_algebra_that_ipopt_loads_runs_on_one_thread(root):
+    own = os.environ | {"OPENBLAS_NUM_THREADS": "2", "OMP_NUM_THREADS": "2"}
+    done = subprocess.run(
+        [sys.executable, "-c", IPOPT], cwd=root, env=own, capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 @pytest.mark.slow
 def test_checks_certificates_and_scans_limit_threads_themselves(root):
     own = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}

@@ -5,10 +5,13 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Protocol
 
 import casadi as cs
 import numpy as np
+
+from ocptip.numerics.threads import one_thread
 
 SOLVED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
 """Status of a program that met its tolerance, or the acceptable one."""
@@ -176,7 +179,7 @@ def solve(
         "ipopt": _ipopt_options(tolerance, start_mu, strategy, push) | limits | warm,
     }
     start = time.perf_counter()
-    solver = cs.nlpsol("solver", "ipopt", functions[0], options)
+    solver = nlpsol(functions[0], options)
     arguments = {
         "x0": np.clip(x0, *x_bounds),
         "lbx": x_bounds[0],
@@ -204,6 +207,19 @@ def solve(
         iterations=int(stats["iter_count"]),
         seconds=time.perf_counter() - start,
     )
+
+
+def nlpsol(program: cs.Function | dict[str, Any], options: dict[str, Any]) -> cs.Function:
+    """CasADi's solver of a program by Ipopt."""
+    _load()
+    return cs.nlpsol("solver", "ipopt", program, options)
+
+
+@cache
+def _load() -> None:
+    """Loads Ipopt with its linear algebra."""
+    cs.load_nlpsol("ipopt")
+    one_thread.loaded()
 
 
 def _functions(

@@ -4,8 +4,28 @@ from __future__ import annotations
 
 import threading
 from contextlib import ContextDecorator
+from typing import Any
 
-from threadpoolctl import threadpool_limits
+from threadpoolctl import LibController, register, threadpool_limits
+
+
+class _BlasOfCasadi(LibController):
+    """CasADi's own copy of OpenBLAS, in which Ipopt's linear solver computes; its name is not the usual."""
+
+    user_api, internal_api = "blas", "openblas_of_casadi"
+    filename_prefixes = ("libcasadi-tp-openblas",)
+
+    def get_num_threads(self) -> Any:
+        return self.dynlib.openblas_get_num_threads()
+
+    def set_num_threads(self, num_threads: int) -> None:
+        self.dynlib.openblas_set_num_threads(num_threads)
+
+    def get_version(self) -> None:
+        return None
+
+
+register(_BlasOfCasadi)
 
 
 class _OneThread(ContextDecorator):
@@ -21,13 +41,19 @@ class _OneThread(ContextDecorator):
     def __enter__(self) -> None:
         depth = getattr(self._own, "depth", 0)
         if depth == 0:
-            self._own.limits = threadpool_limits(1)
+            self._own.limits = [threadpool_limits(1)]
         self._own.depth = depth + 1
+
+    def loaded(self) -> None:
+        """To be called within this after a library was loaded: it runs on one thread, too."""
+        if getattr(self._own, "depth", 0):
+            self._own.limits.append(threadpool_limits(1))
 
     def __exit__(self, *_: object) -> None:
         self._own.depth -= 1
         if self._own.depth == 0:
-            self._own.limits.restore_original_limits()
+            for limits in reversed(self._own.limits):
+                limits.restore_original_limits()
 
 
 one_thread = _OneThread()

@@ -12,6 +12,7 @@ import numpy as np
 from ocptip.basics.errors import InputError, PlanningError, whole_number
 from ocptip.motion.cycles.plan import CyclePlan, plan_cycle, proved_cycle
 from ocptip.motion.cycles.task import CycleTask
+from ocptip.numerics.threads import one_thread
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.place import place
 from ocptip.placement.problem import PlacementProblem
@@ -82,6 +83,7 @@ class CyclePlacements:
         return self.ranked[0]
 
 
+@one_thread
 def place_for_cycle(
     problem: PlacementProblem,
     placed: Callable[[Placement], CycleTask],

@@ -10,6 +10,7 @@ import numpy as np
 from ocptip.basics.errors import InputError, OcptipError, PlanningError, whole_number
 from ocptip.motion.plan import MotionPlan, plan_motion
 from ocptip.motion.task import FIRST_SEVEN, MotionTask
+from ocptip.numerics.threads import one_thread
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.place import place
 from ocptip.placement.problem import PlacementProblem
@@ -84,6 +85,7 @@ class MotionPlacementResult:
         return {"ranked": [m.to_dict() for m in self.ranked], "seconds_static": self.static.seconds}
 
 
+@one_thread
 def place_for_motion(
     problem: PlacementProblem,
     *,

@@ -10,6 +10,7 @@ import numpy as np
 
 from ocptip.basics.errors import InputError, OcptipError, PlanningError, positive_number, whole_number
 from ocptip.motion.objective import TIME, Objective
+from ocptip.numerics.threads import one_thread
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.for_cycle import sampled_places
 from ocptip.placement.for_motion import motion_limits, require_way, robot_at, shortest_way
@@ -71,6 +72,7 @@ class PathPlacement:
         }
 
 
+@one_thread
 def place_for_path(
     problem: PlacementProblem,
     objective: Objective = TIME,

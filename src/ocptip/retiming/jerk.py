@@ -14,7 +14,7 @@ import casadi as cs
 import numpy as np
 
 from ocptip.basics.errors import InputError, SolverError
-from ocptip.numerics.ipopt import ending
+from ocptip.numerics.ipopt import ending, nlpsol
 from ocptip.retiming.fastest import Grid
 from ocptip.retiming.kernels import MOST, clipped
 from ocptip.trajectories.path import derivatives
@@ -101,7 +101,7 @@ class _Program:
         for share in self._jerks(v, a, h):
             less += [share - 1, -share - 1]
         g = cs.vertcat(*even, *less)
-        solver = cs.nlpsol("jerk", "ipopt", {"x": cs.vertcat(v, a, h), "f": cs.sum1(h), "g": g}, _OPTIONS)
+        solver = nlpsol({"x": cs.vertcat(v, a, h), "f": cs.sum1(h), "g": g}, _OPTIONS)
         low = np.where(np.arange(g.numel()) < 2 * self.count, 0.0, -np.inf)
         found = solver(x0=start, lbg=low, ubg=0.0, **self._bounds())
         if not solver.stats()["success"]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import casadi as cs
 import numpy as np
 
+from ocptip.numerics.ipopt import nlpsol
 from ocptip.retiming.cheapest import Price
 from ocptip.retiming.fastest import Grid, Polygons
 from ocptip.retiming.late import Couplings
@@ -76,7 +77,7 @@ class PoweredTiming:
                 cs.vertcat(rows, cs.sum1(cs.DM(self._grid.widths) / pace)),
                 np.append(top, price.longest),
             )
-        solver = cs.nlpsol("timing", "ipopt", {"x": z, "f": cost, "g": rows}, _OPTIONS)
+        solver = nlpsol({"x": z, "f": cost, "g": rows}, _OPTIONS)
         least, most = np.sqrt(self._grid.bounds.T) / unit
         guess = np.clip(np.sqrt(start) / unit, least, most)
         found = solver(x0=guess, lbx=least, ubx=np.minimum(most, 1e6), lbg=-np.inf, ubg=top)

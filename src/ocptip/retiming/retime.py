@@ -15,6 +15,7 @@ from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.execution import CLOSE, STEPS
 from ocptip.motion.objective import TIME, Objective
 from ocptip.numerics.bisection import bisected
+from ocptip.numerics.threads import one_thread
 from ocptip.retiming.cheapest import CheapestTiming, Price, cheapest
 from ocptip.retiming.drives import QuadraticDrives
 from ocptip.retiming.fastest import ExtraRows, FastestTiming, Grid, fastest, spaced
@@ -127,6 +128,7 @@ class _Solved:
         return self.fast.x if self.cheap is None else self.cheap.x
 
 
+@one_thread
 def retime(
     robot: StandingMechanism,
     path: JointPath,
@@ -198,6 +200,7 @@ def retime(
     )  # fmt: skip
 
 
+@one_thread
 def least_cost(
     robot: StandingMechanism, path: JointPath, limits: MotionLimits, objective: Objective, nodes: int
 ) -> float:

@@ -25,7 +25,8 @@ from ocptip.indices.arms.values import DEFAULT_ELLIPSOID, index_values
 from ocptip.indices.encodings import psd_constraint
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.reviewed import inv_cdn_cl
-from ocptip.numerics.ipopt import SOLVED
+from ocptip.numerics.ipopt import SOLVED, nlpsol
+from ocptip.numerics.threads import one_thread
 from ocptip.robots.model import ArmModel
 
 MAXIMISED = ("inv_cdn_oe", "pi_oe", "manipulability")
@@ -62,6 +63,7 @@ class BestArmPose(Record):
     seed: int
 
 
+@one_thread
 def best_arm_pose(
     model: ArmModel,
     name: str,
@@ -126,6 +128,7 @@ class CharacteristicLength(Record):
     seed: int
 
 
+@one_thread
 def characteristic_length(
     model: ArmModel, *, point: object = (0.0, 0.0, 0.0), starts: int = 12, seed: int = 0
 ) -> CharacteristicLength:
@@ -205,6 +208,7 @@ class WorkspaceIndex(Record):
         return {**super().to_dict(), "percentiles": percentiles}
 
 
+@one_thread
 def workspace_index(
     model: ArmModel,
     name: str,
@@ -315,7 +319,7 @@ def _search(arm: SymbolicArm, name: str, ellipsoid: OperationEllipsoid, aspect: 
     lower, upper = joint_range(arm.model)
     if name == "manipulability":
         objective = aspect * arm.determinant
-        solver = cs.nlpsol("best", "ipopt", {"x": arm.q, "f": -objective}, _IPOPT)
+        solver = nlpsol({"x": arm.q, "f": -objective}, _IPOPT)
         return _Search(solver, lambda start: start, arm.model.n, {"lbx": lower, "ubx": upper})
     velocities = arm.velocities(ellipsoid)
     if name == "pi_oe":
@@ -363,7 +367,7 @@ def _eigenvalue_search(
         "lbg": np.concatenate([block.lower for block in blocks]),
         "ubg": np.concatenate([block.upper for block in blocks]),
     }
-    return _Search(cs.nlpsol("best", "ipopt", problem, _IPOPT), start, variables.numel(), bounds)
+    return _Search(nlpsol(problem, _IPOPT), start, variables.numel(), bounds)
 
 
 def joint_range(model: ArmModel) -> tuple[np.ndarray, np.ndarray]:
