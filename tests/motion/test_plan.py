@@ -327,25 +327,25 @@ def test_what_promises_less_is_finished_where_the_others_lead_nowhere(case_b, sc
 
 
 def test_hops_go_on_from_the_best(case_b, scripted):
-    """The third and the seventh find a better motion, and each of them brings two more."""
+    """The third and the seventh find a better motion, and no later one."""
     slowed = {factor: case_b.reference.time_scaled(factor) for factor in (1.2, 1.25, 1.3, 1.6)}
     best = [slowed[factor] for factor in (1.3, 1.25, 1.2)]
     scripted(slowed[1.6], best, *22 * [None])
     progress = Progress()
     plan = plan_motion(case_b, starts=24, seed=7, jobs=1, progress=progress)
-    assert Scripted.hops == [(7, 1, hop) for hop in range(16)]
+    assert Scripted.hops == [(7, 1, hop) for hop in range(12)]
     assert plan.motion is slowed[1.2]
-    assert (plan.best, plan.starts[0].iterations, plan.starts[1].iterations) == (1, 1, 17)
-    assert [start.hops for start in plan.starts] == [0, 16, *22 * [0]]
-    assert plan.starts[1].stages["fine"] == pytest.approx(1.7)
-    assert [call[:2] for call in progress.calls] == [(min(done, 60), 60) for done in range(65)]
+    assert (plan.best, plan.starts[0].iterations, plan.starts[1].iterations) == (1, 1, 13)
+    assert [start.hops for start in plan.starts] == [0, 12, *22 * [0]]
+    assert plan.starts[1].stages["fine"] == pytest.approx(1.3)
+    assert [call[:2] for call in progress.calls] == [(done, 60) for done in range(61)]
     costs = [cost for *_, cost in progress.calls if cost is not None]
     assert costs == sorted(costs, reverse=True)
 
 
 def test_a_hop_begins_from_the_best_of_those_that_were_known_when_it_was_begun(case_b, scripted):
     """However many run at the same time: those of the `HOPS` before it are not."""
-    motions = [case_b.reference.time_scaled(factor) for factor in (1.6, 1.5, 1.4)]
+    motions = [case_b.reference.time_scaled(factor) for factor in (1.6, 1.5, 1.4, 1.3, 1.25, 1.2)]
     ends = []
 
     class Finding(Scripted):
@@ -353,12 +353,17 @@ def test_a_hop_begins_from_the_best_of_those_that_were_known_when_it_was_begun(c
             ends.append(before.motion.end)
             return self._attempt(0, motions.index(before.motion) + 1)
 
-    scripted(motions, *15 * [None])
+    scripted(motions)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("ocptip.motion.plan.Search", Finding)
+        plan = plan_motion(case_b, starts=1, jobs=1)
+        assert plan.motion is motions[1]
+        scripted(motions, *15 * [None])
+        patch.setattr("ocptip.motion.plan.Search", Finding)
+        ends.clear()
         plan = plan_motion(case_b, starts=4 * HOPS, jobs=1)
-    assert plan.motion is motions[-1]
-    assert ends == [motion.end for motion in motions for _ in range(HOPS)]
+    assert plan.motion is motions[2]
+    assert ends == [*HOPS * [motions[0].end], *HOPS * [motions[1].end]]
 
 
 class AtOnce(Executor):

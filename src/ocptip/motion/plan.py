@@ -32,8 +32,7 @@ LOST = "lost: "
 
 _TASKS_IN_MEMORY = 4  # per worker
 FINISHED = 3  # of the starts, the most promising ones; more only if none is verified
-HOPS = 4  # random changes of the best motion that are tried at once,
-MORE, PAYS = 2, 0.999  # and how many more for each that costs less than that share of the best
+HOPS = 4  # random changes of the best motion that are tried at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,13 +100,13 @@ def plan_motion(
     a choice of postures, the most promising pairs of start and goal get one start each and the best of them
     the others, see `ocptip.motion.choices`. Only the starts that promise the least cost after their first
     program are finished. Then the best motion is half as many times as there are starts changed at random
-    and solved anew (basin hopping), more often where that pays, but not within a tolerance. The best gets its
-    certificate; where that leaves something open, the motion is solved again, a little tighter there, and the
-    proved one wins if it costs at most 0.5 % more. The result depends on task, starts and seed only, not on
-    where the starts run. An interrupt (Ctrl-C) ends the planning with the best verified plan so far. A worker
-    that dies is replaced and its start run again; a start that kills two is left out, see `lost`, and so is
-    such a change. (Of an executor that breaks with its worker, such as a ProcessPoolExecutor, the death ends
-    the planning like an interrupt, with a RuntimeWarning.)
+    and solved anew (basin hopping), but not within a tolerance. The best gets its certificate; where that
+    leaves something open, the motion is solved again, a little tighter there, and the proved one wins if it
+    costs at most 0.5 % more. The result depends on task, starts and seed only, not on where the starts run.
+    An interrupt (Ctrl-C) ends the planning with the best verified plan so far. A worker that dies is replaced
+    and its start run again; a start that kills two is left out, see `lost`, and so is such a change. (Of an
+    executor that breaks with its worker, such as a ProcessPoolExecutor, the death ends the planning like an
+    interrupt, with a RuntimeWarning.)
 
     Args:
         task: made by hand, or one of `ocptip.published.tasks` or `ocptip.task_files.motion`.
@@ -155,7 +154,7 @@ def plan_motion(
                             costs[attempt.result.number] = _cost(task, attempt)
                             best = attempts[min((cost, k) for k, cost in costs.items())[1]]
                     if progress:
-                        progress(min(done, steps), steps, min(costs.values(), default=None))
+                        progress(done, steps, min(costs.values(), default=None))
                 if best is not None:
                     break
             if best is not None and task.rise_times is None:
@@ -307,22 +306,19 @@ def _hops(
     task: MotionTask,
     best: Attempt,
 ) -> Iterator[Attempt]:
-    """The best start, `count` times changed at random, and `MORE` times more for each that pays.
+    """The best start, `count` times changed at random; each time the best that was known `HOPS` times before.
 
-    Each begins from the best that was known `HOPS` times before. So many can be under way at once, and what
-    comes out does not depend on which of them ends first.
+    So many can be under way at once, and what comes out does not depend on which of them ends first.
     """
     under_way: deque[tuple[Attempt, Iterator[Attempt]]] = deque()
-    hop = 0
-    while hop < count or under_way:
-        while hop < count and len(under_way) < HOPS:
+    for hop in range(count + HOPS):
+        if hop >= HOPS and under_way:
+            base, hopped = under_way.popleft()
+            if (found := next(hopped)) is not base:  # else it was lost
+                best = min(best, found, key=lambda own: _cost(task, own)).after(best, found)
+                yield best
+        if hop < count:
             under_way.append((best, work("hopped", [(task, (best, (*draw, hop)))])))
-            hop += 1
-        base, hopped = under_way.popleft()
-        if (found := next(hopped)) is not base:  # else it was lost
-            count += MORE * (_cost(task, found) < PAYS * _cost(task, best))
-            best = min(best, found, key=lambda own: _cost(task, own)).after(best, found)
-            yield best
 
 
 def _most_promising(

@@ -95,9 +95,8 @@ class Workers(Executor):
     ) -> Future:
         """The call in this thread's process; in a new one if there is none, or it has died.
 
-        A process is spared interrupts from its first instruction. Ipopt's libraries start threads of their
-        own, out of reach of threadpoolctl: a worker, which takes over the environment before it loads
-        anything, gets one of each.
+        A process is spared interrupts from its first instruction. Its libraries are told of one thread by
+        the environment, before they start any.
         """
         pool = getattr(self._mine, "pool", None)
         with interrupts_held(), environment(THREADS):
