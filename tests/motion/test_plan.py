@@ -146,9 +146,7 @@ def test_the_result_tells_what_was_done(task, plan):
     assert start.solves > 0
     assert 0 < sum(start.stages.values()) <= start.cpu_seconds
     assert start.seconds <= plan.seconds
-    assert [done for done, *_ in calls] == [0, 1, 2, 3]  # begun, finished, changed
-    assert calls[:2] == [(0, 3, None), (1, 3, None)]
-    assert calls[-1] == (3, 3, plan.energy)
+    assert calls == [(0, 2, None), (1, 2, None), (2, 2, plan.energy)]  # one start alone is not changed
 
 
 def test_the_same_plan_from_a_thread(task, plan):
@@ -323,7 +321,7 @@ def test_what_promises_less_is_finished_where_the_others_lead_nowhere(case_b, sc
     plan = plan_motion(case_b, starts=7, jobs=1)
     assert plan.best == 3
     assert [start.status == LEFT_OUT for start in plan.starts] == [*6 * [False], True]
-    assert len(Scripted.hops) == 4
+    assert len(Scripted.hops) == 3
 
 
 def test_hops_go_on_from_the_best(case_b, scripted):
@@ -353,14 +351,9 @@ def test_a_hop_begins_from_the_best_of_those_that_were_known_when_it_was_begun(c
             ends.append(before.motion.end)
             return self._attempt(0, motions.index(before.motion) + 1)
 
-    scripted(motions)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("ocptip.motion.plan.Search", Finding)
-        plan = plan_motion(case_b, starts=1, jobs=1)
-        assert plan.motion is motions[1]
         scripted(motions, *15 * [None])
         patch.setattr("ocptip.motion.plan.Search", Finding)
-        ends.clear()
         plan = plan_motion(case_b, starts=4 * HOPS, jobs=1)
     assert plan.motion is motions[2]
     assert ends == [*HOPS * [motions[0].end], *HOPS * [motions[1].end]]
@@ -390,7 +383,7 @@ def test_the_best_is_looked_at_while_it_is_proved(case_b, scripted):
     _search.cache_clear()
     plan = plan_motion(case_b, starts=3, executor=executor, meanwhile=look)
     _search.cache_clear()
-    calls = [*3 * ["rough"], *3 * ["run"], *2 * ["hopped"], "proved"]
+    calls = [*3 * ["rough"], *3 * ["run"], "hopped", "proved"]
     assert seen == [(case_b.name, slow.end, True, calls)]
     assert (plan.best, plan.interrupted) == (1, False)
 

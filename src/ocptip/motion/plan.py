@@ -296,7 +296,7 @@ def _turns(
 
 def _hops_of(starts: int) -> int:
     """How often the best of so many starts is changed."""
-    return -(-starts // 2)
+    return starts // 2
 
 
 def _hops(
