@@ -303,7 +303,7 @@ def test_the_least_energy_among_the_verified_wins(case_b, scripted):
     assert [done for done, *_ in progress.calls] == list(range(11))
     assert {steps for _, steps, _ in progress.calls} == {10}
     energies = [energy for _, _, energy in progress.calls]
-    assert energies == [*7 * [None], *4 * [plan.energy]]
+    assert energies == [*6 * [None], *5 * [plan.energy]]  # 1 and 2 are certain before 3 has said its promise
 
 
 def test_of_equals_the_first_wins_and_what_promises_less_is_left_out(case_b, scripted):
@@ -314,6 +314,27 @@ def test_of_equals_the_first_wins_and_what_promises_less_is_left_out(case_b, scr
     finished = [start.number for start in plan.starts if start.status != LEFT_OUT]
     assert finished == [2, 4, 5]
     assert len(finished) == FINISHED
+
+
+def test_starts_that_none_can_displace_go_on_before_the_others_have_said_their_promise(case_b, scripted):
+    """Of six with promises 5, 1, 4, 2, 0.5, 3 number 1 is certain after the fourth, number 4 after the fifth."""
+    scripted(*6 * [case_b.reference.time_scaled(1.3)], promises=dict(enumerate([5.0, 1.0, 4.0, 2.0, 0.5, 3.0])))
+    asked, search = list[tuple[str, int]](), Scripted(case_b)
+
+    def work(what, jobs):
+        for _, arguments in jobs:
+            asked.append((what, arguments[0]))
+        return iter([getattr(search, what)(*arguments) for _, arguments in jobs])
+
+    def work_one_by_one(what, jobs):
+        if what == "run":
+            return work(what, jobs)
+        return (next(work(what, [job])) for job in jobs)
+
+    found = list(_most_promising(work_one_by_one, [case_b], range(6), 0, {}))
+    rough = [("rough", number) for number in range(6)]
+    assert asked == [*rough[:4], ("run", 1), rough[4], ("run", 4), rough[5], ("run", 3)]
+    assert [a.result.number for a in found if isinstance(a, Attempt)] == [1, 4, 3, 5, 2, 0]
 
 
 def test_what_promises_less_is_finished_where_the_others_lead_nowhere(case_b, scripted):
@@ -623,7 +644,8 @@ def test_of_starts_within_a_tolerance_the_most_promising_ones_are_finished(task,
     work = roughly(costs, good, done)
     steps = _most_promising(work, [task], range(len(costs)), 7, {})
     found = [one for one in steps if isinstance(one, Attempt)]
-    assert done == finished
+    assert {*done[:FINISHED]} == {*finished[:FINISHED]}  # in which order they became certain does not matter
+    assert sorted(done) == sorted(finished)
     assert len(done) % FINISHED == 0
     assert sorted(a.result.number for a in found) == list(range(len(costs)))
     left_out = {a.result.number for a in found if a.result.status == LEFT_OUT}
@@ -631,12 +653,12 @@ def test_of_starts_within_a_tolerance_the_most_promising_ones_are_finished(task,
 
 
 def test_within_a_tolerance_the_pair_of_postures_that_promises_the_least_cost_gets_the_other_starts(task):
-    """Nothing is finished before all starts of all pairs have been looked at roughly."""
+    """Whatever is finished before all starts of all pairs have been looked at roughly."""
     pairs, of, done = [task, dataclasses.replace(task), dataclasses.replace(task)], {}, []
     costs = [3.0, 1.0, 2.0, 1.5, 1.2, 0.9]
     list(_most_promising(roughly(costs, {1, 4, 5}, done), pairs, range(6), 7, of))
     assert [pairs.index(of[k]) for k in range(6)] == [0, 1, 2, 1, 1, 1]
-    assert done == [5, 1, 4]
+    assert sorted(done) == [1, 4, 5]
 
 
 @pytest.mark.slow

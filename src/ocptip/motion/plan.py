@@ -328,24 +328,38 @@ def _most_promising(
     seed: int,
     tasks_of: dict[int, MotionTask],
 ) -> Iterator[Attempt | Rough]:
-    """Starts, of which only those that promise the least cost are finished; more only if none is verified."""
+    """Starts, of which only those that promise the least cost are finished; more only if none is verified.
+
+    One that promises so little that no other can displace it is finished before the others have said theirs.
+    """
     rough, promised = list[Rough](), dict[int, float]()
+    silent, begun, under_way = len(numbers), set[int](), list[Iterator[Attempt]]()
+
+    def finish(most: int) -> None:
+        rough.sort(key=lambda one: (one.cost, one.number))
+        for one in rough[: max(most, 0)]:
+            if one.number not in begun:
+                begun.add(one.number)
+                under_way.append(work("run", [(tasks_of[one.number], (one.number, seed, one))]))
+
     for batch in rounds(tasks, numbers, promised):
         tasks_of.update((number, task) for task, number in batch)
         for one in work("rough", [(task, (number, seed)) for task, number in batch]):
-            if isinstance(one, Attempt):  # lost
-                yield one
-                continue
-            rough.append(one)
-            promised[one.number] = one.cost
+            silent -= 1
+            if isinstance(one, Rough):  # else it is lost
+                rough.append(one)
+                promised[one.number] = one.cost
             yield one
-    rough.sort(key=lambda one: (one.cost, one.number))
+            finish(FINISHED - silent)
     verified = False
     while rough and not verified:
-        now, rough = rough[:FINISHED], rough[FINISHED:]
-        for attempt in work("run", [(tasks_of[one.number], (one.number, seed, one)) for one in now]):
-            verified |= attempt.result.verified
-            yield attempt
+        finish(FINISHED)
+        for ended in under_way:
+            for attempt in ended:
+                verified |= attempt.result.verified
+                yield attempt
+        under_way.clear()
+        rough = [one for one in rough if one.number not in begun]
     yield from (one.left_out for one in rough)
 
 
