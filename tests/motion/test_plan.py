@@ -317,8 +317,9 @@ def test_of_equals_the_first_wins_and_what_promises_less_is_left_out(case_b, scr
 
 
 def test_starts_that_none_can_displace_go_on_before_the_others_have_said_their_promise(case_b, scripted):
-    """Of six with promises 5, 1, 4, 2, 0.5, 3 number 1 is certain after the fourth, number 4 after the fifth."""
-    scripted(*6 * [case_b.reference.time_scaled(1.3)], promises=dict(enumerate([5.0, 1.0, 4.0, 2.0, 0.5, 3.0])))
+    """Number 1 is certain after the fourth has said its promise, number 4 after the fifth."""
+    promises = dict(enumerate([5.0, 1.0, 4.0, 2.0, 0.5, 3.0]))
+    scripted(*6 * [case_b.reference.time_scaled(1.3)], promises=promises)
     asked, search = list[tuple[str, int]](), Scripted(case_b)
 
     def work(what, jobs):
