@@ -39,6 +39,7 @@ from ocptip.task_files.cycle import load_cycle
 from ocptip.task_files.motion import load_task
 from ocptip.task_files.path import load_path
 from ocptip.task_files.placement import load_placement
+from tests.motion.planner.node_derivatives import all_slopes, bends
 from tests.pictures.plan_stand_in import plan_of
 from tests.placement.placement_scenes import drilling
 from tests.places import EXAMPLES
@@ -80,16 +81,16 @@ def test_derivatives_of_the_planners_loads(axes):
     robot, rng = task.robot, np.random.default_rng(5)
     physics, s = NodePhysics(robot), rng.uniform(-1, 1, (3, 18))
     direction = np.ones((3, 6))
-    at = physics.jacobian(s, direction)
+    at = physics.jacobian(s.T, direction.T)
     torque, wrench = robot.loads(s[:, :6], s[:, 6:12], s[:, 12:])
     np.testing.assert_allclose(at.y[:, 1:13], np.hstack([torque, wrench]), atol=1e-10)
     weights = rng.normal(size=at.y.shape) * (np.arange(at.y.shape[1]) > 0)
-    bend, h = physics.hessian(at, weights), 1e-5
+    bend, slope, h = bends(physics.hessian(at, weights)), all_slopes(at), 1e-5
     for column in range(18):
         step = h * (np.arange(18) == column)
         above, below = (np.hstack(robot.loads(*np.split(s + e * step, 3, axis=1))) for e in (1, -1))
-        np.testing.assert_allclose(at.slope[:, 1:13, column], (above - below) / (2 * h), atol=1e-6)
-        ahead, back = (physics.jacobian(s + e * step, direction).slope for e in (1, -1))
+        np.testing.assert_allclose(slope[:, 1:13, column], (above - below) / (2 * h), atol=1e-6)
+        ahead, back = (all_slopes(physics.jacobian((s + e * step).T, direction.T)) for e in (1, -1))
         slopes = np.einsum("ny,nys->ns", weights, (ahead - back) / (2 * h))
         np.testing.assert_allclose(bend[:, column], slopes, atol=1e-4)
 

@@ -21,9 +21,11 @@ class Kernel:
     anew in every process. Machine code does not hold the interpreter's lock: several threads may run it.
     """
 
-    def __init__(self, function: FunctionType, inline: Literal["never", "always"]) -> None:
+    def __init__(
+        self, function: FunctionType, inline: Literal["never", "always"], any_order: bool = False
+    ) -> None:
         update_wrapper(self, function)
-        self._function, self._inline = function, inline
+        self._function, self._inline, self._any_order = function, inline, any_order
 
     def __call__(self, *arguments: Any) -> Any:
         return self._function(*arguments) if _interpreting else self.machine_code(*arguments)
@@ -38,7 +40,9 @@ class Kernel:
             name: own[name].machine_code for name in code.co_names if isinstance(own.get(name), Kernel)
         }
         function = FunctionType(code, {**own, **callees}, code.co_name)
-        options = {"nogil": True, "error_model": "numpy", "inline": self._inline}
+        options: dict[str, Any] = {"nogil": True, "error_model": "numpy", "inline": self._inline}
+        if self._any_order:
+            options["fastmath"] = {"reassoc", "nsz", "contract"}
         try:
             made = numba.njit(cache=True, **options)(function)
         except RuntimeError:
@@ -57,6 +61,12 @@ def compiled_inline(function: Callable) -> Kernel:
     """As `compiled`, put into its callers: for the smallest loops, whose calls cost as much as they do."""
     assert isinstance(function, FunctionType)
     return Kernel(function, "always")
+
+
+def compiled_in_any_order(function: Callable) -> Kernel:
+    """As `compiled`, with sums in whatever order is fastest: loops that add up use the vector units."""
+    assert isinstance(function, FunctionType)
+    return Kernel(function, "never", any_order=True)
 
 
 @contextmanager

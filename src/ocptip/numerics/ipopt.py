@@ -82,7 +82,11 @@ class Solution:
 
 
 class _Function(cs.Callback):
-    """A CasADi function of dense arguments that runs `evaluate(arguments, results)` on NumPy views."""
+    """A CasADi function of dense arguments that runs `evaluate(arguments, results)` on NumPy views.
+
+    What that raises goes into `errors`. Where there are some, all functions that share the list fail at once:
+    Ipopt takes a failure for a step that was too long, and would try dozens of shorter ones.
+    """
 
     def __init__(
         self,
@@ -90,10 +94,11 @@ class _Function(cs.Callback):
         inputs: dict[str, cs.Sparsity],
         outputs: dict[str, cs.Sparsity],
         evaluate: Callable[[list, list], None],
+        errors: list[BaseException],
     ) -> None:
         super().__init__()
         self._inputs, self._outputs, self._evaluate = list(inputs.items()), list(outputs.items()), evaluate
-        self.error: BaseException | None = None
+        self.errors = errors
         self.construct(name, {})
 
     def get_n_in(self) -> int:
@@ -118,13 +123,15 @@ class _Function(cs.Callback):
         return True
 
     def eval_buffer(self, arg: tuple, res: tuple) -> int:
+        if self.errors:
+            return 1
         try:
             self._evaluate(
                 [None if a is None else np.frombuffer(a) for a in arg],
                 [None if r is None else np.frombuffer(r) for r in res],
             )
         except BaseException as error:  # handed on behind the solver, which would swallow it
-            self.error = error
+            self.errors.append(error)
             return 1
         return 0
 
@@ -190,9 +197,8 @@ def solve(
     if multipliers is not None:
         arguments["lam_g0"], arguments["lam_x0"] = multipliers
     result = solver(**arguments)
-    for function in functions:
-        if function.error is not None:
-            raise function.error
+    if functions[0].errors:
+        raise functions[0].errors[0]
     stats = solver.stats()
     x, g = np.array(result["x"]).ravel(), np.array(result["g"]).ravel()
     status = stats["return_status"]
@@ -229,37 +235,45 @@ def _functions(
     dense = cs.Sparsity.dense
     filled = (np.ones((ng, nx), dtype=bool), np.ones((nx, nx), dtype=bool)) if pattern is None else pattern
     slopes, bends = _places(filled[0]), _places(np.triu(filled[1]))
-
-    def put(target: np.ndarray | None, value: np.ndarray | float) -> None:
-        if target is not None:
-            target[:] = value
+    every = pattern is None or bool(np.all(pattern[0]))
 
     def values(a: list, r: list) -> None:
         f, g = program.values(a[0])
-        put(r[0], f)
-        put(r[1], g)
+        if r[0] is not None:
+            r[0][:] = f
+        if r[1] is not None:
+            r[1][:] = g
 
     def gradient(a: list, r: list) -> None:
-        put(r[0], program.values(a[0])[0])
-        put(r[1], program.gradient(a[0]))
+        if r[0] is not None:
+            r[0][:] = program.values(a[0])[0]
+        if r[1] is not None:
+            r[1][:] = program.gradient(a[0])
 
     def jacobian(a: list, r: list) -> None:
-        put(r[0], program.values(a[0])[1])
-        put(r[1], program.jacobian(a[0])[slopes])
+        if r[0] is not None:
+            r[0][:] = program.values(a[0])[1]
+        if r[1] is not None:
+            found = program.jacobian(a[0])
+            r[1][:] = found.ravel(order="F") if every else found[slopes]
 
     def hessian(a: list, r: list) -> None:
-        put(r[0], program.hessian(a[0], float(a[2][0]), a[3])[bends])
+        if r[0] is not None:
+            r[0][:] = program.hessian(a[0], float(a[2][0]), a[3])[bends]
 
-    at_x, f1 = {"x": dense(nx, 1), "p": dense(0, 0)}, dense(1, 1)
+    at_x, f1, errors = {"x": dense(nx, 1), "p": dense(0, 0)}, dense(1, 1), list[BaseException]()
     return [
-        _Function("nlp", at_x, {"f": f1, "g": dense(ng, 1)}, values),
-        _Function("nlp_grad_f", at_x, {"f": f1, "grad_f_x": dense(nx, 1)}, gradient),
-        _Function("nlp_jac_g", at_x, {"g": dense(ng, 1), "jac_g_x": _sparsity(ng, nx, slopes)}, jacobian),
+        _Function("nlp", at_x, {"f": f1, "g": dense(ng, 1)}, values, errors),
+        _Function("nlp_grad_f", at_x, {"f": f1, "grad_f_x": dense(nx, 1)}, gradient, errors),
+        _Function(
+            "nlp_jac_g", at_x, {"g": dense(ng, 1), "jac_g_x": _sparsity(ng, nx, slopes)}, jacobian, errors
+        ),
         _Function(
             "nlp_hess_l",
             at_x | {"lam_f": f1, "lam_g": dense(ng, 1)},
             {"triu_hess_gamma_x_x": _sparsity(nx, nx, bends)},
             hessian,
+            errors,
         ),
     ]
 

@@ -61,16 +61,42 @@ def usage_map(
         the optimum is not certain, the usage is NaN and the derivatives are zero.
     """
     count = len(wrenches)
-    h, most = wrenches @ loads.T, wrenches @ limits.T + preloads
-    good = np.min(most, axis=1) > _LEAST_LIMIT * np.max(np.abs(most), axis=1)
-    wide = np.broadcast_to(J, (count, *J.shape))
-    forces, pulls = np.zeros((2, count, *J.shape[:2]))
-    _solve_all(h, np.where(good[:, None], most, 1.0), np.ascontiguousarray(wide), forces, pulls)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        usage = np.max(np.sqrt(np.einsum("sik,sik->si", forces, forces)) / np.abs(most), axis=1)
     slopes, bends = np.zeros((count, 6)), np.zeros((count, 6, 6))
+    usage = _usages(np.ascontiguousarray(wrenches), loads, limits, preloads, J, derivatives, slopes, bends)
+    return usage, slopes, bends
+
+
+@compiled
+def _usages(wrenches, loads, limits, preloads, J, derivatives, slopes, bends):
+    """Usages (N,); puts slopes and second derivatives."""
+    count, n = len(wrenches), len(limits)
+    h, most, safe = np.empty((count, 3)), np.empty((count, n)), np.ones((count, n))
+    forces, pulls = np.zeros((count, n, 2)), np.zeros((count, n, 2))
+    usage, good = np.zeros(count), np.zeros(count, dtype=np.bool_)
+    for s in range(count):
+        for r in range(3):
+            h[s, r] = 0.0
+            for k in range(6):
+                h[s, r] += loads[r, k] * wrenches[s, k]
+        least, largest = np.inf, 0.0
+        for i in range(n):
+            most[s, i] = preloads[i]
+            for k in range(6):
+                most[s, i] += limits[i, k] * wrenches[s, k]
+            least, largest = min(least, most[s, i]), max(largest, abs(most[s, i]))
+        good[s] = least > _LEAST_LIMIT * largest
+        if good[s]:
+            safe[s] = most[s]
+    _solve_all(h, safe, J.reshape(1, n, 2, 3), forces, pulls)
+    for s in range(count):
+        for i in range(n):
+            x, y = forces[s, i, 0], forces[s, i, 1]
+            usage[s] = max(usage[s], np.sqrt(x * x + y * y) / abs(most[s, i]))
     sure = _derive(h, most, J, loads, limits, pulls, usage, slopes, bends, derivatives)
-    return np.where(good & sure, usage, np.nan), slopes, bends
+    for s in range(count):
+        if not (good[s] and sure[s]):
+            usage[s] = np.nan
+    return usage
 
 
 @compiled
@@ -144,13 +170,13 @@ def _derive(h, most, J, loads, limits, pulls, usage, slopes, bends, derivatives)
 
 @compiled
 def _solve_all(loads, limits, bases, forces, pulls):
-    """Puts forces and pulls (N, n, 2) for loads (N, 3), friction limits (N, n), bases J (N, n, 2, 3)."""
+    """Puts forces and pulls (N, n, 2) for loads (N, 3), friction limits (N, n), bases J (N or 1, n, 2, 3)."""
     count, n = limits.shape
     pivots = np.empty((n, 3))
     hessian, gradient, error = np.empty((3, 3)), np.empty(3), np.empty(3)
     u, d, v = np.empty(3), np.empty(3), np.empty((n, 3))
     for s in range(count):
-        load, limit, basis = loads[s], limits[s], bases[s]
+        load, limit, basis = loads[s], limits[s], bases[s % len(bases)]
         force, drawn = forces[s], pulls[s]
         for i in range(n):
             a, b = basis[i, 0], basis[i, 1]

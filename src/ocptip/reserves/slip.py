@@ -399,7 +399,8 @@ class SlipMap:
         if np.max(np.abs(support.wrench_matrix @ forces.reshape(-1, 6) + np.eye(6))) > _RANK_TOLERANCE:
             return
         loads = np.einsum("ikr,ikw->rw", J, forces[:, 1:])
-        self._smooth = loads, sets.friction[:, None] * forces[:, 0], sets.radius, J
+        own = np.ascontiguousarray
+        self._smooth = own(loads), own(sets.friction[:, None] * forces[:, 0]), own(sets.radius), own(J)
 
     @property
     def smooth(self) -> bool:

@@ -9,14 +9,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, finite_array, naming, number_from, positive_number, whole_number
-from ocptip.basics.frozen import settle
+from ocptip.basics.frozen import read_only, settle
 from ocptip.trajectories.ramps import JointRamps, RampCommand
 from ocptip.trajectories.s_curves import JointSCurve
 
@@ -372,10 +372,17 @@ def gauss_legendre(intervals: np.ndarray, order: int) -> tuple[np.ndarray, np.nd
     Raises:
         InputError: order is not a whole number >= 1.
     """
-    x, w = np.polynomial.legendre.leggauss(whole_number("order", order, 1))
+    x, w = unit_gauss_legendre(whole_number("order", order, 1))
     left, right = intervals.T
-    half = 0.5 * (right - left)[:, None]
-    return (0.5 * (left + right)[:, None] + half * x).ravel(), (half * w).ravel()
+    length = (right - left)[:, None]
+    return (left[:, None] + length * x).ravel(), (length * w).ravel()
+
+
+@cache
+def unit_gauss_legendre(order: int) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes and weights on [0, 1], (order,) each."""
+    x, w = np.polynomial.legendre.leggauss(order)
+    return read_only((x + 1) / 2), read_only(w / 2)
 
 
 def _is_list(value: Any) -> bool:

@@ -47,9 +47,11 @@ class RampCommand:
 
     def __post_init__(self) -> None:
         """Raise InputError if phi_e is not finite, or speed or acceleration is not > 0."""
-        settle(self, phi_e=number_from("phi_e", self.phi_e))
         settle(
-            self, **{name: positive_number(name, getattr(self, name)) for name in ("speed", "acceleration")}
+            self,
+            phi_e=number_from("phi_e", self.phi_e),
+            speed=positive_number("speed", self.speed),
+            acceleration=positive_number("acceleration", self.acceleration),
         )
 
 

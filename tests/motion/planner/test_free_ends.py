@@ -88,7 +88,7 @@ def test_there_are_nodes_at_rest_in_both_postures(search):
     n = search.task.robot.n
     layout = search.formulation.layout
     for number, (program, x) in enumerate(programs(search, 5)):
-        states = program.nodes.states(x).values
+        states = program.nodes.values(x).T
         rest = states[-3:-1] if number == 2 else states[-2:]  # before the further node of the ordered one
         np.testing.assert_allclose(rest[:, n:], 0.0, atol=1e-9)
         np.testing.assert_allclose(rest[0, :n], x[layout.start], atol=1e-12)

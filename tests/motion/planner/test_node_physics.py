@@ -13,6 +13,7 @@ from ocptip.published.cases import motion_case
 from ocptip.published.tasks import experiment_robot
 from ocptip.robots.motors import DCMotors
 from ocptip.standing.arm import StandingRobot
+from tests.motion.planner.node_derivatives import all_slopes, bends
 
 
 def dc_motors(n, regeneration):
@@ -68,7 +69,7 @@ def test_values_are_those_of_the_robot(robot, count):
     s = random_states(n, count)
     q, qd, qdd = split(s)
     torque, wrench = robot.loads(q, qd, qdd)
-    y = NodePhysics(robot).values(s, np.sign(qd))
+    y = NodePhysics(robot).values(s.T, np.sign(qd).T)
     np.testing.assert_allclose(y[:, 1 : 1 + n], torque, rtol=1e-10, atol=1e-10)
     np.testing.assert_allclose(y[:, 1 + n :], wrench, rtol=1e-10, atol=1e-9)
     np.testing.assert_allclose(y[:, 0], robot.motors.power(torque, qd).sum(axis=1), rtol=1e-10)
@@ -83,8 +84,8 @@ def test_direction_decides_the_side_of_the_jump_at_rest(robot):
     for sign in (1.0, -1.0):
         direction = np.full((8, n), sign)
         expected = robot.motors.power(torque, np.zeros((8, n)), direction).sum(axis=1)
-        np.testing.assert_allclose(physics.values(s, direction)[:, 0], expected, rtol=1e-10)
-    forward, backward = (physics.values(s, np.full((8, n), sign))[:, 0] for sign in (1.0, -1.0))
+        np.testing.assert_allclose(physics.values(s.T, direction.T)[:, 0], expected, rtol=1e-10)
+    forward, backward = (physics.values(s.T, np.full((n, 8), sign))[:, 0] for sign in (1.0, -1.0))
     assert np.min(np.abs(forward - backward)) > 1e-3
 
 
@@ -96,7 +97,7 @@ def test_rounded_kink_of_burnt_power_costs_at_most_its_bound():
     s = random_states(6, 60)
     q, qd, qdd = split(s)
     exact = motors.power(robot.loads(q, qd, qdd)[0], qd).sum(axis=1)
-    more = NodePhysics(robot).values(s, np.sign(qd))[:, 0] - exact
+    more = NodePhysics(robot).values(s.T, np.sign(qd).T)[:, 0] - exact
     assert np.all(more >= -1e-9)
     assert np.max(more) > 1e-6
     assert np.max(more) <= 6 * (1 - motors.regeneration) * motors.smoothing / 2
@@ -110,7 +111,7 @@ def test_smooth_form_is_exact_except_at_slow_speeds(robot):
     q, qd, qdd = split(s)
     assert np.min(np.abs(qd)) > 2 * r
     torque, wrench = robot.loads(q, qd, qdd)
-    y = physics.values(s, np.full((40, n), r))
+    y = physics.values(s.T, np.full((n, 40), r))
     np.testing.assert_allclose(y[:, 0], robot.motors.power(torque, qd).sum(axis=1), rtol=1e-10)
     np.testing.assert_allclose(y[:, 1 + n :], wrench, rtol=1e-10, atol=1e-9)
     shares = []
@@ -120,7 +121,7 @@ def test_smooth_form_is_exact_except_at_slow_speeds(robot):
         forward, backward = (
             robot.motors.power(torque, s[:, n : 2 * n], np.full(n, e)).sum(axis=1) for e in (1.0, -1.0)
         )
-        share = (physics.values(s, np.full((40, n), r))[:, 0] - backward) / (forward - backward)
+        share = (physics.values(s.T, np.full((n, 40), r))[:, 0] - backward) / (forward - backward)
         np.testing.assert_allclose(share, share[0], atol=1e-6)
         shares.append(share[0])
     assert shares[0] == pytest.approx(0, abs=1e-9)
@@ -153,11 +154,11 @@ def differences(function, s, step):
 def test_first_derivatives(robot, smooth):
     physics = NodePhysics(robot, smooth)
     s, direction = spread(robot, smooth)
-    at = physics.jacobian(s, direction)
-    np.testing.assert_allclose(at.y, physics.values(s, direction), rtol=1e-12)
-    reference = differences(lambda z: physics.values(z, direction), s, 1e-5)
+    at = physics.jacobian(s.T, direction.T)
+    np.testing.assert_allclose(at.y, physics.values(s.T, direction.T), rtol=1e-12)
+    reference = differences(lambda z: physics.values(z.T, direction.T), s, 1e-5)
     scale = np.max(np.abs(reference), axis=(0, 2))[None, :, None]
-    assert np.max(np.abs(at.slope - reference) / np.maximum(scale, 1e-3)) < 1e-6
+    assert np.max(np.abs(all_slopes(at) - reference) / np.maximum(scale, 1e-3)) < 1e-6
 
 
 @pytest.mark.parametrize("smooth", [False, True], ids=["hard", "smooth"])
@@ -166,18 +167,39 @@ def test_second_derivatives(robot, smooth):
     s, direction = spread(robot, smooth)
     weights = np.random.default_rng(6).normal(size=(20, 7 + robot.arm.n))
     weights[:, 0] *= 5
-    hessian = physics.hessian(physics.jacobian(s, direction), weights)
+    at = physics.jacobian(s.T, direction.T)
+    hessian = physics.hessian(at, weights)
     reference = differences(
-        lambda z: np.einsum("ny,nys->ns", weights, physics.jacobian(z, direction).slope), s, 1e-5
+        lambda z: np.einsum("ny,nys->ns", weights, all_slopes(physics.jacobian(z.T, direction.T))), s, 1e-5
     )
     scale = np.max(np.abs(reference), axis=(1, 2))[:, None, None]
-    assert np.max(np.abs(hessian - reference) / scale) < 1e-6
-    np.testing.assert_allclose(hessian, hessian.transpose(0, 2, 1), atol=1e-8 * np.max(scale))
+    assert np.max(np.abs(bends(hessian) - reference) / scale) < 1e-6
+    first = np.einsum("ny,nys->ns", weights, all_slopes(at))
+    np.testing.assert_allclose(hessian.slopes.T, first, atol=1e-11 * np.max(np.abs(first)))
+
+
+@pytest.mark.parametrize("smooth", [False, True], ids=["hard", "smooth"])
+def test_second_derivatives_that_are_added(robot, smooth):
+    """Over the first states, and over quantities by way of their slopes."""
+    physics = NodePhysics(robot, smooth)
+    s, direction = spread(robot, smooth)
+    at = physics.jacobian(s.T, direction.T)
+    hessian = physics.hessian(at, np.zeros(at.y.shape))
+    rng, nodes = np.random.default_rng(1), np.array([3, 3, 7])
+    own, of_wrench = rng.normal(size=(3, 4, 4)), rng.normal(size=(3, 6, 6))
+    own, of_wrench = own + own.transpose(0, 2, 1), of_wrench + of_wrench.transpose(0, 2, 1)
+    hessian.add(nodes, own)
+    hessian.add_over_quantities(nodes, physics.columns.wrench.start, of_wrench)
+    S = all_slopes(at)[nodes, physics.columns.wrench]
+    expected = np.zeros((20, s.shape[1], s.shape[1]))
+    np.add.at(expected[:, :4, :4], nodes, own)
+    np.add.at(expected, nodes, np.einsum("rws,rwv,rvt->rst", S, of_wrench, S))
+    np.testing.assert_allclose(bends(hessian), expected, atol=1e-12 * np.max(np.abs(expected)))
 
 
 def test_weights_are_left_as_they_were(modular):
     physics = NodePhysics(modular)
     s, direction = spread(modular, False)
     weights = np.ones((20, 13))
-    physics.hessian(physics.jacobian(s, direction), weights)
+    physics.hessian(physics.jacobian(s.T, direction.T), weights)
     np.testing.assert_array_equal(weights, 1.0)

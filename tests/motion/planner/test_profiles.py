@@ -85,7 +85,7 @@ def test_sharp_states_are_those_of_the_velocity_ramps(phases, way, seed):
     layout, x, goal = with_two_optimised(*phases, passive_way=way)
     profiles = Profiles(layout, START, goal, SPEED)
     nodes, since = sharp_nodes(profiles, x, np.random.default_rng(seed).uniform(0, 1, 40))
-    values = nodes.states(x).values
+    values = nodes.values(x).T
     q, w, a = exact_states(layout, x, START, goal)(nodes.times @ x)
     np.testing.assert_allclose(values[:, :3], q, atol=1e-9)
     np.testing.assert_allclose(values[:, 3:6], w, atol=1e-8)
@@ -109,7 +109,7 @@ def test_sharp_s_curves_are_those_of_the_joints(phases, way, rise, seed):
     motion = ArmMotion.from_commands(START, commands, rises)
     inside = np.all(np.abs(since[:, 2]) > 1e-6, axis=1)  # the third joint's accelerations jump
     states = np.hstack(motion.states(nodes.times @ x))
-    found = nodes.states(x).values
+    found = nodes.values(x).T
     np.testing.assert_allclose(found[:, :6], states[:, :6], atol=1e-7)
     np.testing.assert_allclose(found[inside, 6:], states[inside, 6:], rtol=1e-5, atol=1e-5 + 1e-8 / rise)
 
@@ -159,12 +159,50 @@ def forms(seed, way, form):
     return Nodes(profiles, at_shares(layout, shares), half_width=0.1), x
 
 
+def slopes(states):
+    """All slopes (N, S, nx) of states, a unit slope over each of them at a time; two ways."""
+    size, count = states.values.shape
+    found = np.stack(
+        [states.over_all(np.arange(count), np.tile(unit, (count, 1))) for unit in np.eye(size)], axis=1
+    )
+    for k in range(size):
+        every = states.over_all_everywhere(np.repeat(np.eye(size)[:, k : k + 1], count, axis=1))
+        np.testing.assert_allclose(every.T, found[:, k], atol=1e-12 * np.max(np.abs(found)))
+    return found
+
+
+def add_second(hessian, x, states, weights):
+    """Add the second derivatives of the sum of weights (N, S) times the states."""
+    size = len(states.values)
+    none = np.zeros((size * (size + 1) // 2, len(weights)))
+    states.add_hessian(hessian, x, none, np.ascontiguousarray(weights.T), np.zeros_like(hessian))
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize(("seed", "way"), DERIVATIVE_CASES)
+def test_second_derivatives_of_functions_of_the_states(seed, way, form):
+    """Of half of s' B s at each node, and of something else that is added."""
+    nodes, x = forms(seed, way, form)
+    rng, states = np.random.default_rng(seed + 20), nodes.states(x)
+    B = rng.normal(size=(25, 9, 9))
+    B += B.transpose(0, 2, 1)
+    upper = np.array([B[:, r, c] for c in range(9) for r in range(c + 1)])
+    other = rng.normal(size=(len(x), len(x)))
+    hessian, none = np.zeros_like(other), np.zeros((9, 25))
+    states.add_hessian(hessian, x, upper, none, other)
+    S = slopes(states)
+    expected = np.einsum("nsx,nst,nty->xy", S, B, S) + other + other.T
+    np.testing.assert_allclose(hessian, expected, atol=1e-11 * np.max(np.abs(expected)))
+
+
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize(("seed", "way"), DERIVATIVE_CASES)
 def test_first_derivatives(seed, way, form):
     nodes, x = forms(seed, way, form)
-    jacobian = nodes.states(x).jacobian
-    reference = differences(lambda z: nodes.states(z).values, x)
+    states = nodes.states(x)
+    np.testing.assert_array_equal(states.values, nodes.values(x))
+    jacobian = slopes(states)
+    reference = differences(lambda z: nodes.values(z).T, x)
     assert np.max(np.abs(jacobian - reference)) < 1e-7 * np.max(np.abs(reference))
 
 
@@ -174,8 +212,8 @@ def test_second_derivatives(seed, way, form):
     nodes, x = forms(seed, way, form)
     weights = np.random.default_rng(seed + 10).normal(size=(25, 9))
     hessian = np.zeros((len(x), len(x)))
-    nodes.second(hessian, x, nodes.states(x), weights)
-    reference = differences(lambda z: np.einsum("ns,nsx->x", weights, nodes.states(z).jacobian), x, step=1e-6)
+    add_second(hessian, x, nodes.states(x), weights)
+    reference = differences(lambda z: np.einsum("ns,nsx->x", weights, slopes(nodes.states(z))), x, step=1e-6)
     assert np.max(np.abs(hessian - reference)) < 1e-6 * np.max(np.abs(reference))
     np.testing.assert_allclose(hessian, hessian.T, atol=1e-10 * np.max(np.abs(hessian)))
 
@@ -184,32 +222,21 @@ def test_second_derivatives_are_added():
     nodes, x = forms(0, 0.8, "smooth")
     weights = np.ones((25, 9))
     once, twice = np.zeros((len(x), len(x))), np.zeros((len(x), len(x)))
-    nodes.second(once, x, nodes.states(x), weights)
+    add_second(once, x, nodes.states(x), weights)
     for _ in range(2):
-        nodes.second(twice, x, nodes.states(x), weights)
+        add_second(twice, x, nodes.states(x), weights)
     np.testing.assert_allclose(twice, 2 * once)
 
 
 def smooth_steps(t, half_width):
     """The step's second and first integral, itself, two derivatives, each (N,), at times after a corner."""
     none, one = np.zeros((1, 1, 1)), np.ones((1, 1))
+    counts, used = np.zeros(1, int), np.ones(1, int)
     steps = joint_states(
-        t,
-        np.ones((len(t), 1)),
-        np.zeros((0, 0)),
-        none,
-        none,
-        half_width,
-        np.zeros(1),
-        np.zeros(1),
-        one,
-        0 * one,
-        none,
-        none,
-        np.zeros((1, 1), int),
-        np.zeros(1, int),
-    )[2]
-    return steps[:, 0, 0].T
+        *(t, np.zeros((0, 0)), none, none, half_width, np.zeros(1), np.zeros(1)),
+        *(one, 0 * one, none, none, counts, used, 3, 0),
+    )[3]
+    return steps[0, 0]
 
 
 @pytest.mark.parametrize("half_width", [0.004, 0.3])
@@ -238,7 +265,7 @@ def smooth_and_sharp(seed, half_width, way=0.8):
     smooth = Nodes(profiles, nodes.times, half_width=half_width, regime=nodes.regime)
     used = np.abs(profiles(x).steps) > 0
     away = np.min(np.where(used[None], np.abs(since), np.inf), axis=2)
-    return smooth.states(x).values, nodes.states(x).values, away, goal
+    return smooth.values(x).T, nodes.values(x).T, away, goal
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -273,8 +300,8 @@ def test_smooth_s_curves_are_means_of_the_smooth_motion(half_width, rise):
     for share, weight in zip(0.5 * (abscissae + 1), 0.5 * weights, strict=True):
         times = at_shares(layout, shares)
         times[:, layout.one] = -share * rise
-        means = means + weight * Nodes(profiles, times, half_width=half_width).states(x).values
-    np.testing.assert_allclose(curves.states(x).values, means, atol=2e-4)
+        means = means + weight * Nodes(profiles, times, half_width=half_width).values(x)
+    np.testing.assert_allclose(curves.values(x), means, atol=2e-4)
 
 
 @pytest.mark.parametrize("way", [0.8, -2.5])
@@ -337,6 +364,6 @@ def test_a_joint_with_nowhere_to_go_rests():
     layout, x, goal = seeded(1, passive_way=0.0)
     profiles = Profiles(layout, START, goal, SPEED)
     assert profiles.passive_joints == []
-    values = sharp_nodes(profiles, x, np.linspace(0, 1, 20))[0].states(x).values
+    values = sharp_nodes(profiles, x, np.linspace(0, 1, 20))[0].values(x).T
     np.testing.assert_array_equal(values[:, 1], START[1])
     np.testing.assert_array_equal(values[:, [4, 7]], 0)

@@ -102,7 +102,7 @@ def test_the_exact_program_is_the_motion_at_its_nodes(seed, kind, merge):
     assert len(np.unique(structure.rows(x)[1][-count:], axis=0)) == count
     times = program.nodes.times @ x
     states = np.hstack(motion.states(times))
-    found = program.nodes.states(x).values
+    found = program.nodes.values(x).T
     away = np.min(np.abs(times[:, None] - motion.event_times), axis=1) > 1e-6
     np.testing.assert_allclose(found[:, :12], states[:, :12], atol=1e-6)
     np.testing.assert_allclose(found[away, 12:], states[away, 12:], atol=1e-4)

@@ -25,7 +25,12 @@ from ocptip.standing.limit_kinds.kinds import limits_of
 from ocptip.standing.limit_kinds.limit import DEVIATING, JUMP, ORDINARY
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.trajectories.arm_motion import ArmMotion, earliest_end, passive_command
+from ocptip.trajectories.arm_motion import (
+    ArmMotion,
+    earliest_end,
+    passive_command,
+    unit_gauss_legendre,
+)
 from ocptip.trajectories.ramps import RampCommand, phases_to_commands, without_idle_ramps
 
 SPACING, SMOOTH_NODES = 0.05, (24, 48)  # s, and least and greatest number, of evenly spread nodes
@@ -230,8 +235,7 @@ class Formulation:
                 pieces.append((right, zones[i + 1][0], 3 if length > SHORT[0] else 2))
         times, weights = [], []
         for left, right, order_ in pieces:
-            abscissae, gauss = np.polynomial.legendre.leggauss(min(order_, 8))
-            for a, g in zip((abscissae + 1) / 2, gauss / 2, strict=True):
+            for a, g in zip(*unit_gauss_legendre(min(order_, 8)), strict=True):
                 times.append(left + a * (right - left))
                 weights.append(g * (right - left))
         return self._smooth_program(limits, smoothing, width, np.array(times), np.array(weights))
@@ -269,8 +273,7 @@ class Formulation:
         where = []
         for i, length in enumerate(np.diff(events @ x)):
             nodes = ORDER - sum(length < short for short in SHORT)
-            abscissae, gauss = np.polynomial.legendre.leggauss(nodes)
-            where += [(i, s, g) for s, g in zip((abscissae + 1) / 2, gauss / 2, strict=True)]
+            where += [(i, s, g) for s, g in zip(*unit_gauss_legendre(nodes), strict=True)]
         jumps = len(where), len(where) + len(events) * (limits.overshoot > 0 and not order.rises)
         last = len(events) - 2
         where += [(min(i, last), float(i > last), 0.0) for i in range(jumps[1] - jumps[0])]

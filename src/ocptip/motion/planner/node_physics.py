@@ -7,8 +7,9 @@ from functools import cached_property
 import casadi as cs
 import numpy as np
 
+from ocptip.motion.planner.profile_kernels import place
 from ocptip.numerics.batch import BatchFunction
-from ocptip.numerics.compiled import compiled
+from ocptip.numerics.compiled import compiled, compiled_in_any_order
 from ocptip.standing.instants import NodeColumns
 from ocptip.standing.mechanism import StandingMechanism
 
@@ -81,117 +82,212 @@ class NodePhysics:
     def _hessian(self) -> BatchFunction:
         weights = cs.SX.sym("weights", self._z.numel())
         hessian, _ = cs.hessian(cs.dot(weights, self._z), self._s)
-        return self._batch("hessian", [self._s, weights], [hessian])
+        upper = [hessian[r, c] for c in range(self._size) for r in range(c + 1)]
+        return self._batch("hessian", [self._s, weights], [cs.vertcat(*upper)])
 
     def values(self, s: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        """y (N, 7 + n + k) at s (N, 3 n) and directions or rounding speeds (N, n)."""
-        z = self._values.in_columns(s.T)
+        """y (N, 7 + n + k) at s (3 n, N) and directions or rounding speeds (n, N)."""
+        z = self._values.in_columns(s)
         return np.ascontiguousarray(np.vstack([self._powers(s, z, direction)[:1], z]).T)
 
     def jacobian(self, s: np.ndarray, direction: np.ndarray) -> NodeJacobian:
         """y and its first derivatives, and what the second ones need."""
-        found = self._jacobian.in_columns(s.T)
+        found = self._jacobian.in_columns(s)
         count = self._z.numel()
         power = self._powers(s, found[:count], direction)
-        y, slope = np.empty((len(s), 1 + count)), np.empty((len(s), 1 + count, self._size))
-        _join(found, power, self.n, self._speeds, y, slope)
-        return NodeJacobian(s, y, slope, power[1:])
+        y, slope = _join(found, power, self.n, self._size, self._speeds)
+        return NodeJacobian(s, y, found[count:], slope, power[1:])
 
     def _powers(self, s: np.ndarray, z: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """Power and its derivatives over the motors' torques and speeds, (1 + 5 n, N)."""
         n = self.n
-        speeds = s[:, n : 2 * n].T if self._speeds < 0 else z[self._speeds :]
-        return self._power.in_columns(np.vstack([z[:n], speeds, direction.T]))
+        speeds = s[n : 2 * n] if self._speeds < 0 else z[self._speeds :]
+        return self._power.in_columns(np.concatenate([z[:n], speeds, direction]))
 
-    def hessian(self, at: NodeJacobian, weights: np.ndarray) -> np.ndarray:
-        """Second derivative (N, 3 n, 3 n) of the sum of weights (N, 7 + n + k) times y."""
-        inputs = np.empty((self._size + self._z.numel(), len(at.s)))
-        _weigh(at.s, weights, at.of_power, self.n, self._speeds, inputs)
-        result = np.empty((len(at.s), self._size, self._size))
-        _bend(self._hessian.in_columns(inputs), at.slope, at.of_power, weights, self.n, self._speeds, result)
-        return result
+    def hessian(self, at: NodeJacobian, weights: np.ndarray) -> NodeHessian:
+        """Derivatives of the sum of weights (N, 7 + n + k) times y."""
+        inputs = _weigh(at.s, weights, at.of_power, self.n, self._speeds)
+        upper, slopes = self._hessian.in_columns(inputs), np.empty(at.s.shape)
+        _bend(upper, slopes, at.slopes, at.of_power, inputs, weights[:, 0].copy(), self.n, self._speeds)
+        return NodeHessian(at, upper, slopes)
 
 
 class NodeJacobian:
-    """Values y and slopes (N, 7 + n + k, 3 n) at s (N, 3 n), with the power's own derivatives (5 n, N).
+    """Values y (N, 1 + m) and slopes at s (S, N).
 
-    Those are over torques and speeds, then twice over torques, over both, and twice over speeds.
+    Attributes:
+        slopes: (S m, N) of y but for power, state after state.
+        power: (S, N), slopes of the power.
+        of_power: (5 n, N), derivatives of the power over torques and speeds, then twice over torques, over
+            both, and twice over speeds.
     """
 
-    def __init__(self, s: np.ndarray, y: np.ndarray, slope: np.ndarray, of_power: np.ndarray) -> None:
-        self.s, self.y, self.slope, self.of_power = s, y, slope, of_power
+    def __init__(
+        self, s: np.ndarray, y: np.ndarray, slopes: np.ndarray, power: np.ndarray, of_power: np.ndarray
+    ) -> None:
+        self.s, self.y, self.slopes, self.power, self.of_power = s, y, slopes, power, of_power
 
-    def at(self, nodes: np.ndarray) -> NodeJacobian:
-        """The same of some nodes only."""
-        return NodeJacobian(self.s[nodes], self.y[nodes], self.slope[nodes], self.of_power[:, nodes])
+    def over_states(self, nodes: np.ndarray, first: int | np.ndarray, on: np.ndarray) -> np.ndarray:
+        """Slopes (R, S) over the states of functions at nodes (R,) with slopes on (R, k) over columns of y.
+
+        Args:
+            first: of the columns, not that of the power; one number or (R,).
+        """
+        first = np.zeros(len(nodes), dtype=np.int64) + (first - 1)
+        return _over_states(nodes, first, np.ascontiguousarray(on), self.slopes, self.y.shape[1] - 1)
 
 
-@compiled
-def _join(found, power, n, speeds, y, slope):
-    """Put z, its slopes and the power's into y (N, 1 + m) and slope (N, 1 + m, 3 n or more)."""
-    N, rows, columns = slope.shape
-    m = rows - 1
+class NodeHessian:
+    """Second derivatives over the states of a sum of functions of each node, that others can be added to.
+
+    Attributes:
+        upper: (S (S + 1) / 2, N) upper halves of the second derivatives, column below column.
+        slopes: (S, N) the first ones.
+    """
+
+    def __init__(self, at: NodeJacobian, upper: np.ndarray, slopes: np.ndarray) -> None:
+        self._at, self.upper, self.slopes = at, upper, slopes
+
+    def add(self, nodes: np.ndarray, bends: np.ndarray) -> None:
+        """Add second derivatives (R, k, k) at nodes (R,) over the first k states."""
+        _add_bends(self.upper, nodes, np.ascontiguousarray(bends))
+
+    def add_over_quantities(self, nodes: np.ndarray, first: int, bends: np.ndarray) -> None:
+        """Add second derivatives (R, k, k) at nodes (R,) over k columns of y from the first on."""
+        at, bends = self._at, np.ascontiguousarray(bends)
+        _add_bends_over_quantities(self.upper, nodes, first - 1, bends, at.slopes, at.y.shape[1] - 1)
+
+
+@compiled_in_any_order
+def _join(found, power, n, size, speeds):
+    """y (N, 1 + m), and the slopes (S, N) of the power, of z with its slopes (m + S m, N)."""
+    N = found.shape[1]
+    m = len(found) // (1 + size)
+    y, slope = np.empty((N, 1 + m)), np.zeros((size, N))
     for i in range(N):
         y[i, 0] = power[0, i]
         for k in range(m):
             y[i, 1 + k] = found[k, i]
-        for c in range(columns):
-            first, total = m + c * m, 0.0
-            for k in range(m):
-                slope[i, 1 + k, c] = found[first + k, i]
+    for c in range(size):
+        for j in range(n):
+            row = m + c * m + j
+            for i in range(N):
+                slope[c, i] += power[1 + j, i] * found[row, i]
+        if speeds >= 0:
             for j in range(n):
-                total += power[1 + j, i] * slope[i, 1 + j, c]
+                row = m + c * m + speeds + j
+                for i in range(N):
+                    slope[c, i] += power[1 + n + j, i] * found[row, i]
+        elif n <= c < 2 * n:
+            for i in range(N):
+                slope[c, i] += power[1 + c, i]
+    return y, slope
+
+
+@compiled
+def _over_states(nodes, first, on, slopes, m):
+    """See `NodeJacobian.over_states`; first is counted without the power."""
+    count, k = on.shape
+    size = len(slopes) // m
+    found = np.zeros((count, size))
+    for r in range(count):
+        i = nodes[r]
+        for c in range(size):
+            row = c * m + first[r]
+            for j in range(k):
+                found[r, c] += on[r, j] * slopes[row + j, i]
+    return found
+
+
+@compiled
+def _add_bends(upper, nodes, bends):
+    for r in range(len(nodes)):
+        i = nodes[r]
+        for c in range(bends.shape[1]):
+            for k in range(c + 1):
+                upper[place(k, c), i] += bends[r, k, c]
+
+
+@compiled
+def _add_bends_over_quantities(upper, nodes, first, bends, slopes, m):
+    size, k = len(slopes) // m, bends.shape[1]
+    bent = np.empty(k)
+    for r in range(len(nodes)):
+        i = nodes[r]
+        for c in range(size):
+            column = c * m + first
+            for a in range(k):
+                bent[a] = 0.0
+                for b in range(k):
+                    bent[a] += bends[r, a, b] * slopes[column + b, i]
+            for other in range(c + 1):
+                row = other * m + first
+                for a in range(k):
+                    upper[place(other, c), i] += slopes[row + a, i] * bent[a]
+
+
+@compiled
+def _weigh(s, weights, of_power, n, speeds):
+    """States, and the weights of z with the power's part: (S + m, N)."""
+    size, N = s.shape
+    m = weights.shape[1] - 1
+    inputs = np.empty((size + m, N))
+    inputs[:size] = s
+    for k in range(m):
+        for i in range(N):
+            inputs[size + k, i] = weights[i, 1 + k]
+    for j in range(n):
+        for i in range(N):
+            inputs[size + j, i] += weights[i, 0] * of_power[j, i]
+        if speeds >= 0:
+            for i in range(N):
+                inputs[size + speeds + j, i] += weights[i, 0] * of_power[n + j, i]
+    return inputs
+
+
+@compiled_in_any_order
+def _bend(upper, on_s, slopes, of_power, inputs, on_power, n, speeds):
+    """Add what the power's own second derivatives make to upper; put the sum's slopes into on_s (S, N)."""
+    size, N = on_s.shape
+    m = len(inputs) - size
+    on_s[:] = 0.0
+    for c in range(size):
+        for k in range(m):
+            for i in range(N):
+                on_s[c, i] += inputs[size + k, i] * slopes[c * m + k, i]
+    if speeds < 0:
+        for j in range(n):
+            for i in range(N):
+                on_s[n + j, i] += on_power[i] * of_power[n + j, i]
+    bent, speed = np.empty((n, N)), np.empty((n, N))
+    for c in range(size):
+        for j in range(n):
+            torque = slopes[c * m + j]
+            for i in range(N):
+                bent[j, i] = on_power[i] * of_power[2 * n + j, i] * torque[i]
+            if speeds < 0:
+                row, twice = place(c, n + j), 2.0 if c == n + j else 1.0
+                for i in range(N):
+                    upper[row, i] += twice * on_power[i] * of_power[3 * n + j, i] * torque[i]
+                if c == n + j:
+                    for i in range(N):
+                        upper[row, i] += on_power[i] * of_power[4 * n + j, i]
+            else:
+                of = slopes[c * m + speeds + j]
+                for i in range(N):
+                    bent[j, i] += on_power[i] * of_power[3 * n + j, i] * of[i]
+                for i in range(N):
+                    speed[j, i] = on_power[i] * of_power[3 * n + j, i] * torque[i]
+                for i in range(N):
+                    speed[j, i] += on_power[i] * of_power[4 * n + j, i] * of[i]
+        for r in range(c + 1):
+            row = c * (c + 1) // 2 + r
+            for j in range(n):
+                other = r * m + j
+                for i in range(N):
+                    upper[row, i] += bent[j, i] * slopes[other, i]
             if speeds >= 0:
                 for j in range(n):
-                    total += power[1 + n + j, i] * slope[i, 1 + speeds + j, c]
-            elif n <= c < 2 * n:
-                total += power[1 + c, i]
-            slope[i, 0, c] = total
-
-
-@compiled
-def _weigh(s, weights, of_power, n, speeds, inputs):
-    """Put states, and the weights of z with the power's part, into inputs (3 n + m, N)."""
-    N, columns = s.shape
-    m = weights.shape[1] - 1
-    for i in range(N):
-        for c in range(columns):
-            inputs[c, i] = s[i, c]
-        for k in range(m):
-            inputs[columns + k, i] = weights[i, 1 + k]
-        for j in range(n):
-            inputs[columns + j, i] += weights[i, 0] * of_power[j, i]
-            if speeds >= 0:
-                inputs[columns + speeds + j, i] += weights[i, 0] * of_power[n + j, i]
-
-
-@compiled
-def _bend(inner, slope, of_power, weights, n, speeds, result):
-    """Put inner second derivatives (9 n^2, N), and what the power's own add, into result (N, 3 n, 3 n)."""
-    N, size, _ = result.shape
-    for i in range(N):
-        H, on = result[i], weights[i, 0]
-        for c in range(size):
-            for r in range(size):
-                H[r, c] = inner[c * size + r, i]
-        if on == 0.0:
-            continue
-        for j in range(n):
-            torque = slope[i, 1 + j]
-            twice, mixed = on * of_power[2 * n + j, i], on * of_power[3 * n + j, i]
-            bent = on * of_power[4 * n + j, i]
-            for r in range(size):
-                across = twice * torque[r]
-                for c in range(size):
-                    H[r, c] += across * torque[c]
-            if speeds < 0:
-                for r in range(size):
-                    H[n + j, r] += mixed * torque[r]
-                    H[r, n + j] += mixed * torque[r]
-                H[n + j, n + j] += bent
-            else:
-                speed = slope[i, 1 + speeds + j]
-                for r in range(size):
-                    for c in range(size):
-                        H[r, c] += mixed * (torque[r] * speed[c] + speed[r] * torque[c])
-                        H[r, c] += bent * speed[r] * speed[c]
+                    other = r * m + speeds + j
+                    for i in range(N):
+                        upper[row, i] += speed[j, i] * slopes[other, i]

@@ -1,6 +1,14 @@
-"""The loops of `profiles`: joint states at nodes and their derivatives.
+"""The loops of `profiles`: joint states at nodes, their derivatives, and what these make of others.
 
 A joint's corners depend on its own few variables only, so that the loops go over these and not over all of x.
+Innermost are always the nodes, side by side in memory: that is what the processor's vector units want, and
+why each line has few arrays.
+
+States come in groups of three (angle, speed and acceleration of a joint; force or moment of a process) that
+depend on variables of their own, and through the time of the node on all others:
+
+    d state / dx = slope over the group's own variables + rate of the state * d time / dx
+
 Steps at a corner are exact (0 or 1, given) or spread smoothly over [-half_width, half_width], twice
 continuously differentiable. Behind a smooth step its first integral is exactly the time since the corner, so
 that a motion of steps that add to zero ends exactly where the sharp one does. In S-curves a step is the mean
@@ -9,16 +17,7 @@ of these over the last rise time: with exact steps its ends are two events.
 
 import numpy as np
 
-from ocptip.numerics.compiled import compiled, compiled_inline
-
-
-@compiled_inline
-def _risen_step(t, begun, done, r):
-    """As `_smooth_step` of a step that rises within r; 0 or 1 say whether its begin and end have passed."""
-    s = t - r
-    phi0 = (begun * t - done * s) / r
-    phi1 = (begun * t * t - done * s * s) / (2 * r)
-    return (begun * t * t * t - done * s * s * s) / (6 * r), phi1, phi0, (begun - done) / r, 0.0
+from ocptip.numerics.compiled import compiled, compiled_in_any_order, compiled_inline
 
 
 @compiled_inline
@@ -30,16 +29,69 @@ def _third_integral(t, e):
     return 8 * e * e * e * u6 * (1 / 12 - u / 14 + u * u / 56) + v * (4 * e * e / 7 + v * (e / 2 + v / 6))
 
 
-@compiled_inline
-def _smooth_step(t, e):
-    """Second and first integral of the step at time t, the step itself, its derivative and the next."""
-    u = min(max((t + e) / (2 * e), 0.0), 1.0)
-    v = 1 - u
-    over = max(t - e, 0.0)
-    phi0 = u * u * u * (10 - 15 * u + 6 * u * u)
-    phi1 = 2 * e * u * u * u * u * (2.5 - 3 * u + u * u) + over
-    phi2 = 4 * e * e * u * u * u * u * u * (0.5 - 0.5 * u + u * u / 7) + over * (0.5 * over + e)
-    return phi2, phi1, phi0, 30 * u * u * v * v / (2 * e), 60 * u * v * (v - u) / (4 * e * e)
+@compiled_in_any_order
+def _smooth_steps(t, e, u, of):
+    """Put second and first integral of the step at times t (N,), itself and two derivatives into of (5, N).
+
+    u (N,) is overwritten.
+    """
+    N = len(t)
+    for i in range(N):
+        u[i] = min(max((t[i] + e) / (2 * e), 0.0), 1.0)
+    for i in range(N):
+        over = max(t[i] - e, 0.0)
+        u4 = u[i] * u[i] * u[i] * u[i]
+        of[0, i] = 4 * e * e * u4 * u[i] * (0.5 - 0.5 * u[i] + u[i] * u[i] / 7) + over * (0.5 * over + e)
+    for i in range(N):
+        u4 = u[i] * u[i] * u[i] * u[i]
+        of[1, i] = 2 * e * u4 * (2.5 - 3 * u[i] + u[i] * u[i]) + max(t[i] - e, 0.0)
+    for i in range(N):
+        of[2, i] = u[i] * u[i] * u[i] * (10 - 15 * u[i] + 6 * u[i] * u[i])
+    for i in range(N):
+        v = 1 - u[i]
+        of[3, i] = 30 * u[i] * u[i] * v * v / (2 * e)
+    for i in range(N):
+        v = 1 - u[i]
+        of[4, i] = 60 * u[i] * v * (v - u[i]) / (4 * e * e)
+
+
+@compiled
+def _smooth_rises(t, e, r, u, before, of):
+    """The same of steps that rise within r; u (N,) and before (5, N) are overwritten."""
+    N = len(t)
+    _smooth_steps(t - r, e, u, before)
+    _smooth_steps(t, e, u, of)
+    for i in range(N):
+        third = _third_integral(t[i], e) - _third_integral(t[i] - r, e)
+        of[4, i] = (of[3, i] - before[3, i]) / r
+        of[3, i] = (of[2, i] - before[2, i]) / r
+        of[2, i] = (of[1, i] - before[1, i]) / r
+        of[1, i] = (of[0, i] - before[0, i]) / r
+        of[0, i] = third / r
+
+
+@compiled
+def _exact_rises(t, begun, done, r, of):
+    """The same of exact steps; 0 or 1 (N,) say whether begin and end of the rise have passed."""
+    for i in range(len(t)):
+        now, s = t[i], t[i] - r
+        of[0, i] = (begun[i] * now * now * now - done[i] * s * s * s) / (6 * r)
+        of[1, i] = (begun[i] * now * now - done[i] * s * s) / (2 * r)
+        of[2, i] = (begun[i] * now - done[i] * s) / r
+        of[3, i] = (begun[i] - done[i]) / r
+        of[4, i] = 0.0
+
+
+@compiled_in_any_order
+def _exact_steps(t, mask, of):
+    """The same of steps without rise, by their mask (N,)."""
+    N = len(t)
+    of[2] = mask
+    for i in range(N):
+        of[1, i] = t[i] * mask[i]
+    for i in range(N):
+        of[0, i] = 0.5 * t[i] * t[i] * mask[i]
+    of[3:] = 0.0
 
 
 @compiled
@@ -75,8 +127,51 @@ def put_corners(x, joints, K, ramps, steps, times, d_steps):
 
 
 @compiled
-def add_corners_curvature(hessian, x, joints, K, ramps, on_steps):
-    """Add second derivatives of the steps of optimised joints, with weights on_steps (n, C), to (nx, nx)."""
+def put_passive_corners(
+    end, joints, ways, cruises, rounding, trapezoid, steps, times, d_steps, d_times, second
+):
+    """The same of passive joints, whose one variable is the end time, with two derivatives.
+
+    Args:
+        end: s.
+        joints, ways, cruises: of each that moves; rad, and s at the speed at which it cruises.
+        rounding: s, of the transition between both forms of ramps; 0: which it is says trapezoid.
+        trapezoid: of each.
+        steps, times, d_steps, d_times: of `Corners`, zero as they come.
+        second: (n, 2) of acceleration and of t'.
+    """
+    for k in range(len(joints)):
+        joint, way = joints[k], ways[k]
+        if rounding == 0.0:  # (5.16), (5.17)
+            p, p1, p2 = (end - cruises[k], 1.0, 0.0) if trapezoid[k] else (end / 2, 0.5, 0.0)
+        else:
+            u, v = end / 2, end - cruises[k]
+            root = np.sqrt((u - v) * (u - v) + rounding * rounding)
+            slope = -0.5 * (u - v) / root
+            p, p1 = (u + v - root) / 2, (1.5 - slope) / 2
+            p2 = -0.125 * rounding * rounding / (root * root * root)
+        g, g1 = p * (end - p), p1 * (end - p) + p * (1 - p1)
+        g2 = p2 * (end - p) + 2 * p1 * (1 - p1) - p * p2
+        a, a1 = way / g, -way * g1 / (g * g)
+        second[joint, 0], second[joint, 1] = way * (2 * g1 * g1 / (g * g * g) - g2 / (g * g)), p2
+        for corner, sign in ((0, 1.0), (1, -1.0), (2, -1.0), (3, 1.0)):
+            steps[joint, corner], d_steps[joint, corner, 0] = a * sign, a1 * sign
+        times[joint, 1], times[joint, 2], times[joint, 3] = p, end - p, end
+        d_times[joint, 1, 0], d_times[joint, 2, 0], d_times[joint, 3, 0] = p1, 1 - p1, 1.0
+
+
+@compiled
+def add_corners_curvature(hessian, x, joints, K, ramps, passive, end, second, on_steps, on_times):
+    """Add second derivatives of corners' steps and times, with weights (n, C) each, to hessian (nx, nx).
+
+    Args:
+        joints, K, ramps: of `put_corners`.
+        passive, second: joints and results of `put_passive_corners`.
+        end: the variable that is the end time.
+    """
+    for joint in passive:
+        a, t = on_steps[joint], on_times[joint]
+        hessian[end, end] += second[joint, 0] * (a[0] - a[1] - a[2] + a[3]) + second[joint, 1] * (t[1] - t[2])
     P = 3 * K + 1
     for j in range(len(joints)):
         first, joint = j * P, joints[j]
@@ -92,124 +187,233 @@ def add_corners_curvature(hessian, x, joints, K, ramps, on_steps):
             hessian[at, at] += 2 * ramps[j, k] * cross
 
 
+@compiled_in_any_order
+def _add(target, one, first, other, second):
+    """Add one * first + other * second to the target, (N,) but first and second."""
+    for i in range(len(target)):
+        target[i] += one[i] * first + other[i] * second
+
+
+@compiled_in_any_order
+def _add_one(target, one, first):
+    """Add one * first to the target, (N,) but first."""
+    for i in range(len(target)):
+        target[i] += one[i] * first
+
+
 @compiled
 def joint_states(
-    t, T, behind, masks, ends, half_width, rise, start, alpha, tau, d_alpha, d_tau, columns, counts
+    t, behind, masks, ends, half_width, rise, start, alpha, tau, d_alpha, d_tau, counts, used, size, own_size
 ):
     """States of n joints at N nodes.
 
     Args:
-        t, T: node times (N,), s, and their derivatives (N, nx).
-        behind: (N, n), s, by how much joints are late at nodes; or (0, 0): none is.
-        masks: (N, n, C), or anything where half_width is not 0.
+        t: node times (N,), s.
+        behind: (n, N), s, by how much joints are late at nodes; or (0, 0): none is.
+        masks: (n, C, N), or anything where half_width is not 0.
         ends: the same for the ends of rises; anything where there are none.
         half_width: of the smooth steps, s; 0 for exact ones.
         rise: (n,), s, 0 for ramps.
         start: (n,), rad.
         alpha, tau: (n, C) steps and times of the corners.
-        d_alpha, d_tau: (n, C, P) their derivatives with respect to x[columns].
-        columns, counts: (n, P) and (n,): the first `counts` of `columns` are the joint's own variables.
+        d_alpha, d_tau: (n, C, P) their derivatives over the joint's own variables.
+        counts, used: (n,), how many of the own variables and of the corners a joint has.
+        size: S, number of states, 3 n or more; what is more is zero.
+        own_size: number of a group's own variables at most; 0: without derivatives.
 
     Returns:
-        Angles, speeds, accelerations (N, 3 n), their derivatives (N, 3 n, nx), the steps (N, n, C, 5).
+        Angles, speeds, accelerations (S, N), their rates (S, N), their slopes over the own variables (S / 3,
+        own_size, 3, N), the steps (n, C, 5, N; of corners that are used).
     """
-    N, nx = T.shape
+    N = len(t)
     n, C = alpha.shape
-    values, jacobian = np.zeros((N, 3 * n)), np.zeros((N, 3 * n, nx))
-    steps = np.zeros((N, n, C, 5))
-    for i in range(N):
-        for j in range(n):
-            q = start[j]
-            w = a = 0.0
-            rate = jerk = 0.0  # derivatives of speed and acceleration with respect to t
-            J2, J1, J0 = jacobian[i, j], jacobian[i, n + j], jacobian[i, 2 * n + j]
-            own_time = t[i] - behind[i, j] if len(behind) else t[i]
-            for c in range(C):
-                since = own_time - tau[j, c]
-                if half_width > 0:
-                    phi2, phi1, phi0, slope, bend = _smooth_step(since, half_width)
-                    if rise[j] > 0:
-                        r = rise[j]
-                        b2, b1, b0, bs, _ = _smooth_step(since - r, half_width)
-                        third = _third_integral(since, half_width) - _third_integral(since - r, half_width)
-                        bend = (slope - bs) / r
-                        slope = (phi0 - b0) / r
-                        phi0 = (phi1 - b1) / r
-                        phi1 = (phi2 - b2) / r
-                        phi2 = third / r
-                elif rise[j] > 0:
-                    phi2, phi1, phi0, slope, bend = _risen_step(since, masks[i, j, c], ends[i, j, c], rise[j])
-                else:
-                    phi0 = masks[i, j, c]
-                    phi1 = since * phi0
-                    phi2 = 0.5 * since * phi1
-                    slope = bend = 0.0
-                if phi0 == 0.0 and phi2 == 0.0 and slope == 0.0:
-                    continue  # the corner is still to come
-                of = steps[i, j, c]
-                of[0], of[1], of[2], of[3], of[4] = phi2, phi1, phi0, slope, bend
-                s = alpha[j, c]
-                q += phi2 * s
-                w += phi1 * s
-                a += phi0 * s
-                rate += phi0 * s
-                jerk += slope * s
-                for p in range(counts[j]):
-                    k = columns[j, p]
-                    own, late = d_alpha[j, c, p], s * d_tau[j, c, p]
-                    J2[k] += phi2 * own - phi1 * late
-                    J1[k] += phi1 * own - phi0 * late
-                    J0[k] += phi0 * own - slope * late
-            values[i, j], values[i, n + j], values[i, 2 * n + j] = q, w, a
-            for k in range(nx):
-                J2[k] += w * T[i, k]
-                J1[k] += rate * T[i, k]
-                J0[k] += jerk * T[i, k]
-    return values, jacobian, steps
+    values, rates = np.zeros((size, N)), np.zeros((size, N))
+    own = np.zeros((size // 3, own_size, 3, N))
+    steps, since = np.empty((n, C, 5, N)), np.empty(N)
+    u, before = np.empty(N), np.empty((5, N))
+    for j in range(n):
+        q, w, a, jerk = values[j], values[n + j], values[2 * n + j], rates[2 * n + j]
+        q[:] = start[j]
+        for c in range(used[j]):
+            of, s = steps[j, c], alpha[j, c]
+            for i in range(N):
+                since[i] = t[i] - tau[j, c]
+            if len(behind):
+                _add_one(since, behind[j], -1.0)
+            if half_width > 0 and rise[j] > 0:
+                _smooth_rises(since, half_width, rise[j], u, before, of)
+            elif half_width > 0:
+                _smooth_steps(since, half_width, u, of)
+            elif rise[j] > 0:
+                _exact_rises(since, masks[j, c], ends[j, c], rise[j], of)
+            else:
+                _exact_steps(since, masks[j, c], of)
+            _add_one(q, of[0], s)
+            _add_one(w, of[1], s)
+            _add_one(a, of[2], s)
+            _add_one(jerk, of[3], s)
+            for p in range(min(counts[j], own_size)):
+                grows, late = d_alpha[j, c, p], -s * d_tau[j, c, p]
+                if grows != 0.0 or late != 0.0:
+                    for k in range(3):
+                        _add(own[j, p, k], of[k], grows, of[k + 1], late)
+        rates[j], rates[n + j] = w, a
+    return values, rates, own, steps
+
+
+@compiled_in_any_order
+def over_all_variables(nodes, slopes, own, rates, rows, columns, counts, T):
+    """Slopes (R, nx) over x of functions of the states at nodes (R,) with slopes (R, S) over these.
+
+    Args:
+        nodes, slopes: of the functions.
+        own, rates: of `joint_states`.
+        rows: (G, 3), the states of each group.
+        columns, counts: (G, own variables at most) and (G,), the own variables of each.
+        T: (N, nx), d time / dx.
+    """
+    found = np.empty((len(nodes), T.shape[1]))
+    for r in range(len(nodes)):
+        i, rate, row, on = nodes[r], 0.0, found[r], slopes[r]
+        for k in range(len(on)):
+            rate += on[k] * rates[k, i]
+        for x in range(len(row)):
+            row[x] = rate * T[i, x]
+        for g in range(len(rows)):
+            a, b, c = on[rows[g, 0]], on[rows[g, 1]], on[rows[g, 2]]
+            for p in range(counts[g]):
+                of = own[g, p]
+                row[columns[g, p]] += a * of[0, i] + b * of[1, i] + c * of[2, i]
+    return found
+
+
+@compiled_in_any_order
+def _total(of):
+    total = 0.0
+    for i in range(len(of)):
+        total += of[i]
+    return total
+
+
+@compiled_in_any_order
+def _put_three(target, first, a, second, b, third, c):
+    """Put first * a + second * b + third * c into the target, all (N,)."""
+    for i in range(len(target)):
+        target[i] = first[i] * a[i] + second[i] * b[i] + third[i] * c[i]
+
+
+@compiled_in_any_order
+def _sum_of_three(first, a, second, b, third, c):
+    """Sum of first * a + second * b + third * c, all (N,)."""
+    total = 0.0
+    for i in range(len(first)):
+        total += first[i] * a[i] + second[i] * b[i] + third[i] * c[i]
+    return total
+
+
+@compiled_inline
+def place(r, c):
+    """Where the entry r, c of a symmetric matrix stands in its upper half, column below column."""
+    return c * (c + 1) // 2 + r if r <= c else r * (r + 1) // 2 + c
+
+
+@compiled_in_any_order
+def slopes_at_all_nodes(on, own, rates, rows, columns, counts, T):
+    """As `over_all_variables`, one function at each node: slopes (nx, N) for slopes on (S, N)."""
+    found, along = np.zeros((T.shape[1], T.shape[0])), np.zeros(T.shape[0])
+    for k in range(len(on)):
+        for i in range(len(along)):
+            along[i] += on[k, i] * rates[k, i]
+    for x in range(len(found)):
+        for i in range(len(along)):
+            found[x, i] = along[i] * T[i, x]
+    for g in range(len(rows)):
+        for p in range(counts[g]):
+            target, of = found[columns[g, p]], own[g, p]
+            for k in range(3):
+                for i in range(len(along)):
+                    target[i] += on[rows[g, k], i] * of[k, i]
+    return found
 
 
 @compiled
-def add_second_derivatives(hessian, weights, steps, nx, alpha, d_alpha, d_tau, columns, counts):
+def add_curvature(hessian, H, own, rates, rows, columns, counts, on_t, mixed):
+    """Add the sum over nodes of S' H S, S = d states / dx, as far as it is over own variables.
+
+    Args:
+        hessian: (nx, nx), added to.
+        H: upper halves (S (S + 1) / 2, N), see `place`.
+        own, rates, rows, columns, counts: as in `over_all_variables`.
+        on_t: (N,), added to: weights of the second derivatives of node times t, for t times t.
+        mixed: (nx, N), added to: mixed times d time / dx, and its transpose, are to be added as well.
+    """
+    size, N = rates.shape
+    bent = np.zeros((size, N))
+    for r in range(size):
+        for c in range(size):
+            _add_product(bent[r], H[place(r, c)], rates[c])
+        _add_product(on_t, bent[r], rates[r])
+    for g in range(len(rows)):
+        for p in range(counts[g]):
+            for k in range(3):
+                _add_product(mixed[columns[g, p]], own[g, p, k], bent[rows[g, k]])
+    for g in range(len(rows)):
+        x, y, z = rows[g, 0], rows[g, 1], rows[g, 2]
+        for p in range(counts[g]):
+            of, column = own[g, p], columns[g, p]
+            for other in range(g + 1):
+                a, b, c = rows[other, 0], rows[other, 1], rows[other, 2]
+                for r in (a, b, c):
+                    _put_three(bent[r], H[place(r, x)], of[0], H[place(r, y)], of[1], H[place(r, z)], of[2])
+                for k in range(p + 1 if other == g else counts[other]):
+                    by, row = own[other, k], columns[other, k]
+                    total = _sum_of_three(by[0], bent[a], by[1], bent[b], by[2], bent[c])
+                    hessian[row, column] += total
+                    if other != g or k != p:
+                        hessian[column, row] += total
+
+
+@compiled_in_any_order
+def _add_product(target, first, second):
+    """Add first * second to the target, all (N,)."""
+    for i in range(len(target)):
+        target[i] += first[i] * second[i]
+
+
+@compiled
+def add_second_derivatives(
+    hessian, weights, steps, alpha, d_alpha, d_tau, columns, counts, used, on_t, mixed, on_steps, on_times
+):
     """Add what second derivatives of the states hold of products of first derivatives of the corners.
 
     Args:
         hessian: (nx, nx), added to.
-        weights: (N, 3 n) of the states.
-        steps, alpha, d_alpha, d_tau, columns, counts: as in `joint_states`.
-
-    Returns:
-        Weights of the second derivatives of the corners' steps and times (n, C) each, of those of t times t
-        (N,), and u (N, nx): the sum over nodes of (dt/dx) u' and its transpose is to be added.
+        weights: (S, N) of the states.
+        steps, alpha, d_alpha, d_tau, counts, used: as in `joint_states`.
+        columns: (n, P or more), the own variables.
+        on_t, mixed: as in `add_curvature`.
+        on_steps, on_times: (n, C), added to: weights of the second derivatives of the corners' steps, times.
     """
-    N, n, C, _ = steps.shape
-    on_steps, on_times = np.zeros((n, C)), np.zeros((n, C))
-    on_t, mixed = np.zeros(N), np.zeros((N, nx))
-    crossing, twice = np.zeros((n, C)), np.zeros((n, C))
-    for i in range(N):
-        for j in range(n):
-            on_q, on_w, on_a = weights[i, j], weights[i, n + j], weights[i, 2 * n + j]
-            if on_q == 0.0 and on_w == 0.0 and on_a == 0.0:
-                continue
-            for c in range(C):
-                of = steps[i, j, c]
-                s = alpha[j, c]
-                cross = on_q * of[1] + on_w * of[2] + on_a * of[3]
-                bent = (on_q * of[2] + on_w * of[3] + on_a * of[4]) * s
-                on_steps[j, c] += on_q * of[0] + on_w * of[1] + on_a * of[2]
-                on_times[j, c] -= s * cross
-                crossing[j, c] += cross
-                twice[j, c] += bent
-                on_t[i] += bent
-                for p in range(counts[j]):
-                    mixed[i, columns[j, p]] += cross * d_alpha[j, c, p] - bent * d_tau[j, c, p]
+    n = len(alpha)
+    cross, bent = np.empty(weights.shape[1]), np.empty(weights.shape[1])
     for j in range(n):
-        for c in range(C):
+        on_q, on_w, on_a = weights[j], weights[n + j], weights[2 * n + j]
+        for c in range(used[j]):
+            of, s = steps[j, c], alpha[j, c]
+            _put_three(cross, on_q, of[1], on_w, of[2], on_a, of[3])
+            _put_three(bent, on_q, of[2], on_w, of[3], on_a, of[4])
+            crossing, twice = _total(cross), s * _total(bent)
+            on_steps[j, c] += _sum_of_three(on_q, of[0], on_w, of[1], on_a, of[2])
+            on_times[j, c] -= s * crossing
+            _add_one(on_t, bent, s)
             for p in range(counts[j]):
-                first = columns[j, p]
+                grows, late = d_alpha[j, c, p], d_tau[j, c, p]
+                if grows == 0.0 and late == 0.0:
+                    continue
+                _add(mixed[columns[j, p]], cross, grows, bent, -s * late)
                 for r in range(counts[j]):
-                    hessian[first, columns[j, r]] += (
-                        twice[j, c] * d_tau[j, c, p] * d_tau[j, c, r]
-                        - crossing[j, c] * d_tau[j, c, p] * d_alpha[j, c, r]
-                        - crossing[j, c] * d_alpha[j, c, p] * d_tau[j, c, r]
+                    hessian[columns[j, p], columns[j, r]] += (
+                        twice * late * d_tau[j, c, r]
+                        - crossing * late * d_alpha[j, c, r]
+                        - crossing * grows * d_tau[j, c, r]
                     )
-    return on_steps, on_times, on_t, mixed

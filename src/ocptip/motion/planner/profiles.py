@@ -23,9 +23,13 @@ import numpy as np
 
 from ocptip.motion.planner.profile_kernels import (
     add_corners_curvature,
+    add_curvature,
     add_second_derivatives,
     joint_states,
+    over_all_variables,
     put_corners,
+    put_passive_corners,
+    slopes_at_all_nodes,
 )
 from ocptip.robots.process import PATH, TIME, ProcessWrench
 
@@ -126,23 +130,23 @@ class Profiles:
         self.rise_times = np.zeros(layout.n) if rise_times is None else np.asarray(rise_times, dtype=float)
         self.speed_limits, self.rounding = speed_limits, rounding
         n, K = layout.n, layout.commands
-        self.corners = 2 * K + 2 if layout.joints else 4
-        self.corners = max(self.corners, 4)
+        self.corners = max(2 * K + 2 if layout.joints else 4, 4)
+        moving = [joint for joint in range(n) if joint not in layout.joints and abs(self.way[joint]) > 0]
+        self.passive_joints = moving
         self.columns = np.full((n, layout.per_joint), layout.end)
-        self.counts = np.ones(n, dtype=np.int64)
+        self.counts, self.used = np.zeros((2, n), dtype=np.int64)
+        self.counts[moving], self.used[moving] = 1, 4
         self._constant_d_times = np.zeros((n, self.corners, layout.per_joint))
         for j, joint in enumerate(layout.joints):
             self.columns[joint] = np.arange(j * layout.per_joint, (j + 1) * layout.per_joint)
-            self.counts[joint] = layout.per_joint
+            self.counts[joint], self.used[joint] = layout.per_joint, 2 * K + 2
             row = np.zeros(layout.per_joint)
             for k in range(2 * K + 2):
                 self._constant_d_times[joint, k] = row
                 if k < 2 * K + 1:
                     row[K + k // 2 if k % 2 == 0 else 2 * K + 1 + k // 2] = 1.0
-        self._optimised = np.array(layout.joints, dtype=np.int64)
-        self.passive_joints = [
-            joint for joint in range(n) if joint not in layout.joints and abs(self.way[joint]) > 0
-        ]
+        self._optimised, self._passive = (np.array(own, dtype=np.int64) for own in (layout.joints, moving))
+        self._cruises = np.abs(self.way[moving]) / speed_limits[moving]
 
     def start_at(self, x: np.ndarray) -> np.ndarray:
         """(n,) The start, rad, with the angles that are free as they are in x."""
@@ -174,43 +178,21 @@ class Profiles:
         d_steps, d_times = np.zeros((n, C, P)), self._constant_d_times.copy()
         ramps = np.zeros((len(layout.joints), K + 1))
         put_corners(x, self._optimised, K, ramps, steps, times, d_steps)
-        end = x[layout.end]
-        regime = self.regime(end) if regime is None else regime
-        second = np.zeros((n, 2))
-        for joint in self.passive_joints:
-            p, p1, p2 = self._ramp_end(joint, end, regime)
-            way = self.way[joint]
-            g, g1 = p * (end - p), p1 * (end - p) + p * (1 - p1)
-            g2 = p2 * (end - p) + 2 * p1 * (1 - p1) - p * p2
-            a, a1 = way / g, -way * g1 / g**2
-            second[joint] = way * (2 * g1**2 / g**3 - g2 / g**2), p2
-            sign = np.array([1.0, -1.0, -1.0, 1.0])
-            steps[joint, :4], times[joint, :4] = a * sign, [0.0, p, end - p, end]
-            d_steps[joint, :4, 0] = a1 * sign
-            d_times[joint, :4, 0] = [0.0, p1, 1 - p1, 1.0]
+        end, second = x[layout.end], np.zeros((n, 2))
+        if self.passive_joints:
+            regime = self.regime(end) if regime is None else regime
+            forms = np.array([regime[joint] for joint in self.passive_joints])
+            own = self._passive, self.way[self._passive], self._cruises, float(self.rounding), forms
+            put_passive_corners(end, *own, steps, times, d_steps, d_times, second)
         return Corners(steps, times, d_steps, d_times, ramps, second)
 
-    def _ramp_end(self, joint: int, end: float, regime: dict[int, bool]) -> tuple[float, float, float]:
-        """t' of a passive joint and its first two derivatives with respect to t_E: (5.16), (5.17)."""
-        cruise = abs(self.way[joint]) / self.speed_limits[joint]
-        if self.rounding == 0:
-            return (end - cruise, 1.0, 0.0) if regime[joint] else (end / 2, 0.5, 0.0)
-        u, v, r = end / 2, end - cruise, self.rounding
-        root = np.sqrt((u - v) ** 2 + r**2)
-        slope = -0.5 * (u - v) / root
-        return (u + v - root) / 2, (1.5 - slope) / 2, -0.5 * 0.25 * r**2 / root**3
-
-    def second(
+    def add_second(
         self, hessian: np.ndarray, corners: Corners, x: np.ndarray, on_steps: np.ndarray, on_times: np.ndarray
     ) -> None:
         """Add sum of on_steps * (second derivative of steps) + on_times * (that of times), both (n, C)."""
         layout = self.layout
-        add_corners_curvature(hessian, x, self._optimised, layout.commands, corners.ramps, on_steps)
-        e = layout.end
-        for joint in self.passive_joints:
-            a2, p2 = corners.passive[joint]
-            s, t = on_steps[joint], on_times[joint]
-            hessian[e, e] += a2 * (s[0] - s[1] - s[2] + s[3]) + p2 * (t[1] - t[2])
+        optimised, passive = (self._optimised, layout.commands, corners.ramps), (self._passive, layout.end)
+        add_corners_curvature(hessian, x, *optimised, *passive, corners.passive, on_steps, on_times)
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,42 +213,96 @@ class Course:
         assert process is None or process.over != PATH
         return None if process is None else cls(process, end)
 
-    def values(self, x: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Force and moment (N, 6) at times @ x, times (N, nx), and slopes (N, 6, nx)."""
-        at, on_x = self._places(x, times)
-        return np.hstack(self.process.at(at)), self.process.slopes(at)[:, :, None] * on_x[:, None]
+    def put(self, x: np.ndarray, times: np.ndarray, states: NodeStates, columns: list[int]) -> None:
+        """Put force and moment at times @ x, times (N, nx), and their slopes, into the last six states.
+
+        Own variables (columns) are those of the duration.
+        """
+        at, length = times @ x, 1.0
+        if self.process.over != TIME:
+            length = self.end @ x
+            at = at / length
+        slopes = self.process.slopes(at).T / length
+        states.values[-6:] = np.hstack(self.process.at(at)).T
+        states.rates[-6:] = slopes
+        if self.process.over != TIME:
+            for p, column in enumerate(columns):
+                states.own[-2:, p] = (-self.end[column] * at * slopes).reshape(2, 3, -1)
 
     def add_second(self, hessian: np.ndarray, x: np.ndarray, times: np.ndarray, weights: np.ndarray) -> None:
-        """Add the sum of weights (N, 6) times the second derivatives."""
+        """Add the sum of weights (6, N) times the second derivatives."""
         if self.process.over == TIME:
             return
-        at, _ = self._places(x, times)
-        weight, length = np.sum(weights * self.process.slopes(at), axis=1), self.end @ x
+        length = self.end @ x
+        at = times @ x / length
+        weight = np.sum(weights * self.process.slopes(at).T, axis=0)
         mixed = np.outer(weight @ times, self.end)
         hessian += (2 * (weight @ at) * np.outer(self.end, self.end) - mixed - mixed.T) / length**2
-
-    def _places(self, x: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(N,) what it varies with, and its slopes (N, nx)."""
-        at = times @ x
-        if self.process.over == TIME:
-            return at, times
-        length = self.end @ x
-        return at / length, (times - np.outer(at / length, self.end)) / length
 
 
 @dataclass(frozen=True, eq=False)
 class NodeStates:
-    """Joint states at N nodes and their derivatives with respect to x.
+    """Joint states at N nodes and their derivatives over x, see `profile_kernels`.
 
     Attributes:
-        values: (N, 3 n): angles, speeds, accelerations; force and moment of a process that varies, 6 more.
-        jacobian: (N, 3 n, nx), or 6 more.
+        values: (S, N): angles, speeds, accelerations, n each; force and moment of a process that varies.
+        rates: (S, N), their derivatives over the nodes' times.
+        own: (groups, own variables, 3, N), over the variables of each group of three states.
+        nodes: whose.
+        steps, corners: what second derivatives need.
     """
 
     values: np.ndarray
-    jacobian: np.ndarray
-    _steps: np.ndarray
-    _corners: Corners
+    rates: np.ndarray
+    own: np.ndarray
+    nodes: Nodes
+    steps: np.ndarray
+    corners: Corners
+
+    def over_all(self, nodes: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+        """Slopes (R, nx) over x of functions at nodes (R,) with slopes (R, S) over the states."""
+        of = self.nodes
+        slopes = np.ascontiguousarray(slopes)
+        return over_all_variables(nodes, slopes, self.own, self.rates, *of.groups, of.times)
+
+    def over_all_everywhere(self, slopes: np.ndarray) -> np.ndarray:
+        """Slopes (nx, N) over x of one function at each node with slopes (S, N) over the states."""
+        of = self.nodes
+        return slopes_at_all_nodes(slopes, self.own, self.rates, *of.groups, of.times)
+
+    def add_hessian(
+        self, hessian: np.ndarray, x: np.ndarray, H: np.ndarray, weights: np.ndarray, other: np.ndarray
+    ) -> None:
+        """Add the second derivatives over x of a sum over nodes of functions of the states.
+
+        Args:
+            hessian: (nx, nx), added to.
+            x: where.
+            H: their second derivatives over the states, upper halves (S (S + 1) / 2, N).
+            weights: their slopes (S, N) over the states.
+            other: (nx, nx), added with its transpose.
+        """
+        of, profiles, corners = self.nodes, self.nodes.profiles, self.corners
+        T, n = of.times, profiles.layout.n
+        on_t, mixed = np.zeros(len(T)), np.zeros(T.shape[::-1])
+        on_steps, on_times = np.zeros((2, n, profiles.corners))
+        rows, columns, counts = of.groups
+        add_curvature(hessian, H, self.own, self.rates, rows, columns, counts, on_t, mixed)
+        own = (
+            corners.steps,
+            corners.d_steps,
+            corners.d_times,
+            profiles.columns,
+            profiles.counts,
+            profiles.used,
+        )
+        add_second_derivatives(hessian, weights, self.steps, *own, on_t, mixed, on_steps, on_times)
+        profiles.add_second(hessian, corners, x, on_steps, on_times)
+        mixed += (0.5 * on_t) * T.T
+        mixed = mixed @ T + other
+        hessian += mixed + mixed.T
+        if of.course is not None:
+            of.course.add_second(hessian, x, T, weights[-6:])
 
 
 class Nodes:
@@ -283,6 +319,10 @@ class Nodes:
         kinds: (N,) of the nodes, see `standing.limit_kinds.limit`; at jumps masks are 1 + kappa at the
             event's corners; default all ordinary.
         course: of a process that varies.
+
+    Attributes:
+        groups: rows (G, 3) of the states that depend on the same variables of their own, columns (G, most)
+            of these in x, and how many they are (G,).
     """
 
     def __init__(
@@ -298,54 +338,65 @@ class Nodes:
         kinds: np.ndarray | None = None,
         course: Course | None = None,
     ) -> None:
-        self.course = course
-        self.behind = np.zeros((0, 0)) if behind is None else behind
-        self.profiles, self.times, self.regime = profiles, np.ascontiguousarray(times), regime
-        self.masks, self.late = (
-            np.zeros((0, 0, 0)) if own is None else np.ascontiguousarray(own, dtype=float)
+        self.course, self.regime = course, regime
+        self.profiles, self.times = profiles, np.ascontiguousarray(times)
+        late_by_none = behind is None or not np.any(behind)
+        self._behind = np.zeros((0, 0)) if late_by_none else np.ascontiguousarray(np.transpose(behind))
+        self._masks, self._late = (
+            np.zeros((0, 0, 0)) if own is None else np.ascontiguousarray(np.moveaxis(own, 0, -1), dtype=float)
             for own in (masks, late)
         )
         self.half_width = half_width
         self.kinds = np.zeros(len(times), dtype=int) if kinds is None else kinds
+        self.groups = self._groups()
+
+    def _groups(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        profiles, layout, n = self.profiles, self.profiles.layout, self.profiles.layout.n
+        rows, counts = np.arange(3 * n).reshape(3, n).T, profiles.counts.copy()
+        columns = np.pad(profiles.columns, ((0, 0), (0, layout.free[0])))
+        if layout.free[0]:
+            joints = list(layout.joints)
+            columns[joints, -1] = np.arange(layout.start.start, layout.start.stop)
+            counts[joints] += 1
+        if self.course is not None:
+            own = self._of_duration
+            rows = np.vstack([rows, 3 * n + np.arange(6).reshape(2, 3)])
+            more = np.zeros((2, columns.shape[1]), dtype=columns.dtype)
+            more[:, : len(own)] = own
+            columns, counts = np.vstack([columns, more]), np.append(counts, [len(own)] * 2)
+        return np.ascontiguousarray(rows), columns, counts
+
+    @property
+    def _of_duration(self) -> list[int]:
+        """Variables on which the duration depends, of a process that varies with a share of it."""
+        assert self.course is not None
+        return [] if self.course.process.over == TIME else np.flatnonzero(self.course.end).tolist()
+
+    def values(self, x: np.ndarray) -> np.ndarray:
+        """States (S, N) of all joints at all nodes."""
+        return self._states(x, 0).values
 
     def states(self, x: np.ndarray) -> NodeStates:
-        """States of all joints at all nodes."""
-        profiles = self.profiles
+        """States of all joints at all nodes, with derivatives."""
+        return self._states(x, self.groups[1].shape[1])
+
+    def _states(self, x: np.ndarray, own_size: int) -> NodeStates:
+        profiles, layout = self.profiles, self.profiles.layout
         corners = profiles(x, self.regime)
-        values, jacobian, steps = joint_states(
+        values, rates, own, steps = joint_states(
             self.times @ x,
-            self.times,
-            self.behind,
-            self.masks,
-            self.late,
+            self._behind,
+            self._masks,
+            self._late,
             self.half_width,
             profiles.rise_times,
             profiles.start_at(x),
             *(corners.steps, corners.times, corners.d_steps, corners.d_times),
-            *(profiles.columns, profiles.counts),
+            *(profiles.counts, profiles.used, 3 * len(self.groups[0]), own_size),
         )
-        if profiles.layout.free[0]:
-            joints = list(profiles.layout.joints)
-            jacobian[:, joints, range(profiles.layout.start.start, profiles.layout.start.stop)] += 1.0
+        if layout.free[0] and own_size:
+            own[list(layout.joints), -1, 0] = 1.0
+        states = NodeStates(values, rates, own, self, steps, corners)
         if self.course is not None:
-            force, slopes = self.course.values(x, self.times)
-            values, jacobian = np.hstack([values, force]), np.concatenate([jacobian, slopes], axis=1)
-        return NodeStates(values, jacobian, steps, corners)
-
-    def second(self, hessian: np.ndarray, x: np.ndarray, states: NodeStates, weights: np.ndarray) -> None:
-        """Add sum over nodes and states of weights ((N, 3 n)) times the states' second derivatives."""
-        profiles, T = self.profiles, self.times
-        corners = states._corners
-        if self.course is not None:
-            self.course.add_second(hessian, x, T, weights[:, -6:])
-            weights = np.ascontiguousarray(weights[:, :-6])
-        on_steps, on_times, on_t, mixed = add_second_derivatives(
-            hessian,
-            weights,
-            states._steps,
-            T.shape[1],
-            *(corners.steps, corners.d_steps, corners.d_times, profiles.columns, profiles.counts),
-        )
-        profiles.second(hessian, corners, x, on_steps, on_times)
-        mixed = T.T @ mixed
-        hessian += T.T @ (on_t[:, None] * T) + mixed + mixed.T
+            self.course.put(x, self.times, states, self._of_duration if own_size else [])
+        return states

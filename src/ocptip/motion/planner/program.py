@@ -26,9 +26,8 @@ from ocptip.motion.planner.profiles import Layout, Nodes, NodeStates
 from ocptip.numerics.ipopt import Solution, solve
 from ocptip.numerics.point import PointFunction
 from ocptip.standing.instants import Instants, NodeColumns
-from ocptip.standing.limit_kinds.limit import Limit, NodeSlopes, Rows
+from ocptip.standing.limit_kinds.limit import Limit, RowNodes, Rows
 
-NEGLIGIBLE = 1e-9  # a node whose multipliers are all below this is left out of the Hessian
 POWER = NodeColumns.power
 
 
@@ -113,27 +112,49 @@ class Pull:
     weight: float
 
 
+class ProgramNodes(RowNodes):
+    """The nodes of a program at one x, as rows of limits are made of them.
+
+    Args:
+        states, physics: of the nodes.
+        columns: of the quantities.
+    """
+
+    def __init__(self, states: NodeStates, physics: NodeJacobian, columns: NodeColumns) -> None:
+        super().__init__(columns, np.ascontiguousarray(states.values.T), physics.y)
+        self.states, self.physics = states, physics
+
+    def over_states(self, nodes: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+        return self.states.over_all(nodes, slopes)
+
+    def over_quantities(self, nodes: np.ndarray, first: int | np.ndarray, slopes: np.ndarray) -> np.ndarray:
+        return self.states.over_all(nodes, self.physics.over_states(nodes, first, slopes))
+
+    @cached_property
+    def of_power(self) -> np.ndarray:
+        """Slopes (nx, N) of the nodes' power."""
+        return self.states.over_all_everywhere(self.physics.power)
+
+
 @dataclass(frozen=True, eq=False)
 class Evaluation:
     """First-order data of a program at one x.
 
     Attributes:
-        x: (nx,).
-        states: of the nodes.
-        physics: of the nodes.
-        nodes: both, with slopes over x.
+        x: (nx,), its bytes: they are compared at every call.
+        nodes: states and physics.
         durations: (N,), s, quadrature weights.
-        structure: values and Jacobian.
+        of_structure: Jacobian of the structure.
         rows: of the limits that have some.
+        values: objective and rows.
     """
 
-    x: np.ndarray
-    states: NodeStates
-    physics: NodeJacobian
-    nodes: NodeSlopes
+    x: bytes
+    nodes: ProgramNodes
     durations: np.ndarray
-    structure: tuple[np.ndarray, np.ndarray]
+    of_structure: np.ndarray
     rows: list[Rows]
+    values: tuple[float, np.ndarray]
 
 
 class MotionProgram:
@@ -167,6 +188,7 @@ class MotionProgram:
     ) -> None:
         self.physics, self.limits, self.layout = physics, limits, layout
         self.nodes, self.weights, self.directions, self.structure = nodes, weights, directions, structure
+        self._directions = np.ascontiguousarray(directions.T)
         self.objective = objective
         self.rows, self.pull = rows if rows is not None else self.no_rows(), pull
         self._used = [limit for limit in limits if self.rows[limit.name].any()]
@@ -250,23 +272,17 @@ class MotionProgram:
 
     def energy(self, x: np.ndarray) -> float:
         """Electric energy by the nodes' quadrature, J."""
-        y = self.physics.values(self.nodes.states(x).values, self.directions)
+        y = self.physics.values(self.nodes.values(x), self._directions)
         return float((self.weights @ x) @ y[:, POWER])
 
     def values(self, x: np.ndarray) -> tuple[float, np.ndarray]:
         """Objective and rows."""
-        at = self._evaluate(x)
-        energy, of = float(at.durations @ at.physics.y[:, POWER]), self.objective
-        objective = of.cost(energy, x[self.layout.end]) / of.size
-        if self.pull:
-            objective += 0.5 * self.pull.weight * float(np.sum((at.x - self.pull.anchor) ** 2))
-        return objective, np.concatenate([at.structure[0], *(rows.values for rows in at.rows)])
+        return self._evaluate(x).values
 
     def gradient(self, x: np.ndarray) -> np.ndarray:
         """Gradient of the objective (nx,)."""
         at = self._evaluate(x)
-        power = at.physics.y[:, POWER]
-        gradient = power @ self.weights + at.durations @ at.nodes.y_x[:, POWER]
+        gradient = at.nodes.y[:, POWER] @ self.weights + at.nodes.of_power @ at.durations
         gradient = self.objective.energy_weight * gradient / self.objective.size
         gradient[self.layout.end] += self.objective.time_weight / self.objective.size
         return gradient + self.pull.weight * (x - self.pull.anchor) if self.pull else gradient
@@ -275,65 +291,58 @@ class MotionProgram:
         """Jacobian of the rows (rows, nx)."""
         at = self._evaluate(x)
         parts = [limit.jacobian(rows) for limit, rows in zip(self._used, at.rows, strict=True)]
-        return np.concatenate([at.structure[1], *parts])
+        return np.concatenate([at.of_structure, *parts])
 
     def hessian(self, x: np.ndarray, sigma: float, multipliers: np.ndarray) -> np.ndarray:
         """Hessian of sigma * objective + multipliers . rows."""
         at = self._evaluate(x)
         nodes, of_energy = at.nodes, sigma * self.objective.energy_weight / self.objective.size
-        ends = np.cumsum([len(self.structure.lower), *(len(rows.values) for rows in at.rows)])
-        on_g, *on_rows = np.split(multipliers, ends[:-1])
-        parts = list(zip(self._used, at.rows, on_rows, strict=True))
+        first, parts = len(self.structure.lower), list[tuple[Limit, Rows, np.ndarray]]()
+        on_g = multipliers[:first]
+        for limit, rows in zip(self._used, at.rows, strict=True):
+            last = first + len(rows.values)
+            parts.append((limit, rows, multipliers[first:last]))
+            first = last
         on_y = np.zeros(nodes.y.shape)
         on_y[:, POWER] = of_energy * at.durations
         for limit, rows, on in parts:
             limit.add_to_quantities(rows, on, on_y)
-        H = self._curvature(at.physics, on_y)
-        on_s = np.matmul(on_y[:, None], at.physics.slope)[:, 0]
+        H = self.physics.hessian(nodes.physics, on_y)
         for limit, rows, on in parts:
-            limit.add_hessian(rows, on, H, on_s)
-        nx = self.layout.size
-        result = nodes.s_x.reshape(-1, nx).T @ np.matmul(H, nodes.s_x).reshape(-1, nx)
-        for limit, rows, on in parts:
-            limit.add_curvature(rows, on, result)
-        self.nodes.second(result, x, at.states, on_s)
-        mixed = of_energy * self.weights.T @ nodes.y_x[:, POWER]
-        result += mixed + mixed.T
-        result += self.structure.hessian(x, on_g)
+            limit.add_hessian(rows, on, H, H.slopes.T)
+        result = self.structure.hessian(x, on_g)
+        mixed = of_energy * nodes.of_power @ self.weights
+        nodes.states.add_hessian(result, x, H.upper, H.slopes, mixed)
         if self.pull:
-            result[np.diag_indices_from(result)] += sigma * self.pull.weight
+            np.einsum("xx->x", result)[:] += sigma * self.pull.weight
         return result
-
-    def _curvature(self, at: NodeJacobian, on_y: np.ndarray) -> np.ndarray:
-        """Second derivatives (N, 3 n, 3 n) of on_y . y at the nodes."""
-        weighty = np.max(np.abs(on_y), axis=1) > NEGLIGIBLE
-        if weighty.all():
-            return self.physics.hessian(at, on_y)
-        H = np.zeros((len(on_y), at.s.shape[1], at.s.shape[1]))
-        H[weighty] = self.physics.hessian(at.at(weighty), on_y[weighty])
-        return H
 
     def _instants(self, x: np.ndarray) -> Instants:
         """The nodes as limits look at them."""
         if self._looked is None or not np.array_equal(self._looked[0], x):
-            s, columns = self.nodes.states(x).values, self.physics.columns
-            y = self.physics.values(s, self.directions)
+            s, columns = self.nodes.values(x), self.physics.columns
+            y = self.physics.values(s, self._directions)
             parts = y[:, columns.torque], y[:, columns.wrench], y[:, columns.further]
             n = self.physics.n
-            q, qd, qdd, process = np.split(s, [n, 2 * n, 3 * n], axis=1)
+            q, qd, qdd, process = np.split(np.ascontiguousarray(s.T), [n, 2 * n, 3 * n], axis=1)
             self._looked = x.copy(), Instants(self.physics.robot, q, *parts, qd, qdd, process)
         return self._looked[1]
 
     def _evaluate(self, x: np.ndarray) -> Evaluation:
-        if self._last is not None and np.array_equal(self._last.x, x):
+        key = x.tobytes()
+        if self._last is not None and self._last.x == key:
             return self._last
         states = self.nodes.states(x)
-        physics = self.physics.jacobian(states.values, self.directions)
+        physics = self.physics.jacobian(states.values, self._directions)
         if not np.isfinite(physics.y).all():
             raise SolverError("motion program: dynamics are not finite")
-        y_x = np.matmul(physics.slope, states.jacobian)
-        nodes = NodeSlopes(self.physics.columns, states.values, states.jacobian, physics.y, y_x)
+        nodes = ProgramNodes(states, physics, self.physics.columns)
         rows = [limit.rows(nodes, self.rows[limit.name]) for limit in self._used]
-        durations, structure = self.weights @ x, self.structure.rows(x)
-        self._last = Evaluation(x.copy(), states, physics, nodes, durations, structure, rows)
+        durations, (values, of_structure), of = self.weights @ x, self.structure.rows(x), self.objective
+        cost = of.cost(float(durations @ nodes.y[:, POWER]), x[self.layout.end]) / of.size
+        if self.pull:
+            away = x - self.pull.anchor
+            cost += 0.5 * self.pull.weight * float(away @ away)
+        values = cost, np.concatenate([values, *(own.values for own in rows)])
+        self._last = Evaluation(key, nodes, durations, of_structure, rows, values)
         return self._last

@@ -26,7 +26,7 @@ from ocptip.standing.limit_kinds.limit import (
     NEGLIGIBLE,
     Look,
     MomentLimit,
-    NodeSlopes,
+    RowNodes,
     Rows,
     StateLimit,
     TableLimit,
@@ -93,7 +93,7 @@ class BrakeLimit(StateLimit, TableLimit):
         """Values (rows,) of rows `places` and slopes (rows, 6) over the wrench."""
         raise NotImplementedError
 
-    def rows(self, at: NodeSlopes, mask: np.ndarray) -> Rows:
+    def rows(self, at: RowNodes, mask: np.ndarray) -> Rows:
         i, k = np.nonzero(mask)
         q, qd, _ = at.motion_states
         if self._fixed is not None:

@@ -8,7 +8,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ocptip.standing.instants import Instants
-from ocptip.standing.limit_kinds.limit import AskedLimit, Look, NodeSlopes, Rows, StateLimit, Worst
+from ocptip.standing.limit_kinds.limit import (
+    AskedLimit,
+    Curvature,
+    Look,
+    RowNodes,
+    Rows,
+    StateLimit,
+    Worst,
+)
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 
@@ -80,18 +88,19 @@ class ClearanceLimit(AskedLimit):
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return np.full(self.width, self.number * GAP_SCALE), np.full(self.width, np.inf)
 
-    def rows(self, at: NodeSlopes, mask: np.ndarray) -> Rows:
+    def rows(self, at: RowNodes, mask: np.ndarray) -> Rows:
         i, k = np.nonzero(mask)
         gaps, slopes = self.robot.collision.slopes(at.angles, i, k)
         return Rows(at, i, k, GAP_SCALE * gaps, GAP_SCALE * slopes)
 
     def jacobian(self, rows: Rows) -> np.ndarray:
-        return np.einsum("rq,rqx->rx", rows.slopes, rows.at.s_x[rows.nodes, : self.robot.n])
+        size = rows.at.s.shape[1]
+        return rows.at.over_states(rows.nodes, np.pad(rows.slopes, ((0, 0), (0, size - self.robot.n))))
 
-    def add_hessian(self, rows: Rows, on: np.ndarray, H: np.ndarray, on_s: np.ndarray) -> None:
-        n, scaled = self.robot.n, GAP_SCALE * on
-        H[:, :n, :n] += self.robot.collision.curvature(rows.at.angles, rows.nodes, rows.places, scaled)
-        np.add.at(on_s[:, :n], rows.nodes, on[:, None] * rows.slopes)
+    def add_hessian(self, rows: Rows, on: np.ndarray, H: Curvature, on_s: np.ndarray) -> None:
+        scaled, every = GAP_SCALE * on, np.arange(len(rows.at.s))
+        H.add(every, self.robot.collision.curvature(rows.at.angles, rows.nodes, rows.places, scaled))
+        np.add.at(on_s[:, : self.robot.n], rows.nodes, on[:, None] * rows.slopes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +179,7 @@ class LateClearanceLimit(StateLimit, ClearanceLimit):
         """Distances (r,) and slopes (r, n) of pairs (r,) at angles (r, n)."""
         return self.robot.collision.slopes(q, np.arange(len(q)), pairs, once=once)
 
-    def rows(self, at: NodeSlopes, mask: np.ndarray) -> Rows:
+    def rows(self, at: RowNodes, mask: np.ndarray) -> Rows:
         i, k = np.nonzero(mask)
         late = np.zeros((len(i), self.robot.n)) if self._is_late is None else 1.0 * self._is_late[i, k]
         parts = self._steps[:, None] * late[:, None]

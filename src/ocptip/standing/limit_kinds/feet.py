@@ -12,7 +12,7 @@ from ocptip.standing.limit_kinds.jumps import AtJumps, Jumps
 from ocptip.standing.limit_kinds.limit import (
     AskedLimit,
     Look,
-    NodeSlopes,
+    RowNodes,
     Rows,
     WholeMotionLimit,
     Worst,
@@ -78,7 +78,7 @@ class FootForceLimit(WrenchLimit, AskedLimit):
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return np.full(self.width, self.number / self.unit), np.full(self.width, np.inf)
 
-    def rows(self, at: NodeSlopes, mask: np.ndarray) -> Rows:
+    def rows(self, at: RowNodes, mask: np.ndarray) -> Rows:
         i, k = np.nonzero(mask)
         forces = at.y[:, at.columns.wrench] @ self._map.T
         return Rows(at, i, k, forces[i, k] / self.unit, self._map[k])

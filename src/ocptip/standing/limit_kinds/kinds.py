@@ -18,11 +18,12 @@ from ocptip.standing.limit_kinds.limit import (
     FAR_FROM_SLIPPING,
     TOLERANCE,
     AskedLimit,
+    Curvature,
     Limit,
     Look,
     MomentLimit,
-    NodeSlopes,
     QuantityLimit,
+    RowNodes,
     Rows,
     Worst,
     WrenchLimit,
@@ -49,6 +50,11 @@ class TipOverLimit(WrenchLimit, MomentLimit):
     def measure(self, at: Instants) -> np.ndarray:
         return at.tip.GN[:, None]
 
+    def kept(self, at: Instants) -> bool:
+        if self.affine:  # contact states are not needed
+            return not self.width or bool(np.min(self.moments(at)) >= self.least_moment)
+        return super().kept(at)
+
     def refusals(self, at: Instants) -> list[str]:
         tip, axes = at.tip, self.robot.tip_over.axes
         if tip.GN[0] <= self.number:
@@ -66,7 +72,7 @@ class TipOverLimit(WrenchLimit, MomentLimit):
         needed = self.least_moment * (1 + PATH_MARGIN)
         return (needed - np.min(self.moments(at))) / self.robot.tip_over.reference_moment
 
-    def rows(self, at: NodeSlopes, mask: np.ndarray) -> Rows:
+    def rows(self, at: RowNodes, mask: np.ndarray) -> Rows:
         moments, slopes = self._map(at.y[:, at.columns.wrench])
         i, k = np.nonzero(mask)
         return Rows(at, i, k, moments[i, k] / self.unit, slopes[i, k])
@@ -119,7 +125,7 @@ class SlipLimit(WrenchLimit, AskedLimit):
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return np.array([-np.inf]), np.array([self.number])
 
-    def rows(self, at: NodeSlopes, mask: np.ndarray) -> Rows:
+    def rows(self, at: RowNodes, mask: np.ndarray) -> Rows:
         i, k = np.nonzero(mask)
         values, slopes, bends = self._map(at.y[i, at.columns.wrench])
         return Rows(at, i, k, values, slopes, bends=bends)
@@ -252,14 +258,14 @@ class AngleLimit(Limit):
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return self._low, self._high
 
-    def rows(self, at: NodeSlopes, mask: np.ndarray) -> Rows:
+    def rows(self, at: RowNodes, mask: np.ndarray) -> Rows:
         i, k = np.nonzero(mask)
         return Rows(at, i, k, at.s[i, k])
 
     def jacobian(self, rows: Rows) -> np.ndarray:
-        return rows.at.s_x[rows.nodes, rows.places]
+        return rows.at.over_states(rows.nodes, np.eye(rows.at.s.shape[1])[rows.places])
 
-    def add_hessian(self, rows: Rows, on: np.ndarray, H: np.ndarray, on_s: np.ndarray) -> None:
+    def add_hessian(self, rows: Rows, on: np.ndarray, H: Curvature, on_s: np.ndarray) -> None:
         on_s[rows.nodes, rows.places] += on
 
 

@@ -13,9 +13,10 @@ The kinds and their list are in `kinds`.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -77,21 +78,25 @@ class Worst:
         return {name: getattr(self, name) for name in ("value", "time", "limit", "detail")}
 
 
-@dataclass(frozen=True, eq=False)
-class NodeSlopes:
-    """What rows of a program are made of: N nodes and their slopes over its nx variables x.
+class RowNodes(ABC):
+    """What rows of a program are made of: N nodes, whose states and quantities depend on its nx variables x.
 
-    Attributes:
+    Args:
         columns: of y.
-        s, s_x: (N, 3 n), (N, 3 n, nx): angles, speeds, accelerations, and a process that varies, 6 more.
-        y, y_x: (N, ny), (N, ny, nx): quantities.
+        s: (N, S): angles, speeds, accelerations, and a process that varies, 6 more.
+        y: (N, ny): quantities.
     """
 
-    columns: NodeColumns
-    s: np.ndarray
-    s_x: np.ndarray
-    y: np.ndarray
-    y_x: np.ndarray
+    def __init__(self, columns: NodeColumns, s: np.ndarray, y: np.ndarray) -> None:
+        self.columns, self.s, self.y = columns, s, y
+
+    @abstractmethod
+    def over_states(self, nodes: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+        """Slopes (R, nx) over x of functions at nodes (R,) with slopes (R, S) over the states."""
+
+    @abstractmethod
+    def over_quantities(self, nodes: np.ndarray, first: int | np.ndarray, slopes: np.ndarray) -> np.ndarray:
+        """The same of functions with slopes (R, k) over columns of y, `first` (one, or (R,)) and on."""
 
     @property
     def angles(self) -> np.ndarray:
@@ -110,6 +115,40 @@ class NodeSlopes:
         return self.s[:, :n], self.s[:, n : 2 * n], self.s[:, 2 * n : 3 * n]
 
 
+class NodeSlopes(RowNodes):
+    """Nodes with all their slopes over x.
+
+    Args:
+        columns, s, y: as above.
+        s_x, y_x: (N, S, nx), (N, ny, nx).
+    """
+
+    def __init__(
+        self, columns: NodeColumns, s: np.ndarray, s_x: np.ndarray, y: np.ndarray, y_x: np.ndarray
+    ) -> None:
+        super().__init__(columns, s, y)
+        self.s_x, self.y_x = s_x, y_x
+
+    def over_states(self, nodes: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+        return np.einsum("rs,rsx->rx", slopes, self.s_x[nodes])
+
+    def over_quantities(self, nodes: np.ndarray, first: int | np.ndarray, slopes: np.ndarray) -> np.ndarray:
+        columns = np.reshape(first, (-1, 1)) + np.arange(slopes.shape[1])
+        return np.einsum("rk,rkx->rx", slopes, self.y_x[nodes[:, None], columns])
+
+
+class Curvature(Protocol):
+    """Second derivatives over the states of a sum of functions of the nodes, that others are added to."""
+
+    def add(self, nodes: np.ndarray, bends: np.ndarray) -> None:
+        """Add second derivatives (R, k, k) at nodes (R,) over the first k states."""
+        ...
+
+    def add_over_quantities(self, nodes: np.ndarray, first: int, bends: np.ndarray) -> None:
+        """Add second derivatives (R, k, k) at nodes (R,) over columns of y from the first on."""
+        ...
+
+
 NEGLIGIBLE = 1e-9  # a row whose multiplier is below this is left out of the Hessian
 
 
@@ -125,7 +164,7 @@ class Rows:
         bends: (rows, 6, 6) second derivatives over the wrench; empty where there are none.
     """
 
-    at: NodeSlopes
+    at: RowNodes
     nodes: np.ndarray
     places: np.ndarray
     values: np.ndarray
@@ -216,7 +255,7 @@ class Limit:
         """Lower and upper bounds of the rows of a node, (width,) each."""
         return np.empty(0), np.empty(0)
 
-    def rows(self, at: NodeSlopes, mask: np.ndarray) -> Rows:
+    def rows(self, at: RowNodes, mask: np.ndarray) -> Rows:
         """The rows that take part: where mask (N, width) is True, node by node."""
         raise NotImplementedError(f"{self.name}: no rows")
 
@@ -227,11 +266,8 @@ class Limit:
     def add_to_quantities(self, rows: Rows, on: np.ndarray, on_y: np.ndarray) -> None:
         """Add the slopes of on . rows over the quantities y to on_y (N, ny)."""
 
-    def add_hessian(self, rows: Rows, on: np.ndarray, H: np.ndarray, on_s: np.ndarray) -> None:
-        """Add what does not go by way of y: slopes over s to on_s (N, 3 n), curvature to H (N, 3 n, 3 n)."""
-
-    def add_curvature(self, rows: Rows, on: np.ndarray, result: np.ndarray) -> None:
-        """Add the curvature of on . rows over the quantities, by way of their slopes, to result (nx, nx)."""
+    def add_hessian(self, rows: Rows, on: np.ndarray, H: Curvature, on_s: np.ndarray) -> None:
+        """Add second derivatives of on . rows to H, and slopes that do not go by way of y to on_s (N, S)."""
 
 
 class WrenchLimit(Limit):
@@ -240,18 +276,16 @@ class WrenchLimit(Limit):
     unit = 1.0
 
     def jacobian(self, rows: Rows) -> np.ndarray:
-        wrench = rows.at.y_x[:, rows.at.columns.wrench]
-        return np.einsum("rw,rwx->rx", rows.slopes, wrench[rows.nodes]) / self.unit
+        return rows.at.over_quantities(rows.nodes, rows.at.columns.wrench.start, rows.slopes / self.unit)
 
     def add_to_quantities(self, rows: Rows, on: np.ndarray, on_y: np.ndarray) -> None:
         slopes = on[:, None] * rows.slopes / self.unit
         np.add.at(on_y[:, rows.at.columns.wrench], rows.nodes, slopes)
 
-    def add_curvature(self, rows: Rows, on: np.ndarray, result: np.ndarray) -> None:
+    def add_hessian(self, rows: Rows, on: np.ndarray, H: Curvature, on_s: np.ndarray) -> None:
         if rows.bends.size:
-            slopes = rows.at.y_x[rows.nodes, rows.at.columns.wrench]
-            bent = np.matmul((on / self.unit)[:, None, None] * rows.bends, slopes)
-            result += slopes.reshape(-1, len(result)).T @ bent.reshape(-1, len(result))
+            bends = (on / self.unit)[:, None, None] * rows.bends
+            H.add_over_quantities(rows.nodes, rows.at.columns.wrench.start, bends)
 
 
 class QuantityLimit(Limit):
@@ -263,13 +297,13 @@ class QuantityLimit(Limit):
         """The first of the columns."""
         raise NotImplementedError
 
-    def rows(self, at: NodeSlopes, mask: np.ndarray) -> Rows:
+    def rows(self, at: RowNodes, mask: np.ndarray) -> Rows:
         i, k = np.nonzero(mask)
         return Rows(at, i, k, at.y[i, self.first(at.columns) + k] / self.units[k])
 
     def jacobian(self, rows: Rows) -> np.ndarray:
-        column = self.first(rows.at.columns) + rows.places
-        return rows.at.y_x[rows.nodes, column] / self.units[rows.places, None]
+        columns = self.first(rows.at.columns) + rows.places
+        return rows.at.over_quantities(rows.nodes, columns, 1 / self.units[rows.places, None])
 
     def add_to_quantities(self, rows: Rows, on: np.ndarray, on_y: np.ndarray) -> None:
         on_y[rows.nodes, self.first(rows.at.columns) + rows.places] += on / self.units[rows.places]
@@ -279,12 +313,12 @@ class StateLimit(Limit):
     """Rows that are functions of the states; `Rows.slopes` are (rows, 3 n)."""
 
     def jacobian(self, rows: Rows) -> np.ndarray:
-        return np.einsum("rs,rsx->rx", rows.slopes, rows.at.s_x[rows.nodes])
+        return rows.at.over_states(rows.nodes, rows.slopes)
 
-    def add_hessian(self, rows: Rows, on: np.ndarray, H: np.ndarray, on_s: np.ndarray) -> None:
+    def add_hessian(self, rows: Rows, on: np.ndarray, H: Curvature, on_s: np.ndarray) -> None:
         np.add.at(on_s, rows.nodes, on[:, None] * rows.slopes)
         some, bends = self.curvature(rows, on)
-        np.add.at(H, rows.nodes[some], bends)
+        H.add(rows.nodes[some], bends)
 
     def curvature(self, rows: Rows, on: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Which rows bend (k,), and the second derivatives (k, 3 n, 3 n) of on . rows over the states."""

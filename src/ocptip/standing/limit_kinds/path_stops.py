@@ -18,7 +18,7 @@ from ocptip.standing.limit_kinds.limit import (
     NEGLIGIBLE,
     Look,
     MomentLimit,
-    NodeSlopes,
+    RowNodes,
     Rows,
     StateLimit,
     TableLimit,
@@ -95,7 +95,7 @@ class StopLimit(StateLimit, TableLimit):
         """Values (P, width) of rows, the greatest the worst, and slopes (P, width, 6) over the wrench."""
         raise NotImplementedError
 
-    def rows(self, at: NodeSlopes, mask: np.ndarray) -> Rows:
+    def rows(self, at: RowNodes, mask: np.ndarray) -> Rows:
         i, k = np.nonzero(mask)
         nodes, place = np.unique(i, return_inverse=True)
         q, qd, qdd = at.motion_states

@@ -19,7 +19,7 @@ from ocptip.standing.limit_kinds.limit import (
     ORDINARY,
     AskedLimit,
     Look,
-    NodeSlopes,
+    RowNodes,
     Rows,
     StateLimit,
     Worst,
@@ -99,7 +99,7 @@ class WorstCaseLimit(StateLimit, AskedLimit):
         """(N, width, size)."""
         raise NotImplementedError
 
-    def _rows(self, at: NodeSlopes, nodes: np.ndarray, places: np.ndarray, found: Found) -> WorstRows:
+    def _rows(self, at: RowNodes, nodes: np.ndarray, places: np.ndarray, found: Found) -> WorstRows:
         weights = found.slopes / self.unit
         slopes = self.cases.deviations.state_slopes(at.s[nodes], found.theta, weights)[0]
         bends = np.empty(0) if found.bends is None else found.bends / self.unit
@@ -189,7 +189,7 @@ class WorstTipOverLimit(WorstCaseLimit):
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return np.full(self.width, self._least / self.unit), np.full(self.width, np.inf)
 
-    def rows(self, at: NodeSlopes, mask: np.ndarray) -> Rows:
+    def rows(self, at: RowNodes, mask: np.ndarray) -> Rows:
         i, k = np.nonzero(mask)
         theta = None if self._theta is None else self._theta[i, k]
         return self._rows(at, i, k, self.cases.moments(at.s[i], k, theta))
@@ -231,7 +231,7 @@ class WorstSlipLimit(WorstCaseLimit):
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         return np.array([-np.inf]), np.array([self._most])
 
-    def rows(self, at: NodeSlopes, mask: np.ndarray) -> Rows:
+    def rows(self, at: RowNodes, mask: np.ndarray) -> Rows:
         i, k = np.nonzero(mask)
         theta = None if self._theta is None else self._theta[i, k]
         return self._rows(at, i, k, self._smooth.slip(at.s[i], theta=theta))
