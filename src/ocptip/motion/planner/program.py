@@ -87,6 +87,13 @@ class Structure:
         return self._second(x, multipliers)[0]
 
     @cached_property
+    def pattern(self) -> np.ndarray:
+        """(rows, nx) True where the Jacobian may differ from zero."""
+        filled = np.zeros((len(self.lower), len(self.x_lower)), dtype=bool)
+        filled[self.function.jac_sparsity(0, 0).get_triplet()] = True
+        return filled
+
+    @cached_property
     def _first(self) -> PointFunction:
         x = cs.SX.sym("x", len(self.x_lower))
         g = self.function(x)
@@ -267,8 +274,10 @@ class MotionProgram:
 
     def solve(self, x: np.ndarray, **options: Any) -> Solution:
         """Solve from x; options of `numerics.ipopt.solve`."""
-        structure = self.structure
-        return solve(self, x, (structure.x_lower, structure.x_upper), self.bounds(), **options)
+        structure, bounds, nx = self.structure, self.bounds(), self.layout.size
+        at_nodes = np.ones((len(bounds[0]) - len(structure.lower), nx), dtype=bool)
+        pattern = np.vstack([structure.pattern, at_nodes]), np.ones((nx, nx), dtype=bool)
+        return solve(self, x, (structure.x_lower, structure.x_upper), bounds, pattern=pattern, **options)
 
     def energy(self, x: np.ndarray) -> float:
         """Electric energy by the nodes' quadrature, J."""
