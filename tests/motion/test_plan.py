@@ -332,7 +332,9 @@ def test_starts_that_none_can_displace_go_on_before_the_others_have_said_their_p
             return work(what, jobs)
         return (next(work(what, [job])) for job in jobs)
 
-    found = list(_most_promising(work_one_by_one, [case_b], range(6), 0, {}))
+    chosen = []
+    found = list(_most_promising(work_one_by_one, [case_b], range(6), 0, {}, chosen))
+    assert chosen == [4, 1, 3]
     rough = [("rough", number) for number in range(6)]
     assert asked == [*rough[:4], ("run", 1), rough[4], ("run", 4), rough[5], ("run", 3)]
     assert [a.result.number for a in found if isinstance(a, Attempt)] == [1, 4, 3, 5, 2, 0]
@@ -379,6 +381,34 @@ def test_a_hop_begins_from_the_best_of_those_that_were_known_when_it_was_begun(c
         plan = plan_motion(case_b, starts=4 * HOPS, jobs=1)
     assert plan.motion is motions[2]
     assert ends == [*HOPS * [motions[0].end], *HOPS * [motions[1].end]]
+
+
+def test_the_first_hops_do_not_wait_for_the_least_promising_start(case_b, scripted):
+    """They are of the better one of the two that promise most, whatever the third has come to."""
+    slowed = [case_b.reference.time_scaled(factor) for factor in (1.3, 1.6, 1.2)]
+    begun = []
+
+    class Noting(Scripted):
+        def run(self, number, seed, rough):
+            begun.append(("run", number))
+            return super().run(number, seed, rough)
+
+        def hopped(self, before, draw):
+            begun.append(("hopped", before.result.number, draw[1:]))
+            return super().hopped(before, draw)
+
+    scripted(*slowed, *5 * [None], promises={0: 0.2, 1: 0.1, 2: 0.3})
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("ocptip.motion.plan.Search", Noting)
+        _search.cache_clear()
+        plan = plan_motion(case_b, starts=8, executor=AtOnce())
+        _search.cache_clear()
+    hops = [("hopped", *one) for one in [(0, (0, 0)), (0, (0, 1)), (2, (2, 2)), (2, (2, 3))]]
+    assert sorted(begun[:3]) == [("run", number) for number in range(3)]  # in which order does not matter
+    assert begun[3:] == hops
+    assert (plan.best, plan.motion) == (2, slowed[2])
+    assert [start.hops for start in plan.starts] == [2, 0, 2, *5 * [0]]
+    assert [start.iterations for start in plan.starts[:3]] == [3, 1, 3]
 
 
 class AtOnce(Executor):
@@ -643,7 +673,7 @@ def roughly(costs, good, done):
 def test_of_starts_within_a_tolerance_the_most_promising_ones_are_finished(task, good, finished):
     costs, done = [3.0, np.inf, 2.0, np.inf, 1.0, 4.0], []
     work = roughly(costs, good, done)
-    steps = _most_promising(work, [task], range(len(costs)), 7, {})
+    steps = _most_promising(work, [task], range(len(costs)), 7, {}, [])
     found = [one for one in steps if isinstance(one, Attempt)]
     assert {*done[:FINISHED]} == {*finished[:FINISHED]}  # in which order they became certain does not matter
     assert sorted(done) == sorted(finished)
@@ -657,7 +687,7 @@ def test_within_a_tolerance_the_pair_of_postures_that_promises_the_least_cost_ge
     """Whatever is finished before all starts of all pairs have been looked at roughly."""
     pairs, of, done = [task, dataclasses.replace(task), dataclasses.replace(task)], {}, []
     costs = [3.0, 1.0, 2.0, 1.5, 1.2, 0.9]
-    list(_most_promising(roughly(costs, {1, 4, 5}, done), pairs, range(6), 7, of))
+    list(_most_promising(roughly(costs, {1, 4, 5}, done), pairs, range(6), 7, of, []))
     assert [pairs.index(of[k]) for k in range(6)] == [0, 1, 2, 1, 1, 1]
     assert sorted(done) == [1, 4, 5]
 

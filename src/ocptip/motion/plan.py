@@ -6,7 +6,7 @@ import pickle
 import time
 import warnings
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, as_completed
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
@@ -33,6 +33,7 @@ LOST = "lost: "
 _TASKS_IN_MEMORY = 4  # per worker
 FINISHED = 3  # of the starts, the most promising ones; more only if none is verified
 HOPS = 4  # random changes of the best motion that are tried at once
+EARLY = 2  # of them begin as soon as so many of the most promising starts are finished
 
 
 @dataclass(frozen=True, eq=False)
@@ -277,7 +278,10 @@ def _turns(
 ) -> Iterator[Attempt | Rough]:
     """Random starts, then random changes of the best; the caller fills costs and attempts meanwhile.
 
-    Each start comes twice, as what it promises and as what it has come to; then the best with each change.
+    Each start comes twice, as what it promises and as what it has come to; then what was changed, with each
+    change. The first changes are of the best of the most promising starts, while another one is still under
+    way; the others each of the best that was known `HOPS` changes before. So that many can be under way at
+    once, and what comes out does not depend on which of them ends first.
 
     Args:
         work: yields what a method of `Search` finds for each task with its arguments, in any order.
@@ -287,38 +291,33 @@ def _turns(
         costs, attempts: of the starts that are verified, and of all that ended, by number.
         tasks_of: is told which start is of which task.
     """
-    yield from _most_promising(work, tasks, numbers, seed, tasks_of)
-    if costs and not tasks[0].limits.tolerance.given:
-        number = min((cost, k) for k, cost in costs.items())[1]
-        draw = seed, number
-        yield from _hops(work, _hops_of(len(numbers)), draw, tasks_of[number], attempts[number])
+    count = 0 if tasks[0].limits.tolerance.given else _hops_of(len(numbers))
+    chosen, under_way = list[int](), deque[tuple[Attempt, Iterator[Attempt]]]()
+
+    def begin(hop: int, among: Iterable[int]) -> None:
+        number = min((costs[k], k) for k in among)[1]
+        base = attempts[number]
+        under_way.append((base, work("hopped", [(tasks_of[number], (base, (seed, number, hop)))])))
+
+    for found in _most_promising(work, tasks, numbers, seed, tasks_of, chosen):
+        yield found
+        first = chosen[:EARLY]
+        if not under_way and len(first) == EARLY and all(number in costs for number in first):
+            for hop in range(min(EARLY, count)):
+                begin(hop, first)
+    for hop in range(len(under_way), count + HOPS if costs else 0):
+        if hop >= HOPS and under_way:
+            base, hopped = under_way.popleft()
+            if (found := next(hopped)) is not base:  # else it was lost
+                known = attempts[found.result.number]
+                yield min(known, found, key=partial(_cost, tasks[0])).after(known, found)
+        if hop < count:
+            begin(hop, costs)
 
 
 def _hops_of(starts: int) -> int:
     """How often the best of so many starts is changed."""
     return starts // 2
-
-
-def _hops(
-    work: Callable[[str, list[_Job]], Iterator[Any]],
-    count: int,
-    draw: tuple[int, int],
-    task: MotionTask,
-    best: Attempt,
-) -> Iterator[Attempt]:
-    """The best start, `count` times changed at random; each time the best that was known `HOPS` times before.
-
-    So many can be under way at once, and what comes out does not depend on which of them ends first.
-    """
-    under_way: deque[tuple[Attempt, Iterator[Attempt]]] = deque()
-    for hop in range(count + HOPS):
-        if hop >= HOPS and under_way:
-            base, hopped = under_way.popleft()
-            if (found := next(hopped)) is not base:  # else it was lost
-                best = min(best, found, key=lambda own: _cost(task, own)).after(best, found)
-                yield best
-        if hop < count:
-            under_way.append((best, work("hopped", [(task, (best, (*draw, hop)))])))
 
 
 def _most_promising(
@@ -327,10 +326,12 @@ def _most_promising(
     numbers: range,
     seed: int,
     tasks_of: dict[int, MotionTask],
+    chosen: list[int],
 ) -> Iterator[Attempt | Rough]:
     """Starts, of which only those that promise the least cost are finished; more only if none is verified.
 
     One that promises so little that no other can displace it is finished before the others have said theirs.
+    When these are known, `chosen` holds their numbers, the most promising first.
     """
     rough, promised = list[Rough](), dict[int, float]()
     silent, begun, under_way = len(numbers), set[int](), list[Iterator[Attempt]]()
@@ -351,6 +352,8 @@ def _most_promising(
                 promised[one.number] = one.cost
             yield one
             finish(FINISHED - silent)
+    finish(FINISHED)
+    chosen += [one.number for one in rough[:FINISHED]]
     verified = False
     while rough and not verified:
         finish(FINISHED)
