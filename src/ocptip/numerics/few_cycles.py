@@ -10,5 +10,11 @@ from __future__ import annotations
 import atexit
 import gc
 
-gc.set_threshold(50_000)
+gc.set_threshold(500_000)  # more objects than are loaded
 atexit.register(gc.freeze)
+
+
+def loaded() -> None:
+    """To be called when all is loaded: nothing of that is looked at again, and garbage is, now and then."""
+    gc.freeze()
+    gc.set_threshold(50_000)
