@@ -148,6 +148,8 @@ class Command:
             if own_process:
                 self.prepare(options)
             module = import_module(f"ocptip.cli.{self.name}")
+            if own_process:
+                import_module("ocptip.numerics.few_cycles").loaded()
             from ocptip.numerics.threads import one_thread  # of the libraries that are loaded by now
 
             with suspicions() as said, one_thread:

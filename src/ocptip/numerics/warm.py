@@ -6,9 +6,8 @@ to, see `ocptip.numerics.fork_server`.
 
 from __future__ import annotations
 
-import gc
-
 from ocptip.numerics.compiled import compiled
+from ocptip.numerics.few_cycles import loaded
 
 
 @compiled
@@ -17,4 +16,4 @@ def _same(x: float) -> float:
 
 
 _same(0.0)
-gc.freeze()  # of what is loaded nothing becomes garbage in the processes forked from here
+loaded()  # nothing of that becomes garbage in the processes forked from here

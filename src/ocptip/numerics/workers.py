@@ -197,7 +197,7 @@ def _alone(function: Callable[..., Any], /, *arguments: Any, **named: Any) -> An
 def _serve() -> None:
     """In a worker: leave interrupts to the parent, and do not outlive it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    import_module("ocptip.numerics.few_cycles")
+    import_module("ocptip.numerics.few_cycles").loaded()
 
     parent = multiprocessing.parent_process()
     assert parent is not None

@@ -264,15 +264,30 @@ def test_feet_that_hold_only_if_they_are_soft_enough():
     ],
 )
 def test_ranges_of_stiffness_are_bisected(held, found):
-    def lifted(exponent):
+    def lifted(exponent, whether=False):
         inside = held[0] - 1e-9 <= exponent <= held[1] + 1e-9
-        return None if inside else on_feet.Margin(-1.0, exponent, (1,))
+        return None if inside else on_feet.Margin(-0.5 if whether else -1.0, exponent, (1,))
 
     exponents = np.arange(7.0, 3.9, -0.5).tolist()
     own = on_feet._range(lifted, exponents)
     assert own.least == pytest.approx(found[0], rel=0.05)
     assert own.between == (None if found[1] is None else pytest.approx(found[1], rel=0.05))
     assert (own.lost is None) == (held[0] == 4.0 and held[1] == 7.0)
+    assert own.lost is None or own.lost.value == -1.0  # what is said is the least force
+
+
+def test_a_course_may_end_where_a_foot_pulls():
+    robot, motion = plan_of("A")
+    soft = softened(robot, 1e7)
+    elastic, start = soft.support.elastic, motion.start[None]
+    modes = Modes.of(elastic, soft.inertia(start, 0 * start)[0][0])
+    for own in (motion, motion.time_scaled(10.0)):
+        simulation = Simulation(Ride(soft, own), elastic, modes, one_sided=False)
+        whole, part = simulation.run(), simulation.run(to_first_pull=True)
+        pulls = np.min(whole.forces[:, :, 0]) < 0
+        assert pulls == (own is motion) == (len(part.times) < len(whole.times))
+        assert (np.min(part.forces[:, :, 0]) < 0) == pulls
+        np.testing.assert_array_equal(part.forces, whole.forces[: len(part.times)])
 
 
 def test_feet_that_give_too_far_do_not_hold():

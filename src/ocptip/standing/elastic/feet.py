@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import pairwise
 from typing import Any
 
@@ -190,21 +190,27 @@ def softest_feet(robot: StandingMechanism, motion: Motion) -> SoftestFeet | None
         return None
     ride = Ride(robot, motion, rest=_A_MOMENT)
 
-    def lifted(exponent: float) -> Margin | None:
+    def lifted(exponent: float, whether: bool = False) -> Margin | None:
         elastic = feet(exponent)
         modes = Modes.of(elastic, ride.start_inertia[:6, :6])
-        course = Simulation(ride, elastic, modes, one_sided=False).run()
+        course = Simulation(ride, elastic, modes, one_sided=False).run(whether)
         least = min((_least(course, k) for k in range(len(unit))), key=lambda margin: margin.value)
         return least if least.value < 0 or course.falls else None
 
     return _range(lifted, np.arange(np.log10(STIFFEST), np.log10(SOFTEST) - 0.1, -0.5).tolist())
 
 
-def _range(lifted: Callable[[float], Margin | None], exponents: list[float]) -> SoftestFeet:
-    """Of what lifts at powers of ten of the stiffness, the stiffest first."""
+def _range(lifted: Callable[..., Margin | None], exponents: list[float]) -> SoftestFeet:
+    """Of what lifts at powers of ten of the stiffness, the stiffest first.
+
+    Args:
+        lifted: called as lifted(exponent, whether): some margin below zero is enough if `whether` is true.
+        exponents: of ten.
+    """
+    whether = partial(lifted, whether=True)
     found = [lifted(exponents[0])]
     while found[-1] is not None and len(found) < len(exponents):
-        found.append(lifted(exponents[len(found)]))
+        found.append(whether(exponents[len(found)]))
     if found[-1] is not None:
         return SoftestFeet(np.inf, found[0])
     top, least, lost = len(found) - 1, SOFTEST, None
@@ -217,7 +223,7 @@ def _range(lifted: Callable[[float], Margin | None], exponents: list[float]) -> 
         return SoftestFeet(least, lost)
     beyond = found[top - 1]
     assert beyond is not None  # all before the last one
-    most, _ = bisected(lifted, exponents[top], exponents[top - 1], beyond, _near)
+    most, _ = bisected(whether, exponents[top], exponents[top - 1], beyond, _near)
     return SoftestFeet(np.inf, found[0], (least, float(10**most)))
 
 

@@ -286,8 +286,8 @@ class Simulation:
         return found
 
     @one_thread
-    def run(self) -> Course:
-        """From rest at the start to the end of the ride."""
+    def run(self, to_first_pull: bool = False) -> Course:
+        """From rest at the start to the end of the ride, or to the step in which a foot pulls."""
         ride, n, d = self.ride, len(self._D), self.d
         self._counts = np.maximum(1, np.ceil(ride.lengths * self._highest * PER_PERIOD)).astype(int)
         self._steps = expm(self._every * (ride.lengths / self._counts)[:, None, None])
@@ -305,7 +305,7 @@ class Simulation:
                 parts.append(self._seen(i, begin + X[:, -3], X))
                 z = X[-1].copy()
             falls = self._far(z) or self._switches > MOST_SWITCHES
-            if falls:
+            if falls or (to_first_pull and np.min(parts[-1][2][:, :, 0]) < 0):
                 break
         times, states, forces, gaps, wrenches = (
             np.concatenate(values) for values in zip(*parts, strict=True)
