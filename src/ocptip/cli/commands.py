@@ -72,7 +72,7 @@ OF_FILE = (
 _OF_PLANS = (
     "ocptip.motion.plan",
     "ocptip.pictures.plan",
-    *("matplotlib.collections", "matplotlib.figure", "matplotlib.backends.backend_agg"),
+    *("matplotlib.collections", "matplotlib.figure", "matplotlib.backends.backend_agg", "PIL.PngImagePlugin"),
 )
 """What processes need that plan and draw."""
 
