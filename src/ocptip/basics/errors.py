@@ -78,7 +78,7 @@ def finite_array(name: str, value: ArrayLike, shape: tuple[int | EllipsisType | 
         raise InputError(f"{name}: expected numbers, got {value!r}") from None
     if given.dtype.kind not in "iuf" and given.size:
         raise InputError(f"{name}: expected numbers, got {value!r}")
-    array = given.astype(float)
+    array = given.astype(float, copy=False)  # a copy already
     tail = shape[1:] if shape[:1] == (...,) else shape
     have = array.shape[max(0, array.ndim - len(tail)) :] if tail is not shape else array.shape
     if len(have) != len(tail) or any(want not in (None, got) for want, got in zip(tail, have, strict=True)):
@@ -86,7 +86,7 @@ def finite_array(name: str, value: ArrayLike, shape: tuple[int | EllipsisType | 
         wanted = " x ".join(words.get(want, str(want)) for want in shape) or "a single number"
         got = " x ".join(map(str, array.shape)) or "a single number"
         raise InputError(f"{name}: expected shape {wanted}, got {got}")
-    if not np.all(np.isfinite(array)):
+    if not np.isfinite(array).all():
         raise InputError(f"{name}: contains NaN or infinity: {value!r}")
     return array
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ocptip.motion.objective import ENERGY, Objective
@@ -110,11 +112,8 @@ def _candidate(
             best, least = motion, short
         if short <= 0:
             break
-    for factor in SLOWER:
-        slower = best.time_scaled(factor)
-        if stands(robot, slower, limits):
-            break
-    return slower
+    assert best is not None  # the first draw is one
+    return best.time_scaled(stands(robot, best, limits, SLOWER) or SLOWER[-1])
 
 
 def _path_violation(robot: StandingMechanism, motion: ArmMotion, limits: tuple[Limit, ...]) -> float:
@@ -124,8 +123,19 @@ def _path_violation(robot: StandingMechanism, motion: ArmMotion, limits: tuple[L
     return float(np.max([limit.path_excess(at) for limit in limits]))
 
 
-def stands(robot: StandingMechanism, motion: ArmMotion, limits: tuple[Limit, ...]) -> bool:
-    """Whether a motion keeps the limits of the contacts, looked at coarsely."""
+def stands(
+    robot: StandingMechanism, motion: ArmMotion, limits: tuple[Limit, ...], paces: Sequence[float] = (1.0,)
+) -> float | None:
+    """How many times slower a motion keeps the limits of the contacts, looked at coarsely.
+
+    Returns:
+        The first such of the paces; None if it does at none.
+    """
     times = motion.quadrature(4)[0]
-    at = Instants.of_states(robot.during(motion), *motion.states(times), times)
-    return all(limit.kept(at) for limit in limits if limit.of_contacts)
+    q, qd, qdd = motion.states(times)
+    for pace in paces:
+        acting = robot if robot.varying is None else robot.during(motion.time_scaled(pace))
+        at = Instants.of_states(acting, q, qd / pace, qdd / pace**2, pace * times)
+        if all(limit.kept(at) for limit in limits if limit.of_contacts):
+            return pace
+    return None
