@@ -20,14 +20,13 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from threadpoolctl import threadpool_limits
-
 from ocptip.basics.errors import InputError
 from ocptip.basics.write import versions, write_text
 from ocptip.certificate.find import certify
 from ocptip.motion.check import check_motion
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.motion.task import MotionTask
+from ocptip.numerics.threads import one_thread
 from ocptip.published.cases import motion_cases
 from ocptip.published.tasks import BASES, experiment_task
 from ocptip.task_files.plan_folder import is_plan_folder, read_plan_folder
@@ -202,7 +201,7 @@ def study(options: argparse.Namespace) -> str:
         raise InputError(f"--plans: no plans in {options.plans}, and no --folders")
     options.out.mkdir(parents=True, exist_ok=True)
     file = RowFile(options.out / f"{_NAME}.json", {}, ("name", "kind"), source_state(*_STATE))
-    with threadpool_limits(1):
+    with one_thread:
         for number, (name, kind, task, motion) in enumerate(every):
             progress(number, len(every), f"{name} {kind}")
             if file.find(name=name, kind=kind) is None:

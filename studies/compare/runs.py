@@ -11,13 +11,13 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from ocptip.basics.errors import OcptipError
 from ocptip.basics.write import versions
 from ocptip.motion.check import MotionCheck, check_motion
 from ocptip.motion.planner.one_start import Search
 from ocptip.motion.task import MotionTask
+from ocptip.numerics.threads import one_thread
 from ocptip.numerics.workers import worker_pool
 from ocptip.published.tasks import experiment_task
 from ocptip.trajectories.arm_motion import ArmMotion
@@ -51,7 +51,7 @@ def run_one(case: str, start: int, method: str, settings: Settings, seconds: flo
         settings: of the study.
         seconds: CPU time at most, if it is not that of the settings.
     """
-    with threadpool_limits(1):
+    with one_thread:
         if method == "cma":
             importlib.import_module("cma")  # takes a second that is not the search's
         task, search, penalty = prepared(case, settings)

@@ -25,13 +25,12 @@ from tempfile import TemporaryDirectory
 from typing import Any
 from unittest import mock
 
-from threadpoolctl import threadpool_limits
-
 from ocptip.basics.write import versions, write_json
 from ocptip.motion.planner.one_start import Search
 from ocptip.motion.planner.program import MotionProgram
 from ocptip.motion.task import MotionTask
 from ocptip.numerics import ipopt
+from ocptip.numerics.threads import one_thread
 from ocptip.numerics.workers import worker_pool
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.tolerance import NONE
@@ -111,7 +110,7 @@ def other_task(name: str) -> tuple[str, MotionTask]:
 def profile(case: str, task: MotionTask) -> dict[str, Any]:
     """Seconds of one start, number 1; of `solve` those of the parts, of callbacks and of Ipopt are shares."""
     clocks = Clocks()
-    with threadpool_limits(1):
+    with one_thread:
         began = time.thread_time()
         search = Search(task)
         building = time.thread_time() - began

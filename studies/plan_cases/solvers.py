@@ -23,11 +23,11 @@ from unittest import mock
 
 import casadi as cs
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from ocptip.basics.write import versions, write_json
 from ocptip.motion.planner.one_start import Search
 from ocptip.motion.planner.program import MotionProgram
+from ocptip.numerics.threads import one_thread
 from ocptip.published.tasks import experiment_task
 from studies.common import RESULTS, ended, machine, number, table
 
@@ -84,7 +84,7 @@ def solves(case: str, number_: int) -> list[Solve]:
         found.append(Solve(stage, program, x, tolerance, spent, *rest))
         return solution
 
-    with threadpool_limits(1):
+    with one_thread:
         search = Search(experiment_task(case, "effective"))
         search.run(0, 0)  # compiles and loads
         with mock.patch.object(MotionProgram, "solve", solve):

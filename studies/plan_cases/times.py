@@ -11,7 +11,6 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from ocptip.basics.write import write_json
 from ocptip.motion.planner.exact import Refiner
@@ -19,6 +18,7 @@ from ocptip.motion.planner.one_start import COARSE_ROWS, WIDTHS, Search
 from ocptip.motion.planner.program import MotionProgram
 from ocptip.motion.planner.random_start import random_start
 from ocptip.motion.task import MotionTask
+from ocptip.numerics.threads import one_thread
 from ocptip.trajectories.arm_motion import ArmMotion
 from studies.common import leave_interrupts_to_parent
 from studies.plan_cases.journal import Journal, Options, best_plan, state
@@ -34,7 +34,7 @@ def time_case(task: MotionTask, motion: ArmMotion) -> dict:
     the first time. Evaluation: cost, rows and all derivatives of the exact program that has `motion` as its
     solution, cache cleared.
     """
-    with threadpool_limits(1):
+    with one_thread:
         building = [_building_seconds(task) for _ in range(BUILDINGS)]
         search = Search(task)
         exact = Refiner(search.formulation, search.inner).first(

@@ -21,13 +21,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from ocptip.basics.errors import PlanningError
 from ocptip.basics.write import versions, write_text
 from ocptip.motion.plan import plan_motion
 from ocptip.motion.planner.one_start import Search
 from ocptip.motion.task import MotionTask, refusals
+from ocptip.numerics.threads import one_thread
 from ocptip.robots.inverse.joint_angles import within_limits
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.limits import MotionLimits
@@ -95,7 +95,7 @@ def rows_of(number: int, options: argparse.Namespace, lines: JsonLines) -> list[
         if (kind, k) in known:
             continue
         row: dict[str, Any] = {"task": number, "name": task.name, "kind": kind, "k": k, "energy": None}
-        with threadpool_limits(1):
+        with one_thread:
             if kind == "plan":
                 try:
                     plan = plan_motion(task, starts=8, seed=options.seed, jobs=1)
