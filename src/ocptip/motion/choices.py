@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from ocptip.motion.planner.one_start import free_ends
-from ocptip.motion.planner.random_start import SLOWER, stands
+from ocptip.motion.planner.random_start import SLOWER, pace_that_stands
 from ocptip.motion.task import MotionTask, end_refusals, refusals
 from ocptip.standing.limit_kinds.kinds import limits_of
 from ocptip.trajectories.arm_motion import ArmMotion
@@ -68,7 +68,7 @@ def plainest_cost(task: MotionTask) -> float:
     for factor in SLOWER:
         rates = limits.speed / factor, limits.acceleration / factor**2
         motion = ArmMotion.with_passive(task.start, task.goal, [None] * robot.n, *rates)
-        if not stands(robot, motion, kept):
+        if pace_that_stands(robot, motion, kept) is None:
             continue
         cost = task.objective.cost(robot.energy(motion), motion.end)
         if cost >= best:

@@ -100,8 +100,8 @@ def plan_motion(
     Every start is a random motion, improved by Ipopt and checked on a dense time grid. Where the task leaves
     a choice of postures, the most promising pairs of start and goal get one start each and the best of them
     the others, see `ocptip.motion.choices`. Only the starts that promise the least cost after their first
-    program are finished. Then the best motion is half as many times as there are starts changed at random
-    and solved anew (basin hopping), but not within a tolerance. The best gets its certificate; where that
+    program are finished. The best motion is half as many times as there are starts changed at random and
+    solved anew (basin hopping), but not within a tolerance. The best gets its certificate; where that
     leaves something open, the motion is solved again, a little tighter there, and the proved one wins if it
     costs at most 0.5 % more. The result depends on task, starts and seed only, not on where the starts run.
     An interrupt (Ctrl-C) ends the planning with the best verified plan so far. A worker that dies is replaced
@@ -279,9 +279,10 @@ def _turns(
     """Random starts, then random changes of the best; the caller fills costs and attempts meanwhile.
 
     Each start comes twice, as what it promises and as what it has come to; then what was changed, with each
-    change. The first changes are of the best of the most promising starts, while another one is still under
-    way; the others each of the best that was known `HOPS` changes before. So that many can be under way at
-    once, and what comes out does not depend on which of them ends first.
+    change. The first changes are of the better of the most promising starts, if these are verified, while
+    another one is still under way; the next ones of the best start, and the others each of the best that was
+    known `HOPS` changes before. So that many can be under way at once, and what comes out does not depend on
+    which of them ends first.
 
     Args:
         work: yields what a method of `Search` finds for each task with its arguments, in any order.
@@ -352,7 +353,6 @@ def _most_promising(
                 promised[one.number] = one.cost
             yield one
             finish(FINISHED - silent)
-    finish(FINISHED)
     chosen += [one.number for one in rough[:FINISHED]]
     verified = False
     while rough and not verified:

@@ -64,14 +64,17 @@ def compiled_inline(function: Callable) -> Kernel:
 
 
 def compiled_in_any_order(function: Callable) -> Kernel:
-    """As `compiled`, with sums in whatever order is fastest: loops that add up use the vector units."""
+    """As `compiled`, with sums in whatever order is fastest, and products fused with them.
+
+    Loops that add up then use the vector units; the last bits of the results depend on the processor.
+    """
     assert isinstance(function, FunctionType)
     return Kernel(function, "never", any_order=True)
 
 
 @contextmanager
 def interpreted() -> Iterator[None]:
-    """Let Python run the kernels in this block, with the same results to the last bit.
+    """Let Python run the kernels in this block, with the same results to the last bit, or to rounding.
 
     For a process that solves a few small problems and ends: loading Numba and machine code takes longer.
     """

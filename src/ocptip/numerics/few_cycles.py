@@ -15,6 +15,6 @@ atexit.register(gc.freeze)
 
 
 def loaded() -> None:
-    """To be called when all is loaded: nothing of that is looked at again, and garbage is, now and then."""
+    """To be called when most is loaded: nothing of that is looked at again, and garbage is, now and then."""
     gc.freeze()
     gc.set_threshold(50_000)

@@ -82,7 +82,9 @@ class Solution:
 
 
 class _Function(cs.Callback):
-    """A CasADi function of dense arguments that runs `evaluate(arguments, results)` on NumPy views.
+    """A CasADi function of dense arguments that runs `evaluate(arguments, results)` on NumPy arrays.
+
+    Results are views. Arguments are copies: views cannot be written, and kernels are compiled anew for such.
 
     What that raises goes into `errors`. Where there are some, all functions that share the list fail at once:
     Ipopt takes a failure for a step that was too long, and would try dozens of shorter ones.
@@ -127,7 +129,7 @@ class _Function(cs.Callback):
             return 1
         try:
             self._evaluate(
-                [None if a is None else np.frombuffer(a) for a in arg],
+                [None if a is None else np.array(np.frombuffer(a)) for a in arg],
                 [None if r is None else np.frombuffer(r) for r in res],
             )
         except BaseException as error:  # handed on behind the solver, which would swallow it

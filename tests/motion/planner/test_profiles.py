@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ocptip.motion.planner.profile_kernels import joint_states
-from ocptip.motion.planner.profiles import Layout, Nodes, Profiles
+from ocptip.motion.planner.profiles import Course, Layout, Nodes, Profiles
+from ocptip.robots.process import SHARE, TIME, ProcessWrench
 from ocptip.trajectories.arm_motion import ArmMotion, earliest_end, passive_command
 from ocptip.trajectories.ramps import JointRamps, phases_to_commands
 from tests.trajectories.strategies import numbers, phases
@@ -216,6 +217,55 @@ def test_second_derivatives(seed, way, form):
     reference = differences(lambda z: np.einsum("ns,nsx->x", weights, slopes(nodes.states(z))), x, step=1e-6)
     assert np.max(np.abs(hessian - reference)) < 1e-6 * np.max(np.abs(reference))
     np.testing.assert_allclose(hessian, hessian.T, atol=1e-10 * np.max(np.abs(hessian)))
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("over", ["", TIME, SHARE])
+@pytest.mark.parametrize("free", [(True, True), (True, False), (False, True)])
+def test_derivatives_with_free_ends_late_joints_and_a_process_that_varies(form, over, free):
+    """The process goes on after the ramps, for the rises; node times depend on all durations."""
+    rng = np.random.default_rng(len(form) + len(over) + 2 * free[0] + free[1])
+    layout = Layout(3, (0, 2), 2, free=free)
+    x, spread = np.zeros(layout.size), np.zeros((20, layout.size))
+    for j in (0, 1):
+        x[layout.w(j)], x[layout.d(j)] = rng.uniform(-1, 1, 2), rng.uniform(0.2, 0.5, 3)
+        x[layout.c(j)] = rng.uniform(0.1, 0.4, 2)
+    x[layout.end], x[layout.one] = 2.5, 1.0
+    for own in (layout.start, layout.goal):
+        x[own] = rng.uniform(-1, 1, own.stop - own.start)
+    spread[:, : layout.end], spread[:, layout.end] = rng.uniform(0, 0.05, (20, layout.end)), rng.random(20)
+    behind, rises = rng.uniform(0, 0.1, (20, 3)), RISES if form.endswith("S-curve") else None
+    sharp = form.startswith("sharp")
+    rounding = 0.0 if sharp else 0.05
+    profiles = Profiles(layout, START, START + 0.8, SPEED, rounding=rounding, rise_times=rises)
+    how = {"behind": behind}
+    if over:
+        force, moment = rng.normal(size=(2, 4, 3))
+        process = ProcessWrench(force, moment, over=over, knots=[0.05, 0.3, 0.7, 1.2])
+        end = np.zeros(layout.size)
+        end[layout.end], end[layout.one] = 1.0, 0.3
+        how["course"] = Course.of(process, end)
+    if sharp:
+        since = (spread @ x)[:, None, None] - behind[:, :, None] - profiles(x).times
+        how |= {"masks": since >= 0, "late": since - profiles.rise_times[:, None] >= 0}
+        how["regime"] = profiles.regime(x[layout.end])
+    else:
+        how["half_width"] = 0.1
+    nodes = Nodes(profiles, spread, **how)
+    first, size = slopes(nodes.states(x)), 9 + 6 * bool(over)
+    assert first.shape == (20, size, layout.size)
+    reference = differences(lambda z: nodes.values(z).T, x)
+    assert np.max(np.abs(first - reference)) < 1e-7 * np.max(np.abs(reference))
+    weights, hessian = rng.normal(size=(20, size)), np.zeros((len(x), len(x)))
+    add_second(hessian, x, nodes.states(x), weights)
+    reference = differences(lambda z: np.einsum("ns,nsx->x", weights, slopes(nodes.states(z))), x)
+    assert np.max(np.abs(hessian - reference)) < 1e-6 * np.max(np.abs(reference))
+
+
+def test_slopes_of_a_wrong_size_are_refused():
+    nodes, x = forms(0, 0.8, "smooth")
+    with pytest.raises(AssertionError):
+        nodes.states(x).over_all(np.arange(2), np.ones((2, 3)))
 
 
 def test_second_derivatives_are_added():

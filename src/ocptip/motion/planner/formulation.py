@@ -337,9 +337,10 @@ class Formulation:
 
     def _structure_of(self, order: EventOrder) -> Structure:
         """Structure rows of an order; programs of one order follow each other."""
-        if self._latest is None or self._latest[0] is not order:
-            self._latest = order, self._ordered_structure(order)
-        return self._latest[1]
+        latest = self._latest  # of one thread: another one may plan for another order
+        if latest is None or latest[0] is not order:
+            self._latest = latest = order, self._ordered_structure(order)
+        return latest[1]
 
     def _ordered_structure(self, order: EventOrder) -> Structure:
         layout, arm = order.layout, self.robot.limits

@@ -134,7 +134,9 @@ class NodeJacobian:
             first: of the columns, not that of the power; one number or (R,).
         """
         first = np.zeros(len(nodes), dtype=np.int64) + (first - 1)
-        return _over_states(nodes, first, np.ascontiguousarray(on), self.slopes, self.y.shape[1] - 1)
+        assert np.min(first, initial=0) >= 0, "the power has slopes of its own"
+        own = np.ascontiguousarray
+        return _over_states(own(nodes), first, own(on), self.slopes, self.y.shape[1] - 1)
 
 
 class NodeHessian:
@@ -150,12 +152,15 @@ class NodeHessian:
 
     def add(self, nodes: np.ndarray, bends: np.ndarray) -> None:
         """Add second derivatives (R, k, k) at nodes (R,) over the first k states."""
-        _add_bends(self.upper, nodes, np.ascontiguousarray(bends))
+        assert bends.shape[1] <= len(self.slopes)
+        _add_bends(self.upper, np.ascontiguousarray(nodes), np.ascontiguousarray(bends))
 
     def add_over_quantities(self, nodes: np.ndarray, first: int, bends: np.ndarray) -> None:
         """Add second derivatives (R, k, k) at nodes (R,) over k columns of y from the first on."""
-        at, bends = self._at, np.ascontiguousarray(bends)
-        _add_bends_over_quantities(self.upper, nodes, first - 1, bends, at.slopes, at.y.shape[1] - 1)
+        assert first > 0, "the power has slopes of its own"
+        own, at = np.ascontiguousarray, self._at
+        own_bends, m = own(bends), at.y.shape[1] - 1
+        _add_bends_over_quantities(self.upper, own(nodes), first - 1, own_bends, at.slopes, m)
 
 
 @compiled_in_any_order
@@ -281,7 +286,7 @@ def _bend(upper, on_s, slopes, of_power, inputs, on_power, n, speeds):
                 for i in range(N):
                     speed[j, i] += on_power[i] * of_power[4 * n + j, i] * of[i]
         for r in range(c + 1):
-            row = c * (c + 1) // 2 + r
+            row = place(r, c)
             for j in range(n):
                 other = r * m + j
                 for i in range(N):

@@ -1,8 +1,8 @@
 """The loops of `profiles`: joint states at nodes, their derivatives, and what these make of others.
 
 A joint's corners depend on its own few variables only, so that the loops go over these and not over all of x.
-Innermost are always the nodes, side by side in memory: that is what the processor's vector units want, and
-why each line has few arrays.
+Innermost are the nodes, side by side in memory, but where rows are of single nodes: that is what the
+processor's vector units want, and why each line has few arrays.
 
 States come in groups of three (angle, speed and acceleration of a joint; force or moment of a process) that
 depend on variables of their own, and through the time of the node on all others:

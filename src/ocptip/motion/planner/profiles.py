@@ -150,10 +150,9 @@ class Profiles:
 
     def start_at(self, x: np.ndarray) -> np.ndarray:
         """(n,) The start, rad, with the angles that are free as they are in x."""
-        if not self.layout.free[0]:
-            return self.start
         start = self.start.copy()
-        start[list(self.layout.joints)] = x[self.layout.start]
+        if self.layout.free[0]:
+            start[list(self.layout.joints)] = x[self.layout.start]
         return start
 
     def corner_time(self, joint: int, k: int) -> np.ndarray:
@@ -261,9 +260,9 @@ class NodeStates:
 
     def over_all(self, nodes: np.ndarray, slopes: np.ndarray) -> np.ndarray:
         """Slopes (R, nx) over x of functions at nodes (R,) with slopes (R, S) over the states."""
-        of = self.nodes
-        slopes = np.ascontiguousarray(slopes)
-        return over_all_variables(nodes, slopes, self.own, self.rates, *of.groups, of.times)
+        assert slopes.shape[1] == len(self.values)
+        of, own = self.nodes, np.ascontiguousarray
+        return over_all_variables(own(nodes), own(slopes), self.own, self.rates, *of.groups, of.times)
 
     def over_all_everywhere(self, slopes: np.ndarray) -> np.ndarray:
         """Slopes (nx, N) over x of one function at each node with slopes (S, N) over the states."""

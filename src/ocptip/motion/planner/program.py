@@ -131,10 +131,10 @@ class ProgramNodes(RowNodes):
         super().__init__(columns, np.ascontiguousarray(states.values.T), physics.y)
         self.states, self.physics = states, physics
 
-    def over_states(self, nodes: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+    def by_states(self, nodes: np.ndarray, slopes: np.ndarray) -> np.ndarray:
         return self.states.over_all(nodes, slopes)
 
-    def over_quantities(self, nodes: np.ndarray, first: int | np.ndarray, slopes: np.ndarray) -> np.ndarray:
+    def by_quantities(self, nodes: np.ndarray, first: int | np.ndarray, slopes: np.ndarray) -> np.ndarray:
         return self.states.over_all(nodes, self.physics.over_states(nodes, first, slopes))
 
     @cached_property

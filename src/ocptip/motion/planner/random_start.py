@@ -113,7 +113,7 @@ def _candidate(
         if short <= 0:
             break
     assert best is not None  # the first draw is one
-    return best.time_scaled(stands(robot, best, limits, SLOWER) or SLOWER[-1])
+    return best.time_scaled(pace_that_stands(robot, best, limits, SLOWER) or SLOWER[-1])
 
 
 def _path_violation(robot: StandingMechanism, motion: ArmMotion, limits: tuple[Limit, ...]) -> float:
@@ -123,7 +123,7 @@ def _path_violation(robot: StandingMechanism, motion: ArmMotion, limits: tuple[L
     return float(np.max([limit.path_excess(at) for limit in limits]))
 
 
-def stands(
+def pace_that_stands(
     robot: StandingMechanism, motion: ArmMotion, limits: tuple[Limit, ...], paces: Sequence[float] = (1.0,)
 ) -> float | None:
     """How many times slower a motion keeps the limits of the contacts, looked at coarsely.

@@ -95,7 +95,7 @@ class ClearanceLimit(AskedLimit):
 
     def jacobian(self, rows: Rows) -> np.ndarray:
         size = rows.at.s.shape[1]
-        return rows.at.over_states(rows.nodes, np.pad(rows.slopes, ((0, 0), (0, size - self.robot.n))))
+        return rows.at.by_states(rows.nodes, np.pad(rows.slopes, ((0, 0), (0, size - self.robot.n))))
 
     def add_hessian(self, rows: Rows, on: np.ndarray, H: Curvature, on_s: np.ndarray) -> None:
         scaled, every = GAP_SCALE * on, np.arange(len(rows.at.s))

@@ -263,7 +263,7 @@ class AngleLimit(Limit):
         return Rows(at, i, k, at.s[i, k])
 
     def jacobian(self, rows: Rows) -> np.ndarray:
-        return rows.at.over_states(rows.nodes, np.eye(rows.at.s.shape[1])[rows.places])
+        return rows.at.by_states(rows.nodes, np.eye(rows.at.s.shape[1])[rows.places])
 
     def add_hessian(self, rows: Rows, on: np.ndarray, H: Curvature, on_s: np.ndarray) -> None:
         on_s[rows.nodes, rows.places] += on

@@ -91,12 +91,15 @@ class RowNodes(ABC):
         self.columns, self.s, self.y = columns, s, y
 
     @abstractmethod
-    def over_states(self, nodes: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+    def by_states(self, nodes: np.ndarray, slopes: np.ndarray) -> np.ndarray:
         """Slopes (R, nx) over x of functions at nodes (R,) with slopes (R, S) over the states."""
 
     @abstractmethod
-    def over_quantities(self, nodes: np.ndarray, first: int | np.ndarray, slopes: np.ndarray) -> np.ndarray:
-        """The same of functions with slopes (R, k) over columns of y, `first` (one, or (R,)) and on."""
+    def by_quantities(self, nodes: np.ndarray, first: int | np.ndarray, slopes: np.ndarray) -> np.ndarray:
+        """The same of functions with slopes (R, k) over columns of y, `first` (one, or (R,)) and on.
+
+        Not over that of the power.
+        """
 
     @property
     def angles(self) -> np.ndarray:
@@ -129,10 +132,10 @@ class NodeSlopes(RowNodes):
         super().__init__(columns, s, y)
         self.s_x, self.y_x = s_x, y_x
 
-    def over_states(self, nodes: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+    def by_states(self, nodes: np.ndarray, slopes: np.ndarray) -> np.ndarray:
         return np.einsum("rs,rsx->rx", slopes, self.s_x[nodes])
 
-    def over_quantities(self, nodes: np.ndarray, first: int | np.ndarray, slopes: np.ndarray) -> np.ndarray:
+    def by_quantities(self, nodes: np.ndarray, first: int | np.ndarray, slopes: np.ndarray) -> np.ndarray:
         columns = np.reshape(first, (-1, 1)) + np.arange(slopes.shape[1])
         return np.einsum("rk,rkx->rx", slopes, self.y_x[nodes[:, None], columns])
 
@@ -145,7 +148,7 @@ class Curvature(Protocol):
         ...
 
     def add_over_quantities(self, nodes: np.ndarray, first: int, bends: np.ndarray) -> None:
-        """Add second derivatives (R, k, k) at nodes (R,) over columns of y from the first on."""
+        """Add second derivatives (R, k, k) at nodes (R,) over columns of y from the first on; not the power."""
         ...
 
 
@@ -276,7 +279,7 @@ class WrenchLimit(Limit):
     unit = 1.0
 
     def jacobian(self, rows: Rows) -> np.ndarray:
-        return rows.at.over_quantities(rows.nodes, rows.at.columns.wrench.start, rows.slopes / self.unit)
+        return rows.at.by_quantities(rows.nodes, rows.at.columns.wrench.start, rows.slopes / self.unit)
 
     def add_to_quantities(self, rows: Rows, on: np.ndarray, on_y: np.ndarray) -> None:
         slopes = on[:, None] * rows.slopes / self.unit
@@ -303,17 +306,17 @@ class QuantityLimit(Limit):
 
     def jacobian(self, rows: Rows) -> np.ndarray:
         columns = self.first(rows.at.columns) + rows.places
-        return rows.at.over_quantities(rows.nodes, columns, 1 / self.units[rows.places, None])
+        return rows.at.by_quantities(rows.nodes, columns, 1 / self.units[rows.places, None])
 
     def add_to_quantities(self, rows: Rows, on: np.ndarray, on_y: np.ndarray) -> None:
         on_y[rows.nodes, self.first(rows.at.columns) + rows.places] += on / self.units[rows.places]
 
 
 class StateLimit(Limit):
-    """Rows that are functions of the states; `Rows.slopes` are (rows, 3 n)."""
+    """Rows that are functions of the states; `Rows.slopes` are (rows, S)."""
 
     def jacobian(self, rows: Rows) -> np.ndarray:
-        return rows.at.over_states(rows.nodes, rows.slopes)
+        return rows.at.by_states(rows.nodes, rows.slopes)
 
     def add_hessian(self, rows: Rows, on: np.ndarray, H: Curvature, on_s: np.ndarray) -> None:
         np.add.at(on_s, rows.nodes, on[:, None] * rows.slopes)
@@ -321,7 +324,7 @@ class StateLimit(Limit):
         H.add(rows.nodes[some], bends)
 
     def curvature(self, rows: Rows, on: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Which rows bend (k,), and the second derivatives (k, 3 n, 3 n) of on . rows over the states."""
+        """Which rows bend (k,), and the second derivatives (k, S, S) of on . rows over the states."""
         raise NotImplementedError(f"{self.name}: no rows")
 
 
