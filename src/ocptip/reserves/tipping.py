@@ -349,6 +349,17 @@ class TipMap:
             normals = solve_resting(self._tip_over.support, wrenches).contact_forces[:, :, 0]
         return addable(wrenches, normals)
 
+    def some(
+        self, wrenches: np.ndarray, states: np.ndarray, axes: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Moments (R,) about axes (R,) in states (R,), and their derivatives (R, 6)."""
+        if self._affine is None:
+            moments, slopes = self(wrenches)
+            return moments[states, axes], slopes[states, axes]
+        slope, offset = self._affine
+        slopes = slope[axes]
+        return np.einsum("rw,rw->r", slopes, wrenches[states]) + offset[axes], slopes
+
 
 def _product(reserves: np.ndarray, lifts: np.ndarray, axis: int = -1) -> np.ndarray:
     """Sums over the contacts of reserves (N, n, ...) times lifts (axes, n): (N, axes, ...).

@@ -204,7 +204,7 @@ class ArmMotion(EventfulMotion):
         for j in passive:
             positive_number(f"speed_limits of joint {j + 1}", v[j])
             positive_number(f"acceleration_limits of joint {j + 1}", a[j])
-        ends = [float(earliest_end(goal[j] - start[j], v[j], a[j])) for j in passive]
+        ends = earliest_end((goal - start)[passive], v[passive], a[passive]).tolist()
         joints = dict[int, JointRamps]()
         for j, of_joint in enumerate(commands):
             if of_joint is not None:

@@ -133,8 +133,8 @@ class NodeJacobian:
         Args:
             first: of the columns, not that of the power; one number or (R,).
         """
-        first = np.zeros(len(nodes), dtype=np.int64) + (first - 1)
-        assert np.min(first, initial=0) >= 0, "the power has slopes of its own"
+        assert np.all(first > 0), "the power has slopes of its own"
+        first = np.full(len(nodes), 1) * (first - 1)
         own = np.ascontiguousarray
         return _over_states(own(nodes), first, own(on), self.slopes, self.y.shape[1] - 1)
 

@@ -382,7 +382,7 @@ def _add_product(target, first, second):
 
 @compiled
 def add_second_derivatives(
-    hessian, weights, steps, alpha, d_alpha, d_tau, columns, counts, used, on_t, mixed, on_steps, on_times
+    hessian, weights, steps, alpha, d_alpha, d_tau, columns, counts, used, T, on_t, mixed, on_steps, on_times
 ):
     """Add what second derivatives of the states hold of products of first derivatives of the corners.
 
@@ -391,7 +391,8 @@ def add_second_derivatives(
         weights: (S, N) of the states.
         steps, alpha, d_alpha, d_tau, counts, used: as in `joint_states`.
         columns: (n, P or more), the own variables.
-        on_t, mixed: as in `add_curvature`.
+        T: (N, nx), d time / dx.
+        on_t, mixed: of `add_curvature`, added to; half of what on_t makes goes into mixed in the end.
         on_steps, on_times: (n, C), added to: weights of the second derivatives of the corners' steps, times.
     """
     n = len(alpha)
@@ -417,3 +418,6 @@ def add_second_derivatives(
                         - crossing * late * d_alpha[j, c, r]
                         - crossing * grows * d_tau[j, c, r]
                     )
+    for x in range(len(mixed)):
+        for i in range(len(on_t)):
+            mixed[x, i] += 0.5 * on_t[i] * T[i, x]

@@ -295,9 +295,8 @@ class NodeStates:
             profiles.counts,
             profiles.used,
         )
-        add_second_derivatives(hessian, weights, self.steps, *own, on_t, mixed, on_steps, on_times)
+        add_second_derivatives(hessian, weights, self.steps, *own, T, on_t, mixed, on_steps, on_times)
         profiles.add_second(hessian, corners, x, on_steps, on_times)
-        mixed += (0.5 * on_t) * T.T
         mixed = mixed @ T + other
         hessian += mixed + mixed.T
         if of.course is not None:

@@ -200,6 +200,7 @@ class MotionProgram:
         self.rows, self.pull = rows if rows is not None else self.no_rows(), pull
         self._used = [limit for limit in limits if self.rows[limit.name].any()]
         self._last: Evaluation | None = None
+        self._sloped: tuple[Evaluation, np.ndarray] | None = None
         self._looked: tuple[np.ndarray, Instants] | None = None
 
     def with_rows(
@@ -291,6 +292,11 @@ class MotionProgram:
     def gradient(self, x: np.ndarray) -> np.ndarray:
         """Gradient of the objective (nx,)."""
         at = self._evaluate(x)
+        if self._sloped is None or self._sloped[0] is not at:  # Ipopt asks twice
+            self._sloped = at, self._gradient(at, x)
+        return self._sloped[1]
+
+    def _gradient(self, at: Evaluation, x: np.ndarray) -> np.ndarray:
         gradient = at.nodes.y[:, POWER] @ self.weights + at.nodes.of_power @ at.durations
         gradient = self.objective.energy_weight * gradient / self.objective.size
         gradient[self.layout.end] += self.objective.time_weight / self.objective.size

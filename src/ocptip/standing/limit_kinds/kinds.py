@@ -73,9 +73,9 @@ class TipOverLimit(WrenchLimit, MomentLimit):
         return (needed - np.min(self.moments(at))) / self.robot.tip_over.reference_moment
 
     def rows(self, at: RowNodes, mask: np.ndarray) -> Rows:
-        moments, slopes = self._map(at.y[:, at.columns.wrench])
         i, k = np.nonzero(mask)
-        return Rows(at, i, k, moments[i, k] / self.unit, slopes[i, k])
+        moments, slopes = self._map.some(at.y[:, at.columns.wrench], i, k)
+        return Rows(at, i, k, moments / self.unit, slopes)
 
 
 class SlipLimit(WrenchLimit, AskedLimit):

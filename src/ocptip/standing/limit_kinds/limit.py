@@ -148,7 +148,7 @@ class Curvature(Protocol):
         ...
 
     def add_over_quantities(self, nodes: np.ndarray, first: int, bends: np.ndarray) -> None:
-        """Add second derivatives (R, k, k) at nodes (R,) over columns of y from the first on; not the power."""
+        """Add second derivatives (R, k, k) at nodes (R,) over columns of y, not the power, from the first on."""
         ...
 
 
