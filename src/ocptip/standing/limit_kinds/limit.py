@@ -148,7 +148,7 @@ class Curvature(Protocol):
         ...
 
     def add_over_quantities(self, nodes: np.ndarray, first: int, bends: np.ndarray) -> None:
-        """Add second derivatives (R, k, k) at nodes (R,) over columns of y, not the power, from the first on."""
+        """The same (R, k, k) at nodes (R,) over columns of y, `first` and on; not over that of the power."""
         ...
 
 
