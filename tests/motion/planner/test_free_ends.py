@@ -150,7 +150,7 @@ def test_margins_to_angle_limits_are_kept(planned):
     task = dataclasses.replace(
         free.task, limits=MotionLimits(angle_margin=least - 0.02), targets=(None, None)
     )
-    plan = plan_motion(task, starts=2, jobs=1)
+    plan = plan_motion(task, starts=4, jobs=1)
     worst = plan.check.worst["angle_margin_deg"]
     assert plan.verified
     assert worst.limit == pytest.approx(np.rad2deg(least - 0.02))
