@@ -255,12 +255,14 @@ def on_a_heavy_base(task, mass):
     return replace(task, robot=task.robot.varied(support=support))
 
 
-def of_a_lucky_start(task):
-    """The plan of one start. With brakes a third of them is verified; which ones is rounding."""
+def of_a_lucky_start(task, most):
+    """A plan of one start below so much energy. With brakes a third is verified; which ones is rounding."""
     for first in (8, 7, 3, 5, 4, 2):
         with suppress(PlanningError):
-            return plan_motion(task, starts=1, first=first, jobs=1)
-    raise AssertionError("none of six starts was verified")
+            plan = plan_motion(task, starts=1, first=first, jobs=1)
+            if plan.energy < most:
+                return plan
+    raise AssertionError(f"none of six starts was verified below {most} J")
 
 
 def test_plans_that_may_be_stopped_by_brakes():
@@ -276,10 +278,10 @@ def test_plans_that_may_be_stopped_by_brakes():
     assert not before.verified
     assert before.stands
     assert any("GT_brakes" in violation for violation in before.violations)
-    plan = of_a_lucky_start(replace(task, limits=limits))
+    plan = of_a_lucky_start(replace(task, limits=limits), 1.05 * cheapest.energy)
     assert plan.verified
     assert plan.check.worst["GT_brakes"].value <= 0.9
-    assert plan.energy < 1.15 * cheapest.energy
+    assert 0.99 * cheapest.energy < plan.energy < 1.05 * cheapest.energy
     finer = BrakeCheck(task.robot, limits.brakes).stops(
         *plan.motion.states(np.linspace(0, plan.duration, 301))[:2]
     )
@@ -295,7 +297,7 @@ def test_stops_by_brakes_that_the_cheapest_plan_breaks_clearly():
     task = on_a_heavy_base(experiment_task("A", "effective"), 60.0)
     least = np.array([1.4, 13.95, 6.27, 1.4, 1.4, 1.4])
     limits = StopRules(brake_min=least, brake_max=1.25 * least).safe(task.limits, task.robot, "brakes")
-    plan = of_a_lucky_start(replace(task, limits=limits))
+    plan = of_a_lucky_start(replace(task, limits=limits), 200.0)
     assert plan.verified
     assert plan.energy < 200.0  # the cheapest without has 185.6 J and 1.2
 

@@ -237,7 +237,6 @@ def _functions(
     dense = cs.Sparsity.dense
     filled = (np.ones((ng, nx), dtype=bool), np.ones((nx, nx), dtype=bool)) if pattern is None else pattern
     slopes, bends = _places(filled[0]), _places(np.triu(filled[1]))
-    every = pattern is None or bool(np.all(pattern[0]))
 
     def values(a: list, r: list) -> None:
         f, g = program.values(a[0])
@@ -256,8 +255,7 @@ def _functions(
         if r[0] is not None:
             r[0][:] = program.values(a[0])[1]
         if r[1] is not None:
-            found = program.jacobian(a[0])
-            r[1][:] = found.ravel(order="F") if every else found[slopes]
+            r[1][:] = program.jacobian(a[0])[slopes]
 
     def hessian(a: list, r: list) -> None:
         if r[0] is not None:

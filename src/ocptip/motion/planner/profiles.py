@@ -215,7 +215,7 @@ class Course:
     def put(self, x: np.ndarray, times: np.ndarray, states: NodeStates, columns: list[int]) -> None:
         """Put force and moment at times @ x, times (N, nx), and their slopes, into the last six states.
 
-        Own variables (columns) are those of the duration.
+        Own variables (columns) are those of the duration; none of a process that varies over time.
         """
         at, length = times @ x, 1.0
         if self.process.over != TIME:
@@ -224,9 +224,8 @@ class Course:
         slopes = self.process.slopes(at).T / length
         states.values[-6:] = np.hstack(self.process.at(at)).T
         states.rates[-6:] = slopes
-        if self.process.over != TIME:
-            for p, column in enumerate(columns):
-                states.own[-2:, p] = (-self.end[column] * at * slopes).reshape(2, 3, -1)
+        for p, column in enumerate(columns):
+            states.own[-2:, p] = (-self.end[column] * at * slopes).reshape(2, 3, -1)
 
     def add_second(self, hessian: np.ndarray, x: np.ndarray, times: np.ndarray, weights: np.ndarray) -> None:
         """Add the sum of weights (6, N) times the second derivatives."""

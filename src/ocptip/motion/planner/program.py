@@ -194,8 +194,8 @@ class MotionProgram:
         pull: Pull | None = None,
     ) -> None:
         self.physics, self.limits, self.layout = physics, limits, layout
-        self.nodes, self.weights, self.directions, self.structure = nodes, weights, directions, structure
-        self._directions = np.ascontiguousarray(directions.T)
+        self.nodes, self.weights, self.structure = nodes, weights, structure
+        self._directions = np.ascontiguousarray(directions.T)  # nodes side by side, as all that physics takes
         self.objective = objective
         self.rows, self.pull = rows if rows is not None else self.no_rows(), pull
         self._used = [limit for limit in limits if self.rows[limit.name].any()]
@@ -210,7 +210,7 @@ class MotionProgram:
         limits = self.limits
         if near is not None:
             limits = tuple(limit.chosen(self._instants(near)) for limit in limits)
-        own = self.physics, limits, self.layout, self.nodes, self.weights, self.directions
+        own = self.physics, limits, self.layout, self.nodes, self.weights, self._directions.T
         return MotionProgram(*own, self.structure, self.objective, rows, pull)
 
     @property
