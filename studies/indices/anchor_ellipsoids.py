@@ -41,14 +41,6 @@ from scipy.optimize import brentq, least_squares
 
 from ocptip.basics.errors import InputError, SolverError
 from ocptip.basics.write import versions, write_json, write_text
-from ocptip.indices.designs.optimal_domains import main_roots, special_limit
-from ocptip.indices.designs.optimal_platforms import (
-    OptimalPlatform,
-    ctn_optimal_main,
-    ctn_optimal_special,
-    example_main,
-    example_special,
-)
 from ocptip.indices.metric import OperationEllipsoid, point_metric
 from ocptip.indices.platforms.controllability import control_number
 from ocptip.indices.platforms.isotropy import platform_conditioning
@@ -56,6 +48,14 @@ from ocptip.indices.platforms.planar import LARGEST_R
 from ocptip.indices.platforms.platform import PlatformPose
 from ocptip.numerics.vectors import skew
 from studies.common import ended, software, table
+from studies.indices.designs.optimal_domains import main_roots, special_limit
+from studies.indices.designs.optimal_platforms import (
+    OptimalPlatform,
+    ctn_optimal_main,
+    ctn_optimal_special,
+    example_main,
+    example_special,
+)
 
 SOLVED, OPTIMAL, EQUAL = 1e-9, 1 - 1e-6, 1e-6
 LONGEST = 2.0 / math.sqrt(3.0)

@@ -29,7 +29,6 @@ from matplotlib.ticker import MaxNLocator
 from ocptip.basics.errors import InputError
 from ocptip.basics.write import versions, write_json
 from ocptip.indices.arms.axes import arm_pose
-from ocptip.indices.arms.design import joint_range, random_poses
 from ocptip.indices.arms.values import index_values
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.workspace_maps import index_maps, joint_solutions
@@ -37,6 +36,7 @@ from ocptip.published.arms import arm_by_name
 from ocptip.robots.inverse.closed_form import closed_form_family
 from ocptip.robots.kinematics import gripper_pose
 from ocptip.robots.model import ArmModel
+from studies.indices.designs.arm_design import joint_range, random_poses
 
 INDICES = {
     "manipulability": "manipulability / largest here",

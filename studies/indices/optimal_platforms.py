@@ -30,22 +30,6 @@ from matplotlib.ticker import MaxNLocator
 from scipy.spatial.transform import Rotation
 
 from ocptip.basics.write import versions, write_json, write_text
-from ocptip.indices.designs.isotropic_families import isotropic_u1, isotropic_u2
-from ocptip.indices.designs.optimal_domains import (
-    TOUCHING_POINT,
-    inner_borders,
-    main_roots,
-    outer_border,
-    real_root_counts,
-    special_limit,
-)
-from ocptip.indices.designs.optimal_platforms import (
-    ctn_optimal_main,
-    ctn_optimal_special,
-    example_main,
-    example_special,
-)
-from ocptip.indices.designs.optimal_search import search_optimal
 from ocptip.indices.platforms.controllability import control_number
 from ocptip.indices.platforms.flight_simulator import FlightSimulator
 from ocptip.indices.platforms.isotropy import platform_conditioning
@@ -54,6 +38,22 @@ from ocptip.indices.platforms.platform import PlatformFile, PlatformPose, Stewar
 from ocptip.indices.platforms.workspace import control_numbers, workspace_statistics
 from ocptip.indices.workspace_maps import index_maps
 from studies.common import ended, software, table
+from studies.indices.designs.isotropic_families import isotropic_u1, isotropic_u2
+from studies.indices.designs.optimal_domains import (
+    TOUCHING_POINT,
+    inner_borders,
+    main_roots,
+    outer_border,
+    real_root_counts,
+    special_limit,
+)
+from studies.indices.designs.optimal_platforms import (
+    ctn_optimal_main,
+    ctn_optimal_special,
+    example_main,
+    example_special,
+)
+from studies.indices.designs.optimal_search import search_optimal
 
 FIRST, SECOND, BODY, GROUND = "#0b6e99", "#d1603d", "#2e8b57", "#555555"
 LARGEST_ANGLE = math.radians(20.0)

@@ -11,14 +11,14 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 from ocptip.indices.arms.rate import rate_arm
-from ocptip.indices.designs.optimal_domains import special_limit
-from ocptip.indices.designs.optimal_platforms import ctn_optimal_main, ctn_optimal_special, example_main
 from ocptip.indices.metric import OperationEllipsoid
 from ocptip.indices.platforms.controllability import control_number
 from ocptip.indices.platforms.isotropy import platform_conditioning
 from ocptip.indices.platforms.platform import PlatformPose
 from ocptip.published.arms import irb_2000
 from studies.indices import anchor_ellipsoids, ellipsoid_size
+from studies.indices.designs.optimal_domains import special_limit
+from studies.indices.designs.optimal_platforms import ctn_optimal_main, ctn_optimal_special, example_main
 
 
 def test_size_and_time_reach_the_level_lines_of_the_source(tmp_path, capsys):

@@ -1,7 +1,7 @@
 """Performance indices of arms and Stewart-Gough platforms: how well a pose transmits motion.
 
 Arms (`rate_arm`, `index_values`) and platforms (`rate_platform`) have one entry point each for all indices of
-a pose; the modules hold the single indices, their forms for optimisers, and designs that are optimal in them.
+a pose; the modules hold the single indices and their forms for optimisers.
 """
 
 from ocptip.indices.arms.distance import singularity_distance

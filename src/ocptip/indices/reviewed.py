@@ -59,7 +59,7 @@ def inv_cdn_cl(jacobian: np.ndarray, point: object, length: float) -> np.ndarray
     Args:
         point: (..., 3), m, base frame.
         length: characteristic length, m. See `OperationEllipsoid.characteristic_length` for a way to choose
-            it, and `ocptip.indices.arms.design.characteristic_length` for the classical one.
+            it, and `characteristic_length` of `studies.indices.designs.arm_design` for the classical one.
 
     Raises:
         InputError: bad shapes, length not positive.

@@ -2,7 +2,7 @@
 
 None of them sees where on its line an anchor sits (except the rigidity rate, which sees the platform anchors
 only). Source: sections 3.3 and 3.4, (5.1), (6.2). The quality index (6.1)
-is a search and lives in :mod:`ocptip.indices.designs.platform_search`.
+is a search and lives in :mod:`studies.indices.designs.platform_search`.
 """
 
 from __future__ import annotations

@@ -5,7 +5,12 @@ import pytest
 
 from ocptip.basics.errors import InputError
 from ocptip.indices.arms.axes import arm_from_spears, arm_pose
-from ocptip.indices.arms.design import (
+from ocptip.indices.arms.operation import operation_indices
+from ocptip.indices.arms.values import index_values
+from ocptip.indices.metric import OperationEllipsoid
+from ocptip.indices.reviewed import inv_cdn_cl
+from ocptip.published.arms import arm_by_name, irb_2000
+from studies.indices.designs.arm_design import (
     best_arm_pose,
     characteristic_length,
     isotropic_axes,
@@ -13,11 +18,6 @@ from ocptip.indices.arms.design import (
     random_poses,
     workspace_index,
 )
-from ocptip.indices.arms.operation import operation_indices
-from ocptip.indices.arms.values import index_values
-from ocptip.indices.metric import OperationEllipsoid
-from ocptip.indices.reviewed import inv_cdn_cl
-from ocptip.published.arms import arm_by_name, irb_2000
 from tests.indices.sample_axes import random_ellipsoid, turned
 from tests.robots.sample_arms import random_arm
 

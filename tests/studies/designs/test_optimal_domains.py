@@ -6,7 +6,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
-from ocptip.indices.designs.optimal_domains import (
+from ocptip.indices.platforms.planar import LARGEST_R
+from studies.indices.designs.optimal_domains import (
     TOUCHING_POINT,
     discriminants,
     inner_borders,
@@ -15,7 +16,6 @@ from ocptip.indices.designs.optimal_domains import (
     real_root_counts,
     special_limit,
 )
-from ocptip.indices.platforms.planar import LARGEST_R
 
 SHAPES = st.floats(0.02, 0.98).flatmap(lambda t: st.sampled_from([t, -t]))
 T_N = TOUCHING_POINT[0]

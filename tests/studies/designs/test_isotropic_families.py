@@ -7,9 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
-from ocptip.indices.designs.isotropic_families import IsotropicFamily, LineGroup, isotropic_u1, isotropic_u2
 from ocptip.indices.lines import klein_form
 from ocptip.indices.platforms.isotropy import platform_conditioning
+from studies.indices.designs.isotropic_families import IsotropicFamily, LineGroup, isotropic_u1, isotropic_u2
 
 SIGNS = st.tuples(*[st.sampled_from([1, -1])] * 3)
 RADII = st.floats(0.02, 0.66).flatmap(lambda r: st.sampled_from([r, -r]))

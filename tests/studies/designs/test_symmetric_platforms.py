@@ -4,8 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ocptip.basics.errors import InputError
-from ocptip.indices.designs.symmetric_platforms import SymmetricPlatform
 from ocptip.indices.platforms.controllability import control_number
+from studies.indices.designs.symmetric_platforms import SymmetricPlatform
 from tests.indices.sample_platforms import SEEDS
 
 

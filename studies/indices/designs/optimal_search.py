@@ -13,8 +13,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from ocptip.basics.errors import InputError, whole_number
-from ocptip.indices.designs.symmetric_platforms import SymmetricPlatform
 from ocptip.indices.platforms.controllability import control_number
+from studies.indices.designs.symmetric_platforms import SymmetricPlatform
 
 Family = Literal["L_H", "L_S", "other"]
 _SAME = 1e-4  # up to which heights and lengths, relative, are equal

@@ -14,11 +14,11 @@ from typing import Any, Literal
 import numpy as np
 
 from ocptip.basics.errors import InputError, SolverError, number_from, whole_number
-from ocptip.indices.designs.isotropic_families import sign_triple
-from ocptip.indices.designs.optimal_domains import main_roots, special_limit
-from ocptip.indices.designs.symmetric_platforms import SymmetricPlatform
 from ocptip.indices.platforms.controllability import ControlNumber, control_number
 from ocptip.indices.platforms.platform import PlatformPose
+from studies.indices.designs.isotropic_families import sign_triple
+from studies.indices.designs.optimal_domains import main_roots, special_limit
+from studies.indices.designs.symmetric_platforms import SymmetricPlatform
 
 DEFECT = 1e-8
 """Members with a control number below 1 - DEFECT are refused: the closed form lost its digits."""

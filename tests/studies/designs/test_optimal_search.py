@@ -1,8 +1,8 @@
 import pytest
 
 from ocptip.basics.errors import InputError
-from ocptip.indices.designs.optimal_platforms import ctn_optimal_main, ctn_optimal_special
-from ocptip.indices.designs.optimal_search import classify, search_optimal
+from studies.indices.designs.optimal_platforms import ctn_optimal_main, ctn_optimal_special
+from studies.indices.designs.optimal_search import classify, search_optimal
 
 
 def test_random_starts_find_no_third_family():

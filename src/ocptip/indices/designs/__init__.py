@@ -1,1 +1,0 @@
-"""Platforms that are optimal in an index."""
