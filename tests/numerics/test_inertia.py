@@ -45,3 +45,10 @@ def test_forms_of_a_matrix():
     np.testing.assert_array_equal(symmetric_matrix([1, 2, 3]), np.diag([1, 2, 3]))
     with pytest.raises(InputError, match="inertia: must be symmetric"):
         symmetric_matrix(matrix + np.triu(np.ones((3, 3)), 1))
+    for other, got in (
+        ([1, 2, 3, 4], "got 4"),
+        ([[1, 2], [3]], "expected numbers"),
+        (2.0, "a single number"),
+    ):
+        with pytest.raises(InputError, match=rf"^inertia: .*{got}"):
+            symmetric_matrix(other)

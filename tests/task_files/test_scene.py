@@ -120,9 +120,13 @@ def test_positions_of_two_numbers_make_a_planar_scene(tmp_path):
 
 @pytest.mark.parametrize(
     ("inertia", "expected"),
-    [("[1, 2, 3]", np.diag([1.0, 2, 3])), ("[[2, 0.1, 0], [0.1, 2, 0], [0, 0, 3]]", None)],
+    [
+        ("[1, 2, 3]", np.diag([1.0, 2, 3])),
+        ("[[2, 0.1, 0], [0.1, 2, 0], [0, 0, 3]]", None),
+        ("[2, 0.1, 0, 2, 0, 3]", None),  # xx, xy, xz, yy, yz, zz, as a payload's
+    ],
 )
-def test_inertia_as_principal_values_or_matrix(tmp_path, inertia, expected):
+def test_inertia_as_principal_values_six_numbers_or_matrix(tmp_path, inertia, expected):
     scene = read(tmp_path, SCENE.replace("mass = 60.0", f"mass = 60.0\ninertia = {inertia}"))
     if expected is None:
         expected = np.array([[2, 0.1, 0], [0.1, 2, 0], [0, 0, 3]])

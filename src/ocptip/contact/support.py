@@ -22,7 +22,7 @@ from ocptip.basics.errors import (
 from ocptip.contact.bindings.binding import Binding
 from ocptip.contact.elastic import ElasticFeet
 from ocptip.contact.tables import packed
-from ocptip.numerics.inertia import why_impossible
+from ocptip.numerics.inertia import symmetric_matrix, why_impossible
 
 STANDARD_GRAVITY = 9.81
 LARGEST_WRENCH = LARGEST**2
@@ -72,9 +72,10 @@ class Support:
         contacts: the bindings, all spatial or all planar.
         mass: of the base, kg.
         center_of_mass: of the base, m; default the origin.
-        inertia: about the centre of mass, kg m^2: (3, 3), or three principal values, or one number in
-            the plane. It decides how a base moves that does not stand, not whether contact forces can hold
-            it. Default: mass times the squared distance of the farthest contact.
+        inertia: about the centre of mass, kg m^2: (3, 3), or (6,) numbers xx, xy, xz, yy, yz, zz, or three
+            principal values, or one number in the plane. It decides how a base moves that does not stand, not
+            whether contact forces can hold it. Default: mass times the squared distance of the farthest
+            contact.
         gravity: m/s^2; default 9.81 against the last base axis.
 
     Raises:
@@ -250,16 +251,14 @@ def _inertia(value: ArrayLike | None, default: float, dimension: int) -> np.ndar
     size = 3 if dimension == 3 else 1
     if value is None:
         return np.eye(size) * default
-    array = np.asarray(value, dtype=object)
-    if array.ndim == 0:
+    if np.ndim(np.asarray(value, dtype=object)) == 0:
         matrix = np.eye(size) * positive_number("inertia", value)
-    elif array.ndim == 1 and size == 3:
-        matrix = np.diag(finite_array("inertia", value, (3,)))
+    elif size == 3:
+        matrix = symmetric_matrix(value)
     else:
-        matrix = finite_array("inertia", value, (size, size))
-    symmetric = np.max(np.abs(matrix - matrix.T)) <= 1e-9 * np.max(np.abs(matrix))
+        matrix = finite_array("inertia", value, (1, 1))
     principal = np.linalg.eigvalsh(matrix)
-    if not symmetric or principal[0] <= 0:
+    if principal[0] <= 0:
         raise InputError(f"inertia: must be symmetric and positive definite, got {value!r}")
     if principal[0] < default / _MOST_UNUSUAL or principal[-1] > default * _MOST_UNUSUAL:
         shown = ", ".join(f"{x:.4g}" for x in principal)

@@ -20,13 +20,18 @@ def symmetric_matrix(value: ArrayLike) -> np.ndarray:
     Raises:
         InputError: another shape, not finite or not symmetric.
     """
-    shape = np.shape(value)
-    if shape == (6,):
-        xx, xy, xz, yy, yz, zz = finite_array("inertia", value, (6,))
+    matrix = finite_array("inertia", value, (...,))
+    if matrix.shape == (6,):
+        xx, xy, xz, yy, yz, zz = matrix
         return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    if shape == (3,):
-        return np.diag(finite_array("inertia", value, (3,)))
-    matrix = finite_array("inertia", value, (3, 3))
+    if matrix.shape == (3,):
+        return np.diag(matrix)
+    if matrix.shape != (3, 3):
+        given = " x ".join(map(str, matrix.shape)) or "a single number"
+        raise InputError(
+            f"inertia: expected shape 3 x 3, six numbers xx, xy, xz, yy, yz, zz or three principal values, "
+            f"got {given}"
+        )
     if np.abs(matrix - matrix.T).max() > 1e-9 * max(1e-300, np.abs(matrix).max()):
         raise InputError(f"inertia: must be symmetric, got {matrix.tolist()}")
     return matrix

@@ -227,3 +227,16 @@ def test_slopes_where_all_pairs_begin_or_end_at_rest():
     ahead, behind = (Distances(FRAMES, solids, [pair]).at(y, one, one)[1] for pair in ((0, 1), (1, 0)))
     np.testing.assert_allclose(ahead, behind, atol=1e-9)
     assert np.abs(ahead).max() > 0.1
+
+
+def test_no_rows_have_slopes_and_curvatures_too():
+    """Programs ask for the rows of pairs that are near, and there may be none."""
+    rng = np.random.default_rng(1)
+    solids = [(0, random_shape(rng, "box")), (1, random_shape(rng, "ball"))]
+    found, none = Distances(FRAMES, solids, [(0, 1)]), np.empty(0, dtype=int)
+    y = rng.uniform(-1, 1, (3, 12))
+    contact, slopes = found.at(y, none, none)
+    assert contact.distances.shape == (0,)
+    assert slopes.shape == (0, 12)
+    np.testing.assert_array_equal(found.curvature(y, contact, np.empty(0)), np.zeros((3, 12, 12)))
+    assert found.gaps(y[:0]).shape == (0, 1)

@@ -1,6 +1,7 @@
 """Replays in MuJoCo beside the library: forces, lifts, slides."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -199,3 +200,20 @@ def test_models_of_worlds_are_those_of_the_robot_there(plan, feet):
     np.testing.assert_allclose(model.body_mass, own.body_mass, atol=0.02)  # how links are split is free
     assert np.sum(model.body_mass) == pytest.approx(np.sum(own.body_mass), rel=1e-6)
     np.testing.assert_allclose(model.dof_damping, own.dof_damping, rtol=0.02)  # of the first world's payload
+
+
+def test_casters_that_give_are_no_joints(plan):
+    """A caster has no spring across its normal: there its foot moves with the base."""
+    robot, motion = plan
+    wheels = [replace(c, stiffness=1e6, damping=300.0) for c in robot.support.contacts]
+    caster = replace(wheels[0], friction=0.0)
+    robot = robot.varied(support=robot.support.varied([*wheels, caster]))
+    parts = (Part(robot, motion.time_scaled(2.0)),)
+    replay = Simulator(parts).run()
+    beside = compared(parts, replay)
+    assert replay.stands
+    assert beside.rms < 1.0  # N, against springs without MuJoCo
+    model = PrescribedModel(robot, motion, 1e-4).compiled(World(), None)
+    feet = [name for k in range(model.njnt) if (name := model.joint(k).name).startswith("foot")]
+    assert feet[-3:] == ["foot3_s", "foot3_t", "foot4_n"]
+    assert not {model.actuator(k).name for k in range(model.nu)} & set(feet)

@@ -50,6 +50,7 @@ class Distances:
         values = frames(y)
         self.pairs = tuple(pairs)
         self._frames = BatchFunction(frames)
+        self._moving = frames.numel_out(0) // 12  # reshape cannot infer it where there are no states
         self._slopes = BatchFunction(cs.Function("slopes", [y], [cs.jacobian(values, y)]))
         bend = cs.hessian(cs.dot(weights, values), y)[0]
         self._bend = BatchFunction(cs.Function("bend", [y, weights], [bend]))
@@ -137,7 +138,7 @@ class Distances:
             columns = 12 * bodies[moving, None] + np.arange(12)
             scaled = sign * on[moving, None] * entries
             np.add.at(weights, (contact.states[moving, None], columns), scaled)
-        result = self._bend(y, weights)[0].reshape(len(y), apart.shape[2], -1)
+        result = self._bend(y, weights)[0].reshape(len(y), y.shape[1], y.shape[1])
         gap = np.maximum(contact.distances + slide.depth, _NEAREST)[:, None, None]
         n = contact.normals
         across = np.eye(3) - n[:, :, None] * n[:, None, :]
@@ -155,10 +156,10 @@ class Distances:
 
     def _poses(self, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Axes (N, K + 1, 3, 3) and origins (N, K + 1, 3) of the bodies; the last one rests."""
-        values = self._frames(y)[0].reshape(len(y), -1, 12)
+        values = self._frames(y)[0].reshape(len(y), self._moving, 12)
         axes = np.concatenate([values[:, :, :9], np.tile(np.eye(3).ravel(), (len(y), 1, 1))], axis=1)
         origins = np.concatenate([values[:, :, 9:], np.zeros((len(y), 1, 3))], axis=1)
-        return axes.reshape(len(y), -1, 3, 3), origins
+        return axes.reshape(len(y), self._moving + 1, 3, 3), origins
 
     def _nearest(
         self,
@@ -205,7 +206,7 @@ class Distances:
         With features also: these points (r, 2, 3) in their bodies' axes; the features they may slide on; and
         how those turn towards n, (r, ny, 4).
         """
-        slopes = self._slopes(y)[0].reshape(len(y), -1, 12, y.shape[1])
+        slopes = self._slopes(y)[0].reshape(len(y), self._moving, 12, y.shape[1])
         rows = len(contact.states)
         apart, own = np.zeros((rows, 3, y.shape[1])), np.empty((rows, 2, 3))
         along, turned = np.zeros((rows, 3, 4)), np.zeros((rows, y.shape[1], 4))

@@ -34,6 +34,7 @@ _AXES = "base axes"  # at the start: those of the world
 SOLE = 1e-3  # m: radius of the sphere that touches the ground
 SENSOR = 2.5e-3  # m: so far below a sole is what measures its force, not that of an opposite jaw
 STEP = 1e-4  # s
+FOOT_BODY = "foot"  # begins the name of a foot that gives
 FOOT = 0.03  # mass of a foot that gives over that of the base, from which it is taken
 _KEYS = 0.02  # s between keyframes
 _SERVO = 2 * np.pi * 20.0  # rad/s: natural frequency of the actuators
@@ -198,6 +199,16 @@ def _base(world: ET.Element, support: Support) -> ET.Element:
     return base
 
 
+def springs_of(support: Support) -> np.ndarray:
+    """(n, 3) True for the contact axes along which a foot is a joint on a spring.
+
+    Nothing holds a caster's foot across its normal: there it moves with the base, or it would drift away.
+    """
+    if support.elastic is None:
+        return np.zeros((len(support.contacts), 3), dtype=bool)
+    return support.elastic.stiffness > 0
+
+
 def _feet(
     world: ET.Element,
     base: ET.Element,
@@ -215,13 +226,15 @@ def _feet(
     for k, own in enumerate(support.contacts):
         body, place = base, support.arms[k]
         if elastic is not None:
-            body = add(base, "body", name=f"foot{k + 1}", pos=text(place))
+            body = add(base, "body", name=f"{FOOT_BODY}{k + 1}", pos=text(place))
             mass = FOOT * support.mass
             _inertial(body, (mass, np.zeros(3), 0.4 * mass * SOLE**2 * np.eye(3)))
-            for axis, letter, stiffness in zip(support.frames[k].T, "nst", elastic.stiffness[k], strict=True):
+            for c in np.flatnonzero(springs_of(support)[k]):
+                stiffness = elastic.stiffness[k, c]
                 add(
-                    body, "joint", name=f"foot{k + 1}_{letter}", type="slide", axis=text(axis),
-                    stiffness=text(stiffness), damping=text(delays[k] * stiffness),
+                    body, "joint", name=f"{FOOT_BODY}{k + 1}_{'nst'[c]}", type="slide",
+                    axis=text(support.frames[k][:, c]), stiffness=text(stiffness),
+                    damping=text(delays[k] * stiffness),
                 )  # fmt: skip
             place = np.zeros(3)
         for jaw, side in zip(jaws_of(own, k), ("", "_lower"), strict=False):
@@ -333,7 +346,7 @@ def joint_order(robot: StandingRobot, bodies: ArmBodies, values: np.ndarray) -> 
     own = values
     if arm.coupling is not None:
         own = values @ arm.coupling.matrix.T
-    feet = 3 * len(robot.support.contacts) if robot.support.elastic is not None else 0
+    feet = np.count_nonzero(springs_of(robot.support))
     for k in range(arm.links):
         found += [rotor.ratio * own[..., k] for rotor in bodies.rotors if rotor.joint == k]
         found.append(own[..., k])

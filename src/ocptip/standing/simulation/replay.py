@@ -29,6 +29,7 @@ from ocptip.standing.parts import Part, owners
 from ocptip.standing.simulation.mjcf import (
     BASE,
     FOOT,
+    FOOT_BODY,
     ON_SPRINGS,
     PAYLOAD,
     PROCESS,
@@ -40,6 +41,7 @@ from ocptip.standing.simulation.mjcf import (
     joint_order,
     principal,
     require_exportable,
+    springs_of,
     to_mjcf,
 )
 from ocptip.standing.simulation.world import World, with_more
@@ -273,7 +275,7 @@ def prescribed(text: str, step: float) -> Any:
             spec.delete(what)
     spec.option.timestep = step
     for joint in spec.joints:
-        if joint.name == BASE or joint.stiffness[0] > 0:
+        if joint.parent.name == BASE or joint.parent.name.startswith(FOOT_BODY):
             continue
         joint.armature = _PRESCRIBED
         motor = spec.add_actuator(name=joint.name, target=joint.name)
@@ -333,7 +335,7 @@ def _parts(spec: Any) -> list[list[Any]]:
     """Bodies of the base, of each link with the rotors on it, and of the payload."""
     parts: list[list[Any]] = [[]]
     for body in spec.bodies:
-        if body.name == BASE or body.name.startswith("foot"):
+        if body.name == BASE or body.name.startswith(FOOT_BODY):
             parts[0].append(body)
         elif body.name.startswith("link") or body.name == PAYLOAD:
             parts.append([body])
@@ -370,9 +372,10 @@ def _rest(mujoco: Any, model: Any, data: Any, robot: StandingRobot) -> None:
     turn = Rotation.from_rotvec(moved[3:])
     data.qpos[:3] += moved[:3]
     data.qpos[3:7] = np.roll(turn.as_quat(), 1)
-    for k, arm in enumerate(support.arms):
-        away = moved[:3] + turn.apply(arm) - arm
-        data.qpos[7 + 3 * k : 10 + 3 * k] = -support.frames[k].T @ turn.inv().apply(away)
+    springs = springs_of(support)
+    away = turn.inv().apply(moved[:3] + turn.apply(support.arms) - support.arms)
+    bent = -np.einsum("kac,ka->kc", support.frames, away)
+    data.qpos[7 : 7 + np.count_nonzero(springs)] = bent[springs]
 
 
 @dataclass(frozen=True, eq=False)
