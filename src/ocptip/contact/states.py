@@ -205,7 +205,8 @@ class ContactStates:
         maps, elastic = self._shaped_maps(self.support.conditioned.system.force_matrix), self.support.elastic
         without = np.flatnonzero(self.without_basis)
         if len(without):
-            maps[without] = -np.linalg.pinv(self.support.wrench_matrix).reshape(maps.shape[1:])
+            carrying = self.support.wrench_matrix * laws.carries(self.support.contacts).ravel()
+            maps[without] = -np.linalg.pinv(carrying).reshape(maps.shape[1:])
         resting = np.flatnonzero(self.persistent) if elastic else ()
         if elastic and len(resting):
             shared = elastic.share(self.wrenches[resting])

@@ -285,14 +285,15 @@ def equilibrium(support: Support, wrench: ArrayLike, *, cone: bool = True) -> Eq
         float(np.max(np.abs(wrench * scaling))), max((abs(v) for o in offsets for v in o), default=0.0)
     )
     unit = unit or 1.0
-    u, s, _ = np.linalg.svd(scaling[:, None] * support.wrench_matrix)
+    carrying = scaling[:, None] * support.wrench_matrix * laws.carries(support.contacts).ravel()
+    u, s, _ = np.linalg.svd(carrying)
     basis = u[:, : len(s)][:, s > 1e-9]
     target = -(scaling * wrench) / unit
     unreachable = target - basis @ (basis.T @ target)
     if np.linalg.norm(unreachable) > REST_TOLERANCE * np.linalg.norm(target):
         motion = -unreachable * scaling
         return Equilibrium(False, -np.inf, None, motion / np.max(np.abs(unreachable)), 0)
-    matrix = basis.T @ (scaling[:, None] * support.wrench_matrix)
+    matrix = basis.T @ carrying
     outcomes: list[Equilibrium] = []
     pieces = [contact.force_pieces() for contact in support.contacts]
     for choice in itertools.product(*pieces):
@@ -333,6 +334,7 @@ def _margin(
     rows.append(row(s=1.0))  # the margin is bounded, or a support without load would have none
     rhs.append(1.0)
     second_order = []
+    carried = laws.carries(contacts)
     for k, (contact, piece) in enumerate(zip(contacts, pieces, strict=True)):
         normal = f"k{d * k}"
         # only ends of the whole force set are limits; at the others the next piece goes on
@@ -343,6 +345,8 @@ def _margin(
         if np.isfinite(piece.normal_max):
             rows.append(row(**{normal: 1.0, "s": float(piece.normal_max == high)}))
             rhs.append(piece.normal_max / unit)
+        if not carried[k, -1]:
+            continue
         if cone:
             block = np.zeros((d, size))
             block[0, d * k], block[0, -1] = -piece.slope, 1.0
@@ -361,6 +365,11 @@ def _margin(
         blocks.append(block)
         limits.append(limit)
         cones.append(clarabel.SecondOrderConeT(d))
+    idle = np.eye(size)[:-1][~carried.ravel()]
+    if len(idle):  # forces that no contact has
+        blocks.append(idle)
+        limits.append(np.zeros(len(idle)))
+        cones.append(clarabel.ZeroConeT(len(idle)))
     cost = np.zeros(size)
     cost[-1] = -1.0
     program = cost, columns_of(np.vstack(blocks)), np.concatenate(limits), cones
@@ -372,7 +381,8 @@ def _margin(
         dual = np.asarray(solution.z)[: len(matrix)]
         if status in (*USABLE, "InsufficientProgress"):
             x = np.asarray(solution.x)
-            forces = x[:-1] - inverse @ (matrix @ x[:-1] - target)  # large ones balance only relatively
+            forces = np.where(carried.ravel(), x[:-1], 0.0)
+            forces = forces - inverse @ (matrix @ forces - target)  # large ones balance only relatively
             allowed = _BALANCE * max(1.0, 1e-5 * np.max(np.abs(forces)))
             if np.max(np.abs(matrix @ forces - target), initial=0.0) < allowed:
                 return float(x[-1]), forces.reshape(n, d) * unit, dual

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ocptip.contact.bindings.laws import normal_range
+from ocptip.contact.bindings.laws import carries, normal_range
 from ocptip.contact.states import ContactStates
 from ocptip.contact.support import Support
 
@@ -72,7 +72,7 @@ class ForceSets:
             and not np.any(self._minimum)
             and bool(np.all(np.isinf(self._maximum)))
         )
-        self.frictionless = np.all((self._radius == 0) & (self._slope == 0), axis=1)
+        self.frictionless = ~carries(support.contacts)[:, -1]
         steepest = np.max(np.abs(self._slope), axis=1)
         self.grip = np.where(steepest > 0, np.minimum(1.0, steepest / _TINY_FRICTION), 1.0)
 

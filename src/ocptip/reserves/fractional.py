@@ -11,6 +11,9 @@ fractional programming: Dinkelbach; Crouzeix, Ferland and Schaible, J. Optim. Th
 monotonically and superlinearly near the optimum. Far from it, where limits differ by magnitudes, it is slow;
 so every other program tries half of what is left above the largest t known to be too small.
 
+Contacts without friction have no tangential force and no limit. Their cones would pin F(t) to zero for every
+t, so they have none: only the ends of their normal forces count.
+
 Many states are solved from few: Newton steps from the optimum of the nearest one of a fourth of them mostly
 lead to a proven optimum, without a program.
 """
@@ -82,6 +85,13 @@ def minimise_fraction(q: np.ndarray, Q: np.ndarray, forces: ForceRange) -> Fract
         forces: normal forces and limits.
     """
     count = len(q)
+    patterns, which = np.unique(forces.rough, axis=0, return_inverse=True)
+    if len(patterns) > 1:
+        best = _start(q, forces, Q.shape[3])
+        for p in range(len(patterns)):
+            rows = np.flatnonzero(which.reshape(-1) == p)
+            best.put(rows, minimise_fraction(q[rows], Q[rows], forces.take(rows)))
+        return best
     if count <= _FEW:
         return _one_by_one(q, Q, forces)
     some = np.arange(0, count, _ONE_OF)
@@ -136,10 +146,13 @@ def _start(q: np.ndarray, forces: ForceRange, nz: int) -> FractionalOptimum:
 
 
 def _one_by_one(q: np.ndarray, Q: np.ndarray, forces: ForceRange) -> FractionalOptimum:
-    """By cone programs, as `minimise_fraction`."""
-    count, n, k = q.shape
+    """By cone programs, as `minimise_fraction`; the same contacts have friction in all states."""
+    count, k = len(q), q.shape[2]
     best = _start(q, forces, Q.shape[3])
-    batch = _batch(n, k, Q.shape[3])
+    if not (count and forces.rough[0].any()):
+        best.gap[:], best.status[:] = 0.0, "no friction"
+        return best
+    batch = _batch(forces.rough[0], k, Q.shape[3])
     known_too_small = np.zeros(count)
     todo = np.arange(count)
     for iteration in range(_MAX_ITERATIONS):
@@ -175,14 +188,16 @@ def _one_by_one(q: np.ndarray, Q: np.ndarray, forces: ForceRange) -> FractionalO
     return best
 
 
-def _batch(n: int, k: int, nz: int) -> ConeBatch:
-    cones = np.ones((n, k + 1, nz + 1), dtype=bool)
+def _batch(rough: np.ndarray, k: int, nz: int) -> ConeBatch:
+    """Cones of the contacts with friction, ends of all."""
+    n, m = len(rough), int(np.count_nonzero(rough))
+    cones = np.ones((m, k + 1, nz + 1), dtype=bool)
     cones[:, 1:, 0] = False
     ends = np.ones((2 * n, nz + 1), dtype=bool)
     ends[:, 0] = False
     return ConeBatch(
-        np.vstack([cones.reshape(n * (k + 1), nz + 1), ends]),
-        [clarabel.SecondOrderConeT(k + 1)] * n + [clarabel.NonnegativeConeT(2 * n)],
+        np.vstack([cones.reshape(m * (k + 1), nz + 1), ends]),
+        [clarabel.SecondOrderConeT(k + 1)] * m + [clarabel.NonnegativeConeT(2 * n)],
         _TOLERANCE,
         equilibrate=True,
     )
@@ -205,9 +220,10 @@ def _program(
     ends[:, :n, 1:], ends[:, n:, 1:] = -forces.per_z, forces.per_z
     room = np.maximum(np.hstack([forces.normal - forces.lower, forces.upper - forces.normal]), 0.0)
     room[np.all(ends == 0, axis=2)] = 1.0  # a fixed normal force stays where it is, at an end or not
-    rows = n * (k + 1)
-    A = np.concatenate([A.reshape(count, rows, columns), ends], axis=1)
-    return A, np.hstack([b.reshape(count, rows), room])
+    rough = forces.rough[0]
+    rows = np.count_nonzero(rough) * (k + 1)
+    A = np.concatenate([A[:, rough].reshape(count, rows, columns), ends], axis=1)
+    return A, np.hstack([b[:, rough].reshape(count, rows), room])
 
 
 def _improve(
@@ -224,7 +240,9 @@ def _improve(
     count, n, k = q.shape
     excess, z = x[:, 0], x[:, 1:]
     limits = forces.limits(z)
-    cones = multipliers[:, : -2 * n].reshape(count, n, k + 1)
+    cones = np.zeros((count, n, k + 1))
+    rough = np.flatnonzero(forces.rough[0]) if count else []
+    cones[:, rough] = multipliers[:, : -2 * n].reshape(count, len(rough), k + 1)
     lower, upper = multipliers[:, -2 * n : -n], multipliers[:, -n:]
     weight = cones[:, :, 0]
     total = np.maximum(np.sum(weight * limits, axis=1, keepdims=True), np.finfo(float).tiny)

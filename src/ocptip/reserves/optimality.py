@@ -38,6 +38,11 @@ class ForceRange:
     lower: np.ndarray
     upper: np.ndarray
 
+    @property
+    def rough(self) -> np.ndarray:
+        """(N, n) True for contacts that have a tangential limit."""
+        return (self.radius != 0) | (self.slope != 0)
+
     def normals(self, z: np.ndarray) -> np.ndarray:
         """(N, n) normal forces at z, not outside their ends."""
         return np.clip(self.normal + np.einsum("siz,sz->si", self.per_z, z), self.lower, self.upper)
@@ -130,8 +135,9 @@ def _active_set(
     largest = np.max(limits, axis=1, keepdims=True)
     apex_normal = np.where(forces.slope >= 0, forces.lower, forces.upper)
     apex = (limits < _APEX * largest) & (np.abs(forces.radius + forces.slope * apex_normal) < _EXACT)
+    apex &= forces.rough  # without friction no cone closes where the normal force ends
     slack = 1.0 - lengths(T) / np.maximum(t[:, None] * limits, _EXACT)
-    cone = (w * largest > slack) & ~apex
+    cone = (w * largest > slack) & ~apex & forces.rough
     end_pull = normal_pull + t[:, None] * w * forces.slope
     end = np.where(end_pull < 0, forces.lower, forces.upper)
     at_end = np.abs(normals - end) < np.abs(end_pull) * largest

@@ -11,6 +11,7 @@ Source: sections 2.4 and 3 (maximum dissipation is the polyhedral form of "frict
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -24,6 +25,18 @@ def normal_range(binding: Binding) -> tuple[float, float]:
     """Smallest and largest normal force (N) the binding can carry; infinite where it cannot give way."""
     pieces = binding.force_pieces()
     return min(p.normal_min for p in pieces), max(p.normal_max for p in pieces)
+
+
+def carries(bindings: Sequence[Binding]) -> np.ndarray:
+    """(n, d) True for the components of contact forces, normal first, that are not always zero.
+
+    A contact without friction, such as a caster, has a normal force alone. It never takes part in what
+    holds tangential loads, not even by a rounding error, which its cone of width zero would count as slip.
+    """
+    found = np.ones((len(bindings), bindings[0].dimension if bindings else 0), dtype=bool)
+    for k, binding in enumerate(bindings):
+        found[k, 1:] = any(piece.radius or piece.slope for piece in binding.force_pieces())
+    return found
 
 
 def friction_limit(binding: Binding, normal_force: np.ndarray) -> np.ndarray:
