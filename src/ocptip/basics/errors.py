@@ -67,7 +67,7 @@ class PlanningError(OcptipError):
     """No verified motion was found; the message says how near the search came."""
 
 
-def finite_array(name: str, value: ArrayLike, shape: tuple[int | EllipsisType | None, ...]) -> np.ndarray:
+def finite_array(name: str, value: object, shape: tuple[int | EllipsisType | None, ...]) -> np.ndarray:
     """Return `value` as a float array of the given shape, or raise InputError.
 
     Within the shape None is any length; an ellipsis at its begin, any leading dimensions.
@@ -108,7 +108,7 @@ def refuse_huge(name: str, value: float | np.ndarray, largest: float = LARGEST) 
         raise InputError(f"{name}: magnitudes above {largest:g} (SI units) are refused, got {worst:g}")
 
 
-def rotation_matrix(name: str, value: ArrayLike, *, tolerance: float = 1e-9) -> np.ndarray:
+def rotation_matrix(name: str, value: object, *, tolerance: float = 1e-9) -> np.ndarray:
     """Return `value` as a rotation matrix (3, 3), orthonormal up to the tolerance, or raise InputError."""
     matrix = finite_array(name, value, (3, 3))
     error, determinant = float(np.abs(matrix @ matrix.T - np.eye(3)).max()), np.linalg.det(matrix)

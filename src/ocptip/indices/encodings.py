@@ -12,14 +12,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import casadi as cs
 import numpy as np
 
 from ocptip.basics.errors import InputError, positive_number
 
-Symbolic = cs.SX | cs.MX
+if TYPE_CHECKING:
+    Symbolic = Any  # CasADi's stubs have no operators between values that are SX or MX
+else:
+    Symbolic = cs.SX | cs.MX
 Method = Literal["ldl", "lifted", "trace"]
 METHODS = ("ldl", "lifted", "trace")
 
@@ -246,5 +249,5 @@ def _same_order(A: Symbolic, B: Symbolic) -> int:
 def _constant(value: Symbolic | float) -> float:
     """The number behind a floor; 0 for an expression, whose value is not known to `guess`."""
     if isinstance(value, cs.SX | cs.MX):
-        return float(cs.DM(value)) if value.is_constant() else 0.0
+        return float(cs.evalf(value)) if value.is_constant() else 0.0
     return float(value)

@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, finite_array
 from ocptip.basics.write import Record
@@ -25,7 +26,7 @@ COMPLEX_TOLERANCE = 1e-9
 _SWAP = [3, 4, 5, 0, 1, 2]
 
 
-def spear(point: object, direction: object) -> np.ndarray:
+def spear(point: ArrayLike, direction: ArrayLike) -> np.ndarray:
     """The oriented line through a point.
 
     Args:

@@ -149,8 +149,8 @@ class ArmModel:
     tool_rotation: np.ndarray = field(default_factory=lambda: np.eye(3))
     mount_position: np.ndarray = field(default_factory=lambda: np.zeros(3))
     mount_rotation: np.ndarray = field(default_factory=lambda: np.eye(3))
-    armature: np.ndarray | None = None
-    prismatic: np.ndarray | None = None
+    armature: np.ndarray = None  # pyright: ignore[reportAssignmentType] # zeros
+    prismatic: np.ndarray = None  # pyright: ignore[reportAssignmentType] # none slides
     notes: tuple[str, ...] = ()
     sphere_sets: tuple[SphereSet, ...] = ()
     collision_pairs: tuple[tuple[str, str], ...] = ()

@@ -130,7 +130,8 @@ class SingularityDistance(Record):
     def _signs(self) -> np.ndarray:
         return np.sign(self.determinant)[..., None] * np.sign(self.gradient)
 
-    def _finite(self, values: np.ndarray) -> np.ndarray:
+    def _finite(self, values: np.ndarray | None) -> np.ndarray:
+        assert values is not None
         return np.where(np.isfinite(values), values, 0.0)
 
 
@@ -154,7 +155,7 @@ def singularity_distance(jacobian: np.ndarray, *, inertias: object = None) -> Si
     gradient = (_turned(scaled, INNER) * adjugate[..., None, :, :]).sum(axis=(-1, -2))
     gradient = np.where(np.abs(gradient) <= GRADIENT_TOLERANCE, 0.0, gradient)
     det = np.where(singular, 0.0, det)
-    stationary = ~gradient.any(axis=-1)
+    stationary = np.logical_not(gradient.any(axis=-1))
 
     def distance(size: np.ndarray) -> np.ndarray:
         ratio = np.abs(det) / np.where(stationary, 1.0, size)

@@ -75,12 +75,12 @@ def operation_indices(
     matrix = checked_jacobian(jacobian)
     columns = matrix.shape[-1]
     velocities = ellipsoid.factor(rotation, position) @ matrix
-    if inertias is not None:
-        weights = np.sqrt(0.5 * checked_inertias(inertias, columns))
-        velocities = velocities / weights[..., None, :]
+    weights = None if inertias is None else np.sqrt(0.5 * checked_inertias(inertias, columns))[..., None, :]
+    if weights is not None:
+        velocities = velocities / weights
     _, values, rates = np.linalg.svd(velocities, full_matrices=False)
-    if inertias is not None:
-        rates = rates / weights[..., None, :]
+    if weights is not None:
+        rates = rates / weights
     largest = values[..., :1]
     values = np.where(values <= RANK_TOLERANCE * largest, 0.0, values)
     ratio = values[..., -1] / np.where(largest[..., 0] > 0, largest[..., 0], 1.0)

@@ -87,7 +87,7 @@ def rate_arm(
     names = checked_names(None, motion)
     values = evaluation.values(names)
     entries = tuple(
-        ARM[name].entry(name, float(values[name]), evaluation.status(name, values[name])) for name in names
+        ARM[name].entry(name, value := float(values[name]), evaluation.status(name, value)) for name in names
     )
     return ArmRating(
         model.name,

@@ -14,6 +14,7 @@ import itertools
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import casadi as cs
 import numpy as np
@@ -203,7 +204,7 @@ def index_expression(
     return 6.0 ** (-1.0 / p) * isotropy_surrogate(_unit(), velocities @ velocities.T / scale, p)
 
 
-def index_function(model: ArmModel, name: str, *, weighted: bool = False, **options: object) -> cs.Function:
+def index_function(model: ArmModel, name: str, *, weighted: bool = False, **options: Any) -> cs.Function:
     """The same as a CasADi function: in q (n,), rad, out value; options of :func:`index_expression`."""
     arm = SymbolicArm.of(model, weighted=weighted)
     return cs.Function(name, [arm.q], [index_expression(arm, name, **options)], ["q"], [name])

@@ -104,8 +104,7 @@ class Evaluation:
         """Behind DM, its weighted forms and sigma."""
         if not self._movable(INNER).any():
             return singularity_distance(self.pose.jacobian)
-        inertias = np.where(self._movable(INNER)[..., None], self.pose.inertias, 1.0)
-        return singularity_distance(self.pose.jacobian, inertias=inertias)
+        return singularity_distance(self.pose.jacobian, inertias=self._inertias(INNER))
 
     @cached_property
     def operation(self) -> OperationIndices:
@@ -114,9 +113,8 @@ class Evaluation:
 
     @cached_property
     def _weighted_operation(self) -> OperationIndices:
-        inertias = np.where(self._movable(_ALL)[..., None], self.pose.inertias, 1.0)
         place = self.pose.rotation, self.pose.position
-        return operation_indices(self.pose.jacobian, self.ellipsoid, *place, inertias=inertias)
+        return operation_indices(self.pose.jacobian, self.ellipsoid, *place, inertias=self._inertias(_ALL))
 
     @cached_property
     def _center(self) -> np.ndarray:
@@ -125,11 +123,17 @@ class Evaluation:
     def _movable(self, joints: slice) -> np.ndarray:
         if self.pose.inertias is None:
             return np.zeros(self.pose.jacobian.shape[:-2], dtype=bool)
-        return (self.pose.inertias[..., joints] > 0).all(axis=-1)
+        return np.asarray((self.pose.inertias[..., joints] > 0).all(axis=-1))
+
+    def _inertias(self, joints: slice) -> np.ndarray:
+        """(N, n), kg m^2; ones where one of the joints moves no inertia."""
+        assert self.pose.inertias is not None
+        return np.where(self._movable(joints)[..., None], self.pose.inertias, 1.0)
 
     def _lacking(self, name: str) -> str:
         joints = range(1, 5) if name.startswith("dm_") else range(self.model.n)
-        without = [str(k + 1) for k in joints if self.pose.inertias[k] <= 0]
+        inertias = self.pose.inertias
+        without = [str(k + 1) for k in joints if inertias is None or inertias[k] <= 0]
         return f"axis {', '.join(without)} moves no inertia: mass of the tool or of rotors is missing"
 
     def _sigma_status(self, value: float) -> str:
@@ -144,13 +148,15 @@ class Evaluation:
         tips = half_axes @ np.swapaxes(self.pose.rotation, -1, -2) + self._center[..., None, :]
         return inv_cdn_points(self.pose.jacobian, tips)
 
-    def _weighted(self, values: Callable[[], np.ndarray], joints: slice) -> np.ndarray:
+    def _weighted(self, values: Callable[[], np.ndarray | None], joints: slice) -> np.ndarray:
         """NaN where one of the joints moves no inertia."""
         movable = self._movable(joints)
-        return np.where(movable, values() if movable.any() else np.nan, np.nan)[()]
+        weighted = values() if movable.any() else None
+        return np.where(movable, np.nan if weighted is None else weighted, np.nan)[()]
 
     def _sigma(self) -> np.ndarray:
         angle = np.array(self.distance.motion_angle(self.rates))
+        assert self.rates is not None  # see `checked_names`
         rates = np.broadcast_to(self.rates, (*angle.shape, 6))
         flat = self.distance.stationary & ~self.distance.singular & rates[..., INNER].any(axis=-1)
         for place in zip(*np.nonzero(np.atleast_1d(flat)), strict=True):

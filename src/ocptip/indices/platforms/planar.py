@@ -7,6 +7,7 @@ is as for Stewart-Gough platforms with the third coordinate zero. Source: sectio
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -83,7 +84,7 @@ def optimal_planar_angle(r: float, branch: Literal["-", "+"]) -> float:
 
 
 def optimal_planar_pose(
-    r: float, branch: Literal["-", "+"] = "-", n: int = 3, exchanged: object = ()
+    r: float, branch: Literal["-", "+"] = "-", n: int = 3, exchanged: Iterable[int] = ()
 ) -> PlanarPlatformPose:
     """Planar platform of n legs closed under rotations by 2 pi / n in a pose with CTN = 1 (section 8.2).
 
@@ -109,7 +110,7 @@ def optimal_planar_pose(
     return PlanarPlatformPose(base, platform)
 
 
-def exchanged_legs(value: object, n: int) -> list[int]:
+def exchanged_legs(value: Iterable[int], n: int) -> list[int]:
     """Return `value` as indices of legs 0..n-1, or raise InputError."""
     try:
         chosen = [int(leg) for leg in value]

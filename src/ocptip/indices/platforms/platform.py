@@ -95,7 +95,7 @@ class AnchoredPose:
         """(n,) leg lengths, m."""
         return np.sqrt(np.einsum("ij,ij->i", self.legs, self.legs))
 
-    @property
+    @cached_property
     def jacobian(self) -> np.ndarray:
         """J: leg rates per screw."""
         raise NotImplementedError

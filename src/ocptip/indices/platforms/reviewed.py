@@ -106,7 +106,7 @@ def inverse_condition_number_points(pose: PlatformPose, points: object) -> float
         raise InputError(
             f"points: expected at least three points that are not on one line, got {len(points)}"
         )
-    R = np.linalg.qr(velocity_map(points), mode="r")
+    R = np.asarray(np.linalg.qr(velocity_map(points), mode="r"))
     return _ratio(pose, np.linalg.svd(np.linalg.solve(R.T, pose.jacobian.T), compute_uv=False))
 
 

@@ -95,13 +95,13 @@ def singular_motion(
     if not 0.0 < closeness <= 1.0:
         raise InputError(f"closeness: expected 0 < closeness <= 1, got {closeness}")
     control = control_number(pose)
-    if control.value > near:
-        screw = control.least_controllable
+    screw = control.least_controllable
+    if control.value > near and screw is not None:
         motion = screw_decompose(screw, tolerance=_TRANSLATION / pose.scale[1])
         return SingularMotion(control, screw, motion, screw[:, None], "none", "none", _FAR)
     if tolerance is None:
         tolerance = max(COMPLEX_TOLERANCE, control.value)
-    screws = _kernel(pose) if control.screws is None else _close(control, closeness)
+    screws = _kernel(pose) if control.screws is None else _close(control.lambdas, control.screws, closeness)
     count = screws.shape[1]
     # The Klein form is compared in the scaled frame, where angles and lengths weigh alike.
     scaled = [_in_scaled_frame(pose, screws[:, k]) for k in range(count)]
@@ -119,10 +119,10 @@ def singular_motion(
     return SingularMotion(control, screws[:, 0], motion, screws, _DIMENSIONS.get(count, "more"), kind, lines)
 
 
-def _close(control: ControlNumber, closeness: float) -> np.ndarray:
-    top = control.lambdas[-1]
-    chosen = np.isinf(control.lambdas) if np.isinf(top) else control.lambdas >= closeness * top
-    return control.screws[:, chosen][:, ::-1]
+def _close(lambdas: np.ndarray, screws: np.ndarray, closeness: float) -> np.ndarray:
+    top = lambdas[-1]
+    chosen = np.isinf(lambdas) if np.isinf(top) else lambdas >= closeness * top
+    return screws[:, chosen][:, ::-1]
 
 
 def _kernel(pose: PlatformPose) -> np.ndarray:

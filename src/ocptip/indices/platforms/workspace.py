@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import InputError, finite_array
 from ocptip.indices.platforms.platform import LEG_TOLERANCE, PlatformPose, StewartPlatform
@@ -53,7 +54,7 @@ class WorkspaceStatistics:
         }
 
 
-def control_numbers(platform: StewartPlatform, positions: object, rotations: object) -> np.ndarray:
+def control_numbers(platform: StewartPlatform, positions: ArrayLike, rotations: ArrayLike) -> np.ndarray:
     """Control numbers of many poses at once.
 
     Args:
@@ -98,8 +99,8 @@ def control_numbers(platform: StewartPlatform, positions: object, rotations: obj
 
 def workspace_statistics(
     platform: StewartPlatform,
-    positions: object,
-    rotations: object = None,
+    positions: ArrayLike,
+    rotations: ArrayLike | None = None,
     *,
     index: Callable[[PlatformPose], float] | None = None,
 ) -> WorkspaceStatistics:
@@ -145,7 +146,7 @@ def index_at(index: Callable[[PlatformPose], float], base: np.ndarray, platform:
 
 
 def _anchors(
-    platform: StewartPlatform, positions: object, rotations: object
+    platform: StewartPlatform, positions: ArrayLike, rotations: ArrayLike
 ) -> tuple[np.ndarray, np.ndarray]:
     """(k, n, 3) base and platform anchors of k poses."""
     t = np.atleast_2d(finite_array("positions", positions, (3,) if np.ndim(positions) == 1 else (None, 3)))
