@@ -120,6 +120,37 @@ def test_few_samples_at_any_times_are_passed(values, seed):
     assert np.all(motion.states([0, motion.end])[1] == 0)
 
 
+def test_a_recording_that_rests_has_no_events():
+    """201 equal samples had 3,401."""
+    times = np.linspace(0, 2, 201)
+    motion = fitted(times, np.full((201, 6), 0.3))
+    np.testing.assert_array_equal(motion.event_times, times[[0, -1]])
+
+
+@pytest.mark.parametrize("rate", [125, 500])
+def test_noisy_samples_have_at_most_a_piece_each_and_few_events(rate):
+    """An event was each of 3 to 14 pieces per sample; now those at which accelerations jump."""
+    rng, times = np.random.default_rng(0), np.arange(0, 4 + 1e-9, 1 / rate)
+    smooth = 0.5 * np.sin(np.pi * times / 4)[:, None] ** 2 * [1.0, -0.7]
+    motion = fitted(times, smooth + 2e-5 * rng.normal(size=smooth.shape), rounding=np.full(2, 5e-7))
+    assert motion.noisy.all()
+    assert len(motion.times) <= len(times) + 1
+    assert np.all(motion.distance <= 1.01 * motion.tolerance)
+    assert len(motion.event_times) <= 0.6 * len(times)
+    before, after = (motion.states(motion.times, side=side)[2] for side in ("left", "right"))
+    no_event = ~np.isin(motion.times, motion.event_times)
+    largest = np.abs(after - before)[no_event].max(axis=0)
+    assert np.all(largest <= PEAK_TOLERANCE * motion.acceleration_peaks)
+
+
+def test_samples_that_long_pieces_cannot_pass_are_passed_by_shorter_ones():
+    """Coarse rounding asks for long pieces, an oscillation of 100 Hz for short ones."""
+    times = np.arange(0, 0.2 + 1e-9, 1e-3)
+    positions = 5e-3 * np.sin(2 * np.pi * 100 * times) * np.sin(np.pi * times / 0.2) ** 2
+    motion = fitted(times, positions[:, None], rounding=np.full(1, 1e-3))
+    assert motion.distance[0] <= 1.05e-3
+
+
 def test_joints_that_rest_stay_where_they_are():
     times = np.linspace(0, 1, 30)
     positions = np.stack([0.5 - 0.5 * np.cos(np.pi * times), np.full(30, 0.3)], axis=1)

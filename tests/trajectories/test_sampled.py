@@ -144,8 +144,14 @@ def test_a_motion_of_another_number_of_joints_is_refused():
 
 def test_joints_that_rest_have_no_events():
     still = SampledMotion([0, 1, 2], np.full((3, 2), 0.3))
-    np.testing.assert_array_equal(still.event_times, [0, 1, 2])
+    np.testing.assert_array_equal(still.event_times, [0, 2])
     np.testing.assert_array_equal(still.angle_ranges, [[0.3, 0.3]] * 2)
+
+
+def test_a_rest_amid_a_motion_has_only_its_ends_as_events():
+    way = np.array([0, 0.5, 1, 1, 1, 1, 1, 0.5, 0])
+    motion = SampledMotion(np.arange(9.0), way[:, None], np.array([0, 1, 0, 0, 0, 0, 0, -1, 0.0])[:, None])
+    np.testing.assert_array_equal(motion.event_times, [0, 1, 2, 6, 7, 8])
 
 
 @pytest.mark.parametrize("unit", ["deg", "rad"])

@@ -14,27 +14,31 @@ samples. The calmest motion has none of these.
 Samples that stay within the tolerance for a while, all joints together, are a standstill: the motion rests
 there, and what lies between two of them is fitted by itself. So cycles can be parted where they rest.
 
-One linear program per joint, whose size grows with the number of samples; solved by Clarabel.
+One linear program per joint, whose size grows with the number of samples; solved by Clarabel. Pieces of
+constant acceleration are as long as a jump in the middle of one stays within the tolerance: of noisy samples
+a piece has one or several. Events of the motion are the ends of pieces at which an acceleration jumps.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import clarabel
 import numpy as np
 import scipy.sparse as sp
+from scipy.interpolate import BSpline
 
 from ocptip.basics.errors import InputError
-from ocptip.numerics.cone_program import USABLE, quiet_settings, solve_cones
+from ocptip.numerics.cone_program import INFEASIBLE, USABLE, quiet_settings, solve_cones
 from ocptip.trajectories.sampled import SampledMotion
 
 PEAK_TOLERANCE = 0.01
 """Speeds and accelerations of a fit may exceed limits by this share of themselves."""
 
 FINEST = 2e-6  # rad or m: least tolerance, a jump of 44 rad/s^2 in the middle of a piece
-SPACING = 6e-4  # s: of the pieces of constant acceleration, about
+SPACING = 6e-4  # s: of the pieces of constant acceleration, about, at the finest tolerance
 MOST_PIECES = 60_000  # per joint
 NOISE = (
     1.3  # times the rounding: noise from which on there is some beside it, which alone seems 1.24 at times
@@ -77,6 +81,14 @@ class FittedMotion(SampledMotion):
         """(n,): the tolerance comes from noise, not from rounding."""
         return self.tolerance > 1.5 * np.maximum(self.rounding, FINEST)
 
+    @cached_property
+    def _changes(self) -> np.ndarray:
+        """(knots,) True where an acceleration jumps, by more than it may be off; the program leaves few."""
+        accelerations = 2 * self._curve.c[1]
+        jumps = np.abs(np.diff(accelerations, axis=0))
+        large = jumps > PEAK_TOLERANCE * np.max(np.abs(accelerations), axis=0)
+        return np.concatenate([[True], np.any(large, axis=1), [True]])
+
     def fit_to_dict(self) -> dict[str, Any]:
         """Plain data for JSON: rad or m, and per second, per joint."""
         names = "samples", "spacing", "distance", "tolerance", "rounding", "noisy", "speed_distance"
@@ -116,9 +128,12 @@ def fitted(
     for first, last in rests:
         own = positions[first : last + 1]
         held[first : last + 1] = 0.5 * (own.min(axis=0) + own.max(axis=0))
+    spacing = SPACING * float(np.sqrt(np.min(tolerance) / FINEST))
+    if np.any(noise > NOISE * rounding):
+        spacing = max(spacing, float(np.median(np.diff(times))))
     begins, ends = [0, *(last for _, last in rests)], [*(first for first, _ in rests), len(times) - 1]
     parts = [
-        _part(times[a : b + 1], held[a : b + 1], tolerance, (a > 0, b < len(times) - 1))
+        _part(times[a : b + 1], held[a : b + 1], tolerance, (a > 0, b < len(times) - 1), spacing)
         for a, b in zip(begins, ends, strict=True)
     ]
     knots, angles, rates, at_samples = (np.concatenate(values) for values in zip(*parts, strict=True))
@@ -169,7 +184,7 @@ def rests_of(times: np.ndarray, positions: np.ndarray, tolerance: np.ndarray) ->
 
 
 def _part(
-    times: np.ndarray, positions: np.ndarray, tolerance: np.ndarray, held: tuple[bool, bool]
+    times: np.ndarray, positions: np.ndarray, tolerance: np.ndarray, held: tuple[bool, bool], spacing: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Knots, positions and speeds there, and both at the samples, (N, 2 n), of a motion from rest to rest.
 
@@ -178,20 +193,44 @@ def _part(
         positions: (N, n), rad or m.
         tolerance: (n,), of these.
         held: whether the first and the last one are to be met, nearly.
+        spacing: s, of the pieces, about.
     """
-    pieces = _Pieces.of(times)
-    columns = []
-    for joint, limit in enumerate(tolerance):
-        at = positions[:, joint]
-        if np.ptp(at) <= 0:
-            columns.append((np.full(len(pieces.knots), at[0]), np.zeros(len(pieces.knots))))
-            continue
-        try:
-            columns.append(pieces.calmest(at, limit, held))
-        except ArithmeticError as error:
-            raise InputError(f"no fit of joint {joint + 1} to the samples (Clarabel: {error})") from None
-    angles, rates = (np.stack(values, axis=1) for values in zip(*columns, strict=True))
-    return pieces.knots, angles, rates, np.hstack([angles, rates])[pieces.first]
+    tried = {}
+    for knots in (_knots_near(times, spacing), _knots_amid(times)):
+        spline, columns = _Spline.of(times, knots), []
+        for joint, limit in enumerate(tolerance):
+            try:
+                columns.append(spline.calmest(positions[:, joint], limit, held))
+            except ArithmeticError as error:
+                tried[joint] = error
+                break
+        if len(columns) == len(tolerance):
+            angles, rates, *at_samples = (np.stack(values, axis=1) for values in zip(*columns, strict=True))
+            return knots, angles, rates, np.hstack(at_samples)
+    joint = max(tried)
+    raise InputError(f"no fit of joint {joint + 1} to the samples (Clarabel: {tried[joint]})")
+
+
+def _knots_near(times: np.ndarray, spacing: float) -> np.ndarray:
+    """Ends of pieces of about this length, s, for samples at times (N,).
+
+    Of samples farther apart each interval has equal pieces, two at least unless it is much shorter than
+    usual: two pieces pass any samples. Of denser samples a piece has one sample or several.
+    """
+    widths = np.diff(times)
+    if spacing >= np.median(widths):
+        knots = _knots_amid(times)
+        return np.append(knots[: -1 : int(spacing / np.median(widths))], knots[-1])
+    spacing = max(spacing, (times[-1] - times[0]) / MOST_PIECES)
+    counts = np.where(widths > 0.5 * spacing, np.maximum(2, np.ceil(widths / spacing)), 1).astype(int)
+    owner = np.repeat(np.arange(len(widths)), counts)
+    number = np.arange(len(owner)) - np.concatenate([[0], np.cumsum(counts)[:-1]])[owner]
+    return np.append(times[owner] + number * (widths / counts)[owner], times[-1])
+
+
+def _knots_amid(times: np.ndarray) -> np.ndarray:
+    """Ends of pieces that have one of the samples each: such pieces pass any samples."""
+    return np.concatenate([times[:1], 0.5 * (times[1:] + times[:-1]), times[-1:]])
 
 
 def noise_of(times: np.ndarray, positions: np.ndarray) -> np.ndarray:
@@ -219,35 +258,53 @@ def noise_of(times: np.ndarray, positions: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True, eq=False)
-class _Pieces:
-    """Pieces of constant acceleration: K in all, at the samples' times N.
+class _Spline:
+    """Motions of constant acceleration in K pieces, as quadratic splines with K + 2 coefficients.
 
     Attributes:
-        times: (N,), s.
-        knots: (K + 1,), s, the samples' times among them.
-        first: (N,), knots at the samples.
+        times: (N,), of the samples, in units of their usual distance.
+        unit: s, that distance.
+        knots: (K + 1,), ends of the pieces, in the same unit.
+        places: (K + 2,), where the coefficients belong.
+        at_samples, at_knots: (N, K + 2), (K + 1, K + 2): positions per coefficient.
+        speeds: (K + 1, K + 2), at the knots.
+        jumps: (K + 1, K + 2), of the accelerations, with those from and to rest.
     """
 
     times: np.ndarray
+    unit: float
     knots: np.ndarray
-    first: np.ndarray
+    places: np.ndarray
+    at_samples: sp.csr_matrix
+    at_knots: sp.csr_matrix
+    speeds: sp.csr_matrix
+    jumps: sp.csr_matrix
 
     @classmethod
-    def of(cls, times: np.ndarray) -> _Pieces:
-        """Each interval between samples in equal pieces of about `SPACING`, two at least if it is longer."""
-        widths = np.diff(times)
-        spacing = max(SPACING, times[-1] / MOST_PIECES)
-        counts = np.where(widths > 0.5 * spacing, np.maximum(2, np.ceil(widths / spacing)), 1).astype(int)
-        first = np.concatenate([[0], np.cumsum(counts)])
-        owner = np.repeat(np.arange(len(widths)), counts)
-        number = np.arange(first[-1]) - first[owner]
-        knots = np.append(times[owner] + number * (widths / counts)[owner], times[-1])
-        return cls(times, knots, first)
+    def of(cls, times: np.ndarray, ends: np.ndarray) -> _Spline:
+        """With pieces between these ends, s."""
+        unit = float(np.median(np.diff(times)))
+        at, knots = times / unit, ends / unit
+        whole = np.concatenate([knots[[0, 0]], knots, knots[[-1, -1]]])
+        count = len(knots)
+        speeds = sp.diags(2 / (whole[3 : count + 3] - whole[1 : count + 1])) @ _differences(count)
+        accelerations = sp.diags(1 / np.diff(knots)) @ _differences(count - 1) @ speeds
+        none = sp.csr_matrix((1, count + 1))
+        return cls(
+            at,
+            unit,
+            knots,
+            0.5 * (whole[1 : count + 2] + whole[2 : count + 3]),
+            sp.csr_matrix(BSpline.design_matrix(at, whole, 2)),
+            sp.csr_matrix(BSpline.design_matrix(knots, whole, 2)),
+            sp.csr_matrix(speeds),
+            sp.csr_matrix(_differences(count) @ sp.vstack([none, accelerations, none])),
+        )
 
     def calmest(
         self, positions: np.ndarray, tolerance: float, held: tuple[bool, bool] = (False, False)
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Positions and speeds (K + 1,) at the knots of the motion whose accelerations vary least.
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """The motion whose accelerations vary least: positions and speeds at the knots, then at the samples.
 
         Args:
             positions: (N,) at the samples.
@@ -257,77 +314,55 @@ class _Pieces:
         Raises:
             ArithmeticError: the solver has no solution; its status.
         """
-        unit = float(np.median(np.diff(self.times)))  # of time; that of positions is the tolerance
-        knots = self.knots / unit
-        widths, at = np.diff(knots), (positions - positions[0]) / tolerance
+        if np.ptp(positions) <= 0:
+            rest = np.zeros(len(self.knots)), np.zeros(len(positions))
+            return positions[0] + rest[0], rest[0], positions[0] + rest[1], rest[1]
+        at = (positions - positions[0]) / tolerance
         slack = np.ones(len(at))
         slack[[0, -1]] = np.where(held, HELD, 1.0)
-        problem = _Program(widths, self.first, at, slack)
-        place, speed, acceleration = problem.solve()
-        owner = np.repeat(np.arange(len(at) - 1), np.diff(self.first))
-        # Within each interval from its own sample on, so that nothing accumulates.
-        gain = np.concatenate([[0.0], np.cumsum(acceleration * widths)])
-        rate = speed[owner] + gain[:-1] - gain[self.first[owner]]
-        way = rate * widths + 0.5 * acceleration * widths**2
-        total = np.concatenate([[0.0], np.cumsum(way)])
-        where = place[owner] + total[:-1] - total[self.first[owner]]
-        where, rate = np.append(where, place[-1]), np.append(rate, 0.0)
-        rate[0] = 0.0
-        return positions[0] + tolerance * where, tolerance / unit * rate
-
-
-class _Program:
-    """The linear program of one joint, in units of the tolerance and of the usual spacing.
-
-    Variables: positions and speeds at the N samples, accelerations of the K pieces, jumps of these (K + 1,
-    with those from and to rest). Two pieces between samples can pass any of them: there is a solution.
-    """
-
-    def __init__(self, widths: np.ndarray, first: np.ndarray, at: np.ndarray, slack: np.ndarray) -> None:
-        self._n, self._k = len(at), len(widths)
-        self._blocks = np.cumsum([0, self._n, self._n, self._k, self._k + 1])
-        place, speed, push, jump = (self._block(i) for i in range(4))
-        owner = np.repeat(np.arange(self._n - 1), np.diff(first))
-        ends = np.concatenate([[0.0], np.cumsum(widths)])
-        left = ends[first[1:]][owner] - ends[1:]  # from the end of a piece to the next sample
-        gaps = np.diff(ends[first])
-        rows = sp.csr_matrix((widths, (owner, np.arange(self._k))), (self._n - 1, self._k))
-        moved = sp.csr_matrix(
-            (widths * (left + 0.5 * widths), (owner, np.arange(self._k))), (self._n - 1, self._k)
+        near = np.interp(self.places, self.times, at)  # the program adds what is missing, a few units
+        coefficients = near + self._added(near, at, slack)
+        speeds = self.speeds @ coefficients
+        speeds[[0, -1]] = 0.0
+        return (
+            positions[0] + tolerance * (self.at_knots @ coefficients),
+            tolerance / self.unit * speeds,
+            positions[0] + tolerance * (self.at_samples @ coefficients),
+            tolerance / self.unit * np.interp(self.times, self.knots, speeds),
         )
-        before = sp.eye(self._n - 1, self._n)
-        step = sp.eye(self._n - 1, self._n, k=1) - before
-        differ = sp.eye(self._k + 1, self._k) - sp.eye(self._k + 1, self._k, k=-1)
-        ends_of = sp.csr_matrix((np.ones(2), ([0, 1], [0, self._n - 1])), (2, self._n))
-        equal = sp.vstack(
-            [step @ place - sp.diags(gaps) @ before @ speed - moved @ push, step @ speed - rows @ push,
-             ends_of @ speed]
-        )  # fmt: skip
-        below = sp.vstack([differ @ push - jump, -differ @ push - jump, place, -place])
-        self._matrix = sp.csc_matrix(sp.vstack([equal, below]))
-        equations, jumps = 2 * self._n, 2 * (self._k + 1)
-        none = np.zeros(equations + jumps)
-        self._bounds = np.concatenate([none, at + slack, slack - at])
-        self._cones = [clarabel.ZeroConeT(equations), clarabel.NonnegativeConeT(jumps + 2 * self._n)]
 
-    def _block(self, number: int) -> sp.csr_matrix:
-        """Picks one kind of variables."""
-        begin, end = (int(edge) for edge in self._blocks[number : number + 2])
-        return sp.csr_matrix(sp.eye(end - begin, int(self._blocks[-1]), k=begin))
-
-    def solve(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Positions and speeds at the samples, accelerations of the pieces; ArithmeticError without any."""
-        size = self._blocks[-1]
-        price = np.zeros(size)
-        price[self._blocks[3] :] = 1.0
+    def _added(self, near: np.ndarray, at: np.ndarray, slack: np.ndarray) -> np.ndarray:
+        """What to add to coefficients, of the linear program: least sum of jumps within the slack."""
+        size, count = len(near), len(self.knots)
+        each, none = sp.identity(count), sp.csr_matrix((len(at), count))
+        ends = self.speeds[[0, -1]]
+        matrix = sp.vstack(
+            [
+                sp.hstack([ends, sp.csr_matrix((2, count))]),
+                sp.hstack([self.jumps, -each]),
+                sp.hstack([-self.jumps, -each]),
+                sp.hstack([self.at_samples, none]),
+                sp.hstack([-self.at_samples, none]),
+            ]
+        )
+        jumps, missing = self.jumps @ near, at - self.at_samples @ near
+        bounds = np.concatenate([-(ends @ near), -jumps, jumps, slack + missing, slack - missing])
+        cones = [clarabel.ZeroConeT(2), clarabel.NonnegativeConeT(2 * (count + len(at)))]
+        price = np.concatenate([np.zeros(size), np.ones(count)])
         settings = quiet_settings()
         settings.tol_gap_rel = settings.tol_gap_abs = 1e-6
         status = ""
         for share in STEPS:
             setattr(settings, "max_step_fraction", share)  # noqa: B010  # missing in its stubs
-            found = solve_cones(price, self._matrix, self._bounds, self._cones, settings)
+            found = solve_cones(price, sp.csc_matrix(matrix), bounds, cones, settings)
             status = str(found.status)
             if status in USABLE:
-                place, speed, push, _ = np.split(np.array(found.x), self._blocks[1:-1])
-                return place, speed, push
+                return np.array(found.x[:size])
+            if status in INFEASIBLE:
+                break
         raise ArithmeticError(status)
+
+
+def _differences(count: int) -> sp.csr_matrix:
+    """(count, count + 1): each number from the next one."""
+    return sp.csr_matrix(sp.eye(count, count + 1, k=1) - sp.eye(count, count + 1))

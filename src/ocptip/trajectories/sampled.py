@@ -195,7 +195,7 @@ class SampledMotion(EventfulMotion):
     def event_times(self) -> np.ndarray:
         """Samples, and all instants at which a joint's speed changes sign, sorted, (S,), s.
 
-        Instants within 0.1 us of a sample or of each other are one.
+        Instants within 0.1 us of a sample or of each other are one. Samples amid a standstill are no events.
         """
         kept = [0.0]
         for t in np.unique(np.concatenate(self._turns)):
@@ -203,7 +203,13 @@ class SampledMotion(EventfulMotion):
             nearest = np.min(np.abs(self._breaks[max(index - 1, 0) : index + 1] - t))
             if nearest > MERGE and t - kept[-1] > MERGE:
                 kept.append(float(t))
-        return np.unique(np.concatenate([kept, self._breaks]))
+        return np.unique(np.concatenate([kept, self._breaks[self._changes]]))
+
+    @cached_property
+    def _changes(self) -> np.ndarray:
+        """(breaks,) True at breaks between pieces at which the motion changes, and at both ends."""
+        still = np.all(self._curve.c[:-1] == 0, axis=(0, 2))
+        return np.concatenate([[True], ~(still[1:] & still[:-1]), [True]])
 
     def time_scaled(self, factor: float) -> SampledMotion:
         """Return the same path with all times multiplied by `factor` > 0 (below 1: faster)."""
