@@ -1,6 +1,7 @@
 """Placements at the worst of a tolerance: wrenches of the evaluator, brute force, refusals."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -72,3 +73,21 @@ def test_what_needs_a_motion_is_left_out_and_the_rest_is_named(placement):
     heavy = placement_within(placement, Tolerance(push=5000.0))
     assert not heavy.stands
     assert heavy.reason.startswith("of push of 5e+03 N at the gripper alone it can have push of ")
+
+
+def test_a_push_at_the_base_moves_with_its_centre(placement):
+    tolerance = Tolerance(center_of_mass=(0.02, 0.03, 0.05), base_push=60.0)
+    own = rest_case(placement, placement.problem.cases[0], tolerance)
+    gravity, mass = own.support.gravity, own.support.mass
+    nominal = own._wrenches([own._off(gravity)])[0]
+    rng = np.random.default_rng(2)
+    for _ in range(20):
+        a = rng.normal(size=6) * [1, 1, 1, 5, 5, 5]
+        least = np.inf
+        for signs in product((-1, 1), repeat=3):
+            shift = np.array(signs) * tolerance.center_of_mass
+            per_force = a[:3] + np.cross(a[3:], shift)
+            push = -60.0 * per_force / np.linalg.norm(per_force)
+            least = min(least, a @ nominal + a[3:] @ np.cross(shift, mass * gravity) + per_force @ push)
+        found = own._wrenches([own._worst(a, gravity)])[0]
+        assert a @ found == pytest.approx(least, rel=1e-12)

@@ -12,7 +12,15 @@ from ocptip.placement.result import Placement
 from ocptip.robots.kinematics import link_frames
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.tolerance import Tolerance
-from ocptip.standing.within.rest import Push, RestCase, Weight, WithinAtRest, base_weight, found_within
+from ocptip.standing.within.rest import (
+    Push,
+    RestCase,
+    Weight,
+    WithinAtRest,
+    base_pushes,
+    base_weight,
+    found_within,
+)
 from ocptip.standing.within.tolerable import AT_REST
 
 SEARCHED = ("base_mass", "center_of_mass", "friction")
@@ -52,7 +60,7 @@ def rest_case(placement: Placement, case: LoadCase, tolerance: Tolerance) -> Res
     force, moment = back @ case.force, back @ case.moment
     fixed = np.concatenate([force, moment + np.cross(tool, force)])
     pushes = [Push("gripper", tolerance.push, tool)] if tolerance.push else []
-    pushes += [Push("base", tolerance.base_push, np.zeros(3))] if tolerance.base_push else []
+    pushes += base_pushes(tolerance)
     weights = [base_weight(support, tolerance), *weights]
     reference = robot.tip_over.reference_moment
     return RestCase(support, weights, fixed, tolerance, pushes, reference, case.name)

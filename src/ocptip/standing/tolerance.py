@@ -121,7 +121,7 @@ class Tolerance:
         delay: s: every joint by itself may be late by up to this.
         speed: relative: a motion may run so much faster or slower, below 1.
         push: N: a force up to this in any direction at the gripper point.
-        base_push: N: the same at the base's centre of mass.
+        base_push: N: the same at the base's centre of mass, wherever that is in its box.
         damping: damping ratio of feet and structure, below 1, with which accelerations overshoot where they
             jump; None: they do not.
     """

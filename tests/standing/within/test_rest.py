@@ -1,6 +1,7 @@
 """What a base at rest tolerates: brute force inside the tolerance, figures of the specification, words."""
 
 import json
+from itertools import product
 
 import numpy as np
 import pytest
@@ -35,6 +36,10 @@ def reserves(support, loads, moment):
     return float(TipOver(support, moment).evaluate(states).GN[0]), float(GT)
 
 
+def ratio(support, moment):
+    return float(TipOver(support).ratio(np.array(moment)))
+
+
 def tilted(angle, turn):
     side = np.array([np.cos(turn), np.sin(turn), 0.0])
     return 9.81 * (np.cos(angle) * np.array([0, 0, -1.0]) + np.sin(angle) * side)
@@ -47,9 +52,9 @@ def test_nothing_inside_is_worse(seed):
     tolerance = Tolerance(
         tilt=rng.uniform(0, 0.05),
         base_mass=rng.uniform(0, 0.1),
-        center_of_mass=rng.uniform(0, 0.02, 3),
+        center_of_mass=rng.uniform(0, 0.06, 3),
         friction=rng.uniform(0, 0.2),
-        base_push=rng.uniform(0, 10),
+        base_push=rng.uniform(0, 40),
     )
     support, loads = support_of(), [HANGING, PULL]
     moment = TipOver(support).reference_moment
@@ -68,10 +73,54 @@ def test_nothing_inside_is_worse(seed):
             gravity,
         )
         hanging = Load(force=60.0 / 9.81 * gravity, point=HANGING.point)
-        pushed = Load(force=push, point=support.center_of_mass)
+        pushed = Load(force=push, point=other.center_of_mass)
         worst = np.maximum(worst, reserves(other, [hanging, PULL, pushed], moment))
     assert worst[0] - 1e-9 <= found.GN
     assert worst[1] - 1e-9 <= found.GT
+
+
+@pytest.mark.parametrize(
+    ("center", "half", "stands"), [(0.5, 0.2, False), (0.5, 0.0, True), (0.7, 0.0, False)]
+)
+def test_a_push_at_an_uncertain_centre_acts_where_the_centre_is(center, half, stands):
+    """100 N at 0.7 m above the feet are 70 N m; the weight bears 20 . 9.81 . 0.3 = 58.86 N m."""
+    feet = [[x, y, 0.0] for x in (-0.3, 0.3) for y in (-0.3, 0.3)]
+    contacts = [UnilateralContact(position=place, friction=2.0) for place in feet]
+    support = Support(contacts, mass=20.0, center_of_mass=[0.0, 0.0, center])
+    found = scene_within(support, [], Tolerance(center_of_mass=(0.0, 0.0, half), base_push=100.0))
+    assert found.stands is stands
+    weight, height = 20 * 9.81 * 0.3, center + half
+    # about an edge the push acts across the line to the centre of mass
+    least = weight - 100 * np.hypot(0.3, height)
+    assert pytest.approx(ratio(support, least), rel=1e-9) == found.GN
+
+
+@settings(max_examples=5)
+@given(seed=st.integers(0, 10**6))
+def test_all_corners_at_once_have_no_less_moment_than_the_worst(seed):
+    """Every corner of mass and centre, tilts around, the worst push of each: moments by vectors alone."""
+    rng = np.random.default_rng(seed)
+    tolerance = Tolerance(
+        tilt=rng.uniform(0, 0.05),
+        base_mass=rng.uniform(0, 0.3),
+        center_of_mass=rng.uniform(0, 0.1, 3),
+        base_push=rng.uniform(0, 20),
+    )
+    support = support_of()
+    least, feet = np.inf, np.array(FEET)
+    for more, *signs in product((-1, 1), repeat=4):
+        mass = 20.0 * (1 + more * tolerance.base_mass)
+        center = support.center_of_mass + np.array(signs) * tolerance.center_of_mass
+        for turn in np.linspace(0, 2 * np.pi, 120):
+            weight = mass * tilted(tolerance.tilt, turn)
+            for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+                edge = (feet[j] - feet[i]) / np.linalg.norm(feet[j] - feet[i])
+                lift = edge @ np.cross(feet[k] - feet[i], [0.0, 0.0, 1.0])  # of the third foot's force
+                arm = np.cross(edge, center - feet[i])  # moment about the edge per force at the centre
+                least = min(least, -np.sign(lift) * weight @ arm - tolerance.base_push * np.linalg.norm(arm))
+    found = scene_within(support, [], tolerance)
+    assert ratio(support, least) - 1e-9 <= found.GN
+    assert pytest.approx(ratio(support, least), rel=1e-3) == found.GN
 
 
 def test_the_worst_is_attained():

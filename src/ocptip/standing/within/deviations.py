@@ -123,7 +123,8 @@ class Deviations:
             scales=1 + part("arm_mass", len(arm.masses)), carried=bodies,
         )  # fmt: skip
         weight = support.mass * (1 + part("base_mass", 1)) * gravity
-        force, moment = weight + part("base_push", 3), cs.cross(part("center_of_mass", 3), weight)
+        force = weight + part("base_push", 3)  # both act at the base's centre of mass, wherever that is
+        moment = cs.cross(part("center_of_mass", 3), force)
         push, tool = part("push", 3), chain(arm, q)[1][-1] - cs.SX(support.center_of_mass)
         return s, theta, wrench + cs.vertcat(force + push, moment + cs.cross(tool, push))
 
@@ -221,7 +222,7 @@ class Deviations:
             at = self.places[name]
             size = np.maximum(np.linalg.norm(slopes[:, at], axis=1), 1e-300)
             turn = np.linalg.norm(lost[:, at], axis=1)
-            found += most * np.minimum(turn, turn**2 / (2 * size))
+            found += most * np.where(turn > 2 * size, 2 * (turn - size), turn**2 / (2 * size))
         return found
 
     @property

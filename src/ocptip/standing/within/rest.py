@@ -6,14 +6,17 @@ masses m_k at c_k + d_k and gravity g,
     h = sum_k m_k g . (a_F + a_M x (c_k + d_k)) + fixed loads + pushes .
 
 It is linear in each of masses, shifts d_k, gravity and pushes, so that the worst of each is a closed form: an
-end, a corner, the edge of the cap of gravity, the push along the gradient. What is worst of masses and shifts
-depends on gravity a little and the other way round: the choices are repeated, from many directions of tilt.
+end, a corner, the edge of the cap of gravity, the push along the gradient. A push at the centre of mass of a
+body moves with it, f . (a_F + a_M x (c_k + d_k)): least over the push this is concave in d_k, so all corners
+are tried. What is worst of masses and shifts depends on gravity a little and the other way round: the choices
+are repeated, from many directions of tilt.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -34,6 +37,7 @@ AROUND = 24  # directions of tilt from which the worst is looked for
 ROUNDS = 3
 _ALONG = 1e-9
 _LOST = 1 - 1e-9
+_CORNERS = np.array(sorted(product((0.0, -1.0, 1.0), repeat=3), key=np.count_nonzero))  # the middle first
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,11 +62,19 @@ class Weight:
 
 @dataclass(frozen=True, eq=False)
 class Push:
-    """A force of up to `size`, N, in any direction at a point, m from the base's centre of mass; by name."""
+    """A force of unknown direction.
+
+    Attributes:
+        name: in words.
+        size: N, at most.
+        point: (3,), m, from the base's nominal centre of mass, base axes.
+        weight: number of the weight with whose centre the point moves; None: it is fixed.
+    """
 
     name: str
     size: float
     point: np.ndarray
+    weight: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,8 +155,8 @@ def scene_within(
     fixed, hanging = _fixed_and_hanging(support, loads)
 
     def within(some: Tolerance) -> RestCase:
-        push = [Push("base", some.base_push, np.zeros(3))] if some.base_push else []
-        return RestCase(support, [base_weight(support, some), *hanging], fixed, some, push, moment)
+        weights = [base_weight(support, some), *hanging]
+        return RestCase(support, weights, fixed, some, base_pushes(some), moment)
 
     ignored = tuple(str(tolerance.only(name)) for name in tolerance.given if name not in LOOKED_AT)
     return found_within([within], own, LOOKED_AT, ignored)
@@ -155,6 +167,11 @@ def base_weight(support: Support, tolerance: Tolerance) -> Weight:
     low, high = np.array(tolerance.masses(support.mass))[[0, -1]] - support.mass
     half = np.asarray(tolerance.center_of_mass, dtype=float)
     return Weight("base mass", support.mass, np.zeros(3), float(low), float(high), half)
+
+
+def base_pushes(tolerance: Tolerance) -> list[Push]:
+    """The push at the base's centre of mass, wherever that is; the base is the first of the weights."""
+    return [Push("base", tolerance.base_push, np.zeros(3), weight=0)] if tolerance.base_push else []
 
 
 def _fixed_and_hanging(support: Support, loads: Sequence[Load]) -> tuple[np.ndarray, list[Weight]]:
@@ -320,19 +337,37 @@ class RestCase:
         force, moment, masses = a[:3], a[3:], self._masses
         shifts = np.zeros_like(self._half)
         for _ in range(ROUNDS):
-            pull = masses[:, None] * np.cross(gravity, moment)  # a_M . (d x g) = d . (g x a_M)
-            least = _ALONG * self._size * np.linalg.norm(moment) * np.abs(masses)[:, None]
-            shifts = np.where(np.abs(pull) > least, -np.sign(pull) * self._half, 0.0)
+            shifts = self._shifted(force, moment, masses, gravity)
             per_mass = force + np.cross(moment, self._centers + shifts)
             masses = self._masses + np.where(per_mass @ gravity > 0, self._less, self._more)
             if self._tolerance.tilt:
                 gravity = self._tilted(masses @ per_mass)
         pushes = np.zeros((len(self._pushes), 3))
         for k, push in enumerate(self._pushes):
-            slope = force + np.cross(moment, push.point)
+            slope = force + np.cross(moment, self._point(push, shifts))
             size = np.linalg.norm(slope)
             pushes[k] = -push.size * slope / size if size > 0 else 0.0
         return Off(masses, shifts, gravity, pushes)
+
+    def _shifted(
+        self, force: np.ndarray, moment: np.ndarray, masses: np.ndarray, gravity: np.ndarray
+    ) -> np.ndarray:
+        """Shifts (K, 3) of the centres that are worst with these masses and pushes along the gradient."""
+        pull = masses[:, None] * np.cross(gravity, moment)  # a_M . (d x g) = d . (g x a_M)
+        least = _ALONG * self._size * np.linalg.norm(moment) * np.abs(masses)[:, None]
+        shifts = np.where(np.abs(pull) > least, -np.sign(pull) * self._half, 0.0)
+        for push in self._pushes:
+            if (k := push.weight) is not None:
+                corners = _CORNERS * self._half[k]
+                arms = force + np.cross(moment, push.point + corners)
+                values = corners @ pull[k] - push.size * np.linalg.norm(arms, axis=1)
+                near = values.min() + _ALONG * np.abs(values).max()
+                shifts[k] = corners[np.argmax(values <= near)]  # what does not matter stays in the middle
+        return shifts
+
+    @staticmethod
+    def _point(push: Push, shifts: np.ndarray) -> np.ndarray:
+        return push.point if push.weight is None else push.point + shifts[push.weight]
 
     def _tilted(self, b: np.ndarray) -> np.ndarray:
         """Gravity within the cap at which b . g is least."""
@@ -347,8 +382,8 @@ class RestCase:
     def _wrenches(self, offs: Sequence[Off]) -> np.ndarray:
         """(N, 6), N and N m about the base's centre of mass as described."""
         found = []
-        points = np.array([push.point for push in self._pushes]).reshape(-1, 3)
         for off in offs:
+            points = np.array([self._point(push, off.shifts) for push in self._pushes]).reshape(-1, 3)
             centers = self._centers + off.shifts
             force = off.masses.sum() * off.gravity + off.pushes.sum(axis=0)
             moment = np.cross(off.masses @ centers, off.gravity) + np.cross(points, off.pushes).sum(axis=0)
