@@ -193,9 +193,9 @@ def loads(model, world, state):
     wrench = [sum((w * part[1][k] for w, part in found), arb(0)) for k in range(6)]
     weight = [arb(float(base["mass"])) * arb(float(world.base)) * arb(float(g)) for g in world.gravity]
     lever = [arb(float(x)) for x in world.centre]
-    moment = balls.cross(lever, weight)
     place = tool(model, q, about)
     push, other = ([arb(float(x)) for x in v] for v in (world.push, world.base_push))
+    moment = balls.cross(lever, [a + b for a, b in zip(weight, other, strict=True)])
     turned = balls.cross(place, push)
     force = [w + a + b + c for w, a, b, c in zip(wrench[:3], weight, push, other, strict=True)]
     return torques, [*force, *(w + a + b for w, a, b in zip(wrench[3:], moment, turned, strict=True))]

@@ -94,6 +94,8 @@ class Within:
     def __init__(self, model: Mapping[str, Any], tolerance: Mapping[str, Any]) -> None:
         base = model["base"]
         self._own = tolerance
+        half = np.array(tolerance["center_of_mass"], dtype=float)
+        self._shifts = np.diag(half)[half > 0]  # (axes, 3) m, of the base's centre of mass: the last terms
         self._gravity = np.array(base["gravity"], dtype=float)
         self._about = np.array(base["center_of_mass"], dtype=float)
         self._mass, self._payload = float(base["mass"]), model["payload"]
@@ -125,10 +127,9 @@ class Within:
             found.append((1.0, 1.0, 0.0, joined(nothing, nothing, moment)))
         low, high = own["base_mass"]
         found.append((1 + low, 1 + high, self._mass, joined(nothing, nothing, nothing)))
-        for axis, half in zip(np.eye(3), own["center_of_mass"], strict=True):
-            if half:
-                lever = Form.of(np.broadcast_to(self._mass * (1 + high) * axis[:, None], nothing.r.shape))
-                found.append((-half, half, 0.0, joined(lever, nothing, nothing)))
+        for shift in self._shifts:
+            lever = Form.of(np.broadcast_to(self._mass * (1 + high) * shift[:, None], nothing.r.shape))
+            found.append((-1.0, 1.0, 0.0, joined(lever, nothing, nothing)))
         ends = np.array([(low, high, mass) for low, high, mass, _ in found]).T
         process = joined(nothing, nothing)
         if any(np.any(own) for own in arm.process):
@@ -149,10 +150,10 @@ class Within:
         spread = spread + _wrench(first, off, fast - 1, masses)
         error = np.sum(most * _wrench(parts.r, gravity, fast, 0.0 * masses), axis=0)
         error[3:] += _around(parts.r[tool, :3], push)
-        forces = push + self._own["base_push"]
-        pushes = np.concatenate(
-            [np.broadcast_to(forces[:, None], error[3:].shape), _around(size[tool, :3], push)]
-        )
+        at_base = np.full(3, self._own["base_push"])
+        forces = np.broadcast_to((push + at_base)[:, None], error[3:].shape)
+        turning = _around(size[tool, :3], push) + _around(np.sum(self._shifts, axis=0), at_base)[:, None]
+        pushes = np.concatenate([forces, turning])
         process, still = Form(alike(process.c, parts.c)[0], process.r), np.abs(process.c[0])
         acts = (process.size + process.r) * (1 + U)
         size = np.sum(most * _wrench(size, gravity, fast, masses), axis=0) + pushes + acts
@@ -193,8 +194,10 @@ class Within:
         size, either = np.abs(middle), 3 * np.abs(middle) < spread  # either: no end is better than the middle
         weights = np.where(either, 0.5 * (low + high), np.where(middle > 0, low, high))
         doubt = (high - low) * np.where(either, 0.5 * (spread + size), np.maximum(spread - size, 0.0))
+        sure = (high - low) * np.maximum(size - spread, 0.0)  # by so much the other end brings more
         size = np.einsum("air,ir->ar", np.abs(h), terms.size) + np.max(np.abs(constant), axis=0)
         error = np.einsum("air,ir->ar", np.abs(h), terms.error) + 4 * U * size
+        error = error + self._pushed_base(h, weights, sure)
         bound = self._weighted(terms, h, constant, weights) - (np.sum(doubt, axis=0) + error) * (1 + U)
         short = (bound < 0) & (bound + np.sum(np.sort(doubt, axis=0)[-2:], axis=0) >= 0)
         if closely and len(rows := np.flatnonzero(np.any(short, axis=0))):
@@ -239,9 +242,26 @@ class Within:
         X[:, 7] = np.einsum("air,mir->mar", h, terms.process.c)
         X[0, 1:4] += np.einsum("tar,t->ar", weights, terms.masses) * force
         X[0, 4:7] += force
-        bump = self._own["base_push"] * np.linalg.norm(force, axis=0)
         ends = 0.5 * ((1 - _NODES)[:, None, None] * constant[0] + (1 + _NODES)[:, None, None] * constant[1])
-        return np.min(self._least_at_nodes(X) + ends, axis=0) - bump * (1 + U)
+        return np.min(self._least_at_nodes(X) + ends, axis=0)
+
+    def _pushed_base(self, h: np.ndarray, weights: np.ndarray, sure: np.ndarray) -> np.ndarray:
+        """(A, R): what a push at the base's centre of mass takes at most, wherever that is in its box.
+
+        At the worst push the least is a concave function of that place, so it is at a corner of the box. At
+        corners that the weights (T, A, R) of the shifts do not name, each such weight brings at least `sure`,
+        (T, A, R), more.
+        """
+        push, shifts = float(self._own["base_push"]), self._shifts
+        first, most = len(weights) - len(shifts), np.full(sure.shape[1:], -np.inf if push else 0.0)
+        force, turn = np.moveaxis(h[:, :3], 1, 0), np.moveaxis(h[:, 3:], 1, 0)  # (3, A, R)
+        for signs in product((-1.0, 1.0), repeat=len(shifts)) if push else ():
+            place, more = np.array(signs) @ shifts, np.zeros(most.shape)
+            for k, sign in enumerate(signs, first):
+                more += np.where(weights[k] * sign < 0, sure[k], 0.0)
+            slope = force + np.cross(turn, place[:, None, None], axis=0)
+            most = np.maximum(most, push * np.linalg.norm(slope, axis=0) - more)
+        return most
 
     def _least_at_nodes(self, X: np.ndarray) -> np.ndarray:
         """Least values (vertices, A, R) over pace, gravity, pushes at the tool and the numbers e."""

@@ -1,0 +1,95 @@
+"""What is proved of functionals of the wrench against the worst worlds that an independent model has.
+
+Every quantity at its worst at once, one after the other, from many corners: so each product of two of them
+counts, such as a push at the base times the place of the base's centre of mass.
+"""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ocptip.certificate.describe import model_data, tolerance_data
+from ocptip.certificate.trusted.late import Late
+from ocptip.certificate.trusted.within import Within
+from ocptip.robots.payload import Payload
+from ocptip.standing.tolerance import Tolerance
+from tests.certificate.test_find import _swing
+from tests.certificate.test_within_in_balls import _random_model, _random_motion
+from tests.oracles.worlds import ArmOnBase
+
+KINDS = {
+    "base_mass": [-0.2, 0.15],
+    "center_of_mass": [0.1, 0.05, 0.2],
+    "arm_mass": 0.2,
+    "payload_mass": 0.3,
+    "payload_center": [0.1, 0.05, 0.08],
+    "extra_mass": 1.0,
+    "speed": 0.1,
+    "tilt": 0.1,
+    "push": 30.0,
+    "base_push": 60.0,
+}
+NONE = {**dict.fromkeys(KINDS, 0.0), **dict.fromkeys(("center_of_mass", "payload_center"), [0.0] * 3)}
+NONE |= {"base_mass": [0.0, 0.0], "delay": 0.0, "overshoot": 0.0, "friction": 0.0}
+PAIRS = [(a, b) for k, a in enumerate(KINDS) for b in list(KINDS)[k + 1 :]]
+
+
+def attacked(model, motion, tolerance, rng, functionals=3, starts=8):
+    """Proved bounds, least values in worlds, and sizes of functionals at an instant of a random motion."""
+    within = Within(model, tolerance)
+    late = Late(motion, 0.0, 0.0)
+    t = rng.uniform(0, motion["times"][-1][1])
+    [rows] = late.rows(np.array([t - 1e-7]), np.array([t + 1e-7]))
+    h = rng.normal(size=(functionals, 6)) * [1, 1, 1, 3, 3, 3]
+    terms = within.terms(rows)
+    proved = within.least(terms, h[:, :, None], np.zeros((2, functionals, 1)))[:, 0]
+    sizes = np.abs(h) @ terms.size[:, 0]
+    own = ArmOnBase(model, tolerance)
+    state = [np.repeat(form.c[0].T, functionals * starts, axis=0) for form in (rows.q, rows.qd, rows.qdd)]
+    acting = np.hstack([np.zeros(6), np.zeros(6)])
+    for k, key in enumerate(("process_in_base", "process_on_link")):
+        acting[6 * k : 6 * k + 6] = own.arm.get(key, np.zeros(6))
+    every = np.repeat(h, starts, axis=0)
+    worlds = own.corners(len(every), rng)
+    moved, acts = own.moved(*state), np.tile(acting, (len(every), 1))
+    _, values = own.least(every, worlds, moved, acts)
+    inside = np.sum(every * own.wrench(own.inside(len(every), rng), moved, acts), axis=1)
+    found = np.minimum(values, inside).reshape(functionals, starts).min(axis=1)
+    return proved, found, sizes
+
+
+@pytest.mark.parametrize("pair", PAIRS, ids=[f"{a} x {b}" for a, b in PAIRS])
+def test_each_product_of_two_quantities_is_covered(pair):
+    rng = np.random.default_rng(PAIRS.index(pair))
+    tolerance = {**NONE, **{name: KINDS[name] for name in pair}}
+    model = _random_model(rng)
+    while model["payload"] is None:
+        model = _random_model(rng)
+    motion = _random_motion(len(model["arm"]["armature"]), rng)
+    for _ in range(2):
+        proved, found, sizes = attacked(model, motion, tolerance, rng)
+        assert np.all(found >= proved - 1e-9 * sizes), pair
+        assert np.all(found - proved <= 0.02 * sizes), pair  # the bound is close: the attack is strong
+
+
+@settings(max_examples=10, derandomize=True)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_all_products_at_once_are_covered(seed):
+    rng = np.random.default_rng(seed)
+    model = _random_model(rng)
+    motion = _random_motion(len(model["arm"]["armature"]), rng)
+    share = {name: rng.uniform(0, 1) for name in KINDS}
+    tolerance = {**NONE, **{name: (share[name] * np.array(KINDS[name])).tolist() for name in KINDS}}
+    proved, found, sizes = attacked(model, motion, tolerance, rng)
+    assert np.all(found >= proved - 1e-9 * sizes)
+    assert np.all(found - proved <= 0.05 * sizes)
+
+
+def test_the_independent_model_is_that_of_the_robot():
+    task, motion = _swing("B")
+    robot = task.robot.varied(arm=task.robot.arm.with_payload(Payload(0.4, [0.02, 0.0, 0.05])))
+    own = ArmOnBase(model_data(robot), tolerance_data(Tolerance(), robot.support))
+    states = motion.states(np.linspace(0.01, motion.end - 0.01, 7))
+    found = own.wrench(own.nominal(7), own.moved(*states), np.zeros((7, 12)))
+    assert np.allclose(found, robot.loads(*states)[1], rtol=1e-10, atol=1e-10)
