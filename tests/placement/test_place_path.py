@@ -87,10 +87,3 @@ def test_bad_input_is_refused(sweep):
         for_path.place_for_path(problem, between="arcs", known=[here])  # pyright: ignore
     with pytest.raises(InputError, match=r"^candidates: must be a whole number >= 1, got 0"):
         for_path.place_for_path(problem, candidates=0)
-    free = [GripperTask(task.position, orientation="free", name=task.name) for task in problem.tasks]
-    with pytest.raises(InputError, match=r"^point 1: orientation: tool lines need full, or axis about x, y"):
-        for_path.place_for_path(
-            PlacementProblem(problem.robot, free, plane(), limits=problem.limits),
-            between="tool lines",
-            known=[here],
-        )

@@ -5,10 +5,11 @@ import shutil
 import numpy as np
 import pytest
 
-from ocptip.basics.errors import InputError
+from ocptip.basics.errors import InputError, InputWarning
 from ocptip.cli.check import _offsets
 from ocptip.motion.planner.free_ends import FOUND_MARGIN
 from ocptip.motion.planner.one_start import free_ends
+from ocptip.robots.kinematics import gripper_pose
 from ocptip.task_files.motion import load_task
 from ocptip.trajectories.arm_motion import ArmMotion
 from tests.places import EXAMPLES
@@ -16,6 +17,40 @@ from tests.places import EXAMPLES
 CART = (EXAMPLES / "tasks/ur5_cart.toml").read_text(encoding="utf-8")
 GOAL = "rpy_deg = [180, 0, -90]"
 OPTIMISED = 'optimised = ["shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint"]'
+
+LINK = """
+<link name="l{k}"><inertial><mass value="4"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/>
+</inertial></link>
+<joint name="j{k}" type="{kind}"><parent link="{before}"/><child link="l{k}"/><origin xyz="{way}"/>
+<axis xyz="0 0 1"/><limit lower="{low}" upper="{high}" effort="150" velocity="2"/></joint>"""
+_AXES = (
+    ("revolute", "0 0 0.3", -2.6, 2.6),
+    ("revolute", "0.3 0 0", -2.6, 2.6),
+    ("prismatic", "0.25 0 0", -0.2, 0.0),
+    ("revolute", "0 0 0", -3.1, 3.1),
+)
+FOUR = '<robot name="four"><link name="base"/>' + "".join(
+    LINK.format(k=k, kind=kind, before=f"l{k - 1}" if k > 1 else "base", way=way, low=low, high=high)
+    for k, (kind, way, low, high) in enumerate(_AXES, 1)
+)
+FOUR += '<link name="tool0"/><joint name="t" type="fixed"><parent link="l4"/><child link="tool0"/>'
+FOUR += '<origin xyz="0 0 -0.05"/></joint></robot>'
+FOUR_TASK = """
+[base]
+mass = 120
+center_of_mass = [0, 0, 0.2]
+feet = [[0.4, 0.4, 0], [0.4, -0.4, 0], [-0.4, -0.4, 0], [-0.4, 0.4, 0]]
+friction = 0.6
+[arm]
+urdf = "four.urdf"
+mount_position = [0, 0, 0.5]
+[motors]
+kind = "estimated"
+[motion]
+start_pose = { POSE }
+goal_deg = [10, 20, 30]
+goal_m = [-0.1]
+"""
 
 
 def load(folder, *changes):
@@ -80,3 +115,35 @@ def test_mistakes_are_named(tmp_path, change, message):
         load(tmp_path, (GOAL, f"{GOAL}, {change}"))
     with pytest.raises(InputError, match=r"limits.angle_margin_deg: must be >= 0, got -1"):
         load(tmp_path, ("clearance = 0.01", "angle_margin_deg = -1"))
+
+
+def test_orientations_that_ask_for_less(tmp_path):
+    """The same keys as in placements: any turn about a tool axis, or any orientation."""
+    about = load(tmp_path, (GOAL, f'{GOAL}, orientation = "axis", tool_axis = [0, 0, 2]'), (OPTIMISED, ""))
+    short = load(tmp_path, (GOAL, f'{GOAL}, symmetric_about = "z"'), (OPTIMISED, ""))
+    free = load(tmp_path, (GOAL, f'{GOAL}, orientation = "free"'))
+    for ours, same in zip(about.choices, short.choices, strict=True):
+        np.testing.assert_allclose(ours[1], same[1], atol=1e-12)
+    assert free_ends(about).free == (False, True)
+    assert not free_ends(free)  # three joints are optimised, the position has three conditions
+    target = free.targets[1]
+    ends = np.array([goal for _, goal in free.choices])
+    at, turned = gripper_pose(free.robot.arm, ends)
+    np.testing.assert_allclose(at, np.broadcast_to(target.position, at.shape), atol=1e-7)
+    assert np.abs(turned - target.rotation).max(axis=(1, 2)).min() > 0.01
+    with pytest.raises(InputError, match=r"goal_pose\.orientation: .*full, axis, free"):
+        load(tmp_path, (GOAL, f'{GOAL}, orientation = "any"'))
+
+
+def test_the_nearest_posture_of_an_arm_with_four_axes(tmp_path):
+    """Its miss is named; the pose is what FOUR reaches, but for the last digits."""
+    (tmp_path / "four.urdf").write_text(FOUR, encoding="utf-8")
+    pose = "position = [0.36691, 0.34984, 0.7], quaternion = [0.0, 0.00002, 0.68164, 0.73169]"
+    text = FOUR_TASK.replace("POSE", pose)
+    (tmp_path / "task.toml").write_text(text, encoding="utf-8")
+    with pytest.warns(InputWarning, match=r"start_pose: four lacks an axis there; .* 0\.0023 degrees"):
+        task = load_task(tmp_path / "task.toml")
+    assert np.rad2deg(task.targets[0].misses(task.robot.arm, task.start[None])[0, 1]) < 0.003
+    (tmp_path / "task.toml").write_text(text.replace("0.00002", "0.002"), encoding="utf-8")
+    with pytest.raises(InputError, match=r"start_pose: arm 'four' cannot reach .* misses by .* degrees"):
+        load_task(tmp_path / "task.toml")

@@ -383,7 +383,7 @@ def _offsets(motion: Motion, task: MotionTask) -> dict[str, tuple[float, float]]
     if isinstance(task.robot, StandingRobot):
         arm = task.robot.arm
         for own, posture, target in zip(off, ends, task.targets, strict=True):
-            if target is not None and target.residuals(arm, posture[None])[0] <= REACHED:
+            if target is not None and target.reached(arm, posture[None], REACHED)[0]:
                 own[:] = 0.0
     start, goal = (_by_unit(own, task) for own in off)
     return {unit: (start[unit], goal[unit]) for unit in start}

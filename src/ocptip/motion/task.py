@@ -108,8 +108,9 @@ class MotionTask:
                 raise InputError(f"{name}_pose.free: is for poses of cycles, in a [[segment]]")
             if not isinstance(self.robot, StandingRobot):
                 raise InputError(f"targets: the {self.robot.kind} has no gripper poses")
-            miss = float(target.residuals(self.robot.arm, getattr(self, name)[None])[0])
-            if not miss <= REACHED:
+            arm, q = self.robot.arm, getattr(self, name)[None]
+            if not target.reached(arm, q, REACHED)[0]:
+                miss = float(target.residuals(arm, q)[0])
                 raise InputError(f"targets: {name} misses its gripper pose by {miss:.2g} (m, rad)")
 
 

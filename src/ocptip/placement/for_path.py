@@ -20,7 +20,7 @@ from ocptip.placement.result import FEASIBLE, Placement, judge
 from ocptip.placement.search.refine import followed
 from ocptip.placement.search.starts import exact_scores
 from ocptip.retiming.retime import Retimed, least_cost, retime
-from ocptip.robots.inverse.pose_target import AXES, PoseTarget
+from ocptip.robots.inverse.pose_target import PoseTarget
 from ocptip.standing.limits import MotionLimits
 from ocptip.trajectories.path_fit import FittedPath, blended_lines, spline_through
 from ocptip.trajectories.tool_path import tool_lines
@@ -94,8 +94,7 @@ def place_for_path(
     Args:
         problem: with two tasks or more, in the order in which they are visited.
         objective: `TIME`, `ENERGY` or `priced`.
-        between: "spline" of the joints, "lines" of the joints, or "tool lines", straight ones of the gripper,
-            for tasks with orientation "full", or "axis" about x, y or z.
+        between: "spline" of the joints, "lines" of the joints, or "tool lines", straight ones of the gripper.
         path_tolerance: rad (sliding joints, tool lines: m), by which corners of lines are rounded; 0: the arm
             stops there.
         known: places to begin with, such as where the base stands now; none found is worse.
@@ -117,9 +116,6 @@ def place_for_path(
     positive_number("path_tolerance", path_tolerance, zero_allowed=True)
     for name, value in {"candidates": candidates, "placement_starts": placement_starts}.items():
         whole_number(name, value, 1)
-    if between == "tool lines":
-        for task in problem.tasks:
-            _target(task, np.zeros(3), np.eye(3))  # refuses what no line can have
     paths = _Paths(problem, objective, between, path_tolerance)
     static = place(problem, starts=placement_starts, seed=seed, keep=candidates)
     places = list(static.places[:candidates])
@@ -209,10 +205,5 @@ class _Paths:
 
 def _target(task: GripperTask, origin: np.ndarray, base: np.ndarray) -> PoseTarget:
     """The task's pose in base axes."""
-    about = ""
-    if task.orientation != "full":
-        along = np.flatnonzero(np.abs(task.tool_axis) > 1 - 1e-9)
-        if task.orientation == "free" or not len(along):
-            raise InputError(f"{task.name}: orientation: tool lines need full, or axis about x, y or z")
-        about = AXES[int(along[0])]
-    return PoseTarget(base.T @ (task.position - origin), base.T @ task.rotation, about)
+    position, rotation = base.T @ (task.position - origin), base.T @ task.rotation
+    return PoseTarget(position, rotation, orientation=task.orientation, tool_axis=task.tool_axis)

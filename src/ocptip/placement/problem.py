@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Literal, get_args
+from typing import get_args
 
 import numpy as np
 
@@ -25,10 +25,10 @@ from ocptip.placement.power import HoldingPower, TorqueCost
 from ocptip.placement.stand import Feet, Footing, Stand
 from ocptip.placement.terrain import Patch
 from ocptip.robots.geometry import Obstacle
+from ocptip.robots.inverse.pose_search import Orientation
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.tolerance import Corner, Tolerance
 
-Orientation = Literal["full", "axis", "free"]
 CRITERIA = ("GN", "GT", "GK", "GE")
 INDICES = ("dm_2", "pi_oe", "inv_cdn_oe", "manipulability")
 _SAME_LEVEL = 1e-9  # relative to the support's length

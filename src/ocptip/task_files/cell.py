@@ -212,7 +212,8 @@ def _gripper_tasks(cycle: CycleTask) -> Iterator[dict[str, Any]]:
         around += [(number, 0)] if number < len(segments) else []
         loads = [_load(segments[k].task.robot, share, target, gravity) for k, share in around]
         acting = dict.fromkeys(own for own in loads if own is not None)
-        turning = {"orientation": "axis", "tool_axis": _floats(target.axis)} if target.turns_freely else {}
+        orientation, axis = target.how
+        turning = {"orientation": orientation, "tool_axis": _floats(axis)} if target.turns_freely else {}
         yield {
             "name": names[number],
             "position": _floats(target.position),
@@ -245,14 +246,16 @@ def _load(
         force = payload.mass * gravity
         moment, names = np.cross(rotation @ payload.center_of_mass, force), ["payload"]
     if process is not None:
+        axis = target.tool_axis if target.orientation == "axis" else None
         own, turn = process.wrench.reshape(2, 3), rotation if process.turns_with_tool else np.eye(3)
         if (
             target.turns_freely
             and process.turns_with_tool
-            and np.any(np.abs(np.cross(own, target.axis)) > _ALONG)
+            and np.any(np.abs(own if axis is None else np.cross(own, axis)) > _ALONG)
         ):
             raise InputError(
-                "process: turns with a gripper that turns freely at a pose; give it along that axis"
+                "process: turns with a gripper that turns freely at a pose; give it along the axis of that "
+                'turn, or in axes "world"'
             )
         force, moment = force + turn @ own[0], moment + turn @ own[1]
         names.append("process")

@@ -10,18 +10,21 @@ import os
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 
+from ocptip.basics.doubts import doubt
 from ocptip.basics.errors import InputError, is_whole
 from ocptip.basics.toml import DEGREES, Table
 from ocptip.contact.support import Support
 from ocptip.motion.objective import objective_of
 from ocptip.motion.postures import posture_pairs, postures_of
 from ocptip.motion.source import LIMITS
-from ocptip.motion.task import FIRST_SEVEN, MotionTask, check_commands
+from ocptip.motion.task import FIRST_SEVEN, REACHED, MotionTask, check_commands
 from ocptip.published.cases import case_names
 from ocptip.published.tasks import BASES, experiment_task
+from ocptip.robots.inverse.pose_search import Orientation
 from ocptip.robots.inverse.pose_target import AXES, PoseTarget
 from ocptip.robots.model import ArmModel
 from ocptip.standing.arm import StandingRobot
@@ -192,7 +195,15 @@ def read_end(
     if target is None:
         return given_angles(robot.arm, table, key), None
     with table.table(f"{key}_pose").at(pose=""):
-        return postures_of(robot.arm, target, limits), target
+        postures = postures_of(robot.arm, target, limits)
+    far, turn = target.misses(robot.arm, postures).max(axis=0)
+    if max(far, turn) > REACHED:
+        where, miss = table.place(f"{key}_pose"), f"{1e3 * far:.2g} mm and {np.rad2deg(turn):.2g} degrees"
+        doubt(
+            f"{table.file}: {where}: {robot.arm.name} lacks an axis there; its nearest postures are taken, "
+            f"which miss the pose by {miss}"
+        )
+    return postures, target
 
 
 def ramp_task(
@@ -289,11 +300,13 @@ def read_target(arm: ArmModel, table: Table, key: str) -> PoseTarget | None:
     with table.table(pose) as given:
         position, rotation = given.vector("position", 3), given.rotation()
         axis, fold = given.text("symmetric_about", ""), given.value("fold", 0)
+        orientation = given.choice("orientation", get_args(Orientation), "full")
+        tool_axis = given.direction("tool_axis", np.array([0.0, 0.0, 1.0]))
         ranges = given.table("free", optional=True)
         free = np.array([ranges.vector(own, 2, [0.0, 0.0]) for own in AXES])
         ranges.close()
         with given.at():
-            return PoseTarget(position, rotation, axis, fold, free)
+            return PoseTarget(position, rotation, axis, fold, orientation, tool_axis, free)
 
 
 def _joints(item: object, names: tuple[str, ...]) -> list[int]:

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from ocptip.basics.errors import InputError
 from ocptip.robots.inverse.inverse_kinematics import solve_inverse_kinematics
-from ocptip.robots.inverse.pose_search import pose_errors, search
+from ocptip.robots.inverse.pose_search import Orientation, miss_sizes, pose_errors, reached, search
 from ocptip.robots.inverse.pose_target import PoseTarget
 from ocptip.robots.kinematics import gripper_pose
 from ocptip.robots.model import ArmModel
@@ -86,7 +86,7 @@ class _Lines:
         lengths: (K,), m: up to each pose, turns included.
         ways: (K - 1, 6): how position (base axes) and orientation (gripper axes) change per length.
         reaches: (K,), m: half lengths of the blends, 0 without one.
-        axis: of a gripper that may turn freely about it, gripper axes; None: it may not.
+        how: what of the orientation counts, and the tool axis, see `PoseTarget.how`.
     """
 
     points: np.ndarray
@@ -94,7 +94,7 @@ class _Lines:
     lengths: np.ndarray
     ways: np.ndarray
     reaches: np.ndarray
-    axis: np.ndarray | None
+    how: tuple[Orientation, np.ndarray]
 
     @classmethod
     def of(cls, poses: Sequence[PoseTarget], tolerance: float) -> _Lines:
@@ -117,8 +117,7 @@ class _Lines:
                 reaches[k] = min(
                     blend_reach(float(np.linalg.norm(bend)), tolerance), 0.5 * sizes[k - 1], 0.5 * sizes[k]
                 )
-        axis = poses[0].axis if poses[0].turns_freely else None
-        return cls(points, turns, np.append(0.0, np.cumsum(sizes)), ways, reaches, axis)
+        return cls(points, turns, np.append(0.0, np.cumsum(sizes)), ways, reaches, poses[0].how)
 
     @property
     def corners(self) -> list[int]:
@@ -166,21 +165,14 @@ def _followed(arm: ArmModel, lines: _Lines, start: np.ndarray) -> ToolPath:
         legs.append(Leg.fitted(samples, np.full(arm.n, _CURVE)))
         places.append(at[legs[-1].numbers])
         q = samples[-1]
-    freely = "" if lines.axis is None else ", turning freely about its axis"
+    freely = {"full": "", "axis": ", turning freely about its axis", "free": ", turning freely"}
     stops = len(lines.corners) - 2
-    how = f"straight lines of the gripper between {len(lines.points)} poses{freely}"
+    how = f"straight lines of the gripper between {len(lines.points)} poses{freely[lines.how[0]]}"
     how += f", {stops} corners at which it stops" if stops else ""
     fitted = joined(legs, how)
     points, turns = lines.at(np.concatenate(places))
     q = fitted.path.at(fitted.places)[0]
-    if lines.axis is None:
-        at, turned = gripper_pose(arm, q)
-        off = Rotation.from_matrix(turned.transpose(0, 2, 1) @ turns).magnitude()
-        miss = np.linalg.norm(at - points, axis=1)
-    else:
-        errors = pose_errors(arm, q, points, turns, "axis", lines.axis)[0]
-        miss, off = (np.linalg.norm(own, axis=1) for own in (errors[:, :3], errors[:, 3:]))
-    tool = np.array([miss.max(), off.max()])
+    tool = miss_sizes(pose_errors(arm, q, points, turns, *lines.how)[0]).max(axis=0)
     return ToolPath(fitted.path, how, fitted.places, fitted.samples, tool, lines.blended)
 
 
@@ -195,8 +187,8 @@ def _solutions(
         near = found[-1]
         if len(at) > 1:
             near = near + (ahead - at[-1]) / (at[-1] - at[-2]) * (near - found[-2])
-        solution, miss = _solved(arm, lines, near[None], *lines.at(np.array([ahead])))
-        if miss[0] <= REACHED and np.abs(solution[0] - found[-1]).max() <= NEAR:
+        solution, there = _solved(arm, lines, near[None], *lines.at(np.array([ahead])))
+        if there[0] and np.abs(solution[0] - found[-1]).max() <= NEAR:
             at.append(ahead)
             found.append(solution[0])
             step = min(2 * step, (end - begin) / _FIRST)
@@ -214,9 +206,9 @@ def _refined(
     shortest = min((r for r in lines.reaches if r), default=np.inf)
     while len(at) < max(_LEAST, _IN_BLEND * (at[-1] - at[0]) / (2 * shortest)):
         middles = 0.5 * (at[1:] + at[:-1])
-        solution, miss = _solved(arm, lines, 0.5 * (found[1:] + found[:-1]), *lines.at(middles))
-        if np.any(miss > REACHED):
-            k = int(np.argmax(miss))
+        solution, there = _solved(arm, lines, 0.5 * (found[1:] + found[:-1]), *lines.at(middles))
+        if not there.all():
+            k = int(np.argmin(there))
             raise _refusal(arm, lines, middles[k : k + 1], found[k])
         order = np.argsort(np.concatenate([at, middles]), kind="stable")
         at, found = np.concatenate([at, middles])[order], np.concatenate([found, solution])[order]
@@ -226,16 +218,17 @@ def _refined(
 def _solved(
     arm: ArmModel, lines: _Lines, near: np.ndarray, points: np.ndarray, turns: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    if lines.axis is None:
-        return search(arm, near, points, turns)
-    return search(arm, near, points, turns, "axis", lines.axis)
+    """Postures (N, n) near given ones, and whether they are postures of the poses, (N,)."""
+    q, _ = search(arm, near, points, turns, *lines.how)
+    return q, reached(*pose_errors(arm, q, points, turns, *lines.how), REACHED)
 
 
 def _refusal(arm: ArmModel, lines: _Lines, lengths: np.ndarray, q: np.ndarray) -> InputError:
     """Why the first of some places cannot be gone to; where reach ends, that shows at the last one only."""
     where = lines.where(float(lengths[0]))
-    if lines.axis is not None:
-        miss = max(_solved(arm, lines, q[None], *lines.at(lengths[k : k + 1]))[1][0] for k in (0, -1))
+    if lines.how[0] != "full":
+        ends = [lines.at(lengths[k : k + 1]) for k in (0, -1)]
+        miss = max(search(arm, q[None], *end, *lines.how)[1][0] for end in ends)
         return InputError(f"{where}: not reached within the joint limits; missed by {miss:.2g} (m, rad)")
     points, turns = lines.at(lengths)
     try:

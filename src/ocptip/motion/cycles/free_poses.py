@@ -62,8 +62,8 @@ def free_ends(task: CycleTask) -> dict[int, PoseTarget]:
         return {}
     ends = task.ends[:-1] if task.closed else task.ends
     poses = {k: target for k, (_, _, target) in enumerate(ends) if target is not None}
-    n = task.robot.n
-    return {k: target for k, target in poses.items() if target.free.any() or n > target.conditions}
+    n, arm = task.robot.n, task.robot.arm
+    return {k: target for k, target in poses.items() if target.free.any() or n > target.independent(arm)}
 
 
 def _index(layer: list[np.ndarray], q: np.ndarray) -> int:
@@ -135,9 +135,9 @@ class MovedWay:
                 return False
         else:
             begin = q + step * along[0]
-        found, miss = posture_near(arm, target.at(wanted), begin)
+        found, there = posture_near(arm, target.at(wanted), begin)
         inside = np.all((found >= self._low) & (found <= self._high))
-        if miss > REACHED or not inside or np.abs(found - q).max() < _SAME or self._refused(end, found):
+        if not there or not inside or np.abs(found - q).max() < _SAME or self._refused(end, found):
             return False
         postures, around = list(self.postures), self._around(end)
         postures[end] = found
@@ -157,17 +157,15 @@ class MovedWay:
         return any(end_refusals(self._task.segments[k].task, int(k != end), q) for k in meeting)
 
 
-def posture_near(arm: ArmModel, target: PoseTarget, q: np.ndarray) -> tuple[np.ndarray, float]:
-    """The posture (n,) of a pose at which an iteration from q (n,), rad, ends, and its miss, m and rad."""
-    how = ("axis", target.axis) if target.turns_freely else ("full",)
-    found, miss = search(arm, q[None], target.position[None], target.rotation[None], *how)
-    return found[0], float(miss[0])
+def posture_near(arm: ArmModel, target: PoseTarget, q: np.ndarray) -> tuple[np.ndarray, bool]:
+    """The posture (n,) at which an iteration from q (n,), rad, ends, and whether it is one of the pose."""
+    found, _ = search(arm, q[None], target.position[None], target.rotation[None], *target.how)
+    return found[0], bool(target.reached(arm, found, REACHED)[0])
 
 
 def _redundancy(arm: ArmModel, target: PoseTarget, q: np.ndarray) -> list[np.ndarray]:
     """Moves (n,) that leave the pose as it is, to first order; the joint that moves most moves by `TURN`."""
-    how = ("axis", target.axis) if target.turns_freely else ("full",)
-    jacobian = pose_errors(arm, q[None], target.position, target.rotation, *how)[1][0]
+    jacobian = pose_errors(arm, q[None], target.position, target.rotation, *target.how)[1][0]
     _, sizes, rows = np.linalg.svd(jacobian)
     rank = min(int(np.sum(sizes > _DEPENDENT * sizes[0])), target.conditions)
     moves = []

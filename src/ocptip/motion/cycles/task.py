@@ -134,9 +134,10 @@ class CycleTask:
             q: (n,), rad (sliding joints: m).
             near: m and rad, by which a pose may be missed.
         """
-        if self.pose_miss(end, q) <= near:
+        _, postures, target = self.ends[end]
+        poses = target is not None and isinstance(self.robot, StandingRobot)
+        if poses and target.reached(self.robot.arm, q[None], near)[0]:
             return np.zeros(self.robot.n)
-        postures = self.ends[end][1]
         off = q - postures
         if len(postures) > 1:
             off = np.where(np.array(self.robot.units) == "rad", wrapped(off), off)

@@ -40,7 +40,10 @@ class FreeEnds:
         self._arm, self._postures, self._joints = arm, postures, list(joints)
         self._targets = [
             None
-            if arm is None or target is None or len(joints) <= target.conditions
+            if arm is None
+            or target is None
+            or len(joints) <= target.conditions
+            or target.independent(arm) < target.conditions  # equations that no program can fulfil
             else target.nearest(arm, posture)
             for target, posture in zip(targets, postures, strict=True)
         ]

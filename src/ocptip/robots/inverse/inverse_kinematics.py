@@ -14,7 +14,14 @@ from ocptip.basics.errors import InputError, finite_array, rotation_matrix
 from ocptip.robots.inverse.closed_form import closed_form_branches, closed_form_family
 from ocptip.robots.inverse.joint_angles import nearest_copies, once_around, search_box
 from ocptip.robots.inverse.joint_angles import within_limits as copies_within_limits
-from ocptip.robots.inverse.pose_search import levenberg_marquardt, pose_errors
+from ocptip.robots.inverse.pose_search import (
+    NEAREST,
+    NORMAL_DAMPING,
+    levenberg_marquardt,
+    miss_sizes,
+    pose_errors,
+    reached,
+)
 from ocptip.robots.kinematics import gripper_batch
 from ocptip.robots.model import ArmModel, joint_states
 
@@ -39,7 +46,8 @@ class InverseKinematics:
         branches: (k, n), rad (sliding joints: m, here and below), within the joint limits unless asked
             otherwise; of the copies an angle has every full turn, the one nearest to `near`.
         residuals: (k,): largest error of position (m) and orientation (rad) after forward kinematics; at most
-            1e-10, or 1e-7 next to a singular pose where rounding leaves no better.
+            1e-10, or 1e-7 next to a singular pose where rounding leaves no better. An arm that lacks an axis
+            at the pose may miss it by 0.1 mm and 0.01 degrees; then the branches are its nearest postures.
         conditioning: (k,): smallest singular value of the Jacobian (lengths in units of the arm's reach);
             near zero the branch is singular: it may be one of a continuum or a double root.
         outside_limits: number of further branches that violate joint limits.
@@ -117,12 +125,13 @@ def solve_inverse_kinematics(
     starts = iterations = 0
     if method == "search" or family is None:
         used = "search"
-        found, starts, iterations = _search(model, goal, turn, seed)
+        found, starts, iterations = _search(model, goal, turn, seed, _LEAST_DAMPING)
     else:
         used = "closed-form"
         found = _polished(model, closed_form_branches(model, goal, turn), goal, turn)
     if not len(found):
-        raise InputError(_miss_message(model, goal, turn, seed))
+        used = "search"
+        found, starts, iterations = _nearest(model, goal, turn, seed)
     copies = copies_within_limits(model, found, wanted)
     inside = np.isfinite(copies).all(axis=1)
     copies = np.where(np.isfinite(copies), copies, nearest_copies(model, found, wanted))
@@ -150,9 +159,12 @@ def pose_residuals(model: ArmModel, q: np.ndarray, position: np.ndarray, rotatio
 
 
 def _search(
-    model: ArmModel, position: np.ndarray, rotation: np.ndarray, seed: int
+    model: ArmModel, position: np.ndarray, rotation: np.ndarray, seed: int, damping: float
 ) -> tuple[np.ndarray, int, int]:
-    """Branches (k, n), angles in (-pi, pi], number of starts and iterations."""
+    """Branches (k, n), angles in (-pi, pi], number of starts and iterations.
+
+    `damping` is the least of the iteration. `NORMAL_DAMPING` looks for nearest postures, too.
+    """
     random = np.random.default_rng(seed)
     inside, anywhere = search_box(model), search_box(model, limits=False)
     found = np.empty((0, model.n))
@@ -161,11 +173,11 @@ def _search(
         # The first rounds start within the limits; later ones anywhere, to see what lies beyond.
         low, high = inside if turn % 2 == 0 else anywhere
         first = low + random.random((_STARTS_PER_ROUND, model.n)) * (high - low)
-        solutions, steps = _solutions(model, first, position, rotation)
+        solutions, steps = _solutions(model, first, position, rotation, damping)
         starts += len(first)
         iterations += steps
         known = len(found)
-        found = _distinct(model, found, solutions)
+        found = distinct(model, found, solutions)
         quiet = 0 if len(found) > known else quiet + 1
         if quiet >= _QUIET_ROUNDS or len(found) >= _MAX_BRANCHES:
             break
@@ -173,13 +185,15 @@ def _search(
 
 
 def _solutions(
-    model: ArmModel, starts: np.ndarray, position: np.ndarray, rotation: np.ndarray
+    model: ArmModel, starts: np.ndarray, position: np.ndarray, rotation: np.ndarray, damping: float
 ) -> tuple[np.ndarray, int]:
     """Solutions (k, n) reached from the starts (N, n) and the number of iterations."""
     q, error, steps = levenberg_marquardt(
-        model, starts, position, rotation, iterations=_MAX_ITERATIONS, least_damping=_LEAST_DAMPING
+        model, starts, position, rotation, iterations=_MAX_ITERATIONS, least_damping=damping
     )
-    return q[error <= RESIDUAL_TOLERANCE], steps
+    if damping < NORMAL_DAMPING:
+        return q[error <= RESIDUAL_TOLERANCE], steps
+    return q[reached(*pose_errors(model, q, position, rotation), RESIDUAL_TOLERANCE)], steps
 
 
 def _polished(model: ArmModel, q: np.ndarray, position: np.ndarray, rotation: np.ndarray) -> np.ndarray:
@@ -187,16 +201,16 @@ def _polished(model: ArmModel, q: np.ndarray, position: np.ndarray, rotation: np
     if not len(q):
         return q
     good = pose_residuals(model, q, position, rotation) <= RESIDUAL_TOLERANCE
-    rough, _ = _solutions(model, q[~good], position, rotation)
+    rough, _ = _solutions(model, q[~good], position, rotation, _LEAST_DAMPING)
     branches = np.vstack([q[good], rough])
     if not len(branches):
         # Within 1e-7 rad of a singular pose rounding leaves no better branch than this one, and no direction
         # in which to look for one; its residual says how good it is.
         branches = q[pose_residuals(model, q, position, rotation) <= SINGULAR_TOLERANCE]
-    return _distinct(model, np.empty((0, model.n)), branches)
+    return distinct(model, np.empty((0, model.n)), branches)
 
 
-def _distinct(model: ArmModel, known: np.ndarray, found: np.ndarray) -> np.ndarray:
+def distinct(model: ArmModel, known: np.ndarray, found: np.ndarray) -> np.ndarray:
     """`known` (k, n) and after it the new ones of `found` (m, n), angles wrapped to (-pi, pi]."""
     result = list(known)
     for q in once_around(model, found):
@@ -216,20 +230,40 @@ def _conditioning(model: ArmModel, q: np.ndarray) -> np.ndarray:
     return np.linalg.svd(jacobian, compute_uv=False)[:, -1]
 
 
-def _miss_message(model: ArmModel, position: np.ndarray, rotation: np.ndarray, seed: int) -> str:
+def _nearest(
+    model: ArmModel, position: np.ndarray, rotation: np.ndarray, seed: int
+) -> tuple[np.ndarray, int, int]:
+    """What `_search` gives for the nearest postures of a pose that no posture reaches exactly.
+
+    Raises:
+        InputError: they miss it by more than `NEAREST`, or none is the nearest of its neighbourhood.
+    """
     low, high = search_box(model, limits=False)
-    q = low + np.random.default_rng(seed).random((_STARTS_PER_ROUND, model.n)) * (high - low)
-    for _ in range(_MAX_ITERATIONS):
-        error, J = pose_errors(model, q, position, rotation)
-        normal = J.transpose(0, 2, 1) @ J + 1e-3 * np.eye(model.n)
-        q = q + np.linalg.solve(normal, J.transpose(0, 2, 1) @ error[:, :, None])[:, :, 0]
-    best = min(pose_errors(model, q, position, rotation)[0], key=lambda e: float(e @ e))
-    where = ", ".join(f"{1e3 * x:.1f}" for x in position)
-    return (
-        f"pose: arm {model.name!r} cannot reach position ({where}) mm with this orientation; the nearest of "
-        f"{_STARTS_PER_ROUND} tries misses by {1e3 * np.linalg.norm(best[:3]):.2f} mm and "
-        f"{np.rad2deg(np.linalg.norm(best[3:])):.2f} degrees"
+    starts = low + np.random.default_rng(seed).random((_STARTS_PER_ROUND, model.n)) * (high - low)
+    q, _, _ = levenberg_marquardt(
+        model, starts, position, rotation, iterations=_MAX_ITERATIONS, least_damping=NORMAL_DAMPING
     )
+    errors, jacobian = pose_errors(model, q, position, rotation)
+    if reached(errors, jacobian, RESIDUAL_TOLERANCE).any():
+        return _search(model, position, rotation, seed, NORMAL_DAMPING)
+    where = ", ".join(f"{1e3 * x:.1f}" for x in position)
+    raise InputError(
+        f"pose: arm {model.name!r} cannot reach position ({where}) mm with this orientation; the nearest of "
+        f"{_STARTS_PER_ROUND} tries misses by {miss_text(errors)} (an arm that lacks an axis there "
+        f"may miss by {1e3 * NEAREST[0]:g} mm and {np.rad2deg(NEAREST[1]):g} degrees); if "
+        'part of the orientation does not matter, give orientation = "axis" or "free"'
+    )
+
+
+def miss_text(errors: np.ndarray) -> str:
+    """The smallest of some pose errors (N, 6), in mm and degrees."""
+    far, turn = miss_sizes(errors[np.argmin(np.linalg.norm(errors, axis=1))][None])[0]
+    return f"{_digits(1e3 * far)} mm and {_digits(np.rad2deg(turn))} degrees"
+
+
+def _digits(value: float) -> str:
+    """Two decimals; more where these would be zero, down to rounding."""
+    return f"{value:.2f}" if value >= 0.01 or value < 1e-12 else f"{value:.1g}"
 
 
 def _limits_message(model: ArmModel, branches: np.ndarray) -> str:

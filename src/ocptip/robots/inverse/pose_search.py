@@ -2,16 +2,27 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 
 from ocptip.numerics.vectors import cross
 from ocptip.robots.kinematics import gripper_batch
 from ocptip.robots.model import ArmModel
 
+Orientation = Literal["full", "axis", "free"]
+"""What of an orientation must agree: all, the direction of one tool axis, or nothing."""
+
+NEAREST = (1e-4, float(np.deg2rad(0.01)))
+"""m and rad, by which the nearest pose of an arm that lacks an axis there may miss the wanted one."""
+
+_FLAT = 1e-3  # slope of the miss relative to the miss, m per rad and rad per rad, below which it is least
+_LOST = 1e-4  # m or rad per rad: what a whole radian moves by less than `NEAREST` is no axis
+_PROBES = 8  # postures at which the axes are counted
 _TOLERANCE = 1e-12  # m and rad, at which an iteration ends
 _FIRST_DAMPING = 1e-2
 _HOPELESS_DAMPING = 1e6
-_NORMAL_DAMPING = 1e-10  # with less, the normal equations lose all digits next to singular poses
+NORMAL_DAMPING = 1e-10  # with less, the normal equations lose all digits next to singular poses
 _SEARCH_ITERATIONS = 40
 
 
@@ -20,7 +31,7 @@ def search(
     starts: np.ndarray,
     positions: np.ndarray,
     rotations: np.ndarray,
-    orientation: str = "full",
+    orientation: Orientation = "full",
     tool_axis: np.ndarray = (0.0, 0.0, 1.0),
 ) -> tuple[np.ndarray, np.ndarray]:
     """Nearest approach to many poses by damped Newton steps, each from its own start, within joint limits.
@@ -44,7 +55,7 @@ def search(
         tool_axis=tool_axis,
         bounds=(model.limits.angle_min, model.limits.angle_max),
         iterations=_SEARCH_ITERATIONS,
-        least_damping=_NORMAL_DAMPING,
+        least_damping=NORMAL_DAMPING,
     )
     return q, error
 
@@ -55,7 +66,7 @@ def levenberg_marquardt(
     positions: np.ndarray,
     rotations: np.ndarray,
     *,
-    orientation: str = "full",
+    orientation: Orientation = "full",
     tool_axis: np.ndarray = (0.0, 0.0, 1.0),
     bounds: tuple[np.ndarray, np.ndarray] | None = None,
     iterations: int,
@@ -104,7 +115,7 @@ def levenberg_marquardt(
 
 def _damped_step(J: np.ndarray, e: np.ndarray, damping: np.ndarray) -> np.ndarray:
     """Minimisers (N, n) of |J s - e|^2 + damping |s|^2."""
-    if damping.min() >= _NORMAL_DAMPING:
+    if damping.min() >= NORMAL_DAMPING:
         normal = J.transpose(0, 2, 1) @ J + damping[:, None, None] * np.eye(J.shape[2])
         return np.linalg.solve(normal, J.transpose(0, 2, 1) @ e[:, :, None])[:, :, 0]
     u, s, vt = np.linalg.svd(J, full_matrices=False)
@@ -117,7 +128,7 @@ def pose_errors(
     q: np.ndarray,
     position: np.ndarray,
     rotation: np.ndarray,
-    orientation: str = "full",
+    orientation: Orientation = "full",
     tool_axis: np.ndarray = (0.0, 0.0, 1.0),
 ) -> tuple[np.ndarray, np.ndarray]:
     """Pose errors (N, 3 or 6), m then rotation vector in rad, base axes, and the Jacobian (N, 3 or 6, n).
@@ -144,3 +155,37 @@ def pose_errors(
     result = jacobian.copy()
     result[:, 3:] -= have[:, :, None] * np.einsum("ni,nij->nj", have, result[:, 3:])[:, None]
     return np.hstack([position - at, turn * direction]), result
+
+
+def reached(error: np.ndarray, jacobian: np.ndarray, exactly: float) -> np.ndarray:
+    """Which postures count as postures of a pose, (N,).
+
+    Those that miss it by at most `exactly`. Besides, where the Jacobian lacks rank: those that miss it by at
+    most `NEAREST` while no joint can reduce the miss, to first order. Where the rank is full, only an exact
+    posture has no such joint, so nothing is accepted there that could be better.
+
+    Args:
+        error, jacobian: of `pose_errors`.
+        exactly: m and rad.
+    """
+    slope = np.linalg.norm((error[:, None, :] @ jacobian)[:, 0], axis=1)
+    size, (far, turn) = np.linalg.norm(error, axis=1), miss_sizes(error).T
+    nearest = (far <= NEAREST[0]) & (turn <= NEAREST[1]) & (slope <= _FLAT * size)
+    return (np.abs(error).max(axis=1) <= exactly) | nearest
+
+
+def miss_sizes(error: np.ndarray) -> np.ndarray:
+    """(N, 2), m and rad: lengths of the position error and of the rotation vector, of `pose_errors`."""
+    return np.column_stack([np.linalg.norm(part, axis=1) for part in (error[:, :3], error[:, 3:])])
+
+
+def effective_axes(
+    model: ArmModel, orientation: Orientation = "full", tool_axis: np.ndarray = (0.0, 0.0, 1.0)
+) -> int:
+    """Number of the conditions of a pose that an arm can fulfil independently, at most 6, 5 or 3.
+
+    It is the largest rank of the Jacobian at a few random postures.
+    """
+    q = np.random.default_rng(0).uniform(-1.0, 1.0, (_PROBES, model.n))
+    jacobian = pose_errors(model, q, np.zeros(3), np.eye(3), orientation, np.asarray(tool_axis))[1]
+    return int(np.sum(np.linalg.svd(jacobian, compute_uv=False) > _LOST, axis=1).max())

@@ -2,17 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import get_args
 
 import casadi as cs
 import numpy as np
 
 from ocptip.basics.errors import InputError, finite_array, is_whole, rotation_matrix
 from ocptip.basics.frozen import settle
-from ocptip.robots.inverse.inverse_kinematics import pose_residuals, solve_inverse_kinematics
+from ocptip.numerics.vectors import perpendicular
+from ocptip.robots.inverse.closed_form import closed_form_family
+from ocptip.robots.inverse.inverse_kinematics import (
+    SINGULAR_TOLERANCE,
+    distinct,
+    miss_text,
+    solve_inverse_kinematics,
+)
 from ocptip.robots.inverse.joint_angles import search_box
 from ocptip.robots.inverse.joint_angles import within_limits as copies_within_limits
-from ocptip.robots.inverse.pose_search import pose_errors, search
+from ocptip.robots.inverse.pose_search import (
+    Orientation,
+    effective_axes,
+    miss_sizes,
+    pose_errors,
+    reached,
+    search,
+)
 from ocptip.robots.kinematics import chain, gripper_batch
 from ocptip.robots.model import ArmModel
 
@@ -22,6 +38,7 @@ SAMPLED = 64  # postures of a continuum
 REACHED = 1e-9  # m and rad, by which a sampled posture may miss
 MOST_FOLDS = 12
 _ROTATION_TOLERANCE = 1e-8
+_UNIT_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +49,10 @@ class PoseTarget:
         position: (3,), m, of the gripper point in the base frame.
         rotation: (3, 3), gripper to base axes.
         symmetric_about: gripper axis "x", "y" or "z" about which the gripper may be turned; "": it may not.
+            Without `fold` it is short for the orientation "axis" with this `tool_axis`.
         fold: the turns that are allowed are the multiples of a full turn divided by `fold`; 0: any turn.
+        orientation: "full"; "axis": only the direction of `tool_axis` counts; "free": only the position.
+        tool_axis: (3,), unit vector, gripper axes.
         free: (3, 2), m: how far from `position` the gripper point may be, from and to, along the axes of the
             base frame; 0 is among them.
     """
@@ -41,6 +61,8 @@ class PoseTarget:
     rotation: np.ndarray
     symmetric_about: str = ""
     fold: int = 0
+    orientation: Orientation = "full"
+    tool_axis: Sequence[float] = (0.0, 0.0, 1.0)
     free: np.ndarray = field(default_factory=lambda: np.zeros((3, 2)))
 
     def __post_init__(self) -> None:
@@ -54,36 +76,67 @@ class PoseTarget:
             raise InputError(f"fold: must be a whole number of 2 to {MOST_FOLDS}, got {self.fold!r}")
         if self.fold and not self.symmetric_about:
             raise InputError("fold: needs symmetric_about, the axis of the symmetry")
+        self._settle_orientation()
         settle(self, free=finite_array("free", self.free, (3, 2)))
         if not ((self.free[:, 0] <= 0) & (self.free[:, 1] >= 0)).all():
             raise InputError(f"free: 0 must be within each range, got {self.free.tolist()}")
 
+    def _settle_orientation(self) -> None:
+        """Raise InputError for what is no orientation, or not that of the symmetry."""
+        if self.orientation not in get_args(Orientation):
+            raise InputError(
+                f"orientation: must be one of {', '.join(get_args(Orientation))}, got {self.orientation!r}"
+            )
+        axis = finite_array("tool_axis", self.tool_axis, (3,))
+        if abs(np.linalg.norm(axis) - 1) > _UNIT_TOLERANCE:
+            raise InputError(f"tool_axis: must have length 1, got {axis.tolist()}")
+        settle(self, tool_axis=axis)
+        if not self.symmetric_about:
+            return
+        own = np.eye(3)[AXES.index(self.symmetric_about)]
+        meant = ("full", axis) if self.fold else ("axis", own)
+        if self.orientation not in ("full", meant[0]):
+            raise InputError(
+                f"orientation: {self.orientation!r} contradicts symmetric_about; give one of the two"
+            )
+        settle(self, orientation=meant[0], tool_axis=meant[1])
+
     @property
     def turns_freely(self) -> bool:
-        """Whether any rotation about the axis of symmetry will do."""
-        return bool(self.symmetric_about) and not self.fold
+        """Whether part of the orientation is free, all of it or the turn about `tool_axis`."""
+        return self.orientation != "full"
 
     @property
     def conditions(self) -> int:
         """Number of equations that the joint angles have to fulfil."""
-        return 5 if self.turns_freely else 6
+        return {"full": 6, "axis": 5, "free": 3}[self.orientation]
 
     @property
-    def axis(self) -> np.ndarray:
-        """(3,) The axis of symmetry, gripper axes."""
-        return np.eye(3)[AXES.index(self.symmetric_about)]
+    def how(self) -> tuple[Orientation, np.ndarray]:
+        """What of the orientation counts, and the tool axis: the last arguments of `pose_search.search`."""
+        return self.orientation, np.asarray(self.tool_axis)
+
+    def independent(self, arm: ArmModel) -> int:
+        """Number of the conditions that an arm can fulfil independently; its axes may be too few for all."""
+        return effective_axes(arm, *self.how)
 
     def postures(self, arm: ArmModel, *, seed: int = 0) -> np.ndarray:
         """Joint angles (k, n), rad (sliding joints: m), within the joint limits, that bring it there.
 
-        All branches where their number is finite, else some out of each continuum: up to 64 (of arms with at
-        most six joints the branches for 12 turns of a gripper that may turn freely).
+        All branches where their number is finite, else some out of each continuum: up to 64 (of arms with
+        closed-form solutions the branches for 12 turns of a gripper that may turn freely). Of an arm that
+        lacks an axis there: the nearest postures, see `pose_search.reached`.
 
         Raises:
             InputError: out of reach, as `solve_inverse_kinematics` says.
         """
-        if self.turns_freely and arm.n > self.conditions + 1:
-            return self._searched(arm, seed)
+        searched = self.orientation == "free" or (self.turns_freely and closed_form_family(arm) is None)
+        found = self._searched(arm, seed) if searched else self._solved(arm, seed)
+        exact = self.residuals(arm, found) <= SINGULAR_TOLERANCE
+        return found[exact] if exact.any() else found
+
+    def _solved(self, arm: ArmModel, seed: int) -> np.ndarray:
+        """Postures by inverse kinematics for each of the rotations."""
         found, refusal = [], None
         for turn in self._rotations:
             try:
@@ -99,16 +152,17 @@ class PoseTarget:
         """Postures found by iteration from random ones."""
         low, high = search_box(arm)
         starts = low + np.random.default_rng(seed).random((4 * SAMPLED, arm.n)) * (high - low)
-        q, error = search(arm, starts, self.position, self.rotation, "axis", self.axis)
-        q = q[error <= REACHED]
+        ends, _ = search(arm, starts, self.position, self.rotation, *self.how)
+        q = ends[self.reached(arm, ends, REACHED)]
         q = copies_within_limits(arm, q)
-        q = q[np.isfinite(q).all(axis=1)]
+        q = distinct(arm, np.empty((0, arm.n)), q[np.isfinite(q).all(axis=1)])
         if not len(q):
-            miss = float(error.min())
+            miss = miss_text(pose_errors(arm, ends, self.position, self.rotation, *self.how)[0])
             raise InputError(
-                f"pose: not reached within the joint limits; the nearest misses it by {miss:.2g} (m, rad)"
+                f"pose: arm {arm.name!r} does not reach it within the joint limits; the nearest of "
+                f"{len(ends)} tries misses by {miss}"
             )
-        return q[:SAMPLED]
+        return copies_within_limits(arm, q)
 
     def offsets(self, arm: ArmModel, q: np.ndarray) -> np.ndarray:
         """(N, 3) m: what is allowed of the way from `position` to the gripper point at q (N, n), rad."""
@@ -122,34 +176,46 @@ class PoseTarget:
 
     def residuals(self, arm: ArmModel, q: np.ndarray) -> np.ndarray:
         """(N,) By how much the gripper misses at q (N, n), rad: the largest component, m and rad."""
+        return np.min([np.abs(errors).max(axis=1) for errors, _ in self._errors(arm, q)], axis=0)
+
+    def misses(self, arm: ArmModel, q: np.ndarray) -> np.ndarray:
+        """(N, 2), m and rad: by how much gripper point and orientation miss at q (N, n), rad."""
+        sizes = np.array([miss_sizes(errors) for errors, _ in self._errors(arm, q)])
+        return sizes[np.argmin(sizes.max(axis=2), axis=0), np.arange(len(q))]
+
+    def reached(self, arm: ArmModel, q: np.ndarray, exactly: float) -> np.ndarray:
+        """(N,) Whether q (N, n), rad, are postures of this pose, see `pose_search.reached`."""
+        return np.any([reached(*found, exactly) for found in self._errors(arm, q)], axis=0)
+
+    def _errors(self, arm: ArmModel, q: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+        """`pose_errors` for each of the rotations that are as good as the one given."""
         position = self.position + self.offsets(arm, q)
-        if self.turns_freely:
-            errors = pose_errors(arm, q, position, self.rotation, "axis", self.axis)[0]
-            return np.abs(errors).max(axis=1)
-        return np.min([pose_residuals(arm, q, position, turn) for turn in self._rotations], axis=0)
+        turns = self._rotations if self.fold else [self.rotation]
+        return [pose_errors(arm, q, position, turn, *self.how) for turn in turns]
 
     def nearest(self, arm: ArmModel, q: np.ndarray) -> PoseTarget:
         """The same without `fold`: of the turns that it allows, the one that is nearest at q (n,), rad."""
         if not self.fold:
             return self
         position = self.position + self.offsets(arm, q[None])
-        misses = [pose_residuals(arm, q[None], position, turn)[0] for turn in self._rotations]
+        misses = [np.abs(pose_errors(arm, q[None], position, turn)[0]).max() for turn in self._rotations]
         turn = self._rotations[int(np.argmin(misses))]
         return replace(self, rotation=turn, symmetric_about="", fold=0)
 
     @property
     def _rotations(self) -> list[np.ndarray]:
         """The rotations that are as good as the one given; of a free turn, some."""
-        if not self.symmetric_about:
+        if not self.fold and not self.turns_freely:
             return [self.rotation]
         count = self.fold or SAMPLED_TURNS
         return [self.rotation @ turn for turn in self._turns(2 * np.pi * np.arange(count) / count)]
 
     def _turns(self, angles: np.ndarray) -> np.ndarray:
-        """(N, 3, 3) Rotations by angles (N,), rad, about the axis of symmetry."""
+        """(N, 3, 3) Rotations by angles (N,), rad, about the axis of symmetry or the tool axis."""
         from scipy.spatial.transform import Rotation  # loads for 0.2 s, and most tasks have angles
 
-        return Rotation.from_rotvec(angles[:, None] * self.axis).as_matrix()
+        axis = np.eye(3)[AXES.index(self.symmetric_about)] if self.fold else self.tool_axis
+        return Rotation.from_rotvec(angles[:, None] * axis).as_matrix()
 
     def equations(self, arm: ArmModel, q: cs.SX) -> cs.SX:
         """(conditions, 1), m and rad near a solution: zero where the gripper is where it should be.
@@ -159,9 +225,12 @@ class PoseTarget:
         """
         rotations, origins = chain(arm, q)
         miss = origins[-1] - self.position
+        if self.orientation == "free":
+            return miss
         turn = cs.DM(self.rotation.T) @ rotations[-1]
-        if not self.turns_freely:
+        if self.orientation == "full":
             rows = turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]
             return cs.vertcat(miss, *(0.5 * row for row in rows))
-        along = AXES.index(self.symmetric_about)
-        return cs.vertcat(miss, *(turn[across, along] for across in range(3) if across != along))
+        axis = np.asarray(self.tool_axis)
+        across = perpendicular(axis)
+        return cs.vertcat(miss, cs.DM(np.array([across, np.cross(axis, across)])) @ turn @ cs.DM(axis))
