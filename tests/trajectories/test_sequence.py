@@ -29,7 +29,7 @@ MOTIONS = [ramps(a, b) for a, b in pairwise(STOPS)]
 @given(st.sampled_from(CONTROLLERS), st.lists(st.sampled_from([0.0, 0.013, 0.5]), min_size=3, max_size=3))
 def test_parted_again_the_motions_are_those_that_were_joined(controller, pauses):
     rise = 0.02 if controller == "quintic" else 0.0
-    points = [controller_points(motion.with_rise_times(rise), controller) for motion in MOTIONS]
+    points = [controller_points(motion.with_rise_times(rise), controller, step=0.01) for motion in MOTIONS]
     whole = joined(points, pauses)
     found = parted(whole, standstills(whole))
     expected = MotionSequence(tuple(points), tuple(pauses))

@@ -15,7 +15,7 @@ from ocptip.basics.write import versions, write_text
 from ocptip.certificate.describe import tolerance_words
 from ocptip.certificate.result import Certificate, claims
 from ocptip.certificate.trusted.checker import Verdict, check_certificate
-from ocptip.cli.check import motion_of, task_of
+from ocptip.cli.check import motion_of, read_options, task_of
 from ocptip.cli.command import Report
 from ocptip.cli.cycles import require_plain, segments_of
 from ocptip.cli.layout import named, under
@@ -46,7 +46,9 @@ def run(options: Namespace) -> Report:
     say_if_compiling()
     with naming(name):
         checked = certified(task.robot, motion, check_motion(task.robot, motion, task.limits), task.limits)
-    return CertifyReport(name, task.name, checked, None if options.out is None else Path(options.out))
+    return CertifyReport(
+        name, task.name, checked, None if options.out is None else Path(options.out), motion.assumed
+    )
 
 
 def _certificate_in(path: Path) -> dict[str, Any] | None:
@@ -67,13 +69,13 @@ def _cycle(name: str, path: Path, task: CycleTask, options: Namespace) -> Certif
         raise InputError("--out: a cycle has a certificate per segment; ocptip plan writes them")
     require_plain(options, "rise_time")
     task = task.with_limits(given_limits(options))
-    found = load_motions(path, task.robot.names, task.robot.units, unit=options.unit)
+    found = load_motions(path, task.robot.names, task.robot.units, **read_options(path, task, options))
     _refuse_fits(options.motion, found)
     say_if_compiling()
     with naming(name):
         motion = segments_of(task, found)
         checked = certified_cycle(task, motion, check_cycle(task, motion))
-    return CertifyReport(name, task.name, checked.whole, None, checked)
+    return CertifyReport(name, task.name, checked.whole, None, found.assumed, checked)
 
 
 def _refuse_fits(name: str, motion: object) -> None:
@@ -131,6 +133,7 @@ class CertifyReport(Report):
         task: name of the task.
         checked: the sampled check with the certificate.
         out: where the certificate goes.
+        assumed: what the file does not say.
         segments: checks of the segments of a cycle, with their certificates; None for a single motion.
     """
 
@@ -138,6 +141,7 @@ class CertifyReport(Report):
     task: str
     checked: MotionCheck
     out: Path | None
+    assumed: tuple[str, ...]
     segments: CycleCheck | None = None
 
     @property
@@ -152,7 +156,13 @@ class CertifyReport(Report):
     def to_dict(self) -> dict[str, Any]:
         """The check with the certificate's bounds."""
         own = self.segments or self.checked
-        return {"motion": self.motion, "task": self.task, **own.to_dict(), "versions": versions()}
+        return {
+            "motion": self.motion,
+            "task": self.task,
+            **own.to_dict(),
+            "assumed": list(self.assumed),
+            "versions": versions(),
+        }
 
     def to_text(self) -> str:
         """The verdict, what is proved, and where something is missing."""
@@ -167,6 +177,7 @@ class CertifyReport(Report):
                 *((name, f"{part.certificate}") for name, part in parts),
                 ("time", f"{found.seconds:.2f} s"),
             ]
+            rows += under("assumed", self.assumed)
             rows += under("undecided", [f"{one}" for one in found.undecided[:_MOST]])
             if len(found.undecided) > _MOST:
                 rows.append(("", f"and {len(found.undecided) - _MOST} more"))

@@ -27,7 +27,7 @@ from ocptip.cli.layout import (
     table,
     under,
 )
-from ocptip.cli.options import given_limits, with_limits
+from ocptip.cli.options import given_limits, rate_of, with_limits
 from ocptip.cli.progress import say_if_compiling
 from ocptip.cli.stops import (
     cycle_with_path_stops,
@@ -43,7 +43,7 @@ from ocptip.motion.cycles.check import CycleCheck, certified_cycle, check_cycle
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.motion.cycles.tolerated import cycle_tolerances
 from ocptip.motion.objective import TIME
-from ocptip.motion.output import PLAN
+from ocptip.motion.output import PLAN, TRAJECTORY
 from ocptip.motion.stops import Stops
 from ocptip.motion.task import REACHED, MotionTask
 from ocptip.motion.tolerated import Tolerated, tolerances
@@ -56,7 +56,7 @@ from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.sensitivity import Sensitivity
 from ocptip.standing.tolerance import NONE, Tolerance
 from ocptip.task_files.cycle import read_task
-from ocptip.task_files.plan_folder import is_plan_folder, read_plan_folder
+from ocptip.task_files.plan_folder import is_plan_folder, planned_rate, read_plan_folder
 from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.fit import PEAK_TOLERANCE, FittedMotion
 from ocptip.trajectories.path_fit import path_of_motion
@@ -153,7 +153,7 @@ def _cycle(name: str, path: Path, task: CycleTask, options: Namespace, step: flo
     """Check the segments of a cycle."""
     require_plain(options, "sensitivities", "rise_time")
     task = cycle_with_path_stops(task.with_limits(given_limits(options)), options.stops)
-    found = load_motions(path, task.robot.names, task.robot.units, unit=options.unit)
+    found = load_motions(path, task.robot.names, task.robot.units, **read_options(path, task, options))
     with naming(name):
         motion = segments_of(task, found)
         checked = check_cycle(task, motion, step=step)
@@ -237,7 +237,7 @@ class CheckReport(Report):
             "tolerated": [one.to_dict() for one in self.tolerated],
             **stops_to_dict(self.stops),
             **sensitivities_to_dict(self.sensitivities),
-            "assumed": list(self.task.robot.notes),
+            "assumed": [*self.task.robot.notes, *self.motion.assumed],
             "interpolation": self.motion.interpolation if isinstance(self.motion, SampledMotion) else None,
             "fit": self.motion.fit_to_dict() if isinstance(self.motion, FittedMotion) else None,
             **offsets,
@@ -277,7 +277,7 @@ class CheckReport(Report):
             rows += gear_rows(self.segments)
         else:
             rows.append(("masses", masses(self.task.robot)))
-        rows += under("assumed", self.task.robot.notes)
+        rows += under("assumed", [*self.task.robot.notes, *self.motion.assumed])
         rows += under("note", self._notes())
         lines += named(rows)
         for name, stops in self.stops.items():
@@ -361,7 +361,7 @@ def retimed(task: MotionTask, motion: Motion, checked: MotionCheck) -> str:
 
 def motion_of(path: Path, task: MotionTask, options: Namespace) -> Motion:
     """The motion; ramp commands with the rise time as typed, else their own, else that of the task."""
-    motion = load_motion(path, task.robot.names, task.robot.units, unit=options.unit)
+    motion = load_motion(path, task.robot.names, task.robot.units, **read_options(path, task, options))
     if not isinstance(motion, ArmMotion):
         if options.rise_time is not None:
             samples = isinstance(motion, SampledMotion)
@@ -370,6 +370,17 @@ def motion_of(path: Path, task: MotionTask, options: Namespace) -> Motion:
         return motion
     own = motion.rise_times if options.rise_time is None else ()
     return motion.with_rise_times(own or task.rise_times or ())
+
+
+def read_options(path: Path, task: MotionTask | CycleTask, options: Namespace) -> dict[str, Any]:
+    """What the readers of motions get to know beside the robot.
+
+    The trajectory in the folder of a plan is for the controller that the plan names.
+    """
+    rate = rate_of(options)
+    if rate is None and path.name == TRAJECTORY and is_plan_folder(path.parent):
+        rate = planned_rate(path.parent)
+    return {"unit": options.unit, "start": task.start, "rate": rate}
 
 
 def _offsets(motion: Motion, task: MotionTask) -> dict[str, tuple[float, float]]:

@@ -47,7 +47,12 @@ OF_MOTION = (
 
 
 PRICE = argument("--price-per-second", "W", "energy + W J per second is least", type=float)
-RATE = argument("--rate", "HZ", "points per second for controllers (100)", type=float, default=100.0)
+RATE = argument(
+    "--rate",
+    "HZ",
+    "points per second for controllers (100; linear: updates of the controller, 500)",
+    type=float,
+)
 EFFORT = argument("--effort", None, "write torques into trajectory.json, too", action="store_true")
 
 
@@ -65,6 +70,12 @@ def _rise_time(text: str) -> Argument:
 
 
 OF_FILE = (
+    argument(
+        "--rate",
+        "HZ",
+        "updates of the controller, for points with positions only: a corner lasts one (500)",
+        type=float,
+    ),
     argument("--unit", None, "of angles in CSV columns that do not say it", choices=("deg", "rad")),
     _rise_time("of the accelerations, for ramp commands (default: that of the motion or the task)"),
 )

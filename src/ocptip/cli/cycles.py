@@ -18,7 +18,7 @@ from ocptip.basics.write import plain
 from ocptip.cli.command import Answer, Report
 from ocptip.cli.layout import check_rows, gear_rows, summary, table, under, use_of_reserves
 from ocptip.cli.many import Asked
-from ocptip.cli.options import given_limits, remove_figures
+from ocptip.cli.options import given_limits, remove_figures, step_of
 from ocptip.cli.progress import Progress
 from ocptip.cli.stops import (
     price_line,
@@ -131,7 +131,7 @@ def _executions(plan: CyclePlan, options: Namespace) -> list[Execution]:
             part.motion.with_rise_times(rise),  # planned as ramps, slowed down if need be
             part.task.limits,
             options.controller,
-            step=1 / options.rate,
+            step=step_of(options),
         )
         for part in plan.parts
     ]

@@ -65,8 +65,9 @@ def _predictor(plan: str, task: str | None) -> Predictor:
     if task is None:
         robot, motion = read_plan_folder(plan).of_arm("identify takes")
     else:
-        robot = arm_of(read_task(task), "identify takes", Path(task))
-        motion = load_motions(plan, robot.names, robot.units)
+        given = read_task(task)
+        robot = arm_of(given, "identify takes", Path(task))
+        motion = load_motions(plan, robot.names, robot.units, start=given.start)
         if isinstance(motion, MotionSequence):
             raise InputError("is a cycle; identify takes single motions", "", plan)
     with naming(plan):

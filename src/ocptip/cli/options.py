@@ -63,6 +63,17 @@ def with_limits(task: MotionTask, options: Namespace) -> MotionTask:
     return dataclasses.replace(task, limits=dataclasses.replace(task.limits, **given)) if given else task
 
 
+def rate_of(options: Namespace) -> float | None:
+    """Updates of the controller per second as typed; None: not typed."""
+    return None if options.rate is None else positive_number("--rate", options.rate)
+
+
+def step_of(options: Namespace) -> float | None:
+    """Distance of the points for a controller as typed, s; None: not typed."""
+    rate = rate_of(options)
+    return None if rate is None else 1 / rate
+
+
 @contextmanager
 def naming_options(*arguments: str) -> Iterator[None]:
     """Call arguments as options are typed, in every InputError of the block that is about one of them."""

@@ -25,7 +25,7 @@ from ocptip.cli.layout import (
     use_of_reserves,
 )
 from ocptip.cli.many import Asked, answer_many, cluster, digest_of
-from ocptip.cli.options import output_directory, remove_figures, require_least, with_limits
+from ocptip.cli.options import output_directory, remove_figures, require_least, step_of, with_limits
 from ocptip.cli.progress import Progress, say_if_compiling
 from ocptip.cli.stops import (
     price_line,
@@ -65,7 +65,7 @@ def run(options: Namespace) -> Report:
     require_least(options, starts=1, seed=0, jobs=1)
     for factor in options.time_scale:
         positive_number("--time-scale", factor)
-    positive_number("--rate", options.rate)
+    step_of(options)
     if len(options.task) > 1:
         return answer_many(options, _asked, planned)
     one = _asked(Namespace(**{**vars(options), "task": options.task[0]}))
@@ -386,7 +386,7 @@ class PlanReport(Report):
 
 def _by_points(plan: MotionPlan, options: Namespace) -> Execution:
     own = plan.task.robot, plan.motion, plan.task.limits
-    return execute(*own, options.controller, step=1 / options.rate)
+    return execute(*own, options.controller, step=step_of(options))
 
 
 def _seen(plan: MotionPlan, motion: ArmMotion | TimedPath, check: MotionCheck) -> Any:

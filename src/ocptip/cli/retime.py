@@ -16,7 +16,7 @@ from ocptip.cli.check import task_of
 from ocptip.cli.command import Report
 from ocptip.cli.cycles import CycleReport
 from ocptip.cli.layout import use_of_reserves
-from ocptip.cli.options import given_limits, output_directory, remove_figures
+from ocptip.cli.options import given_limits, output_directory, rate_of, remove_figures, step_of
 from ocptip.cli.plan import PlanReport
 from ocptip.cli.progress import say_if_compiling
 from ocptip.motion.check import MotionCheck, certified, check_motion
@@ -44,12 +44,13 @@ _WORDS = {"time": "fastest", "energy": "cheapest", "both": "least cost"}
 
 def run(options: Namespace) -> Report:
     """Time the path; one that cannot be timed is bad input, and it is said where and why."""
-    positive_number("--rate", options.rate)
+    step_of(options)
     if options.controller == "quintic" and options.jerk is None:
         raise InputError("--controller: quintics need --jerk, without which accelerations jump")
     refuse_early(options.motion)  # the task may have to be compiled first
     task, path = task_of(options, WORKSHOP)
-    given = load_path(path, task, tolerance=options.path_tolerance, unit=options.unit)
+    how = {"tolerance": options.path_tolerance, "unit": options.unit, "rate": rate_of(options)}
+    given = load_path(path, task, **how)
     directory = output_directory(options, task.name)
     say_if_compiling()
     motions: Sequence[Motion | None] = given.motions or [None] * len(given.paths)
@@ -124,7 +125,7 @@ class Timing:
         """Time a path."""
         robot, limits = task.robot, task.limits
         timed = retime(robot, fit.path, limits, task.objective, jerk=_jerk(robot, options))
-        execution = execute(robot, timed.motion, limits, options.controller, step=1 / options.rate)
+        execution = execute(robot, timed.motion, limits, options.controller, step=step_of(options))
         proved = certified(robot, execution.motion, execution.check, limits)
         before = None if task.reference is None else check_motion(robot, task.reference, limits)
         return cls(task, fit, timed, replace(execution, check=proved), before)
@@ -163,6 +164,8 @@ class Timing:
         if self.before is not None:
             verdict = f"; {'; '.join(self.before.violations)}" if self.before.violations else ""
             found.append(("as given", f"{self.before.duration:.3f} s, {self.before.headline}{verdict}"))
+        if self.task.reference is not None:
+            found += [("assumed", text) for text in self.task.reference.assumed]
         if self.timed.later:
             found.append(("only checked", f"{', '.join(self.timed.later)}: the timing does not know them"))
         return found

@@ -13,14 +13,13 @@ from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import NONE
 from ocptip.trajectories.arm_motion import ArmMotion
-from ocptip.trajectories.controllers import Controller, controller_points
+from ocptip.trajectories.controllers import STEP, Controller, controller_points, usual_step
 from ocptip.trajectories.sampled import Motion, SampledMotion
 from ocptip.trajectories.timed_path import TimedPath
 
 SLOWEST = 1.25  # a motion that has to be slowed down by more is another motion
 STEPS = (1.0, 1.0005, 1.002, 1.005, 1.01, 1.02, 1.05, 1.1, SLOWEST)
 CLOSE = 1e-4  # of the factor
-STEP = 0.01  # s
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +108,7 @@ def execute(
     limits: MotionLimits,
     controller: Controller,
     *,
-    step: float = STEP,
+    step: float | None = None,
     slowest: float = SLOWEST,
 ) -> Execution:
     """Points for a controller whose motion keeps all limits, slower than the plan if need be.
@@ -123,6 +122,8 @@ def execute(
         controller, step: see `ocptip.trajectories.controllers.controller_points`.
         slowest: factor, up to 1.25.
     """
+
+    step = usual_step(controller) if step is None else step
 
     def tried(factor: float, limits: MotionLimits = limits) -> Execution:
         points = controller_points(motion.slowed(factor), controller, step=step)

@@ -49,6 +49,7 @@ def load_path(
     *,
     tolerance: float | None = None,
     unit: str | None = None,
+    rate: float | None = None,
 ) -> GivenPath:
     """Read a path: waypoints (TOML), or any motion that `load_motion` reads, whose times are a comparison.
 
@@ -57,7 +58,7 @@ def load_path(
         task: whose robot moves; of a cycle each segment has a path of its own.
         tolerance: degrees (sliding joints, tool lines: mm): how far the path may be from what is given:
             corners are blended, noise is smoothed. Default: that of a file of waypoints, or none.
-        unit: see `load_motion`.
+        unit, rate: see `load_motion`; the task's start is where the robot is at 0 s.
 
     Raises:
         InputError: the file cannot be read, holds no path, or one of another robot; one line that says where.
@@ -67,7 +68,8 @@ def load_path(
         positive_number("--path-tolerance", tolerance, zero_allowed=True)
     if path.suffix.lower() == ".toml":
         return _waypoints(path, task, tolerance)
-    found = load_motions(path, task.robot.names, task.robot.units, unit=unit or "")
+    known = {"unit": unit or "", "start": task.start, "rate": rate}
+    found = load_motions(path, task.robot.names, task.robot.units, **known)
     with naming(path.name):
         task.robot.require_fit(found.n)
         motions = _segments(task, found)

@@ -90,6 +90,12 @@ def arms_of(task: MotionTask | CycleTask, does: str, path: Path) -> list[Standin
     return arms
 
 
+def planned_rate(folder: Path) -> float | None:
+    """Updates per second of the controller that a plan names; None if it draws no straight lines."""
+    controller = json.loads(read_text(folder / PLAN)).get("controller") or {}
+    return 1 / controller["step_s"] if controller.get("name") == "linear" else None
+
+
 def is_plan_folder(path: str | os.PathLike[str]) -> bool:
     """Whether a folder holds a plan with its task."""
     folder = Path(path)

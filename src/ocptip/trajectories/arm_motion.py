@@ -76,9 +76,11 @@ class EventfulMotion:
 
     Attributes:
         peak_rounding: share of the limits by which rounding may lift speeds and accelerations.
+        assumed: what the reader of a file had to assume, in words.
     """
 
     peak_rounding = 0.0
+    assumed: tuple[str, ...] = ()
 
     @cached_property
     def event_times(self) -> np.ndarray:

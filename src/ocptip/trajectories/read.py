@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 
 from ocptip.basics.doubts import doubt_degrees
-from ocptip.basics.errors import InputError, finite_array, naming, positive_number, refuse_huge
+from ocptip.basics.errors import InputError, naming, positive_number, refuse_huge
 from ocptip.basics.toml import read_text
 from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.controllers import controller_points
 from ocptip.trajectories.read_csv import motion_from_csv, require_units
+from ocptip.trajectories.read_points import motion_of_points, trajectory_in
 from ocptip.trajectories.sampled import Motion, SampledMotion
 from ocptip.trajectories.sequence import MotionSequence
 from ocptip.trajectories.timed_path import TimedPath
@@ -30,15 +31,18 @@ def load_motion(
     units: Sequence[str] = (),
     *,
     unit: str | None = None,
+    start: np.ndarray | None = None,
+    rate: float | None = None,
 ) -> Motion:
     """Read a motion from a file: ramp commands, a joint trajectory, or CSV with samples.
 
     Ramp commands: JSON as :meth:`ArmMotion.from_dict`; `plan.json` is one such file; where it names a
     controller, the motion is what that makes of them. Joint trajectory: JSON
-    or YAML like `trajectory_msgs/JointTrajectory`, angles in rad, lengths in m; the motion is what ROS 2's
+    or YAML like `trajectory_msgs/JointTrajectory`, alone or in a message that holds one, angles in rad,
+    lengths in m; the motion is what ROS 2's
     joint trajectory controller makes of it: quintic polynomials between points that have velocities and
     accelerations, cubic ones where accelerations are empty, straight lines where velocities are empty, too
-    (whose corners the drives are taken to spread over the least distance of points).
+    (whose corners the drives are taken to spread over one update of the controller).
     CSV: a header that names time, positions and, if at hand, speeds and accelerations of all joints, in any
     order, see `ocptip.trajectories.csv_columns`; other columns are left out. With accelerations that are
     those of the motion between the samples, as in motion.csv, it is taken as it is; a time may be repeated
@@ -49,12 +53,15 @@ def load_motion(
         names: of the robot's joints; those of a joint trajectory or of a CSV file are put into this order.
         units: "rad" or "m" per coordinate of the robot that is to move so; by default not looked at.
         unit: "deg" or "rad", of CSV columns of turning joints that do not say it; such are refused otherwise.
+        start: (n,), rad or m, where the robot rests at 0 s: from there a controller moves to a first point
+            that is later; None: unknown, such trajectories are refused.
+        rate: updates of the controller per second, for points with positions only; default: 500.
 
     Raises:
         InputError: the file cannot be read or holds no motion, or angles of a joint that slides; names file,
             and key or line and column.
     """
-    found = _read(path, names, units, unit, several=False)
+    found = _read(path, names, units, unit, start, rate, several=False)
     assert not isinstance(found, MotionSequence)
     return found
 
@@ -65,13 +72,15 @@ def load_motions(
     units: Sequence[str] = (),
     *,
     unit: str | None = None,
+    start: np.ndarray | None = None,
+    rate: float | None = None,
 ) -> Motion | MotionSequence:
     """Read a motion as :func:`load_motion` does, or the segments of the plan.json of a cycle.
 
     Raises:
         InputError: see :func:`load_motion`; names the segment.
     """
-    return _read(path, names, units, unit, several=True)
+    return _read(path, names, units, unit, start, rate, several=True)
 
 
 def _read(
@@ -79,6 +88,8 @@ def _read(
     names: Sequence[str] | None,
     units: Sequence[str],
     unit: str | None,
+    start: np.ndarray | None,
+    rate: float | None,
     *,
     several: bool,
 ) -> Motion | MotionSequence:
@@ -87,12 +98,13 @@ def _read(
     text = read_text(path)
     try:
         if path.suffix.lower() in (".yaml", ".yml"):
-            return _from_points(_yaml(text), names)
+            return motion_of_points(trajectory_in(_yaml(text)), names, rate, start)
         if not text.lstrip().startswith(("{", "[")):
             return motion_from_csv(text, names, units, unit)
         data = _json(text)
-        if isinstance(data, dict) and "points" in data:
-            return _from_points(data, names)
+        points = None if {"commands", "path", "segments"} & set(data) else trajectory_in(data)
+        if points is not None:
+            return motion_of_points(points, names, rate, start)
         if not isinstance(data, dict) or "segments" not in data:
             return _from_commands(data, units)
         if several:
@@ -181,41 +193,3 @@ def _yaml(text: str) -> Any:
         return next(iter(yaml.safe_load_all(text)), None)
     except yaml.YAMLError as error:
         raise InputError(f"broken YAML: {' '.join(str(error).split())}") from None
-
-
-def _from_points(data: Any, names: Sequence[str] | None) -> SampledMotion:
-    """The motion of a joint trajectory, see :func:`load_motion`."""
-    if not isinstance(data, dict) or not isinstance(data.get("points"), list):
-        raise InputError("points: expected a joint trajectory with joint_names and a list of points")
-    joints, points = data.get("joint_names"), data["points"]
-    if not isinstance(joints, list) or not all(isinstance(name, str) for name in joints):
-        raise InputError(f"joint_names: expected a list of names, got {joints!r}")
-    order = list(range(len(joints)))
-    if names is not None:
-        if sorted(joints) != sorted(names):
-            raise InputError(f"joint_names: expected {', '.join(names)}, got {', '.join(joints)}")
-        order = [joints.index(name) for name in names]
-    times = np.array([_stamp(k, point) for k, point in enumerate(points, 1)])
-    columns = {}
-    for key in ("positions", "velocities", "accelerations"):
-        rows = [point.get(key) or [] for point in points]
-        if key != "positions" and not any(rows):
-            continue
-        for k, row in enumerate(rows, 1):
-            if not isinstance(row, list) or len(row) != len(joints):
-                raise InputError(f"points[{k}].{key}: expected {len(joints)} numbers, got {row!r}")
-            rows[k - 1] = finite_array(f"points[{k}].{key}", row, (len(joints),))
-        columns[key] = np.reshape(rows, (-1, len(joints)))[:, order]
-        refuse_huge(key, float(np.max(np.abs(columns[key]), initial=0.0)))
-    speeds, gaps = columns.get("velocities"), np.diff(times)
-    period = float(np.min(gaps)) if speeds is None and len(gaps) and np.all(gaps > 0) else None
-    return SampledMotion(times, columns["positions"], speeds, columns.get("accelerations"), period)
-
-
-def _stamp(number: int, point: Any) -> float:
-    """Time of a point, s."""
-    stamp = point.get("time_from_start") if isinstance(point, dict) else None
-    parts = [stamp.get(key, 0) for key in ("sec", "nanosec")] if isinstance(stamp, dict) else []
-    if not parts or not all(isinstance(v, int) and not isinstance(v, bool) for v in parts):
-        raise InputError(f"points[{number}].time_from_start: expected sec and nanosec, got {stamp!r}")
-    return parts[0] + 1e-9 * parts[1]

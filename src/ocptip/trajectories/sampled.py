@@ -11,9 +11,10 @@ A check is about every instant, samples are at some. Which curve is meant betwee
 - Angles only: the cubic spline with rest at both ends. Accelerations are continuous. Where the true motion's
   jump, the spline oscillates around the jump.
 - Angles and a controller's period: straight lines, as those controllers do with such points. Speeds jump at
-  the samples, which no arm can do; the drives are taken to spread every jump evenly over one period, half
-  of it before the sample. The motion begins half a period before the first sample, which is at its time 0,
-  so that all times are half a period later.
+  the corners, which no arm can do; the drives are taken to spread every jump evenly over one period, half
+  of it before the corner. That is the mean of the lines over one period, whatever the distance of samples:
+  more samples on the same lines change nothing. The motion begins half a period before the first sample,
+  which is at its time 0, so that all times are half a period later.
 
 So samples of a ramp motion without its events get a verdict of their own, as a rule a stricter one than the
 commands. Of a robot that interpolates otherwise, or of a measurement's gaps, it says nothing.
@@ -60,8 +61,9 @@ class SampledMotion(EventfulMotion):
         speeds: (N, n), rad/s, below 0.001 at both ends; None: rest at both ends, else from the spline.
         accelerations: (N, n), rad/s^2, with speeds only; None: not given.
         before: (N, n), rad/s^2, those just before the samples, where they jump there; None: they do not.
-        period: s, of a controller that draws straight lines between samples, which must not be nearer to each
-            other; only without speeds.
+        period: s, between two updates of a controller that draws straight lines between samples; only
+            without speeds.
+        assumed: what the reader of a file had to assume, in words.
     """
 
     peak_rounding = 1e-5  # times in whole ns, events within 0.1 us taken as one
@@ -72,6 +74,7 @@ class SampledMotion(EventfulMotion):
     accelerations: np.ndarray | None = None
     period: float | None = None
     before: np.ndarray | None = None
+    assumed: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Raise InputError if shapes do not fit, times do not increase, or an end is not at rest."""
@@ -108,9 +111,7 @@ class SampledMotion(EventfulMotion):
         if self.period is not None:
             if self.speeds is not None:
                 raise InputError("period: straight lines between samples have no speeds at them")
-            least = float(np.min(np.diff(times)))
-            if positive_number("period", self.period) > least * (1 + 1e-9):
-                raise InputError(f"period: {self.period:.9g} s, but samples are {least:.9g} s apart")
+            positive_number("period", self.period)
         settle(self, **values)
 
     @property
@@ -121,9 +122,11 @@ class SampledMotion(EventfulMotion):
     @property
     def interpolation(self) -> str:
         """What lies between the samples, for messages."""
+        if self.period is not None:
+            update = f"{1e3 * self.period:.4g} ms ({1 / self.period:.4g} Hz)"
+            return f"straight lines, whose corners last one update of the controller, {update}"
         if self.speeds is None:
-            straight = "straight lines, whose corners the drives spread over the controller's period"
-            return "cubic spline" if self.period is None else straight
+            return "cubic spline"
         return f"{'cubic' if self.accelerations is None else 'quintic'} Hermite polynomials"
 
     @property
@@ -255,25 +258,33 @@ class SampledMotion(EventfulMotion):
         return np.stack(rows)
 
     def _rounded_lines(self, period: float) -> tuple[np.ndarray, np.ndarray]:
-        """Straight lines between the samples; each corner a parabola of one period, around the sample.
+        """Straight lines between the samples, averaged over one period: each corner becomes a parabola.
 
         Returns:
             Coefficients, and the breaks between the pieces.
         """
-        rates = np.diff(self.angles, axis=0) / np.diff(self.times)[:, None]
-        rates = np.concatenate([np.zeros((1, self.n)), rates, np.zeros((1, self.n))])
-        starts = self.times + np.array([[0.0], [period]])  # half a period later than samples and corners are
-        bends, lines = np.diff(rates, axis=0) / (2 * period), np.zeros((len(self.times) - 1, self.n))
-        squares = np.stack([bends[:-1], lines], axis=1).reshape(-1, self.n)
-        linear = np.stack([rates[:-2], rates[1:-1]], axis=1).reshape(-1, self.n)
-        begins = self.angles[:-1] - 0.5 * period * rates[:-2], self.angles[:-1] + 0.5 * period * rates[1:-1]
-        constant = np.stack(begins, axis=1).reshape(-1, self.n)
-        last = bends[-1], rates[-2], self.angles[-1] - 0.5 * period * rates[-2]
-        coefficients = np.stack([squares, linear, constant])
-        coefficients = np.concatenate([coefficients, np.array(last)[:, None]], axis=1)
-        breaks = np.append(starts.T.ravel()[:-1], starts[1, -1])
-        kept = np.append(np.diff(breaks) > MERGE, True)  # samples one period apart have no line between them
-        return coefficients[:, kept[:-1]], breaks[kept]
+        corners = _corners(self.times, self.angles)
+        times, places = self.times[corners], self.angles[corners]
+        rates = np.zeros((len(times) + 1, self.n))  # rest before the first and after the last one, too
+        rates[1:-1] = np.diff(places, axis=0) / np.diff(times)[:, None]
+        breaks = np.unique(np.concatenate([times, times + period]))  # half a period later than the corners
+        kept = np.append(np.diff(breaks) > MERGE, True)  # corners one period apart have no line between them
+        breaks = breaks[kept]
+        ends = np.concatenate([[-np.inf], times, [np.inf]])
+        first = np.searchsorted(times, breaks - period, side="right")  # lines on which the periods begin
+        last = np.searchsorted(times, breaks, side="left")
+        begins, speeds = np.zeros((2, len(breaks), self.n))
+        for line in range(int(np.max(last - first)) + 1):
+            row = np.minimum(first + line, len(times))
+            low, high = np.maximum(breaks - period, ends[row]), np.minimum(breaks, ends[row + 1])
+            share = (np.where(first + line <= last, high - low, 0.0) / period)[:, None]
+            corner = np.clip(row - 1, 0, None)
+            middle = places[corner] + rates[row] * (0.5 * (low + high) - times[corner])[:, None]
+            begins, speeds = begins + share * middle, speeds + share * rates[row]
+        middles = 0.5 * (breaks[:-1] + breaks[1:])
+        after, before = (np.searchsorted(times, t, side="right") for t in (middles, middles - period))
+        squares = 0.5 * (rates[after] - rates[before]) / period
+        return np.stack([squares, speeds[:-1], begins[:-1]]), breaks
 
     @property
     def _breaks(self) -> np.ndarray:
@@ -294,6 +305,17 @@ class SampledMotion(EventfulMotion):
         roots = self._curve.derivative().roots(discontinuity=False, extrapolate=False)
         moving = self.speed_peaks > _STILL
         return [r[np.isfinite(r)] if moves else np.empty(0) for r, moves in zip(roots, moving, strict=True)]
+
+
+def _corners(times: np.ndarray, angles: np.ndarray) -> np.ndarray:
+    """Numbers of the samples at which straight lines (N, n) bend, and of both ends."""
+    rates = np.diff(angles, axis=0) / np.diff(times)[:, None]
+    kept, rate = [0], rates[0]
+    for k, after in enumerate(rates[1:], 1):
+        if np.max(np.abs(after - rate)) > _STILL:
+            kept.append(k)
+            rate = after
+    return np.array([*kept, len(times) - 1])
 
 
 def _peaks(curve: PPoly) -> np.ndarray:

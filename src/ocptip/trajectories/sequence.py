@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -69,6 +70,11 @@ class MotionSequence:
         """With all pauses, s."""
         return float(self.begins[-1]) + self.motions[-1].end + self.pauses[-1]
 
+    @property
+    def assumed(self) -> tuple[str, ...]:
+        """What the reader of a file had to assume, in words."""
+        return tuple(dict.fromkeys(text for motion in self.motions for text in motion.assumed))
+
     @cached_property
     def event_times(self) -> np.ndarray:
         """Events of all motions, sorted, s."""
@@ -113,9 +119,8 @@ def joined(sequence: Sequence[SampledMotion], pauses: Sequence[float]) -> Sample
         for name, own in rows.items():
             if own:
                 own.append(own[-1][-1:] if name == "angles" else np.zeros((1, sequence[0].n)))
-    whole = {name: np.concatenate(own) if own else None for name, own in rows.items()}
+    whole: dict[str, Any] = {name: np.concatenate(own) if own else None for name, own in rows.items()}
     angles = whole.pop("angles")
-    assert angles is not None
     return SampledMotion(np.concatenate(times), angles, **whole, period=sequence[0].period)
 
 

@@ -104,6 +104,11 @@ class CycleTask:
         return self.segments[0].task.robot
 
     @property
+    def start(self) -> np.ndarray:
+        """The first of the postures in which the cycle may start, (n,), rad or m."""
+        return self.starts[0]
+
+    @property
     def limits(self) -> MotionLimits:
         """Those of the first segment."""
         return self.segments[0].task.limits
