@@ -76,6 +76,7 @@ class CompiledDynamics:
         self._state[:], self._motors[:] = state, motors
         self._last = state
         carried = self._joints.size
+        total = gap = pivot = smallest = np.nan
         for _ in range(_CALLS):
             self._compute()
             total, gap, pivot, smallest = self._ends.tolist()

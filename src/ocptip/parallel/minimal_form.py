@@ -108,7 +108,8 @@ def minimal_form(
         -_carried(projection),
         cs.vertcat(*measures, _platform_measure(robot, projection.jacobian(), z)),
     ]
-    return MinimalForm(z, zd, zdd, *map(cs.densify, cs.cse(outputs)), (*names, "platform"))
+    q, forces, speeds, wrench, near = map(cs.densify, cs.cse(outputs))
+    return MinimalForm(z, zd, zdd, q, forces, speeds, wrench, near, (*names, "platform"))
 
 
 def joint_functions(robot: ParallelRobot) -> tuple[cs.Function, ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -292,7 +292,7 @@ class ParallelRobot(MadeOf):
         """Singular poses on a path (N, m), also between its samples; see :func:`crossings`."""
         return crossings(self.kinematics, path)
 
-    def lean(self, outputs: Sequence[str] = ("tau",), **options: object) -> LeanFunction:
+    def lean(self, outputs: Sequence[str] = ("tau",), **options: Any) -> LeanFunction:
         """Generated function: :func:`~ocptip.parallel.code.lean.lean_function`, or `complete_function`
         of :mod:`ocptip.parallel.code.complete` where joints behind the coupling points take part, with the
         base parameters of the whole robot as DynPar 3."""
@@ -305,12 +305,12 @@ class ParallelRobot(MadeOf):
             return complete_function(self, outputs, **options)
         return lean_function(self.description, outputs, **options)
 
-    def op_count(self, **options: object) -> OperationCount:
+    def op_count(self, **options: Any) -> OperationCount:
         """Operations of the motor forces (form "A"), or of what the options ask for."""
         return self.lean(**{"form": "A", **options}).count
 
     def codegen(
-        self, path: str | os.PathLike[str], outputs: Sequence[str] = ("tau",), **options: object
+        self, path: str | os.PathLike[str], outputs: Sequence[str] = ("tau",), **options: Any
     ) -> CFiles:
         """Write the motor forces (form "A"), or what the options ask for, as C source with a header."""
         from ocptip.parallel.code.codegen import write_c
@@ -318,7 +318,7 @@ class ParallelRobot(MadeOf):
         return write_c(self.lean(outputs, **{"form": "A", **options}), path)
 
     def base_parameters(
-        self, how: Literal["leg", "numeric"] = "leg", **options: object
+        self, how: Literal["leg", "numeric"] = "leg", **options: Any
     ) -> LegBaseParameters | NumericBaseParameters:
         """Base parameters: leg-wise closed form, or of the whole robot by QR."""
         from ocptip.parallel.dynamics.base_parameters import numeric_base_parameters

@@ -222,7 +222,7 @@ def free_screw(kinematics: Kinematics, z: np.ndarray, q: Sequence[np.ndarray], *
     if spin == 0:  # redundant joints alone
         return Screw(np.zeros(3), None, np.inf)
     point = motion.r + np.cross(omega, v) / spin**2
-    return Screw(_upright(omega / spin), point, float(omega @ v) / spin**2)
+    return Screw(_upright(omega / spin), point, float(omega @ v / spin**2))
 
 
 def _upright(direction: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ form are found by Newton's method from given ones.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 import casadi as cs
 import numpy as np
@@ -59,7 +59,7 @@ def complete_function(
     *,
     name: str = "tau_a",
     base: NumericBaseParameters | None = None,
-    **options: object,
+    **options: Any,
 ) -> LeanFunction:
     """Motor forces (form "A", z' and z'' as inputs) of any robot with serial legs, its geometry as numbers.
 

@@ -100,7 +100,7 @@ def _fits(leg: LegModel, frame: int) -> bool:
 def _cost(leg: LegModel, plan: LegPlan, purpose: Purpose) -> int:
     velocity, acceleration, gravity = cs.SX.sym("v", 3), cs.SX.sym("a", 3), cs.SX.sym("g", 3)
     moved = [[one[k] if k in leg.axes else cs.SX(0.0) for k in range(3)] for one in (velocity, acceleration)]
-    motion = leg_motion(leg, *moved, [gravity[k] for k in range(3)], plan)
+    motion = leg_motion(leg, moved[0], moved[1], [gravity[k] for k in range(3)], plan)
     if purpose == "rows":
         rows = [actuator_row(leg, motion, plan, joint) for joint in leg.actuated]
         out = [row[k] for row in rows for k in leg.axes] or [cs.SX(0.0)]

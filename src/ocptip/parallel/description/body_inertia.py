@@ -71,7 +71,7 @@ class BodyInertia:
     def about_center(
         cls,
         mass: float,
-        center: Sequence[float] = (0.0, 0.0, 0.0),
+        center: Sequence[float] | np.ndarray = (0.0, 0.0, 0.0),
         inertia: ArrayLike = (0.0, 0.0, 0.0),
         *,
         grouped: bool = False,
@@ -91,7 +91,7 @@ class BodyInertia:
         return cls(mass, mass * c, about_origin, grouped=grouped)
 
     @classmethod
-    def from_vector(cls, parameters: Sequence[float]) -> BodyInertia:
+    def from_vector(cls, parameters: Sequence[float] | np.ndarray) -> BodyInertia:
         """From (10,) XX, XY, XZ, YY, YZ, ZZ, MX, MY, MZ, M, also grouped ones."""
         p = finite_array("parameters", parameters, (10,))
         return cls(p[9], p[6:9], p[:6], grouped=True)

@@ -85,7 +85,7 @@ def make_robot(
     kind: str,
     *,
     lengths: Sequence[float] = (),
-    base_angles: Sequence[float],
+    base_angles: Sequence[float] | np.ndarray,
     base_positions: ArrayLike,
     coupling_points: ArrayLike,
     bodies: Sequence[BodyInertia],
@@ -117,11 +117,11 @@ def make_robot(
         raise InputError(f"kind: must be one of {', '.join(KINDS)}, got {kind!r}")
     k = KINDS[kind]
     count = len(k.actuated)
-    lengths = finite_array("lengths", lengths, (k.lengths,))
+    numbers = finite_array("lengths", lengths, (k.lengths,))
     angles = finite_array("base_angles", base_angles, (count,))
     positions = finite_array("base_positions", base_positions, (count, 3))
     points = finite_array("coupling_points", coupling_points, (count, 3))
-    rows = k.rows(*(Parameter(f"l{i}", v) for i, v in enumerate(lengths, start=1)))
+    rows = k.rows(*(Parameter(f"l{i}", v) for i, v in enumerate(numbers, start=1)))
     legs = []
     for i in range(count):
         rotation = k.base_rotation(Parameter(f"gamma{i + 1}", angles[i]))
@@ -139,7 +139,7 @@ def make_robot(
     return RobotDescription(
         name or kind,
         tuple(legs),
-        Platform(k.mask, convention, platform),
+        Platform(tuple(map(bool, k.mask)), convention, platform),
         tuple(enumerate(k.actuated)),
         np.asarray(home, dtype=float),
         np.asarray(k.gravity if gravity is None else gravity, dtype=float),

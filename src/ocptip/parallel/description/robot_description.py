@@ -78,6 +78,13 @@ class MDHRow:
 class LegBase:
     """What all legs have: joints, and a base frame. A leg gives `rows`, `base_rotation`, `base_position`."""
 
+    n: int
+    rows: tuple[MDHRow, ...]
+    base_rotation: tuple[tuple[str, Entry], ...]
+    base_position: tuple[Entry, ...]
+    guess: tuple[float, ...]
+    idle: int
+
     @property
     def joint_rows(self) -> tuple[MDHRow, ...]:
         """Rows of all joints, coupling joints included."""

@@ -78,14 +78,14 @@ class PlatformCoordinates:
         """True if s' is a part of the twist; False if s' = z' (two free rotations, or dependent ones)."""
         return len(self._turning) != 2 and not self.dependent
 
-    def full(self, z: Sequence[Scalar]) -> list[Scalar]:
+    def full(self, z: Sequence[Scalar] | np.ndarray) -> list[Scalar]:
         """All six coordinates, zeros where none is free."""
         values: list[Scalar] = [0.0] * 6
         for k, i in enumerate(self.order):
             values[i] = z[k]
         return values
 
-    def pose(self, z: Sequence[Scalar]) -> tuple[Any, Any]:
+    def pose(self, z: Sequence[Scalar] | np.ndarray) -> tuple[Any, Any]:
         """Position (3,), m, world axes, and rotation (3, 3), platform axes to world axes."""
         full = self.full(z)
         return _pack(full[:3]), euler_rotation(self.convention, full[3:])

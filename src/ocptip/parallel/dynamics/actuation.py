@@ -7,6 +7,7 @@ within limits of the motors. Forces of the null space of J_a^T pretension the ro
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import clarabel
 import numpy as np
@@ -116,7 +117,7 @@ def limited_motor_forces(
     A = np.vstack([J.T, eye[bounded_high], -eye[bounded_low]])
     b = np.concatenate([tau, high[bounded_high], -low[bounded_low]]) / scale
     inequalities = int(bounded_high.sum() + bounded_low.sum())
-    cones = [clarabel.ZeroConeT(J.shape[1])]
+    cones: list[Any] = [clarabel.ZeroConeT(J.shape[1])]
     if inequalities:
         cones.append(clarabel.NonnegativeConeT(inequalities))
     answer = solve_cones(-w * wish / scale, A, b, cones, quiet_settings(), quadratic=np.diag(w))
@@ -142,7 +143,7 @@ def limited_motor_forces(
 
 
 def _checked(
-    jacobian: ArrayLike, generalized_force: ArrayLike, weights: ArrayLike
+    jacobian: ArrayLike, generalized_force: ArrayLike, weights: ArrayLike | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     J = finite_array("jacobian", jacobian, (None, None))
     tau = finite_array("generalized_force", generalized_force, (J.shape[1],))

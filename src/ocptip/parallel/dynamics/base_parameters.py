@@ -189,11 +189,11 @@ def rank_parameters(
     norms = np.linalg.norm(stacked, axis=0)
     with_effect = np.flatnonzero(norms > tolerance * norms.max())
     scaled = stacked[:, with_effect] / norms[with_effect]
-    singular = scipy.linalg.svdvals(scaled)
+    singular = np.linalg.svd(scaled, compute_uv=False)
     rank = int(np.count_nonzero(singular > tolerance * singular[0]))
     independent = _preferred(scaled, with_effect, layout, rank, tolerance)
     dependent = [k for k in with_effect if k not in set(independent)]
-    grouping, *_ = scipy.linalg.lstsq(stacked[:, independent], stacked[:, dependent])
+    grouping = np.linalg.lstsq(stacked[:, independent], stacked[:, dependent], rcond=None)[0]
     grouping[np.abs(grouping) < 1e-10 * max(1.0, np.abs(grouping).max(initial=0.0))] = 0.0
     forces = stacked @ p
     base = p[independent] + grouping @ p[dependent]
@@ -229,8 +229,7 @@ def _preferred(
             basis = np.column_stack([basis, rest / norm])
             chosen.append(k)
     if len(chosen) < rank:
-        _, _, pivots = scipy.linalg.qr(scaled, mode="economic", pivoting=True)
-        chosen = list(pivots[:rank])
+        chosen = list(np.asarray(scipy.linalg.qr(scaled, mode="economic", pivoting=True)[-1])[:rank])
     return sorted(int(columns[k]) for k in chosen)
 
 

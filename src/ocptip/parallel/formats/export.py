@@ -16,7 +16,7 @@ from ocptip.basics.errors import InputError
 from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.entries import elementary_rotation
 from ocptip.parallel.description.mdh import Frame, central_inertia, row_frame
-from ocptip.parallel.description.robot_description import FIXED, REVOLUTE, RobotDescription
+from ocptip.parallel.description.robot_description import REVOLUTE, RobotDescription
 from ocptip.parallel.formats.skeleton import (
     BASE,
     PLATFORM,
@@ -110,7 +110,7 @@ def _leg(root: ET.Element, skeleton: Skeleton, i: int) -> None:
             raise InputError(f"leg {i + 1}, body {k + 1}: URDF needs mass where there is a first moment")
         _link(root, link_name(i, k), body, skeleton.segments(i, k))
         before = foot if parent < 0 else link_name(i, parent)
-        if row.sigma == FIXED:
+        if joint is None:
             _fixed_joint(root, f"leg{i + 1}_fixed{k + 1}", before, link_name(i, k), row_frame(row))
             continue
         kind = "continuous" if row.sigma == REVOLUTE else "prismatic"

@@ -17,6 +17,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -136,7 +137,7 @@ class _LegSolids:
             at = skeleton.place(self._number) if before is None else before[1]
             solid, frame = _Solid(link_name(self._number, k), compose(at, own)), _STILL
             (self.roots if before is None else before[0].children).append(solid)
-        if row.sigma != FIXED:
+        if joint is not None:
             solid.joints.append((joint, row.sigma, _STILL))
             solid.name = link_name(self._number, k)
         solid.inertia = _sum(solid.inertia, moved_inertia(body, frame))
@@ -204,7 +205,7 @@ def _body(
             pos=numbers(frame[1]),
             axis=numbers(frame[0][:, 2]),
             ref=repr(float(skeleton.home[leg][joint])),
-            **{name: repr(float(value)) for name, value in terms.items() if value},
+            attrib={name: repr(float(value)) for name, value in terms.items() if value},
         )
     _segments(element, solid.segments)
     for name, frame in solid.sites:
@@ -256,11 +257,16 @@ def _sum(a: BodyInertia, b: BodyInertia) -> BodyInertia:
 def _settings(root: ET.Element, skeleton: Skeleton) -> None:
     """Units, gravity, solver; stiff closures; a sketch that touches nothing."""
     ET.SubElement(root, "compiler", angle="radian", autolimits="false", inertiafromgeom="false")
-    option = {"timestep": repr(_STEP), "integrator": "implicitfast", "solver": "Newton", "tolerance": "1e-12"}
+    option: dict[str, Any] = {
+        "timestep": repr(_STEP),
+        "integrator": "implicitfast",
+        "solver": "Newton",
+        "tolerance": "1e-12",
+    }
     ET.SubElement(root, "option", gravity=numbers(skeleton.description.gravity), **option)
     defaults = ET.SubElement(root, "default")
     ET.SubElement(defaults, "equality", solref=numbers([2 * _STEP, 1.0]), solimp="0.9999 0.9999 0.001 0.5 2")
-    touchless = {"contype": "0", "conaffinity": "0", "mass": "0"}
+    touchless: dict[str, Any] = {"contype": "0", "conaffinity": "0", "mass": "0"}
     colour = "0.4 0.5 0.6 1"
     ET.SubElement(defaults, "geom", type="capsule", size=repr(SKETCH_RADIUS), rgba=colour, **touchless)
     ET.SubElement(defaults, "site", size=repr(SKETCH_RADIUS / 2))
@@ -269,8 +275,8 @@ def _settings(root: ET.Element, skeleton: Skeleton) -> None:
 def _equalities(root: ET.Element, skeleton: Skeleton) -> None:
     equality = ET.SubElement(root, "equality")
     for closure in skeleton.closures:
-        sites = {"site1": f"{closure.name}_leg", "site2": f"{closure.name}_other"}
-        glue = {"torquescale": repr(_GLUE)} if closure.rigid else {}
+        sites: dict[str, Any] = {"site1": f"{closure.name}_leg", "site2": f"{closure.name}_other"}
+        glue: dict[str, Any] = {"torquescale": repr(_GLUE)} if closure.rigid else {}
         ET.SubElement(equality, "weld" if closure.rigid else "connect", name=closure.name, **sites, **glue)
 
 
@@ -279,7 +285,7 @@ def _segments(element: ET.Element, segments: Iterable[tuple[np.ndarray, np.ndarr
         ET.SubElement(element, "geom", fromto=numbers([*start, *end]))
 
 
-def _pose(frame: Frame) -> dict[str, str]:
+def _pose(frame: Frame) -> dict[str, Any]:
     """Attributes pos and quat (w first)."""
     x, y, z, w = Rotation.from_matrix(frame[0]).as_quat()
     return {"pos": numbers(frame[1]), "quat": numbers([w, x, y, z])}

@@ -96,6 +96,7 @@ class Skeleton:
                 for k, (a, b) in enumerate(one.loop_rows, start=1)
             ]
         home = kinematics.joints(kinematics.description.home, [one.home for one in kinematics.legs]).q
+        assert turn is not None, "the home pose fixes the orientation of every serial end"
         mount = (turn, -turn @ kappa)
         legs = tuple(kinematics.legs)
         return cls(kinematics.description, legs, home, (leg, row), mount, tuple(closures))

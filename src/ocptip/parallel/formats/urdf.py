@@ -21,7 +21,7 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -77,7 +77,7 @@ class UrdfRobot:
     platform: Frame
 
 
-def read_parallel_urdf(path: str | os.PathLike[str], **options: object) -> RobotDescription:
+def read_parallel_urdf(path: str | os.PathLike[str], **options: Any) -> RobotDescription:
     """Read a parallel robot from a URDF file; arguments as of :func:`convert_parallel_urdf`."""
     return convert_parallel_urdf(path, **options).description
 
@@ -170,7 +170,7 @@ class _Assembly:
         return free_coordinates(self._closures, self._q, self._home, self._convention)
 
     def description(
-        self, mask: tuple[bool, ...], *, redundant: tuple[tuple[int, int], ...], **options: object
+        self, mask: tuple[bool, ...], *, redundant: tuple[tuple[int, int], ...], **options: Any
     ) -> tuple[RobotDescription, Frame]:
         """The robot, and its platform frame in the platform link's."""
         placed, z = platform_frame(self._home, mask, self._convention)
@@ -233,10 +233,10 @@ def _legs(tree: UrdfTree, platform: str, cuts: Sequence[Cut | tuple[str, ...]], 
 def _cut(number: int, given: object) -> Cut:
     if isinstance(given, Cut):
         return given
-    texts = isinstance(given, tuple | list) and all(isinstance(part, str) for part in given)
-    if not texts or len(given) not in (2, 3):
+    parts = given if isinstance(given, tuple | list) else ()
+    if len(parts) not in (2, 3) or not all(isinstance(part, str) for part in parts):
         raise InputError(f"cuts[{number}]: expected a Cut or (leg link, platform link, kind), got {given!r}")
-    return Cut(*given)
+    return Cut(*parts)
 
 
 def _require_closed(number: int, cut: Cut, frames: Mapping[str, Frame], tolerance: float) -> None:

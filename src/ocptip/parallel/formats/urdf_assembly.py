@@ -67,7 +67,7 @@ def free_coordinates(
         )
     angles = [len(turning) == 3] * 3
     if len(turning) == 1:
-        angles["xyz"[turning[0]] and convention.index("xyz"[turning[0]])] = True
+        angles[convention.index("xyz"[turning[0]])] = True
     return (*free[:3], *angles)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from ocptip.parallel.description.robot_description import PRISMATIC, REVOLUTE
 from ocptip.robots.pinocchio import load_pinocchio
 
 if TYPE_CHECKING:
-    import pinocchio as pin
+    pass
 
 
 class UrdfTree:
@@ -147,5 +147,5 @@ def require_name(argument: str, kind: str, name: object, known: Iterable[str]) -
         raise InputError(f"{argument}: there is no {kind} {name!r}; there are {', '.join(known)}{hint}")
 
 
-def _pair(placement: pin.SE3) -> Frame:
+def _pair(placement: Any) -> Frame:
     return placement.rotation.copy(), placement.translation.copy()

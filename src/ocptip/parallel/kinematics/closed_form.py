@@ -31,7 +31,7 @@ import numpy as np
 from ocptip.basics.errors import InputError
 from ocptip.numerics.vectors import nearest_turn
 from ocptip.parallel.description.entries import Entry, Parameter, right_angles, value_of
-from ocptip.parallel.description.robot_description import PRISMATIC, REVOLUTE, Leg, MDHRow
+from ocptip.parallel.description.robot_description import PRISMATIC, REVOLUTE, Leg, LegBase, MDHRow
 
 Scalar = Any
 
@@ -43,7 +43,7 @@ SIGNS = {"RRR": 1, "RPR": 1, "PRRR": 1, "RUU": 2, "UPS": 2}
 """Number of branch signs by leg type."""
 
 
-def leg_type(leg: Leg) -> str | None:
+def leg_type(leg: LegBase) -> str | None:
     """Name of the leg's type, or None if its table has no closed form here."""
     if not isinstance(leg, Leg):
         return None
@@ -95,13 +95,13 @@ def leg_solution(
     return _SOLVERS[kind]([length_of(row.d) for row in leg.rows], target, signs)
 
 
-def closed_form(leg: Leg, target: np.ndarray, branch: Sequence[int] = ()) -> np.ndarray | None:
+def closed_form(leg: LegBase, target: np.ndarray, branch: Sequence[int] = ()) -> np.ndarray | None:
     """Joint values (n,) of :func:`leg_solution`; None without a closed form or for a target out of reach.
 
     Raises:
         InputError: wrong number of branch signs.
     """
-    if leg_type(leg) is None:
+    if not isinstance(leg, Leg) or leg_type(leg) is None:
         return None
     try:
         return np.array(leg_solution(leg, target.tolist(), branch).q)
@@ -117,7 +117,7 @@ def nearest_branch(leg: Leg, target: np.ndarray, q: np.ndarray) -> tuple[int, ..
     """
     kind = leg_type(leg)
     found: list[tuple[float, tuple[int, ...]]] = []
-    for signs in itertools.product((1, -1), repeat=SIGNS.get(kind, 0)):
+    for signs in itertools.product((1, -1), repeat=SIGNS.get(kind or "", 0)):
         solution = closed_form(leg, target, signs)
         if solution is not None:
             turns = [row.sigma == REVOLUTE for row in leg.rows[: leg.n]]
@@ -218,9 +218,10 @@ def _require_not_zero(value: Scalar) -> None:
 def _row_shape(row: MDHRow) -> tuple[int, int, bool] | None:
     """Joint type, quarter turns of alpha and whether there is a d; None if anything else is not zero."""
     others = (row.gamma, row.b, row.theta, row.r)
-    if any(isinstance(v, Parameter) or v != 0 for v in others) or right_angles(row.alpha) is None:
+    quarters = right_angles(row.alpha)
+    if any(isinstance(v, Parameter) or v != 0 for v in others) or quarters is None:
         return None
-    return row.sigma, right_angles(row.alpha), isinstance(row.d, Parameter) or row.d != 0
+    return row.sigma, quarters, isinstance(row.d, Parameter) or row.d != 0
 
 
 _R, _RD, _RA = (REVOLUTE, 0, False), (REVOLUTE, 0, True), (REVOLUTE, 1, False)

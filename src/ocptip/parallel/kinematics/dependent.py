@@ -106,16 +106,16 @@ class DependentCoordinates:
             if way is not None:
                 return way, "home"
         rng = np.random.default_rng(_SEED)
-        best: Attempt | None = None
+        error = np.inf
         for number in range(_RESTARTS):
             start = self._home_u + (_SPREAD * rng.uniform(-1, 1, len(self._home_u)) if number else 0.0)
             found = self._newton(start, z)
             if self._closed(found):
                 return found, "search"
-            best = found if best is None or found[1] < best[1] else best
+            error = min(error, found[1])
         raise InputError(
             f"pose: the legs do not close at z = {np.round(z, 6).tolist()} with any {self._names} found: "
-            f"closure error {best[1]:.2g} (m, rad)"
+            f"closure error {error:.2g} (m, rad)"
         )
 
     def split(self, u: np.ndarray) -> tuple[tuple[np.ndarray, ...], np.ndarray]:

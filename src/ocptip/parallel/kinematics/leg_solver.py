@@ -43,8 +43,18 @@ class LegSolver(LegClosure):
 
     def __init__(self, number: int, leg: Leg | BranchedLeg, locked: Sequence[int] = ()) -> None:
         super().__init__(number, leg, locked)
-        self.home: np.ndarray | None = None
+        self._home: np.ndarray | None = None
         self._branch = getattr(leg, "branch", ())
+
+    @property
+    def home(self) -> np.ndarray:
+        """(n,) joint positions in the home pose, rad or m."""
+        assert self._home is not None, "assemble the leg first"
+        return self._home
+
+    @home.setter
+    def home(self, q: np.ndarray) -> None:
+        self._home = q
 
     def assemble(self, r: np.ndarray, R: np.ndarray, locked: np.ndarray) -> None:
         """Solve the home pose, fix an end rotation that follows from it, and remember the joint positions.
@@ -53,7 +63,7 @@ class LegSolver(LegClosure):
             InputError: the leg does not reach the pose.
         """
         given = np.array(self.leg.guess)
-        if len(given) and not self.locked and leg_type(self.leg):
+        if isinstance(self.leg, Leg) and len(given) and not self.locked and leg_type(self.leg):
             start = self.solve_point(r, R, given[: self.point])[0]
             self._branch = nearest_branch(self.leg, self._local_target(r, R), start)
         if not isinstance(self.leg, Leg) or self.end_rotations[0] is not None:
@@ -187,7 +197,7 @@ class LegSolver(LegClosure):
 
     def _first_closed(self, attempts: Iterator[Attempt]) -> Attempt:
         """The first attempt that closes the leg, or the best one; iterations of all."""
-        best, worst, used = None, np.inf, 0
+        best, worst, used = np.empty(0), np.inf, 0
         for q, error, iterations in attempts:
             used += iterations
             if error < worst:
@@ -220,8 +230,8 @@ class LegSolver(LegClosure):
     def _starts(self, r: np.ndarray, R: np.ndarray, guess: np.ndarray | None) -> Iterator[np.ndarray]:
         if guess is not None:
             yield np.array(guess, dtype=float)
-        tail = np.zeros(self.n) if self.home is None else self.home
-        if len(self.leg.guess) == self.n and self.home is None:
+        tail = np.zeros(self.n) if self._home is None else self._home
+        if len(self.leg.guess) == self.n and self._home is None:
             tail = np.array(self.leg.guess)
         first = tail[: self.point]
         if isinstance(self.leg, Leg) and not self.locked:
@@ -235,7 +245,7 @@ class LegSolver(LegClosure):
             yield start
 
     def _point_starts(self, guess: np.ndarray | None) -> Iterator[np.ndarray]:
-        for given in (guess, self.leg.guess or None, self.home):
+        for given in (guess, self.leg.guess or None, self._home):
             if given is not None:
                 yield np.array(given, dtype=float)[: self.point]
         rng = np.random.default_rng(_SEED)
@@ -328,7 +338,7 @@ def damped_newton(
     """Gauss-Newton with a step limit and halving; stops where there is no progress."""
     q = np.array(q, dtype=float)
     h = error(q)
-    size, slow = np.linalg.norm(h), 0
+    size, slow, iteration = np.linalg.norm(h), 0, 0
     for iteration in range(_ITERATIONS):
         if size < _EXACT:
             return q, float(np.abs(h).max()), iteration

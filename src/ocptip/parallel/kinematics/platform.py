@@ -289,7 +289,7 @@ class Kinematics:
         qa = finite_array("qa", qa, (len(description.actuated),))
         start = self.coordinates("guess", description.home if guess is None else guess)
         z, state = start, self.joints(start, joints)
-        before = np.inf
+        before = size = np.inf
         for iteration in range(_ITERATIONS):
             error = _wrapped(self._motors(state.q) - qa, description)
             size = float(np.abs(error).max())

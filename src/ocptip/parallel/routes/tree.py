@@ -191,4 +191,5 @@ def _inertial_load(body: BodyInertia, state: BodyState) -> Wrench:
 def _on_end(platform: BodyInertia, leg: LegClosure) -> BodyInertia:
     """The platform's inertia about the leg's last frame, in its axes."""
     turn = leg.end_rotations[0]
+    assert turn is not None, "the home pose fixes it"
     return moved_inertia(platform, (turn, -turn @ leg.couplings[0]))

@@ -123,7 +123,7 @@ def _schur(matrix: Matrix, right: Sequence[cs.SX]) -> list[cs.SX]:
     return first + last
 
 
-def _matching(pattern: Sequence[Sequence[bool]]) -> list[int] | None:
+def _matching(pattern: np.ndarray) -> list[int] | None:
     """For each column a row of its own with an entry there (augmenting paths); None if there is none."""
     size = len(pattern)
     column_of: dict[int, int] = {}

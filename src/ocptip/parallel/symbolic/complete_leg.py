@@ -147,7 +147,8 @@ def chosen_equations(
     """Frame, rows and columns of a leg's equations, and all entries: independent, in the smallest blocks,
     then sparsest."""
     rank = leg.n - leg.idle
-    columns = tuple(sorted(int(k) for k in scipy.linalg.qr(leg.jacobian(at)[0], pivoting=True)[2][:rank]))
+    pivots = np.asarray(scipy.linalg.qr(leg.jacobian(at)[0], pivoting=True)[-1])
+    columns = tuple(sorted(int(k) for k in pivots[:rank]))
     best: tuple[tuple[int, int], int, tuple[int, ...], list[Scalars]] | None = None
     for frame in range(1, model.size + 1):
         by_joint = [
@@ -157,7 +158,7 @@ def chosen_equations(
         entries = [list(row) for row in zip(*by_joint, strict=True)]
         whole = cs.vertcat(*(cs.horzcat(*row) for row in entries))
         numbers = np.array(cs.Function("J", [cs.vertcat(*model.q)], [whole])(at))[:, columns]
-        _, _, pivots = scipy.linalg.qr(numbers.T, pivoting=True)
+        pivots = np.asarray(scipy.linalg.qr(numbers.T, pivoting=True)[-1])
         rows = tuple(sorted(int(k) for k in pivots[:rank]))
         try:
             system = BlockSystem([[entries[row][c] for c in columns] for row in rows])

@@ -9,6 +9,7 @@ for the platform's coordinates w = (z, d); as many of these as there are depende
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import cast
 
 import casadi as cs
 import numpy as np
@@ -238,9 +239,9 @@ class CompleteEquations:
     def _platform(self, rates: Scalars, accelerations: Scalars) -> PlatformState:
         """Motion of the platform from those of its coordinates (z, d)."""
         mask = [i in self._order for i in range(6)]
-        parts = [self._sorted(part) for part in (self._pose, rates, accelerations)]
+        pose, rates, accelerations = map(self._sorted, (self._pose, rates, accelerations))
         quasi = self.arguments.quasi and not self._k
-        return platform_motion(mask, self.description.platform.convention, *parts, quasi)
+        return platform_motion(mask, self.description.platform.convention, pose, rates, accelerations, quasi)
 
     def _sorted(self, values: Scalars) -> Scalars:
         """From (z, d) to x, y, z, phi1, phi2, phi3."""
@@ -258,7 +259,7 @@ class CompleteEquations:
         if idle_inertia(solver, at):
             own = cs.SX(cs.sparsify(cs.DM(solver.inertia)))
             free = model_of(own, drives * np.array([[1.0], [0.0], [0.0]]))
-        arm = self._still.arm(coupling_entries(solver.leg, geometry))
+        arm = self._still.arm(coupling_entries(cast(Leg, solver.leg), geometry))
         frame, rows, columns, entries = chosen_equations(solver, model, at)
         others = tuple(k for k in range(6) if k not in rows)
         system = BlockSystem([[entries[row][c] for c in columns] for row in rows])
@@ -273,7 +274,7 @@ class CompleteEquations:
         moving = self._kinematics.moving(self._near, self._at)
         values = np.concatenate([*self._at, moving[self._m :]])
         numbers = np.array(cs.Function("G", inputs, [entries])(self._near, values))
-        _, _, pivots = scipy.linalg.qr(numbers[:, self._m :].T, pivoting=True)
+        pivots = np.asarray(scipy.linalg.qr(numbers[:, self._m :].T, pivoting=True)[-1])
         picked = sorted(int(k) for k in pivots[: self._k])
         self._chosen = [candidates[k] for k in picked]
         self._G_z = [G[k][: self._m] for k in picked]

@@ -100,7 +100,7 @@ def _effective(description: RobotDescription, layout: InertiaLayout, kept: np.nd
         joint_terms=cs.SX.zeros(3, n * legs),
         quasi=True,
     )
-    force = None
+    force = cs.SX()
     for frame in range(n, 0, -1):
         try:
             projection = Projection(description, layout, [LegPlan(frame, n)] * legs, arguments)

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import casadi as cs
+import numpy as np
 
 from ocptip.parallel.description.entries import exact_cos_sin
 
@@ -103,7 +104,7 @@ def zero() -> Vector:
     return [cs.SX(0.0) for _ in range(3)]
 
 
-def vector(values: Sequence[cs.SX | float]) -> Vector:
+def vector(values: Sequence[cs.SX | float] | np.ndarray) -> Vector:
     """A vector of SX scalars."""
     return [cs.SX(value) for value in values]
 

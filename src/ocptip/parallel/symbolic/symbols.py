@@ -16,7 +16,13 @@ from ocptip.basics.errors import InputError
 from ocptip.parallel.description.body_inertia import BodyInertia
 from ocptip.parallel.description.entries import Entry, Parameter
 from ocptip.parallel.description.mdh import central_inertia
-from ocptip.parallel.description.robot_description import DYNPAR2, PRISMATIC, Leg, MDHRow, RobotDescription
+from ocptip.parallel.description.robot_description import (
+    DYNPAR2,
+    PRISMATIC,
+    Leg,
+    MDHRow,
+    RobotDescription,
+)
 from ocptip.parallel.symbolic.leg_jacobian import LegModel
 from ocptip.parallel.symbolic.spatial_sx import Rotation, Turn, Vector, plus, turn, vector
 
