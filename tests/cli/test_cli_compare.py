@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from ocptip.cli.main import main
+from ocptip.measured.recording import gaps_of
 from ocptip.motion.output import write_plan
 from ocptip.published.tasks import experiment_task
 from tests.measured.machines import recorded
@@ -45,6 +46,37 @@ def test_findings_are_told_and_drawn(written, tmp_path, capsys):
     size = float(said.split("delay of joint 2: ")[1].split()[0])
     assert size == pytest.approx(4.0, abs=0.1)
     assert figure.read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("lost", "said"),
+    [
+        (slice(200, 340), ["samples missing: ", "(140 of {n} samples", "none between 0.398 and 0.68 s)"]),
+        (slice(700, None), ["end of the motion missing", "no sample between 1.398 and "]),
+        (slice(0, 150), ["begin of the motion missing", "and 0.3 s)"]),
+        (slice(200, 201), ["(1 of {n} samples", "none between 0.398 and 0.402 s)"]),
+    ],
+)
+def test_samples_that_are_missing_are_a_finding(written, tmp_path, capsys, lost, said):
+    """Whole lines, not cells: nothing in the file but the times tells of them."""
+    path = write(tmp_path / "r.csv", recorded(1))
+    lines = (tmp_path / "r.csv").read_text().splitlines()
+    rows = lines[1:]
+    count = len(rows)
+    del rows[lost]
+    (tmp_path / "r.csv").write_text("\n".join([lines[0], *rows]))
+    assert main(["compare", path, str(written)]) == 1
+    out = capsys.readouterr().out
+    assert "AGREES" not in out
+    for text in said:
+        assert text.format(n=count) in out
+
+
+def test_clocks_that_jitter_have_no_gaps():
+    rng = np.random.default_rng(0)
+    times = np.cumsum(0.01 * rng.uniform(0.7, 1.3, 1000))
+    assert gaps_of(times) == ()
+    assert gaps_of(np.delete(times, slice(500, 510)))[0][2] == pytest.approx(10, abs=2)
 
 
 def test_json(written, tmp_path, capsys):

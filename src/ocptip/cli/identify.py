@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ocptip.basics.doubts import doubt
 from ocptip.basics.errors import InputError, naming
 from ocptip.basics.text import percent, some, with_error
 from ocptip.basics.toml import read_text
@@ -24,6 +25,7 @@ from ocptip.measured.links import Identified, identify_links, mass_tolerance
 from ocptip.measured.power_maps import PowerMap, fit_power_map, motors_table, samples_by_joint
 from ocptip.measured.prediction import Predictor
 from ocptip.measured.recording import FOOT, Recording, doubt_turns, read_recording
+from ocptip.measured.signals import gaps
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.standing.tolerance import WORKSHOP
 from ocptip.task_files.cycle import read_task
@@ -57,6 +59,8 @@ def _recorded(options: Namespace) -> tuple[Recording, Predictor]:
     predictor = _predictor(options.plan, options.task)
     recording = read_recording(options.recording, predictor.robot, unit=options.unit)
     doubt_turns(recording, predictor.robot, predictor.motion)
+    for gap in gaps(recording):
+        doubt(f"{gap.name}: {gap.text}")
     return recording, predictor
 
 

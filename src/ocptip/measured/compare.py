@@ -23,7 +23,7 @@ from ocptip.measured.comparison import Comparison, beside, energies, gripper_dev
 from ocptip.measured.prediction import DAMPING, Elasticity, Predictor, State
 from ocptip.measured.recording import ANGLE, KINDS, POWER, SPEED, TORQUE, WRENCH, Recording, Signal
 from ocptip.measured.regression import Block, Explanation, explain, whitened
-from ocptip.measured.signals import Finding, absent, clipped, dead, noisy, resolution
+from ocptip.measured.signals import Finding, absent, clipped, dead, noisy, resolution, uncovered
 from ocptip.measured.springs import BEND, DAMP, DELAY, Loose, Swinging, loosened
 from ocptip.numerics.threads import one_thread
 
@@ -409,6 +409,7 @@ class _Comparing:
         count = max(sum(len(group) for group in groups), 1)
         self.findings += noisy(noises, groups, self.level / count)
         contacts = np.array([contact.position for contact in predictor.robot.support.contacts])
+        self.findings += uncovered(recording, found.clock, found.clock + predictor.motion.end)
         end = found.clock + predictor.motion.end + float(np.max(found.delays, initial=0.0))
         moved = base_motion(recording, contacts, found.clock, end, self.level)
         if moved is not None:

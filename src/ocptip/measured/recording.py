@@ -43,6 +43,7 @@ ANGLE, SPEED, TORQUE, WRENCH, POWER, GRIPPER, BASE, SHIFT, FOOT = (
 )  # fmt: skip
 KINDS = (ANGLE, SPEED, TORQUE, WRENCH, POWER, GRIPPER, BASE, SHIFT)
 FEWEST = 50  # samples: statistics of less say nothing
+_USUAL, _GAP = 0.9, 1.75  # quantile of distances of samples, and so many times that is a gap
 MOST = 6000  # samples that are looked at: of longer recordings every second, third, ... one
 
 _LENGTH, _TURN = {"m": 1.0, "mm": 1e-3}, {"deg": np.pi / 180, "rad": 1.0}
@@ -97,12 +98,14 @@ class Recording:
         signals: what is known of it.
         unknown: names of columns that are left out.
         thinned: every so manieth sample of the file is here.
+        gaps: from, to (s) and number of samples where whole lines of the file are missing, see `gaps_of`.
     """
 
     times: np.ndarray
     signals: tuple[Signal, ...]
     unknown: tuple[str, ...] = ()
     thinned: int = 1
+    gaps: tuple[tuple[float, float, int], ...] = ()
 
     @property
     def period(self) -> float:
@@ -134,6 +137,18 @@ def read_recording(
         return _parsed(text, robot, unit)
     except InputError as error:
         raise InputError(error.text, error.path, path.name) from None
+
+
+def gaps_of(times: np.ndarray) -> tuple[tuple[float, float, int], ...]:
+    """From, to (s) and number of missing samples between times (N,), s, that are farther apart than usual.
+
+    Usual is up to what nine of ten distances are: clocks of recorders jitter.
+    """
+    apart = np.diff(times)
+    usual = max(float(np.quantile(apart, _USUAL)), float(np.median(apart)))
+    wide = np.flatnonzero(apart > _GAP * usual)
+    period = float(np.median(apart))
+    return tuple((float(times[k]), float(times[k + 1]), max(round(apart[k] / period) - 1, 1)) for k in wide)
 
 
 def doubt_turns(recording: Recording, robot: StandingMechanism, motion: Motion) -> None:
@@ -176,7 +191,7 @@ def _parsed(text: str, robot: StandingMechanism, unit: str | None) -> Recording:
     signals = tuple(_with_power(found))
     if not signals:
         raise InputError(f"header: no known quantity among {', '.join(header)} (see docs/compare.md)")
-    return Recording(times[::step], signals, tuple(unknown), step)
+    return Recording(times[::step], signals, tuple(unknown), step, gaps_of(times))
 
 
 def _cells(header: Sequence[str], lines: Sequence[tuple[int, list[str]]]) -> np.ndarray:

@@ -73,7 +73,7 @@ def noise_of(residuals: np.ndarray, kept: np.ndarray) -> float:
 
 def absent(recording: Recording, joints: int) -> list[Finding]:
     """Signals that are not there though others of their kind are, and samples that are missing."""
-    found = []
+    found = gaps(recording)
     for kind, title in _TOGETHER.items():
         there = {s.index for s in recording.of(kind)}
         if there:
@@ -90,6 +90,36 @@ def absent(recording: Recording, joints: int) -> list[Finding]:
             share = 100 * count / len(one.values)
             found.append(Finding("missing", f"{one.name} missing", share, unit="%", text=text))
     return found
+
+
+def gaps(recording: Recording) -> list[Finding]:
+    """Whole samples that are missing: how many, and between which times."""
+    if not recording.gaps:
+        return []
+    lost, there = sum(count for *_, count in recording.gaps), len(recording.times) * recording.thinned
+    longest = max(recording.gaps, key=lambda gap: gap[1] - gap[0])
+    text = f"{lost} of {lost + there} samples, none between {longest[0]:.4g} and {longest[1]:.4g} s"
+    if more := len(recording.gaps) - 1:
+        text += f", and {more} shorter gap{'s' * (more > 1)}"
+    return [Finding("missing", "samples missing", 100 * lost / (lost + there), unit="%", text=text)]
+
+
+def uncovered(recording: Recording, begin: float, end: float) -> list[Finding]:
+    """Parts of a motion from begin to end, s, before the first and after the last sample."""
+    first, last = float(recording.times[0]), float(recording.times[-1])
+    edge, share = 2 * recording.period, 100 / (end - begin)
+    parts = [("begin", begin, min(first, end)), ("end", max(last, begin), end)]
+    return [
+        Finding(
+            "missing",
+            f"{where} of the motion missing",
+            share * (high - low),
+            unit="%",
+            text=f"no sample between {low:.4g} and {high:.4g} s",
+        )
+        for where, low, high in parts
+        if high - low > edge
+    ]
 
 
 def dead(one: Signal, predicted: np.ndarray) -> bool:

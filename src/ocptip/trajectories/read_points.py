@@ -82,11 +82,13 @@ def motion_of_points(
     assumed = _left_out(joints, names, columns["positions"])
     columns = {key: values[:, order] for key, values in columns.items()}
     if len(times) and times[0] > 0:
-        assumed.append(_begun(times[0], names, start))
+        first = _first(times[0], names, start)
+        assumed.append(
+            f"the point at 0 s is the task's start, at rest; the file's first is at {times[0]:.9g} s"
+        )
         times = np.append(0.0, times)
         for key, values in columns.items():
-            first = start if key == "positions" else np.zeros(len(names))
-            columns[key] = np.vstack([first, values])
+            columns[key] = np.vstack([first if key == "positions" else np.zeros(len(names)), values])
     speeds, accelerations = columns.get("velocities"), columns.get("accelerations")
     period = 1 / (rate or UPDATE_RATE) if speeds is None else None
     motion = SampledMotion(times, columns["positions"], speeds, accelerations, period, assumed=tuple(assumed))
@@ -100,16 +102,16 @@ def motion_of_points(
     return motion
 
 
-def _begun(first: float, names: Sequence[str], start: np.ndarray | None) -> str:
-    """What is assumed of the time before a first point, in words; InputError where nothing can be."""
+def _first(time: float, names: Sequence[str], start: np.ndarray | None) -> np.ndarray:
+    """Where the robot is before a first point at a time, s, (n,); InputError where nothing says it."""
     if start is None:
         raise InputError(
-            f"points[1].time_from_start: is {first:.9g} s; a controller moves there from where the robot "
+            f"points[1].time_from_start: is {time:.9g} s; a controller moves there from where the robot "
             "is, which nothing says; name a task, whose start is the point at 0 s, or give a point at 0 s"
         )
     if len(start) != len(names):
         raise InputError(f"joint_names: has {len(names)} joints, the robot has {len(start)}")
-    return f"the point at 0 s is the task's start, at rest; the file's first point is at {first:.9g} s"
+    return start
 
 
 def _left_out(joints: Sequence[str], names: Sequence[str], positions: np.ndarray) -> list[str]:
