@@ -35,7 +35,9 @@ def swing():
         for a, w in zip(task.start, way, strict=True)
     ]
     motion = ArmMotion.from_commands(task.start, commands)
-    return _beside_a_pillar(task.robot, motion, 0.02), motion, MotionLimits(tolerance=LATE, GN=1.0, GT=1.0)
+    # pillars are less than a millimetre away here: what is judged is late joints, not the distance asked for
+    limits = MotionLimits(tolerance=LATE, GN=1.0, GT=1.0, clearance=0.0)
+    return _beside_a_pillar(task.robot, motion, 0.02), motion, limits
 
 
 @pytest.fixture(scope="module")

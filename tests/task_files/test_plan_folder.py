@@ -16,7 +16,7 @@ from ocptip.motion.check import check_motion
 from ocptip.motion.execution import execute
 from ocptip.motion.objective import TIME, priced
 from ocptip.motion.output import write_plan
-from ocptip.published.tasks import experiment_task
+from ocptip.published.tasks import PRINTED_LIMITS, experiment_task
 from ocptip.standing.limits import MotionLimits
 from ocptip.task_files.motion import load_task
 from ocptip.task_files.plan_folder import is_plan_folder, read_plan_folder
@@ -234,6 +234,6 @@ def test_a_file_that_names_a_case(tmp_path):
     (tmp_path / "t.toml").write_text(text)
     task, nominal = load_task(tmp_path / "t.toml"), experiment_task("B", "effective")
     assert (task.name, task.objective) == ("B", TIME)
-    assert task.limits == MotionLimits(GT=0.5, min_duration=2.0, max_duration=2.0)
+    assert task.limits == replace(PRINTED_LIMITS, GT=0.5, min_duration=2.0, max_duration=2.0)
     np.testing.assert_array_equal(task.start, nominal.start)
     assert task.reference is not None

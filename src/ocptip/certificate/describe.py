@@ -320,7 +320,7 @@ def _bodies(robot: StandingRobot) -> tuple[list[dict[str, Any]], list[list[int]]
         for centre, radius in zip(spheres.centres, spheres.radii, strict=True):
             bodies.append({"link": int(spheres.link), "points": [centre.tolist()], "radius": float(radius)})
     pairs = []
-    for obstacle in robot.obstacles:
+    for obstacle in robot.around:
         names = robot.arm.floor_sets if isinstance(obstacle, Floor) else robot.arm.obstacle_sets
         pairs += [[k, len(bodies)] for name in names for k in number[name]]
         bodies.append(_body(-1, obstacle.shape))

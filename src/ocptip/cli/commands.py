@@ -14,7 +14,7 @@ LIMITS = tuple(
         ("--gn", "X", "largest tip-over value GN", 0.9),
         ("--gt", "X", "largest slip value GT", 0.9),
         ("--torque-ratio", "X", "largest torque / limit of any joint", 1),
-        ("--clearance", "M", "least distance to obstacles, m", 0),
+        ("--clearance", "M", "minimum distance of what may collide, m", 0.01),
         ("--foot-lift", "M", "largest height of a foot that gives above the ground, m", 0),
     )
 )

@@ -19,7 +19,7 @@ from ocptip.cli.layout import masses, summary, under
 from ocptip.cli.many import Asked, answer_many
 from ocptip.cli.options import output_directory, remove_figures, require_least
 from ocptip.cli.progress import Progress, say_if_compiling
-from ocptip.motion.check import NO_COLLISION
+from ocptip.motion.check import scope_of
 from ocptip.placement.output import refusal_to_dict, result_to_dict, write_placement
 from ocptip.placement.place import place
 from ocptip.placement.result import Margin, NoPlacementError, Placement, PlacementResult
@@ -173,7 +173,7 @@ def _found(result: PlacementResult) -> tuple[str, list[tuple[str, str]]]:
 
 
 def _scope(placement: Placement) -> str:
-    return "" if placement.problem.collision_checked else NO_COLLISION
+    return scope_of(placement.problem.collision)
 
 
 def refusal_lines(error: NoPlacementError) -> tuple[str, list[tuple[str, str]]]:

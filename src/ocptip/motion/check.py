@@ -35,6 +35,9 @@ MOST_INSTANTS = 1_000_000
 NO_COLLISION = " (contacts and drives; collision not checked)"
 """Follows verdicts of mechanisms without collision geometry."""
 
+NO_FLOOR = " (no floor: what reaches below the contacts is not checked)"
+"""Follows verdicts where no floor is an obstacle."""
+
 _MIN_POINTS = 5
 _ROUNDS = 8
 _NEAREST = 6
@@ -42,6 +45,27 @@ _FRESH = 9
 _RELATIVE_TOLERANCE = 1e-9
 _CONTINUOUS = 1e-3
 """Share of itself, or of 1: at most so much changes across an event (0.3 us) what does not jump."""
+
+
+def scope_of(collision: dict[str, Any]) -> str:
+    """What was left out of a check of collisions (`Collisions.to_dict`), in words that follow a verdict."""
+    if not collision["checked"]:
+        return NO_COLLISION
+    return "" if collision["floor"] else NO_FLOOR
+
+
+def floor_text(collision: dict[str, Any]) -> str:
+    """Which floors were obstacles in a check of collisions (`Collisions.to_dict`), in words."""
+    if not collision["floor"]:
+        return "no floor"
+    planes = []
+    for plane in collision["floor"]:
+        normal = np.round(plane["normal"], 3) + 0.0
+        level = f"{plane['level_m'] + 0.0:.3f} m"
+        upright = np.array_equal(normal, [0, 0, 1])
+        across = "at z =" if upright else f"across ({', '.join(f'{x:g}' for x in normal)}) at"
+        planes.append(f"{plane['name']} {across} {level}")
+    return ", ".join(planes)
 
 
 @dataclass(frozen=True)
@@ -96,7 +120,7 @@ class MotionCheck:
     @property
     def scope(self) -> str:
         """What a verdict is about, in words that follow it; empty where nothing was left out."""
-        return "" if self.collision["checked"] else NO_COLLISION
+        return scope_of(self.collision)
 
     @property
     def feet_lines(self) -> list[str]:
@@ -118,7 +142,7 @@ class MotionCheck:
         gap = f"{1e3 * least['distance_m']:.1f} mm between {' and '.join(least['between'])}"
         unseen = [" and ".join(pair) for pair in found["unseen"]]
         more = f"; not seen, for their solids never part: {some(unseen, 3)}" if unseen else ""
-        return f"{found['pairs']} pairs ({found['source']}), least {gap}{more}"
+        return f"{found['pairs']} pairs ({found['source']}), least {gap}; {floor_text(found)}{more}"
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""

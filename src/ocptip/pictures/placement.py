@@ -20,7 +20,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch as Swatch
 from matplotlib.patches import Polygon
 
-from ocptip.motion.check import NO_COLLISION
+from ocptip.motion.check import scope_of
 from ocptip.pictures.frame import new_figure, save_figures
 from ocptip.pictures.world_view import (
     BASE,
@@ -303,7 +303,7 @@ def _robot_figure(name: str, placements: Sequence[Placement]) -> Figure:
         handles.append(Swatch(fc="none", ec=FORBIDDEN, hatch="///", label="not for the base"))
     figure.legend(handles=handles, loc="outside lower center", ncol=min(len(handles), 7), frameon=False)
     verdict = f"total {best.total:.4f}" if best.feasible else "NOT feasible, the least-infeasible placement"
-    verdict += "" if best.problem.collision_checked else NO_COLLISION
+    verdict += scope_of(best.problem.collision)
     figure.suptitle(f"{name}: {verdict}", fontsize=14, fontweight="bold")
     return figure
 

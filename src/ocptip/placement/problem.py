@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from ocptip.placement.cone import FEWEST, enclosure, enough
 from ocptip.placement.power import HoldingPower, TorqueCost
 from ocptip.placement.stand import Feet, Footing, Stand
 from ocptip.placement.terrain import Patch
+from ocptip.robots.collision.gaps import CLEARANCE
 from ocptip.robots.geometry import Obstacle
 from ocptip.robots.inverse.pose_search import Orientation
 from ocptip.standing.arm import StandingRobot
@@ -157,7 +158,7 @@ class PlacementLimits:
     GN: float | None = 0.9
     GT: float | None = 0.9
     torque_ratio: float = 1.0
-    clearance: float = 0.0
+    clearance: float = CLEARANCE
     base_clearance: float = 0.0
     condition: float | None = None
     singular_ratio: float | None = None
@@ -313,6 +314,11 @@ class PlacementProblem:
     def collision_checked(self) -> bool:
         """Whether collisions of the arm are a matter of this problem: its geometry is known."""
         return self.robot.arm.may_collide
+
+    @property
+    def collision(self) -> dict[str, Any]:
+        """What is checked, as plain data for JSON, see `Collisions.to_dict`."""
+        return self.robot.collision.to_dict() if self.collision_checked else {"checked": False}
 
     def _fill_in(self) -> None:
         support = self.robot.support

@@ -319,7 +319,7 @@ def _asked(problem: PlacementProblem) -> dict[str, Any]:
         "contact_cases": len(problem.cases) * len(problem.corners),
         "tasks": tasks,
         **problem.robot.masses_to_dict(),
-        "collision": problem.robot.collision.to_dict() if problem.collision_checked else {"checked": False},
+        "collision": problem.collision,
     }
 
 

@@ -18,6 +18,9 @@ BASES = ("printed", "effective")
 JOINTS = (0, 1, 2)  # with three commands each; the others follow in one ramp
 
 
+PRINTED_LIMITS = MotionLimits(clearance=0.0)
+"""The source asks for no collision, (4.29) to (4.32), and for no distance beyond that."""
+
 _FACETS = 12
 
 
@@ -66,7 +69,7 @@ def experiment_task(name: str, base: str = "effective", limits: MotionLimits | N
     Args:
         name: "A" to "H".
         base: "printed" or "effective", see `experiment_robot`.
-        limits: default 0.9 for both reserves, the arm's torques, no collision.
+        limits: default `PRINTED_LIMITS`: 0.9 for both reserves, the arm's torques, no collision.
 
     Raises:
         InputError: there is no such case or base.
@@ -75,5 +78,5 @@ def experiment_task(name: str, base: str = "effective", limits: MotionLimits | N
     robot = experiment_robot(case, base)
     reference = case.reference_motion(robot.limits.speed, robot.limits.acceleration)
     source = TaskSource({"case": name, "base": base}, robot)
-    limits = limits or MotionLimits()
+    limits = limits or PRINTED_LIMITS
     return MotionTask(name, robot, case.start, case.goal, limits, JOINTS, reference=reference, source=source)

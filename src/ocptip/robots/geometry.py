@@ -32,6 +32,9 @@ from ocptip.robots.collision.spheres import NOTHING, SphereGaps
 from ocptip.robots.kinematics import chain
 from ocptip.robots.model import ArmModel, SphereSet, joint_states
 
+FLOOR = "floor"
+"""Name of a floor, also in pairs that are left out."""
+
 _ENDLESS = 40.0  # m
 _TANGENTS = 300
 _MOST_SPHERES = 1000  # on one link
@@ -81,7 +84,12 @@ class Wall:
 class Floor(Wall):
     """A wall that only the sets `ArmModel.floor_sets` are checked against; see :func:`floor`."""
 
-    name: str = "floor"
+    name: str = FLOOR
+
+
+def floors_among(obstacles: Sequence[Obstacle]) -> tuple[tuple[str, np.ndarray, float], ...]:
+    """Name, upward normal (3,) and level, m, of the floors among obstacles; see `Collisions.floors`."""
+    return tuple((o.name, -o.normal + 0.0, -o.distance + 0.0) for o in obstacles if isinstance(o, Floor))
 
 
 def floor(height: float) -> Floor:
@@ -230,7 +238,7 @@ class CollisionModel(Collisions):
             for a, b in combinations(model.sphere_sets, 2)
             if not {(a.name, b.name), (b.name, a.name)} & set(model.collision_pairs)
         }
-        self.model = model
+        self.model, self.floors = model, floors_among(obstacles)
         resting = [Solid(ball.shape) for ball in base]
         rows += self._parting(q, self._from_base(spheres, base, len(obstacles)))
         self.labels = tuple(label for label, _, _ in rows)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Self
 from weakref import WeakKeyDictionary
 
@@ -14,17 +14,18 @@ from numpy.typing import ArrayLike
 from ocptip.basics.errors import InputError
 from ocptip.contact.support import Support
 from ocptip.reserves.slip import Redistribution
-from ocptip.robots.collision.gaps import Collisions
+from ocptip.robots.collision.gaps import CLEARANCE, POSTURES, Collisions, GapLabel, random_postures
 from ocptip.robots.collision.model import ShapeCollisions
 from ocptip.robots.collision.shapes import BodyShape
 from ocptip.robots.dynamics import Dynamics, evaluate_dynamics, inverse_dynamics, small_motions
-from ocptip.robots.geometry import CollisionModel, Obstacle, in_closed_form
+from ocptip.robots.geometry import CollisionModel, Floor, Obstacle, in_closed_form
 from ocptip.robots.kinematics import chain, gripper_batch
 from ocptip.robots.model import ArmModel
 from ocptip.robots.motors import Motors
 from ocptip.robots.payload import Payload
 from ocptip.robots.process import PATH, SHARE, TIME, ProcessWrench
 from ocptip.robots.spring_chain import SpringChain, spring_chain
+from ocptip.standing.ground import floors_under
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.sensor import WrenchSensor
 from ocptip.trajectories.arm_motion import MERGE, gauss_legendre
@@ -44,11 +45,13 @@ class StandingRobot(StandingMechanism):
         motors: drives of the joints.
         obstacles: floor, walls, pillars, solids in base axes, against which the arm is checked.
         shapes: of the base, in base axes.
+        floor: what the contacts stand on is an obstacle, too, unless `obstacles` has a floor.
         reference_moment, redistribution: see `StandingMechanism`.
         sensor: see `StandingMechanism`; default: where the arm is mounted, in base axes.
 
     Attributes:
         arm, obstacles, shapes: as given.
+        around: the obstacles and, where it counts, the floor that the base stands on.
 
     Raises:
         InputError: a planar support, or no gravity and no reference moment.
@@ -64,16 +67,19 @@ class StandingRobot(StandingMechanism):
         *,
         obstacles: Sequence[Obstacle] = (),
         shapes: Sequence[BodyShape] = (),
+        floor: bool = True,
         reference_moment: float | None = None,
         redistribution: Redistribution | None = None,
         sensor: WrenchSensor | None = None,
     ) -> None:
         self.arm, self.obstacles, self.shapes = arm, tuple(obstacles), tuple(shapes)
+        derived = floor and support.dimension == 3 and not any(isinstance(o, Floor) for o in self.obstacles)
+        self.around = (*self.obstacles, *(floors_under(support) if derived else ()))
         super().__init__(
             support,
             motors,
             arm.limits,
-            _collisions(arm, self.obstacles, self.shapes),
+            _collisions(arm, self.around, self.shapes),
             float(np.sum(arm.masses)),
             reference_moment,
             redistribution,
@@ -104,7 +110,22 @@ class StandingRobot(StandingMechanism):
     def notes(self) -> tuple[str, ...]:
         """What was assumed of the arm."""
         process = () if self.arm.process is None else (f"process: {self.arm.process}",)
-        return self.arm.notes + process + super().notes
+        widest, pair = self._attainable
+        near = () if pair is None else (
+            f"clearance: {1e3 * self.usual_clearance:.1f} mm where none is given, for {pair} are never "
+            f"farther apart than {1e3 * widest:.1f} mm",
+        )  # fmt: skip
+        return self.arm.notes + process + near + super().notes
+
+    @property
+    def usual_clearance(self) -> float:
+        """The default, or half the distance of a pair that is nearer in all random postures."""
+        widest, pair = self._attainable
+        return CLEARANCE if pair is None else 0.5 * widest
+
+    @cached_property
+    def _attainable(self) -> tuple[float, GapLabel | None]:
+        return self.collision.attainable(random_postures(self.arm, POSTURES), CLEARANCE)
 
     def loads(
         self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, process: np.ndarray | None = None

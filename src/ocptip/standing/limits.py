@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 from ocptip.basics.errors import InputError, positive_number, share_of_one
+from ocptip.robots.collision.gaps import CLEARANCE
 from ocptip.standing.stops.along_path import PathStops
 from ocptip.standing.stops.by_brakes import Brakes
 from ocptip.standing.tolerance import NONE, Tolerance, overshoot_of
@@ -23,7 +24,7 @@ class MotionLimits:
         GN: largest tip-over reserve value, at most 1, which tips.
         GT: largest slip reserve value, at most 1, which slips.
         torque_ratio: largest |torque| / limit of any joint.
-        clearance: smallest distance of collision spheres, m.
+        clearance: smallest distance of what may collide, m.
         angle_margin: smallest distance of turning joints from their angle limits, rad.
         min_duration, max_duration: of the motion, s; equal for a motion that must take just so long.
         damping: damping ratio of feet and gears that give, or of a parallel robot's structure, with which
@@ -45,7 +46,7 @@ class MotionLimits:
     GN: float = 0.9
     GT: float = 0.9
     torque_ratio: float = 1.0
-    clearance: float = 0.0
+    clearance: float = CLEARANCE
     angle_margin: float = 0.0
     min_duration: float = 0.0
     max_duration: float = math.inf

@@ -22,7 +22,7 @@ from ocptip.contact.states import ContactStates
 from ocptip.contact.support import Support
 from ocptip.reserves.slip import Redistribution, Slip, SlipReserve
 from ocptip.reserves.tipping import TipOver, TipOverReserve
-from ocptip.robots.collision.gaps import Collisions
+from ocptip.robots.collision.gaps import CLEARANCE, Collisions
 from ocptip.robots.model import JointLimits
 from ocptip.robots.motors import Motors
 from ocptip.robots.payload import Payload
@@ -209,6 +209,11 @@ class StandingMechanism(MadeOf, ABC):
     def motor_units(self) -> tuple[str, ...]:
         """Units of the motors' torques or forces, "N m" or "N"."""
         return ("N m",) * self.n
+
+    @property
+    def usual_clearance(self) -> float:
+        """Smallest distance, m, of what may collide where none is asked for."""
+        return CLEARANCE
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -19,7 +19,7 @@ from ocptip.robots.collision.model import geometry_of_spheres
 from ocptip.robots.collision.shapes import BodyShape
 from ocptip.robots.collision.urdf import collision_meshes, geometry_from_urdf
 from ocptip.robots.dh import Convention, DHRow, arm_from_dh
-from ocptip.robots.geometry import never_part, spheres_along_links
+from ocptip.robots.geometry import FLOOR, never_part, spheres_along_links
 from ocptip.robots.model import ArmModel
 from ocptip.robots.urdf import arm_from_urdf
 from ocptip.robots.urdf_file import read_urdf
@@ -38,6 +38,7 @@ _LIMITS = {  # key: limit, whether it is one of sliding joints, scale
     "force_N": ("torque", True, 1.0),
 }
 LOCKED = {"locked_deg": (False, DEGREES), "locked_m": (True, 1.0)}  # key: of sliding joints, scale
+_MOST_PARTS = 64
 FULL_SPEED = 0.5
 """s in which a joint reaches its full speed, where no acceleration is given."""
 
@@ -158,6 +159,7 @@ def _arm_from_urdf(table: Table, gripper: Table | None) -> ArmModel:
     accepted = _accepted_links(table)
     geometry = table.flag("collision", True)
     folders, srdf = table.folders("package_dirs"), table.path_of("srdf", None)
+    parts = table.whole("mesh_parts", least=1, most=_MOST_PARTS) if "mesh_parts" in table else None
     table.close("armature", "sphere_radius", "excluded_links", "limits", "links")
     with table.at("urdf", base_link="base_link", tool_frame="tool_frame"):
         arm = arm_from_urdf(file.path, **names, locked_joints=locked, accept_inertia=accepted)
@@ -166,7 +168,8 @@ def _arm_from_urdf(table: Table, gripper: Table | None) -> ArmModel:
     arm = _with_spheres(replace(arm, armature=armature), table, links)
     if geometry and not arm.sphere_sets:
         with table.at("urdf", package_dirs="package_dirs", srdf="srdf"):
-            found = geometry_from_urdf(file.path, arm, package_dirs=folders, srdf=srdf)
+            given = {"package_dirs": folders, "srdf": srdf, "mesh_parts": parts}
+            found = geometry_from_urdf(file.path, arm, **given)
             meshes = collision_meshes(file.path, folders) or {}
             table.note_parts(file.path, {name: mesh for name, mesh in meshes.items() if mesh})
         arm = replace(arm, geometry=found)
@@ -213,8 +216,10 @@ def _without_excluded(arm: ArmModel, table: Table) -> ArmModel:
         return arm
     known = list(dict.fromkeys(shape.name for shape in arm.geometry.shapes))
     for pair in excluded if isinstance(excluded, list) else [excluded]:
-        if not isinstance(pair, list) or len(pair) != 2 or not all(name in known for name in pair):
-            raise table.error(f"expected two of the links {', '.join(known)}, got {pair!r}", key)
+        named = isinstance(pair, list) and len(pair) == 2 and pair.count(FLOOR) < 2
+        if not named or not all(name in (*known, FLOOR) for name in pair):
+            expected = f"expected two of the links {', '.join(known)}, or one and {FLOOR!r}"
+            raise table.error(f"{expected}, got {pair!r}", key)
     apart = {frozenset(pair): "excluded" for pair in excluded} | arm.geometry.apart
     return replace(arm, geometry=replace(arm.geometry, apart=apart))
 

@@ -39,7 +39,7 @@ from ocptip.task_files.motors import arm_and_motors, gear_damping_ratio, read_ge
 from ocptip.task_files.payload import read_process
 from ocptip.task_files.scene import SCENE, read_support
 from ocptip.task_files.sensor import read_sensor
-from ocptip.task_files.shapes import read_base_shapes, read_obstacles
+from ocptip.task_files.shapes import read_base_shapes, read_obstacles, stands_on_floor
 from ocptip.task_files.source import task_source
 from ocptip.task_files.stops import with_stops
 from ocptip.task_files.tolerance import tolerance_of
@@ -91,7 +91,7 @@ def _published(data: Table, otherwise: Tolerance) -> MotionTask:
     task = _published_task(data, name, base)
     numbers = _numbers(table, task.robot.support, data.table("motors", optional=True))
     table.one_of(*_RISES, optional=True)
-    limits = table.make(MotionLimits, **numbers, **_durations(motion))
+    limits = table.make(replace, task.limits, **numbers, **_durations(motion))
     limits = replace(limits, tolerance=tolerance_of(data, otherwise))
     wanted = motion.text("objective", None), motion.number("price_per_second", None)
     objective = motion.make(objective_of, *wanted)
@@ -143,11 +143,12 @@ class TaskScene:
 
     def __init__(self, data: Table, otherwise: Tolerance = NONE) -> None:
         self._data, self._arms = data, dict[str, ArmModel]()
-        self._shapes = read_base_shapes(data)
+        self._shapes, self._floor = read_base_shapes(data), stands_on_floor(data)
         self._support = read_support(data)
         table = data.table("limits", optional=True)
         self._moment = table.number("reference_moment", None, bound="> 0")
         margin = table.number("angle_margin_deg", 0.0, scale=DEGREES, bound=">= 0")
+        self._usual_clearance = "clearance" not in table
         numbers = _numbers(table, self._support, data.table("motors", optional=True))
         if "segment" not in data:  # segments of cycles are planned as ramps
             table.one_of(*_RISES, optional=True)
@@ -174,15 +175,19 @@ class TaskScene:
         arm, motors = arm_and_motors(data, segment, self._arms[gripper])
         require_geometry(data, arm, {"base.shape": self._shapes, "obstacle": data.tables("obstacle")})
         obstacles = read_obstacles(data, "obstacle")
-        return StandingRobot(
+        robot = StandingRobot(
             arm,
             self._support,
             motors,
             obstacles=obstacles,
             shapes=self._shapes,
+            floor=self._floor,
             reference_moment=self._moment,
             sensor=read_sensor(data, arm.mount_position),
         )
+        if self._usual_clearance:  # of a cycle the smallest of all segments
+            self.limits = replace(self.limits, clearance=min(self.limits.clearance, robot.usual_clearance))
+        return robot
 
 
 def read_end(

@@ -8,7 +8,7 @@ docs/placement.md.
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import get_args
 
@@ -36,7 +36,7 @@ from ocptip.task_files.doubts import doubt_masses, doubt_units
 from ocptip.task_files.kinds import require_kind
 from ocptip.task_files.motors import arm_and_motors
 from ocptip.task_files.scene import SCENE, read_support
-from ocptip.task_files.shapes import read_base_shapes, read_obstacles
+from ocptip.task_files.shapes import read_base_shapes, read_obstacles, stands_on_floor
 from ocptip.task_files.terrain import read_terrain
 from ocptip.task_files.tolerance import tolerance_of
 
@@ -100,7 +100,7 @@ def read_problem(data: Table, tolerance: Tolerance) -> PlacementProblem:
     Raises:
         InputError: a value is missing, unknown or cannot be used; names its place.
     """
-    base, shapes = data.table("base"), read_base_shapes(data)
+    base, shapes, on_floor = data.table("base"), read_base_shapes(data), stands_on_floor(data)
     ground = base.vector("ground", 3, None)
     support = read_support(data)
     if support.dimension != 3:
@@ -108,10 +108,21 @@ def read_problem(data: Table, tolerance: Tolerance) -> PlacementProblem:
     arm, motors = arm_and_motors(data)
     given = {key: data.tables(key) for key in ("base_obstacle", "obstacle")}
     require_geometry(data, arm, given, hint="; obstacles for the base alone are [[keep_out]]")
-    limits, moment = _limits(data.table("limits", optional=True))
+    table = data.table("limits", optional=True)
+    limits, moment = _limits(table)
     deck = read_obstacles(data, "base_obstacle", numbered=True)
     obstacles = read_obstacles(data, "obstacle", numbered=True, world=True)
-    robot = StandingRobot(arm, support, motors, obstacles=deck, shapes=shapes, reference_moment=moment)
+    robot = StandingRobot(
+        arm,
+        support,
+        motors,
+        obstacles=deck,
+        shapes=shapes,
+        floor=on_floor,
+        reference_moment=moment,
+    )
+    if "clearance" not in table:
+        limits = replace(limits, clearance=robot.usual_clearance)
     tasks = [_task(table, f"task {k}") for k, table in enumerate(data.tables("task", required=True), 1)]
     references = data.table("references", optional=True)
     with base.at(None, ground_frame="ground"):

@@ -85,6 +85,11 @@ def read_base_shapes(data: Table) -> list[BodyShape]:
     return read_shapes(base, "base")
 
 
+def stands_on_floor(data: Table) -> bool:
+    """Whether what the contacts of `[base]` stand on is an obstacle."""
+    return data.table("base").flag("floor", True)
+
+
 def read_obstacles(data: Table, key: str, *, numbered: bool = False, world: bool = False) -> list[Obstacle]:
     """The obstacles of tables in double brackets.
 

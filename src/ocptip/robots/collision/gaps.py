@@ -11,6 +11,9 @@ import numpy as np
 
 from ocptip.robots.model import ArmModel
 
+CLEARANCE = 0.01
+"""m: smallest distance of what may collide where none is asked for: models and drives are not exact."""
+
 POSTURES = 200
 """Random postures in which pairs that never part are looked for."""
 
@@ -64,11 +67,13 @@ class Collisions:
     Attributes:
         labels: one per signed distance.
         source: in words, what stands for the mechanism.
+        floors: name, upward normal (3,) and level (m, along it) of each floor among the obstacles.
         apart: pairs of names that are left out, with the reason.
     """
 
     labels: tuple[GapLabel, ...] = ()
     source = ""
+    floors: tuple[tuple[str, np.ndarray, float], ...] = ()
     apart: Mapping[frozenset[str], str] = MappingProxyType({})
 
     def __init__(self, n: int) -> None:
@@ -117,6 +122,31 @@ class Collisions:
         state = int(np.argmin(found.distances))
         return float(found.distances[state]), self.labels[found.pairs[state]], state
 
+    def on_meshes(self, q: np.ndarray, label: GapLabel) -> float | None:
+        """Distance, m, of the surfaces of the meshes that solids of these names enclose, at q (n,), rad.
+
+        None where neither has a mesh. It is that of surfaces: of one within the other it is positive, too.
+        """
+        return None
+
+    def attainable(self, postures: np.ndarray, most: float) -> tuple[float, GapLabel | None]:
+        """Largest distance, m, up to `most`, that every two names have in some posture (N, n).
+
+        With the pair that is never farther apart; None where all are.
+        """
+        found, limiting = most, None
+        names = [str(label) for label in self.labels]
+        near = np.arange(len(names))
+        for q in (postures[:10], postures):  # most pairs drop out with the first ones
+            gaps = self.gaps(q, most)[:, near]
+            groups = {names[k]: np.flatnonzero([names[j] == names[k] for j in near]) for k in near}
+            widest = {name: float(gaps[:, own].min(axis=1).max()) for name, own in groups.items()}
+            near = np.array([k for k in near if widest[names[k]] < most], dtype=int)
+        for k in near:
+            if widest[names[k]] < found:
+                found, limiting = widest[names[k]], self.labels[k]
+        return max(found, 0.0), limiting
+
     def to_dict(self, q: np.ndarray | None = None) -> dict[str, Any]:
         """What is checked, as plain data for JSON.
 
@@ -127,6 +157,9 @@ class Collisions:
         if not self.labels:
             return {"checked": False}
         data: dict[str, Any] = {"checked": True, "source": self.source, "pairs": len(self.labels)}
+        data["floor"] = [
+            {"name": name, "normal": normal.tolist(), "level_m": level} for name, normal, level in self.floors
+        ]
         data["unseen"] = [sorted(pair) for pair, why in self.apart.items() if why.startswith(UNSEEN)]
         data["left_out"] = [{"pair": sorted(pair), "reason": why} for pair, why in self.apart.items()]
         if q is not None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import combinations, product
+from typing import Any
 
 import casadi as cs
 import numpy as np
@@ -19,10 +20,11 @@ from ocptip.robots.collision.gaps import (
     GapLabel,
     random_postures,
 )
-from ocptip.robots.collision.shapes import ArmGeometry, Ball, BodyShape, Shape
-from ocptip.robots.geometry import Floor, Obstacle
-from ocptip.robots.kinematics import chain
+from ocptip.robots.collision.shapes import ArmGeometry, Ball, BodyShape, Hull, MeshFile, Shape
+from ocptip.robots.geometry import FLOOR, Floor, Obstacle, floors_among
+from ocptip.robots.kinematics import chain, link_frames
 from ocptip.robots.model import ArmModel, joint_states
+from ocptip.robots.pinocchio import load_coal
 
 _BY_HAND = "excluded"
 _PARALLEL = 1e-6
@@ -55,7 +57,7 @@ class ShapeCollisions(Collisions):
     ) -> None:
         super().__init__(arm.n)
         geometry = arm.geometry or geometry_of_spheres(arm)
-        self.arm, self.source = arm, geometry.source
+        self.arm, self.source, self.floors = arm, geometry.source, floors_among(obstacles)
         own, fixed = solids_of(arm, geometry), [(s.name, RESTING, s.shape) for s in base]
         around = [(o.name, RESTING, o.shape) for o in obstacles]
         self.solids = [*own, *fixed, *around]
@@ -70,10 +72,13 @@ class ShapeCollisions(Collisions):
         )
         inner = self._parting(inner, geometry.on_meshes)
         floors = [isinstance(o, Floor) for o in obstacles]
+        kept_off = {name for pair in geometry.apart if FLOOR in pair for name in pair}
+        self.apart |= {pair: why for pair, why in geometry.apart.items() if FLOOR in pair and any(floors)}
         outer = [
             (s, len(own) + len(fixed) + k)
             for k, is_floor in enumerate(floors)
             for s in self._links(bodies, 1)
+            if not (is_floor and self.solids[s][0] in kept_off)
             if arm.geometry or self.solids[s][0] in (arm.floor_sets if is_floor else arm.obstacle_sets)
         ]
         self.pairs = [*inner, *outer]
@@ -153,6 +158,36 @@ class ShapeCollisions(Collisions):
 
     def nearest(self, q: np.ndarray) -> Contact:
         return self.distances.least(np.atleast_2d(q))
+
+    def on_meshes(self, q: np.ndarray, label: GapLabel) -> float | None:
+        geometry = self.arm.geometry
+        meshes = () if geometry is None else geometry.meshes
+        if not {label.first, label.second} & {mesh.name for mesh in meshes}:
+            return None
+        coal, frames = load_coal(), link_frames(self.arm, q[None])
+        request, result = coal.DistanceRequest(), coal.DistanceResult()
+
+        def placed(item: MeshFile | Shape, turn: np.ndarray, origin: np.ndarray) -> Any:
+            return coal.Transform3s(turn @ item.rotation, origin + turn @ item.position)
+
+        def of(name: str) -> Iterator[tuple[Any, Any]]:
+            own = [mesh for mesh in meshes if mesh.name == name]
+            for mesh in own:
+                found = coal.MeshLoader().load(mesh.file, np.array(mesh.scale))
+                at = (
+                    (frames.rotations[0, mesh.body - 1], frames.origins[0, mesh.body - 1])
+                    if mesh.body
+                    else (self.arm.mount_rotation, self.arm.mount_position)
+                )
+                yield found, placed(mesh, *at)
+            for other, body, shape in self.solids:
+                if other == name and not (own and isinstance(shape, Hull)):
+                    still = np.eye(3), np.zeros(3)
+                    at = still if body == RESTING else (frames.rotations[0, body], frames.origins[0, body])
+                    yield shape.solid(), placed(shape, *at)
+
+        pairs = product(list(of(label.first)), list(of(label.second)))
+        return min(coal.distance(a, x, b, y, request, result.clear() or result) for (a, x), (b, y) in pairs)
 
     def slopes(
         self, q: np.ndarray, states: np.ndarray, pairs: np.ndarray, *, once: bool = False

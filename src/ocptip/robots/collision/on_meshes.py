@@ -12,7 +12,7 @@ import numpy as np
 from ocptip.robots.collision.distances import Distances
 from ocptip.robots.collision.gaps import POSTURES, random_postures
 from ocptip.robots.collision.model import always_touching, link_frames_function, solids_of
-from ocptip.robots.collision.shapes import ArmGeometry
+from ocptip.robots.collision.shapes import ArmGeometry, MeshFile
 from ocptip.robots.kinematics import link_frames
 from ocptip.robots.model import ArmModel
 from ocptip.robots.pinocchio import load_coal
@@ -27,6 +27,7 @@ class Raw:
         body: see `BodyShape`.
         geometry: of coal, a mesh's triangles for example.
         rotation, position: (3, 3) and (3,), m: its pose in the link's frame; of body 0 in the mount frame.
+        mesh: its file; None: no mesh.
     """
 
     name: str
@@ -34,6 +35,7 @@ class Raw:
     geometry: Any
     rotation: np.ndarray
     position: np.ndarray
+    mesh: MeshFile | None = None
 
 
 def touches_on_meshes(arm: ArmModel, geometry: ArmGeometry, raw: Sequence[Raw]) -> dict[frozenset[str], int]:

@@ -8,36 +8,50 @@ from __future__ import annotations
 
 import numpy as np
 
-MOST = 4
+MOST = 8
 """Parts of a mesh."""
 
 WORTHWHILE = 0.93
 """Volume of the parts, relative to the whole, up to which a cut is made."""
 
+LARGE = 2e-4
+"""m^3: a cut that saves so much is made, too: little of a torso, but room for an elbow."""
+
+LITTLE = 1e-3
+"""Share of the volume that a cut saves at least where a number of parts is asked for."""
+
 _LEVELS = (0.15, 0.35, 0.65, 0.85)
 _DIRECTIONS = np.random.default_rng(0).normal(size=(100, 3))
 
 
-def convex_parts(points: np.ndarray, triangles: np.ndarray) -> list[np.ndarray]:
+def convex_parts(points: np.ndarray, triangles: np.ndarray, most: int | None = None) -> list[np.ndarray]:
     """Points (k, 3), m, whose convex hulls together contain a mesh.
 
     Args:
         points: (N, 3), m.
         triangles: (T, 3), numbers of points.
+        most: parts; so many are made if each cut saves `LITTLE`. Default: `MOST`, where cuts save much.
     """
     surface = points[triangles]
     whole = _hull_volume(surface)
-    if not whole > 0 or _volume(surface) > WORTHWHILE * whole:
+    if not whole > 0 or not _is_worthwhile(whole, _volume(surface), most):
         return [points]
     parts = [(surface, whole, _best_cut(surface))]
-    while len(parts) < MOST:
+    while len(parts) < (most or MOST):
         k = max(range(len(parts)), key=lambda i: parts[i][1] - parts[i][2][0])
         own, before, (after, axis, level) = parts[k]
-        if after > WORTHWHILE * before:
+        if not _is_worthwhile(before, after, most):
             break
         pieces = [_side(own, axis, level, side) for side in (-1.0, 1.0)]
         parts[k : k + 1] = [(piece, _hull_volume(piece), _best_cut(piece)) for piece in pieces]
     return [np.unique(part[0].reshape(-1, 3), axis=0) for part in parts]
+
+
+def _is_worthwhile(before: float, after: float, most: int | None) -> bool:
+    """Whether solids of some volume, m^3, are to be replaced by others."""
+    if most is not None:
+        return after <= (1 - LITTLE) * before
+    return after <= WORTHWHILE * before or before - after >= LARGE
 
 
 def _best_cut(surface: np.ndarray) -> tuple[float, int, float]:

@@ -233,6 +233,25 @@ class BodyShape:
 
 
 @dataclass(frozen=True, eq=False)
+class MeshFile:
+    """A mesh that convex solids enclose.
+
+    Attributes:
+        name, body: see `BodyShape`.
+        file: its path.
+        scale: (3,), of the file's lengths to m.
+        rotation, position: (3, 3) and (3,), m: its pose in the link's frame; of body 0 in the mount frame.
+    """
+
+    name: str
+    body: int
+    file: str
+    scale: tuple[float, ...]
+    rotation: np.ndarray
+    position: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
 class ArmGeometry:
     """What an arm is made of where distances count.
 
@@ -242,12 +261,14 @@ class ArmGeometry:
         source: in words, e.g. "collision geometry of ur5.urdf".
         on_meshes: of pairs of names, some of whose solids never part: in how many of the random postures
             their meshes, which the solids enclose, touch.
+        meshes: files of the meshes among the geometry.
     """
 
     shapes: tuple[BodyShape, ...]
     apart: dict[frozenset[str], str] = field(default_factory=dict)
     source: str = ""
     on_meshes: dict[frozenset[str], int] = field(default_factory=dict)
+    meshes: tuple[MeshFile, ...] = ()
 
 
 def enclosing_capsule(shape: Shape) -> tuple[np.ndarray, float]:

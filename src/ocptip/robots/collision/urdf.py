@@ -15,7 +15,17 @@ from ocptip.basics.errors import InputError
 from ocptip.basics.text import some
 from ocptip.robots.collision.on_meshes import Raw, touches_on_meshes
 from ocptip.robots.collision.parts import convex_parts
-from ocptip.robots.collision.shapes import ArmGeometry, Ball, BodyShape, Box, Capsule, Cylinder, Hull, Shape
+from ocptip.robots.collision.shapes import (
+    ArmGeometry,
+    Ball,
+    BodyShape,
+    Box,
+    Capsule,
+    Cylinder,
+    Hull,
+    MeshFile,
+    Shape,
+)
 from ocptip.robots.kinematics import link_frames
 from ocptip.robots.model import ArmModel
 from ocptip.robots.pinocchio import load_coal, load_pinocchio
@@ -37,6 +47,7 @@ def geometry_from_urdf(
     *,
     package_dirs: Sequence[str | os.PathLike[str]] = (),
     srdf: str | os.PathLike[str] | None = None,
+    mesh_parts: int | None = None,
 ) -> ArmGeometry | None:
     """The collision geometry of an arm that was read from a URDF; None if the file has none.
 
@@ -49,6 +60,7 @@ def geometry_from_urdf(
         package_dirs: folders with packages, or packages themselves; then those of ROS_PACKAGE_PATH and
             AMENT_PREFIX_PATH and the folders above the URDF are looked at.
         srdf: file whose `disable_collisions` are pairs of links that are left out.
+        mesh_parts: convex solids of each mesh at most; default: up to 8 where that saves much volume.
 
     Raises:
         InputError: a mesh is not found or cannot be read, or the SRDF cannot be read; one line.
@@ -76,9 +88,11 @@ def geometry_from_urdf(
     shapes = [
         BodyShape(item.name, item.body, shape.placed(item.rotation, item.position))
         for item in raw
-        for shape in _solids(item.geometry)
+        for shape in _solids(item.geometry, mesh_parts)
     ]
-    found = ArmGeometry(tuple(shapes), _disabled(srdf), f"collision geometry of {file.name}")
+    files = tuple(item.mesh for item in raw if item.mesh is not None)
+    source = f"collision geometry of {file.name}"
+    found = ArmGeometry(tuple(shapes), _disabled(srdf), source, meshes=files)
     return replace(found, on_meshes=touches_on_meshes(arm, found, raw))
 
 
@@ -164,11 +178,18 @@ def _raw(robot: pin.Model, geometry: Any, arm: ArmModel) -> Iterator[Raw]:
             axes, origin = frames.rotations[body - 1], frames.origins[body - 1]
         else:
             axes, origin = arm.mount_rotation, arm.mount_position
-        rotation, position = axes.T @ pose.rotation, axes.T @ (pose.translation - origin)
-        yield Raw(robot.frames[item.parentFrame].name, body, item.geometry, rotation, position)
+        name, place = (
+            robot.frames[item.parentFrame].name,
+            (axes.T @ pose.rotation, axes.T @ (pose.translation - origin)),
+        )
+        mesh = None
+        if isinstance(item.geometry, load_coal().BVHModelBase):
+            scale = tuple(np.ravel(item.meshScale).tolist())
+            mesh = MeshFile(name, body, str(item.meshPath), scale, *place)
+        yield Raw(name, body, item.geometry, *place, mesh)
 
 
-def _solids(geometry: Any) -> list[Shape]:
+def _solids(geometry: Any, mesh_parts: int | None = None) -> list[Shape]:
     coal = load_coal()
     if isinstance(geometry, coal.Box):
         return [Box(2 * np.asarray(geometry.halfSide))]
@@ -179,7 +200,7 @@ def _solids(geometry: Any) -> list[Shape]:
         return [kind(geometry.radius, 2 * geometry.halfLength)]
     triangles = [geometry.tri_indices(i) for i in range(geometry.num_tris)]
     corners = np.array([[triangle[i] for i in range(3)] for triangle in triangles], dtype=int)
-    return [Hull(points) for points in convex_parts(np.array(geometry.vertices()), corners)]
+    return [Hull(points) for points in convex_parts(np.array(geometry.vertices()), corners, mesh_parts)]
 
 
 def _disabled(srdf: str | os.PathLike[str] | None) -> dict[frozenset[str], str]:

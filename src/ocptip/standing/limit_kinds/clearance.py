@@ -7,6 +7,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ocptip.robots.collision.gaps import GapLabel
+from ocptip.robots.geometry import FLOOR
 from ocptip.standing.instants import Instants
 from ocptip.standing.limit_kinds.limit import (
     AskedLimit,
@@ -23,6 +25,8 @@ from ocptip.standing.mechanism import StandingMechanism
 GAP_SCALE = 10.0  # rows of distances are in 0.1 m
 FAR = 0.1  # m beyond the clearance: how far a pair may be so that its distance is computed exactly
 CLOSE = 0.02  # m: the same of a pair with joints that are late; farther ones are where slopes say
+_FLOOR_HINT = "; other floor: [[obstacle]] of kind 'floor'; none: floor = false in [base]"
+_PARTS_HINT = "; convex solids nearer to the meshes: mesh_parts = 16 or more in [arm]"
 CHOICES = 2  # how often it is chosen, by slopes, which joints are late
 
 
@@ -51,22 +55,36 @@ class ClearanceLimit(AskedLimit):
         return "" if label is None else str(label)
 
     def refusals(self, at: Instants) -> list[str]:
-        gap, pair, _ = self.robot.collision.worst(at.angles)
+        gap, pair, state = self.robot.collision.worst(at.angles)
+        if pair is None or gap >= self.number:
+            return []
+        near = self._overlaps(at.angles[state]) if gap < 0 else {f"{pair}": (pair, gap)}
+        meshes = {
+            name: self.robot.collision.on_meshes(at.angles[state], own) for name, (own, _) in near.items()
+        }
+        seen = {
+            name: "" if apart is None else f" (the surfaces of their meshes: {1e3 * apart:.1f} mm apart)"
+            for name, apart in meshes.items()
+        }
+        hint = _FLOOR_HINT if any(own.second.startswith(FLOOR) for own, _ in near.values()) else ""
+        hint += _PARTS_HINT if any(apart and apart >= self.number for apart in meshes.values()) else ""
         if gap < 0:
-            return [f"collision: {', '.join(self._overlaps(at))} (where that is meant: excluded_links)"]
-        if gap < self.number:
-            least = 1e3 * self.number
-            return [f"{pair} are {1e3 * gap:.1f} mm apart, must be >= {least:.1f} mm (clearance)"]
-        return []
+            said = [f"{name} overlap by {-1e3 * own:.1f} mm{seen[name]}" for name, (_, own) in near.items()]
+            return [f"collision: {', '.join(said)} (where that is meant: excluded_links{hint})"]
+        least = f"must be >= {1e3 * self.number:.1f} mm"
+        return [
+            f"{pair} are {1e3 * gap:.1f} mm apart{seen[f'{pair}']}, {least}; for less give clearance in "
+            f"[limits]{hint}"
+        ]
 
-    def _overlaps(self, at: Instants) -> list[str]:
-        """All pairs of names that overlap, the deepest first."""
-        found: dict[str, float] = {}
-        gaps = np.min(self.robot.collision.gaps(at.angles, 0.0), axis=0)
+    def _overlaps(self, q: np.ndarray) -> dict[str, tuple[GapLabel, float]]:
+        """All pairs that overlap at q (n,), by their names, with the distance (m), the deepest first."""
+        found: dict[str, tuple[GapLabel, float]] = {}
+        gaps, labels = self.robot.collision.gaps(q, 0.0), self.robot.collision.labels
         for k in np.argsort(gaps):
             if gaps[k] < 0:
-                found.setdefault(str(self.robot.collision.labels[k]), float(gaps[k]))
-        return [f"{pair} overlap by {-1e3 * gap:.1f} mm" for pair, gap in found.items()]
+                found.setdefault(f"{labels[k]}", (labels[k], float(gaps[k])))
+        return found
 
     def path_excess(self, at: Instants) -> float:
         return float(np.max(GAP_SCALE * (self.number - self._smallest(at))))
