@@ -161,8 +161,8 @@ def test_ground_rows():
     gaps = dict(zip(pillar.labels, pillar.values[0], strict=True))
     assert gaps["ball and pillar"] == pytest.approx(np.hypot(-0.5 + 0.4, 0.1 + 0.1 - 0.6) - 0.2 - 0.05)
     assert {label for kind, label in rows if kind == "base clearance" and "wall" in label} == {
-        *(f"{name} and wall" for name in ("contact 1", "contact 3", "contact 4", "foot", "ball"))
-    }  # contact 2 is within the foot
+        *(f"{name} and wall" for name in ("contact 1", "contact 3", "contact 4", "foot", "ball", "B"))
+    }  # contact 2 is within the foot; B are the spheres of the arm that stand on the base
     assert rows["bounds", "x: lower bound"].margins[0] == pytest.approx([5.0])
     corner = rows["contact area", "contact 1: x"]
     assert corner.values.min() == pytest.approx(-0.65)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import casadi as cs
 import numpy as np
 
@@ -12,6 +14,7 @@ from ocptip.placement.limits.solids import needs_solids
 from ocptip.placement.limits.twice import Twice
 from ocptip.placement.problem import PlacementProblem
 from ocptip.placement.stand import GAP_TOLERANCE
+from ocptip.robots.collision.model import geometry_of_spheres
 from ocptip.robots.geometry import Floor, in_closed_form
 
 
@@ -73,7 +76,8 @@ class ContactArea(BaseLimit):
 class BaseClearance(BaseLimit):
     """The contacts, as points, and the balls of the base against obstacles and keep-out zones of the world.
 
-    Balls are left to :class:`ocptip.placement.limits.arm.Clearance` where it looks at all solids.
+    Spheres of the arm that do not move with its first joint are balls of the base. Balls are left to
+    :class:`ocptip.placement.limits.arm.Clearance` where it looks at all solids.
     """
 
     kind = "base clearance"
@@ -83,7 +87,11 @@ class BaseClearance(BaseLimit):
         super().__init__(problem)
         around = (*problem.obstacles, *problem.keep_out)
         self._around = [obstacle for obstacle in around if not isinstance(obstacle, Floor)]
-        balls = [s for s in problem.robot.shapes if in_closed_form(s)]
+        arm = problem.robot.arm
+        own = [] if arm.geometry else geometry_of_spheres(arm).shapes
+        at = arm.mount_rotation, arm.mount_position
+        mounted = [replace(s, shape=s.shape.placed(*at)) for s in own if not s.body]
+        balls = [s for s in (*problem.robot.shapes, *mounted) if in_closed_form(s)]
         contacts = np.array([contact.position for contact in problem.robot.support.contacts])
         bare = [
             k

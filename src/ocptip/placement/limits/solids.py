@@ -23,7 +23,8 @@ class WorldSolids:
     """All pairs of solids of a problem.
 
     Pairs of arm and base are those of the robot; with obstacles of the world all solids of the arm are looked
-    at, with these and the keep-out zones all shapes of the base.
+    at, with these and the keep-out zones all solids of the base: its shapes, and what the arm's file puts on
+    links before the first joint that moves.
 
     Args:
         problem: the problem.
@@ -37,22 +38,22 @@ class WorldSolids:
         robot, limits = problem.robot, problem.limits
         own = robot.collision
         if not isinstance(own, ShapeCollisions):
-            own = ShapeCollisions(robot.arm, robot.obstacles, robot.shapes)
+            own = ShapeCollisions(robot.arm, robot.around, robot.shapes)
         self.arm = robot.arm
         self._solids = [
             (robot.arm.links if body == RESTING else body, shape) for _, body, shape in own.solids
         ]
         names = [name for name, _, _ in own.solids]
-        pairs = list(own.pairs)
+        pairs, every = list(own.pairs), range(own.of_arm + own.of_base)
+        resting = {s for s in every if own.solids[s][1] == RESTING}
         for obstacles, of_arm in ((problem.obstacles, True), (problem.keep_out, False)):
             for obstacle in obstacles:
-                first = 0 if of_arm else own.of_arm
-                pairs += [(s, len(self._solids)) for s in range(first, own.of_arm + own.of_base)]
+                pairs += [(s, len(self._solids)) for s in every if of_arm or s in resting]
                 self._solids.append((RESTING, obstacle.shape))
                 names.append(obstacle.name)
         self._pairs = pairs
         self.names = [f"{names[a]} and {names[b]}" for a, b in pairs]
-        of_base = [own.of_arm <= a < own.of_arm + own.of_base and b >= len(own.solids) for a, b in pairs]
+        of_base = [a in resting and b >= len(own.solids) for a, b in pairs]
         self.least = np.where(of_base, limits.base_clearance, limits.clearance)
         self._judge = Distances(_placed_frames(self.arm), self._solids, pairs)
 
