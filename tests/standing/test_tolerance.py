@@ -18,9 +18,9 @@ def test_presets_are_those_of_the_documentation():
         "base mass +-5 %, friction -20 %, floor tilt 0.5 deg, arm masses +-5 %, payload +-5 %, 0.1 kg more "
         "at the gripper, joints up to 10 ms late, 3 % faster or slower, jumps overshoot at 5 % damping"
     )
-    assert SITE.push == 20
+    assert SITE.push == SITE.base_push == 20
     assert np.degrees(SITE.tilt) == pytest.approx(1.5)
-    assert set(SITE.given) - set(WORKSHOP.given) == {"push"}
+    assert set(SITE.given) - set(WORKSHOP.given) == {"push", "base_push"}
 
 
 def test_overshoot_is_that_of_a_damped_oscillation():

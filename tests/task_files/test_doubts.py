@@ -3,6 +3,7 @@
 import re
 import shutil
 import warnings
+from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from ocptip.task_files.parallel import read_parallel_robot
 from ocptip.task_files.placement import load_placement
 from ocptip.task_files.platform_points import read_platform
 from ocptip.task_files.scene import read_scene
+from ocptip.task_files.template import task_template
 from tests.places import EXAMPLES
 
 TASKS = EXAMPLES / "tasks"
@@ -183,3 +185,55 @@ def test_a_scene_may_have_a_name(tmp_path):
     path = tmp_path / "rover.toml"
     path.write_text('name = "rover"\n' + ROVER.read_text(encoding="utf-8"), encoding="utf-8")
     assert read_scene(path).name == "rover"
+
+
+def heavy(tmp_path):
+    """The UR5 on a chassis of 95 kg, both in one URDF; its links that rest have 95 kg."""
+    tree = ET.parse(TASKS / "ur5.urdf")
+    root = tree.getroot()
+    chassis = ET.fromstring(
+        '<link name="chassis"><inertial><mass value="95"/>'
+        '<inertia ixx="9" ixy="0" ixz="0" iyy="9" iyz="0" izz="9"/></inertial></link>'
+    )
+    first = root.find("./joint/parent").get("link")
+    names = {joint.find("child").get("link") for joint in root.iter("joint")}
+    (top,) = {link.get("name") for link in root.iter("link")} - names
+    assert first is not None
+    root.append(chassis)
+    root.append(
+        ET.fromstring(
+            f'<joint name="bolts" type="fixed"><parent link="chassis"/><child link="{top}"/></joint>'
+        )
+    )
+    tree.write(tmp_path / "ur5.urdf")
+    masses = {link.get("name"): float(link.find("inertial/mass").get("value")) for link in root.iter("link")
+              if link.find("inertial/mass") is not None}  # fmt: skip
+    return sum(masses.values())
+
+
+@pytest.mark.parametrize(("load", "source"), [(load_task, CART), (load_placement, WALL)])
+def test_a_base_lighter_than_the_links_that_are_part_of_it_is_refused(tmp_path, load, source):
+    path = changed(tmp_path, source)
+    heavy(tmp_path)
+    with pytest.raises(InputError, match=r"base\.mass: 35 kg is less than the 95 kg of those links") as error:
+        load(path)
+    assert "accept_mass = true" in str(error.value)
+    text = path.read_text()
+    path.write_text(re.sub(r"mass = 35\.0", "mass = 94.5", text, count=1))  # two digits
+    load(path)
+    path.write_text(text.replace("[base]", "[base]\naccept_mass = true", 1))
+    load(path)
+
+
+def test_marks_of_init_taken_away_leave_a_base_that_weighs_what_its_links_do(tmp_path):
+    total = heavy(tmp_path)
+    template = task_template(tmp_path / "ur5.urdf", tmp_path, base_link="base_link", tool_frame="tool0")
+    resting = total - template.arm.masses.sum()
+    assert template.arm.base_mass == pytest.approx(resting)
+    assert resting == pytest.approx(95.0)
+    path = tmp_path / "task.toml"
+    path.write_text(template.text.replace("#> ", ""))
+    assert load_task(path).robot.support.mass >= resting
+    path.write_text(re.sub(r"mass = 95\.0", "mass = 80.0", path.read_text()))
+    with pytest.raises(InputError, match=r"base\.mass: 80 kg is less than the 95 kg"):
+        load_task(path)

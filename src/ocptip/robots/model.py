@@ -133,6 +133,7 @@ class ArmModel:
         geometry: convex solids, which are looked at instead of spheres.
         base_link, resting: of an arm from a URDF: link of its base frame, and where joints of that file stand
             that do not move, rad or m by name.
+        base_mass: kg, of that file's links that do not move and therefore belong to the base.
         coupling: joints that follow others; None: none does.
         gears: springs between drives and links; None: gears do not give. Where an arm is said to be at joint
             values, its links are there; only checks let them swing about that.
@@ -162,6 +163,7 @@ class ArmModel:
     geometry: ArmGeometry | None = None
     base_link: str = ""
     resting: Mapping[str, float] = field(default_factory=dict)
+    base_mass: float = 0.0
     coupling: Coupling | None = None
     gears: Gears | None = None
 

@@ -88,7 +88,8 @@ def arm_from_urdf(
     chosen = {"base_link": (base_link, base), "tool_frame": (tool_frame, tool)}
     names = [f"{key} {name!r}" for key, (given, name) in chosen.items() if given is None]
     notes = (f"{' and '.join(names)}, not given in the file",) if names else ()
-    return dataclasses.replace(arm, notes=(*notes, *arm.notes))
+    resting = max(0.0, file.mass - float(np.sum(arm.masses)))
+    return dataclasses.replace(arm, notes=(*notes, *arm.notes), base_mass=resting)
 
 
 def arm_from_pinocchio(

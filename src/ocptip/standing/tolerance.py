@@ -327,6 +327,8 @@ WORKSHOP = Tolerance(
     speed=0.03,
     damping=0.05,
 )
-SITE = replace(WORKSHOP, tilt=np.radians(1.5), extra_mass=0.5, friction=0.3, speed=0.05, push=20.0)
+SITE = replace(
+    WORKSHOP, tilt=np.radians(1.5), extra_mass=0.5, friction=0.3, speed=0.05, push=20.0, base_push=20.0
+)
 PRESETS = {"none": NONE, "workshop": WORKSHOP, "site": SITE}
-"""By the name in files and options. `SITE` is `WORKSHOP` with more tilt, mass, speed and a push."""
+"""By the name in files and options. `SITE` is `WORKSHOP` with more tilt, mass and speed, and with pushes."""

@@ -14,6 +14,7 @@ from ocptip.basics.toml import Table
 from ocptip.contact.bindings.unilateral import UnilateralContact
 
 if TYPE_CHECKING:
+    from ocptip.robots.model import ArmModel
     from ocptip.standing.mechanism import StandingMechanism
 
 _ANGLES = (  # judged together; inclinations and mounts may well be small
@@ -29,6 +30,7 @@ _LENGTHS = re.compile(  # of robot and base; the world may be large
     r"|(base|(segment\[\d+\]\.)?payload(\.\w+)?)\.shape(\[\d+\])?\.(position|size|radius|length)"
 )
 
+_ROUNDED_MASS = 0.99  # of the mass in a URDF: less than that is no rounding of two digits
 _LIGHTEST_BASE = 0.25  # of the arm's mass; the published experiments had 0.42
 
 
@@ -53,6 +55,26 @@ def _numbers(value: Any) -> Iterator[float]:
             yield from _numbers(item)
     elif isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST:
         yield float(value)
+
+
+def require_base_mass(data: Table, arm: ArmModel, mass: float, *, accepted: bool) -> None:
+    """Refuse a base that is lighter than those links of the arm's file that are part of it.
+
+    Args:
+        data: the file.
+        arm: its arm.
+        mass: kg, of the base.
+        accepted: `accept_mass` of `[base]` says that this is meant.
+
+    Raises:
+        InputError: it is lighter, and that is not accepted.
+    """
+    if not accepted and mass < _ROUNDED_MASS * arm.base_mass:
+        raise data.error(
+            f"{mass:.4g} kg is less than the {arm.base_mass:.4g} kg of those links of the URDF that do not "
+            "move and are part of the base; give the mass of the whole base, or accept_mass = true",
+            "base.mass",
+        )
 
 
 def doubt_masses(data: Table, robot: StandingMechanism) -> None:

@@ -32,7 +32,7 @@ from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.tolerance import NONE, Tolerance
 from ocptip.task_files.arm import LOCKED, read_arm, require_geometry
-from ocptip.task_files.doubts import doubt_masses, doubt_units, doubt_way
+from ocptip.task_files.doubts import doubt_masses, doubt_units, doubt_way, require_base_mass
 from ocptip.task_files.joint_values import joint_values
 from ocptip.task_files.kinds import require_kind
 from ocptip.task_files.motors import arm_and_motors, gear_damping_ratio, read_gears
@@ -144,6 +144,7 @@ class TaskScene:
     def __init__(self, data: Table, otherwise: Tolerance = NONE) -> None:
         self._data, self._arms = data, dict[str, ArmModel]()
         self._shapes, self._floor = read_base_shapes(data), stands_on_floor(data)
+        self._accept_mass = data.table("base").flag("accept_mass", False)
         self._support = read_support(data)
         table = data.table("limits", optional=True)
         self._moment = table.number("reference_moment", None, bound="> 0")
@@ -173,6 +174,7 @@ class TaskScene:
         if gripper not in self._arms:
             self._arms[gripper] = read_arm(data.table("arm"), segment)
         arm, motors = arm_and_motors(data, segment, self._arms[gripper])
+        require_base_mass(data, arm, self._support.mass, accepted=self._accept_mass)
         require_geometry(data, arm, {"base.shape": self._shapes, "obstacle": data.tables("obstacle")})
         obstacles = read_obstacles(data, "obstacle")
         robot = StandingRobot(

@@ -32,7 +32,7 @@ from ocptip.robots.model import ArmModel
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.tolerance import NONE, Tolerance
 from ocptip.task_files.arm import require_geometry
-from ocptip.task_files.doubts import doubt_masses, doubt_units
+from ocptip.task_files.doubts import doubt_masses, doubt_units, require_base_mass
 from ocptip.task_files.kinds import require_kind
 from ocptip.task_files.motors import arm_and_motors
 from ocptip.task_files.scene import SCENE, read_support
@@ -101,11 +101,12 @@ def read_problem(data: Table, tolerance: Tolerance) -> PlacementProblem:
         InputError: a value is missing, unknown or cannot be used; names its place.
     """
     base, shapes, on_floor = data.table("base"), read_base_shapes(data), stands_on_floor(data)
-    ground = base.vector("ground", 3, None)
+    ground, accept_mass = base.vector("ground", 3, None), base.flag("accept_mass", False)
     support = read_support(data)
     if support.dimension != 3:
         raise data.error("an arm needs a spatial support; give three numbers", "contact[1].position")
     arm, motors = arm_and_motors(data)
+    require_base_mass(data, arm, support.mass, accepted=accept_mass)
     given = {key: data.tables(key) for key in ("base_obstacle", "obstacle")}
     require_geometry(data, arm, given, hint="; obstacles for the base alone are [[keep_out]]")
     table = data.table("limits", optional=True)

@@ -79,7 +79,7 @@ def _base(file: UrdfFile, arm: ArmModel) -> Iterator[str]:
     resting = file.mass - float(arm.masses.sum())
     yield "[base]  # what the arm stands on, without the arm; its origin is where you like, z upwards"
     hint = f"kg; {resting:.3g} kg of it are in the URDF: links that rest" if resting > 1e-9 else "kg"
-    yield _line("mass = 80.0", hint, mark=True)
+    yield _line(f"mass = {max(80.0, np.ceil(resting)):.1f}", hint, mark=True)
     yield _line("center_of_mass = [0.0, 0.0, 0.3]", "m", mark=True)
     feet = "[[0.3, 0.25, 0.0], [0.3, -0.25, 0.0], [-0.3, -0.25, 0.0], [-0.3, 0.25, 0.0]]"
     yield _line(f"feet = {feet}", "m", mark=True)
