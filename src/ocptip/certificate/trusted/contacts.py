@@ -1,7 +1,9 @@
 """Contact forces that hold the base: what is asked of them, and the rule that finds them on an interval.
 
 Forces are named at both ends of an interval, interpolated, and corrected by one fixed linear map so that they
-hold the base exactly. If these stay in their sets, the contacts can hold the base throughout. The least share
+hold the base exactly. If these stay in their sets, the contacts can hold the base throughout. A contact
+without friction is given no tangential force, neither by name nor by the map, so that no rounding of one has
+to be zero. The least share
 of their friction with which that is shown bounds GT from above. A moment about a tipping axis is bounded from
 below: with all contacts on one plane it is affine in the wrench, else forces are shown that bear it as well.
 """
@@ -32,6 +34,7 @@ class Contacts:
         count: number of contacts.
         sets: of each contact pieces (least, greatest normal force, N, radius, N, slope): the tangential force
             is at most radius + slope times the normal force.
+        bears: (3 count,) bool: force components that contacts may have; without friction the normal ones.
         grasp, rounded: (6, 3 count) wrench about the base's centre of mass per contact force; its rounding.
         scale: N: forces are measured in weights of the base.
         flat: all contacts lie on one plane: moments about tipping axes follow from the wrench alone.
@@ -56,6 +59,8 @@ class Contacts:
             ]
             for pieces in contacts["sets"]
         ]
+        friction_free = [all(r == 0 and k == 0 for *_, r, k in pieces) for pieces in self.sets]
+        self.bears = ~np.repeat(friction_free, 3) | (np.arange(3 * self.count) % 3 == 0)
         self.scale = max(float(base["mass"] * np.linalg.norm(base["gravity"])), 1e-9)
         self.flat = _one_plane(positions, frames[:, :, 0])
         self.axes, self.added = _tipping_axes(positions, frames[:, :, 0], about, self.sets)
@@ -98,7 +103,7 @@ class Contacts:
             if not np.isfinite(defect):  # these contacts cannot hold every wrench
                 room[here] = -np.inf
                 continue
-            ends = forces[:, pattern][..., here].reshape(2, -1, len(here))
+            ends = forces[:, pattern][..., here].reshape(2, -1, len(here)) * self.bears[columns][:, None]
             chosen = Form.of(0.5 * (ends[0] + ends[1]), 0.5 * (ends[1] - ends[0]))
             rest = linear(self.grasp[:, columns], chosen)
             rest = Form(rest.c, rest.r + self.rounded[:, columns] @ chosen.size) + wrench[:, here]
@@ -106,7 +111,8 @@ class Contacts:
             f = chosen - linear(correction, rest)
             f = Form(f.c, f.r + np.abs(correction).sum(axis=1)[:, None] * left)
             for k, contact in enumerate(np.flatnonzero(pattern)):
-                own = [self._inside(f[3 * k : 3 * k + 3], *piece, share) for piece in self.sets[contact]]
+                force = f[3 * k : 3 * k + (3 if self.bears[3 * contact + 1] else 1)]
+                own = [self._inside(force, *piece, share) for piece in self.sets[contact]]
                 room[here] = np.minimum(room[here], np.max(own, axis=0))
             if not self.idle(pattern):
                 room[here] = -np.inf
@@ -122,12 +128,15 @@ class Contacts:
     def inverse(self, columns: np.ndarray) -> tuple[np.ndarray, float]:
         """A right inverse F of some columns of the grasp matrix G, and a bound of d / (1 - d), d = |1 - G F|.
 
+        Its rows are zero for force components that contacts may not have.
+
         Without one, or with a poor one, the bound is infinite, and nothing is proved.
         """
         key = columns.tobytes()
         if key not in self._inverses:
             G = self.grasp[:, columns]
-            F = np.linalg.pinv(G) if G.shape[1] else np.zeros((0, 6))
+            bears = self.bears[columns]
+            F = np.linalg.pinv(G * bears) * bears[:, None] if G.shape[1] else np.zeros((0, 6))
             rounding = (self.rounded[:, columns] + U * G.shape[1] * np.abs(G)) @ np.abs(F)
             defect = float(np.max(np.sum(np.abs(np.eye(6) - G @ F) + rounding, axis=1)))
             self._inverses[key] = F, (defect / (1 - defect) if defect < 0.5 else np.inf)
@@ -136,9 +145,12 @@ class Contacts:
     def _inside(
         self, f: Form, low: float, high: float, radius: float, slope: float, share: float
     ) -> np.ndarray:
-        """Of forces (3, N) and one piece of their set: by how much normal and tangential force keep it."""
+        """Of forces (3, N), or of normal forces (1, N) alone, and one piece of their set: by how much they
+        keep it."""
+        least, greatest = f[0].range
+        if len(f.r) == 1:
+            return np.minimum(least - low, high - greatest) / self.scale
         normal, first, second = f[0], f[1], f[2]
-        least, greatest = normal.range
         limit = (normal * slope + radius) * share
         cone = (limit * limit - first * first - second * second).range[0] / self.scale
         return np.min([least - low, high - greatest, limit.range[0], cone], axis=0) / self.scale

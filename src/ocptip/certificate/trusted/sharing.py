@@ -112,7 +112,8 @@ class Sharing:
             for k, contact in enumerate(np.flatnonzero(pattern)):
                 at, pieces = slice(3 * k, 3 * k + 3), self.contacts.sets[contact]
                 place = own.rule[:, at], constant[:, at], error[at]
-                ways = [self._inside(some, place, piece, share, facets) for piece in pieces]
+                cones = facets if self.contacts.bears[3 * contact + 1] else ()  # else nothing is tangential
+                ways = [self._inside(some, place, piece, share, cones) for piece in pieces]
                 room[contact, here] = np.max(ways, axis=0)
             if not self.contacts.idle(pattern):
                 room[:, here] = -np.inf
@@ -230,6 +231,8 @@ class Sharing:
 class Rule:
     """Shares wrenches among contacts by weights: f = f_0 - F (G f_0 + w), and what that misses.
 
+    What contacts may not have stays zero.
+
     Attributes:
         rule: F, (R, 3 contacts, 6).
     """
@@ -239,7 +242,9 @@ class Rule:
         self._G = contacts.grasp[:, columns]
         self._blur = contacts.rounded[:, columns] + U * self._G.shape[1] * np.abs(self._G)
         self._correction, self._defect = contacts.inverse(columns)
-        own = np.repeat(np.maximum(weights, 0.0), (1, 2), axis=1).reshape(-1, weights.shape[2]).T  # (R, 3 n)
+        self._bears = contacts.bears[columns][:, None]
+        own = np.repeat(np.maximum(weights, 0.0), (1, 2), axis=1).reshape(-1, weights.shape[2])
+        own = (own * self._bears).T  # (R, 3 n)
         G = scale[:, None] * self._G
         A = np.einsum("ia,ra,ja->rij", G, own, G)
         A += (_REGULAR * np.trace(A, axis1=1, axis2=2) + 1e-200)[:, None, None] * np.eye(6)
@@ -251,6 +256,7 @@ class Rule:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Of forces (2, 3 contacts, R) at both ends, and a couple: what the wrench does not change of the
         forces, (2, 3 contacts, R), and a bound of errors (3 contacts, R)."""
+        ends = ends * self._bears
         largest = np.max(np.abs(ends), axis=0)
         missed = np.einsum("ic,ecr->eir", self._G, ends) + couple[:, None]
         shared = np.einsum("rci,eir->ecr", self.rule, missed)
