@@ -11,9 +11,13 @@ from ocptip.certificate import describe
 from ocptip.certificate.describe import motion_data, states_at
 from ocptip.certificate.find import certify
 from ocptip.certificate.trusted.checker import check_certificate, digest
+from ocptip.contact.bindings.unilateral import UnilateralContact
+from ocptip.contact.support import Support
 from ocptip.motion.check import check_motion
 from ocptip.published.tasks import experiment_task
+from ocptip.standing.arm import StandingRobot
 from ocptip.standing.limits import MotionLimits
+from ocptip.standing.tolerance import NONE, WORKSHOP
 from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.controllers import controller_points
 from ocptip.trajectories.path import JointPath
@@ -262,3 +266,42 @@ def test_feet_that_give_are_not_certified(swing):
     assert found.holds
     assert "GT" in found.sampled
     assert not found.certified
+
+
+def _on_casters(task, caster, wheel=0.6):
+    """The arm of a task on two drive wheels amid four casters."""
+    places = [(0.0, 0.3), (0.0, -0.3), (0.35, 0.28), (0.35, -0.28), (-0.35, -0.28), (-0.35, 0.28)]
+    contacts = [
+        UnilateralContact(position=[x, y, 0.0], friction=caster if k > 1 else wheel)
+        for k, (x, y) in enumerate(places)
+    ]
+    support = Support(contacts, mass=80.0, center_of_mass=[0.05, 0.0, 0.3])
+    return StandingRobot(task.robot.arm, support, task.robot.motors)
+
+
+@pytest.mark.parametrize("tolerance", [NONE, WORKSHOP.only("tilt", "arm_mass", "friction")])
+def test_casters_without_friction_cost_no_proof(swing, tolerance):
+    task, motion, *_ = swing
+    robot, limits = _on_casters(task, 0.0), MotionLimits(tolerance=tolerance)
+    checked = check_motion(robot, motion, limits)
+    found = certify(robot, motion, limits, checked.worst)
+    assert checked.verified
+    assert found.certified, (found.verdict, found.undecided)
+    other = _on_casters(task, 1e-4)  # nearly none is nearly the same
+    nearly = check_motion(other, motion, limits)
+    bounds = certify(other, motion, limits, nearly.worst).verdict.bounds
+    assert found.verdict.bounds["GN"] == pytest.approx(bounds["GN"], rel=1e-3)
+    assert found.verdict.bounds["GT"] == pytest.approx(bounds["GT"], rel=0.02)
+
+
+def test_forces_that_a_contact_without_friction_cannot_bear_prove_nothing(swing):
+    """Wheels without friction, and tangential forces named for them as before."""
+    task, motion, *_ = swing
+    robot = _on_casters(task, 0.0)
+    limits = MotionLimits()
+    data = copy.deepcopy(certify(robot, motion, limits, check_motion(robot, motion, limits).worst).data)
+    for pieces in data["model"]["contacts"]["sets"][:2]:
+        pieces[0][2:] = [0.0, 0.0]
+    data["sha256"]["model"] = digest(data["model"])
+    verdict = check_certificate(data)
+    assert any(problem.startswith("contacts") for problem in verdict.problems)

@@ -29,6 +29,7 @@ _LOSS = 2e-4  # relative, how far those of GT are from what is proved where that
 _STEPS_OF_WEIGHTS = (0.5,) * 8 + (0.2,) * 8  # how far they go from try to try
 _PATIENCE, _SLOW = 4, 0.9  # after so many tries, the share that may be left of what is missing
 _IN_VAIN, _FEW = 1.6, 4  # so many times the intervals before: what is missing is not their length
+_IDLE = 2e-3  # of the largest weight: contacts below it may carry nothing
 _LIGHT, _LIGHTER = 0.5, 1e-3  # of the mean of weights: below it contacts get by so much less
 _FACETS = (12,)  # of cones, while weights are looked for
 _DIGITS = 6  # of forces, N
@@ -196,11 +197,17 @@ class SearchWithin:
                 weights[..., short], room[short] = better(
                     some, own, weights[..., short], capacity[:, short], share
                 )
-            if len(short := short[~(room[short] >= 0)]) and self._several and sharing.contacts.flat:
-                own = np.zeros((2, *forces.shape[2:4], len(short)))  # the rule shares the whole wrench
-                found = sharing.held(terms.some(short), own, weights[..., short], share, patient=False)
+            for without in (False, True):  # contacts that hardly carry anything
+                if not (self._several and sharing.contacts.flat and len(short := short[~(room[short] >= 0)])):
+                    break
+                own = weights[..., short]  # the rule shares the whole wrench
+                own = np.where(without & (own[:, :1] < _IDLE * np.max(own[:, :1], axis=0)), 0.0, own)
+                none = np.zeros((2, *forces.shape[2:4], len(short)))
+                with np.errstate(invalid="ignore"):  # too few contacts may be left
+                    found = sharing.held(terms.some(short), none, own, share, patient=False)
                 better = found > room[short]
                 forces[:, 0][..., short[better]], room[short[better]] = 0.0, found[better]
+                weights[..., short[better]] = own[..., better]
             if share < HIGHEST:
                 beyond = ~(room >= 0)
         moments, loose = np.full(len(room), np.inf), np.zeros(len(room), dtype=bool)

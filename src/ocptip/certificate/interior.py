@@ -12,6 +12,7 @@ _LEAST = 0.3  # of the mean normal force: what every contact is to carry if it c
 _ROUNDS = 40
 _NEXT_TO_NOTHING = 1e-6  # of the largest force
 _REGULAR = 1e-14
+_TANGENTIAL = np.array([False, True, True])
 
 
 class Interior:
@@ -50,7 +51,7 @@ class Interior:
         limits = self._sets.limits(normal, size)
         ends = np.minimum(normal - limits.normal_min, limits.normal_max - normal)
         friction = share * (limits.radius + limits.slope * normal) - np.linalg.norm(forces[:, :, 1:], axis=2)
-        return np.min(np.minimum(ends, friction), axis=1)
+        return np.min(np.minimum(ends, np.where(self._sets.frictionless, np.inf, friction)), axis=1)
 
     def _spread(self, forces: np.ndarray, wrenches: np.ndarray) -> np.ndarray:
         """Normal forces that all press, tangential ones in proportion to them."""
@@ -69,6 +70,7 @@ class Interior:
     def _balanced(self, forces: np.ndarray, wrenches: np.ndarray, weight: np.ndarray) -> np.ndarray:
         """Forces nearest by weight that hold the wrenches."""
         G = (self._scaling[:, None] * self._matrix).reshape(6, -1, 3)
+        weight = weight * np.where(self._sets.frictionless[:, None] & _TANGENTIAL, 0.0, 1.0)
         rest = np.einsum("wkc,Nkc->Nw", G, forces) + wrenches * self._scaling
         A = np.einsum("wkc,Nkc,vkc->Nwv", G, weight, G)
         A = A + _REGULAR * np.trace(A, axis1=1, axis2=2)[:, None, None] * np.eye(6)
