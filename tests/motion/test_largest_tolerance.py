@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 import pickle
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
 from ocptip.basics.errors import PlanningError
 from ocptip.motion import largest_tolerance as module
+from ocptip.motion import plan as planning
 from ocptip.motion.plan import ToleranceError
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.tolerance import WORKSHOP, Tolerance
@@ -151,3 +153,20 @@ def test_other_refusals_are_not_about_tolerance():
 def test_errors_travel_between_processes():
     error = pickle.loads(pickle.dumps(too_much(0.02, 0.5)))
     assert (error.too_much, error.factor, error.alone) == (Tolerance(tilt=0.02), 0.5, True)
+
+
+@pytest.mark.parametrize(
+    ("share", "expected"), [(1.0, "the tolerance is not what they lack"), (0.997, " 99 % of it")]
+)
+def test_a_refusal_does_not_say_that_all_of_the_tolerance_can_be_had(monkeypatch, share, expected):
+    """A motion that keeps the whole tolerance was refused for something else, here stops."""
+    monkeypatch.setattr(planning, "tolerable", lambda *_: share)
+    monkeypatch.setattr(planning, "too_much", lambda *_: (WORKSHOP, share, "why"))
+    task = experiment_task("A", "effective")
+    task = replace(task, limits=replace(task.limits, tolerance=WORKSHOP))
+    check, result = SimpleNamespace(violations=("GT is 2",)), SimpleNamespace(energy=1.0, number=3)
+    error = planning._why_not(task, [SimpleNamespace(check=check, result=result, motion=None)])
+    assert expected in str(error)
+    assert "100 %" not in str(error)
+    assert str(error).endswith("start 3: GT is 2")
+    assert isinstance(error, ToleranceError) == (share < 1)

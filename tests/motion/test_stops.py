@@ -7,6 +7,7 @@ from itertools import product
 from types import SimpleNamespace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from ocptip.basics.errors import InputError, PlanningError
@@ -20,7 +21,9 @@ from ocptip.motion.stop_rules import StopRules
 from ocptip.motion.stops import check_stops
 from ocptip.motion.task import MotionTask, refusals
 from ocptip.published.tasks import experiment_task
+from ocptip.robots.braking import gravity_torques
 from ocptip.robots.motors import DCMotors
+from ocptip.robots.payload import Payload
 from ocptip.robots.urdf import arm_from_urdf
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.elastic.feet import softest_feet
@@ -385,3 +388,61 @@ def test_arms_of_one_joint_are_planned_for_stops_of_both_kinds(tmp_path, task):
     fastest = np.max(np.abs(plan.motion.states(np.linspace(0, plan.motion.end, 400))[1]))
     assert found.worst["brakes"]["longest_stop_s"] == pytest.approx(0.02 + inertia * fastest / 8.0, rel=0.06)
     softest_feet(robot, plan.motion)  # small motions of the base under one joint
+
+
+def test_gravity_torques_are_the_maximum_of_all_postures():
+    """Against Pinocchio at many random postures, which come close to the maximum and never exceed it."""
+    arm = arm_from_urdf(UR5).with_payload(Payload(3.0, [0.05, 0.0, 0.1]))
+    gravity = np.array([1.0, -2.0, -9.5])
+    found = gravity_torques(arm, gravity)
+    model = twin(arm)
+    model.gravity.linear = gravity
+    data, rng = model.createData(), np.random.default_rng(0)
+    most = np.zeros(6)
+    for q in rng.uniform(arm.limits.angle_min, arm.limits.angle_max, (20_000, 6)):
+        most = np.maximum(most, np.abs(pin.computeGeneralizedGravity(model, data, q)))
+    assert np.all(most <= found + 1e-9)
+    assert np.all(most >= 0.95 * found)
+    limited = replace(arm, limits=replace(arm.limits, angle_min=np.full(6, -0.3), angle_max=np.full(6, 0.2)))
+    narrow = gravity_torques(limited, gravity)
+    most = np.zeros(6)
+    for q in rng.uniform(-0.3, 0.2, (20_000, 6)):
+        most = np.maximum(most, np.abs(pin.computeGeneralizedGravity(model, data, q)))
+    assert np.all((most <= narrow + 1e-9) & (most >= 0.9 * narrow))
+
+
+def weak(task, share):
+    """The task with torque limits of a share of what gravity asks."""
+    limits = replace(task.robot.limits, torque=np.maximum(share * task.robot.gravity_torques(), 10.0))
+    return replace(task, robot=task.robot.varied(arm=replace(task.robot.arm, limits=limits)))
+
+
+def test_guessed_brakes_hold_the_arm(task):
+    """Half of a torque limit of 1.1 times what gravity asks would drop it."""
+    own = weak(task, 1.1)
+    least, greatest = StopRules().brakes(own.robot)
+    holds = own.robot.gravity_torques()
+    assert holds.max() > 20
+    np.testing.assert_allclose(least, np.maximum(0.5 * own.robot.limits.torque, 1.3 * holds))
+    np.testing.assert_allclose(greatest, 2 * own.robot.limits.torque)
+    _, stops = looked_at(own, "brakes")
+    assert stops.worst["brakes"]["longest_stop_s"] is not None
+    assert any("at least 1.3 times what gravity asks" in line for line in stops.assumed)
+    _, dropped = looked_at(own, "brakes", StopRules(brake_min=0.5 * own.robot.limits.torque))
+    assert dropped.worst["brakes"]["longest_stop_s"] > 2 * stops.worst["brakes"]["longest_stop_s"]
+    assert any(line.startswith("the arm drops: at ") for line in dropped.violations)
+    assert not any("drops" in line for line in stops.violations)
+    capped = StopRules(brake_max=0.6 * own.robot.limits.torque).brakes(own.robot)
+    assert np.all(capped[0] <= capped[1])
+
+
+def test_without_torque_limits_category_0_is_not_judged(task):
+    limits = replace(task.robot.limits, torque=np.full(6, np.inf))
+    own = replace(task, robot=task.robot.varied(arm=replace(task.robot.arm, limits=limits)))
+    _, stops = looked_at(own, "brakes")
+    assert not stops.verified
+    assert "brakes" not in stops.worst
+    assert stops.brake_speeds is None
+    assert stops.violations[0].startswith("category 0 not judged: no brake data, and joint 1 has no torque")
+    _, given = looked_at(own, "brakes", StopRules(brake_min=np.full(6, 60.0), brake_max=np.full(6, 70.0)))
+    assert "brakes" in given.worst

@@ -257,10 +257,16 @@ def _why_not(task: MotionTask, attempts: list[Attempt]) -> PlanningError:
     found = f"none of {len(attempts)} starts gave a verified motion"
     if task.limits.tolerance.given:
         shares = [tolerable(task.robot, a.motion, task.limits) for a in moving]
-        best = moving[shares.index(max(shares))]
+        most = max(shares)
+        if most == 1:  # then what is broken has nothing to do with the tolerance
+            return PlanningError(
+                f"{found}; the tolerance is not what they lack, one of them keeps it; start "
+                f"{nearest.result.number}: {violations}"
+            )
+        best = moving[shares.index(most)]
         alone, factor, why = too_much(task.robot, best.motion, task.limits)
-        share = f"{100 * max(shares):.0f} % of it"
-        found += f" within the tolerance; the best of the motions found can have {share} ({why})"
+        share = f"{int(100 * most)} % of it"  # rounded down: 100 % would contradict the refusal
+        found += f" within the tolerance; the best of them keeps its limits with {share} ({why})"
         error = ToleranceError(f"{found}; start {nearest.result.number}: {violations}")
         error.too_much, error.factor = alone, factor
         return error

@@ -21,6 +21,12 @@ BRAKES = (0.5, 2.0)
 """Brake torques as shares of the torque limits where none are given: a round interval. A brake that just
 holds the arm has about the rated torque; a new one, or one that gears help, may have several times that."""
 
+HOLDING = 1.3
+"""A brake that is not given holds at least this share of what gravity asks in any posture: makers of drives
+ask for it in tests of holding brakes (docs/stops.md)."""
+
+NO_DATA = "category 0 not judged: no brake data"
+
 
 @dataclass(frozen=True, eq=False)
 class StopRules:
@@ -31,7 +37,7 @@ class StopRules:
         time: s, that the time law of a stop along the path takes at least from the planned speed to rest; 0:
             as little as the drives can.
         brake_min, brake_max: (n,), N m (sliding joints: N): least and greatest torque with which each brake
-            acts; None: `BRAKES` of the torque limits.
+            acts; None: `BRAKES` of the torque limits, at least `HOLDING` times what gravity asks.
         delay: s, least and greatest time from when the drives lose their torque until the brakes act.
     """
 
@@ -97,17 +103,31 @@ class StopRules:
         GN, GT = self.GN or limits.GN, self.GT or limits.GT
         return replace(limits, brakes=Brakes(least, greatest, self.delay, GN, GT))
 
+    def lacking(self, robot: StandingMechanism) -> str:
+        """Why brake torques can be neither taken from the task nor assumed; empty: they can."""
+        unlimited = np.flatnonzero(~np.isfinite(robot.limits.torque))
+        if not self.guessed or not len(unlimited):
+            return ""
+        return (
+            f"{NO_DATA}, and joint {unlimited[0] + 1} has no torque limit to assume them from; give "
+            "brake_torque_min_Nm, _max_Nm in [stops]"
+        )
+
     def brakes(self, robot: StandingMechanism) -> tuple[np.ndarray, np.ndarray]:
         """Least and greatest brake torques, (n,) each, N m.
 
         Raises:
             InputError: their number is not the robot's, or they are not given and a torque limit is infinite.
         """
-        found = []
+        found, holds = [], np.zeros(robot.n)
+        if self.guessed:
+            # A brake whose greatest torque is given has no more than that, even if gravity asks for more.
+            most = np.inf if self.brake_max is None else self.brake_max
+            holds = np.minimum(HOLDING * robot.gravity_torques(), most)
         for name, share in zip(("brake_min", "brake_max"), BRAKES, strict=True):
             value = getattr(self, name)
             if value is None:
-                value = share * robot.limits.torque
+                value = np.maximum(share * robot.limits.torque, holds)
             if len(value) != robot.n:
                 raise InputError(f"{name}: expected {robot.n} torques, got {len(value)}")
             if not np.isfinite(value).all():

@@ -12,7 +12,7 @@ import numpy as np
 
 from ocptip.motion.check import MotionCheck
 from ocptip.motion.path_stops import StoppedPath
-from ocptip.motion.stop_rules import Kinds, StopRules
+from ocptip.motion.stop_rules import BRAKES, HOLDING, Kinds, StopRules
 from ocptip.numerics.threads import one_thread
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.limits import MotionLimits
@@ -128,13 +128,14 @@ def check_stops(
     if kinds != "brakes":
         path = _PathTable(robot, motion, limits, times)
         worst["path"] = path.worst(checked)
-    if kinds != "path" and isinstance(robot, StandingRobot):
+    lacking = "" if kinds == "path" or limits.brakes else rules.lacking(robot)
+    if kinds != "path" and isinstance(robot, StandingRobot) and not lacking:
         asked = limits.brakes or rules.safe(limits, robot, "brakes").brakes
         assert asked is not None
         brakes = _BrakeTable(robot, motion, limits, asked, rules.guessed, times)
         worst["brakes"] = brakes.worst()
     stops = limits.stops
-    violations = brakes.violations() if brakes else ()
+    violations = brakes.violations() if brakes else (lacking,) if lacking else ()
     kept = all(checked.worst[name].excess <= _CLOSE for name in _OF_STOPS if name in checked.worst)
     return Stops(
         kinds=kinds,
@@ -147,7 +148,7 @@ def check_stops(
         path_times=path and path.durations,
         brake_times=brakes and brakes.durations,
         curve=path and path.curve,
-        assumed=_assumed(robot, rules, kinds, 0.0 if stops is None else stops.time),
+        assumed=_assumed(robot, rules, kinds, lacking, 0.0 if stops is None else stops.time),
     )
 
 
@@ -188,6 +189,7 @@ class _BrakeTable:
     ) -> None:
         self._robot, self._limits, self._brakes, self._guessed = robot, limits, brakes, guessed
         self._check = BrakeCheck(robot, brakes)
+        self._motion = motion
         self._times, self._found = stops_of_motion(robot, motion, brakes)
         q, qd, _ = motion.states(times)
         process = robot.during(motion).acting(times)
@@ -231,6 +233,21 @@ class _BrakeTable:
             "postures_looked_at": found.postures,
         }
 
+    def _too_weak(self) -> list[str]:
+        """The brake that holds least of what is asked for at rest, if that is less than all; empty: none."""
+        robot, times = self._robot, self._times
+        q = self._motion.states(times)[0]
+        asked, _ = robot.loads(q, 0 * q, 0 * q, robot.during(self._motion).acting(times))
+        holds = np.array(self._brakes.least)
+        i, joint = np.unravel_index(np.argmax(np.abs(asked) / holds), asked.shape)
+        needs, unit = float(abs(asked[i, joint])), robot.motor_units[joint]
+        if needs <= holds[joint]:
+            return []
+        return [
+            f"the arm drops: at {times[i]:.4f} s joint {joint + 1} needs {needs:.4g} {unit} to rest, its "
+            f"brake holds {holds[joint]:.4g}"
+        ]
+
     def violations(self) -> tuple[str, ...]:
         """One sentence per broken limit."""
         brakes, found, said = self._brakes, self._found, []
@@ -245,6 +262,7 @@ class _BrakeTable:
         if not np.isfinite(found.rests).all() and not self._limits.brakes:
             i = int(np.argmax(found.rests))
             said.append(f"brakes that close at {self._times[i]:.4f} s do not bring the arm to rest")
+        said += self._too_weak()
         over, joint = found.outside
         if over > _CLOSE:
             said.append(f"joint {joint + 1} leaves its limits by {over:.3g} {self._robot.units[joint]}")
@@ -254,7 +272,9 @@ class _BrakeTable:
         return tuple(said)
 
 
-def _assumed(robot: StandingMechanism, rules: StopRules, kinds: Kinds, time: float) -> tuple[str, ...]:
+def _assumed(
+    robot: StandingMechanism, rules: StopRules, kinds: Kinds, lacking: str, time: float
+) -> tuple[str, ...]:
     said = []
     if robot.support.elastic is not None:
         said.append("feet that give: their forces and lifts during stops are not looked at, only GN and GT")
@@ -267,9 +287,14 @@ def _assumed(robot: StandingMechanism, rules: StopRules, kinds: Kinds, time: flo
         return (*said, "category 0 (brakes) not looked at")
     if not isinstance(robot, StandingRobot):
         return (*said, "category 0: not computed for parallel robots")
+    if lacking:
+        return (*said, lacking)
     given = "as given"
     if rules.guessed:
-        given = "0.5 to 2 times the torque limits, a guess; give brake_torque_min_Nm, _max_Nm in [stops]"
+        given = (
+            f"{BRAKES[0]:g} to {BRAKES[1]:g} times the torque limits, a guess, at least {HOLDING:g} times "
+            "what gravity asks in any posture; give brake_torque_min_Nm, _max_Nm in [stops]"
+        )
     delay = "at once" if rules.delay[1] == 0 else f"after {rules.delay[0]:g} to {rules.delay[1]:g} s"
     said.append(f"category 0: brakes act {delay}, their torques are {given}; constant torques on the way")
     if robot.varying is not None:

@@ -16,7 +16,8 @@ import numpy as np
 
 from ocptip.numerics.batch import BatchFunction
 from ocptip.numerics.compiled import compiled
-from ocptip.robots.dynamics import inverse_dynamics
+from ocptip.robots.dynamics import dynamics_batch, inverse_dynamics
+from ocptip.robots.inverse.joint_angles import search_box
 from ocptip.robots.kinematics import chain
 from ocptip.robots.model import ArmModel
 
@@ -28,6 +29,7 @@ _SWEEPS, _CLOSE = 500, 1e-12
 _DIRECT = 5  # of the sweeps solve for the joints that are held, too
 # Share of the largest inertia that every joint gets, so that those of links without mass stop, too.
 _MASSLESS = 1e-8
+_ASCENTS, _PASSES = 24, 6  # of the search for the largest gravity torques: starts per joint, rounds
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,6 +160,42 @@ def brake(
         rests[done] = now = now + step
     states = (np.array(parts) for parts in zip(*history, strict=True))
     return Braked(np.array(times), *states, rests)
+
+
+def gravity_torques(model: ArmModel, gravity: np.ndarray) -> np.ndarray:
+    """(n,) N m (sliding joints: N): the maximum torque that gravity asks of each joint in any posture.
+
+    Postures within the joint limits count, sliding joints without limits within a metre. Coordinate ascent
+    from random postures: over one angle a gravity torque is a constant and a sine, whose peak three values
+    give. Candidates are evaluated before one is taken, so that coupled joints do no harm.
+
+    Args:
+        model: the arm with its payload; its process does not count.
+        gravity: (3,), m/s^2, base axes.
+    """
+    n, model = model.n, model.with_process(None)
+    low, high = search_box(model)
+    random = np.random.default_rng(0).random((_ASCENTS, n))
+    q = np.tile(low + random * (high - low), (n, 1))
+    row, joint = np.arange(len(q)), np.repeat(np.arange(n), _ASCENTS)
+
+    def sizes(moved: int, value: np.ndarray | float) -> np.ndarray:
+        """Signed torques (N,) with one angle replaced."""
+        at = q.copy()
+        at[:, moved] = value
+        still = np.zeros_like(at)
+        return dynamics_batch(model)(at, still, still, gravity, *np.zeros((3, 3)))[0][row, joint]
+
+    for _ in range(_PASSES):
+        for k in range(n):
+            middle, plus, minus = (sizes(k, angle) for angle in (0.0, np.pi / 2, -np.pi / 2))
+            peak = np.arctan2((plus - minus) / 2, middle - (plus + minus) / 2)
+            turns = np.stack([peak + 2 * np.pi * t for t in (-1, -0.5, 0, 0.5, 1)])
+            ends = np.stack([q[:, k], np.full(len(q), low[k]), np.full(len(q), high[k])])
+            tried = np.clip(np.concatenate([ends, turns]), low[k], high[k])
+            best = np.argmax([np.abs(sizes(k, value)) for value in tried], axis=0)
+            q[:, k] = tried[best, row]
+    return np.abs(sizes(0, q[:, 0])).reshape(n, _ASCENTS).max(axis=1)
 
 
 @compiled

@@ -302,6 +302,12 @@ class StandingRobot(StandingMechanism):
         own = tuple(self.chain.springs.tolist())
         return self._small_motions(self.chain.arm, own, *map(self.chain.spread, (q, qd, qdd)))
 
+    def gravity_torques(self) -> np.ndarray:
+        """See `StandingMechanism.gravity_torques`."""
+        from ocptip.robots.braking import gravity_torques  # Numba loads for 0.2 s, and few ask for brakes
+
+        return gravity_torques(self.arm, self.support.gravity)
+
     def tool(self, q: np.ndarray, springs: np.ndarray | None = None) -> np.ndarray:
         """Positions (N, 3), m, of the gripper."""
         if springs is not None and self.chain is not None:

@@ -283,6 +283,10 @@ class StandingMechanism(MadeOf, ABC):
         elastic = self.support.elastic
         return self.knows_inertia and elastic is not None and elastic.holds
 
+    def gravity_torques(self) -> np.ndarray:
+        """(n,) N m (sliding joints: N): the maximum that gravity asks within joint limits; 0: not known."""
+        return np.zeros(self.n)
+
     def tool(self, q: np.ndarray, springs: np.ndarray | None = None) -> np.ndarray:
         """Positions (N, 3), m, base frame, of the point whose place matters; default: the centre of mass.
 
