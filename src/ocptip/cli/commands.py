@@ -95,6 +95,13 @@ COMMANDS = (
         "0 it stands, 1 it does not (or no verified answer)",
         (
             argument("scene", "SCENE.toml", "the scene (format: see docs/scenes.md)"),
+            argument(
+                "--posture",
+                "Q1,Q2,...|start|goal|SEGMENT",
+                "the file is a robot task (docs/motion-planner.md), the robot rests in this posture: joint "
+                "values as in the file (degrees, sliding joints m; --posture=-90,0,... where the first is "
+                "negative), or the name of a start or goal",
+            ),
             argument("--plot", "FILE", "draw the scene into a .png, .pdf or .svg file"),
             TOLERANCE,
             SENSITIVITIES,

@@ -29,6 +29,7 @@ from ocptip.task_files.scene import Scene, read_scene
 from ocptip.task_files.tolerance import load_tolerance
 
 if TYPE_CHECKING:
+    from ocptip.cli.stand_posture import RestingPosture
     from ocptip.standing.sensitivity import Sensitivity
     from ocptip.standing.tolerance import Tolerance
     from ocptip.standing.within.rest import WithinAtRest
@@ -42,23 +43,34 @@ def run(options: Namespace) -> StandReport:
     """Solve the scene; evaluate its reserves and its stability."""
     if options.plot is not None:
         check_plot_target(options.plot)
-    scene = read_scene(options.scene)
+    posture = None
+    if options.posture is None:
+        scene = read_scene(options.scene)
+    else:
+        from ocptip.cli.stand_posture import read_posture  # loads for 0.3 s what scenes do not need
+
+        posture = read_posture(options)
+        scene = posture.scene
     tolerance = scene.tolerance
     if options.tolerance is not None:
         with naming("--tolerance"):
             tolerance = load_tolerance(options.tolerance)
     if tolerance.given or options.sensitivities or len(scene.support.contacts) > FEW:
         say_if_compiling()
-        return _solved(scene, tolerance, options)
+        return _solved(scene, posture, tolerance, options)
     with interpreted():
-        return _solved(scene, tolerance, options)
+        return _solved(scene, posture, tolerance, options)
 
 
-def _solved(scene: Scene, tolerance: Tolerance, options: Namespace) -> StandReport:
+def _solved(
+    scene: Scene, posture: RestingPosture | None, tolerance: Tolerance, options: Namespace
+) -> StandReport:
     support, reference = scene.support, options.gn_reference
     slip = Slip(support)
     within, sensitivities = None, ()
-    if tolerance.given:
+    if posture is not None:
+        within = posture.within(tolerance)
+    elif tolerance.given:
         from ocptip.standing.within.rest import scene_within
 
         with naming(scene.name):
@@ -69,7 +81,7 @@ def _solved(scene: Scene, tolerance: Tolerance, options: Namespace) -> StandRepo
         state = standing_state(verdict) or state
     states = state.states
     try:
-        tip_over = TipOver(support, reference)
+        tip_over = TipOver(support, reference) if posture is None else posture.robot.tip_over
     except InputError as error:
         raise InputError(str(error).replace("reference_moment", "--gn-reference")) from None
     if options.sensitivities:
@@ -87,6 +99,7 @@ def _solved(scene: Scene, tolerance: Tolerance, options: Namespace) -> StandRepo
         plot=options.plot,
         within=within,
         sensitivities=sensitivities,
+        posture=posture,
     )
 
 
@@ -105,6 +118,7 @@ class StandReport(Report):
         plot: the file of its picture, None for none.
         within: the worst of a tolerance; None: none was given.
         sensitivities: what changes would do; empty if not asked for.
+        posture: of the robot whose scene this is; None: the scene is no robot's.
     """
 
     scene: Scene
@@ -117,6 +131,7 @@ class StandReport(Report):
     plot: str | None = None
     within: WithinAtRest | None = None
     sensitivities: tuple[Sensitivity, ...] = ()
+    posture: RestingPosture | None = None
 
     @property
     def state(self) -> ContactState:
@@ -193,6 +208,7 @@ class StandReport(Report):
             "tipping_axis": axis,
             "wrench": self.scene.wrench,
             **sensitivities_to_dict(self.sensitivities),
+            **({"posture": self.posture.to_dict()} if self.posture else {}),
             "residual": self.verdict.state.residual,
             "pivots": self.verdict.state.pivots,
             "versions": versions(),
@@ -260,6 +276,7 @@ class StandReport(Report):
         lines.append(("tipping axis", _axis_text(self)))
         if self.feet:
             lines.append(("feet", _feet_text(self.feet)))
+        lines += self.posture.rows() if self.posture else []
         lines += under("within", self.within.lines() if self.within else ())
         lines += under("would change", self.sensitivities)
         only = " Under exactly this load; there is no reserve." if self.without_reserve else ""

@@ -1,7 +1,8 @@
-"""Whether a placement keeps its contacts at the worst of a tolerance, arm and payload included, at rest."""
+"""Whether a robot at rest keeps its contacts at the worst of a tolerance, arm and payload included."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -39,10 +40,36 @@ def placement_within(placement: Placement, tolerance: Tolerance) -> WithinAtRest
         placement: judged.
         tolerance: of floor, base, arm and payload; what needs motion is left out, and said.
     """
-    tolerance = tolerance.of(placement.problem.robot.payload)
+    cases = [partial(rest_case, placement, case) for case in placement.problem.cases if case.constrained]
+    return _within(cases, tolerance.of(placement.problem.robot.payload))
+
+
+def posture_within(robot: StandingRobot, q: np.ndarray, tolerance: Tolerance) -> WithinAtRest:
+    """The worst of a robot at rest in a posture; what the gripper's process does then is nominal.
+
+    Args:
+        robot: on its support, as it rests.
+        q: (n,), rad (sliding joints: m).
+        tolerance: of floor, base, arm and payload; what needs motion is left out, and reported.
+    """
+    still, support, gravity = np.zeros((1, robot.n)), robot.support, robot.support.gravity
+    wrench = robot.loads(q[None], still, still)[1][0]
+
+    def case(some: Tolerance) -> RestCase:
+        weights, tool = bodies(robot, q, some)
+        carried = sum(w.mass * np.concatenate([gravity, np.cross(w.center, gravity)]) for w in weights)
+        pushes = [Push("gripper", some.push, tool)] if some.push else []
+        weights, pushes = [base_weight(support, some), *weights], [*pushes, *base_pushes(some)]
+        fixed, moment = wrench - support.weight - carried, robot.tip_over.reference_moment
+        return RestCase(support, weights, fixed, some, pushes, moment)
+
+    return _within([case], tolerance.of(robot.payload))
+
+
+def _within(cases: Sequence[Callable[[Tolerance], RestCase]], tolerance: Tolerance) -> WithinAtRest:
+    """The worst of cases within the part of a tolerance that counts at rest."""
     own = tolerance.only(*(name for name in AT_REST if name in tolerance.given))
     ignored = tuple(str(tolerance.only(name)) for name in tolerance.given if name not in AT_REST)
-    cases = [partial(rest_case, placement, case) for case in placement.problem.cases if case.constrained]
     return found_within(cases, own, AT_REST, ignored)
 
 

@@ -15,11 +15,16 @@ from ocptip.standing.mechanism import StandingMechanism
 def posture_refusals(robot: StandingMechanism, limits: MotionLimits, q: np.ndarray) -> list[str]:
     """Why the mechanism cannot rest at angles or coordinates q, (n,)."""
     at, kinds = Instants.at_rest(robot, q[None]), limits_of(robot, limits)
-    others = [limit for limit in reversed(kinds) if not limit.of_contacts]  # the posture before its load
-    found = [reason for limit in others for reason in limit.refusals(at)]
+    found = own_refusals(robot, limits, at)
     if moving := _moving(robot, at.states):
         return [*found, moving]
     return found + [reason for limit in kinds if limit.of_contacts for reason in limit.refusals(at)]
+
+
+def own_refusals(robot: StandingMechanism, limits: MotionLimits, at: Instants) -> list[str]:
+    """Why the mechanism itself cannot be there, whatever its contacts: angles, clearance, torques."""
+    others = [limit for limit in reversed(limits_of(robot, limits)) if not limit.of_contacts]
+    return [reason for limit in others for reason in limit.refusals(at)]  # the posture before its load
 
 
 def _moving(robot: StandingMechanism, states: ContactStates) -> str:

@@ -23,7 +23,8 @@ def require_kind(data: Table, command: str) -> None:
     """
     other = _command(data)
     if other not in ("", command):
-        raise data.error(f"is {_KINDS[other]} (ocptip {other}), not {_KINDS[command]}")
+        hint = "; for its robot at rest give --posture" if (other, command) == ("plan", "stand") else ""
+        raise data.error(f"is {_KINDS[other]} (ocptip {other}), not {_KINDS[command]}{hint}")
 
 
 def _command(data: Table) -> str:

@@ -1,0 +1,94 @@
+"""`ocptip stand TASK.toml --posture`: forces against statics by Pinocchio, verdicts, what is refused."""
+
+import json
+
+import numpy as np
+import pytest
+
+from ocptip.cli.main import main
+from ocptip.task_files.motion import load_task
+from tests.places import EXAMPLES
+from tests.robots.pinocchio_twin import dynamics, twin
+
+TASK = EXAMPLES / "tasks/ur5_cart.toml"
+
+
+def answered(capsys, *options, task=TASK):
+    code = main(["stand", str(task), *options, "--json"])
+    return code, json.loads(capsys.readouterr().out)
+
+
+@pytest.mark.parametrize("posture", ["start", "goal", "0,-10,0,0,0,0"])
+def test_forces_balance_what_pinocchio_says_of_the_arm(capsys, posture):
+    task = load_task(TASK)
+    q = {"start": task.start, "goal": task.goal}.get(posture, np.deg2rad([0, -10, 0, 0, 0, 0]))
+    code, data = answered(capsys, "--posture", posture, "--tolerance", "none")
+    assert code == 0
+    arm, support, still = task.robot.arm, task.robot.support, np.zeros(6)
+    torques, arm_wrench = dynamics(
+        twin(arm), q, still, still, support.gravity, np.zeros(3), np.zeros(3), support.center_of_mass
+    )
+    wrench = arm_wrench + support.weight
+    np.testing.assert_allclose(data["wrench"], wrench, atol=1e-9)
+    np.testing.assert_allclose(data["posture"]["torques"], torques, atol=1e-9)
+    total = np.zeros(6)
+    for contact, force in zip(support.contacts, np.array(data["forces"]), strict=True):
+        lever = np.asarray(contact.position) - support.center_of_mass
+        total += np.concatenate([force, np.cross(lever, force)])
+    np.testing.assert_allclose(total, -wrench, atol=1e-6 * np.abs(wrench).max())
+    np.testing.assert_allclose(list(data["posture"]["joints"].values()), q, atol=1e-12)
+    assert data["posture"]["broken"] == []
+
+
+def test_the_margin_within_a_tolerance_counts_the_links(capsys, tmp_path):
+    """Without tilt, pushes and friction the worst masses are corners: all of them, by Pinocchio's statics."""
+    task = load_task(TASK)
+    (tmp_path / "masses.toml").write_text("[tolerance]\narm_mass = 0.1\n", encoding="utf-8")
+    code, data = answered(capsys, "--posture", "start", "--tolerance", str(tmp_path / "masses.toml"))
+    assert code == 0
+    arm, support, still = task.robot.arm, task.robot.support, np.zeros(6)
+    about, zero, worst = support.center_of_mass, np.zeros(3), 0.0
+    for signs in np.array(np.meshgrid(*[[-1, 1]] * 6)).reshape(6, -1).T:
+        bare = twin(arm, masses=arm.masses * (1 + 0.1 * signs))
+        own = dynamics(bare, task.start, still, still, support.gravity, zero, zero, about)
+        states = task.robot.contact_states((own[1] + support.weight)[None])
+        worst = max(worst, float(task.robot.tip_over.evaluate(states).GN[0]))
+    assert data["within"]["GN"] == pytest.approx(worst, rel=1e-9)
+    assert data["GN"] < worst
+
+
+def test_a_posture_that_tips_the_base_or_breaks_limits(capsys, tmp_path):
+    text = TASK.read_text(encoding="utf-8").replace("mass = 35.0", "mass = 3.0")
+    assert "mass = 3.0" in text
+    (tmp_path / "ur5.urdf").write_bytes((EXAMPLES / "tasks/ur5.urdf").read_bytes())
+    light = tmp_path / "light.toml"
+    light.write_text(text, encoding="utf-8")
+    code, data = answered(capsys, "--posture", "0,0,0,0,0,0", task=light)
+    assert code == 1
+    assert not data["persistent"]
+    assert main(["stand", str(TASK), "--posture", "400,-10,0,0,0,0"]) == 0
+    text = capsys.readouterr().out
+    assert "in the given posture: STANDS" in text
+    assert "but " in text
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--posture", "1,2,3"], "expected 6 finite numbers (shoulder_pan_joint"),
+        (["--posture", "strat"], "or one of start, goal; got 'strat'; did you mean 'start'?"),
+        (["--posture", "start", "--sensitivities"], "--sensitivities: not with --posture; use ocptip check"),
+        (["--posture", "start", "--gn-reference", "9"], "--gn-reference: not with --posture"),
+        ([], "is a motion task (ocptip plan), not a scene; for its robot at rest give --posture"),
+    ],
+)
+def test_mistakes_are_named(capsys, options, message):
+    assert main(["stand", str(TASK), *options]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_goals_of_segments_have_what_is_held_there(capsys):
+    task = EXAMPLES / "tasks/ur5_pick_and_place.toml"
+    _, data = answered(capsys, "--posture", "carry", "--tolerance", "none", task=task)
+    _, start = answered(capsys, "--posture", "start", "--tolerance", "none", task=task)
+    assert data["wrench"][2] < start["wrench"][2] - 1.0
