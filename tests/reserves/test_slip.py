@@ -7,6 +7,7 @@ from scipy.optimize import linprog
 from ocptip.basics.errors import InputError
 from ocptip.contact.bindings.clamps import RigidClamp
 from ocptip.contact.bindings.unilateral import UnilateralContact
+from ocptip.contact.resting import solve_resting
 from ocptip.contact.solver import solve_many
 from ocptip.contact.support import Load, Support
 from ocptip.reserves import minimax
@@ -396,3 +397,34 @@ def test_tiny_friction_is_certified(seed, n):
             reserves.append(reserve.GT[0])
             assert np.all(reserve.usage[0][np.isfinite(reserve.usage[0])] <= reserve.GT[0] * (1 + 1e-6))
     np.testing.assert_allclose(reserves, reserves[:1] * len(reserves), rtol=1e-5)
+
+
+def test_optima_are_found_only_where_they_decide(monkeypatch):
+    """A bound below a level, or well below the maximum, spares the cone programs; the maximum is exact."""
+    support = feet(corners(4))
+    at = wrenches(np.random.default_rng(4), support, 400, force=15, moment=3)
+    slip, states = Slip(support), solve_resting(support, at)
+    assert slip.redistribution == "full"
+    true = slip.evaluate(states, derivatives=False).GT
+    programs = []
+    solve = ConeBatch.solve
+    monkeypatch.setattr(ConeBatch, "solve", lambda self, A, b: programs.append(len(A)) or solve(self, A, b))
+    found = slip.evaluate(states, derivatives=False, only_maximum=True)
+    GT = found.GT
+    assert sum(programs) < 100
+    assert np.argmax(GT) == np.argmax(true)
+    assert np.max(GT) == pytest.approx(np.max(true), abs=1e-9)
+    near = true > 0.95 * min(1.0, np.max(true))
+    np.testing.assert_allclose(GT[near], true[near], atol=1e-9)
+    assert np.all(true - 1e-9 <= GT)
+    assert np.all(GT[~near] <= 0.95 * np.max(true) + 1e-9)
+    assert found.solved.all()
+    forces = found.forces.reshape(len(states), -1)
+    np.testing.assert_allclose(forces @ support.wrench_matrix.T, -states.wrenches, atol=1e-6)
+    programs.clear()
+    level = float(np.quantile(true, 0.9))
+    GT = slip.evaluate(states, derivatives=False, least=level).GT
+    assert sum(programs) < 400
+    np.testing.assert_array_equal(level < GT, true > level)
+    above = true > level
+    np.testing.assert_allclose(GT[above], true[above], atol=1e-9)

@@ -314,7 +314,7 @@ def _evaluate(
     measured = [limit.measure(at) for limit in limits]
     values, ends = np.hstack(measured), np.cumsum([own.shape[1] for own in measured])[:-1]
     values[np.isnan(values)] = np.inf
-    certain = at.states.solved & at.slip.solved
+    certain = at.states.solved & at.largest_slip.solved
     standing = bool(np.all(at.states.persistent | ~at.states.solved))
     contacts = ContactMargins.of(at, times)
     return _Found(values, ends, times[~certain].tolist(), standing, contacts)

@@ -8,9 +8,9 @@ Source: (4.12) to (4.18).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from ocptip.contact.states import ContactStates
 from ocptip.contact.support import Support
 from ocptip.reserves.force_sets import LOAD_TOLERANCE, ForceSets, force_scale
 from ocptip.reserves.fractional import NEGLIGIBLE_LIMIT, minimise_fraction
+from ocptip.reserves.free_forces import FreeForces, force_units
 from ocptip.reserves.minimax import GAP_TOLERANCE, ZERO_USAGE, forces_of, lengths, minimise_usage
 from ocptip.reserves.optimality import ForceRange
 from ocptip.reserves.planar import usage_map
@@ -120,20 +121,32 @@ class Slip:
             )
         self.support = support
         self._sets = ForceSets(support)
-        d = support.dimension
-        scaling = np.ones(support.wrench_size)
-        scaling[d:] /= support.length
-        self._matrix = scaling[:, None] * support.wrench_matrix
-        self._bases: dict[bytes, tuple[np.ndarray, np.ndarray, np.ndarray | None]] = {}
+        self._free = FreeForces(support, self._sets)
         self._maps: dict[float, SlipMap] = {}
         self._cones: dict[float, np.ndarray | None] = {}
         if redistribution is None:
-            _, basis, _ = self._basis(np.ones(support.n_contacts, dtype=bool), True)
+            _, basis, _ = self._free.basis(np.ones(support.n_contacts, dtype=bool), True)
             redistribution = "full" if np.any(basis[:, 0]) and not support.elastic else "tangential"
         self.redistribution: Redistribution = redistribution
 
-    def evaluate(self, states: ContactStates, derivatives: bool = True) -> SlipReserve:
+    def evaluate(
+        self,
+        states: ContactStates,
+        derivatives: bool = True,
+        *,
+        least: float = 0.0,
+        only_maximum: bool = False,
+    ) -> SlipReserve:
         """Slip reserves of states of this support.
+
+        A full redistribution takes a cone program per state. Forces that keep the state's normal forces are
+        feasible, so that their usage is an upper bound, which costs a hundredth of that.
+
+        Args:
+            states: of this support.
+            derivatives: whether gradients are wanted.
+            least: where the upper bound of GT is at most this, the bound is given.
+            only_maximum: the same where it is at most 95 % of the maximum of all states, and of 1.
 
         Raises:
             InputError: the states belong to another support.
@@ -145,7 +158,7 @@ class Slip:
         work.ratio[work.escapes] = np.maximum(work.ratio[work.escapes], 1.0)
         work.pull[work.escapes] = 0.0
         if self.redistribution == "full":
-            self._redistribute_full(work)
+            self._redistribute_where_it_decides(work, least, only_maximum)
         return self._result(work, derivatives)
 
     def half_spaces(self, GT: float) -> np.ndarray | None:
@@ -154,7 +167,7 @@ class Slip:
         None where that set is no such cone: with contacts other than ordinary ones, or normal forces that
         are not redistributed although they could be.
         """
-        _, basis, _ = self._basis(np.ones(self.support.n_contacts, dtype=bool), True)
+        _, basis, _ = self._free.basis(np.ones(self.support.n_contacts, dtype=bool), True)
         unique = not np.any(basis[:, 0])
         if not self._sets.ordinary or not (unique or self.redistribution == "full"):
             return None
@@ -169,7 +182,7 @@ class Slip:
         """
         rows, GT = self.half_spaces(least), np.full(len(wrenches), least)
         todo = np.arange(len(wrenches)) if rows is None else np.flatnonzero(_beyond(rows, wrenches) > 0)
-        GT[todo] = self._of(wrenches[todo])
+        GT[todo] = np.maximum(self._of(wrenches[todo], least=least), least)
         return GT
 
     def greatest(
@@ -183,7 +196,7 @@ class Slip:
             wrenches: of one array or several, that count together: half spaces are looked at for each.
             values: of the states at indices (k,), one for each; default: GT under the first wrenches.
         """
-        values = values or (lambda some: self._of(wrenches[0][some]))
+        values = values or (lambda some: self._of(wrenches[0][some], only_maximum=True))
         every = np.arange(len(wrenches[0]))
         if len(every) <= _FIRST or (rows := self.half_spaces(1.0)) is None:
             return values(every)
@@ -197,10 +210,10 @@ class Slip:
         found[others] = values(others)
         return found
 
-    def _of(self, wrenches: np.ndarray) -> np.ndarray:
+    def _of(self, wrenches: np.ndarray, **decides: Any) -> np.ndarray:
         if not len(wrenches):
             return np.empty(0)
-        return self.evaluate(solve_resting(self.support, wrenches), derivatives=False).GT
+        return self.evaluate(solve_resting(self.support, wrenches), derivatives=False, **decides).GT
 
     @property
     def sure(self) -> float:
@@ -229,7 +242,7 @@ class Slip:
 
     def _redistribute_tangential(self, work: _Work) -> None:
         todo = np.flatnonzero(work.carries.any(axis=1))
-        for rows, picked, basis, J in self._groups(todo, work.carries, with_normals=False):
+        for rows, picked, basis, J in self._free.groups(todo, work.carries, with_normals=False):
             at, Q = (rows[:, None], picked), basis[:, :, 1:]
             limits, slope = work.limits.value[at], work.limits.slope[at]
             optimum = minimise_usage(work.forces[at][:, :, 1:], Q, limits, J)
@@ -243,12 +256,28 @@ class Slip:
                     "solved" if solved else f"not certified, an upper bound (Clarabel: {status})"
                 )
 
-    def _redistribute_full(self, work: _Work) -> None:
-        todo = np.flatnonzero((work.ratio > ZERO_USAGE) & work.states.persistent)
-        for rows, picked, basis, _ in self._groups(todo, work.carries, with_normals=True):
+    def _redistribute_where_it_decides(self, work: _Work, least: float, only_maximum: bool) -> None:
+        """In full, the states with the largest upper bounds first."""
+        certified = work.gap <= GAP_TOLERANCE * np.maximum(1.0, work.ratio)
+        bound = np.where(certified, work.ratio, np.inf)
+        todo = np.flatnonzero((bound > max(least, ZERO_USAGE)) & work.states.persistent)
+        if not only_maximum:
+            self._redistribute_full(work, todo)
+            return
+        moving = work.states.solved & ~work.states.persistent
+        maximum = np.max((work.ratio + work.slide)[moving], initial=0.0)
+        todo, count = todo[np.argsort(-bound[todo], kind="stable")], _FIRST
+        while len(todo):
+            self._redistribute_full(work, np.sort(todo[:count]))
+            maximum = max(maximum, np.max(work.ratio[todo[:count]]))
+            todo, count = todo[count:], 2 * count
+            todo = todo[bound[todo] > _SHARE * min(maximum, 1.0)]
+
+    def _redistribute_full(self, work: _Work, todo: np.ndarray) -> None:
+        for rows, picked, basis, _ in self._free.groups(todo, work.carries, with_normals=True):
             at, unit, Q = (rows[:, None], picked), work.scale[rows][:, None], basis[:, :, 1:]
             grip = self._sets.grip[picked]
-            units = unit[:, :, None] * _force_units(grip, basis.shape[2])
+            units = unit[:, :, None] * force_units(grip, basis.shape[2])
             limits, forces = work.limits, work.forces[at] / units
             normals = ForceRange(
                 normal=forces[:, :, 0],
@@ -280,8 +309,8 @@ class Slip:
     def _result(self, work: _Work, derivatives: bool) -> SlipReserve:
         states = work.states
         solved = states.solved & (work.gap <= GAP_TOLERANCE * np.maximum(1.0, work.ratio))
-        change = (work.forces - work.start).reshape(len(states), self._matrix.shape[1])
-        residual = np.max(np.abs(change @ self._matrix.T), axis=1) / work.scale
+        change = (work.forces - work.start).reshape(len(states), self._free.matrix.shape[1])
+        residual = np.max(np.abs(change @ self._free.matrix.T), axis=1) / work.scale
         sliding = np.flatnonzero(work.slide)
         unknown = np.where(states.solved, 0.0, np.nan)
         gradient = None
@@ -305,72 +334,6 @@ class Slip:
             status=tuple(work.status),
         )
 
-    def _groups(
-        self, rows: np.ndarray, carries: np.ndarray, with_normals: bool
-    ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray | None]]:
-        """States `rows` in groups of one problem size.
-
-        Rows (R,), contacts (R, m), bases (R, m, d, nz), and the orthonormal complements of the tangential
-        ones (R, m, 2, 3) where all of the group have them.
-        """
-        if len(rows) == 0:
-            return
-        patterns, which = np.unique(carries[rows], axis=0, return_inverse=True)
-        which = which.reshape(-1)
-        bases = [self._basis(pattern, with_normals) for pattern in patterns]
-        shapes = [(basis.shape, J is not None) for _, basis, J in bases]
-        for shape in sorted(set(shapes)):
-            members = [p for p, own in enumerate(shapes) if own == shape]
-            place = np.full(len(patterns), -1)
-            place[members] = np.arange(len(members))
-            inside = place[which] >= 0
-            index = place[which[inside]]
-            yield (
-                rows[inside],
-                np.array([bases[p][0] for p in members])[index],
-                np.array([bases[p][1] for p in members])[index],
-                np.array([bases[p][2] for p in members])[index] if shape[1] else None,
-            )
-
-    def _basis(
-        self, carries: np.ndarray, with_normals: bool
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-        """Contacts that take part and an orthonormal basis (m, d, nz) of the forces that cancel each other.
-
-        Tangential forces are counted in units of `ForceSets.grip` if normal forces are free, too. Third: the
-        complement of the tangential ones (m, 2, 3) where that has three columns, as on a plane.
-
-        Free are the tangential forces of the contacts that carry, or all forces of all contacts but of
-        unloaded ones whose normal force is the same in all solutions.
-        """
-        key = np.packbits(np.r_[carries, with_normals]).tobytes()
-        if key not in self._bases:
-            matrix = self._matrix.reshape(len(self._matrix), len(carries), -1)
-            if with_normals:
-                matrix = matrix * _force_units(self._sets.grip, matrix.shape[2])
-            taking_part = carries | with_normals
-            while True:
-                free = np.repeat(taking_part[:, None], matrix.shape[2], axis=1)
-                free[:, 0] &= with_normals
-                free[self._sets.frictionless, 1:] = False
-                _, s, vt = np.linalg.svd(matrix[:, free])
-                rank = int(np.sum(s > _RANK_TOLERANCE * np.max(s, initial=0.0)))
-                null = vt[rank:].T
-                basis = np.zeros((*free.shape, null.shape[1]))
-                basis[free] = null
-                basis[np.abs(basis) < _RANK_TOLERANCE] = 0.0
-                stuck = taking_part & ~carries & np.all(basis[:, 0] == 0, axis=1)
-                if not np.any(stuck):
-                    break
-                taking_part &= ~stuck
-            J = None
-            if not with_normals and rank == 3 and matrix.shape[2] == 3:
-                J = vt[:3].T.reshape(-1, 2, 3)
-                if np.any(np.linalg.norm(np.cross(J[:, 0], J[:, 1]), axis=1) < _RANK_TOLERANCE):
-                    J = None
-            self._bases[key] = np.flatnonzero(taking_part), basis[taking_part], J
-        return self._bases[key]
-
 
 class SlipMap:
     """The slip reserve as a function of the wrench, as programs want it: smooth beyond what holds.
@@ -392,7 +355,7 @@ class SlipMap:
             return
         if support.elastic or sets.frictionless.any():
             return
-        picked, _, J = slip._basis(np.ones(support.n_contacts, dtype=bool), False)
+        picked, _, J = slip._free.basis(np.ones(support.n_contacts, dtype=bool), False)
         if J is None or len(picked) < support.n_contacts or up_to > slip.sure:
             return
         forces = -np.linalg.pinv(support.wrench_matrix).reshape(support.n_contacts, 3, 6)
@@ -429,13 +392,6 @@ def _beyond(rows: np.ndarray, wrenches: np.ndarray) -> np.ndarray:
     """(N,) largest a . w of rows a (m, 6) for wrenches w (N, 6); in pieces that fit into memory."""
     parts = np.array_split(wrenches, 1 + len(wrenches) // _CHUNK)
     return np.concatenate([np.max(part @ rows.T, axis=1) for part in parts])
-
-
-def _force_units(grip: np.ndarray, d: int) -> np.ndarray:
-    """(..., n, d) units of normal and tangential forces."""
-    return np.concatenate(
-        [np.ones_like(grip)[..., None], np.repeat(grip[..., None], d - 1, axis=-1)], axis=-1
-    )
 
 
 class _Work:

@@ -81,7 +81,7 @@ class ContactMargins:
         """Of instants at times (N,), s."""
         tip, tip_over = at.tip, at.robot.tip_over
         pairs = [(min(axis.contacts) + 1, max(axis.contacts) + 1) for axis in tip_over.axes]
-        usage = _least(-at.slip.usage, times)
+        usage = _least(-at.largest_slip.usage, times)
         weak = at.states.persistent & at.states.without_basis
         unique = at.robot.slip.redistribution == "tangential"
         alike = None if unique else forces_if_alike(at.robot.support)

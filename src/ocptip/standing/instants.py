@@ -55,6 +55,13 @@ class Loaded:
         """Slip reserves, without derivatives."""
         return self.robot.slip.evaluate(self.states, derivatives=False)
 
+    @cached_property
+    def largest_slip(self) -> SlipReserve:
+        """The same where they are largest; elsewhere upper bounds, see `Slip.evaluate`."""
+        if "slip" in vars(self):
+            return self.slip
+        return self.robot.slip.evaluate(self.states, derivatives=False, only_maximum=True)
+
 
 class Instants(Loaded):
     """A mechanism at N instants; contact states, reserves and distances are computed when first asked for.

@@ -339,7 +339,7 @@ def _on_base(robot: StandingMechanism, course: Course) -> tuple[ContactMargins, 
 def _looked(robot: StandingMechanism, course: Course, rows: np.ndarray) -> tuple[ContactMargins, np.ndarray]:
     """Contacts at their worst, and GN and GT (k, 2), infinite where they are not known, at these instants."""
     at = _Rung(robot, course.wrenches[rows])
-    values = np.column_stack([_tip(at), at.slip.GT])
+    values = np.column_stack([_tip(at), at.largest_slip.GT])
     values[np.isnan(values)] = np.inf
     return ContactMargins.of(at, course.times[rows]), values
 

@@ -93,7 +93,7 @@ class SlipLimit(WrenchLimit, AskedLimit):
         return self.robot.slip.half_spaces(self.number)
 
     def measure(self, at: Instants) -> np.ndarray:
-        return at.slip.GT[:, None]
+        return at.largest_slip.GT[:, None]
 
     def refusals(self, at: Instants) -> list[str]:
         slip = at.slip
