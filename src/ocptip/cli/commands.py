@@ -474,7 +474,7 @@ COMMANDS = (
                 nargs="+",
                 type=float,
             ),
-            argument("--base-link", "LINK", "URDF: link that rests (default: the root)"),
+            argument("--base-link", "LINK", "URDF: link that rests (default: the root, or the driven base)"),
             argument("--tool-frame", "FRAME", "URDF: link of the end-effector (default: found by its name)"),
             argument(
                 "--lock",
@@ -492,7 +492,7 @@ COMMANDS = (
         "0 written",
         (
             argument("robot", "ROBOT.urdf", "the robot"),
-            argument("--base-link", "LINK", "link that rests (default: the root)"),
+            argument("--base-link", "LINK", "link that rests (default: the root, or the driven base)"),
             argument("--tool-frame", "FRAME", "link of the end-effector (default: found by its name)"),
             argument("--out", "FILE", "where the file goes (default: ROBOT.toml)"),
         ),

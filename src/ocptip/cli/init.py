@@ -45,6 +45,7 @@ class InitReport(Report):
             "joints": template.arm.joint_names,
             "units": template.arm.file_units,
             "assumed": template.arm.notes,
+            "examples": template.sources,
             "collision_geometry": template.missing is not None,
             "missing_meshes": template.missing or [],
             "to_fill": template.to_fill,
@@ -58,6 +59,7 @@ class InitReport(Report):
         lines = [
             ("arm", f"{template.base_link} to {template.tool_frame}: {', '.join(arm.joint_names)}"),
             *(("assumed", note) for note in arm.notes),
+            *(("examples", source) for source in template.sources),
             *self._geometry(),
             ("fill in", f"the lines that begin with {MARK}: {', '.join(template.to_fill)}"),
             ("then", f"ocptip plan {self.path}"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -19,6 +19,20 @@ HEAVIEST = 1500.0
 """Largest plausible mass per squared length of its chain, kg/m^2: an arm of a PR2 has 41, in grams 41000."""
 
 
+class ImpossibleLinksError(InputError):
+    """Links that move have an inertia that no body has.
+
+    Attributes:
+        links: their names, each with the reason.
+    """
+
+    def __init__(self, links: Mapping[str, str]) -> None:
+        self.links = dict(links)
+        reasons = "; ".join(f"link {name!r}: {reason}" for name, reason in links.items())
+        names = ", ".join(f'"{name}"' for name in links)
+        super().__init__(f"{reasons}; if that is meant: accept_inertia = [{names}]")
+
+
 def refuse_impossible_links(
     arm: ArmModel, links: Sequence[Sequence[str]], accepted: bool | Iterable[str] = ()
 ) -> None:
@@ -30,7 +44,8 @@ def refuse_impossible_links(
         accepted: links that are not judged; True: all.
 
     Raises:
-        InputError: with all such links in one line, and what accepts them; or an accepted name is no link.
+        ImpossibleLinksError: with all such links in one line, and what accepts them.
+        InputError: an accepted name is no link, or no link has a mass.
     """
     if accepted is True:
         return
@@ -52,9 +67,7 @@ def refuse_impossible_links(
             "<inertial> with mass and moments of inertia"
         )
     if found:
-        said = "; ".join(f"link {name!r}: {reason}" for name, reason in found.items())
-        names = ", ".join(f'"{name}"' for name in found)
-        raise InputError(f"{said}; if that is meant: accept_inertia = [{names}]")
+        raise ImpossibleLinksError(found)
 
 
 def _why_not(mass: float, inertia: np.ndarray) -> str:

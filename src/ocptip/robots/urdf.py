@@ -46,7 +46,7 @@ def arm_from_urdf(
 
     Args:
         path: the URDF file; meshes are not read.
-        base_link: link that rests; by default the root.
+        base_link: link that rests; by default `UrdfFile.standing`.
         tool_frame: link behind it; its origin is G, its axes are the gripper axes. By default the link called
             like a tool (`urdf_file.TOOLS`), or the only one at an end.
         locked_joints: joint name to angle, rad (m for sliding joints), of joints that do not move. Those that

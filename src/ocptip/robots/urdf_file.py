@@ -74,14 +74,14 @@ class UrdfFile:
         name: of the robot.
         links: their names, in the file's order.
         joints: by name, in the file's order.
-        mass: of all links, kg.
+        masses: of the links that have one, kg.
     """
 
     path: Path
     name: str
     links: tuple[str, ...]
     joints: Mapping[str, UrdfJoint]
-    mass: float
+    masses: Mapping[str, float]
 
     @cached_property
     def above(self) -> Mapping[str, UrdfJoint]:
@@ -92,6 +92,26 @@ class UrdfFile:
     def root(self) -> str:
         """The link without a parent."""
         return next(link for link in self.links if link not in self.above)
+
+    @cached_property
+    def standing(self) -> str:
+        """The root, or the link behind joints that drive a base over the ground.
+
+        Simulators put such joints between a root without mass and the base: a planar or a floating one, or
+        two sliding ones and perhaps one that turns, whose links have no mass. The wheels are their drives.
+        """
+        link, kinds = self.root, []
+        while not self.masses.get(link):
+            behind = [joint for joint in self.joints.values() if joint.parent == link]
+            if len(behind) != 1 or behind[0].kind == "fixed":
+                break
+            kinds.append(behind[0].kind)
+            link = behind[0].child
+        slides = [kind == "prismatic" for kind in kinds]
+        drives = slides[:2] == [True, True] and len(kinds) <= 3 and not any(slides[2:])
+        return (
+            link if self.masses.get(link) and (drives or kinds in (["planar"], ["floating"])) else self.root
+        )
 
     def way(self, link: str) -> list[UrdfJoint]:
         """Joints from the root to a link."""
@@ -126,13 +146,13 @@ class UrdfFile:
         return bool(starts) and any(joint.kind != "fixed" for joint in way[starts[0] :])
 
     def base_link(self, name: str | None) -> str:
-        """The link of this name, or behind the joint of this name; by default the root.
+        """The link of this name, or behind the joint of this name; by default that which stands.
 
         Raises:
             InputError: no such link; lists those that carry joints.
         """
         if name is None:
-            return self.root
+            return self.standing
         carriers = dict.fromkeys(j.parent for j in self.joints.values() if j.kind != "fixed")
         return self._known("base_link", name, [self.root, *carriers])
 
@@ -212,8 +232,12 @@ def read_urdf(path: str | os.PathLike[str]) -> UrdfFile:
         raise InputError("; ".join(complaints[:_MOST]) + more, "", str(file))
     joints = {element.get("name", ""): _joint(element) for element in root.findall("joint")}
     links = tuple(element.get("name", "") for element in root.findall("link"))
-    masses = [float(element.get("value", 0)) for element in root.findall("link/inertial/mass")]
-    return UrdfFile(file, root.get("name") or file.stem, links, joints, sum(masses))
+    masses = {
+        link.get("name", ""): float(mass.get("value", 0))
+        for link in root.findall("link")
+        if (mass := link.find("inertial/mass")) is not None
+    }
+    return UrdfFile(file, root.get("name") or file.stem, links, joints, masses)
 
 
 def with_files(text: str, names: Mapping[str, str]) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,11 +12,14 @@ import numpy as np
 from ocptip.basics.text import some
 from ocptip.basics.toml import MARK
 from ocptip.basics.toml_text import toml_value
-from ocptip.robots.collision.urdf import PACKAGE, missing_meshes
+from ocptip.robots.collision.urdf import PACKAGE, geometry_from_urdf, missing_meshes
 from ocptip.robots.model import ArmModel
+from ocptip.robots.sanity import ImpossibleLinksError
 from ocptip.robots.urdf import arm_from_urdf
 from ocptip.robots.urdf_file import UrdfFile, read_urdf
 from ocptip.task_files.arm import FULL_SPEED
+from ocptip.task_files.example_base import ExampleBase, example_base
+from ocptip.task_files.example_motion import ExampleMotion, example_motion
 
 _WIDTH = 44  # columns before a comment
 
@@ -30,6 +33,7 @@ class TaskTemplate:
         arm: the arm that it describes.
         base_link, tool_frame: names that were given or found.
         missing: mesh files of its collision geometry that were not found; None: it has no such geometry.
+        sources: where the numbers of the base and of the example motion come from.
     """
 
     text: str
@@ -37,6 +41,7 @@ class TaskTemplate:
     base_link: str
     tool_frame: str
     missing: list[str] | None
+    sources: tuple[str, str]
 
     @property
     def to_fill(self) -> list[str]:
@@ -61,10 +66,18 @@ def task_template(
     file = read_urdf(urdf)
     base = file.base_link(base_link)
     tool = file.tool_frame(tool_frame, base)
-    arm = arm_from_urdf(urdf, base_link=base, tool_frame=tool)
+    doubtful: dict[str, str] = {}
+    try:
+        arm = arm_from_urdf(urdf, base_link=base, tool_frame=tool)
+    except ImpossibleLinksError as error:
+        doubtful = error.links
+        arm = arm_from_urdf(urdf, base_link=base, tool_frame=tool, accept_inertia=list(doubtful))
     missing = missing_meshes(urdf)
-    of_arm = (*_arm(file, arm, base, tool, folder), *_geometry(missing))
-    sections = (_base(file, arm), of_arm, _limits(arm), _motion(arm))
+    geometry = None if missing is None or missing else geometry_from_urdf(urdf, arm)
+    foot = example_base(urdf, arm, geometry)
+    example = example_motion(arm, geometry, foot.height)
+    of_arm = (*_arm(file, arm, base, tool, folder, foot.height), *_inertia(doubtful), *_geometry(missing))
+    sections = (_base(foot), of_arm, _limits(arm), _motion(arm, example))
     head = [
         f"# Task for `ocptip plan`, written by `ocptip init` from {file.path.name}.",
         f"# The lines that begin with {MARK} are examples: put your numbers there and take the mark away.",
@@ -72,21 +85,25 @@ def task_template(
         f"name = {toml_value(file.name)}",
     ]
     text = "\n\n".join("\n".join(lines) for lines in (head, *sections)) + "\n"
-    return TaskTemplate(text, arm, base, tool, missing)
+    return TaskTemplate(text, arm, base, tool, missing, (foot.source, example.source))
 
 
-def _base(file: UrdfFile, arm: ArmModel) -> Iterator[str]:
-    resting = file.mass - float(arm.masses.sum())
+def _base(foot: ExampleBase) -> Iterator[str]:
     yield "[base]  # what the arm stands on, without the arm; its origin is where you like, z upwards"
-    hint = f"kg; {resting:.3g} kg of it are in the URDF: links that rest" if resting > 1e-9 else "kg"
-    yield _line(f"mass = {max(80.0, np.ceil(resting)):.1f}", hint, mark=True)
-    yield _line("center_of_mass = [0.0, 0.0, 0.3]", "m", mark=True)
-    feet = "[[0.3, 0.25, 0.0], [0.3, -0.25, 0.0], [-0.3, -0.25, 0.0], [-0.3, 0.25, 0.0]]"
-    yield _line(f"feet = {feet}", "m", mark=True)
-    yield _line("friction = 0.5", "of all feet; castors and clamps: [[contact]]", mark=True)
+    yield f"# {foot.source}."
+    about = "kg, of the URDF's links that rest" if foot.of_urdf else "kg, invented"
+    if foot.foot_mass > 1e-9:
+        about += f"; it has to contain {foot.foot_mass:.3g} kg of the URDF: links that rest"
+    where = "m, of the URDF" if foot.of_urdf else "m, invented"
+    yield _line(f"mass = {foot.mass:.6g}", about, mark=True)
+    yield _line(f"center_of_mass = {_list(np.round(foot.center_of_mass, 4))}", where, mark=True)
+    feet = ", ".join(map(_list, np.round(foot.feet, 4)))
+    where = "m, from the URDF's geometry" if foot.feet_of_urdf else "m, invented"
+    yield _line(f"feet = [{feet}]", where, mark=True)
+    yield _line("friction = 0.5", "invented; of all feet; castors and clamps: [[contact]]", mark=True)
 
 
-def _arm(file: UrdfFile, arm: ArmModel, base: str, tool: str, folder: Path) -> Iterator[str]:
+def _arm(file: UrdfFile, arm: ArmModel, base: str, tool: str, folder: Path, height: float) -> Iterator[str]:
     yield f"[arm]  # {arm.n} joints, {arm.masses.sum():.4g} kg, reach from joint 1 below {arm.reach:.3g} m"
     path = Path(os.path.relpath(file.path.resolve(), folder.resolve())).as_posix()
     yield f"urdf = {toml_value(path)}"
@@ -95,7 +112,9 @@ def _arm(file: UrdfFile, arm: ArmModel, base: str, tool: str, folder: Path) -> I
     yield _line(
         f"tool_frame = {toml_value(tool)}", f"others: {some(others)}" if others else "the gripper frame"
     )
-    yield _line("mount_position = [0.0, 0.0, 0.5]", "m: base origin to the frame of base_link", mark=True)
+    yield _line(
+        f"mount_position = [0.0, 0.0, {height:.6g}]", "m: base origin to the frame of base_link", mark=True
+    )
     yield from (f"# {note}" for note in arm.notes)
 
 
@@ -134,13 +153,17 @@ def _limits(arm: ArmModel) -> Iterator[str]:
     yield _line('kind = "estimated"', 'from torque and speed limits; "dc" with motor data')
 
 
-def _motion(arm: ArmModel) -> Iterator[str]:
-    low, high = arm.limits.angle_min, arm.limits.angle_max
-    start = np.clip(np.zeros(arm.n), low, high)
-    step = np.where(arm.prismatic, 0.1, np.deg2rad(30))
-    goal = np.where(start + step <= high, start + step, np.maximum(start - step, low))
-    places = {"start": arm.in_degrees(start), "goal": arm.in_degrees(goal)}
-    yield "[motion]"
+def _inertia(doubtful: Mapping[str, str]) -> Iterator[str]:
+    """Moving links whose inertia no body has."""
+    if doubtful:
+        reasons = "; ".join(f"{name}: {reason}" for name, reason in doubtful.items())
+        names = ", ".join(map(toml_value, doubtful))
+        yield _line(f"accept_inertia = [{names}]", f"if that is meant: {reasons}", mark=True)
+
+
+def _motion(arm: ArmModel, example: ExampleMotion) -> Iterator[str]:
+    places = {"start": arm.in_degrees(example.start), "goal": arm.in_degrees(example.goal)}
+    yield f"[motion]  # {example.source}"
     for slides, key in ((False, "deg"), (True, "m")):
         own = np.flatnonzero(arm.prismatic == slides)
         if own.size:

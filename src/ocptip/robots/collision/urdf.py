@@ -29,6 +29,7 @@ from ocptip.robots.collision.shapes import (
 from ocptip.robots.kinematics import link_frames
 from ocptip.robots.model import ArmModel
 from ocptip.robots.pinocchio import load_coal, load_pinocchio
+from ocptip.robots.resting import resting_configuration
 from ocptip.robots.urdf_file import parse_urdf
 
 if TYPE_CHECKING:
@@ -159,14 +160,8 @@ def _folders(file: Path, given: Sequence[str | os.PathLike[str]]) -> list[Path]:
 def _raw(robot: pin.Model, geometry: Any, arm: ArmModel) -> Iterator[Raw]:
     """Geometries in the frames of the arm's links; those before the first one in its mount frame."""
     pin = load_pinocchio()
-    data, q = robot.createData(), pin.neutral(robot)
-    coupling = arm.coupling
-    followers = {} if coupling is None else dict(zip(coupling.names, coupling.offsets, strict=True))
-    for name, value in {**arm.resting, **followers}.items():
-        joint = robot.joints[robot.getJointId(name)]
-        angle = [value] if joint.nq == 1 else [np.cos(value), np.sin(value)]
-        q[joint.idx_q : joint.idx_q + joint.nq] = angle
-    pin.framesForwardKinematics(robot, data, q)
+    data = robot.createData()
+    pin.framesForwardKinematics(robot, data, resting_configuration(robot, arm))
     to_base = data.oMf[robot.getFrameId(arm.base_link, pin.FrameType.BODY)].inverse()
     frames = link_frames(arm, np.zeros(arm.n))
     numbers = {robot.getJointId(name): i + 1 for i, name in enumerate(arm.chain_names)}

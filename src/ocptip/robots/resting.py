@@ -1,0 +1,46 @@
+"""What rests of a robot in a URDF while its arm moves: where joints stand, mass and centre of mass."""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ocptip.robots.model import ArmModel
+from ocptip.robots.pinocchio import load_pinocchio
+
+if TYPE_CHECKING:
+    import pinocchio as pin
+
+
+def resting_configuration(robot: pin.Model, arm: ArmModel) -> np.ndarray:
+    """The neutral configuration (nq,) with joints that rest, and followers of the arm's joints, in place.
+
+    Args:
+        robot: all of the URDF.
+        arm: read from it by `arm_from_urdf`.
+    """
+    coupling, q = arm.coupling, load_pinocchio().neutral(robot)
+    followers = {} if coupling is None else dict(zip(coupling.names, coupling.offsets, strict=True))
+    for name, value in {**arm.resting, **followers}.items():
+        joint = robot.joints[robot.getJointId(name)]
+        angle = [value] if joint.nq == 1 else [np.cos(value), np.sin(value)]
+        q[joint.idx_q : joint.idx_q + joint.nq] = angle
+    return q
+
+
+def resting_body(urdf: str | os.PathLike[str], arm: ArmModel) -> tuple[float, np.ndarray]:
+    """Mass (kg) and centre of mass (3,), m, in the frame of the arm's base link, of all links that rest."""
+    pin = load_pinocchio()
+    robot = pin.buildModelFromUrdf(str(urdf))
+    data, moving = robot.createData(), {robot.getJointId(name) for name in arm.chain_names}
+    pin.framesForwardKinematics(robot, data, resting_configuration(robot, arm))
+    to_base = data.oMf[robot.getFrameId(arm.base_link, pin.FrameType.BODY)].inverse()
+    mass, moment = 0.0, np.zeros(3)
+    for joint in range(robot.njoints):  # joint 0 is the universe, to which the root link is fixed
+        if moving.isdisjoint(robot.supports[joint]):
+            body = robot.inertias[joint]
+            mass += body.mass
+            moment += body.mass * (to_base * data.oMi[joint] * body.lever)
+    return mass, moment / mass if mass else moment

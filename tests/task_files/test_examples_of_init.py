@@ -1,0 +1,170 @@
+"""The base and the motion that `ocptip init` writes: those of the URDF where it has them, else examples."""
+
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from ocptip.robots.urdf_file import read_urdf
+from ocptip.task_files.motion import load_task
+from ocptip.task_files.template import MARK, task_template
+
+LINK = """<link name="{0}"><inertial><origin xyz="{2}"/><mass value="{1}"/>
+  <inertia ixx="0.05" ixy="0" ixz="0" iyy="0.05" iyz="0" izz="0.05"/></inertial>{3}</link>"""
+SOLID = '<collision><origin xyz="{0}" rpy="{1}"/><geometry>{2}</geometry></collision>'
+JOINT = """<joint name="{0}" type="{1}"><parent link="{2}"/><child link="{3}"/><origin xyz="{4}"/>
+  <axis xyz="{5}"/><limit lower="-2.5" upper="2.5" effort="100" velocity="2"/></joint>"""
+
+
+def link(name, mass=1.0, centre="0 0 0", solid=""):
+    return LINK.format(name, mass, centre, solid)
+
+
+def box(size, at="0 0 0"):
+    return SOLID.format(at, "0 0 0", f'<box size="{size}"/>')
+
+
+def folded_arm(base="base"):
+    """Three links of 0.3 m that form a triangle at zero: the third ends in the first."""
+    along = box("0.26 0.06 0.06", "0.15 0 0")
+    turned = 'xyz="0.3 0 0" rpy="0 0 2.0944"/>'
+    joints = [
+        JOINT.format("joint_1", "revolute", base, "link_1", "0 0 0.3", "0 0 1"),
+        JOINT.format("joint_2", "revolute", "link_1", "link_2", "0.3 0 0", "0 0 1"),
+        JOINT.format("joint_3", "revolute", "link_2", "link_3", "0.3 0 0", "0 0 1"),
+    ]
+    return [
+        *(link(f"link_{k}", 1.0, "0.15 0 0", along) for k in (1, 2, 3)),
+        link("tool0", 0.1),
+        *(joint.replace('xyz="0.3 0 0"/>', turned) for joint in joints),
+        '<joint name="flange" type="fixed"><parent link="link_3"/><child link="tool0"/>'
+        '<origin xyz="0.3 0 0"/></joint>',
+    ]
+
+
+def written(folder, *parts, name="robot"):
+    path = folder / f"{name}.urdf"
+    path.write_text(f'<robot name="{name}">{"".join(parts)}</robot>', encoding="utf-8")
+    return path
+
+
+def unmarked(folder, urdf, **names):
+    template = task_template(urdf, folder, **names)
+    path = folder / "task.toml"
+    path.write_text(template.text.replace(f"{MARK} ", ""), encoding="utf-8")
+    return template, load_task(path)
+
+
+def collides(urdf: Path, q) -> bool:
+    """By Pinocchio alone: all pairs of links that are no neighbours."""
+    model = pin.buildModelFromUrdf(str(urdf))
+    geometry = pin.buildGeomFromUrdf(model, str(urdf), pin.GeometryType.COLLISION)
+    for a in range(len(geometry.geometryObjects)):
+        for b in range(a):
+            parents = [geometry.geometryObjects[k].parentJoint for k in (a, b)]
+            if abs(parents[0] - parents[1]) > 1:
+                geometry.addCollisionPair(pin.CollisionPair(b, a))
+    return pin.computeCollisions(
+        model, model.createData(), geometry, geometry.createData(), np.array(q), True
+    )
+
+
+def test_the_example_motion_is_free_of_collisions_where_zero_is_not(tmp_path):
+    urdf = written(tmp_path, link("base"), *folded_arm())
+    assert collides(urdf, np.zeros(3))
+    template, task = unmarked(tmp_path, urdf)
+    for share in np.linspace(0, 1, 41):
+        assert not collides(urdf, task.start + share * (task.goal - task.start))
+    assert np.abs(task.goal - task.start).min() > np.deg2rad(10)
+    assert "mm clear of arm and ground" in template.sources[1]
+
+
+def test_where_no_posture_is_free_zero_stays_and_the_file_says_so(tmp_path):
+    huge = box("2 2 2")
+    arm = [part.replace(box("0.26 0.06 0.06", "0.15 0 0"), huge) for part in folded_arm()]
+    urdf = written(tmp_path, link("base", solid=box("0.1 0.1 0.1", "5 0 0")), *arm)
+    template = task_template(urdf, tmp_path)
+    assert "links overlap" in template.sources[1]
+    assert "start_deg = [0, 0, 0]" in template.text
+
+
+def cart():
+    """A chassis of 40 kg with four wheels of 2 kg, radius 0.1 m, width 0.04 m."""
+    wheel = SOLID.format("0 0 0", "1.57079633 0 0", '<cylinder radius="0.1" length="0.04"/>')
+    parts = [link("chassis", 40.0, "0.05 0 0.1", box("0.8 0.5 0.1", "0 0 0.1"))]
+    for name, x, y in (("fl", 0.3, 0.25), ("fr", 0.3, -0.25), ("bl", -0.3, 0.25), ("br", -0.3, -0.25)):
+        parts.append(link(f"wheel_{name}", 2.0, "0 0 0", wheel))
+        parts.append(
+            JOINT.format(f"roll_{name}", "continuous", "chassis", f"wheel_{name}", f"{x} {y} 0", "0 1 0")
+        )
+    return parts
+
+
+def test_a_base_in_the_urdf_gives_mass_centre_height_and_feet(tmp_path):
+    urdf = written(tmp_path, *cart(), *folded_arm("chassis"))
+    template, task = unmarked(tmp_path, urdf)
+    support = task.robot.support
+    assert support.mass == pytest.approx(48.0)  # by hand: 40 + 4 * 2
+    np.testing.assert_allclose(support.center_of_mass, [40 * 0.05 / 48, 0, 0.1 + 40 * 0.1 / 48], atol=1e-3)
+    feet = np.array([contact.position for contact in support.contacts])
+    np.testing.assert_allclose(feet[:, 2], 0, atol=1e-9)
+    np.testing.assert_allclose(np.abs(feet[:, 0]), 0.3, atol=0.02)  # wheels touch below their axes
+    np.testing.assert_allclose(np.abs(feet[:, 1]), 0.27, atol=1e-6)  # and as far as they are wide
+    assert template.sources[0].startswith("mass and centre of mass are those of the URDF's links that rest")
+
+
+def test_what_is_invented_is_said_at_each_number(tmp_path):
+    urdf = written(tmp_path, link("base", 0.5), *folded_arm())
+    template = task_template(urdf, tmp_path)
+    assert template.sources[0].startswith("mass, centre of mass, feet and height are invented")
+    lines = template.text.splitlines()
+    for key in ("mass", "center_of_mass", "feet", "friction"):
+        (line,) = [line for line in lines if line.startswith(f"{MARK} {key} =")]
+        assert "invented" in line.partition("#  ")[2] or "invented" in line
+    assert "0.5 kg of the URDF" in template.text
+
+
+@pytest.mark.parametrize(
+    ("links", "expected"),
+    [("massless", "chassis"), ("heavy", "world")],
+)
+def test_joints_that_drive_a_base_are_no_joints_of_the_arm(tmp_path, links, expected):
+    between = [
+        f'<link name="{name}"/>' if links == "massless" else link(name, 5.0)
+        for name in ("slide_x", "slide_y")
+    ]
+    root = '<link name="world"/>' if links == "massless" else link("world")
+    drive = [
+        JOINT.format("x", "prismatic", "world", "slide_x", "0 0 0", "1 0 0"),
+        JOINT.format("y", "prismatic", "slide_x", "slide_y", "0 0 0", "0 1 0"),
+        JOINT.format("turn", "continuous", "slide_y", "chassis", "0 0 0", "0 0 1"),
+    ]
+    urdf = written(tmp_path, root, *between, *drive, *cart(), *folded_arm("chassis"))
+    assert read_urdf(urdf).base_link(None) == expected  # a gantry has masses
+    template, task = unmarked(tmp_path, urdf)
+    assert template.base_link == expected
+    assert task.robot.n == (3 if links == "massless" else 6)
+
+
+@pytest.mark.parametrize("kind", ["planar", "floating"])
+def test_a_planar_or_floating_base_stands(tmp_path, kind):
+    drive = f'<joint name="drive" type="{kind}"><parent link="world"/><child link="chassis"/></joint>'
+    urdf = written(tmp_path, '<link name="world"/>', drive, *cart(), *folded_arm("chassis"))
+    template, task = unmarked(tmp_path, urdf)
+    assert template.base_link == "chassis"
+    assert task.robot.names == ("joint_1", "joint_2", "joint_3")
+
+
+def test_links_with_impossible_inertia_are_marked_instead_of_refused(tmp_path):
+    parts = [
+        part.replace(
+            link("link_2", 1.0, "0.15 0 0", box("0.26 0.06 0.06", "0.15 0 0")), '<link name="link_2"/>'
+        )
+        for part in folded_arm()
+    ]
+    urdf = written(tmp_path, link("base"), *parts)
+    template, task = unmarked(tmp_path, urdf)
+    assert "accept_inertia" in template.to_fill
+    assert "link_2: moves, but has no mass" in template.text
+    np.testing.assert_allclose(task.robot.arm.masses, [1.0, 0.0, 1.1])
