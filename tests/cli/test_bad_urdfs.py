@@ -116,10 +116,10 @@ FILES = {
         .replace("continuous", "fixed"),
         "--base-link: no joint moves behind 'base'",
     ),
-    "planar base": (edited('type="prismatic"', 'type="planar"', 1), "joint 'lift' is a JointModelPlanar"),
-    "floating base": (
-        edited('type="prismatic"', 'type="floating"', 1),
-        "joint 'lift' is a JointModelFreeFlyer",
+    "planar joint": (edited('type="continuous"', 'type="planar"'), "joint 'turn_2' is a JointModelPlanar"),
+    "floating joint": (
+        edited('type="continuous"', 'type="floating"'),
+        "joint 'turn_2' is a JointModelFreeFlyer",
     ),
     "no way": (
         edited(LIFT, LIFT.replace("0.4", "0")).replace("revolute", "fixed").replace("continuous", "fixed"),
@@ -155,7 +155,7 @@ WORDS = [
     ),
     (
         ["--tool-frame", "tool"],
-        "--tool-frame: no 'tool'; candidates: left, right, tool0; did you mean 'tool0'?",
+        "--tool-frame: no 'tool'; candidates: lower, tool0; did you mean 'tool0'?",
     ),
     (["--base-link", "tool0"], "--base-link: no joint moves behind 'tool0'"),
     (["--base-link", "left", "--tool-frame", "right"], "'right' is not behind base_link 'left'"),

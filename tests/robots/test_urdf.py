@@ -8,6 +8,7 @@ from ocptip.basics.errors import InputError
 from ocptip.robots.dynamics import evaluate_dynamics
 from ocptip.robots.kinematics import gripper_pose
 from ocptip.robots.urdf import arm_from_pinocchio, arm_from_urdf
+from ocptip.robots.urdf_file import read_urdf
 from tests.places import UR5
 from tests.robots.pinocchio_twin import dynamics, twin
 
@@ -297,3 +298,54 @@ def test_every_joint_can_be_locked_but_one(service_robot):
     expected = gripper_pose(whole, np.array([0.3, 0.2, 0.7, -0.4]))
     np.testing.assert_allclose(position, expected[0], atol=1e-13)
     np.testing.assert_allclose(rotation, expected[1], atol=1e-13)
+
+
+HAND = """<robot name="with_a_hand">
+  {links}
+  <joint name="a" type="revolute"><parent link="base"/><child link="one"/><axis xyz="0 0 1"/>{limit}</joint>
+  <joint name="b" type="revolute"><parent link="one"/><child link="two"/><axis xyz="0 1 0"/>{limit}</joint>
+  <joint name="c" type="fixed"><parent link="two"/><child link="hand"/></joint>
+  <joint name="f" type="prismatic"><parent link="hand"/><child link="left"/><axis xyz="0 1 0"/>{limit}</joint>
+  <joint name="g" type="prismatic"><parent link="hand"/><child link="right"/><axis xyz="0 1 0"/>{limit}
+    <mimic joint="f"/></joint>
+  {more}
+</robot>"""
+
+
+def with_a_hand(folder, more="", links=()):
+    inertial = (
+        '<inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
+    )
+    names = ("base", "one", "two", "hand", "left", "right", *links)
+    described = "".join(f'<link name="{name}">{inertial}</link>' for name in names)
+    path = folder / "hand.urdf"
+    limit = '<limit lower="-1" upper="1" effort="9" velocity="1"/>'
+    path.write_text(HAND.format(links=described, limit=limit, more=more), encoding="utf-8")
+    return path
+
+
+def test_the_link_that_carries_fingers_is_the_tool(tmp_path):
+    arm = arm_from_urdf(with_a_hand(tmp_path))
+    assert arm.joint_names == ("a", "b")
+    assert "tool_frame 'hand'" in arm.notes[0]
+
+
+def test_of_a_finger_that_another_mimics_the_hand_is_named(tmp_path):
+    with pytest.raises(InputError, match=r"'g'.* mimics 'f'.* tool_frame before it, such as 'hand'$"):
+        arm_from_urdf(with_a_hand(tmp_path), tool_frame="left")
+
+
+def test_what_is_fixed_to_a_hand_stays_a_candidate(tmp_path):
+    camera = '<joint name="d" type="fixed"><parent link="hand"/><child link="camera"/></joint>'
+    file = read_urdf(with_a_hand(tmp_path, camera, ["camera"]))
+    assert file.tips("base") == ["hand", "camera"]
+
+
+def test_two_arms_are_no_hand(tmp_path):
+    joint = (
+        '<joint name="{}" type="{}"><parent link="{}"/><child link="{}"/><axis xyz="0 0 1"/>'
+        '<limit lower="-1" upper="1" effort="9" velocity="1"/></joint>'
+    )
+    more = joint.format("h", "revolute", "one", "other") + joint.format("i", "revolute", "other", "palm")
+    file = read_urdf(with_a_hand(tmp_path, more, ["other", "palm"]))
+    assert file.tips("base") == ["hand", "palm"]

@@ -6,6 +6,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from ocptip.basics.errors import InputError
+from ocptip.motion.task import refusals
 from ocptip.robots.urdf_file import read_urdf
 from ocptip.task_files.motion import load_task
 from ocptip.task_files.template import MARK, task_template
@@ -168,3 +170,49 @@ def test_links_with_impossible_inertia_are_marked_instead_of_refused(tmp_path):
     assert "accept_inertia" in template.to_fill
     assert "link_2: moves, but has no mass" in template.text
     np.testing.assert_allclose(task.robot.arm.masses, [1.0, 0.0, 1.1])
+
+
+def test_geometry_without_size_names_its_link_and_is_marked(tmp_path):
+    point = SOLID.format("0 0 0", "0 0 0", '<sphere radius="0"/>')
+    parts = [part.replace(link("tool0", 0.1), link("tool0", 0.1, solid=point)) for part in folded_arm()]
+    urdf = written(tmp_path, link("base"), *parts)
+    template = task_template(urdf, tmp_path)
+    assert "collision" in template.to_fill
+    assert "collision geometry of link 'tool0': radius: must be > 0, got 0.0" in template.text
+    (tmp_path / "task.toml").write_text(
+        template.text.replace(f"{MARK} collision", "# collision").replace(f"{MARK} ", ""), encoding="utf-8"
+    )
+    with pytest.raises(
+        InputError, match=r"robot\.urdf: collision geometry of link 'tool0': radius: must be > 0"
+    ):
+        load_task(tmp_path / "task.toml")
+
+
+def test_a_single_heavy_link_is_the_foot_of_the_arm_and_no_base(tmp_path):
+    urdf = written(tmp_path, link("base", 6.0, solid=box("0.2 0.2 0.1")), *folded_arm())
+    template = task_template(urdf, tmp_path)
+    assert template.sources[0].startswith("mass, centre of mass, feet and height are invented")
+    assert "it has to contain 6 kg of the URDF" in template.text
+
+
+def test_drives_hold_the_example_and_the_base_stands_in_it(tmp_path):
+    """Zero is stretched out: 2 kg at the tip need more than the first drive has, and tip a narrow base."""
+    along = box("0.2 0.05 0.05", "0.15 0 0")
+    arm = [link(f"link_{k}", 2.0, "0.15 0 0", along) for k in (1, 2, 3)]
+    places = ("base", "0 0 0.8"), ("link_1", "0.3 0 0"), ("link_2", "0.3 0 0")
+    for k, (parent, at) in enumerate(places, 1):
+        arm.append(JOINT.format(f"joint_{k}", "revolute", parent, f"link_{k}", at, "0 1 0"))
+    weak = "".join(arm).replace('effort="100"', 'effort="22"')
+    urdf = written(tmp_path, link("base"), weak)
+    model = pin.buildModelFromUrdf(str(urdf))
+    data = model.createData()
+    assert np.abs(pin.rnea(model, data, np.zeros(3), np.zeros(3), np.zeros(3))).max() > 22
+    _, task = unmarked(tmp_path, urdf)
+    support = task.robot.support
+    for share in (0.0, 0.5, 1.0):
+        q = task.start + share * (task.goal - task.start)
+        assert np.abs(pin.rnea(model, data, q, np.zeros(3), np.zeros(3))).max() < 22
+        carried = pin.centerOfMass(model, data, q)[:2] * data.mass[0]
+        whole = (carried + support.mass * support.center_of_mass[:2]) / (data.mass[0] + support.mass)
+        assert np.all(np.abs(whole) < np.max([contact.position[:2] for contact in support.contacts], axis=0))
+    assert refusals(task) == ()

@@ -9,6 +9,7 @@ import numpy as np
 
 from ocptip.robots.model import ArmModel
 from ocptip.robots.pinocchio import load_pinocchio
+from ocptip.robots.urdf_file import UrdfFile
 
 if TYPE_CHECKING:
     import pinocchio as pin
@@ -28,6 +29,12 @@ def resting_configuration(robot: pin.Model, arm: ArmModel) -> np.ndarray:
         angle = [value] if joint.nq == 1 else [np.cos(value), np.sin(value)]
         q[joint.idx_q : joint.idx_q + joint.nq] = angle
     return q
+
+
+def resting_links(file: UrdfFile, arm: ArmModel) -> list[str]:
+    """Links that do not move with the arm's joints."""
+    moving = {*arm.chain_names}
+    return [link for link in file.links if moving.isdisjoint(joint.name for joint in file.way(link))]
 
 
 def resting_body(urdf: str | os.PathLike[str], arm: ArmModel) -> tuple[float, np.ndarray]:

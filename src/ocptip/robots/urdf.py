@@ -185,7 +185,8 @@ def _mimics(file: UrdfFile, robot: pin.Model, locked: Mapping[str, float], way: 
             if joint.name not in way:
                 raise InputError(
                     f"joint {joint.name!r}, beside the way to the tool, mimics {leader.name!r}, which moves; "
-                    "only couplings on the way are modelled: lock one of the two (locked_deg, locked_m)"
+                    "only couplings on the way are modelled: lock one of the two (locked_deg, locked_m), or "
+                    f"take a tool_frame before it, such as {file.joints[leader.name].parent!r}"
                 )
             found.coupled[joint.name] = leader.name, ratio, offset
             continue

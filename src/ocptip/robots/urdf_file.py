@@ -39,6 +39,7 @@ _OTHERS = {"sdf": "an SDF file", "mujoco": "a MuJoCo model", "COLLADA": "a COLLA
 _PREFIX = re.compile(r"(</?|\s)([A-Za-z_]\w*):(?=[A-Za-z_][\w.-]*\s*[=\s/>])")
 _FILENAME = re.compile(r"""(\bfilename\s*=\s*)(["'])(.*?)\2""", re.DOTALL)
 _XACRO = re.compile(r"\{[^}]*xacro\}")
+_HAND = 1.5
 _MOST = 8  # complaints shown; the rest is counted
 
 
@@ -140,6 +141,35 @@ class UrdfFile:
         parents = {joint.parent for joint in self.joints.values()}
         return [link for link in self.links if link not in parents and self._moves(base, link)]
 
+    def tips(self, base: str) -> list[str]:
+        """The ends behind `base`; of the fingers of a hand instead the link that carries them.
+
+        A hand is a link behind which joints move in several branches, with at least `_HAND` times as many
+        moving joints before it as behind it. What is fixed to it stays a tip.
+        """
+        ends, forks = self.ends(base), Counter[str]()
+        after: dict[str, int] = {}
+        for end in ends:
+            count = 0
+            for joint in reversed(self.way(end)):
+                count += joint.kind != "fixed"
+                after[joint.parent] = max(after.get(joint.parent, 0), count)
+        for joint in self.joints.values():
+            forks[joint.parent] += joint.kind != "fixed" or after.get(joint.child, 0) > 0
+        found = []
+        for end in ends:
+            way, before = self.way(end), 0
+            way = way[next(k for k, joint in enumerate(way) if joint.parent == base) :]
+            total = sum(joint.kind != "fixed" for joint in way)
+            hand = end
+            for joint in way:
+                before += joint.kind != "fixed"
+                if forks[joint.child] > 1 and before >= _HAND * after[joint.child] and before < total:
+                    hand = joint.child
+                    break
+            found.append(hand)
+        return list(dict.fromkeys(found))
+
     def _moves(self, base: str, link: str) -> bool:
         way = self.way(link)
         starts = [index for index, joint in enumerate(way) if joint.parent == base]
@@ -159,12 +189,12 @@ class UrdfFile:
     def tool_frame(self, name: str | None, base: str) -> str:
         """The link of this name, or behind the joint of this name; by default that called like a tool.
 
-        If none is called so it is the only one at an end.
+        If none is called so it is the only one of the `tips`.
 
         Raises:
             InputError: no such link, or several; lists the candidates. Or nothing moves behind `base`.
         """
-        ends = self.ends(base)
+        ends = self.tips(base)
         if name is not None:
             return self._known("tool_frame", name, ends)
         behind = [link for link in self.links if self._moves(base, link)]

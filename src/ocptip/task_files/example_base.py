@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 
 import numpy as np
 
 from ocptip.robots.collision.shapes import ArmGeometry
 from ocptip.robots.model import ArmModel
-from ocptip.robots.resting import resting_body
+from ocptip.robots.resting import resting_body, resting_links
+from ocptip.robots.urdf_file import UrdfFile
 
 _SHARE = 0.5
-"""Links that rest are a base if they weigh at least this share of the arm, lighter ones its foot."""
+"""Links that rest are a base if they weigh at least this share of the arm; lighter ones are its foot."""
+
+_PART = 0.01
+"""A base has two links and more of at least this share of its mass; a single one is the foot of the arm."""
 
 _HEAVIER, _LEAST_MASS = 3.0, 80.0
 """An invented base weighs this many times the arm, and at least so many kg."""
@@ -59,19 +62,20 @@ class ExampleBase:
         return f"mass and centre of mass are those of the URDF's links that rest; feet and height are {feet}"
 
 
-def example_base(urdf: str | os.PathLike[str], arm: ArmModel, geometry: ArmGeometry | None) -> ExampleBase:
+def example_base(file: UrdfFile, arm: ArmModel, geometry: ArmGeometry | None) -> ExampleBase:
     """The base for an arm.
 
     Args:
-        urdf: the file.
+        file: the URDF.
         arm: read from it, not mounted.
         geometry: its collision geometry, if there is any.
     """
     carried = float(arm.masses.sum())
-    mass, centre = resting_body(urdf, arm)
+    mass, centre = resting_body(file.path, arm)
+    parts = sum(file.masses.get(link, 0.0) > _PART * mass for link in resting_links(file, arm))
     half = np.maximum(_LEAST_HALF, np.round(_WIDE * arm.reach * np.array([1.0, 0.8]), 2))
     feet = np.array([[x, y, 0.0] for x, y in half * [[1, 1], [1, -1], [-1, -1], [-1, 1]]])
-    if mass < _SHARE * carried or not mass:
+    if mass < _SHARE * carried or parts < 2:
         heavy = max(_LEAST_MASS, 10 * np.round(_HEAVIER * carried / 10))
         return ExampleBase(heavy, np.array([0.0, 0.0, 0.3]), feet, _HEIGHT, False, False, mass)
     ground = None if geometry is None else _ground_points(arm, geometry)

@@ -1,4 +1,4 @@
-"""Start and goal of an example motion for an arm: near zero, and clear of the arm and of the ground."""
+"""Start and goal of an example motion for an arm: near zero, clear of arm and ground, and held at rest."""
 
 from __future__ import annotations
 
@@ -10,14 +10,22 @@ import numpy as np
 from ocptip.robots.collision.gaps import Collisions, random_postures
 from ocptip.robots.collision.model import ShapeCollisions
 from ocptip.robots.collision.shapes import ArmGeometry
+from ocptip.robots.dynamics import STANDARD_GRAVITY, evaluate_dynamics
 from ocptip.robots.geometry import floor
 from ocptip.robots.model import ArmModel
+from ocptip.task_files.example_base import ExampleBase
 
 TURN, SLIDE = np.deg2rad(30), 0.1
 """How far joints move at most in the example, rad and m."""
 
 _CLEARANCES = (0.03, 0.01, 0.003, 0.0)
 """m: the first that some motion keeps counts. Some arms have links that are always within 10 mm."""
+
+_TORQUE = 0.7
+"""Share of the torque limits that gravity may need in the example."""
+
+_INSIDE = 0.4
+"""The centre of all masses keeps this share of the distance from the middle of the feet to their edges."""
 
 _POSTURES, _STARTS, _STEPS = 300, 20, 16
 
@@ -46,30 +54,52 @@ class ExampleMotion:
         return f"start and goal are an example {1e3 * self.clear:.2g} mm clear of arm and ground"
 
 
-def example_motion(arm: ArmModel, geometry: ArmGeometry | None, height: float) -> ExampleMotion:
-    """A motion that starts as near to zero as collisions allow.
+def example_motion(arm: ArmModel, geometry: ArmGeometry | None, base: ExampleBase) -> ExampleMotion:
+    """A motion that starts as near to zero as collisions, torques at rest and the base allow.
 
     Args:
         arm: not mounted.
-        geometry: its collision geometry; None: nothing is checked.
-        height: m, of the arm's base frame above the ground.
+        geometry: its collision geometry; None: collisions are not checked.
+        base: on which it stands.
     """
-    low, high = arm.limits.angle_min, arm.limits.angle_max
-    zero = np.clip(np.zeros(arm.n), low, high)
-    default = next(_goals(arm, zero))
-    if geometry is None:
-        return ExampleMotion(zero, default, None)
-    mounted = replace(arm, geometry=geometry).mounted(np.array([0.0, 0.0, height]), np.eye(3))
-    collisions = ShapeCollisions(mounted, [floor(0.0)])
+    zero = np.clip(np.zeros(arm.n), arm.limits.angle_min, arm.limits.angle_max)
+    mounted = replace(arm, geometry=geometry).mounted(np.array([0.0, 0.0, base.height]), np.eye(3))
+    collisions = Collisions(arm.n) if geometry is None else ShapeCollisions(mounted, [floor(0.0)])
     starts = _starts(arm, zero)
-    gaps = collisions.least(starts)
-    for clearance in _CLEARANCES:
-        for start in starts[gaps >= clearance][:_STARTS]:
-            for goal in _goals(arm, start):
-                gap = _line_gap(collisions, start, goal)
-                if gap >= clearance:
-                    return ExampleMotion(start, goal, gap)
-    return ExampleMotion(zero, default, -1.0)
+    gaps, held = collisions.least(starts), _held(mounted, base, starts)
+    for must_hold in (True, False):
+        for clearance in _CLEARANCES:
+            for start in starts[(gaps >= clearance) & (held | (not must_hold))][:_STARTS]:
+                for goal in _goals(arm, start):
+                    line = start + np.linspace(0.0, 1.0, 21)[:, None] * (goal - start)
+                    gap = float(collisions.least(line).min())
+                    if gap >= clearance and not (must_hold and not _held(mounted, base, line).all()):
+                        return ExampleMotion(start, goal, None if geometry is None else gap)
+    return ExampleMotion(zero, next(_goals(arm, zero)), -1.0)
+
+
+def _held(arm: ArmModel, base: ExampleBase, q: np.ndarray) -> np.ndarray:
+    """(N,) True where drives hold the arm at rest and the centre of all masses is well above the feet."""
+    rest = np.zeros_like(q)
+    load = evaluate_dynamics(arm, q, rest, rest)
+    strong = (np.abs(load.torque) <= _TORQUE * arm.limits.torque).all(axis=1)
+    force, moment = load.wrench[:, :3], load.wrench[:, 3:]
+    weight = np.maximum(-force[:, 2], 1e-9)
+    carried = np.column_stack([moment[:, 1], -moment[:, 0]]) / weight[:, None]
+    masses = weight / -STANDARD_GRAVITY[2]
+    whole = (masses[:, None] * carried + base.mass * base.center_of_mass[:2]) / (masses + base.mass)[:, None]
+    middle = base.feet[:, :2].mean(axis=0)
+    return strong & (_inside(base.feet, whole) >= _INSIDE * _inside(base.feet, middle[None]))
+
+
+def _inside(feet: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """(N,) m, how far points (N, 2) are inside the convex polygon of the feet (k, 3)."""
+    corners = feet[:, :2]
+    turned = corners - corners.mean(axis=0)
+    corners = corners[np.argsort(np.arctan2(turned[:, 1], turned[:, 0]))]
+    edges = np.roll(corners, -1, axis=0) - corners
+    normals = np.column_stack([-edges[:, 1], edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
+    return np.min(np.einsum("nkj,kj->nk", points[:, None] - corners, normals), axis=1)
 
 
 def _starts(arm: ArmModel, zero: np.ndarray) -> np.ndarray:
@@ -96,9 +126,3 @@ def _goals(arm: ArmModel, start: np.ndarray) -> Iterator[np.ndarray]:
             there = start + step
             back = np.clip(start - step, low, high)
             yield np.where((there <= high) & (there >= low), there, back)
-
-
-def _line_gap(collisions: Collisions, start: np.ndarray, goal: np.ndarray) -> float:
-    """Smallest distance, m, on the straight line between two postures."""
-    share = np.linspace(0.0, 1.0, 21)[:, None]
-    return float(collisions.least(start + share * (goal - start)).min())

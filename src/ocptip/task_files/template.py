@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ocptip.basics.errors import InputError
 from ocptip.basics.text import some
 from ocptip.basics.toml import MARK
 from ocptip.basics.toml_text import toml_value
@@ -73,10 +74,18 @@ def task_template(
         doubtful = error.links
         arm = arm_from_urdf(urdf, base_link=base, tool_frame=tool, accept_inertia=list(doubtful))
     missing = missing_meshes(urdf)
-    geometry = None if missing is None or missing else geometry_from_urdf(urdf, arm)
-    foot = example_base(urdf, arm, geometry)
-    example = example_motion(arm, geometry, foot.height)
-    of_arm = (*_arm(file, arm, base, tool, folder, foot.height), *_inertia(doubtful), *_geometry(missing))
+    geometry, broken = None, ""
+    try:
+        geometry = None if missing is None or missing else geometry_from_urdf(urdf, arm)
+    except InputError as error:
+        broken = str(error)
+    foot = example_base(file, arm, geometry)
+    example = example_motion(arm, geometry, foot)
+    of_arm = (
+        *_arm(file, arm, base, tool, folder, foot.height),
+        *_inertia(doubtful),
+        *_geometry(missing, broken),
+    )
     sections = (_base(foot), of_arm, _limits(arm), _motion(arm, example))
     head = [
         f"# Task for `ocptip plan`, written by `ocptip init` from {file.path.name}.",
@@ -118,9 +127,11 @@ def _arm(file: UrdfFile, arm: ArmModel, base: str, tool: str, folder: Path, heig
     yield from (f"# {note}" for note in arm.notes)
 
 
-def _geometry(missing: list[str] | None) -> Iterator[str]:
+def _geometry(missing: list[str] | None, broken: str) -> Iterator[str]:
     """What collisions need that the URDF does not give."""
-    if missing is None:
+    if broken:
+        yield _line("collision = false", f"or mend {broken}", mark=True)
+    elif missing is None:
         yield "# sphere_radius = 0.06  # m; no collision geometry in the URDF: else nothing is checked"
     elif any(name.startswith(PACKAGE) for name in missing):
         yield _line('package_dirs = ["."]', f"where packages are; not found: {some(missing, 2)}", mark=True)

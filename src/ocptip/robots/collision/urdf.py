@@ -11,7 +11,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
-from ocptip.basics.errors import InputError
+from ocptip.basics.errors import InputError, naming
 from ocptip.basics.text import some
 from ocptip.robots.collision.on_meshes import Raw, touches_on_meshes
 from ocptip.robots.collision.parts import convex_parts
@@ -85,12 +85,11 @@ def geometry_from_urdf(
         geometry = pin.buildGeomFromUrdfString(robot, text, pin.GeometryType.COLLISION)
     except (ValueError, RuntimeError) as error:
         raise InputError(f"{file}: collision geometry: {' '.join(str(error).split())}") from None
-    raw = list(_raw(robot, geometry, arm))
-    shapes = [
-        BodyShape(item.name, item.body, shape.placed(item.rotation, item.position))
-        for item in raw
-        for shape in _solids(item.geometry, mesh_parts)
-    ]
+    raw, shapes = list(_raw(robot, geometry, arm)), []
+    for item in raw:
+        with naming(f"{file.name}: collision geometry of link {item.name!r}"):
+            solids = _solids(item.geometry, mesh_parts)
+        shapes += [BodyShape(item.name, item.body, s.placed(item.rotation, item.position)) for s in solids]
     files = tuple(item.mesh for item in raw if item.mesh is not None)
     source = f"collision geometry of {file.name}"
     found = ArmGeometry(tuple(shapes), _disabled(srdf), source, meshes=files)
