@@ -216,3 +216,13 @@ def test_drives_hold_the_example_and_the_base_stands_in_it(tmp_path):
         whole = (carried + support.mass * support.center_of_mass[:2]) / (data.mass[0] + support.mass)
         assert np.all(np.abs(whole) < np.max([contact.position[:2] for contact in support.contacts], axis=0))
     assert refusals(task) == ()
+
+
+def test_examples_beside_a_limit_are_inside_of_it_in_the_file(tmp_path):
+    """A limit of 25 degrees has more digits than the file."""
+    narrow = [
+        part.replace('lower="-2.5" upper="2.5"', 'lower="-0.4363" upper="0.05"') for part in folded_arm()
+    ]
+    urdf = written(tmp_path, link("base"), *narrow)
+    _, task = unmarked(tmp_path, urdf)
+    assert not [reason for reason in refusals(task) if "outside its limits" in reason]

@@ -27,6 +27,9 @@ _TORQUE = 0.7
 _INSIDE = 0.4
 """The centre of all masses keeps this share of the distance from the middle of the feet to their edges."""
 
+_INSET = 2e-5
+"""rad or m, from the limits of joints: the file has six digits."""
+
 _POSTURES, _STARTS, _STEPS = 300, 20, 16
 
 
@@ -62,7 +65,7 @@ def example_motion(arm: ArmModel, geometry: ArmGeometry | None, base: ExampleBas
         geometry: its collision geometry; None: collisions are not checked.
         base: on which it stands.
     """
-    zero = np.clip(np.zeros(arm.n), arm.limits.angle_min, arm.limits.angle_max)
+    zero = np.clip(np.zeros(arm.n), *_limits(arm))
     mounted = replace(arm, geometry=geometry).mounted(np.array([0.0, 0.0, base.height]), np.eye(3))
     collisions = Collisions(arm.n) if geometry is None else ShapeCollisions(mounted, [floor(0.0)])
     starts = _starts(arm, zero)
@@ -111,12 +114,19 @@ def _starts(arm: ArmModel, zero: np.ndarray) -> np.ndarray:
     far = np.abs(postures - zero) / np.maximum(high - low, 1e-9)
     unit = np.where(arm.prismatic, 0.01, np.deg2rad(1))
     rounded = np.round(postures[np.argsort(far.max(axis=1), kind="stable")] / unit) * unit
-    return np.clip(rounded, arm.limits.angle_min, arm.limits.angle_max)
+    return np.clip(rounded, *_limits(arm))
+
+
+def _limits(arm: ArmModel) -> tuple[np.ndarray, np.ndarray]:
+    """Smallest and largest joint values (n,) of the example."""
+    low, high = arm.limits.angle_min, arm.limits.angle_max
+    inset = np.minimum(_INSET, 0.1 * (high - low))
+    return low + inset, high - inset
 
 
 def _goals(arm: ArmModel, start: np.ndarray) -> Iterator[np.ndarray]:
     """Goals near a start: all joints upwards within limits, then other directions and smaller steps."""
-    low, high = arm.limits.angle_min, arm.limits.angle_max
+    low, high = _limits(arm)
     full = np.where(arm.prismatic, SLIDE, TURN)
     rng = np.random.default_rng(0)
     signs = [np.ones(arm.n), *rng.choice([-1.0, 1.0], (_STEPS, arm.n))]

@@ -245,3 +245,24 @@ def test_nothing_known_is_none(tmp_path):
 
     arm = arm_from_urdf(UR5, **ENDS)
     assert geometry_from_urdf(UR5, arm) is None
+
+
+def test_packages_are_found_behind_three_slashes(tmp_path):
+    """Some files write package:///NAME/..., which other readers take, too."""
+    assert missing_meshes(with_collision(tmp_path, meshes="package:///arm_meshes/links")) == []
+
+
+def test_meshes_that_the_file_calls_convex_are_their_hulls(tmp_path):
+    """Pinocchio's <collision_checking> makes one convex solid of a mesh."""
+    urdf = with_collision(tmp_path, meshes="arm_meshes/links")
+    text = urdf.read_text()
+    start = text.index("<collision>", text.index('name="upper_arm_link"'))
+    text = text[:start] + '<collision name="whole">' + text[start + len("<collision>") :]
+    at = text.index("</link>", start)
+    checking = '<collision_checking><convex name="whole"/></collision_checking>'
+    urdf.write_text(text[:at] + checking + text[at:])
+    arm = arm_from_urdf(urdf)
+    shapes = [item.shape for item in geometry_from_urdf(urdf, arm).shapes if item.name == "upper_arm_link"]
+    assert len(shapes) == 1
+    points, _ = elbow(0.425, 0.12)
+    assert ConvexHull(shapes[0].corners()).volume == pytest.approx(ConvexHull(points).volume, rel=1e-5)

@@ -20,6 +20,9 @@ LARGE = 2e-4
 LITTLE = 1e-3
 """Share of the volume that a cut saves at least where a number of parts is asked for."""
 
+NEIGHBOURS = 200
+"""Neighbours of a corner, at most: coal counts them in a byte, and a fine cone has more at its apex."""
+
 _LEVELS = (0.15, 0.35, 0.65, 0.85)
 _DIRECTIONS = np.random.default_rng(0).normal(size=(100, 3))
 
@@ -35,7 +38,7 @@ def convex_parts(points: np.ndarray, triangles: np.ndarray, most: int | None = N
     surface = points[triangles]
     whole = _hull_volume(surface)
     if not whole > 0 or not _is_worthwhile(whole, _volume(surface), most):
-        return [points]
+        return [with_few_neighbours(points)]
     parts = [(surface, whole, _best_cut(surface))]
     while len(parts) < (most or MOST):
         k = max(range(len(parts)), key=lambda i: parts[i][1] - parts[i][2][0])
@@ -44,7 +47,34 @@ def convex_parts(points: np.ndarray, triangles: np.ndarray, most: int | None = N
             break
         pieces = [_side(own, axis, level, side) for side in (-1.0, 1.0)]
         parts[k : k + 1] = [(piece, _hull_volume(piece), _best_cut(piece)) for piece in pieces]
-    return [np.unique(part[0].reshape(-1, 3), axis=0) for part in parts]
+    return [with_few_neighbours(np.unique(part[0].reshape(-1, 3), axis=0)) for part in parts]
+
+
+def with_few_neighbours(points: np.ndarray) -> np.ndarray:
+    """Points whose hull contains that of the points given, and no corner of which has more than `NEIGHBOURS`.
+
+    Where a corner has more, `NEIGHBOURS` corners far from each other are kept, and moved away from their
+    middle until their hull contains all.
+    """
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        hull = ConvexHull(points)
+    except (QhullError, ValueError):
+        return points  # flat: `Hull` makes it a solid
+    edges = np.unique(np.sort(hull.simplices[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1), axis=0)
+    if np.bincount(edges.ravel()).max() <= NEIGHBOURS:
+        return points
+    corners = points[hull.vertices]
+    chosen, far = [int(np.argmax(corners[:, 2]))], np.full(len(corners), np.inf)
+    while len(chosen) < NEIGHBOURS:
+        far = np.minimum(far, np.linalg.norm(corners - corners[chosen[-1]], axis=1))
+        chosen.append(int(np.argmax(far)))
+    kept = corners[chosen]
+    planes, middle = ConvexHull(kept).equations, kept.mean(axis=0)
+    outside = (planes[:, :3] @ corners.T + planes[:, 3:]).max(axis=1)
+    inside = -(planes[:, :3] @ middle + planes[:, 3])
+    return middle + (1 + max(0.0, float(np.max(outside / inside)))) * (kept - middle)
 
 
 def _is_worthwhile(before: float, after: float, most: int | None) -> bool:

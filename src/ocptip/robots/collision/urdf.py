@@ -14,7 +14,7 @@ import numpy as np
 from ocptip.basics.errors import InputError, naming
 from ocptip.basics.text import some
 from ocptip.robots.collision.on_meshes import Raw, touches_on_meshes
-from ocptip.robots.collision.parts import convex_parts
+from ocptip.robots.collision.parts import convex_parts, with_few_neighbours
 from ocptip.robots.collision.shapes import (
     ArmGeometry,
     Ball,
@@ -124,7 +124,7 @@ def missing_meshes(path: str | os.PathLike[str]) -> list[str] | None:
 def _find_mesh(name: str, urdf: Path, folders: Iterable[Path]) -> Path | None:
     """The file of a mesh as a URDF names it."""
     if name.startswith(PACKAGE):
-        rest = Path(name.removeprefix(PACKAGE))
+        rest = Path(name.removeprefix(PACKAGE).lstrip("/"))  # some files write package:///
         own = rest.parts[0] if rest.parts else ""
         candidates = [folder / rest for folder in folders]
         candidates += [folder / Path(*rest.parts[1:]) for folder in folders if folder.name == own]
@@ -192,6 +192,8 @@ def _solids(geometry: Any, mesh_parts: int | None = None) -> list[Shape]:
     if isinstance(geometry, coal.Cylinder | coal.Capsule):
         kind = Cylinder if isinstance(geometry, coal.Cylinder) else Capsule
         return [kind(geometry.radius, 2 * geometry.halfLength)]
+    if isinstance(geometry, coal.ConvexBase):
+        return [Hull(with_few_neighbours(np.array(geometry.points())))]
     triangles = [geometry.tri_indices(i) for i in range(geometry.num_tris)]
     corners = np.array([[triangle[i] for i in range(3)] for triangle in triangles], dtype=int)
     return [Hull(points) for points in convex_parts(np.array(geometry.vertices()), corners, mesh_parts)]
