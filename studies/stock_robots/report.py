@@ -1,0 +1,50 @@
+"""The table of the study."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any
+
+from studies.common import table
+
+COMMANDS = ("init", "plan", "check", "retime", "simulate", "report")
+
+
+def markdown(rows: Sequence[dict[str, Any]]) -> str:
+    """A line per robot with outcome, CPU seconds and memory of each command; then reasons of refusals."""
+    robots: dict[str, dict[str, dict[str, Any]]] = {}
+    for row in rows:
+        commands = robots.setdefault(row["urdf"], {})
+        if row["command"] == "init":
+            commands.clear()  # a later run of the robot replaces the earlier one
+        commands["init" if row["command"].startswith("init") else row["command"]] = row
+    lines = table(
+        ["robot", *(f"`{name}`" for name in COMMANDS)],
+        (
+            [short(urdf), *(cell(commands.get(name)) for name in COMMANDS)]
+            for urdf, commands in sorted(robots.items())
+        ),
+        left=7,
+    )
+    totals = Counter(row["outcome"] for commands in robots.values() for row in commands.values())
+    counts = ", ".join(f"{count} {outcome}" for outcome, count in totals.most_common())
+    reasons = [
+        f"- {short(urdf)}, `{name}`: {row['outcome']}: {row['reason']}"
+        for urdf, commands in sorted(robots.items())
+        for name, row in commands.items()
+        if row["outcome"] not in ("proved", "checked", "yes")
+    ]
+    return "\n".join([f"{len(robots)} robots: {counts}.", "", *lines, "", *reasons]) + "\n"
+
+
+def short(urdf: str) -> str:
+    """Package and file."""
+    package, *_, folder, file = urdf.split("/")
+    file = file.removesuffix(".urdf")
+    return f"{package}: {folder if file in ('model', 'robot_description') else file}"
+
+
+def cell(row: dict[str, Any] | None) -> str:
+    """Outcome, CPU seconds, MB."""
+    return "-" if row is None else f"{row['outcome']} {row['cpu']:.0f} s {row['memory']:.0f} MB"
