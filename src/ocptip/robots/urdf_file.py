@@ -94,6 +94,11 @@ class UrdfFile:
         """The link without a parent."""
         return next(link for link in self.links if link not in self.above)
 
+    @property
+    def mass(self) -> float:
+        """kg, of all links."""
+        return sum(self.masses.values())
+
     @cached_property
     def standing(self) -> str:
         """The root, or the link behind joints that drive a base over the ground.

@@ -76,7 +76,7 @@ def example_base(file: UrdfFile, arm: ArmModel, geometry: ArmGeometry | None) ->
     half = np.maximum(_LEAST_HALF, np.round(_WIDE * arm.reach * np.array([1.0, 0.8]), 2))
     feet = np.array([[x, y, 0.0] for x, y in half * [[1, 1], [1, -1], [-1, -1], [-1, 1]]])
     if mass < _SHARE * carried or parts < 2:
-        heavy = max(_LEAST_MASS, 10 * np.round(_HEAVIER * carried / 10))
+        heavy = max(_LEAST_MASS, 10 * np.round(_HEAVIER * carried / 10), np.ceil(mass))
         return ExampleBase(heavy, np.array([0.0, 0.0, 0.3]), feet, _HEIGHT, False, False, mass)
     ground = None if geometry is None else _ground_points(arm, geometry)
     height = _HEIGHT if ground is None else -float(ground[0, 2])
