@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Future
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -32,7 +32,7 @@ LEGEND_SIZE, LEGEND_HANDLE, LEGEND_GAP = 8.5, 1.8, 1.2
 """Points; the others in units of it."""
 
 
-def new_figure(width: float, height: float, layout: Literal["constrained", "none"] = "constrained") -> Figure:
+def new_figure(width: float, height: float, layout: Any = "constrained") -> Figure:
     """An empty figure of this size, inches, that needs no window."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -54,7 +54,7 @@ def place_panels(figure: Figure) -> None:
     layout takes as long as drawing does.
     """
     width, height = figure.get_size_inches()
-    places = [(ax, ax.get_subplotspec()) for ax in figure.axes]
+    places: list[tuple[Any, Any]] = [(ax, ax.get_subplotspec()) for ax in figure.axes]
     rows, columns = places[0][1].get_gridspec().get_geometry()
     over, right = np.zeros(rows), np.full(columns, _RIGHT)
     taken = Counter((spec.rowspan.start, spec.colspan.start) for _, spec in places)

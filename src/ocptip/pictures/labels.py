@@ -34,7 +34,8 @@ class Labels:
 
     def place(self, figure: Figure) -> None:
         """Write all texts."""
-        renderer = figure.canvas.get_renderer()
+        canvas: Any = figure.canvas  # of `new_figure`
+        renderer = canvas.get_renderer()
         per_point = figure.dpi / 72.0
         points = np.vstack([np.empty((0, 2)), *(on_screen(ax, line) for ax, line in self.obstacles)])
         boxes: list[np.ndarray] = []
@@ -60,12 +61,14 @@ class Labels:
                 if cost < best_cost:
                     best_cost, best_center = cost, center
             boxes.append(np.array([best_center - half, best_center + half]))
-            artist.set_position(figure.transFigure.inverted().transform(best_center))
+            x, y = figure.transFigure.inverted().transform(best_center)
+            artist.set_position((x, y))
 
 
 def on_screen(ax: Any, points: np.ndarray) -> np.ndarray:
     """Display coordinates (pixels) of data points of a two- or three-dimensional panel."""
     if ax.name == "3d":
-        x, y, _ = proj3d.proj_transform(*points.T, ax.get_proj())
+        xs, ys, zs = points.T
+        x, y, _ = proj3d.proj_transform(xs, ys, zs, ax.get_proj())
         points = np.column_stack([x, y])
     return ax.transData.transform(points)

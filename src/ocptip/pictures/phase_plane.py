@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -60,7 +60,7 @@ def phase_plane(plan: MotionPlan, timed: Retimed) -> Figure:
             *_pace(motion, given), color="#000000", ls=(0, (1, 1.5)), lw=1.4, label="as given", gid="given"
         )
     for k in motion.path.corners:
-        ax.axvline(motion.path.breakpoints[k], color="#e3e3e3", lw=0.8, zorder=0)
+        ax.axvline(float(motion.path.breakpoints[k]), color="#e3e3e3", lw=0.8, zorder=0)
     for name in names:
         ax.plot([], [], color=colors[name], lw=2.6, label=name)
     if "" in (*timed.curve_limits, *(timed.active if coloured else ())):
@@ -86,12 +86,12 @@ def _rank(name: str) -> tuple[int, str]:
 
 
 def _by_name(
-    ax: object,
+    ax: Any,
     s: np.ndarray,
     values: np.ndarray,
     names: tuple[str, ...],
     colors: dict[str, str],
-    **style: object,
+    **style: Any,
 ) -> None:
     """A curve in pieces of the colour of their names; values (N) or (N + 1) at s."""
     gid = style.pop("gid")

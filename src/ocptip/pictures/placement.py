@@ -119,7 +119,8 @@ def _map_figure(name: str, placements: Sequence[Placement], chart: PlacementMap)
     if len(chart.axes) > 1 or not panels:
         panels.append("causes")
     rows = 1 if len(panels) <= 3 else 2
-    shape = np.ptp(chart.axes[-1]) / np.ptp(chart.axes[0]) if chart.patch.horizontal else 0.8
+    sides = [float(np.ptp(axis)) for axis in chart.axes]
+    shape = sides[-1] / sides[0] if chart.patch.horizontal else 0.8
     height = rows * (3.4 * float(np.clip(shape, 0.4, 1.5)) + 0.9) + 0.9
     figure = new_figure(15.0, height)
     axes = figure.subplots(rows, -(-len(panels) // rows), squeeze=False).ravel()
@@ -135,7 +136,8 @@ def _map_figure(name: str, placements: Sequence[Placement], chart: PlacementMap)
             _curve_panel(ax, panel, chart, best)
     for ax in axes[len(panels) :]:
         ax.remove()
-    handles = [Swatch(fc=color, ec="#7a7a7a", lw=0.5, label=text) for text, color in _labels(chart)]
+    swatch = {"ec": "#7a7a7a", "lw": 0.5}
+    handles: list[Any] = [Swatch(fc=color, label=text, **swatch) for text, color in _labels(chart)]
     if len(chart.axes) > 1:
         word, style = ("best placement", {"marker": "*", "ms": 14, "mfc": BEST, "mec": "white"})
         if not best.feasible:
@@ -225,7 +227,8 @@ def _title(panel: str, best: Placement) -> str:
     if panel == "causes":
         return "What is in the way"
     value = best.total if panel == "total" else best.criteria[panel]
-    unit = f" {best.problem.energy.unit}".rstrip() if panel == "GE" else ""
+    energy = best.problem.energy
+    unit = f" {energy.unit}".rstrip() if panel == "GE" and energy is not None else ""
     weight = "" if panel == "total" else f", weight {getattr(best.problem.weights, panel):.3g}"
     at = f": {value:.3g}{unit} at the star" if best.feasible else ""
     return f"{_NAMES[panel]}{weight}{at}"
@@ -283,7 +286,7 @@ def _robot_figure(name: str, placements: Sequence[Placement]) -> Figure:
         ax.set_xlabel(f"{axes[0]} [m]")
         ax.set_ylabel(f"{axes[1]} [m]")
         ax.set_title(title, loc="left", fontsize=11)
-    handles = [
+    handles: list[Any] = [
         Line2D(
             [], [], color=COLORS[t % len(COLORS)], lw=3, marker="o", mfc="white", label=f"arm: {task.name}"
         )

@@ -230,7 +230,7 @@ def _shares(
         ax.plot(
             curves.times,
             100 * values[:, j] / limits[j],
-            **_style(j),
+            **_style(int(j)),
             label=str(j + 1),
             gid=f"share-{j + 1}",
         )
@@ -355,8 +355,9 @@ def _drawn(draw: Callable[[PlanCurves], Figure], curves: PlanCurves) -> Figure:
     figure = draw(curves)
     lines = [line.get_gid() or "" for ax in figure.axes for line in ax.lines]
     ends = [max(curves.plan.motion.end, curves.samples.times[-1])]
-    if any(gid.endswith("-reference") for gid in lines):
-        ends.append(curves.plan.task.reference.end)
+    reference = curves.plan.task.reference
+    if reference is not None and any(gid.endswith("-reference") for gid in lines):
+        ends.append(reference.end)
     for ax in figure.axes:
         ax.set_xlim(0.0, max(ends) or 1.0)
     place_panels(figure)

@@ -16,7 +16,7 @@ from ocptip.trajectories.sampled import Motion
 from ocptip.trajectories.sequence import MotionSequence
 
 if TYPE_CHECKING:
-    from ocptip.motion.plan import MotionPlan
+    pass
 
 
 @dataclass(frozen=True)
@@ -29,12 +29,12 @@ class PlanCurves:
         reference: samples of the reference motion, if there is one.
     """
 
-    plan: MotionPlan
+    plan: Any  # a MotionPlan, or what `ocptip.pictures.cycle` makes of a cycle
     samples: MotionSamples
     reference: MotionSamples | None = None
 
     @classmethod
-    def of(cls, plan: MotionPlan, samples: MotionSamples | None = None) -> PlanCurves:
+    def of(cls, plan: Any, samples: MotionSamples | None = None) -> PlanCurves:
         """The curves of a plan whose motion may have been sampled before."""
         robot, other = plan.task.robot, plan.task.reference
         samples = samples or sample_motion(robot, plan.motion)

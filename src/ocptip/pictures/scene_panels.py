@@ -151,7 +151,8 @@ def draw_plane(ax: Any, picture: ScenePicture, labels: Labels) -> None:
         ax.plot(*np.array([position, support.center_of_mass]).T, color="#c4c4c4", lw=1.2, zorder=0)
         ax.plot(*position, "o", color=CONTACT, ms=6, zorder=5)
         arrow(position, picture.forces[k], CONTACT, f"force-{k + 1}")
-        labels.add(ax, position, -span * contact.normal, picture.contact_text(k), gid=f"contact-{k + 1}")
+        outwards = -span * np.asarray(contact.normal)
+        labels.add(ax, position, outwards, picture.contact_text(k), gid=f"contact-{k + 1}")
     ax.plot(*support.center_of_mass, "o", color=WEIGHT, ms=8, zorder=5)
     for name, color, force, point in _acting(picture):
         arrow(point - force / scale, force, color, name.rstrip(":"))
@@ -240,7 +241,7 @@ def _ground_points(picture: ScenePicture) -> list[tuple[str, str, np.ndarray]]:
         return []
     _, stretches, axes = np.linalg.svd(picture.positions - center)
     normal = axes[-1]
-    facing = abs(float(np.mean([c.normal for c in support.contacts], axis=0) @ normal))
+    facing = abs(float(np.mean([np.asarray(c.normal) for c in support.contacts], axis=0) @ normal))
     if facing < 0.7 or stretches[2] > 0.2 * stretches[0]:
         return []  # contacts that face each other, or in different heights: there is no such ground
     points = []

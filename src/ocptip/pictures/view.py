@@ -152,7 +152,7 @@ class Act:
 
     def points(self) -> np.ndarray:
         """(k, 3), m: where it is."""
-        contacts = [c.position for c in self.robots[0].support.contacts]
+        contacts = [np.asarray(c.position) for c in self.robots[0].support.contacts]
         return np.vstack([self.frames.origins.reshape(-1, 3), contacts])
 
     def clock(self, k: int) -> str:
@@ -238,7 +238,7 @@ def _ghost(
     bodies.base_of(scene, "/second/base", act.robots[0], size, GHOST)
     move = _mover(scene, "/second/arm", act, size, GHOST)
     _path(scene, "/second/path of the gripper", act, GHOST, size)
-    feet = np.array([c.position for c in act.robots[0].support.contacts])
+    feet = np.array([np.asarray(c.position) for c in act.robots[0].support.contacts])
     edges = _around(feet) + np.array([0, 0, 1e-3 * size])
     scene.add_line_segments("/second/support polygon", edges, colors=GHOST, thickness=0.003 * size)
     pressure = scene.add_icosphere("/second/zero-moment point", 0.018 * size, color=GHOST)
@@ -309,7 +309,7 @@ def scene_show(scene: Scene, contact_forces: np.ndarray, tip: TipOverReserve, sl
     support = scene.support
     if scene.planar:
         raise InputError("is in the plane; ocptip stand --plot draws it", "", scene.name)
-    points = np.vstack([[c.position for c in support.contacts], support.center_of_mass])
+    points = np.vstack([[np.asarray(c.position) for c in support.contacts], support.center_of_mass])
     centre, size = points.mean(axis=0), float(np.linalg.norm(np.ptp(points, axis=0)))
 
     def stage(server: Any) -> Callable[[int], None]:
@@ -346,7 +346,7 @@ class Forces:
 
     def __init__(self, scene: Any, support: Support, mass: float, size: float) -> None:
         self.support, self.size = support, size
-        self.points = np.array([c.position for c in support.contacts])
+        self.points = np.array([np.asarray(c.position) for c in support.contacts])
         self.scale = _TALL * size / max(mass * float(np.linalg.norm(support.gravity)), 1e-9)
         for k, contact in enumerate(support.contacts):
             scene.add_icosphere(

@@ -96,7 +96,7 @@ def base(
     scene: Any, root: str, support: Support, above: np.ndarray, color: tuple[int, int, int] = BASE
 ) -> None:
     """Nothing is known of its form: the hull of its contacts and of a point above."""
-    points = np.vstack([[c.position for c in support.contacts], above])
+    points = np.vstack([[np.asarray(c.position) for c in support.contacts], above])
     if len(points) > 3 and np.linalg.matrix_rank(points[1:] - points[0], tol=1e-6) == 3:
         vertices, faces = hull(points)
         scene.add_mesh_simple(root, vertices, faces, color=color, opacity=SHEER, side="double")

@@ -36,7 +36,7 @@ def workspace_figure(found: Workspace) -> Figure:
     rows = -(-len(slices) // columns)
     figure = new_figure(4.2 * columns + 1.2, 3.8 * rows + 0.8)
     axes = np.atleast_1d(figure.subplots(rows, columns, squeeze=False)).ravel()
-    image = None
+    image: Any = None
     for ax, own in zip(axes, slices, strict=False):
         image = _map(ax, found, own)
     for ax in axes[len(slices) :]:

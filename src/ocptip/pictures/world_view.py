@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.patches import Circle, Polygon
+from numpy.typing import ArrayLike
 
 from ocptip.pictures import frame
 from ocptip.placement.ground import HeightField
@@ -45,7 +46,7 @@ class View:
         """(3,) unit vector out of the picture."""
         return np.cross(*self.axes)
 
-    def flat(self, points: np.ndarray) -> np.ndarray:
+    def flat(self, points: ArrayLike) -> np.ndarray:
         """(..., 2), m."""
         return np.asarray(points) @ self.axes.T
 
@@ -60,7 +61,8 @@ class View:
         arrows = self.arrows(placements[0].problem, float(np.ptp(flat, axis=0).max()))
         flat = np.vstack([flat, *(end for arrow in arrows for end in arrow)])
         middle, half = (flat.max(axis=0) + flat.min(axis=0)) / 2, 0.58 * np.ptp(flat, axis=0).max() + 0.05
-        return tuple((float(m - half), float(m + half)) for m in middle)
+        x, y = middle
+        return (float(x - half), float(x + half)), (float(y - half), float(y + half))
 
     def arrows(self, problem: PlacementProblem, span: float) -> list[tuple[np.ndarray, np.ndarray]]:
         """Tips, in G, and tails (2,) of the process forces; the longest one is a share of the span, m."""
@@ -69,7 +71,8 @@ class View:
         if not longest:
             return []
         scale = _ARROW * span / longest
-        return [(self.flat(t.position), self.flat(t.position - scale * force)) for t, force in forces]
+        ends = [(np.asarray(task.position), scale * np.asarray(force)) for task, force in forces]
+        return [(self.flat(tip), self.flat(tip - force)) for tip, force in ends]
 
     def base(
         self, ax: Any, placement: Placement, color: str, *, solids: bool = False, label: str = ""
@@ -131,7 +134,7 @@ class View:
             return
         axis, point = self.flat(obstacle.axis), self.flat(obstacle.point)
         if np.linalg.norm(axis) < _ALONG:
-            ax.add_patch(Circle(point, obstacle.radius, **style))
+            ax.add_patch(Circle((point[0], point[1]), obstacle.radius, **style))
             return
         along = axis / np.linalg.norm(axis)
         side = obstacle.radius * np.array([-along[1], along[0]])
@@ -152,8 +155,8 @@ class View:
     def ground(self, ax: Any, placement: Placement, limits: Any) -> None:
         """The tangent plane of the ground under the base; of uneven ground a profile through the base."""
         stand = placement.problem.stands[placement.patch]
-        if stand.conforms:
-            corners = self._profile(stand.patch.conforming.field, limits)
+        if (conforming := stand.patch.conforming) is not None:
+            corners = self._profile(conforming.field, limits)
         else:
             origin, turn = stand.ground(placement.parameters[None])
             inward = -self.flat(turn[0] @ np.array([0.0, 0.0, 1.0]))
@@ -170,7 +173,7 @@ class View:
         return np.column_stack([np.r_[along, right, left], np.r_[heights, bottom, bottom]])
 
 
-def half_plane(normal: np.ndarray, level: float, limits: Any) -> np.ndarray:
+def half_plane(normal: np.ndarray, level: Any, limits: Any) -> np.ndarray:
     """Corners (k, 2) of the picture's part with normal . point >= level."""
     (left, right), (bottom, top) = limits
     frame = np.array([[left, bottom], [right, bottom], [right, top], [left, top]])

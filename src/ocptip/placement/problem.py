@@ -262,16 +262,16 @@ class PlacementProblem:
 
     robot: StandingRobot
     tasks: Sequence[GripperTask]
-    terrain: Sequence[Patch] | Patch
+    terrain: Sequence[Patch]
     weights: Weights = field(default_factory=Weights)
     limits: PlacementLimits = field(default_factory=PlacementLimits)
     obstacles: Sequence[Obstacle] = ()
     keep_out: Sequence[Obstacle] = ()
     unloaded: bool = True
-    energy: HoldingPower | TorqueCost | None = None
+    energy: HoldingPower | TorqueCost = None  # pyright: ignore[reportAssignmentType] # filled in
     references: dict[str, float] = field(default_factory=dict)
-    gravity: Sequence[float] | None = None
-    ground_frame: tuple[np.ndarray, np.ndarray] | None = None
+    gravity: Sequence[float] = None  # pyright: ignore[reportAssignmentType] # filled in
+    ground_frame: tuple[np.ndarray, np.ndarray] = None  # pyright: ignore[reportAssignmentType] # filled in
     tolerance: Tolerance = field(default_factory=Tolerance)
 
     footing: Footing = field(init=False)
