@@ -153,7 +153,12 @@ class Sharing:
                 radius[going] + slope * normal,
                 np.abs(slope) * error + 8 * U * np.abs(radius[going]),
             )
-            columns = np.repeat(pattern, 3)
+            rough = self.contacts.bears[1::3]  # the others have no limits, and bear nothing
+            if not np.any(pattern & rough):
+                room[here[going]] = -np.inf
+                continue
+            kept, columns = rough[pattern], np.repeat(pattern & rough, 3)
+            limits = Limits(limits.rule[:, kept], limits.constant[..., kept], limits.error[:, kept])
             grasp, rounded = self.contacts.grasp[:, columns], self.contacts.rounded[:, columns]
             twists = Twists(grasp, rounded, own.centre, own.half, limits)
             found = twists.room(
@@ -176,7 +181,10 @@ class Sharing:
         Any wrench of the boxes is looked at first.
         """
         low, high, radius, slope = piece
-        rows = [(np.array([1.0]), -low), (np.array([-1.0]), high), (np.array([slope]), radius)]
+        if slope == 0 and not radius >= 0:
+            return np.full(terms.size.shape[1], -np.inf)
+        rows = [(np.array([1.0]), -low), (np.array([-1.0]), high)]
+        rows += [(np.array([slope]), radius)] if slope != 0 else []
         rows = [row for row in rows if np.isfinite(row[1])]
         room = self.least(terms, place, rows, in_box=True)
         if len(left := np.flatnonzero(~(room >= 0))):
