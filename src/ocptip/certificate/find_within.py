@@ -236,6 +236,7 @@ class SearchWithin:
         """Weights with which the contact that slips first slips later, and how much room there is."""
         best, most = weights.copy(), np.full(terms.size.shape[1], -np.inf)
         rows, before = np.arange(len(most)), most.copy()
+        rough = self._sharing.contacts.bears[1::3]
         for k, step in enumerate(_STEPS_OF_WEIGHTS):
             rooms = self._sharing.rooms(terms.some(rows), forces[..., rows], weights, share, facets=_FACETS)
             room = np.min(rooms, axis=0)
@@ -249,8 +250,9 @@ class SearchWithin:
             if not len(rows):
                 break
             used = np.clip(share - rooms / np.maximum(capacity[:, rows], 1e-6), 0.05, 20.0)
-            weights[:, 1] *= (np.exp(np.mean(np.log(used), axis=0)) / used) ** step
+            weights[:, 1] *= (np.exp(np.mean(np.log(used[rough]), axis=0)) / used) ** step
             weights[:, 1] = np.clip(weights[:, 1] / np.max(weights[:, 1], axis=0), 1e-6, None)
+            weights[~rough, 1] = 0.0
         rows = np.flatnonzero(most < 0)
         most[rows] = self._sharing.held(terms.some(rows), forces[..., rows], best[..., rows], share)
         return best, most
@@ -286,8 +288,8 @@ class SearchWithin:
             place = rule.rule[:, at], constant[:, at], error[at]
             rows = [[(np.array([slope, 0.0, 0.0]), radius)] for *_, radius, slope in pieces]
             capacity[k] = np.max([self._sharing.least(terms, place, own) for own in rows], axis=0)
-        largest = np.max(capacity, axis=0)
-        weights[:, 1] = np.clip(capacity / np.where(largest > 0, largest, 1.0), 1e-4, None)
+        largest, rough = np.max(capacity, axis=0), self._sharing.contacts.bears[1::3, None]
+        weights[:, 1] = rough * np.clip(capacity / np.where(largest > 0, largest, 1.0), 1e-4, None)
         return weights, capacity
 
     # --- what was found -----------------------------------------------------------------------------------
