@@ -15,6 +15,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from ocptip.basics.errors import InputError
+from ocptip.contact.bindings.laws import carries
 from ocptip.contact.bindings.pyramid import radius_error
 from ocptip.contact.resting import solve_resting
 from ocptip.contact.states import ContactStates
@@ -155,8 +156,8 @@ class Slip:
             raise InputError("states: belong to another support")
         work = _Work(states, self._sets)
         self._redistribute_tangential(work)
-        work.ratio[work.escapes] = np.maximum(work.ratio[work.escapes], 1.0)
-        work.pull[work.escapes] = 0.0
+        raised = work.escapes & (work.ratio < 1.0)
+        work.ratio[raised], work.pull[raised] = 1.0, 0.0
         if self.redistribution == "full":
             self._redistribute_where_it_decides(work, least, only_maximum)
         return self._result(work, derivatives)
@@ -338,9 +339,10 @@ class Slip:
 class SlipMap:
     """The slip reserve as a function of the wrench, as programs want it: smooth beyond what holds.
 
-    Where three contacts on a plane stand, feet or clamps whose forces are one piece, and GT is at most
-    `up_to`, values are GT. Beyond, and where a clamp lets go, they are the usage of friction that standing
-    would need, as long as all limits are positive. Elsewhere, and of all other supports, they are GT as
+    Where three contacts on a plane stand, feet or clamps whose forces are one piece, at most one of them
+    without friction, and GT is at most `up_to`, values are GT. Beyond, and where a clamp lets go, they are
+    the usage of friction that standing would need, as long as all limits and loads of casters are positive.
+    Elsewhere, and of all other supports, they are GT as
     :class:`Slip` has it, a large number where unknown, second derivatives then zero.
 
     Args:
@@ -351,19 +353,20 @@ class SlipMap:
     def __init__(self, slip: Slip, up_to: float) -> None:
         self._slip, self._smooth = slip, None
         support, sets = slip.support, slip._sets
-        if slip.redistribution == "full" or not sets.single_pieces:
-            return
-        if support.elastic or sets.frictionless.any():
+        if slip.redistribution == "full" or not sets.single_pieces or support.elastic:
             return
         picked, _, J = slip._free.basis(np.ones(support.n_contacts, dtype=bool), False)
         if J is None or len(picked) < support.n_contacts or up_to > slip.sure:
             return
-        forces = -np.linalg.pinv(support.wrench_matrix).reshape(support.n_contacts, 3, 6)
+        rough = ~sets.frictionless
+        carrying = support.wrench_matrix * carries(support.contacts).ravel()
+        forces = -np.linalg.pinv(carrying).reshape(support.n_contacts, 3, 6)
         if np.max(np.abs(support.wrench_matrix @ forces.reshape(-1, 6) + np.eye(6))) > _RANK_TOLERANCE:
             return
-        loads = np.einsum("ikr,ikw->rw", J, forces[:, 1:])
-        own = np.ascontiguousarray
-        self._smooth = own(loads), own(sets.friction[:, None] * forces[:, 0]), own(sets.radius), own(J)
+        loads = np.einsum("ikr,ikw->rw", J, forces[rough, 1:])
+        limits, own = sets.friction[:, None] * forces[:, 0], np.ascontiguousarray
+        self._smooth = own(loads), own(limits[rough]), own(sets.radius[rough]), own(J)
+        self._casters = forces[~rough, 0], sets.lower[~rough]
 
     @property
     def smooth(self) -> bool:
@@ -376,6 +379,9 @@ class SlipMap:
         """Values (N,), slopes (N, 6) and second derivatives (N, 6, 6) at wrenches (N, 6)."""
         if self._smooth is not None:
             values, slopes, bends = usage_map(wrenches, *self._smooth, derivatives)
+            loads, least = self._casters
+            lifted = np.any(wrenches @ loads.T < least, axis=1)
+            values[lifted], slopes[lifted], bends[lifted] = np.nan, 0.0, 0.0
         else:
             count = len(wrenches)
             values, slopes, bends = np.full(count, np.nan), np.zeros((count, 6)), np.zeros((count, 6, 6))
