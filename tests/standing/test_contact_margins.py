@@ -16,8 +16,9 @@ from ocptip.contact.verdict import equilibrium, stability
 from ocptip.motion.check import check_motion
 from ocptip.motion.output import sample_motion
 from ocptip.published.tasks import experiment_task
+from ocptip.reserves.equal_compliance import equal_normal_map
 from ocptip.reserves.tipping import TipOver
-from ocptip.standing.contact_margins import ContactMargins, forces_if_alike
+from ocptip.standing.contact_margins import ContactMargins
 from ocptip.standing.instants import Instants
 from tests.contact.test_resting import four_feet
 
@@ -90,6 +91,7 @@ def test_parts_together_are_the_whole(case):
         "friction_use",
         "normal_forces_unique",
         "least_force_if_feet_give_alike_N",
+        "equal_compliance",
         "weak_instants",
         "first_weak_s",
     }
@@ -129,7 +131,7 @@ def test_shares_of_feet_that_give_alike_are_those_of_springs_and_negative_where_
     support = Support(corners, mass=30.0, center_of_mass=[0, 0, 0.15])
     springs = support.varied([replace(corner, stiffness=2e5) for corner in corners])
     wrenches = support.weight + rng.normal(size=(300, 6)) * [40, 40, 60, 60, 60, 20]
-    alike = wrenches @ forces_if_alike(support).T
+    alike = wrenches @ equal_normal_map(support).T
     shared = springs.elastic.share(wrenches)
     lifts = ~shared.pressing.all(axis=1)
     assert 30 < lifts.sum() < 270
@@ -142,6 +144,39 @@ def test_shares_of_feet_that_give_alike_are_those_of_springs_and_negative_where_
     of = lambda rows: ContactMargins.of(Instants(robot, *(part[rows] for part in states)), times[rows])  # noqa: E731
     assert of(lifts | True).alike.value == pytest.approx(alike.min())
     assert "would have to pull" in of(lifts).lines()[1]
-    assert "would be" in of(~lifts).lines()[1]
+    assert of(lifts).differs.startswith("with equally compliant feet one lifts")
+    assert of(lifts).force.value == 0
+    standing = of(~lifts)
+    rows = np.flatnonzero(~lifts & solve_many(support, wrenches).persistent)
+    assert standing.lines()[0].startswith("least normal force")
+    assert "of equally compliant feet" in standing.lines()[0]
+    assert standing.force.value == pytest.approx(shared.forces[rows, :, 0].min())
+    standing = of(rows)
+    used = standing.to_dict()["equal_compliance"]["friction_use"]["value"]
+    assert used == standing.equal_friction.value >= standing.friction.value
     clamped = support.varied([RigidClamp(position=[0, 0, 0], friction_upper=0.5, friction_lower=0.5)])
-    assert forces_if_alike(clamped) is None
+    assert equal_normal_map(clamped) is None
+
+
+@pytest.mark.parametrize(("radius", "lifts"), [(0.2, True), (0.25, False)])
+def test_the_headline_of_a_check_says_where_equally_compliant_feet_differ(case, radius, lifts):
+    """On four feet in a square, one lifts on equal springs long before the base tips."""
+    support, turns = case.robot.support, np.arange(4) * np.pi / 2
+    height = support.contacts[0].position[2]
+    feet = [
+        UnilateralContact(position=[radius * np.cos(a), radius * np.sin(a), height], friction=0.8)
+        for a in turns
+    ]
+    robot = case.robot.varied(support=support.varied(feet))
+    checked = check_motion(robot, case.reference)
+    times = np.linspace(1e-6, case.reference.end - 1e-6, 400)
+    wrenches = robot.loads(*case.reference.states(times))[1]
+    x, y = (np.array([foot.position for foot in feet]) - support.center_of_mass)[:, :2].T
+    down, height = -wrenches[:, 2], height - support.center_of_mass[2]
+    about_x = -(wrenches[:, 3] + height * wrenches[:, 1])
+    about_y = -(wrenches[:, 4] - height * wrenches[:, 0])
+    springs = np.linalg.pinv([np.ones(4), y, -x]) @ [down, about_x, about_y]  # least squares in balance
+    assert (springs.min() < 0) == lifts
+    assert checked.contacts.alike.value == pytest.approx(springs.min(), abs=0.2)
+    assert checked.headline == "VERIFIED" + (" (with equally compliant feet one lifts)" if lifts else "")
+    assert checked.to_dict()["contacts"]["equal_compliance"]["agrees"] != lifts

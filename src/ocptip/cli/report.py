@@ -37,6 +37,7 @@ from ocptip.motion.load_cases import (
 from ocptip.motion.stops import Stops
 from ocptip.motion.task import MotionTask
 from ocptip.motion.tolerated import Tolerated, tolerances
+from ocptip.reserves.equal_compliance import equal_normal_map
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.parts import Part
 from ocptip.standing.tolerance import NONE
@@ -305,7 +306,14 @@ class Document:
             "in the worst directions together. GN: use of the reserve against tipping, GT: of the friction; "
             "1: lost. Directions in degrees from the base's x axis towards y."
         )
-        shared = self.task.robot.slip.redistribution == "full"
+        support = self.task.robot.support
+        equal = equal_normal_map(support) is not None
+        if equal:
+            yield html.paragraph(
+                "Least forces are those of equally compliant feet: rigid ground leaves open how so many "
+                "contacts share a load. GN and GT do not depend on it."
+            )
+        shared = self.task.robot.slip.redistribution == "full" and not equal
         if shared:
             yield html.paragraph(
                 "Least forces are left out: rigid ground leaves open how so many contacts share a load. GN "

@@ -22,6 +22,7 @@ from ocptip.contact.moving import what_moves
 from ocptip.contact.states import BEYOND_RESOLUTION, STATUS, ContactState, ContactStates
 from ocptip.contact.verdict import StabilityVerdict, stability, standing_state, state_remark
 from ocptip.numerics.compiled import interpreted
+from ocptip.reserves.equal_compliance import EqualSharing, equal_sharing, face_each_other
 from ocptip.reserves.force_sets import ForceSets
 from ocptip.reserves.slip import Redistribution, Slip, SlipReserve
 from ocptip.reserves.tipping import TipOver, TipOverReserve
@@ -77,7 +78,7 @@ def _solved(
             within = scene_within(support, scene.loads, tolerance, reference)
     verdict = stability(support, scene.wrench)
     state = verdict.state
-    if verdict.strong and state.solved and not state.persistent:
+    if verdict.weak and state.solved and not state.persistent:
         state = standing_state(verdict) or state
     states = state.states
     try:
@@ -109,8 +110,8 @@ class StandReport(Report):
 
     Attributes:
         scene: the scene.
-        states: a batch of one: the contact solver's answer; where that moves although all solutions on the
-            true cones stand, one of these.
+        states: a batch of one: the contact solver's answer; where that moves although a solution on the
+            true cones stands, that one.
         tip, slip: the two reserves of that state.
         redistribution: of the slip reserve: "tangential", or "full" where normal forces are not unique.
         verdict: whether every solution of the contact laws stands.
@@ -138,10 +139,26 @@ class StandReport(Report):
         """The one state."""
         return self.states[0]
 
+    @cached_property
+    def equal(self) -> EqualSharing | None:
+        """How equally compliant feet share the load; None where the sharing is unique or the base moves."""
+        equal = equal_sharing(self.states)
+        return equal if equal and np.isfinite(equal.GT[0]) else None
+
+    @property
+    def normal_forces(self) -> np.ndarray:
+        """(n,) N: of equally compliant feet, where rigid ones leave them open."""
+        return (self.equal or self.slip).normal_forces[0]
+
+    @property
+    def friction_used(self) -> np.ndarray:
+        """(n,) shares of the friction, with these normal forces."""
+        return (self.equal or self.slip).usage[0]
+
     @property
     def normal_reserves(self) -> np.ndarray:
-        """(n,) distance of the normal forces of the slip reserve from the ends of their sets, N."""
-        return np.minimum(*ForceSets(self.scene.support).room(self.slip.normal_forces[0]))
+        """(n,) distance of the normal forces from the ends of their sets, N."""
+        return np.minimum(*ForceSets(self.scene.support).room(self.normal_forces))
 
     @cached_property
     def feet(self) -> Shared | None:
@@ -159,10 +176,27 @@ class StandReport(Report):
     def stands(self) -> bool:
         """True if the base as described stands: all solutions of the contact laws do, as far as is known.
 
-        With ordinary contacts this does not depend on the facets of the friction pyramids.
+        With ordinary contacts this does not depend on the facets of the friction pyramids. Where rigid
+        contacts leave it open, declared springs decide.
         """
         undecided = self.verdict.weak and not self.verdict.decided
-        return self.state.solved and (self.verdict.strong or (undecided and self.state.persistent))
+        undecided &= self.verdict.state.persistent
+        return self.state.solved and (self.verdict.strong or undecided or self.on_springs)
+
+    @property
+    def on_springs(self) -> bool:
+        """Whether the forces of declared springs hold the base, within the friction."""
+        return bool(self.feet and self.slip.GT[0] < _NO_RESERVE and not face_each_other(self.scene.support))
+
+    @property
+    def equal_remark(self) -> str:
+        """What equally compliant feet do, where the best sharing of the load does something else."""
+        if self.equal is None:
+            return ""
+        lifted = np.flatnonzero(self.equal.lifts[0]) + 1
+        found = [f"contact {k} lifts" for k in lifted]
+        found += [] if self.equal.stands[0] else ["the friction is not enough"]
+        return f"with equally compliant feet {' and '.join(found)}" if found else ""
 
     @property
     def without_reserve(self) -> str:
@@ -197,8 +231,17 @@ class StandReport(Report):
             "modes": state.modes,
             "forces": state.forces,
             "redistribution": self.redistribution,
-            "normal_forces": self.slip.normal_forces[0],
-            "friction_used": self.slip.usage[0],
+            "normal_forces": self.normal_forces,
+            "friction_used": self.friction_used,
+            "equal_compliance": self.equal
+            and {
+                "GT": self.equal.GT[0],
+                "stands": bool(self.equal.stands[0]),
+                "lifts": np.flatnonzero(self.equal.lifts[0]) + 1,
+                "remark": self.equal_remark or None,
+            },
+            "best_sharing": self.equal
+            and {"normal_forces": self.slip.normal_forces[0], "friction_used": self.slip.usage[0]},
             "remark": self.remark or None,
             "normal_reserves": self.normal_reserves,
             "foot_motions": self.feet.deflections[0] if self.feet else None,
@@ -237,12 +280,19 @@ class StandReport(Report):
         if self.without_reserve:
             what = {"tips": "the least push tips it", "slips": "the least push makes it slip"}
             return f"IN BALANCE WITHOUT ANY RESERVE: {what[self.without_reserve]}."
+        remark = f" Note: {self.equal_remark}." if self.equal_remark else ""
         if self.verdict.strong:
-            return "STANDS. Nothing slips, nothing lifts off."
+            return f"STANDS. Nothing slips, nothing lifts off.{remark}"
+        if self.on_springs:
+            return "STANDS on its feet as compliant as declared; rigid ones might move, see stability."
         if self.stands:
             return "STANDS in this solution, but that is not sure, see stability."
+        if self.verdict.weak and self.equal and not remark:
+            return "NOT SURE: equally compliant feet stand, rigid ones may move, see stability."
         if self.verdict.weak:
-            return "NOT SURE: one solution of the contact laws stands, others may move, see stability."
+            return (
+                f"NOT SURE: one solution of the contact laws stands, others may move, see stability.{remark}"
+            )
         if not state.solved:
             return f"DOES NOT STAND: {state.status}."
         if state.persistent:
@@ -252,13 +302,13 @@ class StandReport(Report):
 
     def _contact_table(self) -> list[str]:
         state, support = self.state, self.scene.support
-        forces, reserves = without_noise(self.slip.normal_forces[0]), without_noise(self.normal_reserves)
+        forces, reserves = without_noise(self.normal_forces), without_noise(self.normal_reserves)
         position = "position x, y [m]" if self.scene.planar else "position x, y, z [m]"
         rows = [["contact", "kind", position, "mode", "normal force", "friction used", "normal reserve"]]
         for k, contact in enumerate(support.contacts):
             where = ", ".join(f"{x:.3f}" for x in contact.position + 0.0)
             force, reserve = quantity(forces[k], "N"), quantity(reserves[k], "N")
-            used = percent(self.slip.usage[0, k])
+            used = percent(self.friction_used[k])
             mode = "lifted" if self.feet and not self.feet.pressing[0, k] else state.modes[k]
             rows.append([str(k + 1), contact.kind, where, mode, force, used, reserve])
         return table(rows, left=(1, 3))
@@ -271,6 +321,9 @@ class StandReport(Report):
             ("tip-over GN", f"{ratio(self.tip.GN[0])} (1: a contact lifts off{rest})"),
             ("slip GT", f"{ratio(self.slip.GT[0])} (1: the friction is used up{shared})"),
         ]
+        if self.equal:
+            text = f"GT {ratio(self.equal.GT[0])}; the table has their normal forces and friction used"
+            lines.append(("equal feet", f"{text}; `stiffness` declares other springs"))
         if self.remark:
             lines.append(("", self.remark))
         lines.append(("tipping axis", _axis_text(self)))
@@ -281,9 +334,10 @@ class StandReport(Report):
         lines += under("would change", self.sensitivities)
         only = " Under exactly this load; there is no reserve." if self.without_reserve else ""
         lines.append(("stability", f"{self.verdict.verdict}: {self.verdict.explanation}{only}"))
-        if state.solved and not state.persistent:
-            values = ", ".join(f"{a:.3g}" for a in without_noise(state.acceleration))
-            lines.append(("acceleration", f"[{values}] m/s^2, rad/s^2"))
+        if solver.solved and not solver.persistent and not self.stands:
+            values = ", ".join(f"{a:.3g}" for a in without_noise(solver.acceleration))
+            which = " in the solution that moves" if self.verdict.weak else ""
+            lines.append(("acceleration", f"[{values}] m/s^2, rad/s^2{which}"))
         lines.append(("solver", f"{solver.pivots} pivots, residual {solver.residual:.1g} (relative)"))
         if state.solved and not self.slip.solved[0]:
             lines.append(("note", f"slip reserve: {self.slip.status[0]}"))

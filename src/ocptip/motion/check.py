@@ -115,7 +115,15 @@ class MotionCheck:
         word = "CERTIFIED" if self.certified else "VERIFIED" if self.verified else "NOT VERIFIED"
         if self.certified and self.within is not None:
             word += " within the tolerance"
-        return word + self.scope
+        return word + self.scope + self._if_equally_compliant
+
+    @property
+    def _if_equally_compliant(self) -> str:
+        """Where equally compliant feet lose what another sharing of the load keeps; else empty."""
+        differs, alike = self.contacts.differs, self.within and self.within.alike
+        if not differs and alike and alike.value < 0:
+            differs = "with equally compliant feet one lifts within the tolerance"
+        return f" ({differs})" if self.verified and differs else ""
 
     @property
     def scope(self) -> str:

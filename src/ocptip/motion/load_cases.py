@@ -16,6 +16,7 @@ import numpy as np
 from ocptip.basics.errors import finite_array
 from ocptip.contact.resting import solve_resting
 from ocptip.contact.states import ContactStates
+from ocptip.reserves.equal_compliance import reported_normal_forces
 from ocptip.robots.kinematics import gripper_batch
 from ocptip.standing.arm import StandingRobot
 
@@ -53,7 +54,7 @@ class LoadCase:
         pose: its name.
         payload, tilt, push: kg, rad, N.
         GN, GT: uses of the reserves; 1 and more, or NaN: a contact is lost.
-        least_force: N, the least normal force of a contact; of four and more feet in one possible sharing.
+        least_force: N, the least normal force of a contact; rigid feet as if equally compliant.
         stands: no contact is lost in any direction.
         downhill, towards: of the floor and of the push, in base axes, where it is worst; zero without.
     """
@@ -189,7 +190,7 @@ def _case(
     i, k = pairs[int(np.argmax(use)) // len(loads.process)]
     return LoadCase(
         name, float(payload), float(tilt), float(push), float(np.max(GN)), float(np.max(GT)),
-        float(np.min(states.contact_forces[:, :, 0])), bool(np.all(use < 1)),
+        float(np.min(reported_normal_forces(states))), bool(np.all(use < 1)),
         tuple(downhill[i].tolist()), tuple(towards[k].tolist()),
     )  # fmt: skip
 

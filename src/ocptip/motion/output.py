@@ -22,6 +22,7 @@ from ocptip.basics.sums import write_sums, written_names
 from ocptip.basics.write import plain, versions, write_bytes, write_text
 from ocptip.motion.execution import Execution
 from ocptip.motion.source import TASK, TaskSource, source_of
+from ocptip.reserves.equal_compliance import reported_normal_forces
 from ocptip.standing.mechanism import MotionSamples, StandingMechanism
 from ocptip.trajectories.arm_motion import INSIDE, MERGE
 from ocptip.trajectories.sampled import Motion, SampledMotion
@@ -131,7 +132,8 @@ def write_motion_csv(path: str | os.PathLike[str], samples: MotionSamples) -> No
 
     Columns, joints and contacts counted from 1: `time_s`; per joint `q1_deg`, `qd1_deg_s`, `qdd1_deg_s2`,
     `tau1_Nm`, `power1_W` (all joints of one quantity, then the next); `GN`, `GT`, `clearance_m`; per contact
-    `normal1_N`, `friction_use1` (nan for a contact without load); `total_power_W`, the sum of all drives; the
+    `normal1_N` (of equally compliant feet where rigid ones leave it open), `friction_use1` (in the best
+    sharing; nan for a contact without load); `total_power_W`, the sum of all drives; the
     gripper's pose in the base frame, `gripper_x_m` and so on and its axes as a quaternion `gripper_qx`,
     `gripper_qy`, `gripper_qz`, `gripper_qw`; what a force-torque sensor in the base measures, `sensor_fx_N`
     and so on, `sensor_mx_Nm` and so on, under its own name for `sensor`, see `standing.sensor.WrenchSensor`.
@@ -317,7 +319,7 @@ def csv_blocks(samples: MotionSamples) -> list[tuple[str, np.ndarray]]:
     blocks += [(f"power{j + 1}_W", samples.powers[:, j]) for j in range(n)]
     blocks += [("GN", samples.tip.GN), ("GT", samples.slip.GT), ("clearance_m", samples.clearances)]
     for name, values in (
-        ("normal{}_N", samples.states.contact_forces[:, :, 0]),
+        ("normal{}_N", reported_normal_forces(samples.states)),
         ("friction_use{}", samples.slip.usage),
     ):
         blocks += [(name.format(k + 1), values[:, k]) for k in range(contacts)]

@@ -19,8 +19,9 @@ from ocptip.certificate.trusted.described import CLEARANCE, TORQUES
 from ocptip.certificate.trusted.drives import Drives
 from ocptip.certificate.trusted.forms import Form
 from ocptip.motion.late_joints import Looked, jump_states, on_time
+from ocptip.reserves.equal_compliance import equal_normal_map
 from ocptip.standing.arm import StandingRobot
-from ocptip.standing.contact_margins import Margin, forces_if_alike
+from ocptip.standing.contact_margins import Margin
 from ocptip.standing.limit_kinds.limit import Worst as Measured
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
@@ -211,8 +212,7 @@ def _worst_of(cases: WorstCase, motion: Motion, times: np.ndarray) -> WithinTole
 
 def _least_if_alike(cases: WorstCase, at: Looked) -> Margin | None:
     """Least normal force of a foot if all gave alike, by slopes over the deviations."""
-    shares = None if cases.robot.slip.redistribution == "tangential" else forces_if_alike(cases.robot.support)
-    if shares is None:
+    if (shares := equal_normal_map(cases.robot.support)) is None:
         return None
     wrenches, over = cases.deviations.wrench_and_slopes(at.s, np.zeros((len(at.s), cases.deviations.size)))
     forces = wrenches @ shares.T

@@ -346,7 +346,9 @@ def _normal_forces(ax: Any, curves: PlanCurves) -> None:
             style = {**_LIMIT_STYLE, **(own if len(which) == 1 else {})}
             ax.axhline(value, **style, label=f"{word}{of}: {value:.4g} N", gid=f"{word}-normal")
     title = _all("Normal forces of contacts", curves.normal_forces)
-    shared = "" if curves.plan.check.contacts.unique else ", one possible sharing"
+    contacts = curves.plan.check.contacts
+    shared = ", equally compliant feet" if contacts.alike else ", one possible sharing"
+    shared = "" if contacts.unique else shared
     _finish(ax, curves, title + shared, "force on the base [N]")
 
 

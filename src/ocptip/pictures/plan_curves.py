@@ -10,6 +10,7 @@ import numpy as np
 
 from ocptip.motion.cycles.output import samples_joined
 from ocptip.motion.output import sample_motion
+from ocptip.reserves.equal_compliance import reported_normal_forces
 from ocptip.standing.mechanism import MotionSamples, StandingMechanism
 from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.sampled import Motion
@@ -96,8 +97,8 @@ class PlanCurves:
 
     @property
     def normal_forces(self) -> np.ndarray:
-        """(N, n), N."""
-        return self.samples.states.contact_forces[:, :, 0]
+        """(N, n), N; of equally compliant feet where rigid ones leave them open."""
+        return reported_normal_forces(self.samples.states)
 
     @property
     def title(self) -> str:

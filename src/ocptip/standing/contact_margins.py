@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from ocptip.basics.text import percent, quantity
-from ocptip.contact.bindings.unilateral import UnilateralContact
-from ocptip.contact.support import Support
+from ocptip.reserves.equal_compliance import equal_sharing
 from ocptip.standing.instants import Loaded
 
 _ALIKE = 1e-6
@@ -52,19 +50,20 @@ class ContactMargins:
     """Worst values of the contacts over some instants; None where a quantity has no meaning there.
 
     Attributes:
-        force: least distance of a normal force from the end at which its contact lets go, N: for ordinary
-            contacts the normal force.
+        force: minimum distance of a normal force from the end at which its contact lets go, N: for ordinary
+            contacts the normal force. Rigid feet that can share in several ways: as if equally compliant.
         moment: least moment left about a tipping axis, N m.
         edge: least distance of the zero-moment point from the edge of the support polygon, m; only for
             ordinary contacts on one plane.
-        friction: greatest share of a contact's friction in use.
-        unique: the contacts share the normal forces in one way only; otherwise the forces are those of one
-            possible sharing (motion.csv has the same).
+        friction: maximum share of a contact's friction in use, where forces are shared in the best way.
+        unique: the contacts share the normal forces in one way only; otherwise those of motion.csv are one
+            possible sharing.
         weak: number of instants at which forces can hold the base, but the contact solver came upon a motion,
             see `contact.resting`; there may be more at which it did not.
         first_weak: the first of them, s; infinite without any.
-        alike: where rigid feet share in several ways: the least normal force of a foot if all gave alike, N,
-            below zero if it would have to pull; it lifts then for a while, and the others hold the base.
+        alike: where rigid feet share in several ways: the minimum normal force of equally compliant feet, N,
+            below zero if one would have to pull; it lifts then for a while, and the others hold the base.
+        equal_friction: the share of the friction in use with these normal forces; 1 and more: it slips.
     """
 
     force: Margin | None
@@ -75,25 +74,26 @@ class ContactMargins:
     weak: int = 0
     first_weak: float = np.inf
     alike: Margin | None = None
+    equal_friction: Margin | None = None
 
     @classmethod
     def of(cls, at: Loaded, times: np.ndarray) -> ContactMargins:
         """Of instants at times (N,), s."""
         tip, tip_over = at.tip, at.robot.tip_over
         pairs = [(min(axis.contacts) + 1, max(axis.contacts) + 1) for axis in tip_over.axes]
-        usage = _least(-at.largest_slip.usage, times)
         weak = at.states.persistent & at.states.without_basis
-        unique = at.robot.slip.redistribution == "tangential"
-        alike = None if unique else forces_if_alike(at.robot.support)
+        unique, equal = at.robot.slip.redistribution == "tangential", equal_sharing(at.states)
+        force = equal.normal_forces if equal else tip.normal_reserves
         return cls(
-            force=_least(np.maximum(tip.normal_reserves, 0.0), times),
+            force=_least(np.maximum(force, 0.0), times),
             moment=None if tip_over.free_rotation else _least(np.maximum(tip.moments, 0.0), times, pairs),
             edge=_least(tip.edge_distances[:, None], times, [()]),
-            friction=usage and Margin(-usage.value + 0.0, usage.time, usage.contacts),
+            friction=_most(at.largest_slip.usage, times),
             unique=unique,
             weak=int(np.count_nonzero(weak)),
             first_weak=float(np.min(times[weak], initial=np.inf)),
-            alike=None if alike is None else _least(at.wrenches @ alike.T, times),
+            alike=equal and _least(equal.if_all_pressed, times),
+            equal_friction=equal and _most(equal.usage, times),
         )
 
     def worse(self, other: ContactMargins) -> ContactMargins:
@@ -107,11 +107,20 @@ class ContactMargins:
             self.weak + other.weak,
             min(self.first_weak, other.first_weak),
             _smaller(self.alike, other.alike),
+            _smaller(self.equal_friction, other.equal_friction, -1.0),
         )
+
+    @property
+    def differs(self) -> str:
+        """What equally compliant feet do that the best sharing of the load does not; empty for nothing."""
+        lifts = self.alike is not None and self.alike.value < 0
+        slips = self.equal_friction is not None and self.equal_friction.value >= 1
+        does = " and ".join(word for word, known in (("lifts", lifts), ("slips", slips)) if known)
+        return f"with equally compliant feet one {does}" if does else ""
 
     def later(self, seconds: float) -> ContactMargins:
         """The same at times so much later."""
-        names = ("force", "moment", "edge", "friction", "alike")
+        names = ("force", "moment", "edge", "friction", "alike", "equal_friction")
         known = {name: margin for name in names if (margin := getattr(self, name))}
         shifted = {name: margin.later(seconds) for name, margin in known.items()}
         return replace(self, **shifted, first_weak=self.first_weak + seconds)
@@ -126,6 +135,11 @@ class ContactMargins:
             **data,
             "normal_forces_unique": self.unique,
             "least_force_if_feet_give_alike_N": self.alike and self.alike.to_dict(),
+            "equal_compliance": self.alike
+            and {
+                "friction_use": self.equal_friction and self.equal_friction.to_dict(),
+                "agrees": not self.differs,
+            },
             "weak_instants": self.weak,
             "first_weak_s": first,
         }
@@ -134,9 +148,9 @@ class ContactMargins:
         """In words, one line per quantity that has a meaning."""
         found = []
         if self.force:
-            shared = "" if self.unique else _OPEN
+            shared = "" if self.unique else _EQUAL if self.alike else _OPEN
             found.append(f"least normal force {quantity(self.force.value, 'N', 3)} {self.force}{shared}")
-        if self.alike:
+        if self.alike and self.alike.value < 0:
             found.append(if_alike(self.alike))
         if self.moment:
             found.append(f"{quantity(self.moment.value, 'N m', 3)} left about a tipping axis {self.moment}")
@@ -144,7 +158,11 @@ class ContactMargins:
             edge = quantity(1e3 * self.edge.value, "mm", 3)
             found.append(f"zero-moment point {edge} from the edge of the support polygon {self.edge}")
         if self.friction:
-            found.append(f"{percent(self.friction.value)} of the friction used {self.friction}")
+            best = ", shared in the best way" if self.equal_friction else ""
+            found.append(f"{percent(self.friction.value)} of the friction used {self.friction}{best}")
+        if self.equal_friction:
+            used = percent(self.equal_friction.value)
+            found.append(f"{used} of the friction used with equally compliant feet {self.equal_friction}")
         if self.weak:
             found.append(
                 f"weak: at {self.weak} instants, first at {self.first_weak:.3f} s, forces can hold the base, "
@@ -153,27 +171,19 @@ class ContactMargins:
         return found
 
 
+_EQUAL = ", of equally compliant feet; a declared stiffness of the feet makes the sharing definite"
 _OPEN = (
     "; one possible sharing, rigid ground leaves it open; a declared stiffness of the feet makes it definite"
 )
 
 
-@lru_cache(maxsize=8)
-def forces_if_alike(support: Support) -> np.ndarray | None:
-    """(n, w): normal forces, N, per wrench if all feet gave alike and pressed; None if some are no feet."""
-    if not all(isinstance(contact, UnilateralContact) for contact in support.contacts):
-        return None
-    elastic = support.varied([replace(contact, stiffness=1.0) for contact in support.contacts]).elastic
-    return elastic and elastic.normal_map
-
-
 def if_alike(margin: Margin) -> str:
-    """The least normal force if all feet gave alike, in words."""
+    """The minimum normal force of equally compliant feet, in words."""
     force = quantity(abs(margin.value), "N", 3)
     if margin.value >= 0:
-        return f"if all feet gave alike, the least normal force would be {force} {margin}"
+        return f"minimum normal force of equally compliant feet {force} {margin}"
     return (
-        f"if all feet gave alike, one would have to pull {force} {margin}: "
+        f"with equally compliant feet, one would have to pull {force} {margin}: "
         "it lifts for a while, and the others hold the base"
     )
 
@@ -191,6 +201,12 @@ def _least(
         return Margin(value, float(times[i]), names[k])
     alike = np.flatnonzero(known[i] <= value + _ALIKE * abs(value))
     return Margin(value, float(times[i]), tuple(int(j) + 1 for j in alike))
+
+
+def _most(values: np.ndarray, times: np.ndarray) -> Margin | None:
+    """The maximum of values (N, contacts) at times (N,); None if none is finite."""
+    least = _least(-values, times)
+    return least and Margin(-least.value + 0.0, least.time, least.contacts)
 
 
 def _smaller(one: Margin | None, other: Margin | None, sign: float = 1.0) -> Margin | None:

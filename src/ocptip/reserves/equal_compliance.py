@@ -1,0 +1,111 @@
+"""Rigid feet that can share a load in several ways, as if all were equally compliant.
+
+Rigid bodies leave open how four and more feet share a load. Real feet and floors are compliant, mostly about
+equally. That sharing is what reports show, and it is judged beside the best one: a foot may lift, or the
+friction may be used up, where other normal forces would still hold the base.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from ocptip.contact.bindings.unilateral import UnilateralContact
+from ocptip.contact.states import ContactStates
+from ocptip.contact.support import Support
+from ocptip.reserves.slip import Slip
+
+_LIFTED = 1e-6  # of the weight: a foot that would pull so little is at rounding
+
+
+@dataclass(frozen=True, eq=False)
+class EqualSharing:
+    """Loads of N wrenches shared by equally compliant feet; NaN where the base moves.
+
+    Attributes:
+        normal_forces: (N, n) N, 0 for feet that lift.
+        if_all_pressed: (N, n) N: normal forces if every foot could pull, also where the base moves; negative
+            for feet that lift.
+        usage: (N, n) |tangential force| / limit with these normal forces, tangential ones shared best.
+        GT: (N,) largest usage; 1 and more: the friction of these normal forces is not enough.
+    """
+
+    normal_forces: np.ndarray
+    if_all_pressed: np.ndarray
+    usage: np.ndarray
+    GT: np.ndarray
+
+    @property
+    def stands(self) -> np.ndarray:
+        """(N,) True where equally compliant feet hold the base, whether or not some of them lift."""
+        return self.GT < 1.0
+
+    @property
+    def lifts(self) -> np.ndarray:
+        """(N, n) True for feet that lift."""
+        size = np.sum(np.abs(self.if_all_pressed), axis=1, keepdims=True)
+        return self.if_all_pressed < -_LIFTED * size
+
+
+def equal_sharing(states: ContactStates) -> EqualSharing | None:
+    """How equally compliant feet share the wrenches of states.
+
+    None where normal forces are unique or follow from declared springs, where not all contacts are feet, or
+    where feet face each other: how much those squeeze is no matter of compliance.
+    """
+    if (slip := _equal_slip(states.support)) is None:
+        return None
+    rows, forces = _on_equal_springs(states, slip)
+    own = replace(states.select(rows), support=slip.support).changed(
+        np.arange(len(rows)), {"contact_forces": forces}
+    )
+    reserve = slip.evaluate(own, derivatives=False)
+    count, n = len(states), states.support.n_contacts
+    normal, usage, GT = np.full((count, n), np.nan), np.full((count, n), np.nan), np.full(count, np.nan)
+    normal[rows], usage[rows], GT[rows] = forces[:, :, 0], reserve.usage, reserve.GT
+    normal_map = equal_normal_map(states.support)
+    assert normal_map is not None  # there are such feet
+    return EqualSharing(normal, states.wrenches @ normal_map.T, usage, GT)
+
+
+def reported_normal_forces(states: ContactStates) -> np.ndarray:
+    """(N, n) N: of equally compliant feet where rigid ones at rest leave them open, else of the states."""
+    normal = states.contact_forces[:, :, 0]
+    if (slip := _equal_slip(states.support)) is not None:
+        rows, forces = _on_equal_springs(states, slip)
+        normal = normal.copy()
+        normal[rows] = forces[:, :, 0]
+    return normal
+
+
+def equal_normal_map(support: Support) -> np.ndarray | None:
+    """(n, w): normal forces, N, per wrench if equally compliant feet all pressed; None as `equal_sharing`."""
+    slip = _equal_slip(support)
+    return slip and slip.support.elastic and slip.support.elastic.normal_map
+
+
+def face_each_other(support: Support) -> bool:
+    """Whether two contacts press against each other, so that their forces need no load."""
+    normals = support.frames[:, :, 0]
+    return bool(np.min(normals @ normals.T) <= 0)
+
+
+@lru_cache(maxsize=8)
+def _equal_slip(support: Support) -> Slip | None:
+    """Of the same feet with one stiffness, whatever it is."""
+    feet = all(isinstance(contact, UnilateralContact) for contact in support.contacts)
+    if not feet or face_each_other(support) or Slip(support).redistribution == "tangential":
+        return None
+    equal = {"stiffness": 1.0, "tangential_stiffness": None}
+    return Slip(support.varied([replace(contact, **equal) for contact in support.contacts]))
+
+
+def _on_equal_springs(states: ContactStates, slip: Slip) -> tuple[np.ndarray, np.ndarray]:
+    """Which states rest on feet of such a reserve, and their forces (rows, n, d), N."""
+    elastic = slip.support.elastic
+    assert elastic is not None  # its feet have a stiffness
+    rows = np.flatnonzero(states.persistent)
+    shared = elastic.share(states.wrenches[rows])
+    return rows[shared.found], shared.forces[shared.found]
