@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 import ocptip.motion.check as check_module
+import ocptip.reserves.slip as slip_module
 from ocptip.basics.errors import InputError
 from ocptip.motion.check import check_motion
 from ocptip.published.cases import motion_case
 from ocptip.published.tasks import experiment_robot
 from ocptip.standing.limits import MotionLimits
+from ocptip.standing.rest import posture_refusals
 from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.ramps import RampCommand
 
@@ -93,6 +95,22 @@ def test_without_verified_contact_states_nothing_stands(monkeypatch, flaw):
     assert not checked.verified
     assert not checked.stands
     assert checked.to_dict()["stands"] is False
+
+
+def test_an_upper_bound_of_the_slip_optimum_keeps_a_limit_and_is_named_where_it_does_not(monkeypatch):
+    robot, motion = reference("A", "printed")
+    GT = check_motion(robot, motion).worst["GT"].value
+    monkeypatch.setattr(slip_module, "GAP_TOLERANCE", -1.0)  # no optimum is certified
+    assert check_motion(robot, motion, MotionLimits(GT=1.01 * GT)).verified
+    checked = check_motion(robot, motion, MotionLimits(GT=0.99 * GT))
+    assert not checked.verified
+    assert not any("no verified contact state" in violation for violation in checked.violations)
+    assert any("the slip optimum is not certified at" in violation for violation in checked.violations)
+    start, slope = motion.start, robot.support.varied(gravity=[0.3, 0.0, -9.81])
+    robot = robot.varied(support=slope)
+    assert posture_refusals(robot, MotionLimits(GT=0.9), start) == []
+    [refusal] = posture_refusals(robot, MotionLimits(GT=1e-9), start)
+    assert refusal.startswith("slip GT is at most")
 
 
 def test_joint_limits_are_checked_exactly():

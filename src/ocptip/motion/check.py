@@ -204,15 +204,16 @@ def check_motion(
     worst = [found for limit in kinds for found in limit.exact(motion)]
     grids = [_Grid(left + INSIDE, right - INSIDE, step) for left, right in pieces]
     grids += [_Grid(t, t, step) for t in (-INSIDE, motion.end + INSIDE)]
-    samples, unsolved, standing, contacts = 0, [], True, None
+    samples, unsolved, uncertified, standing, contacts = 0, [], [], True, None
     todo = [grid.times for grid in grids]
     for _ in range(_ROUNDS):
         count = sum(map(len, todo))
         if count == 0:
             break
         samples += count
-        found = _evaluate(robot, motion, kinds, todo)
+        found = _evaluate(robot, motion, kinds, todo, limits.GT)
         unsolved += found.unsolved
+        uncertified += found.uncertified
         standing &= found.standing
         contacts = found.contacts.worse(contacts or found.contacts)
         for grid, times, values in zip(grids, todo, found.split(todo), strict=True):
@@ -234,6 +235,11 @@ def check_motion(
     if unsolved:
         violations.append(
             f"no verified contact state at {len(unsolved)} instants, first at {unsolved[0]:.4f} s"
+        )
+    if uncertified:
+        violations.append(
+            f"the slip optimum is not certified at {len(uncertified)} instants, first at "
+            f"{uncertified[0]:.4f} s: GT there is an upper bound, beyond the limit"
         )
     if not standing:
         violations.append("a contact slips or lifts off")
@@ -296,11 +302,17 @@ class _Grid:
 
 @dataclass
 class _Found:
-    """Values (N, m) at instants; `ends` are the columns at which the limits' values are split."""
+    """Values (N, m) at instants; `ends` are the columns at which the limits' values are split.
+
+    Attributes:
+        unsolved: times without a contact state, s.
+        uncertified: times at which GT is an upper bound beyond the limit, s.
+    """
 
     values: np.ndarray
     ends: np.ndarray
     unsolved: list[float]
+    uncertified: list[float]
     standing: bool
     contacts: ContactMargins
 
@@ -314,18 +326,25 @@ def _instants(robot: StandingMechanism, motion: Motion, times: np.ndarray) -> In
 
 
 def _evaluate(
-    robot: StandingMechanism, motion: Motion, limits: tuple[Limit, ...], todo: list[np.ndarray]
+    robot: StandingMechanism,
+    motion: Motion,
+    limits: tuple[Limit, ...],
+    todo: list[np.ndarray],
+    most: float,
 ) -> _Found:
-    """Values at the listed instants of all grids."""
+    """Values at the listed instants of all grids; `most` is the limit of GT."""
     times = np.concatenate(todo)
     at = _instants(robot, motion, times)
     measured = [limit.measure(at) for limit in limits]
     values, ends = np.hstack(measured), np.cumsum([own.shape[1] for own in measured])[:-1]
     values[np.isnan(values)] = np.inf
-    certain = at.states.solved & at.largest_slip.solved
+    GT, certified = at.largest_slip.GT, at.largest_slip.solved
+    kept = certified | (most >= GT)  # an upper bound within the limit keeps it
+    open_slip = at.states.persistent & ~kept
     standing = bool(np.all(at.states.persistent | ~at.states.solved))
     contacts = ContactMargins.of(at, times)
-    return _Found(values, ends, times[~certain].tolist(), standing, contacts)
+    unsolved, uncertified = times[~at.states.solved].tolist(), times[open_slip].tolist()
+    return _Found(values, ends, unsolved, uncertified, standing, contacts)
 
 
 def _refinements(grids: list[_Grid]) -> list[np.ndarray]:

@@ -247,7 +247,8 @@ class Evaluator:
     def _solved(footing: Footing, slip: Slip, states: ContactStates) -> tuple[np.ndarray, np.ndarray]:
         """GN and GT of states."""
         reserve = slip.evaluate(states, derivatives=False)
-        return footing.tip_over.evaluate(states).GN, np.where(reserve.solved, reserve.GT, np.nan)
+        known = reserve.solved | states.persistent  # what holds the base bounds GT from above
+        return footing.tip_over.evaluate(states).GN, np.where(known, reserve.GT, np.nan)
 
     def _on_rough_ground(
         self, stand: Stand, stood: Stood, wrenches: np.ndarray

@@ -97,10 +97,10 @@ class SlipLimit(WrenchLimit, AskedLimit):
 
     def refusals(self, at: Instants) -> list[str]:
         slip = at.slip
-        if not slip.solved[0]:
-            return [f"no verified slip reserve at rest: {slip.status[0]}"]
-        if slip.GT[0] <= self.number:
+        if slip.GT[0] <= self.number:  # also where it is an upper bound
             return []
+        if not slip.solved[0]:
+            return [f"slip GT is at most {slip.GT[0]:.4g} at rest, the optimum is open: {slip.status[0]}"]
         usage = np.nan_to_num(slip.usage[0])
         return [
             f"slip GT is {slip.GT[0]:.4g} at rest, must be <= {self.number:.4g} (contact "
