@@ -226,3 +226,24 @@ def test_examples_beside_a_limit_are_inside_of_it_in_the_file(tmp_path):
     urdf = written(tmp_path, link("base"), *narrow)
     _, task = unmarked(tmp_path, urdf)
     assert not [reason for reason in refusals(task) if "outside its limits" in reason]
+
+
+def test_links_that_are_always_near_get_a_smaller_clearance(tmp_path):
+    """The third link turns about an axis along itself, 4 mm beside a fin of the first."""
+    fin = box("0.02 0.02 0.1", "0.3 0.054 0") + box("0.2 0.04 0.04", "0.1 0 0")
+    arm = [
+        link("link_1", solid=fin),
+        link("link_2"),
+        link(
+            "link_3",
+            solid=SOLID.format("0.05 0 0", "0 1.57079633 0", '<cylinder radius="0.04" length="0.2"/>'),
+        ),
+        JOINT.format("joint_1", "revolute", "base", "link_1", "0 0 0.3", "0 0 1"),
+        JOINT.format("joint_2", "revolute", "link_1", "link_2", "0.3 0 0", "1 0 0"),
+        JOINT.format("joint_3", "revolute", "link_2", "link_3", "0 0 0", "1 0 0"),
+    ]
+    template, task = unmarked(tmp_path, written(tmp_path, link("base"), *arm))
+    assert "clearance" in template.to_fill
+    assert "3.8 mm apart in the example" in template.text  # 0.2 mm go to the solid around the cylinder
+    assert task.limits.clearance == pytest.approx(0.003)
+    assert refusals(task) == ()

@@ -30,7 +30,7 @@ _INSIDE = 0.4
 _INSET = 2e-5
 """rad or m, from the limits of joints: the file has six digits."""
 
-_POSTURES, _STARTS, _STEPS = 300, 20, 16
+_POSTURES, _STARTS, _STEPS = 300, 50, 16
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,8 @@ def example_motion(arm: ArmModel, geometry: ArmGeometry | None, base: ExampleBas
     for must_hold in (True, False):
         for clearance in _CLEARANCES:
             for start in starts[(gaps >= clearance) & (held | (not must_hold))][:_STARTS]:
-                for goal in _goals(arm, start):
+                goals = np.array(list(_goals(arm, start)))
+                for goal in goals[collisions.least(goals) >= clearance]:
                     line = start + np.linspace(0.0, 1.0, 21)[:, None] * (goal - start)
                     gap = float(collisions.least(line).min())
                     if gap >= clearance and not (must_hold and not _held(mounted, base, line).all()):

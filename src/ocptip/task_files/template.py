@@ -13,6 +13,7 @@ from ocptip.basics.errors import InputError
 from ocptip.basics.text import some
 from ocptip.basics.toml import MARK
 from ocptip.basics.toml_text import toml_value
+from ocptip.robots.collision.gaps import CLEARANCE
 from ocptip.robots.collision.urdf import PACKAGE, geometry_from_urdf, missing_meshes
 from ocptip.robots.model import ArmModel
 from ocptip.robots.sanity import ImpossibleLinksError
@@ -86,14 +87,14 @@ def task_template(
         *_inertia(doubtful),
         *_geometry(missing, broken),
     )
-    sections = (_base(foot), of_arm, _limits(arm), _motion(arm, example))
+    sections = (_base(foot), of_arm, _limits(arm), _motion(arm, example), _near(example))
     head = [
         f"# Task for `ocptip plan`, written by `ocptip init` from {file.path.name}.",
         f"# The lines that begin with {MARK} are examples: put your numbers there and take the mark away.",
         "# SI units; keys in degrees say so. All keys: docs/motion-planner.md.",
         f"name = {toml_value(file.name)}",
     ]
-    text = "\n\n".join("\n".join(lines) for lines in (head, *sections)) + "\n"
+    text = "\n\n".join(filter(None, ("\n".join(lines) for lines in (head, *sections)))) + "\n"
     return TaskTemplate(text, arm, base, tool, missing, (foot.source, example.source))
 
 
@@ -184,6 +185,16 @@ def _motion(arm: ArmModel, example: ExampleMotion) -> Iterator[str]:
     yield "# or start_pose = { position = [0.5, 0.0, 0.8], rpy_deg = [180, 0, 0] }: of tool_frame, base axes"
     first = ", ".join(map(toml_value, arm.joint_names[:3]))
     yield f"# optimised = [{first}]  # only these; the others move in one ramp each"
+
+
+def _near(example: ExampleMotion) -> Iterator[str]:
+    """A smaller clearance for an arm whose links are nearer to each other than the default."""
+    if example.clear is not None and 0 <= example.clear < CLEARANCE:
+        yield "[limits]"
+        about = (
+            f"m, invented; links are {1e3 * example.clear:.2g} mm apart in the example; default {CLEARANCE}"
+        )
+        yield _line(f"clearance = {np.floor(8e3 * example.clear) / 1e4:g}", about, mark=True)
 
 
 def _line(text: str, comment: str, *, mark: bool = False) -> str:
