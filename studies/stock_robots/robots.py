@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -37,29 +38,34 @@ class StockRobot:
         return sum(map(_moves, _chains(ET.parse(self.urdf).getroot()).get(link, ())))
 
 
-def stock_robots(folder: Path, packages: Sequence[str]) -> Iterator[StockRobot]:
-    """One robot per kinematic chain; files that differ only in tools, meshes or limits count once.
+def stock_robots(folder: Path, packages: Sequence[str]) -> list[StockRobot]:
+    """One robot per kinematic chain, packages in turn.
+
+    Files that differ only in tools, meshes or limits count once, those with the shortest names first.
 
     Args:
         folder: holds a folder per package.
-        packages: their names, in the order in which they are searched.
+        packages: their names.
     """
     seen: set[tuple[float, ...]] = set()
-    for package in packages:
-        for urdf in sorted((folder / package).rglob("*.urdf"), key=lambda path: (len(path.name), str(path))):
-            try:
-                chain = longest_chain(ET.parse(urdf).getroot())
-            except ET.ParseError:
-                continue
-            moved = [joint for joint in chain if _moves(joint)]
-            lengths = (
-                [math.hypot(*_offset(joint)) for joint in chain[chain.index(moved[0]) + 1 :]] if moved else []
-            )
-            key = tuple(round(value, 3) for joint in moved[1:] for value in _offset(joint))
-            if len(moved) < JOINTS or sum(lengths) < LENGTH or key in seen:
-                continue
+    found = [list(_of_package(folder / package, package, seen)) for package in packages]
+    return [robot for turn in zip_longest(*found) for robot in turn if robot]
+
+
+def _of_package(folder: Path, package: str, seen: set[tuple[float, ...]]) -> Iterator[StockRobot]:
+    for urdf in sorted(folder.rglob("*.urdf"), key=lambda path: (len(path.name), str(path))):
+        try:
+            chain = longest_chain(ET.parse(urdf).getroot())
+        except ET.ParseError:
+            continue
+        moved = [joint for joint in chain if _moves(joint)]
+        if len(moved) < JOINTS:
+            continue
+        length = sum(math.hypot(*_offset(joint)) for joint in chain[chain.index(moved[0]) + 1 :])
+        key = tuple(round(value, 3) for joint in moved[1:] for value in _offset(joint))
+        if length >= LENGTH and key not in seen:
             seen.add(key)
-            yield StockRobot(package, urdf, len(moved), sum(lengths))
+            yield StockRobot(package, urdf, len(moved), length)
 
 
 def longest_chain(robot: ET.Element) -> list[ET.Element]:

@@ -1,7 +1,7 @@
 """Robots of packages on PyPI through every command, with the defaults of `ocptip init` and no setting tuned.
 
     python -m studies.stock_robots.run --packages FOLDER --fetch
-    python -m studies.stock_robots.run --packages FOLDER --out FOLDER [--only NAME ...] [--again OUTCOME ...]
+    python -m studies.stock_robots.run --packages FOLDER --out FOLDER [--only WORD ...] [--again OUTCOME ...]
     python -m studies.stock_robots.run --out FOLDER --table
 
 Every URDF with an arm goes through `init`, `plan`, `check --stops path`, `retime`, `simulate` and `report`.
@@ -34,8 +34,8 @@ from studies.stock_robots.report import markdown
 from studies.stock_robots.robots import StockRobot, stock_robots
 
 PACKAGES = tomllib.loads((Path(__file__).parent / "packages.toml").read_text(encoding="utf-8"))["versions"]
-CPU_SECONDS, MEMORY = 180, 6 * 2**30
-_WALL = 5  # times the CPU limit: other work may share the machine
+MEMORY = 6 * 2**30
+_WALL = 15  # times the CPU limit: other work may share the machine
 _NAMED = "init, tool named"
 _LATER = {
     "plan": ("plan", "task.toml", "--out", "plan", "--jobs", "1"),
@@ -66,8 +66,13 @@ class Outcome:
     memory: float
 
 
-def command(arguments: Sequence[str], folder: Path) -> Outcome:
-    """Run one command of ocptip in a folder."""
+def command(arguments: Sequence[str], folder: Path, seconds: int) -> Outcome:
+    """Run one command of ocptip in a folder, with so many seconds of CPU time at most."""
+
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 5))
+        resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+
     began = time.monotonic()
     output, errors = folder / f"{arguments[0]}.out", folder / f"{arguments[0]}.err"
     with output.open("w") as out, errors.open("w") as err:
@@ -76,9 +81,9 @@ def command(arguments: Sequence[str], folder: Path) -> Outcome:
             cwd=folder,
             stdout=out,
             stderr=err,
-            preexec_fn=_limits,
+            preexec_fn=limit,
         )
-        timer = threading.Timer(_WALL * CPU_SECONDS, process.kill)
+        timer = threading.Timer(_WALL * seconds, process.kill)
         timer.start()
         _, status, used = os.wait4(process.pid, 0)
         timer.cancel()
@@ -113,16 +118,16 @@ def shortened(text: str) -> str:
     return lines[0].strip()[:400] if lines else ""
 
 
-def studied(robot: StockRobot, folder: Path) -> Iterator[tuple[str, Outcome]]:
+def studied(robot: StockRobot, folder: Path, seconds: int) -> Iterator[tuple[str, Outcome]]:
     """All commands for one robot, as far as each has what it needs."""
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
     first = ("init", str(robot.urdf), "--out", "task.toml")
-    outcome = command(first, folder)
+    outcome = command(first, folder, seconds)
     yield "init", outcome
     if outcome.outcome == "refused" and (candidates := asked_for_tool(folder)):
         tool = max(candidates, key=robot.moved_before)  # the first of those behind most moved joints
-        outcome = command((*first, "--tool-frame", tool), folder)
+        outcome = command((*first, "--tool-frame", tool), folder, seconds)
         yield _NAMED, outcome
     if outcome.outcome != "yes":
         return
@@ -130,18 +135,13 @@ def studied(robot: StockRobot, folder: Path) -> Iterator[tuple[str, Outcome]]:
     task.write_text(task.read_text().replace(f"{MARK} ", ""))
     for name, arguments in _LATER.items():
         if name == "plan" or (folder / "plan" / "plan.json").exists():
-            yield name, command(arguments, folder)
+            yield name, command(arguments, folder, seconds)
 
 
 def asked_for_tool(folder: Path) -> list[str]:
     """The links among which `init` wants a choice; none if it wants something else."""
     found = re.search(r"tool-frame: is missing, candidates: (.*)", (folder / "init.err").read_text())
     return found[1].split(", ") if found else []
-
-
-def _limits() -> None:
-    resource.setrlimit(resource.RLIMIT_CPU, (CPU_SECONDS, CPU_SECONDS + 5))
-    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
 
 
 def fetch(folder: Path) -> None:
@@ -169,10 +169,12 @@ def study(options: argparse.Namespace) -> str:
     if options.table:
         return markdown(lines.read())
     options.out.mkdir(parents=True, exist_ok=True)
-    robots = list(stock_robots(options.packages, list(PACKAGES)))
+    robots = stock_robots(options.packages, list(PACKAGES))
     here, software = commit(), versions()
     for number, robot in enumerate(robots):
         place = f"{robot.package}/{robot.urdf.relative_to(options.packages / robot.package)}"
+        if number % options.parts[1] != options.parts[0] - 1:
+            continue
         if options.only and not any(word in place for word in options.only):
             continue
         last = {(row["urdf"], row["command"]): row["outcome"] for row in lines.read()}
@@ -189,9 +191,11 @@ def study(options: argparse.Namespace) -> str:
             "software": software,
         }
         folder = options.out / f"{robot.package}-{'-'.join(robot.urdf.parts[-3:])}"
-        rows = [{**head, "command": name, **asdict(outcome)} for name, outcome in studied(robot, folder)]
-        for row in rows:
-            lines.append(row)
+        for row in [
+            {**head, "command": name, **asdict(outcome)}
+            for name, outcome in studied(robot, folder, options.seconds)
+        ]:
+            lines.append(row)  # all of a robot at once, so that what is interrupted is repeated
     return markdown(lines.read())
 
 
