@@ -189,6 +189,7 @@ def study(options: argparse.Namespace) -> str:
             "joints": robot.joints,
             "commit": here,
             "software": software,
+            "limit": options.seconds,
         }
         folder = options.out / f"{robot.package}-{'-'.join(robot.urdf.parts[-3:])}"
         for row in [
@@ -212,6 +213,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument(
         "--again", nargs="+", default=[], metavar="OUTCOME", help="repeat robots with one of these"
+    )
+    parser.add_argument("--seconds", type=int, default=180, metavar="S", help="CPU time of a command (180)")
+    parser.add_argument(
+        "--parts", type=int, nargs=2, default=(1, 1), metavar=("K", "N"), help="the K-th N-th"
     )
     parser.add_argument(
         "--table", action="store_true", help="print the table of what is there, and nothing else"
