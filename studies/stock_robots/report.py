@@ -40,9 +40,11 @@ def markdown(rows: Sequence[dict[str, Any]]) -> str:
 
 def short(urdf: str) -> str:
     """Package and file."""
-    package, *_, folder, file = urdf.split("/")
-    file = file.removesuffix(".urdf")
-    return f"{package}: {folder if file in ('model', 'robot_description') else file}"
+    package, *folders, file = urdf.split("/")
+    name = file.removesuffix(".urdf")
+    if name in ("model", "robot_description"):
+        name = next(folder for folder in reversed(folders) if folder != "urdf")
+    return f"{package}: {name}"
 
 
 def cell(row: dict[str, Any] | None) -> str:

@@ -45,6 +45,29 @@ FILES = {
         "joint 'turn_2': type 'continous', expected one of revolute, continuous, prismatic, fixed, floating, "
         "planar; did you mean 'continuous'?",
     ),
+    "limit without effort": (
+        edited('<limit velocity="2" effort="60"/>', '<limit velocity="2"/>'),
+        "joint 'turn_2': <limit> has no effort; give 0 where there is no limit",
+    ),
+    "limit without effort and velocity": (
+        edited('<limit velocity="2" effort="60"/>', "<limit/>"),
+        "joint 'turn_2': <limit> has no effort and no velocity; give 0 where there is no limit",
+    ),
+    "dynamics without values": (
+        edited('<limit velocity="2" effort="60"/>', '<limit velocity="2" effort="60"/><dynamics/>'),
+        "joint 'turn_2': <dynamics> has neither damping nor friction",
+    ),
+    "safety controller without gain": (
+        edited('<limit velocity="2" effort="60"/>', '<limit velocity="2" effort="60"/><safety_controller/>'),
+        "joint 'turn_2': <safety_controller> has no k_velocity",
+    ),
+    "mimics nothing": (edited('<mimic joint="finger_1"/>', "<mimic/>"), "'finger_2': <mimic> names no joint"),
+    "robot without name": (edited(' name="on a lift"', ""), "<robot> has no name"),
+    "another version": (edited(' name="on a lift"', ' name="a" version="2.0"'), "expected 1.0, got '2.0'"),
+    "two materials": (
+        edited('<link name="base"/>', '<link name="base"/>' + 2 * '<material name="red"/>'),
+        "2 materials are called 'red'",
+    ),
     "joint without kind": (edited(' type="continuous"', ""), "joint 'turn_2': type ''"),
     "unknown parent": (
         edited('parent link="upper"', 'parent link="uper"'),

@@ -337,7 +337,12 @@ def _tree(root: ElementTree.Element) -> Iterator[str]:
     if not links:
         other = any(root.find(tag) is not None for tag in ("disable_collisions", "group", "end_effector"))
         yield "no <link> in it" + ("; it is an SRDF, whose key is srdf" if other else "")
-    for kind, names in (("link", links), ("joint", joints)):
+    if root.get("version", "1.0") not in ("1", "1.0"):
+        yield f"<robot version>: expected 1.0, got {root.get('version')!r}"
+    if "name" not in root.attrib:
+        yield '<robot> has no name; write <robot name="...">'
+    materials = [element.get("name", "") for element in root.findall("material[@name]")]
+    for kind, names in (("link", links), ("joint", joints), ("material", materials)):
         for name, count in Counter(names).items():
             if not name:
                 yield f"a {kind} has no name"
@@ -391,9 +396,23 @@ def _joint_complaints(element: ElementTree.Element, links: list[str]) -> Iterato
             lower, upper = float(limit.get("lower", 0)), float(limit.get("upper", 0))
             if lower > upper:
                 yield f"{who}: lower limit {lower:g} is above the upper one, {upper:g}"
+    yield from (f"{who}: {reason}" for reason in _parser_complaints(element))
     text = "1 0 0" if axis is None else axis.get("xyz", "1 0 0")
     if joint.kind != "fixed" and _are_numbers(text, 3) and not any(map(float, text.split())):
         yield f"{who}: its axis is 0 0 0"
+
+
+def _parser_complaints(joint: ElementTree.Element) -> Iterator[str]:
+    """What the parser of Pinocchio refuses with no more than "not a valid URDF"."""
+    limit, dynamics = joint.find("limit"), joint.find("dynamics")
+    if limit is not None and (lacking := [key for key in ("effort", "velocity") if key not in limit.attrib]):
+        yield f"<limit> has no {' and no '.join(lacking)}; give 0 where there is no limit"
+    if dynamics is not None and not {"damping", "friction"} & {*dynamics.attrib}:
+        yield "<dynamics> has neither damping nor friction; take it out"
+    if any("k_velocity" not in controller.attrib for controller in joint.findall("safety_controller")):
+        yield "<safety_controller> has no k_velocity; give it, or take the element out"
+    if any("joint" not in mimic.attrib for mimic in joint.findall("mimic")):
+        yield "<mimic> names no joint"
 
 
 def _joint(element: ElementTree.Element) -> UrdfJoint:

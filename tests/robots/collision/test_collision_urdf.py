@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
@@ -266,3 +267,26 @@ def test_meshes_that_the_file_calls_convex_are_their_hulls(tmp_path):
     assert len(shapes) == 1
     points, _ = elbow(0.425, 0.12)
     assert ConvexHull(shapes[0].corners()).volume == pytest.approx(ConvexHull(points).volume, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("kind", "size"),
+    [
+        ("cylinder", {"radius": "0.1"}),
+        ("box", {}),
+        ("capsule", {"radius": "0.1", "length": "0.2"}),
+        ("cone", {}),
+    ],
+)
+def test_geometry_that_the_parser_leaves_out_is_refused(tmp_path, kind, size):
+    """Pinocchio reads the file without it and says nothing; a proof would be about less than the robot."""
+    urdf = with_collision(tmp_path)
+    tree = ET.parse(urdf)
+    collision = ET.SubElement(tree.find("./link[@name='forearm_link']"), "collision")
+    ET.SubElement(ET.SubElement(collision, "geometry"), kind, size)
+    tree.write(urdf)
+    expected = (
+        rf"collision geometry of link 'forearm_link' \(mesh, {kind}\) cannot be read: .*collision = false"
+    )
+    with pytest.raises(InputError, match=expected):
+        geometry_from_urdf(urdf, arm_from_urdf(urdf))

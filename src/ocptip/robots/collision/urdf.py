@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -85,6 +86,7 @@ def geometry_from_urdf(
         geometry = pin.buildGeomFromUrdfString(robot, text, pin.GeometryType.COLLISION)
     except (ValueError, RuntimeError) as error:
         raise InputError(f"{file}: collision geometry: {' '.join(str(error).split())}") from None
+    _require_all(file, tree, Counter(robot.frames[i.parentFrame].name for i in geometry.geometryObjects))
     raw, shapes = list(_raw(robot, geometry, arm)), []
     for item in raw:
         with naming(f"{file.name}: collision geometry of link {item.name!r}"):
@@ -197,6 +199,24 @@ def _solids(geometry: Any, mesh_parts: int | None = None) -> list[Shape]:
     triangles = [geometry.tri_indices(i) for i in range(geometry.num_tris)]
     corners = np.array([[triangle[i] for i in range(3)] for triangle in triangles], dtype=int)
     return [Hull(points) for points in convex_parts(np.array(geometry.vertices()), corners, mesh_parts)]
+
+
+def _require_all(file: Path, tree: ET.Element, read: Counter[str]) -> None:
+    """Refuse geometry that the parser leaves out without a word, such as a cylinder without length.
+
+    Args:
+        file: the URDF, for messages.
+        tree: its elements.
+        read: how many geometries each link has in the end.
+    """
+    for link in tree.iterfind("link"):
+        kinds, name = [item.tag for item in link.iterfind("collision/geometry/*")], link.get("name", "")
+        if len(kinds) > read[name]:
+            raise InputError(
+                f"{file.name}: collision geometry of link {name!r} ({', '.join(kinds)}) cannot be read: box "
+                "needs size, cylinder radius and length, sphere radius, mesh filename; or "
+                "collision = false to go on without"
+            )
 
 
 def _disabled(srdf: str | os.PathLike[str] | None) -> dict[frozenset[str], str]:
