@@ -123,3 +123,24 @@ def test_the_headline_says_that_an_equally_compliant_foot_lifts(capsys, tmp_path
     lifted = [k + 1 for k in np.flatnonzero(normal < 0)]
     assert data["equal_compliance"]["lifts"] == lifted
     assert f"with equally compliant feet contact {lifted[0]} lifts" in text.splitlines()[0]
+
+
+def test_above_one_the_friction_needed_is_a_number_of_its_own(capsys, tmp_path):
+    """240 N against 0.3 of the weight of 50 kg; the force acts low, so that nothing tips."""
+    feet = "".join(
+        f"[[contact]]\nposition = [{x}, {y}, 0]\nfriction = 0.3\n"
+        for x, y in ((0.3, 0.2), (0.3, -0.2), (-0.3, 0))
+    )
+    path = tmp_path / "slides.toml"
+    load = "[[load]]\nforce = [240, 0, 0]\npoint = [0, 0, 0.1]\n"
+    path.write_text("[base]\nmass = 50\ncenter_of_mass = [0, 0, 0.3]\n" + feet + load)
+    _, data, text = _stand(capsys, path)
+    assert data["GT"] > 2.5
+    assert data["friction_needed"] == pytest.approx(240 / (0.3 * abs(data["wrench"][2])), abs=1e-6)
+    assert "1.63 times the friction would hold it" in text
+    path.write_text(path.read_text().replace("240", "24"))
+    _, data, text = _stand(capsys, path)
+    assert data["friction_needed"] == pytest.approx(data["GT"], abs=1e-7)
+    assert "times the friction" not in text
+    path.write_text(path.read_text().replace("friction = 0.3", "friction = 0"))
+    assert _stand(capsys, path)[1]["friction_needed"] is None

@@ -113,6 +113,21 @@ def test_an_upper_bound_of_the_slip_optimum_keeps_a_limit_and_is_named_where_it_
     assert refusal.startswith("slip GT is at most")
 
 
+def test_a_motion_that_slides_is_told_the_friction_that_it_needs():
+    robot, motion = reference("A", "printed")
+    needed = check_motion(robot, motion).worst["GT"].value
+    smooth = [
+        replace(contact, friction=0.5 * needed * contact.friction) for contact in robot.support.contacts
+    ]
+    checked = check_motion(robot.varied(support=robot.support.varied(smooth)), motion)
+    worst = checked.worst["GT"]
+    assert worst.value > 1
+    factor = float(worst.detail.split()[0])
+    assert 1 < factor <= 2 * (1 + 1e-3)  # of the instant at which it slides fastest
+    assert worst.detail.endswith("times the friction would hold it")
+    assert worst.detail in checked.violations[[v.startswith("GT") for v in checked.violations].index(True)]
+
+
 def test_joint_limits_are_checked_exactly():
     robot, motion = reference("A", "printed")
     fast = check_motion(robot, motion.time_scaled(0.9))

@@ -197,3 +197,14 @@ def test_stiffness_of_feet_in_words():
     assert words(2.5e5, False, lifts) == (
         "feet that give, of 2.5e5 N/m and more (contact 2 lifts on softer ones, 5 % damping, 0.500 s)"
     )
+
+
+def test_a_motion_that_needs_next_to_no_friction_says_so():
+    """No time and no way of losing a contact, which nothing loses."""
+    assert f"{Tolerated('friction', 0.00098, '', True, np.nan, '')}" == "friction x 0.00098 and less"
+    task = experiment_task("A", "effective")
+    feet = [dataclasses.replace(foot, friction=900.0) for foot in task.robot.support.contacts]
+    robot = task.robot.varied(support=task.robot.support.varied(feet))
+    [found] = [own for own in tolerated(robot, task.reference) if own.quantity == "friction"]
+    assert found.at_most
+    assert "nan" not in f"{found}"

@@ -24,6 +24,7 @@ from ocptip.contact.verdict import StabilityVerdict, stability, standing_state, 
 from ocptip.numerics.compiled import interpreted
 from ocptip.reserves.equal_compliance import EqualSharing, equal_sharing, face_each_other
 from ocptip.reserves.force_sets import ForceSets
+from ocptip.reserves.friction_needed import friction_needed, needed_text
 from ocptip.reserves.slip import Redistribution, Slip, SlipReserve
 from ocptip.reserves.tipping import TipOver, TipOverReserve
 from ocptip.task_files.scene import Scene, read_scene
@@ -145,6 +146,14 @@ class StandReport(Report):
         equal = equal_sharing(self.states)
         return equal if equal and np.isfinite(equal.GT[0]) else None
 
+    @cached_property
+    def friction_needed(self) -> float | None:
+        """Factor on the friction with which the contacts just hold the base; None if it is not known."""
+        if self.scene.planar or not self.state.solved:
+            return None
+        needed = friction_needed(self.scene.support, self.scene.wrench)
+        return needed if np.isfinite(needed) else None
+
     @property
     def normal_forces(self) -> np.ndarray:
         """(n,) N: of equally compliant feet, where rigid ones leave them open."""
@@ -248,6 +257,7 @@ class StandReport(Report):
             "acceleration": state.acceleration,
             "GN": self.tip.GN[0],
             "GT": self.slip.GT[0],
+            "friction_needed": self.friction_needed,
             "tipping_axis": axis,
             "wrench": self.scene.wrench,
             **sensitivities_to_dict(self.sensitivities),
@@ -321,6 +331,12 @@ class StandReport(Report):
             ("tip-over GN", f"{ratio(self.tip.GN[0])} (1: a contact lifts off{rest})"),
             ("slip GT", f"{ratio(self.slip.GT[0])} (1: the friction is used up{shared})"),
         ]
+        if self.slip.slide_acceleration[0] > 0:
+            needed = f"; {needed_text(self.friction_needed)}" if self.friction_needed else ""
+            text = (
+                f"of it {ratio(self.slip.slide_acceleration[0])} are the acceleration of what slides, m/s^2"
+            )
+            lines.append(("", f"{text}{needed}"))
         if self.equal:
             text = f"GT {ratio(self.equal.GT[0])}; the table has their normal forces and friction used"
             lines.append(("equal feet", f"{text}; `stiffness` declares other springs"))

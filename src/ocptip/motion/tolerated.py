@@ -58,7 +58,7 @@ class Tolerated:
         quantity: "tilt", "extra_mass", "push", "friction", "faster" or "delay".
         value: in `unit`; of friction the least factor.
         unit: "deg", "kg", "N", "", "%" or "ms".
-        at_most: nothing was lost up to this value, beyond which was not looked.
+        at_most: nothing was lost up to this value (friction: down to it), beyond which was not looked.
         time: s, where the contact is lost; NaN if none is.
         how: direction, and what happens.
         between: of feet one of which lifts on the stiffest: on those between these, in `unit`, none does.
@@ -78,7 +78,7 @@ class Tolerated:
         name, unit = _WORDS[self.quantity], f" {self.unit}" if self.unit else ""
         value = f"{name[0]}{self.value:.3g}{unit}{name[1]}"
         if self.at_most:
-            return f"{value} and more"
+            return f"{value} and {'less' if self.quantity == 'friction' else 'more'}"
         return f"{value} ({self.how}, {self.time:.3f} s)"
 
     def _of_feet(self) -> str:
@@ -299,8 +299,9 @@ def _least_friction(robot: StandingRobot, parts: _Parts) -> Tolerated | None:
         factor, (row, how) = bisected(lost, 1.0, 0.0, (-1, "slips"), near)
     else:
         row, how = found
-    time = float(parts.times[row]) if row >= 0 else np.nan
-    return Tolerated("friction", factor, "", False, time, how)
+    if row < 0:  # it needs next to no friction
+        return Tolerated("friction", factor, "", True, np.nan, "")
+    return Tolerated("friction", factor, "", False, float(parts.times[row]), how)
 
 
 def _stiffness(robot: StandingRobot, motion: Motion) -> Tolerated | None:

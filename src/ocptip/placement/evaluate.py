@@ -13,10 +13,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.resting import solve_resting
 from ocptip.contact.states import ContactStates
-from ocptip.contact.support import Support
 from ocptip.placement.least_slip import LeastSlip
 from ocptip.placement.limits.arm import Clearance
 from ocptip.placement.limits.base import Ground
@@ -31,7 +29,6 @@ from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipMap
 from ocptip.robots.dynamics import dynamics_batch
 
-_FRICTION = (1.0, 4.0, 16.0, 64.0, 256.0)  # times as much friction, to tell how much would do
 _PARALLEL = 1e-9
 
 _Kind = TypeVar("_Kind", bound=Limit)
@@ -288,22 +285,6 @@ class Evaluator:
         corners = [wrenches + (gravity @ corner.per_gravity.T)[:, None] for corner in self.problem.corners]
         bounds = [self._least(own.reshape(-1, 6)).reshape(wrenches.shape[:2]) for own in corners]
         return np.max(bounds, axis=0)
-
-    def friction_needed(self, wrench: np.ndarray, support: Support) -> float:
-        """How many times the friction must be as large for a support to hold a wrench (6,), if all slip.
-
-        Infinite where no friction holds it; NaN where contacts other than ordinary ones take part.
-        """
-        contacts = support.contacts
-        if not all(isinstance(c, UnilateralContact) for c in contacts):
-            return np.nan
-        for times in _FRICTION:
-            rough = [replace(c, friction=times * c.friction) for c in contacts]
-            other = support.varied(rough)
-            states = solve_resting(other, wrench[None], warm_start=False)
-            if states.persistent[0]:
-                return times * float(Slip(other).evaluate(states, derivatives=False).GT[0])
-        return np.inf
 
     def _force_space(self, cases: list, torques: np.ndarray) -> np.ndarray:
         """GK (N, C): largest share of its torque reserve in the load's direction that a joint uses (4.19)."""

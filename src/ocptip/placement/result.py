@@ -15,6 +15,7 @@ from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.limits.judged import Rows, TaskEvaluation
 from ocptip.placement.limits.kinds import KINDS
 from ocptip.placement.problem import CRITERIA, PlacementProblem
+from ocptip.reserves.friction_needed import friction_needed
 
 FEASIBLE = 1e-6
 """Margins above minus this (in the units of `Margin.relative`) count as kept."""
@@ -374,7 +375,7 @@ def _in_friction(
     own = found[margin.task]
     case = next(c for c in own.constrained if own.cases[c].name == margin.name)
     footing = evaluator.problem.stands[placed[0]].footing(placed[1])
-    share = evaluator.friction_needed(own.cornered[0, case, own.worst["GT"][0, case]], footing.support)
+    share = friction_needed(footing.support, own.cornered[0, case, own.worst["GT"][0, case]])
     if np.isnan(share):
         return margin
     return replace(margin, value=share, relative=(margin.limit - share) / margin.limit)

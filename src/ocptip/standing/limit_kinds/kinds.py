@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ocptip.reserves.friction_needed import friction_needed, needed_text
 from ocptip.reserves.slip import known
 from ocptip.standing.instants import Instants, NodeColumns
 from ocptip.standing.limit_kinds.brakes import BrakeSlipLimit, BrakeTipLimit
@@ -91,6 +92,14 @@ class SlipLimit(WrenchLimit, AskedLimit):
 
     def half_spaces(self) -> np.ndarray | None:
         return self.robot.slip.half_spaces(self.number)
+
+    def detail(self, look: Look, time: float) -> str:
+        """GT above 1 counts the acceleration of what slides: the friction needed is another number."""
+        at = look(time)
+        if not at.slip.GT[0] > 1:
+            return ""
+        needed = friction_needed(self.robot.support, at.wrenches[0])
+        return "" if np.isnan(needed) else needed_text(needed)
 
     def measure(self, at: Instants) -> np.ndarray:
         return at.largest_slip.GT[:, None]
