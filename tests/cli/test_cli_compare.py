@@ -72,6 +72,42 @@ def test_samples_that_are_missing_are_a_finding(written, tmp_path, capsys, lost,
         assert text.format(n=count) in out
 
 
+def test_a_sensor_with_a_rate_of_its_own(written, tmp_path, capsys):
+    """Joints and torques at 100 Hz, the sensor at 500 Hz, in lines of their own: nothing is missing."""
+    recording = recorded(1)
+    sensor = [signal.kind == "sensor" for signal in recording.signals]
+    names = ["time_s", *(s.name + "_rad" * (s.kind == "angles") for s in recording.signals)]
+    lines = [",".join(names)]
+    for k, time in enumerate(recording.times):
+        cells = [f"{signal.values[k]:.9f}" for signal in recording.signals]
+        for own in (False, True):
+            if own or k % 5 == 0:
+                row = [cell if mine == own else "" for cell, mine in zip(cells, sensor, strict=True)]
+                lines.append(",".join([f"{time + (2.5e-4 if own else 0):.6f}", *row]))
+    path = tmp_path / "r.csv"
+    path.write_text("\n".join(lines))
+    assert main(["compare", str(path), str(written)]) == 0
+    out = capsys.readouterr().out
+    assert "AGREES" in out
+    assert "fx, fy, fz, mx, my, mz: 500 Hz, interpolated at the instants of q1 (100 Hz)" in out
+
+
+def test_columns_in_a_file(written, tmp_path, capsys):
+    path = tmp_path / "r.csv"
+    write(path, recorded(1))
+    text = path.read_text()
+    head, _, rows = text.partition("\n")
+    path.write_text(rows)
+    titles = head.strip().split(",")
+    columns = tmp_path / "columns.toml"
+    columns.write_text("[columns]\n" + "\n".join(f"{name} = {k}" for k, name in enumerate(titles, 1)))
+    assert main(["compare", str(path), str(written), "--columns", str(columns)]) == 0
+    assert "AGREES" in capsys.readouterr().out
+    columns.write_text("[columns]\ntime_s = true\n")
+    assert main(["compare", str(path), str(written), "--columns", str(columns)]) == 2
+    assert "columns.time_s: expected the title or the number of a column" in capsys.readouterr().err
+
+
 def test_clocks_that_jitter_have_no_gaps():
     rng = np.random.default_rng(0)
     times = np.cumsum(0.01 * rng.uniform(0.7, 1.3, 1000))

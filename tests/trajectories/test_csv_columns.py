@@ -5,12 +5,14 @@ import pytest
 
 from ocptip.basics.errors import InputError, InputWarning
 from ocptip.trajectories.csv_columns import ACCELERATION, POSITION, SPEED, columns_of
+from ocptip.trajectories.csv_time import time_columns
 from ocptip.trajectories.read import load_motion
 
 NAMES, UNITS = ["lift", "elbow", "elbow_2"], ["m", "rad", "rad"]
 
 
 def read(header, unit=None, names=NAMES, units=UNITS):
+    time_columns(header.split(","))
     return columns_of(header.split(","), names, units, unit)
 
 
@@ -37,7 +39,9 @@ def test_positions_are_found_by_name_in_any_order(header):
     assert ("elbow_2" in wanted[2], "elbow_2" in wanted[1]) == ("q3" not in wanted[2], False)
     assert found.units[POSITION] == ["m", "deg", "deg"]
     assert (found.joints[SPEED], found.joints[ACCELERATION]) == ([], [])
-    assert found.second == {"%time": 1e-9, "time_ns": 1e-9, "time [ms]": 1e-3}.get(cells[found.time], 1.0)
+    clock = time_columns(cells)
+    power = {"%time": -9, "time_ns": -9, "time [ms]": -3, "time_s": 0}.get(cells[clock.columns[0]])
+    assert clock.power == power
 
 
 def test_speeds_and_accelerations():

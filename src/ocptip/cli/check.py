@@ -27,7 +27,7 @@ from ocptip.cli.layout import (
     table,
     under,
 )
-from ocptip.cli.options import given_limits, rate_of, with_limits
+from ocptip.cli.options import given_columns, given_limits, rate_of, with_limits
 from ocptip.cli.progress import say_if_compiling
 from ocptip.cli.stops import (
     cycle_with_path_stops,
@@ -380,7 +380,7 @@ def read_options(path: Path, task: MotionTask | CycleTask, options: Namespace) -
     rate = rate_of(options)
     if rate is None and path.name == TRAJECTORY and is_plan_folder(path.parent):
         rate = planned_rate(path.parent)
-    return {"unit": options.unit, "start": task.start, "rate": rate}
+    return {"unit": options.unit, "start": task.start, "rate": rate, "columns": given_columns(options)}
 
 
 def _offsets(motion: Motion, task: MotionTask) -> dict[str, tuple[float, float]]:

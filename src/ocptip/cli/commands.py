@@ -69,7 +69,13 @@ def _rise_time(text: str) -> Argument:
     return argument("--rise-time", "S", text, type=float)
 
 
+COLUMNS = argument(
+    "--columns",
+    "FILE.toml",
+    "what the columns of a CSV file are: [columns] with names as in motion.csv = title or number",
+)
 OF_FILE = (
+    COLUMNS,
     argument(
         "--rate",
         "HZ",
@@ -249,6 +255,7 @@ COMMANDS = (
             RATE,
             EFFORT,
             argument("--unit", None, "of angles in CSV columns that do not say it", choices=("deg", "rad")),
+            COLUMNS,
             *LIMITS,
             TOLERANCE,
             *FILES,
@@ -357,6 +364,7 @@ COMMANDS = (
             argument("recording", "RECORDING.csv", "what was measured (names of columns: docs/compare.md)"),
             argument("plan", "PLAN_DIR", "folder of the plan that was run"),
             argument("--unit", None, "of angles in columns that do not say it", choices=("deg", "rad")),
+            COLUMNS,
             argument(
                 "--same-clock",
                 None,
@@ -385,6 +393,7 @@ COMMANDS = (
             argument("recording", "RECORDING.csv", "what was measured (docs/identify.md); motion: TASK.toml"),
             argument("plan", "PLAN_DIR", "folder of the plan that was run (power: need not be)", nargs="?"),
             argument("--unit", None, "of angles in columns that do not say it", choices=("deg", "rad")),
+            COLUMNS,
             argument("--tared", None, "the sensor was set to zero under load", action="store_true"),
             argument("--sigmas", "K", "standard errors on both sides that are tolerance (3)", type=float),
             argument("--task", "TASK.toml", "PLAN_DIR is a motion file, of this task"),

@@ -16,11 +16,12 @@ from ocptip.basics.text import percent, quantity, some, with_error
 from ocptip.basics.write import versions
 from ocptip.cli.command import Report
 from ocptip.cli.layout import named, table, under
+from ocptip.cli.options import given_columns
 from ocptip.cli.stand import check_plot_target
 from ocptip.measured.compare import LEVEL, compare
 from ocptip.measured.comparison import Comparison
 from ocptip.measured.prediction import Predictor
-from ocptip.measured.recording import ANGLE, GRIPPER, POWER, SPEED, doubt_turns, read_recording
+from ocptip.measured.recording import ANGLE, GRIPPER, POWER, SPEED, Recording, doubt_turns, read_recording
 from ocptip.measured.signals import Finding
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.task_files.plan_folder import read_plan_folder
@@ -43,12 +44,14 @@ def run(options: Namespace) -> CompareReport:
         )
     with naming(options.plan):
         predictor = Predictor(plan.task.robot, plan.motion)
-    recording = read_recording(options.recording, plan.task.robot, unit=options.unit)
+    recording = read_recording(
+        options.recording, plan.task.robot, unit=options.unit, columns=given_columns(options)
+    )
     doubt_turns(recording, plan.task.robot, plan.motion)
     level = LEVEL if options.level is None else options.level
     with naming(Path(options.recording).name):
         found = compare(recording, predictor, level=level, same_clock=options.same_clock)
-    return CompareReport(plan.task.name, predictor, found, recording.period, options.plot)
+    return CompareReport(plan.task.name, predictor, found, recording, options.plot)
 
 
 @dataclass
@@ -59,14 +62,14 @@ class CompareReport(Report):
         name: of the task.
         predictor: of its robot and motion.
         found: the comparison.
-        period: s, of the samples.
+        recording: that was compared.
         plot: file for the figure, or None.
     """
 
     name: str
     predictor: Predictor
     found: Comparison
-    period: float
+    recording: Recording
     plot: str | None
 
     @property
@@ -76,7 +79,13 @@ class CompareReport(Report):
 
     def to_dict(self) -> dict[str, Any]:
         """All numbers but the curves."""
-        return {"task": self.name, **self.found.to_dict(), "period_s": self.period, "versions": versions()}
+        return {
+            "task": self.name,
+            **self.found.to_dict(),
+            "period_s": self.recording.period,
+            "time_bases": list(self.recording.rates),
+            "versions": versions(),
+        }
 
     def write(self) -> Iterator[Path]:
         """The figure."""
@@ -101,10 +110,11 @@ class CompareReport(Report):
         span = found.times[-1] - found.times[0]
         error = f" +- {1e3 * found.clock_error:.2g} ms" if math.isfinite(found.clock_error) else ""
         rows = [
-            ("recording", f"{span:.4g} s, a sample every {1e3 * self.period:.4g} ms"
+            ("recording", f"{span:.4g} s, a sample every {1e3 * self.recording.period:.4g} ms"
              + (f" (every {found.thinned}th of the file)" if found.thinned > 1 else "")),
             ("clock", f"the motion begins at {found.clock:.6g} s of the recording{error}"),
         ]  # fmt: skip
+        rows += under("time bases", self.recording.rates)
         if found.gripper is not None:
             at = int(np.nanargmax(found.gripper))
             rows.append(

@@ -19,6 +19,7 @@ from ocptip.basics.toml_text import toml_text
 from ocptip.basics.write import versions, write_text
 from ocptip.cli.command import Report
 from ocptip.cli.layout import named, under, use_of_reserves
+from ocptip.cli.options import given_columns
 from ocptip.measured.bodies import BASE, PAYLOAD, Body, identify_bodies, tables
 from ocptip.measured.excitation import Excitation, excite
 from ocptip.measured.links import Identified, identify_links, mass_tolerance
@@ -57,7 +58,9 @@ def _recorded(options: Namespace) -> tuple[Recording, Predictor]:
     if options.plan is None:
         raise InputError(f"identify {options.what}: needs PLAN_DIR, the folder of the plan that was run")
     predictor = _predictor(options.plan, options.task)
-    recording = read_recording(options.recording, predictor.robot, unit=options.unit)
+    recording = read_recording(
+        options.recording, predictor.robot, unit=options.unit, columns=given_columns(options)
+    )
     doubt_turns(recording, predictor.robot, predictor.motion)
     for gap in gaps(recording):
         doubt(f"{gap.name}: {gap.text}")

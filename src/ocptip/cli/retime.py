@@ -16,7 +16,7 @@ from ocptip.cli.check import task_of
 from ocptip.cli.command import Report
 from ocptip.cli.cycles import CycleReport
 from ocptip.cli.layout import use_of_reserves
-from ocptip.cli.options import given_limits, output_directory, rate_of, remove_figures, step_of
+from ocptip.cli.options import given_columns, given_limits, output_directory, rate_of, remove_figures, step_of
 from ocptip.cli.plan import PlanReport
 from ocptip.cli.progress import say_if_compiling
 from ocptip.motion.check import MotionCheck, certified, check_motion
@@ -50,7 +50,7 @@ def run(options: Namespace) -> Report:
     refuse_early(options.motion)  # the task may have to be compiled first
     task, path = task_of(options, WORKSHOP)
     how = {"tolerance": options.path_tolerance, "unit": options.unit, "rate": rate_of(options)}
-    given = load_path(path, task, **how)
+    given = load_path(path, task, columns=given_columns(options), **how)
     directory = output_directory(options, task.name)
     say_if_compiling()
     motions: Sequence[Motion | None] = given.motions or [None] * len(given.paths)

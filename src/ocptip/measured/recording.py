@@ -24,7 +24,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -33,9 +33,10 @@ import numpy as np
 from ocptip.basics.doubts import doubt
 from ocptip.basics.errors import InputError
 from ocptip.basics.toml import read_text
+from ocptip.measured.time_bases import on_one_clock
 from ocptip.standing.mechanism import StandingMechanism
-from ocptip.trajectories.csv_columns import time_column
-from ocptip.trajectories.read_csv import csv_lines
+from ocptip.trajectories.csv_text import TextTable, one_row_per_time, plain_names, text_table
+from ocptip.trajectories.csv_time import times_of
 from ocptip.trajectories.sampled import Motion
 
 ANGLE, SPEED, TORQUE, WRENCH, POWER, GRIPPER, BASE, SHIFT, FOOT = (
@@ -66,6 +67,7 @@ _WORDS = {
     **dict.fromkeys(("effort", "torque", "force", "tau"), TORQUE),
 }
 _NUMBERED = re.compile(r"(?P<word>q|qd|tau|power|normal)(?P<number>[1-9][0-9]*)")
+_WRENCH = re.compile(r"(?:.*[./_])?(?P<part>force|torque)[./](?P<axis>[xyz])")  # of a WrenchStamped
 _AXES = {name: k for k, name in enumerate(("fx", "fy", "fz", "mx", "my", "mz"))}
 _PLACES = {name: k for k, name in enumerate(("x", "y", "z", "roll", "pitch", "yaw"))}
 _TOTAL, _DRIVE, _VOLTAGE, _CURRENT = "power", "power{}", "voltage", "current"
@@ -99,6 +101,8 @@ class Recording:
         unknown: names of columns that are left out.
         thinned: every so manieth sample of the file is here.
         gaps: from, to (s) and number of samples where whole lines of the file are missing, see `gaps_of`.
+        rates: what was done with signals that were not sampled with the joints, in words.
+        slower: names of those that were sampled less often: where they have no sample, none is missing.
     """
 
     times: np.ndarray
@@ -106,6 +110,8 @@ class Recording:
     unknown: tuple[str, ...] = ()
     thinned: int = 1
     gaps: tuple[tuple[float, float, int], ...] = ()
+    rates: tuple[str, ...] = ()
+    slower: frozenset[str] = frozenset()
 
     @property
     def period(self) -> float:
@@ -118,7 +124,11 @@ class Recording:
 
 
 def read_recording(
-    path: str | os.PathLike[str], robot: StandingMechanism, *, unit: str | None = None
+    path: str | os.PathLike[str],
+    robot: StandingMechanism,
+    *,
+    unit: str | None = None,
+    columns: Mapping[str, str | int] | None = None,
 ) -> Recording:
     """Read a recording of a robot.
 
@@ -126,6 +136,7 @@ def read_recording(
         path: of the file.
         robot: gives the names of joints and sensor, and units.
         unit: "deg" or "rad", of angles that say none.
+        columns: what columns are: names of the module, each with the title or the number, from 1, of one.
 
     Raises:
         InputError: it cannot be read, or holds no time, nothing known, something twice, a text or too few
@@ -134,7 +145,7 @@ def read_recording(
     path = Path(path)
     text = read_text(path)
     try:
-        return _parsed(text, robot, unit)
+        return _parsed(text, robot, unit, columns)
     except InputError as error:
         raise InputError(error.text, error.path, path.name) from None
 
@@ -162,51 +173,63 @@ def doubt_turns(recording: Recording, robot: StandingMechanism, motion: Motion) 
             doubt(f"recorded angles are {factor:.2g} times those of the plan; are they {word}?")
 
 
-def _parsed(text: str, robot: StandingMechanism, unit: str | None) -> Recording:
-    lines = csv_lines(text)
-    if len(lines) <= FEWEST:
-        raise InputError(f"at least {FEWEST} samples are needed, got {max(len(lines) - 1, 0)}")
-    header = [name.strip() for name in lines[0][1]]
-    time, second = time_column(header)
-    rows = _cells(header, lines)
-    times = second * rows[:, time]
+def _parsed(
+    text: str, robot: StandingMechanism, unit: str | None, columns: Mapping[str, str | int] | None
+) -> Recording:
+    table = text_table(text, columns)
+    if len(table.rows) < FEWEST:
+        raise InputError(f"at least {FEWEST} samples are needed, got {len(table.rows)}")
+    times, clock = times_of(table)
+    title = table.header[clock.columns[0]]
+    long = one_row_per_time(table, times, clock.columns, robot.names)
+    if long is not table:
+        times, clock = times_of(long)
+    table = plain_names(long, robot.names, measured=True)
     if (late := np.flatnonzero(~(np.diff(times) >= 0))).size:
-        raise InputError(f"line {lines[int(late[0]) + 2][0]}: {header[time]} does not increase")
-    last = np.append(np.diff(times) > 0, True)  # of lines with the same time, as in motion.csv
-    times, rows = times[last], rows[last]
-    step = -(-len(rows) // MOST)
-    found: dict[str, Signal] = {}
-    unknown = []
-    for k, title in enumerate(header):
-        if k == time:
+        raise InputError(f"line {table.lines[int(late[0]) + 1]}: {title} does not increase")
+    rows = _cells(table)
+    known = {k: _signal(text, robot, unit) for k, text in enumerate(table.header) if k not in clock.columns}
+    unknown = [table.header[k] for k, own in known.items() if own is None and table.header[k]]
+    signals: dict[str, tuple[str, int, np.ndarray]] = {}
+    for k, own in known.items():
+        if own is None:
             continue
-        known = _signal(title, robot, unit)
-        if known is None:
-            unknown.append(title)
-            continue
-        name, kind, index, scale = known
-        if name in found:
-            raise InputError(f"header: {title} is {name}, which is there already")
-        found[name] = Signal(name, kind, index, scale * rows[::step, k])
-    signals = tuple(_with_power(found))
+        name, kind, index, scale = own
+        if name in signals:
+            raise InputError(f"header: {table.header[k]} is {name}, which is there already")
+        signals[name] = kind, index, scale * rows[:, k]
     if not signals:
-        raise InputError(f"header: no known quantity among {', '.join(header)} (see docs/compare.md)")
-    return Recording(times[::step], signals, tuple(unknown), step, gaps_of(times))
+        raise InputError(f"header: no known quantity among {', '.join(table.header)} (see docs/compare.md)")
+    others = [k for k, own in known.items() if own is None]
+    one = on_one_clock(times, signals, np.asarray(np.isfinite(rows[:, others]).any(axis=1)))
+    step = -(-len(one.times) // MOST)
+    found = {
+        name: Signal(name, kind, index, values[::step]) for name, (kind, index, values) in one.signals.items()
+    }
+    return Recording(
+        one.times[::step],
+        tuple(_with_power(found)),
+        tuple(unknown),
+        step,
+        gaps_of(one.times),
+        one.moved,
+        one.slower,
+    )
 
 
-def _cells(header: Sequence[str], lines: Sequence[tuple[int, list[str]]]) -> np.ndarray:
+def _cells(table: TextTable) -> np.ndarray:
     """All numbers; nan for what is empty, and for columns that hold texts from the first line on."""
-    values = np.full((len(lines) - 1, len(header)), np.nan)
-    for at, (number, row) in enumerate(lines[1:]):
-        if len(row) != len(header):
-            raise InputError(f"line {number}: expected {len(header)} values as in the header, got {len(row)}")
-        for k, cell in enumerate(row):
+    values = np.full((len(table.rows), len(table.header)), np.nan)
+    for k, title in enumerate(table.header):
+        numeric = False
+        for at, cell in enumerate(table.texts(k)):
             try:
-                values[at, k] = float(cell) if cell.strip() else np.nan
+                values[at, k] = float(cell) if cell else np.nan
+                numeric = numeric or bool(cell)
             except ValueError:
-                if at and np.isfinite(values[at - 1, k]):
+                if numeric:
                     raise InputError(
-                        f"line {number}, {header[k]}: expected a number, got {cell.strip()!r}"
+                        f"line {table.lines[at]}, {title}: expected a number, got {cell!r}"
                     ) from None
     values[~np.isfinite(values)] = np.nan
     return values
@@ -257,6 +280,9 @@ def _known(body: str, names: Sequence[str], sensor: str) -> tuple[str, str, int]
     low = body.lower()
     axis = low.removeprefix(f"{sensor.lower()}_")
     if axis in _AXES:
+        return axis, WRENCH, _AXES[axis]
+    if (match := _WRENCH.fullmatch(low)) is not None:
+        axis = f"{'f' if match['part'] == 'force' else 'm'}{match['axis']}"
         return axis, WRENCH, _AXES[axis]
     if low in (_TOTAL, "total_power"):
         return _TOTAL, POWER, 0

@@ -84,7 +84,8 @@ def absent(recording: Recording, joints: int) -> list[Finding]:
         lacking = [name for k, name in enumerate(_SENSOR) if k not in there]
         found += [Finding("missing", f"{name} missing", text="is not recorded") for name in lacking]
     for one in recording.signals:
-        if count := int(np.isnan(one.values).sum()):
+        count = int(np.isnan(one.values).sum())
+        if count and one.name not in recording.slower:
             gone = recording.times[np.isnan(one.values)]
             text = f"{count} of {len(one.values)} samples, {gone[0]:.4g} to {gone[-1]:.4g} s"
             share = 100 * count / len(one.values)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -50,6 +50,7 @@ def load_path(
     tolerance: float | None = None,
     unit: str | None = None,
     rate: float | None = None,
+    columns: Mapping[str, str | int] | None = None,
 ) -> GivenPath:
     """Read a path: waypoints (TOML), or any motion that `load_motion` reads, whose times are a comparison.
 
@@ -58,7 +59,7 @@ def load_path(
         task: whose robot moves; of a cycle each segment has a path of its own.
         tolerance: degrees (sliding joints, tool lines: mm): how far the path may be from what is given:
             corners are blended, noise is smoothed. Default: that of a file of waypoints, or none.
-        unit, rate: see `load_motion`; the task's start is where the robot is at 0 s.
+        unit, rate, columns: see `load_motion`; the task's start is where the robot is at 0 s.
 
     Raises:
         InputError: the file cannot be read, holds no path, or one of another robot; one line that says where.
@@ -68,7 +69,7 @@ def load_path(
         positive_number("--path-tolerance", tolerance, zero_allowed=True)
     if path.suffix.lower() == ".toml":
         return _waypoints(path, task, tolerance)
-    known = {"unit": unit or "", "start": task.start, "rate": rate}
+    known = {"unit": unit or "", "start": task.start, "rate": rate, "columns": columns}
     found = load_motions(path, task.robot.names, task.robot.units, **known)
     with naming(path.name):
         task.robot.require_fit(found.n)

@@ -1,4 +1,4 @@
-"""Which column of a CSV file is what: time, and positions, speeds and accelerations of joints, by its header.
+"""Which column of a CSV file is what: positions, speeds and accelerations of joints, by its header.
 
 Known are the numbered columns `q1_deg`, `qd1_deg_s`, `qdd1_deg_s2`, and names of joints, with a word for the
 quantity before or after them and a unit at the end or without: `elbow`, `elbow_deg`, `position.elbow`,
@@ -28,11 +28,6 @@ _PER = {"": POSITION, "s": SPEED, "s2": ACCELERATION}
 _NUMBERED = re.compile(r"(?P<word>q|qd|qdd)(?P<joint>[1-9][0-9]*)")
 _UNIT = re.compile(r"[\s_]*[\[(]?(?<![A-Za-z])(?P<unit>deg|rad|m)(?:[_/](?P<per>s|s\^?2))?[\])]?")
 _AT_END = re.compile(rf"(?P<body>.*?\w)(?:{_UNIT.pattern})")
-_TIME = re.compile(
-    r"(?P<nano>%time|rosbagTimestamp)"
-    r"|(?:__)?(?:time|t|timestamp|time_from_start)(?:[\s_]*[\[(]?(?P<unit>s|sec|ms|us|ns)[\])]?)?"
-)
-_SECONDS = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, None: 1.0}
 _APART = re.compile(r"[./\s_]+")
 
 
@@ -51,14 +46,10 @@ class Columns:
     """Columns of a header, counted from 0.
 
     Attributes:
-        time: of the time.
-        second: of the time's unit, s.
         joints: by quantity (`KINDS`) the column of every joint in the robot's order, or none.
         units: by quantity "deg", "rad" or "m" per joint.
     """
 
-    time: int
-    second: float
     joints: dict[str, list[int]]
     units: dict[str, list[str]]
 
@@ -79,9 +70,8 @@ def columns_of(
         unit: "deg" or "rad", of columns of turning joints that say none; None: such columns are refused.
 
     Raises:
-        InputError: no time, a joint without position, a quantity twice, or a missing unit.
+        InputError: a joint without position, a quantity twice, or a missing unit.
     """
-    time, second = time_column(header)
     numbered = [c for k, text in enumerate(header) if (c := _numbered(k, text))]
     named = [c for k, text in enumerate(header) if (c := _named(k, text, names))]
     if any(column.kind == POSITION for column in named) or not numbered:
@@ -103,21 +93,7 @@ def columns_of(
         ordered = [of_joint[joint] for joint in sorted(of_joint)]
         joints[kind] = [column.number for column in ordered]
         own_units[kind] = [_unit(header, column, units, unit) for column in ordered]
-    return Columns(time, second, joints, own_units)
-
-
-def time_column(header: Sequence[str]) -> tuple[int, float]:
-    """Column of the time in a header, counted from 0, and s per unit of it.
-
-    Raises:
-        InputError: there is none, or several.
-    """
-    found = [(k, match) for k, text in enumerate(header) if (match := _TIME.fullmatch(text))]
-    exact = [pair for pair in found if header[pair[0]] == "time_s"]
-    if len(exact or found) != 1:
-        raise InputError(f"header: expected one column time_s, got {', '.join(header)}")
-    number, match = (exact or found)[0]
-    return number, 1e-9 if match["nano"] else _SECONDS[match["unit"]]
+    return Columns(joints, own_units)
 
 
 def _numbered(number: int, text: str) -> _Column | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +33,7 @@ def load_motion(
     unit: str | None = None,
     start: np.ndarray | None = None,
     rate: float | None = None,
+    columns: Mapping[str, str | int] | None = None,
 ) -> Motion:
     """Read a motion from a file: ramp commands, a joint trajectory, or CSV with samples.
 
@@ -56,12 +57,14 @@ def load_motion(
         start: (n,), rad or m, where the robot rests at 0 s: from there a controller moves to a first point
             that is later; None: unknown, such trajectories are refused.
         rate: updates of the controller per second, for points with positions only; default: 500.
+        columns: of CSV files, what their columns are: names as in `motion.csv`, each with the title or the
+            number, from 1, of a column.
 
     Raises:
         InputError: the file cannot be read or holds no motion, or angles of a joint that slides; names file,
             and key or line and column.
     """
-    found = _read(path, names, units, unit, start, rate, several=False)
+    found = _read(path, names, units, unit, start, rate, columns, several=False)
     assert not isinstance(found, MotionSequence)
     return found
 
@@ -74,13 +77,14 @@ def load_motions(
     unit: str | None = None,
     start: np.ndarray | None = None,
     rate: float | None = None,
+    columns: Mapping[str, str | int] | None = None,
 ) -> Motion | MotionSequence:
     """Read a motion as :func:`load_motion` does, or the segments of the plan.json of a cycle.
 
     Raises:
         InputError: see :func:`load_motion`; names the segment.
     """
-    return _read(path, names, units, unit, start, rate, several=True)
+    return _read(path, names, units, unit, start, rate, columns, several=True)
 
 
 def _read(
@@ -90,6 +94,7 @@ def _read(
     unit: str | None,
     start: np.ndarray | None,
     rate: float | None,
+    columns: Mapping[str, str | int] | None,
     *,
     several: bool,
 ) -> Motion | MotionSequence:
@@ -100,7 +105,7 @@ def _read(
         if path.suffix.lower() in (".yaml", ".yml"):
             return motion_of_points(trajectory_in(_yaml(text)), names, rate, start)
         if not text.lstrip().startswith(("{", "[")):
-            return motion_from_csv(text, names, units, unit)
+            return motion_from_csv(text, names, units, unit, columns)
         data = _json(text)
         points = None if {"commands", "path", "segments"} & set(data) else trajectory_in(data)
         if points is not None:

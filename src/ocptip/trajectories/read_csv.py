@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from itertools import chain
 
 import numpy as np
@@ -11,6 +11,8 @@ import numpy as np
 from ocptip.basics.doubts import doubt_degrees
 from ocptip.basics.errors import InputError, refuse_huge
 from ocptip.trajectories.csv_columns import ACCELERATION, POSITION, SPEED, Columns, columns_of
+from ocptip.trajectories.csv_text import TextTable, one_row_per_time, plain_names, text_table
+from ocptip.trajectories.csv_time import times_of
 from ocptip.trajectories.sampled import REST, SampledMotion
 
 ENOUGH, JUMP = 8, 4.0  # rows and ratio of accelerations from which a file counts as cut off
@@ -20,41 +22,48 @@ EXACT = 1e-4  # share of accelerations: rounding may change them by this if they
 
 
 def motion_from_csv(
-    text: str, names: Sequence[str] | None, units: Sequence[str], unit: str | None
+    text: str,
+    names: Sequence[str] | None,
+    units: Sequence[str],
+    unit: str | None,
+    columns: Mapping[str, str | int] | None = None,
 ) -> SampledMotion:
     """The motion of a file, see `ocptip.trajectories.read.load_motion`.
 
     Raises:
         InputError: it holds no motion; names line and column.
     """
-    lines = csv_lines(text)
-    if not lines:
+    table = text_table(text, columns)
+    if not table.header:
         raise InputError(
             "is empty; expected ramp commands, a joint trajectory, or columns time_s, q1_deg, q2_deg, ..."
         )
-    header = [name.strip() for name in lines[0][1]]
-    columns = columns_of(header, names, units, unit)
+    times, clock = times_of(table)
+    title = table.header[clock.columns[0]]
+    long = one_row_per_time(table, times, clock.columns, names or ())
+    if long is not table:
+        times = times_of(long)[0]
+    table = plain_names(long, names)
+    own = columns_of(table.header, names, units, unit)
     for kind in (POSITION, SPEED, ACCELERATION):
-        require_units(columns.units[kind], units)
-    cells = _numbers(header, lines, [columns.time, *chain(*columns.joints.values())])
-    if len(lines) < 3:
-        raise InputError(f"times: at least two samples are needed, got {len(lines) - 1}")
-    times = columns.second * (cells[columns.time] - cells[columns.time][0])
+        require_units(own.units[kind], units)
+    wanted = list(chain(*own.joints.values()))
+    kept = [k for k, row in enumerate(table.rows) if any(row[c] for c in wanted)]  # not of other signals
+    table = replace(table, rows=[table.rows[k] for k in kept], lines=[table.lines[k] for k in kept])
+    if len(kept) < 2:
+        raise InputError(f"times: at least two samples are needed, got {len(kept)}")
+    cells = numbers_of(table, wanted)
+    times = times[kept] - times[kept[0]]
     values = {
-        kind: np.stack([cells[c] for c in own], axis=1) * columns.scales(kind)
-        for kind, own in columns.joints.items()
-        if own
+        kind: np.stack([cells[c] for c in places], axis=1) * own.scales(kind)
+        for kind, places in own.joints.items()
+        if places
     }
-    _require_order(times, [number for number, _ in lines[1:]], header[columns.time], values)
-    motion = _as_given(times, values) or _fit(times, values, _rounding(lines, columns))
-    in_degrees = np.array(columns.units[POSITION]) == "deg"
+    _require_order(times, table.lines, title, values)
+    motion = _as_given(times, values) or _fit(times, values, _rounding(table, own))
+    in_degrees = np.array(own.units[POSITION]) == "deg"
     doubt_degrees("columns q_deg", np.rad2deg(values[POSITION][:, in_degrees]))
     return motion
-
-
-def csv_lines(text: str) -> list[tuple[int, list[str]]]:
-    """Lines that are not empty, with their numbers from 1."""
-    return [(k, row) for k, row in enumerate(csv.reader(text.splitlines()), 1) if any(map(str.strip, row))]
 
 
 def csv_table(text: str) -> tuple[list[str], np.ndarray]:
@@ -63,12 +72,11 @@ def csv_table(text: str) -> tuple[list[str], np.ndarray]:
     Raises:
         InputError: it is empty, or something is no number; names line and column.
     """
-    lines = csv_lines(text)
-    if len(lines) < 2:
+    table = text_table(text)
+    if not table.rows:
         raise InputError("is empty; expected a line of names and lines of numbers")
-    header = [name.strip() for name in lines[0][1]]
-    cells = _numbers(header, lines, range(len(header)))
-    return header, np.column_stack(list(cells.values()))
+    cells = numbers_of(table, range(len(table.header)))
+    return table.header, np.column_stack(list(cells.values()))
 
 
 def require_units(given: Sequence[str], units: Sequence[str]) -> None:
@@ -85,15 +93,15 @@ def require_units(given: Sequence[str], units: Sequence[str]) -> None:
                 raise InputError(f"units: joint {joint} {slides}, but the motion gives {own}")
 
 
-def _numbers(
-    header: Sequence[str], lines: Sequence[tuple[int, list[str]]], wanted: Sequence[int]
-) -> dict[int, np.ndarray]:
-    """Values (N,) by column."""
-    for number, row in lines[1:]:
-        if len(row) != len(header):
-            raise InputError(f"line {number}: expected {len(header)} values as in the header, got {len(row)}")
+def numbers_of(table: TextTable, wanted: Iterable[int]) -> dict[int, np.ndarray]:
+    """Values (N,) by column; InputError names the cell that holds none."""
     return {
-        column: np.array([_cell(number, header[column], row[column]) for number, row in lines[1:]])
+        column: np.array(
+            [
+                _cell(line, table.header[column], row[column])
+                for line, row in zip(table.lines, table.rows, strict=True)
+            ]
+        )
         for column in wanted
     }
 
@@ -151,9 +159,9 @@ def _fit(times: np.ndarray, values: dict[str, np.ndarray], rounding: np.ndarray)
     return fitted(motion.times, motion.angles, rounding=rounding, speeds=motion.speeds)
 
 
-def _rounding(lines: Sequence[tuple[int, list[str]]], columns: Columns) -> np.ndarray:
+def _rounding(table: TextTable, columns: Columns) -> np.ndarray:
     """(n,): half a unit of the last digit that positions usually have, rad or m; equal ones count once."""
-    cells = ({row[column] for _, row in lines[1:]} for column in columns.joints[POSITION])
+    cells = (set(table.texts(column)) for column in columns.joints[POSITION])
     digits = [np.median([_decimals(cell) for cell in own]) for own in cells]
     return 0.5 * 10.0 ** -np.array(digits) * columns.scales(POSITION)
 

@@ -1,0 +1,273 @@
+"""Tables of numbers as programs write them: separators, headers, arrays, and one line per joint.
+
+Every dialect becomes the same: a header, and lines of as many cells, with decimal points. What may mean two
+things is refused, with what would make it clear.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ocptip.basics.errors import InputError
+from ocptip.basics.text import did_you_mean
+
+_SEPARATORS = {"\t": "tabs", ";": "semicolons", ",": "commas"}
+_SAMPLE = 20  # lines by which a separator is judged
+_DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+(?:[eE][+-]?\d+)?")
+_DECIMAL_POINT = re.compile(r"[+-]?\d*\.\d+(?:[eE][+-]?\d+)?")
+_JOINT_TITLES = ("joint", "joint_name", "name")
+_INDEX = r"(?:\[(?P<index>\d+)\]|_?(?P<number>\d+))"
+_NAME_OF = re.compile(rf"(?P<before>(?:.*[./_])?)name{_INDEX}")
+_VALUE_OF = re.compile(rf"(?P<before>(?:.*[./_])?)(?P<word>position|velocity|acceleration|effort){_INDEX}")
+_SHORT = {
+    **dict.fromkeys(("q", "position", "positions", "joint_position", "pos"), "q"),
+    **dict.fromkeys(("qd", "dq", "velocity", "velocities", "joint_velocity", "vel"), "qd"),
+    **dict.fromkeys(("qdd", "ddq", "acceleration", "accelerations", "acc"), "qdd"),
+    **dict.fromkeys(("tau", "tau_J", "effort", "efforts", "torque"), "tau"),
+}
+_WORDS = "|".join(sorted(_SHORT, key=len, reverse=True))
+_ARRAY = re.compile(
+    rf"(?P<before>(?:.*[./_\s])?)(?P<word>{_WORDS})(?:\[(?P<index>\d+)\]|_(?P<low>\d+)|(?P<glued>\d+))(?P<rest>(?:[\s_\[(].*)?)"
+)
+_PLAIN = re.compile(r"(?:q|qd|qdd|tau)[1-9]\d*(?:\D.*)?")  # names that are known as they are
+_FROM_ZERO = re.compile(r"(?:q|qd|qdd|tau)0(?:\D.*)?")
+_BRACKETS = re.compile(rf"(?P<before>(?:.*[./\s_])?(?:{_WORDS}))\[(?P<name>[^\]]*\D[^\]]*)\](?P<rest>.*)")
+_MEANT = ("target", "desired", "command", "commanded", "reference", "error")
+
+
+@dataclass(frozen=True, eq=False)
+class TextTable:
+    """A table whose cells are texts.
+
+    Attributes:
+        header: names of the columns.
+        rows: of every line as many cells.
+        lines: number of each row's line in its file.
+    """
+
+    header: list[str]
+    rows: list[list[str]]
+    lines: list[int]
+
+    def texts(self, column: int) -> list[str]:
+        """The cells of a column."""
+        return [row[column] for row in self.rows]
+
+
+def text_table(text: str, columns: Mapping[str, str | int] | None = None) -> TextTable:
+    """Split a text.
+
+    Args:
+        text: of a file.
+        columns: names that this library knows, with the title, or the number from 1, of their column; with
+            numbers a file without a header can be read.
+
+    Raises:
+        InputError: its separator, header or decimal sign is unclear, or a line has another number of cells.
+    """
+    lines = [(k, line) for k, line in enumerate(text.splitlines(), 1) if line.strip()]
+    if not lines:
+        return TextTable([], [], [])
+    comments = []
+    while lines and lines[0][1].lstrip().startswith("#"):
+        comments.append(lines.pop(0)[1].lstrip().lstrip("#").strip())
+    if not lines:
+        raise InputError("holds comments only")
+    separator = _separator([line for _, line in lines[:_SAMPLE]])
+    rows = [[cell.strip() for cell in row] for row in _split([line for _, line in lines], separator)]
+    if len(rows) != len(lines):
+        raise InputError("a cell in quotes goes over several lines; expected one line per sample")
+    numbers = [number for number, _ in lines]
+    if separator != ",":
+        rows = _with_points(rows, numbers)
+    if any(map(_is_number, rows[0])) and all(not cell or _is_number(cell) for cell in rows[0]):
+        named = _split(comments[-1:], separator)
+        named = [[cell.strip() for cell in row] for row in named]
+        if named and len(named[0]) == len(rows[0]):
+            header = named[0]
+        elif columns and all(isinstance(place, int) for place in columns.values()):
+            header = [f"column {k + 1}" for k in range(len(rows[0]))]
+        else:
+            raise InputError(
+                f"line {numbers[0]}: expected names of columns, got numbers; add a line of names, or give "
+                "their numbers in a file for --columns"
+            )
+    else:
+        header, rows, numbers = rows[0], rows[1:], numbers[1:]
+    if len(header) > 1 and not header[-1] and all(row[-1:] == [""] or len(row) < len(header) for row in rows):
+        rows = [row[: len(header) - 1] for row in rows]  # every line ends with a separator
+        header = header[:-1]
+    for number, row in zip(numbers, rows, strict=True):
+        if len(row) != len(header):
+            raise InputError(f"line {number}: expected {len(header)} values as in the header, got {len(row)}")
+    return TextTable(_renamed(header, columns or {}), rows, numbers)
+
+
+def _split(lines: Sequence[str], separator: str) -> list[list[str]]:
+    if separator == " ":
+        return [line.split() for line in lines]
+    return list(csv.reader(lines, delimiter=separator))
+
+
+def _separator(lines: Sequence[str]) -> str:
+    """What parts the cells; InputError where several signs may."""
+    there = [sign for sign in _SEPARATORS if sign in lines[0]]
+    if not there:
+        counts = {len(line.split()) for line in lines}
+        return " " if len(counts) == 1 and counts != {1} else ","
+    if len(there) > 1:
+        even = [sign for sign in there if len({len(row) for row in _split(lines, sign)}) == 1]
+        if len(even) != 1:
+            signs = " or ".join(_SEPARATORS[sign] for sign in there)
+            raise InputError(f"header: {signs} may part its columns; use one of them")
+        there = even
+    return there[0]
+
+
+def _with_points(rows: list[list[str]], numbers: Sequence[int]) -> list[list[str]]:
+    """The rows with decimal points for decimal commas."""
+    comma = next((k for k, row in enumerate(rows) if any(map(_DECIMAL_COMMA.fullmatch, row))), None)
+    if comma is None:
+        return rows
+    for number, row in zip(numbers, rows, strict=True):
+        if point := next(filter(_DECIMAL_POINT.fullmatch, row), None):
+            raise InputError(
+                f"line {number}: {point} has a decimal point, line {numbers[comma]} has decimal commas"
+            )
+    return [
+        [cell.replace(",", ".") if _DECIMAL_COMMA.fullmatch(cell) else cell for cell in row] for row in rows
+    ]
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def _renamed(header: list[str], columns: Mapping[str, str | int]) -> list[str]:
+    """The header with the names that a user gives its columns."""
+    renamed = list(header)
+    for name, place in columns.items():
+        if isinstance(place, int):
+            if not 1 <= place <= len(header):
+                raise InputError(f"columns.{name}: must be 1 to {len(header)}, got {place}")
+            renamed[place - 1] = name
+            continue
+        if header.count(place) != 1:
+            known = f"no column {place!r}{did_you_mean(place, header)}" if place not in header else ""
+            raise InputError(f"columns.{name}: {known or f'{place!r} stands {header.count(place)} times'}")
+        renamed[header.index(place)] = name
+    return renamed
+
+
+def one_row_per_time(
+    table: TextTable, times: np.ndarray, clock: Sequence[int], names: Sequence[str]
+) -> TextTable:
+    """A table with one line per joint and time as one with a line per time; others stay as they are.
+
+    Args:
+        table: whose times, one per line, are known.
+        times: equal ones make a line.
+        clock: columns of the time, from 0; they come first.
+        names: of the robot's joints.
+
+    Raises:
+        InputError: a joint has two lines at a time.
+    """
+    places = [k for k, title in enumerate(table.header) if title.lower() in _JOINT_TITLES]
+    if len(places) != 1 or not set(table.texts(places[0])) & set(names):
+        return table
+    (place,) = places
+    joints = list(dict.fromkeys(table.texts(place)))
+    own = [k for k in range(len(table.header)) if k != place and k not in clock]
+    header = [table.header[k] for k in clock]
+    header += [f"{joint}.{table.header[k]}" for joint in joints for k in own]
+    rows, lines, seen = [], [], set[str]()
+    for k, row in enumerate(table.rows):
+        if k == 0 or times[k] != times[k - 1]:
+            rows.append([*(row[c] for c in clock), *[""] * (len(joints) * len(own))])
+            lines.append(table.lines[k])
+            seen = set()
+        if row[place] in seen:
+            raise InputError(f"line {table.lines[k]}: {row[place]} again, at the same time")
+        seen.add(row[place])
+        begin = len(clock) + joints.index(row[place]) * len(own)
+        rows[-1][begin : begin + len(own)] = [row[c] for c in own]
+    return TextTable(header, rows, lines)
+
+
+def plain_names(table: TextTable, names: Sequence[str] | None, *, measured: bool = False) -> TextTable:
+    """The table with arrays of joints under names that are known: `q1`, `qd1`, `tau1`, or the joint's.
+
+    Args:
+        table: with `actual_q_0`, `q[0]`, `field.position0` and the like, counted from 0 or from 1; where
+            columns such as `field.name0` say the joints' names, these count.
+        names: of the robot's joints; None: unknown.
+        measured: set points (`target_q_0`) are no measurements, and keep their names.
+
+    Raises:
+        InputError: it is unclear whether arrays are counted from 0 or from 1, or names change.
+    """
+    header = _by_name_columns(table)
+    for k, title in enumerate(header):
+        match = _BRACKETS.fullmatch(title)
+        if match and match["name"] in (names or ()):
+            header[k] = f"{match['before']}.{match['name']}{match['rest']}"
+    from_zero = any(map(_FROM_ZERO.fullmatch, header))
+    found = {}
+    for k, title in enumerate(header):
+        match = _ARRAY.fullmatch(title)
+        if match is None or (_PLAIN.fullmatch(title) and not from_zero):
+            continue
+        parts = re.split(r"[./_\s]+", match["before"].lower())
+        named = title.removesuffix(match["rest"]) in (names or ())
+        if not named and not (measured and set(parts) & set(_MEANT)):
+            found[k] = match
+    if not found:
+        return replace(table, header=header)
+    numbers = {int(m["index"] or m["low"] or m["glued"]) for m in found.values()}
+    first = min(numbers)
+    count = len(names) if names else max(numbers) + (first == 0)
+    if first > 0 and max(numbers) != count:
+        raise InputError(
+            f"header: {header[min(found)]}: are joints counted from 0 or from 1? The robot has {count}; say "
+            "it in a file for --columns"
+        )
+    titles = dict[str, str]()
+    for k, match in found.items():
+        number = int(match["index"] or match["low"] or match["glued"]) + (first == 0)
+        name = f"{_SHORT[match['word']]}{number}"
+        if (other := titles.setdefault(name, header[k])) != header[k]:
+            raise InputError(
+                f"header: {other} and {header[k]} are the same quantity; say which counts in a file for "
+                "--columns"
+            )
+        header[k] = name + match["rest"]
+    return replace(table, header=header)
+
+
+def _by_name_columns(table: TextTable) -> list[str]:
+    """The header with the names that columns such as `field.name0` give to `field.position0`."""
+    said: dict[tuple[str, str], str] = {}
+    for k, title in enumerate(table.header):
+        match = _NAME_OF.fullmatch(title)
+        texts = list(dict.fromkeys(filter(None, table.texts(k)))) if match else []
+        if match is None or not texts or any(map(_is_number, texts)):
+            continue
+        if len(texts) > 1:
+            raise InputError(f"header: {title} is {texts[0]} and {texts[1]}; expected one order of joints")
+        said[match["before"], match["index"] or match["number"]] = texts[0]
+    header = list(table.header)
+    for k, title in enumerate(header):
+        if match := _VALUE_OF.fullmatch(title):
+            name = said.get((match["before"], match["index"] or match["number"]))
+            header[k] = f"{match['before']}{match['word']}.{name}" if name else title
+    return header
