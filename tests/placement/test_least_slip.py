@@ -12,6 +12,7 @@ from ocptip.contact.resting import solve_resting
 from ocptip.contact.support import Support
 from ocptip.placement.least_slip import LeastSlip
 from ocptip.reserves.slip import Slip
+from tests.reserves.test_mixed_friction import least_use, random_case
 
 
 def base(rng, count, turned):
@@ -48,6 +49,15 @@ def test_bound_is_no_larger_than_the_reserve_and_near_to_it(count, seed):
     away = exact[held] - least[held]
     assert held.sum() > 2
     assert np.median(away) < 0.02
+
+
+@pytest.mark.parametrize("seed", range(0, 40, 2))
+def test_bound_of_wheels_amid_casters_is_no_larger_than_that_of_a_cone_program(seed):
+    support, wrenches = random_case(seed)
+    least = LeastSlip(support)(wrenches)
+    exact = [least_use(support, wrench) for wrench in wrenches]
+    assert np.all(least <= np.array(exact) + 1e-6)
+    assert np.all(np.isfinite(least))
 
 
 @pytest.mark.parametrize("uneven", [0.0, 0.05])

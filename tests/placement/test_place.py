@@ -32,6 +32,7 @@ from tests.placement.placement_scenes import (
     planar_problem,
     random_task,
 )
+from tests.reserves.test_mixed_friction import least_use
 
 
 @pytest.fixture(scope="module")
@@ -304,6 +305,19 @@ def test_slipping_is_stated_as_the_friction_that_would_be_needed():
     least = abs(load.force[0]) / (0.005 * weight)  # all of the friction against the force
     assert stated.value >= least * (1 - 1e-6)
     assert stated.value < 2 * least  # the rest holds the moment about the vertical
+
+
+def test_a_cart_on_two_wheels_and_two_casters_is_placed_with_the_best_sharing():
+    feet = four_feet().support.contacts
+    casters = [*feet[:2], *(replace(foot, friction=0.0) for foot in feet[2:])]
+    robot = StandingRobot(four_feet().arm, four_feet().support.varied(casters), four_feet().motors)
+    found = place(drilling(robot), starts=1).best
+    [margin] = [m for m in found.margins if (m.kind, m.name) == ("GT", "unloaded")]
+    tilted = robot.varied(support=robot.support.varied(gravity=found.base_rotation.T @ [0.0, 0.0, -9.81]))
+    still = np.zeros_like(found.angles)
+    [wrench] = tilted.loads(found.angles, still, still)[1]
+    assert margin.value == pytest.approx(least_use(tilted.support, wrench), abs=1e-6)
+    assert found.criteria["GT"] < 0.3
 
 
 def test_bad_numbers_are_refused():

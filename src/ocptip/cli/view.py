@@ -18,7 +18,7 @@ from ocptip.basics.write import versions, write_text
 from ocptip.cli.cell import PLAN_FOLDER
 from ocptip.cli.command import Report
 from ocptip.cli.options import OUTPUTS
-from ocptip.contact.solver import solve
+from ocptip.contact.resting import solve_resting
 from ocptip.pictures.view import HERE, Show, library_viser, motion_show, pose_show, scene_show, serve, to_html
 from ocptip.placement.output import PLACEMENT
 from ocptip.placement.problem import PlacementProblem
@@ -63,7 +63,7 @@ def _show(options: Namespace) -> tuple[str, Show]:
     if path.is_file() and path.suffix != ".toml":
         raise InputError("expected a scene (.toml), or the folder of a plan or of a placement", "", str(path))
     scene = read_scene(path)
-    states = solve(scene.support, scene.wrench).states
+    states = solve_resting(scene.support, scene.wrench[None])  # as `stand`: what holds the base, if anything
     with naming(str(path)):
         tip = TipOver(scene.support).evaluate(states)
         slip = Slip(scene.support).evaluate(states, derivatives=False)

@@ -80,6 +80,8 @@ class LeastSlip:
         self, pull: np.ndarray, turn: np.ndarray, pressed: np.ndarray, normals: list[np.ndarray]
     ) -> np.ndarray:
         """Largest power over that of friction, of directions of sliding and rates of turning."""
+        presses = [np.isfinite(n[:, 0]) for n in normals]
+        normals = [np.where(own[:, None], n, 0.0) for own, n in zip(presses, normals, strict=True)]
         heading = np.arctan2(pull[:, 1], pull[:, 0])
         best, at = np.zeros(len(pull)), np.zeros((2, len(pull)))
 
@@ -88,7 +90,8 @@ class LeastSlip:
             v, w = np.array([np.cos(ahead), np.sin(ahead)]) * np.cos(turned), np.sin(turned) / self.radius
             x, y = self.places[:, :, None]
             speeds = self.friction[:, None] * np.hypot(v[0] - w * y, v[1] + w * x)
-            taken = [np.sum(n.T * speeds[t], axis=0) for n, t in zip(normals, self.triples, strict=True)]
+            pairs = zip(presses, normals, self.triples, strict=True)
+            taken = [np.where(own, np.sum(n.T * speeds[t], axis=0), -np.inf) for own, n, t in pairs]
             most = np.max(taken, axis=0)
             power = np.sum(pull.T * v, axis=0) + turn * w
             share = power / np.maximum(most, _LEAST * pressed * speeds.max(axis=0))

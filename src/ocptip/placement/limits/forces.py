@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ocptip.contact.solver import solve_many
+from ocptip.contact.resting import solve_resting
 from ocptip.contact.support import Support
 from ocptip.placement.limits.twice import Twice
 from ocptip.placement.stand import Footing
@@ -45,7 +45,7 @@ class ContactForces:
 
     def start(self, wrenches: np.ndarray, footing: Footing) -> tuple[np.ndarray, list[Piece]]:
         """Forces (N, 3 n) of the redistributed states under wrenches (N, 6), and the pieces they lie in."""
-        states = solve_many(footing.support, wrenches, warm_start=False)
+        states = solve_resting(footing.support, wrenches, warm_start=False)
         forces = footing.slip.evaluate(states, derivatives=False).forces
         limits = self._sets.limits(np.nan_to_num(states.contact_forces[:, :, 0]), force_scale(states))
         squeeze = LARGEST_SQUEEZE
@@ -96,8 +96,8 @@ class Piece:
     __hash__ = None
 
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
-        """Of the forces (3 n,)."""
-        wide = np.full_like(self.lower, np.inf)
+        """Of the forces (3 n,); tangential ones of contacts without friction are zero, no cone is asked."""
+        wide = np.where((self.radius == 0) & (self.slope == 0), 0.0, np.inf)
         low, high = ((end, sign * wide, sign * wide) for end, sign in ((self.lower, -1), (self.upper, 1)))
         return np.column_stack(low).ravel(), np.column_stack(high).ravel()
 
