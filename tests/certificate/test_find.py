@@ -17,7 +17,7 @@ from ocptip.motion.check import check_motion
 from ocptip.published.tasks import experiment_task
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.limits import MotionLimits
-from ocptip.standing.tolerance import NONE, WORKSHOP
+from ocptip.standing.tolerance import NONE, WORKSHOP, Tolerance
 from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.controllers import controller_points
 from ocptip.trajectories.path import JointPath
@@ -305,3 +305,22 @@ def test_forces_that_a_contact_without_friction_cannot_bear_prove_nothing(swing)
     data["sha256"]["model"] = digest(data["model"])
     verdict = check_certificate(data)
     assert any(problem.startswith("contacts") for problem in verdict.problems)
+
+
+@pytest.mark.parametrize("tolerance", [Tolerance(base_push=20.0), Tolerance(push=5.0, tilt=0.01)])
+def test_four_feet_that_two_of_them_could_bear_alone_are_proved_within_pushes(swing, tolerance):
+    """The best sharing leaves two feet next to nothing; a rule by equal weights bears the pushes."""
+    task, motion, *_ = swing
+    places = [(0.3, 0.25), (0.3, -0.25), (-0.3, -0.25), (-0.3, 0.25)]
+    feet = [UnilateralContact(position=[x, y, 0.0], friction=0.5) for x, y in places]
+    support = Support(feet, mass=40.0, center_of_mass=[0.03, 0.0, 0.25])
+    robot, limits = (
+        StandingRobot(task.robot.arm, support, task.robot.motors),
+        MotionLimits(tolerance=tolerance),
+    )
+    checked = check_motion(robot, motion, limits)
+    found = certify(robot, motion, limits, checked.worst)
+    assert checked.verified
+    assert found.certified, (found.verdict, found.undecided)
+    sampled = checked.worst["GN_worst_case"].value
+    assert sampled * 0.999 <= found.verdict.bounds["GN_worst_case"] <= 1.01 * sampled

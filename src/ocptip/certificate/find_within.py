@@ -197,11 +197,10 @@ class SearchWithin:
                 weights[..., short], room[short] = better(
                     some, own, weights[..., short], capacity[:, short], share
                 )
-            for without in (False, True):  # contacts that hardly carry anything
-                if not (self._several and sharing.contacts.flat and len(short := short[~(room[short] >= 0)])):
+            for rule in _RULES if self._several and sharing.contacts.flat else ():
+                if not len(short := short[~(room[short] >= 0)]):
                     break
-                own = weights[..., short]  # the rule shares the whole wrench
-                own = np.where(without & (own[:, :1] < _IDLE * np.max(own[:, :1], axis=0)), 0.0, own)
+                own = rule(weights[..., short])  # the rule shares the whole wrench
                 none = np.zeros((2, *forces.shape[2:4], len(short)))
                 with np.errstate(invalid="ignore"):  # too few contacts may be left
                     found = sharing.held(terms.some(short), none, own, share, patient=False)
@@ -358,6 +357,16 @@ class SearchWithin:
                             (float(self._starts[k]), float(self._ends[k]), name, float(min(-short, 1e9)))
                         )
         return found
+
+
+def _without_idle(weights: np.ndarray) -> np.ndarray:
+    """Weights (contacts, 2, R) with which contacts carry nothing that hardly carry anything."""
+    idle = weights[:, :1] < _IDLE * np.max(weights[:, :1], axis=0)
+    return np.where(idle, 0.0, weights)
+
+
+_RULES = (np.array, _without_idle, np.ones_like)
+"""Weights that are tried: those of what contacts bear, without idle contacts, all contacts alike."""
 
 
 def _some(part: _Judged, rows: np.ndarray) -> _Judged:
