@@ -13,6 +13,7 @@ from ocptip.motion.check import check_motion
 from ocptip.motion.late_joints import jump_states, on_time
 from ocptip.motion.within_tolerance import tolerable, too_much, worst_within
 from ocptip.published.tasks import experiment_task
+from ocptip.reserves.minimax import ConeBatch
 from ocptip.reserves.tipping import TipMap
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.tolerance import SITE, WORKSHOP, Tolerance
@@ -276,3 +277,23 @@ def test_the_greatest_slips_are_those_of_all_states():
     assert large.sum() < 0.8 * len(states)
     np.testing.assert_allclose(found[large], every[large], atol=1e-9)
     assert np.all(found[~large] <= 0.95 * every.max())
+
+
+def test_slip_at_the_worst_is_exact_where_it_is_large_and_costs_programs_there_only(monkeypatch):
+    """Elsewhere half spaces bound it, and tell which deviations are the worst."""
+    task = load_task(EXAMPLES / "tasks" / "ur5_cart.toml")
+    robot, motion = task.robot, slow(task, 3.0)
+    cases, times = worst_case_of(robot, WORKSHOP), motion.both_sides(0.01)
+    at = on_time(motion, WORKSHOP, times, robot.during(motion))
+    programs = []
+    solve = ConeBatch.solve
+    monkeypatch.setattr(ConeBatch, "solve", lambda self, A, b: programs.append(len(A)) or solve(self, A, b))
+    exact = cases.slip(at.s, room=at.room)
+    all_programs = sum(programs)
+    programs.clear()
+    found = cases.large_slips(at.s, at.room)
+    assert sum(programs) < 0.5 * all_programs
+    large = exact.values > 0.97 * exact.values.max()
+    np.testing.assert_allclose(found.values[large], exact.values[large], rtol=1e-6)
+    assert np.argmax(found.values) == np.argmax(exact.values)
+    assert np.all(found.values[~large] <= exact.values.max())

@@ -204,12 +204,19 @@ class Slip:
         order = np.argsort(-np.max([_beyond(rows, own) for own in wrenches], axis=0))
         first, others, found = order[:_FIRST], order[_FIRST:], np.empty(len(every))
         found[first] = values(first)
-        level = _LEVEL ** np.ceil(np.log(_SHARE * max(np.max(known(found[first])), _LEAST)) / np.log(_LEVEL))
-        found[others] = level = min(level, _SHARE)
+        found[others] = level = self.level_below(float(np.max(known(found[first]))))
         if (rows := self.half_spaces(level)) is not None:
             others = others[np.any([_beyond(rows, own[others]) > 0 for own in wrenches], axis=0)]
         found[others] = values(others)
         return found
+
+    @staticmethod
+    def level_below(maximum: float) -> float:
+        """GT that is at most 95 % of a maximum, and of 1, and below which states matter less.
+
+        One of few numbers, so that half spaces are computed once for several maxima.
+        """
+        return min(_LEVEL ** np.ceil(np.log(_SHARE * max(maximum, _LEAST)) / np.log(_LEVEL)), _SHARE)
 
     def _of(self, wrenches: np.ndarray, **decides: Any) -> np.ndarray:
         if not len(wrenches):

@@ -9,7 +9,7 @@ of the slip reserve the ascent finds one worst end of the tolerance from each wr
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from copy import copy
 from dataclasses import dataclass
 from functools import lru_cache
@@ -17,7 +17,7 @@ from functools import lru_cache
 import numpy as np
 
 from ocptip.basics.errors import InputError
-from ocptip.reserves.slip import SlipMap
+from ocptip.reserves.slip import SlipMap, known
 from ocptip.reserves.tipping import TipMap
 from ocptip.reserves.wrench_cone import ConeMap
 from ocptip.standing.arm import StandingRobot
@@ -26,6 +26,8 @@ from ocptip.standing.tolerance import Tolerance
 from ocptip.standing.within.deviations import Deviations, deviations_of
 
 ROUNDS = 2  # how often the worst deviations are chosen
+_FIRST = 16  # states with which the search for the largest slip reserve begins
+_CHUNK = 10_000  # wrenches that half spaces are multiplied with at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,22 +200,76 @@ class WorstCase:
         return found.values + np.einsum("nt,nt->n", slopes, self.deviations.least(-slopes, room))
 
     def greatest_slips(self, s: np.ndarray, room: np.ndarray | None = None) -> np.ndarray:
-        """(N,) the same where they are great; what matters less, see `Slip.greatest`, may be less."""
-        rows = self.robot.slip.half_spaces(1.0)
-        if rows is None:
-            return self.estimated_slip(s, room)
-        wrenches, over = self.deviations.wrench_and_slopes(s, np.zeros((len(s), self.deviations.size)))
-        nearest = rows[np.argmax(wrenches @ rows.T, axis=1)]
-        theta = self.deviations.least(-np.einsum("nw,nwt->nt", nearest, over), room)
-        worst = wrenches + np.einsum("nwt,nt->nw", over, theta)
+        """(N,) the same where they are great; what matters less, see `large_slips`, may be less."""
 
         def values(some: np.ndarray) -> np.ndarray:
             return self.estimated_slip(s[some], None if room is None else room[some])
 
-        return self.robot.slip.greatest(worst, wrenches, values=values)
+        return self._where_large(s, room, values).values
+
+    def large_slips(self, s: np.ndarray, room: np.ndarray) -> Worst:
+        """The same as :meth:`slip` where they are large; elsewhere by half spaces.
+
+        What is at most 95 % of the maximum, and of 1, has a bound as its value, the deviations that are
+        worst for the nearest half space, and its normal as the slopes, which have another length.
+        """
+        if self._slip_map is not None:
+            return self.slip(s, room=room)
+        theta, slopes = np.empty((len(s), self.deviations.size)), np.empty((len(s), 6))
+        exact = np.zeros(len(s), dtype=bool)
+
+        def values(some: np.ndarray) -> np.ndarray:
+            found = self.slip(s[some], room=room[some])
+            theta[some], slopes[some], exact[some] = found.theta, found.slopes, True
+            return found.values
+
+        near = self._where_large(s, room, values)
+        return Worst(
+            near.values,
+            np.where(exact[:, None], theta, near.theta),
+            np.where(exact[:, None], slopes, near.slopes),
+        )
+
+    def _where_large(
+        self, s: np.ndarray, room: np.ndarray | None, values: Callable[[np.ndarray], np.ndarray]
+    ) -> Worst:
+        """Values of the states at indices where the slip reserve is large, elsewhere those of half spaces.
+
+        The half spaces are those of a level just below the maximum: at a higher one the nearest may be that
+        of tip-over.
+        """
+        slip, found = self.robot.slip, np.zeros(len(s))
+        wrenches, over = self.deviations.wrench_and_slopes(s, np.zeros((len(s), self.deviations.size)))
+        near, left = Worst(found, np.zeros((len(s), over.shape[2])), np.zeros((len(s), 6))), np.arange(len(s))
+        maximum = np.max(known(slip.greatest(wrenches)), initial=0.0)
+        for most in (_FIRST, len(s)):
+            level = slip.level_below(float(maximum))
+            rows, todo = slip.half_spaces(level), left
+            if rows is not None:
+                near = self._nearest(rows, wrenches, over, room)
+                todo = left[near.values[left] > 0]
+                todo = todo[np.argsort(-near.values[todo], kind="stable")[:most]]
+            found[todo], left = values(todo), np.setdiff1d(left, todo)
+            found[left] = level
+            maximum = max(maximum, np.max(known(found), initial=0.0))
+        return Worst(found, near.theta, near.slopes)
+
+    def _nearest(
+        self, rows: np.ndarray, wrenches: np.ndarray, over: np.ndarray, room: np.ndarray | None
+    ) -> Worst:
+        """How far wrenches are beyond half spaces with the deviations that are worst for the nearest one."""
+        parts = np.array_split(wrenches, 1 + len(wrenches) // _CHUNK)
+        nearest = rows[np.concatenate([np.argmax(part @ rows.T, axis=1) for part in parts])]
+        theta = self.deviations.least(-np.einsum("nw,nwt->nt", nearest, over), room)
+        worst = wrenches + np.einsum("nwt,nt->nw", over, theta)
+        parts = np.array_split(worst, 1 + len(worst) // _CHUNK)
+        beyond = np.concatenate([np.max(part @ rows.T, axis=1) for part in parts])
+        return Worst(np.maximum(beyond, np.einsum("nw,nw->n", nearest, wrenches)), theta, nearest)
 
     def function(self, s: np.ndarray, which: np.ndarray, room: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What is worst where it is greatest, (N,), and its slopes (N, 3 n) over the states.
+
+        Where it is not, values may be bounds and slopes of another length, see :meth:`large_slips`.
 
         Args:
             s: (N, 3 n) states.
@@ -227,7 +283,7 @@ class WorstCase:
                 found = (
                     self.moments(s[own], which[own], room=room[own])
                     if tips
-                    else self.slip(s[own], room=room[own])
+                    else self.large_slips(s[own], room[own])
                 )
                 values[own] = sign * found.values
                 slopes[own] = self.deviations.state_slopes(s[own], found.theta, sign * found.slopes)[0]
