@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property, lru_cache
 from typing import Self
 from weakref import WeakKeyDictionary
@@ -16,6 +17,7 @@ from ocptip.contact.support import Support
 from ocptip.reserves.slip import Redistribution
 from ocptip.robots.collision.gaps import CLEARANCE, POSTURES, Collisions, GapLabel, random_postures
 from ocptip.robots.collision.model import ShapeCollisions
+from ocptip.robots.collision.opened import opened
 from ocptip.robots.collision.shapes import BodyShape
 from ocptip.robots.dynamics import Dynamics, evaluate_dynamics, inverse_dynamics, small_motions
 from ocptip.robots.geometry import CollisionModel, Floor, Obstacle, in_closed_form
@@ -126,6 +128,28 @@ class StandingRobot(StandingMechanism):
     @cached_property
     def _attainable(self) -> tuple[float, GapLabel | None]:
         return self.collision.attainable(random_postures(self.arm, POSTURES), CLEARANCE)
+
+    def with_finer_solids(self, postures: np.ndarray, least: float) -> Self:
+        """The same with more convex solids for meshes that are farther apart than their solids show.
+
+        Args:
+            postures: (k, n) in which all pairs should be so far apart.
+            least: m.
+
+        Returns:
+            This robot itself where more solids do not help.
+        """
+        if not isinstance(self.collision, ShapeCollisions):
+            return self
+        finer = opened(self.collision, postures, least)
+        if finer is None:
+            return self
+        before = [shape.name for shape in self.arm.geometry.shapes] if self.arm.geometry else []
+        after = [shape.name for shape in finer.shapes]
+        more = [f"{after.count(name)} for {name}" for name in dict.fromkeys(after)
+                if after.count(name) != before.count(name)]  # fmt: skip
+        note = f"convex solids so that start and goal are as free as their meshes: {', '.join(more)}"
+        return self.varied(arm=replace(self.arm, geometry=finer, notes=(*self.arm.notes, note)))
 
     def loads(
         self, q: np.ndarray, qd: np.ndarray, qdd: np.ndarray, process: np.ndarray | None = None

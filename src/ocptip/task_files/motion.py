@@ -121,6 +121,8 @@ def _task(data: Table, path: Path, otherwise: Tolerance) -> MotionTask:
     starts, goals = (postures for postures, _ in ends)
     if not isinstance(robot, StandingRobot):
         return ramp_task(name, robot, starts[0], goals[0], scene.limits, motion)
+    given = [own[0] for own, pose in ends if pose is None]
+    robot = robot.with_finer_solids(np.reshape(given, (-1, robot.n)), scene.limits.clearance)
     pairs = posture_pairs(robot, scene.limits, starts, goals)
     task = ramp_task(name, robot, *pairs[0], scene.limits, motion)
     targets = ends[0][1], ends[1][1]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import coal
 import numpy as np
@@ -95,8 +96,9 @@ def test_room_beside_a_large_body_is_not_filled(folder):
 
 
 def test_a_refusal_has_the_distance_of_the_meshes_too(folder):
-    coarse = load(folder, TASK.replace("mount", "mesh_parts = 1\nmount", 1))
-    (reason,) = refusals(coarse)
+    elsewhere = TASK.replace("start_deg = [0, 0]", "start_deg = [0, -80]")
+    coarse = load(folder, elsewhere.replace("mount", "mesh_parts = 1\nmount", 1))
+    (reason,) = refusals(replace(coarse, start=np.zeros(2)))
     found = re.search(
         r"start: collision: torso and b overlap by (\S+) mm \(the surfaces of their meshes: (\S+) mm apart\)",
         reason,
@@ -112,7 +114,8 @@ def test_a_refusal_has_the_distance_of_the_meshes_too(folder):
     assert float(found[1]) == pytest.approx(-1e3 * depth, abs=0.06)
     assert float(found[2]) == pytest.approx(20.0, abs=0.06)
     assert "mesh_parts = 16 or more in [arm]" in reason
-    assert refusals(load(folder, TASK.replace("mount", "mesh_parts = 16\nmount", 1))) == ()
+    finer = load(folder, elsewhere.replace("mount", "mesh_parts = 16\nmount", 1))
+    assert refusals(replace(finer, start=np.zeros(2))) == ()
     with pytest.raises(InputError, match=r"arm\.mesh_parts"):
         load(folder, TASK.replace("mount", "mesh_parts = 0\nmount", 1))
 
@@ -124,3 +127,42 @@ def test_nearer_than_asked_for_is_said_of_both_and_touching_meshes_need_no_more_
         r"torso and b are \S+ mm apart \(the surfaces of their meshes: 20.0 mm apart\), must", reason
     )
     assert "mesh_parts" not in reason  # the meshes are too near as well
+
+
+def grooved():
+    """A column with a groove across its front, 6 cm high and 4 cm deep, half way up; its parts overlap."""
+    bars = [((-0.2, 0.0), 0.47), ((-0.2, 0.53), 1.0)]
+    parts = [box((-0.2, low[0], low[1]), (0.2, 0.2, high)) for low, high in bars]
+    parts += [box((-0.2, -0.2, 0.0), (0.2, 0.2, 0.47)), box((-0.2, -0.2, 0.53), (0.2, 0.2, 1.0))]
+    parts.append(box((-0.2, -0.2, 0.0), (0.16, 0.2, 1.0)))
+    starts = np.cumsum([0, *(len(points) for points, _ in parts)])
+    return np.vstack([p for p, _ in parts]), np.vstack(
+        [t + s for (_, t), s in zip(parts, starts, strict=False)]
+    )
+
+
+def test_a_start_within_a_groove_gets_more_solids(folder):
+    """No single cut opens the groove, so few solids span it; those of the task's start do not."""
+    write_stl(folder / "torso.stl", *grooved())
+    urdf = URDF.replace("0.24 0 0.9", "0.186 0 1.1").replace('radius="0.02"', 'radius="0.012"')
+    (folder / "elbow.urdf").write_text(urdf)
+    task = load(folder)
+    plain = load(folder, TASK.replace("start_deg = [0, 0]", "start_deg = [0, -80]"))
+    (label,) = {x for x in plain.robot.collision.labels if str(x) == "torso and b"}
+    apart = plain.robot.collision.on_meshes(task.start, label)
+    assert 0.01 < apart < 0.02
+    assert plain.robot.collision.worst(task.start[None])[0] < -0.01
+    assert refusals(task) == ()
+    assert 0.01 <= task.robot.collision.worst(task.start[None])[0] <= apart + 1e-6
+    assert any(re.search(r"^convex solids .*: \d for torso$", note) for note in task.robot.notes)
+    assert not any("convex solids" in note for note in plain.robot.notes)
+    points = np.array(grooved()[0])
+    triangles = grooved()[1]
+    rng = np.random.default_rng(0)
+    weights = rng.dirichlet(np.ones(3), len(triangles) * 20)
+    surface = np.einsum("sk,skx->sx", weights, points[np.repeat(triangles, 20, axis=0)])
+    inside = np.zeros(len(surface), dtype=bool)
+    for part in convex_parts(points, triangles, 32):
+        faces = ConvexHull(part).equations
+        inside |= (surface @ faces[:, :3].T + faces[:, 3] <= 1e-7).all(axis=1)
+    assert inside.all()

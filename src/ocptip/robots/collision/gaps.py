@@ -129,6 +129,13 @@ class Collisions:
         """
         return None
 
+    def hidden(self, q: np.ndarray, least: float) -> list[GapLabel]:
+        """Pairs of which solids are nearer than `least`, m, at q (n,), and meshes are not."""
+        near = np.flatnonzero(self.gaps(q, least) < least)
+        found = {f"{self.labels[k]}": self.labels[k] for k in near}.values()
+        apart = [self.on_meshes(q, label) for label in found]
+        return [label for label, gap in zip(found, apart, strict=True) if gap is not None and gap >= least]
+
     def attainable(self, postures: np.ndarray, most: float) -> tuple[float, GapLabel | None]:
         """Largest distance, m, up to `most`, that every two names have in some posture (N, n).
 

@@ -1,7 +1,8 @@
-"""A mesh as a few convex solids that together contain it: cut by planes where that saves volume.
+"""A mesh as a few convex solids that together contain its surface: cut by planes where that saves volume.
 
 What of the body lies on one side of a plane is bounded by what of the surface lies there and by the section,
-whose edge is on the surface: so the convex hull of the cut surface contains it.
+whose edge is on the surface: so the convex hull of the cut surface contains it. Where three planes meet in
+a body, a piece may lack its innermost corner. Nothing gets there but through the surface, which is covered.
 """
 
 from __future__ import annotations
@@ -17,37 +18,62 @@ WORTHWHILE = 0.93
 LARGE = 2e-4
 """m^3: a cut that saves so much is made, too: little of a torso, but room for an elbow."""
 
-LITTLE = 1e-3
-"""Share of the volume that a cut saves at least where a number of parts is asked for."""
+LITTLE = 1e-2
+"""Share of the volume: cuts that save less are no better than one through the middle."""
 
 NEIGHBOURS = 200
 """Neighbours of a corner, at most: coal counts them in a byte, and a fine cone has more at its apex."""
 
+_ROUNDED = 1e-3
 _LEVELS = (0.15, 0.35, 0.65, 0.85)
 _DIRECTIONS = np.random.default_rng(0).normal(size=(100, 3))
 
 
 def convex_parts(points: np.ndarray, triangles: np.ndarray, most: int | None = None) -> list[np.ndarray]:
-    """Points (k, 3), m, whose convex hulls together contain a mesh.
+    """Points (k, 3), m, whose convex hulls together contain a mesh; see :func:`cut_surfaces`."""
+    return [corners_of(part) for part in cut_surfaces(points, triangles, most)]
+
+
+def corners_of(surface: np.ndarray) -> np.ndarray:
+    """Points (k, 3), m, whose hull coal takes and contains triangles (T, 3, 3)."""
+    return with_few_neighbours(np.unique(surface.reshape(-1, 3), axis=0))
+
+
+def cut_surfaces(points: np.ndarray, triangles: np.ndarray, most: int | None = None) -> list[np.ndarray]:
+    """A mesh in parts, triangles (T, 3, 3), m, each, which together are its surface.
 
     Args:
         points: (N, 3), m.
         triangles: (T, 3), numbers of points.
-        most: parts; so many are made if each cut saves `LITTLE`. Default: `MOST`, where cuts save much.
+        most: parts; so many are made of a mesh that is not convex. Default: `MOST`, where cuts save much.
     """
     surface = points[triangles]
-    whole = _hull_volume(surface)
-    if not whole > 0 or not _is_worthwhile(whole, _volume(surface), most):
-        return [with_few_neighbours(points)]
+    whole, volume = _hull_volume(surface), _volume(surface)
+    # More than the hull has a mesh of parts that overlap: its volume tells nothing then.
+    full = volume <= (1 + _ROUNDED) * whole and (
+        not _is_worthwhile(whole, volume) if most is None else volume >= (1 - LITTLE) * whole
+    )
+    if full or not whole > 0:
+        return [surface]
     parts = [(surface, whole, _best_cut(surface))]
     while len(parts) < (most or MOST):
-        k = max(range(len(parts)), key=lambda i: parts[i][1] - parts[i][2][0])
+        if most is None:
+            k = max(range(len(parts)), key=lambda i: parts[i][1] - parts[i][2][0])
+        else:
+            k = max(range(len(parts)), key=lambda i: parts[i][1])
         own, before, (after, axis, level) = parts[k]
-        if not _is_worthwhile(before, after, most):
+        if most is None and not _is_worthwhile(before, after):
             break
-        pieces = [_side(own, axis, level, side) for side in (-1.0, 1.0)]
+        if most is not None and after > (1 - LITTLE) * before:
+            # No single cut helps: a groove opens only after one through it, and a shell gets thin pieces.
+            low, high = own.min(axis=(0, 1)), own.max(axis=(0, 1))
+            axis = int(np.argmax(high - low))
+            level = float(0.5 * (low[axis] + high[axis]))
+        pieces = [side_of(own, axis, level, side) for side in (-1.0, 1.0)]
+        if min(map(len, pieces)) == 0:
+            break
         parts[k : k + 1] = [(piece, _hull_volume(piece), _best_cut(piece)) for piece in pieces]
-    return [with_few_neighbours(np.unique(part[0].reshape(-1, 3), axis=0)) for part in parts]
+    return [part[0] for part in parts]
 
 
 def with_few_neighbours(points: np.ndarray) -> np.ndarray:
@@ -77,10 +103,8 @@ def with_few_neighbours(points: np.ndarray) -> np.ndarray:
     return middle + (1 + max(0.0, float(np.max(outside / inside)))) * (kept - middle)
 
 
-def _is_worthwhile(before: float, after: float, most: int | None) -> bool:
+def _is_worthwhile(before: float, after: float) -> bool:
     """Whether solids of some volume, m^3, are to be replaced by others."""
-    if most is not None:
-        return after <= (1 - LITTLE) * before
     return after <= WORTHWHILE * before or before - after >= LARGE
 
 
@@ -97,14 +121,14 @@ def _best_cut(surface: np.ndarray) -> tuple[float, int, float]:
             volumes = []
             for side in (-1.0, 1.0):
                 whole = corners[side * (corners[:, axis] - level) >= 0]
-                pieces = _side(across, axis, level, side).reshape(-1, 3)
+                pieces = side_of(across, axis, level, side).reshape(-1, 3)
                 volumes.append(_hull_volume(np.concatenate([whole, pieces])))
             if min(volumes) > 0:
                 best = min(best, (sum(volumes), axis, level))
     return best
 
 
-def _side(surface: np.ndarray, axis: int, level: float, side: float) -> np.ndarray:
+def side_of(surface: np.ndarray, axis: int, level: float, side: float) -> np.ndarray:
     """Triangles (T, 3, 3) where side * (p[axis] - level) >= 0; those across the plane are cut."""
     over = side * (surface[:, :, axis] - level)
     inside = over >= 0

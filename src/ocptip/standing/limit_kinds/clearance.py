@@ -62,10 +62,7 @@ class ClearanceLimit(AskedLimit):
         meshes = {
             name: self.robot.collision.on_meshes(at.angles[state], own) for name, (own, _) in near.items()
         }
-        seen = {
-            name: "" if apart is None else f" (the surfaces of their meshes: {1e3 * apart:.1f} mm apart)"
-            for name, apart in meshes.items()
-        }
+        seen = {name: _of_meshes(apart) for name, apart in meshes.items()}
         hint = _FLOOR_HINT if any(own.second.startswith(FLOOR) for own, _ in near.values()) else ""
         hint += _PARTS_HINT if any(apart and apart >= self.number for apart in meshes.values()) else ""
         if gap < 0:
@@ -119,6 +116,14 @@ class ClearanceLimit(AskedLimit):
         scaled, every = GAP_SCALE * on, np.arange(len(rows.at.s))
         H.add(every, self.robot.collision.curvature(rows.at.angles, rows.nodes, rows.places, scaled))
         np.add.at(on_s[:, : self.robot.n], rows.nodes, on[:, None] * rows.slopes)
+
+
+def _of_meshes(apart: float | None) -> str:
+    """Distance, m, of the surfaces of meshes, in words that follow that of the convex solids about them."""
+    if apart is None:
+        return ""
+    text = f"the surfaces of their meshes: {1e3 * apart:.1f} mm apart" if apart > 0 else "their meshes touch"
+    return f" ({text})"
 
 
 @dataclass(frozen=True, eq=False)
