@@ -10,7 +10,7 @@ import ocptip.reserves.slip as slip_module
 from ocptip.basics.errors import InputError
 from ocptip.motion.check import check_motion
 from ocptip.published.cases import motion_case
-from ocptip.published.tasks import experiment_robot
+from ocptip.published.tasks import experiment_robot, experiment_task
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.rest import posture_refusals
 from ocptip.trajectories.arm_motion import ArmMotion
@@ -164,3 +164,21 @@ def test_results_are_plain_data():
 def test_bad_limits_are_named(bad):
     with pytest.raises(InputError, match=next(iter(bad))):
         MotionLimits(**bad)
+
+
+def test_parts_that_fit_into_memory_give_the_same(monkeypatch):
+    task = experiment_task("B", "effective")
+    whole, counts = check_motion(task.robot, task.reference, task.limits), []
+    monkeypatch.setattr(check_module, "_PART", 50)
+    parts = check_motion(
+        task.robot, task.reference, task.limits, progress=lambda done, total, _: counts.append((done, total))
+    )
+    assert parts.samples == whole.samples
+    for name in ("force", "moment", "edge", "friction"):
+        one, other = getattr(parts.contacts, name), getattr(whole.contacts, name)
+        assert one.value == pytest.approx(other.value, rel=1e-8), name
+    for name, worst in whole.worst.items():
+        assert parts.worst[name].value == pytest.approx(worst.value, rel=1e-9), name
+        assert parts.worst[name].time == pytest.approx(worst.time, nan_ok=True, abs=1e-6), name
+    assert counts[0][0] == 0
+    assert counts[-1][1] == whole.samples

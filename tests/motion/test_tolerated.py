@@ -8,7 +8,7 @@ import pytest
 from ocptip.cli.layout import tolerated_lines
 from ocptip.contact.support import Support
 from ocptip.motion.check import check_motion
-from ocptip.motion.tolerated import Tolerated, tolerances, tolerated
+from ocptip.motion.tolerated import Tolerated, _beyond, tolerances, tolerated
 from ocptip.published.tasks import experiment_task
 from ocptip.robots.kinematics import gripper_pose
 from ocptip.robots.payload import Payload
@@ -208,3 +208,17 @@ def test_a_motion_that_needs_next_to_no_friction_says_so():
     [found] = [own for own in tolerated(robot, task.reference) if own.quantity == "friction"]
     assert found.at_most
     assert "nan" not in f"{found}"
+
+
+def test_wrenches_beyond_half_spaces_are_those_of_all_products():
+    """Boxes around neighbours spare most of them."""
+    rng = np.random.default_rng(3)
+    wrenches = np.cumsum(rng.normal(size=(1001, 6)), axis=0)
+    rows = rng.normal(size=(40, 6))
+    for share in (0.2, 0.9, 1.1):
+        shifted = wrenches - share * 3 * np.array([0, 0, 1, 0, 0, 0]) * np.abs(wrenches).max()
+        outside = np.max(shifted @ rows.T, axis=1)
+        found = _beyond(rows, shifted)
+        np.testing.assert_array_equal(np.sort(found), np.flatnonzero(outside > 0))
+        assert np.all(np.diff(outside[found]) <= 0)
+    assert len(_beyond(rows, np.zeros((5, 6)))) == 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from argparse import Namespace
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -28,7 +29,7 @@ from ocptip.cli.layout import (
     under,
 )
 from ocptip.cli.options import given_columns, given_limits, rate_of, with_limits
-from ocptip.cli.progress import say_if_compiling
+from ocptip.cli.progress import Progress, say_if_compiling
 from ocptip.cli.stops import (
     cycle_with_path_stops,
     sensitivities_of,
@@ -128,18 +129,30 @@ def run(options: Namespace) -> CheckReport:
     name = Path(options.motion).name
     if isinstance(task, CycleTask):
         return _cycle(name, path, task, options, step)
-    task = with_path_stops(with_limits(task, options), options.stops)
+    with Progress(sys.stderr, "reading the motion ...", what="instants") as progress:
+        return _single(name, path, with_limits(task, options), options, step, progress)
+
+
+def _single(
+    name: str, path: Path, task: MotionTask, options: Namespace, step: float, progress: Progress
+) -> CheckReport:
+    """Check a motion that is no cycle."""
+    task = with_path_stops(task, options.stops)
     motion = motion_of(path, task, options)
     with naming(name):
-        checked = check_motion(task.robot, motion, task.limits, step=step)
+        progress.stage("checking the motion ...")
+        checked = check_motion(task.robot, motion, task.limits, step=step, progress=progress)
         if not isinstance(motion, FittedMotion):  # of which the accelerations are an estimate
+            progress.stage("proving what was checked ...")
             checked = certified(task.robot, motion, checked, task.limits)
         checked = replace(checked, drives=with_rise(task.robot, motion))
         scaled = [
-            (f, check_motion(task.robot, motion.time_scaled(f), task.limits, step=step))
+            (f, check_motion(task.robot, motion.time_scaled(f), task.limits, step=step, progress=progress))
             for f in options.time_scale
         ]
+    progress.stage("finding which deviations lose no contact ...")
     deviations = tolerances(task.robot, motion)
+    progress.stage("checking stops ...")
     found = stops_of(task, motion, checked, options.stops)
     stops = {"": found} if found else {}
     report = CheckReport(name, task, motion, checked, scaled, _offsets(motion, task), deviations, stops)
@@ -154,7 +167,7 @@ def _cycle(name: str, path: Path, task: CycleTask, options: Namespace, step: flo
     require_plain(options, "sensitivities", "rise_time")
     task = cycle_with_path_stops(task.with_limits(given_limits(options)), options.stops)
     found = load_motions(path, task.robot.names, task.robot.units, **read_options(path, task, options))
-    with naming(name):
+    with naming(name), Progress(sys.stderr, "checking the cycle ..."):
         motion = segments_of(task, found)
         checked = check_cycle(task, motion, step=step)
         if not isinstance(found, FittedMotion):  # of which the accelerations are an estimate

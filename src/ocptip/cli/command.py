@@ -9,11 +9,13 @@ import sys
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 from typing import Any, ClassVar
+
+from ocptip.cli.piped import lines_while
 
 YES, NO, BAD_INPUT, INTERNAL_ERROR, INTERRUPTED = 0, 1, 2, 3, 130
 DEBUG = "OCPTIP_DEBUG"
@@ -152,7 +154,8 @@ class Command:
                 import_module("ocptip.numerics.few_cycles").loaded()
             from ocptip.numerics.threads import one_thread  # of the libraries that are loaded by now
 
-            with suspicions() as said, one_thread:
+            lines = lines_while(sys.stderr, f"ocptip {self.name}") if own_process else nullcontext()
+            with suspicions() as said, one_thread, lines:
                 report: Report = module.run(options)
             report.warnings = said
             answer = report.to_text() if report.early and not options.json else ""

@@ -1,4 +1,4 @@
-"""What is said on a terminal while a command computes."""
+"""What is said on a terminal while a command computes; elsewhere a line every few seconds."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ from pathlib import Path
 from types import TracebackType
 from typing import TextIO
 
+from ocptip.cli.piped import latest
 from ocptip.contact import pivoting
 
 _BAR = 24  # characters
 
 
 class Progress:
-    """A bar on a terminal: starts done, best value, seconds. Says nothing if the stream is no terminal.
+    """A bar on a terminal: starts done, best value, seconds. Elsewhere `lines_while` says the same.
 
     Args:
         stream: where to.
@@ -49,7 +50,12 @@ class Progress:
         said = f"{said}, " if said else ""
         self._show(f"[{bar}] {done}/{total} {self._what}, {said}{seconds:.0f} s")
 
+    def stage(self, text: str) -> None:
+        """Show what is computed now."""
+        self._show(text)
+
     def _show(self, text: str) -> None:
+        latest.text = text
         if self._shown:
             self._stream.write(f"\r{text}\x1b[K")  # erases the rest of the line
             self._stream.flush()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from argparse import Namespace
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -18,7 +19,7 @@ from ocptip.cli.cycles import CycleReport
 from ocptip.cli.layout import use_of_reserves
 from ocptip.cli.options import given_columns, given_limits, output_directory, rate_of, remove_figures, step_of
 from ocptip.cli.plan import PlanReport
-from ocptip.cli.progress import say_if_compiling
+from ocptip.cli.progress import Progress, say_if_compiling
 from ocptip.motion.check import MotionCheck, certified, check_motion
 from ocptip.motion.cycles.check import cycle_check
 from ocptip.motion.cycles.output import run_motion
@@ -58,8 +59,9 @@ def run(options: Namespace) -> Report:
     names = [""] if isinstance(task, MotionTask) else [f" (segment {s.name})" for s in task.segments]
     timings = []
     for own, fit, motion, name in zip(tasks, given.paths, motions, names, strict=True):
-        with naming(Path(options.motion).name + name):
-            timings.append(Timing.of(_asked(own, fit, motion, options), fit, options))
+        shown = Progress(sys.stderr, "reading the path ...")
+        with naming(Path(options.motion).name + name), shown as progress:
+            timings.append(Timing.of(_asked(own, fit, motion, options), fit, options, progress))
     written = directory, not options.no_figures, options.effort
     if isinstance(task, CycleTask):
         return _cycle(task, timings, *written)
@@ -121,11 +123,14 @@ class Timing:
     before: MotionCheck | None
 
     @classmethod
-    def of(cls, task: MotionTask, fit: FittedPath, options: Namespace) -> Timing:
+    def of(cls, task: MotionTask, fit: FittedPath, options: Namespace, progress: Progress) -> Timing:
         """Time a path."""
         robot, limits = task.robot, task.limits
+        progress.stage("timing the path ...")
         timed = retime(robot, fit.path, limits, task.objective, jerk=_jerk(robot, options))
+        progress.stage("checking the timing ...")
         execution = execute(robot, timed.motion, limits, options.controller, step=step_of(options))
+        progress.stage("proving the timing ...")
         proved = certified(robot, execution.motion, execution.check, limits)
         before = None if task.reference is None else check_motion(robot, task.reference, limits)
         return cls(task, fit, timed, replace(execution, check=proved), before)

@@ -7,7 +7,9 @@ worst instants until they stay put. The rest before and after the motion is look
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -39,6 +41,7 @@ NO_FLOOR = " (no floor: what reaches below the contacts is not checked)"
 """Follows verdicts where no floor is an obstacle."""
 
 _MIN_POINTS = 5
+_PART = 10_000  # instants that are evaluated at once
 _ROUNDS = 8
 _NEAREST = 6
 _FRESH = 9
@@ -174,7 +177,12 @@ class MotionCheck:
 
 @one_thread
 def check_motion(
-    robot: StandingMechanism, motion: Motion, limits: MotionLimits | None = None, *, step: float = 0.01
+    robot: StandingMechanism,
+    motion: Motion,
+    limits: MotionLimits | None = None,
+    *,
+    step: float = 0.01,
+    progress: Callable[[int, int, None], None] | None = None,
 ) -> MotionCheck:
     """Check a motion against all limits on a dense grid that is refined around the worst instants.
 
@@ -183,6 +191,7 @@ def check_motion(
         motion: the exact ramp motion, or samples: then the check is of the curve through them.
         limits: default 0.9 for both reserves, the arm's torques, no collision.
         step: first spacing of the grid inside the intervals between events, s.
+        progress: called with the numbers of instants that are checked and that are to be checked.
 
     Raises:
         InputError: the motion does not fit the arm, step is not positive, or so small that the grid would
@@ -210,6 +219,8 @@ def check_motion(
         count = sum(map(len, todo))
         if count == 0:
             break
+        if progress is not None:
+            progress(samples, samples + count, None)
         samples += count
         found = _evaluate(robot, motion, kinds, todo, limits.GT)
         unsolved += found.unsolved
@@ -332,8 +343,23 @@ def _evaluate(
     todo: list[np.ndarray],
     most: float,
 ) -> _Found:
-    """Values at the listed instants of all grids; `most` is the limit of GT."""
+    """Values at the listed instants of all grids, in parts that fit into memory; GT may be `most`."""
     times = np.concatenate(todo)
+    parts = np.array_split(times, 1 + len(times) // _PART)
+    found = [_evaluated(robot, motion, limits, part, most) for part in parts]
+    return _Found(
+        values=np.vstack([one.values for one in found]),
+        ends=found[0].ends,
+        unsolved=[time for one in found for time in one.unsolved],
+        uncertified=[time for one in found for time in one.uncertified],
+        standing=all(one.standing for one in found),
+        contacts=reduce(ContactMargins.worse, [one.contacts for one in found]),
+    )
+
+
+def _evaluated(
+    robot: StandingMechanism, motion: Motion, limits: tuple[Limit, ...], times: np.ndarray, most: float
+) -> _Found:
     at = _instants(robot, motion, times)
     measured = [limit.measure(at) for limit in limits]
     values, ends = np.hstack(measured), np.cumsum([own.shape[1] for own in measured])[:-1]

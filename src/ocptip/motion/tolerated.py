@@ -34,6 +34,7 @@ from ocptip.trajectories.sampled import Motion
 
 SPACING = 0.01  # s: between instants, at most
 FIRST = 20  # wrenches beyond half spaces that are looked at before the others
+_NEIGHBOURS = 32  # wrenches that share a box
 CLOSE = 2e-3  # of a value: how near the bisection gets
 MOST_LATE = 6  # joints of which every subset may be late
 TILT, SPEED, DELAY = np.radians(30.0), 1.0, 0.1  # rad, share, s: what is looked at, at most
@@ -225,9 +226,7 @@ class _Judge:
         worst = int(np.argmin(least))
         if least[worst] <= 0:
             return worst, self._tips(int(np.argmin(wrenches[worst] @ slope.T + offset)))
-        outside = np.max(wrenches @ self._held.T, axis=1)
-        order = np.argsort(-outside, kind="stable")[: np.count_nonzero(outside > 0)]
-        for rows in np.split(order, [FIRST]):  # most are lost among the first if any is
+        for rows in np.split(_beyond(self._held, wrenches), [FIRST]):  # most are lost among the first
             if len(rows) and (found := self._solved(wrenches[rows])) is not None:
                 return int(rows[found[0]]), found[1]
         return None
@@ -274,6 +273,20 @@ class _Judge:
             time = float(case.times[fails[0]])
             how = ", ".join(part for part in (case.how, fails[1]) if part)
         return Tolerated(quantity, float(scale * best), unit, not how, time, how)
+
+
+def _beyond(half_spaces: np.ndarray, wrenches: np.ndarray) -> np.ndarray:
+    """Rows of wrenches (N, 6) that are beyond half spaces a . w <= 0, the farthest first.
+
+    Boxes around neighbours, which are alike, are looked at first: most are inside with all their corners.
+    """
+    starts = np.arange(0, len(wrenches), _NEIGHBOURS)
+    low, high = np.minimum.reduceat(wrenches, starts), np.maximum.reduceat(wrenches, starts)
+    most = 0.5 * ((low + high) @ half_spaces.T + (high - low) @ np.abs(half_spaces).T)
+    near = np.repeat(np.max(most, axis=1) > 0, _NEIGHBOURS)[: len(wrenches)]
+    rows = np.flatnonzero(near)
+    outside = np.max(wrenches[rows] @ half_spaces.T, axis=1, initial=-np.inf)
+    return rows[np.argsort(-outside, kind="stable")[: np.count_nonzero(outside > 0)]]
 
 
 def _least_friction(robot: StandingRobot, parts: _Parts) -> Tolerated | None:
