@@ -136,6 +136,10 @@ def test_above_one_the_friction_needed_is_a_number_of_its_own(capsys, tmp_path):
     path.write_text("[base]\nmass = 50\ncenter_of_mass = [0, 0, 0.3]\n" + feet + load)
     _, data, text = _stand(capsys, path)
     assert data["GT"] > 2.5
+    assert data["GT"] == pytest.approx(data["slip_ratio"] + data["slide_acceleration_m_s2"])
+    assert data["slide_acceleration_m_s2"] == pytest.approx(data["acceleration"][0])
+    assert data["GN"] == data["tip_ratio"]
+    assert data["lift_acceleration_m_s2"] == 0
     assert data["friction_needed"] == pytest.approx(240 / (0.3 * abs(data["wrench"][2])), abs=1e-6)
     assert "1.63 times the friction would hold it" in text
     path.write_text(path.read_text().replace("240", "24"))

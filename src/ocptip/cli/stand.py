@@ -257,6 +257,10 @@ class StandReport(Report):
             "acceleration": state.acceleration,
             "GN": self.tip.GN[0],
             "GT": self.slip.GT[0],
+            "tip_ratio": self.tip.tip_ratio[0],
+            "lift_acceleration_m_s2": self.tip.lift_acceleration[0],
+            "slip_ratio": self.slip.slip_ratio[0],
+            "slide_acceleration_m_s2": self.slip.slide_acceleration[0],
             "friction_needed": self.friction_needed,
             "tipping_axis": axis,
             "wrench": self.scene.wrench,
@@ -327,16 +331,14 @@ class StandReport(Report):
         rest = "" if self.reference_given else "; 0.09: the best at rest without load"
         state, solver, full = self.state, self.verdict.state, self.redistribution == "full"
         shared = "; normal forces shared in the best way" if full else ""
-        lines = [
-            ("tip-over GN", f"{ratio(self.tip.GN[0])} (1: a contact lifts off{rest})"),
-            ("slip GT", f"{ratio(self.slip.GT[0])} (1: the friction is used up{shared})"),
-        ]
+        of_it = "of it {} are the acceleration of what {}, m/s^2"  # beyond 1, where no ratio goes on
+        lines = [("tip-over GN", f"{ratio(self.tip.GN[0])} (1: a contact lifts off{rest})")]
+        if self.tip.lift_acceleration[0] > 0:
+            lines.append(("", of_it.format(ratio(self.tip.lift_acceleration[0]), "lifts")))
+        lines.append(("slip GT", f"{ratio(self.slip.GT[0])} (1: the friction is used up{shared})"))
         if self.slip.slide_acceleration[0] > 0:
             needed = f"; {needed_text(self.friction_needed)}" if self.friction_needed else ""
-            text = (
-                f"of it {ratio(self.slip.slide_acceleration[0])} are the acceleration of what slides, m/s^2"
-            )
-            lines.append(("", f"{text}{needed}"))
+            lines.append(("", of_it.format(ratio(self.slip.slide_acceleration[0]), "slides") + needed))
         if self.equal:
             text = f"GT {ratio(self.equal.GT[0])}; the table has their normal forces and friction used"
             lines.append(("equal feet", f"{text}; `stiffness` declares other springs"))
