@@ -17,15 +17,15 @@ from ocptip.basics.errors import InputError
 from ocptip.motion.check import check_motion
 from ocptip.motion.objective import ENERGY, TIME
 from ocptip.published.tasks import experiment_task
-from ocptip.retiming.fastest import ExtraRows, Grid, fastest, spaced
+from ocptip.retiming.fastest import ExtraRows, Grid, enough, fastest, spaced
 from ocptip.retiming.retime import _slowed as slowed_as_needed
-from ocptip.retiming.retime import retime
+from ocptip.retiming.retime import least_cost, retime
 from ocptip.retiming.rows import Places, TimingLimits
 from ocptip.standing.limits import MotionLimits
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.arm_motion import ArmMotion, earliest_end
 from ocptip.trajectories.path import JointPath
-from ocptip.trajectories.path_fit import path_of_motion
+from ocptip.trajectories.path_fit import path_of_motion, spline_through
 from ocptip.trajectories.ramps import RampCommand
 from ocptip.trajectories.read import load_motion
 from ocptip.trajectories.timed_path import TimedPath
@@ -43,6 +43,26 @@ def test_a_straight_line_is_a_trapezoid():
     assert found.verified
     assert found.motion.end == pytest.approx(float(earliest_end(1.0, *pace)), rel=2e-3)
     assert found.motion.end >= float(earliest_end(1.0, *pace)) * (1 - 1e-9)
+
+
+def test_splines_that_turn_back_are_timed_as_well_as_others():
+    """To and fro on one line: the optimum is the sum of bang-bang motions between the extremes."""
+    task = tripod()
+    way = 0.05 * np.where(np.arange(task.robot.n) % 2, -1.0, 1.0)
+    shares = np.arange(17) % 2 * (1 + 0.1 * np.sin(np.arange(17.0)))
+    path = spline_through(task.start + shares[:, None] * way).path
+    place = (path.at(np.linspace(0, 1, 100_001))[0][:, 0] - task.start[0]) / way[0]
+    turning = np.flatnonzero(np.diff(np.sign(np.diff(place)))) + 1
+    extremes = place[np.concatenate([[0], turning, [len(place) - 1]])]
+    limits = task.robot.limits
+    times = 2 * np.sqrt(np.abs(np.diff(extremes)) * np.max(np.abs(way) / limits.acceleration))
+    assert np.all(2 * np.abs(np.diff(extremes)) / times < np.min(limits.speed / np.abs(way)))
+    optimum, loose = float(np.sum(times)), MotionLimits(GN=0.999, GT=0.999, torque_ratio=100.0)
+    few, more = (least_cost(task.robot, path, loose, TIME, n) for n in (300, enough(path, 300)))
+    assert enough(path, 300) > 600
+    assert 1 - 1e-6 < more / optimum < 1.004
+    assert few / optimum > 1.006
+    assert enough(random_path(task, 1, 0.1), 300) <= 600
 
 
 @settings(max_examples=3, derandomize=True)

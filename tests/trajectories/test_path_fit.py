@@ -140,7 +140,7 @@ def test_points_in_a_row_need_no_blend() -> None:
     [
         (np.zeros((0, 2)), "at least two"),
         (np.zeros((1, 2)), "at least two are needed for a path, got 1"),
-        ([[0.0], [1.0], [1.0], [2.0]], "points: 2 and 3 are the same"),
+        ([[0.0], [0.0], [1e-6], [0.0]], "points: none of 4 differs"),
         ([[0.0], [np.nan]], "points"),
     ],
 )
@@ -203,3 +203,40 @@ def test_a_fit_that_is_slower_than_its_motion_is_refined(seed: int, monkeypatch:
     monkeypatch.setattr(path_fit, "_TOO_SLOW", 1e-6)
     with pytest.raises(InputError, match=r"path: with the accelerations of the motion .* % longer"):
         path_of_motion(motion, 0.02)
+
+
+FAR_APART = np.array([[0.0, -0.5, -1.7], [0.25, -0.7, -1.55], [0.5, -0.9, -1.4], [0.3, -0.2, -1.0]])
+
+
+@pytest.mark.parametrize("at", [0, 1, 3])
+@pytest.mark.parametrize("size", [0.0, 1e-6, 4e-5])
+@pytest.mark.parametrize("between", ["spline", "lines"])
+def test_points_that_are_nearly_the_same_decide_nothing(at, size, between):
+    """The curve is that without them, within their distance, wherever rounding points."""
+    make = {"spline": spline_through, "lines": blended_lines}[between]
+    s = np.linspace(0, 1, 401)
+    plain = make(FAR_APART).path.at(s)[0]
+    for way in np.eye(3):
+        points = np.insert(FAR_APART, at + 1, FAR_APART[at] + size * way, axis=0)
+        fit = make(points)
+        np.testing.assert_allclose(fit.path.at(s)[0], plain, atol=1.01 * size + 1e-12)
+        assert fit.distance.max() <= size + 1e-12
+        assert ("1 repeated" if size == 0 else "1 nearly the same") in fit.how
+        np.testing.assert_allclose(fit.path.start, points[0], atol=1e-12)
+        np.testing.assert_allclose(fit.path.goal, points[-1], atol=1e-12)
+
+
+def test_what_is_nearly_the_same_grows_with_the_tolerance():
+    points = np.insert(FAR_APART, 2, FAR_APART[1] + [2e-3, 0, 0], axis=0)
+    assert "without" not in spline_through(points).how
+    assert "1 nearly the same" in spline_through(points, 0.05).how
+    assert "without" not in blended_lines(points, 0.01).how
+    fit = blended_lines(points, 0.05)
+    assert "1 nearly the same" in fit.how
+    assert np.all(fit.distance <= 0.05 + 1e-12)
+
+
+def test_points_that_are_all_the_same_are_no_path():
+    for points in (FAR_APART[[0, 0]], FAR_APART[:1] + 1e-6 * np.arange(9).reshape(3, 3)):
+        with pytest.raises(InputError, match=r"none of \d differs from the others by more than 5e-05"):
+            spline_through(points)

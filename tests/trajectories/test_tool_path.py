@@ -93,7 +93,7 @@ def test_the_first_posture_that_can_follow_is_taken() -> None:
     ("poses", "text"),
     [
         (POSES[:1], "at least two are needed for a path, got 1"),
-        ([POSES[0], POSES[0]], "poses: 1 and 2 are the same"),
+        ([POSES[0], POSES[0]], "at least two are needed for a path, got 1 that differ"),
         (
             [POSES[0], PoseTarget(np.array([1.5, 0.5, 0.9]), DOWN)],
             r"line from pose 1 to 2, at \d+ % .*cannot reach",
@@ -105,6 +105,16 @@ def test_lines_that_cannot_be_are_refused(poses: list[PoseTarget], text: str) ->
     arm, start = _arm()
     with pytest.raises(InputError, match=text):
         tool_lines(arm, poses, POSES[0].postures(arm) if len(poses) > 1 and "reach" in text else start)
+
+
+def test_poses_that_are_nearly_the_same_decide_nothing() -> None:
+    plain = _lines(0.01)
+    for size in (0.0, 1e-6):
+        near = PoseTarget(POINTS[1] + [size, 0.0, -size], POSES[1].rotation)
+        fit = tool_lines(_arm()[0], [*POSES[:2], near, *POSES[2:]], _arm()[1], 0.01)
+        assert fit.how == f"{plain.how}, without 1 nearly the same as the one before"
+        s = np.linspace(0, 1, 101)
+        np.testing.assert_allclose(fit.path.at(s)[0], plain.path.at(s)[0], atol=1e-4)
 
 
 def test_a_gripper_that_may_turn_freely_does() -> None:

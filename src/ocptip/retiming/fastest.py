@@ -21,6 +21,8 @@ from ocptip.trajectories.path import JointPath
 NODES = 100
 _RAMP = 0.25  # share of the time of a stretch in which nodes get farther apart
 _SAME = 1e-6  # of x: rooms that differ by less are the same
+_TURNS, _MOST_TIMES = 5, 10  # for which a count is enough; of it at most
+_PER_PIECE, _TURNING = 8, 1e-3  # places per piece of a path; of the greatest derivative: slower is none
 _CLOSE = 0.2  # of the next step: nearer to a breakpoint there are no further nodes
 
 
@@ -177,6 +179,20 @@ def spaced(path: JointPath, count: int = NODES) -> np.ndarray:
         t = np.linspace(0.0, 1.0, own + 1)
         found.append(begin + (end - begin) * _eased(t))
     return _merged(path, np.unique(np.concatenate(found)))
+
+
+def enough(path: JointPath, count: int) -> int:
+    """Intervals between nodes with which a path is timed about as well as one of few turns with `count`.
+
+    A timing on a grid loses time wherever a joint turns back, and the joint that does so most decides.
+    """
+    ends = path.breakpoints
+    shares = np.linspace(0.0, 1.0, _PER_PIECE, endpoint=False)
+    s = np.append((ends[:-1, None] + shares * np.diff(ends)[:, None]).ravel(), 1.0)
+    ways = path.at(s)[1]
+    signs = np.sign(np.where(np.abs(ways) > _TURNING * np.abs(ways).max(), ways, 0.0))
+    turns = max(int(np.sum(np.diff(own[own != 0]) != 0)) for own in signs.T)
+    return round(count * min(max(1.0, turns / _TURNS), _MOST_TIMES))
 
 
 def _eased(t: np.ndarray) -> np.ndarray:

@@ -18,7 +18,7 @@ from ocptip.numerics.bisection import bisected
 from ocptip.numerics.threads import one_thread
 from ocptip.retiming.cheapest import CheapestTiming, Price, cheapest
 from ocptip.retiming.drives import QuadraticDrives
-from ocptip.retiming.fastest import ExtraRows, FastestTiming, Grid, fastest, spaced
+from ocptip.retiming.fastest import ExtraRows, FastestTiming, Grid, enough, fastest, spaced
 from ocptip.retiming.jerk import steady
 from ocptip.retiming.late import Couplings, LateJoints
 from ocptip.retiming.measured import PoweredTiming
@@ -153,7 +153,8 @@ def retime(
         limits: default 0.9 for both reserves, the arm's torques, no collision. With a tolerance by which
             joints are late or overshoot the fastest timing, too, is that of a cone program.
         objective: `TIME`, `ENERGY` or `priced`.
-        nodes: intervals between nodes.
+        nodes: intervals between nodes; default 300 (cheapest or with late joints 100), and more for paths on
+            which a joint turns back more than five times.
         ends: ds/dt at start and end, 1/s, for stretches of longer motions.
         jerk: greatest one of each joint, (n,) or one for all, rad/s^3 or m/s^3; accelerations then do not
             jump. A second stage, nowhere faster than the first, a local solution. None: not limited.
@@ -171,7 +172,7 @@ def retime(
     coupled = LateJoints.wanted(limits.tolerance)
     usual = FASTEST_NODES if objective.name == "time" and not coupled else CHEAPEST_NODES
     usual = usual if own_jerk is None else min(usual, JERK_NODES)
-    count = whole_number("nodes", usual if nodes is None else nodes, 8)
+    count = whole_number("nodes", enough(path, usual) if nodes is None else nodes, 8)
     squares = speeds[0] ** 2, speeds[1] ** 2
     asked, best, known, own = limits, None, None, robot.along(path)
     for _ in range(_TIGHTENINGS):

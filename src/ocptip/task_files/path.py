@@ -156,7 +156,7 @@ def _path(table: Table, task: MotionTask, before: np.ndarray, tolerance: float |
             near = postures[-1] if postures else before
             postures.append(_nearest(task, branches, near)[0])
         if between == "spline":
-            return spline_through(np.array(postures))
+            return spline_through(np.array(postures), joint_tolerance(task, tolerance))
         return blended_lines(np.array(postures), joint_tolerance(task, tolerance))
 
 

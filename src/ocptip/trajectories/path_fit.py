@@ -31,6 +31,7 @@ SAMPLES = 4000  # of a motion between two rests
 IN_RAMP = 100  # samples between two events of ramps
 STILL = 1e-6  # rad/s or m/s: a motion that is slower rests
 LEAST = 1e-9  # rad or m: points that are nearer to each other are the same
+_MERGED = 0.1  # of the tolerance: points that are nearer to each other are nearly the same
 BACK = 0.2
 """Lines whose unit vectors add up to less than this have no blend between them: the way turns back."""
 
@@ -140,18 +141,22 @@ def _of_pace(
     return leg
 
 
-def spline_through(points: np.ndarray) -> FittedPath:
+def spline_through(points: np.ndarray, tolerance: float | np.ndarray = 0.0) -> FittedPath:
     """The cubic spline through N points (N, n), rad or m, free at its ends.
 
+    Args:
+        points: what it passes; of points that are nearly the same, see `distinct`, the first one.
+        tolerance: rad or m, or (n,): how far the path may be from what is given.
+
     Raises:
-        InputError: there are fewer than two points, or two neighbours are the same.
+        InputError: there are fewer than two points that differ.
     """
-    points = _checked(points)
+    given, kept = _checked(points, tolerance)
+    points = given[kept]
     lengths = _lengths(points)
     curve = CubicSpline(lengths, points, bc_type="natural")
-    return joined(
-        [Leg(curve, lengths, points, np.arange(len(points)))], f"smooth curve through {len(points)} points"
-    )
+    leg = Leg(curve, lengths, points, np.arange(len(points)))
+    return _with_left_out(joined([leg], f"smooth curve through {len(points)} points"), given, kept)
 
 
 def blended_lines(points: np.ndarray, tolerance: float | np.ndarray = 0.0) -> FittedPath:
@@ -163,14 +168,15 @@ def blended_lines(points: np.ndarray, tolerance: float | np.ndarray = 0.0) -> Fi
             Curvature is continuous everywhere. Where the way turns back there is no blend.
 
     Raises:
-        InputError: there are fewer than two points, or two neighbours are the same.
+        InputError: there are fewer than two points that differ.
     """
-    points = _checked(points)
+    given, kept = _checked(points, tolerance)
+    points = given[kept]
     legs = _line_legs(points, np.broadcast_to(tolerance, points.shape[1]))
     how = f"straight lines between {len(points)} points"
     if np.any(np.asarray(tolerance) > 0):
         how += ", corners blended"
-    return joined(legs, how)
+    return _with_left_out(joined(legs, how), given, kept)
 
 
 def _line_legs(points: np.ndarray, tolerance: np.ndarray) -> list[Leg]:
@@ -218,15 +224,56 @@ def blend_rows(begin: np.ndarray, way: np.ndarray, bend: np.ndarray, reach: floa
     return np.stack([-bend / (2 * h**3), bend / h**2, 0 * bend, way, begin])
 
 
-def _checked(points: np.ndarray) -> np.ndarray:
+def _checked(points: np.ndarray, tolerance: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points (N, n), and the numbers of those that a path is to pass."""
     points = finite_array("points", points, (None, None))
     if len(points) < 2:
         raise InputError(f"points: at least two are needed for a path, got {len(points)}")
-    steps = np.max(np.abs(np.diff(points, axis=0)), axis=1)
-    if np.any(steps <= LEAST):
-        k = int(np.argmax(steps <= LEAST))
-        raise InputError(f"points: {k + 1} and {k + 2} are the same")
-    return points
+    apart = np.maximum(FINE, _MERGED * np.asarray(tolerance))
+    kept = distinct(points, apart)
+    if len(kept) < 2:
+        raise InputError(
+            f"points: none of {len(points)} differs from the others by more than {np.max(apart):.2g} (rad or "
+            "m); a path needs two that do"
+        )
+    return points, kept
+
+
+def distinct(points: np.ndarray, apart: float | np.ndarray) -> np.ndarray:
+    """Numbers of points (N, n) that differ from the one kept before by more than `apart`; both ends stay.
+
+    A curve through two points that are nearly the same would go where rounding points.
+    """
+    kept = [0]
+    for k in range(1, len(points)):
+        if np.any(np.abs(points[k] - points[kept[-1]]) > apart):
+            kept.append(k)
+    if kept[-1] < len(points) - 1:  # nearly the last one
+        kept[len(kept) - (len(kept) > 1) :] = [len(points) - 1]
+    near = len(kept) == 2 and not np.any(np.abs(points[kept[1]] - points[kept[0]]) > apart)
+    return np.array(kept[:1] if near else kept)
+
+
+def _with_left_out(fit: FittedPath, points: np.ndarray, kept: np.ndarray) -> FittedPath:
+    """The path with the points (N, n) that were left out: they count for its distance, and are named."""
+    others = np.setdiff1d(np.arange(len(points)), kept)
+    if not others.size:
+        return fit
+    same = kept[np.clip(np.searchsorted(kept, others, side="right") - 1, 0, None)]
+    lengths = _lengths(points[kept])
+    last = others > kept[-2] if len(kept) > 1 else np.zeros(len(others), dtype=bool)
+    near = np.abs(points[others] - points[same]).max(axis=1) > np.abs(points[others] - points[-1]).max(axis=1)
+    same = np.where(last & near, kept[-1], same)
+    places = lengths[np.searchsorted(kept, same)] / lengths[-1]
+    repeats = int(np.sum(np.max(np.abs(points[others] - points[same]), axis=1) <= LEAST))
+    words = [f"{repeats} repeated"] * bool(repeats)
+    words += [f"{len(others) - repeats} nearly the same as the one before"] * (repeats < len(others))
+    return FittedPath(
+        fit.path,
+        f"{fit.how}, without {' and '.join(words)}",
+        np.concatenate([fit.places, places]),
+        np.concatenate([fit.samples, points[others]]),
+    )
 
 
 def _lengths(points: np.ndarray) -> np.ndarray:

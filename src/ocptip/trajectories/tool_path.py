@@ -7,7 +7,7 @@ tolerance of the gripper point, or stay; then a motion has to stop there.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -19,7 +19,7 @@ from ocptip.robots.inverse.pose_search import Orientation, miss_sizes, pose_erro
 from ocptip.robots.inverse.pose_target import PoseTarget
 from ocptip.robots.kinematics import gripper_pose
 from ocptip.robots.model import ArmModel
-from ocptip.trajectories.path_fit import BACK, FittedPath, Leg, blend_reach, blend_rows, joined
+from ocptip.trajectories.path_fit import BACK, FINE, FittedPath, Leg, blend_reach, blend_rows, joined
 
 ARM_LENGTH = 0.5  # m: a rotation by 1 rad is as long as a way of this
 REACHED = 1e-8  # m and rad
@@ -65,15 +65,29 @@ def tool_lines(
         InputError: there are fewer than two poses, two neighbours are the same, or a line cannot be followed:
             where, and why.
     """
+    given, poses = len(poses), _distinct(poses)
     lines = _Lines.of(poses, tolerance)
     refusal: InputError | None = None
     for start in starts:
         try:
-            return _followed(arm, lines, start)
+            found = _followed(arm, lines, start)
         except InputError as error:
             refusal = refusal or error
+            continue
+        left_out = f", without {given - len(poses)} nearly the same as the one before"
+        return replace(found, how=found.how + left_out) if len(poses) < given else found
     assert refusal is not None
     raise refusal
+
+
+def _distinct(poses: Sequence[PoseTarget]) -> list[PoseTarget]:
+    """Poses that differ from the one kept before; a line between others would go where rounding points."""
+    kept = list(poses[:1])
+    for pose in poses[1:]:
+        turned = Rotation.from_matrix(kept[-1].rotation.T @ pose.rotation).magnitude()
+        if max(np.abs(np.subtract(kept[-1].position, pose.position)).max(), turned) > FINE:
+            kept.append(pose)
+    return kept if len(kept) < 2 else [*kept[:-1], poses[-1]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +113,7 @@ class _Lines:
     @classmethod
     def of(cls, poses: Sequence[PoseTarget], tolerance: float) -> _Lines:
         if len(poses) < 2:
-            raise InputError(f"poses: at least two are needed for a path, got {len(poses)}")
+            raise InputError(f"poses: at least two are needed for a path, got {len(poses)} that differ")
         if any(pose.fold for pose in poses):
             raise InputError("fold: not on tool lines; give the orientation that is meant")
         points = np.array([pose.position for pose in poses])
