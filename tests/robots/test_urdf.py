@@ -243,7 +243,8 @@ def test_joints_without_a_way_do_not_move(service_robot):
     model = arm_from_urdf(service_robot, **NAMES)
     assert model.joint_names == ("shoulder", "wrist")
     assert model.notes[0] == (
-        "locked, their limits leave no way: lift, elbow, roll at 0.3 (rad, sliding joints m)"
+        "locked, their limits leave no way (others in [arm.limits], by name, free them): lift, elbow, roll "
+        "at 0.3 (rad, sliding joints m)"
     )
     service_robot.write_text(SERVICE_ROBOT, encoding="utf-8")
     by_hand = arm_from_urdf(

@@ -116,7 +116,7 @@ def test_a_payload_in_a_file(tmp_path):
     ("more", "said"),
     [
         ("[payload]\n", "payload.mass: missing"),
-        ("[payload]\nmass = 0\n", "payload.mass: must be > 0, got 0"),
+        ("[payload]\nmass = -1\n", "payload.mass: must be >= 0, got -1"),
         ("[payload]\nmas = 1\n", "payload.mas: unknown key; did you mean 'mass'"),
         ("[payload]\nmass = 1\nbox = [1, 1]\n", "payload.box: expected 3 numbers, got 2"),
         ("[payload]\nmass = 1\nbox = [1, 1, -1]\n", "payload.box: dimensions must be > 0"),

@@ -30,6 +30,7 @@ def arm_from_urdf(
     base_link: str | None = None,
     tool_frame: str | None = None,
     locked_joints: Mapping[str, float] | None = None,
+    joint_ranges: Mapping[str, tuple[float, float]] | None = None,
     armature: np.ndarray | None = None,
     acceleration: np.ndarray | None = None,
     accept_inertia: bool | Iterable[str] = (),
@@ -51,6 +52,9 @@ def arm_from_urdf(
             like a tool (`urdf_file.TOOLS`), or the only one at an end.
         locked_joints: joint name to angle, rad (m for sliding joints), of joints that do not move. Those that
             are not on the way to `tool_frame` are at zero by default, or at the limit next to it.
+        joint_ranges: joint name to least and greatest angle, rad (m for sliding joints), instead of the
+            file's limits. A joint that these leave no way, as many files write for one that is out of use, is
+            free with others.
         armature: (n,), kg m^2, reflected rotor inertias (rotor inertia times gear ratio squared), which URDF
             cannot hold, of joints that follow no other; zero by default, which underestimates torques at high
             accelerations. See `ArmModel.armature`.
@@ -80,6 +84,7 @@ def arm_from_urdf(
         raise InputError(f"not a readable URDF: {error}", "", str(file.path)) from None
     locked = dict(locked_joints or {})
     _require_joints(robot, locked)
+    _open(robot, joint_ranges or {})
     ahead = {joint.name for joint in file.way(base)}
     way = [joint.name for joint in file.way(tool) if joint.name not in ahead]
     mimics = _mimics(file, robot, locked, way)
@@ -147,7 +152,10 @@ def _from_pinocchio(
     reduced, frames = _reduced(robot, {**stuck, **at_rest, **locked}, moving, (base, tool))
     arm = _arm(reduced, *frames, mimics.coupled, armature, acceleration)
     refuse_impossible_links(arm, _links(reduced), accept_inertia)
-    reasons = {"their limits leave no way": stuck, "not on the way to the tool": at_rest}
+    reasons = {
+        "their limits leave no way (others in [arm.limits], by name, free them)": stuck,
+        "not on the way to the tool": at_rest,
+    }
     notes = [_locked_note(why, values) for why, values in reasons.items() if values]
     if arm.coupling is not None:
         notes.append(f"coupled: {arm.coupling.text()}")
@@ -210,6 +218,17 @@ def _locked_note(why: str, values: Mapping[str, float]) -> str:
         by_value.setdefault(f"{value:.4g}", []).append(name)
     groups = [f"{', '.join(names)} at {value}" for value, names in by_value.items()]
     return f"locked, {why}: {'; '.join(groups)} (rad, sliding joints m)"
+
+
+def _open(robot: pin.Model, ranges: Mapping[str, tuple[float, float]]) -> None:
+    """Give joints other limits."""
+    _require_joints(robot, ranges)
+    for name, (low, high) in ranges.items():
+        if not low < high:
+            raise InputError(f"joint_ranges: {name!r}: {low:.4g} must be below {high:.4g} (rad, m)")
+        joint = robot.joints[robot.getJointId(name)]
+        if joint.nq == 1:
+            robot.lowerPositionLimit[joint.idx_q], robot.upperPositionLimit[joint.idx_q] = low, high
 
 
 def _stuck(robot: pin.Model, index: int) -> bool:

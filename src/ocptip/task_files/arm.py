@@ -22,7 +22,7 @@ from ocptip.robots.dh import Convention, DHRow, arm_from_dh
 from ocptip.robots.geometry import FLOOR, never_part, spheres_along_links
 from ocptip.robots.model import ArmModel
 from ocptip.robots.urdf import arm_from_urdf
-from ocptip.robots.urdf_file import read_urdf
+from ocptip.robots.urdf_file import UrdfFile, read_urdf
 from ocptip.task_files.joint_values import joint_values
 
 _LIMITS = {  # key: limit, whether it is one of sliding joints, scale
@@ -156,13 +156,14 @@ def _arm_from_urdf(table: Table, gripper: Table | None) -> ArmModel:
             if wanted:
                 with source.at(key):
                     locked |= file.locked(wanted, slides=slides)
-    accepted = _accepted_links(table)
+    accepted, ranges = _accepted_links(table), _ranges(table, file, locked)
     geometry = table.flag("collision", True)
     folders, srdf = table.folders("package_dirs"), table.path_of("srdf", None)
     parts = table.whole("mesh_parts", least=1, most=_MOST_PARTS) if "mesh_parts" in table else None
     table.close("armature", "sphere_radius", "excluded_links", "limits", "links")
     with table.at("urdf", base_link="base_link", tool_frame="tool_frame"):
-        arm = arm_from_urdf(file.path, **names, locked_joints=locked, accept_inertia=accepted)
+        given = {"locked_joints": locked, "joint_ranges": ranges, "accept_inertia": accepted}
+        arm = arm_from_urdf(file.path, **names, **given)
     armature = table.per_joint("armature", arm.n, arm.armature, bound=">= 0")
     links = [file.joints[name].child for name in arm.chain_names]
     arm = _with_spheres(replace(arm, armature=armature), table, links)
@@ -176,23 +177,53 @@ def _arm_from_urdf(table: Table, gripper: Table | None) -> ArmModel:
     return _without_excluded(arm, table)
 
 
+def _ranges(table: Table, file: UrdfFile, locked: Mapping[str, float]) -> dict[str, tuple[float, float]]:
+    """Both limits, rad and m, of joints that `[arm.limits]` names; they free a joint that the URDF holds."""
+    limits, found = table.value("limits", {}), dict[str, tuple[float, float]]()  # read by `_with_limits`
+    for keys in (("angle_min_deg", "angle_max_deg"), ("position_min_m", "position_max_m")):
+        ends = [limits.get(key) for key in keys] if isinstance(limits, dict) else []
+        if not all(isinstance(end, dict) for end in ends):
+            continue
+        for name in set(file.joints).intersection(*ends) - set(locked):
+            values = [end[name] for end in ends]
+            if all(isinstance(value, int | float) for value in values):
+                if not values[0] < values[1]:
+                    text = f"{keys[0]} {values[0]:g} must be below {keys[1]} {values[1]:g}"
+                    raise table.error(f"{name}: {text}", "limits")
+                scale = _LIMITS[keys[0]][2]
+                found[name] = scale * values[0], scale * values[1]
+    return found
+
+
 def _arm_from_dh(table: Table, alone: bool) -> ArmModel:
     """The arm of the rows `[[arm.joint]]`."""
     convention = table.choice("dh", get_args(Convention))
     rows, names, links = [], [], table.value("links", {})  # as tables they are read by `_with_links`
+    accepted = _accepted_links(table)
     for number, joint in enumerate(table.tables("joint", required=True), 1):
         names.append(joint.text("name", f"joint {number}"))
         values = joint.numbers("a", "d")
         values |= {key: joint.number(f"{key}_deg", 0.0, scale=DEGREES) for key in ("alpha", "theta")}
         link = links.get(names[-1]) if isinstance(links, dict) else None
         free = alone or (isinstance(link, dict) and "part" in link)
-        mass = joint.number("mass", *([0.0] if free else []), bound=">= 0" if free else "> 0")
+        free = free or accepted is True or (isinstance(accepted, list) and names[-1] in accepted)
+        mass = joint.number("mass", *([0.0] if free else []), bound=">= 0")
+        if not (free or mass):
+            raise joint.error(
+                f'must be > 0, got 0; if that is meant: accept_inertia = ["{names[-1]}"]', "mass"
+            )
         values |= {"mass": mass, "armature": joint.number("armature", 0.0, bound=">= 0")}
         values["center_of_mass"] = joint.vector("center_of_mass", 3, np.zeros(3))
         inertia, slides = joint.raw_numbers("inertia", np.zeros(3)), joint.flag("slides", False)
         inertia = joint.make(symmetric_matrix, inertia)
         rows.append(DHRow(**values, inertia=inertia, slides=slides))
     table.close("sphere_radius", "excluded_links", "limits", "links")
+    for name in [] if isinstance(accepted, bool) else accepted:
+        if name not in names:
+            raise table.error(
+                f"no joint {name!r}; there are {', '.join(names)}{did_you_mean(name, names)}",
+                "accept_inertia",
+            )
     with table.at():
         arm = arm_from_dh("arm", rows, convention, names)
     return _with_spheres(arm, table, names)

@@ -57,14 +57,17 @@ def _names(data: Table, key: str) -> list[str]:
 
 
 def read_payload(table: Table | None) -> Payload | None:
-    """What is held, None if nothing is.
+    """What is held, None if nothing is, or nothing that weighs.
 
     Raises:
         InputError: a value is missing, unknown or cannot be used; names its place.
     """
     if table is None:
         return None
-    mass, center = table.number("mass", bound="> 0"), table.vector("center_of_mass", 3, np.zeros(3))
+    mass, center = table.number("mass", bound=">= 0"), table.vector("center_of_mass", 3, np.zeros(3))
+    if mass == 0:  # an empty gripper; what else is said of the load has no effect
+        table.close("inertia", "box", "shape")
+        return None
     if table.one_of("inertia", "box", optional=True) == "box":
         return table.make(Payload.box, mass, table.vector("box", 3), center)
     return table.make(Payload, mass, center, table.raw_numbers("inertia", np.zeros((3, 3))))
