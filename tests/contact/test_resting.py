@@ -116,3 +116,26 @@ def test_few_programs_tell_that_a_base_with_a_clamp_moves_and_fewer_still_later(
     assert asked < len(moving) / 3
     later, _ = programs_asked(support, with_a_clamp(5)[1])
     assert later < asked / 2
+
+
+def test_forces_that_hold_one_wrench_hold_others_near_to_it():
+    """Two wheels amid four casters: pivoting puts all weight on the casters, in every state."""
+    places = [(0, 0.19), (0, -0.19), (0.17, 0.15), (0.17, -0.15), (-0.17, -0.15), (-0.17, 0.15)]
+    contacts = [UnilateralContact(position=[*p, 0], friction=0.8 * (k < 2)) for k, p in enumerate(places)]
+    support, rng = Support(contacts, mass=100, center_of_mass=[0.05, 0, 0.4]), np.random.default_rng(1)
+    wrenches = support.wrench([]) + rng.normal(size=(300, 6)) * [60, 60, 0, 60, 60, 10]
+    with mock.patch("ocptip.contact.resting.equilibrium", side_effect=equilibrium) as programs:
+        states = solve_resting(support, wrenches)
+    assert programs.call_count < 60
+    expected = np.array([equilibrium(support, wrench).stands for wrench in wrenches])
+    assert 0.2 < expected.mean() < 0.98
+    np.testing.assert_array_equal(states.persistent, expected)
+    found = states.without_basis & expected  # what pivoting finds lies on pyramids
+    assert found.sum() > 100
+    held = states.contact_forces[found]
+    balance = wrenches[found] + held.reshape(len(held), -1) @ support.wrench_matrix.T
+    assert np.max(np.abs(balance)) < 1e-6
+    assert np.all(held[:, :, 0] > -1e-4)
+    friction = np.array([contact.friction for contact in contacts])
+    assert np.all(np.linalg.norm(held[:, :, 1:], axis=2) <= friction * held[:, :, 0] + 1e-4)
+    assert not held[:, 2:, 1:].any()

@@ -14,11 +14,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ocptip.basics.errors import SolverError
+from ocptip.contact.bindings import laws
 from ocptip.contact.solver import on_springs, solve_many
 from ocptip.contact.states import ContactStates
 from ocptip.contact.support import Support
 from ocptip.contact.verdict import equilibrium, standing_values
 
+_BALANCED = 1e-9  # relative: what forces of a neighbour may leave of a wrench
 _CLEARLY = 1e-6  # relative: so much more power than forces can take up excludes a wrench without a program
 
 
@@ -36,11 +38,15 @@ def solve_resting(support: Support, wrenches: ArrayLike, **how: Any) -> ContactS
 def resting(states: ContactStates) -> ContactStates:
     """The same states; of those that move, or are not solved, the standing ones that there are instead.
 
-    One convex program per state; fewer where a velocity at which contacts cannot take up the power of one
-    wrench, the proof that the base moves, proves the same of others, now or later.
+    One convex program per state; fewer where what is found settles others. Forces that hold one wrench, well
+    inside their limits, hold others after the smallest change that balances them. A velocity at which
+    contacts cannot take up the power of one wrench, the proof that the base moves, proves the same of others,
+    now or later.
     """
-    support, left, stands = states.support, np.flatnonzero(~states.persistent), False
+    support, left = states.support, np.flatnonzero(~states.persistent)
     left = left[~_moved(support, states.wrenches[left], support.proofs)]
+    rows, held = [np.empty(0, dtype=int)], [np.empty((0, *states.contact_forces.shape[1:]))]
+    neighbours = _Neighbours(support)
     while len(left):
         first, left = left[:1], left[1:]
         wrench = states.wrenches[first[0]]
@@ -49,12 +55,48 @@ def resting(states: ContactStates) -> ContactStates:
         except SolverError:  # no verdict: it stays as it is
             continue
         if found.stands and found.forces is not None:
-            states, stands = states.changed(first, standing_values(support, wrench, found.forces)), True
+            forces, holds = neighbours.held(found.forces, wrench, states.wrenches[left])
+            rows += [first, left[holds]]
+            held += [found.forces[None], forces[holds]]
+            left = left[~holds]
         elif (velocity := found.certificate) is not None:
             proof = velocity, _taken_up(support, velocity)
             support.proofs.append(proof)
             left = left[~_moved(support, states.wrenches[left], [proof])]
-    return on_springs(states) if stands else states
+    at, forces = np.concatenate(rows), np.concatenate(held)
+    if not len(at):
+        return states
+    return on_springs(states.changed(at, standing_values(support, states.wrenches[at], forces)))
+
+
+class _Neighbours:
+    """Which wrenches contact forces hold that are near to forces which hold another one.
+
+    Args:
+        support: the base on its contacts; those with several convex pieces of forces have no neighbours.
+    """
+
+    def __init__(self, support: Support) -> None:
+        pieces = [contact.force_pieces() for contact in support.contacts]
+        self._pieces = [own[0] for own in pieces] if all(len(own) == 1 for own in pieces) else []
+        carrying = support.wrench_matrix * laws.carries(support.contacts).ravel()
+        self._matrix, self._change = support.wrench_matrix, -np.linalg.pinv(carrying)
+
+    def held(
+        self, forces: np.ndarray, wrench: np.ndarray, others: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Forces (N, n, d) under wrenches (N, 6), and whether they hold these, (N,), inside their limits."""
+        moved = forces + ((others - wrench) @ self._change.T).reshape(-1, *forces.shape)
+        if not (self._pieces and len(others)):
+            return moved, np.zeros(len(others), dtype=bool)
+        low, high, radius, slope = np.array(
+            [(own.normal_min, own.normal_max, own.radius, own.slope) for own in self._pieces]
+        ).T
+        normal, size = moved[:, :, 0], np.linalg.norm(moved[:, :, 1:], axis=2)
+        inside = (normal >= low) & (normal <= high) & (size <= radius + slope * normal)
+        balance = others + moved.reshape(len(others), -1) @ self._matrix.T
+        balanced = np.max(np.abs(balance), axis=1) <= _BALANCED * np.max(np.abs(others), axis=1)
+        return moved, balanced & np.all(inside, axis=1)
 
 
 def _moved(

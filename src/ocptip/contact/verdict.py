@@ -218,16 +218,19 @@ def standing_state(verdict: StabilityVerdict) -> ContactState | None:
     if not verdict.cone.stands or forces is None:
         return None
     states = verdict.state.states.select([verdict.state.index])
-    return on_springs(states.changed(np.array([0]), standing_values(support, states.wrenches[0], forces)))[0]
+    return on_springs(states.changed(np.array([0]), standing_values(support, states.wrenches, forces[None])))[
+        0
+    ]
 
 
-def standing_values(support: Support, wrench: np.ndarray, forces: np.ndarray) -> dict[str, Any]:
-    """What changes in a state that stands with these forces (n, d); no basis belongs to it."""
-    balance = wrench + support.wrench_matrix @ forces.ravel()
+def standing_values(support: Support, wrenches: np.ndarray, forces: np.ndarray) -> dict[str, Any]:
+    """What changes in states that stand with these forces (N, n, d); no bases belong to them."""
+    balance = wrenches + forces.reshape(len(forces), -1) @ support.wrench_matrix.T
+    size = np.max(np.abs(wrenches), axis=1, initial=1e-300)
     return {
         "contact_forces": forces, "contact_accelerations": 0.0, "solved": True, "status_codes": SOLVED,
         "subsets": -1, "basic": np.nan, "pivots": 0, "attempts": -1,
-        "residual": np.max(np.abs(balance)) / np.max(np.abs(wrench), initial=1e-300),
+        "residual": np.max(np.abs(balance), axis=1) / size,
     }  # fmt: skip
 
 
