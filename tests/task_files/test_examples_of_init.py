@@ -247,3 +247,12 @@ def test_links_that_are_always_near_get_a_smaller_clearance(tmp_path):
     assert "3.8 mm apart in the example" in template.text  # 0.2 mm go to the solid around the cylinder
     assert task.limits.clearance == pytest.approx(0.003)
     assert refusals(task) == ()
+
+
+def test_a_base_that_would_fall_over_by_itself_is_no_base(tmp_path):
+    """A torso beside the plate that it is bolted to: its centre of mass is not above the plate."""
+    plate = link("base", 5.0, "0 0 0", box("0.2 0.2 0.02"))
+    torso = link("torso", 40.0, "0.6 0 0.3")
+    bolts = '<joint name="bolts" type="fixed"><parent link="base"/><child link="torso"/></joint>'
+    template = task_template(written(tmp_path, plate, torso, bolts, *folded_arm("torso")), tmp_path)
+    assert template.sources[0].startswith("mass, centre of mass, feet and height are invented")

@@ -23,6 +23,9 @@ _HEAVIER, _LEAST_MASS = 3.0, 80.0
 _WIDE, _LEAST_HALF = 0.25, np.array([0.3, 0.25])
 """Feet of an invented base are this share of the arm's reach from its middle, and at least so far, m."""
 
+_CENTRED = 0.2
+"""The centre of mass of a base keeps this share of the distance of the feet's middle from their edges."""
+
 _UP = np.array([0.0, 0.0, 1.0])
 _HEIGHT = 0.5
 """m, of an invented base."""
@@ -75,10 +78,10 @@ def example_base(file: UrdfFile, arm: ArmModel, geometry: ArmGeometry | None) ->
     parts = sum(file.masses.get(link, 0.0) > _PART * mass for link in resting_links(file, arm))
     half = np.maximum(_LEAST_HALF, np.round(_WIDE * arm.reach * np.array([1.0, 0.8]), 2))
     feet = np.array([[x, y, 0.0] for x, y in half * [[1, 1], [1, -1], [-1, -1], [-1, 1]]])
-    if mass < _SHARE * carried or parts < 2:
+    ground = None if geometry is None else _ground_points(arm, geometry)
+    if mass < _SHARE * carried or parts < 2 or (ground is not None and not _stands(ground, centre)):
         heavy = max(_LEAST_MASS, 10 * np.round(_HEAVIER * carried / 10), np.ceil(mass))
         return ExampleBase(heavy, np.array([0.0, 0.0, 0.3]), feet, _HEIGHT, False, False, mass)
-    ground = None if geometry is None else _ground_points(arm, geometry)
     height = _HEIGHT if ground is None else -float(ground[0, 2])
     if ground is not None:
         feet = ground * [1.0, 1.0, 0.0]
@@ -106,3 +109,19 @@ def _ground_points(arm: ArmModel, geometry: ArmGeometry) -> np.ndarray | None:
     x, y = corners[:, 0], corners[:, 1]
     area = 0.5 * abs(x @ np.roll(y, -1) - y @ np.roll(x, -1))
     return np.column_stack([x, y, np.full(len(corners), level)]) if area > 1e-3 else None
+
+
+def _stands(feet: np.ndarray, centre: np.ndarray) -> bool:
+    middle = feet[:, :2].mean(axis=0)
+    inside = inside_feet(feet, np.array([centre[:2], middle]))
+    return bool(inside[0] >= _CENTRED * inside[1])
+
+
+def inside_feet(feet: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """(N,) m, how far points (N, 2) are inside the convex polygon of the feet (k, 3)."""
+    corners = feet[:, :2]
+    turned = corners - corners.mean(axis=0)
+    corners = corners[np.argsort(np.arctan2(turned[:, 1], turned[:, 0]))]
+    edges = np.roll(corners, -1, axis=0) - corners
+    normals = np.column_stack([-edges[:, 1], edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
+    return np.min(np.einsum("nkj,kj->nk", points[:, None] - corners, normals), axis=1)

@@ -13,7 +13,7 @@ from ocptip.robots.collision.shapes import ArmGeometry
 from ocptip.robots.dynamics import STANDARD_GRAVITY, evaluate_dynamics
 from ocptip.robots.geometry import floor
 from ocptip.robots.model import ArmModel
-from ocptip.task_files.example_base import ExampleBase
+from ocptip.task_files.example_base import ExampleBase, inside_feet
 
 TURN, SLIDE = np.deg2rad(30), 0.1
 """How far joints move at most in the example, rad and m."""
@@ -93,17 +93,7 @@ def _held(arm: ArmModel, base: ExampleBase, q: np.ndarray) -> np.ndarray:
     masses = weight / -STANDARD_GRAVITY[2]
     whole = (masses[:, None] * carried + base.mass * base.center_of_mass[:2]) / (masses + base.mass)[:, None]
     middle = base.feet[:, :2].mean(axis=0)
-    return strong & (_inside(base.feet, whole) >= _INSIDE * _inside(base.feet, middle[None]))
-
-
-def _inside(feet: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """(N,) m, how far points (N, 2) are inside the convex polygon of the feet (k, 3)."""
-    corners = feet[:, :2]
-    turned = corners - corners.mean(axis=0)
-    corners = corners[np.argsort(np.arctan2(turned[:, 1], turned[:, 0]))]
-    edges = np.roll(corners, -1, axis=0) - corners
-    normals = np.column_stack([-edges[:, 1], edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
-    return np.min(np.einsum("nkj,kj->nk", points[:, None] - corners, normals), axis=1)
+    return strong & (inside_feet(base.feet, whole) >= _INSIDE * inside_feet(base.feet, middle[None]))
 
 
 def _starts(arm: ArmModel, zero: np.ndarray) -> np.ndarray:
