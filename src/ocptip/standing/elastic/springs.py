@@ -28,6 +28,7 @@ from scipy.linalg import eigh, expm
 from ocptip.contact.elastic import ElasticFeet
 from ocptip.numerics.threads import one_thread
 from ocptip.numerics.vectors import skew
+from ocptip.standing.elastic.steps import ends_of_steps, powers, states_within
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.trajectories.arm_motion import INSIDE
 from ocptip.trajectories.sampled import Motion
@@ -298,15 +299,10 @@ class Simulation:
         z = np.zeros(2 * d + 4)
         z[:d] = np.linalg.lstsq(K, ride.start_load[self._free], rcond=1e-12)[0]
         z[2 * d] = 1.0
-        parts, falls = [self._seen(0, np.zeros(1), z[None])], False
-        for i, begin in enumerate(ride.begins):
-            z[2 * d :] = 1.0, 0.0, 0.0, 0.0
-            for X in self._step(i, z):
-                parts.append(self._seen(i, begin + X[:, -3], X))
-                z = X[-1].copy()
-            falls = self._far(z) or self._switches > MOST_SWITCHES
-            if falls or (to_first_pull and np.min(parts[-1][2][:, :, 0]) < 0):
-                break
+        if self._one_sided or not len(self._D) or not self._pressing.all():
+            parts, falls = self._run_on(z, to_first_pull)
+        else:
+            parts, falls = self._run_linearly(z, to_first_pull)
         times, states, forces, gaps, wrenches = (
             np.concatenate(values) for values in zip(*parts, strict=True)
         )
@@ -314,6 +310,34 @@ class Simulation:
         whole[:, :, self._free] = states.reshape(len(times), 2, d)
         twists, rates, bends = whole[:, 0, :6], whole[:, 1, :6], whole[:, 0, 6:]
         return Course(times, twists, rates, bends, forces, gaps, wrenches, tuple(self._lost), falls)
+
+    def _run_on(self, z: np.ndarray, to_first_pull: bool) -> tuple[list[tuple[np.ndarray, ...]], bool]:
+        """What is seen, part by part, and whether a foot goes far: feet lift and land."""
+        parts, falls = [self._seen(0, np.zeros(1), z[None])], False
+        for i, begin in enumerate(self.ride.begins):
+            z[2 * self.d :] = 1.0, 0.0, 0.0, 0.0
+            for X in self._step(i, z):
+                parts.append(self._seen(i, begin + X[:, -3], X))
+                z = X[-1].copy()
+            falls = self._far(z) or self._switches > MOST_SWITCHES
+            if falls or (to_first_pull and np.min(parts[-1][2][:, :, 0]) < 0):
+                break
+        return parts, falls
+
+    def _run_linearly(self, z: np.ndarray, to_first_pull: bool) -> tuple[list[tuple[np.ndarray, ...]], bool]:
+        """The same of feet that may pull, all steps at once."""
+        begin = self._seen(0, np.zeros(1), z[None])
+        ends = ends_of_steps(self._steps, self._counts, z, 2 * self.d)
+        moved = np.abs(np.einsum("vkc,sv->skc", self._W, ends[1:, : self.d]))
+        far = ~(np.max(moved, axis=(1, 2), initial=0.0) <= FALLEN)
+        count = int(np.argmax(far)) + 1 if far.any() else len(far)
+        X, owner = states_within(self._steps[:count], self._counts[:count], ends)
+        seen = self._seen(0, self.ride.begins[owner] + X[:, -3], X)
+        pulls = np.min(seen[2][:, :, 0], axis=1) < 0
+        if to_first_pull and pulls.any():
+            count = int(owner[np.argmax(pulls)]) + 1
+        kept = owner < count
+        return [begin, tuple(part[kept] for part in seen)], bool(far[:count].any())
 
     def _seen(self, i: int, times: np.ndarray, states: np.ndarray) -> tuple[np.ndarray, ...]:
         gaps = np.where(self._pressing, 0.0, np.maximum(self._gaps(states, times), 0.0))
@@ -335,7 +359,7 @@ class Simulation:
         """States (T, 2 d + 4) until the step ends, in pieces of the same feet; or until a foot goes far."""
         begin, length = self.ride.begins[i], self.ride.lengths[i]
         if self._pressing.all() and not self._anchors.any():
-            X = _powers(self._steps[i], z, self._counts[i])
+            X = powers(self._steps[i], z, self._counts[i])
             if not self._one_sided or np.min(X[:, :-4] @ self._normal.T, initial=0.0) >= 0:
                 yield X[1:]
                 return
@@ -343,7 +367,7 @@ class Simulation:
             system = self._systems(i, self._pressing, self._anchors)
             count = max(1, int(np.ceil((length - z[-3]) * self._highest * PER_PERIOD)))
             dt = (length - z[-3]) / count
-            X = _powers(expm(system * dt), z, count)
+            X = powers(expm(system * dt), z, count)
             wrong = self._wrong(X, begin)
             hits = np.flatnonzero(np.any(wrong > 0, axis=1)[1:])
             if not len(hits):
@@ -421,12 +445,3 @@ class Simulation:
         A[..., d : 2 * d, 2 * d :] = inverse @ loads
         A[..., [-3, -2, -1], [-4, -3, -2]] = 1.0
         return A
-
-
-def _powers(E: np.ndarray, z: np.ndarray, count: int) -> np.ndarray:
-    """(count + 1, len(z)): z, E z, E^2 z, ..."""
-    X = z[:, None]
-    while X.shape[1] <= count:
-        X = np.hstack([X, E @ X])
-        E = E @ E
-    return X[:, : count + 1].T

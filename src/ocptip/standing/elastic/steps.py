@@ -1,0 +1,53 @@
+"""Linear systems with constant matrices in each step: states at the ends of steps and within them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def powers(E: np.ndarray, z: np.ndarray, count: int) -> np.ndarray:
+    """(count + 1, len(z)): z, E z, E^2 z, ..."""
+    X = z[:, None]
+    while X.shape[1] <= count:
+        X = np.hstack([X, E @ X])
+        E = E @ E
+    return X[:, : count + 1].T
+
+
+def ends_of_steps(steps: np.ndarray, counts: np.ndarray, z: np.ndarray, first: int) -> np.ndarray:
+    """(S + 1, p): the states at the ends of S steps, from z (p,) on; of one that grows without end NaN.
+
+    Args:
+        steps: (S, p, p), from each instant within a step to the next.
+        counts: (S,) of the instants.
+        z: (p,).
+        first: the states from here on are 1, t, t^2 / 2, ..., which begin anew in every step.
+    """
+    ends = np.empty((len(steps) + 1, len(z)))
+    ends[0] = z
+    with np.errstate(over="ignore", invalid="ignore"):
+        whole = np.empty_like(steps)
+        for count in np.unique(counts):
+            whole[counts == count] = np.linalg.matrix_power(steps[counts == count], int(count))
+        for i, step in enumerate(whole):
+            ends[i, first:], ends[i, first] = 0.0, 1.0
+            ends[i + 1] = step @ ends[i]
+    return ends
+
+
+def states_within(steps: np.ndarray, counts: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(T, p) states at all instants within steps, and the number of the step of each, (T,).
+
+    Args:
+        steps, counts: as of `ends_of_steps`.
+        ends: what that returns, of these steps or of more.
+    """
+    first = np.cumsum(counts) - counts
+    states = np.empty((int(np.sum(counts)), ends.shape[1]))
+    for count in np.unique(counts):
+        rows = np.flatnonzero(counts == count)
+        state = ends[rows]
+        for k in range(int(count)):
+            state = np.einsum("sij,sj->si", steps[rows], state)
+            states[first[rows] + k] = state
+    return states, np.repeat(np.arange(len(counts)), counts)
