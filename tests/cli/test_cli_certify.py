@@ -34,10 +34,11 @@ def test_a_certificate_is_judged_from_its_data_alone(certificate, capsys, tmp_pa
     assert capsys.readouterr().out.startswith("c.json: HOLDS.\nproof      at every instant GN <= 0.8996")
     assert main(["certify", str(certificate)]) == 0
     out = capsys.readouterr().out
-    assert out.endswith("tolerance  none: the world as described\n")
+    assert out.endswith("tolerance  none: the world as described\nplanes     1 (floors and walls)\n")
     assert main(["certify", str(certificate), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     unit = json.loads(certificate.read_text(encoding="utf-8"))["model"]["base"]["reference_moment"]
+    assert found["planes"] == 1
     assert found["moments"]["GN"] == pytest.approx(unit * (1 / found["bounds"]["GN"] - 1))
     assert f"at least {found['moments']['GN']:.4g} N m about every tipping axis" in out
     data = json.loads(certificate.read_text(encoding="utf-8"))

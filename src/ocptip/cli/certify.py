@@ -35,7 +35,9 @@ def run(options: Namespace) -> Report:
     if (data := _certificate_in(Path(options.motion))) is not None:
         if options.out is not None:
             raise InputError("--out: a certificate is checked, not written")
-        return VerdictReport(Path(options.motion).name, check_certificate(data))
+        verdict = check_certificate(data)
+        planes = [one for one in data["model"]["bodies"] if "normal" in one] if verdict.holds else []
+        return VerdictReport(Path(options.motion).name, verdict, len(planes))
     task, path = task_of(options)
     name = Path(options.motion).name
     if isinstance(task, CycleTask):
@@ -93,10 +95,12 @@ class VerdictReport(Report):
     Attributes:
         name: of the file.
         verdict: on its data.
+        planes: half spaces among what may collide in it, such as floors.
     """
 
     name: str
     verdict: Verdict
+    planes: int
 
     @property
     def good(self) -> bool:
@@ -105,7 +109,12 @@ class VerdictReport(Report):
 
     def to_dict(self) -> dict[str, Any]:
         """The verdict."""
-        return {"certificate": self.name, **vars(self.verdict), "versions": versions()}
+        return {
+            "certificate": self.name,
+            **vars(self.verdict),
+            "planes": self.planes,
+            "versions": versions(),
+        }
 
     def to_text(self) -> str:
         """The verdict."""
@@ -121,6 +130,9 @@ class VerdictReport(Report):
             more = f", within the tolerance {left['GN_worst_case']:.4g} N m" if len(left) > 1 else ""
             rows.append(("left", f"at least {left['GN']:.4g} N m about every tipping axis{more}"))
         rows.append(("tolerance", words))
+        if "clearance" in self.verdict.bounds:
+            none = "no floor or wall: what reaches below the contacts is not excluded"
+            rows.append(("planes", f"{self.planes} (floors and walls)" if self.planes else none))
         return f"{self.name}: HOLDS.\n" + "\n".join(named(rows))
 
 
