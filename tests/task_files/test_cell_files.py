@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 from ocptip.basics.errors import InputError
 from ocptip.basics.toml_text import toml_text
+from ocptip.motion.check import NO_FLOOR, scope_of
 from ocptip.placement.evaluate import Evaluator
 from ocptip.placement.for_motion import placed_robot
 from ocptip.placement.result import judge
@@ -52,6 +54,23 @@ def test_placed_cycle_is_the_robot_at_its_place(changed, slope):
     assert own.tip_over.reference_moment == pytest.approx(expected.tip_over.reference_moment, rel=1e-12)
     q = np.random.default_rng(3).uniform(-2, 2, (20, 6))
     np.testing.assert_allclose(own.collision.gaps(q), expected.collision.gaps(q), atol=1e-9)
+
+
+DECK = re.search(r"\[\[base_obstacle\]\](.*\n)+?\n", TEXT)[0]
+
+
+@pytest.mark.parametrize(("key", "level"), [("", 0.0), ("floor = false\n", None)])
+def test_the_floor_of_a_place_is_that_of_the_cycle_there(changed, key, level):
+    """Without the deck of the example it is what the contacts stand on, wherever the base stands."""
+    bare = TEXT.replace(DECK, "").replace("[base]", f"[base]\n{key}", 1)
+    cell = changed(TEXT, bare)
+    placement = at(cell, PLACE)
+    robots = [cell.problem.robot, placed_robot(placement)]
+    robots += [segment.task.robot for segment in cell.placed(placement).segments]
+    expected = [] if level is None else [{"name": "floor", "normal": [0.0, 0.0, 1.0], "level_m": level}]
+    for robot in robots:
+        assert robot.collision.to_dict()["floor"] == expected
+    assert scope_of(cell.problem.collision) == ("" if expected else NO_FLOOR)
 
 
 def test_poses_are_those_of_the_world(changed):
