@@ -324,3 +324,37 @@ def test_four_feet_that_two_of_them_could_bear_alone_are_proved_within_pushes(sw
     assert found.certified, (found.verdict, found.undecided)
     sampled = checked.worst["GN_worst_case"].value
     assert sampled * 0.999 <= found.verdict.bounds["GN_worst_case"] <= 1.01 * sampled
+
+
+_HEIGHTS = [
+    ((0.35, 0.0), 0.0),
+    ((0.1, 0.33), 0.03),
+    ((-0.28, 0.2), -0.02),
+    ((-0.28, -0.2), 0.01),
+    ((0.1, -0.33), 0.05),
+]
+_LEANING = [((0.35, 0.0), 0.0), ((-0.2, 0.3), 0.0), ((-0.2, -0.3), 0.0)]
+
+
+@pytest.mark.parametrize(
+    ("places", "lean"), [(_HEIGHTS, 0.0), (_LEANING, 0.5)], ids=["five uneven", "leaning"]
+)
+@pytest.mark.parametrize("tolerance", [NONE, Tolerance(tilt=0.01, arm_mass=0.05, friction=0.2)])
+def test_contacts_in_general_position_are_proved(swing, places, lean, tolerance):
+    task, motion, *_ = swing
+    feet = [
+        UnilateralContact(position=[x, y, z], normal=[-lean * x, -lean * y, 1.0], friction=0.6)
+        for (x, y), z in places
+    ]
+    support = Support(feet, mass=60.0, center_of_mass=[0.0, 0.0, 0.3])
+    robot, limits = (
+        StandingRobot(task.robot.arm, support, task.robot.motors),
+        MotionLimits(tolerance=tolerance),
+    )
+    checked = check_motion(robot, motion, limits)
+    found = certify(robot, motion, limits, checked.worst)
+    assert checked.verified
+    assert found.certified, (found.verdict, found.undecided)
+    if tolerance.given:  # one rule for all couples: with half of the moment that is left, at least
+        value = checked.worst["GN_worst_case"].value
+        assert value * 0.999 <= found.verdict.bounds["GN_worst_case"] <= 2.1 * value

@@ -92,9 +92,9 @@ class SearchWithin:
         self._apart = np.zeros((0, self._sharing.late.joints), dtype=bool)
         self._parts: list[_Judged] = []
 
-    def _run(self) -> bool:
+    def _run(self, most_short: float) -> bool:
         """Judge intervals; where something is missing take joints apart, then divide; False: they are too
-        many."""
+        many, or more than this share of them is short at first."""
         late = self._sharing.late
         starts, ends = self._first()
         apart = np.zeros((len(starts), late.joints), dtype=bool)
@@ -112,6 +112,8 @@ class SearchWithin:
                 short[rows.interval[bad]], beyond[rows.interval[part.beyond]] = True, True
                 self._take_apart(rows, part, bad | part.beyond, further, most)
                 parts.append(part)
+            if np.mean(short) > most_short:
+                return False
             before, missing = missing, max(_FEW, np.count_nonzero(short))
             useful = total < _MOST and missing <= _IN_VAIN * before and most > 0
             more = useful & (short | beyond & (most == _WAYS[0])) & np.any(further & ~apart, axis=1)
@@ -264,8 +266,8 @@ class SearchWithin:
         wrenches = np.concatenate([terms.described(s) for s in (-1.0, 1.0)], axis=1).T  # (2 R, 6)
         every = np.concatenate([wrenches, *(wrenches + couple for couple in self._sharing.contacts.couples)])
         slip = self._robot.slip.evaluate(self._robot.contact_states(every), derivatives=False)
-        forces = slip.forces
-        forces = self._interior.between(forces, every, self._goals["GT_worst_case"])
+        share = np.where(np.arange(len(every)) < len(wrenches), self._goals["GT_worst_case"], 1.0)
+        forces = self._interior.between(slip.forces, every, share)
         forces[:, :, 1:] = 0.0  # the rule shares what is tangential
         shaped = forces.reshape(-1, 2, count, *forces.shape[1:])  # rules, ends, R, contacts, 3
         return np.round(np.moveaxis(shaped, (1, 2), (0, -1)), _DIGITS)
@@ -293,9 +295,10 @@ class SearchWithin:
 
     # --- what was found -----------------------------------------------------------------------------------
 
-    def found(self) -> Found | None:
-        """The bounds, and the cover; None: not tried, there are too many intervals."""
-        if not self._run():
+    def found(self, most_short: float = 1.0) -> Found | None:
+        """The bounds, and the cover; None: not tried, there are too many intervals, or more than this share
+        of them is short at first."""
+        if not self._run(most_short):
             return None
         bounds, short = dict(self._goals), self._short()
         if short:
