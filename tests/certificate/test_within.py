@@ -110,7 +110,7 @@ def test_one_quantity_costs_next_to_nothing(quantity):
 @pytest.mark.slow
 def test_a_motion_is_certified_within_workshop():
     task, motion = _swing("G")
-    limits = MotionLimits(tolerance=WORKSHOP)
+    limits = MotionLimits(tolerance=WORKSHOP, clearance=0.0)
     checked = certified(task.robot, motion, check_motion(task.robot, motion, limits), limits)
     assert checked.verified
     assert checked.certificate is not None
@@ -131,12 +131,12 @@ def test_a_motion_is_certified_within_workshop():
 def test_bounds_of_joints_on_time_say_so(monkeypatch):
     """Where what late joints do cannot be proved."""
     task, motion = _swing("G")
-    limits = MotionLimits(tolerance=WORKSHOP)
+    limits = MotionLimits(tolerance=WORKSHOP, clearance=0.0)
     checked = check_motion(task.robot, motion, limits)
 
     def on_time_only(robot, model, motion, tolerance, *more):
         search = SearchWithin(robot, model, motion, tolerance, *more)
-        return SimpleNamespace(found=lambda: None) if tolerance["delay"] else search
+        return SimpleNamespace(found=lambda _: None) if tolerance["delay"] else search
 
     monkeypatch.setattr("ocptip.certificate.find.SearchWithin", on_time_only)
     found = certify(task.robot, motion, limits, checked.worst)
@@ -151,7 +151,7 @@ def test_bounds_of_joints_on_time_say_so(monkeypatch):
 def test_a_share_of_friction_that_is_short_is_claimed_higher(monkeypatch):
     """As where rows are shown at what they need themselves, and not at what all need."""
     task, motion = _swing("G")
-    limits = MotionLimits(tolerance=replace(WORKSHOP, delay=0.0, damping=None))
+    limits = MotionLimits(tolerance=replace(WORKSHOP, delay=0.0, damping=None), clearance=0.0)
     checked = check_motion(task.robot, motion, limits)
     proved = SearchWithin._proved_share
     needed = certify(task.robot, motion, limits, checked.worst).verdict.bounds["GT_worst_case"]
@@ -163,7 +163,7 @@ def test_a_share_of_friction_that_is_short_is_claimed_higher(monkeypatch):
 
 def test_what_is_lost_as_sampled_is_not_searched(monkeypatch):
     task, motion = _swing("G")
-    limits = MotionLimits(tolerance=replace(WORKSHOP, extra_mass=30.0))
+    limits = MotionLimits(tolerance=replace(WORKSHOP, extra_mass=30.0), clearance=0.0)
     checked = check_motion(task.robot, motion, limits)
     assert checked.worst["GN_worst_case"].value > 1.1
     monkeypatch.setattr(SearchWithin, "found", None)  # nobody calls it
