@@ -22,7 +22,7 @@ from ocptip.contact.moving import what_moves
 from ocptip.contact.states import BEYOND_RESOLUTION, STATUS, ContactState, ContactStates
 from ocptip.contact.verdict import StabilityVerdict, stability, standing_state, state_remark
 from ocptip.numerics.compiled import interpreted
-from ocptip.reserves.equal_compliance import EqualSharing, equal_sharing, face_each_other
+from ocptip.reserves.equal_compliance import EqualSharing, equal_sharing, face_each_other, reported_slip
 from ocptip.reserves.force_sets import ForceSets
 from ocptip.reserves.friction_needed import friction_needed, needed_text
 from ocptip.reserves.slip import Redistribution, Slip, SlipReserve
@@ -276,7 +276,7 @@ class StandReport(Report):
         if self.plot is not None:
             from ocptip.pictures.scene import plot_scene
 
-            plot_scene(self.scene, self.states, self.tip, self.slip, self.plot)
+            plot_scene(self.scene, self.states, self.tip, reported_slip(self.states, self.slip), self.plot)
             yield Path(self.plot)
 
     def to_text(self) -> str:

@@ -22,6 +22,7 @@ from ocptip.contact.resting import solve_resting
 from ocptip.pictures.view import HERE, Show, library_viser, motion_show, pose_show, scene_show, serve, to_html
 from ocptip.placement.output import PLACEMENT
 from ocptip.placement.problem import PlacementProblem
+from ocptip.reserves.equal_compliance import reported_slip
 from ocptip.reserves.slip import Slip
 from ocptip.reserves.tipping import TipOver
 from ocptip.standing.arm import StandingRobot
@@ -66,7 +67,7 @@ def _show(options: Namespace) -> tuple[str, Show]:
     states = solve_resting(scene.support, scene.wrench[None])  # as `stand`: what holds the base, if anything
     with naming(str(path)):
         tip = TipOver(scene.support).evaluate(states)
-        slip = Slip(scene.support).evaluate(states, derivatives=False)
+        slip = reported_slip(states, Slip(scene.support).evaluate(states, derivatives=False))
         return scene.name, scene_show(scene, states.contact_forces, tip, slip)
 
 

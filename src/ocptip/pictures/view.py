@@ -11,7 +11,7 @@ import socket
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ from ocptip.basics.text import quantity
 from ocptip.contact.support import Support
 from ocptip.motion.cycles.output import samples_joined
 from ocptip.pictures import view_bodies as bodies
+from ocptip.reserves.equal_compliance import equal_normal_map, reported_slip
 from ocptip.reserves.slip import Slip, SlipReserve
 from ocptip.reserves.tipping import TipOverReserve
 from ocptip.robots.kinematics import LinkFrames, link_frames
@@ -147,6 +148,7 @@ class Act:
                 local = np.clip(times[at] - part.begin, 0.0, part.motion.end)
                 found.append(part.robot.samples(part.motion, local))
         seen = samples_joined(found)
+        seen = replace(seen, slip=reported_slip(seen.states, seen.slip))
         frames = link_frames(parts[0].robot.arm, seen.angles)
         return cls(name, tuple(p.robot for p in parts), tuple(p.name for p in parts), owner, seen, frames)
 
@@ -280,7 +282,9 @@ def _path(scene: Any, name: str, act: Act, color: tuple[int, int, int], size: fl
 
 def reserve_clock(tip: TipOverReserve, slip: SlipReserve, forces: np.ndarray, k: int) -> str:
     """What is left of state k, with its forces (n, 3), N: "GN 0.391, GT 0.708, least foot 9.75 N"."""
-    shared = "" if Slip(tip.states.support).redistribution == "tangential" else " (one possible sharing)"
+    support = tip.states.support
+    shared = "" if Slip(support).redistribution == "tangential" else " (one possible sharing)"
+    shared = " (equally compliant feet)" if equal_normal_map(support) is not None else shared
     parts = [
         f"GN {tip.GN[k]:.3f}",
         f"GT {slip.GT[k]:.3f}",

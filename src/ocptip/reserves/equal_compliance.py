@@ -15,7 +15,7 @@ import numpy as np
 from ocptip.contact.bindings.unilateral import UnilateralContact
 from ocptip.contact.states import ContactStates
 from ocptip.contact.support import Support
-from ocptip.reserves.slip import Slip
+from ocptip.reserves.slip import Slip, SlipReserve
 
 _LIFTED = 1e-6  # of the weight: a foot that would pull so little is at rounding
 
@@ -28,12 +28,14 @@ class EqualSharing:
         normal_forces: (N, n) N, 0 for feet that lift.
         if_all_pressed: (N, n) N: normal forces if every foot could pull, also where the base moves; negative
             for feet that lift.
-        usage: (N, n) |tangential force| / limit with these normal forces, tangential ones shared best.
+        tangential_forces: (N, n, d - 1) N, contact axes, shared in the best way under these normal forces.
+        usage: (N, n) |tangential force| / limit.
         GT: (N,) largest usage; 1 and more: the friction of these normal forces is not enough.
     """
 
     normal_forces: np.ndarray
     if_all_pressed: np.ndarray
+    tangential_forces: np.ndarray
     usage: np.ndarray
     GT: np.ndarray
 
@@ -62,12 +64,30 @@ def equal_sharing(states: ContactStates) -> EqualSharing | None:
         np.arange(len(rows)), {"contact_forces": forces}
     )
     reserve = slip.evaluate(own, derivatives=False)
-    count, n = len(states), states.support.n_contacts
-    normal, usage, GT = np.full((count, n), np.nan), np.full((count, n), np.nan), np.full(count, np.nan)
-    normal[rows], usage[rows], GT[rows] = forces[:, :, 0], reserve.usage, reserve.GT
+
+    def scattered(values: np.ndarray) -> np.ndarray:
+        every = np.full((len(states), *values.shape[1:]), np.nan)
+        every[rows] = values
+        return every
+
     normal_map = equal_normal_map(states.support)
     assert normal_map is not None  # there are such feet
-    return EqualSharing(normal, states.wrenches @ normal_map.T, usage, GT)
+    return EqualSharing(
+        scattered(forces[:, :, 0]),
+        states.wrenches @ normal_map.T,
+        *map(scattered, (reserve.tangential_forces, reserve.usage, reserve.GT)),
+    )
+
+
+def reported_slip(states: ContactStates, slip: SlipReserve) -> SlipReserve:
+    """The same reserve to show: GT of the best sharing, forces and usage of equally compliant feet."""
+    if (equal := equal_sharing(states)) is None:
+        return slip
+    known, names = np.isfinite(equal.GT), ("normal_forces", "tangential_forces", "usage")
+    shown = {name: getattr(slip, name).copy() for name in names}
+    for name, values in shown.items():
+        values[known] = getattr(equal, name)[known]
+    return replace(slip, **shown)
 
 
 def reported_normal_forces(states: ContactStates) -> np.ndarray:
