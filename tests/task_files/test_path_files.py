@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ocptip.basics.errors import InputError
+from ocptip.basics.errors import InputError, InputWarning
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.motion.task import MotionTask
 from ocptip.robots.kinematics import gripper_pose
@@ -75,7 +75,8 @@ def test_a_joint_trajectory_keeps_its_motion_as_a_comparison(tmp_path: Path) -> 
     file = tmp_path / "motion.json"
     names = list(task.robot.names)
     file.write_text(json.dumps({"joint_names": names, "points": points}), encoding="utf-8")
-    found = load_path(file, task)
+    with pytest.warns(InputWarning, match="1000 ms apart, with positions only"):
+        found = load_path(file, task)
     assert len(found.motions) == 1
     assert found.paths[0].path.goal == pytest.approx(task.goal)
     file.write_text(json.dumps({"joint_names": [*names[:-1], "elbow"], "points": points}), encoding="utf-8")
