@@ -82,6 +82,20 @@ def test_the_way_to_a_first_point_is_judged(cart, tmp_path, capsys):
     assert any("point at 0 s is the task's start" in text for text in data["assumed"])
 
 
+def test_motions_that_begin_or_end_moving_are_refused(cart, tmp_path, capsys):
+    """Not the piece is judged: check says what it takes for granted, and what to check instead."""
+    moving = np.zeros((2, 6))
+    path = write(tmp_path / "rest.json", [0, 4], CORNERS[[0, 2]], velocities=moving)
+    _, data = answer(capsys, "check", path, "--task", cart)
+    assert "the robot rests before 0 s and after 4 s" in data["assumed"]
+    moving[1, 2] = 0.1
+    path = write(tmp_path / "moving.json", [0, 4], CORNERS[[0, 2]], velocities=moving)
+    assert main(["check", str(path), "--task", str(cart)]) == 2
+    said = capsys.readouterr().err
+    assert "joint 3 moves with 5.73 deg/s at the last sample; a motion goes from rest to rest" in said
+    assert "as one trajectory with what comes before and after" in said
+
+
 def test_the_trajectory_of_a_plan_has_the_rate_of_its_plan(cart, tmp_path, capsys):
     slow = write(tmp_path / "slow.json", [0, 4], CORNERS[[0, 2]], velocities=np.zeros((2, 6)))
     out = tmp_path / "out"

@@ -100,6 +100,16 @@ def test_points_far_apart_without_velocities_are_doubted(tmp_path, spacing, warn
     assert "2 ms (500 Hz)" in motion.interpolation
 
 
+def test_a_standstill_between_points_is_not_doubted(tmp_path):
+    times = [0.0, *(2 + 0.02 * np.arange(50)), 5.0]
+    rise = np.linspace(0, 0.5, 50)[:, None] * [1.0, -1.0] + CORNERS[0]
+    path = tmp_path / "t.json"
+    path.write_text(json.dumps(message(times, [rise[0], *rise, rise[-1]])))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert load_motion(path, NAMES).end == pytest.approx(5.002)
+
+
 def test_with_velocities_no_distance_is_doubted(tmp_path):
     rest = np.zeros((3, 2))
     with warnings.catch_warnings():

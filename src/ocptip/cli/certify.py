@@ -15,9 +15,9 @@ from ocptip.basics.write import versions, write_text
 from ocptip.certificate.describe import tolerance_words
 from ocptip.certificate.result import Certificate, claims
 from ocptip.certificate.trusted.checker import Verdict, check_certificate
-from ocptip.cli.check import motion_of, read_options, task_of
 from ocptip.cli.command import Report
 from ocptip.cli.cycles import require_plain, segments_of
+from ocptip.cli.given_motion import motion_of, read_options, task_of
 from ocptip.cli.layout import named, under
 from ocptip.cli.options import given_limits, with_limits
 from ocptip.cli.progress import say_if_compiling

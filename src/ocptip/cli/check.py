@@ -18,6 +18,7 @@ from ocptip.basics.write import versions
 from ocptip.certificate.trusted.described import TORQUES
 from ocptip.cli.command import Report
 from ocptip.cli.cycles import require_plain, segment_table, segments_of
+from ocptip.cli.given_motion import motion_of, read_options, task_of
 from ocptip.cli.layout import (
     check_rows,
     gear_rows,
@@ -28,7 +29,7 @@ from ocptip.cli.layout import (
     table,
     under,
 )
-from ocptip.cli.options import given_columns, given_limits, rate_of, with_limits
+from ocptip.cli.options import given_limits, with_limits
 from ocptip.cli.progress import Progress, say_if_compiling
 from ocptip.cli.stops import (
     cycle_with_path_stops,
@@ -44,24 +45,18 @@ from ocptip.motion.cycles.check import CycleCheck, certified_cycle, check_cycle
 from ocptip.motion.cycles.task import CycleTask
 from ocptip.motion.cycles.tolerated import cycle_tolerances
 from ocptip.motion.objective import TIME
-from ocptip.motion.output import PLAN, TRAJECTORY
 from ocptip.motion.stops import Stops
 from ocptip.motion.task import REACHED, MotionTask
 from ocptip.motion.tolerated import Tolerated, tolerances
-from ocptip.published.cases import case_names
-from ocptip.published.tasks import experiment_task
 from ocptip.retiming.retime import OF_PATH, least_cost
 from ocptip.standing.arm import StandingRobot
 from ocptip.standing.elastic.drives import with_rise
 from ocptip.standing.mechanism import StandingMechanism
 from ocptip.standing.sensitivity import Sensitivity
-from ocptip.standing.tolerance import NONE, Tolerance
-from ocptip.task_files.cycle import read_task
-from ocptip.task_files.plan_folder import is_plan_folder, planned_rate, read_plan_folder
 from ocptip.trajectories.arm_motion import ArmMotion
 from ocptip.trajectories.fit import PEAK_TOLERANCE, FittedMotion
 from ocptip.trajectories.path_fit import path_of_motion
-from ocptip.trajectories.read import load_motion, load_motions, motion_origin
+from ocptip.trajectories.read import load_motions
 from ocptip.trajectories.sampled import Motion, SampledMotion
 from ocptip.trajectories.sequence import MotionSequence
 
@@ -250,7 +245,7 @@ class CheckReport(Report):
             "tolerated": [one.to_dict() for one in self.tolerated],
             **stops_to_dict(self.stops),
             **sensitivities_to_dict(self.sensitivities),
-            "assumed": [*self.task.robot.notes, *self.motion.assumed],
+            "assumed": [*self.task.robot.notes, *self._assumed],
             "interpolation": self.motion.interpolation if isinstance(self.motion, SampledMotion) else None,
             "fit": self.motion.fit_to_dict() if isinstance(self.motion, FittedMotion) else None,
             **offsets,
@@ -290,7 +285,7 @@ class CheckReport(Report):
             rows += gear_rows(self.segments)
         else:
             rows.append(("masses", masses(self.task.robot)))
-        rows += under("assumed", [*self.task.robot.notes, *self.motion.assumed])
+        rows += under("assumed", [*self.task.robot.notes, *self._assumed])
         rows += under("note", self._notes())
         lines += named(rows)
         for name, stops in self.stops.items():
@@ -298,6 +293,11 @@ class CheckReport(Report):
         if self.scaled:
             lines += ["", *_scale_table(self.scaled)]
         return "\n".join(lines)
+
+    @property
+    def _assumed(self) -> list[str]:
+        """What the file does not say of the motion."""
+        return [*self.motion.assumed, f"the robot rests before 0 s and after {self.motion.end:.4g} s"]
 
     def _notes(self) -> list[str]:
         """What may be unexpected about the motion."""
@@ -314,38 +314,6 @@ class CheckReport(Report):
                 if offset > _SAME[unit]:
                     notes += [f"the motion {verb} {offset:.4g} {unit} off the task's {place}"]
         return notes
-
-
-def task_of(options: Namespace, otherwise: Tolerance = NONE) -> tuple[MotionTask | CycleTask, Path]:
-    """The task and the motion's file.
-
-    The task that is named, or that of the plan's folder, or the case that the file names, with its base.
-    Where a task file has no tolerance, and for cases, it is `otherwise`.
-    """
-    path = Path(options.motion)
-    folder, path = (path, path / PLAN) if path.is_dir() else (path.parent, path)
-    if options.task is not None:
-        if options.base is not None:
-            raise InputError("--base: only for --case; a task file has its own base")
-        return read_task(options.task, otherwise), path
-    asked = options.case is not None or options.base is not None
-    if not asked and (folder == Path(options.motion) or is_plan_folder(folder)):
-        return read_plan_folder(folder).task, path
-    origin = motion_origin(path)
-    named = origin.get("case")
-    if options.case is None and named is None:
-        raise InputError(
-            f"{options.motion}: names no case; say which robot by --case A..H or --task TASK.toml"
-        )
-    if options.case is None and named not in case_names():
-        raise InputError(
-            f"{options.motion}: is for {named!r}, which is no printed case ({', '.join(case_names())}); "
-            "say which robot by --task TASK.toml or --case A..H"
-        )
-    case = options.case or named
-    base = origin.get("base") if case == named else None
-    task = experiment_task(case, options.base or base or "effective")
-    return replace(task, limits=replace(task.limits, tolerance=otherwise)), path
 
 
 def retimed(task: MotionTask, motion: Motion, checked: MotionCheck) -> str:
@@ -370,30 +338,6 @@ def retimed(task: MotionTask, motion: Motion, checked: MotionCheck) -> str:
         return ""
     slower = f"{least:.3f} instead of {motion.end:.3f} s{', within the tolerance' if given else ''}"
     return f"on its own path the limits allow {slower} (not checked; ocptip retime finds it)"
-
-
-def motion_of(path: Path, task: MotionTask, options: Namespace) -> Motion:
-    """The motion; ramp commands with the rise time as typed, else their own, else that of the task."""
-    motion = load_motion(path, task.robot.names, task.robot.units, **read_options(path, task, options))
-    if not isinstance(motion, ArmMotion):
-        if options.rise_time is not None:
-            samples = isinstance(motion, SampledMotion)
-            own = "samples, which say themselves how they move" if samples else "a timing of its own"
-            raise InputError(f"--rise-time: {options.motion} has {own}")
-        return motion
-    own = motion.rise_times if options.rise_time is None else ()
-    return motion.with_rise_times(own or task.rise_times or ())
-
-
-def read_options(path: Path, task: MotionTask | CycleTask, options: Namespace) -> dict[str, Any]:
-    """What the readers of motions get to know beside the robot.
-
-    The trajectory in the folder of a plan is for the controller that the plan names.
-    """
-    rate = rate_of(options)
-    if rate is None and path.name == TRAJECTORY and is_plan_folder(path.parent):
-        rate = planned_rate(path.parent)
-    return {"unit": options.unit, "start": task.start, "rate": rate, "columns": given_columns(options)}
 
 
 def _offsets(motion: Motion, task: MotionTask) -> dict[str, tuple[float, float]]:

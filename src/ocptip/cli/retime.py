@@ -13,9 +13,9 @@ import numpy as np
 
 from ocptip.basics.errors import InputError, naming, positive_number
 from ocptip.basics.text import quantity
-from ocptip.cli.check import task_of
 from ocptip.cli.command import Report
 from ocptip.cli.cycles import CycleReport
+from ocptip.cli.given_motion import task_of
 from ocptip.cli.layout import use_of_reserves
 from ocptip.cli.options import given_columns, given_limits, output_directory, rate_of, remove_figures, step_of
 from ocptip.cli.plan import PlanReport

@@ -92,8 +92,9 @@ def motion_of_points(
     speeds, accelerations = columns.get("velocities"), columns.get("accelerations")
     period = 1 / (rate or UPDATE_RATE) if speeds is None else None
     motion = SampledMotion(times, columns["positions"], speeds, accelerations, period, assumed=tuple(assumed))
-    gap = float(np.max(np.diff(motion.times)))
-    if speeds is None and gap > FAR * (1 + 1e-6):
+    moving = np.max(np.abs(np.diff(motion.angles, axis=0)), axis=1) > _STILL
+    gap = float(np.max(np.diff(motion.times)[moving], initial=0.0))
+    if period is not None and gap > max(FAR, period) * (1 + 1e-6):
         doubt(
             f"points: are up to {1e3 * gap:.4g} ms apart, with positions only: a controller draws straight "
             "lines between them, at whose corners speeds jump; give velocities, or points at most "

@@ -46,6 +46,7 @@ REST = 1e-3
 """Speed, rad/s: a motion that begins or ends faster is only a piece of one."""
 
 SHORT = 3e-4  # s: of intervals whose positions are not differentiated where accelerations are given
+LONGEST = 0.05  # s: of the pieces of straight lines, over which power is integrated by a few nodes
 _STILL = 1e-9  # rad/s: a joint that never gets faster rests; changes of sign are rounding
 
 
@@ -99,7 +100,8 @@ class SampledMotion(EventfulMotion):
                 if abs(ends[joint]) > REST:
                     raise InputError(
                         f"speeds: joint {joint + 1} moves with {np.rad2deg(ends[joint]):.4g} deg/s at the "
-                        f"{where} sample; a motion goes from rest to rest"
+                        f"{where} sample; a motion goes from rest to rest: check a blended one as a whole, "
+                        "as one trajectory with what comes before and after"
                     )
         if self.accelerations is not None:
             if self.speeds is None:
@@ -270,14 +272,19 @@ class SampledMotion(EventfulMotion):
         breaks = np.unique(np.concatenate([times, times + period]))  # half a period later than the corners
         kept = np.append(np.diff(breaks) > MERGE, True)  # corners one period apart have no line between them
         breaks = breaks[kept]
+        parts = np.maximum(np.ceil(np.diff(breaks) / LONGEST), 1).astype(int)  # short ones, for integrals
+        shares = np.arange(np.sum(parts)) - np.repeat(np.cumsum(parts) - parts, parts)
+        inner = np.repeat(breaks[:-1], parts) + shares * np.repeat(np.diff(breaks) / parts, parts)
+        breaks = np.append(inner, breaks[-1])
         ends = np.concatenate([[-np.inf], times, [np.inf]])
-        first = np.searchsorted(times, breaks - period, side="right")  # lines on which the periods begin
-        last = np.searchsorted(times, breaks, side="left")
+        begin, end = _snapped(breaks - period, times), _snapped(breaks, times)
+        first = np.searchsorted(times, begin, side="right")  # lines on which the periods begin
+        last = np.searchsorted(times, end, side="left")
         begins, speeds = np.zeros((2, len(breaks), self.n))
         for line in range(int(np.max(last - first)) + 1):
             row = np.minimum(first + line, len(times))
-            low, high = np.maximum(breaks - period, ends[row]), np.minimum(breaks, ends[row + 1])
-            share = (np.where(first + line <= last, high - low, 0.0) / period)[:, None]
+            low, high = np.maximum(begin, ends[row]), np.minimum(end, ends[row + 1])
+            share = (np.where(first + line <= last, high - low, 0.0) / (end - begin))[:, None]
             corner = np.clip(row - 1, 0, None)
             middle = places[corner] + rates[row] * (0.5 * (low + high) - times[corner])[:, None]
             begins, speeds = begins + share * middle, speeds + share * rates[row]
@@ -305,6 +312,17 @@ class SampledMotion(EventfulMotion):
         roots = self._curve.derivative().roots(discontinuity=False, extrapolate=False)
         moving = self.speed_peaks > _STILL
         return [r[np.isfinite(r)] if moves else np.empty(0) for r, moves in zip(roots, moving, strict=True)]
+
+
+def _snapped(instants: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Instants at the corners that they only miss by rounding: a line begins with its own speed exactly."""
+    after = np.clip(np.searchsorted(corners, instants), 1, len(corners) - 1)
+    near = np.where(
+        np.abs(instants - corners[after - 1]) < np.abs(instants - corners[after]),
+        corners[after - 1],
+        corners[after],
+    )
+    return np.where(np.abs(instants - near) <= MERGE, near, instants)
 
 
 def _corners(times: np.ndarray, angles: np.ndarray) -> np.ndarray:
