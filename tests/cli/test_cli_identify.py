@@ -68,6 +68,7 @@ def test_json_has_covariances(written, recording, capsys):
         (("base",), "r.csv: base: does not rest on the sensor"),
         (("bodies", "--tared"), "r.csv: base: its weight cannot be told"),
         (("payload", "--sigmas", "-1"), "sigmas: must be > 0"),
+        (("arm", "--bandwidth", "-1"), "--bandwidth: must be > 0"),
     ],
 )
 def test_bad_input_is_one_line(written, recording, options, said, capsys):
@@ -101,6 +102,9 @@ def test_an_arm_is_told(written, recording, tmp_path, capsys):
     said = capsys.readouterr().out
     assert "base parameters" in said
     assert "friction" in said
+    assert "tau1 " in said
+    assert "(plain least squares " in said
+    assert "filter " not in said
     tables = tomllib.loads(out.read_text())
     assert set(tables["arm"]["links"]) == {f"joint {k}" for k in range(1, 7)}
     assert 0 < tables["tolerance"]["arm_mass"] < 1

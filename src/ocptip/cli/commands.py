@@ -395,6 +395,12 @@ COMMANDS = (
             argument("--unit", None, "of angles in columns that do not say it", choices=("deg", "rad")),
             COLUMNS,
             argument("--tared", None, "the sensor was set to zero under load", action="store_true"),
+            argument(
+                "--bandwidth",
+                "HZ",
+                "arm: cutoff of the low-pass filter of the torques (inf: none; default: searched)",
+                type=float,
+            ),
             argument("--sigmas", "K", "standard errors on both sides that are tolerance (3)", type=float),
             argument("--task", "TASK.toml", "PLAN_DIR is a motion file, of this task"),
             SEED,

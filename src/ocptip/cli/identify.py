@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ocptip.basics.doubts import doubt
-from ocptip.basics.errors import InputError, naming
+from ocptip.basics.errors import InputError, naming, positive_number
 from ocptip.basics.text import percent, some, with_error
 from ocptip.basics.toml import read_text
 from ocptip.basics.toml_text import toml_text
@@ -39,6 +39,7 @@ _BODIES = {"payload": (PAYLOAD,), "base": (BASE,), "bodies": (PAYLOAD, BASE)}
 _SIGMAS = 3.0
 _TWO_SIDED = 1.96
 _INSTANTS = 1000
+_FAR, _WORSE = 4.0, 1.2  # standard errors, and rms over that of plain least squares, that are a contradiction
 
 
 def run(options: Namespace) -> IdentifyReport:
@@ -153,7 +154,11 @@ def _of_bodies(recording: Recording, predictor: Predictor, options: Namespace) -
 
 
 def _of_links(recording: Recording, predictor: Predictor, options: Namespace) -> IdentifyReport:
-    found = identify_links(recording, predictor)
+    bandwidth = options.bandwidth
+    if bandwidth is not None and bandwidth != math.inf:
+        positive_number("--bandwidth", bandwidth)
+    found = identify_links(recording, predictor, bandwidth=bandwidth)
+    _doubt_plain(found, recording)
     own, robot, p = found.estimate, predictor.robot, len(found.names)
     unseen = [name for name, seen in zip(found.names, own.seen, strict=False) if not seen]
     changed = [
@@ -171,8 +176,8 @@ def _of_links(recording: Recording, predictor: Predictor, options: Namespace) ->
             if own.seen[k]
         ]
         friction.append(f"{name}: {', '.join(parts) or 'not seen'}")
+    low_passes = own.low_passes.items()
     masses = zip(found.arm.chain_names, found.arm.masses, robot.arm.masses, strict=True)
-    left = ", ".join(f"{kind} {value:.3g}" for kind, value in own.residuals.items())
     lines = [
         ("base parameters", f"{int(own.seen[:p].sum())} of {p} are told (condition {found.condition:.0f})"),
         *under("changed", changed or ["none by more than its 95 % interval"]),
@@ -180,12 +185,41 @@ def _of_links(recording: Recording, predictor: Predictor, options: Namespace) ->
         *under("friction", friction),
         ("links", ", ".join(f"{name} {new:.4g} kg (described {old:.4g})" for name, new, old in masses)),
         ("", f"next to what was described; base parameters moved by {found.moved:.2g} standard errors"),
-        ("rms left", left),
+        *under("rms left", _left(found, recording)),
+        *(("filter", f"{kind}: {own}; compared up to {own.band:.3g} Hz") for kind, own in low_passes),
     ]  # fmt: skip
     sigmas = _SIGMAS if options.sigmas is None else options.sigmas
     tolerance, text = _of_masses(found, predictor, sigmas)
     tables = {**found.to_tables(robot.motors), **tolerance}
     return IdentifyReport("arm", tables, [*lines, ("tolerance", text)], found.to_dict(), options.out)
+
+
+def _left(found: Identified, recording: Recording) -> list[str]:
+    """What is left of each signal, and by plain least squares."""
+    return [
+        f"{recording.of(kind)[number].name} {rms:.3g} (plain least squares {plain:.3g})"
+        for kind, number, rms, plain in found.estimate.signals
+    ]
+
+
+def _doubt_plain(found: Identified, recording: Recording) -> None:
+    """Warn where plain least squares says something else: then the model of the recording does not hold."""
+    own = found.estimate
+    names = [*found.names]
+    names += [f"{word} friction {j + 1}" for word in ("dry", "viscous") for j in range(len(found.coulomb))]
+    far = int(np.argmax(own.away))
+    worse = [
+        f"{recording.of(kind)[number].name} {rms:.3g} instead of {plain:.3g}"
+        for kind, number, rms, plain in own.signals
+        if rms > _WORSE * plain
+    ]
+    if own.away[far] > _FAR or worse:
+        left = f"; it leaves more over: {', '.join(worse)}" if worse else ""
+        doubt(
+            f"arm: plain least squares contradicts the estimate, most in {names[far]} ({own.away[far]:.1f} "
+            f"standard errors){left}; something is not in the model, such as a filter of the torques "
+            "(--bandwidth), elastic joints, or friction that depends on load"
+        )
 
 
 def _unit(parameter: str) -> str:

@@ -9,24 +9,27 @@ count as the noise that they are. Directions of parameters that no signal tells 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy import stats
+from scipy import signal, stats
 
 from ocptip.basics.errors import InputError
 from ocptip.measured.clocks import AROUND, distance, find_clock
+from ocptip.measured.low_pass import Band, LowPass, low_pass_of
 from ocptip.measured.prediction import Predictor
 from ocptip.measured.recording import ANGLE, Recording, Signal
-from ocptip.measured.regression import Block, whitened
+from ocptip.measured.regression import Block, autoregression, whitened
 from ocptip.measured.signals import resolution
 
-_ROUNDS = 3
+_ROUNDS, _ROUNDS_FILTERED = 3, 5
+_CUTOFF = 0.03  # standard error of the logarithm of a cutoff that was searched
 _QUIET = 1e-9  # rad, m: least noise of an angle
 _LATE = 4.0  # standard errors from which a joint has a delay of its own
 _TINY = 0.25  # samples: step of slopes over time
 _UNSEEN = 1e-9  # share of the largest eigenvalue of the scaled normal equations, and of a direction
+_LEAST_SHARE = 0.1
 CONFIDENCE = 0.95
 
 Model = Callable[[str, np.ndarray, np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -47,6 +50,10 @@ class Estimate:
         freedom: degrees of freedom.
         residuals: rms of what is left by kind of signals, SI.
         delays: s, by kind: how late they are after the joints.
+        signals: each by itself: its kind, its number among those measured, rms of what is left, and rms of
+            what plain least squares leaves.
+        away: (K,) how far these are from plain least squares, in standard errors of the latter.
+        low_passes: the filter of a kind of signals, where there is one that can be told.
     """
 
     values: np.ndarray
@@ -55,6 +62,9 @@ class Estimate:
     freedom: int
     residuals: Mapping[str, float]
     delays: Mapping[str, float]
+    signals: Sequence[tuple[str, int, float, float]]
+    away: np.ndarray
+    low_passes: Mapping[str, LowPass]
 
     @property
     def errors(self) -> np.ndarray:
@@ -135,6 +145,7 @@ def estimate(
     *,
     free_zeros: Sequence[str] = (),
     kept: Callable[[str, int, np.ndarray], np.ndarray] | None = None,
+    bandwidths: Mapping[str, float | None] | None = None,
 ) -> Estimate:
     """Least squares.
 
@@ -145,6 +156,7 @@ def estimate(
         first: (K,) parameters as described.
         free_zeros: kinds whose signals may each be shifted by a constant.
         kept: samples of a signal that count, by kind, number and speeds (N, n).
+        bandwidths: kinds whose low-pass filter is searched, with its cutoff, Hz, as far as it is known.
 
     Raises:
         InputError: fewer samples than parameters.
@@ -152,16 +164,18 @@ def estimate(
     kinds, values = list(measured), np.asarray(first, dtype=float)
     lags, K, step = dict.fromkeys(kinds, 0.0), len(first), _TINY * ran.recording.period
     zeros = sum(len(measured[kind]) for kind in free_zeros)
-    covariance, seen, freedom, spread = np.zeros((K, K)), np.zeros(K, dtype=bool), 1, {}
-    for _ in range(_ROUNDS):
-        blocks, owners, zero = [], [], K + len(kinds)
+    low_passes = dict[str, LowPass]()
+    made, rounds = _Made(first, values), 0
+    while rounds < (_ROUNDS_FILTERED if low_passes else _ROUNDS):
+        made, zero = _Made(first, values), K + 2 * len(kinds)
         for at, kind in enumerate(kinds):
             states = ran.states(lags[kind])
             known, columns = model(kind, *states)
             ends = [np.add(*_loads(model(kind, *ran.states(lags[kind] + s)), values)) for s in (step, -step)]
             later = (ends[0] - ends[1]) / (2 * step)
+            rows = []
             for c, y in enumerate(measured[kind]):
-                own = np.zeros((len(y), K + len(kinds) + zeros))
+                own = np.zeros((len(y), K + 2 * len(kinds) + zeros))
                 own[:, :K], own[:, K + at] = columns[c], later[c]
                 if kind in free_zeros:
                     own[:, zero] = 1.0
@@ -170,37 +184,162 @@ def estimate(
                 if kept is not None:
                     good &= kept(kind, c, states[1])
                 if good.sum() > 10 and own[good].any():
-                    blocks.append(Block(y - known[c] - columns[c] @ first, own, good, resolution(y)))
-                    owners.append(kind)
-        if sum(int(block.kept.sum()) for block in blocks) <= 2 * K:
+                    rows.append(_Row(kind, c, y, known[c], own, good))
+            if not rounds and kind in (bandwidths or {}) and rows:
+                assert bandwidths is not None
+                found = low_pass_of([row.plain() for row in rows], 1 / ran.recording.period, bandwidths[kind])
+                low_passes |= {kind: found} if found else {}
+            made.add(rows, low_passes.get(kind), K + len(kinds) + at)
+        if sum(int(block.kept.sum()) for block in made.blocks) <= 2 * K:
             raise InputError(f"recording: too few samples of {', '.join(kinds)} for {K} parameters")
-        change, spread_of, unseen, freedom, left = _solved(blocks)
+        prior = np.zeros(K + 2 * len(kinds) + zeros)
+        prior[[K + len(kinds) + kinds.index(kind) for kind in low_passes]] = 1 / _CUTOFF**2
+        change, spread_of, unseen, freedom = _solved(made.blocks, prior, together=bool(low_passes))
         values = first + change[:K]
-        lags = {kind: lags[kind] + float(change[K + at]) for at, kind in enumerate(kinds)}
-        covariance, seen = spread_of[:K, :K], ~unseen[:K]
-        spread = {
-            kind: float(np.sqrt(np.mean([s**2 for s, own in zip(left, owners, strict=True) if own == kind])))
-            for kind in dict.fromkeys(owners)
-        }
-    return Estimate(values, covariance, seen, freedom, spread, lags)
+        for at, kind in enumerate(kinds):
+            if rounds or kind not in low_passes:  # slopes over time are worth little before there is friction
+                lags[kind] += float(change[K + at])
+        rounds += 1
+    plain, errors = plain_least_squares(made.blocks, prior)
+    covariance, seen = spread_of[:K, :K], ~unseen[:K]
+    left = made.left(change, low_passes), made.left(plain, low_passes)
+    signals = [(row.kind, row.number, *both) for row, *both in zip(made.rows, *left, strict=True)]
+    spread = {
+        kind: float(np.sqrt(np.mean([rms**2 for own, _, rms, _ in signals if own == kind])))
+        for kind in dict.fromkeys(row.kind for row in made.rows)
+    }
+    away = np.where(seen, np.abs(change[:K] - plain[:K]) / np.maximum(errors[:K], 1e-300), 0.0)
+    return Estimate(values, covariance, seen, freedom, spread, lags, signals, away, low_passes)
+
+
+@dataclass(frozen=True, eq=False)
+class _Row:
+    """One signal of a round: what was measured, what is known, and columns (N, ...) of what is not."""
+
+    kind: str
+    number: int
+    values: np.ndarray
+    known: np.ndarray
+    columns: np.ndarray
+    kept: np.ndarray
+
+    def plain(self) -> Block:
+        """For the search of a filter: what is known goes through it, too."""
+        columns = np.column_stack([self.known, self.columns])
+        return Block(
+            self.values, columns[:, np.any(columns != 0, axis=0)], self.kept, resolution(self.values)
+        )
+
+
+class _Made:
+    """The blocks of a round.
+
+    Args:
+        first, values: (K,) parameters as described, and of this round.
+    """
+
+    def __init__(self, first: np.ndarray, values: np.ndarray) -> None:
+        self._first, self._values = first, values
+        self.rows, self.blocks = list[_Row](), list[Block]()
+
+    def add(self, rows: Sequence[_Row], low_pass: LowPass | None, cutoff: int) -> None:
+        """Signals of a kind; the column `cutoff` is of their filter, if there is one."""
+        for row in rows:
+            K, least = len(self._first), resolution(row.values)
+            model, now = (row.known + row.columns[:, :K] @ v for v in (self._first, self._values))
+            if low_pass is None:
+                block = Block(row.values - model, row.columns, row.kept, least)
+            else:
+                block = Band(low_pass).block(row.values, model, now, row.columns, row.kept, least)
+                block.columns[:, cutoff] = block.columns[:, -1]
+                block = replace(block, columns=block.columns[:, :-1])
+                if block.kept.sum() <= 10:
+                    continue
+            self.rows.append(row)
+            self.blocks.append(block)
+
+    def left(self, change: np.ndarray, low_passes: Mapping[str, LowPass]) -> list[float]:
+        """Standard deviation of each signal from the model with changed parameters, where samples count."""
+        found, K = [], len(self._first)
+        for row in self.rows:
+            model = row.known + row.columns[:, :K] @ (self._first + change[:K])
+            model, kept = model + row.columns[:, K:] @ change[K:], row.kept
+            if low_pass := low_passes.get(row.kind):
+                model, kept = low_pass(model), Band(low_pass).clear(kept) & kept
+            found.append(float(np.std((row.values - model)[kept])))
+        return found
 
 
 def _loads(parts: tuple[np.ndarray, np.ndarray], values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return parts[0], parts[1] @ values
 
 
-def _solved(blocks: Sequence[Block]) -> tuple[np.ndarray, np.ndarray, np.ndarray, int, list[float]]:
-    """Values, covariance, which are not seen, degrees of freedom and what is left of each signal."""
-    white = [whitened(block) for block in blocks]
-    products = np.sum([one.products for one in white], axis=0)
+def _solved(
+    blocks: Sequence[Block], prior: np.ndarray, *, together: bool
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+    """Values, covariance, which are not seen, and degrees of freedom.
+
+    `prior` is 1 / variance of what is known to be zero. `together`: the noise is what a fit of all signals
+    leaves over, for each has few samples.
+    """
+    if together:
+        white = [whitened(b, left) for b, left in zip(blocks, _left_over(blocks, prior), strict=True)]
+    else:
+        white = [whitened(block) for block in blocks]
+    products = np.sum([one.products for one in white], axis=0) + np.diag(prior)
     projections = np.sum([one.projections for one in white], axis=0)
+    inverse, told, axes = _inverse(products)
+    unseen = np.sum(axes[:, ~told] ** 2, axis=1) > 1e-6
+    freedom = max(sum(one.count for one in white) - int(told.sum()), 1)
+    return inverse @ projections, inverse, unseen, freedom
+
+
+def _inverse(products: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of normal equations, in the directions that are told; which of the scaled axes are, and these axes."""
     size = np.sqrt(np.diag(products))
     scale = np.where(size > 0, size, 1.0)
     roots, axes = np.linalg.eigh(products / np.outer(scale, scale))
     told = roots > _UNSEEN * roots[-1]
-    inverse = (axes[:, told] / roots[told]) @ axes[:, told].T / np.outer(scale, scale)
-    unseen = np.sum(axes[:, ~told] ** 2, axis=1) > 1e-6
-    found = inverse @ projections
-    left = [float(np.std((b.values - b.columns @ found)[b.kept])) for b in blocks]
-    freedom = max(sum(one.count for one in white) - int(told.sum()), 1)
-    return found, inverse, unseen, freedom, left
+    return (axes[:, told] / roots[told]) @ axes[:, told].T / np.outer(scale, scale), told, axes
+
+
+def _left_over(blocks: Sequence[Block], prior: np.ndarray) -> list[np.ndarray]:
+    """What plain least squares leaves of each signal, over the share that it cannot fit (HC3).
+
+    Few samples for many parameters leave too little, most where the parameters have their frequencies.
+    """
+    plain, _ = plain_least_squares(blocks, prior)
+    left = [block.values - block.columns @ plain for block in blocks]
+    spreads = [float(np.std(own[block.kept])) for own, block in zip(left, blocks, strict=True)]
+    scaled = [b.columns * b.kept[:, None] / max(s, 1e-300) for b, s in zip(blocks, spreads, strict=True)]
+    inverse, _, _ = _inverse(np.sum([X.T @ X for X in scaled], axis=0) + np.diag(prior))
+    shares = [1 - np.einsum("ij,jk,ik->i", X, inverse, X) for X in scaled]
+    return [own / np.maximum(share, _LEAST_SHARE) for own, share in zip(left, shares, strict=True)]
+
+
+def plain_least_squares(blocks: Sequence[Block], prior: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Values without whitening, each signal by its spread, and their standard errors in coloured noise.
+
+    The errors are those of the sandwich formula, with the autoregressive noise that the fit leaves over.
+    `prior` is 1 / variance of what is known to be zero.
+    """
+    spreads = []
+    for block in blocks:
+        X = block.columns[block.kept]
+        found, _, rank, _ = np.linalg.lstsq(X, block.values[block.kept], rcond=_UNSEEN)
+        square = float(np.sum((block.values[block.kept] - X @ found) ** 2))
+        spreads.append(max(np.sqrt(square / max(len(X) - int(rank), 1)), block.least, 1e-300))
+    weighted = [
+        (np.where(b.kept, b.values, 0.0) / s, np.where(b.kept[:, None], b.columns, 0.0) / s)
+        for b, s in zip(blocks, spreads, strict=True)
+    ]
+    inverse, _, _ = _inverse(np.sum([X.T @ X for _, X in weighted], axis=0) + np.diag(prior))
+    found = inverse @ np.sum([X.T @ y for y, X in weighted], axis=0)
+    middle = np.diag(prior)
+    for (y, X), block in zip(weighted, blocks, strict=True):
+        left = np.where(block.kept, y - X @ found, 0.0)
+        filtering = autoregression(left[block.kept])
+        innovation = float(np.std(signal.lfilter(filtering, [1.0], left)[block.kept]))
+        colored = signal.lfilter([1.0], filtering, X[::-1], axis=0) * innovation
+        middle += colored.T @ colored
+    return found, np.sqrt(np.maximum(np.diag(inverse @ middle @ inverse), 0.0))

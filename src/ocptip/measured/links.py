@@ -133,6 +133,12 @@ class Identified:
             "viscous": self.viscous.tolist(),
             "residuals": dict(own.residuals),
             "delays_s": dict(own.delays),
+            "residuals_by_signal": {
+                f"{kind}[{number + 1}]": {"rms": rms, "plain_least_squares": plain}
+                for kind, number, rms, plain in own.signals
+            },
+            "away_from_plain_least_squares": own.away.tolist(),
+            "low_pass": {kind: vars(low_pass) for kind, low_pass in own.low_passes.items()},
             "moved_by_existence": self.moved,
             "condition": self.condition,
         }
@@ -174,7 +180,9 @@ def all_parameters(arm: ArmModel) -> np.ndarray:
 
 
 @one_thread
-def identify_links(recording: Recording, predictor: Predictor) -> Identified:
+def identify_links(
+    recording: Recording, predictor: Predictor, *, bandwidth: float | None = None
+) -> Identified:
     """Find inertia and friction.
 
     The payload, and what else rests on the sensor, are as described. Torques of a joint count while it moves:
@@ -183,6 +191,8 @@ def identify_links(recording: Recording, predictor: Predictor) -> Identified:
     Args:
         recording: with torques; with a force-torque sensor, too, if there is one between base and arm.
         predictor: of the robot as described and the motion that was run.
+        bandwidth: Hz, cutoff of the low-pass filter of the torques as far as it is known; infinite: they are
+            not filtered; None: it is searched.
 
     Raises:
         InputError: no torques are recorded, or too few samples.
@@ -241,7 +251,8 @@ def identify_links(recording: Recording, predictor: Predictor) -> Identified:
         return own > np.maximum(_RESTS * own.max(), turns)
 
     first = np.concatenate([basis.combinations @ described, np.zeros(2 * n)])
-    found = estimate(ran, measured, model, first, kept=kept)
+    searched = {} if bandwidth == np.inf else {TORQUE: bandwidth}
+    found = estimate(ran, measured, model, first, kept=kept, bandwidths=searched)
     friction = np.where(found.seen[p:], found.values[p:], np.nan)
     arm, moved = _existing(bare, basis, found)
     return Identified(

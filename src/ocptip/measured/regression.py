@@ -12,7 +12,7 @@ that `level` is the probability that anything at all is found where there is not
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy import linalg, signal, stats
@@ -29,12 +29,14 @@ class Block:
         columns: (N, K) what each cause would add to them per unit.
         kept: (N,) True where samples count.
         least: noise that is there in any case, such as rounding.
+        shape: filter (1, -a1, ...) that whitens noise which was white before the signal was filtered.
     """
 
     values: np.ndarray
     columns: np.ndarray
     kept: np.ndarray
     least: float = 0.0
+    shape: np.ndarray = field(default_factory=lambda: np.ones(1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +62,14 @@ class Whitened:
     order: int
 
 
-def whitened(block: Block) -> Whitened:
-    """Whiten a signal by the noise that all causes leave over in it."""
+def whitened(block: Block, left: np.ndarray | None = None) -> Whitened:
+    """Whiten a signal by the noise that all causes leave over in it.
+
+    Args:
+        block: the signal.
+        left: (N,) the noise, where other signals tell the causes, too: few samples that all causes are fitted
+            to by themselves leave less than the noise.
+    """
     inside = np.flatnonzero(block.kept)
     part = slice(inside[0], inside[-1] + 1)
     kept, y = block.kept[part], np.where(block.kept[part], block.values[part], 0.0)
@@ -69,11 +77,12 @@ def whitened(block: Block) -> Whitened:
     X = np.where(kept[:, None], block.columns[part][:, active], 0.0)
     size = np.linalg.norm(X, axis=0)
     X = X / size
-    left = y - X @ np.linalg.lstsq(X, y, rcond=_SAME)[0]
+    alone = left is None
+    left = y - X @ np.linalg.lstsq(X, y, rcond=_SAME)[0] if left is None else left[part].copy()
     left[~kept] = np.interp(np.flatnonzero(~kept), np.flatnonzero(kept), left[kept])
     spread = float(np.std(left[kept]))
-    filtering = autoregression(left)
-    if len(filtering) > 1:  # once more, with the weights that belong to this noise
+    filtering = autoregression(left) if alone else _coloured(left, block.shape)
+    if alone and len(filtering) > 1:  # once more, with the weights that belong to this noise
         rows = np.asarray(signal.lfilter(filtering, [1.0], np.column_stack([left, X]), axis=0))
         left = left - X @ _solved(rows[len(filtering) :, 1:], rows[len(filtering) :, 0])
         filtering = autoregression(left)
@@ -85,13 +94,25 @@ def whitened(block: Block) -> Whitened:
     y, X = rows[:, 0], rows[:, 1:]
     best, _, rank, _ = np.linalg.lstsq(X, y, rcond=_SAME)
     freedom = max(count - int(rank), 1)
-    noise = max(float(np.sqrt(np.sum((y - X @ best) ** 2) / freedom)), block.least, 1e-300)
+    square = np.sum((y - X @ best) ** 2) / freedom
+    if not alone:
+        square = max(square, np.mean(signal.lfilter(filtering, [1.0], left)[order:][kept[order:]] ** 2))
+    noise = max(float(np.sqrt(square)), block.least, 1e-300)
     K = block.columns.shape[1]
     products, projections = np.zeros((K, K)), np.zeros(K)
     X = X * size / noise
     products[np.ix_(active, active)] = X.T @ X
     projections[active] = X.T @ (y / noise)
     return Whitened(products, projections, float(y @ y) / noise**2, freedom, noise, spread, order)
+
+
+def _coloured(left: np.ndarray, shape: np.ndarray) -> np.ndarray:
+    """The whitening filter of noise whose filter is known: what that leaves of colour is of first order.
+
+    Few samples do not tell more: parameters have taken away part of the noise at their frequencies.
+    """
+    before = signal.lfilter(shape, [1.0], left)[len(shape) - 1 :]
+    return np.convolve(shape, autoregression(before, 1))
 
 
 def _without(rows: np.ndarray, missing: np.ndarray, filtering: np.ndarray) -> int:
@@ -112,21 +133,21 @@ def _without(rows: np.ndarray, missing: np.ndarray, filtering: np.ndarray) -> in
     return lost
 
 
-def autoregression(values: np.ndarray) -> np.ndarray:
-    """Coefficients (1, -a1, -a2, ...) that whiten values (N,); the order is that of least BIC."""
+def autoregression(values: np.ndarray, order: int | None = None) -> np.ndarray:
+    """Coefficients (1, -a1, -a2, ...) that whiten values (N,); the order is that of least BIC, or given."""
     N = len(values)
-    most = int(min(10 * np.log10(N), N // 10))
+    most = int(min(10 * np.log10(N), N // 10)) if order is None else order
     values = values - values.mean()
     if most < 1 or not values.any():
         return np.ones(1)
     lags = np.lib.stride_tricks.sliding_window_view(values, most + 1)[:, ::-1]
     products = lags.T @ lags
-    best, least = np.ones(1), N * np.log(max(products[0, 0], 1e-300) / len(lags))
-    for order in range(1, most + 1):
-        own = products[1 : order + 1, 1 : order + 1]
-        a = _solved(own, products[1 : order + 1, 0], 1e-12)
-        error = max(float(products[0, 0] - a @ products[1 : order + 1, 0]), 1e-12 * products[0, 0])
-        criterion = N * np.log(error / len(lags)) + order * np.log(N)
+    best, least = np.ones(1), N * np.log(max(products[0, 0], 1e-300) / len(lags)) if order is None else np.inf
+    for lag in range(1 if order is None else order, most + 1):
+        own = products[1 : lag + 1, 1 : lag + 1]
+        a = _solved(own, products[1 : lag + 1, 0], 1e-12)
+        error = max(float(products[0, 0] - a @ products[1 : lag + 1, 0]), 1e-12 * products[0, 0])
+        criterion = N * np.log(error / len(lags)) + lag * np.log(N)
         if criterion < least:
             best, least = np.concatenate([[1.0], -a]), criterion
     return best
