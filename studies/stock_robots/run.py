@@ -113,9 +113,10 @@ def classified(name: str, code: int, said: str, complained: str) -> str:
 
 
 def shortened(text: str) -> str:
-    """The last line of errors that is none of a warning, or the first line of an answer."""
-    lines = [line for line in text.splitlines() if line.strip() and "warning" not in line.lower()]
-    return lines[0].strip()[:400] if lines else ""
+    """The last error of a command, behind its progress, or the first line of an answer."""
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
+    errors = [line.removeprefix("ocptip: ") for line in lines if line.startswith("ocptip: ")]
+    return (errors[-1] if errors else lines[0] if lines else "")[:400]
 
 
 def studied(robot: StockRobot, folder: Path, seconds: int) -> Iterator[tuple[str, Outcome]]:

@@ -91,3 +91,10 @@ def test_a_robot_is_run_once_and_its_row_is_printed(tmp_path, monkeypatch, capsy
 def test_files_with_common_names_are_called_by_their_folders():
     assert short("compas-fab/data/panda/urdf/robot_description.urdf") == "compas-fab: panda"
     assert short("a/b/c.urdf") == "a: c"
+
+
+def test_the_reason_is_the_error_behind_the_progress():
+    text = "warning: odd\nocptip plan: [##......] 7/16 steps, 154 s\nocptip: start: tips\n"
+    assert run.shortened(text) == "start: tips"
+    assert run.shortened("\nA: CERTIFIED.\nstarts 3\n") == "A: CERTIFIED."
+    assert run.shortened("") == ""

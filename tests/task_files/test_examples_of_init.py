@@ -256,3 +256,10 @@ def test_a_base_that_would_fall_over_by_itself_is_no_base(tmp_path):
     bolts = '<joint name="bolts" type="fixed"><parent link="base"/><child link="torso"/></joint>'
     template = task_template(written(tmp_path, plate, torso, bolts, *folded_arm("torso")), tmp_path)
     assert template.sources[0].startswith("mass, centre of mass, feet and height are invented")
+
+
+def test_without_pairs_that_can_collide_no_distance_is_told(tmp_path):
+    arm = [part.replace(box("0.26 0.06 0.06", "0.15 0 0"), "") for part in folded_arm()]
+    urdf = written(tmp_path, link("base", solid=box("0.1 0.1 0.1")), *arm)
+    template = task_template(urdf, tmp_path)
+    assert template.sources[1].startswith("start and goal are an example; no two solids can collide")

@@ -52,6 +52,8 @@ class ExampleMotion:
         """What is known about collisions of the example, one sentence."""
         if self.clear is None:
             return "start and goal are an example, not checked for collisions"
+        if not np.isfinite(self.clear):
+            return "start and goal are an example; no two solids can collide that do not always touch"
         if self.clear < 0:
             return "start and goal are an example in which links overlap: no clear one was found"
         return f"start and goal are an example {1e3 * self.clear:.2g} mm clear of arm and ground"
