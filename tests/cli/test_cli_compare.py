@@ -92,6 +92,22 @@ def test_a_sensor_with_a_rate_of_its_own(written, tmp_path, capsys):
     assert "fx, fy, fz, mx, my, mz: 500 Hz, interpolated at the instants of q1 (100 Hz)" in out
 
 
+def test_columns_without_any_number_are_missing(written, tmp_path, capsys):
+    """Of a file in which only the sensor was recorded, with the columns of the joints: no internal error."""
+    recording = recorded(1)
+    names = ["time_s", *(s.name + "_rad" * (s.kind == "angles") for s in recording.signals)]
+    lines = [",".join(names)]
+    for k, time in enumerate(recording.times):
+        cells = [f"{s.values[k]:.6f}" if s.kind == "sensor" else "" for s in recording.signals]
+        lines.append(",".join([f"{time:.6f}", *cells]))
+    path = tmp_path / "r.csv"
+    path.write_text("\n".join(lines))
+    assert main(["compare", str(path), str(written)]) == 1
+    out = capsys.readouterr().out
+    assert "q1 missing: 100 %" in out
+    assert "AGREES" not in out
+
+
 def test_columns_in_a_file(written, tmp_path, capsys):
     path = tmp_path / "r.csv"
     write(path, recorded(1))

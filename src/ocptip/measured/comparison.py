@@ -155,12 +155,14 @@ def gripper_deviation(recording: Recording, predictor: Predictor, q: np.ndarray)
     """(N,), m, of the gripper from where it is at joint values q (N, n); see `Comparison`."""
     measured, angles = recording.of(GRIPPER), recording.of(ANGLE)
     planned = predictor.gripper(q)[0]
-    if len(measured) == 3:
+    if len(measured) == 3 and np.all([np.isfinite(one.values).any() for one in measured]):
         return np.linalg.norm(np.stack([one.values for one in measured], axis=1) - planned, axis=1)
     if len(angles) < predictor.robot.n:
         return None
     shown = np.stack([one.values for one in angles], axis=1)
     good = np.isfinite(shown).all(axis=1)
+    if not good.any():
+        return None
     found = np.full(len(q), np.nan)
     found[good] = np.linalg.norm(predictor.gripper(shown[good])[0] - planned[good], axis=1)
     return found
