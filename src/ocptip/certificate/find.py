@@ -315,7 +315,9 @@ class _Search:
         acting = self.robot.acting(0.5 * (left + right) + 0.5 * (right - left) * u)
         wrenches = self.robot.loads(*states_at(self.motion, piece, u), acting)[1]
         every = np.concatenate([wrenches, *(wrenches + couple for couple in self.checker.contacts.couples)])
-        slip = self.robot.slip.evaluate(self.robot.contact_states(every), derivatives=False)
+        slip = self.robot.slip.evaluate(
+            self.robot.contact_states(every), derivatives=False, least=0.5 * self.bounds["GT"]
+        )
         forces = slip.forces
         share = np.where(np.arange(len(every)) < len(wrenches), self.bounds["GT"], 1.0)  # couples take all
         ways = self._interior.between(forces, every, share), self._interior.without(forces, every)

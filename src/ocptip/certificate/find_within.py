@@ -265,7 +265,9 @@ class SearchWithin:
             return np.zeros((2, 1, self._sharing.contacts.count, 3, count))
         wrenches = np.concatenate([terms.described(s) for s in (-1.0, 1.0)], axis=1).T  # (2 R, 6)
         every = np.concatenate([wrenches, *(wrenches + couple for couple in self._sharing.contacts.couples)])
-        slip = self._robot.slip.evaluate(self._robot.contact_states(every), derivatives=False)
+        slip = self._robot.slip.evaluate(
+            self._robot.contact_states(every), derivatives=False, least=0.5 * self._goals["GT_worst_case"]
+        )
         share = np.where(np.arange(len(every)) < len(wrenches), self._goals["GT_worst_case"], 1.0)
         forces = self._interior.between(slip.forces, every, share)
         forces[:, :, 1:] = 0.0  # the rule shares what is tangential
