@@ -228,7 +228,8 @@ def check_motion(
         standing &= found.standing
         contacts = found.contacts.worse(contacts or found.contacts)
         for grid, times, values in zip(grids, todo, found.split(todo), strict=True):
-            grid.add(times, values)
+            if len(times):
+                grid.add(times, values)
         todo = _refinements(grids)
     assert contacts is not None  # rest is looked at, too
     times = np.concatenate([grid.times for grid in grids])
@@ -383,23 +384,22 @@ def _refinements(grids: list[_Grid]) -> list[np.ndarray]:
     with np.errstate(invalid="ignore"):  # infinite values
         joined = np.abs(first[1:] - last[:-1]) <= _CONTINUOUS * np.maximum(1.0, np.abs(last[:-1]))
     nothing = np.full((1, first.shape[1]), -np.inf)
-    before = np.concatenate([nothing, np.where(joined, last[:-1], -np.inf)])
-    after = np.concatenate([np.where(joined, first[1:], -np.inf), nothing])
-    for column in range(grids[0].values.shape[1]):
-        peaks = []
-        for g, grid in enumerate(grids):
-            v = grid.values[:, column]
-            padded = np.concatenate([before[g, column, None], v, after[g, column, None]])
-            for i in np.flatnonzero((v >= padded[:-2]) & (v >= padded[2:])):
-                if np.isfinite(v[i]):
-                    peaks.append((v[i], g, i))
-        peaks.sort(key=lambda peak: -peak[0])
-        for value, g, i in peaks[:_NEAREST]:
-            grid = grids[g]
+    sizes = np.array([len(grid.times) for grid in grids])
+    starts = np.concatenate([[0], np.cumsum(sizes)])
+    values = np.concatenate([grid.values for grid in grids])
+    before, after = np.vstack([nothing, values[:-1]]), np.vstack([values[1:], nothing])
+    before[starts[:-1]] = np.concatenate([nothing, np.where(joined, last[:-1], -np.inf)])
+    after[starts[1:] - 1] = np.concatenate([np.where(joined, first[1:], -np.inf), nothing])
+    peaks = (values >= before) & (values >= after) & np.isfinite(values)
+    for column, v in enumerate(values.T):
+        rows = np.flatnonzero(peaks[:, column])
+        for row in rows[np.argsort(-v[rows], kind="stable")[:_NEAREST]]:
+            g = int(np.searchsorted(starts, row, side="right")) - 1
+            grid, i = grids[g], int(row - starts[g])
             lo, hi = max(i - 1, 0), min(i + 1, len(grid.times) - 1)
-            spread = value - min(grid.values[lo, column], grid.values[hi, column])
+            spread = v[row] - min(grid.values[lo, column], grid.values[hi, column])
             wide = grid.times[hi] - grid.times[lo] > 1e-7
-            if wide and spread > _RELATIVE_TOLERANCE * max(1.0, abs(value)):
+            if wide and spread > _RELATIVE_TOLERANCE * max(1.0, abs(v[row])):
                 new[g].append(np.linspace(grid.times[lo], grid.times[hi], _FRESH + 2)[1:-1])
     return [
         np.setdiff1d(np.concatenate(parts), grid.times) if parts else np.empty(0)

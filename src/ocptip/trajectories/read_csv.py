@@ -9,7 +9,7 @@ from itertools import chain
 import numpy as np
 
 from ocptip.basics.doubts import doubt_degrees
-from ocptip.basics.errors import InputError, refuse_huge
+from ocptip.basics.errors import LARGEST, InputError, refuse_huge
 from ocptip.trajectories.csv_columns import ACCELERATION, POSITION, SPEED, Columns, columns_of
 from ocptip.trajectories.csv_text import TextTable, one_row_per_time, plain_names, text_table
 from ocptip.trajectories.csv_time import times_of
@@ -96,14 +96,20 @@ def require_units(given: Sequence[str], units: Sequence[str]) -> None:
 def numbers_of(table: TextTable, wanted: Iterable[int]) -> dict[int, np.ndarray]:
     """Values (N,) by column; InputError names the cell that holds none."""
     return {
-        column: np.array(
-            [
-                _cell(line, table.header[column], row[column])
-                for line, row in zip(table.lines, table.rows, strict=True)
-            ]
-        )
+        column: _numbers_in(table.lines, table.header[column], [row[column] for row in table.rows])
         for column in wanted
     }
+
+
+def _numbers_in(lines: Sequence[int], name: str, cells: Sequence[str]) -> np.ndarray:
+    """(N,) values; cell by cell, which takes long, only where one of them is none."""
+    try:
+        values = np.array([float(cell) for cell in cells])
+    except ValueError:
+        values = np.array([np.nan])
+    if np.all(np.abs(values) <= LARGEST):
+        return values
+    return np.array([_cell(line, name, cell) for line, cell in zip(lines, cells, strict=True)])
 
 
 def _cell(line: int, name: str, text: str) -> float:

@@ -1,0 +1,87 @@
+"""CPU seconds, peak memory and cone programs of checks on four wheels, by `python -m studies.cost.run`.
+
+Each case runs `ocptip check` in a process of its own. Recordings are seeded: smooth motions between random
+postures with structural vibrations and encoder noise. Machine code must be in Numba's cache: the first
+run of all is left out.
+"""
+
+from __future__ import annotations
+
+import io
+import resource
+import subprocess
+import sys
+import tempfile
+from contextlib import redirect_stdout
+from pathlib import Path
+
+import numpy as np
+
+from ocptip.basics.write import versions
+from ocptip.cli.main import main as ocptip_main
+from ocptip.reserves.minimax import ConeBatch
+from studies.common import EXAMPLES, RESULTS, software, table
+
+CASES = {
+    "57 s at 500 Hz": (57.0, 500.0),
+    "57 s at 125 Hz": (57.0, 125.0),
+    "9.4 s at 125 Hz": (9.4, 125.0),
+    "2 s of rest at 100 Hz": (2.0, 100.0),
+}
+NOISE = 2e-5  # rad
+TASK = EXAMPLES / "tasks" / "ur5_cart.toml"
+START = np.radians([65.0, -140.0, -55.0, 110.0, -95.0, 160.0])
+
+
+def recording(duration: float, rate: float, rests: bool, seed: int = 0) -> str:
+    """CSV of joint angles."""
+    rng, times = np.random.default_rng(seed), np.arange(round(duration * rate) + 1) / rate
+    legs = max(2, int(duration / 1.9))
+    postures = START + rng.uniform(-0.25, 0.25, (legs + 1, 6)) * (not rests)
+    postures[[0, -1]] = START
+    leg = np.minimum((times * legs / duration).astype(int), legs - 1)
+    share = np.clip((times - leg * duration / legs) / (0.85 * duration / legs), 0, 1)
+    way = (10 * share**3 - 15 * share**4 + 6 * share**5)[:, None]
+    angles = postures[leg] + (postures[leg + 1] - postures[leg]) * way
+    if not rests:
+        for frequency in (11.0, 17.0, 23.0):
+            phase = 2 * np.pi * frequency * times[:, None] + rng.uniform(0, 6, 6)
+            angles += 2e-4 * (10 / frequency) ** 2 * 4 * way * (1 - way) * np.sin(phase)
+        angles += NOISE * rng.standard_normal(angles.shape)
+    lines = ["time," + ",".join(f"q{joint}_rad" for joint in range(1, 7))]
+    lines += [f"{t:.6f}," + ",".join(f"{q:.8f}" for q in row) for t, row in zip(times, angles, strict=True)]
+    return "\n".join(lines) + "\n"
+
+
+def measured(name: str) -> str:
+    """CPU seconds, peak memory, MB, and cone programs of one case, in a process of its own."""
+    programs, solve = [0], ConeBatch.solve
+
+    def counted(self: ConeBatch, A: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        programs[0] += len(A)
+        return solve(self, A, b)
+
+    ConeBatch.solve = counted  # type: ignore[method-assign]
+    with tempfile.TemporaryDirectory() as folder, redirect_stdout(io.StringIO()):
+        path = Path(folder) / "recording.csv"
+        path.write_text(recording(*CASES[name], rests="rest" in name))
+        ocptip_main(["check", str(path), "--task", str(TASK), "--json"])
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    return f"{used.ru_utime + used.ru_stime:.1f} {used.ru_maxrss / 1024:.0f} {programs[0]}"
+
+
+def main() -> None:
+    """All cases; writes the table."""
+    rows = []
+    for name in (next(reversed(CASES)), *CASES):
+        command = [sys.executable, "-m", "studies.cost.run", name]
+        answer = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+        rows.append([name, *answer.split()])
+        print(*rows[-1])
+    head = ["recording, six joints, four wheels", "CPU, s", "peak memory, MB", "cone programs"]
+    text = ["# Cost of checks", "", software(versions()), "", *table(head, rows[1:])]
+    (RESULTS / "cost.md").write_text("\n".join(text) + "\n")
+
+
+if __name__ == "__main__":
+    print(measured(sys.argv[1])) if sys.argv[1:] else main()
