@@ -68,13 +68,11 @@ class ContactMargins:
             for e in (line / np.linalg.norm(line), -line / np.linalg.norm(line)):
                 lift = np.cross(self.positions - self.positions[i], normals) @ e
                 lift[np.abs(lift) <= _FLAT * size] = 0.0
-                # the others hold the base against turning one way by their smallest forces, the other way
-                # by their largest; contacts without an end hold it always
-                if not lift.any() or np.any(
-                    ~np.isfinite(np.where(lift > 0, low, np.where(lift < 0, high, 0)))
-                ):
-                    continue
-                ends = np.sum(np.where(lift > 0, lift * low, 0)) + np.sum(np.where(lift < 0, lift * high, 0))
+                # contacts let go at their smallest forces where they lift, at their largest where they press
+                end = np.where(lift > 0, low, np.where(lift < 0, high, 0.0))
+                if not lift.any() or not np.all(np.isfinite(end)):
+                    continue  # one of them holds the base always
+                ends = lift @ end
                 rows.append(np.concatenate([np.cross(e, self.positions[i]), -e]))
                 numbers.append(-ends)
         return np.array(rows).reshape(-1, 6), np.array(numbers)

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from ocptip.contact.bindings.binding import Binding
 from ocptip.contact.bindings.clamps import ForceConstantHalfRigidClamp
@@ -105,7 +106,8 @@ def retimed(task: MotionTask, tolerance: Tolerance) -> Motion:
     """A path of three points at its fastest within a tolerance."""
     middle = task.start + 0.25 * (task.goal - task.start) + 0.1 * np.sin(np.arange(task.robot.n))
     end = task.start + 0.4 * (task.goal - task.start)
-    path = JointPath.through(np.array([task.start, middle, end]))
+    ends = np.array([0.0, 0.6, 1.0])
+    path = JointPath(ends, CubicSpline(ends, np.array([task.start, middle, end])).c)
     return retime(task.robot, path, MotionLimits(tolerance=tolerance)).motion
 
 

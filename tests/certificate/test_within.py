@@ -121,7 +121,8 @@ def test_a_motion_is_certified_within_workshop():
     assert checked.within.tip is not None
     assert bounds["GN_worst_case"] <= checked.within.tip.value * (1.001 + LOSS_WITHIN)
     assert check_certificate(data).tolerance == tolerance_data(WORKSHOP, task.robot.support)
-    nominal = certified(task.robot, motion, check_motion(task.robot, motion, MotionLimits()), MotionLimits())
+    described = MotionLimits(clearance=0.0)
+    nominal = certified(task.robot, motion, check_motion(task.robot, motion, described), described)
     assert nominal.headline == "CERTIFIED"
     _refused(data, lambda d: d["bounds"].update(GN_worst_case=bounds["GN_worst_case"] * 0.99))
     for key, factor in (("speed", 3), ("overshoot", 1.17)):
