@@ -20,7 +20,7 @@ from ocptip.measured.clocks import AROUND, distance, find_clock
 from ocptip.measured.low_pass import Band, LowPass, low_pass_of
 from ocptip.measured.prediction import Predictor
 from ocptip.measured.recording import ANGLE, Recording, Signal
-from ocptip.measured.regression import Block, autoregression, whitened
+from ocptip.measured.regression import Block, autoregression, coloured, whitened
 from ocptip.measured.signals import resolution
 
 _ROUNDS, _ROUNDS_FILTERED = 3, 5
@@ -338,7 +338,8 @@ def plain_least_squares(blocks: Sequence[Block], prior: np.ndarray) -> tuple[np.
     middle = np.diag(prior)
     for (y, X), block in zip(weighted, blocks, strict=True):
         left = np.where(block.kept, y - X @ found, 0.0)
-        filtering = autoregression(left[block.kept])
+        filtered = len(block.shape) > 1
+        filtering = coloured(left, block.shape) if filtered else autoregression(left[block.kept])
         innovation = float(np.std(signal.lfilter(filtering, [1.0], left)[block.kept]))
         colored = signal.lfilter([1.0], filtering, X[::-1], axis=0) * innovation
         middle += colored.T @ colored

@@ -81,7 +81,7 @@ def whitened(block: Block, left: np.ndarray | None = None) -> Whitened:
     left = y - X @ np.linalg.lstsq(X, y, rcond=_SAME)[0] if left is None else left[part].copy()
     left[~kept] = np.interp(np.flatnonzero(~kept), np.flatnonzero(kept), left[kept])
     spread = float(np.std(left[kept]))
-    filtering = autoregression(left) if alone else _coloured(left, block.shape)
+    filtering = autoregression(left) if alone else coloured(left, block.shape)
     if alone and len(filtering) > 1:  # once more, with the weights that belong to this noise
         rows = np.asarray(signal.lfilter(filtering, [1.0], np.column_stack([left, X]), axis=0))
         left = left - X @ _solved(rows[len(filtering) :, 1:], rows[len(filtering) :, 0])
@@ -106,7 +106,7 @@ def whitened(block: Block, left: np.ndarray | None = None) -> Whitened:
     return Whitened(products, projections, float(y @ y) / noise**2, freedom, noise, spread, order)
 
 
-def _coloured(left: np.ndarray, shape: np.ndarray) -> np.ndarray:
+def coloured(left: np.ndarray, shape: np.ndarray) -> np.ndarray:
     """The whitening filter of noise whose filter is known: what that leaves of colour is of first order.
 
     Few samples do not tell more: parameters have taken away part of the noise at their frequencies.
